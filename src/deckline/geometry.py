@@ -1,0 +1,180 @@
+"""Cameras, rigid transforms and planes.
+
+Frames: world is North-East-Down (or any right-handed forward-right-down frame), body is Forward-Right-Down,
+the camera's optical frame is x right, y down, z forward. A transform `a_from_b` maps coordinates in b to
+coordinates in a. Pixels: u to the right, v down, the *centre* of the top-left pixel is (0, 0).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distortion at the corner
+# Axes of the optical frame (right, down, forward) written in a forward-right-down frame.
+BODY_FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Pinhole intrinsics with optional Brown-Conrady distortion.
+
+    Args:
+        width, height: image size, px.
+        fx, fy: focal lengths, px.
+        cx, cy: principal point, px; (0, 0) is the centre of the top-left pixel.
+        distortion: (k1, k2, p1, p2, k3) as OpenCV orders them; all zero is a pinhole.
+
+    Raises:
+        ValueError: a size or focal length that is not positive and finite, or a wrong number of coefficients.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"camera size must be positive, got {self.width}x{self.height} px")
+        values = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
+        if not np.all(np.isfinite(values)) or self.fx <= 0 or self.fy <= 0:
+            raise ValueError(
+                f"camera needs finite fx, fy > 0 and finite cx, cy, got fx={self.fx}, fy={self.fy}, "
+                f"cx={self.cx}, cy={self.cy}, distortion={self.distortion}"
+            )
+        if len(self.distortion) != 5:
+            raise ValueError(f"distortion must be k1, k2, p1, p2, k3; got {len(self.distortion)} numbers")
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, fov_rad: float) -> "Camera":
+        """AirSim's pinhole: fx = fy = width / (2 tan(fov / 2)), optical axis through the image's middle.
+
+        AirSim writes the middle as cx = width / 2 because it counts from the outer corner of the first pixel;
+        counted from that pixel's centre, as everywhere here, the same ray is at (width - 1) / 2.
+        Source: SPEC section 5 (AirSim's projection matrix); horizontal field of view.
+        """
+        if not 0.0 < fov_rad < np.pi:
+            raise ValueError(f"field of view must lie between 0 and pi rad, got {fov_rad}")
+        focal_px = width / (2.0 * np.tan(fov_rad / 2.0))
+        return cls(width, height, focal_px, focal_px, (width - 1) / 2.0, (height - 1) / 2.0)
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """K, shape (3, 3)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def has_distortion(self) -> bool:
+        return any(self.distortion)
+
+    def project(self, points_optical_m: ArrayLike) -> NDArray[np.float64]:
+        """Points (N, 3) in the optical frame, metres -> pixels (N, 2). Points with z <= 0 become NaN."""
+        points = _points(points_optical_m, 3)
+        z = np.where(points[:, 2] > 0, points[:, 2], np.nan)
+        return self._distort(points[:, :2] / z[:, None]) * [self.fx, self.fy] + [self.cx, self.cy]
+
+    def _distort(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Normalised image coordinates (N, 2) through the lens."""
+        x, y = xy[:, 0], xy[:, 1]
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return np.stack([xd, yd], axis=1)
+
+    def rays(self, points_px: ArrayLike) -> NDArray[np.float64]:
+        """Pixels (N, 2) -> rays (N, 3) in the optical frame with z = 1, lens distortion removed."""
+        points = _points(points_px, 2)
+        distorted = (points - [self.cx, self.cy]) / [self.fx, self.fy]
+        xy = distorted
+        if self.has_distortion:
+            for _ in range(UNDISTORT_STEPS):
+                xy = xy + distorted - self._distort(xy)
+        return np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
+
+    def resized(self, width: int, height: int) -> "Camera":
+        """The same lens seen through an image of another size (pixel centres kept consistent)."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * sx,
+            fy=self.fy * sy,
+            cx=(self.cx + 0.5) * sx - 0.5,
+            cy=(self.cy + 0.5) * sy - 0.5,
+        )
+
+    def ray_lengths(self) -> NDArray[np.float32]:
+        """Length of the z = 1 ray of every pixel, (height, width): range_m = depth_m * ray_lengths()."""
+        v, u = np.mgrid[0 : self.height, 0 : self.width]
+        rays = self.rays(np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64))
+        return np.linalg.norm(rays, axis=1).reshape(self.height, self.width).astype(np.float32)
+
+
+def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform:
+    """Rigid transform a_from_b from b's origin in a (3,), metres, and a scalar-first quaternion (4,).
+
+    Raises:
+        ValueError: NaN or infinite numbers, or a quaternion of zero length.
+    """
+    translation = np.asarray(translation_m, dtype=np.float64)
+    quaternion = np.asarray(quaternion_wxyz, dtype=np.float64)
+    if translation.shape != (3,) or quaternion.shape != (4,):
+        raise ValueError(
+            f"pose needs 3 metres and 4 quaternion numbers, got shapes {translation.shape} and {quaternion.shape}"
+        )
+    if not np.all(np.isfinite(translation)):
+        raise ValueError(f"position is not finite: {translation.tolist()}")
+    if not np.all(np.isfinite(quaternion)):
+        raise ValueError(f"quaternion is not finite: {quaternion.tolist()}")
+    if np.linalg.norm(quaternion) < 1e-6:
+        raise ValueError(f"quaternion has zero length: {quaternion.tolist()}")
+    return RigidTransform.from_components(translation, Rotation.from_quat(quaternion, scalar_first=True))
+
+
+def attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Rotation:
+    """world_from_body of aerospace Euler angles: yaw about down, then pitch up, then roll right."""
+    return Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad])
+
+
+def camera_mount(translation_m: ArrayLike = (0.0, 0.0, 0.0), mount: Rotation | None = None) -> RigidTransform:
+    """body_from_camera (optical) of a camera at a body position whose viewing axis is turned by `mount`.
+
+    `mount` is a body_from_mount rotation (identity: the camera looks along the body's forward axis).
+    """
+    rotation = BODY_FROM_OPTICAL if mount is None else mount * BODY_FROM_OPTICAL
+    return RigidTransform.from_components(np.asarray(translation_m, dtype=np.float64), rotation)
+
+
+def intersect_plane(
+    origin_m: ArrayLike, directions: ArrayLike, plane_z_m: float
+) -> NDArray[np.float64]:
+    """Where rays from one origin (3,) along directions (N, 3) meet the horizontal plane z = plane_z_m.
+
+    Returns (N, 3); NaN for a ray that is parallel to the plane or meets it behind its origin.
+    """
+    origin = np.asarray(origin_m, dtype=np.float64)
+    rays = _points(directions, 3)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = (plane_z_m - origin[2]) / rays[:, 2]
+    steps = np.where(np.isfinite(steps) & (steps > 0), steps, np.nan)
+    return origin + steps[:, None] * rays
+
+
+def wrap_angle(angle_rad: ArrayLike) -> NDArray[np.float64]:
+    """Angles brought to [-pi, pi)."""
+    return (np.asarray(angle_rad, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
+
+
+def _points(values: ArrayLike, dimension: int) -> NDArray[np.float64]:
+    points = np.asarray(values, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != dimension:
+        raise ValueError(f"expected points of shape (N, {dimension}), got {points.shape}")
+    return points

@@ -1,0 +1,205 @@
+"""What flows through deckline. Shapes, units and frames stand beside each field; nobody writes into an input."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera, camera_mount
+
+SIDES = ("left", "right")  # line 0 and line 1, seen in the landing direction
+
+
+class Status(StrEnum):
+    """What was seen in a frame."""
+
+    OK = "ok"
+    ONE_LINE = "one line"
+    NOT_SEEN = "not seen"
+
+
+class DepthMode(StrEnum):
+    """Where the distance of the line points came from."""
+
+    FINE = "fine"  # depth camera
+    COARSE = "coarse"  # ray and deck plane
+    NONE = "none"  # neither was possible; the reason is carried beside it
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A true line: the middle of one runway marking, world frame."""
+
+    p0_m: NDArray[np.float64]  # (3,) its ramp end
+    p1_m: NDArray[np.float64]  # (3,) its far end
+
+    def __post_init__(self) -> None:
+        _check(self.p0_m, (3,), "Segment.p0_m")
+        _check(self.p1_m, (3,), "Segment.p1_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What a simulator or a survey knows about a frame. The pipeline never reads it."""
+
+    left: Segment | None = None  # None with right None: there is no runway in this scene
+    right: Segment | None = None
+    visibility_m: float | None = None  # 2 % contrast; inf is clear air
+    airlight_rgb: tuple[float, float, float] | None = None  # 0..255
+    clear_rgb: NDArray[np.uint8] | None = None  # (H, W, 3) the same view without haze
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One instant of an approach."""
+
+    file: str  # name of the image, or "<video>#<frame number>"
+    time_s: float
+    image_rgb: NDArray[np.uint8]  # (H, W, 3)
+    camera: Camera
+    body_from_camera: RigidTransform = field(default_factory=camera_mount)
+    depth_m: NDArray[np.float32] | None = None  # (H, W) along the optical axis, NaN where unknown
+    world_from_body: RigidTransform | None = None
+    deck_z_m: float | None = None  # world z (down) of the deck plane, as the ship reports it
+    truth: Truth | None = None
+
+    def __post_init__(self) -> None:
+        shape = (self.camera.height, self.camera.width)
+        if self.image_rgb.dtype != np.uint8:
+            raise ValueError(f"{self.file}: image must be uint8, got {self.image_rgb.dtype}")
+        if self.image_rgb.shape != (*shape, 3):
+            raise ValueError(
+                f"{self.file}: the camera is {shape[1]}x{shape[0]} px but the image has shape {self.image_rgb.shape}"
+            )
+        if self.depth_m is not None and self.depth_m.shape != shape:
+            raise ValueError(
+                f"{self.file}: depth is {self.depth_m.shape[1]}x{self.depth_m.shape[0]} px "
+                f"but the image is {shape[1]}x{shape[0]} px"
+            )
+
+    @property
+    def world_from_camera(self) -> RigidTransform | None:
+        return None if self.world_from_body is None else self.world_from_body * self.body_from_camera
+
+
+@dataclass(frozen=True, eq=False)
+class LinePoints:
+    """Detected points on the middle of one runway line, near (large v) or far, in no promised order."""
+
+    points_px: NDArray[np.float64]  # (N, 2) u, v in the full image; N may be 0
+    confidence: NDArray[np.float64]  # (N,) in 0..1
+    sigma_px: NDArray[np.float64]  # (N,) 1-sigma of u, px
+
+    def __post_init__(self) -> None:
+        n = len(self.points_px)
+        _check(self.points_px, (n, 2), "LinePoints.points_px")
+        _check(self.confidence, (n,), "LinePoints.confidence")
+        _check(self.sigma_px, (n,), "LinePoints.sigma_px")
+
+    def __len__(self) -> int:
+        return len(self.points_px)
+
+    @classmethod
+    def empty(cls) -> "LinePoints":
+        return cls(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """Points of both lines in one image. A line that was not seen has no points."""
+
+    left: LinePoints
+    right: LinePoints
+    region_px: tuple[float, float, float, float] | None = None  # u0, v0, u1, v1 of the part looked at closely
+
+
+@dataclass(frozen=True, eq=False)
+class PixelLine:
+    """A straight line in the image: a u + b v + c = 0 with a^2 + b^2 = 1."""
+
+    coefficients: NDArray[np.float64]  # (3,) a, b, c
+    inliers: NDArray[np.bool_]  # (N,) which of the line's detected points it keeps
+    ends_px: NDArray[np.float64]  # (2, 2) its nearest (largest v) and farthest inlier, moved onto the line
+    sigma_px: float  # 1-sigma of an inlier normal to the line
+
+    def __post_init__(self) -> None:
+        _check(self.coefficients, (3,), "PixelLine.coefficients")
+        _check(self.ends_px, (2, 2), "PixelLine.ends_px")
+
+
+@dataclass(frozen=True, eq=False)
+class RunwayLine:
+    """A horizontal line in the world: through `point_m`, along `azimuth_rad`.
+
+    Equivalent to the paper's w0 + w1 x + w2 y = 0, z = w3.
+    """
+
+    point_m: NDArray[np.float64]  # (3,) world; on the line, in the middle of what was measured
+    azimuth_rad: float  # direction of landing, from world x towards world y
+    covariance: NDArray[np.float64]  # (3, 3) of [offset across the line to its right, m; azimuth, rad; z, m] at point_m
+
+    def __post_init__(self) -> None:
+        _check(self.point_m, (3,), "RunwayLine.point_m")
+        _check(self.covariance, (3, 3), "RunwayLine.covariance")
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """Unit vector (3,) along the line in the direction of landing."""
+        return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad), 0.0])
+
+    @property
+    def slope(self) -> float:
+        """k of y = k x + b (paper: -w1 / w2); infinite for a line along y."""
+        return float(np.tan(self.azimuth_rad))
+
+    @property
+    def intercept_m(self) -> float:
+        """b of y = k x + b (paper: -w0 / w2), metres."""
+        return float(self.point_m[1] - self.slope * self.point_m[0])
+
+    @property
+    def height_m(self) -> float:
+        """World z of the line (paper: w3), metres, down positive."""
+        return float(self.point_m[2])
+
+
+@dataclass(frozen=True, eq=False)
+class RunwayEstimate:
+    """Where the lines are, from one frame."""
+
+    status: Status
+    mode: DepthMode
+    pixel_lines: dict[str, PixelLine]  # "left" and "right", those that were seen
+    lines: dict[str, RunwayLine]  # "left", "right", "centre", those that could be localized
+    ramp_m: NDArray[np.float64] | None = None  # (3,) world: nearest visible end of the centre line
+    ramp_sigma_m: float | None = None  # 1-sigma along the deck
+    reason: str = ""  # why something is missing, for people
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """A measured number with its 1-sigma, in the same unit."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class Guidance:
+    """Where the aircraft is relative to the centre line."""
+
+    time_s: float
+    status: Status
+    mode: DepthMode
+    lateral_deviation_m: Value | None = None  # + : aircraft is right of the centre line, looking along the landing
+    heading_error_rad: Value | None = None  # + : nose points right of the centre line
+    height_above_deck_m: Value | None = None  # + : above
+    distance_to_ramp_m: Value | None = None  # + : the ramp is still ahead, along the centre line
+    reason: str = ""
+
+
+def _check(array: NDArray, shape: tuple[int, ...], name: str) -> None:
+    if np.shape(array) != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {np.shape(array)}")
