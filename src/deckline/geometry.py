@@ -153,9 +153,7 @@ def camera_mount(translation_m: ArrayLike = (0.0, 0.0, 0.0), mount: Rotation | N
     return RigidTransform.from_components(np.asarray(translation_m, dtype=np.float64), rotation)
 
 
-def intersect_plane(
-    origin_m: ArrayLike, directions: ArrayLike, plane_z_m: float
-) -> NDArray[np.float64]:
+def intersect_plane(origin_m: ArrayLike, directions: ArrayLike, plane_z_m: float) -> NDArray[np.float64]:
     """Where rays from one origin (3,) along directions (N, 3) meet the horizontal plane z = plane_z_m.
 
     Returns (N, 3); NaN for a ray that is parallel to the plane or meets it behind its origin.

@@ -1,0 +1,38 @@
+# Two commands on a fresh machine: `make demo` (core only, no torch, no GPU) and `make test` (everything).
+PYTHON ?= python3
+CORE := .venv
+DEV := .venv-dev
+export PYTHONUTF8 := 1
+
+.PHONY: demo test lint clean
+
+demo: $(CORE)/.core
+	$(CORE)/bin/deckline demo --out demo-out
+
+test: $(DEV)/.dev system
+	$(DEV)/bin/python -m pytest
+
+lint: $(DEV)/.dev
+	$(DEV)/bin/ruff check src tests benchmarks examples
+	$(DEV)/bin/ruff format --check src tests benchmarks examples
+	$(DEV)/bin/mypy
+	$(DEV)/bin/lint-imports
+
+$(CORE)/.core: pyproject.toml
+	$(PYTHON) -m venv $(CORE)
+	$(CORE)/bin/pip install --quiet --editable .
+	touch $@
+
+$(DEV)/.dev: pyproject.toml
+	$(PYTHON) -m venv $(DEV)
+	$(DEV)/bin/pip install --quiet torch==2.13.0
+	$(DEV)/bin/pip install --quiet --editable ".[sim,train,viz,dev]"
+	touch $@
+
+# EGL (the simulator) and Chromium (the report's tests) come from the system.
+.PHONY: system
+system:
+	@sh scripts/system-packages
+
+clean:
+	rm -rf $(CORE) $(DEV) demo-out build dist

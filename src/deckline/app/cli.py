@@ -1,0 +1,71 @@
+"""The `deckline` command."""
+
+import os
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import tyro
+
+from deckline.app import commands
+
+COMMANDS: dict[str, Callable[..., int]] = {
+    "demo": commands.demo,
+    "run": commands.run,
+    "sim": commands.sim,
+    "info": commands.info,
+}
+DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
+INTERRUPTED = 130  # the shell's code for a program ended by Ctrl-C
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; returns the exit code. Bad input ends with one line and code 2, Ctrl-C with 130."""
+    args = sys.argv[1:] if argv is None else argv
+    try:
+        return int(_dispatch(args) or 0)
+    except KeyboardInterrupt:
+        print("deckline: stopped; what was written is whole", file=sys.stderr)
+        return INTERRUPTED
+    except (ValueError, OSError, ImportError) as error:
+        if os.environ.get("DECKLINE_TRACEBACK"):
+            raise
+        print(f"deckline: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+
+
+def _dispatch(args: list[str]) -> Any:
+    group = GROUPS.get(args[0]) if args else None
+    if group is not None:
+        return tyro.extras.subcommand_cli_from_dict(group(), prog=f"deckline {args[0]}", args=args[1:])
+    top = COMMANDS | {"train": _train_help, "eval": _eval_help}
+    return tyro.extras.subcommand_cli_from_dict(top, prog="deckline", description=DESCRIPTION, args=args)
+
+
+def _train_group() -> dict[str, Callable[..., int]]:
+    from deckline.app import train_commands
+
+    return {"dehaze": train_commands.dehaze, "detect": train_commands.detect}
+
+
+def _eval_group() -> dict[str, Callable[..., int]]:
+    from deckline.app import eval_commands
+
+    return {"chain": eval_commands.chain, "recording": eval_commands.recording}
+
+
+def _train_help() -> int:
+    """Train a network: deckline train {dehaze,detect} --help."""
+    raise ValueError("say which: deckline train {dehaze,detect}")
+
+
+def _eval_help() -> int:
+    """Measure the chain: deckline eval {chain,recording} --help."""
+    raise ValueError("say which: deckline eval {chain,recording}")
+
+
+GROUPS = {"train": _train_group, "eval": _eval_group}  # imported only when asked for: they need extras
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

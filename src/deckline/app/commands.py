@@ -1,0 +1,128 @@
+"""What each `deckline` command does. Heavy or optional parts are imported inside the command that needs them."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from deckline.app.run import run as run_pipeline
+from deckline.localize import LocalizeConfig
+from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.recording import Source, open_source
+
+SAMPLE = Path(__file__).parent.parent / "sample" / "approach"
+Positional = tyro.conf.Positional
+
+
+def demo(out: Path = Path("demo-out")) -> int:
+    """Fly the shipped sample approach through haze: writes report.html, overlay.mp4, guidance.csv, guidance.jsonl.
+
+    Args:
+        out: folder for the results.
+    """
+    return _run(open_source(SAMPLE), Pipeline(), out)
+
+
+def run(
+    source: Positional[Path],
+    out: Path,
+    camera: Path | None = None,
+    poses: Path | None = None,
+    fov_deg: float = 90.0,
+    deck_z_m: float | None = None,
+    dehazer: str = PipelineConfig.dehazer,
+    detector: str = PipelineConfig.detector,
+    mode: Literal["auto", "fine", "coarse"] = "auto",
+    max_frames: int | None = None,
+    resume: bool = False,
+    seed: int = 0,
+) -> int:
+    """Find the runway lines in a recording, an image folder or a video.
+
+    Args:
+        source: AirSim recording folder, folder of images, or video file.
+        out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
+        camera: camera.toml, when it does not lie beside the images or the video.
+        poses: poses.csv, when it does not lie beside the images or the video.
+        fov_deg: horizontal field of view of an AirSim recording without a camera file.
+        deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
+        dehazer: name (see `deckline info`) or an .onnx file.
+        detector: name (see `deckline info`) or an .onnx file.
+        mode: where distances come from: depth camera (fine), deck plane (coarse), or the better per frame (auto).
+        max_frames: stop after so many frames.
+        resume: go on after the last whole frame of an interrupted run in `out`.
+        seed: of RANSAC's draws.
+    """
+    config = PipelineConfig(dehazer, detector, replace(LocalizeConfig(), mode=mode), seed)
+    pipeline = Pipeline(config)
+    opened = open_source(source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m)
+    return _run(opened, pipeline, out, max_frames=max_frames, resume=resume)
+
+
+def _run(
+    source: Source, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False
+) -> int:
+    summary = run_pipeline(source, pipeline, out, max_frames=max_frames, resume=resume)
+    for path in summary.written:
+        print(path)
+    return summary.exit_code
+
+
+def sim(
+    out: Path,
+    frames: int = 40,
+    preset: Literal["paper", "cvn", "train"] = "paper",
+    trajectory: Literal["approach", "random"] = "approach",
+    visibility: Annotated[str, tyro.conf.arg(metavar="METRES|LOW..HIGH|clear")] = "300..3000",
+    seed: int = 0,
+    width: int = 1280,
+    height: int = 720,
+    fov_deg: float = 90.0,
+    depth_range_m: float = 200.0,
+    keep_clear: bool = True,
+    image_format: Literal["png", "ppm"] = "png",
+) -> int:
+    """Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout.
+
+    A stopped command goes on where it was when it is given again.
+
+    Args:
+        out: folder of the recording.
+        frames: how many.
+        preset: the ship: the paper's lines, a carrier with Nimitz's measures, or a new random ship in every frame.
+        trajectory: one final approach from 800 m to the ramp, or random viewpoints.
+        visibility: metres at 2 % contrast: one value, a range to draw from, or clear.
+        seed: same seed, same frames.
+        width: image width, px.
+        height: image height, px.
+        fov_deg: horizontal field of view; the random ships' preset draws its own.
+        depth_range_m: reach of the depth camera; inf records depth everywhere, which training needs.
+        keep_clear: also write each frame without haze.
+        image_format: png, or ppm where OpenCV is not installed.
+    """
+    from deckline.app.simulate import SimConfig, parse_visibility, simulate
+
+    config = SimConfig(
+        preset=preset,
+        trajectory=trajectory,
+        frames=frames,
+        visibility_m=parse_visibility(visibility),
+        seed=seed,
+        width=width,
+        height=height,
+        fov_deg=fov_deg,
+        depth_range_m=depth_range_m,
+        keep_clear=keep_clear,
+    )
+    simulate(config, out, image_format)
+    return 0
+
+
+def info() -> int:
+    """Print versions, inference providers and the shipped weights with their measured figures."""
+    from deckline.app.info import print_info
+
+    print_info(sys.stdout)
+    return 0

@@ -1,0 +1,45 @@
+"""`deckline train`: everything behind it needs the train extra."""
+
+from pathlib import Path
+
+import tyro
+
+from deckline.app.extras import needs_extra
+
+with needs_extra("train"):
+    from deckline.train.dehaze import DehazeTrainConfig, train_dehaze
+    from deckline.train.detect import DetectTrainConfig, train_detect
+
+Flat = tyro.conf.OmitArgPrefixes
+
+
+def dehaze(
+    recordings: tyro.conf.Positional[tuple[Path, ...]],
+    out: Path,
+    config: Flat[DehazeTrainConfig] = DehazeTrainConfig(),  # noqa: B008 - frozen
+) -> int:
+    """Train the dehazing network on clear recordings with depth; goes on from its own checkpoint in `out`.
+
+    Args:
+        recordings: folders written by `deckline sim --visibility clear --depth-range-m inf`.
+        out: folder of the checkpoint and the exported ONNX file.
+        config: the recipe.
+    """
+    train_dehaze(config, list(recordings), out)
+    return 0
+
+
+def detect(
+    recordings: tyro.conf.Positional[tuple[Path, ...]],
+    out: Path,
+    config: Flat[DetectTrainConfig] = DetectTrainConfig(),  # noqa: B008 - frozen
+) -> int:
+    """Train the line detector on clear recordings with depth and true lines; goes on from its own checkpoint in `out`.
+
+    Args:
+        recordings: folders written by `deckline sim --visibility clear --depth-range-m inf`.
+        out: folder of the checkpoint and the exported ONNX file.
+        config: the recipe.
+    """
+    train_detect(config, list(recordings), out)
+    return 0

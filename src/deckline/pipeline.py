@@ -1,0 +1,85 @@
+"""From frame to guidance: the only module that joins the stages.
+
+dehaze -> detect -> localize -> guide. Each stage is a plain callable; swap any of them.
+"""
+
+import time
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
+from deckline.detect import DETECTORS, Detector, OnnxDetector
+from deckline.guide import guidance
+from deckline.localize import LocalizeConfig, localize
+from deckline.types import Detection, Frame, Guidance, RunwayEstimate
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class PipelineConfig:
+    """What the chain is made of. A dehazer or detector is a name of the shipped ones or the path of an ONNX file."""
+
+    dehazer: str = "coarse-t"
+    detector: str = "ufld"
+    localize: LocalizeConfig = field(default_factory=LocalizeConfig)
+    seed: int = (
+        0  # of RANSAC's draws; every frame has its own generator, so order and resuming change nothing
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """Everything that came out of one frame."""
+
+    frame: Frame
+    dehazed_rgb: NDArray[np.uint8]  # (H, W, 3)
+    detection: Detection
+    estimate: RunwayEstimate
+    guidance: Guidance
+    seconds: dict[str, float]  # wall time of "dehaze", "detect", "localize", "guide"
+
+
+class Pipeline:
+    """The chain with its models loaded once.
+
+    Raises:
+        ValueError: an unknown dehazer or detector, or a model file that cannot be used.
+    """
+
+    def __init__(self, config: PipelineConfig | None = None) -> None:
+        self.config = config or PipelineConfig()
+        self.dehaze: Dehazer = _build(self.config.dehazer, DEHAZERS, OnnxDehazer, "dehazer")
+        self.detect: Detector = _build(self.config.detector, DETECTORS, OnnxDetector, "detector")
+
+    def __call__(self, frame: Frame) -> FrameResult:
+        rng = np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
+        seconds: dict[str, float] = {}
+        dehazed = _timed(seconds, "dehaze", lambda: self.dehaze(frame.image_rgb))
+        detection = _timed(seconds, "detect", lambda: self.detect(dehazed))
+        estimate = _timed(seconds, "localize", lambda: localize(frame, detection, self.config.localize, rng))
+        advice = _timed(seconds, "guide", lambda: guidance(frame, estimate))
+        return FrameResult(frame, dehazed, detection, estimate, advice, seconds)
+
+
+def _build(name: str, builders: dict[str, Callable[[], T]], from_file: Callable[[Path], T], what: str) -> T:
+    if name in builders:
+        return builders[name]()
+    if name.endswith(".onnx"):
+        return from_file(Path(name))
+    raise ValueError(
+        f"unknown {what} {name!r}: use one of {', '.join(builders)}, or the path of an .onnx file"
+    )
+
+
+def _timed(seconds: dict[str, float], stage: str, call: Callable[[], T]) -> T:
+    start = time.perf_counter()
+    result = call()
+    seconds[stage] = time.perf_counter() - start
+    return result
