@@ -29,9 +29,7 @@ class PipelineConfig:
     dehazer: str = "coarse-t"
     detector: str = "ufld"
     localize: LocalizeConfig = field(default_factory=LocalizeConfig)
-    seed: int = (
-        0  # of RANSAC's draws; every frame has its own generator, so order and resuming change nothing
-    )
+    seed: int = 0  # of RANSAC's draws; every frame has its own generator, so order and resuming change nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +71,7 @@ def _build(name: str, builders: dict[str, Callable[[], T]], from_file: Callable[
         return builders[name]()
     if name.endswith(".onnx"):
         return from_file(Path(name))
-    raise ValueError(
-        f"unknown {what} {name!r}: use one of {', '.join(builders)}, or the path of an .onnx file"
-    )
+    raise ValueError(f"unknown {what} {name!r}: use one of {', '.join(builders)}, or the path of an .onnx file")
 
 
 def _timed(seconds: dict[str, float], stage: str, call: Callable[[], T]) -> T:

@@ -138,9 +138,7 @@ class RunwayLine:
 
     point_m: NDArray[np.float64]  # (3,) world; on the line, in the middle of what was measured
     azimuth_rad: float  # direction of landing, from world x towards world y
-    covariance: NDArray[
-        np.float64
-    ]  # (3, 3) of [offset across the line to its right, m; azimuth, rad; z, m] at point_m
+    covariance: NDArray[np.float64]  # (3, 3) of [offset across the line to its right, m; azimuth, rad; z, m] at point_m
 
     def __post_init__(self) -> None:
         _check(self.point_m, (3,), "RunwayLine.point_m")
@@ -195,9 +193,7 @@ class Guidance:
     time_s: float
     status: Status
     mode: DepthMode
-    lateral_deviation_m: Value | None = (
-        None  # + : aircraft is right of the centre line, looking along the landing
-    )
+    lateral_deviation_m: Value | None = None  # + : aircraft is right of the centre line, looking along the landing
     heading_error_rad: Value | None = None  # + : nose points right of the centre line
     height_above_deck_m: Value | None = None  # + : above
     distance_to_ramp_m: Value | None = None  # + : the ramp is still ahead, along the centre line

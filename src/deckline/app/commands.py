@@ -61,9 +61,7 @@ def run(
     return _run(opened, pipeline, out, max_frames=max_frames, resume=resume)
 
 
-def _run(
-    source: Source, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False
-) -> int:
+def _run(source: Source, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
     summary = run_pipeline(source, pipeline, out, max_frames=max_frames, resume=resume)
     for path in summary.written:
         print(path)

@@ -68,7 +68,9 @@ def chain(
         range_m=range_m,
         keep_clear=True,
     )
-    title = f"{frames} simulated frames, preset {preset}, seed {seed}, V {visibility} m, {range_m[0]:g}-{range_m[1]:g} m"
+    title = (
+        f"{frames} simulated frames, preset {preset}, seed {seed}, V {visibility} m, {range_m[0]:g}-{range_m[1]:g} m"
+    )
     return _evaluate(render(config), frames, title, PipelineConfig(dehazer, detector), json_file)
 
 
@@ -113,7 +115,7 @@ def write_json(path: Path, figures: dict[str, float]) -> None:
     plain = {name: value if math.isfinite(value) else None for name, value in figures.items()}
     partial = path.with_name(path.name + ".part")
     partial.write_text(json.dumps(plain, indent=1) + "\n")
-    os.replace(partial, path)
+    partial.replace(path)
 
 
 def _print_tables(scores: list[FrameScore], figures: dict[str, float], title: str) -> None:

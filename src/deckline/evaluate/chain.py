@@ -86,9 +86,7 @@ def _line_errors(result: FrameResult, side: str, truth: Segment) -> dict[str, fl
     camera_from_world = result.frame.world_from_camera
     if len(points) and camera_from_world is not None:
         ends = camera_from_world.inv().apply(np.stack([truth.p0_m, truth.p1_m]))
-        errors[f"point_error_px.{side}"] = float(
-            np.median(normal_pixel_error(points, ends, result.frame.camera))
-        )
+        errors[f"point_error_px.{side}"] = float(np.median(normal_pixel_error(points, ends, result.frame.camera)))
     return errors
 
 
@@ -145,15 +143,11 @@ def _quantiles(scores: list[FrameScore], lines_only: bool = False) -> dict[str, 
     return figures
 
 
-def by_band(
-    scores: list[FrameScore], key: str, bands: Iterable[tuple[float, float]]
-) -> dict[str, list[FrameScore]]:
+def by_band(scores: list[FrameScore], key: str, bands: Iterable[tuple[float, float]]) -> dict[str, list[FrameScore]]:
     """Scores grouped by `range_m` or `visibility_m`; empty bands are left out."""
     groups = {}
     for low, high in bands:
-        members = [
-            s for s in scores if low <= getattr(s, key) < high or (np.isinf(high) and getattr(s, key) == high)
-        ]
+        members = [s for s in scores if low <= getattr(s, key) < high or (np.isinf(high) and getattr(s, key) == high)]
         if members:
             groups[f"{low:.0f}+ m" if np.isinf(high) else f"{low:.0f}-{high:.0f} m"] = members
     return groups
