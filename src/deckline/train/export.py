@@ -1,0 +1,77 @@
+"""ONNX export with the config that made the model inside the file."""
+
+import json
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from deckline.runtime.session import METADATA_KEY
+from deckline.runtime.weights import sha256_of
+
+OPSET = 18
+
+
+def export_onnx(
+    model: torch.nn.Module,
+    args: tuple[torch.Tensor, ...],
+    path: Path,
+    input_names: list[str],
+    output_names: list[str],
+    dynamic: dict[str, dict[int, str]] | None,
+    metadata: dict[str, Any],
+) -> Path:
+    """Write `model` as ONNX.
+
+    Args:
+        model: put into evaluation mode for the export, back afterwards.
+        args: example inputs; sizes that `dynamic` does not name are fixed to theirs.
+        path: of the file; written beside it and renamed.
+        input_names, output_names: of the graph.
+        dynamic: free axes, {input or output name: {axis: name}}; None for a fixed size.
+        metadata: stored as JSON; `load_session` returns it as `.config`.
+    """
+    import onnx
+
+    was_training = model.training
+    model.eval()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".part")
+    with torch.no_grad(), warnings.catch_warnings():
+        # The tracing exporter says that it is the older one, and that Python numbers were traced; parity is tested.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            model,
+            args,
+            str(partial),
+            input_names=input_names,
+            output_names=output_names,
+            dynamic_axes=dynamic or {},
+            opset_version=OPSET,
+            dynamo=False,
+        )
+    model.train(was_training)
+    proto = onnx.load(str(partial))
+    entry = proto.metadata_props.add()
+    entry.key, entry.value = METADATA_KEY, json.dumps(metadata)
+    onnx.checker.check_model(proto)
+    onnx.save(proto, str(partial))
+    os.replace(partial, path)
+    return path
+
+
+def manifest_entry(path: Path, **keys: Any) -> str:
+    """A [[model]] block for weights/manifest.toml; keys are ShippedModel's, `figures` a flat dict."""
+    figures = keys.pop("figures", {})
+    lines = ["[[model]]"]
+    lines += [
+        f"{name} = {_toml(value)}" for name, value in ({"file": path.name, "sha256": sha256_of(path)} | keys).items()
+    ]
+    lines += ["[model.figures]", *(f"{_toml(name)} = {_toml(value)}" for name, value in figures.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: str | int | float) -> str:
+    return json.dumps(value, ensure_ascii=False)  # JSON strings and finite numbers are valid TOML
