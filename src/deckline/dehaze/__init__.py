@@ -1,0 +1,28 @@
+"""Remove haze from an image. Every method is a callable; DEHAZERS names the shipped ones.
+
+cv2 and onnxruntime are imported only when a method that needs them is built or called.
+"""
+
+from collections.abc import Callable
+
+from deckline.dehaze.base import Dehazer, check_image
+from deckline.dehaze.dark_channel import DarkChannelConfig, DarkChannelDehazer
+from deckline.dehaze.identity import IdentityDehazer
+from deckline.dehaze.onnx_network import OnnxDehazer
+from deckline.runtime import shipped_weights
+
+DEHAZERS: dict[str, Callable[[], Dehazer]] = {
+    "none": IdentityDehazer,
+    "dark-channel": DarkChannelDehazer,
+    "coarse-t": lambda: OnnxDehazer(shipped_weights("dehaze"), name="coarse-t"),
+}
+
+__all__ = [
+    "DEHAZERS",
+    "DarkChannelConfig",
+    "DarkChannelDehazer",
+    "Dehazer",
+    "IdentityDehazer",
+    "OnnxDehazer",
+    "check_image",
+]

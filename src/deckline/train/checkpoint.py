@@ -4,7 +4,6 @@ One file, written beside its final name and renamed, so a killed run leaves the 
 """
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +40,7 @@ def save_checkpoint(
     path = folder / CHECKPOINT_FILE
     partial = path.with_name(path.name + ".part")
     save_file(plain, partial, metadata={PROGRESS_KEY: json.dumps(progress)})
-    os.replace(partial, path)
+    partial.replace(path)
     return path
 
 

@@ -1,7 +1,6 @@
 """ONNX export with the config that made the model inside the file."""
 
 import json
-import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -58,7 +57,7 @@ def export_onnx(
     entry.key, entry.value = METADATA_KEY, json.dumps(metadata)
     onnx.checker.check_model(proto)
     onnx.save(proto, str(partial))
-    os.replace(partial, path)
+    partial.replace(path)
     return path
 
 

@@ -1,0 +1,87 @@
+"""Dark channel prior: the classical dehazer, without weights, to compare with.
+
+Source: He, Sun and Tang, "Single image haze removal using dark channel prior", 2011, with the guided filter of
+the same authors (2013) in place of matting.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.dehaze.base import check_image
+
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DarkChannelConfig:
+    """Values of the papers, for images of about 600x400 px; they are kept in pixels as published."""
+
+    patch_px: int = 15  # side of the dark channel's window
+    omega: float = 0.95  # how much of the haze is removed
+    airlight_fraction: float = 0.001  # brightest part of the dark channel that airlight is taken from
+    guide_radius_px: int = 50
+    guide_eps: float = 1e-3  # on the variance of a guide in 0..1
+    min_transmission: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.patch_px < 1 or self.patch_px % 2 == 0:
+            raise ValueError(f"patch_px must be odd and positive, got {self.patch_px}")
+        if self.guide_radius_px < 1 or self.guide_eps <= 0:
+            raise ValueError(
+                f"guide_radius_px must be >= 1 and guide_eps > 0, got {self.guide_radius_px} and {self.guide_eps}"
+            )
+        for name in ("omega", "airlight_fraction", "min_transmission"):
+            if not 0 < getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie in (0, 1], got {getattr(self, name)}")
+
+
+class DarkChannelDehazer:
+    """He et al.'s method on one image."""
+
+    name = "dark-channel"
+
+    def __init__(self, config: DarkChannelConfig | None = None) -> None:
+        self.config = config or DarkChannelConfig()
+
+    def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        check_image(image_rgb)
+        config = self.config
+        image = image_rgb.astype(np.float32) / 255
+        airlight = estimate_airlight(image, dark_channel(image, config.patch_px), config.airlight_fraction)
+        rough = 1 - config.omega * dark_channel(image / airlight, config.patch_px)
+        guide = image @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
+        refined = guided_filter(guide, rough, config.guide_radius_px, config.guide_eps)
+        t = np.clip(refined, config.min_transmission, 1)[..., None]
+        clear = (image - airlight) / t + airlight
+        return np.clip(np.rint(255 * clear), 0, 255).astype(np.uint8)
+
+
+def dark_channel(image: Image, patch_px: int) -> Image:
+    """Minimum over colours and a square window; (H, W, 3) -> (H, W)."""
+    import cv2
+
+    return cv2.erode(image.min(axis=2), np.ones((patch_px, patch_px), np.uint8))
+
+
+def estimate_airlight(image: Image, dark: Image, fraction: float) -> Image:
+    """Airlight (3,): the brightest pixel among those with the `fraction` largest dark channel (He et al., 4.4)."""
+    count = max(1, round(fraction * dark.size))
+    haziest = np.argpartition(dark.ravel(), -count)[-count:]
+    candidates = image.reshape(-1, 3)[haziest]
+    return np.maximum(candidates[candidates.sum(axis=1).argmax()], np.float32(1 / 255))  # a divisor, never zero
+
+
+def guided_filter(guide: Image, values: Image, radius_px: int, eps: float) -> Image:
+    """Smooth `values` along the edges of a grey `guide`, both (H, W). Source: He, Sun and Tang 2013, equation 5-8."""
+    import cv2
+
+    def box(x: Image) -> Image:
+        side = 2 * radius_px + 1
+        return cv2.boxFilter(x, cv2.CV_32F, (side, side), borderType=cv2.BORDER_REPLICATE)
+
+    mean_guide, mean_values = box(guide), box(values)
+    variance = np.maximum(box(guide * guide) - mean_guide * mean_guide, 0)
+    slope = (box(guide * values) - mean_guide * mean_values) / (variance + np.float32(eps))
+    return box(slope) * guide + box(mean_values - slope * mean_guide)

@@ -1,0 +1,51 @@
+"""Images to network tensors and back: the one place, shared by training, validation and runtime."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.dehaze.base import check_image
+
+MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the network needs more pixels than it adds
+
+
+def image_to_tensor(image_rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(H, W, 3) uint8 -> (1, 3, H, W) float32 in 0..1, contiguous."""
+    check_image(image_rgb)
+    return np.ascontiguousarray(image_rgb.transpose(2, 0, 1)[None], dtype=np.float32) / np.float32(255)
+
+
+def tensor_to_image(tensor: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(1, 3, H, W) -> (H, W, 3) uint8; values outside 0..1 are clipped, never wrapped, and NaN becomes 0."""
+    scaled = np.nan_to_num(tensor[0] * np.float32(255), nan=0.0)
+    return np.ascontiguousarray(np.clip(np.rint(scaled), 0, 255).astype(np.uint8).transpose(1, 2, 0))
+
+
+def reduction_factor(height: int, width: int, working_long_side_px: int) -> int:
+    """Whole factor by which an image is averaged down so that its long side comes near the working size."""
+    if working_long_side_px < MIN_SIDE_PX:
+        raise ValueError(f"working_long_side_px must be at least {MIN_SIDE_PX}, got {working_long_side_px}")
+    return max(1, round(max(height, width) / working_long_side_px))
+
+
+def padded(image_rgb: NDArray[np.uint8], multiple: int) -> NDArray[np.uint8]:
+    """The image continued below and to the right by its edge pixels to a multiple, MIN_SIDE_PX multiples at least."""
+    height, width = image_rgb.shape[:2]
+    least = MIN_SIDE_PX * multiple
+    bottom = max(-height % multiple, least - height)
+    right = max(-width % multiple, least - width)
+    if bottom == 0 and right == 0:
+        return image_rgb
+    return np.pad(image_rgb, ((0, bottom), (0, right), (0, 0)), mode="edge")
+
+
+def averaged_down(tensor: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    """(1, 3, H, W) -> (1, 3, H / factor, W / factor), the mean of every block.
+
+    Raises:
+        ValueError: a size that is no multiple of the factor.
+    """
+    height, width = tensor.shape[2:]
+    if height % factor or width % factor:
+        raise ValueError(f"size {width}x{height} px is no multiple of {factor}")
+    total = sum(tensor[:, :, i::factor, j::factor] for i in range(factor) for j in range(factor))
+    return np.ascontiguousarray(total / np.float32(factor * factor), dtype=np.float32)

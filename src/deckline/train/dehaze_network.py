@@ -1,0 +1,170 @@
+"""The dehazing network: hazy image in, K and B of the soft reconstruction, clear image out. SPEC section 1.
+
+`unshuffle` 1 is the paper's network at full resolution. With 4 the network sees the image through a pixel-unshuffle,
+estimates K and B on that coarse grid, and a fast guided filter brings them up along the image's own edges.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from deckline.train.dehaze_blocks import ChannelNorm, MixAttention, MobileViTv3, SKFusion, down, up
+
+STAGE_MULTIPLE = 8  # two halvings, then patches of 2x2
+LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601
+
+
+@dataclass(frozen=True)
+class DehazeNetworkConfig:
+    """Shape of the network; stages are full, half and quarter size, then half and full again."""
+
+    channels: int = 24  # C; doubled at every halving
+    depths: tuple[int, int, int, int, int] = (2, 2, 1, 2, 1)  # MixAttention blocks a stage
+    vit_layers: tuple[int, int, int] = (1, 2, 2)  # linear transformers in each encoder stage and the bottleneck
+    spatial_kernel: int = 5  # depthwise kernel of the spatial attention, px
+    expansion: int = 2  # of the feed-forward parts
+    unshuffle: int = 4  # image px per pixel of the coarse grid; 1 is the paper's full resolution
+    guide_radius: int = 1  # of the guided filter's window, coarse px
+
+    def __post_init__(self) -> None:
+        if self.channels < 1 or self.unshuffle < 1 or self.guide_radius < 1:
+            raise ValueError(
+                "channels, unshuffle and guide_radius must be at least 1, "
+                f"got {self.channels}, {self.unshuffle}, {self.guide_radius}"
+            )
+        if len(self.depths) != 5 or len(self.vit_layers) != 3:
+            raise ValueError(f"need 5 depths and 3 vit_layers, got {self.depths} and {self.vit_layers}")
+        if self.spatial_kernel % 2 == 0:
+            raise ValueError(f"spatial_kernel must be odd, got {self.spatial_kernel}")
+
+    @property
+    def multiple(self) -> int:
+        """The image is padded to a multiple of this, px."""
+        return STAGE_MULTIPLE * self.unshuffle
+
+
+SIZES = {
+    "t": DehazeNetworkConfig(),
+    "s": DehazeNetworkConfig(channels=32, depths=(2, 2, 1, 2, 2)),
+    "b": DehazeNetworkConfig(channels=44, depths=(2, 2, 1, 2, 2)),
+}
+
+
+class DehazeNetwork(nn.Module):
+    """Soft reconstruction of a clear image from a hazy one."""
+
+    def __init__(self, config: DehazeNetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        c, kernel, expansion = config.channels, config.spatial_kernel, config.expansion
+        widths = (c, 2 * c, 4 * c, 2 * c, c)
+        mix = [
+            nn.Sequential(*(MixAttention(width, kernel, expansion) for _ in range(depth)))
+            for width, depth in zip(widths, config.depths, strict=True)
+        ]
+        vit = [
+            MobileViTv3(width, layers, expansion) for width, layers in zip(widths[:3], config.vit_layers, strict=True)
+        ]
+        self.intro = nn.Conv2d(3 * config.unshuffle**2, c, 3, padding=1)
+        self.encoder_full = nn.Sequential(mix[0], vit[0])
+        self.down_half = down(c)
+        self.encoder_half = nn.Sequential(mix[1], vit[1])
+        self.down_quarter = down(2 * c)
+        self.bottleneck = nn.Sequential(mix[2], vit[2])
+        self.up_half, self.fuse_half, self.decoder_half = up(4 * c), SKFusion(2 * c), mix[3]
+        self.up_full, self.fuse_full, self.decoder_full = up(2 * c), SKFusion(c), mix[4]
+        self.head = nn.Sequential(ChannelNorm(c), nn.Conv2d(c, 4, 3, padding=1))
+        nn.init.zeros_(self.head[1].weight)  # an untrained network returns its input
+        nn.init.zeros_(self.head[1].bias)
+        self.log_guide_eps = nn.Parameter(torch.tensor(-7.0))  # of the guided filter, image range 0..1; learned
+
+    def forward(self, image: Tensor, working: Tensor | None = None) -> Tensor:
+        """Remove haze.
+
+        Args:
+            image: (B, 3, H, W) RGB in 0..1.
+            working: (B, 3, h, w) the same view averaged down by a whole factor H / h = W / w, on which K and B
+                are estimated (coarse networks only); None estimates them on `image` itself.
+
+        Returns:
+            (B, 3, H, W), not clipped to 0..1.
+
+        Raises:
+            ValueError: `working` given to a full-resolution network.
+        """
+        source = image if working is None else working
+        if self.config.unshuffle == 1:
+            if working is not None:
+                raise ValueError("a network with unshuffle = 1 estimates at full resolution: give no working image")
+            soft = self._estimate(source)[:, :, : image.shape[2], : image.shape[3]]
+        else:
+            soft = self._coarse(image, source)
+        return soft[:, :1] * image - soft[:, 1:] + image
+
+    def _estimate(self, image: Tensor) -> Tensor:
+        """K and B (B, 4, h, w) on the grid of the padded image's unshuffled pixels."""
+        x = F.pixel_unshuffle(self._pad(image), self.config.unshuffle) - 0.5
+        full = self.encoder_full(self.intro(x))
+        half = self.encoder_half(self.down_half(full))
+        x = self.bottleneck(self.down_quarter(half))
+        x = self.decoder_half(self.fuse_half(self.up_half(x), half))
+        x = self.decoder_full(self.fuse_full(self.up_full(x), full))
+        return self.head(x)
+
+    def _pad(self, image: Tensor) -> Tensor:
+        multiple = self.config.multiple
+        bottom, right = -image.shape[2] % multiple, -image.shape[3] % multiple
+        return F.pad(image, (0, right, 0, bottom), mode="reflect")
+
+    def _coarse(self, image: Tensor, working: Tensor) -> Tensor:
+        """K and B (B, 4, H, W), brought up from the coarse grid along the edges of `image`'s luma.
+
+        Source: fast guided filter (He and Sun 2015): K and B are linear in the guide within a window.
+        """
+        guide = F.avg_pool2d(luma(self._pad(working)), self.config.unshuffle)
+        slope, offset = linear_in_guide(
+            self._estimate(working), guide, torch.exp(self.log_guide_eps), self.config.guide_radius
+        )
+        factor = image.shape[2] // working.shape[2] * self.config.unshuffle
+        size = (slope.shape[2] * factor, slope.shape[3] * factor)
+        models = F.interpolate(torch.cat([slope, offset], 1), size=size, mode="bilinear", align_corners=False)
+        models = models[:, :, : image.shape[2], : image.shape[3]]
+        return models[:, :4] * luma(image) + models[:, 4:]
+
+
+def luma(image: Tensor) -> Tensor:
+    """(B, 1, H, W) of RGB."""
+    r, g, b = LUMA
+    return r * image[:, 0:1] + g * image[:, 1:2] + b * image[:, 2:3]
+
+
+def linear_in_guide(values: Tensor, guide: Tensor, eps: Tensor, radius: int) -> tuple[Tensor, Tensor]:
+    """Slope and offset (B, C, h, w each) of the local least-squares fit values = slope * guide + offset.
+
+    Args:
+        values: (B, C, h, w).
+        guide: (B, 1, h, w).
+        eps: ridge on the guide's variance.
+        radius: of the square window, px.
+    """
+
+    def box(x: Tensor) -> Tensor:
+        # Windows are cut at the border: the mean is over the pixels that exist.
+        return F.avg_pool2d(x, 2 * radius + 1, stride=1, padding=radius, count_include_pad=False)
+
+    mean_guide, mean_values = box(guide), box(values)
+    variance = box(guide * guide) - mean_guide * mean_guide
+    slope = (box(guide * values) - mean_guide * mean_values) / (variance.clamp(min=0) + eps)
+    return box(slope), box(mean_values - slope * mean_guide)
+
+
+def count_parameters(model: nn.Module) -> int:
+    return sum(value.numel() for value in model.parameters())
+
+
+def network_metadata(config: DehazeNetworkConfig) -> dict[str, Any]:
+    """The config as JSON can hold it."""
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(config).items()}
