@@ -1,0 +1,54 @@
+import pytest
+
+from deckline.app.cli import main
+
+
+def error_line(capsys) -> str:
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_a_source_that_does_not_exist_is_one_line_and_exit_code_2(tmp_path, capsys):
+    assert main(["run", str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 2
+    assert "nothing" in error_line(capsys)
+
+
+def test_a_model_that_is_no_onnx_is_one_line_naming_the_file(tmp_path, capsys):
+    model = tmp_path / "model.onnx"
+    model.write_bytes(b"this is no network")
+    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out"), "--detector", str(model)]) == 2
+    assert "model.onnx is not a usable ONNX model" in error_line(capsys)
+
+
+def test_an_unknown_dehazer_is_answered_with_the_known_ones(tmp_path, capsys):
+    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out"), "--dehazer", "magic"]) == 2
+    assert "unknown dehazer 'magic': use one of" in error_line(capsys)
+
+
+def test_a_group_without_its_command_says_which_there_are(capsys):
+    assert main(["eval"]) == 2
+
+
+def test_info_lists_the_checked_weights(capsys):
+    assert main(["info"]) == 0
+    text = capsys.readouterr().out
+    assert "(checked)" in text
+    assert "CPUExecutionProvider" in text
+
+
+def test_ctrl_c_ends_with_130_and_one_line(monkeypatch, capsys):
+    def interrupted(*_args: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("deckline.app.cli._dispatch", interrupted)
+    assert main(["info"]) == 130
+    assert error_line(capsys) == "deckline: stopped; what was written is whole"
+
+
+@pytest.mark.parametrize("command", ["demo", "run", "sim", "info"])
+def test_every_command_has_help(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    assert command in capsys.readouterr().out
