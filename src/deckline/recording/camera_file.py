@@ -1,0 +1,123 @@
+"""camera.toml: intrinsics and mounting of a camera, and the same as a JSON object in scene.json."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import BODY_FROM_OPTICAL, Camera, camera_mount, pose
+from deckline.recording.source import RecordingError, read_text
+
+CAMERA_FILE = "camera.toml"
+INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
+EXAMPLE = "width, height, fx, fy, cx, cy in px, one a line, such as fx = 1000.0"
+
+
+@dataclass(frozen=True, eq=False)
+class MountedCamera:
+    """A camera, where it sits on the aircraft, and the deck height when the same file says it."""
+
+    camera: Camera
+    body_from_camera: RigidTransform
+    deck_z_m: float | None = None  # world z (down) of the deck plane
+
+
+def read_camera_file(path: Path) -> MountedCamera:
+    """Read camera.toml.
+
+    Keys: width, height, fx, fy, cx, cy (px, the centre of the top-left pixel is 0, 0); optional distortion =
+    [k1, k2, p1, p2, k3], deck_z_m, and a table [body_from_camera] with translation_m (3, metres, forward-right-down)
+    and quaternion_wxyz of body <- optical frame (x right, y down, z forward). Without the table, or without its
+    quaternion, the camera looks along the body's forward axis, which is quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
+
+    Raises:
+        RecordingError: missing or unreadable file, an unknown or missing key, or values that make no camera.
+    """
+    try:
+        values = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise RecordingError(f"{path}: not valid TOML: {error}") from None
+    return camera_from_mapping(values, str(path), allow_deck=True)
+
+
+def camera_from_mapping(values: Any, where: str, *, allow_deck: bool = False) -> MountedCamera:
+    """Camera from parsed TOML or JSON; `where` begins every error line.
+
+    Raises:
+        RecordingError: an unknown or missing key, or values that make no camera.
+    """
+    if not isinstance(values, Mapping):
+        raise RecordingError(f"{where}: a camera must be a table with {', '.join(INTRINSICS)}, got {values!r}")
+    known = (*INTRINSICS, "distortion", "body_from_camera", *(("deck_z_m",) if allow_deck else ()))
+    _check_keys(values, known, where)
+    missing = [key for key in INTRINSICS if key not in values]
+    if missing:
+        raise RecordingError(f"{where}: {', '.join(missing)} missing; a camera file holds {EXAMPLE}")
+    width, height = (_size(values[key], f"{where}: {key}") for key in INTRINSICS[:2])
+    fx, fy, cx, cy = (_number(values[key], f"{where}: {key}") for key in INTRINSICS[2:])
+    k1, k2, p1, p2, k3 = _numbers(values.get("distortion", [0.0] * 5), 5, f"{where}: distortion (k1, k2, p1, p2, k3)")
+    deck = values.get("deck_z_m") if allow_deck else None
+    try:
+        camera = Camera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+    except ValueError as error:
+        raise RecordingError(f"{where}: {error}") from None
+    mount = _mount(values.get("body_from_camera", {}), f"{where}: body_from_camera")
+    return MountedCamera(camera, mount, None if deck is None else _number(deck, f"{where}: deck_z_m"))
+
+
+def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[str, Any]:
+    """The JSON object that `camera_from_mapping` reads back."""
+    translation, rotation = body_from_camera.as_components()
+    return {
+        **{key: getattr(camera, key) for key in INTRINSICS[:2]},
+        **{key: float(getattr(camera, key)) for key in INTRINSICS[2:]},
+        "distortion": [float(value) for value in camera.distortion],
+        "body_from_camera": {
+            "translation_m": np.asarray(translation).tolist(),
+            "quaternion_wxyz": rotation.as_quat(scalar_first=True).tolist(),
+        },
+    }
+
+
+def _mount(values: Any, where: str) -> RigidTransform:
+    if not isinstance(values, Mapping):
+        raise RecordingError(f"{where}: must be a table with translation_m and quaternion_wxyz, got {values!r}")
+    _check_keys(values, ("translation_m", "quaternion_wxyz"), where)
+    translation = _numbers(values.get("translation_m", [0.0] * 3), 3, f"{where}.translation_m")
+    if "quaternion_wxyz" not in values:
+        return camera_mount(translation)
+    quaternion = _numbers(values["quaternion_wxyz"], 4, f"{where}.quaternion_wxyz")
+    try:
+        return pose(translation, quaternion)
+    except ValueError as error:
+        straight = BODY_FROM_OPTICAL.as_quat(scalar_first=True).tolist()
+        raise RecordingError(f"{where}: {error}; a camera that looks forward has {straight}") from None
+
+
+def _check_keys(values: Mapping, known: tuple[str, ...], where: str) -> None:
+    unknown = [str(key) for key in values if key not in known]
+    if unknown:
+        raise RecordingError(f"{where}: unknown key {', '.join(unknown)}; known are {', '.join(known)}")
+
+
+def _size(value: Any, where: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise RecordingError(f"{where} must be a whole number of px, got {value!r}")
+    return value
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise RecordingError(f"{where} must be a finite number, got {value!r}")
+    return float(value)
+
+
+def _numbers(values: Any, count: int, where: str) -> list[float]:
+    if not isinstance(values, list) or len(values) != count:
+        raise RecordingError(f"{where} must be {count} numbers, got {values!r}")
+    return [_number(value, where) for value in values]

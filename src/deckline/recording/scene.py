@@ -1,0 +1,146 @@
+"""scene.json: what a simulator knows about a recording (cameras, deck height, true lines, atmosphere).
+
+{"format": "deckline-scene", "version": 1, "camera": {...}, free keys such as "preset" and "seed",
+ "frames": {"<image file>": {"camera": {...} when it differs, "time_s": exact time, "deck_z_m": ...,
+   "truth": {"left": {"p0_m": [...], "p1_m": [...]} or null, "right": ..., "visibility_m": metres or null,
+             "clear_air": true when the visibility is infinite, "airlight_rgb": [...], "clear_image": "clear/<file>"}}}}
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deckline.recording.camera_file import MountedCamera, camera_from_mapping
+from deckline.recording.source import RecordingError, is_inside, read_text
+from deckline.types import Segment, Truth
+
+SCENE_FILE = "scene.json"
+FORMAT = "deckline-scene"
+VERSION = 1
+RESERVED = ("format", "version", "camera", "frames")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A parsed scene.json. Entries of single frames are checked when they are asked for."""
+
+    camera: MountedCamera | None = None
+    frames: dict[str, Any] | None = None  # by image file name; None: the file speaks of no single frames
+    extra: dict[str, Any] = field(default_factory=dict)  # the free keys
+
+
+def read_scene(path: Path) -> Scene:
+    """Read scene.json.
+
+    Raises:
+        RecordingError: not JSON, another format or version, or a camera that is none.
+    """
+    try:
+        values = json.loads(read_text(path))
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise RecordingError(f"{path}: not valid JSON: {error}") from None
+    if not isinstance(values, dict) or values.get("format") != FORMAT:
+        raise RecordingError(f'{path}: not a deckline scene (it must hold "format": "{FORMAT}")')
+    if values.get("version") != VERSION:
+        raise RecordingError(f"{path}: scene version {values.get('version')!r}, this deckline reads {VERSION}")
+    frames = values.get("frames")
+    if frames is not None and not isinstance(frames, dict):
+        raise RecordingError(f"{path}: frames must be an object by image file name, got {type(frames).__name__}")
+    raw_camera = values.get("camera")
+    camera = None if raw_camera is None else camera_from_mapping(raw_camera, f"{path}: camera")
+    return Scene(camera, frames, {key: value for key, value in values.items() if key not in RESERVED})
+
+
+def scene_text(camera: Mapping | None, frames: Mapping, extra: Mapping) -> str:
+    """Text of scene.json; one frame a line, never NaN or infinity.
+
+    Raises:
+        RecordingError: a free key that JSON cannot hold.
+    """
+    head = {"format": FORMAT, "version": VERSION, **extra, "camera": camera}
+    try:
+        lines = [f"{json.dumps(name)}: {json.dumps(entry, allow_nan=False)}" for name, entry in frames.items()]
+        opened = json.dumps(head, indent=1, allow_nan=False)[:-2]
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"scene values must be plain finite JSON values: {error}") from None
+    return opened + ',\n "frames": {' + ",".join(f"\n  {line}" for line in lines) + "\n }\n}\n"
+
+
+def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:
+    """The JSON object that `truth_from_mapping` reads back."""
+    values: dict[str, Any] = {"left": _segment_to(truth.left), "right": _segment_to(truth.right)}
+    if truth.visibility_m is not None:
+        clear_air = math.isinf(truth.visibility_m)
+        values["visibility_m"] = None if clear_air else float(truth.visibility_m)
+        if clear_air:
+            values["clear_air"] = True
+    if truth.airlight_rgb is not None:
+        values["airlight_rgb"] = [float(value) for value in truth.airlight_rgb]
+    if clear_image is not None:
+        values["clear_image"] = clear_image
+    return values
+
+
+def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Truth:
+    """Truth of one frame.
+
+    Raises:
+        ValueError: values of the wrong kind or shape.
+    """
+    if not isinstance(values, dict):
+        raise ValueError(f"truth must be an object, got {values!r}")
+    visibility = math.inf if values.get("clear_air") is True else values.get("visibility_m")
+    airlight = values.get("airlight_rgb")
+    return Truth(
+        left=_segment_from(values.get("left"), "truth.left"),
+        right=_segment_from(values.get("right"), "truth.right"),
+        visibility_m=None if visibility is None else _positive(visibility, "truth.visibility_m"),
+        airlight_rgb=None if airlight is None else _triple(airlight, "truth.airlight_rgb"),
+        clear_rgb=clear_rgb,
+    )
+
+
+def clear_image_path(values: Any) -> str | None:
+    """Relative path of a frame's image without haze, or None.
+
+    Raises:
+        ValueError: a path that leaves the recording's folder.
+    """
+    name = values.get("clear_image") if isinstance(values, dict) else None
+    if name is None:
+        return None
+    if not isinstance(name, str) or not is_inside(name):
+        raise ValueError(f"truth.clear_image must be a path inside the recording, got {name!r}")
+    return name
+
+
+def _segment_to(segment: Segment | None) -> dict[str, Any] | None:
+    if segment is None:
+        return None
+    return {"p0_m": np.asarray(segment.p0_m).tolist(), "p1_m": np.asarray(segment.p1_m).tolist()}
+
+
+def _segment_from(values: Any, where: str) -> Segment | None:
+    if values is None:
+        return None
+    if not isinstance(values, dict) or not {"p0_m", "p1_m"} <= set(values):
+        raise ValueError(f"{where} must hold p0_m and p1_m, got {values!r}")
+    return Segment(*(np.array(_triple(values[key], f"{where}.{key}")) for key in ("p0_m", "p1_m")))
+
+
+def _triple(values: Any, where: str) -> tuple[float, float, float]:
+    numbers = isinstance(values, list) and all(isinstance(value, int | float) for value in values)
+    if not numbers or len(values) != 3 or not all(math.isfinite(value) for value in values):
+        raise ValueError(f"{where} must be 3 finite numbers, got {values!r}")
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def _positive(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+        raise ValueError(f"{where} must be metres > 0, got {value!r}")
+    return float(value)

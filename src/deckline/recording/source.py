@@ -1,0 +1,107 @@
+"""What every source of frames has in common: its errors, and how a run walks over good and bad frames."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from deckline.types import Frame
+
+
+class RecordingError(ValueError):
+    """A source that cannot be opened, or a recording that cannot be written."""
+
+
+class FrameError(ValueError):
+    """One frame that cannot be used; the others can.
+
+    Args:
+        file: name of the frame's file.
+        reason: what is wrong with it, for people.
+    """
+
+    def __init__(self, file: str, reason: str) -> None:
+        super().__init__(file, reason)
+        self.file = file
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class BadFrame:
+    """A frame that was skipped, and why."""
+
+    file: str
+    reason: str
+
+
+class Source(ABC):
+    """Frames in their order.
+
+    Attributes:
+        name: what a report calls the source.
+        notes: what is odd about the source but did not stop it, one line each, for people.
+    """
+
+    name: str
+    notes: tuple[str, ...] = ()
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of frames, bad ones included."""
+
+    @abstractmethod
+    def load(self, index: int) -> Frame:
+        """Frame `index`, counted from 0.
+
+        Raises:
+            FrameError: this frame cannot be used.
+            IndexError: there is no such frame.
+        """
+
+    def __iter__(self) -> Iterator[Frame | BadFrame]:
+        for index in range(len(self)):
+            try:
+                yield self.load(index)
+            except FrameError as error:
+                yield BadFrame(error.file, error.reason)
+
+
+def read_text(path: Path) -> str:
+    """UTF-8 text of a small file, a byte-order mark removed.
+
+    Raises:
+        RecordingError: it is missing, unreadable or no text.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def check_index(index: int, count: int, name: str) -> None:
+    if not 0 <= index < count:
+        raise IndexError(f"{name} has frames 0 to {count - 1}, asked for {index}")
+
+
+def is_inside(name: str) -> bool:
+    """Whether a relative path stays inside its folder (a recording may come from anywhere)."""
+    path = PurePosixPath(name.replace("\\", "/"))
+    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and ":" not in path.parts[0]
+
+
+def number(value: Any, name: str) -> float:
+    """A finite number.
+
+    Raises:
+        ValueError: anything else.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} must be a finite number, got {value!r}")
+    return float(value)

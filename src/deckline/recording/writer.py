@@ -1,0 +1,200 @@
+"""Writes recordings in AirSim's layout with scene.json beside them; a killed writer can be resumed."""
+
+import json
+import math
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self, TextIO
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from deckline.recording.airsim import (
+    HEADER,
+    IMAGE_FOLDER,
+    RECORD_FILE,
+    SCENE,
+    choose_images,
+)
+from deckline.recording.camera_file import camera_to_mapping
+from deckline.recording.depth import DEPTH_PLANAR
+from deckline.recording.images import encode_image
+from deckline.recording.netpbm import FAR_DEPTH_M, write_pfm
+from deckline.recording.scene import RESERVED, SCENE_FILE, read_scene, scene_text, truth_to_mapping
+from deckline.recording.source import RecordingError, read_text
+from deckline.types import Frame
+
+CLEAR_FOLDER = "clear"
+SCENE_EVERY = 25  # frames between two writings of scene.json; a killed writer loses fewer than these
+MAY_CHANGE = ("command", "generator")  # free scene keys that may differ when a recording is resumed
+_HEADER_LINE = "\t".join(HEADER) + "\n"
+
+
+class RecordingWriter:
+    """Appends frames to a recording folder.
+
+    Every file is written under a temporary name and renamed; a row is appended to airsim_rec.txt and flushed after the
+    files that it names. Opening a folder that an earlier writer left goes on after its last whole frame.
+
+    Args:
+        out: folder, made when missing.
+        image_format: "png", or "ppm" (needs numpy alone).
+        scene: free keys of scene.json (preset, seed, ...), plain JSON values.
+        vehicle, camera_name: parts of the image files' names.
+
+    Raises:
+        RecordingError: the folder cannot be written, or holds another recording.
+    """
+
+    def __init__(
+        self,
+        out: Path,
+        image_format: Literal["png", "ppm"] = "png",
+        scene: dict[str, Any] | None = None,
+        *,
+        vehicle: str = "deckline",
+        camera_name: str = "0",
+    ) -> None:
+        if image_format not in ("png", "ppm"):
+            raise RecordingError(f'image_format must be "png" or "ppm", got {image_format!r}')
+        self.out = Path(out)
+        self._format = image_format
+        self._extra = dict(scene or {})
+        self._prefix = f"img_{vehicle}_{camera_name}"
+        self._vehicle = vehicle
+        self._camera: dict[str, Any] | None = None
+        self._frames: dict[str, Any] = {}
+        self._last_ns = -1
+        self._rows: TextIO | None = None
+        reserved = sorted(set(self._extra) & set(RESERVED))
+        if reserved:
+            raise RecordingError(f"scene keys {', '.join(reserved)} are the writer's own")
+        try:
+            self._open()
+        except OSError as error:
+            raise RecordingError(f"{self.out}: cannot be written: {error.strerror or error}") from None
+
+    @property
+    def count(self) -> int:
+        """Frames that are whole in the folder."""
+        return len(self._frames)
+
+    def add(self, frame: Frame) -> None:
+        """Write one frame: image, depth and clear image when it has them, pose, truth.
+
+        Raises:
+            ValueError: a frame without pose, or a writer that is closed.
+            OSError: the disk refuses.
+        """
+        if self._rows is None:
+            raise ValueError(f"the writer of {self.out} is closed")
+        if frame.world_from_body is None:
+            raise ValueError(f"{frame.file}: a recording needs the pose world_from_body of every frame")
+        ns = max(round(frame.time_s * 1e9), self._last_ns + 1)
+        name = f"{self._prefix}_{SCENE}_{ns}.{self._format}"
+        names = [name]
+        write_atomic(self.out / IMAGE_FOLDER / name, encode_image(frame.image_rgb, self._format))
+        if frame.depth_m is not None:
+            names.append(f"{self._prefix}_{DEPTH_PLANAR}_{ns}.pfm")
+            stored = np.nan_to_num(frame.depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M)
+            write_atomic(self.out / IMAGE_FOLDER / names[-1], write_pfm(stored))
+        row = self._row(frame, frame.world_from_body, names)
+        self._frames[name] = self._entry(frame, name)
+        self._last_ns = ns
+        self._rows.write(row)
+        self._rows.flush()
+        if self.count % SCENE_EVERY == 0:
+            self._write_scene()
+
+    def close(self) -> None:
+        """Write scene.json a last time. A second call does nothing."""
+        if self._rows is not None:
+            self._rows.close()
+            self._rows = None
+            self._write_scene()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _open(self) -> None:
+        (self.out / IMAGE_FOLDER).mkdir(parents=True, exist_ok=True)
+        rows = self._whole_rows() if (self.out / RECORD_FILE).exists() else []
+        self._write_scene()
+        write_atomic(self.out / RECORD_FILE, (_HEADER_LINE + "".join(rows)).encode())
+        self._rows = (self.out / RECORD_FILE).open("a", encoding="utf-8", newline="\n")
+
+    def _whole_rows(self) -> list[str]:
+        """Rows of an earlier writer up to the first that is not whole; takes over their scene entries."""
+        if not (self.out / SCENE_FILE).exists():
+            raise RecordingError(
+                f"{self.out} holds a recording without {SCENE_FILE}, which is not deckline's: choose another folder"
+            )
+        scene = read_scene(self.out / SCENE_FILE)
+        self._check_same(scene.extra)
+        entries = scene.frames or {}
+        rows = []
+        for line in read_text(self.out / RECORD_FILE).splitlines(keepends=True)[1:]:
+            cells = line.rstrip("\n").split("\t")
+            if not line.endswith("\n") or len(cells) != len(HEADER):
+                break
+            names = tuple(cells[-1].split(";"))
+            if names[0] not in entries or not all((self.out / IMAGE_FOLDER / name).is_file() for name in names):
+                break
+            rows.append(line)
+            name = choose_images(names)[0]
+            self._frames[name] = entries[name]
+            self._last_ns = int(Path(name).stem.rpartition("_")[2])
+        if scene.camera is not None:
+            self._camera = camera_to_mapping(scene.camera.camera, scene.camera.body_from_camera)
+        return rows
+
+    def _check_same(self, before: dict[str, Any]) -> None:
+        now = json.loads(json.dumps(self._extra))
+        for key in sorted({*before, *now} - set(MAY_CHANGE)):
+            if before.get(key) != now.get(key):
+                raise RecordingError(
+                    f"{self.out} holds a recording made with {key} = {before.get(key)!r}, not {now.get(key)!r}: "
+                    f"choose another folder, or the same settings to go on with it"
+                )
+
+    def _entry(self, frame: Frame, name: str) -> dict[str, Any]:
+        camera = camera_to_mapping(frame.camera, frame.body_from_camera)
+        if self._camera is None:
+            self._camera = camera
+        entry: dict[str, Any] = {"time_s": float(frame.time_s)}
+        if camera != self._camera:
+            entry["camera"] = camera
+        if frame.deck_z_m is not None:
+            entry["deck_z_m"] = float(frame.deck_z_m)
+        if frame.truth is not None:
+            clear_name = None
+            if frame.truth.clear_rgb is not None:
+                clear_name = f"{CLEAR_FOLDER}/{name}"
+                (self.out / CLEAR_FOLDER).mkdir(exist_ok=True)
+                write_atomic(self.out / clear_name, encode_image(frame.truth.clear_rgb, self._format))
+            entry["truth"] = truth_to_mapping(frame.truth, clear_name)
+        return entry
+
+    def _row(self, frame: Frame, world_from_body: RigidTransform, names: list[str]) -> str:
+        translation, rotation = world_from_body.as_components()
+        numbers = [*np.asarray(translation).tolist(), *rotation.as_quat(scalar_first=True).tolist()]
+        if not all(math.isfinite(value) for value in numbers):
+            raise ValueError(f"{frame.file}: pose is not finite: {numbers}")
+        cells = [self._vehicle, str(round(frame.time_s * 1000)), *(repr(value) for value in numbers), ";".join(names)]
+        return "\t".join(cells) + "\n"
+
+    def _write_scene(self) -> None:
+        write_atomic(self.out / SCENE_FILE, scene_text(self._camera, self._frames, self._extra).encode())
+
+
+def write_atomic(path: Path, data: bytes) -> None:
+    """Write a whole file or leave the old one: temporary name, then rename."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_bytes(data)
+    os.replace(temporary, path)  # noqa: PTH105 (the same as Path.replace, named for what it is)
