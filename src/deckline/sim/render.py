@@ -1,0 +1,291 @@
+"""Draws a ship, sea and sky with OpenGL, off screen through EGL. On a machine without a GPU, Mesa's llvmpipe does it.
+
+Image row 0 is drawn at the bottom of the frame buffer, so that what is read back starts with the top row and
+pixel centres lie where `deckline.geometry` puts them. Depth is a float attachment of its own, sampled at pixel
+centres; it does not pass through the depth buffer.
+"""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from types import TracebackType
+
+import moderngl
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera
+from deckline.sim.layout import Layout
+from deckline.sim.markings import DeckSurface
+from deckline.sim.mesh import Mesh, triangles
+from deckline.sim.paint import Coat, fill, layers
+from deckline.sim.weather import Weather
+
+NEAR_M, FAR_M = 1.0, 20000.0  # clip planes of the depth buffer, which only sorts surfaces
+TEXELS_PER_M = 12.0
+SAMPLES = 4
+NOISE_SIZE = 512
+NO_EGL = (
+    "cannot create an OpenGL context through EGL ({error}); on Debian or Ubuntu without a GPU driver: "
+    "apt-get install libegl1 libgl1-mesa-dri libegl-mesa0"
+)
+SHADERS = Path(__file__).parent / "shaders"
+
+
+class RendererError(RuntimeError):
+    """No OpenGL context can be had on this machine."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ship:
+    """All that is drawn of a ship."""
+
+    layout: Layout
+    coat: Coat
+    surface: DeckSurface
+    solids: Mesh
+    casters: list[tuple[NDArray[np.float64], float]]  # convex footprint (N, 2) and height of what throws shadows
+    stern_half_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One picture."""
+
+    rgb: NDArray[np.uint8]  # (H, W, 3)
+    depth_m: NDArray[np.float32]  # (H, W) along the optical axis; NaN in the sky
+
+
+class Renderer:
+    """Holds the OpenGL context and what is on the card. Use as a context manager."""
+
+    def __init__(self) -> None:
+        try:
+            self.context = moderngl.create_context(standalone=True, backend="egl")
+        except Exception as error:  # moderngl raises bare Exception, ImportError or OSError, depending on what is missing
+            raise RendererError(NO_EGL.format(error=" ".join(str(error).split()))) from error
+        program = self._program
+        self.sea, self.sea_depth = program("fullscreen.vert", "sea.frag"), program("fullscreen.vert", "sea_depth.frag")
+        self.solid, self.deck = program("solid.vert", "solid.frag"), program("solid.vert", "deck.frag")
+        self.depth, self.painter = program("solid.vert", "depth.frag"), program("paint.vert", "paint.frag")
+        self.noise = self._noise_texture()
+        self.corners = self.context.buffer(np.array([[-1, -1], [3, -1], [-1, 3]], dtype=np.float32).tobytes())
+        self.targets: dict[tuple[int, int], tuple[moderngl.Framebuffer, ...]] = {}
+        self.ship: Ship | None = None
+        self.ship_objects: list[moderngl.Buffer | moderngl.Texture | moderngl.VertexArray] = []
+
+    def __enter__(self) -> "Renderer":
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.context.release()
+
+    def _program(self, vertex: str, fragment: str) -> moderngl.Program:
+        return self.context.program(vertex_shader=_source(vertex), fragment_shader=_source(fragment))
+
+    def _noise_texture(self) -> moderngl.Texture:
+        texture = self.context.texture((NOISE_SIZE, NOISE_SIZE), 4, noise_field(NOISE_SIZE).tobytes())
+        texture.build_mipmaps()
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        return texture
+
+    def load(self, ship: Ship, sun: NDArray[np.float64]) -> None:
+        """Bring a ship onto the card and paint its deck, with shadows of a sun (3,) in the world."""
+        for thing in self.ship_objects:
+            thing.release()
+        self.ship = ship
+        deck = deck_mesh(ship.layout)
+        self.paint_map = self._paint(ship, sun)
+        buffers = [self.context.buffer(mesh.tobytes()) for mesh in (ship.solids, deck)]
+        layout = ("3f 3f 3f", "position", "normal", "colour")
+        plain = ("3f 24x", "position")
+        solid, deck_array, *depths = (
+            self.context.vertex_array(program, [(buffer, *attributes)], skip_errors=True)
+            for program, buffer, attributes in (
+                (self.solid, buffers[0], layout), (self.deck, buffers[1], layout),
+                (self.depth, buffers[0], plain), (self.depth, buffers[1], plain),
+            )
+        )  # fmt: skip
+        self.solid_array, self.deck_array, self.depth_arrays = solid, deck_array, depths
+        self.ship_objects = [solid, deck_array, *depths, *buffers, self.paint_map]
+
+    def _paint(self, ship: Ship, sun: NDArray[np.float64]) -> moderngl.Texture:
+        low, high = ship.layout.outline_m.min(axis=0), ship.layout.outline_m.max(axis=0)
+        size = tuple(int(n) for n in np.ceil((high - low) * TEXELS_PER_M))
+        self.painter["paint_area"] = (*low, *(high - low))
+        self.painter["noise_offset"] = ship.surface.noise_offset
+        self.painter["grain"], self.painter["wear"] = ship.surface.grain, ship.surface.wear
+        texture = self.context.texture(size, 4)
+        smooth = self.context.framebuffer([self.context.renderbuffer(size, 4, samples=SAMPLES)])
+        self.noise.use(0)
+        self.context.disable(moderngl.DEPTH_TEST)
+        ground = fill([low, (high[0], low[1]), high, (low[0], high[1])], ship.surface.rgb, wear=0.0)
+        smooth.color_mask = (True, True, True, False)
+        smooth.use()
+        self.context.enable(moderngl.BLEND)
+        self._paint_coat(layers([ground, ship.coat]))
+        self.context.disable(moderngl.BLEND)
+        smooth.color_mask = (False, False, False, True)
+        smooth.use()  # a mask takes effect when the frame buffer is bound
+        self._paint_coat(shadow_coat(ship, sun, ground))
+        resolved = self.context.framebuffer([texture])
+        self.context.copy_framebuffer(resolved, smooth)
+        texture.build_mipmaps()
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = False
+        resolved.release()
+        smooth.color_attachments[0].release()
+        smooth.release()
+        return texture
+
+    def _paint_coat(self, coat: Coat) -> None:
+        buffer = self.context.buffer(coat.tobytes())
+        array = self.context.vertex_array(self.painter, [(buffer, "2f 4f 1f", "position", "colour", "worn")])
+        array.render()
+        array.release()
+        buffer.release()
+
+    def render(
+        self, camera: Camera, world_from_camera: RigidTransform, weather: Weather, sun: NDArray[np.float64],
+        sea_z_m: float, time_s: float = 0.0, with_ship: bool = True,
+    ) -> View:  # fmt: skip
+        """A picture and its depth, from a camera without lens distortion.
+
+        Raises:
+            ValueError: a camera with distortion, one that is not above the sea, or no ship loaded.
+        """
+        if camera.has_distortion:
+            raise ValueError(f"the renderer draws a pinhole, got distortion {camera.distortion}")
+        if self.ship is None:
+            raise ValueError("load a ship before rendering")
+        if not world_from_camera.translation[2] < sea_z_m:
+            raise ValueError(f"camera at z = {world_from_camera.translation[2]} m, the sea at {sea_z_m} m is above it")
+        self._aim(camera, world_from_camera, weather, sun, sea_z_m, time_s, with_ship)
+        sampled, resolved, measured = self._targets(camera)
+        sampled.use()
+        sampled.clear()
+        self._draw(self.sea, [self.solid_array, self.deck_array] if with_ship else [])
+        self.context.copy_framebuffer(resolved, sampled)
+        rgb = np.frombuffer(resolved.read(components=3, alignment=1), dtype=np.uint8)
+        measured.use()
+        measured.clear()
+        self._draw(self.sea_depth, self.depth_arrays if with_ship else [])
+        depth = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
+        shape = (camera.height, camera.width)
+        depth = depth.reshape(shape)
+        return View(rgb.reshape(*shape, 3), np.where(depth > 0, depth, np.float32(np.nan)))
+
+    def _draw(self, background: moderngl.Program, arrays: list[moderngl.VertexArray]) -> None:
+        backdrop = self.context.vertex_array(background, [(self.corners, "2f", "corner")])
+        self.context.disable(moderngl.DEPTH_TEST)
+        backdrop.render()
+        backdrop.release()
+        self.context.enable(moderngl.DEPTH_TEST)
+        for array in arrays:
+            array.render()
+
+    def _targets(self, camera: Camera) -> tuple[moderngl.Framebuffer, ...]:
+        """Frame buffers of a size: sampled colour, resolved colour, exact depth."""
+        size = (camera.width, camera.height)
+        if size not in self.targets:
+            gl = self.context
+            sampled = gl.framebuffer(
+                [gl.renderbuffer(size, 4, samples=SAMPLES)], gl.depth_renderbuffer(size, samples=SAMPLES)
+            )
+            resolved = gl.framebuffer([gl.renderbuffer(size, 4)])
+            measured = gl.framebuffer([gl.renderbuffer(size, 1, dtype="f4")], gl.depth_renderbuffer(size))
+            self.targets[size] = (sampled, resolved, measured)
+        return self.targets[size]
+
+    def _aim(
+        self, camera: Camera, world_from_camera: RigidTransform, weather: Weather, sun: NDArray[np.float64],
+        sea_z_m: float, time_s: float, with_ship: bool,
+    ) -> None:  # fmt: skip
+        """Set every uniform of the drawing programs."""
+        assert self.ship is not None
+        layout = self.ship.layout
+        world_from_ship = layout.world_from_ship.as_matrix()
+        optical_from_ship = (world_from_camera.inv() * layout.world_from_ship).as_matrix()
+        values: dict[str, ArrayLike] = {item.name: getattr(weather, item.name) for item in fields(weather)}
+        stern, ahead = world_from_ship[:2, 3], world_from_ship[:2, 0]
+        values |= {
+            "lens": (camera.fx, camera.fy, camera.cx, camera.cy),
+            "world_from_optical": world_from_camera.rotation.as_matrix().T,
+            "eye": world_from_camera.translation,
+            "sea_z": sea_z_m,
+            "sun": sun,
+            "ship": (*stern, *ahead),
+            "wake": (self.ship.stern_half_m, weather.wake_spread, weather.wake_length_m, weather.wake * with_ship),
+            "hull_m": layout.length_m,
+            "time_s": time_s,
+            "clip_from_ship": (clip_from_optical(camera) @ optical_from_ship).T,
+            "depth_row": optical_from_ship[2],
+            "world_from_ship": world_from_ship[:3, :3].T,
+            "world_from_ship4": world_from_ship.T,
+            "paint_area": (*layout.outline_m.min(axis=0), *np.ptp(layout.outline_m, axis=0)),
+            "noise_map": 0,
+            "paint_map": 1,
+        }
+        for program in (self.sea, self.sea_depth, self.solid, self.deck, self.depth):
+            for name in program:
+                if isinstance(program[name], moderngl.Uniform):
+                    value = np.asarray(values[name])
+                    program[name] = value.item() if value.ndim == 0 else tuple(value.ravel().tolist())
+        self.paint_map.anisotropy = weather.anisotropy
+        self.noise.use(0)
+        self.paint_map.use(1)
+
+
+def clip_from_optical(camera: Camera) -> NDArray[np.float64]:
+    """Projection (4, 4) of the optical frame to OpenGL's clip space, image row 0 at the bottom."""
+    sx, sy = 2.0 / camera.width, 2.0 / camera.height
+    a, b = (FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2.0 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
+    return np.array(
+        [
+            [camera.fx * sx, 0.0, (camera.cx + 0.5) * sx - 1.0, 0.0],
+            [0.0, camera.fy * sy, (camera.cy + 0.5) * sy - 1.0, 0.0],
+            [0.0, 0.0, a, b],
+            [0.0, 0.0, 1.0, 0.0],
+        ]
+    )
+
+
+def deck_mesh(layout: Layout) -> Mesh:
+    """The deck's surface as strips between its edges."""
+    x, port, starboard = layout.stations_m, layout.port_m, layout.starboard_m
+    zero = np.zeros(len(x) - 1)
+    p0, p1 = np.column_stack([x[:-1], port[:-1], zero]), np.column_stack([x[1:], port[1:], zero])
+    s0, s1 = np.column_stack([x[:-1], starboard[:-1], zero]), np.column_stack([x[1:], starboard[1:], zero])
+    return triangles(np.concatenate([np.stack([p0, p1, s1], 1), np.stack([p0, s1, s0], 1)]), (0.0, 0.0, 0.0))
+
+
+def shadow_coat(ship: Ship, sun: NDArray[np.float64], ground: Coat) -> Coat:
+    """Opacity is light here: 1 everywhere, 0 where a caster's block stands between the deck and the sun."""
+    lit = ground.copy()
+    lit[:, 5] = 1.0
+    coats = [lit]
+    direction = ship.layout.world_from_ship.rotation.inv().apply(sun)
+    for footprint, height in ship.casters:
+        shift = direction[:2] / max(direction[2], 0.05) * height
+        points = np.concatenate([footprint, footprint + shift])
+        coats.append(fill(points[ConvexHull(points).vertices], (0.0, 0.0, 0.0), 0.0, wear=0.0))
+    return layers(coats)
+
+
+def noise_field(size: int) -> NDArray[np.uint8]:
+    """Four independent tileable fractal noises (size, size, 4), mean 127.5."""
+    rng = np.random.default_rng(20240614)
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size))) * size
+    frequency[0, 0] = np.inf
+    channels = []
+    for power in (1.1, 0.9, 1.0, 1.0):
+        spectrum = np.fft.fft2(rng.standard_normal((size, size))) / frequency**power
+        field = np.fft.ifft2(spectrum).real
+        channels.append(127.5 + 50.0 * field / field.std())
+    return np.clip(np.rint(np.stack(channels, axis=-1)), 0, 255).astype(np.uint8)
+
+
+def _source(name: str) -> str:
+    text = (SHADERS / name).read_text(encoding="utf-8")
+    return text.replace("#include sky.glsl", (SHADERS / "sky.glsl").read_text(encoding="utf-8"))

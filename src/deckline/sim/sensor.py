@@ -1,0 +1,49 @@
+"""What a camera does to a clean picture: exposure, white balance, gamma, blur, noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One camera's settings."""
+
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)  # exposure and white balance, red green blue
+    gamma: float = 1.0
+    blur_px: float = 0.0  # 1-sigma
+    noise: float = 0.0  # 1-sigma, 8-bit steps
+
+
+def random_sensor(strength: float, rng: np.random.Generator) -> Sensor:
+    """Settings that stray by `strength` (0: none, 1: as far as training wants)."""
+    exposure = np.exp(rng.normal(0.0, 0.15 * strength))
+    gain = exposure * np.exp(rng.normal(0.0, 0.04 * strength, 3))
+    blur = rng.uniform(0.3, 1.1) if rng.random() < 0.4 * strength else 0.0
+    return Sensor(
+        (float(gain[0]), float(gain[1]), float(gain[2])),
+        float(np.exp(rng.normal(0.0, 0.15 * strength))),
+        float(blur),
+        float(strength * rng.gamma(1.5, 1.5)),
+    )
+
+
+def develop(rgb: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
+    """Exposure, white balance, gamma and blur of an image (H, W, 3)."""
+    level = np.arange(256)[:, None] / 255.0
+    table = 255.0 * np.clip(level * sensor.gain, 0.0, 1.0) ** sensor.gamma
+    table = np.clip(np.rint(table), 0, 255).astype(np.uint8)
+    out = np.stack([table[rgb[..., c], c] for c in range(3)], axis=-1)
+    if sensor.blur_px > 0:
+        out = np.stack([gaussian_filter(out[..., c], sensor.blur_px, truncate=3.0) for c in range(3)], axis=-1)
+    return out
+
+
+def add_noise(rgb: NDArray[np.uint8], sensor: Sensor, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Gaussian read-out noise on an image (H, W, 3)."""
+    if sensor.noise == 0:
+        return rgb
+    noisy = rgb + np.float32(sensor.noise) * rng.standard_normal(rgb.shape, dtype=np.float32)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)

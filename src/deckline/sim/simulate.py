@@ -1,0 +1,118 @@
+"""Frames of a simulated recording: the same configuration and index always give the same frame."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.geometry import camera_mount
+from deckline.haze import add_haze, beta_from_visibility
+from deckline.sim.config import SimConfig
+from deckline.sim.layout import Layout, cvn_layout, paper_layout, random_layout, world_points
+from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, deck_coat, random_edge, random_surface
+from deckline.sim.render import Renderer, Ship, View
+from deckline.sim.sensor import add_noise, develop, random_sensor
+from deckline.sim.structure import build_structure
+from deckline.sim.trajectory import Viewpoint, approach_view, random_view
+from deckline.sim.weather import Weather, random_airlight, random_weather, sun_direction
+from deckline.types import Frame, Segment, Truth
+
+NO_RUNWAY = 0.08  # part of the training ships without a runway; half of those views show open sea only
+APPROACH_SENSOR = 0.15  # how far the camera strays on an approach, of what training wants
+VEHICLE, CAMERA = "deckline", "front"
+
+
+def frames(config: SimConfig, start: int = 0) -> Iterator[Frame]:
+    """Frames `start`, `start + 1`, ... of a recording.
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine.
+        ValueError: a negative start.
+    """
+    if start < 0:
+        raise ValueError(f"start must not be negative, got {start}")
+    with Renderer() as renderer:
+        loaded = -1
+        for index in range(start, config.frames):
+            block = 0 if config.trajectory == "approach" else index // config.frames_per_ship
+            if block != loaded:
+                ship, runway, sun = build_ship(config, block)
+                renderer.load(ship, sun)
+                loaded = block
+            yield _frame(config, index, renderer, ship, runway, sun)
+
+
+def build_ship(config: SimConfig, block: int) -> tuple[Ship, bool, NDArray[np.float64]]:
+    """Ship of a block of frames, whether it has a runway, and the sun's direction (3,) in the world."""
+    rng = np.random.default_rng([config.seed, 2, block])
+    runway = config.preset != "train" or rng.random() >= NO_RUNWAY
+    if config.preset == "paper":
+        layout, style = paper_layout(), PAPER_EDGE
+    elif config.preset == "cvn":
+        layout, style = cvn_layout(), CVN_EDGE
+    else:
+        layout, style = random_layout(rng), random_edge(rng)
+    structure = build_structure(layout, runway, rng)
+    coat = deck_coat(layout, style, runway, rng)
+    ship = Ship(layout, coat, random_surface(rng), structure.mesh, structure.casters, structure.stern_half_m)
+    return ship, runway, sun_direction(rng)
+
+
+def _frame(
+    config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway: bool, sun: NDArray[np.float64]
+) -> Frame:
+    rng = np.random.default_rng([config.seed, 3, index])
+    approach = config.trajectory == "approach"
+    whole = np.random.default_rng([config.seed, 4]) if approach else rng  # an approach keeps its weather
+    weather = random_weather(whole)
+    visibility, airlight = draw_haze(config, weather, whole)
+    view = approach_view(config, ship.layout, index) if approach else random_view(config, ship.layout, index, rng)
+    open_sea = not runway and bool(rng.random() < 0.5)
+    deck_z = float(ship.layout.world_from_ship.translation[2])
+    picture = renderer.render(
+        view.camera, view.world_from_body * camera_mount(), weather, sun,
+        deck_z + ship.layout.deck_height_m, view.time_s, with_ship=not open_sea,
+    )  # fmt: skip
+    sensor = random_sensor(APPROACH_SENSOR if approach else 1.0, whole)
+    clear = develop(picture.rgb, sensor)
+    hazy = _hazy(clear, picture, view, visibility, airlight)
+    sides = truth_segments(ship.layout) if runway else (None, None)
+    truth = Truth(
+        *sides,
+        visibility_m=visibility,
+        airlight_rgb=(float(airlight[0]), float(airlight[1]), float(airlight[2])),
+        clear_rgb=clear if config.keep_clear else None,
+    )
+    depth = np.where(picture.depth_m <= config.depth_range_m, picture.depth_m, np.float32(np.nan))
+    return Frame(
+        file=f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png",
+        time_s=view.time_s,
+        image_rgb=add_noise(hazy, sensor, rng),
+        camera=view.camera,
+        depth_m=depth,
+        world_from_body=view.world_from_body,
+        deck_z_m=deck_z,
+        truth=truth,
+    )
+
+
+def _hazy(
+    clear: NDArray[np.uint8], picture: View, view: Viewpoint, visibility_m: float, airlight: NDArray[np.float64]
+) -> NDArray[np.uint8]:
+    if np.isinf(visibility_m):
+        return clear
+    range_m = picture.depth_m * view.camera.ray_lengths()
+    return add_haze(clear, range_m, beta_from_visibility(visibility_m), airlight)
+
+
+def draw_haze(config: SimConfig, weather: Weather, rng: np.random.Generator) -> tuple[float, NDArray[np.float64]]:
+    """Visibility, m, uniform in the configured limits, and airlight (3,) in 0..255."""
+    low, high = config.visibility_m
+    visibility = high if low == high or np.isinf(high) else float(rng.uniform(low, high))
+    return visibility, random_airlight(weather, rng)
+
+
+def truth_segments(layout: Layout) -> tuple[Segment, Segment]:
+    """Middle of the left and of the right edge marking in the world, ramp end first."""
+    left, right = world_points(layout, layout.left_m), world_points(layout, layout.right_m)
+    return Segment(left[0], left[1]), Segment(right[0], right[1])
