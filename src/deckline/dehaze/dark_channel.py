@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deckline.dehaze.base import check_image
 
-Image = NDArray[np.float32]
+Image = NDArray[np.floating]  # float32; (H, W, 3) in 0..1 or (H, W)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def dark_channel(image: Image, patch_px: int) -> Image:
     """Minimum over colours and a square window; (H, W, 3) -> (H, W)."""
     import cv2
 
-    return cv2.erode(image.min(axis=2), np.ones((patch_px, patch_px), np.uint8))
+    return np.asarray(cv2.erode(image.min(axis=2), np.ones((patch_px, patch_px), np.uint8)), dtype=np.float32)
 
 
 def estimate_airlight(image: Image, dark: Image, fraction: float) -> Image:
@@ -79,7 +79,8 @@ def guided_filter(guide: Image, values: Image, radius_px: int, eps: float) -> Im
 
     def box(x: Image) -> Image:
         side = 2 * radius_px + 1
-        return cv2.boxFilter(x, cv2.CV_32F, (side, side), borderType=cv2.BORDER_REPLICATE)
+        smooth = cv2.boxFilter(x, cv2.CV_32F, (side, side), borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(smooth, dtype=np.float32)
 
     mean_guide, mean_values = box(guide), box(values)
     variance = np.maximum(box(guide * guide) - mean_guide * mean_guide, 0)

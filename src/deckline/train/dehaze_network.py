@@ -76,9 +76,10 @@ class DehazeNetwork(nn.Module):
         self.bottleneck = nn.Sequential(mix[2], vit[2])
         self.up_half, self.fuse_half, self.decoder_half = up(4 * c), SKFusion(2 * c), mix[3]
         self.up_full, self.fuse_full, self.decoder_full = up(2 * c), SKFusion(c), mix[4]
-        self.head = nn.Sequential(ChannelNorm(c), nn.Conv2d(c, 4, 3, padding=1))
-        nn.init.zeros_(self.head[1].weight)  # an untrained network returns its input
-        nn.init.zeros_(self.head[1].bias)
+        last = nn.Conv2d(c, 4, 3, padding=1)
+        nn.init.zeros_(last.weight)  # an untrained network returns its input
+        last.bias = nn.Parameter(torch.zeros(4))
+        self.head = nn.Sequential(ChannelNorm(c), last)
         self.log_guide_eps = nn.Parameter(torch.tensor(-7.0))  # of the guided filter, image range 0..1; learned
 
     def forward(self, image: Tensor, working: Tensor | None = None) -> Tensor:

@@ -1,0 +1,226 @@
+"""Train the dehazing network: `train_dehaze`. A plain loop that resumes from its own checkpoint."""
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from torch import Tensor
+
+from deckline.train.checkpoint import load_checkpoint, read_progress, save_checkpoint, stop_on_interrupt
+from deckline.train.dehaze_data import ClearViews, HazeAugmentation, training_batch
+from deckline.train.dehaze_finish import export_dehaze, validate
+from deckline.train.dehaze_network import SIZES, DehazeNetwork, DehazeNetworkConfig, count_parameters
+from deckline.train.schedule import averaged, fraction_done, learning_rate
+
+MSE_FLOOR = 1e-5  # 50 dB: better than that earns nothing, or the clear images would outweigh the hazy ones
+PREFETCH = 3  # batches made ahead
+
+
+@dataclass(frozen=True)
+class DehazeTrainConfig:
+    """Recipe. The paper's: 600 k steps, batch 16, crops of 512x512, AdamW, lr 5e-4 cosine to 1e-7, PSNRLoss."""
+
+    size: Literal["t", "s", "b"] = "t"
+    unshuffle: int = 4  # image px per px of the network's grid; 1 is the paper's full resolution
+    steps: int = 600_000
+    minutes: float | None = None  # stop after so much training time; the schedule follows whichever ends first
+    batch: int = 4
+    crop_height: int = 288  # px
+    crop_width: int = 512  # px
+    lr: float = 5e-4
+    lr_end: float = 1e-7
+    warm_up: float = 0.02  # of the run
+    weight_decay: float = 4e-3
+    clip_norm: float = 1.0  # of the gradient
+    ema_decay: float = 0.999  # of the averaged weights, which are the ones exported
+    held_out: float = 0.05  # of every recording, for validation
+    working_long_side_px: int = 640  # a coarse network sees larger images averaged down to about this
+    checkpoint_every: int = 500  # steps
+    threads: int = 0  # of torch on a CPU; 0 leaves torch's own choice
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    seed: int = 0
+    haze: HazeAugmentation = field(default_factory=HazeAugmentation)
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "batch", "crop_height", "crop_width", "checkpoint_every", "unshuffle"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.minutes is not None and self.minutes <= 0:
+            raise ValueError(f"minutes must be positive, got {self.minutes}")
+        if self.size not in SIZES:
+            raise ValueError(f"size must be one of {', '.join(SIZES)}, got {self.size!r}")
+
+    @property
+    def network(self) -> DehazeNetworkConfig:
+        return replace(SIZES[self.size], unshuffle=self.unshuffle)
+
+
+def psnr_loss(restored: Tensor, clear: Tensor) -> Tensor:
+    """PSNRLoss: mean over images of -PSNR in dB; (B, 3, H, W) each, in 0..1. Source: SPEC section 2."""
+    mse = ((restored - clear) ** 2).mean((1, 2, 3))
+    return 10 * torch.log10(mse + MSE_FLOOR).mean()
+
+
+def train_dehaze(config: DehazeTrainConfig, recordings: list[Path], out: Path) -> dict[str, float]:
+    """Train until the budget is used, then validate and export `out`/dehaze.onnx.
+
+    Args:
+        config: recipe; a checkpoint in `out` must have been made with the same one, budget and device apart.
+        recordings: clear recordings with full depth.
+        out: folder of checkpoint.safetensors and dehaze.onnx.
+
+    Returns:
+        Measured figures by name; {} when interrupted (the checkpoint is saved).
+
+    Raises:
+        ValueError: recordings without what training needs, or another recipe's checkpoint.
+        FloatingPointError: the loss stopped being a number.
+    """
+    console = Console()
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    device = torch.device(_device(config.device))
+    torch.manual_seed(config.seed)
+    model = DehazeNetwork(config.network).to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    optimizer = torch.optim.AdamW(model.parameters(), config.lr, (0.9, 0.999), weight_decay=config.weight_decay)
+    ema, step, seconds = _resume(config, model, optimizer, out)
+    views = ClearViews(recordings, config.held_out)
+    console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {step}")
+    step, finished = _run(config, model, optimizer, ema, views, out, step, seconds, console)
+    if not finished:
+        console.print(f"interrupted; give the same command again to go on from step {step}")
+        return {}
+    model.load_state_dict(ema)
+    figures = validate(model, ClearViews(recordings, config.held_out, train=False), config.seed)
+    path = export_dehaze(model, out / "dehaze.onnx", config.working_long_side_px, _recipe(config), step)
+    for name, value in figures.items():
+        console.print(f"{name} = {value:.4g}")
+    console.print(str(path))
+    return figures
+
+
+def _run(
+    config: DehazeTrainConfig,
+    model: DehazeNetwork,
+    optimizer: torch.optim.Optimizer,
+    ema: dict[str, Tensor],
+    views: ClearViews,
+    out: Path,
+    step: int,
+    seconds: float,
+    console: Console,
+) -> tuple[int, bool]:
+    """Steps until the budget is used or Ctrl-C; returns (steps done, whether the budget was used)."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    recent = 0.0
+    with stop_on_interrupt() as stopped, Progress(*columns, console=console) as progress:
+        bar = progress.add_task("training", total=1.0)
+        last = time.monotonic()
+        for hazy, clear in _batches(config, views, step):
+            fraction = fraction_done(step, config.steps, seconds, config.minutes)
+            if fraction >= 1 or stopped.is_set():
+                break
+            rate = learning_rate(fraction, config.lr, config.lr_end, config.warm_up)
+            loss = _step(model, optimizer, hazy, clear, rate, config.clip_norm)
+            if not np.isfinite(loss):
+                raise FloatingPointError(f"loss is {loss} at step {step}; lower lr ({config.lr}) and start again")
+            averaged(ema, model, config.ema_decay, step)
+            step += 1
+            seconds += time.monotonic() - last
+            last = time.monotonic()
+            recent = -loss if recent == 0 else 0.98 * recent - 0.02 * loss
+            progress.update(bar, completed=fraction, description=f"step {step}, {recent:.2f} dB")
+            if step % config.checkpoint_every == 0:
+                _save(config, model, optimizer, ema, step, seconds, out)
+                console.print(f"step {step}, {seconds / 60:.1f} min, lr {rate:.2e}, training PSNR {recent:.2f} dB")
+    _save(config, model, optimizer, ema, step, seconds, out)
+    return step, fraction_done(step, config.steps, seconds, config.minutes) >= 1
+
+
+def _step(
+    model: DehazeNetwork, optimizer: torch.optim.Optimizer, hazy: Tensor, clear: Tensor, rate: float, clip: float
+) -> float:
+    device = next(model.parameters()).device
+    hazy, clear = (x.to(device, memory_format=torch.channels_last) for x in (hazy, clear))
+    for group in optimizer.param_groups:
+        group["lr"] = rate
+    precision = torch.autocast("cuda", torch.bfloat16) if device.type == "cuda" else nullcontext()
+    with precision:
+        loss = psnr_loss(model(hazy).float(), clear)
+    optimizer.zero_grad()
+    loss.backward()
+    torch.nn.utils.clip_grad_norm_(model.parameters(), clip)
+    optimizer.step()
+    return loss.item()
+
+
+def _batches(config: DehazeTrainConfig, views: ClearViews, start: int) -> Iterator[tuple[Tensor, Tensor]]:
+    """Batches of the steps from `start` on, made ahead by threads."""
+    crop = (config.crop_height, config.crop_width)
+
+    def batch(step: int) -> tuple[Tensor, Tensor]:
+        return training_batch(views, config.batch, crop, config.haze, [config.seed, step])
+
+    with ThreadPoolExecutor(2) as pool:
+        waiting = [pool.submit(batch, start + k) for k in range(PREFETCH)]
+        try:
+            for step in range(start, config.steps + 1):
+                waiting.append(pool.submit(batch, step + PREFETCH))
+                yield waiting.pop(0).result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _resume(
+    config: DehazeTrainConfig, model: DehazeNetwork, optimizer: torch.optim.Optimizer, out: Path
+) -> tuple[dict[str, Tensor], int, float]:
+    progress = read_progress(out)
+    if progress is None:
+        return {name: value.detach().clone() for name, value in model.state_dict().items()}, 0, 0.0
+    if progress["recipe"] != _recipe(config):
+        changed = [name for name, value in _recipe(config).items() if progress["recipe"].get(name) != value]
+        raise ValueError(
+            f"{out} holds a checkpoint of another recipe ({', '.join(changed)} differ): use another folder"
+        )
+    loaded = load_checkpoint(out, model, optimizer)
+    if loaded is None or loaded[0] is None:
+        raise ValueError(f"{out}: the checkpoint holds no averaged weights")
+    device = next(model.parameters()).device
+    return {name: value.to(device) for name, value in loaded[0].items()}, progress["step"], progress["seconds"]
+
+
+def _save(
+    config: DehazeTrainConfig,
+    model: DehazeNetwork,
+    optimizer: torch.optim.Optimizer,
+    ema: dict[str, Tensor],
+    step: int,
+    seconds: float,
+    out: Path,
+) -> None:
+    save_checkpoint(out, model, optimizer, ema, {"recipe": _recipe(config), "step": step, "seconds": seconds})
+
+
+def _recipe(config: DehazeTrainConfig) -> dict[str, Any]:
+    """What must stay the same when a run goes on: all but budget and machine; tuples as JSON gives them back."""
+    keys = asdict(config)
+    for name in ("steps", "minutes", "threads", "device", "checkpoint_every"):
+        del keys[name]
+    keys["haze"] = {name: list(v) if isinstance(v, tuple) else v for name, v in keys["haze"].items()}
+    return keys
+
+
+def _device(wanted: str) -> str:
+    if wanted == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if wanted == "cuda" and not torch.cuda.is_available():
+        raise ValueError("device cuda was asked for, but torch sees no CUDA device")
+    return wanted

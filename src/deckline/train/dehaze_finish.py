@@ -1,0 +1,74 @@
+"""What follows training: figures on held-out views, and the ONNX file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from deckline.dehaze.network_io import image_to_tensor, tensor_to_image
+from deckline.haze import add_haze, beta_from_visibility
+from deckline.train.dehaze_data import ClearViews, random_airlight
+from deckline.train.dehaze_network import DehazeNetwork, network_metadata
+from deckline.train.export import export_onnx
+
+VALIDATION_VISIBILITY_M = (500.0, 3000.0)  # uniform; the range that the project's mark is set for
+VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
+HORIZON_SHARE = 0.6  # of the airlights, as in training
+
+
+@torch.no_grad()
+def validate(model: DehazeNetwork, views: ClearViews, seed: int) -> dict[str, float]:
+    """PSNR (dB) and SSIM on whole held-out views, hazy as they come and dehazed, and PSNR on haze-free ones.
+
+    Haze depends on `seed` and the view alone, so that runs can be compared.
+    """
+    from deckline.evaluate.metrics import psnr_db, ssim
+
+    was_training = model.training
+    model.eval()
+    rows = []
+    for index in np.linspace(0, len(views) - 1, min(len(views), VALIDATION_VIEWS)).round().astype(int):
+        view = views[int(index)]
+        rng = np.random.default_rng([seed, int(index)])
+        airlight = random_airlight(view.horizon_rgb, HORIZON_SHARE, rng)
+        beta = beta_from_visibility(rng.uniform(*VALIDATION_VISIBILITY_M))
+        hazy = add_haze(view.clear_rgb, view.range_m, beta, airlight)
+        dehazed = _dehaze(model, hazy)
+        untouched = _dehaze(model, view.clear_rgb)
+        clear = view.clear_rgb
+        pairs = (hazy, dehazed, untouched)
+        rows.append([*(psnr_db(clear, image) for image in pairs), ssim(clear, hazy), ssim(clear, dehazed)])
+    model.train(was_training)
+    # A view that comes out untouched has infinite PSNR; 60 dB stands for it in the mean.
+    means = np.minimum(rows, 60.0).mean(axis=0)
+    names = ("psnr_db_hazy.mean", "psnr_db.mean", "psnr_db_clear_air.mean", "ssim_hazy.mean", "ssim.mean")
+    return {**dict(zip(names, means.tolist(), strict=True)), "views": float(len(rows))}
+
+
+def export_dehaze(
+    model: DehazeNetwork, path: Path, working_long_side_px: int, recipe: dict[str, Any], step: int
+) -> Path:
+    """Write the network as ONNX with dynamic height and width; recipe and network config go into the metadata."""
+    coarse = model.config.unshuffle > 1
+    device = next(model.parameters()).device
+    dynamic = {"image": {2: "height", 3: "width"}, "clear": {2: "height", 3: "width"}}
+    args = [torch.rand(1, 3, 128, 192, device=device)]
+    if coarse:
+        dynamic["working"] = {2: "working_height", 3: "working_width"}
+        args.append(torch.rand(1, 3, 64, 96, device=device))
+    metadata = {
+        "kind": "dehaze",
+        "network": network_metadata(model.config),
+        "working_long_side_px": working_long_side_px,
+        "recipe": recipe,
+        "step": step,
+    }
+    names = ["image", "working"] if coarse else ["image"]
+    return export_onnx(model, tuple(args), path, names, ["clear"], dynamic, metadata)
+
+
+def _dehaze(model: DehazeNetwork, image_rgb: np.ndarray) -> np.ndarray:
+    device = next(model.parameters()).device
+    tensor = torch.from_numpy(image_to_tensor(image_rgb)).to(device)
+    return tensor_to_image(model(tensor).float().cpu().numpy())
