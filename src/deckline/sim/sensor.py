@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+SKY_TARGET = 0.8  # what automatic exposure makes of the sky near the horizon
+
 
 @dataclass(frozen=True)
 class Sensor:
@@ -17,9 +19,10 @@ class Sensor:
     noise: float = 0.0  # 1-sigma, 8-bit steps
 
 
-def random_sensor(strength: float, rng: np.random.Generator) -> Sensor:
-    """Settings that stray by `strength` (0: none, 1: as far as training wants)."""
-    exposure = np.exp(rng.normal(0.0, 0.15 * strength))
+def random_sensor(strength: float, sky_level: float, rng: np.random.Generator) -> Sensor:
+    """Settings that stray by `strength` (0: none, 1: as far as training wants), exposed for a sky of level 0..1."""
+    automatic = (SKY_TARGET / max(sky_level, 0.1)) ** rng.uniform(0.4, 1.0)
+    exposure = automatic * np.exp(rng.normal(0.0, 0.15 * strength))
     gain = exposure * np.exp(rng.normal(0.0, 0.04 * strength, 3))
     blur = rng.uniform(0.3, 1.1) if rng.random() < 0.4 * strength else 0.0
     return Sensor(

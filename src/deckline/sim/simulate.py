@@ -11,7 +11,7 @@ from deckline.sim.config import SimConfig
 from deckline.sim.layout import Layout, cvn_layout, paper_layout, random_layout, world_points
 from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, deck_coat, random_edge, random_surface
 from deckline.sim.render import Renderer, Ship, View
-from deckline.sim.sensor import add_noise, develop, random_sensor
+from deckline.sim.sensor import Sensor, add_noise, develop, random_sensor
 from deckline.sim.structure import build_structure
 from deckline.sim.trajectory import Viewpoint, approach_view, random_view
 from deckline.sim.weather import Weather, random_airlight, random_weather, sun_direction
@@ -65,7 +65,6 @@ def _frame(
     approach = config.trajectory == "approach"
     whole = np.random.default_rng([config.seed, 4]) if approach else rng  # an approach keeps its weather
     weather = random_weather(whole)
-    visibility, airlight = draw_haze(config, weather, whole)
     view = approach_view(config, ship.layout, index) if approach else random_view(config, ship.layout, index, rng)
     open_sea = not runway and bool(rng.random() < 0.5)
     deck_z = float(ship.layout.world_from_ship.translation[2])
@@ -73,7 +72,8 @@ def _frame(
         view.camera, view.world_from_body * camera_mount(), weather, sun,
         deck_z + ship.layout.deck_height_m, view.time_s, with_ship=not open_sea,
     )  # fmt: skip
-    sensor = random_sensor(APPROACH_SENSOR if approach else 1.0, whole)
+    sensor = random_sensor(APPROACH_SENSOR if approach else 1.0, float(np.mean(weather.horizon_rgb)), whole)
+    visibility, airlight = draw_haze(config, weather, sensor, whole)
     clear = develop(picture.rgb, sensor)
     hazy = _hazy(clear, picture, view, visibility, airlight)
     sides = truth_segments(ship.layout) if runway else (None, None)
@@ -105,11 +105,13 @@ def _hazy(
     return add_haze(clear, range_m, beta_from_visibility(visibility_m), airlight)
 
 
-def draw_haze(config: SimConfig, weather: Weather, rng: np.random.Generator) -> tuple[float, NDArray[np.float64]]:
+def draw_haze(
+    config: SimConfig, weather: Weather, sensor: Sensor, rng: np.random.Generator
+) -> tuple[float, NDArray[np.float64]]:
     """Visibility, m, uniform in the configured limits, and airlight (3,) in 0..255."""
     low, high = config.visibility_m
     visibility = high if low == high or np.isinf(high) else float(rng.uniform(low, high))
-    return visibility, random_airlight(weather, rng)
+    return visibility, random_airlight(np.array(weather.horizon_rgb) * sensor.gain, rng)
 
 
 def truth_segments(layout: Layout) -> tuple[Segment, Segment]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import Camera, attitude
+from deckline.geometry import Camera, attitude, camera_mount
 from deckline.sim.config import SimConfig
 from deckline.sim.layout import Layout, world_points
 from deckline.sim.paint import axes
@@ -15,7 +15,7 @@ GLIDESLOPE_RAD = np.deg2rad(3.5)  # SPEC section 7
 TOUCHDOWN_M = 70.0  # from the ramp: 230 ft, SPEC section 7
 RAMP_CLEARANCE_M = 3.05  # 10 ft, SPEC section 7
 SPEED_M_S = 65.0
-APPARENT_WIDTH = (0.012, 1.2)  # the runway's width at the ramp over the image's, for a view worth training on
+APPARENT_WIDTH = (0.012, 1.0)  # the runway's width at the ramp over the image's, for a view worth training on
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,28 @@ def approach_view(config: SimConfig, layout: Layout, index: int) -> Viewpoint:
 
 
 def random_view(config: SimConfig, layout: Layout, index: int, rng: np.random.Generator) -> Viewpoint:
-    """A view of the runway from somewhere around the glide path."""
+    """A view from somewhere around the glide path that shows enough of the runway, mostly more than half."""
+    enough = 0.2 if rng.random() < 0.12 else 0.65
+    for _ in range(40):
+        view = draw_view(config, layout, index, rng)
+        if runway_in_view(view, layout) >= enough:
+            break
+    return view
+
+
+def runway_in_view(view: Viewpoint, layout: Layout) -> float:
+    """Part of the two edge lines, measured along the deck, that lies inside the image, 0..1."""
+    steps = np.linspace(0.0, 1.0, 12)[:, None]
+    points = np.concatenate([line[0] + steps * (line[1] - line[0]) for line in (layout.left_m, layout.right_m)])
+    optical = (view.world_from_body * camera_mount()).inv().apply(world_points(layout, points))
+    pixels = view.camera.project(optical)
+    with np.errstate(invalid="ignore"):
+        inside = np.all((pixels >= 0) & (pixels <= [view.camera.width - 1, view.camera.height - 1]), axis=1)
+    return float(inside.mean())
+
+
+def draw_view(config: SimConfig, layout: Layout, index: int, rng: np.random.Generator) -> Viewpoint:
+    """Range, elevation, lateral offset, roll and where in the image the runway shall be."""
     range_m, fov_rad = draw_range(config, layout, rng)
     along, right, length = axes(*layout.centre_m)
     elevation = np.deg2rad(rng.uniform(2.0, 8.0))

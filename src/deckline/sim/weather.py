@@ -45,14 +45,15 @@ def sun_direction(rng: np.random.Generator) -> NDArray[np.float64]:
 def random_weather(rng: np.random.Generator) -> Weather:
     """From bright sun to overcast and dusk, from calm dark water to whitecaps."""
     overcast = rng.random() < 0.35
-    dusk = rng.random() < 0.15
+    dusk = rng.random() < 0.12
     level = rng.uniform(0.3, 0.5) if dusk else rng.uniform(0.6, 0.95)
-    bright = np.array([rng.uniform(0.72, 1.0), rng.uniform(0.82, 1.0), 1.0])
+    red = rng.uniform(0.72, 1.02)
+    bright = np.array([red, (red + 1.0) / 2 + rng.uniform(-0.02, 0.04), 1.0])
     horizon = level * (np.array([1.0, 0.85, 0.75]) if dusk and not overcast else bright)
     zenith = horizon * (rng.uniform(0.7, 1.05) if overcast else np.array([0.45, 0.65, 0.95]) * rng.uniform(0.7, 1.1))
     sun = 0.12 if overcast else rng.uniform(0.35, 1.0) * (0.5 if dusk else 1.0)
     sun_rgb = sun * np.array([1.0, rng.uniform(0.88, 1.0), rng.uniform(0.75, 0.98)])
-    ambient = (0.35 + 0.55 * level) * rng.uniform(0.7, 1.1) * np.array([0.95, 0.98, 1.04])
+    ambient = (0.4 + 0.7 * level) * rng.uniform(0.75, 1.15) * np.array([0.95, 0.98, 1.04])
     sea = rng.uniform(0.04, 0.32) * level * np.array([rng.uniform(0.25, 0.9), rng.uniform(0.7, 1.1), rng.uniform(0.8, 1.3)])
     foam = rng.uniform(0.55, 1.0) * level * np.array([rng.uniform(0.75, 1.0), rng.uniform(0.9, 1.0), 1.0])
     offset = rng.uniform(0, 50, 2)
@@ -82,9 +83,9 @@ def random_weather(rng: np.random.Generator) -> Weather:
     )
 
 
-def random_airlight(weather: Weather, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Colour of thick haze (3,) in 0..255: near the horizon's, greyer, sometimes tinted or darker."""
-    horizon = np.array(weather.horizon_rgb)
+def random_airlight(horizon_rgb: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """Colour of thick haze (3,) in 0..255: near the horizon's (3,) in 0..1, greyer, sometimes tinted or darker."""
+    horizon = np.minimum(horizon_rgb, 1.0)
     grey = np.full(3, horizon.mean())
     mixed = grey + (horizon - grey) * rng.uniform(0.0, 1.2)
     tint = 1.0 + rng.normal(0.0, 0.03, 3)

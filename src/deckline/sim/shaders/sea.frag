@@ -30,7 +30,8 @@ float wake_at(vec2 p) {
     float inside = smoothstep(half_m, half_m * 0.65 - 1.0, abs(s.y) + 14.0 * fine);
     float along = s.x < 0.0 ? exp(s.x / wake.z) : 0.0;
     float beside_m = wake.x * 1.15 + 6.0 + wake.y * 0.4 * (hull_m - s.x) + 14.0 * ragged + 10.0 * fine;
-    float beside = smoothstep(beside_m, beside_m * 0.7, abs(s.y)) * step(0.0, s.x) * smoothstep(hull_m * 1.02, hull_m * 0.9, s.x);
+    float beside = smoothstep(beside_m, beside_m * 0.6, abs(s.y)) * smoothstep(-0.5 * wake.z, 0.0, s.x + 20.0 * ragged)
+        * smoothstep(hull_m * 1.02, hull_m * 0.9, s.x);
     return wake.w * max(inside * along, 0.8 * beside) * (0.65 + 0.7 * (fine + 0.5));
 }
 
@@ -43,10 +44,14 @@ void main() {
     vec2 p = eye.xy + d.xy * t;
     vec2 q = p / wave_scale;
     vec2 drift = vec2(0.02, 0.013) * time_s;
-    vec2 slope = texture(noise_map, q * 0.06 + drift).ba + 0.7 * texture(noise_map, q * 0.017 - drift * 0.6 + offset).ba
-        + 0.5 * texture(noise_map, q * 0.004 + drift * 0.2).ba - 1.1;
-    slope *= wave_slope * 2.0;
-    slope += 0.12 * wave_slope * vec2(cos(dot(q, vec2(0.11, 0.06)) + time_s), sin(dot(q, vec2(-0.05, 0.09)) + 0.8 * time_s)) * exp(-t / 900.0);
+    const mat2 TURN = mat2(0.80, 0.60, -0.60, 0.80);  // keeps the tiles of the octaves from lining up
+    vec2 q1 = TURN * q;
+    vec2 q2 = TURN * q1;
+    vec2 slope = texture(noise_map, q * 0.06 + drift).ba + 0.7 * texture(noise_map, q1 * 0.0171 - drift * 0.6 + offset).ba
+        + 0.5 * texture(noise_map, q2 * 0.0039 + drift * 0.2).ba - 1.1;
+    slope *= wave_slope * (1.0 + 2.0 * texture(noise_map, q2 * 0.0007 + offset.yx).g);
+    vec2 swell = vec2(cos(dot(q, vec2(0.11, 0.06)) + time_s), sin(dot(q, vec2(-0.05, 0.09)) + 0.8 * time_s));
+    slope += 0.05 * wave_slope * swell * exp(-t / 400.0);
     vec3 n = normalize(vec3(slope, -1.0));
     float facing = max(dot(n, -d), 0.0);
     float fresnel = 0.02 + 0.98 * pow(1.0 - facing, 5.0);
