@@ -52,18 +52,18 @@ def random_edge(rng: np.random.Generator) -> EdgeStyle:
         width = rng.uniform(3 * rail, 3 * rail + 1.0)
     bar = rng.uniform(0.3, 1.0) if kind == "ladder" else rng.uniform(3.0, 12.0)
     pitch = bar + rng.uniform(0.8, 6.0)
-    white = rng.uniform(0.55, 0.95)
+    white = rng.uniform(0.6, 1.0)
     tint = np.array([1.0, 1.0, 1.0]) if rng.random() < 0.7 else np.array([1.0, rng.uniform(0.88, 1.0), 0.7])
     return EdgeStyle(kind, width, rail, bar, pitch, _rgb(white * tint * rng.uniform(0.97, 1.03, 3)))
 
 
 def random_surface(rng: np.random.Generator) -> DeckSurface:
     """Deck from nearly black to light grey, greenish or brownish."""
-    grey = rng.uniform(0.06, 0.42) if rng.random() < 0.8 else rng.uniform(0.42, 0.6)
+    grey = rng.uniform(0.06, 0.34) if rng.random() < 0.88 else rng.uniform(0.34, 0.5)
     tint = np.array([[1, 1, 1], [1, 0.98, 0.95], [0.94, 1.0, 0.95], [1.05, 0.97, 0.88], [0.93, 0.97, 1.06]])
     colour = grey * tint[rng.integers(len(tint))] * rng.uniform(0.96, 1.04, 3)
     offset = rng.uniform(0, 100, 2)
-    return DeckSurface(_rgb(colour), rng.uniform(0.1, 0.9), rng.beta(1.2, 2.0), (offset[0], offset[1]))
+    return DeckSurface(_rgb(colour), rng.uniform(0.1, 0.9), rng.beta(1.1, 3.0), (float(offset[0]), float(offset[1])))
 
 
 def edge_coat(line_m: NDArray[np.float64], style: EdgeStyle) -> Coat:
@@ -87,8 +87,8 @@ def runway_coat(layout: Layout, style: EdgeStyle, rng: np.random.Generator) -> C
     inner = half - style.width_m / 2 - 0.3
     coats = []
     if rng.random() < 0.5:
-        grey = rng.uniform(0.05, 0.6)
-        coats.append(fill(quad(start, end, (0.0, length), (-inner, inner)), [grey] * 3, rng.uniform(0.1, 0.7)))
+        grey = rng.uniform(0.05, 0.5)
+        coats.append(fill(quad(start, end, (0.0, length), (-inner, inner)), [grey] * 3, rng.uniform(0.1, 0.6)))
     coats.append(centre_coat(start, end, style, rng))
     coats += [tyre_marks(start, along, length, inner, rng), wires(start, end, inner, style, rng)]
     if rng.random() < 0.35:

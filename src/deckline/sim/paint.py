@@ -11,7 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 Coat = NDArray[np.float32]
 # Seven-segment figures: which of (top, upper left, upper right, middle, lower left, lower right, bottom) are painted.
-SEGMENTS = ("1110111", "0010010", "1011101", "1011011", "0111010", "1101011", "1101111", "1010010", "1111111", "1111011")
+SEGMENTS = (
+    "1110111",
+    "0010010",
+    "1011101",
+    "1011011",
+    "0111010",
+    "1101011",
+    "1101111",
+    "1010010",
+    "1111111",
+    "1111011",
+)
 
 
 def fill(polygon_m: ArrayLike, rgb: ArrayLike, opacity: ArrayLike = 1.0, wear: float = 1.0) -> Coat:

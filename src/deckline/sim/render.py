@@ -23,7 +23,6 @@ from deckline.sim.paint import Coat, fill, layers
 from deckline.sim.weather import Weather
 
 NEAR_M, FAR_M = 1.0, 20000.0  # clip planes of the depth buffer, which only sorts surfaces
-TEXELS_PER_M = 12.0
 SAMPLES = 4
 NOISE_SIZE = 512
 NO_EGL = (
@@ -47,6 +46,7 @@ class Ship:
     solids: Mesh
     casters: list[tuple[NDArray[np.float64], float]]  # convex footprint (N, 2) and height of what throws shadows
     stern_half_m: float
+    texels_per_m: float  # of the deck's paint
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,9 @@ class Renderer:
     def __init__(self) -> None:
         try:
             self.context = moderngl.create_context(standalone=True, backend="egl")
-        except Exception as error:  # moderngl raises bare Exception, ImportError or OSError, depending on what is missing
+        except (
+            Exception
+        ) as error:  # moderngl raises bare Exception, ImportError or OSError, depending on what is missing
             raise RendererError(NO_EGL.format(error=" ".join(str(error).split()))) from error
         program = self._program
         self.sea, self.sea_depth = program("fullscreen.vert", "sea.frag"), program("fullscreen.vert", "sea_depth.frag")
@@ -112,7 +114,7 @@ class Renderer:
 
     def _paint(self, ship: Ship, sun: NDArray[np.float64]) -> moderngl.Texture:
         low, high = ship.layout.outline_m.min(axis=0), ship.layout.outline_m.max(axis=0)
-        size = tuple(int(n) for n in np.ceil((high - low) * TEXELS_PER_M))
+        size = tuple(int(n) for n in np.ceil((high - low) * ship.texels_per_m))
         self.painter["paint_area"] = (*low, *(high - low))
         self.painter["noise_offset"] = ship.surface.noise_offset
         self.painter["grain"], self.painter["wear"] = ship.surface.grain, ship.surface.wear
@@ -121,6 +123,8 @@ class Renderer:
         self.noise.use(0)
         self.context.disable(moderngl.DEPTH_TEST)
         ground = fill([low, (high[0], low[1]), high, (low[0], high[1])], ship.surface.rgb, wear=0.0)
+        smooth.use()
+        smooth.clear(0.0, 0.0, 0.0, 1.0)
         smooth.color_mask = (True, True, True, False)
         smooth.use()
         self.context.enable(moderngl.BLEND)
@@ -128,7 +132,7 @@ class Renderer:
         self.context.disable(moderngl.BLEND)
         smooth.color_mask = (False, False, False, True)
         smooth.use()  # a mask takes effect when the frame buffer is bound
-        self._paint_coat(shadow_coat(ship, sun, ground))
+        self._paint_coat(shadow_coat(ship, sun))
         resolved = self.context.framebuffer([texture])
         self.context.copy_framebuffer(resolved, smooth)
         texture.build_mipmaps()
@@ -140,6 +144,8 @@ class Renderer:
         return texture
 
     def _paint_coat(self, coat: Coat) -> None:
+        if not len(coat):
+            return
         buffer = self.context.buffer(coat.tobytes())
         array = self.context.vertex_array(self.painter, [(buffer, "2f 4f 1f", "position", "colour", "worn")])
         array.render()
@@ -260,11 +266,9 @@ def deck_mesh(layout: Layout) -> Mesh:
     return triangles(np.concatenate([np.stack([p0, p1, s1], 1), np.stack([p0, s1, s0], 1)]), (0.0, 0.0, 0.0))
 
 
-def shadow_coat(ship: Ship, sun: NDArray[np.float64], ground: Coat) -> Coat:
-    """Opacity is light here: 1 everywhere, 0 where a caster's block stands between the deck and the sun."""
-    lit = ground.copy()
-    lit[:, 5] = 1.0
-    coats = [lit]
+def shadow_coat(ship: Ship, sun: NDArray[np.float64]) -> Coat:
+    """Where a caster's block stands between the deck and the sun; opacity is light here, none in these places."""
+    coats = []
     direction = ship.layout.world_from_ship.rotation.inv().apply(sun)
     for footprint, height in ship.casters:
         shift = direction[:2] / max(direction[2], 0.05) * height

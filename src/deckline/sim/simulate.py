@@ -1,11 +1,12 @@
 """Frames of a simulated recording: the same configuration and index always give the same frame."""
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.geometry import camera_mount
+from deckline.geometry import Camera, camera_mount
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.sim.config import SimConfig
 from deckline.sim.layout import Layout, cvn_layout, paper_layout, random_layout, world_points
@@ -19,6 +20,8 @@ from deckline.types import Frame, Segment, Truth
 
 NO_RUNWAY = 0.08  # part of the training ships without a runway; half of those views show open sea only
 APPROACH_SENSOR = 0.15  # how far the camera strays on an approach, of what training wants
+TEXELS_PER_M = 12.0
+TRAIN_TEXELS_PER_M = 8.0  # coarser: a new deck is painted every few frames
 VEHICLE, CAMERA = "deckline", "front"
 
 
@@ -54,7 +57,9 @@ def build_ship(config: SimConfig, block: int) -> tuple[Ship, bool, NDArray[np.fl
         layout, style = random_layout(rng), random_edge(rng)
     structure = build_structure(layout, runway, rng)
     coat = deck_coat(layout, style, runway, rng)
-    ship = Ship(layout, coat, random_surface(rng), structure.mesh, structure.casters, structure.stern_half_m)
+    texels = TRAIN_TEXELS_PER_M if config.preset == "train" else TEXELS_PER_M
+    solids = structure.mesh, structure.casters, structure.stern_half_m
+    ship = Ship(layout, coat, random_surface(rng), *solids, texels_per_m=texels)
     return ship, runway, sun_direction(rng)
 
 
@@ -101,8 +106,15 @@ def _hazy(
 ) -> NDArray[np.uint8]:
     if np.isinf(visibility_m):
         return clear
-    range_m = picture.depth_m * view.camera.ray_lengths()
+    camera = view.camera
+    range_m = picture.depth_m * _ray_lengths(camera.width, camera.height, camera.fx)
     return add_haze(clear, range_m, beta_from_visibility(visibility_m), airlight)
+
+
+@lru_cache(maxsize=4)
+def _ray_lengths(width: int, height: int, focal_px: float) -> NDArray[np.float32]:
+    """Camera.ray_lengths of the simulator's pinhole, kept because a recording seldom changes its camera."""
+    return Camera(width, height, focal_px, focal_px, (width - 1) / 2.0, (height - 1) / 2.0).ray_lengths()
 
 
 def draw_haze(

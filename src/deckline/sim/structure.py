@@ -45,10 +45,7 @@ def slab_mesh(layout: Layout, paint: NDArray[np.float64], rng: np.random.Generat
         for k in ramp:
             walls[3 * k : 3 * k + 3, 6:] = shade
     under = np.array(
-        [
-            [[*edge[k], SLAB_M], [*edge[k + 1], SLAB_M], [*edge[2 * n - 1 - k], SLAB_M]]
-            for k in range(n - 1)
-        ]
+        [[[*edge[k], SLAB_M], [*edge[k + 1], SLAB_M], [*edge[2 * n - 1 - k], SLAB_M]] for k in range(n - 1)]
         + [
             [[*edge[k + 1], SLAB_M], [*edge[2 * n - 2 - k], SLAB_M], [*edge[2 * n - 1 - k], SLAB_M]]
             for k in range(n - 1)
@@ -107,7 +104,12 @@ def stern_details(
 
 
 def sponson(
-    layout: Layout, edge_m: NDArray[np.float64], side: float, beam_m: float, paint: NDArray[np.float64], rng: np.random.Generator
+    layout: Layout,
+    edge_m: NDArray[np.float64],
+    side: float,
+    beam_m: float,
+    paint: NDArray[np.float64],
+    rng: np.random.Generator,
 ) -> Mesh:
     """A wedge that carries an overhanging part of the deck."""
     x = rng.uniform(0.0, 0.75) * layout.length_m
@@ -176,7 +178,14 @@ def parked_mesh(
 ) -> tuple[Mesh, list[tuple[NDArray[np.float64], float]]]:
     """Aircraft and vehicles on the rest of the deck, sometimes many, sometimes none."""
     parts, casters = [], []
-    colours = [(0.55, 0.57, 0.6), (0.4, 0.42, 0.45), (0.75, 0.6, 0.1), (0.8, 0.8, 0.8), (0.5, 0.12, 0.1), (0.25, 0.3, 0.22)]
+    colours = [
+        (0.55, 0.57, 0.6),
+        (0.4, 0.42, 0.45),
+        (0.75, 0.6, 0.1),
+        (0.8, 0.8, 0.8),
+        (0.5, 0.12, 0.1),
+        (0.25, 0.3, 0.22),
+    ]
     for _ in range(rng.integers(0, 30)):
         x = rng.uniform(0.05, 0.95) * layout.length_m
         limits = [float(np.interp(x, layout.stations_m, edge)) for edge in (layout.port_m, layout.starboard_m)]
@@ -194,8 +203,18 @@ def parked_mesh(
 
 def aircraft_mesh(x_m: float, y_m: float, yaw_rad: float, size_m: float, rgb: NDArray[np.float64]) -> Mesh:
     """Fuselage, wings and twin fins."""
-    body = place(np.array([[-0.5, -0.07], [0.25, -0.07], [0.5, -0.01], [0.5, 0.01], [0.25, 0.07], [-0.5, 0.07]]) * size_m, x_m, y_m, yaw_rad)
-    wing = place(np.array([[-0.3, -0.38], [-0.15, -0.38], [0.15, 0.0], [-0.15, 0.38], [-0.3, 0.38], [-0.25, 0.0]]) * size_m, x_m, y_m, yaw_rad)
+    body = place(
+        np.array([[-0.5, -0.07], [0.25, -0.07], [0.5, -0.01], [0.5, 0.01], [0.25, 0.07], [-0.5, 0.07]]) * size_m,
+        x_m,
+        y_m,
+        yaw_rad,
+    )
+    wing = place(
+        np.array([[-0.3, -0.38], [-0.15, -0.38], [0.15, 0.0], [-0.15, 0.38], [-0.3, 0.38], [-0.25, 0.0]]) * size_m,
+        x_m,
+        y_m,
+        yaw_rad,
+    )
     parts = [frustum(body, -0.9, body, -2.3, rgb), frustum(wing, -1.6, wing, -1.9, rgb * 0.9)]
     for side in (-0.1, 0.1):
         fx, fy = place(np.array([[-0.42 * size_m, side * size_m]]), x_m, y_m, yaw_rad)[0]

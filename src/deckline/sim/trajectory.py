@@ -27,13 +27,13 @@ class Viewpoint:
     time_s: float
 
 
-def looking(position_m: NDArray[np.float64], target_m: NDArray[np.float64], nudge_rad: NDArray[np.float64]) -> RigidTransform:
+def looking(
+    position_m: NDArray[np.float64], target_m: NDArray[np.float64], nudge_rad: NDArray[np.float64]
+) -> RigidTransform:
     """world_from_body at a position whose nose points at a target, then turned by (roll, pitch, yaw)."""
     delta = target_m - position_m
     yaw, pitch = np.arctan2(delta[1], delta[0]), np.arctan2(-delta[2], np.hypot(delta[0], delta[1]))
-    return RigidTransform.from_components(
-        position_m, attitude(nudge_rad[0], pitch + nudge_rad[1], yaw + nudge_rad[2])
-    )
+    return RigidTransform.from_components(position_m, attitude(nudge_rad[0], pitch + nudge_rad[1], yaw + nudge_rad[2]))
 
 
 def smooth_noise(phase: float, rng: np.random.Generator, waves: int = 4) -> float:

@@ -54,7 +54,11 @@ def random_weather(rng: np.random.Generator) -> Weather:
     sun = 0.12 if overcast else rng.uniform(0.35, 1.0) * (0.5 if dusk else 1.0)
     sun_rgb = sun * np.array([1.0, rng.uniform(0.88, 1.0), rng.uniform(0.75, 0.98)])
     ambient = (0.4 + 0.7 * level) * rng.uniform(0.75, 1.15) * np.array([0.95, 0.98, 1.04])
-    sea = rng.uniform(0.04, 0.32) * level * np.array([rng.uniform(0.25, 0.9), rng.uniform(0.7, 1.1), rng.uniform(0.8, 1.3)])
+    sea = (
+        rng.uniform(0.04, 0.32)
+        * level
+        * np.array([rng.uniform(0.25, 0.9), rng.uniform(0.7, 1.1), rng.uniform(0.8, 1.3)])
+    )
     foam = rng.uniform(0.55, 1.0) * level * np.array([rng.uniform(0.75, 1.0), rng.uniform(0.9, 1.0), 1.0])
     offset = rng.uniform(0, 50, 2)
     return Weather(
@@ -79,7 +83,7 @@ def random_weather(rng: np.random.Generator) -> Weather:
         wake_rgb=_rgb(foam),
         wet=max(0.0, rng.uniform(-0.3, 0.5)),
         anisotropy=float(rng.choice([1.0, 2.0, 4.0, 16.0])),
-        offset=(offset[0], offset[1]),
+        offset=(float(offset[0]), float(offset[1])),
     )
 
 

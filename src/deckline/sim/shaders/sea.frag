@@ -35,35 +35,43 @@ float wake_at(vec2 p) {
     return wake.w * max(inside * along, 0.8 * beside) * (0.65 + 0.7 * (fine + 0.5));
 }
 
-void main() {
-    vec2 pixel = gl_FragCoord.xy - 0.5;
-    vec3 ray = world_from_optical * vec3((pixel - lens.zw) / lens.xy, 1.0);
-    vec3 d = normalize(ray);
-    float slant = fwidth(d.z);
-    float t = (sea_z - eye.z) / max(d.z, 1e-4);
+vec3 sea(vec3 d, float t) {
     vec2 p = eye.xy + d.xy * t;
     vec2 q = p / wave_scale;
     vec2 drift = vec2(0.02, 0.013) * time_s;
     const mat2 TURN = mat2(0.80, 0.60, -0.60, 0.80);  // keeps the tiles of the octaves from lining up
     vec2 q1 = TURN * q;
     vec2 q2 = TURN * q1;
-    vec2 slope = texture(noise_map, q * 0.06 + drift).ba + 0.7 * texture(noise_map, q1 * 0.0171 - drift * 0.6 + offset).ba
-        + 0.5 * texture(noise_map, q2 * 0.0039 + drift * 0.2).ba - 1.1;
-    slope *= wave_slope * (1.0 + 2.0 * texture(noise_map, q2 * 0.0007 + offset.yx).g);
-    vec2 swell = vec2(cos(dot(q, vec2(0.11, 0.06)) + time_s), sin(dot(q, vec2(-0.05, 0.09)) + 0.8 * time_s));
-    slope += 0.05 * wave_slope * swell * exp(-t / 400.0);
+    vec4 broad = texture(noise_map, q2 * 0.0039 + drift * 0.2);
+    vec2 slope = texture(noise_map, q * 0.06 + drift).ba
+        + 0.7 * texture(noise_map, q1 * 0.0171 - drift * 0.6 + offset).ba + 0.5 * broad.ba - 1.1;
+    slope *= wave_slope * (0.6 + 1.6 * broad.r);
+    vec2 phase = vec2(dot(q, vec2(0.11, 0.06)) + time_s, dot(q, vec2(-0.05, 0.09)) + 0.8 * time_s) + 25.0 * broad.rg;
+    slope += 0.06 * wave_slope * sin(phase) * exp(-t / 400.0);
     vec3 n = normalize(vec3(slope, -1.0));
-    float facing = max(dot(n, -d), 0.0);
-    float fresnel = 0.02 + 0.98 * pow(1.0 - facing, 5.0);
+    float fresnel = 0.02 + 0.98 * pow(1.0 - max(dot(n, -d), 0.0), 5.0);
     vec3 mirrored = reflect(d, n);
     mirrored.z = -abs(mirrored.z);
     vec3 rgb = sea_rgb * (ambient_rgb + 0.5 * sun_rgb) * (0.8 + 1.2 * (slope.x + slope.y));
     rgb = mix(rgb, sky_base(mirrored), clamp(fresnel * sea_sheen, 0.0, 1.0));
     rgb += glint * sun_rgb * pow(max(dot(mirrored, -sun), 0.0), 120.0);
-    float caps = texture(noise_map, q * 0.05 + offset).r * texture(noise_map, q * 0.006 - offset).g;
-    rgb = mix(rgb, wake_rgb, 0.8 * smoothstep(0.62 - 0.25 * whitecaps, 0.75 - 0.2 * whitecaps, caps) * step(0.01, whitecaps));
-    rgb = mix(rgb, wake_rgb, clamp(wake_at(p), 0.0, 1.0));
-    rgb = mix(rgb, horizon_rgb, 1.0 - exp(-t / fade_m));
+    if (whitecaps > 0.0) {
+        float caps = texture(noise_map, q * 0.05 + offset).r * texture(noise_map, q1 * 0.006 - offset).g;
+        rgb = mix(rgb, wake_rgb, 0.8 * smoothstep(0.62 - 0.25 * whitecaps, 0.75 - 0.2 * whitecaps, caps));
+    }
+    if (wake.w > 0.0) rgb = mix(rgb, wake_rgb, clamp(wake_at(p), 0.0, 1.0));
+    return mix(max(rgb, 0.0), horizon_rgb, 1.0 - exp(-t / fade_m));
+}
+
+void main() {
+    vec2 pixel = gl_FragCoord.xy - 0.5;
+    vec3 d = normalize(world_from_optical * vec3((pixel - lens.zw) / lens.xy, 1.0));
+    float slant = fwidth(d.z);
+    float t = (sea_z - eye.z) / max(d.z, 1e-4);
     float above = smoothstep(0.5 * slant, -0.5 * slant, d.z - 1e-4);
-    rgba = vec4(mix(max(rgb, 0.0), sky(d), above), 1.0);
+    // Both are computed in a band about the horizon, so that texture derivatives exist wherever one of them shows.
+    vec3 rgb = vec3(0.0);
+    if (d.z > -4.0 * slant) rgb += (1.0 - above) * sea(d, t);
+    if (d.z < 4.0 * slant) rgb += above * sky(d);
+    rgba = vec4(rgb, 1.0);
 }
