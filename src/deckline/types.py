@@ -139,10 +139,15 @@ class RunwayLine:
     point_m: NDArray[np.float64]  # (3,) world; on the line, in the middle of what was measured
     azimuth_rad: float  # direction of landing, from world x towards world y
     covariance: NDArray[np.float64]  # (3, 3) of [offset across the line to its right, m; azimuth, rad; z, m] at point_m
+    # (3, 3) the same numbers seen from the aircraft: what an error of its own position and heading moves along with
+    # the aircraft is taken out. None: not known, `covariance` bounds it.
+    relative_covariance: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         _check(self.point_m, (3,), "RunwayLine.point_m")
         _check(self.covariance, (3, 3), "RunwayLine.covariance")
+        if self.relative_covariance is not None:
+            _check(self.relative_covariance, (3, 3), "RunwayLine.relative_covariance")
 
     @property
     def direction(self) -> NDArray[np.float64]:

@@ -1,0 +1,119 @@
+"""Figures of merit, as pure functions of an estimate and the truth."""
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deckline.geometry import Camera, wrap_angle
+from deckline.types import RunwayLine, Segment
+
+PEAK = 255.0  # of 8-bit images
+SSIM_WINDOW_PX = 11  # this and the next three: Wang et al. 2004; SPEC section 2
+SSIM_SIGMA_PX = 1.5
+SSIM_K1 = 0.01
+SSIM_K2 = 0.03
+
+
+def psnr_db(image_rgb: NDArray[np.uint8], reference_rgb: NDArray[np.uint8]) -> float:
+    """Peak signal-to-noise ratio, dB, of two 8-bit images (H, W, C): 10 log10(255^2 / MSE). Equal images give infinity.
+
+    Raises:
+        ValueError: images that are not uint8 or differ in shape.
+    """
+    _check_pair(image_rgb, reference_rgb)
+    error = float(np.mean((image_rgb.astype(np.float64) - reference_rgb.astype(np.float64)) ** 2))
+    return float("inf") if error == 0 else float(10 * np.log10(PEAK**2 / error))
+
+
+def ssim(image_rgb: NDArray[np.uint8], reference_rgb: NDArray[np.uint8]) -> float:
+    """Mean structural similarity of two 8-bit RGB images (H, W, 3) at full size, averaged over the channels.
+
+    Gaussian window 11x11, sigma 1.5, K1 0.01, K2 0.03; the mean leaves out the 5 px border that the window overhangs.
+
+    Raises:
+        ValueError: images that are not uint8, differ in shape, or are smaller than the window.
+    Source: Wang et al., "Image quality assessment", 2004, equations 13 to 16.
+    """
+    _check_pair(image_rgb, reference_rgb)
+    if min(image_rgb.shape[:2]) < SSIM_WINDOW_PX:
+        raise ValueError(f"SSIM needs at least {SSIM_WINDOW_PX} px on each side, got {image_rgb.shape[:2]}")
+    x, y = image_rgb.astype(np.float64), reference_rgb.astype(np.float64)
+    mean_x, mean_y = _window_mean(x), _window_mean(y)
+    var_x = _window_mean(x * x) - mean_x**2
+    var_y = _window_mean(y * y) - mean_y**2
+    covariance = _window_mean(x * y) - mean_x * mean_y
+    c1, c2 = (SSIM_K1 * PEAK) ** 2, (SSIM_K2 * PEAK) ** 2
+    luminance = (2 * mean_x * mean_y + c1) / (mean_x**2 + mean_y**2 + c1)
+    structure = (2 * covariance + c2) / (var_x + var_y + c2)
+    border = SSIM_WINDOW_PX // 2
+    return float(np.mean((luminance * structure)[border:-border, border:-border]))
+
+
+def direction_error_rad(line: RunwayLine, truth: Segment) -> float:
+    """Angle between an estimated and a true line, 0..pi/2: lines have no head. Paper: delta-theta of Table 6."""
+    difference = abs(float(wrap_angle(line.azimuth_rad - _azimuth(truth))))
+    return min(difference, np.pi - difference)
+
+
+def lateral_error_m(line: RunwayLine, truth: Segment) -> float:
+    """How far the estimated line passes to the right (+) of the true line's ramp end, m, across the true line.
+
+    Stands in for the paper's intercept difference, which depends on where the world's origin happens to be.
+
+    Raises:
+        ValueError: an estimated line at right angles to the true one, which never passes beside its ramp end.
+    """
+    azimuth = _azimuth(truth)
+    right = np.array([-np.sin(azimuth), np.cos(azimuth)])
+    along = np.array([np.cos(azimuth), np.sin(azimuth)])
+    direction = line.direction[:2]
+    if abs(along @ direction) < 1e-9:
+        raise ValueError("the estimated line runs at right angles to the true one: no lateral error at the ramp")
+    offset = line.point_m[:2] - truth.p0_m[:2]
+    return float(right @ (offset - direction * (along @ offset) / (along @ direction)))
+
+
+def height_error_m(line: RunwayLine, truth: Segment) -> float:
+    """Estimated minus true world z at the line's ramp end, m; positive is too low, as z points down."""
+    return float(line.height_m - truth.p0_m[2])
+
+
+def normal_pixel_error(points_px: ArrayLike, ends_optical_m: ArrayLike, camera: Camera) -> NDArray[np.float64]:
+    """Distance (N,), px, of detected points (N, 2) to the image of a true line.
+
+    The line is taken as unbounded ahead of the camera, so an error along it does not count. Points and line are
+    compared with the lens distortion removed.
+
+    Args:
+        points_px: (N, 2) detected pixels.
+        ends_optical_m: (2, 3) two points of the true line in the camera's optical frame, metres.
+        camera: the camera that both belong to.
+
+    Raises:
+        ValueError: a true line through the camera's centre, whose image is a point.
+    """
+    ends = np.asarray(ends_optical_m, dtype=np.float64)
+    if ends.shape != (2, 3):
+        raise ValueError(f"expected the two ends of a line, shape (2, 3), got {ends.shape}")
+    normal = np.linalg.inv(camera.matrix).T @ np.cross(ends[0], ends[1])
+    scale = float(np.hypot(normal[0], normal[1]))
+    if scale == 0:
+        raise ValueError(f"the line through {ends.tolist()} has no image line in this camera")
+    return np.abs(camera.rays(points_px) @ camera.matrix.T @ normal) / scale
+
+
+def _azimuth(truth: Segment) -> float:
+    along = truth.p1_m - truth.p0_m
+    return float(np.arctan2(along[1], along[0]))
+
+
+def _window_mean(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    size = (SSIM_WINDOW_PX, SSIM_WINDOW_PX)
+    return np.asarray(cv2.GaussianBlur(image, size, SSIM_SIGMA_PX, borderType=cv2.BORDER_REFLECT), dtype=np.float64)
+
+
+def _check_pair(image: NDArray[np.uint8], reference: NDArray[np.uint8]) -> None:
+    if image.dtype != np.uint8 or reference.dtype != np.uint8:
+        raise ValueError(f"expected two uint8 images, got {image.dtype} and {reference.dtype}")
+    if image.shape != reference.shape:
+        raise ValueError(f"expected two images of one shape, got {image.shape} and {reference.shape}")

@@ -1,0 +1,115 @@
+"""What localization assumes. Every number has its unit in its name."""
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+
+Mode = Literal["auto", "fine", "coarse"]
+
+
+@dataclass(frozen=True)
+class RansacConfig:
+    """RANSAC of one line in the image.
+
+    Args:
+        sample_size: points drawn for one hypothesis.
+        draws: hypotheses per round; rounds go on until one brings no lower error.
+        max_rounds: rounds at most.
+        threshold_px: a point this close to a line belongs to it; points that are themselves unsure by more than a
+            third of it are given three times their 1-sigma, at most four times the threshold.
+        min_inliers: fewer points make no line.
+        min_inlier_share: nor does a smaller share of the detected points.
+        min_length_px: nor do inliers on a shorter stretch.
+
+    Raises:
+        ValueError: a number that leaves nothing to draw or to keep.
+    """
+
+    sample_size: int = 2
+    draws: int = 60
+    max_rounds: int = 8
+    threshold_px: float = 4.0
+    min_inliers: int = 6
+    min_inlier_share: float = 0.5
+    min_length_px: float = 4.0
+
+    def __post_init__(self) -> None:
+        if self.sample_size < 2 or self.min_inliers < 3 or self.draws < 1 or self.max_rounds < 1:
+            raise ValueError(
+                "expected sample_size >= 2, min_inliers >= 3, draws >= 1 and max_rounds >= 1, got "
+                f"{self.sample_size}, {self.min_inliers}, {self.draws} and {self.max_rounds}"
+            )
+        if not self.threshold_px > 0 or not 0 <= self.min_inlier_share <= 1 or self.min_length_px < 0:
+            raise ValueError(
+                "expected threshold_px > 0, min_inlier_share in 0..1 and min_length_px >= 0, got "
+                f"{self.threshold_px}, {self.min_inlier_share} and {self.min_length_px}"
+            )
+
+
+@dataclass(frozen=True)
+class NoiseConfig:
+    """1-sigma of what is measured. Pose and deck errors are common to all points: more points do not average them.
+
+    The defaults are assumptions for a small aircraft with satellite-aided inertial navigation; state your own.
+    """
+
+    depth_fraction: float = 0.01  # of a depth sample, independent from point to point
+    attitude_rad: float = float(np.deg2rad(0.1))  # about each axis, camera mounting included
+    position_m: float = 0.1  # along each axis
+    deck_z_m: float = 0.1  # of the deck height that the ship reports; coarse mode only
+    min_pixel: float = 0.1  # px, floor of a detected point's 1-sigma
+
+    def __post_init__(self) -> None:
+        values = (self.depth_fraction, self.attitude_rad, self.position_m, self.deck_z_m)
+        if min(values) < 0 or not self.min_pixel > 0:
+            raise ValueError(f"noise must not be negative and min_pixel must be positive, got {self}")
+
+
+@dataclass(frozen=True)
+class AgreementConfig:
+    """What two lines must satisfy to be one runway."""
+
+    min_spacing_m: float = 5.0
+    max_spacing_m: float = 60.0
+    max_angle_rad: float = float(np.deg2rad(4.0))  # between the lines, beside twice its own 1-sigma
+    max_azimuth_sigma_rad: float = float(np.deg2rad(8.0))  # a line that is less sure of its direction is not a line
+    clearly_better: float = 3.0  # of two contradicting lines, one is kept when its azimuth is this much surer
+    # 1-sigma of the true angle between the lines: painted lines are not exactly parallel (the paper's: 0.37 degrees).
+    parallel_rad: float = float(np.deg2rad(0.3))
+    max_ramp_step_m: float = (
+        10.0  # between the near ends of the lines, along the runway, beside three times its 1-sigma
+    )
+
+
+@dataclass(frozen=True)
+class LocalizeConfig:
+    """Localization of the runway lines.
+
+    Args:
+        mode: `fine` wants the depth camera, `coarse` the deck plane, `auto` chooses per frame.
+        min_points: points that a line needs a distance for.
+        min_depth_share: `auto` prefers coarse when fewer of a line's inliers than this have a depth.
+        runway_width_m: spacing of the lines where it is known: then one line is enough for a centre line.
+
+    Raises:
+        ValueError: an unknown mode or a number out of range.
+    """
+
+    mode: Mode = "auto"
+    min_points: int = 6
+    min_depth_share: float = 0.5
+    runway_width_m: float | None = None
+    ransac: RansacConfig = field(default_factory=RansacConfig)
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    agreement: AgreementConfig = field(default_factory=AgreementConfig)
+
+    def __post_init__(self) -> None:
+        if self.mode not in get_args(Mode):
+            raise ValueError(f"mode must be one of {', '.join(get_args(Mode))}, got {self.mode!r}")
+        if self.min_points < 3 or not 0 <= self.min_depth_share <= 1:
+            raise ValueError(
+                f"expected min_points >= 3 and min_depth_share in 0..1, got {self.min_points}, {self.min_depth_share}"
+            )
+        if self.runway_width_m is not None and not self.runway_width_m > 0:
+            raise ValueError(f"runway_width_m must be positive, got {self.runway_width_m}")

@@ -1,0 +1,157 @@
+"""A straight line through detected points, in the image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.geometry import Camera
+from deckline.localize.config import RansacConfig
+from deckline.types import LinePoints, PixelLine
+
+Array = NDArray[np.float64]
+MIN_SAMPLE_SPREAD_PX = 1.0  # points closer together than this give no direction
+REFITS = 5  # of inliers and line in turn, after the draws
+
+
+@dataclass(frozen=True, eq=False)
+class _Weighted:
+    """Points to draw from, ideal pixels."""
+
+    xy: Array  # (N, 2)
+    weights: Array  # (N,)
+    limits: Array  # (N,) distance at which a point stops belonging to a line
+
+
+def ideal_pixels(points_px: Array, camera: Camera) -> Array:
+    """Pixels (N, 2) as the same camera without lens distortion would see them, (N, 2)."""
+    if not camera.has_distortion:
+        return points_px
+    return (camera.rays(points_px) @ camera.matrix.T)[:, :2]
+
+
+def fit_pixel_line(
+    points: LinePoints, camera: Camera, config: RansacConfig, rng: np.random.Generator
+) -> PixelLine | None:
+    """RANSAC line through one line's detected points, refitted by weighted total least squares on its inliers.
+
+    A straight line in the world is curved behind a distorting lens. Everything here therefore happens in ideal
+    pixels (the same camera without distortion), and `coefficients` and `sigma_px` belong to them; `ends_px` is
+    brought back into the real image. Without distortion the two are the same.
+
+    Args:
+        points: detected points; those with no confidence or a number that is not finite are never inliers.
+        camera: the camera that saw them.
+        config: thresholds.
+        rng: draws the samples; the same state gives the same line.
+
+    Returns:
+        The line, or None when too few points agree.
+
+    Source: SPEC section 4.1 (paper, section on localization); M-estimator cost of MSAC, Torr and Zisserman 2000.
+    """
+    usable = np.isfinite(points.points_px).all(axis=1) & (points.confidence > 0) & np.isfinite(points.sigma_px)
+    index = np.flatnonzero(usable)
+    if len(index) < config.min_inliers:
+        return None
+    sigma = np.maximum(points.sigma_px[index], 1e-3 * config.threshold_px)
+    data = _Weighted(
+        ideal_pixels(points.points_px[index], camera),
+        points.confidence[index] / sigma**2,
+        np.clip(3 * sigma, config.threshold_px, 4 * config.threshold_px),
+    )
+    line = _best_draw(data, config, rng)
+    if line is None:
+        return None
+    line, inside = _refit(line, data, config.min_inliers)
+    needed = max(config.min_inliers, config.min_inlier_share * len(points))
+    ends = _ends(data.xy[inside], line)
+    if inside.sum() < needed or np.linalg.norm(ends[0] - ends[1]) < config.min_length_px:
+        return None
+    inliers = np.zeros(len(points), dtype=bool)
+    inliers[index[inside]] = True
+    return PixelLine(line, inliers, _real_pixels(ends, camera), _spread(data, inside, line))
+
+
+def least_squares_line(xy: Array, weights: Array | None = None) -> Array:
+    """Total least squares line a u + b v + c = 0 through points (N, 2), (3,) with a^2 + b^2 = 1.
+
+    Raises:
+        ValueError: fewer than two points, or points that coincide.
+    """
+    w = np.ones(len(xy)) if weights is None else weights
+    if len(xy) < 2:
+        raise ValueError(f"a line needs at least 2 points, got {len(xy)}")
+    centre = w @ xy / w.sum()
+    offsets = xy - centre
+    if np.ptp(xy, axis=0).max() == 0:
+        raise ValueError(f"{len(xy)} points coincide at {xy[0].tolist()}: no line through them")
+    _, vectors = np.linalg.eigh((offsets * w[:, None]).T @ offsets)
+    normal = vectors[:, 0]
+    return np.array([normal[0], normal[1], -normal @ centre])
+
+
+def _best_draw(data: _Weighted, config: RansacConfig, rng: np.random.Generator) -> Array | None:
+    """Rounds of draws until the error (squared distance, cut off at the threshold) stops falling."""
+    best, best_error = None, np.inf
+    for _ in range(config.max_rounds):
+        picks = rng.random((config.draws, len(data.xy))).argsort(axis=1)[:, : config.sample_size]
+        lines = _sample_lines(data.xy[picks])
+        if len(lines):
+            distances = lines[:, :2] @ data.xy.T + lines[:, 2:]
+            errors = np.minimum((distances / data.limits) ** 2, 1.0).sum(axis=1)
+            i = int(errors.argmin())
+            if errors[i] < best_error:
+                best, best_error = lines[i], errors[i]
+                continue
+        if best is not None:
+            break
+    return best
+
+
+def _sample_lines(samples: Array) -> Array:
+    """Least-squares line (S, 3) of every sample (D, k, 2); samples of coinciding points are left out."""
+    samples = samples[np.ptp(samples, axis=1).max(axis=1) >= MIN_SAMPLE_SPREAD_PX]
+    centres = samples.mean(axis=1)
+    offsets = samples - centres[:, None]
+    _, vectors = np.linalg.eigh(np.swapaxes(offsets, 1, 2) @ offsets)
+    normals = vectors[:, :, 0]
+    return np.column_stack([normals, -(normals * centres).sum(axis=1)])
+
+
+def _refit(line: Array, data: _Weighted, min_inliers: int) -> tuple[Array, NDArray[np.bool_]]:
+    inside = np.abs(_distances(data.xy, line)) <= data.limits
+    for _ in range(REFITS):
+        if inside.sum() < min_inliers:
+            break
+        line = least_squares_line(data.xy[inside], data.weights[inside])
+        again = np.abs(_distances(data.xy, line)) <= data.limits
+        if np.array_equal(again, inside):
+            break
+        inside = again
+    return line, inside
+
+
+def _distances(xy: Array, line: Array) -> Array:
+    return xy @ line[:2] + line[2]
+
+
+def _ends(xy: Array, line: Array) -> Array:
+    """Nearest (lowest in the image) and farthest point, moved onto the line; (2, 2)."""
+    if len(xy) == 0:
+        return np.zeros((2, 2))
+    ends = xy[[np.argmax(xy[:, 1]), np.argmin(xy[:, 1])]]
+    return ends - _distances(ends, line)[:, None] * line[:2]
+
+
+def _spread(data: _Weighted, inside: NDArray[np.bool_], line: Array) -> float:
+    """Weighted root mean square distance of the inliers, with the two fitted numbers taken off their count."""
+    w, distance = data.weights[inside], _distances(data.xy[inside], line)
+    return float(np.sqrt(w @ distance**2 / w.sum() * len(w) / max(len(w) - 2, 1)))
+
+
+def _real_pixels(xy: Array, camera: Camera) -> Array:
+    if not camera.has_distortion:
+        return xy
+    rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.matrix).T
+    return camera.project(rays)
