@@ -1,9 +1,7 @@
 """What to simulate."""
 
 from dataclasses import dataclass
-from typing import get_args
-
-from typing import Literal
+from typing import Literal, get_args
 
 Preset = Literal["paper", "cvn", "train"]
 Trajectory = Literal["approach", "random"]

@@ -45,10 +45,20 @@ class Layout:
         return float(self.stations_m[-1])
 
     @property
+    def sea_z_m(self) -> float:
+        """World z of the water."""
+        return float(self.world_from_ship.translation[2]) + self.deck_height_m
+
+    @property
     def outline_m(self) -> NDArray[np.float64]:
         """Deck edge (2 N, 2): port from stern to bow, starboard back."""
         port = np.column_stack([self.stations_m, self.port_m])
         return np.concatenate([port, np.column_stack([self.stations_m, self.starboard_m])[::-1]])
+
+    def edges_at(self, x_m: float) -> tuple[float, float]:
+        """Port and starboard edge, y, at a station."""
+        port, starboard = (np.interp(x_m, self.stations_m, edge) for edge in (self.port_m, self.starboard_m))
+        return float(port), float(starboard)
 
     @property
     def centre_m(self) -> NDArray[np.float64]:
@@ -107,8 +117,10 @@ def cvn_outline(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Deck edge of the class, close to public plans: stations, port, starboard."""
     length, width = CVN_SIZE_M
-    port = [(0, -18), (25, -21), (60, -23), (75, -39), (205, -41), (228, -25), (300, -17), (length, -11)]
-    starboard = [(0, 21), (40, 22), (60, 33), (195, width - 41), (225, 26), (300, 17), (length, 11)]
+    port = [(0.0, -18.0), (25.0, -21.0), (60.0, -23.0), (75.0, -39.0), (205.0, -41.0), (228.0, -25.0)]
+    port += [(300.0, -17.0), (length, -11.0)]
+    starboard = [(0.0, 21.0), (40.0, 22.0), (60.0, 33.0), (195.0, width - 41.0), (225.0, 26.0)]
+    starboard += [(300.0, 17.0), (length, 11.0)]
     return outline(length, port, starboard, left_m, right_m)
 
 

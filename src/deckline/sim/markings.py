@@ -1,6 +1,7 @@
 """What is painted on a deck: the runway's markings and everything that may be mistaken for them."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -82,7 +83,7 @@ def edge_coat(line_m: NDArray[np.float64], style: EdgeStyle) -> Coat:
 def runway_coat(layout: Layout, style: EdgeStyle, rng: np.random.Generator) -> Coat:
     """Tinted landing area, tyre marks, wires, centre line, threshold, and the edge markings on top."""
     start, end = layout.centre_m
-    along, _, length = axes(start, end)
+    along, right, length = axes(start, end)
     half = float(np.hypot(*(layout.right_m[0] - layout.left_m[0]))) / 2
     inner = half - style.width_m / 2 - 0.3
     coats = []
@@ -95,9 +96,9 @@ def runway_coat(layout: Layout, style: EdgeStyle, rng: np.random.Generator) -> C
         depth = rng.uniform(0.8, 3.0)
         coats.append(fill(quad(start, end, (0.0, depth), (-inner, inner)), style.rgb))
     if rng.random() < 0.25:
-        begin = start + along * rng.uniform(4, 20) + np.array([along[1], -along[0]]) * rng.uniform(0.2, 0.7) * half
+        begin = start + along * rng.uniform(4, 20) + right * rng.uniform(-0.7, 0.0) * half
         text = f"{rng.integers(1, 100):02d}"
-        coats.append(figures(text, begin, begin + [-along[1], along[0]], rng.uniform(3, 9), style.rgb))
+        coats.append(figures(text, begin, begin + right, rng.uniform(3, 9), style.rgb))
     coats += [edge_coat(layout.left_m, style), edge_coat(layout.right_m, style)]
     return layers(coats)
 
@@ -182,7 +183,7 @@ def deck_stains(layout: Layout, rng: np.random.Generator) -> Coat:
     coats = []
     for _ in range(rng.integers(0, 30)):
         x = rng.uniform(0.0, 0.95) * layout.length_m
-        y = rng.uniform(*(float(np.interp(x, layout.stations_m, e)) for e in (layout.port_m, layout.starboard_m)))
+        y = rng.uniform(*layout.edges_at(x))
         last = (x + rng.uniform(4, 40), y + rng.normal(0, 4))
         shade = rng.uniform(0.02, 0.5)
         coats.append(soft_stripe((x, y), last, rng.uniform(2, 14), [shade] * 3, rng.uniform(0.05, 0.4)))
@@ -209,7 +210,7 @@ def foul_coat(layout: Layout, style: EdgeStyle, rng: np.random.Generator) -> Coa
         width = rng.uniform(0.2, 0.6)
         for edge, inset in ((layout.port_m, 0.8), (layout.starboard_m, -0.8)):
             points = np.column_stack([layout.stations_m, edge + inset])[::4]
-            coats += [stripe(a, b, width, style.rgb) for a, b in zip(points[:-1], points[1:], strict=True)]
+            coats += [stripe(a, b, width, style.rgb) for a, b in pairwise(points)]
     return layers(coats)
 
 

@@ -9,44 +9,20 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from types import TracebackType
 
-import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
+from deckline.sim.bake import SAMPLES, noise_texture, paint_deck
+from deckline.sim.gl import moderngl, open_context
 from deckline.sim.layout import Layout
-from deckline.sim.markings import DeckSurface
 from deckline.sim.mesh import Mesh, triangles
-from deckline.sim.paint import Coat, fill, layers
+from deckline.sim.ship import Ship
 from deckline.sim.weather import Weather
 
 NEAR_M, FAR_M = 1.0, 20000.0  # clip planes of the depth buffer, which only sorts surfaces
-SAMPLES = 4
-NOISE_SIZE = 512
-NO_EGL = (
-    "cannot create an OpenGL context through EGL ({error}); on Debian or Ubuntu without a GPU driver: "
-    "apt-get install libegl1 libgl1-mesa-dri libegl-mesa0"
-)
 SHADERS = Path(__file__).parent / "shaders"
-
-
-class RendererError(RuntimeError):
-    """No OpenGL context can be had on this machine."""
-
-
-@dataclass(frozen=True, eq=False)
-class Ship:
-    """All that is drawn of a ship."""
-
-    layout: Layout
-    coat: Coat
-    surface: DeckSurface
-    solids: Mesh
-    casters: list[tuple[NDArray[np.float64], float]]  # convex footprint (N, 2) and height of what throws shadows
-    stern_half_m: float
-    texels_per_m: float  # of the deck's paint
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +37,12 @@ class Renderer:
     """Holds the OpenGL context and what is on the card. Use as a context manager."""
 
     def __init__(self) -> None:
-        try:
-            self.context = moderngl.create_context(standalone=True, backend="egl")
-        except (
-            Exception
-        ) as error:  # moderngl raises bare Exception, ImportError or OSError, depending on what is missing
-            raise RendererError(NO_EGL.format(error=" ".join(str(error).split()))) from error
+        self.context = open_context()
         program = self._program
         self.sea, self.sea_depth = program("fullscreen.vert", "sea.frag"), program("fullscreen.vert", "sea_depth.frag")
         self.solid, self.deck = program("solid.vert", "solid.frag"), program("solid.vert", "deck.frag")
         self.depth, self.painter = program("solid.vert", "depth.frag"), program("paint.vert", "paint.frag")
-        self.noise = self._noise_texture()
+        self.noise = noise_texture(self.context)
         self.corners = self.context.buffer(np.array([[-1, -1], [3, -1], [-1, 3]], dtype=np.float32).tobytes())
         self.targets: dict[tuple[int, int], tuple[moderngl.Framebuffer, ...]] = {}
         self.ship: Ship | None = None
@@ -86,19 +57,14 @@ class Renderer:
     def _program(self, vertex: str, fragment: str) -> moderngl.Program:
         return self.context.program(vertex_shader=_source(vertex), fragment_shader=_source(fragment))
 
-    def _noise_texture(self) -> moderngl.Texture:
-        texture = self.context.texture((NOISE_SIZE, NOISE_SIZE), 4, noise_field(NOISE_SIZE).tobytes())
-        texture.build_mipmaps()
-        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        return texture
-
     def load(self, ship: Ship, sun: NDArray[np.float64]) -> None:
-        """Bring a ship onto the card and paint its deck, with shadows of a sun (3,) in the world."""
+        """Bring a ship onto the card and paint its deck, under a sun (3,): direction to the ground, world."""
         for thing in self.ship_objects:
             thing.release()
-        self.ship = ship
+        self.ship, self.sun = ship, sun
         deck = deck_mesh(ship.layout)
-        self.paint_map = self._paint(ship, sun)
+        self.noise.use(0)
+        self.paint_map = paint_deck(self.context, self.painter, ship, sun)
         buffers = [self.context.buffer(mesh.tobytes()) for mesh in (ship.solids, deck)]
         layout = ("3f 3f 3f", "position", "normal", "colour")
         plain = ("3f 24x", "position")
@@ -112,62 +78,28 @@ class Renderer:
         self.solid_array, self.deck_array, self.depth_arrays = solid, deck_array, depths
         self.ship_objects = [solid, deck_array, *depths, *buffers, self.paint_map]
 
-    def _paint(self, ship: Ship, sun: NDArray[np.float64]) -> moderngl.Texture:
-        low, high = ship.layout.outline_m.min(axis=0), ship.layout.outline_m.max(axis=0)
-        size = tuple(int(n) for n in np.ceil((high - low) * ship.texels_per_m))
-        self.painter["paint_area"] = (*low, *(high - low))
-        self.painter["noise_offset"] = ship.surface.noise_offset
-        self.painter["grain"], self.painter["wear"] = ship.surface.grain, ship.surface.wear
-        texture = self.context.texture(size, 4)
-        smooth = self.context.framebuffer([self.context.renderbuffer(size, 4, samples=SAMPLES)])
-        self.noise.use(0)
-        self.context.disable(moderngl.DEPTH_TEST)
-        ground = fill([low, (high[0], low[1]), high, (low[0], high[1])], ship.surface.rgb, wear=0.0)
-        smooth.use()
-        smooth.clear(0.0, 0.0, 0.0, 1.0)
-        smooth.color_mask = (True, True, True, False)
-        smooth.use()
-        self.context.enable(moderngl.BLEND)
-        self._paint_coat(layers([ground, ship.coat]))
-        self.context.disable(moderngl.BLEND)
-        smooth.color_mask = (False, False, False, True)
-        smooth.use()  # a mask takes effect when the frame buffer is bound
-        self._paint_coat(shadow_coat(ship, sun))
-        resolved = self.context.framebuffer([texture])
-        self.context.copy_framebuffer(resolved, smooth)
-        texture.build_mipmaps()
-        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        texture.repeat_x = texture.repeat_y = False
-        resolved.release()
-        smooth.color_attachments[0].release()
-        smooth.release()
-        return texture
-
-    def _paint_coat(self, coat: Coat) -> None:
-        if not len(coat):
-            return
-        buffer = self.context.buffer(coat.tobytes())
-        array = self.context.vertex_array(self.painter, [(buffer, "2f 4f 1f", "position", "colour", "worn")])
-        array.render()
-        array.release()
-        buffer.release()
-
     def render(
-        self, camera: Camera, world_from_camera: RigidTransform, weather: Weather, sun: NDArray[np.float64],
-        sea_z_m: float, time_s: float = 0.0, with_ship: bool = True,
-    ) -> View:  # fmt: skip
-        """A picture and its depth, from a camera without lens distortion.
+        self,
+        camera: Camera,
+        world_from_camera: RigidTransform,
+        weather: Weather,
+        time_s: float = 0.0,
+        with_ship: bool = True,
+    ) -> View:
+        """A picture of the loaded ship (or of its sea alone) and its depth.
 
         Raises:
-            ValueError: a camera with distortion, one that is not above the sea, or no ship loaded.
+            ValueError: a camera with lens distortion or one that is not above the sea, or no ship loaded.
         """
         if camera.has_distortion:
             raise ValueError(f"the renderer draws a pinhole, got distortion {camera.distortion}")
         if self.ship is None:
-            raise ValueError("load a ship before rendering")
-        if not world_from_camera.translation[2] < sea_z_m:
-            raise ValueError(f"camera at z = {world_from_camera.translation[2]} m, the sea at {sea_z_m} m is above it")
-        self._aim(camera, world_from_camera, weather, sun, sea_z_m, time_s, with_ship)
+            raise ValueError("load a ship before rendering: none is loaded")
+        eye_z, sea_z = world_from_camera.translation[2], self.ship.layout.sea_z_m
+        if not eye_z < sea_z:
+            raise ValueError(f"the camera must be above the sea (z < {sea_z:.2f} m), got z = {eye_z:.2f} m")
+        values = uniforms(camera, world_from_camera, self.ship, weather, self.sun, time_s, with_ship)
+        self._set(values, weather.anisotropy)
         sampled, resolved, measured = self._targets(camera)
         sampled.use()
         sampled.clear()
@@ -179,8 +111,7 @@ class Renderer:
         self._draw(self.sea_depth, self.depth_arrays if with_ship else [])
         depth = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
         shape = (camera.height, camera.width)
-        depth = depth.reshape(shape)
-        return View(rgb.reshape(*shape, 3), np.where(depth > 0, depth, np.float32(np.nan)))
+        return View(rgb.reshape(*shape, 3), np.where(depth > 0, depth, np.float32(np.nan)).reshape(shape))
 
     def _draw(self, background: moderngl.Program, arrays: list[moderngl.VertexArray]) -> None:
         backdrop = self.context.vertex_array(background, [(self.corners, "2f", "corner")])
@@ -204,43 +135,50 @@ class Renderer:
             self.targets[size] = (sampled, resolved, measured)
         return self.targets[size]
 
-    def _aim(
-        self, camera: Camera, world_from_camera: RigidTransform, weather: Weather, sun: NDArray[np.float64],
-        sea_z_m: float, time_s: float, with_ship: bool,
-    ) -> None:  # fmt: skip
-        """Set every uniform of the drawing programs."""
-        assert self.ship is not None
-        layout = self.ship.layout
-        world_from_ship = layout.world_from_ship.as_matrix()
-        optical_from_ship = (world_from_camera.inv() * layout.world_from_ship).as_matrix()
-        values: dict[str, ArrayLike] = {item.name: getattr(weather, item.name) for item in fields(weather)}
-        stern, ahead = world_from_ship[:2, 3], world_from_ship[:2, 0]
-        values |= {
-            "lens": (camera.fx, camera.fy, camera.cx, camera.cy),
-            "world_from_optical": world_from_camera.rotation.as_matrix().T,
-            "eye": world_from_camera.translation,
-            "sea_z": sea_z_m,
-            "sun": sun,
-            "ship": (*stern, *ahead),
-            "wake": (self.ship.stern_half_m, weather.wake_spread, weather.wake_length_m, weather.wake * with_ship),
-            "hull_m": layout.length_m,
-            "time_s": time_s,
-            "clip_from_ship": (clip_from_optical(camera) @ optical_from_ship).T,
-            "depth_row": optical_from_ship[2],
-            "world_from_ship": world_from_ship[:3, :3].T,
-            "world_from_ship4": world_from_ship.T,
-            "paint_area": (*layout.outline_m.min(axis=0), *np.ptp(layout.outline_m, axis=0)),
-            "noise_map": 0,
-            "paint_map": 1,
-        }
+    def _set(self, values: dict[str, ArrayLike], anisotropy: float) -> None:
+        """Hand every drawing program the uniforms that it has."""
         for program in (self.sea, self.sea_depth, self.solid, self.deck, self.depth):
             for name in program:
                 if isinstance(program[name], moderngl.Uniform):
                     value = np.asarray(values[name])
                     program[name] = value.item() if value.ndim == 0 else tuple(value.ravel().tolist())
-        self.paint_map.anisotropy = weather.anisotropy
+        self.paint_map.anisotropy = anisotropy
         self.noise.use(0)
         self.paint_map.use(1)
+
+
+def uniforms(
+    camera: Camera,
+    world_from_camera: RigidTransform,
+    ship: Ship,
+    weather: Weather,
+    sun: NDArray[np.float64],
+    time_s: float,
+    with_ship: bool,
+) -> dict[str, ArrayLike]:
+    """Every uniform of the shaders by name; matrices column by column, as OpenGL reads them."""
+    layout = ship.layout
+    world_from_ship = layout.world_from_ship.as_matrix()
+    optical_from_ship = (world_from_camera.inv() * layout.world_from_ship).as_matrix()
+    values: dict[str, ArrayLike] = {item.name: getattr(weather, item.name) for item in fields(weather)}
+    return values | {
+        "lens": (camera.fx, camera.fy, camera.cx, camera.cy),
+        "world_from_optical": world_from_camera.rotation.as_matrix().T,
+        "eye": world_from_camera.translation,
+        "sea_z": layout.sea_z_m,
+        "sun": sun,
+        "ship": (*world_from_ship[:2, 3], *world_from_ship[:2, 0]),
+        "wake": (ship.stern_half_m, weather.wake_spread, weather.wake_length_m, weather.wake * with_ship),
+        "hull_m": layout.length_m,
+        "time_s": time_s,
+        "clip_from_ship": (clip_from_optical(camera) @ optical_from_ship).T,
+        "depth_row": optical_from_ship[2],
+        "world_from_ship": world_from_ship[:3, :3].T,
+        "world_from_ship4": world_from_ship.T,
+        "paint_area": (*layout.outline_m.min(axis=0), *np.ptp(layout.outline_m, axis=0)),
+        "noise_map": 0,
+        "paint_map": 1,
+    }
 
 
 def clip_from_optical(camera: Camera) -> NDArray[np.float64]:
@@ -264,30 +202,6 @@ def deck_mesh(layout: Layout) -> Mesh:
     p0, p1 = np.column_stack([x[:-1], port[:-1], zero]), np.column_stack([x[1:], port[1:], zero])
     s0, s1 = np.column_stack([x[:-1], starboard[:-1], zero]), np.column_stack([x[1:], starboard[1:], zero])
     return triangles(np.concatenate([np.stack([p0, p1, s1], 1), np.stack([p0, s1, s0], 1)]), (0.0, 0.0, 0.0))
-
-
-def shadow_coat(ship: Ship, sun: NDArray[np.float64]) -> Coat:
-    """Where a caster's block stands between the deck and the sun; opacity is light here, none in these places."""
-    coats = []
-    direction = ship.layout.world_from_ship.rotation.inv().apply(sun)
-    for footprint, height in ship.casters:
-        shift = direction[:2] / max(direction[2], 0.05) * height
-        points = np.concatenate([footprint, footprint + shift])
-        coats.append(fill(points[ConvexHull(points).vertices], (0.0, 0.0, 0.0), 0.0, wear=0.0))
-    return layers(coats)
-
-
-def noise_field(size: int) -> NDArray[np.uint8]:
-    """Four independent tileable fractal noises (size, size, 4), mean 127.5."""
-    rng = np.random.default_rng(20240614)
-    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size))) * size
-    frequency[0, 0] = np.inf
-    channels = []
-    for power in (1.1, 0.9, 1.0, 1.0):
-        spectrum = np.fft.fft2(rng.standard_normal((size, size))) / frequency**power
-        field = np.fft.ifft2(spectrum).real
-        channels.append(127.5 + 50.0 * field / field.std())
-    return np.clip(np.rint(np.stack(channels, axis=-1)), 0, 255).astype(np.uint8)
 
 
 def _source(name: str) -> str:

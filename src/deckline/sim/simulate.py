@@ -1,6 +1,7 @@
 """Frames of a simulated recording: the same configuration and index always give the same frame."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -9,19 +10,17 @@ from numpy.typing import NDArray
 from deckline.geometry import Camera, camera_mount
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.sim.config import SimConfig
-from deckline.sim.layout import Layout, cvn_layout, paper_layout, random_layout, world_points
-from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, deck_coat, random_edge, random_surface
-from deckline.sim.render import Renderer, Ship, View
+from deckline.sim.layout import Layout, world_points
+from deckline.sim.render import Renderer, View
 from deckline.sim.sensor import Sensor, add_noise, develop, random_sensor
-from deckline.sim.structure import build_structure
+from deckline.sim.ship import Ship, build_ship
 from deckline.sim.trajectory import Viewpoint, approach_view, random_view
-from deckline.sim.weather import Weather, random_airlight, random_weather, sun_direction
+from deckline.sim.weather import Weather, random_airlight, random_weather
 from deckline.types import Frame, Segment, Truth
 
-NO_RUNWAY = 0.08  # part of the training ships without a runway; half of those views show open sea only
+OPEN_SEA = 0.5  # part of the views without a runway that show no ship either
 APPROACH_SENSOR = 0.15  # how far the camera strays on an approach, of what training wants
-TEXELS_PER_M = 12.0
-TRAIN_TEXELS_PER_M = 8.0  # coarser: a new deck is painted every few frames
+SHARPEST = 16.0  # anisotropy of the texture filter outside training
 VEHICLE, CAMERA = "deckline", "front"
 
 
@@ -42,48 +41,29 @@ def frames(config: SimConfig, start: int = 0) -> Iterator[Frame]:
                 ship, runway, sun = build_ship(config, block)
                 renderer.load(ship, sun)
                 loaded = block
-            yield _frame(config, index, renderer, ship, runway, sun)
+            yield _frame(config, index, renderer, ship, runway)
 
 
-def build_ship(config: SimConfig, block: int) -> tuple[Ship, bool, NDArray[np.float64]]:
-    """Ship of a block of frames, whether it has a runway, and the sun's direction (3,) in the world."""
-    rng = np.random.default_rng([config.seed, 2, block])
-    runway = config.preset != "train" or rng.random() >= NO_RUNWAY
-    if config.preset == "paper":
-        layout, style = paper_layout(), PAPER_EDGE
-    elif config.preset == "cvn":
-        layout, style = cvn_layout(), CVN_EDGE
-    else:
-        layout, style = random_layout(rng), random_edge(rng)
-    structure = build_structure(layout, runway, rng)
-    coat = deck_coat(layout, style, runway, rng)
-    texels = TRAIN_TEXELS_PER_M if config.preset == "train" else TEXELS_PER_M
-    solids = structure.mesh, structure.casters, structure.stern_half_m
-    ship = Ship(layout, coat, random_surface(rng), *solids, texels_per_m=texels)
-    return ship, runway, sun_direction(rng)
-
-
-def _frame(
-    config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway: bool, sun: NDArray[np.float64]
-) -> Frame:
+def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway: bool) -> Frame:
     rng = np.random.default_rng([config.seed, 3, index])
     approach = config.trajectory == "approach"
     whole = np.random.default_rng([config.seed, 4]) if approach else rng  # an approach keeps its weather
     weather = random_weather(whole)
+    if config.preset != "train":
+        weather = replace(weather, anisotropy=SHARPEST)
     view = approach_view(config, ship.layout, index) if approach else random_view(config, ship.layout, index, rng)
-    open_sea = not runway and bool(rng.random() < 0.5)
-    deck_z = float(ship.layout.world_from_ship.translation[2])
+    open_sea = not runway and bool(rng.random() < OPEN_SEA)
     picture = renderer.render(
-        view.camera, view.world_from_body * camera_mount(), weather, sun,
-        deck_z + ship.layout.deck_height_m, view.time_s, with_ship=not open_sea,
-    )  # fmt: skip
+        view.camera, view.world_from_body * camera_mount(), weather, view.time_s, with_ship=not open_sea
+    )
     sensor = random_sensor(APPROACH_SENSOR if approach else 1.0, float(np.mean(weather.horizon_rgb)), whole)
     visibility, airlight = draw_haze(config, weather, sensor, whole)
     clear = develop(picture.rgb, sensor)
     hazy = _hazy(clear, picture, view, visibility, airlight)
-    sides = truth_segments(ship.layout) if runway else (None, None)
+    left, right = truth_segments(ship.layout) if runway else (None, None)
     truth = Truth(
-        *sides,
+        left,
+        right,
         visibility_m=visibility,
         airlight_rgb=(float(airlight[0]), float(airlight[1]), float(airlight[2])),
         clear_rgb=clear if config.keep_clear else None,
@@ -96,7 +76,7 @@ def _frame(
         camera=view.camera,
         depth_m=depth,
         world_from_body=view.world_from_body,
-        deck_z_m=deck_z,
+        deck_z_m=float(ship.layout.world_from_ship.translation[2]),
         truth=truth,
     )
 

@@ -188,8 +188,7 @@ def parked_mesh(
     ]
     for _ in range(rng.integers(0, 30)):
         x = rng.uniform(0.05, 0.95) * layout.length_m
-        limits = [float(np.interp(x, layout.stations_m, edge)) for edge in (layout.port_m, layout.starboard_m)]
-        y, yaw = rng.uniform(*limits), rng.uniform(-np.pi, np.pi)
+        y, yaw = rng.uniform(*layout.edges_at(x)), rng.uniform(-np.pi, np.pi)
         aircraft = rng.random() < 0.65
         size = rng.uniform(10.0, 18.0) if aircraft else rng.uniform(2.0, 7.0)
         shape = rectangle(x, y, size, size * 0.6, yaw)

@@ -1,0 +1,95 @@
+"""Paints a deck into a texture with OpenGL, and makes the noise that every shader shares."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from deckline.sim.gl import moderngl
+from deckline.sim.paint import Coat, fill, layers
+from deckline.sim.ship import Ship
+
+SAMPLES = 4  # per pixel, against jagged edges
+NOISE_SIZE = 512
+
+
+def paint_deck(
+    context: moderngl.Context, painter: moderngl.Program, ship: Ship, sun: NDArray[np.float64]
+) -> moderngl.Texture:
+    """Mipmapped texture of a deck: its colour, and in alpha what a sun (3,) in the world leaves unshadowed.
+
+    The noise texture must be bound to unit 0.
+    """
+    low, high = ship.layout.outline_m.min(axis=0), ship.layout.outline_m.max(axis=0)
+    size = tuple(int(n) for n in np.ceil((high - low) * ship.texels_per_m))
+    painter["paint_area"] = (*low, *(high - low))
+    painter["noise_offset"] = ship.surface.noise_offset
+    painter["grain"], painter["wear"] = ship.surface.grain, ship.surface.wear
+    samples = context.renderbuffer((size[0], size[1]), 4, samples=SAMPLES)
+    smooth = context.framebuffer([samples])
+    smooth.use()
+    smooth.clear(0.0, 0.0, 0.0, 1.0)
+    context.disable(moderngl.DEPTH_TEST)
+    context.enable(moderngl.BLEND)
+    ground = fill([low, (high[0], low[1]), high, (low[0], high[1])], ship.surface.rgb, wear=0.0)
+    _draw(context, painter, smooth, layers([ground, ship.coat]), (True, True, True, False))
+    context.disable(moderngl.BLEND)
+    _draw(context, painter, smooth, shadow_coat(ship, sun), (False, False, False, True))
+    texture = context.texture((size[0], size[1]), 4)
+    resolved = context.framebuffer([texture])
+    context.copy_framebuffer(resolved, smooth)
+    for thing in (resolved, smooth, samples):
+        thing.release()
+    texture.build_mipmaps()
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    texture.repeat_x = texture.repeat_y = False
+    return texture
+
+
+def _draw(
+    context: moderngl.Context,
+    painter: moderngl.Program,
+    target: moderngl.Framebuffer,
+    coat: Coat,
+    mask: tuple[bool, bool, bool, bool],
+) -> None:
+    if not len(coat):
+        return
+    target.color_mask = mask
+    target.use()  # a mask takes effect when the frame buffer is bound
+    buffer = context.buffer(coat.tobytes())
+    array = context.vertex_array(painter, [(buffer, "2f 4f 1f", "position", "colour", "worn")])
+    array.render()
+    array.release()
+    buffer.release()
+
+
+def shadow_coat(ship: Ship, sun: NDArray[np.float64]) -> Coat:
+    """Where a caster's block stands between the deck and the sun; opacity is light here, none in these places."""
+    coats = []
+    direction = ship.layout.world_from_ship.rotation.inv().apply(sun)
+    for footprint, height in ship.casters:
+        shift = direction[:2] / max(direction[2], 0.05) * height
+        points = np.concatenate([footprint, footprint + shift])
+        coats.append(fill(points[ConvexHull(points).vertices], (0.0, 0.0, 0.0), 0.0, wear=0.0))
+    return layers(coats)
+
+
+def noise_texture(context: moderngl.Context) -> moderngl.Texture:
+    """The shaders' tileable noise, mipmapped."""
+    texture = context.texture((NOISE_SIZE, NOISE_SIZE), 4, noise_field(NOISE_SIZE).tobytes())
+    texture.build_mipmaps()
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    return texture
+
+
+def noise_field(size: int) -> NDArray[np.uint8]:
+    """Four independent tileable fractal noises (size, size, 4), mean 127.5."""
+    rng = np.random.default_rng(20240614)
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size))) * size
+    frequency[0, 0] = np.inf
+    channels = []
+    for power in (1.1, 0.9, 1.0, 1.0):
+        spectrum = np.fft.fft2(rng.standard_normal((size, size))) / frequency**power
+        field = np.fft.ifft2(spectrum).real
+        channels.append(127.5 + 50.0 * field / field.std())
+    return np.clip(np.rint(np.stack(channels, axis=-1)), 0, 255).astype(np.uint8)
