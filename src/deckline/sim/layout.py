@@ -151,11 +151,11 @@ def random_layout(rng: np.random.Generator) -> Layout:
     spacing = rng.uniform(14.0, 30.0)
     angle = 0.0 if rng.random() < 0.15 else np.deg2rad(rng.uniform(2.0, 11.0))
     hand = 1.0 if rng.random() < 0.85 else -1.0
-    runway = min(rng.uniform(100.0, 260.0), length * rng.uniform(0.6, 0.95))
+    runway = min(rng.uniform(100.0, 260.0), length * rng.uniform(0.6, 0.95), length - 12.0)
     lengths = tuple(runway * (1.0 - rng.uniform(0.0, 0.12, 2)))
     closing = 1.0 if rng.random() < 0.6 else rng.uniform(0.88, 1.04)
     offset = hand * np.sin(angle) * runway * rng.uniform(0.0, 0.45) + rng.uniform(-4.0, 4.0)
-    start = (rng.uniform(0.5, 6.0), offset)
+    start = (rng.uniform(0.5, 6.0) + spacing / 2 * np.sin(angle), offset)  # both lines begin on the deck
     left, right = angled_lines(start, hand * angle, (spacing, spacing * closing), (lengths[0], lengths[1]))
     stations, port, starboard = random_outline(length, left, right, rng)
     world_from_ship = RigidTransform.from_components(

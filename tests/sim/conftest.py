@@ -1,0 +1,13 @@
+import pytest
+
+from deckline.sim.gl import RendererError
+from deckline.sim.render import Renderer
+
+
+@pytest.fixture(scope="session")
+def renderer():
+    try:
+        with Renderer() as made:
+            yield made
+    except RendererError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")

@@ -1,0 +1,185 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deckline.geometry import Camera, camera_mount, intersect_plane
+from deckline.sim import gl
+from deckline.sim.bake import noise_field
+from deckline.sim.gl import RendererError
+from deckline.sim.layout import cvn_layout, paper_layout, random_layout, world_points
+from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, DeckSurface, edge_coat, random_edge
+from deckline.sim.mesh import box
+from deckline.sim.paint import axes, layers
+from deckline.sim.render import clip_from_optical
+from deckline.sim.ship import Ship
+from deckline.sim.trajectory import looking
+from deckline.sim.weather import random_weather
+
+SUN = np.array([0.6, 0.0, 0.8])
+CAMERA = Camera.from_fov(640, 360, np.deg2rad(60.0))
+CALM = replace(random_weather(np.random.default_rng(5)), wet=0.0, anisotropy=16.0)
+
+
+def clean_ship(layout, style, solids=None):
+    """Nothing but the edge markings on an even dark deck, and a crate at the bow unless solids are given."""
+    if solids is None:
+        solids = box(layout.length_m - 2.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0, (0.1, 0.1, 0.1))
+    surface = DeckSurface((0.1, 0.1, 0.1), grain=0.0, wear=0.0, noise_offset=(0.0, 0.0))
+    coat = layers([edge_coat(layout.left_m, style), edge_coat(layout.right_m, style)])
+    return Ship(layout, coat, surface, solids, [], 15.0, texels_per_m=12.0)
+
+
+def camera_pose(layout, range_m, height_m, lateral_m, nudge=(0.0, 0.0, 0.0), look_m=40.0):
+    """world_from_camera before the ramp, looking parallel to the runway before the nudge (roll, pitch, yaw)."""
+    along, right, _ = axes(*layout.centre_m)
+    spots = layout.centre_m[0] + lateral_m * right + np.array([[-range_m], [look_m]]) * along
+    position, target = world_points(layout, spots[:1], height_m)[0], world_points(layout, spots[1:])[0]
+    return looking(position, target, np.array(nudge)) * camera_mount()
+
+
+def marking_offsets(image, camera, world_from_camera, layout, line, half_width_m):
+    """Per image row: u of the painted marking's centroid minus u of the true line."""
+    along, right, length = axes(*line)
+    offsets = []
+    for s in np.linspace(6.0, 0.6 * length, 300):
+        at = line[0] + s * along
+        edges = np.array([at - 1.4 * half_width_m * right, at, at + 1.4 * half_width_m * right])
+        (u0, _), (_, v), (u1, _) = camera.project(world_from_camera.inv().apply(world_points(layout, edges)))
+        row = round(v)
+        low, high = int(np.floor(min(u0, u1))), int(np.ceil(max(u0, u1)))
+        if not (0 <= row < camera.height and low >= 0 and high < camera.width):
+            continue
+        truth = line_at_row(camera, world_from_camera, layout, line, row)
+        level = image[row, low : high + 1].mean(axis=1)
+        paint = np.clip(level - np.min(level) - 8.0, 0.0, None)
+        if paint.sum() > 40.0:
+            offsets.append((paint @ np.arange(low, high + 1)) / paint.sum() - truth)
+    return np.array(offsets)
+
+
+def line_at_row(camera, world_from_camera, layout, line, row):
+    ends = camera.project(world_from_camera.inv().apply(world_points(layout, line)))
+    slope = (ends[1, 0] - ends[0, 0]) / (ends[1, 1] - ends[0, 1])
+    return ends[0, 0] + slope * (row - ends[0, 1])
+
+
+def ships():
+    yield "paper", paper_layout(), PAPER_EDGE
+    yield "cvn", cvn_layout(), CVN_EDGE
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        yield f"train {seed}", random_layout(rng), random_edge(rng)
+
+
+@pytest.mark.parametrize(("layout", "style"), [pytest.param(x, y, id=name) for name, x, y in ships()])
+def test_painted_middle_is_the_true_line(renderer, layout, style):
+    renderer.load(clean_ship(layout, style), SUN)
+    pose = camera_pose(layout, 45.0, 14.0, 3.0)
+    image = renderer.render(CAMERA, pose, CALM).rgb.astype(float)
+    for line in (layout.left_m, layout.right_m):
+        offsets = marking_offsets(image, CAMERA, pose, layout, line, style.width_m / 2)
+        assert len(offsets) > 30
+        assert abs(np.median(offsets)) < 0.15
+        assert abs(np.mean(offsets)) < 0.25
+        # A row that begins or ends in a bar of a slightly converging ladder sees more of one side.
+        assert np.mean(np.abs(offsets) < 0.5) > 0.8
+
+
+def test_a_line_painted_elsewhere_is_noticed(renderer):
+    layout = cvn_layout()
+    moved = replace(layout, left_m=layout.left_m + np.array([0.0, 0.5]))
+    renderer.load(clean_ship(moved, CVN_EDGE), SUN)
+    pose = camera_pose(layout, 45.0, 14.0, 3.0)
+    image = renderer.render(CAMERA, pose, CALM).rgb.astype(float)
+    assert np.median(marking_offsets(image, CAMERA, pose, layout, layout.left_m, 2.2)) > 1.0
+
+
+@pytest.mark.parametrize("range_m", [60.0, 800.0])
+def test_deck_depth_is_the_distance_to_its_plane(renderer, range_m):
+    layout = paper_layout()
+    renderer.load(clean_ship(layout, PAPER_EDGE), SUN)
+    camera = Camera.from_fov(640, 360, np.deg2rad(60.0 if range_m < 100 else 12.0))
+    pose = camera_pose(layout, range_m, 0.06 * range_m + 8.0, 5.0, nudge=(0.1, 0.02, 0.03))
+    depth = renderer.render(camera, pose, CALM).depth_m
+    along, _, length = axes(*layout.centre_m)
+    on_deck = world_points(layout, layout.centre_m[0] + np.linspace(10, 0.9 * length, 60)[:, None] * along)
+    pixels = np.rint(camera.project(pose.inv().apply(on_deck))).astype(int)
+    pixels = pixels[np.all((pixels >= 0) & (pixels < [640, 360]), axis=1)]
+    hits = intersect_plane(pose.translation, pose.rotation.apply(camera.rays(pixels)), 6.08)
+    expected = pose.inv().apply(hits)[:, 2]
+    assert len(pixels) > 30
+    np.testing.assert_allclose(depth[pixels[:, 1], pixels[:, 0]], expected, rtol=2e-5)
+
+
+def test_sea_depth_is_the_distance_to_the_water_and_the_sky_has_none(renderer):
+    layout = cvn_layout()
+    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    pose = camera_pose(layout, 400.0, 35.0, 0.0)
+    depth = renderer.render(CAMERA, pose, CALM, with_ship=False).depth_m
+    v, u = np.mgrid[0:360:7, 0:640:11]
+    rays = pose.rotation.apply(CAMERA.rays(np.column_stack([u.ravel(), v.ravel()])))
+    expected = pose.inv().apply(intersect_plane(pose.translation, rays, 0.0))[:, 2]
+    got = depth[v.ravel(), u.ravel()]
+    np.testing.assert_array_equal(np.isnan(got), np.isnan(expected))
+    near = expected < 5000.0
+    assert near.sum() > 100
+    np.testing.assert_allclose(got[near], expected[near], rtol=1e-4)
+
+
+def test_nearer_solids_hide_the_deck(renderer):
+    layout = cvn_layout()
+    middle = layout.centre_m[0] + 30.0 * axes(*layout.centre_m)[0]
+    wall = box(middle[0], middle[1], 0.0, (2.0, 2.0, 6.0), 0.0, (1.0, 0.0, 0.0))
+    renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
+    pose = camera_pose(layout, 20.0, 8.0, 0.0)
+    view = renderer.render(CAMERA, pose, CALM)
+    u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, middle[None], 3.0))))[0].astype(int)
+    assert view.rgb[v, u, 0] > 2 * view.rgb[v, u, 1].astype(int)
+    assert 45.0 < view.depth_m[v, u] < 50.0
+
+
+def test_shadow_falls_away_from_the_sun(renderer):
+    layout = cvn_layout()
+    spot = np.array([80.0, 0.0])
+    square = spot + np.array([[-3, -3], [3, -3], [3, 3], [-3, 3]])
+    ship = replace(clean_ship(layout, CVN_EDGE), casters=[(square, 12.0)])
+    renderer.load(ship, np.array([0.0, 0.6, 0.8]))  # light travels to starboard
+    pose = camera_pose(layout, 30.0, 40.0, 0.0, look_m=80.0)
+    image = renderer.render(CAMERA, pose, replace(CALM, sun_rgb=(1.0, 1.0, 1.0))).rgb.astype(float)
+    beside = world_points(layout, spot + np.array([[0.0, 8.0], [0.0, -8.0]]))
+    (u, v), (u1, v1) = np.rint(CAMERA.project(pose.inv().apply(beside))).astype(int)
+    assert image[v, u].mean() < 0.8 * image[v1, u1].mean()
+
+
+def test_projection_agrees_with_the_camera():
+    points = np.array([[3.0, -2.0, 40.0], [-30.0, 10.0, 90.0], [0.0, 0.0, 5.0]])
+    clip = np.column_stack([points, np.ones(3)]) @ clip_from_optical(CAMERA).T
+    pixels = (clip[:, :2] / clip[:, 3:] + 1) / 2 * [640, 360] - 0.5
+    np.testing.assert_allclose(pixels, CAMERA.project(points), atol=1e-9)
+
+
+def test_noise_is_tileable_and_centred():
+    noise = noise_field(64).astype(float)
+    np.testing.assert_allclose(noise.mean(axis=(0, 1)), 127.5, atol=2.0)
+    inner = np.abs(np.diff(noise, axis=0)).mean()
+    assert np.abs(noise[0] - noise[-1]).mean() < 1.5 * inner
+
+
+def test_wrong_use_is_named(renderer):
+    layout = cvn_layout()
+    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    pose = camera_pose(layout, 100.0, 10.0, 0.0)
+    with pytest.raises(ValueError, match=r"draws a pinhole, got distortion \(0.1"):
+        renderer.render(replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)), pose, CALM)
+    with pytest.raises(ValueError, match=r"above the sea \(z < 0.00 m\), got z = 10.00 m"):
+        renderer.render(CAMERA, camera_pose(layout, 100.0, -30.0, 0.0), CALM)
+
+
+def test_missing_egl_names_the_packages(monkeypatch):
+    def refuse(**_):
+        raise Exception("libEGL.so not loaded")
+
+    monkeypatch.setattr(gl.moderngl, "create_context", refuse)
+    with pytest.raises(RendererError, match=r"libEGL.so not loaded.*apt-get install libegl1 libgl1-mesa-dri"):
+        gl.open_context()

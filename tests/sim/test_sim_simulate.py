@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+
+from deckline.sim import RendererError, SimConfig, contact_sheet, frames
+from deckline.sim.weather import random_airlight, random_weather
+
+SMALL = {"width": 160, "height": 90}
+
+
+def rendered(config, start=0):
+    try:
+        return list(frames(config, start))
+    except RendererError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")
+
+
+@pytest.fixture(scope="module")
+def training():
+    settings = {"preset": "train", "trajectory": "random", "frames": 40, "frames_per_ship": 1, "seed": 3}
+    return rendered(SimConfig(**settings, **SMALL, depth_range_m=float("inf")))
+
+
+def test_a_frame_depends_on_seed_and_index_alone():
+    settings = {"preset": "train", "trajectory": "random", "frames": 7, "visibility_m": (200.0, 900.0)}
+    config = SimConfig(**settings, **SMALL)
+    whole, tail = rendered(config), rendered(config, start=5)
+    assert len(tail) == 2
+    for a, b in zip(whole[5:], tail, strict=True):
+        assert a.file == b.file
+        np.testing.assert_array_equal(a.image_rgb, b.image_rgb)
+        np.testing.assert_array_equal(a.depth_m, b.depth_m)
+        np.testing.assert_array_equal(a.truth.left.p0_m, b.truth.left.p0_m)
+    other = rendered(SimConfig(**settings, **SMALL, seed=1), start=6)
+    assert np.any(other[0].image_rgb != whole[6].image_rgb)
+
+
+def test_haze_follows_the_scattering_model():
+    config = SimConfig(frames=3, visibility_m=(300.0, 300.0), depth_range_m=float("inf"), **SMALL)
+    for frame in rendered(config):
+        v, u = np.mgrid[0:90, 0:160]
+        rays = np.stack([(u - 79.5) / frame.camera.fx, (v - 44.5) / frame.camera.fy, np.ones_like(u)])
+        distance = frame.depth_m * np.linalg.norm(rays, axis=0)
+        t = np.where(np.isnan(distance), 0.0, np.exp(-3.912023 / 300.0 * np.nan_to_num(distance)))[..., None]
+        expected = frame.truth.clear_rgb * t + np.array(frame.truth.airlight_rgb) * (1 - t)
+        difference = frame.image_rgb - expected  # what is left is the camera's noise
+        assert abs(difference.mean()) < 0.2
+        assert np.percentile(np.abs(difference), 99) < 8.0
+        assert frame.truth.visibility_m == 300.0
+    assert np.abs(frame.image_rgb.astype(float) - frame.truth.clear_rgb).max() > 30.0
+
+
+def test_visibility_is_uniform_in_its_limits_and_infinite_when_clear(training):
+    config = SimConfig(preset="cvn", trajectory="random", frames=6, visibility_m=(100.0, 900.0), **SMALL)
+    values = [frame.truth.visibility_m for frame in rendered(config)]
+    assert 100.0 <= min(values) < max(values) <= 900.0
+    assert len(set(values)) == 6
+    assert {frame.truth.visibility_m for frame in training} == {float("inf")}
+
+
+def test_recorded_depth_ends_at_its_range():
+    near = rendered(SimConfig(preset="paper", frames=2, start_m=150.0, depth_range_m=200.0, **SMALL))[0]
+    far = rendered(SimConfig(preset="paper", frames=2, start_m=150.0, depth_range_m=float("inf"), **SMALL))[0]
+    assert np.nanmax(near.depth_m) <= 200.0 < np.nanmax(far.depth_m)
+    np.testing.assert_array_equal(near.depth_m[near.depth_m > 0], far.depth_m[near.depth_m > 0])
+    assert np.isnan(far.depth_m[0]).all()
+
+
+def test_some_training_frames_have_no_runway(training):
+    missing = [frame for frame in training if frame.truth.left is None]
+    assert 0 < len(missing) < 12
+    assert all(frame.truth.right is None for frame in missing)
+
+
+def test_training_frames_differ_and_are_neither_black_nor_white(training):
+    means = np.array([frame.image_rgb.mean() for frame in training])
+    assert len({frame.file for frame in training}) == len(training)
+    assert np.std(means) > 10.0
+    assert np.mean((means > 20) & (means < 235)) > 0.9
+    assert len({frame.camera.fx for frame in training}) == len(training)
+
+
+def test_truth_is_in_view_and_left_is_left(training):
+    seen = [frame for frame in training if frame.truth.left is not None]
+    for frame in seen:
+        left, right = frame.truth.left, frame.truth.right
+        along = left.p1_m - left.p0_m
+        across = np.cross([0.0, 0.0, 1.0], along / np.linalg.norm(along))
+        assert (right.p0_m - left.p0_m) @ across > 10.0
+        assert left.p0_m[2] == pytest.approx(frame.deck_z_m)
+        camera = frame.world_from_camera.translation
+        assert np.linalg.norm(left.p0_m - camera) < np.linalg.norm(left.p1_m - camera)
+
+
+def test_clear_view_is_kept_only_when_asked():
+    config = SimConfig(frames=1, keep_clear=False, **SMALL)
+    assert rendered(config)[0].truth.clear_rgb is None
+
+
+def test_start_must_not_be_negative():
+    with pytest.raises(ValueError, match="start must not be negative, got -1"):
+        next(frames(SimConfig(), start=-1))
+
+
+def test_contact_sheet_places_frames(training):
+    sheet = contact_sheet(training[:5], columns=2)
+    assert sheet.shape == (270, 320, 3)
+    np.testing.assert_array_equal(sheet[90:180, 160:], training[3].image_rgb)
+    assert not sheet[180:, 160:].any()
+    marked = contact_sheet(training[:4], columns=2, with_truth=True)
+    assert np.any(np.all(marked == [255, 0, 0], axis=2))
+
+
+def test_contact_sheet_names_wrong_use(training):
+    with pytest.raises(ValueError, match="got 0 frames and 3 columns"):
+        contact_sheet([], 3)
+    other = rendered(SimConfig(frames=1, width=80, height=60))
+    with pytest.raises(ValueError, match=r"of one size, got \[\(60, 80, 3\), \(90, 160, 3\)\]"):
+        contact_sheet([training[0], *other], 2)
+
+
+def test_airlight_stays_in_range_near_the_horizon_colour():
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        horizon = np.array(random_weather(rng).horizon_rgb)
+        airlight = random_airlight(horizon, rng)
+        assert np.all((airlight >= 40) & (airlight <= 250))
+        assert abs(airlight.mean() - 255 * horizon.mean()) < 140
