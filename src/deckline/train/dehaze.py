@@ -22,6 +22,7 @@ from deckline.train.schedule import averaged, fraction_done, learning_rate
 
 MSE_FLOOR = 1e-5  # 50 dB: better than that earns nothing, or the clear images would outweigh the hazy ones
 PREFETCH = 3  # batches made ahead
+Batch = tuple[Tensor, Tensor, Tensor]  # hazy, clear, transmission
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class DehazeTrainConfig:
     lr_end: float = 1e-7
     warm_up: float = 0.02  # of the run
     weight_decay: float = 4e-3
+    visible_share: float = 0.5  # of the loss is PSNRLoss weighted by transmission; the paper's is 0
     clip_norm: float = 1.0  # of the gradient
     ema_decay: float = 0.999  # of the averaged weights, which are the ones exported
     held_out: float = 0.05  # of every recording, for validation
@@ -63,10 +65,27 @@ class DehazeTrainConfig:
         return replace(SIZES[self.size], unshuffle=self.unshuffle)
 
 
-def psnr_loss(restored: Tensor, clear: Tensor) -> Tensor:
-    """PSNRLoss: mean over images of -PSNR in dB; (B, 3, H, W) each, in 0..1. Source: SPEC section 2."""
-    mse = ((restored - clear) ** 2).mean((1, 2, 3))
+def psnr_loss(restored: Tensor, clear: Tensor, weight: Tensor | None = None) -> Tensor:
+    """PSNRLoss: mean over images of -PSNR in dB. Source: SPEC section 2.
+
+    Args:
+        restored, clear: (B, 3, H, W) in 0..1.
+        weight: (B, 1, H, W) of each pixel's squared error; None counts all alike.
+    """
+    squared = ((restored - clear) ** 2).mean(1, keepdim=True)
+    weight = torch.ones_like(squared) if weight is None else weight
+    total = weight.sum((1, 2, 3)).clamp(min=1)  # an image that shows less than one pixel's worth teaches nothing
+    mse = (weight * squared).sum((1, 2, 3)) / total
     return 10 * torch.log10(mse + MSE_FLOOR).mean()
+
+
+def dehaze_loss(restored: Tensor, clear: Tensor, t: Tensor, visible_share: float) -> Tensor:
+    """PSNRLoss over the whole image, and over what still shows through the haze (weighted by transmission t).
+
+    The sky and far water are hidden completely and their error cannot be learned away; without the second part it
+    would drown the deck's.
+    """
+    return (1 - visible_share) * psnr_loss(restored, clear) + visible_share * psnr_loss(restored, clear, t)
 
 
 def train_dehaze(config: DehazeTrainConfig, recordings: list[Path], out: Path) -> dict[str, float]:
@@ -92,15 +111,16 @@ def train_dehaze(config: DehazeTrainConfig, recordings: list[Path], out: Path) -
     model = DehazeNetwork(config.network).to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimizer = torch.optim.AdamW(model.parameters(), config.lr, (0.9, 0.999), weight_decay=config.weight_decay)
     ema, step, seconds = _resume(config, model, optimizer, out)
-    views = ClearViews(recordings, config.held_out)
+    views = ClearViews(recordings, config.working_long_side_px, config.held_out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {step}")
     step, finished = _run(config, model, optimizer, ema, views, out, step, seconds, console)
     if not finished:
         console.print(f"interrupted; give the same command again to go on from step {step}")
         return {}
     model.load_state_dict(ema)
-    figures = validate(model, ClearViews(recordings, config.held_out, train=False), config.seed)
     path = export_dehaze(model, out / "dehaze.onnx", config.working_long_side_px, _recipe(config), step)
+    held_out = ClearViews(recordings, config.working_long_side_px, config.held_out, train=False)
+    figures = validate(model, held_out, config.seed)
     for name, value in figures.items():
         console.print(f"{name} = {value:.4g}")
     console.print(str(path))
@@ -124,12 +144,12 @@ def _run(
     with stop_on_interrupt() as stopped, Progress(*columns, console=console) as progress:
         bar = progress.add_task("training", total=1.0)
         last = time.monotonic()
-        for hazy, clear in _batches(config, views, step):
+        for batch in _batches(config, views, step):
             fraction = fraction_done(step, config.steps, seconds, config.minutes)
             if fraction >= 1 or stopped.is_set():
                 break
             rate = learning_rate(fraction, config.lr, config.lr_end, config.warm_up)
-            loss = _step(model, optimizer, hazy, clear, rate, config.clip_norm)
+            loss = _step(model, optimizer, batch, rate, config)
             if not np.isfinite(loss):
                 raise FloatingPointError(f"loss is {loss} at step {step}; lower lr ({config.lr}) and start again")
             averaged(ema, model, config.ema_decay, step)
@@ -137,36 +157,36 @@ def _run(
             seconds += time.monotonic() - last
             last = time.monotonic()
             recent = -loss if recent == 0 else 0.98 * recent - 0.02 * loss
-            progress.update(bar, completed=fraction, description=f"step {step}, {recent:.2f} dB")
+            progress.update(bar, completed=fraction, description=f"step {step}, loss {-recent:.2f} dB")
             if step % config.checkpoint_every == 0:
                 _save(config, model, optimizer, ema, step, seconds, out)
-                console.print(f"step {step}, {seconds / 60:.1f} min, lr {rate:.2e}, training PSNR {recent:.2f} dB")
+                console.print(f"step {step}, {seconds / 60:.1f} min, lr {rate:.2e}, loss {-recent:.2f} dB")
     _save(config, model, optimizer, ema, step, seconds, out)
     return step, fraction_done(step, config.steps, seconds, config.minutes) >= 1
 
 
 def _step(
-    model: DehazeNetwork, optimizer: torch.optim.Optimizer, hazy: Tensor, clear: Tensor, rate: float, clip: float
+    model: DehazeNetwork, optimizer: torch.optim.Optimizer, batch: Batch, rate: float, config: DehazeTrainConfig
 ) -> float:
     device = next(model.parameters()).device
-    hazy, clear = (x.to(device, memory_format=torch.channels_last) for x in (hazy, clear))
+    hazy, clear, t = (x.to(device, memory_format=torch.channels_last) for x in batch)
     for group in optimizer.param_groups:
         group["lr"] = rate
     precision = torch.autocast("cuda", torch.bfloat16) if device.type == "cuda" else nullcontext()
     with precision:
-        loss = psnr_loss(model(hazy).float(), clear)
+        loss = dehaze_loss(model(hazy).float(), clear, t, config.visible_share)
     optimizer.zero_grad()
     loss.backward()
-    torch.nn.utils.clip_grad_norm_(model.parameters(), clip)
+    torch.nn.utils.clip_grad_norm_(model.parameters(), config.clip_norm)
     optimizer.step()
     return loss.item()
 
 
-def _batches(config: DehazeTrainConfig, views: ClearViews, start: int) -> Iterator[tuple[Tensor, Tensor]]:
+def _batches(config: DehazeTrainConfig, views: ClearViews, start: int) -> Iterator[Batch]:
     """Batches of the steps from `start` on, made ahead by threads."""
     crop = (config.crop_height, config.crop_width)
 
-    def batch(step: int) -> tuple[Tensor, Tensor]:
+    def batch(step: int) -> Batch:
         return training_batch(views, config.batch, crop, config.haze, [config.seed, step])
 
     with ThreadPoolExecutor(2) as pool:

@@ -1,6 +1,5 @@
 """Clear views with ranges, and the hazy pairs drawn from them: no two epochs repeat."""
 
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,8 +9,8 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from deckline.dehaze.network_io import image_to_tensor
-from deckline.haze import add_haze, beta_from_visibility
+from deckline.dehaze.network_io import averaged_down, image_to_tensor, reduction_factor, tensor_to_image
+from deckline.haze import add_haze, beta_from_visibility, transmission
 from deckline.recording import Source, open_source
 from deckline.types import Frame
 
@@ -25,10 +24,10 @@ BLUISH, WARM = np.array([0.86, 0.95, 1.05]), np.array([1.06, 0.97, 0.85])
 class HazeAugmentation:
     """What haze training images get."""
 
-    visibility_m: tuple[float, float] = (200.0, 3500.0)  # 2 % contrast, log-uniform
+    visibility_m: tuple[float, float] = (250.0, 4000.0)  # 2 % contrast, log-uniform
     clear_share: float = 0.06  # of the images get next to no haze, so that clear images come out untouched
     clear_visibility_m: tuple[float, float] = (20000.0, 200000.0)  # log-uniform
-    horizon_share: float = 0.6  # of the airlights are near the sky's colour at the horizon, the others random
+    horizon_share: float = 0.8  # of the airlights are near the sky's colour at the horizon, the others random
     noise_share: float = 0.3  # of the hazy images get sensor noise
     noise_max: float = 2.0  # its largest 1-sigma, grey levels
     crop_scale: tuple[float, float] = (0.75, 1.25)  # size of the window a crop is resized from, relative to the crop
@@ -54,8 +53,8 @@ class ClearView:
     horizon_rgb: NDArray[np.float32] | None  # (3,) 0..255; None when no sky is in the view
 
 
-def clear_view(frame: Frame) -> ClearView:
-    """What training needs of a frame.
+def clear_view(frame: Frame, long_side_px: int) -> ClearView:
+    """What training needs of a frame, averaged down by a whole factor to about `long_side_px`.
 
     Raises:
         ValueError: a frame without depth, or without a clear image.
@@ -70,6 +69,12 @@ def clear_view(frame: Frame) -> ClearView:
     else:
         raise ValueError(f"{frame.file}: no clear image, and the recording does not say that it was seen in clear air")
     ranges = np.nan_to_num(frame.depth_m * frame.camera.ray_lengths(), nan=np.inf)
+    factor = reduction_factor(*clear.shape[:2], long_side_px)
+    if factor > 1:
+        height, width = (side // factor * factor for side in clear.shape[:2])
+        clear = tensor_to_image(averaged_down(image_to_tensor(clear[:height, :width]), factor))
+        # One range of every block: a mean over a ship's edge would lie where nothing is.
+        ranges = ranges[factor // 2 : height : factor, factor // 2 : width : factor]
     with np.errstate(over="ignore"):  # beyond 65 km is as good as sky
         return ClearView(clear, ranges.astype(np.float16), horizon_colour(clear, ranges))
 
@@ -87,36 +92,37 @@ class ClearViews:
     """Views of several recordings, read when first asked for and kept in memory. Safe to share between threads.
 
     Args:
-        recordings: folders that `deckline.recording` can open.
+        recordings: folders that `deckline.recording` can open; one given twice is drawn twice as often.
+        long_side_px: larger images are averaged down to about this.
         held_out: share of every recording, at its end, that training does not see.
-        train: the training part; False gives the held-out part.
+        train: the training part; False gives the held-out part, of every recording once.
 
     Raises:
         ValueError: no recordings, or no views.
     """
 
-    def __init__(self, recordings: list[Path], held_out: float, train: bool = True) -> None:
-        self._items: list[tuple[Source, int]] = []
-        for path in recordings:
-            source = open_source(path)
-            first_held_out = len(source) - round(held_out * len(source))
-            part = range(first_held_out) if train else range(first_held_out, len(source))
-            self._items += [(source, index) for index in part]
+    def __init__(self, recordings: list[Path], long_side_px: int, held_out: float, train: bool = True) -> None:
+        self._long_side_px = long_side_px
+        self._sources: dict[Path, Source] = {path: open_source(path) for path in recordings}
+        self._items: list[tuple[Path, int]] = []
+        for path in recordings if train else self._sources:
+            count = len(self._sources[path])
+            first_held_out = count - round(held_out * count)
+            part = range(first_held_out) if train else range(first_held_out, count)
+            self._items += [(path, index) for index in part]
         if not self._items:
             raise ValueError(f"no {'training' if train else 'held-out'} views in {[str(path) for path in recordings]}")
-        self._cache: dict[int, ClearView] = {}
-        self._lock = threading.Lock()
+        self._cache: dict[tuple[Path, int], ClearView] = {}
 
     def __len__(self) -> int:
         return len(self._items)
 
     def __getitem__(self, index: int) -> ClearView:
-        view = self._cache.get(index)
-        if view is None:
-            source, frame_index = self._items[index]
-            view = clear_view(source.load(frame_index))
-            with self._lock:
-                self._cache[index] = view
+        path, frame_index = item = self._items[index]
+        view = self._cache.get(item)
+        if view is None:  # two threads may both load a view; either result serves
+            view = clear_view(self._sources[path].load(frame_index), self._long_side_px)
+            self._cache[item] = view
         return view
 
 
@@ -136,19 +142,21 @@ def random_airlight(
 
 def hazy_pair(
     view: ClearView, window: tuple[slice, slice], haze: HazeAugmentation, rng: np.random.Generator
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Hazy and clear (h, w, 3) of one window of a view, flipped at random."""
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]:
+    """Hazy and clear (h, w, 3) and transmission (h, w) of one window of a view, flipped at random."""
     clear = view.clear_rgb[window]
     limits = haze.clear_visibility_m if rng.random() < haze.clear_share else haze.visibility_m
     visibility_m = float(np.exp(rng.uniform(*np.log(limits))))
     airlight = random_airlight(view.horizon_rgb, haze.horizon_share, rng)
-    hazy = add_haze(clear, view.range_m[window], beta_from_visibility(visibility_m), airlight)
+    beta = beta_from_visibility(visibility_m)
+    hazy = add_haze(clear, view.range_m[window], beta, airlight)
     if rng.random() < haze.noise_share:
         noise = rng.standard_normal(hazy.shape, dtype=np.float32) * rng.uniform(0, haze.noise_max)
         hazy = np.clip(np.rint(hazy + noise), 0, 255).astype(np.uint8)
     step_v = -1 if rng.random() < haze.flip_vertical else 1
     step_u = -1 if rng.random() < haze.flip_horizontal else 1
-    return hazy[::step_v, ::step_u], clear[::step_v, ::step_u]
+    t = transmission(view.range_m[window], beta)
+    return hazy[::step_v, ::step_u], clear[::step_v, ::step_u], t[::step_v, ::step_u]
 
 
 def random_window(
@@ -164,16 +172,21 @@ def random_window(
 
 def training_batch(
     views: ClearViews, batch: int, crop: tuple[int, int], haze: HazeAugmentation, seed: list[int]
-) -> tuple[Tensor, Tensor]:
-    """Hazy and clear (batch, 3, h, w) in 0..1; the same for the same seed, so a resumed run sees what it would have."""
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Hazy and clear (batch, 3, h, w) in 0..1 and transmission (batch, 1, h, w).
+
+    The same for the same seed, so a resumed run sees what it would have seen.
+    """
     rng = np.random.default_rng(seed)
-    pairs = []
+    samples = []
     for index in rng.integers(0, len(views), batch):
         view = views[int(index)]
         window = random_window(view.clear_rgb.shape[:2], crop, haze.crop_scale, rng)
-        pair = [torch.from_numpy(image_to_tensor(image)) for image in hazy_pair(view, window, haze, rng)]
-        if pair[0].shape[2:] != crop:
-            pair = [F.interpolate(x, crop, mode="bilinear", antialias=True, align_corners=False) for x in pair]
-        pairs.append(pair)
-    hazy, clear = (torch.cat(list(images)) for images in zip(*pairs, strict=True))
-    return hazy, clear
+        hazy, clear, t = hazy_pair(view, window, haze, rng)
+        planes = [image_to_tensor(hazy), image_to_tensor(clear), np.ascontiguousarray(t)[None, None]]
+        sample = torch.cat([torch.from_numpy(plane) for plane in planes], 1)
+        if sample.shape[2:] != crop:
+            sample = F.interpolate(sample, crop, mode="bilinear", antialias=True, align_corners=False)
+        samples.append(sample)
+    stacked = torch.cat(samples)
+    return stacked[:, :3], stacked[:, 3:6], stacked[:, 6:]

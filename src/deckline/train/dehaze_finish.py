@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from deckline.dehaze.network_io import image_to_tensor, tensor_to_image
+from deckline.evaluate.metrics import psnr_db, ssim
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.train.dehaze_data import ClearViews, random_airlight
 from deckline.train.dehaze_network import DehazeNetwork, network_metadata
@@ -14,17 +15,16 @@ from deckline.train.export import export_onnx
 
 VALIDATION_VISIBILITY_M = (500.0, 3000.0)  # uniform; the range that the project's mark is set for
 VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
-HORIZON_SHARE = 0.6  # of the airlights, as in training
+HORIZON_SHARE = 1.0  # of the airlights: haze by day has the colour of the sky at the horizon
 
 
 @torch.no_grad()
 def validate(model: DehazeNetwork, views: ClearViews, seed: int) -> dict[str, float]:
-    """PSNR (dB) and SSIM on whole held-out views, hazy as they come and dehazed, and PSNR on haze-free ones.
+    """PSNR (dB) and SSIM on whole held-out views, hazy as they come and dehazed; PSNR without the sky; PSNR on
+    haze-free views.
 
     Haze depends on `seed` and the view alone, so that runs can be compared.
     """
-    from deckline.evaluate.metrics import psnr_db, ssim
-
     was_training = model.training
     model.eval()
     rows = []
@@ -37,12 +37,22 @@ def validate(model: DehazeNetwork, views: ClearViews, seed: int) -> dict[str, fl
         dehazed = _dehaze(model, hazy)
         untouched = _dehaze(model, view.clear_rgb)
         clear = view.clear_rgb
-        pairs = (hazy, dehazed, untouched)
-        rows.append([*(psnr_db(clear, image) for image in pairs), ssim(clear, hazy), ssim(clear, dehazed)])
+        surface = np.isfinite(view.range_m)[None]  # (1, H, W): sea and ship
+        pairs = [(clear, hazy), (clear, dehazed), (clear, untouched)]
+        pairs += [(clear[None][surface][None], image[None][surface][None]) for image in (hazy, dehazed)]
+        rows.append([*(psnr_db(*pair) for pair in pairs), ssim(clear, hazy), ssim(clear, dehazed)])
     model.train(was_training)
     # A view that comes out untouched has infinite PSNR; 60 dB stands for it in the mean.
     means = np.minimum(rows, 60.0).mean(axis=0)
-    names = ("psnr_db_hazy.mean", "psnr_db.mean", "psnr_db_clear_air.mean", "ssim_hazy.mean", "ssim.mean")
+    names = (
+        "psnr_db_hazy.mean",
+        "psnr_db.mean",
+        "psnr_db_clear_air.mean",
+        "psnr_db_surface_hazy.mean",
+        "psnr_db_surface.mean",
+        "ssim_hazy.mean",
+        "ssim.mean",
+    )
     return {**dict(zip(names, means.tolist(), strict=True)), "views": float(len(rows))}
 
 

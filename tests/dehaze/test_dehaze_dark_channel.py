@@ -1,0 +1,77 @@
+"""The dark channel prior against the definitions it is made of."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import minimum_filter, uniform_filter
+
+from deckline.dehaze.dark_channel import (
+    DarkChannelConfig,
+    DarkChannelDehazer,
+    dark_channel,
+    estimate_airlight,
+    guided_filter,
+)
+
+
+def random_image(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).random((40, 50, 3), dtype=np.float32)
+
+
+def test_dark_channel_is_the_minimum_over_window_and_colours() -> None:
+    image = random_image()
+    expected = minimum_filter(image.min(axis=2), size=7, mode="constant", cval=1.0)
+    np.testing.assert_array_equal(dark_channel(image, 7), expected)
+
+
+def test_airlight_is_the_brightest_of_the_haziest() -> None:
+    image = np.full((20, 50, 3), 0.2, dtype=np.float32)
+    dark = np.full((20, 50), 0.1, dtype=np.float32)
+    dark[3, 4:6] = 0.9
+    image[3, 4], image[3, 5], image[10, 10] = (0.7, 0.7, 0.7), (0.8, 0.9, 0.7), (1.0, 1.0, 1.0)
+    np.testing.assert_allclose(estimate_airlight(image, dark, 0.002), [0.8, 0.9, 0.7])
+
+
+def test_guided_filter_against_scipy_boxes() -> None:
+    guide, values = random_image(1)[..., 0], random_image(2)[..., 0]
+
+    def box(x: np.ndarray) -> np.ndarray:
+        return uniform_filter(x.astype(np.float64), 9, mode="nearest")
+
+    cov = box(guide * values) - box(guide) * box(values)
+    slope = cov / (box(guide * guide) - box(guide) ** 2 + 1e-3)
+    offset = box(values) - slope * box(guide)
+    np.testing.assert_allclose(guided_filter(guide, values, 4, 1e-3), box(slope) * guide + box(offset), atol=1e-4)
+
+
+def test_guided_filter_keeps_a_line_in_the_guide() -> None:
+    guide = random_image(3)[..., 0]
+    np.testing.assert_allclose(guided_filter(guide, 3 * guide - 1, 4, 1e-6), 3 * guide - 1, atol=1e-3)
+
+
+def test_uniform_haze_is_removed_as_the_model_says() -> None:
+    """One depth, one airlight, a dark pixel in every window: t = 1 - omega (1 - t_true) exactly."""
+    rng = np.random.default_rng(0)
+    clear = rng.uniform(0, 0.5, (80, 80, 3))
+    clear[::4, ::4] = 0
+    airlight, t = 0.8, 0.6
+    hazy = clear * t + airlight * (1 - t)
+    hazy[:8, :8] = airlight  # a patch of sky shows the airlight
+    result = DarkChannelDehazer(DarkChannelConfig(patch_px=7, guide_radius_px=3))(np.rint(255 * hazy).astype(np.uint8))
+    kept = 1 - 0.95 * (1 - t)
+    expected = 255 * ((hazy - airlight) / kept + airlight)
+    inner = slice(30, 70)
+    assert np.abs(result[inner, inner] - np.clip(expected[inner, inner], 0, 255)).mean() < 3.0
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"patch_px": 4}, "patch_px must be odd and positive, got 4"),
+        ({"guide_radius_px": 0}, "guide_radius_px must be >= 1"),
+        ({"omega": 1.5}, r"omega must lie in \(0, 1\], got 1.5"),
+        ({"min_transmission": 0.0}, "min_transmission must lie"),
+    ],
+)
+def test_config_errors(keys: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        DarkChannelConfig(**keys)

@@ -1,0 +1,86 @@
+"""Shipped weights: what is listed is what is loaded."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from deckline.runtime.weights import sha256_of, shipped_models, shipped_weights
+
+CONTENT = b"not really a network"
+ENTRY = """
+[[model]]
+name = "small"
+file = "small.onnx"
+sha256 = "{sha256}"
+kind = "dehaze"
+command = "deckline train dehaze"
+data = "preset train, seed 1"
+seed = 1
+steps = 10
+hardware = "2 CPU cores"
+date = "2024-01-01"
+[model.figures]
+"psnr_db.mean" = 21.5
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "small.onnx").write_bytes(CONTENT)
+    (tmp_path / "manifest.toml").write_text(ENTRY.format(sha256=hashlib.sha256(CONTENT).hexdigest()))
+    return tmp_path
+
+
+def test_listed_model_is_found_with_its_figures(folder: Path) -> None:
+    assert shipped_weights("small", folder) == folder / "small.onnx"
+    model = shipped_models(folder)["small"]
+    assert model.figures["psnr_db.mean"] == 21.5
+    assert (model.kind, model.seed, model.steps) == ("dehaze", 1, 10)
+
+
+def test_sha256_of_known_content(tmp_path: Path) -> None:
+    (tmp_path / "abc").write_bytes(b"abc")  # test vector of FIPS 180-2
+    assert sha256_of(tmp_path / "abc").startswith("ba7816bf8f01cfea414140de5dae2223")
+
+
+def test_tampered_file_is_refused_in_one_line(folder: Path) -> None:
+    (folder / "small.onnx").write_bytes(CONTENT + b"!")
+    with pytest.raises(ValueError, match=r"small\.onnx was changed: SHA-256 is .* it is not loaded") as caught:
+        shipped_weights("small", folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_unknown_name(folder: Path) -> None:
+    with pytest.raises(ValueError, match="no shipped weights 'large': the manifest has small"):
+        shipped_weights("large", folder)
+    (folder / "small.onnx").unlink()
+    with pytest.raises(ValueError, match="are missing"):
+        shipped_weights("small", folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[[model]", "is not TOML"),
+        ('[[model]]\nname = "a"\n', "lacks keys .*'sha256'"),
+        (ENTRY.format(sha256="0") + "\n[[model]]\ncolour = 'red'\n", "unknown keys .'colour'"),
+        (ENTRY.format(sha256="0") * 2, "listed twice"),
+    ],
+)
+def test_bad_manifest(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "manifest.toml").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        shipped_models(tmp_path)
+
+
+def test_no_manifest(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"manifest\.toml cannot be read"):
+        shipped_models(tmp_path)
+
+
+def test_package_ships_what_its_manifest_lists() -> None:
+    models = shipped_models()
+    assert "dehaze" in models
+    for name in models:
+        assert shipped_weights(name).stat().st_size > 10_000
