@@ -28,7 +28,8 @@ def print_info(out: TextIO) -> None:
         print(f"  {name} ({model.kind}): {path.name}, {path.stat().st_size / 1e6:.2f} MB", file=out)
         print(f"    sha256  {model.sha256} (checked)", file=out)
         print(f"    made by {model.command}", file=out)
-        print(f"    on      {model.data}; seed {model.seed}, {model.steps} steps, {model.hardware}, {model.date}", file=out)
+        print(f"    on      {model.data}", file=out)
+        print(f"    with    seed {model.seed}, {model.steps} steps, {model.hardware}, {model.date}", file=out)
         for figure, value in model.figures.items():
             print(f"    {figure}: {value}", file=out)
 
