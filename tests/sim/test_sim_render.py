@@ -5,7 +5,7 @@ import pytest
 
 from deckline.geometry import Camera, camera_mount, intersect_plane
 from deckline.sim import gl
-from deckline.sim.bake import noise_field
+from deckline.sim.bake import noise_field, texture_size
 from deckline.sim.gl import RendererError
 from deckline.sim.layout import cvn_layout, paper_layout, random_layout, world_points
 from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, DeckSurface, edge_coat, random_edge
@@ -80,10 +80,9 @@ def test_painted_middle_is_the_true_line(renderer, layout, style):
     for line in (layout.left_m, layout.right_m):
         offsets = marking_offsets(image, CAMERA, pose, layout, line, style.width_m / 2)
         assert len(offsets) > 30
-        assert abs(np.median(offsets)) < 0.15
-        assert abs(np.mean(offsets)) < 0.25
-        # A row that begins or ends in a bar of a slightly converging ladder sees more of one side.
-        assert np.mean(np.abs(offsets) < 0.5) > 0.8
+        assert abs(np.median(offsets)) < 0.05
+        assert abs(np.mean(offsets)) < 0.05
+        assert np.percentile(np.abs(offsets), 99) < 0.5
 
 
 def test_a_line_painted_elsewhere_is_noticed(renderer):
@@ -164,6 +163,14 @@ def test_noise_is_tileable_and_centred():
     np.testing.assert_allclose(noise.mean(axis=(0, 1)), 127.5, atol=2.0)
     inner = np.abs(np.diff(noise, axis=0)).mean()
     assert np.abs(noise[0] - noise[-1]).mean() < 1.5 * inner
+
+
+def test_deck_textures_halve_evenly():
+    for extent in ((333.0, 77.0), (150.0, 31.0), (201.0, 64.5)):
+        size = texture_size(np.array(extent), 8.0)
+        assert all(n & (n - 1) == 0 for n in size)
+        assert size[1] / extent[1] >= 8.0
+        assert 5.6 < size[0] / extent[0] < 11.4
 
 
 def test_wrong_use_is_named(renderer):

@@ -20,11 +20,11 @@ def paint_deck(
     The noise texture must be bound to unit 0.
     """
     low, high = ship.layout.outline_m.min(axis=0), ship.layout.outline_m.max(axis=0)
-    size = tuple(int(n) for n in np.ceil((high - low) * ship.texels_per_m))
+    size = texture_size(high - low, ship.texels_per_m)
     painter["paint_area"] = (*low, *(high - low))
     painter["noise_offset"] = ship.surface.noise_offset
     painter["grain"], painter["wear"] = ship.surface.grain, ship.surface.wear
-    samples = context.renderbuffer((size[0], size[1]), 4, samples=SAMPLES)
+    samples = context.renderbuffer(size, 4, samples=SAMPLES)
     smooth = context.framebuffer([samples])
     smooth.use()
     smooth.clear(0.0, 0.0, 0.0, 1.0)
@@ -34,7 +34,7 @@ def paint_deck(
     _draw(context, painter, smooth, layers([ground, ship.coat]), (True, True, True, False))
     context.disable(moderngl.BLEND)
     _draw(context, painter, smooth, shadow_coat(ship, sun), (False, False, False, True))
-    texture = context.texture((size[0], size[1]), 4)
+    texture = context.texture(size, 4)
     resolved = context.framebuffer([texture])
     context.copy_framebuffer(resolved, smooth)
     for thing in (resolved, smooth, samples):
@@ -43,6 +43,15 @@ def paint_deck(
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     texture.repeat_x = texture.repeat_y = False
     return texture
+
+
+def texture_size(extent_m: NDArray[np.float64], texels_per_m: float) -> tuple[int, int]:
+    """Powers of two near a resolution, along and across the deck.
+
+    Halving an odd number of texels would shift far markings by decimetres.
+    """
+    wanted = np.log2(np.asarray(extent_m) * texels_per_m)
+    return 2 ** round(wanted[0]), 2 ** int(np.ceil(wanted[1]))
 
 
 def _draw(
