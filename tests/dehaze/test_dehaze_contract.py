@@ -18,7 +18,9 @@ def random_image(height: int, width: int) -> np.ndarray:
     return np.random.default_rng([height, width]).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (2, 3), (33, 31), (97, 203), (360, 640), (361, 1283)])
+@pytest.mark.parametrize(
+    "size", [(1, 1), (1, 40), (2, 3), (1, 1300), (1930, 5), (33, 31), (97, 203), (360, 640), (361, 1283)]
+)
 def test_shape_type_determinism_and_input(dehazer: Dehazer, size: tuple[int, int]) -> None:
     image = random_image(*size)
     before = image.copy()

@@ -42,13 +42,13 @@ def test_averaging_is_the_mean_of_blocks() -> None:
     np.testing.assert_allclose(averaged_down(tensor, 2)[0, 0], [[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]])
 
 
-@given(st.integers(1, 150), st.integers(1, 150), st.integers(1, 3))
+@given(st.integers(1, 150), st.integers(1, 150), st.integers(1, 12))
 def test_padding_reaches_the_multiple_and_keeps_the_image(height: int, width: int, multiple: int) -> None:
     image = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
-    out = padded(image, multiple)
-    assert out.shape[0] % multiple == out.shape[1] % multiple == 0
-    assert min(out.shape[:2]) >= MIN_SIDE_PX * multiple
-    assert out.shape[0] - height < max(multiple, MIN_SIDE_PX * multiple)
+    for least in (MIN_SIDE_PX, 70):
+        out = padded(image, multiple, least)
+        assert out.shape[0] % multiple == out.shape[1] % multiple == 0
+        assert least <= out.shape[0] < max(height, least) + multiple
     np.testing.assert_array_equal(out[:height, :width], image)
     np.testing.assert_array_equal(out[-1, :width], out[height - 1, :width])
 

@@ -27,10 +27,10 @@ def reduction_factor(height: int, width: int, working_long_side_px: int) -> int:
     return max(1, round(max(height, width) / working_long_side_px))
 
 
-def padded(image_rgb: NDArray[np.uint8], multiple: int) -> NDArray[np.uint8]:
-    """The image continued below and to the right by its edge pixels to a multiple, MIN_SIDE_PX multiples at least."""
+def padded(image_rgb: NDArray[np.uint8], multiple: int, least_px: int = MIN_SIDE_PX) -> NDArray[np.uint8]:
+    """The image continued below and to the right by its edge pixels: sides a multiple of one number, at least another."""
     height, width = image_rgb.shape[:2]
-    least = MIN_SIDE_PX * multiple
+    least = -(-least_px // multiple) * multiple
     bottom = max(-height % multiple, least - height)
     right = max(-width % multiple, least - width)
     if bottom == 0 and right == 0:

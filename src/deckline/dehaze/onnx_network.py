@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze.base import check_image
-from deckline.dehaze.network_io import averaged_down, image_to_tensor, padded, reduction_factor, tensor_to_image
+from deckline.dehaze.network_io import (
+    MIN_SIDE_PX,
+    averaged_down,
+    image_to_tensor,
+    padded,
+    reduction_factor,
+    tensor_to_image,
+)
 from deckline.runtime import load_session
 
 
@@ -33,14 +40,15 @@ class OnnxDehazer:
             raise ValueError(f"{path} is no dehazing network: its metadata says kind {kind!r}, expected 'dehaze'")
         self.coarse = "working" in self.session.input_names
         self.working_long_side_px = int(self.session.config["working_long_side_px"])
+        self.grid_px = int(self.session.config["network"]["unshuffle"])
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         check_image(image_rgb)
         height, width = image_rgb.shape[:2]
-        factor = reduction_factor(height, width, self.working_long_side_px) if self.coarse else 1
-        image = image_to_tensor(padded(image_rgb, factor))
         if self.coarse:
+            factor = reduction_factor(height, width, self.working_long_side_px)
+            image = image_to_tensor(padded(image_rgb, factor * self.grid_px, factor * MIN_SIDE_PX))
             (clear,) = self.session(image=image, working=averaged_down(image, factor))
         else:
-            (clear,) = self.session(image=image)
+            (clear,) = self.session(image=image_to_tensor(padded(image_rgb, 1)))
         return tensor_to_image(clear[:, :, :height, :width])

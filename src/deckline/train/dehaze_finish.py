@@ -59,7 +59,11 @@ def validate(model: DehazeNetwork, views: ClearViews, seed: int) -> dict[str, fl
 def export_dehaze(
     model: DehazeNetwork, path: Path, working_long_side_px: int, recipe: dict[str, Any], step: int
 ) -> Path:
-    """Write the network as ONNX with dynamic height and width; recipe and network config go into the metadata."""
+    """Write the network as ONNX with dynamic height and width; recipe and network config go into the metadata.
+
+    A coarse network's file takes a working image whose sides are multiples of `unshuffle`, and an image larger by a
+    whole factor; OnnxDehazer pads images to that. A full-resolution network's file takes any size.
+    """
     coarse = model.config.unshuffle > 1
     device = next(model.parameters()).device
     dynamic = {"image": {2: "height", 3: "width"}, "clear": {2: "height", 3: "width"}}

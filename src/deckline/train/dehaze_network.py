@@ -129,10 +129,14 @@ class DehazeNetwork(nn.Module):
         slope, offset = linear_in_guide(
             self._estimate(working), guide, torch.exp(self.log_guide_eps), self.config.guide_radius
         )
-        factor = image.shape[2] // working.shape[2] * self.config.unshuffle
-        size = (slope.shape[2] * factor, slope.shape[3] * factor)
-        models = F.interpolate(torch.cat([slope, offset], 1), size=size, mode="bilinear", align_corners=False)
-        models = models[:, :, : image.shape[2], : image.shape[3]]
+        unshuffle = self.config.unshuffle
+        rows, columns = -(-working.shape[2] // unshuffle), -(-working.shape[3] // unshuffle)
+        factor = image.shape[2] // working.shape[2] * unshuffle
+        models = torch.cat([slope, offset], 1)[:, :, :rows, :columns]
+        models = F.interpolate(models, (rows * factor, columns * factor), mode="bilinear", align_corners=False)
+        # A copy at full size is slow; exported networks get images that need none (see export_dehaze).
+        if models.shape[2] != image.shape[2] or models.shape[3] != image.shape[3]:
+            models = models[:, :, : image.shape[2], : image.shape[3]]
         return models[:, :4] * luma(image) + models[:, 4:]
 
 
