@@ -1,0 +1,32 @@
+"""Runway line detection: an image in, points of the left and right line out."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.detect.looks import DetectConfig
+from deckline.detect.onnx_detector import OnnxDetector
+from deckline.runtime.weights import shipped_weights
+from deckline.types import Detection
+
+__all__ = ["DETECTORS", "DetectConfig", "Detector", "OnnxDetector"]
+
+
+class Detector(Protocol):
+    """What every detector is: a callable with a name.
+
+    Takes an image (H, W, 3) uint8 RGB of any size and leaves it untouched; gives the points of both lines in that
+    image's pixels. A line that is not seen has no points; a line is never returned with fewer than three.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    def __call__(self, image_rgb: NDArray[np.uint8]) -> Detection: ...
+
+
+DETECTORS: dict[str, Callable[[], Detector]] = {
+    "ufld": lambda: OnnxDetector(shipped_weights("detect")),
+}

@@ -1,0 +1,108 @@
+"""Find the runway in the whole image, then look closely: one network, two or three looks.
+
+At 800 m the runway of a ship is a dozen pixels wide in a 1280-pixel image, at 60 m it fills it. The first look says
+where it is; the next ones magnify that part of the full image until the runway fills a good half of the network's view.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.detect.preprocess import Window, box_window, look, normalise, whole_window
+from deckline.detect.region import decode_region
+from deckline.detect.row_anchors import DecodeConfig, RowGrid, RowPoints, decode
+from deckline.types import Detection, LinePoints
+
+MAX_SHIFT = 0.25  # of the view; training jitters a close look's centre by as much
+
+
+class NetworkOutput(NamedTuple):
+    """What the network says of one view."""
+
+    rows: NDArray[np.float32]  # (2, rows, cells + 1) class logits of left and right
+    region: NDArray[np.float32]  # (region cells + 1,) class logits
+    box: NDArray[np.float32]  # (4, region rows, region columns) box offsets
+
+
+Infer = Callable[[NDArray[np.float32]], NetworkOutput]  # (3, height, width) normalised view -> what is in it
+
+
+@dataclass(frozen=True)
+class DetectConfig:
+    """How the looks are taken and what counts as seen."""
+
+    grid: RowGrid = field(default_factory=RowGrid)
+    decode: DecodeConfig = field(default_factory=DecodeConfig)
+    first_probability: float = 0.3  # of a runway in the whole image; below it: not seen
+    close_probability: float = 0.5  # of a runway in the close look; below it: not seen
+    fill: float = 0.6  # share of the close look's limiting dimension that the runway takes
+    min_width_px: float = 72.0  # image px; narrower windows only magnify blur
+    max_looks: int = 3  # the whole image included
+    good_fill: tuple[float, float] = (0.42, 0.85)  # a close look whose runway fills this much is final
+    min_rows: int = 3  # a line on fewer rows is not returned
+    min_confidence: float = 0.5  # of a row
+
+    def __post_init__(self) -> None:
+        if self.max_looks < 1 or self.min_rows < 1:
+            raise ValueError(
+                f"detection needs at least 1 look and 1 row, got max_looks={self.max_looks}, min_rows={self.min_rows}"
+            )
+
+
+def detect_lines(image_rgb: NDArray[np.uint8], infer: Infer, config: DetectConfig) -> Detection:
+    """Both runway lines in an image (H, W, 3) uint8, in its own pixels; a line that is not seen has no points."""
+    if image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.dtype != np.uint8:
+        raise ValueError(f"expected an image (H, W, 3) of uint8, got {image_rgb.shape} of {image_rgb.dtype}")
+    network_size = (config.grid.width, config.grid.height)
+    image_size = (image_rgb.shape[1], image_rgb.shape[0])
+    window = whole_window(image_size, network_size)
+    needed = config.first_probability
+    for number in range(1, config.max_looks + 1):
+        output = infer(normalise(look(image_rgb, window, network_size)))
+        region = decode_region(output.region, output.box)
+        if region.probability < needed:
+            return Detection(LinePoints.empty(), LinePoints.empty())
+        closer = _closer_window(region.box, window, image_size, config)
+        if number == config.max_looks or _is_final(closer, window, config):
+            return _detection(output, window, config)
+        window, needed = closer, config.close_probability
+    raise AssertionError("unreachable: the last look returns")
+
+
+def _closer_window(
+    box: NDArray[np.float64], window: Window, image_size: tuple[int, int], config: DetectConfig
+) -> Window:
+    corners = window.to_image(box.reshape(2, 2)).ravel()
+    corners[:2] = np.clip(corners[:2], -0.5, np.array(image_size) - 2.5)
+    corners[2:] = np.clip(corners[2:], corners[:2] + 1.0, np.array(image_size) - 0.5)
+    return box_window(corners, image_size, (config.grid.width, config.grid.height), config.fill, config.min_width_px)
+
+
+def _is_final(closer: Window, window: Window, config: DetectConfig) -> bool:
+    """Whether the closer window would show nearly the same as this one."""
+    low, high = config.good_fill
+    size = np.array([config.grid.width, config.grid.height])
+    shift_px = np.array([closer.left - window.left, closer.top - window.top]) + (closer.step - window.step) * size / 2
+    centred = bool(np.all(np.abs(shift_px) < MAX_SHIFT * window.step * size))
+    return centred and low <= config.fill * closer.step / window.step <= high
+
+
+def _detection(output: NetworkOutput, window: Window, config: DetectConfig) -> Detection:
+    rows = [decode(output.rows[side], config.grid, config.decode) for side in (0, 1)]
+    both = np.isfinite(rows[0].x_px) & np.isfinite(rows[1].x_px)
+    region = window.bounds(config.grid.width, config.grid.height)
+    if both.any() and np.median(rows[1].x_px[both] - rows[0].x_px[both]) <= 0:
+        return Detection(LinePoints.empty(), LinePoints.empty(), region)  # left right of right: not a runway
+    left, right = (_line_points(side, window, config) for side in rows)
+    return Detection(left, right, region)
+
+
+def _line_points(rows: RowPoints, window: Window, config: DetectConfig) -> LinePoints:
+    keep = np.isfinite(rows.x_px) & (rows.confidence >= config.min_confidence)
+    if keep.sum() < config.min_rows:
+        return LinePoints.empty()
+    points = window.to_image(np.stack([rows.x_px, config.grid.row_y], axis=1)[keep])
+    return LinePoints(points, rows.confidence[keep], rows.sigma_px[keep] * window.step)

@@ -1,0 +1,127 @@
+"""From a window of an image to the network's input, once for training and runtime.
+
+A window is an upright part of the image, possibly reaching beyond it, seen through the network's pixel grid. Pixel
+centres are kept exact: network pixel (x, y) looks at image pixel u = left + (x + 0.5) step - 0.5.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+CONTRAST_FLOOR = 3.0  # grey levels; a window with less contrast than that is not stretched further (it is noise)
+
+
+@dataclass(frozen=True)
+class Window:
+    """Where the network looks."""
+
+    left: float  # image u of the window's left edge, px; -0.5 + 0.5 = 0 is the outer edge of the first pixel
+    top: float  # the same for v
+    step: float  # image pixels per network pixel
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.left, self.top]).all() and self.step > 0 and np.isfinite(self.step)):
+            raise ValueError(f"window needs finite edges and a positive step, got {self}")
+
+    def to_image(self, points_px: ArrayLike) -> NDArray[np.float64]:
+        """Network pixels (N, 2) -> image pixels (N, 2)."""
+        return (np.asarray(points_px, dtype=np.float64) + 0.5) * self.step + [self.left, self.top] - 0.5
+
+    def to_network(self, points_px: ArrayLike) -> NDArray[np.float64]:
+        """Image pixels (N, 2) -> network pixels (N, 2)."""
+        return (np.asarray(points_px, dtype=np.float64) + 0.5 - [self.left, self.top]) / self.step - 0.5
+
+    def bounds(self, width: int, height: int) -> tuple[float, float, float, float]:
+        """u0, v0, u1, v1 of the window's edges in image pixels, for a network image of this size."""
+        u0, v0 = self.left - 0.5, self.top - 0.5
+        return (u0, v0, u0 + width * self.step, v0 + height * self.step)
+
+
+def whole_window(image_size: tuple[int, int], network_size: tuple[int, int]) -> Window:
+    """The whole image (width, height), centred in the network's image (width, height), sides padded as needed."""
+    (width, height), (net_width, net_height) = image_size, network_size
+    step = max(width / net_width, height / net_height)
+    return Window((width - net_width * step) / 2, (height - net_height * step) / 2, step)
+
+
+def box_window(
+    box_px: ArrayLike,
+    image_size: tuple[int, int],
+    network_size: tuple[int, int],
+    fill: float,
+    min_width_px: float,
+) -> Window:
+    """A window around a box (u0, v0, u1, v1), image px, that takes `fill` of the window's limiting dimension.
+
+    The window is at least `min_width_px` wide, never larger than the whole image's, and is moved into the image as far
+    as it fits.
+    """
+    u0, v0, u1, v1 = (float(value) for value in np.asarray(box_px, dtype=np.float64))
+    if not (u1 > u0 and v1 > v0):
+        raise ValueError(f"box needs u0 < u1 and v0 < v1, got {(u0, v0, u1, v1)}")
+    net_width, net_height = network_size
+    whole = whole_window(image_size, network_size)
+    step = max((u1 - u0) / (fill * net_width), (v1 - v0) / (fill * net_height), min_width_px / net_width)
+    step = min(step, whole.step)
+    left = _moved_inside((u0 + u1 + 1) / 2 - net_width * step / 2, net_width * step, image_size[0])
+    top = _moved_inside((v0 + v1 + 1) / 2 - net_height * step / 2, net_height * step, image_size[1])
+    return Window(left, top, step)
+
+
+def _moved_inside(start: float, length: float, limit: float) -> float:
+    if length >= limit:
+        return (limit - length) / 2
+    return min(max(start, 0.0), limit - length)
+
+
+def look(image_rgb: NDArray, window: Window, network_size: tuple[int, int]) -> NDArray[np.float32]:
+    """What the network sees of an image (H, W, 3), uint8 or float grey levels, through a window.
+
+    Bilinear where the window magnifies, area-weighted (a triangle as wide as two network pixels) where it shrinks.
+    Outside the image is NaN.
+
+    Returns:
+        (height, width, 3) float32 grey levels.
+    """
+    net_width, net_height = network_size
+    height, width = image_rgb.shape[:2]
+    rows, first_row, valid_row = _weights(window.top, window.step, net_height, height)
+    columns, first_column, valid_column = _weights(window.left, window.step, net_width, width)
+    part = image_rgb[first_row : first_row + rows.shape[1], first_column : first_column + columns.shape[1]].astype(
+        np.float32
+    )
+    tall = (rows @ part.reshape(part.shape[0], -1)).reshape(net_height, part.shape[1], 3)
+    seen = np.matmul(columns, tall)
+    seen[~valid_row] = np.nan
+    seen[:, ~valid_column] = np.nan
+    return seen
+
+
+def _weights(start: float, step: float, count: int, size: int) -> tuple[NDArray[np.float32], int, NDArray[np.bool_]]:
+    """Resampling weights along one axis: (count, part), the first pixel of the part, which outputs lie in the image."""
+    centres = start + (np.arange(count) + 0.5) * step - 0.5
+    reach = max(step, 1.0)
+    first = int(np.clip(np.floor(centres[0] - reach), 0, size - 1))
+    last = int(np.clip(np.ceil(centres[-1] + reach), 0, size - 1))
+    distance = np.abs(np.arange(first, last + 1) - np.clip(centres, 0, size - 1)[:, None])
+    weights = np.maximum(1.0 - distance / reach, 0.0)
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-9)
+    valid = (centres > -0.5) & (centres < size - 0.5)
+    return weights.astype(np.float32), first, valid
+
+
+def normalise(seen_rgb: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Grey levels (H, W, 3), NaN outside the image -> the network's input (3, H, W).
+
+    Each colour's mean is taken off and all are divided by one common contrast: airlight's colour and most of haze's
+    fading vanish before the network, so it need not learn them. Outside the image is 0.
+    """
+    inside = np.isfinite(seen_rgb[..., 0])
+    if not inside.any():
+        return np.zeros((3, *seen_rgb.shape[:2]), dtype=np.float32)
+    values = seen_rgb[inside]
+    mean = values.mean(axis=0, dtype=np.float64).astype(np.float32)
+    contrast = max(float(np.sqrt(np.mean((values - mean) ** 2, dtype=np.float64))), CONTRAST_FLOOR)
+    scaled = np.where(inside[..., None], (seen_rgb - mean) / np.float32(contrast), np.float32(0.0))
+    return np.ascontiguousarray(scaled.transpose(2, 0, 1), dtype=np.float32)

@@ -1,0 +1,169 @@
+"""One training sample: a clear view with its lines -> what the network sees, and what it should say."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.detect.preprocess import Window, look, normalise, whole_window
+from deckline.detect.region import STRIDE, encode_region
+from deckline.detect.row_anchors import RowGrid, encode
+from deckline.train.dehaze_data import random_airlight
+from deckline.train.detect_augment import DetectAugmentation, degraded, rotated
+from deckline.train.detect_views import LineView
+
+PAINT_CONTRAST = 100.0  # grey levels between white paint and a dark deck
+VISIBLE_CONTRAST = 1.5  # grey levels; paint with less of it left is "no line here"
+VISIBLE_SHARE = 0.15  # of both lines' points; with less there is no runway in the view
+CLOSE_MIN_PX = 4.0  # a box narrower than that in the frame gets no close look
+MARGIN_PX = 12  # kept around a window for blur and resampling
+
+
+class Sample(NamedTuple):
+    """One view and its encoded truth."""
+
+    image: NDArray[np.float32]  # (3, height, width)
+    cell: NDArray[np.float32]  # (2, rows), NaN: no line
+    region: NDArray[np.float32]  # (region cells + 1,)
+    box: NDArray[np.float32]  # (4, region rows, region columns)
+    box_weight: NDArray[np.float32]  # (region rows, region columns)
+
+
+class _Scene(NamedTuple):
+    """A hazy, flipped, turned view."""
+
+    image: NDArray[np.float32]  # (H, W, 3) grey levels
+    lines_px: NDArray[np.float64]  # (2, N, 2); N is 0 where there is no runway
+    visible: NDArray[np.bool_]  # (2, N) not lost in haze
+
+
+def make_sample(view: LineView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator) -> Sample:
+    """Haze, flip, turn, choose where to look, degrade, look: everything random comes from `rng`."""
+    scene = _turned(_flipped(_hazy(view, augment, rng), augment, rng), augment, rng)
+    height, width = scene.image.shape[:2]
+    box = visible_box(scene.lines_px, scene.visible, (0, 0, width - 1, height - 1))
+    window = _window(box, (width, height), (grid.width, grid.height), augment, rng)
+    u0, v0, u1, v1 = window.bounds(grid.width, grid.height)
+    left, top = (int(np.clip(np.floor(edge) - MARGIN_PX, 0, None)) for edge in (u0, v0))
+    left, top = min(left, width - 1), min(top, height - 1)
+    right, bottom = int(max(np.ceil(u1) + MARGIN_PX, left + 1)), int(max(np.ceil(v1) + MARGIN_PX, top + 1))
+    size = (1e3, 1e3) if box is None else (box[2] - box[0], box[3] - box[1])
+    part = degraded(scene.image[top:bottom, left:right], size, augment, rng)
+    inner = Window(window.left - left, window.top - top, window.step)
+    image = normalise(look(part, inner, (grid.width, grid.height)))
+    return Sample(image, *encode_view(scene.lines_px, scene.visible, window, (width, height), grid))
+
+
+def encode_view(
+    lines_px: NDArray[np.float64],
+    visible: NDArray[np.bool_],
+    window: Window,
+    image_size: tuple[int, int],
+    grid: RowGrid,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Targets of a look: cell (2, rows), region classes, box offsets, box weights.
+
+    Args:
+        lines_px: (2, N, 2) left and right, image px.
+        visible: (2, N) which points haze leaves.
+        window: where the network looks.
+        image_size: width and height of the image.
+        grid: the row anchors.
+    """
+    region_grid = (grid.width // STRIDE, grid.height // STRIDE)
+    lines = window.to_network(lines_px.reshape(-1, 2)).reshape(lines_px.shape)
+    edges = window.to_network([[-0.5, -0.5], [image_size[0] - 0.5, image_size[1] - 0.5]])
+    low, high = np.maximum(edges[0], 0), np.minimum(edges[1], [grid.width - 1, grid.height - 1])
+    box = None
+    if visible.size and visible.mean() >= VISIBLE_SHARE:
+        box = visible_box(lines, visible, (*low, *high))
+    if box is None or box[2] - box[0] < 2 or box[3] - box[1] < 1:
+        return np.full((2, grid.rows), np.nan, dtype=np.float32), *encode_region(None, region_grid)
+    cell = np.stack([encode(lines[k], visible[k], grid) for k in (0, 1)])
+    x = grid.x_from_cell(cell)
+    inside = (x > edges[0, 0]) & (x < edges[1, 0]) & (grid.row_y > edges[0, 1]) & (grid.row_y < edges[1, 1])
+    cell[~inside] = np.nan
+    return cell, *encode_region(box, region_grid)
+
+
+def visible_box(
+    lines_px: NDArray[np.float64], visible: NDArray[np.bool_], limits: tuple[float, float, float, float]
+) -> NDArray[np.float64] | None:
+    """Bounding box (u0, v0, u1, v1) of the visible points inside limits (u0, v0, u1, v1); None without any."""
+    points = lines_px[visible]
+    points = points[np.all((points >= limits[:2]) & (points <= limits[2:]), axis=1)]
+    if len(points) < 2:
+        return None
+    box = np.concatenate([points.min(axis=0), points.max(axis=0)])
+    return box if box[2] > box[0] and box[3] > box[1] else None
+
+
+def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
+    ranges = view.clear.range_m.astype(np.float32)
+    image = view.clear.clear_rgb.astype(np.float32)
+    lines = np.zeros((2, 0, 2)) if view.lines_px is None else view.lines_px
+    line_ranges = np.zeros((2, 0)) if view.ranges_m is None else view.ranges_m
+    contrast = np.full(line_ranges.shape, PAINT_CONTRAST)
+    if rng.random() < augment.haze_share:
+        finite = ranges[np.isfinite(ranges)]
+        typical = float(np.median(finite)) if finite.size else 1000.0
+        ramp_m = max(float(line_ranges.min()), 20.0) if line_ranges.size else max(typical, 20.0)
+        beta = rng.uniform(0, augment.optical_depth_max) / ramp_m
+        airlight = random_airlight(view.clear.horizon_rgb, augment.horizon_share, rng).astype(np.float32)
+        image = airlight + (image - airlight) * np.exp(-np.float32(beta) * ranges)[..., None]
+        contrast = contrast * np.exp(-beta * line_ranges)
+    if rng.random() < augment.fade_share:
+        fade = rng.uniform(0.2, 0.8)
+        image = np.float32(rng.uniform(40, 220)) * np.float32(1 - fade) + image * np.float32(fade)
+        contrast = contrast * fade
+    return _Scene(image, lines, contrast >= VISIBLE_CONTRAST)
+
+
+def _flipped(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
+    """Mirrored left to right; the left line is then the right one."""
+    if rng.random() >= augment.flip_share:
+        return scene
+    lines = scene.lines_px[::-1].copy()
+    lines[..., 0] = scene.image.shape[1] - 1 - lines[..., 0]
+    return _Scene(scene.image[:, ::-1], lines, scene.visible[::-1])
+
+
+def _turned(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
+    if rng.random() >= augment.rotate_share:
+        return scene
+    angle = np.deg2rad(rng.uniform(-augment.rotate_max_deg, augment.rotate_max_deg))
+    image, matrix, offset = rotated(scene.image, angle)
+    return _Scene(image, scene.lines_px @ matrix.T + offset, scene.visible)
+
+
+def _window(
+    box: NDArray[np.float64] | None,
+    image_size: tuple[int, int],
+    network_size: tuple[int, int],
+    augment: DetectAugmentation,
+    rng: np.random.Generator,
+) -> Window:
+    """Where to look: close around the runway, beside it, or at most of the image."""
+    net = np.array(network_size, dtype=np.float64)
+    size = np.array(image_size, dtype=np.float64)
+    whole = whole_window(image_size, network_size)
+    narrowest = rng.uniform(*augment.min_width_px) / net[0]
+    if rng.random() < augment.close_share and box is not None and box[2] - box[0] >= CLOSE_MIN_PX:
+        extent = box[2:] - box[:2]
+        step = float(max(np.max(extent / net) / rng.uniform(*augment.fill), narrowest))
+        middle = (box[:2] + box[2:]) / 2 + rng.uniform(-1, 1, 2) * augment.centre_jitter * extent
+        step = min(step, whole.step * augment.wide_scale[1])
+    elif rng.random() < augment.empty_share / max(1 - augment.close_share, 1e-6):
+        step = float(np.exp(rng.uniform(np.log(narrowest), np.log(whole.step))))
+        middle = rng.uniform(0, 1, 2) * (size - 1)
+    elif rng.random() < 0.4:
+        return whole
+    else:
+        step = whole.step * rng.uniform(*augment.wide_scale)
+        middle = (size - 1) / 2 + rng.uniform(-0.5, 0.5, 2) * np.abs(size - net * step)
+        if box is not None and rng.random() < 0.85:  # keep the runway's middle in view
+            reach = net * step * 0.47
+            centre = (box[:2] + box[2:]) / 2
+            middle = np.clip(middle, centre - reach, centre + reach)
+    left, top = middle + 0.5 - net * step / 2
+    return Window(float(left), float(top), step)
