@@ -11,14 +11,14 @@ from deckline.sim.layout import cvn_layout, paper_layout, random_layout, world_p
 from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, DeckSurface, edge_coat, random_edge
 from deckline.sim.mesh import box
 from deckline.sim.paint import axes, layers
-from deckline.sim.render import clip_from_optical
+from deckline.sim.render import Quality, clip_from_optical
 from deckline.sim.ship import Ship
 from deckline.sim.trajectory import looking
 from deckline.sim.weather import random_weather
 
 SUN = np.array([0.6, 0.0, 0.8])
 CAMERA = Camera.from_fov(640, 360, np.deg2rad(60.0))
-CALM = replace(random_weather(np.random.default_rng(5)), wet=0.0, anisotropy=16.0)
+CALM = replace(random_weather(np.random.default_rng(5)), wet=0.0)
 
 
 def clean_ship(layout, style, solids=None):
@@ -136,6 +136,16 @@ def test_nearer_solids_hide_the_deck(renderer):
     u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, middle[None], 3.0))))[0].astype(int)
     assert view.rgb[v, u, 0] > 2 * view.rgb[v, u, 1].astype(int)
     assert 45.0 < view.depth_m[v, u] < 50.0
+
+
+def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
+    layout = cvn_layout()
+    wall = box(40.0, 0.0, 0.0, (1.0, 20.0, 12.0), 0.0, (1.0, 0.0, 0.0))
+    renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
+    pose = camera_pose(layout, 30.0, 10.0, 0.0, nudge=(0.1, 0.0, 0.0))
+    smooth, jagged = (renderer.render(CAMERA, pose, CALM, quality=Quality(samples=n)).rgb for n in (4, 1))
+    changed = np.abs(smooth.astype(int) - jagged).max(axis=2) > 8
+    assert 0 < changed.mean() < 0.03
 
 
 def test_shadow_falls_away_from_the_sun(renderer):

@@ -12,7 +12,9 @@ from deckline.sim.mesh import Rgb
 from deckline.sim.paint import Coat, axes, dashes, figures, fill, ladder, layers, quad, soft_stripe, stripe
 
 EdgeKind = Literal["ladder", "stripe", "double", "dashed"]
+EDGE_KINDS: tuple[EdgeKind, ...] = ("ladder", "stripe", "double", "dashed")
 YELLOW = (0.78, 0.62, 0.10)
+SMEARED = 0.15  # part of the random edges whose paint has run together
 RED = (0.55, 0.10, 0.08)
 
 
@@ -26,6 +28,9 @@ class EdgeStyle:
     bar_m: float
     pitch_m: float
     rgb: Rgb
+    opacity: float = 1.0
+    smear: float = 0.0  # opacity of paint that bleeds inwards, as coarse textures seen from afar do
+    smear_m: float = 0.0  # how far it bleeds
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ PAPER_EDGE = EdgeStyle("ladder", width_m=2.4, rail_m=0.6, bar_m=0.6, pitch_m=3.0
 
 def random_edge(rng: np.random.Generator) -> EdgeStyle:
     """Ladders mostly; single, double and dashed lines too."""
-    kind: EdgeKind = rng.choice(["ladder", "stripe", "double", "dashed"], p=[0.65, 0.15, 0.10, 0.10])
+    kind = EDGE_KINDS[rng.choice(len(EDGE_KINDS), p=[0.65, 0.15, 0.10, 0.10])]
     rail = rng.uniform(0.3, 0.9)
     width = rng.uniform(max(1.5, 3 * rail), 3.5)
     if kind in ("stripe", "dashed"):
@@ -55,7 +60,11 @@ def random_edge(rng: np.random.Generator) -> EdgeStyle:
     pitch = bar + rng.uniform(0.8, 6.0)
     white = rng.uniform(0.6, 1.0)
     tint = np.array([1.0, 1.0, 1.0]) if rng.random() < 0.7 else np.array([1.0, rng.uniform(0.88, 1.0), 0.7])
-    return EdgeStyle(kind, width, rail, bar, pitch, _rgb(white * tint * rng.uniform(0.97, 1.03, 3)))
+    rgb = _rgb(white * tint * rng.uniform(0.97, 1.03, 3))
+    if rng.random() >= SMEARED:
+        return EdgeStyle(kind, width, rail, bar, pitch, rgb)
+    smear, reach = rng.uniform(0.25, 0.8), rng.uniform(0.5, 6.0)
+    return EdgeStyle(kind, width, rail, bar, pitch, rgb, rng.uniform(0.0, 0.7), smear, reach)
 
 
 def random_surface(rng: np.random.Generator) -> DeckSurface:
@@ -69,6 +78,13 @@ def random_surface(rng: np.random.Generator) -> DeckSurface:
 
 def edge_coat(line_m: NDArray[np.float64], style: EdgeStyle) -> Coat:
     """One edge marking; its middle is the line (2, 2), from its first end to its last."""
+    coat = crisp_edge(line_m, style)
+    coat[:, 5] *= style.opacity
+    return coat
+
+
+def crisp_edge(line_m: NDArray[np.float64], style: EdgeStyle) -> Coat:
+    """The marking as it was painted."""
     start, end = line_m
     if style.kind == "ladder":
         return ladder(start, end, style.width_m, style.rail_m, style.bar_m, style.pitch_m, style.rgb)
@@ -78,6 +94,23 @@ def edge_coat(line_m: NDArray[np.float64], style: EdgeStyle) -> Coat:
     if style.kind == "dashed":
         return dashes(start, end, style.width_m, [style.rgb], style.bar_m, style.pitch_m - style.bar_m)
     return stripe(start, end, style.width_m, style.rgb)
+
+
+def smear_coat(line_m: NDArray[np.float64], inward: float, style: EdgeStyle, rng: np.random.Generator) -> Coat:
+    """Streaks from the marking's sharp outer edge inwards (+1: to the line's right), fading."""
+    start, end = line_m
+    length = axes(start, end)[2]
+    outer, inner = -inward * style.width_m / 2, inward * (style.width_m / 2 + style.smear_m)
+    coats, s = [], 0.0
+    while s < length:
+        step = min(rng.uniform(0.5, 5.0), length - s)
+        strong = style.smear * rng.uniform(0.75, 1.0)
+        middle = inward * style.width_m / 2
+        body = quad(start, end, (s, s + step), (outer, middle))
+        fringe = quad(start, end, (s, s + step), (middle, inner))
+        coats += [fill(body, style.rgb, strong), fill(fringe, style.rgb, [strong, strong, 0.0, 0.0])]
+        s += step
+    return layers(coats)
 
 
 def runway_coat(layout: Layout, style: EdgeStyle, rng: np.random.Generator) -> Coat:
@@ -99,7 +132,10 @@ def runway_coat(layout: Layout, style: EdgeStyle, rng: np.random.Generator) -> C
         begin = start + along * rng.uniform(4, 20) + right * rng.uniform(-0.7, 0.0) * half
         text = f"{rng.integers(1, 100):02d}"
         coats.append(figures(text, begin, begin + right, rng.uniform(3, 9), style.rgb))
-    coats += [edge_coat(layout.left_m, style), edge_coat(layout.right_m, style)]
+    for line, inward in ((layout.left_m, 1.0), (layout.right_m, -1.0)):
+        if style.smear > 0:
+            coats.append(smear_coat(line, inward, style, rng))
+        coats.append(edge_coat(line, style))
     return layers(coats)
 
 

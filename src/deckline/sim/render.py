@@ -25,6 +25,23 @@ NEAR_M, FAR_M = 1.0, 20000.0  # clip planes of the depth buffer, which only sort
 SHADERS = Path(__file__).parent / "shaders"
 
 
+@dataclass(frozen=True)
+class Quality:
+    """How carefully a picture is drawn; a poor one looks like other renderers' work."""
+
+    samples: int = SAMPLES  # per pixel, this many or 1, which leaves jagged edges
+    anisotropy: float = 16.0  # of the deck's texture filter; 1 smears far markings together
+
+
+BEST = Quality()
+
+
+def random_quality(rng: np.random.Generator) -> Quality:
+    """Mostly good."""
+    anisotropy = float(rng.choice([1.0, 2.0, 4.0, 16.0], p=[0.15, 0.25, 0.25, 0.35]))
+    return Quality(samples=1 if rng.random() < 0.15 else SAMPLES, anisotropy=anisotropy)
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """One picture."""
@@ -85,6 +102,7 @@ class Renderer:
         weather: Weather,
         time_s: float = 0.0,
         with_ship: bool = True,
+        quality: Quality = BEST,
     ) -> View:
         """A picture of the loaded ship (or of its sea alone) and its depth.
 
@@ -99,12 +117,14 @@ class Renderer:
         if not eye_z < sea_z:
             raise ValueError(f"the camera must be above the sea (z < {sea_z:.2f} m), got z = {eye_z:.2f} m")
         values = uniforms(camera, world_from_camera, self.ship, weather, self.sun, time_s, with_ship)
-        self._set(values, weather.anisotropy)
+        self._set(values, quality.anisotropy)
         sampled, resolved, measured = self._targets(camera)
-        sampled.use()
-        sampled.clear()
+        drawn = sampled if quality.samples > 1 else resolved
+        drawn.use()
+        drawn.clear()
         self._draw(self.sea, [self.solid_array, self.deck_array] if with_ship else [])
-        self.context.copy_framebuffer(resolved, sampled)
+        if drawn is sampled:
+            self.context.copy_framebuffer(resolved, sampled)
         rgb = np.frombuffer(resolved.read(components=3, alignment=1), dtype=np.uint8)
         measured.use()
         measured.clear()
@@ -130,7 +150,7 @@ class Renderer:
             sampled = gl.framebuffer(
                 [gl.renderbuffer(size, 4, samples=SAMPLES)], gl.depth_renderbuffer(size, samples=SAMPLES)
             )
-            resolved = gl.framebuffer([gl.renderbuffer(size, 4)])
+            resolved = gl.framebuffer([gl.renderbuffer(size, 4)], gl.depth_renderbuffer(size))
             measured = gl.framebuffer([gl.renderbuffer(size, 1, dtype="f4")], gl.depth_renderbuffer(size))
             self.targets[size] = (sampled, resolved, measured)
         return self.targets[size]

@@ -1,7 +1,6 @@
 """Frames of a simulated recording: the same configuration and index always give the same frame."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +10,7 @@ from deckline.geometry import Camera, camera_mount
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.sim.config import SimConfig
 from deckline.sim.layout import Layout, world_points
-from deckline.sim.render import Renderer, View
+from deckline.sim.render import BEST, Renderer, View, random_quality
 from deckline.sim.sensor import Sensor, add_noise, develop, random_sensor
 from deckline.sim.ship import Ship, build_ship
 from deckline.sim.trajectory import Viewpoint, approach_view, random_view
@@ -20,7 +19,6 @@ from deckline.types import Frame, Segment, Truth
 
 OPEN_SEA = 0.5  # part of the views without a runway that show no ship either
 APPROACH_SENSOR = 0.15  # how far the camera strays on an approach, of what training wants
-SHARPEST = 16.0  # anisotropy of the texture filter outside training
 VEHICLE, CAMERA = "deckline", "front"
 
 
@@ -49,12 +47,11 @@ def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway
     approach = config.trajectory == "approach"
     whole = np.random.default_rng([config.seed, 4]) if approach else rng  # an approach keeps its weather
     weather = random_weather(whole)
-    if config.preset != "train":
-        weather = replace(weather, anisotropy=SHARPEST)
+    quality = random_quality(rng) if config.preset == "train" else BEST
     view = approach_view(config, ship.layout, index) if approach else random_view(config, ship.layout, index, rng)
     open_sea = not runway and bool(rng.random() < OPEN_SEA)
     picture = renderer.render(
-        view.camera, view.world_from_body * camera_mount(), weather, view.time_s, with_ship=not open_sea
+        view.camera, view.world_from_body * camera_mount(), weather, view.time_s, not open_sea, quality
     )
     sensor = random_sensor(APPROACH_SENSOR if approach else 1.0, float(np.mean(weather.horizon_rgb)), whole)
     visibility, airlight = draw_haze(config, weather, sensor, whole)

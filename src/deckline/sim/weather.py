@@ -32,7 +32,6 @@ class Weather:
     wake_spread: float  # half width gained per metre
     wake_rgb: Rgb
     wet: float  # how much sky the deck mirrors
-    anisotropy: float  # of the deck's texture filter: 1 smears far markings together
     offset: tuple[float, float]  # of all noise
 
 
@@ -82,7 +81,6 @@ def random_weather(rng: np.random.Generator) -> Weather:
         wake_spread=rng.uniform(0.02, 0.25),
         wake_rgb=_rgb(foam),
         wet=max(0.0, rng.uniform(-0.3, 0.5)),
-        anisotropy=float(rng.choice([1.0, 2.0, 4.0, 16.0])),
         offset=(float(offset[0]), float(offset[1])),
     )
 
