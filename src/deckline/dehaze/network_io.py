@@ -28,7 +28,7 @@ def reduction_factor(height: int, width: int, working_long_side_px: int) -> int:
 
 
 def padded(image_rgb: NDArray[np.uint8], multiple: int, least_px: int = MIN_SIDE_PX) -> NDArray[np.uint8]:
-    """The image continued below and to the right by its edge pixels: sides a multiple of one number, at least another."""
+    """The image continued below and right by its edge pixels, to sides that are a multiple and not too short, px."""
     height, width = image_rgb.shape[:2]
     least = -(-least_px // multiple) * multiple
     bottom = max(-height % multiple, least - height)

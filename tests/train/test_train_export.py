@@ -1,0 +1,66 @@
+"""ONNX export: metadata, dynamic axes, and the manifest block that describes a file."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from deckline.runtime import load_session, sha256_of, shipped_weights
+from deckline.train.export import export_onnx, manifest_entry
+
+
+@pytest.fixture
+def exported(tmp_path: Path) -> tuple[torch.nn.Module, Path]:
+    torch.manual_seed(0)
+    model = torch.nn.Sequential(torch.nn.Conv2d(3, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.ReLU())
+    dynamic = {"x": {2: "height", 3: "width"}, "y": {2: "height", 3: "width"}}
+    args = (torch.rand(1, 3, 8, 10),)
+    return model, export_onnx(
+        model, args, tmp_path / "new" / "net.onnx", ["x"], ["y"], dynamic, {"kind": "test", "n": 3}
+    )
+
+
+def test_export_agrees_at_another_size_and_carries_its_config(exported: tuple[torch.nn.Module, Path]) -> None:
+    model, path = exported
+    session = load_session(path, 1)
+    assert session.config == {"kind": "test", "n": 3}
+    x = torch.rand(1, 3, 13, 7)
+    with torch.no_grad():
+        expected = model.eval()(x).numpy()
+    np.testing.assert_allclose(session(x=x.numpy())[0], expected, atol=1e-5)
+
+
+def test_export_leaves_the_model_training_and_no_part_file(exported: tuple[torch.nn.Module, Path]) -> None:
+    model, path = exported
+    assert model.training
+    assert [item.name for item in path.parent.iterdir()] == ["net.onnx"]
+
+
+def test_fixed_size_stays_fixed(tmp_path: Path) -> None:
+    path = export_onnx(torch.nn.ReLU(), (torch.rand(1, 4),), tmp_path / "relu.onnx", ["x"], ["y"], None, {})
+    with pytest.raises(ValueError, match="cannot run on inputs"):
+        load_session(path, 1)(x=np.zeros((1, 5), dtype=np.float32))
+
+
+def test_manifest_block_is_what_the_runtime_reads(exported: tuple[torch.nn.Module, Path]) -> None:
+    path = exported[1]
+    block = manifest_entry(
+        path,
+        name="test",
+        kind="dehaze",
+        command='deckline train dehaze "a b" --out c',
+        data="preset train, seed 1",
+        seed=0,
+        steps=12,
+        hardware="2 CPU cores",
+        date="2024-01-01",
+        figures={"psnr_db.mean": 21.25},
+    )
+    (path.parent / "manifest.toml").write_text(block)
+    assert shipped_weights("test", path.parent) == path
+    entry = tomllib.loads(block)["model"][0]
+    assert entry["sha256"] == sha256_of(path)
+    assert entry["command"] == 'deckline train dehaze "a b" --out c'
+    assert entry["figures"] == {"psnr_db.mean": 21.25}
