@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distortion at the corner
+UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; what has not settled so far never will
 # Axes of the optical frame (right, down, forward) written in a forward-right-down frame.
 BODY_FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
@@ -89,13 +90,19 @@ class Camera:
         return np.stack([xd, yd], axis=1)
 
     def rays(self, points_px: ArrayLike) -> NDArray[np.float64]:
-        """Pixels (N, 2) -> rays (N, 3) in the optical frame with z = 1, lens distortion removed."""
+        """Pixels (N, 2) -> rays (N, 3) in the optical frame with z = 1, lens distortion removed.
+
+        A pixel that no ray reaches, as strong distortion coefficients have in the image's corners, becomes NaN.
+        """
         points = _points(points_px, 2)
         distorted = (points - [self.cx, self.cy]) / [self.fx, self.fy]
         xy = distorted
         if self.has_distortion:
-            for _ in range(UNDISTORT_STEPS):
-                xy = xy + distorted - self._distort(xy)
+            with np.errstate(over="ignore", invalid="ignore"):  # steps run away where there is no ray
+                for _ in range(UNDISTORT_STEPS):
+                    xy = xy + distorted - self._distort(xy)
+                reached = np.abs(self._distort(xy) - distorted).max(axis=1, keepdims=True) < UNDISTORT_TOLERANCE
+            xy = np.where(reached, xy, np.nan)
         return np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
 
     def resized(self, width: int, height: int) -> "Camera":
@@ -160,7 +167,7 @@ def intersect_plane(origin_m: ArrayLike, directions: ArrayLike, plane_z_m: float
     """
     origin = np.asarray(origin_m, dtype=np.float64)
     rays = _points(directions, 3)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         steps = (plane_z_m - origin[2]) / rays[:, 2]
     steps = np.where(np.isfinite(steps) & (steps > 0), steps, np.nan)
     return origin + steps[:, None] * rays

@@ -50,13 +50,14 @@ def fit_pixel_line(
 
     Source: SPEC section 4.1 (paper, section on localization); M-estimator cost of MSAC, Torr and Zisserman 2000.
     """
-    usable = np.isfinite(points.points_px).all(axis=1) & (points.confidence > 0) & np.isfinite(points.sigma_px)
+    ideal = ideal_pixels(points.points_px, camera)
+    usable = np.isfinite(ideal).all(axis=1) & (points.confidence > 0) & np.isfinite(points.sigma_px)
     index = np.flatnonzero(usable)
     if len(index) < config.min_inliers:
         return None
     sigma = np.maximum(points.sigma_px[index], 1e-3 * config.threshold_px)
     data = _Weighted(
-        ideal_pixels(points.points_px[index], camera),
+        ideal[index],
         points.confidence[index] / sigma**2,
         np.clip(3 * sigma, config.threshold_px, 4 * config.threshold_px),
     )
@@ -140,7 +141,9 @@ def _ends(xy: Array, line: Array) -> Array:
     """Nearest (lowest in the image) and farthest point, moved onto the line; (2, 2)."""
     if len(xy) == 0:
         return np.zeros((2, 2))
-    ends = xy[[np.argmax(xy[:, 1]), np.argmin(xy[:, 1])]]
+    down = np.array([-line[1], line[0]]) * (1.0 if line[0] >= 0 else -1.0)
+    along = xy @ down
+    ends = xy[[np.argmax(along), np.argmin(along)]]
     return ends - _distances(ends, line)[:, None] * line[:2]
 
 

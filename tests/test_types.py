@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from deckline.geometry import Camera, camera_mount
+from deckline.types import Frame, LinePoints, PixelLine, RunwayLine, Segment
+
+CAMERA = Camera(8, 6, 4.0, 4.0, 3.5, 2.5)
+
+
+def image(height=6, width=8, dtype=np.uint8):
+    return np.zeros((height, width, 3), dtype=dtype)
+
+
+def test_a_frame_knows_where_its_camera_is():
+    world_from_body = RigidTransform.from_components([1.0, 2, 3], Rotation.from_euler("z", np.pi / 2))
+    frame = Frame("a.png", 0.0, image(), CAMERA, camera_mount([2.0, 0, 0]), world_from_body=world_from_body)
+    np.testing.assert_allclose(frame.world_from_camera.apply([0, 0, 5.0]), [1, 9, 3], atol=1e-12)
+    assert Frame("a.png", 0.0, image(), CAMERA).world_from_camera is None
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"image_rgb": image(dtype=np.float32)}, "a.png: image must be uint8, got float32"),
+        ({"image_rgb": image(6, 7)}, r"a.png: the camera is 8x6 px but the image has shape \(6, 7, 3\)"),
+        ({"image_rgb": image()[..., :1]}, r"the image has shape \(6, 8, 1\)"),
+        ({"depth_m": np.zeros((3, 4), np.float32)}, "a.png: depth is 4x3 px but the image is 8x6 px"),
+    ],
+)
+def test_frames_that_do_not_fit_name_their_file(fields, message):
+    with pytest.raises(ValueError, match=message):
+        Frame(**{"file": "a.png", "time_s": 0.0, "image_rgb": image(), "camera": CAMERA} | fields)
+
+
+def test_line_points_must_agree_in_number():
+    assert len(LinePoints.empty()) == 0
+    with pytest.raises(ValueError, match=r"LinePoints.confidence must have shape \(4,\), got \(3,\)"):
+        LinePoints(np.zeros((4, 2)), np.zeros(3), np.zeros(4))
+    with pytest.raises(ValueError, match=r"LinePoints.points_px must have shape \(4, 2\), got \(4, 3\)"):
+        LinePoints(np.zeros((4, 3)), np.zeros(4), np.zeros(4))
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Segment(np.zeros(3), np.zeros(2)), r"Segment.p1_m must have shape \(3,\), got \(2,\)"),
+        (lambda: PixelLine(np.zeros(2), np.ones(4, bool), np.zeros((2, 2)), 1.0), "PixelLine.coefficients"),
+        (lambda: RunwayLine(np.zeros(3), 0.0, np.eye(2)), r"RunwayLine.covariance must have shape \(3, 3\)"),
+        (lambda: RunwayLine(np.zeros(3), 0.0, np.eye(3), np.eye(2)), "RunwayLine.relative_covariance"),
+    ],
+)
+def test_shapes_are_checked_once(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-100, 100), st.floats(-100, 100), st.booleans())
+def test_a_line_has_the_papers_slope_and_intercept(angle, x, y, reverse):
+    line = RunwayLine(np.array([x, y, 6.08]), angle + np.pi * reverse, np.eye(3))
+    assert line.height_m == 6.08
+    assert np.linalg.norm(line.direction) == pytest.approx(1.0)
+    for step in (-10.0, 0.0, 10.0):
+        px, py, _ = line.point_m + step * line.direction
+        assert py == pytest.approx(line.slope * px + line.intercept_m, abs=1e-6 * (1 + abs(line.slope)))
