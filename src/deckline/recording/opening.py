@@ -1,5 +1,6 @@
 """open_source: from a path to frames."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -46,6 +47,10 @@ def open_source(
         raise RecordingError(f'pfm_rows must be "top-to-bottom" or "bottom-to-top", got {pfm_rows!r}')
     if not 0.0 < fov_deg < 180.0:
         raise RecordingError(f"fov_deg must lie between 0 and 180, got {fov_deg}")
+    if deck_z_m is not None and not math.isfinite(deck_z_m):
+        raise RecordingError(f"deck_z_m must be a finite number of metres, got {deck_z_m}")
+    if not far_m > 0:
+        raise RecordingError(f"far_m must be > 0 m, got {far_m}")
     given_camera = None if camera_file is None else read_camera_file(Path(camera_file))
     given_poses = None if poses_file is None else read_poses(Path(poses_file))
     if path.name == RECORD_FILE:

@@ -1,4 +1,7 @@
-"""Video files, decoded frame by frame: memory does not grow with the film."""
+"""Video files, decoded frame by frame: memory does not grow with the film.
+
+A picture is bad when its decoder says so; films carry no checksums, so damage that still decodes cannot be told.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -138,4 +141,5 @@ def _decode(path: Path) -> Iterator[Any]:
             except av.error.FFmpegError as error:
                 yield f"cannot be decoded: {error.strerror or error}"
                 continue
-            yield from pictures
+            for picture in pictures:
+                yield "its data are damaged" if picture.is_corrupt else picture

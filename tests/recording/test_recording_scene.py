@@ -1,0 +1,115 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deckline.recording import RecordingError
+from deckline.recording.scene import (
+    clear_image_path,
+    read_scene,
+    scene_text,
+    truth_from_mapping,
+    truth_to_mapping,
+)
+from deckline.types import Segment, Truth
+
+number = st.floats(-1e9, 1e9)
+segment = st.none() | st.builds(
+    lambda p0, p1: Segment(np.array(p0), np.array(p1)),
+    st.tuples(number, number, number),
+    st.tuples(number, number, number),
+)
+truths = st.builds(
+    Truth,
+    left=segment,
+    right=segment,
+    visibility_m=st.none() | st.floats(1.0, math.inf),
+    airlight_rgb=st.none() | st.tuples(number, number, number),
+)
+
+
+@given(truths)
+def test_truth_round_trip(truth):
+    text = json.dumps(truth_to_mapping(truth, None), allow_nan=False)
+    back = truth_from_mapping(json.loads(text))
+    assert (back.visibility_m, back.airlight_rgb) == (truth.visibility_m, truth.airlight_rgb)
+    for side in ("left", "right"):
+        before, after = getattr(truth, side), getattr(back, side)
+        assert (before is None) == (after is None)
+        if before is not None:
+            np.testing.assert_array_equal([after.p0_m, after.p1_m], [before.p0_m, before.p1_m])
+
+
+def test_clear_air_is_null_in_the_file():
+    values = truth_to_mapping(Truth(visibility_m=math.inf), "clear/a.png")
+    assert values == {
+        "left": None,
+        "right": None,
+        "visibility_m": None,
+        "clear_air": True,
+        "clear_image": "clear/a.png",
+    }
+
+
+def test_visibility_that_nobody_knows_is_none():
+    assert truth_from_mapping({"left": None, "right": None, "visibility_m": None}).visibility_m is None
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([], "truth must be an object"),
+        ({"left": {"p0_m": [1, 2, 3]}}, "truth.left must hold p0_m and p1_m"),
+        ({"left": {"p0_m": [1, 2], "p1_m": [1, 2, 3]}}, "truth.left.p0_m must be 3 finite numbers"),
+        ({"visibility_m": -5}, "truth.visibility_m must be metres > 0, got -5"),
+        ({"airlight_rgb": "grey"}, "truth.airlight_rgb must be 3 finite numbers"),
+    ],
+)
+def test_bad_truth_says_what_is_wrong(values, message):
+    with pytest.raises(ValueError, match=message):
+        truth_from_mapping(values)
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../a.png", "clear/../../a.png", "C:\\a.png", "..\\a.png", "", 3])
+def test_clear_image_stays_inside_the_recording(name):
+    with pytest.raises(ValueError, match="must be a path inside the recording"):
+        clear_image_path({"clear_image": name})
+
+
+def test_text_is_json_with_the_promised_keys(tmp_path):
+    path = tmp_path / "scene.json"
+    path.write_text(scene_text(None, {"a.png": {"deck_z_m": -17.0}, "b.png": {}}, {"seed": 3}))
+    assert json.loads(path.read_text()) == {
+        "format": "deckline-scene",
+        "version": 1,
+        "seed": 3,
+        "camera": None,
+        "frames": {"a.png": {"deck_z_m": -17.0}, "b.png": {}},
+    }
+    scene = read_scene(path)
+    assert (scene.camera, scene.extra) == (None, {"seed": 3})
+
+
+def test_nan_never_reaches_the_file():
+    with pytest.raises(RecordingError, match="plain finite JSON values"):
+        scene_text(None, {}, {"gust": math.nan})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "not valid JSON"),
+        ("[]", "not a deckline scene"),
+        ('{"format": "deckline-scene", "version": 2}', "scene version 2, this deckline reads 1"),
+        ('{"format": "deckline-scene", "version": 1, "frames": []}', "frames must be an object"),
+        ('{"format": "deckline-scene", "version": 1, "camera": {"width": 3}}', "height, fx, fy, cx, cy missing"),
+    ],
+)
+def test_bad_scene_file_says_what_is_wrong(tmp_path, text, message):
+    path = tmp_path / "scene.json"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        read_scene(path)

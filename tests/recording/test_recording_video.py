@@ -1,0 +1,158 @@
+import re
+
+import av
+import numpy as np
+import pytest
+
+from deckline.recording import BadFrame, FrameError, RecordingError, open_source
+
+WIDTH, HEIGHT, COUNT = 64, 48, 12
+CAMERA = f"width = {WIDTH}\nheight = {HEIGHT}\nfx = 50\nfy = 50\ncx = 31.5\ncy = 23.5\n"
+POSES = "file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\n"
+
+
+def level(index: int) -> int:
+    return 20 + 15 * index
+
+
+@pytest.fixture
+def film(tmp_path):
+    """A film at 25 frames/s whose frame n is a flat red of level(n)."""
+    path = tmp_path / "approach.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for index in range(COUNT):
+            image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+            image[:, :, 0] = level(index)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
+    return path
+
+
+def beside(film, **files):
+    for name, text in files.items():
+        film.with_name(name.replace("__", ".")).write_text(text)
+    return film
+
+
+def test_frames_come_in_order_with_the_films_clock(film):
+    source = open_source(beside(film, camera__toml=CAMERA))
+    frames = list(source)
+    assert len(source) == len(frames) == COUNT
+    assert [frame.file for frame in frames] == [f"approach.mp4#{index}" for index in range(COUNT)]
+    np.testing.assert_allclose([frame.time_s for frame in frames], np.arange(COUNT) / 25, atol=1e-6)
+    reds = [float(frame.image_rgb[20, 20, 0]) for frame in frames]
+    np.testing.assert_allclose(reds, [level(index) for index in range(COUNT)], atol=6)
+    assert max(frame.image_rgb[:, :, 2].max() for frame in frames) < 20  # red, not blue
+    assert frames[0].world_from_body is None
+    assert "no poses.csv" in source.notes[0]
+
+
+def test_any_frame_can_be_loaded(film):
+    source = open_source(beside(film, camera__toml=CAMERA))
+    for index in (7, 8, 2, 11, 0):
+        frame = source.load(index)
+        assert frame.file == f"approach.mp4#{index}"
+        assert abs(float(frame.image_rgb[20, 20, 0]) - level(index)) < 6
+    with pytest.raises(IndexError, match="has frames 0 to 11, asked for 12"):
+        source.load(12)
+
+
+def test_poses_go_by_frame_number(film):
+    rows = "".join(f"{name},{10 + n},{n},2,3,1,0,0,0\n" for n, name in [(1, "0001"), (0, "approach.mp4#0")])
+    source = open_source(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows))
+    items = list(source)
+    assert [item.time_s for item in items[:2]] == [10.0, 11.0]
+    np.testing.assert_allclose(items[1].world_from_body.translation, [1.0, 2.0, 3.0])
+    assert all(isinstance(item, BadFrame) and "has no row for it" in item.reason for item in items[2:])
+    with pytest.raises(FrameError, match=r"approach\.mp4#2: .* has no row"):
+        source.load(2)
+
+
+@pytest.mark.parametrize(
+    ("row", "text"),
+    [
+        ("a.png,0,0,0,0,1,0,0,0\n", "file must be the frame's number"),
+        ("1,0,0,0,0,1,0,0,0\n01,0,0,0,0,1,0,0,0\n", "twice"),
+    ],
+)
+def test_poses_without_frame_numbers_are_refused(film, row, text):
+    with pytest.raises(RecordingError, match=text):
+        open_source(beside(film, camera__toml=CAMERA, poses__csv=POSES + row))
+
+
+def test_files_named_after_the_film_go_first(film):
+    beside(film, camera__toml=CAMERA, approach__mp4__camera__toml=CAMERA.replace("fx = 50", "fx = 70"))
+    assert open_source(film).load(0).camera.fx == 70.0
+
+
+def test_film_without_camera_file_says_where_to_write_one(film):
+    with pytest.raises(RecordingError, match=r"no camera file: write .*approach\.mp4\.camera\.toml or .*camera\.toml"):
+        open_source(film)
+
+
+def test_intrinsics_for_another_resolution(film):
+    items = list(open_source(beside(film, camera__toml=CAMERA.replace("64", "1280"))))
+    assert len(items) == COUNT
+    assert "the intrinsics are for 1280x48 px but the image is 64x48 px" in items[0].reason
+
+
+@pytest.fixture
+def motion_jpeg(tmp_path):
+    """A film whose frames are JPEG pictures of noise, each for itself, and where each begins in the file."""
+    path = tmp_path / "film.avi"
+    rng = np.random.default_rng(0)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuvj420p"
+        for _ in range(COUNT):
+            image = rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
+    data = path.read_bytes()
+    starts = [match.start() for match in re.finditer(rb"\xff\xd8\xff", data)]
+    assert len(starts) == COUNT
+    return beside(path, camera__toml=CAMERA), data, starts
+
+
+def test_damaged_picture_is_skipped_and_named(motion_jpeg):
+    film, data, starts = motion_jpeg
+    size = starts[6] - starts[5] - 16  # up to the header of the next picture's chunk
+    film.write_bytes(data[: starts[5]] + bytes(size) + data[starts[5] + size :])
+    items = list(open_source(film))
+    assert [item.file for item in items] == [f"film.avi#{index}" for index in range(COUNT)]
+    assert [index for index, item in enumerate(items) if isinstance(item, BadFrame)] == [5]
+    np.testing.assert_allclose([item.time_s for item in items[6:]], np.arange(6, COUNT) / 25, atol=1e-6)
+
+
+def test_film_cut_short_gives_what_is_whole(motion_jpeg):
+    film, data, starts = motion_jpeg
+    film.write_bytes(data[: starts[7] + 300])
+    source = open_source(film)
+    items = list(source)
+    assert not any(isinstance(item, BadFrame) for item in items[:7])
+    assert all(isinstance(item, BadFrame) for item in items[7:])
+    assert len(items) == len(source)
+
+
+def test_what_is_no_film_says_so(tmp_path):
+    path = tmp_path / "approach.mp4"
+    path.write_text("hello")
+    with pytest.raises(RecordingError, match=r"approach\.mp4: not a video, or cut short: Invalid data"):
+        open_source(path)
+    path.write_bytes(b"")
+    with pytest.raises(RecordingError, match="not a video"):
+        open_source(path)
+
+
+def test_sound_is_no_film(tmp_path):
+    path = tmp_path / "sound.wav"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
+        frame.sample_rate = 8000
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    with pytest.raises(RecordingError, match="no picture stream"):
+        open_source(path)
