@@ -60,7 +60,7 @@ class LineViews:
 def make_batch(
     views: LineViews, batch: int, grid: RowGrid, augment: DetectAugmentation, seed: list[int]
 ) -> tuple[Tensor, DetectTargets]:
-    """Views (batch, 3, height, width) and targets; the same for the same seed: a resumed run sees what it would have."""
+    """Views (batch, 3, height, width) and targets; the same for the same seed, so that resuming changes nothing."""
     rng = np.random.default_rng(seed)
     samples = [make_sample(views[int(index)], grid, augment, rng) for index in rng.integers(0, len(views), batch)]
     columns = [torch.from_numpy(np.stack(column)) for column in zip(*samples, strict=True)]

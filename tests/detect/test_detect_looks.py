@@ -1,0 +1,122 @@
+"""The looks, with a network that knows the truth: what is tested is where it looks and what comes back."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
+from deckline.detect.region import encode_region
+from deckline.detect.row_anchors import RowGrid, encode
+
+GRID = RowGrid()
+NONE = (np.zeros((2, 72, 129), dtype=np.float32), *encode_region(None, (32, 18))[:2])
+
+
+class Oracle:
+    """Finds the two brightest pixels of colour channels 0 and 1 per row: red is left, green is right."""
+
+    def __init__(self, box_error: float = 0.0) -> None:
+        self.views: list[np.ndarray] = []
+        self.box_error = box_error
+
+    def __call__(self, view: np.ndarray) -> NetworkOutput:
+        self.views.append(view)
+        lines = []
+        for channel in (0, 1):
+            level = view[channel] - view[2]
+            rows = np.flatnonzero(level.max(axis=1) > 0.5 * level.max())
+            weight = np.clip(level[rows] - 0.3 * level.max(), 0, None)
+            lines.append(np.stack([(weight * np.arange(512)).sum(1) / weight.sum(1), rows], axis=1))
+        points = np.concatenate(lines)
+        box = np.concatenate([points.min(axis=0), points.max(axis=0)])
+        box += self.box_error * np.array([-1, -1, 1, 1]) * np.maximum(box[2] - box[0], box[3] - box[1])
+        classes, offsets, _ = encode_region(box + [0, 0, 1e-3, 1e-3], (32, 18))
+        cells = [encode(line, np.ones(len(line)), GRID) for line in lines]
+        return NetworkOutput(np.stack([_logits(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
+
+
+def _logits(cell: np.ndarray) -> np.ndarray:
+    logits = np.full((72, 129), -20.0, dtype=np.float32)
+    for row, position in enumerate(cell):
+        if np.isnan(position):
+            logits[row, -1] = 0
+        else:
+            low = int(np.clip(np.floor(position), 0, 126))
+            logits[row, low : low + 2] = np.log(np.clip([1 - (position - low), position - low], 1e-8, 1))
+    return logits
+
+
+def draw(size, left, right) -> np.ndarray:
+    """Lines (u0, v0, u1, v1) three pixels wide, red and green, exact to the sub-pixel."""
+    width, height = size
+    image = np.zeros((height, width, 3))
+    v, u = np.mgrid[0:height, 0:width]
+    for channel, (u0, v0, u1, v1) in enumerate((left, right)):
+        middle = u0 + (v - v0) * (u1 - u0) / (v1 - v0)
+        cover = np.clip(2.0 - np.abs(u - middle), 0, 1) * ((v >= min(v0, v1)) & (v <= max(v0, v1)))
+        image[..., channel] = 220 * cover
+    return image.astype(np.uint8)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(100, 1100), st.floats(60, 600), st.floats(12, 90))
+def test_points_come_back_in_full_image_pixels(u, v, width):
+    height = 0.7 * width
+    left = (u, v + height, u + 0.3 * width, v)
+    right = (u + width, v + height, u + 0.6 * width, v)
+    detection = detect_lines(draw((1280, 720), left, right), Oracle(), DetectConfig())
+    for points, (u0, v0, u1, v1) in ((detection.left, left), (detection.right, right)):
+        assert len(points) >= 3
+        expected = u0 + (points.points_px[:, 1] - v0) * (u1 - u0) / (v1 - v0)
+        assert np.median(np.abs(points.points_px[:, 0] - expected)) < 0.2
+    a, b, c, d = detection.region_px
+    assert a <= u and c >= u + width and b <= v and d >= v + height
+
+
+def test_a_far_runway_is_looked_at_more_closely_and_a_near_one_only_once():
+    far, near = Oracle(), Oracle()
+    detect_lines(draw((1280, 720), (600, 340, 604, 330), (620, 340, 612, 330)), far, DetectConfig())
+    detect_lines(draw((1280, 720), (200, 700, 500, 150), (1080, 700, 780, 150)), near, DetectConfig())
+    assert 2 <= len(far.views) <= 3
+    assert len(near.views) == 1
+
+
+def test_no_runway_in_the_first_look_is_not_seen():
+    detection = detect_lines(np.zeros((720, 1280, 3), np.uint8), lambda view: NetworkOutput(*NONE), DetectConfig())
+    assert len(detection.left) == len(detection.right) == 0
+    assert detection.region_px is None
+
+
+def test_left_right_of_right_is_not_seen():
+    image = draw((640, 360), (100, 300, 200, 50), (500, 300, 400, 50))
+    swapped = image[:, :, [1, 0, 2]]
+    assert len(detect_lines(image, Oracle(), DetectConfig()).left) > 10
+    detection = detect_lines(swapped, Oracle(), DetectConfig())
+    assert len(detection.left) == len(detection.right) == 0
+
+
+def test_a_line_of_two_rows_is_not_returned():
+    image = draw((640, 360), (100, 300, 200, 50), (500, 300, 498, 292))
+    detection = detect_lines(image, Oracle(), DetectConfig())
+    assert len(detection.left) > 10
+    assert len(detection.right) == 0
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 900), (333, 77), (720, 1280)])
+def test_any_image_size_can_be_looked_at(shape):
+    image = np.random.default_rng(0).integers(0, 256, (*shape, 3), dtype=np.uint8)
+
+    def everywhere(view):
+        classes, offsets, _ = encode_region([100.0, 100.0, 110.0, 104.0], (32, 18))
+        return NetworkOutput(np.zeros((2, 72, 129), np.float32), np.log(classes + 1e-12), offsets)
+
+    detection = detect_lines(image, everywhere, DetectConfig())
+    assert np.isfinite(detection.left.points_px).all()
+
+
+def test_wrong_use_is_refused():
+    with pytest.raises(ValueError, match=r"expected an image \(H, W, 3\) of uint8"):
+        detect_lines(np.zeros((5, 5, 3)), Oracle(), DetectConfig())
+    with pytest.raises(ValueError, match="max_looks=0"):
+        DetectConfig(max_looks=0)
