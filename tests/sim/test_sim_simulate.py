@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from deckline.sim import RendererError, SimConfig, contact_sheet, frames
-from deckline.sim.weather import random_airlight, random_weather
 
 SMALL = {"width": 160, "height": 90}
 
@@ -116,12 +115,3 @@ def test_contact_sheet_names_wrong_use(training):
     other = rendered(SimConfig(frames=1, width=80, height=60))
     with pytest.raises(ValueError, match=r"of one size, got \[\(60, 80, 3\), \(90, 160, 3\)\]"):
         contact_sheet([training[0], *other], 2)
-
-
-def test_airlight_stays_in_range_near_the_horizon_colour():
-    for seed in range(50):
-        rng = np.random.default_rng(seed)
-        horizon = np.array(random_weather(rng).horizon_rgb)
-        airlight = random_airlight(horizon, rng)
-        assert np.all((airlight >= 40) & (airlight <= 250))
-        assert abs(airlight.mean() - 255 * horizon.mean()) < 140

@@ -53,11 +53,8 @@ def random_weather(rng: np.random.Generator) -> Weather:
     sun = 0.12 if overcast else rng.uniform(0.35, 1.0) * (0.5 if dusk else 1.0)
     sun_rgb = sun * np.array([1.0, rng.uniform(0.88, 1.0), rng.uniform(0.75, 0.98)])
     ambient = (0.4 + 0.7 * level) * rng.uniform(0.75, 1.15) * np.array([0.95, 0.98, 1.04])
-    sea = (
-        rng.uniform(0.04, 0.32)
-        * level
-        * np.array([rng.uniform(0.25, 0.9), rng.uniform(0.7, 1.1), rng.uniform(0.8, 1.3)])
-    )
+    sea = rng.uniform(0.04, 0.32) * level
+    sea_rgb = sea * np.array([rng.uniform(0.25, 0.9), rng.uniform(0.7, 1.1), rng.uniform(0.8, 1.3)])
     foam = rng.uniform(0.55, 1.0) * level * np.array([rng.uniform(0.75, 1.0), rng.uniform(0.9, 1.0), 1.0])
     offset = rng.uniform(0, 50, 2)
     return Weather(
@@ -69,7 +66,7 @@ def random_weather(rng: np.random.Generator) -> Weather:
         cloud_cover=rng.uniform(0.6, 1.0) if overcast else rng.uniform(0.0, 0.7),
         cloud_scale=rng.uniform(0.03, 0.3),
         sun_glow=0.0 if overcast else rng.uniform(0.0, 0.8),
-        sea_rgb=_rgb(sea),
+        sea_rgb=_rgb(sea_rgb),
         sea_sheen=rng.uniform(0.1, 0.9),
         wave_slope=rng.uniform(0.05, 0.5),
         wave_scale=rng.uniform(0.5, 3.0),
