@@ -13,7 +13,6 @@ from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import Source, open_source
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach"
-Positional = tyro.conf.Positional
 
 
 def demo(out: Path = Path("demo-out")) -> int:
@@ -26,7 +25,7 @@ def demo(out: Path = Path("demo-out")) -> int:
 
 
 def run(
-    source: Positional[Path],
+    source: tyro.conf.Positional[Path],
     out: Path,
     camera: Path | None = None,
     poses: Path | None = None,
@@ -62,6 +61,8 @@ def run(
 
 
 def _run(source: Source, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
+    for note in source.notes:
+        print(f"note: {note}", file=sys.stderr)
     summary = run_pipeline(source, pipeline, out, max_frames=max_frames, resume=resume)
     for path in summary.written:
         print(path)

@@ -3,8 +3,11 @@
 import math
 import shlex
 import sys
+from dataclasses import asdict
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from deckline import __version__
@@ -33,7 +36,7 @@ def parse_visibility(text: str) -> tuple[float, float]:
     return bounds
 
 
-def simulate(config: SimConfig, out: Path, image_format: str = "png") -> None:
+def simulate(config: SimConfig, out: Path, image_format: Literal["png", "ppm"] = "png") -> None:
     """Write `config.frames` frames into the recording `out`, going on where an earlier call stopped.
 
     Raises:
@@ -42,9 +45,7 @@ def simulate(config: SimConfig, out: Path, image_format: str = "png") -> None:
     scene = {
         "generator": f"deckline {__version__}",
         "command": shlex.join(["deckline", *sys.argv[1:]]),
-        "preset": config.preset,
-        "trajectory": config.trajectory,
-        "seed": config.seed,
+        **_what_decides_a_frame(config),
     }
     with RecordingWriter(out, image_format=image_format, scene=scene) as writer, _progress() as progress:
         task = progress.add_task("rendering", total=config.frames, completed=writer.count)
@@ -52,6 +53,17 @@ def simulate(config: SimConfig, out: Path, image_format: str = "png") -> None:
             writer.add(frame)
             progress.advance(task)
     print(out)
+
+
+def _what_decides_a_frame(config: SimConfig) -> dict[str, object]:
+    """Kept in scene.json: a recording made with other values is never continued. Infinity is written as text."""
+    fixed_length = config.trajectory == "approach"  # more frames of an approach are other frames
+    values = {name: value for name, value in asdict(config).items() if name != "frames" or fixed_length}
+    return {name: value if _is_plain(value) else str(value) for name, value in values.items()}
+
+
+def _is_plain(value: object) -> bool:
+    return not isinstance(value, float | tuple) or bool(np.all(np.isfinite(value)))
 
 
 def _progress() -> Progress:

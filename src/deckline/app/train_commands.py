@@ -10,13 +10,11 @@ with needs_extra("train"):
     from deckline.train.dehaze import DehazeTrainConfig, train_dehaze
     from deckline.train.detect import DetectTrainConfig, train_detect
 
-Flat = tyro.conf.OmitArgPrefixes
-
 
 def dehaze(
     recordings: tyro.conf.Positional[tuple[Path, ...]],
     out: Path,
-    config: Flat[DehazeTrainConfig] = DehazeTrainConfig(),  # noqa: B008 - frozen
+    config: tyro.conf.OmitArgPrefixes[DehazeTrainConfig] = DehazeTrainConfig(),  # noqa: B008 - frozen
 ) -> int:
     """Train the dehazing network on clear recordings with depth; goes on from its own checkpoint in `out`.
 
@@ -32,7 +30,7 @@ def dehaze(
 def detect(
     recordings: tyro.conf.Positional[tuple[Path, ...]],
     out: Path,
-    config: Flat[DetectTrainConfig] = DetectTrainConfig(),  # noqa: B008 - frozen
+    config: tyro.conf.OmitArgPrefixes[DetectTrainConfig] = DetectTrainConfig(),  # noqa: B008 - frozen
 ) -> int:
     """Train the line detector on clear recordings with depth and true lines; goes on from its own checkpoint in `out`.
 

@@ -121,7 +121,7 @@ def summarise(scores: list[FrameScore]) -> dict[str, float]:
     if empty:
         figures["false_line_rate"] = _share(empty, lambda s: s.status is not Status.NOT_SEEN)
     for mode in (DepthMode.FINE, DepthMode.COARSE, DepthMode.NONE):
-        figures[f"mode_rate.{mode}"] = _share(scores, lambda s, m=mode: s.mode is m)
+        figures[f"mode_rate.{mode}"] = sum(s.mode is mode for s in scores) / len(scores)
     figures |= _quantiles(scores)
     for mode in (DepthMode.FINE, DepthMode.COARSE):
         subset = [s for s in scores if s.mode is mode]
