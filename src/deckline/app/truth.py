@@ -1,0 +1,85 @@
+"""What the guidance should have said, where the frame carries truth."""
+
+import numpy as np
+
+from deckline.evaluate.metrics import direction_error_rad, height_error_m, lateral_error_m
+from deckline.geometry import wrap_angle
+from deckline.guide import guidance
+from deckline.types import (
+    DepthMode,
+    Frame,
+    Guidance,
+    RunwayEstimate,
+    RunwayLine,
+    Segment,
+    Status,
+    Truth,
+    Value,
+)
+
+ACROSS_DEG = 89.0  # direction error from which a line counts as lying across the runway
+
+
+def true_guidance(frame: Frame) -> Guidance | None:
+    """Guidance from the true lines and the recorded pose; None without truth, runway or pose."""
+    centre = None if frame.truth is None else true_centre(frame.truth)
+    if centre is None or frame.world_from_body is None:
+        return None
+    along = centre.p1_m - centre.p0_m
+    line = RunwayLine(centre.p0_m, float(np.arctan2(along[1], along[0])), np.zeros((3, 3)))
+    exact = RunwayEstimate(Status.OK, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
+    return guidance(frame, exact)
+
+
+def true_centre(truth: Truth) -> Segment | None:
+    """Between the two true lines; None where there is no runway."""
+    if truth.left is None or truth.right is None:
+        return None
+    return Segment((truth.left.p0_m + truth.right.p0_m) / 2, (truth.left.p1_m + truth.right.p1_m) / 2)
+
+
+def errors_against(
+    truth: Truth, estimate: RunwayEstimate, measured: Guidance, exact: Guidance | None
+) -> dict[str, dict[str, float | None]] | None:
+    """How far a frame's estimate is from its truth; None where the scene has no runway.
+
+    The line errors have the names and meanings of `deckline eval`: sizes without a sign, of each of the lines.
+    "guidance" is measured minus true, with sign, under the names that records use.
+    """
+    centre = true_centre(truth)
+    if truth.left is None or truth.right is None or centre is None:
+        return None
+    segments = {"left": truth.left, "right": truth.right, "centre": centre}
+    pairs = {side: (estimate.lines.get(side), segment) for side, segment in segments.items()}
+    return {
+        "direction_error_deg": {
+            side: line and _direction_deg(line, segment) for side, (line, segment) in pairs.items()
+        },
+        "lateral_error_at_ramp_m": {side: line and _lateral(line, segment) for side, (line, segment) in pairs.items()},
+        "height_error_m": {
+            side: line and abs(height_error_m(line, segment)) for side, (line, segment) in pairs.items()
+        },
+        "guidance": _guidance_errors(measured, exact),
+    }
+
+
+def _direction_deg(line: RunwayLine, truth: Segment) -> float:
+    return float(np.rad2deg(direction_error_rad(line, truth)))
+
+
+def _lateral(line: RunwayLine, truth: Segment) -> float | None:
+    """None for a line across the runway, which never passes beside its ramp end."""
+    return None if _direction_deg(line, truth) > ACROSS_DEG else abs(lateral_error_m(line, truth))
+
+
+def _guidance_errors(measured: Guidance, truth: Guidance | None) -> dict[str, float | None]:
+    heading = _difference(measured.heading_error_rad, None if truth is None else truth.heading_error_rad)
+    errors = {
+        name: _difference(getattr(measured, name), None if truth is None else getattr(truth, name))
+        for name in ("lateral_deviation_m", "height_above_deck_m", "distance_to_ramp_m")
+    }
+    return errors | {"heading_error_deg": None if heading is None else float(np.rad2deg(wrap_angle(heading)))}
+
+
+def _difference(measured: Value | None, truth: Value | None) -> float | None:
+    return None if measured is None or truth is None else measured.value - truth.value
