@@ -1,6 +1,7 @@
 """What each `deckline` command does. Heavy or optional parts are imported inside the command that needs them."""
 
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,7 +13,7 @@ from deckline.localize import LocalizeConfig
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import Source, open_source
 
-SAMPLE = Path(__file__).parent.parent / "sample" / "approach"
+SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 
 
 def demo(out: Path = Path("demo-out")) -> int:
@@ -21,7 +22,10 @@ def demo(out: Path = Path("demo-out")) -> int:
     Args:
         out: folder for the results.
     """
-    return _run(open_source(SAMPLE), Pipeline(), out)
+    recording = out / "approach"
+    with zipfile.ZipFile(SAMPLE) as archive:
+        archive.extractall(recording)
+    return _run(open_source(recording), Pipeline(), out)
 
 
 def run(

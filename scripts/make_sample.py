@@ -1,0 +1,62 @@
+"""Render the sample approach that ships with the package: src/deckline/sample/approach.zip.
+
+    python scripts/make_sample.py
+
+24 frames of the paper's deck through haze, poses, truth, and depth for the near frames. Depth is rounded to 1/32 m,
+as ranging cameras do, and left out where no deck is within the depth camera's reach: that keeps the archive small.
+"""
+
+import tempfile
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from deckline.evaluate.chain import range_to_ramp_m
+from deckline.recording import RecordingWriter
+from deckline.sim import SimConfig, frames
+from deckline.types import Frame
+
+CONFIG = SimConfig(
+    preset="paper",
+    trajectory="approach",
+    frames=24,
+    visibility_m=(750.0, 750.0),
+    seed=11,
+    depth_range_m=150.0,
+    keep_clear=False,
+    start_m=800.0,
+    end_m=25.0,
+)
+DEPTH_STEP_M = 1 / 32
+TARGET = Path(__file__).parent.parent / "src" / "deckline" / "sample" / "approach.zip"
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / "approach"
+        with RecordingWriter(recording, scene={"command": "python scripts/make_sample.py", "seed": CONFIG.seed}) as out:
+            for frame in frames(CONFIG):
+                out.add(_slim(frame))
+        _zip(recording, TARGET)
+    print(f"{TARGET.name}: {TARGET.stat().st_size / 1e6:.1f} MB")
+
+
+def _slim(frame: Frame) -> Frame:
+    if frame.depth_m is None or range_to_ramp_m(frame) > CONFIG.depth_range_m:
+        return replace(frame, depth_m=None)
+    return replace(frame, depth_m=(np.rint(frame.depth_m / DEPTH_STEP_M) * DEPTH_STEP_M).astype(np.float32))
+
+
+def _zip(folder: Path, target: Path) -> None:
+    target.parent.mkdir(exist_ok=True)
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                name = zipfile.ZipInfo(path.relative_to(folder).as_posix(), (2026, 1, 1, 0, 0, 0))
+                archive.writestr(name, path.read_bytes(), zipfile.ZIP_DEFLATED, 9)
+
+
+if __name__ == "__main__":
+    main()
