@@ -114,6 +114,8 @@ def train_dehaze(config: DehazeTrainConfig, recordings: list[Path], out: Path) -
     views = ClearViews(recordings, config.working_long_side_px, config.held_out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {step}")
     step, finished = _run(config, model, optimizer, ema, views, out, step, seconds, console)
+    for file, reason in views.skipped.items():
+        console.print(f"skipped {file}: {reason}")
     if not finished:
         console.print(f"interrupted; give the same command again to go on from step {step}")
         return {}

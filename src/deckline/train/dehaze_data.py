@@ -11,9 +11,10 @@ from torch import Tensor
 
 from deckline.dehaze.network_io import averaged_down, image_to_tensor, reduction_factor, tensor_to_image
 from deckline.haze import add_haze, beta_from_visibility, transmission
-from deckline.recording import Source, open_source
+from deckline.recording import FrameError, Source, open_source
 from deckline.types import Frame
 
+MAX_BAD_DRAWS = 20
 HORIZON_SHARE = 0.2  # of the sky's pixels, counted from the lowest row: what "the horizon's colour" is the mean of
 GREY_LEVELS = (70.0, 245.0)  # airlight of a random colour, 0..255
 # Tints of random airlight, multiplied onto grey: bluish (fog in daylight) to warm (dust, low sun).
@@ -97,6 +98,9 @@ class ClearViews:
         held_out: share of every recording, at its end, that training does not see.
         train: the training part; False gives the held-out part, of every recording once.
 
+    Attributes:
+        skipped: what was wrong with frames that could not be read, by file.
+
     Raises:
         ValueError: no recordings, or no views.
     """
@@ -113,6 +117,7 @@ class ClearViews:
         if not self._items:
             raise ValueError(f"no {'training' if train else 'held-out'} views in {[str(path) for path in recordings]}")
         self._cache: dict[tuple[Path, int], ClearView] = {}
+        self.skipped: dict[str, str] = {}
 
     def __len__(self) -> int:
         return len(self._items)
@@ -124,6 +129,19 @@ class ClearViews:
             view = clear_view(self._sources[path].load(frame_index), self._long_side_px)
             self._cache[item] = view
         return view
+
+    def draw(self, rng: np.random.Generator) -> ClearView:
+        """A random view; a frame that cannot be read is noted in `skipped` and another one drawn.
+
+        Raises:
+            ValueError: MAX_BAD_DRAWS frames in a row cannot be read.
+        """
+        for _ in range(MAX_BAD_DRAWS):
+            try:
+                return self[int(rng.integers(0, len(self)))]
+            except FrameError as error:
+                self.skipped[error.file] = error.reason
+        raise ValueError(f"{MAX_BAD_DRAWS} frames in a row cannot be read; the last errors: {self.skipped}")
 
 
 def random_airlight(
@@ -179,8 +197,8 @@ def training_batch(
     """
     rng = np.random.default_rng(seed)
     samples = []
-    for index in rng.integers(0, len(views), batch):
-        view = views[int(index)]
+    for _ in range(batch):
+        view = views.draw(rng)
         window = random_window(view.clear_rgb.shape[:2], crop, haze.crop_scale, rng)
         hazy, clear, t = hazy_pair(view, window, haze, rng)
         planes = [image_to_tensor(hazy), image_to_tensor(clear), np.ascontiguousarray(t)[None, None]]

@@ -9,13 +9,23 @@ import torch
 from deckline.dehaze.network_io import image_to_tensor, tensor_to_image
 from deckline.evaluate.metrics import psnr_db, ssim
 from deckline.haze import add_haze, beta_from_visibility
-from deckline.train.dehaze_data import ClearViews, random_airlight
+from deckline.recording import FrameError
+from deckline.train.dehaze_data import ClearView, ClearViews, random_airlight
 from deckline.train.dehaze_network import DehazeNetwork, network_metadata
 from deckline.train.export import export_onnx
 
 VALIDATION_VISIBILITY_M = (500.0, 3000.0)  # uniform; the range that the project's mark is set for
 VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
 HORIZON_SHARE = 1.0  # of the airlights: haze by day has the colour of the sky at the horizon
+FIGURES = (
+    "psnr_db_hazy.mean",
+    "psnr_db.mean",
+    "psnr_db_clear_air.mean",
+    "psnr_db_surface_hazy.mean",
+    "psnr_db_surface.mean",
+    "ssim_hazy.mean",
+    "ssim.mean",
+)
 
 
 @torch.no_grad()
@@ -27,33 +37,31 @@ def validate(model: DehazeNetwork, views: ClearViews, seed: int) -> dict[str, fl
     """
     was_training = model.training
     model.eval()
+    indices = np.linspace(0, len(views) - 1, min(len(views), VALIDATION_VIEWS)).round().astype(int)
     rows = []
-    for index in np.linspace(0, len(views) - 1, min(len(views), VALIDATION_VIEWS)).round().astype(int):
-        view = views[int(index)]
-        rng = np.random.default_rng([seed, int(index)])
-        airlight = random_airlight(view.horizon_rgb, HORIZON_SHARE, rng)
-        beta = beta_from_visibility(rng.uniform(*VALIDATION_VISIBILITY_M))
-        hazy = add_haze(view.clear_rgb, view.range_m, beta, airlight)
-        dehazed = _dehaze(model, hazy)
-        untouched = _dehaze(model, view.clear_rgb)
-        clear = view.clear_rgb
-        surface = np.isfinite(view.range_m)[None]  # (1, H, W): sea and ship
-        pairs = [(clear, hazy), (clear, dehazed), (clear, untouched)]
-        pairs += [(clear[None][surface][None], image[None][surface][None]) for image in (hazy, dehazed)]
-        rows.append([*(psnr_db(*pair) for pair in pairs), ssim(clear, hazy), ssim(clear, dehazed)])
+    for index in indices.tolist():
+        try:
+            rows.append(_figures(model, views[index], np.random.default_rng([seed, index])))
+        except FrameError as error:
+            views.skipped[error.file] = error.reason
     model.train(was_training)
+    if not rows:
+        raise ValueError(f"no held-out frame can be read: {views.skipped}")
     # A view that comes out untouched has infinite PSNR; 60 dB stands for it in the mean.
     means = np.minimum(rows, 60.0).mean(axis=0)
-    names = (
-        "psnr_db_hazy.mean",
-        "psnr_db.mean",
-        "psnr_db_clear_air.mean",
-        "psnr_db_surface_hazy.mean",
-        "psnr_db_surface.mean",
-        "ssim_hazy.mean",
-        "ssim.mean",
-    )
-    return {**dict(zip(names, means.tolist(), strict=True)), "views": float(len(rows))}
+    return {**dict(zip(FIGURES, means.tolist(), strict=True)), "views": float(len(rows))}
+
+
+def _figures(model: DehazeNetwork, view: ClearView, rng: np.random.Generator) -> list[float]:
+    """FIGURES of one view."""
+    clear = view.clear_rgb
+    airlight = random_airlight(view.horizon_rgb, HORIZON_SHARE, rng)
+    hazy = add_haze(clear, view.range_m, beta_from_visibility(rng.uniform(*VALIDATION_VISIBILITY_M)), airlight)
+    dehazed, untouched = _dehaze(model, hazy), _dehaze(model, clear)
+    surface = np.isfinite(view.range_m)  # sea and ship
+    pairs = [(clear, hazy), (clear, dehazed), (clear, untouched)]
+    pairs += [(clear[surface][None], image[surface][None]) for image in (hazy, dehazed)]
+    return [*(psnr_db(image, reference) for reference, image in pairs), ssim(hazy, clear), ssim(dehazed, clear)]
 
 
 def export_dehaze(
