@@ -78,10 +78,10 @@ def wrapped(words: str, size: int, width: int, lines: int) -> list[str]:
 
 def segment(image: Image, ends: ArrayLike, colour: Colour, width: int, halo: int = 2) -> None:
     """A line between two points (2, 2) px, on a dark halo that keeps it visible on bright haze."""
-    points = _fixed(ends)
+    start, end = _fixed(ends)
     if halo:
-        cv2.line(image, *points, (0, 0, 0), width + halo, cv2.LINE_AA, SHIFT)
-    cv2.line(image, *points, colour, width, cv2.LINE_AA, SHIFT)
+        cv2.line(image, start, end, (0, 0, 0), width + halo, cv2.LINE_AA, SHIFT)
+    cv2.line(image, start, end, colour, width, cv2.LINE_AA, SHIFT)
 
 
 def dashed(image: Image, ends: ArrayLike, colour: Colour, width: int, dash_px: float = 12.0) -> None:
@@ -93,11 +93,11 @@ def dashed(image: Image, ends: ArrayLike, colour: Colour, width: int, dash_px: f
         segment(image, [start + (end - start) * s / length for s in (from_px, to_px)], colour, width)
 
 
-def dot(image: Image, at: ArrayLike, radius: float, colour: Colour, filled: bool = True) -> None:
-    """A round point with a dark rim, or a thin ring."""
-    (centre,) = _fixed([at])
+def dot(image: Image, at: ArrayLike, radius: float, colour: Colour, filled: bool = True, rim: bool = True) -> None:
+    """A round point, with a dark rim that keeps it visible on bright haze; or a thin ring."""
+    (centre,) = _fixed(np.asarray(at)[None])
     scaled = round(radius * (1 << SHIFT))
-    if filled:
+    if filled and rim:
         cv2.circle(image, centre, scaled + (1 << SHIFT), (0, 0, 0), -1, cv2.LINE_AA, SHIFT)
     cv2.circle(image, centre, scaled, colour, -1 if filled else 1, cv2.LINE_AA, SHIFT)
 

@@ -75,17 +75,17 @@ def read_records(path: Path) -> Iterator[Record]:
         yield record
 
 
-def keep_whole_lines(path: Path) -> list[str]:
+def keep_whole_lines(path: Path) -> int:
     """Cut a JSONL file after its last whole line, as an interrupted writer may have left half of one.
 
-    Returns: the frame's file of every line kept.
+    Returns: the number of lines kept.
     """
-    end, files = 0, []
-    for end, record in _whole_lines(path):  # noqa: B007 (the last end is what counts)
-        files.append(str(record["file"]))
+    end = count = 0
+    for line_end, _ in _whole_lines(path):
+        end, count = line_end, count + 1
     with path.open("r+b") as file:
         file.truncate(end)
-    return files
+    return count
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[int, Record]]:

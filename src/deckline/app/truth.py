@@ -50,15 +50,12 @@ def errors_against(
     if truth.left is None or truth.right is None or centre is None:
         return None
     segments = {"left": truth.left, "right": truth.right, "centre": centre}
-    pairs = {side: (estimate.lines.get(side), segment) for side, segment in segments.items()}
+    found = {side: (estimate.lines[side], segments[side]) for side in segments if side in estimate.lines}
+    missing: dict[str, float | None] = dict.fromkeys(segments)
     return {
-        "direction_error_deg": {
-            side: line and _direction_deg(line, segment) for side, (line, segment) in pairs.items()
-        },
-        "lateral_error_at_ramp_m": {side: line and _lateral(line, segment) for side, (line, segment) in pairs.items()},
-        "height_error_m": {
-            side: line and abs(height_error_m(line, segment)) for side, (line, segment) in pairs.items()
-        },
+        "direction_error_deg": missing | {side: _direction_deg(*pair) for side, pair in found.items()},
+        "lateral_error_at_ramp_m": missing | {side: _lateral(*pair) for side, pair in found.items()},
+        "height_error_m": missing | {side: abs(height_error_m(*pair)) for side, pair in found.items()},
         "guidance": _guidance_errors(measured, exact),
     }
 

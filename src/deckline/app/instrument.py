@@ -1,0 +1,178 @@
+"""A course and glideslope indicator as pilots know it, and the numbers beside it.
+
+The needles are fly-to: they show where the centre line and the glideslope are. An aircraft right of the line has its
+vertical needle on the left; one above the glideslope has its horizontal needle below the middle. What is not known
+shows a red flag, never a centred needle.
+"""
+
+import numpy as np
+
+from deckline.app.draw import (
+    BACKGROUND,
+    CAUTION,
+    CENTRE,
+    DIM,
+    EDGE,
+    FLAG,
+    GOOD,
+    INK,
+    LEFT,
+    NEEDLE,
+    PANEL,
+    RIGHT,
+    Image,
+    box,
+    centred,
+    dot,
+    segment,
+    shortened,
+    tag,
+    text,
+    wrapped,
+)
+from deckline.types import DepthMode, Guidance, Status, Value
+
+BAND = (1280, 248)  # width, height, px
+LATERAL_DOT_M = 5.0  # sideways per dot: two dots are the length of a deck-landing aircraft
+GLIDESLOPE_DEG = 3.5  # SPEC section 7
+GLIDESLOPE_DOT_DEG = 0.35  # ICAO Annex 10: full scale is 0.7 degrees, two dots
+TOUCHDOWN_M = 70.0  # hook touchdown beyond the ramp (230 ft); SPEC section 7
+MIN_BASE_M = 10.0  # closer to the touchdown point an angle says nothing
+FULL_SCALE_DOTS = 2.4  # where a needle rests against its stop
+DOT_PX = 40
+FACE = (16, 12, 224)  # left, top, side
+
+STATUS_TAGS = {
+    Status.OK: ("BOTH LINES", GOOD, (8, 20, 16)),
+    Status.ONE_LINE: ("ONE LINE", CAUTION, (30, 28, 4)),
+    Status.NOT_SEEN: ("NO LINES", FLAG, (255, 255, 255)),
+}
+MODES = {
+    DepthMode.FINE: "fine: distances from the depth camera",
+    DepthMode.COARSE: "coarse: distances from pose and deck height",
+    DepthMode.NONE: "no distances",
+}
+
+
+def lateral_dots(guidance: Guidance) -> float | None:
+    """Where the vertical needle stands, dots, right positive; None: flag."""
+    deviation = guidance.lateral_deviation_m
+    return None if deviation is None else _stopped(-deviation.value / LATERAL_DOT_M)
+
+
+def glideslope_dots(guidance: Guidance) -> float | None:
+    """Where the horizontal needle stands, dots, up positive; None: flag.
+
+    The angle is that of the aircraft's origin above the touchdown point, 70 m beyond the ramp, minus 3.5 degrees.
+    """
+    height, distance = guidance.height_above_deck_m, guidance.distance_to_ramp_m
+    if height is None or distance is None or distance.value + TOUCHDOWN_M < MIN_BASE_M:
+        return None
+    angle_deg = float(np.rad2deg(np.arctan2(height.value, distance.value + TOUCHDOWN_M)))
+    return _stopped((GLIDESLOPE_DEG - angle_deg) / GLIDESLOPE_DOT_DEG)
+
+
+def instrument_band(guidance: Guidance) -> Image:
+    """The band (248, 1280, 3) below the pictures: indicator, numbers, status."""
+    image = np.full((BAND[1], BAND[0], 3), BACKGROUND, dtype=np.uint8)
+    _indicator(image, guidance)
+    for column, tile in enumerate(_tiles(guidance)):
+        _tile(image, column, *tile)
+    _status(image, guidance)
+    _legend(image)
+    return image
+
+
+def _stopped(dots: float) -> float:
+    return float(np.clip(dots, -FULL_SCALE_DOTS, FULL_SCALE_DOTS))
+
+
+def _indicator(image: Image, guidance: Guidance) -> None:
+    left, top, side = FACE
+    x, y = left + side // 2, top + side // 2
+    box(image, (left, top), (side, side), EDGE, 14)
+    box(image, (left + 2, top + 2), (side - 4, side - 4), (10, 13, 17), 12)
+    for step in (-2, -1, 1, 2):
+        dot(image, (x + step * DOT_PX, y), 4, DIM, filled=False)
+        dot(image, (x, y + step * DOT_PX), 4, DIM, filled=False)
+    lateral, glideslope = lateral_dots(guidance), glideslope_dots(guidance)
+    reach = side // 2 - 10
+    if glideslope is not None:
+        level = y - glideslope * DOT_PX
+        segment(image, [(x - reach, level), (x + reach, level)], NEEDLE, 3)
+    if lateral is not None:
+        across = x + lateral * DOT_PX
+        segment(image, [(across, y - reach), (across, y + reach)], NEEDLE, 3)
+    # The aircraft: the fixed mark in the middle.
+    segment(image, [(x - 16, y), (x - 6, y)], CENTRE, 2)
+    segment(image, [(x + 6, y), (x + 16, y)], CENTRE, 2)
+    dot(image, (x, y), 3, CENTRE)
+    if lateral is None:
+        tag(image, "LOC", (left + 12, top + 12), 15, FLAG, INK)
+    if glideslope is None:
+        tag(image, "GS", (left + side - 48, top + 12), 15, FLAG, INK)
+    if guidance.status is Status.NOT_SEEN:
+        box(image, (x - 70, y - 21), (140, 42), FLAG, 5)
+        centred(image, "NO LINES", (x, y + 8), 22, INK, 700)
+    text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, DIM)
+    slope = f"dot {GLIDESLOPE_DOT_DEG:g}°"
+    text(image, slope, (left + side - 62, top + side - 12), 12, DIM)
+
+
+def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
+    """Title, value, unit, decimals and meaning of each readout."""
+    lateral, heading = guidance.lateral_deviation_m, guidance.heading_error_rad
+    degrees = None if heading is None else Value(*np.rad2deg([heading.value, heading.sigma]).tolist())
+    return [
+        ("LATERAL DEVIATION", lateral, "m", 1, _side(lateral, "right of the line", "left of the line")),
+        ("HEADING ERROR", degrees, "°", 1, _side(degrees, "nose to the right", "nose to the left")),
+        ("HEIGHT ABOVE DECK", guidance.height_above_deck_m, "m", 1, "of the aircraft's origin"),
+        ("DISTANCE TO RAMP", guidance.distance_to_ramp_m, "m", 0, "along the centre line"),
+    ]
+
+
+def _side(value: Value | None, positive: str, negative: str) -> str:
+    if value is None:
+        return ""
+    return positive if value.value > 0 else negative
+
+
+def _tile(image: Image, column: int, title: str, value: Value | None, unit: str, digits: int, meaning: str) -> None:
+    width, gap, top = 245, 9, 12
+    left = FACE[0] + FACE[2] + 16 + column * (width + gap)
+    box(image, (left, top), (width, 118), PANEL, 10)
+    text(image, title, (left + 14, top + 24), 13, DIM, 500)
+    if value is None:
+        text(image, "- - -", (left + 14, top + 66), 34, EDGE, 600)
+        text(image, "not known", (left + 14, top + 100), 14, DIM)
+        return
+    sign = "+" if column < 2 else ""
+    space = "" if unit == "°" else " "
+    number = f"{value.value:{sign}.{digits}f}"
+    used = text(image, number, (left + 14, top + 66), 36, INK, 600)
+    used += text(image, f"{space}{unit}", (left + 16 + used, top + 66), 20, INK)
+    # One more digit where a small 1-sigma would read as zero.
+    decimals = digits if value.sigma >= 0.95 * 10**-digits else digits + 1
+    text(image, f"± {value.sigma:.{decimals}f}{space}{unit}", (left + 26 + used, top + 66), 16, DIM)
+    text(image, meaning, (left + 14, top + 100), 14, DIM)
+
+
+def _status(image: Image, guidance: Guidance) -> None:
+    left, top = FACE[0] + FACE[2] + 16, 144
+    words, colour, ink = STATUS_TAGS[guidance.status]
+    left += tag(image, words, (left, top), 18, colour, ink) + 14
+    left += text(image, MODES[guidance.mode], (left, top + 22), 16, INK) + 18
+    for row, line in enumerate(wrapped(guidance.reason, 14, BAND[0] - 16 - left, 2)):
+        text(image, line, (left, top + (21 if row == 0 else 41)), 14, DIM)
+
+
+def _legend(image: Image) -> None:
+    left, y = FACE[0] + FACE[2] + 16, 222
+    for name, colour in (("left line", LEFT), ("right line", RIGHT), ("centre line", CENTRE)):
+        box(image, (left, y - 8), (22, 6), colour, 2)
+        left += 30 + text(image, name, (left + 30, y), 14, DIM) + 22
+    notes = (
+        f"Fly to the needles.  Scale: {LATERAL_DOT_M:g} m a dot sideways, {GLIDESLOPE_DOT_DEG:g}° a dot from the "
+        f"{GLIDESLOPE_DEG:g}° glideslope.  ± is 1-sigma."
+    )
+    text(image, shortened(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, DIM)

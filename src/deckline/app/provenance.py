@@ -1,0 +1,64 @@
+"""What a result was made with: software, settings and models."""
+
+import platform
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from deckline import __version__
+from deckline.dehaze import OnnxDehazer
+from deckline.detect import OnnxDetector
+from deckline.pipeline import FrameResult, Pipeline
+from deckline.runtime import sha256_of, shipped_models
+from deckline.types import Frame
+
+Settings = dict[str, str]
+
+
+def settings_of(pipeline: Callable[[Frame], FrameResult]) -> Settings:
+    """Everything that decides what the pipeline gives, label -> value: a run is resumed only with the same."""
+    settings = {"deckline": __version__}
+    if isinstance(pipeline, Pipeline):
+        config = pipeline.config
+        settings["dehazer"] = _model("dehaze", config.dehazer, isinstance(pipeline.dehaze, OnnxDehazer))
+        settings["detector"] = _model("detect", config.detector, isinstance(pipeline.detect, OnnxDetector))
+        settings["localization"] = ", ".join(_options(config.localize))
+        settings["seed"] = str(config.seed)
+    return settings
+
+
+def command_line() -> str:
+    """The command as it could be typed again."""
+    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def software() -> str:
+    """This program's version and what it runs on."""
+    return f"deckline {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+
+
+def now() -> str:
+    """Local date and time with its offset from UTC."""
+    return datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
+
+
+def _model(kind: str, name: str, is_network: bool) -> str:
+    """A method's name; of a network also the SHA-256 of its file or of the shipped models of its kind."""
+    if name.endswith(".onnx"):
+        return f"{name} (SHA-256 {sha256_of(Path(name))})"
+    shipped = [model for model in shipped_models().values() if is_network and model.kind == kind]
+    return " ".join([name, *(f"({model.file}, SHA-256 {model.sha256})" for model in shipped)])
+
+
+def _options(config: Any, prefix: str = "") -> list[str]:
+    """`name = value` of every setting, those of nested configurations with dotted names."""
+    options = []
+    for item in fields(config):
+        value = getattr(config, item.name)
+        nested = is_dataclass(value)
+        options += _options(value, f"{prefix}{item.name}.") if nested else [f"{prefix}{item.name} = {value}"]
+    return options
