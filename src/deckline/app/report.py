@@ -14,13 +14,12 @@ import numpy as np
 
 from deckline.app import report_figures as figures
 from deckline.app.records import GUIDANCE, lookup
+from deckline.app.report_parts import bar, card, info_table, listed, number, percent, table
 from deckline.types import SIDES
 
 TEMPLATES = Path(__file__).parent / "templates"
 STATUSES = ("ok", "one line", "not seen", "skipped")
 MODES = ("fine", "coarse", "none")
-MEANING = {"ok": "both lines", "fine": "depth camera", "coarse": "deck plane", "none": "no distance"}
-LISTED = 40  # reasons and skipped frames listed at most
 DIGITS = 6  # significant digits of the numbers behind the plots
 
 Record = dict[str, Any]
@@ -42,9 +41,10 @@ def report_html(
 
     Args:
         info: label to value, in the order shown: source, command, version, weights, configuration, date. "source"
-            is the heading, "date" and "version" stand below it.
+            is the heading, "date" and "version" stand below it; "frames" is told with their number, and values whose
+            label begins with "note" are repeated above everything else.
         records: records of guidance.jsonl, perhaps thinned out evenly: plots and figures are made of these.
-        pictures: at least none; the slider shows them in this order.
+        pictures: for the slider, in the order shown.
         counts: frames of the whole run by status: "ok", "one line", "not seen" and "skipped".
 
     Raises:
@@ -59,11 +59,11 @@ def report_html(
         subtitle=escape(" · ".join([info[key] for key in ("date", "version") if key in info])),
         style=_template("report.css"),
         script=_template("report.js"),
-        summary=_summary(seen, counts),
+        summary=_summary(info, seen, counts),
         plots_note=_plots_note(seen, counts),
         accuracy=_accuracy(seen),
         troubles=_troubles(records, counts),
-        info=_info_table(info),
+        info=info_table(info),
         data=_script_json({"rows": [_row(r) for r in records], "pictures": [_picture(p) for p in pictures]}),
     )
 
@@ -94,8 +94,8 @@ def _row(record: Record) -> Record:
     if "skipped" in record:
         return {"file": record["file"], "skipped": True}
     row = {key: record.get(key) for key in ("file", "time_s", "status", "mode", "reason", "guidance")}
-    for group in ("truth", "errors"):
-        values = record.get(group)
+    for group, keys in (("truth", ("truth",)), ("errors", ("errors", "guidance"))):
+        values = lookup(record, keys)
         row[group] = values and {name: values.get(name) for name in GUIDANCE}
     for side in SIDES:
         row[side] = _line(lookup(record, ("lines", side)) or {})
@@ -125,61 +125,40 @@ def _picture(picture: Picture) -> Record:
     return {"record": picture.record, **dict(zip(("hazy", "result"), encoded, strict=True))}
 
 
-def _summary(seen: list[Record], counts: Mapping[str, int]) -> str:
+def _summary(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int]) -> str:
     shown = [(name, counts.get(name, 0)) for name in STATUSES]
     modes = [(name, sum(record["mode"] == name for record in seen)) for name in MODES]
-    bars = _bar("Lines found", shown) + _bar("Where distances came from", modes)
-    return f'<div class="cards">{"".join(_cards(seen, counts))}</div><div class="bars">{bars}</div>'
+    bars = bar("Lines found", shown) + bar("Where distances came from", modes)
+    notes = "".join(f"<p>{escape(value)}</p>" for label, value in info.items() if label.startswith("note"))
+    notice = f'<div class="panel notice">{notes}</div>' if notes else ""
+    return f'{notice}<div class="cards">{"".join(_cards(info, seen, counts))}</div><div class="bars">{bars}</div>'
 
 
-def _cards(seen: list[Record], counts: Mapping[str, int]) -> Iterable[str]:
-    total, used = sum(counts.values()), sum(counts.values()) - counts.get("skipped", 0)
-    yield _card("Frames", f"{total}", f"{counts['skipped']} skipped" if counts.get("skipped") else "none skipped")
+def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int]) -> Iterable[str]:
+    total, skipped = sum(counts.values()), counts.get("skipped", 0)
+    used = total - skipped
+    detail = [info["frames"]] if "frames" in info else []
+    yield card("Frames", f"{total:,}", "; ".join([*detail, f"{skipped:,} skipped" if skipped else "none skipped"]))
     rate = figures.found_rate(seen)
     if rate is not None:
-        yield _card("Both lines found", _percent(rate), "of the frames that truly show a runway")
+        yield card("Both lines found", percent(rate), "of the frames that truly show a runway")
     elif used:
-        yield _card("Both lines found", _percent(counts.get("ok", 0) / used), "of the frames used")
+        yield card("Both lines found", percent(counts.get("ok", 0) / used), "of the frames used")
     errors = {row.name: row for row in figures.error_rows(seen)}
     for name, label in (("Lateral deviation", "Lateral error"), ("Centre line, direction", "Direction error")):
         if name in errors:
             row = errors[name]
-            yield _card(f"{label}, median", _number(row.median, row.unit), f"95 %: {_number(row.p95, row.unit)}")
+            yield card(f"{label}, median", number(row.median, row.unit), f"95 %: {number(row.p95, row.unit)}")
     sigma = figures.median_sigma(seen, "lateral_deviation_m")
     if not errors and sigma is not None:
-        yield _card("Lateral deviation, 1 sigma", _number(sigma, "m"), "median; no truth to compare with")
+        yield card("Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with")
     wrong, empty = figures.false_lines(seen)
     if empty:
-        yield _card("False lines", f"{wrong}", f"in {empty} frames without a runway")
+        yield card("False lines", f"{wrong}", f"in {empty} frames without a runway")
     times = figures.stage_seconds(seen)
     if times:
-        parts = ", ".join(f"{stage} {1000 * seconds:.0f}" for stage, seconds in times.items())
-        yield _card("Time per frame", f"{1000 * sum(times.values()):.0f} ms", f"medians: {parts}")
-
-
-def _card(label: str, figure: str, detail: str) -> str:
-    lines = (("label", label), ("figure", figure), ("detail", detail))
-    return f'<div class="card">{"".join(f"<p class={name}>{escape(text)}</p>" for name, text in lines)}</div>'
-
-
-def _bar(title: str, parts: list[tuple[str, int]]) -> str:
-    total = sum(number for _, number in parts)
-    pieces = [(name, number) for name, number in parts if number]
-    bar = "".join(f'<i class="{_class(name)}" style="flex:{number}"></i>' for name, number in pieces)
-    keys = "".join(
-        f'<li class="{_class(name)}">{name}{f" ({MEANING[name]})" if name in MEANING else ""} '
-        f"<b>{number}</b> ({_percent(number / total)})</li>"
-        for name, number in pieces
-    )
-    none = "" if pieces else '<p class="quiet">no frames</p>'
-    return (
-        f'<div class="panel"><h3>{title}</h3><div class="bar" aria-hidden="true">{bar}</div>'
-        f'<ul class="keys">{keys}</ul>{none}</div>'
-    )
-
-
-def _class(status: str) -> str:
-    return status.replace(" ", "-")
+        parts = ", ".join(f"{stage} {1000 * t:.{0 if t > 0.001 else 1}f}" for stage, t in times.items())
+        yield card("Time per frame", f"{1000 * sum(times.values()):.0f} ms", parts)
 
 
 def _plots_note(seen: list[Record], counts: Mapping[str, int]) -> str:
@@ -189,7 +168,7 @@ def _plots_note(seen: list[Record], counts: Mapping[str, int]) -> str:
         notes.append(f"Plots, pictures and figures are made of {len(seen)} of {used} frames, evenly chosen.")
     if not any(lookup(record, ("guidance", name)) for record in seen for name in GUIDANCE):
         common = figures.reasons(seen)
-        why = f" Most frames say: {common[0][0]}." if common else ""
+        why = f" Most often: {common[0][0]}." if common else ""
         notes.append(f"No frame could be placed relative to the deck, so there are no deviations to plot.{why}")
     return f'<p class="quiet">{escape(" ".join(notes))}</p>' if notes else ""
 
@@ -202,10 +181,10 @@ def _accuracy(seen: list[Record]) -> str:
         (
             row.name,
             str(row.frames),
-            _number(row.median, row.unit),
-            _number(row.p95, row.unit),
-            "–" if row.bias is None else _number(row.bias, row.unit, sign=True),
-            *("–" if share is None else _percent(share) for share in (row.within_1_sigma, row.within_2_sigma)),
+            number(row.median, row.unit),
+            number(row.p95, row.unit),
+            "–" if row.bias is None else number(row.bias, row.unit, sign=True),
+            *("–" if share is None else percent(share) for share in (row.within_1_sigma, row.within_2_sigma)),
         )
         for row in rows
     ]
@@ -216,7 +195,7 @@ def _accuracy(seen: list[Record]) -> str:
     )
     return (
         '<section aria-labelledby="accuracy-title"><h2 id="accuracy-title">Against truth</h2>'
-        f'<div class="panel"><div class="scroll">{_table(head, body)}</div><p class="quiet">{note}</p></div></section>'
+        f'<div class="panel"><div class="scroll">{table(head, body)}</div><p class="quiet">{note}</p></div></section>'
         f"{_bands(seen)}"
     )
 
@@ -229,11 +208,11 @@ def _bands(seen: list[Record]) -> str:
         (
             f"{b.low_m:.0f} m and more" if math.isinf(b.high_m) else f"{b.low_m:.0f} to {b.high_m:.0f} m",
             str(b.frames),
-            _percent(b.found_rate),
-            _number(b.lateral_median_m, "m"),
-            _number(b.lateral_p95_m, "m"),
-            _number(b.heading_median_deg, "°"),
-            _number(b.height_median_m, "m"),
+            percent(b.found_rate),
+            number(b.lateral_median_m, "m"),
+            number(b.lateral_p95_m, "m"),
+            number(b.heading_median_deg, "°"),
+            number(b.height_median_m, "m"),
         )
         for b in bands
     ]
@@ -248,7 +227,7 @@ def _bands(seen: list[Record]) -> str:
     )
     return (
         '<section aria-labelledby="bands-title"><h2 id="bands-title">Error by distance</h2>'
-        f'<div class="panel scroll">{_table(head, body)}</div></section>'
+        f'<div class="panel scroll">{table(head, body)}</div></section>'
     )
 
 
@@ -257,44 +236,7 @@ def _troubles(records: list[Record], counts: Mapping[str, int]) -> str:
     missing = [(reason, str(number)) for reason, number in figures.reasons(figures.seen_frames(records))]
     parts = []
     if counts.get("skipped"):
-        parts.append("<h2>Skipped frames</h2>" + _listed(("File", "Why"), skipped, counts["skipped"]))
+        parts.append("<h2>Skipped frames</h2>" + listed(("File", "Why"), skipped, counts["skipped"]))
     if missing:
-        parts.append("<h2>Why numbers are missing</h2>" + _listed(("Reason", "Frames"), missing, len(missing)))
+        parts.append("<h2>Why numbers are missing</h2>" + listed(("Reason", "Frames"), missing, len(missing)))
     return "".join(f"<section>{part}</section>" for part in parts)
-
-
-def _listed(head: tuple[str, ...], rows: list[tuple[str, str]], total: int) -> str:
-    shown = rows[:LISTED]
-    more = total - len(shown)
-    note = f'<p class="quiet">{more} more are not listed here; guidance.csv has all.</p>' if more > 0 else ""
-    return f'<div class="panel"><div class="scroll">{_table(head, shown, "texts")}</div>{note}</div>'
-
-
-def _info_table(info: Mapping[str, str]) -> str:
-    rows = "".join(
-        f'<tr><th scope="row">{escape(label)}</th><td class="text">{escape(value)}</td></tr>'
-        for label, value in info.items()
-    )
-    return f'<table class="info"><tbody>{rows}</tbody></table>'
-
-
-def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]], kind: str = "numbers") -> str:
-    heads = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
-    body = "".join(
-        f'<tr><th scope="row">{escape(first)}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in rest)}</tr>'
-        for first, *rest in rows
-    )
-    return f'<table class="{kind}"><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>'
-
-
-def _number(value: float | None, unit: str, sign: bool = False) -> str:
-    """A figure to three digits with a true minus sign; a dash where there is none."""
-    if value is None:
-        return "–"
-    places = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
-    text = f"{value:{'+' if sign else ''}.{places}f}".replace("-", "−")
-    return f"{text}{'' if unit == '°' else ' '}{unit}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if 0 < share < 1 else f"{100 * share:.0f} %"

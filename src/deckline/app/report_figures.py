@@ -23,7 +23,7 @@ class ErrorRow:
     frames: int
     median: float  # of the absolute error
     p95: float  # of the absolute error
-    bias: float | None  # mean of the signed error; None for an error without sign
+    bias: float | None  # mean of the signed error; None for a size without sign
     within_1_sigma: float | None  # share of frames, 0..1; None where no sigma is given
     within_2_sigma: float | None
 
@@ -49,9 +49,9 @@ GUIDANCE_NAMES = {
     "distance_to_ramp_m": "Distance to ramp",
 }
 LINE_ERRORS = (
-    ("direction_deg", "direction", "°", False),
-    ("lateral_at_ramp_m", "sideways at the ramp", "m", True),
-    ("height_m", "height", "m", True),
+    ("direction_error_deg", "direction", "°"),
+    ("lateral_error_at_ramp_m", "sideways at the ramp", "m"),
+    ("height_error_m", "height", "m"),
 )
 
 
@@ -63,10 +63,9 @@ def seen_frames(records: Iterable[Record]) -> list[Record]:
 def error_rows(records: list[Record]) -> list[ErrorRow]:
     """Errors of the guidance and of each line; empty without truth."""
     rows = [_guidance_row(records, name) for name in GUIDANCE]
-    for key, what, unit, signed in LINE_ERRORS:
+    for key, what, unit in LINE_ERRORS:
         for side in (*SIDES, "centre"):
-            errors = _values(records, "errors", "lines", side, key)
-            rows.append(_row(f"{side.capitalize()} line, {what}", unit, errors, signed, None))
+            rows.append(_row(f"{side.capitalize()} line, {what}", unit, _values(records, "errors", key, side), None))
     return [row for row in rows if row is not None]
 
 
@@ -74,21 +73,22 @@ def _guidance_row(records: list[Record], name: str) -> ErrorRow | None:
     both = [
         (error, sigma)
         for record in records
-        if (error := lookup(record, ("errors", name))) is not None
+        if (error := lookup(record, ("errors", "guidance", name))) is not None
         and (sigma := lookup(record, ("guidance", name, "sigma"))) is not None
     ]
     errors, sigmas = np.array(both).reshape(-1, 2).T
-    return _row(GUIDANCE_NAMES[name], "°" if name.endswith("_deg") else "m", errors, True, sigmas)
+    return _row(GUIDANCE_NAMES[name], "°" if name.endswith("_deg") else "m", errors, sigmas)
 
 
-def _row(name: str, unit: str, errors: np.ndarray, signed: bool, sigmas: np.ndarray | None) -> ErrorRow | None:
+def _row(name: str, unit: str, errors: np.ndarray, sigmas: np.ndarray | None) -> ErrorRow | None:
     if not len(errors):
         return None
     size = np.abs(errors)
-    within = [None, None] if sigmas is None else [float(np.mean(size <= k * sigmas)) for k in (1, 2)]
-    median, p95 = np.percentile(size, [50, 95])
-    bias = float(np.mean(errors)) if signed else None
-    return ErrorRow(name, unit, len(errors), float(median), float(p95), bias, *within)
+    median, p95 = (float(value) for value in np.percentile(size, [50, 95]))
+    if sigmas is None:
+        return ErrorRow(name, unit, len(size), median, p95, None, None, None)
+    within = (float(np.mean(size <= k * sigmas)) for k in (1, 2))
+    return ErrorRow(name, unit, len(size), median, p95, float(np.mean(errors)), *within)
 
 
 def band_rows(records: list[Record]) -> list[BandRow]:
@@ -97,9 +97,9 @@ def band_rows(records: list[Record]) -> list[BandRow]:
     for low, high in RANGE_BANDS_M:
         members = [r for r in records if low <= _true_range_m(r) < high]
         if members:
-            lateral = np.abs(_values(members, "errors", "lateral_deviation_m"))
-            heading = np.abs(_values(members, "errors", "heading_error_deg"))
-            height = np.abs(_values(members, "errors", "height_above_deck_m"))
+            lateral = np.abs(_values(members, "errors", "guidance", "lateral_deviation_m"))
+            heading = np.abs(_values(members, "errors", "guidance", "heading_error_deg"))
+            height = np.abs(_values(members, "errors", "guidance", "height_above_deck_m"))
             found = sum(r["status"] == "ok" for r in members) / len(members)
             quantiles = (_percentile(lateral, 50), _percentile(lateral, 95))
             medians = (_percentile(heading, 50), _percentile(height, 50))

@@ -8,12 +8,15 @@
     { key: "height_above_deck_m", title: "Height above deck", unit: "m", digits: 2 },
     { key: "distance_to_ramp_m", title: "Distance to ramp", unit: "m", digits: 1 },
   ];
+  const STATUSES = ["ok", "one-line", "not-seen", "skipped"];
   const MARGIN = { left: 52, right: 12, top: 8, bottom: 40 };
   const DOTS_UP_TO = 80; // points on the line stay readable up to so many frames
   const known = (value) => value !== null && value !== undefined;
   const inside = (object, ...keys) => keys.reduce((value, key) => (known(value) ? value[key] : null), object) ?? null;
   const fixed = (value, digits) => value.toFixed(digits).replace("-", "−");
   const signed = (value, digits) => (value > 0 ? "+" : "") + fixed(value, digits);
+
+  const unitAfter = (unit) => (unit && unit !== "°" ? ` ${unit}` : unit);
 
   // --- small builders -------------------------------------------------------------------------------------------
   function element(name, attributes = {}, text = "") {
@@ -52,7 +55,7 @@
     };
     const truth = { name: "true", style: "truth", value: (row) => (state.errors ? null : inside(row, "truth", key)) };
     const exists = rows.some((row) => known(inside(row, "guidance", key)));
-    return { title, unit, digits, hint: sides && `+ ${sides[0].replace(" of", "")}`, series: [truth, measured], exists, errors: true };
+    return { title, unit, digits, hint: sides && `+ ${sides[0].replace(" of", "")}`, series: [measured, truth], exists, errors: true };
   }
   function pointsChart(title, unit, digits, place) {
     const series = ["left", "right"].map((side) => ({ name: side, style: `series-${side}`, value: (row) => inside(row, side, place) }));
@@ -61,7 +64,7 @@
   }
   const charts = [
     ...GUIDANCE.map(guidanceChart),
-    pointsChart("Line points kept", "points", 0, "kept"),
+    pointsChart("Line points kept", "", 0, "kept"),
     pointsChart("Confidence of the points, mean", "", 2, "confidence"),
   ].filter((chart) => chart.exists);
 
@@ -111,11 +114,11 @@
     chart.px = (index) => (known(xs[index]) ? px(xs[index]) : null);
     drawAxes(svg, plot, axis, { x0, x1, y0, y1, px, py });
     drawStrip(svg, plot, xs, px);
-    chart.series.forEach((series, k) => drawSeries(svg, series, points[k], { xs, px, py, joined: !axis.reversed }));
+    for (let k = chart.series.length - 1; k >= 0; k--) drawSeries(svg, chart.series[k], points[k], { xs, px, py, joined: !axis.reversed }); // the first on top
     chart.cursor = shape(svg, "line", { class: "cursor", y1: plot.top, y2: plot.bottom + 9, x1: -9, x2: -9 });
     const outside = all.filter((y) => y < y0 || y > y1);
     const farthest = outside.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a), 0);
-    beyond.textContent = outside.length ? `${outside.length} beyond the scale, drawn at its edge; farthest ${fixed(farthest, chart.digits)} ${chart.unit}` : "";
+    beyond.textContent = outside.length ? `${outside.length} beyond the scale, drawn at its edge; farthest ${fixed(farthest, chart.digits)}${unitAfter(chart.unit)}` : "";
   }
   function drawAxes(svg, plot, axis, { x0, x1, y0, y1, px, py }) {
     for (const [y, places] of ticks(y0, y1, 5)) {
@@ -167,9 +170,9 @@
       const number = fixed(value(row), chart.digits);
       const spread = sigma && known(sigma(row)) && !state.errors ? ` ± ${fixed(sigma(row), chart.digits)}` : "";
       const label = name === "measured" ? (state.errors ? "error " : "") : `${name} `;
-      return `${label}${number}${spread}${chart.unit === "°" ? "" : " "}${chart.unit}`;
+      return `${label}${number}${spread}${unitAfter(chart.unit)}`;
     });
-    return parts.filter(Boolean).reverse().join("  ·  ") || "no value";
+    return parts.filter(Boolean).join("  ·  ") || "no value";
   }
   function pointAt(index) {
     for (const chart of charts) {
@@ -229,7 +232,9 @@
     const guided = charts.some((chart) => chart.errors);
     if (guided) legend.append(element("span", { class: "k-measured" }, "measured"), element("span", { class: "k-band" }, "± 1 sigma"));
     if (hasErrors) legend.append(element("span", { class: "k-truth" }, "true"));
-    for (const name of new Set(rows.map(statusClass))) legend.append(element("span", { class: name }, `strip: ${name.replace("-", " ")}`));
+    for (const side of ["left", "right"]) legend.append(element("span", { class: `series-${side}` }, `${side} line`));
+    const present = new Set(rows.map(statusClass));
+    for (const name of STATUSES.filter((status) => present.has(status))) legend.append(element("span", { class: name }, name.replace("-", " ")));
     new ResizeObserver(drawAll).observe(byId("plots"));
     drawAll();
   }
@@ -237,16 +242,17 @@
   // --- pictures -------------------------------------------------------------------------------------------------
   function words(row) {
     const lateral = inside(row, "guidance", "lateral_deviation_m", "value"), heading = inside(row, "guidance", "heading_error_deg", "value");
-    if (!known(lateral)) return row.reason ? `No deviation: ${row.reason}.` : "";
+    if (!known(lateral)) return row.reason ? `No deviation (${row.reason})` : "";
     const place = `${fixed(Math.abs(lateral), 1)} m ${lateral >= 0 ? "right" : "left"} of the centre line`;
     return known(heading) ? `${place}, nose ${fixed(Math.abs(heading), 1)}° ${heading >= 0 ? "right" : "left"}` : place;
   }
   function cell(value, digits, unit, write) {
-    return element("td", {}, known(value) ? `${write(value, digits)}${unit === "°" ? "" : " "}${unit}` : "–");
+    return element("td", {}, known(value) ? write(value, digits) + unitAfter(unit) : "–");
   }
   function numbers(row) {
     const table = byId("frame-numbers");
     table.replaceChildren();
+    if (!charts.some((chart) => chart.errors)) return; // nothing was placed in the whole run: four rows of dashes tell nothing
     const head = table.appendChild(element("thead")).appendChild(element("tr"));
     const columns = ["", "measured", "± 1 sigma", ...(hasErrors ? ["true", "error"] : [])];
     for (const name of columns) head.append(element("th", { scope: "col" }, name));
