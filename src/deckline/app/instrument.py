@@ -33,13 +33,14 @@ from deckline.app.draw import (
 from deckline.types import DepthMode, Guidance, Status, Value
 
 BAND = (1280, 248)  # width, height, px
-LATERAL_DOT_M = 5.0  # sideways per dot: two dots are the length of a deck-landing aircraft
+LATERAL_DOT_M = 5.0  # sideways per dot: two dots, 10 m, lie outside the edge lines of the decks in SPEC section 7
 GLIDESLOPE_DEG = 3.5  # SPEC section 7
 GLIDESLOPE_DOT_DEG = 0.35  # ICAO Annex 10: full scale is 0.7 degrees, two dots
 TOUCHDOWN_M = 70.0  # hook touchdown beyond the ramp (230 ft); SPEC section 7
 MIN_BASE_M = 10.0  # closer to the touchdown point an angle says nothing
 FULL_SCALE_DOTS = 2.4  # where a needle rests against its stop
 DOT_PX = 40
+SIGMA_OPACITY = 0.28  # of the band around a needle
 FACE = (16, 12, 224)  # left, top, side
 
 STATUS_TAGS = {
@@ -72,6 +73,16 @@ def glideslope_dots(guidance: Guidance) -> float | None:
     return _stopped((GLIDESLOPE_DEG - angle_deg) / GLIDESLOPE_DOT_DEG)
 
 
+def glideslope_sigma_dots(guidance: Guidance) -> float:
+    """1-sigma of the horizontal needle, dots; 0 where it shows its flag."""
+    height, distance = guidance.height_above_deck_m, guidance.distance_to_ramp_m
+    if height is None or distance is None or glideslope_dots(guidance) is None:
+        return 0.0
+    base_m = distance.value + TOUCHDOWN_M
+    across = np.hypot(height.sigma * base_m, distance.sigma * height.value) / (base_m**2 + height.value**2)
+    return float(np.rad2deg(across)) / GLIDESLOPE_DOT_DEG
+
+
 def instrument_band(guidance: Guidance) -> Image:
     """The band (248, 1280, 3) below the pictures: indicator, numbers, status."""
     image = np.full((BAND[1], BAND[0], 3), BACKGROUND, dtype=np.uint8)
@@ -99,9 +110,13 @@ def _indicator(image: Image, guidance: Guidance) -> None:
     reach = side // 2 - 10
     if glideslope is not None:
         level = y - glideslope * DOT_PX
+        _sigma_band(image, (x, level), (reach, glideslope_sigma_dots(guidance) * DOT_PX))
+    if lateral is not None and guidance.lateral_deviation_m is not None:
+        across = x + lateral * DOT_PX
+        _sigma_band(image, (across, y), (guidance.lateral_deviation_m.sigma / LATERAL_DOT_M * DOT_PX, reach))
+    if glideslope is not None:
         segment(image, [(x - reach, level), (x + reach, level)], NEEDLE, 3)
     if lateral is not None:
-        across = x + lateral * DOT_PX
         segment(image, [(across, y - reach), (across, y + reach)], NEEDLE, 3)
     # The aircraft: the fixed mark in the middle.
     segment(image, [(x - 16, y), (x - 6, y)], CENTRE, 2)
@@ -117,6 +132,15 @@ def _indicator(image: Image, guidance: Guidance) -> None:
     text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, DIM)
     slope = f"dot {GLIDESLOPE_DOT_DEG:g}°"
     text(image, slope, (left + side - 62, top + side - 12), 12, DIM)
+
+
+def _sigma_band(image: Image, middle: tuple[float, float], half: tuple[float, float]) -> None:
+    """Brighten what lies within 1-sigma of a needle, as far as the face reaches."""
+    left, top, side = FACE
+    x0, x1 = (round(float(np.clip(middle[0] + s * half[0], left + 10, left + side - 10))) for s in (-1, 1))
+    y0, y1 = (round(float(np.clip(middle[1] + s * half[1], top + 10, top + side - 10))) for s in (-1, 1))
+    part = image[y0:y1, x0:x1]
+    part[:] = np.rint(part + SIGMA_OPACITY * (np.array(NEEDLE) - part.astype(np.float64))).astype(np.uint8)
 
 
 def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:

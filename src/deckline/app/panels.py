@@ -14,11 +14,12 @@ from deckline.types import SIDES, Frame, LinePoints, PixelLine, RunwayEstimate
 PANEL_PX = (640, 360)  # width, height of each picture at most
 INSET_PX = (272, 153)  # width, height of the magnified view
 INSET_MARGIN_PX = 10
-MIN_MAGNIFICATION = 1.6  # a smaller gain is not worth hiding a corner for
+MIN_MAGNIFICATION = 2.0  # a smaller gain is not worth hiding a corner for
 WINDOW_SHARE = 0.6  # of the magnified view's width or height that the lines fill
 MIN_WINDOW_PX = 48  # width of the magnified part of the image, at least
 DOT_PX = (1.5, 4.0)  # radius of a point of no and of full confidence, where points lie apart
 RIM_PX = 2.2  # smaller points have no dark rim: they would be all rim
+LINE_OVERHANG = 0.12  # of a line's length, drawn past each end
 COLOURS = {"left": LEFT, "right": RIGHT}
 NEAR_M = 1.0  # the centre line is drawn from this far in front of the camera
 
@@ -51,13 +52,14 @@ def panels(result: FrameResult) -> Panels:
     view = View(0.0, 0.0, size[0] / camera.width, size[1] / camera.height)
     hazy, marked = _resized(result.frame.image_rgb, size), _resized(result.dehazed_rgb, size)
     window = magnified_window(result, view.x)
-    _mark(marked, view, result, with_points=window is None)
-    if window is not None:
+    corner = None if window is None else free_corner(size, view, window)
+    _mark(marked, view, result, with_points=corner is None)
+    if window is not None and corner is not None:
         close = _inset(result.dehazed_rgb, window)
         u0, v0, u1, v1 = window
         _mark(close, View(u0, v0, INSET_PX[0] / (u1 - u0), INSET_PX[1] / (v1 - v0)), result, with_points=True)
         for picture, inset in ((hazy, _inset(result.frame.image_rgb, window)), (marked, close)):
-            _place_inset(picture, inset, view, window)
+            _place_inset(picture, inset, corner, view, window)
     return Panels(hazy, marked)
 
 
@@ -83,6 +85,21 @@ def magnified_window(result: FrameResult, scale: float) -> tuple[int, int, int, 
     u0 = int(np.clip(corner[0], 0, camera.width - width))
     v0 = int(np.clip(corner[1], 0, camera.height - height))
     return u0, v0, min(u0 + round(width), camera.width), min(v0 + round(height), camera.height)
+
+
+def free_corner(size: tuple[int, int], view: View, window: tuple[int, int, int, int]) -> tuple[int, int] | None:
+    """Left and top of the magnified view in a panel of that size, where it leaves the window free.
+
+    The upper left corner is the first choice, so that the view stays in place during an approach. None: no room.
+    """
+    (u0, v0), (u1, v1) = _edges(view, window)
+    far_left, far_top = (size[i] - INSET_PX[i] - INSET_MARGIN_PX for i in (0, 1))
+    for top in (INSET_MARGIN_PX, far_top):
+        for left in (INSET_MARGIN_PX, far_left):
+            beside = left + INSET_PX[0] < u0 or left > u1 or top + INSET_PX[1] < v0 or top > v1
+            if beside and far_left >= 0 and far_top >= 0:
+                return left, top
+    return None
 
 
 def centre_line_px(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.float64] | None:
@@ -132,6 +149,11 @@ def _mark(image: Image, view: View, result: FrameResult, with_points: bool) -> N
             _points(image, view, detected[side], line, COLOURS[side])
 
 
+def _longer(ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A line drawn a little past its end points, where it can be seen beside them."""
+    return ends + LINE_OVERHANG * (ends - ends[::-1])
+
+
 def _points(image: Image, view: View, points: LinePoints, line: PixelLine | None, colour: tuple[int, int, int]) -> None:
     """Points sized by their confidence; those that RANSAC left out are rings."""
     shown = view(points.points_px)
@@ -158,19 +180,22 @@ def _inset(image: Image, window: tuple[int, int, int, int]) -> Image:
     return _resized(image[v0:v1, u0:u1], INSET_PX)
 
 
-def _place_inset(panel: Image, inset: Image, view: View, window: tuple[int, int, int, int]) -> None:
-    """Frame the window and put its magnified view into the corner that is farthest from it."""
-    height, width = panel.shape[:2]
-    (u0, v0), (u1, v1) = view(np.array([window[:2], window[2:]], dtype=np.float64))
-    left = INSET_MARGIN_PX if (u0 + u1) / 2 > width / 2 else width - INSET_PX[0] - INSET_MARGIN_PX
-    top = INSET_MARGIN_PX if (v0 + v1) / 2 > height / 2 else height - INSET_PX[1] - INSET_MARGIN_PX
-    if left < 0 or top < 0:
-        return
+def _place_inset(
+    panel: Image, inset: Image, corner: tuple[int, int], view: View, window: tuple[int, int, int, int]
+) -> None:
+    """Frame the window and put its magnified view into a corner."""
+    left, top = corner
+    (u0, v0), (u1, v1) = _edges(view, window)
     corners = [(u0, v0), (u1, v0), (u1, v1), (u0, v1)]
     for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
         segment(panel, [start, end], INK, 1, halo=1)
     cv2.rectangle(panel, (left - 2, top - 2), (left + INSET_PX[0] + 1, top + INSET_PX[1] + 1), INK, -1)
     panel[top : top + INSET_PX[1], left : left + INSET_PX[0]] = inset
+
+
+def _edges(view: View, window: tuple[int, int, int, int]) -> NDArray[np.float64]:
+    """Upper left and lower right corner of a window in the panel, (2, 2)."""
+    return view(np.array([window[:2], window[2:]], dtype=np.float64))
 
 
 def _resized(image: Image, size: tuple[int, int]) -> Image:

@@ -80,7 +80,7 @@ def run(
     settings = settings_of(pipeline)
     state = {"source": source.name, "frames": str(len(source)), "overlay": str(overlay)} | settings
     folder = (resume_folder if resume else start_folder)(out, state)
-    sample = PictureSample(folder.work / PICTURES)
+    sample = PictureSample(folder.work / PICTURES) if report else None
     counts, interrupted = _process(source, pipeline, folder, sample, total, overlay)
     frames = sum(counts.values())
     info = run_info(source, settings, frames, total, interrupted)
@@ -95,7 +95,7 @@ def run(
 
 
 def _process(
-    source: Source, pipeline: Chain, folder: RunFolder, sample: PictureSample, total: int, film: bool
+    source: Source, pipeline: Chain, folder: RunFolder, sample: PictureSample | None, total: int, film: bool
 ) -> tuple[dict[str, int], bool]:
     """Every frame that is still to be done; counts of all records, and whether Ctrl-C ended it."""
     counts = dict.fromkeys(KINDS, 0)
@@ -145,9 +145,12 @@ def _record(lines: BinaryIO, outcome: FrameResult | BadFrame) -> str:
     return _kind(record)
 
 
-def _show(result: FrameResult, index: int, sample: PictureSample, piece: VideoPiece | None) -> None:
+def _show(result: FrameResult, index: int, sample: PictureSample | None, piece: VideoPiece | None) -> None:
+    if sample is None and piece is None:
+        return
     pictures = panels(result)
-    sample.add(index, pictures)
+    if sample is not None:
+        sample.add(index, pictures)
     if piece is not None:
         piece.add(overlay(result.frame, result.guidance, pictures), result.frame.time_s)
 
