@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from deckline.app import report_figures as figures
-from deckline.app.records import GUIDANCE, lookup
+from deckline.app.records import GUIDANCE, Record, lookup
 from deckline.app.report_parts import bar, card, info_table, listed, number, percent, table
 from deckline.types import SIDES
 
@@ -21,8 +21,6 @@ TEMPLATES = Path(__file__).parent / "templates"
 STATUSES = ("ok", "one line", "not seen", "skipped")
 MODES = ("fine", "coarse", "none")
 DIGITS = 6  # significant digits of the numbers behind the plots
-
-Record = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -233,7 +231,7 @@ def _bands(seen: list[Record]) -> str:
 
 def _troubles(records: list[Record], counts: Mapping[str, int]) -> str:
     skipped = [(str(r["file"]), str(r["skipped"])) for r in records if "skipped" in r]
-    missing = [(reason, str(number)) for reason, number in figures.reasons(figures.seen_frames(records))]
+    missing = [(reason, str(times)) for reason, times in figures.reasons(figures.seen_frames(records))]
     parts = []
     if counts.get("skipped"):
         parts.append("<h2>Skipped frames</h2>" + listed(("File", "Why"), skipped, counts["skipped"]))

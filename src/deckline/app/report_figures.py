@@ -3,15 +3,12 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from deckline.app.records import GUIDANCE, STAGES, lookup
+from deckline.app.records import GUIDANCE, STAGES, Record, lookup
 from deckline.evaluate.chain import RANGE_BANDS_M
 from deckline.types import SIDES
-
-Record = dict[str, Any]
 
 
 @dataclass(frozen=True)

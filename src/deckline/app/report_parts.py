@@ -14,18 +14,18 @@ def card(label: str, figure: str, detail: str) -> str:
 
 
 def bar(title: str, parts: list[tuple[str, int]]) -> str:
-    """Shares of a whole as a bar, its numbers beside it."""
-    total = sum(number for _, number in parts)
-    pieces = [(name, number) for name, number in parts if number]
-    bar = "".join(f'<i class="{css_class(name)}" style="flex:{number}"></i>' for name, number in pieces)
+    """Numbers of frames as shares of a bar, and in words below it."""
+    total = sum(frames for _, frames in parts)
+    pieces = [(name, frames) for name, frames in parts if frames]
+    shares = "".join(f'<i class="{css_class(name)}" style="flex:{frames}"></i>' for name, frames in pieces)
     keys = "".join(
         f'<li class="{css_class(name)}">{name}{f" ({MEANING[name]})" if name in MEANING else ""} '
-        f"<b>{number:,}</b> ({percent(number / total)})</li>"
-        for name, number in pieces
+        f"<b>{frames:,}</b> ({percent(frames / total)})</li>"
+        for name, frames in pieces
     )
     none = "" if pieces else '<p class="quiet">no frames</p>'
     return (
-        f'<div class="panel"><h3>{title}</h3><div class="bar" aria-hidden="true">{bar}</div>'
+        f'<div class="panel"><h3>{title}</h3><div class="bar" aria-hidden="true">{shares}</div>'
         f'<ul class="keys">{keys}</ul>{none}</div>'
     )
 
