@@ -143,10 +143,10 @@ def _mark(image: Image, view: View, result: FrameResult, with_points: bool) -> N
     detected = {"left": result.detection.left, "right": result.detection.right}
     for side in SIDES:
         line = result.estimate.pixel_lines.get(side)
-        if line is not None:
-            segment(image, view(line.ends_px), COLOURS[side], 1 if with_points else 2)
         if with_points:
             _points(image, view, detected[side], line, COLOURS[side])
+        if line is not None:
+            segment(image, _longer(view(line.ends_px)), COLOURS[side], 2)
 
 
 def _longer(ends: NDArray[np.float64]) -> NDArray[np.float64]:
