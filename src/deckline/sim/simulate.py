@@ -14,11 +14,11 @@ from deckline.sim.render import BEST, Renderer, View, random_quality
 from deckline.sim.sensor import Sensor, add_noise, develop, random_sensor
 from deckline.sim.ship import Ship, build_ship
 from deckline.sim.trajectory import Viewpoint, approach_view, random_view
-from deckline.sim.weather import Weather, random_airlight, random_weather
+from deckline.sim.weather import Weather, horizon_airlight, random_airlight, random_weather
 from deckline.types import Frame, Segment, Truth
 
 OPEN_SEA = 0.5  # part of the views without a runway that show no ship either
-APPROACH_SENSOR = 0.15  # how far the camera strays on an approach, of what training wants
+FAIR_SENSOR = 0.15  # how far the camera strays in the named presets, of what training wants
 VEHICLE, CAMERA = "deckline", "front"
 
 
@@ -46,14 +46,15 @@ def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway
     rng = np.random.default_rng([config.seed, 3, index])
     approach = config.trajectory == "approach"
     whole = np.random.default_rng([config.seed, 4]) if approach else rng  # an approach keeps its weather
-    weather = random_weather(whole)
-    quality = random_quality(rng) if config.preset == "train" else BEST
+    fair = config.preset != "train"  # the named ships sail on fair days, as the paper's does
+    weather = random_weather(whole, fair)
+    quality = BEST if fair else random_quality(rng)
     view = approach_view(config, ship.layout, index) if approach else random_view(config, ship.layout, index, rng)
     open_sea = not runway and bool(rng.random() < OPEN_SEA)
     picture = renderer.render(
         view.camera, view.world_from_body * camera_mount(), weather, view.time_s, not open_sea, quality
     )
-    sensor = random_sensor(APPROACH_SENSOR if approach else 1.0, float(np.mean(weather.horizon_rgb)), whole)
+    sensor = random_sensor(FAIR_SENSOR if fair else 1.0, float(np.mean(weather.horizon_rgb)), whole)
     visibility, airlight = draw_haze(config, weather, sensor, whole)
     clear = develop(picture.rgb, sensor)
     hazy = _hazy(clear, picture, view, visibility, airlight)
@@ -100,7 +101,11 @@ def draw_haze(
     """Visibility, m, uniform in the configured limits, and airlight (3,) in 0..255."""
     low, high = config.visibility_m
     visibility = high if low == high or np.isinf(high) else float(rng.uniform(low, high))
-    return visibility, random_airlight(np.array(weather.horizon_rgb) * sensor.gain, rng)
+    horizon = np.array(weather.horizon_rgb)
+    if config.preset == "train":
+        return visibility, random_airlight(horizon * sensor.gain, rng)
+    pixel = np.clip(np.rint(255.0 * horizon), 0, 255).astype(np.uint8).reshape(1, 1, 3)
+    return visibility, horizon_airlight(develop(pixel, sensor)[0, 0].astype(np.float64), rng)
 
 
 def truth_segments(layout: Layout) -> tuple[Segment, Segment]:

@@ -41,11 +41,11 @@ def sun_direction(rng: np.random.Generator) -> NDArray[np.float64]:
     return np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
 
 
-def random_weather(rng: np.random.Generator) -> Weather:
-    """From bright sun to overcast and dusk, from calm dark water to whitecaps."""
-    overcast = rng.random() < 0.35
-    dusk = rng.random() < 0.12
-    level = rng.uniform(0.3, 0.5) if dusk else rng.uniform(0.6, 0.95)
+def random_weather(rng: np.random.Generator, fair: bool = False) -> Weather:
+    """From bright sun to overcast and dusk, from calm dark water to whitecaps; `fair` keeps to days with few clouds."""
+    overcast = rng.random() < 0.35 and not fair
+    dusk = rng.random() < 0.12 and not fair
+    level = rng.uniform(0.3, 0.5) if dusk else rng.uniform(0.75 if fair else 0.6, 0.95)
     red = rng.uniform(0.72, 1.02)
     bright = np.array([red, (red + 1.0) / 2 + rng.uniform(-0.02, 0.04), 1.0])
     horizon = level * (np.array([1.0, 0.85, 0.75]) if dusk and not overcast else bright)
@@ -63,7 +63,7 @@ def random_weather(rng: np.random.Generator) -> Weather:
         horizon_rgb=_rgb(horizon),
         zenith_rgb=_rgb(zenith),
         cloud_rgb=_rgb(level * rng.uniform(0.75, 1.15) * np.ones(3)),
-        cloud_cover=rng.uniform(0.6, 1.0) if overcast else rng.uniform(0.0, 0.7),
+        cloud_cover=rng.uniform(0.6, 1.0) if overcast else rng.uniform(0.0, 0.3 if fair else 0.7),
         cloud_scale=rng.uniform(0.03, 0.3),
         sun_glow=0.0 if overcast else rng.uniform(0.0, 0.8),
         sea_rgb=_rgb(sea_rgb),
@@ -90,6 +90,14 @@ def random_airlight(horizon_rgb: NDArray[np.float64], rng: np.random.Generator) 
     tint = 1.0 + rng.normal(0.0, 0.03, 3)
     darker = rng.uniform(0.55, 0.85) if rng.random() < 0.25 else rng.uniform(0.85, 1.1)
     return np.clip(255.0 * mixed * tint * darker, 40.0, 250.0)
+
+
+def horizon_airlight(horizon_rgb: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """Colour of thick haze (3,) in 0..255 lit by the same sky: the horizon's (3,) in 0..255, within a few per cent.
+
+    Source: Koschmieder's law, in which the airlight is the radiance of the sky at the horizon.
+    """
+    return np.clip(horizon_rgb * (1.0 + rng.normal(0.0, 0.02, 3)), 0.0, 255.0)
 
 
 def _rgb(colour: NDArray[np.float64]) -> Rgb:
