@@ -105,7 +105,8 @@
     if (!(x1 > x0)) [x0, x1] = [x0 - 1, x1 + 1];
     const points = chart.series.map(({ value }) => rows.map(value));
     const all = points.flat().filter(known);
-    const [y0, y1] = domain(all, { fromZero: chart.fromZero, withZero: chart.errors && state.errors });
+    const spreads = chart.errors && state.errors ? rows.map(chart.series[0].sigma).filter(known) : [];
+    const [y0, y1] = domain([...all, ...spreads, ...spreads.map((s) => -s)], { fromZero: chart.fromZero, withZero: chart.errors && state.errors });
     const plot = { left: MARGIN.left, right: width - MARGIN.right, top: MARGIN.top, bottom: height - MARGIN.bottom };
     const along = (x) => (axis.reversed ? x1 - x : x - x0) / (x1 - x0);
     const px = (x) => plot.left + along(x) * (plot.right - plot.left);
