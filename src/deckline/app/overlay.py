@@ -31,5 +31,5 @@ def _header(image: Image, frame: Frame) -> None:
     text(image, "DEHAZED", (PANEL_PX[0] + 16, 26), 15, INK, 600)
     text(image, "with the lines found", (PANEL_PX[0] + 100, 26), 14, DIM)
     time = f"  ·  {frame.time_s:.2f} s"
-    name = shortened(frame.file, 14, 350 - text_width(time, 14)) + time
+    name = shortened(frame.file, 14, 380 - text_width(time, 14)) + time
     text(image, name, (OVERLAY_PX[0] - 16 - text_width(name, 14), 26), 14, DIM)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.app.draw import CENTRE, INK, LEFT, RIGHT, Image, dashed, dot, segment
+from deckline.app.draw import CENTRE, INK, LEFT, RIGHT, Colour, Image, dashed, dot, segment
 from deckline.geometry import Camera, intersect_plane
 from deckline.pipeline import FrameResult
 from deckline.types import SIDES, Frame, LinePoints, PixelLine, RunwayEstimate
@@ -19,7 +19,6 @@ WINDOW_SHARE = 0.6  # of the magnified view's width or height that the lines fil
 MIN_WINDOW_PX = 48  # width of the magnified part of the image, at least
 DOT_PX = (1.5, 4.0)  # radius of a point of no and of full confidence, where points lie apart
 RIM_PX = 2.2  # smaller points have no dark rim: they would be all rim
-LINE_OVERHANG = 0.12  # of a line's length, drawn past each end
 COLOURS = {"left": LEFT, "right": RIGHT}
 NEAR_M = 1.0  # the centre line is drawn from this far in front of the camera
 
@@ -146,15 +145,17 @@ def _mark(image: Image, view: View, result: FrameResult, with_points: bool) -> N
         if with_points:
             _points(image, view, detected[side], line, COLOURS[side])
         if line is not None:
-            segment(image, _longer(view(line.ends_px)), COLOURS[side], 2)
+            colour = _tint(COLOURS[side]) if with_points else COLOURS[side]
+            segment(image, view(line.ends_px), colour, 1 if with_points else 2, halo=0)
 
 
-def _longer(ends: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A line drawn a little past its end points, where it can be seen beside them."""
-    return ends + LINE_OVERHANG * (ends - ends[::-1])
+def _tint(colour: Colour) -> Colour:
+    """The colour mixed with white, to be seen on points of that colour."""
+    red, green, blue = (round(c + 0.65 * (255 - c)) for c in colour)
+    return red, green, blue
 
 
-def _points(image: Image, view: View, points: LinePoints, line: PixelLine | None, colour: tuple[int, int, int]) -> None:
+def _points(image: Image, view: View, points: LinePoints, line: PixelLine | None, colour: Colour) -> None:
     """Points sized by their confidence; those that RANSAC left out are rings."""
     shown = view(points.points_px)
     kept = np.zeros(len(points), dtype=bool) if line is None else line.inliers
