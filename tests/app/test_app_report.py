@@ -259,6 +259,6 @@ def test_a_browser_draws_it(tmp_path, with_pose, plots):
     assert drawn.count("<svg") == plots
     assert drawn.count('class="line') >= plots
     assert "NaN" not in drawn and "undefined" not in drawn
-    assert "picture 1 of 2" in drawn
-    assert ("3.0 m right of the centre line" in drawn) == with_pose
+    assert "picture 2 of 2" in drawn
+    assert ("2.5 m right of the centre line" in drawn) == with_pose
     assert ("No deviation (no pose)" in drawn) == (not with_pose)
