@@ -1,0 +1,55 @@
+"""Put a trained model into the package: copy the ONNX file, write its entry into weights/manifest.toml.
+
+    python scripts/ship_weights.py runs/dehaze/dehaze.onnx --name dehaze --file dehaze_coarse_t.onnx \
+        --figures runs/dehaze/figures.json --command "deckline train dehaze ..." --data "..." --hardware "2 CPU cores"
+"""
+
+import argparse
+import datetime
+import json
+import shutil
+from pathlib import Path
+
+from deckline.runtime import load_session
+from deckline.runtime.weights import MANIFEST, WEIGHTS, shipped_models
+from deckline.train.export import manifest_entry
+
+TABLE = "[[model]]"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Put a trained model into the package.")
+    parser.add_argument("model", type=Path, help="the exported file")
+    for name in ("name", "file", "command", "data", "hardware"):
+        parser.add_argument(f"--{name}", required=True, help=f"{name} in the manifest")
+    parser.add_argument("--figures", type=Path, required=True, help="JSON of measured figures")
+    arguments = parser.parse_args()
+    ship(arguments, WEIGHTS)
+
+
+def ship(arguments: argparse.Namespace, folder: Path) -> None:
+    """Replace or add the model's entry; the other entries stay as they are."""
+    config = load_session(arguments.model).config
+    target = folder / arguments.file
+    shutil.copyfile(arguments.model, target)
+    entry = manifest_entry(
+        target,
+        name=arguments.name,
+        kind=config["kind"],
+        command=arguments.command,
+        data=arguments.data,
+        seed=config["recipe"]["seed"],
+        steps=config["step"],
+        hardware=arguments.hardware,
+        date=str(datetime.date.today()),
+        figures={name: round(value, 4) for name, value in json.loads(arguments.figures.read_text()).items()},
+    )
+    manifest = folder / MANIFEST
+    head, *blocks = manifest.read_text().split(TABLE)
+    kept = [TABLE + block for block in blocks if f'\nname = "{arguments.name}"\n' not in block]
+    manifest.write_text("\n\n".join(part.strip() for part in [head, *kept, entry]) + "\n")
+    print(f"{target}: {shipped_models(folder)[arguments.name].sha256}")
+
+
+if __name__ == "__main__":
+    main()
