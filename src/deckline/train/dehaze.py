@@ -1,5 +1,6 @@
 """Train the dehazing network: `train_dehaze`. A plain loop that resumes from its own checkpoint."""
 
+import json
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -94,7 +95,7 @@ def train_dehaze(config: DehazeTrainConfig, recordings: list[Path], out: Path) -
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget and device apart.
         recordings: clear recordings with full depth.
-        out: folder of checkpoint.safetensors and dehaze.onnx.
+        out: folder of checkpoint.safetensors, dehaze.onnx and figures.json.
 
     Returns:
         Measured figures by name; {} when interrupted (the checkpoint is saved).
@@ -125,6 +126,7 @@ def train_dehaze(config: DehazeTrainConfig, recordings: list[Path], out: Path) -
     figures = validate(model, held_out, config.seed)
     for name, value in figures.items():
         console.print(f"{name} = {value:.4g}")
+    (out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
     console.print(str(path))
     return figures
 

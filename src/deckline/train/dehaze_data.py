@@ -70,9 +70,10 @@ def clear_view(frame: Frame, long_side_px: int) -> ClearView:
     else:
         raise ValueError(f"{frame.file}: no clear image, and the recording does not say that it was seen in clear air")
     ranges = np.nan_to_num(frame.depth_m * frame.camera.ray_lengths(), nan=np.inf)
-    factor = reduction_factor(*clear.shape[:2], long_side_px)
+    height, width = clear.shape[:2]
+    factor = reduction_factor(height, width, long_side_px)
     if factor > 1:
-        height, width = (side // factor * factor for side in clear.shape[:2])
+        height, width = height // factor * factor, width // factor * factor
         clear = tensor_to_image(averaged_down(image_to_tensor(clear[:height, :width]), factor))
         # One range of every block: a mean over a ship's edge would lie where nothing is.
         ranges = ranges[factor // 2 : height : factor, factor // 2 : width : factor]
