@@ -1,3 +1,7 @@
+import json
+
+import cv2
+import numpy as np
 import pytest
 
 from deckline.app.cli import main
@@ -14,20 +18,40 @@ def test_a_source_that_does_not_exist_is_one_line_and_exit_code_2(tmp_path, caps
     assert "nothing" in error_line(capsys)
 
 
-def test_a_model_that_is_no_onnx_is_one_line_naming_the_file(tmp_path, capsys):
+@pytest.fixture
+def images(tmp_path) -> str:
+    """A folder with one grey image and its camera."""
+    folder = tmp_path / "images"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "a.png"), np.full((90, 160, 3), 90, np.uint8))
+    (folder / "camera.toml").write_text("width=160\nheight=90\nfx=100.0\nfy=100.0\ncx=79.5\ncy=44.5\n")
+    return str(folder)
+
+
+def test_a_model_that_is_no_onnx_is_one_line_naming_the_file(images, tmp_path, capsys):
     model = tmp_path / "model.onnx"
     model.write_bytes(b"this is no network")
-    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out"), "--detector", str(model)]) == 2
+    assert main(["run", images, "--out", str(tmp_path / "out"), "--detector", str(model)]) == 2
     assert "model.onnx is not a usable ONNX model" in error_line(capsys)
 
 
-def test_an_unknown_dehazer_is_answered_with_the_known_ones(tmp_path, capsys):
-    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out"), "--dehazer", "magic"]) == 2
+def test_an_unknown_dehazer_is_answered_with_the_known_ones(images, tmp_path, capsys):
+    assert main(["run", images, "--out", str(tmp_path / "out"), "--dehazer", "magic"]) == 2
     assert "unknown dehazer 'magic': use one of" in error_line(capsys)
 
 
-def test_a_group_without_its_command_says_which_there_are(capsys):
-    assert main(["eval"]) == 2
+def test_a_grey_image_without_poses_is_run_and_nothing_is_seen_in_it(images, tmp_path, capsys):
+    assert main(["run", images, "--out", str(tmp_path / "out")]) == 0
+    record = json.loads((tmp_path / "out" / "guidance.jsonl").read_text())
+    assert record["status"] == "not seen"
+    assert str(tmp_path / "out" / "report.html") in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("group", ["eval", "train"])
+def test_a_group_without_its_command_names_those_there_are(group, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([group])
+    assert ended.value.code == 2
 
 
 def test_info_lists_the_checked_weights(capsys):

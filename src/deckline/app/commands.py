@@ -58,10 +58,9 @@ def run(
         resume: go on after the last whole frame of an interrupted run in `out`.
         seed: of RANSAC's draws.
     """
-    config = PipelineConfig(dehazer, detector, replace(LocalizeConfig(), mode=mode), seed)
-    pipeline = Pipeline(config)
     opened = open_source(source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m)
-    return _run(opened, pipeline, out, max_frames=max_frames, resume=resume)
+    config = PipelineConfig(dehazer, detector, replace(LocalizeConfig(), mode=mode), seed)
+    return _run(opened, Pipeline(config), out, max_frames=max_frames, resume=resume)
 
 
 def _run(source: Source, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
