@@ -8,7 +8,7 @@ from deckline.geometry import Camera, pose
 from deckline.guide import guidance
 from deckline.localize import LocalizeConfig, localize
 from deckline.pipeline import FrameResult
-from deckline.types import Detection, DepthMode, Frame, LinePoints, Segment, Status, Truth
+from deckline.types import DepthMode, Detection, Frame, LinePoints, Segment, Status, Truth
 
 LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
 RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
