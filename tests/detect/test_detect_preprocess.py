@@ -66,17 +66,13 @@ def test_outside_the_image_is_nan_and_becomes_zero():
     assert (normalise(seen)[:, :, :64] == 0).all()
 
 
-@given(
-    st.floats(-500, 2000), st.floats(-500, 2000), st.floats(0.05, 5), st.floats(-100, 600), st.floats(-100, 400)
-)
+@given(st.floats(-500, 2000), st.floats(-500, 2000), st.floats(0.05, 5), st.floats(-100, 600), st.floats(-100, 400))
 def test_window_maps_are_inverse(left, top, step, x, y):
     window = Window(left, top, step)
     np.testing.assert_allclose(window.to_network(window.to_image([[x, y]])), [[x, y]], atol=1e-6)
 
 
-@given(
-    st.floats(0, 1200), st.floats(0, 650), st.floats(1, 900), st.floats(1, 700)
-)
+@given(st.floats(0, 1200), st.floats(0, 650), st.floats(1, 900), st.floats(1, 700))
 def test_box_window_holds_the_box_inside_the_image(u0, v0, width, height):
     box = (u0, v0, min(u0 + width, 1279.5), min(v0 + height, 719.5))
     window = box_window(box, (1280, 720), NET, 0.6, 72.0)

@@ -8,9 +8,7 @@ from deckline.detect.region import decode_region, encode_region
 GRID = (32, 18)
 
 
-@given(
-    st.floats(0, 505), st.floats(0, 280), st.floats(3, 500), st.floats(1, 280)
-)
+@given(st.floats(0, 505), st.floats(0, 280), st.floats(3, 500), st.floats(1, 280))
 def test_decode_inverts_encode(x0, y0, width, height):
     box = np.array([x0, y0, min(x0 + width, 511), min(y0 + height, 287)])
     classes, offsets, weight = encode_region(box, GRID)

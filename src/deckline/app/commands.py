@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 
 import tyro
 
-from deckline.app.run import run as run_pipeline
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import Source, open_source
@@ -64,6 +63,8 @@ def run(
 
 
 def _run(source: Source, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
+    from deckline.app.run import run as run_pipeline
+
     for note in source.notes:
         print(f"note: {note}", file=sys.stderr)
     summary = run_pipeline(source, pipeline, out, max_frames=max_frames, resume=resume)

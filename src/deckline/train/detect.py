@@ -42,6 +42,7 @@ class DetectTrainConfig:
     checkpoint_every: int = 200  # steps
     threads: int = 0  # of torch on a CPU; 0 leaves torch's own choice
     device: Literal["auto", "cpu", "cuda"] = "auto"
+    bf16: bool | None = None  # half of the arithmetic in bfloat16; None: on CUDA only (a CPU needs AVX512-BF16 or AMX)
     seed: int = 0
     network: UfldConfig = field(default_factory=UfldConfig)
     augment: DetectAugmentation = field(default_factory=DetectAugmentation)
@@ -140,8 +141,8 @@ def _step(
     for group, scale in zip(run.optimizer.param_groups, (config.backbone_lr, 1.0), strict=True):
         group["lr"] = rate * scale
     run.model.train()
-    precision = torch.autocast("cuda", torch.bfloat16) if device.type == "cuda" else nullcontext()
-    with precision:
+    bf16 = device.type == "cuda" if config.bf16 is None else config.bf16
+    with torch.autocast(device.type, torch.bfloat16) if bf16 else nullcontext():
         output = run.model(image)
     loss, parts = detect_loss(output, targets, config.losses)
     total = float(loss.detach())
@@ -186,9 +187,9 @@ def _save(config: DetectTrainConfig, run: _Run, out: Path) -> None:
 
 
 def _recipe(config: DetectTrainConfig) -> dict[str, Any]:
-    """What must stay the same when a run goes on: all but the budget and the machine; as JSON gives it back."""
+    """What must stay the same when a run goes on: all but budget, batch and machine; as JSON gives it back."""
     keys = asdict(config)
-    for name in ("steps", "minutes", "threads", "device", "checkpoint_every"):
+    for name in ("steps", "minutes", "batch", "threads", "device", "bf16", "checkpoint_every"):
         del keys[name]
     recipe: dict[str, Any] = json.loads(json.dumps(keys))
     return recipe
