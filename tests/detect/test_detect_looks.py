@@ -16,9 +16,8 @@ NONE = (np.zeros((2, 72, 129), dtype=np.float32), *encode_region(None, (32, 18))
 class Oracle:
     """Finds the two brightest pixels of colour channels 0 and 1 per row: red is left, green is right."""
 
-    def __init__(self, box_error: float = 0.0) -> None:
+    def __init__(self) -> None:
         self.views: list[np.ndarray] = []
-        self.box_error = box_error
 
     def __call__(self, view: np.ndarray) -> NetworkOutput:
         self.views.append(view)
@@ -30,8 +29,7 @@ class Oracle:
             lines.append(np.stack([(weight * np.arange(512)).sum(1) / weight.sum(1), rows], axis=1))
         points = np.concatenate(lines)
         box = np.concatenate([points.min(axis=0), points.max(axis=0)])
-        box += self.box_error * np.array([-1, -1, 1, 1]) * np.maximum(box[2] - box[0], box[3] - box[1])
-        classes, offsets, _ = encode_region(box + [0, 0, 1e-3, 1e-3], (32, 18))
+        classes, offsets, _ = encode_region([*box[:2], *(box[2:] + 1e-3)], (32, 18))
         cells = [encode(line, np.ones(len(line)), GRID) for line in lines]
         return NetworkOutput(np.stack([_logits(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
 

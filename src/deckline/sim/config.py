@@ -23,7 +23,7 @@ class SimConfig:
         width, height: image size, px.
         fov_deg: horizontal field of view; preset `train` draws its own unless `fixed_fov`.
         depth_range_m: the recorded depth is NaN farther away than this (along the optical axis).
-        keep_clear: also give the view without haze (Frame.truth.clear_rgb).
+        keep_clear: also give a hazy view without its haze (Frame.truth.clear_rgb).
         range_m: nearest and farthest distance to the ramp of a random view; None: 60 to 800 m, and 30 to 1500 m
             for preset `train`.
         fixed_fov: keep `fov_deg` for preset `train`.

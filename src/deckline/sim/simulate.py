@@ -64,7 +64,7 @@ def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway
         right,
         visibility_m=visibility,
         airlight_rgb=(float(airlight[0]), float(airlight[1]), float(airlight[2])),
-        clear_rgb=clear if config.keep_clear else None,
+        clear_rgb=clear if config.keep_clear and np.isfinite(visibility) else None,
     )
     depth = np.where(picture.depth_m <= config.depth_range_m, picture.depth_m, np.float32(np.nan))
     return Frame(

