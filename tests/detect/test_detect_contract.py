@@ -1,0 +1,52 @@
+"""Every detector keeps the contract. Parity of torch and ONNX is tested where the network is, in tests/train."""
+
+import numpy as np
+import pytest
+
+from deckline.detect import DETECTORS, OnnxDetector
+
+SIZES = [(720, 1280), (97, 131), (480, 640), (8, 8)]
+
+
+@pytest.fixture(scope="module", params=sorted(DETECTORS))
+def detector(request):
+    return DETECTORS[request.param]()
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_contract(detector, size):
+    image = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
+    before = image.copy()
+    first, second = detector(image), detector(image)
+    np.testing.assert_array_equal(image, before)
+    for one, other in ((first.left, second.left), (first.right, second.right)):
+        np.testing.assert_array_equal(one.points_px, other.points_px)
+        assert len(one) == 0 or len(one) >= 3
+        assert np.isfinite(one.points_px).all()
+        assert ((one.confidence >= 0) & (one.confidence <= 1)).all()
+        assert (one.sigma_px > 0).all()
+        inside = (one.points_px > -2) & (one.points_px < [size[1] + 1, size[0] + 1])
+        assert inside.all()
+
+
+def test_detector_has_a_name(detector):
+    assert isinstance(detector.name, str) and detector.name
+
+
+def test_nothing_is_seen_in_an_empty_sky(detector):
+    sky = np.full((720, 1280, 3), 170, dtype=np.uint8)
+    detection = detector(sky)
+    assert len(detection.left) == len(detection.right) == 0
+
+
+def test_a_model_of_another_kind_is_refused(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    from onnx import TensorProto, helper
+
+    value = helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, 8, 8])
+    out = helper.make_tensor_value_info("clear", TensorProto.FLOAT, [1, 3, 8, 8])
+    graph = helper.make_graph([helper.make_node("Identity", ["image"], ["clear"])], "g", [value], [out])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save(model, str(tmp_path / "other.onnx"))
+    with pytest.raises(ValueError, match=r"no row-anchor detector \(its outputs are clear"):
+        OnnxDetector(tmp_path / "other.onnx")

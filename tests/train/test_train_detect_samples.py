@@ -1,0 +1,149 @@
+"""Samples: what the network is shown must agree with what it is told, to the sub-pixel, after every augmentation."""
+
+import numpy as np
+import pytest
+
+from deckline.detect.region import decode_region
+from deckline.detect.row_anchors import RowGrid
+from deckline.train.dehaze_data import ClearView
+from deckline.train.detect_augment import DetectAugmentation, block_compressed, blurred, rotated
+from deckline.train.detect_samples import make_sample, visible_box
+from deckline.train.detect_views import LineView
+
+GRID = RowGrid()
+PLAIN = {name: 0.0 for name in vars(DetectAugmentation()) if name.endswith("_share")}
+LEFT, RIGHT = (250.0, 300.0, 290.0, 180.0), (420.0, 305.0, 350.0, 185.0)  # u0, v0, u1, v1
+
+
+def line_points(line: tuple[float, ...], count: int = 257) -> np.ndarray:
+    return np.linspace(line[:2], line[2:], count)
+
+
+@pytest.fixture(scope="module")
+def view() -> LineView:
+    """A red left line and a green right one, 4 px wide, on dark grey; 300 m away."""
+    v, u = np.mgrid[0:360, 0:640]
+    image = np.full((360, 640, 3), 40.0)
+    for channel, (u0, v0, u1, v1) in enumerate((LEFT, RIGHT)):
+        middle = u0 + (v - v0) * (u1 - u0) / (v1 - v0)
+        cover = np.clip(2.5 - np.abs(u - middle), 0, 1) * ((v >= v1) & (v <= v0))
+        image[..., channel] += 200 * cover
+    clear = ClearView(image.astype(np.uint8), np.full((360, 640), 300.0, np.float16), None)
+    lines = np.stack([line_points(LEFT), line_points(RIGHT)])
+    return LineView("drawn", clear, lines, np.full((2, 257), 300.0))
+
+
+def brightest(image: np.ndarray, channel: int, row: int) -> float:
+    """Column of the line of one colour in a row, by its centroid."""
+    level = np.clip(image[channel, row] - image[2, row], 0, None)
+    level = np.where(level > 0.25 * level.max(), level, 0)
+    return float((level * np.arange(GRID.width)).sum() / level.sum())
+
+
+@pytest.mark.parametrize(
+    "shares",
+    [
+        {},
+        {"close_share": 1.0},
+        {"close_share": 1.0, "flip_share": 1.0},
+        {"close_share": 1.0, "rotate_share": 1.0},
+        {"close_share": 1.0, "rotate_share": 1.0, "flip_share": 1.0},
+        {"flip_share": 1.0},
+        {"haze_share": 1.0, "close_share": 1.0},
+        {"blur_share": 1.0, "vertical_blur_share": 1.0, "close_share": 1.0},
+    ],
+)
+def test_targets_lie_on_the_drawn_lines(view, shares):
+    augment = DetectAugmentation(**(PLAIN | shares), optical_depth_max=1.0)
+    errors = []
+    for seed in range(6):
+        sample = make_sample(view, GRID, augment, np.random.default_rng(seed))
+        for line in (0, 1):
+            channel = 1 - line if shares.get("flip_share") else line  # mirrored, the red line is the right one
+            rows = np.flatnonzero(np.isfinite(sample.cell[line]))
+            for row in rows[2:-2:3]:
+                y = int(GRID.row_y[row])
+                seen = (brightest(sample.image, channel, y) + brightest(sample.image, channel, y + 1)) / 2
+                errors.append(seen - GRID.x_from_cell(sample.cell[line, row]))
+    assert len(errors) > 40
+    assert abs(np.median(errors)) < 0.15
+    assert np.quantile(np.abs(errors), 0.9) < 0.6
+
+
+def test_left_stays_left_of_right_after_flips(view):
+    augment = DetectAugmentation()
+    for seed in range(20):
+        cell = make_sample(view, GRID, augment, np.random.default_rng(seed)).cell
+        both = np.isfinite(cell).all(axis=0)
+        assert (cell[1, both] > cell[0, both]).all()
+
+
+def test_region_box_is_around_both_lines(view):
+    sample = make_sample(view, GRID, DetectAugmentation(**(PLAIN | {"close_share": 1.0})), np.random.default_rng(1))
+    region = decode_region(np.log(sample.region + 1e-12), sample.box)
+    rows = np.flatnonzero(np.isfinite(sample.cell).any(axis=0))
+    x = GRID.x_from_cell(sample.cell[np.isfinite(sample.cell)])
+    assert region.box[0] == pytest.approx(x.min(), abs=3)
+    assert region.box[2] == pytest.approx(x.max(), abs=3)
+    assert region.box[1] == pytest.approx(GRID.row_y[rows[0]], abs=5)
+    assert region.box[3] == pytest.approx(GRID.row_y[rows[-1]], abs=5)
+
+
+def test_thick_haze_leaves_no_runway(view):
+    far = LineView("far", view.clear, view.lines_px, view.ranges_m)
+    augment = DetectAugmentation(**(PLAIN | {"haze_share": 1.0}), optical_depth_max=40.0)
+    samples = [make_sample(far, GRID, augment, np.random.default_rng(seed)) for seed in range(12)]
+    hidden = [s for s in samples if s.region[-1] == 1.0]
+    assert len(hidden) >= 6
+    assert all(np.isnan(s.cell).all() and s.box_weight.sum() == 0 for s in hidden)
+
+
+def test_no_runway_no_targets(view):
+    empty = LineView("sea", view.clear, None, None)
+    sample = make_sample(empty, GRID, DetectAugmentation(), np.random.default_rng(3))
+    assert np.isnan(sample.cell).all()
+    assert sample.region[-1] == 1.0
+
+
+def test_same_seed_same_sample(view):
+    first, second = (make_sample(view, GRID, DetectAugmentation(), np.random.default_rng(5)) for _ in range(2))
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_rotated_moves_points_with_the_image():
+    v, u = np.mgrid[0:120, 0:200]
+    image = np.exp(-((u - 140.3) ** 2 + (v - 40.6) ** 2) / 18)[..., None].astype(np.float32)
+    turned, matrix, offset = rotated(image, 0.3)
+    grey = turned[..., 0]
+    found = np.array([(grey * u).sum(), (grey * v).sum()]) / grey.sum()
+    np.testing.assert_allclose(found, matrix @ [140.3, 40.6] + offset, atol=0.02)
+
+
+def test_visible_box_and_its_absence():
+    lines = np.stack([line_points(LEFT), line_points(RIGHT)])
+    seen = np.ones((2, 257), dtype=bool)
+    np.testing.assert_allclose(visible_box(lines, seen, (0, 0, 639, 359)), [250, 180, 420, 305])
+    assert visible_box(lines, ~seen, (0, 0, 639, 359)) is None
+    assert visible_box(lines, seen, (0, 0, 100, 100)) is None
+
+
+def test_block_compression_keeps_flat_and_harms_noise():
+    flat = np.full((21, 30, 3), 77.0, np.float32)
+    assert np.abs(block_compressed(flat, 4.0) - flat).max() <= 0.3
+    noise = np.random.default_rng(0).normal(100, 20, (64, 64, 3)).astype(np.float32)
+    assert np.abs(block_compressed(noise, 12.0) - noise).max() > 5
+    assert np.abs(block_compressed(noise, 0.01) - noise).max() < 0.1
+
+
+def test_blur_keeps_the_mean_and_its_axis():
+    image = np.zeros((41, 41, 3), np.float32)
+    image[20, 20] = 100.0
+    tall = blurred(image, 2.0, 0.0)
+    assert tall.sum() == pytest.approx(image.sum(), rel=1e-4)
+    assert (tall[:, 19] == 0).all() and tall[23, 20, 0] > 1
+
+
+def test_shares_are_probabilities():
+    with pytest.raises(ValueError, match=r"haze_share must lie in 0\.\.1, got 1\.5"):
+        DetectAugmentation(haze_share=1.5)
