@@ -14,6 +14,7 @@ with needs_extra("train"):
 def dehaze(
     recordings: tyro.conf.Positional[tuple[Path, ...]],
     out: Path,
+    start_from: Path | None = None,
     config: tyro.conf.OmitArgPrefixes[DehazeTrainConfig] = DehazeTrainConfig(),  # noqa: B008 - frozen
 ) -> int:
     """Train the dehazing network on clear recordings with depth; goes on from its own checkpoint in `out`.
@@ -21,9 +22,10 @@ def dehaze(
     Args:
         recordings: folders written by `deckline sim --visibility clear --depth-range-m inf`.
         out: folder of the checkpoint and the exported ONNX file.
+        start_from: folder of an earlier training, to go on from its weights with other data or another recipe.
         config: the recipe.
     """
-    train_dehaze(config, list(recordings), out)
+    train_dehaze(config, list(recordings), out, start_from)
     return 0
 
 

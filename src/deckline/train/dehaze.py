@@ -89,13 +89,16 @@ def dehaze_loss(restored: Tensor, clear: Tensor, t: Tensor, visible_share: float
     return (1 - visible_share) * psnr_loss(restored, clear) + visible_share * psnr_loss(restored, clear, t)
 
 
-def train_dehaze(config: DehazeTrainConfig, recordings: list[Path], out: Path) -> dict[str, float]:
+def train_dehaze(
+    config: DehazeTrainConfig, recordings: list[Path], out: Path, start_from: Path | None = None
+) -> dict[str, float]:
     """Train until the budget is used, then validate and export `out`/dehaze.onnx.
 
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget and device apart.
         recordings: clear recordings with full depth.
         out: folder of checkpoint.safetensors, dehaze.onnx and figures.json.
+        start_from: folder of an earlier training whose averaged weights are the first ones of this one.
 
     Returns:
         Measured figures by name; {} when interrupted (the checkpoint is saved).
@@ -111,6 +114,8 @@ def train_dehaze(config: DehazeTrainConfig, recordings: list[Path], out: Path) -
     torch.manual_seed(config.seed)
     model = DehazeNetwork(config.network).to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimizer = torch.optim.AdamW(model.parameters(), config.lr, (0.9, 0.999), weight_decay=config.weight_decay)
+    if start_from is not None:
+        _load_weights(model, start_from)
     ema, step, seconds = _resume(config, model, optimizer, out)
     views = ClearViews(recordings, config.working_long_side_px, config.held_out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {step}")
@@ -201,6 +206,13 @@ def _batches(config: DehazeTrainConfig, views: ClearViews, start: int) -> Iterat
                 yield waiting.pop(0).result()
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _load_weights(model: DehazeNetwork, folder: Path) -> None:
+    loaded = load_checkpoint(folder, model, None)
+    if loaded is None:
+        raise ValueError(f"{folder} holds no checkpoint to start from")
+    model.load_state_dict(loaded[0] or model.state_dict())
 
 
 def _resume(

@@ -29,6 +29,7 @@ class HazeAugmentation:
     clear_share: float = 0.06  # of the images get next to no haze, so that clear images come out untouched
     clear_visibility_m: tuple[float, float] = (20000.0, 200000.0)  # log-uniform
     horizon_share: float = 0.8  # of the airlights are near the sky's colour at the horizon, the others random
+    exact_share: float = 0.5  # of those are the horizon's colour itself, as Koschmieder's law has it for one light
     noise_share: float = 0.3  # of the hazy images get sensor noise
     noise_max: float = 2.0  # its largest 1-sigma, grey levels
     crop_scale: tuple[float, float] = (0.75, 1.25)  # size of the window a crop is resized from, relative to the crop
@@ -40,7 +41,7 @@ class HazeAugmentation:
             low, high = getattr(self, name)
             if not 0 < low <= high:
                 raise ValueError(f"{name} must be 0 < low <= high, got {low} and {high}")
-        for name in ("clear_share", "horizon_share", "noise_share", "flip_horizontal", "flip_vertical"):
+        for name in ("clear_share", "horizon_share", "exact_share", "noise_share", "flip_horizontal", "flip_vertical"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie in 0..1, got {getattr(self, name)}")
 
@@ -146,10 +147,12 @@ class ClearViews:
 
 
 def random_airlight(
-    horizon_rgb: NDArray[np.float32] | None, horizon_share: float, rng: np.random.Generator
+    horizon_rgb: NDArray[np.float32] | None, horizon_share: float, rng: np.random.Generator, exact_share: float = 0.0
 ) -> NDArray[np.float64]:
-    """Colour of thick haze (3,), 0..255: near the horizon's, greyer, at times darker; or grey, bluish or warm."""
+    """Colour of thick haze (3,), 0..255: the horizon's; near it, greyer, at times darker; or grey, bluish or warm."""
     if horizon_rgb is not None and rng.random() < horizon_share:
+        if rng.random() < exact_share:
+            return np.clip(horizon_rgb * (1 + rng.normal(0, 0.02, 3)), 0, 255)
         grey = horizon_rgb.mean()
         colour = grey + (horizon_rgb - grey) * rng.uniform(0.0, 1.2)
         colour = colour * (rng.uniform(0.55, 0.85) if rng.random() < 0.25 else rng.uniform(0.85, 1.1))
@@ -166,7 +169,7 @@ def hazy_pair(
     clear = view.clear_rgb[window]
     limits = haze.clear_visibility_m if rng.random() < haze.clear_share else haze.visibility_m
     visibility_m = float(np.exp(rng.uniform(*np.log(limits))))
-    airlight = random_airlight(view.horizon_rgb, haze.horizon_share, rng)
+    airlight = random_airlight(view.horizon_rgb, haze.horizon_share, rng, haze.exact_share)
     beta = beta_from_visibility(visibility_m)
     hazy = add_haze(clear, view.range_m[window], beta, airlight)
     if rng.random() < haze.noise_share:
