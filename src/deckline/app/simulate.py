@@ -57,8 +57,10 @@ def simulate(config: SimConfig, out: Path, image_format: Literal["png", "ppm"] =
 
 def _what_decides_a_frame(config: SimConfig) -> dict[str, object]:
     """Kept in scene.json: a recording made with other values is never continued. Infinity is written as text."""
-    fixed_length = config.trajectory == "approach"  # more frames of an approach are other frames
-    values = {name: value for name, value in asdict(config).items() if name != "frames" or fixed_length}
+    values = asdict(config)
+    length = values.pop("frames")
+    if config.trajectory == "approach":  # more frames of an approach are other frames
+        values["length"] = length
     return {name: value if _is_plain(value) else str(value) for name, value in values.items()}
 
 

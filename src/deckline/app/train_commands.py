@@ -1,6 +1,7 @@
 """`deckline train`: everything behind it needs the train extra."""
 
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
@@ -15,7 +16,7 @@ def dehaze(
     recordings: tyro.conf.Positional[tuple[Path, ...]],
     out: Path,
     start_from: Path | None = None,
-    config: tyro.conf.OmitArgPrefixes[DehazeTrainConfig] = DehazeTrainConfig(),  # noqa: B008 - frozen
+    config: Annotated[DehazeTrainConfig, tyro.conf.arg(name="")] = DehazeTrainConfig(),  # noqa: B008 - frozen
 ) -> int:
     """Train the dehazing network on clear recordings with depth; goes on from its own checkpoint in `out`.
 
@@ -32,7 +33,7 @@ def dehaze(
 def detect(
     recordings: tyro.conf.Positional[tuple[Path, ...]],
     out: Path,
-    config: tyro.conf.OmitArgPrefixes[DetectTrainConfig] = DetectTrainConfig(),  # noqa: B008 - frozen
+    config: Annotated[DetectTrainConfig, tyro.conf.arg(name="")] = DetectTrainConfig(),  # noqa: B008 - frozen
 ) -> int:
     """Train the line detector on clear recordings with depth and true lines; goes on from its own checkpoint in `out`.
 
