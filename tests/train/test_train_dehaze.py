@@ -202,7 +202,7 @@ def test_loss_is_minus_psnr() -> None:
 def test_training_learns_exports_and_reports(recording: Path, tmp_path: Path) -> None:
     config = replace(QUICK, steps=40)
     figures = train_dehaze(config, [recording], tmp_path)
-    assert figures["psnr_db.mean"] > figures["psnr_db_hazy.mean"]
+    assert figures["psnr_db_surface.mean"] > figures["psnr_db_surface_hazy.mean"] + 1  # a few steps do not learn skies
     dehazer = OnnxDehazer(tmp_path / "dehaze.onnx", threads=1)
     assert dehazer.session.config["step"] == 40
     assert dehazer.session.config["recipe"]["batch"] == 2
