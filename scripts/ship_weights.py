@@ -30,6 +30,7 @@ def main() -> None:
 def ship(arguments: argparse.Namespace, folder: Path) -> None:
     """Replace or add the model's entry; the other entries stay as they are."""
     config = load_session(arguments.model).config
+    figures = {name: round(value, 4) for name, value in json.loads(arguments.figures.read_text()).items()}
     target = folder / arguments.file
     shutil.copyfile(arguments.model, target)
     entry = manifest_entry(
@@ -42,7 +43,7 @@ def ship(arguments: argparse.Namespace, folder: Path) -> None:
         steps=config["step"],
         hardware=arguments.hardware,
         date=str(datetime.date.today()),
-        figures={name: round(value, 4) for name, value in json.loads(arguments.figures.read_text()).items()},
+        figures=figures,
     )
     manifest = folder / MANIFEST
     head, *blocks = manifest.read_text().split(TABLE)
