@@ -161,6 +161,13 @@ def test_airlight_is_a_possible_colour() -> None:
     assert drawn.std(axis=0).min() > 20
 
 
+def test_exact_airlight_is_the_horizons() -> None:
+    horizon = np.array([200, 100, 50], np.float32)
+    drawn = np.array([random_airlight(horizon, 1.0, np.random.default_rng(k), exact_share=1.0) for k in range(200)])
+    np.testing.assert_allclose(drawn.mean(axis=0), horizon, rtol=0.01)
+    np.testing.assert_allclose(drawn.std(axis=0), 0.02 * horizon, rtol=0.25)
+
+
 def test_windows_fit() -> None:
     rng = np.random.default_rng(0)
     for size in [(64, 96), (30, 200), (48, 64)]:
@@ -184,6 +191,22 @@ def test_held_out_views_are_no_training_views(recording: Path) -> None:
     assert len(ClearViews([recording, recording], 640, 0.25, train=False)) == 2
     with pytest.raises(ValueError, match="no held-out views in"):
         ClearViews([recording], 640, 0.0, train=False)
+
+
+def test_unreadable_frames_are_named_and_others_drawn(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path, "ppm", {"preset": "test"}) as writer:
+        for index in range(4):
+            writer.add(clear_frame(index))
+    images = sorted((tmp_path / "images").glob("*.ppm"))
+    images[1].write_bytes(images[1].read_bytes()[:100])
+    views = ClearViews([tmp_path], 640, 0.0)
+    rng = np.random.default_rng(0)
+    assert all(views.draw(rng).clear_rgb.shape == (64, 96, 3) for _ in range(20))
+    assert list(views.skipped) == [images[1].name]
+    for image in images:
+        image.write_bytes(b"P6")
+    with pytest.raises(ValueError, match="20 frames in a row cannot be read"):
+        ClearViews([tmp_path], 640, 0.0).draw(rng)
 
 
 def test_loss_is_minus_psnr() -> None:
@@ -224,6 +247,20 @@ def test_interrupted_run_resumes_to_the_same_weights(
     image = torch.rand(1, 3, 64, 96).numpy()
     results = [load_session(tmp_path / p / "dehaze.onnx", 1)(image=image, working=image)[0] for p in ("whole", "parts")]
     np.testing.assert_array_equal(*results)
+
+
+def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, tmp_path: Path) -> None:
+    train_dehaze(replace(QUICK, steps=3), [recording], tmp_path / "first")
+    still = replace(QUICK, steps=1, lr=1e-12, lr_end=1e-12, batch=1)
+    train_dehaze(still, [recording], tmp_path / "second", start_from=tmp_path / "first")
+    image = torch.rand(1, 3, 64, 96).numpy()
+    first, second = (
+        load_session(tmp_path / p / "dehaze.onnx", 1)(image=image, working=image)[0] for p in ("first", "second")
+    )
+    np.testing.assert_allclose(first, second, atol=1e-5)
+    assert np.abs(first - image).max() > 1e-3, "the first run must have learned something"
+    with pytest.raises(ValueError, match="holds no checkpoint to start from"):
+        train_dehaze(QUICK, [recording], tmp_path / "third", start_from=tmp_path / "none")
 
 
 def interrupting(step: Callable[..., float], at: int) -> Callable[..., float]:

@@ -1,5 +1,8 @@
 """ONNX export: metadata, dynamic axes, and the manifest block that describes a file."""
 
+import argparse
+import json
+import runpy
 import tomllib
 from pathlib import Path
 
@@ -7,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from deckline.runtime import load_session, sha256_of, shipped_weights
+from deckline.runtime import load_session, sha256_of, shipped_models, shipped_weights
 from deckline.train.export import export_onnx, manifest_entry
 
 
@@ -64,3 +67,22 @@ def test_manifest_block_is_what_the_runtime_reads(exported: tuple[torch.nn.Modul
     assert entry["sha256"] == sha256_of(path)
     assert entry["command"] == 'deckline train dehaze "a b" --out c'
     assert entry["figures"] == {"psnr_db.mean": 21.25}
+
+
+def test_shipping_replaces_one_entry_and_keeps_the_others(tmp_path: Path) -> None:
+    ship = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "ship_weights.py"))["ship"]
+    weights = tmp_path / "weights"
+    weights.mkdir()
+    (weights / "manifest.toml").write_text("# head\n")
+    figures = tmp_path / "figures.json"
+    for name, step in (("a", 1), ("b", 2), ("a", 3)):
+        figures.write_text(json.dumps({"psnr_db.mean": 20.123456 + step}))
+        metadata = {"kind": "test", "recipe": {"seed": 7}, "step": step}
+        model = export_onnx(torch.nn.ReLU(), (torch.rand(1, 4),), tmp_path / "m.onnx", ["x"], ["y"], None, metadata)
+        keys = {"name": name, "file": f"{name}.onnx", "command": "c", "data": "d", "hardware": "h"}
+        ship(argparse.Namespace(model=model, figures=figures, **keys), weights)
+    models = shipped_models(weights)
+    assert {name: (model.steps, model.seed) for name, model in models.items()} == {"b": (2, 7), "a": (3, 7)}
+    assert models["a"].figures == {"psnr_db.mean": 23.1235}
+    assert shipped_weights("a", weights) == weights / "a.onnx"
+    assert (weights / "manifest.toml").read_text().startswith("# head\n")
