@@ -31,3 +31,11 @@ def test_wrong_use_is_refused():
         encode_region([3, 3, 3, 5], GRID)
     with pytest.raises(ValueError, match=r"expected logits of shape \(577,\), got \(576,\)"):
         decode_region(np.zeros(576), np.zeros((4, 18, 32)))
+
+
+def test_a_certain_no_is_no_division_by_zero():
+    logits = np.full(577, -2000.0)
+    logits[-1] = 0.0
+    region = decode_region(logits, np.zeros((4, 18, 32), dtype=np.float32))
+    assert region.probability == 0.0
+    assert np.isfinite(region.box).all()

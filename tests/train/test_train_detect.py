@@ -105,7 +105,7 @@ def test_published_head_gives_the_same_classes():
 
 def test_training_learns_resumes_and_exports(recording, tmp_path):
     config = DetectTrainConfig(
-        steps=2, minutes=None, batch=1, checkpoint_every=1, held_out=0.3, threads=1, network=UfldConfig(channels=16)
+        steps=2, minutes=None, batch=1, checkpoint_every=1, held_out=0.17, threads=1, network=UfldConfig(channels=16)
     )
     figures = train_detect(config, [recording], tmp_path)
     assert figures["steps"] == 2

@@ -19,7 +19,7 @@ class Region:
     """A box and how sure the network is of it."""
 
     box: NDArray[np.float64]  # (4,) x0, y0, x1, y1 in the network's image
-    probability: float  # that there is a runway, at this place
+    probability: float  # that there is a runway in the view
 
 
 def encode_region(
@@ -55,22 +55,22 @@ def encode_region(
 def decode_region(logits: NDArray[np.float32], offsets: NDArray[np.float32]) -> Region:
     """Class logits (height * width + 1,) and box offsets (4, height, width) -> the most likely box.
 
-    The 3x3 cells around the best one vote, by their share: their sum is the probability.
+    The 3x3 cells around the best one vote, by their share. The probability is that of any place: the middle of a large
+    box is uncertain by more than those cells.
     """
     _, height, width = offsets.shape
     if logits.shape != (height * width + 1,):
         raise ValueError(f"expected logits of shape {(height * width + 1,)}, got {logits.shape}")
     values = logits.astype(np.float64)
-    shares = np.exp(values - values.max())
-    shares = (shares / shares.sum())[:-1].reshape(height, width)
+    none = np.exp(values[-1] - np.logaddexp.reduce(values))
+    shares = np.exp(values[:-1] - values[:-1].max()).reshape(height, width)
     best_row, best_column = np.unravel_index(int(shares.argmax()), shares.shape)
     row, column = np.mgrid[0:height, 0:width]
     votes = shares * ((np.abs(row - best_row) <= 1) & (np.abs(column - best_column) <= 1))
-    probability = float(votes.sum())
-    votes = votes / probability
+    votes /= votes.sum()
     mean = [(votes * offsets[k]).sum() for k in range(4)]
     centre_x = ((votes * column).sum() + mean[0] + 0.5) * STRIDE - 0.5
     centre_y = ((votes * row).sum() + mean[1] + 0.5) * STRIDE - 0.5
     half_width, half_height = SIZE_PX * np.exp(np.clip(mean[2:], -5.0, 3.0)) / 2
     box = [centre_x - half_width, centre_y - half_height, centre_x + half_width, centre_y + half_height]
-    return Region(np.array(box), probability)
+    return Region(np.array(box), float(1.0 - none))
