@@ -70,6 +70,7 @@ def test_decode_is_not_dragged_by_a_far_tail():
     shares[:, 10], shares[:, 11], shares[:, 110] = 0.45, 0.45, 0.1
     rows = decode(np.log(shares), GRID)
     np.testing.assert_allclose(rows.x_px, GRID.x_from_cell(10.5), atol=1e-3)
+    np.testing.assert_allclose(rows.confidence, 0.9, atol=1e-3)  # the tail is another place
 
 
 def test_sigma_grows_with_the_spread():

@@ -28,6 +28,7 @@ from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import BadFrame, open_source
 from deckline.types import Frame
 
+FILE_COLUMNS = 150  # of tables that go to a file or a pipe
 JsonFile = Annotated[Path | None, tyro.conf.arg(name="json")]
 
 
@@ -40,7 +41,8 @@ def chain(
     fov_deg: float = 90.0,
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
-    json_file: JsonFile = None,
+    json_file: FILE_COLUMNS = 150  # of tables that go to a file or a pipe
+JsonFile = None,
 ) -> int:
     """Run the whole chain on freshly rendered frames with exact truth and print its errors.
 
@@ -78,7 +80,8 @@ def recording(
     source: tyro.conf.Positional[Path],
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
-    json_file: JsonFile = None,
+    json_file: FILE_COLUMNS = 150  # of tables that go to a file or a pipe
+JsonFile = None,
 ) -> int:
     """Run the whole chain on a recording that carries truth (scene.json) and print its errors.
 
@@ -119,7 +122,7 @@ def write_json(path: Path, figures: dict[str, float]) -> None:
 
 
 def _print_tables(scores: list[FrameScore], figures: dict[str, float], title: str) -> None:
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else FILE_COLUMNS)
     console.print(f"[bold]{title}[/bold]")
     console.print(
         f"deckline {__version__}, {platform.machine()} with {os.cpu_count()} cores, "

@@ -61,7 +61,7 @@ class RowPoints:
     """What the rows of one line say."""
 
     x_px: NDArray[np.float64]  # (rows,) in the network's image; NaN where there is no line
-    confidence: NDArray[np.float64]  # (rows,) 1 - P(no line here)
+    confidence: NDArray[np.float64]  # (rows,) P(the line lies in the window that x is the mean of)
     sigma_px: NDArray[np.float64]  # (rows,) 1-sigma of x, in the network's image; NaN where there is no line
 
 
@@ -98,6 +98,8 @@ def encode(points_px: ArrayLike, seen: ArrayLike, grid: RowGrid) -> NDArray[np.f
 def decode(logits: NDArray[np.float32], grid: RowGrid, config: DecodeConfig | None = None) -> RowPoints:
     """Class logits (rows, cells + 1) of one line -> a position per row.
 
+    Confidence is the share of the window, not all that is left by "no line": a row that cannot tell the runway's edge
+    from a catapult track beside it gives each a half, and is not to be trusted.
     The two-cell targets of training spread by f (1 - f) cells^2 however sure the network is (f: where between the
     cells the line lies); that part of the spread is no uncertainty and is taken off.
 
@@ -122,6 +124,6 @@ def decode(logits: NDArray[np.float32], grid: RowGrid, config: DecodeConfig | No
     line = values.argmax(axis=1) < grid.cells
     return RowPoints(
         np.where(line, grid.x_from_cell(mean), np.nan),
-        1.0 - shares[:, -1],
+        (shares[:, :-1] * near).sum(axis=1),
         np.where(line, np.sqrt(variance) * grid.cell_px, np.nan),
     )
