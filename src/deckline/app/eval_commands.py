@@ -41,8 +41,7 @@ def chain(
     fov_deg: float = 90.0,
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
-    json_file: FILE_COLUMNS = 150  # of tables that go to a file or a pipe
-JsonFile = None,
+    json_file: JsonFile = None,
 ) -> int:
     """Run the whole chain on freshly rendered frames with exact truth and print its errors.
 
@@ -80,8 +79,7 @@ def recording(
     source: tyro.conf.Positional[Path],
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
-    json_file: FILE_COLUMNS = 150  # of tables that go to a file or a pipe
-JsonFile = None,
+    json_file: JsonFile = None,
 ) -> int:
     """Run the whole chain on a recording that carries truth (scene.json) and print its errors.
 
