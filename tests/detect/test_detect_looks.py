@@ -10,7 +10,8 @@ from deckline.detect.region import encode_region
 from deckline.detect.row_anchors import RowGrid, encode
 
 GRID = RowGrid()
-NONE = (np.zeros((2, 72, 129), dtype=np.float32), *encode_region(None, (32, 18))[:2])
+NO_REGION = np.log(encode_region(None, (32, 18))[0] + 1e-12)
+NONE = (np.zeros((2, 72, 129), dtype=np.float32), NO_REGION, np.zeros((4, 18, 32), dtype=np.float32))
 
 
 class Oracle:

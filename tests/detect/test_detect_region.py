@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deckline.detect.region import decode_region, encode_region
@@ -8,6 +8,7 @@ from deckline.detect.region import decode_region, encode_region
 GRID = (32, 18)
 
 
+@settings(deadline=None)
 @given(st.floats(0, 505), st.floats(0, 280), st.floats(3, 500), st.floats(1, 280))
 def test_decode_inverts_encode(x0, y0, width, height):
     box = np.array([x0, y0, min(x0 + width, 511), min(y0 + height, 287)])

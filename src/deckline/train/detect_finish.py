@@ -20,7 +20,7 @@ from deckline.train.export import export_onnx
 from deckline.train.ufld import Ufld
 from deckline.types import Detection, LinePoints
 
-VALIDATION_VIEWS = 200  # at most, spread over the held-out ones
+VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
 LIGHT_HAZE, THICK_HAZE = (0.0, 1.0), (1.0, 2.5)  # optical depth up to the ramp
 
 
