@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from deckline.evaluate.metrics import (
+    below_horizon,
     direction_error_rad,
     height_error_m,
     lateral_error_m,
@@ -12,7 +14,7 @@ from deckline.evaluate.metrics import (
     psnr_db,
     ssim,
 )
-from deckline.geometry import Camera
+from deckline.geometry import Camera, attitude, camera_mount
 from deckline.types import RunwayLine, Segment
 
 TRUTH = Segment(np.array([10.0, 2.0, -20.0]), np.array([110.0, 2.0, -20.0]))
@@ -111,3 +113,24 @@ def test_a_line_through_the_lens_is_refused():
         normal_pixel_error(np.zeros((1, 2)), np.array([[0, 0, 1.0], [0, 0, 2.0]]), camera)
     with pytest.raises(ValueError, match=r"shape \(2, 3\), got \(3, 3\)"):
         normal_pixel_error(np.zeros((1, 2)), np.eye(3), camera)
+
+
+def test_psnr_counts_the_marked_pixels_alone():
+    reference = np.full((4, 6, 3), 100, np.uint8)
+    image = reference.copy()
+    image[:2] += 10
+    image[2:] += 50
+    where = np.zeros((4, 6), bool)
+    where[:2] = True
+    assert psnr_db(image, reference, where) == pytest.approx(20 * np.log10(255 / 10))
+    with pytest.raises(ValueError, match="where must mark pixels"):
+        psnr_db(image, reference, np.zeros((4, 6), bool))
+
+
+def test_a_level_camera_sees_the_horizon_at_its_middle():
+    camera = Camera(8, 6, 5.0, 5.0, 3.5, 2.5)
+    level = below_horizon(camera, camera_mount())
+    assert not level[:3].any()
+    assert level[3:].all()
+    banked = RigidTransform.from_rotation(attitude(np.pi, 0.0, 0.0)) * camera_mount()
+    assert below_horizon(camera, banked)[:3].all()

@@ -4,8 +4,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deckline.evaluate.metrics import (
+    below_horizon,
     direction_error_rad,
     height_error_m,
     lateral_error_m,
@@ -14,7 +16,7 @@ from deckline.evaluate.metrics import (
     ssim,
 )
 from deckline.pipeline import FrameResult
-from deckline.types import SIDES, DepthMode, Frame, Segment, Status
+from deckline.types import DepthMode, Frame, Segment, Status
 
 RANGE_BANDS_M = ((0.0, 100.0), (100.0, 200.0), (200.0, 400.0), (400.0, 800.0), (800.0, np.inf))
 VISIBILITY_BANDS_M = ((0.0, 500.0), (500.0, 1000.0), (1000.0, 2000.0), (2000.0, np.inf))
@@ -49,10 +51,7 @@ def score_frame(result: FrameResult) -> FrameScore:
             errors |= _line_errors(result, side, segment)
         errors |= _guidance_errors(result, truth.left, truth.right)
     if truth.clear_rgb is not None:
-        errors["psnr_db"] = psnr_db(result.dehazed_rgb, truth.clear_rgb)
-        errors["psnr_db_hazy"] = psnr_db(frame.image_rgb, truth.clear_rgb)
-        errors["ssim"] = ssim(result.dehazed_rgb, truth.clear_rgb)
-        errors["ssim_hazy"] = ssim(frame.image_rgb, truth.clear_rgb)
+        errors |= _restoration(result, truth.clear_rgb)
     errors |= {f"seconds.{stage}": seconds for stage, seconds in result.seconds.items()}
     visibility = np.nan if truth.visibility_m is None else truth.visibility_m
     return FrameScore(
@@ -101,6 +100,20 @@ def _guidance_errors(result: FrameResult, left: Segment, right: Segment) -> dict
         "lateral_error_at_ramp_m.centre": abs(lateral_error_m(centre, truth)),
         "height_error_m.centre": abs(height_error_m(centre, truth)),
     }
+
+
+def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> dict[str, float]:
+    """PSNR and SSIM before and after dehazing; PSNR also without the sky, which haze hides completely."""
+    frame = result.frame
+    figures = {}
+    pictures = {"": result.dehazed_rgb, "_hazy": frame.image_rgb}
+    surface = None if frame.world_from_camera is None else below_horizon(frame.camera, frame.world_from_camera)
+    for name, picture in pictures.items():
+        figures[f"psnr_db{name}"] = psnr_db(picture, clear_rgb)
+        figures[f"ssim{name}"] = ssim(picture, clear_rgb)
+        if surface is not None and surface.any():
+            figures[f"psnr_db_surface{name}"] = psnr_db(picture, clear_rgb, surface)
+    return figures
 
 
 def summarise(scores: list[FrameScore]) -> dict[str, float]:

@@ -1,8 +1,8 @@
 """Figures of merit, as pure functions of an estimate and the truth."""
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, wrap_angle
 from deckline.types import RunwayLine, Segment
@@ -14,14 +14,24 @@ SSIM_K1 = 0.01
 SSIM_K2 = 0.03
 
 
-def psnr_db(image_rgb: NDArray[np.uint8], reference_rgb: NDArray[np.uint8]) -> float:
+def psnr_db(
+    image_rgb: NDArray[np.uint8], reference_rgb: NDArray[np.uint8], where: NDArray[np.bool_] | None = None
+) -> float:
     """Peak signal-to-noise ratio, dB, of two 8-bit images (H, W, C): 10 log10(255^2 / MSE). Equal images give infinity.
 
+    Args:
+        where: (H, W), the pixels that count; None counts all.
+
     Raises:
-        ValueError: images that are not uint8 or differ in shape.
+        ValueError: images that are not uint8 or differ in shape, or no pixel that counts.
     """
     _check_pair(image_rgb, reference_rgb)
-    error = float(np.mean((image_rgb.astype(np.float64) - reference_rgb.astype(np.float64)) ** 2))
+    squared = (image_rgb.astype(np.float64) - reference_rgb.astype(np.float64)) ** 2
+    if where is not None:
+        if where.shape != image_rgb.shape[:2] or not where.any():
+            raise ValueError(f"where must mark pixels of an image {image_rgb.shape[:2]}, got {where.shape} with none")
+        squared = squared[where]
+    error = float(np.mean(squared))
     return float("inf") if error == 0 else float(10 * np.log10(PEAK**2 / error))
 
 
@@ -78,6 +88,14 @@ def height_error_m(line: RunwayLine, truth: Segment) -> float:
     return float(line.height_m - truth.p0_m[2])
 
 
+def below_horizon(camera: Camera, world_from_camera: RigidTransform) -> NDArray[np.bool_]:
+    """Which pixels (H, W) look down, at sea and ship rather than at the sky, whatever stands above the horizon."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
+    down = rays @ world_from_camera.rotation.as_matrix()[2]
+    return (down > 0).reshape(camera.height, camera.width)
+
+
 def normal_pixel_error(points_px: ArrayLike, ends_optical_m: ArrayLike, camera: Camera) -> NDArray[np.float64]:
     """Distance (N,), px, of detected points (N, 2) to the image of a true line.
 
@@ -108,6 +126,8 @@ def _azimuth(truth: Segment) -> float:
 
 
 def _window_mean(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    import cv2  # here: training measures itself on machines without OpenCV
+
     size = (SSIM_WINDOW_PX, SSIM_WINDOW_PX)
     return np.asarray(cv2.GaussianBlur(image, size, SSIM_SIGMA_PX, borderType=cv2.BORDER_REFLECT), dtype=np.float64)
 
