@@ -139,13 +139,14 @@ def _band_table(what: str, groups: dict[str, list[FrameScore]]) -> Table:
     columns = {
         "found": "found_rate",
         "direction left, deg": "direction_error_deg.left.median",
-        "direction right, deg": "direction_error_deg.right.median",
+        "right, deg": "direction_error_deg.right.median",
         "lateral left, m": "lateral_error_at_ramp_m.left.median",
-        "lateral right, m": "lateral_error_at_ramp_m.right.median",
+        "right, m": "lateral_error_at_ramp_m.right.median",
         "points left, px": "point_error_px.left.median",
-        "points right, px": "point_error_px.right.median",
+        "right, px": "point_error_px.right.median",
         "hazy, dB": "psnr_db_hazy.mean",
         "dehazed, dB": "psnr_db.mean",
+        "without sky, dB": "psnr_db_surface.mean",
     }
     table = Table(what, "frames", *columns)
     for label, members in groups.items():

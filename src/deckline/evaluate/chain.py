@@ -168,14 +168,3 @@ def by_band(scores: list[FrameScore], key: str, bands: Iterable[tuple[float, flo
 
 def _share(scores: list[FrameScore], test: Callable[[FrameScore], bool]) -> float:
     return sum(map(test, scores)) / len(scores)
-
-
-__all__ = [
-    "RANGE_BANDS_M",
-    "SIDES",
-    "VISIBILITY_BANDS_M",
-    "FrameScore",
-    "by_band",
-    "score_frame",
-    "summarise",
-]
