@@ -53,7 +53,8 @@ class DecodeConfig:
     """
 
     window_cells: int = 3  # on either side of the best cell
-    sigma_floor_cells: float = 0.12  # measured on held-out simulator frames at unity spread
+    # With it 95 % of errors on hazy held-out simulator frames lie within 1.94 sigma, 68 % within 0.65 (heavy tails).
+    sigma_floor_cells: float = 0.12
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,8 +83,9 @@ def validate(model: Ufld, views: LineViews, augment: DetectAugmentation, seed: i
         for index in chosen:
             rng = np.random.default_rng([seed, int(index)])
             view = views[int(index)]
-            image = _hazed(view, rng.uniform(*depths), augment, rng)
-            scores.append(score(detect_lines(image, infer, config), _in_view(view)))
+            if _can_be_scored(view):
+                image = _hazed(view, rng.uniform(*depths), augment, rng)
+                scores.append(score(detect_lines(image, infer, config), view.lines_px))
         figures |= {f"{key}.{name}": value for key, value in _summary(scores).items()}
     model.train(was_training)
     return figures
@@ -104,13 +105,13 @@ def _summary(scores: list[Score]) -> dict[str, float]:
     }
 
 
-def _in_view(view: LineView) -> NDArray[np.float64] | None:
-    """The true lines when a good part of both can be seen."""
+def _can_be_scored(view: LineView) -> bool:
+    """Whether there is no runway, or a good part of both lines is in the image; what lies between is no clear case."""
     if view.lines_px is None:
-        return None
+        return True
     height, width = view.clear.clear_rgb.shape[:2]
     inside = np.all((view.lines_px >= 0) & (view.lines_px <= [width - 1, height - 1]), axis=2)
-    return view.lines_px if bool((inside.mean(axis=1) > 0.1).all()) else None
+    return bool((inside.mean(axis=1) > 0.1).all())
 
 
 def _hazed(view: LineView, depth: float, augment: DetectAugmentation, rng: np.random.Generator) -> NDArray[np.uint8]:
