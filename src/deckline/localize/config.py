@@ -73,7 +73,7 @@ class AgreementConfig:
     min_spacing_m: float = 5.0
     max_spacing_m: float = 60.0
     max_angle_rad: float = float(np.deg2rad(4.0))  # between the lines, beside twice its own 1-sigma
-    max_azimuth_sigma_rad: float = float(np.deg2rad(8.0))  # a line that is less sure of its direction is not a line
+    max_azimuth_sigma_rad: float = float(np.deg2rad(2.0))  # a line that is less sure of its direction is not a line
     clearly_better: float = 3.0  # of two contradicting lines, one is kept when its azimuth is this much surer
     # 1-sigma of the true angle between the lines: painted lines are not exactly parallel (the paper's: 0.37 degrees).
     parallel_rad: float = float(np.deg2rad(0.3))
