@@ -12,6 +12,7 @@ from torch import Tensor
 from deckline.dehaze.network_io import averaged_down, image_to_tensor, reduction_factor, tensor_to_image
 from deckline.haze import add_haze, beta_from_visibility, transmission
 from deckline.recording import FrameError, Source, open_source
+from deckline.train.split import split_views
 from deckline.types import Frame
 
 MAX_BAD_DRAWS = 20
@@ -110,14 +111,7 @@ class ClearViews:
     def __init__(self, recordings: list[Path], long_side_px: int, held_out: float, train: bool = True) -> None:
         self._long_side_px = long_side_px
         self._sources: dict[Path, Source] = {path: open_source(path) for path in recordings}
-        self._items: list[tuple[Path, int]] = []
-        for path in recordings if train else self._sources:
-            count = len(self._sources[path])
-            first_held_out = count - round(held_out * count)
-            part = range(first_held_out) if train else range(first_held_out, count)
-            self._items += [(path, index) for index in part]
-        if not self._items:
-            raise ValueError(f"no {'training' if train else 'held-out'} views in {[str(path) for path in recordings]}")
+        self._items = split_views(recordings, self._sources, held_out, train)
         self._cache: dict[tuple[Path, int], ClearView] = {}
         self.skipped: dict[str, str] = {}
 

@@ -15,6 +15,7 @@ from deckline.train.detect_augment import DetectAugmentation
 from deckline.train.detect_losses import DetectTargets
 from deckline.train.detect_samples import make_sample
 from deckline.train.detect_views import LineView, line_view
+from deckline.train.split import split_views
 
 PREFETCH = 4  # batches made ahead
 
@@ -33,14 +34,7 @@ class LineViews:
 
     def __init__(self, recordings: list[Path], held_out: float, train: bool = True) -> None:
         self._sources: dict[Path, Source] = {path: open_source(path) for path in recordings}
-        self._items: list[tuple[Path, int]] = []
-        for path in recordings if train else self._sources:
-            count = len(self._sources[path])
-            first_held_out = count - round(held_out * count)
-            part = range(first_held_out) if train else range(first_held_out, count)
-            self._items += [(path, index) for index in part]
-        if not self._items:
-            raise ValueError(f"no {'training' if train else 'held-out'} views in {[str(path) for path in recordings]}")
+        self._items = split_views(recordings, self._sources, held_out, train)
         self._cache: dict[tuple[Path, int], LineView] = {}
         self._lock = threading.Lock()
 
