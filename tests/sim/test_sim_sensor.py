@@ -1,8 +1,14 @@
 import numpy as np
 
-from deckline.sim.sensor import Sensor, add_noise, develop, random_sensor
+from deckline.sim.sensor import DISPLAY_GAMMA, Sensor, add_noise, develop, random_sensor
 
-GREY = np.full((32, 48, 3), 100, dtype=np.uint8)
+
+def light_of(levels):
+    """Linear light that a plain camera shows as these 8-bit levels."""
+    return (np.asarray(levels, dtype=np.float32) / 255) ** DISPLAY_GAMMA
+
+
+GREY = light_of(np.full((32, 48, 3), 100))
 
 
 def test_develop_follows_gain_and_gamma():
@@ -14,14 +20,14 @@ def test_develop_follows_gain_and_gamma():
 def test_default_sensor_changes_nothing():
     rng = np.random.default_rng(0)
     image = rng.integers(0, 256, (20, 30, 3), dtype=np.uint8)
-    np.testing.assert_array_equal(develop(image, Sensor()), image)
+    np.testing.assert_array_equal(develop(light_of(image), Sensor()), image)
     np.testing.assert_array_equal(add_noise(image, Sensor(), rng), image)
 
 
 def test_blur_keeps_the_mean_and_spreads_an_edge():
     image = np.zeros((32, 64, 3), dtype=np.uint8)
     image[:, 32:] = 200
-    out = develop(image, Sensor(blur_px=1.0)).astype(float)
+    out = develop(light_of(image), Sensor(blur_px=1.0)).astype(float)
     assert abs(out.mean() - image.mean()) < 1.0
     assert 10 < out[16, 31, 0] < 100 < out[16, 32, 0] < 190
 

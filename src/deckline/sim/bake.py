@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from deckline.sim.gl import moderngl
 from deckline.sim.paint import Coat, fill, layers
@@ -12,10 +11,8 @@ SAMPLES = 4  # per pixel, against jagged edges
 NOISE_SIZE = 512
 
 
-def paint_deck(
-    context: moderngl.Context, painter: moderngl.Program, ship: Ship, sun: NDArray[np.float64]
-) -> moderngl.Texture:
-    """Mipmapped texture of a deck: its colour, and in alpha what a sun (3,) in the world leaves unshadowed.
+def paint_deck(context: moderngl.Context, painter: moderngl.Program, ship: Ship) -> moderngl.Texture:
+    """Mipmapped texture of a deck's colour.
 
     The noise texture must be bound to unit 0.
     """
@@ -31,9 +28,8 @@ def paint_deck(
     context.disable(moderngl.DEPTH_TEST)
     context.enable(moderngl.BLEND)
     ground = fill([low, (high[0], low[1]), high, (low[0], high[1])], ship.surface.rgb, wear=0.0)
-    _draw(context, painter, smooth, layers([ground, ship.coat]), (True, True, True, False))
+    _draw(context, painter, smooth, layers([ground, ship.coat]))
     context.disable(moderngl.BLEND)
-    _draw(context, painter, smooth, shadow_coat(ship, sun), (False, False, False, True))
     texture = context.texture(size, 4)
     resolved = context.framebuffer([texture])
     context.copy_framebuffer(resolved, smooth)
@@ -59,28 +55,15 @@ def _draw(
     painter: moderngl.Program,
     target: moderngl.Framebuffer,
     coat: Coat,
-    mask: tuple[bool, bool, bool, bool],
 ) -> None:
     if not len(coat):
         return
-    target.color_mask = mask
-    target.use()  # a mask takes effect when the frame buffer is bound
+    target.use()
     buffer = context.buffer(coat.tobytes())
     array = context.vertex_array(painter, [(buffer, "2f 4f 1f", "position", "colour", "worn")])
     array.render()
     array.release()
     buffer.release()
-
-
-def shadow_coat(ship: Ship, sun: NDArray[np.float64]) -> Coat:
-    """Where a caster's block stands between the deck and the sun; opacity is light here, none in these places."""
-    coats = []
-    direction = ship.layout.world_from_ship.rotation.inv().apply(sun)
-    for footprint, height in ship.casters:
-        shift = direction[:2] / max(direction[2], 0.05) * height
-        points = np.concatenate([footprint, footprint + shift])
-        coats.append(fill(points[ConvexHull(points).vertices], (0.0, 0.0, 0.0), 0.0, wear=0.0))
-    return layers(coats)
 
 
 def noise_texture(context: moderngl.Context) -> moderngl.Texture:

@@ -3,7 +3,7 @@
 Ship frame: x forward along the ship's axis, y to starboard, z down, origin on the deck plane at the stern.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,16 +38,16 @@ class Layout:
     left_m: NDArray[np.float64]  # (2, 2) middle of the left edge marking: ramp end, far end
     right_m: NDArray[np.float64]  # (2, 2)
     deck_height_m: float  # above the water
-    world_from_ship: RigidTransform
+    world_from_ship: RigidTransform  # where the ship is now; at rest until `posed`
+    sea_z_m: float  # world z of the water, or of the ground under a land runway
 
     @property
     def length_m(self) -> float:
         return float(self.stations_m[-1])
 
-    @property
-    def sea_z_m(self) -> float:
-        """World z of the water."""
-        return float(self.world_from_ship.translation[2]) + self.deck_height_m
+    def posed(self, world_from_ship: RigidTransform) -> "Layout":
+        """The same ship elsewhere: under way, rolling, pitching, heaving. The water stays where it is."""
+        return replace(self, world_from_ship=world_from_ship)
 
     @property
     def outline_m(self) -> NDArray[np.float64]:
@@ -83,7 +83,8 @@ def paper_layout() -> Layout:
         world = np.array([[x, -constant - slope * x, PAPER_DECK_Z_M] for x in (start_x, end_x)])
         lines.append(world_from_ship.inv().apply(world)[:, :2])
     stations, port, starboard = cvn_outline(lines[0], lines[1])
-    return Layout(stations, port, starboard, lines[0], lines[1], PAPER_DECK_HEIGHT_M, world_from_ship)
+    sea_z = PAPER_DECK_Z_M + PAPER_DECK_HEIGHT_M
+    return Layout(stations, port, starboard, lines[0], lines[1], PAPER_DECK_HEIGHT_M, world_from_ship, sea_z)
 
 
 def cvn_layout() -> Layout:
@@ -91,7 +92,7 @@ def cvn_layout() -> Layout:
     left, right = angled_lines((2.5, 5.0), CVN_ANGLE_RAD, (CVN_SPACING_M, CVN_SPACING_M), CVN_LINES_M)
     stations, port, starboard = cvn_outline(left, right)
     world_from_ship = RigidTransform.from_translation([0.0, 0.0, -CVN_DECK_HEIGHT_M])
-    return Layout(stations, port, starboard, left, right, CVN_DECK_HEIGHT_M, world_from_ship)
+    return Layout(stations, port, starboard, left, right, CVN_DECK_HEIGHT_M, world_from_ship, sea_z_m=0.0)
 
 
 def angled_lines(
@@ -161,7 +162,7 @@ def random_layout(rng: np.random.Generator) -> Layout:
     world_from_ship = RigidTransform.from_components(
         np.array([*rng.uniform(-400.0, 400.0, 2), -height]), Rotation.from_euler("z", rng.uniform(-np.pi, np.pi))
     )
-    return Layout(stations, port, starboard, left, right, height, world_from_ship)
+    return Layout(stations, port, starboard, left, right, height, world_from_ship, sea_z_m=0.0)
 
 
 def random_outline(

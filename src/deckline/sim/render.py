@@ -23,6 +23,7 @@ from deckline.sim.weather import Weather
 
 NEAR_M, FAR_M = 1.0, 20000.0  # clip planes of the depth buffer, which only sorts surfaces
 SHADERS = Path(__file__).parent / "shaders"
+LINEAR = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def random_quality(rng: np.random.Generator) -> Quality:
 class View:
     """One picture."""
 
-    rgb: NDArray[np.uint8]  # (H, W, 3)
+    radiance: NDArray[np.float32]  # (H, W, 3) linear light; 1 is what a white surface in full daylight sends
     depth_m: NDArray[np.float32]  # (H, W) along the optical axis; NaN in the sky
 
 
@@ -81,7 +82,7 @@ class Renderer:
         self.ship, self.sun = ship, sun
         deck = deck_mesh(ship.layout)
         self.noise.use(0)
-        self.paint_map = paint_deck(self.context, self.painter, ship, sun)
+        self.paint_map = paint_deck(self.context, self.painter, ship)
         buffers = [self.context.buffer(mesh.tobytes()) for mesh in (ship.solids, deck)]
         layout = ("3f 3f 3f", "position", "normal", "colour")
         plain = ("3f 24x", "position")
@@ -103,8 +104,9 @@ class Renderer:
         time_s: float = 0.0,
         with_ship: bool = True,
         quality: Quality = BEST,
+        world_from_ship: RigidTransform | None = None,
     ) -> View:
-        """A picture of the loaded ship (or of its sea alone) and its depth.
+        """A picture of the loaded ship (or of its sea alone) and its depth, the ship at rest or where it is put.
 
         Raises:
             ValueError: a camera with lens distortion or one that is not above the sea, or no ship loaded.
@@ -116,7 +118,8 @@ class Renderer:
         eye_z, sea_z = world_from_camera.translation[2], self.ship.layout.sea_z_m
         if not eye_z < sea_z:
             raise ValueError(f"the camera must be above the sea (z < {sea_z:.2f} m), got z = {eye_z:.2f} m")
-        values = uniforms(camera, world_from_camera, self.ship, weather, self.sun, time_s, with_ship)
+        where = self.ship.layout.world_from_ship if world_from_ship is None else world_from_ship
+        values = uniforms(camera, world_from_camera, where, self.ship, weather, self.sun, time_s, with_ship)
         self._set(values, quality.anisotropy)
         sampled, resolved, measured = self._targets(camera)
         drawn = sampled if quality.samples > 1 else resolved
@@ -131,7 +134,8 @@ class Renderer:
         self._draw(self.sea_depth, self.depth_arrays if with_ship else [])
         depth = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
         shape = (camera.height, camera.width)
-        return View(rgb.reshape(*shape, 3), np.where(depth > 0, depth, np.float32(np.nan)).reshape(shape))
+        radiance = LINEAR[rgb].reshape(*shape, 3)
+        return View(radiance, np.where(depth > 0, depth, np.float32(np.nan)).reshape(shape))
 
     def _draw(self, background: moderngl.Program, arrays: list[moderngl.VertexArray]) -> None:
         backdrop = self.context.vertex_array(background, [(self.corners, "2f", "corner")])
@@ -170,6 +174,7 @@ class Renderer:
 def uniforms(
     camera: Camera,
     world_from_camera: RigidTransform,
+    ship_pose: RigidTransform,
     ship: Ship,
     weather: Weather,
     sun: NDArray[np.float64],
@@ -178,8 +183,8 @@ def uniforms(
 ) -> dict[str, ArrayLike]:
     """Every uniform of the shaders by name; matrices column by column, as OpenGL reads them."""
     layout = ship.layout
-    world_from_ship = layout.world_from_ship.as_matrix()
-    optical_from_ship = (world_from_camera.inv() * layout.world_from_ship).as_matrix()
+    world_from_ship = ship_pose.as_matrix()
+    optical_from_ship = (world_from_camera.inv() * ship_pose).as_matrix()
     values: dict[str, ArrayLike] = {item.name: getattr(weather, item.name) for item in fields(weather)}
     return values | {
         "lens": (camera.fx, camera.fy, camera.cx, camera.cy),

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+DISPLAY_GAMMA = 2.2  # an image's level is light to the power of one over this
 SKY_TARGET = 0.8  # what automatic exposure makes of the sky near the horizon
 
 
@@ -33,12 +34,11 @@ def random_sensor(strength: float, sky_level: float, rng: np.random.Generator) -
     )
 
 
-def develop(rgb: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
-    """Exposure, white balance, gamma and blur of an image (H, W, 3)."""
-    level = np.arange(256)[:, None] / 255.0
-    table = 255.0 * np.clip(level * sensor.gain, 0.0, 1.0) ** sensor.gamma
-    table = np.clip(np.rint(table), 0, 255).astype(np.uint8)
-    out = np.stack([table[rgb[..., c], c] for c in range(3)], axis=-1)
+def develop(radiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.uint8]:
+    """Image of linear light (H, W, 3): exposure, white balance, gamma and blur."""
+    level = np.maximum(radiance, 0.0) ** np.float32(1.0 / DISPLAY_GAMMA)
+    level = np.clip(level * np.asarray(sensor.gain, np.float32), 0.0, 1.0) ** np.float32(sensor.gamma)
+    out = np.rint(255.0 * level).astype(np.uint8)
     if sensor.blur_px > 0:
         out = np.stack([gaussian_filter(out[..., c], sensor.blur_px, truncate=3.0) for c in range(3)], axis=-1)
     return out

@@ -26,7 +26,6 @@ class Ship:
     coat: Coat
     surface: DeckSurface
     solids: Mesh
-    casters: list[tuple[NDArray[np.float64], float]]  # convex footprint (N, 2) and height of what throws shadows
     stern_half_m: float
     texels_per_m: float  # of the deck's paint
 
@@ -44,6 +43,5 @@ def build_ship(config: SimConfig, block: int) -> tuple[Ship, bool, NDArray[np.fl
     structure = build_structure(layout, runway, rng)
     coat = deck_coat(layout, style, runway, rng)
     texels = TRAIN_TEXELS_PER_M if config.preset == "train" else TEXELS_PER_M
-    solids = structure.mesh, structure.casters, structure.stern_half_m
-    ship = Ship(layout, coat, random_surface(rng), *solids, texels_per_m=texels)
+    ship = Ship(layout, coat, random_surface(rng), structure.mesh, structure.stern_half_m, texels)
     return ship, runway, sun_direction(rng)

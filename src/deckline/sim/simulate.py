@@ -11,7 +11,7 @@ from deckline.haze import add_haze, beta_from_visibility
 from deckline.sim.config import SimConfig
 from deckline.sim.layout import Layout, world_points
 from deckline.sim.render import BEST, Renderer, View, random_quality
-from deckline.sim.sensor import Sensor, add_noise, develop, random_sensor
+from deckline.sim.sensor import DISPLAY_GAMMA, Sensor, add_noise, develop, random_sensor
 from deckline.sim.ship import Ship, build_ship
 from deckline.sim.trajectory import Viewpoint, approach_view, random_view
 from deckline.sim.weather import Weather, horizon_airlight, random_airlight, random_weather
@@ -56,7 +56,7 @@ def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway
     )
     sensor = random_sensor(FAIR_SENSOR if fair else 1.0, float(np.mean(weather.horizon_rgb)), whole)
     visibility, airlight = draw_haze(config, weather, sensor, whole)
-    clear = develop(picture.rgb, sensor)
+    clear = develop(picture.radiance, sensor)
     hazy = _hazy(clear, picture, view, visibility, airlight)
     left, right = truth_segments(ship.layout) if runway else (None, None)
     truth = Truth(
@@ -104,8 +104,8 @@ def draw_haze(
     horizon = np.array(weather.horizon_rgb)
     if config.preset == "train":
         return visibility, random_airlight(horizon * sensor.gain, rng)
-    pixel = np.clip(np.rint(255.0 * horizon), 0, 255).astype(np.uint8).reshape(1, 1, 3)
-    return visibility, horizon_airlight(develop(pixel, sensor)[0, 0].astype(np.float64), rng)
+    light = (np.clip(horizon, 0.0, 1.0) ** DISPLAY_GAMMA).astype(np.float32).reshape(1, 1, 3)
+    return visibility, horizon_airlight(develop(light, sensor)[0, 0].astype(np.float64), rng)
 
 
 def truth_segments(layout: Layout) -> tuple[Segment, Segment]:

@@ -15,10 +15,9 @@ GREY = np.array([0.98, 1.0, 1.03])
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Solids, and which of their footprints throw shadows on the deck."""
+    """Solids, and the hull's width where the wake begins."""
 
     mesh: Mesh
-    casters: list[tuple[NDArray[np.float64], float]]  # convex footprint (N, 2) and its height above the deck
     stern_half_m: float  # half width of the hull at the water's edge of the stern
 
 
@@ -26,10 +25,10 @@ def build_structure(layout: Layout, runway: bool, rng: np.random.Generator) -> S
     """Random solids around a deck, none of them on the runway."""
     paint = rng.uniform(0.25, 0.6) * GREY * rng.uniform(0.95, 1.05, 3)
     hull, stern_half = hull_mesh(layout, paint, rng)
-    island, casters = island_mesh(layout, runway, paint, rng)
-    parked, more = parked_mesh(layout, runway, rng)
+    island = island_mesh(layout, runway, paint, rng)
+    parked = parked_mesh(layout, runway, rng)
     mesh = join([slab_mesh(layout, paint, rng), hull, island, parked])
-    return Structure(mesh, casters + more, stern_half)
+    return Structure(mesh, stern_half)
 
 
 def slab_mesh(layout: Layout, paint: NDArray[np.float64], rng: np.random.Generator) -> Mesh:
@@ -131,11 +130,9 @@ def runway_distance(layout: Layout, points_m: NDArray[np.float64]) -> NDArray[np
     return np.maximum(distances[0], distances[1])
 
 
-def island_mesh(
-    layout: Layout, runway: bool, paint: NDArray[np.float64], rng: np.random.Generator
-) -> tuple[Mesh, list[tuple[NDArray[np.float64], float]]]:
+def island_mesh(layout: Layout, runway: bool, paint: NDArray[np.float64], rng: np.random.Generator) -> Mesh:
     """Zero to two islands of stacked blocks with a mast and radars, to starboard where there is room."""
-    parts, casters = [], []
+    parts = []
     for _ in range(rng.choice([0, 1, 2], p=[0.07, 0.75, 0.18])):
         size = np.array([rng.uniform(14, 45), rng.uniform(7, 12)])
         for _ in range(12):
@@ -147,7 +144,6 @@ def island_mesh(
         else:
             continue
         up, tint = 0.0, paint * rng.uniform(0.85, 1.2)
-        casters.append((base, rng.uniform(10.0, 16.0)))
         for _ in range(rng.integers(2, 5)):
             rise, shrink = rng.uniform(2.5, 6.0), rng.uniform(0.75, 1.0)
             upper = (base - [x, y]) * shrink + [x, y]
@@ -155,7 +151,7 @@ def island_mesh(
             parts.append(box(x, y, -up - rise + 1.4, (*(np.ptp(upper, axis=0) + 0.3), 0.9), 0.0, tint * 0.25))
             base, up = upper * 1.0 + [rng.uniform(-1, 1), 0.0], up + rise
         parts.append(mast_mesh(x, y, up, tint, rng))
-    return join(parts), casters
+    return join(parts)
 
 
 def mast_mesh(x_m: float, y_m: float, up_m: float, paint: NDArray[np.float64], rng: np.random.Generator) -> Mesh:
@@ -173,11 +169,9 @@ def mast_mesh(x_m: float, y_m: float, up_m: float, paint: NDArray[np.float64], r
     return join(parts)
 
 
-def parked_mesh(
-    layout: Layout, runway: bool, rng: np.random.Generator
-) -> tuple[Mesh, list[tuple[NDArray[np.float64], float]]]:
+def parked_mesh(layout: Layout, runway: bool, rng: np.random.Generator) -> Mesh:
     """Aircraft and vehicles on the rest of the deck, sometimes many, sometimes none."""
-    parts, casters = [], []
+    parts = []
     colours = [
         (0.55, 0.57, 0.6),
         (0.4, 0.42, 0.45),
@@ -196,8 +190,7 @@ def parked_mesh(
             continue
         rgb = np.array(colours[rng.integers(2) if aircraft else rng.integers(len(colours))]) * rng.uniform(0.7, 1.2)
         parts.append(aircraft_mesh(x, y, yaw, size, rgb) if aircraft else vehicle_mesh(x, y, yaw, size, rgb, rng))
-        casters.append((shape * 0.8 + np.array([x, y]) * 0.2, 2.0))
-    return join(parts), casters
+    return join(parts)
 
 
 def aircraft_mesh(x_m: float, y_m: float, yaw_rad: float, size_m: float, rgb: NDArray[np.float64]) -> Mesh:

@@ -14,7 +14,7 @@ out vec4 rgba;
 
 void main() {
     vec4 paint = texture(paint_map, (at.xy - paint_area.xy) / paint_area.zw);
-    vec3 light = ambient_rgb * 0.9 + sun_rgb * max(sun.z, 0.0) * 0.8 * paint.a;
+    vec3 light = ambient_rgb * 0.9 + sun_rgb * max(sun.z, 0.0) * 0.8;
     vec3 d = normalize((world_from_ship4 * vec4(at, 1.0)).xyz - eye);
     float grazing = pow(1.0 - max(d.z, 0.0), 5.0);
     float puddle = texture(noise_map, at.xy * 0.013 + offset).g;
