@@ -51,7 +51,7 @@ def _train_group() -> dict[str, Callable[..., int]]:
 def _eval_group() -> dict[str, Callable[..., int]]:
     from deckline.app import eval_commands
 
-    return {"chain": eval_commands.chain, "recording": eval_commands.recording}
+    return {"chain": eval_commands.chain, "recording": eval_commands.recording, "labels": eval_commands.labels}
 
 
 def _train() -> int:

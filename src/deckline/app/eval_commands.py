@@ -10,6 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
@@ -24,9 +25,10 @@ from deckline.evaluate.chain import (
     score_frame,
     summarise,
 )
+from deckline.evaluate.labels import LABELS_FILE, LabelScore, read_labels, score_labels, summarise_labels
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import BadFrame, open_source
-from deckline.types import Frame
+from deckline.types import SIDES, Frame
 
 FILE_COLUMNS = 150  # of tables that go to a file or a pipe
 JsonFile = Annotated[Path | None, tyro.conf.arg(name="json")]
@@ -93,6 +95,47 @@ def recording(
     return _evaluate(opened, len(opened), str(source), PipelineConfig(dehazer, detector), json_file)
 
 
+def labels(
+    folders: tyro.conf.Positional[list[Path]],
+    deck_z_m: float | None = None,
+    dehazer: str = PipelineConfig.dehazer,
+    detector: str = PipelineConfig.detector,
+    json_file: JsonFile = None,
+) -> int:
+    """Find the lines in images that carry labels (labels.json beside them) and print the distance to them in pixels.
+
+    Args:
+        folders: image folders with camera.toml and labels.json.
+        deck_z_m: world z of the deck plane, for the status after localization.
+        dehazer: name or .onnx file; none to skip dehazing.
+        detector: name or .onnx file.
+        json_file: write the figures here as well.
+    """
+    pipeline = Pipeline(PipelineConfig(dehazer, detector))
+    scores = []
+    for folder in folders:
+        lines = read_labels(folder / LABELS_FILE)
+        for item in open_source(folder, deck_z_m=deck_z_m):
+            if isinstance(item, BadFrame):
+                print(f"skipped {item.file}: {item.reason}", file=sys.stderr)
+            elif item.file in lines:
+                scores.append(score_labels(pipeline(item), lines[item.file]))
+    figures = summarise_labels(scores)
+    console = _heading(f"{len(scores)} labelled frames; dehazer {dehazer}, detector {detector}")
+    table = Table("frame", "status", *(f"{side} {what}, px" for side in SIDES for what in ("median", "95 %")))
+    for score in scores:
+        table.add_row(score.file, score.status, *(cell for side in SIDES for cell in _quantile_cells(score, side)))
+    console.print(table)
+    _print_figures(console, figures)
+    return _finish(figures, json_file)
+
+
+def _quantile_cells(score: LabelScore, side: str) -> list[str]:
+    if side not in score.errors_px:
+        return ["-", "-"]
+    return [f"{np.percentile(score.errors_px[side], percent):.2f}" for percent in (50, 95)]
+
+
 def _evaluate(
     items: Iterable[Frame | BadFrame], total: int, title: str, config: PipelineConfig, json_file: Path | None
 ) -> int:
@@ -105,6 +148,10 @@ def _evaluate(
             scores.append(score_frame(pipeline(item)))
     figures = summarise(scores)
     _print_tables(scores, figures, f"{title}; dehazer {config.dehazer}, detector {config.detector}")
+    return _finish(figures, json_file)
+
+
+def _finish(figures: dict[str, float], json_file: Path | None) -> int:
     if json_file is not None:
         write_json(json_file, figures)
         print(json_file)
@@ -120,19 +167,29 @@ def write_json(path: Path, figures: dict[str, float]) -> None:
 
 
 def _print_tables(scores: list[FrameScore], figures: dict[str, float], title: str) -> None:
+    console = _heading(title)
+    _print_figures(console, figures)
+    bands = by_band(scores, "range_m", RANGE_BANDS_M), by_band(scores, "visibility_m", VISIBILITY_BANDS_M)
+    for what, groups in zip(("range to the ramp", "visibility"), bands, strict=True):
+        console.print(_band_table(what, groups))
+
+
+def _heading(title: str) -> Console:
+    """A console on which what was measured, where and when is already printed."""
     console = Console(width=None if sys.stdout.isatty() else FILE_COLUMNS)
     console.print(f"[bold]{title}[/bold]")
     console.print(
         f"deckline {__version__}, {platform.machine()} with {os.cpu_count()} cores, "
         f"Python {platform.python_version()}, {date.today()}"
     )
+    return console
+
+
+def _print_figures(console: Console, figures: dict[str, float]) -> None:
     table = Table("figure", "value")
     for name, value in figures.items():
         table.add_row(name, f"{value:.4g}")
     console.print(table)
-    bands = by_band(scores, "range_m", RANGE_BANDS_M), by_band(scores, "visibility_m", VISIBILITY_BANDS_M)
-    for what, groups in zip(("range to the ramp", "visibility"), bands, strict=True):
-        console.print(_band_table(what, groups))
 
 
 def _band_table(what: str, groups: dict[str, list[FrameScore]]) -> Table:
