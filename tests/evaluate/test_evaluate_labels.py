@@ -36,7 +36,7 @@ def test_distance_is_normal_to_the_line_and_ignores_where_along_it():
 
 def test_distance_is_taken_without_the_lens():
     lens = Camera(640, 360, 500.0, 500.0, 319.5, 179.5, (-0.2, 0.03, 0.0, 0.0, 0.0))
-    ends = np.array([[-3.0, 1.0, 6.0], [-0.5, 1.0, 20.0]])
+    ends = np.array([[-3.0, 2.0, 6.0], [6.0, 2.0, 12.0]])
     straight = ends[0] + np.linspace(0, 1, 12)[:, None] * (ends[1] - ends[0])
     bent = lens.project(straight)
     assert distance_px(bent[1:-1], bent, lens).max() < 1e-5
@@ -45,7 +45,7 @@ def test_distance_is_taken_without_the_lens():
 
 def test_figures_of_known_errors():
     exact = score_labels(result(LEFT, RIGHT), labels_of())
-    shifted = score_labels(result(LEFT + [2.0, 2.0], []), labels_of())
+    shifted = score_labels(result(LEFT + 2.0, []), labels_of())
     assert exact.found and not shifted.found
     figures = summarise_labels([exact, shifted])
     assert figures["found_rate"] == 0.5
