@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, camera_mount
-from deckline.types import Frame, LinePoints, PixelLine, RunwayLine, Segment
+from deckline.types import Frame, LinePoints, PixelLine, RunwayLine, Segment, Truth
 
 CAMERA = Camera(8, 6, 4.0, 4.0, 3.5, 2.5)
 
@@ -65,3 +67,12 @@ def test_a_line_has_the_papers_slope_and_intercept(angle, x, y, reverse):
     for step in (-10.0, 0.0, 10.0):
         px, py, _ = line.point_m + step * line.direction
         assert py == pytest.approx(line.slope * px + line.intercept_m, abs=1e-6 * (1 + abs(line.slope)))
+
+
+def test_true_pose_goes_before_the_measured_one():
+    measured, true = RigidTransform.from_translation([1.0, 2.0, 3.0]), RigidTransform.from_translation([1.5, 2.0, 3.0])
+    frame = Frame("a.png", 0.0, image(), CAMERA, world_from_body=measured)
+    assert frame.true_world_from_body is measured
+    known = replace(frame, truth=Truth(world_from_body=true))
+    np.testing.assert_array_equal(known.true_world_from_camera.translation, [1.5, 2.0, 3.0])
+    assert replace(frame, world_from_body=None).true_world_from_camera is None

@@ -1,7 +1,9 @@
 """What flows through deckline. Shapes, units and frames stand beside each field; nobody writes into an input."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +51,9 @@ class Truth:
     visibility_m: float | None = None  # 2 % contrast; inf is clear air
     airlight_rgb: tuple[float, float, float] | None = None  # 0..255
     clear_rgb: NDArray[np.uint8] | None = None  # (H, W, 3) the same view without haze
+    world_from_body: RigidTransform | None = None  # where the aircraft is, if the frame's pose is a measured one
+    world_from_ship: RigidTransform | None = None  # ship: x forward, y starboard, z down, origin on the deck's stern
+    conditions: Mapping[str, Any] = field(default_factory=dict)  # plain values: what air, light and camera were like
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +87,16 @@ class Frame:
     @property
     def world_from_camera(self) -> RigidTransform | None:
         return None if self.world_from_body is None else self.world_from_body * self.body_from_camera
+
+    @property
+    def true_world_from_body(self) -> RigidTransform | None:
+        """The aircraft's true pose where truth knows it, else the frame's."""
+        known = None if self.truth is None else self.truth.world_from_body
+        return self.world_from_body if known is None else known
+
+    @property
+    def true_world_from_camera(self) -> RigidTransform | None:
+        return None if self.true_world_from_body is None else self.true_world_from_body * self.body_from_camera
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deckline.geometry import pose
 from deckline.recording import RecordingError
 from deckline.recording.scene import (
     clear_image_path,
@@ -54,6 +55,15 @@ def test_clear_air_is_null_in_the_file():
     }
 
 
+def test_poses_and_conditions_round_trip():
+    rolled = pose([1.0, -2.0, 3.5], [0.9, 0.1, -0.2, 0.3])
+    truth = Truth(world_from_ship=rolled, world_from_body=rolled.inv(), conditions={"air": {"rain_mm_h": 3.0}})
+    back = truth_from_mapping(json.loads(json.dumps(truth_to_mapping(truth, None), allow_nan=False)))
+    np.testing.assert_allclose(back.world_from_ship.as_matrix(), rolled.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(back.world_from_body.as_matrix(), rolled.inv().as_matrix(), atol=1e-12)
+    assert back.conditions == {"air": {"rain_mm_h": 3.0}}
+
+
 def test_visibility_that_nobody_knows_is_none():
     assert truth_from_mapping({"left": None, "right": None, "visibility_m": None}).visibility_m is None
 
@@ -66,6 +76,12 @@ def test_visibility_that_nobody_knows_is_none():
         ({"left": {"p0_m": [1, 2], "p1_m": [1, 2, 3]}}, "truth.left.p0_m must be 3 finite numbers"),
         ({"visibility_m": -5}, "truth.visibility_m must be metres > 0, got -5"),
         ({"airlight_rgb": "grey"}, "truth.airlight_rgb must be 3 finite numbers"),
+        ({"conditions": []}, "truth.conditions must be an object"),
+        ({"world_from_ship": {"translation_m": [0, 0, 0]}}, "truth.world_from_ship: must be a table with"),
+        (
+            {"world_from_body": {"translation_m": [0, 0, 0], "quaternion_wxyz": [0, 0, 0, 0]}},
+            "truth.world_from_body: quaternion has zero length",
+        ),
     ],
 )
 def test_bad_truth_says_what_is_wrong(values, message):

@@ -68,10 +68,10 @@ def score_frame(result: FrameResult) -> FrameScore:
 def range_to_ramp_m(frame: Frame) -> float:
     """Horizontal distance from the aircraft to the true ramp (middle of both lines' near ends), m; NaN if unknown."""
     truth = frame.truth
-    if truth is None or truth.left is None or truth.right is None or frame.world_from_body is None:
+    if truth is None or truth.left is None or truth.right is None or frame.true_world_from_body is None:
         return float("nan")
     ramp = (truth.left.p0_m + truth.right.p0_m) / 2
-    return float(np.linalg.norm((frame.world_from_body.translation - ramp)[:2]))
+    return float(np.linalg.norm((frame.true_world_from_body.translation - ramp)[:2]))
 
 
 def _line_errors(result: FrameResult, side: str, truth: Segment) -> dict[str, float]:
@@ -82,9 +82,9 @@ def _line_errors(result: FrameResult, side: str, truth: Segment) -> dict[str, fl
         errors[f"lateral_error_at_ramp_m.{side}"] = abs(lateral_error_m(line, truth))
         errors[f"height_error_m.{side}"] = abs(height_error_m(line, truth))
     points = getattr(result.detection, side).points_px
-    camera_from_world = result.frame.world_from_camera
-    if len(points) and camera_from_world is not None:
-        ends = camera_from_world.inv().apply(np.stack([truth.p0_m, truth.p1_m]))
+    world_from_camera = result.frame.true_world_from_camera
+    if len(points) and world_from_camera is not None:
+        ends = world_from_camera.inv().apply(np.stack([truth.p0_m, truth.p1_m]))
         errors[f"point_error_px.{side}"] = float(np.median(normal_pixel_error(points, ends, result.frame.camera)))
     return errors
 
@@ -107,7 +107,8 @@ def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> dict[str,
     frame = result.frame
     figures = {}
     pictures = {"": result.dehazed_rgb, "_hazy": frame.image_rgb}
-    surface = None if frame.world_from_camera is None else below_horizon(frame.camera, frame.world_from_camera)
+    pose = frame.true_world_from_camera
+    surface = None if pose is None else below_horizon(frame.camera, pose)
     for name, picture in pictures.items():
         figures[f"psnr_db{name}"] = psnr_db(picture, clear_rgb)
         figures[f"ssim{name}"] = ssim(picture, clear_rgb)

@@ -72,31 +72,51 @@ def camera_from_mapping(values: Any, where: str, *, allow_deck: bool = False) ->
 
 def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[str, Any]:
     """The JSON object that `camera_from_mapping` reads back."""
-    translation, rotation = body_from_camera.as_components()
     return {
         **{key: getattr(camera, key) for key in INTRINSICS[:2]},
         **{key: float(getattr(camera, key)) for key in INTRINSICS[2:]},
         "distortion": [float(value) for value in camera.distortion],
-        "body_from_camera": {
-            "translation_m": np.asarray(translation).tolist(),
-            "quaternion_wxyz": rotation.as_quat(scalar_first=True).tolist(),
-        },
+        "body_from_camera": transform_to_mapping(body_from_camera),
     }
+
+
+def transform_to_mapping(transform: RigidTransform) -> dict[str, list[float]]:
+    """The JSON object that `transform_from_mapping` reads back."""
+    translation, rotation = transform.as_components()
+    return {
+        "translation_m": np.asarray(translation).tolist(),
+        "quaternion_wxyz": rotation.as_quat(scalar_first=True).tolist(),
+    }
+
+
+def transform_from_mapping(values: Any, where: str) -> RigidTransform:
+    """Rigid transform from parsed TOML or JSON with translation_m and quaternion_wxyz.
+
+    Raises:
+        RecordingError: an unknown or missing key, or numbers that make no pose.
+    """
+    if not isinstance(values, Mapping) or not {"translation_m", "quaternion_wxyz"} <= set(values):
+        raise RecordingError(f"{where}: must be a table with translation_m and quaternion_wxyz, got {values!r}")
+    _check_keys(values, ("translation_m", "quaternion_wxyz"), where)
+    translation = _numbers(values["translation_m"], 3, f"{where}.translation_m")
+    quaternion = _numbers(values["quaternion_wxyz"], 4, f"{where}.quaternion_wxyz")
+    try:
+        return pose(translation, quaternion)
+    except ValueError as error:
+        raise RecordingError(f"{where}: {error}") from None
 
 
 def _mount(values: Any, where: str) -> RigidTransform:
     if not isinstance(values, Mapping):
         raise RecordingError(f"{where}: must be a table with translation_m and quaternion_wxyz, got {values!r}")
     _check_keys(values, ("translation_m", "quaternion_wxyz"), where)
-    translation = _numbers(values.get("translation_m", [0.0] * 3), 3, f"{where}.translation_m")
     if "quaternion_wxyz" not in values:
-        return camera_mount(translation)
-    quaternion = _numbers(values["quaternion_wxyz"], 4, f"{where}.quaternion_wxyz")
+        return camera_mount(_numbers(values.get("translation_m", [0.0] * 3), 3, f"{where}.translation_m"))
     try:
-        return pose(translation, quaternion)
-    except ValueError as error:
+        return transform_from_mapping({"translation_m": [0.0] * 3, **values}, where)
+    except RecordingError as error:
         straight = BODY_FROM_OPTICAL.as_quat(scalar_first=True).tolist()
-        raise RecordingError(f"{where}: {error}; a camera that looks forward has {straight}") from None
+        raise RecordingError(f"{error}; a camera that looks forward has {straight}") from None
 
 
 def _check_keys(values: Mapping, known: tuple[str, ...], where: str) -> None:

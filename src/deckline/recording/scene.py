@@ -3,7 +3,9 @@
 {"format": "deckline-scene", "version": 1, "camera": {...}, free keys such as "preset" and "seed",
  "frames": {"<image file>": {"camera": {...} when it differs, "time_s": exact time, "deck_z_m": ...,
    "truth": {"left": {"p0_m": [...], "p1_m": [...]} or null, "right": ..., "visibility_m": metres or null,
-             "clear_air": true when the visibility is infinite, "airlight_rgb": [...], "clear_image": "clear/<file>"}}}}
+             "clear_air": true when the visibility is infinite, "airlight_rgb": [...], "clear_image": "clear/<file>",
+             "world_from_body": {...} when the recorded pose is a measured one, "world_from_ship": {...},
+             "conditions": {...} what air, light and camera were like}}}}
 """
 
 import json
@@ -15,7 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from deckline.recording.camera_file import MountedCamera, camera_from_mapping
+from deckline.recording.camera_file import (
+    MountedCamera,
+    camera_from_mapping,
+    transform_from_mapping,
+    transform_to_mapping,
+)
 from deckline.recording.source import RecordingError, is_inside, read_text
 from deckline.types import Segment, Truth
 
@@ -23,6 +30,7 @@ SCENE_FILE = "scene.json"
 FORMAT = "deckline-scene"
 VERSION = 1
 RESERVED = ("format", "version", "camera", "frames")
+POSES = ("world_from_body", "world_from_ship")  # of a frame's truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +91,12 @@ def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:
         values["airlight_rgb"] = [float(value) for value in truth.airlight_rgb]
     if clear_image is not None:
         values["clear_image"] = clear_image
+    for name in POSES:
+        transform = getattr(truth, name)
+        if transform is not None:
+            values[name] = transform_to_mapping(transform)
+    if truth.conditions:
+        values["conditions"] = dict(truth.conditions)
     return values
 
 
@@ -96,12 +110,18 @@ def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Trut
         raise ValueError(f"truth must be an object, got {values!r}")
     visibility = math.inf if values.get("clear_air") is True else values.get("visibility_m")
     airlight = values.get("airlight_rgb")
+    conditions = values.get("conditions", {})
+    if not isinstance(conditions, dict):
+        raise ValueError(f"truth.conditions must be an object, got {conditions!r}")
+    poses = {name: transform_from_mapping(values[name], f"truth.{name}") for name in POSES if name in values}
     return Truth(
         left=_segment_from(values.get("left"), "truth.left"),
         right=_segment_from(values.get("right"), "truth.right"),
         visibility_m=None if visibility is None else _positive(visibility, "truth.visibility_m"),
         airlight_rgb=None if airlight is None else _triple(airlight, "truth.airlight_rgb"),
         clear_rgb=clear_rgb,
+        conditions=conditions,
+        **poses,
     )
 
 

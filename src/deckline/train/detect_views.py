@@ -32,7 +32,7 @@ def line_view(frame: Frame) -> LineView:
     truth = frame.truth
     if truth is None or truth.left is None or truth.right is None:
         return LineView(frame.file, clear, None, None)
-    if frame.world_from_camera is None:
+    if frame.true_world_from_camera is None:
         raise ValueError(f"{frame.file}: no pose; true lines cannot be brought into the image")
     both = [_project(frame, segment) for segment in (truth.left, truth.right)]
     if any(line is None for line in both):
@@ -43,7 +43,7 @@ def line_view(frame: Frame) -> LineView:
 
 def _project(frame: Frame, segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """A true line's points in the image (N, 2) and their ranges (N,), evenly spaced in the image."""
-    world_from_camera = frame.world_from_camera
+    world_from_camera = frame.true_world_from_camera
     if world_from_camera is None:
         return None
     ends = world_from_camera.inv().apply(np.stack([segment.p0_m, segment.p1_m]))
