@@ -1,22 +1,25 @@
-"""Flat-shaded triangles from frusta: every solid of the ship is a polygon joined to another one above it.
+"""Flat-shaded triangles from lofted polygons: every solid is a row of polygons joined one to the next.
 
 Ship frame: x forward along the ship's axis, y to starboard, z down, origin on the deck plane at the stern.
-A mesh is float32 (N, 9): position, unit normal, colour (0..1) of three vertices per triangle.
+A mesh is float32 (N, 9): position, unit normal, colour (0..1) of three vertices per triangle. Normals follow the
+winding, and those of a solid point out of it.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Mesh = NDArray[np.float32]
 Rgb = tuple[float, float, float]
+FLAT_M2 = 1e-8  # a triangle with less than this (twice its area) is left out
 
 
 def triangles(corners_m: NDArray[np.float64], rgb: ArrayLike) -> Mesh:
-    """Mesh of triangles (N, 3, 3); normals follow the winding."""
-    normal = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    """Mesh of triangles (N, 3, 3); normals follow the winding. Colour (3,), (N, 1, 3) or (N, 3, 3)."""
+    normal = _cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    length = np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
     normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
     out = np.empty((len(corners_m), 3, 9), dtype=np.float32)
     out[..., :3] = corners_m
@@ -25,33 +28,81 @@ def triangles(corners_m: NDArray[np.float64], rgb: ArrayLike) -> Mesh:
     return out.reshape(-1, 9)
 
 
+def quads(corners_m: ArrayLike, rgb: ArrayLike) -> Mesh:
+    """Mesh of flat four-cornered faces (N, 4, 3); colour (3,) or (N, 3)."""
+    corners = np.asarray(corners_m, dtype=np.float64)
+    colour = np.broadcast_to(np.asarray(rgb, dtype=np.float32), (len(corners), 3))
+    return triangles(corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3), np.repeat(colour, 2, axis=0)[:, None])
+
+
+def loft(sections_m: ArrayLike, rgb: ArrayLike, ends: tuple[bool, bool] = (True, True)) -> Mesh:
+    """A solid through polygons (K, N, 3), its normals pointing out.
+
+    Args:
+        sections_m: the polygons in order; consecutive ones are joined corner by corner.
+        rgb: colour (3,), or (K - 1, N, 3) of the wall between corners n and n + 1 of sections k and k + 1.
+        ends: whether the first and the last polygon, which must then be star-shaped about their middles, are closed.
+    """
+    sections = np.asarray(sections_m, dtype=np.float64)
+    count, around = sections.shape[:2]
+    beside = np.concatenate([sections[:, 1:], sections[:, :1]], axis=1)
+    a, b, c, d = sections[:-1], beside[:-1], beside[1:], sections[1:]
+    walls = np.concatenate([np.stack([a, b, c], 2).reshape(-1, 3, 3), np.stack([a, c, d], 2).reshape(-1, 3, 3)])
+    middles = sections[[0, -1]].mean(axis=1)[:, None] + np.zeros((1, around, 1))
+    first = np.stack([middles[0], beside[0], sections[0]], 1)
+    last = np.stack([middles[1], sections[-1], beside[-1]], 1)
+    corners = np.concatenate([walls, first, last])
+    wall_rgb = np.broadcast_to(np.asarray(rgb, dtype=np.float64), (count - 1, around, 3))
+    colours = np.concatenate([wall_rgb.reshape(-1, 3)] * 2 + [wall_rgb[0], wall_rgb[-1]])
+    keep = np.repeat([True, True, *ends], [(count - 1) * around] * 2 + [around] * 2)
+    origin = corners.reshape(-1, 3).mean(axis=0)
+    crossed = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if np.sum((corners[:, 0] - origin) * crossed) < 0:  # six times the volume
+        corners = corners[:, ::-1]
+    keep &= np.einsum("ij,ij->i", crossed, crossed) > FLAT_M2**2
+    return triangles(corners[keep], colours[keep, None])
+
+
 def frustum(
     lower_m: ArrayLike, lower_z_m: float, upper_m: ArrayLike, upper_z_m: float, rgb: ArrayLike, cap: bool = True
 ) -> Mesh:
-    """Walls between two polygons (N, 2) of equal length at two heights, and a lid on convex upper ones.
-
-    Normals point away from the lower polygon's middle.
-    """
+    """Walls between two polygons (N, 2) of equal length at two heights, and a lid on star-shaped upper ones."""
     lower, upper = np.asarray(lower_m, dtype=np.float64), np.asarray(upper_m, dtype=np.float64)
     if lower.shape != upper.shape or lower.ndim != 2 or lower.shape[1] != 2:
         raise ValueError(f"frustum needs two polygons (N, 2) of equal length, got {lower.shape}, {upper.shape}")
-    low = np.column_stack([lower, np.full(len(lower), lower_z_m)])
-    top = np.column_stack([upper, np.full(len(upper), upper_z_m)])
-    low1, top1 = np.roll(low, -1, axis=0), np.roll(top, -1, axis=0)
-    corners = np.concatenate([np.stack([low, low1, top], 1), np.stack([low1, top1, top], 1)])
-    if cap:
-        middle = np.broadcast_to(top.mean(axis=0), top.shape)
-        corners = np.concatenate([corners, np.stack([middle, top, top1], 1)])
-    return outward(triangles(corners, rgb), np.append(lower.mean(axis=0), (lower_z_m + upper_z_m) / 2))
+    return loft([at_height(lower, lower_z_m), at_height(upper, upper_z_m)], rgb, (False, cap))
 
 
-def outward(mesh: Mesh, middle_m: ArrayLike) -> Mesh:
-    """The mesh with every normal turned away from a point (3,)."""
-    away = mesh[:, :3].reshape(-1, 3, 3).mean(axis=1) - np.asarray(middle_m, dtype=np.float32)
-    inside = np.sum(away * mesh[::3, 3:6], axis=1) < 0
-    turned = mesh.copy()
-    turned[np.repeat(inside, 3), 3:6] *= -1
-    return turned
+def at_height(points_m: ArrayLike, z_m: float) -> NDArray[np.float64]:
+    """Points (N, 2) at one height, (N, 3)."""
+    points = np.asarray(points_m, dtype=np.float64)
+    return np.column_stack([points, np.full(len(points), z_m)])
+
+
+def instances(
+    mesh: Mesh, at_m: ArrayLike, yaw_rad: ArrayLike = 0.0, size: ArrayLike = 1.0, rgb: ArrayLike = (1.0, 1.0, 1.0)
+) -> Mesh:
+    """Copies of a mesh: stretched by positive sizes, turned from x towards y, moved, their colours multiplied.
+
+    Args:
+        at_m: (M, 3). yaw_rad: one or (M,). size: one, (M, 1) or (M, 3). rgb: (3,) or (M, 3).
+    """
+    at = np.asarray(at_m, dtype=np.float32).reshape(-1, 1, 3)
+    count = len(at)
+    scale = np.broadcast_to(np.asarray(size, dtype=np.float32), (count, 3))[:, None]
+    yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float32), (count,))[:, None]
+    colour = np.broadcast_to(np.asarray(rgb, dtype=np.float32), (count, 3))[:, None]
+    c, s = np.cos(yaw), np.sin(yaw)
+    position, normal = mesh[None, :, :3] * scale, mesh[None, :, 3:6] / scale
+    normal /= np.sqrt(np.einsum("ijk,ijk->ij", normal, normal))[..., None]
+    out = np.empty((count, len(mesh), 9), dtype=np.float32)
+    for first, vectors in ((0, position), (3, normal)):
+        out[..., first] = c * vectors[..., 0] - s * vectors[..., 1]
+        out[..., first + 1] = s * vectors[..., 0] + c * vectors[..., 1]
+        out[..., first + 2] = vectors[..., 2]
+    out[..., :3] += at
+    out[..., 6:] = np.clip(mesh[None, :, 6:] * colour, 0.0, 1.0)
+    return out.reshape(-1, 9)
 
 
 def rectangle(x_m: float, y_m: float, length_m: float, width_m: float, yaw_rad: float = 0.0) -> NDArray[np.float64]:
@@ -66,10 +117,42 @@ def place(corners_m: ArrayLike, x_m: float, y_m: float, yaw_rad: float) -> NDArr
     return np.asarray(corners_m) @ np.array([[c, s], [-s, c]]) + [x_m, y_m]
 
 
+@lru_cache(maxsize=1)
+def unit_box() -> Mesh:
+    """A white cube of 1 m standing on the origin."""
+    return loft([at_height(rectangle(0, 0, 1, 1), z) for z in (0.0, -1.0)], (1.0, 1.0, 1.0))
+
+
+def boxes(at_m: ArrayLike, size_m: ArrayLike, yaw_rad: ArrayLike = 0.0, rgb: ArrayLike = (1.0, 1.0, 1.0)) -> Mesh:
+    """Closed boxes standing on the middles of their floors.
+
+    Args:
+        at_m: (M, 3). size_m: length, width, height, (3,) or (M, 3). yaw_rad: one or (M,). rgb: (3,) or (M, 3).
+    """
+    return instances(unit_box(), at_m, yaw_rad, size_m, rgb)
+
+
 def box(x_m: float, y_m: float, base_z_m: float, size_m: Sequence[float], yaw_rad: float, rgb: ArrayLike) -> Mesh:
-    """Box of (length, width, height) standing at z = base on the middle (x, y)."""
-    base = rectangle(x_m, y_m, size_m[0], size_m[1], yaw_rad)
-    return frustum(base, base_z_m, base, base_z_m - size_m[2], rgb)
+    """One closed box of (length, width, height) standing at z = base on the middle (x, y)."""
+    return boxes([[x_m, y_m, base_z_m]], size_m, yaw_rad, rgb)
+
+
+def bars(starts_m: ArrayLike, ends_m: ArrayLike, thick_m: ArrayLike, rgb: ArrayLike) -> Mesh:
+    """Square rods without ends between points (M, 3); thickness and colour one or per rod."""
+    starts = np.asarray(starts_m, dtype=np.float64).reshape(-1, 3)
+    ends = np.asarray(ends_m, dtype=np.float64).reshape(-1, 3)
+    thick = np.broadcast_to(np.asarray(thick_m, dtype=np.float64), (len(starts),))[:, None] / 2
+    along = ends - starts
+    helper = np.where(np.abs(along[:, 2:]) > 0.9 * np.linalg.norm(along, axis=1)[:, None], [1.0, 0, 0], [0, 0, 1.0])
+    side = _cross(along, helper)
+    side *= thick / np.linalg.norm(side, axis=1)[:, None]
+    up = _cross(side, along)
+    up *= thick / np.linalg.norm(up, axis=1)[:, None]
+    ring = np.stack([side + up, side - up, -side - up, -side + up], 1)
+    near, far = starts[:, None] + ring, ends[:, None] + ring
+    faces = np.stack([near, np.roll(near, -1, 1), np.roll(far, -1, 1), far], 2).reshape(-1, 4, 3)
+    colour = np.broadcast_to(np.asarray(rgb, dtype=np.float64), (len(starts), 3))
+    return quads(faces[:, ::-1], np.repeat(colour, 4, axis=0))
 
 
 def disc(x_m: float, y_m: float, radius_m: float, sides: int = 10) -> NDArray[np.float64]:
@@ -78,6 +161,37 @@ def disc(x_m: float, y_m: float, radius_m: float, sides: int = 10) -> NDArray[np
     return np.stack([x_m + radius_m * np.cos(angle), y_m + radius_m * np.sin(angle)], axis=1)
 
 
+def dome(x_m: float, y_m: float, middle_z_m: float, radius_m: float, rgb: ArrayLike, sides: int = 8) -> Mesh:
+    """A ball of rings: radomes."""
+    rise = np.sin(np.linspace(-np.pi / 2, np.pi / 2, 6))
+    rings = [at_height(disc(x_m, y_m, radius_m * np.sqrt(1 - r * r), sides), middle_z_m - radius_m * r) for r in rise]
+    return loft(rings, rgb)
+
+
 def join(meshes: Sequence[Mesh]) -> Mesh:
     """One mesh of many; empty for none."""
     return np.concatenate(meshes) if meshes else np.zeros((0, 9), dtype=np.float32)
+
+
+def volume(mesh: Mesh) -> float:
+    """What a closed mesh encloses, m^3; negative where its normals point inwards."""
+    a, b, c = (mesh[k::3, :3].astype(np.float64) - mesh[:, :3].mean(axis=0, dtype=np.float64) for k in range(3))
+    return float(np.sum(a * _cross(b, c)) / 6)
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """np.cross of (..., 3) without its overhead, which small meshes feel."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return out
+
+
+def outward(mesh: Mesh, middle_m: ArrayLike) -> Mesh:
+    """The mesh with every normal turned away from a point (3,)."""
+    away = mesh[:, :3].reshape(-1, 3, 3).mean(axis=1) - np.asarray(middle_m, dtype=np.float32)
+    inside = np.sum(away * mesh[::3, 3:6], axis=1) < 0
+    turned = mesh.copy()
+    turned[np.repeat(inside, 3), 3:6] *= -1
+    return turned
