@@ -47,7 +47,7 @@ def test_loft_of_an_angular_polygon_is_right_where_a_middle_would_mislead():
 
 
 def test_loft_leaves_out_faces_without_area():
-    point = np.zeros((4, 3)) + [0, 0, -2.0]
+    point = np.full((4, 3), [0, 0, -2.0])
     mesh = loft([at_height(rectangle(0, 0, 1, 1), 0.0), point], WHITE)
     assert len(mesh) == 3 * 8  # four walls of one triangle each, four triangles of the floor
     np.testing.assert_allclose(np.linalg.norm(mesh[:, 3:6], axis=1), 1.0, atol=1e-6)

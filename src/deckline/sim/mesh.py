@@ -152,7 +152,7 @@ def bars(starts_m: ArrayLike, ends_m: ArrayLike, thick_m: ArrayLike, rgb: ArrayL
     near, far = starts[:, None] + ring, ends[:, None] + ring
     faces = np.stack([near, np.roll(near, -1, 1), np.roll(far, -1, 1), far], 2).reshape(-1, 4, 3)
     colour = np.broadcast_to(np.asarray(rgb, dtype=np.float64), (len(starts), 3))
-    return quads(faces[:, ::-1], np.repeat(colour, 4, axis=0))
+    return quads(faces, np.repeat(colour, 4, axis=0))
 
 
 def disc(x_m: float, y_m: float, radius_m: float, sides: int = 10) -> NDArray[np.float64]:
