@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self, TextIO
@@ -25,10 +26,49 @@ from deckline.recording.scene import RESERVED, SCENE_FILE, read_scene, scene_tex
 from deckline.recording.source import RecordingError, read_text
 from deckline.types import Frame
 
+ImageFormat = Literal["png", "ppm"]
 CLEAR_FOLDER = "clear"
 SCENE_EVERY = 25  # frames between two writings of scene.json; a killed writer loses fewer than these
 MAY_CHANGE = ("command", "generator")  # free scene keys that may differ when a recording is resumed
 _HEADER_LINE = "\t".join(HEADER) + "\n"
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedFrame:
+    """A frame as its files hold it, without their names: small to hand from one process to another."""
+
+    time_s: float
+    image: bytes  # file of the image, `image_format`
+    image_format: ImageFormat
+    depth: bytes | None  # PFM file of the depth
+    clear: bytes | None  # file of the view without haze, `image_format`
+    pose: tuple[float, ...]  # world_from_body: x, y, z in metres, then w, x, y, z of the quaternion
+    camera: dict[str, Any]  # as scene.json holds it
+    entry: dict[str, Any]  # the rest of the frame's entry in scene.json; its clear image has no name yet
+
+
+def encode_frame(frame: Frame, image_format: ImageFormat = "png") -> EncodedFrame:
+    """Encode a frame's image, its depth and its view without haze, when it has them.
+
+    Raises:
+        ValueError: a frame without a finite pose.
+    """
+    if frame.world_from_body is None:
+        raise ValueError(f"{frame.file}: a recording needs the pose world_from_body of every frame")
+    clear = None if frame.truth is None else frame.truth.clear_rgb
+    depth = None
+    if frame.depth_m is not None:
+        depth = write_pfm(np.nan_to_num(frame.depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M))
+    return EncodedFrame(
+        time_s=float(frame.time_s),
+        image=encode_image(frame.image_rgb, image_format),
+        image_format=image_format,
+        depth=depth,
+        clear=None if clear is None else encode_image(clear, image_format),
+        pose=_pose_numbers(frame.world_from_body, frame.file),
+        camera=camera_to_mapping(frame.camera, frame.body_from_camera),
+        entry=_entry(frame),
+    )
 
 
 class RecordingWriter:
@@ -50,7 +90,7 @@ class RecordingWriter:
     def __init__(
         self,
         out: Path,
-        image_format: Literal["png", "ppm"] = "png",
+        image_format: ImageFormat = "png",
         scene: dict[str, Any] | None = None,
         *,
         vehicle: str = "deckline",
@@ -59,7 +99,7 @@ class RecordingWriter:
         if image_format not in ("png", "ppm"):
             raise RecordingError(f'image_format must be "png" or "ppm", got {image_format!r}')
         self.out = Path(out)
-        self._format = image_format
+        self._format: ImageFormat = image_format
         self._extra = dict(scene or {})
         self._prefix = f"img_{vehicle}_{camera_name}"
         self._vehicle = vehicle
@@ -87,22 +127,32 @@ class RecordingWriter:
             ValueError: a frame without pose, or a writer that is closed.
             OSError: the disk refuses.
         """
+        self.append(encode_frame(frame, self._format))
+
+    def append(self, encoded: EncodedFrame) -> None:
+        """Write the files of a frame that `encode_frame` made.
+
+        Raises:
+            ValueError: a frame in another image format, or a writer that is closed.
+            OSError: the disk refuses.
+        """
         if self._rows is None:
             raise ValueError(f"the writer of {self.out} is closed")
-        if frame.world_from_body is None:
-            raise ValueError(f"{frame.file}: a recording needs the pose world_from_body of every frame")
-        ns = max(round(frame.time_s * 1e9), self._last_ns + 1)
+        if encoded.image_format != self._format:
+            raise ValueError(f"the writer of {self.out} takes {self._format} files, got {encoded.image_format}")
+        ns = max(round(encoded.time_s * 1e9), self._last_ns + 1)
         name = f"{self._prefix}_{SCENE}_{ns}.{self._format}"
         names = [name]
-        write_atomic(self.out / IMAGE_FOLDER / name, encode_image(frame.image_rgb, self._format))
-        if frame.depth_m is not None:
+        write_atomic(self.out / IMAGE_FOLDER / name, encoded.image)
+        if encoded.depth is not None:
             names.append(f"{self._prefix}_{DEPTH_PLANAR}_{ns}.pfm")
-            stored = np.nan_to_num(frame.depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M)
-            write_atomic(self.out / IMAGE_FOLDER / names[-1], write_pfm(stored))
-        row = self._row(frame, frame.world_from_body, names)
-        self._frames[name] = self._entry(frame, name)
+            write_atomic(self.out / IMAGE_FOLDER / names[-1], encoded.depth)
+        if encoded.clear is not None:
+            (self.out / CLEAR_FOLDER).mkdir(exist_ok=True)
+            write_atomic(self.out / CLEAR_FOLDER / name, encoded.clear)
+        self._frames[name] = self._named_entry(encoded, name)
         self._last_ns = ns
-        self._rows.write(row)
+        self._rows.write(self._row(encoded, names))
         self._rows.flush()
         if self.count % SCENE_EVERY == 0:
             self._write_scene()
@@ -163,34 +213,41 @@ class RecordingWriter:
                     f"choose another folder, or the same settings to go on with it"
                 )
 
-    def _entry(self, frame: Frame, name: str) -> dict[str, Any]:
-        camera = camera_to_mapping(frame.camera, frame.body_from_camera)
+    def _named_entry(self, encoded: EncodedFrame, name: str) -> dict[str, Any]:
         if self._camera is None:
-            self._camera = camera
-        entry: dict[str, Any] = {"time_s": float(frame.time_s)}
-        if camera != self._camera:
-            entry["camera"] = camera
-        if frame.deck_z_m is not None:
-            entry["deck_z_m"] = float(frame.deck_z_m)
-        if frame.truth is not None:
-            clear_name = None
-            if frame.truth.clear_rgb is not None:
-                clear_name = f"{CLEAR_FOLDER}/{name}"
-                (self.out / CLEAR_FOLDER).mkdir(exist_ok=True)
-                write_atomic(self.out / clear_name, encode_image(frame.truth.clear_rgb, self._format))
-            entry["truth"] = truth_to_mapping(frame.truth, clear_name)
+            self._camera = encoded.camera
+        entry: dict[str, Any] = {"time_s": encoded.time_s}
+        if encoded.camera != self._camera:
+            entry["camera"] = encoded.camera
+        entry |= encoded.entry
+        if encoded.clear is not None:
+            entry["truth"] = {**entry["truth"], "clear_image": f"{CLEAR_FOLDER}/{name}"}
         return entry
 
-    def _row(self, frame: Frame, world_from_body: RigidTransform, names: list[str]) -> str:
-        translation, rotation = world_from_body.as_components()
-        numbers = [*np.asarray(translation).tolist(), *rotation.as_quat(scalar_first=True).tolist()]
-        if not all(math.isfinite(value) for value in numbers):
-            raise ValueError(f"{frame.file}: pose is not finite: {numbers}")
-        cells = [self._vehicle, str(round(frame.time_s * 1000)), *(repr(value) for value in numbers), ";".join(names)]
-        return "\t".join(cells) + "\n"
+    def _row(self, encoded: EncodedFrame, names: list[str]) -> str:
+        numbers = (repr(value) for value in encoded.pose)
+        return "\t".join([self._vehicle, str(round(encoded.time_s * 1000)), *numbers, ";".join(names)]) + "\n"
 
     def _write_scene(self) -> None:
         write_atomic(self.out / SCENE_FILE, scene_text(self._camera, self._frames, self._extra).encode())
+
+
+def _entry(frame: Frame) -> dict[str, Any]:
+    entry: dict[str, Any] = {}
+    if frame.deck_z_m is not None:
+        entry["deck_z_m"] = float(frame.deck_z_m)
+    if frame.truth is not None:
+        unnamed = None if frame.truth.clear_rgb is None else CLEAR_FOLDER
+        entry["truth"] = truth_to_mapping(frame.truth, unnamed)
+    return entry
+
+
+def _pose_numbers(world_from_body: RigidTransform, file: str) -> tuple[float, ...]:
+    translation, rotation = world_from_body.as_components()
+    numbers = (*np.asarray(translation).tolist(), *rotation.as_quat(scalar_first=True).tolist())
+    if not all(math.isfinite(value) for value in numbers):
+        raise ValueError(f"{file}: pose is not finite: {list(numbers)}")
+    return numbers
 
 
 def write_atomic(path: Path, data: bytes) -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from functools import lru_cache
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +24,44 @@ FAIR_SENSOR = 0.15  # how far the camera strays in the named presets, of what tr
 VEHICLE, CAMERA = "deckline", "front"
 
 
-def frames(config: SimConfig, start: int = 0) -> Iterator[Frame]:
-    """Frames `start`, `start + 1`, ... of a recording.
+class Simulator:
+    """Renders single frames of a recording in any order; holds the OpenGL context and the ship last used.
+
+    Args:
+        config: the recording.
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine.
+    """
+
+    def __init__(self, config: SimConfig) -> None:
+        self.config = config
+        self.renderer = Renderer()
+        self.loaded = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.renderer.__exit__(kind, error, trace)
+
+    def frame(self, index: int) -> Frame:
+        """Frame `index`: the same whatever was rendered before."""
+        block = block_of(self.config, index)
+        if block != self.loaded:
+            self.ship, self.runway, sun = build_ship(self.config, block)
+            self.renderer.load(self.ship, sun)
+            self.loaded = block
+        return _frame(self.config, index, self.renderer, self.ship, self.runway)
+
+
+def block_of(config: SimConfig, index: int) -> int:
+    """Which ship a frame shows: an approach has one, random views share one by `frames_per_ship`."""
+    return index // config.frames_per_ship if config.trajectory == "random" else 0
+
+
+def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
+    """Frames `start`, `start + 1`, ... of a recording, before `stop` (None: all).
 
     Raises:
         RendererError: no OpenGL through EGL on this machine.
@@ -31,15 +69,9 @@ def frames(config: SimConfig, start: int = 0) -> Iterator[Frame]:
     """
     if start < 0:
         raise ValueError(f"start must not be negative, got {start}")
-    with Renderer() as renderer:
-        loaded = -1
-        for index in range(start, config.frames):
-            block = 0 if config.trajectory == "approach" else index // config.frames_per_ship
-            if block != loaded:
-                ship, runway, sun = build_ship(config, block)
-                renderer.load(ship, sun)
-                loaded = block
-            yield _frame(config, index, renderer, ship, runway)
+    with Simulator(config) as simulator:
+        for index in range(start, config.frames if stop is None else min(stop, config.frames)):
+            yield simulator.frame(index)
 
 
 def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway: bool) -> Frame:
