@@ -174,11 +174,11 @@ def radiance_from_image(rgb: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.fl
     """
     if not sensor.saturation > 0:
         raise ValueError(f"only pictures with saturation > 0 can be undone, got {sensor.saturation}")
-    light = light_of_levels(sensor.curve)[rgb]
+    light: NDArray[Any] = light_of_levels(sensor.curve)[rgb]
     if sensor.saturation != 1.0:
         grey = (light @ LUMINANCE)[..., None]
         light = grey + (light - grey) / np.float32(sensor.saturation)
-    return light / np.asarray(sensor.gain, np.float32)
+    return np.asarray(light / np.asarray(sensor.gain, np.float32), np.float32)
 
 
 @lru_cache(maxsize=8)
