@@ -1,113 +1,202 @@
-"""Where the aircraft is: final approaches, and unrelated views around the glide path."""
+"""Where the aircraft is on a flight to the ship: final approaches, and the paper's profile."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import Camera, attitude, camera_mount
+from deckline.geometry import Camera, camera_mount
 from deckline.sim.config import SimConfig
-from deckline.sim.layout import Layout, world_points
-from deckline.sim.paint import axes
+from deckline.sim.flight import (
+    AS_STATED,
+    ROLL_PER_GUST,
+    SHAKE_HZ,
+    WANDER_HZ,
+    Flight,
+    FlightConfig,
+    Pointing,
+    closing_speed,
+    draw_flight,
+    gust,
+    offset_left,
+    wander,
+)
+from deckline.sim.layout import Layout
+from deckline.sim.motion import STILL, Motion, heading, steady_pose
+from deckline.sim.random_views import RAMP_CLEARANCE_M, TOUCHDOWN_M
+from deckline.sim.random_views import random_view as random_view
+from deckline.sim.viewpoint import Viewpoint, looking, runway_point
 
-GLIDESLOPE_RAD = np.deg2rad(3.5)  # SPEC section 7
-TOUCHDOWN_M = 70.0  # from the ramp: 230 ft, SPEC section 7
-RAMP_CLEARANCE_M = 3.05  # 10 ft, SPEC section 7
-SPEED_M_S = 65.0
-APPARENT_WIDTH = (0.012, 1.0)  # the runway's width at the ramp over the image's, for a view worth training on
+# The paper's profile (SPEC section 5): it enters the landing track at 5 km, descends to 300 m, passes 60 m at 800 m,
+# and glides down to the deck. Our reading: heights above the deck; it enters at 400 m and reaches 300 m at 4 km; the
+# last glide ends at the touchdown point, which makes it 3.95 degrees.
+PROFILE_M = ((5000.0, 400.0), (4000.0, 300.0), (800.0, 60.0), (-TOUCHDOWN_M, 0.0))  # distance to the ramp, height
+STEP_S = 0.01  # half the step over which velocities are taken
+DEVIATION_M = (6.0, 2.0)  # how far a flown path strays to the side and in height
+SHAKE_RAD = np.deg2rad([1.5, 0.5, 0.5])  # of roll, pitch and yaw
 
 
 @dataclass(frozen=True, eq=False)
-class Viewpoint:
-    """Pose, camera and time of one frame."""
+class Path:
+    """One flight from its first to its last frame."""
 
-    world_from_body: RigidTransform
-    camera: Camera
-    time_s: float
+    layout: Layout  # the ship as it lies at time 0
+    motion: Motion
+    flight: Flight
+    pointing: Pointing
+    seed: int
+    start_m: float  # distance to the ramp
+    end_m: float
+    height_m: Callable[[float], float]  # above the deck at a distance to the ramp
+    closing_m_s: float  # over the deck, along the centre line
+    wind_m_s: NDArray[np.float64]  # (2,) over the water, world
 
-
-def looking(
-    position_m: NDArray[np.float64], target_m: NDArray[np.float64], nudge_rad: NDArray[np.float64]
-) -> RigidTransform:
-    """world_from_body at a position whose nose points at a target, then turned by (roll, pitch, yaw)."""
-    delta = target_m - position_m
-    yaw, pitch = np.arctan2(delta[1], delta[0]), np.arctan2(-delta[2], np.hypot(delta[0], delta[1]))
-    return RigidTransform.from_components(position_m, attitude(nudge_rad[0], pitch + nudge_rad[1], yaw + nudge_rad[2]))
-
-
-def smooth_noise(phase: float, rng: np.random.Generator, waves: int = 4) -> float:
-    """A sum of sines about 1 in size at a phase in 0..1, the same function for the same rng state."""
-    amplitude, frequency, start = rng.normal(size=waves), rng.uniform(0.3, 6.0, waves), rng.uniform(0, 2 * np.pi, waves)
-    return float(np.sum(amplitude * np.sin(2 * np.pi * frequency * phase + start)) / np.sqrt(waves / 2))
+    @property
+    def duration_s(self) -> float:
+        return (self.start_m - self.end_m) / self.closing_m_s
 
 
-def approach_view(config: SimConfig, layout: Layout, index: int) -> Viewpoint:
-    """Frame `index` of a final approach down the glideslope, frames equally spaced in time."""
-    rng = np.random.default_rng([config.seed, 1])
-    phase = index / max(config.frames - 1, 1)
-    range_m = config.start_m + (config.end_m - config.start_m) * phase
-    shrink = np.clip(range_m / config.start_m, 0.15, 1.0)  # a pilot closes the deviations
-    lateral, vertical = 12.0 * shrink * smooth_noise(phase, rng) * 0.5, 4.0 * shrink * smooth_noise(phase, rng) * 0.5
-    nudge = np.deg2rad([1.5, 0.5, 0.5]) * [smooth_noise(phase, rng) for _ in range(3)]
-    along, right, _ = axes(*layout.centre_m)
-    height = (range_m + TOUCHDOWN_M) * np.tan(GLIDESLOPE_RAD)
-    height = max(height + vertical, RAMP_CLEARANCE_M)
-    ramp = layout.centre_m[0]
-    position = world_points(layout, (ramp - range_m * along + lateral * right)[None], height)[0]
-    target = world_points(layout, (ramp + TOUCHDOWN_M * along)[None])[0]
+def approach_view(
+    config: SimConfig, layout: Layout, index: int, flight: FlightConfig = AS_STATED, motion: Motion = STILL
+) -> Viewpoint:
+    """Frame `index` of a final approach down the glideslope, frames equally spaced in time.
+
+    Args:
+        layout: the ship as it lies at time 0.
+    """
+    slope = np.tan(np.deg2rad(flight.glideslope_deg))
+    path = flight_path(
+        config, layout, flight, motion, "ahead", config.start_m, lambda range_m: (range_m + TOUCHDOWN_M) * slope
+    )
+    return path_view(config, path, index)
+
+
+def profile_view(
+    config: SimConfig, layout: Layout, index: int, flight: FlightConfig = AS_STATED, motion: Motion = STILL
+) -> Viewpoint:
+    """Frame `index` of the paper's profile from 5 km, frames equally spaced in time.
+
+    The flight out to 10 km and back, during which the paper's aircraft sees no deck, is left out. `start_m` of the
+    configuration has no say, `end_m` has.
+
+    Args:
+        layout: the ship as it lies at time 0.
+    """
+    path = flight_path(config, layout, flight, motion, "runway", PROFILE_M[0][0], profile_height())
+    return path_view(config, path, index)
+
+
+def profile_height() -> Callable[[float], float]:
+    """Height, m, at a distance to the ramp: through the profile's points, straight after the third, without a kink."""
+    points = np.array(PROFILE_M)
+    slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
+    at_points = [slopes[0], (slopes[0] + slopes[1]) / 2, slopes[2], slopes[2]]
+    return CubicHermiteSpline(points[::-1, 0], points[::-1, 1], at_points[::-1])
+
+
+def flight_path(
+    config: SimConfig,
+    layout: Layout,
+    flight: FlightConfig,
+    motion: Motion,
+    pointing: Pointing,
+    start_m: float,
+    height_m: Callable[[float], float],
+) -> Path:
+    """The flight of a recording, all random choices made; `pointing` unless the flight says it.
+
+    Raises:
+        ValueError: wind or ship too fast for the aircraft.
+    """
+    drawn = draw_flight(flight, config.preset == "train", np.random.default_rng([config.seed, 5]))
+    along = landing_direction(layout)
+    wind = -drawn.headwind_m_s * along - drawn.crosswind_m_s * np.array([-along[1], along[0]])
+    ship = motion.speed_m_s * heading(layout)[:2]
+    closing = closing_speed(along, ship, wind, drawn.speed_m_s)
+    return Path(
+        layout, motion, drawn, flight.pointing or pointing, config.seed, start_m, config.end_m, height_m, closing,
+        wind,
+    )  # fmt: skip
+
+
+def landing_direction(layout: Layout) -> NDArray[np.float64]:
+    """Unit vector (2,) of the centre line in the world, seen from above."""
+    delta = (runway_point(layout, 1.0) - runway_point(layout, 0.0))[:2]
+    return delta / np.hypot(*delta)
+
+
+def path_view(config: SimConfig, path: Path, index: int) -> Viewpoint:
+    """Frame `index` of a flight."""
+    time_s = path.duration_s * index / max(config.frames - 1, 1)
     camera = Camera.from_fov(config.width, config.height, np.deg2rad(config.fov_deg))
-    time_s = (config.start_m - range_m) / SPEED_M_S
-    return Viewpoint(looking(position, target, nudge), camera, time_s)
+    (body, mount), before, after = (pose_at(path, time_s + step) for step in (0.0, -STEP_S, STEP_S))
+    turned = (before[0] * before[1]).rotation.inv() * (after[0] * after[1]).rotation
+    return Viewpoint(
+        body,
+        camera,
+        time_s,
+        body_from_camera=mount,
+        velocity_m_s=(after[0].translation - before[0].translation) / (2 * STEP_S),
+        angular_rate_rad_s=mount.rotation.apply(turned.as_rotvec()) / (2 * STEP_S),
+    )
 
 
-def random_view(config: SimConfig, layout: Layout, index: int, rng: np.random.Generator) -> Viewpoint:
-    """A view from somewhere around the glide path that shows enough of the runway, mostly more than half."""
-    enough = 0.2 if rng.random() < 0.12 else 0.65
-    for _ in range(40):
-        view = draw_view(config, layout, index, rng)
-        if runway_in_view(view, layout) >= enough:
-            break
-    return view
+def pose_at(path: Path, time_s: float) -> tuple[RigidTransform, RigidTransform]:
+    """world_from_body and body_from_camera at a time."""
+    position, shake = position_at(path, time_s), shake_at(path, time_s)
+    target = runway_point(steady_layout(path, time_s), TOUCHDOWN_M)
+    if path.pointing == "ahead":
+        shake[2] += crab_angle(path)
+        return looking(position, target, shake), camera_mount()
+    through_air = (position_at(path, time_s + STEP_S) - position_at(path, time_s - STEP_S)) / (2 * STEP_S)
+    through_air[:2] -= path.wind_m_s
+    body = looking(position, position + through_air, shake)
+    gaze = looking(position, target, np.zeros(3)) * camera_mount()
+    return body, RigidTransform.from_components(np.zeros(3), body.rotation.inv() * gaze.rotation)
 
 
-def runway_in_view(view: Viewpoint, layout: Layout) -> float:
-    """Part of the two edge lines, measured along the deck, that lies inside the image, 0..1."""
-    steps = np.linspace(0.0, 1.0, 12)[:, None]
-    points = np.concatenate([line[0] + steps * (line[1] - line[0]) for line in (layout.left_m, layout.right_m)])
-    optical = (view.world_from_body * camera_mount()).inv().apply(world_points(layout, points))
-    pixels = view.camera.project(optical)
-    with np.errstate(invalid="ignore"):
-        inside = np.all((pixels >= 0) & (pixels <= [view.camera.width - 1, view.camera.height - 1]), axis=1)
-    return float(inside.mean())
+def position_at(path: Path, time_s: float) -> NDArray[np.float64]:
+    """Position (3,) in the world at a time."""
+    rng = np.random.default_rng([path.seed, 1])
+    flight, left = path.flight, offset_left(time_s / path.duration_s)
+    range_m = path.start_m - path.closing_m_s * time_s
+    shrink = np.clip(range_m / path.start_m, 0.15, 1.0)  # a pilot closes the deviations
+    lateral, vertical = (shrink * size * wander(time_s, WANDER_HZ, rng) for size in DEVIATION_M)
+    (_, aside), (_, up) = gusts_at(path, time_s)
+    height = path.height_m(range_m) + vertical + left * flight.vertical_offset_m + up
+    return runway_point(
+        steady_layout(path, time_s),
+        -range_m,
+        lateral + left * flight.lateral_offset_m + aside,
+        max(height, RAMP_CLEARANCE_M),
+    )
 
 
-def draw_view(config: SimConfig, layout: Layout, index: int, rng: np.random.Generator) -> Viewpoint:
-    """Range, elevation, lateral offset, roll and where in the image the runway shall be."""
-    range_m, fov_rad = draw_range(config, layout, rng)
-    along, right, length = axes(*layout.centre_m)
-    elevation = np.deg2rad(rng.uniform(2.0, 8.0))
-    height = max((range_m + TOUCHDOWN_M) * np.tan(elevation), RAMP_CLEARANCE_M)
-    lateral = range_m * rng.uniform(-0.2, 0.2)
-    ramp = layout.centre_m[0]
-    position = world_points(layout, (ramp - range_m * along + lateral * right)[None], height)[0]
-    target = world_points(layout, (ramp + rng.uniform(0.0, 0.5) * length * along)[None])[0]
-    camera = Camera.from_fov(config.width, config.height, fov_rad)
-    du, dv = np.clip(rng.normal(0.0, 0.22, 2), -0.45, 0.45) * [camera.width, camera.height]
-    roll = np.deg2rad(np.clip(rng.normal(0.0, 4.0), -8.0, 8.0))
-    nudge = np.array([roll, np.arctan(dv / camera.fy), -np.arctan(du / camera.fx)])
-    return Viewpoint(looking(position, target, nudge), camera, float(index))
+def shake_at(path: Path, time_s: float) -> NDArray[np.float64]:
+    """Roll, pitch and yaw (3,) by which the attitude strays at a time."""
+    rng = np.random.default_rng([path.seed, 6])
+    (side, _), (rise, _) = gusts_at(path, time_s)
+    turned = np.array([ROLL_PER_GUST * side, -rise / path.flight.speed_m_s, -side / path.flight.speed_m_s])
+    return turned + SHAKE_RAD * [wander(time_s, SHAKE_HZ, rng) for _ in range(3)]
 
 
-def draw_range(config: SimConfig, layout: Layout, rng: np.random.Generator) -> tuple[float, float]:
-    """Distance to the ramp, m, and horizontal field of view, rad."""
-    low, high = np.log(config.ranges_m)
-    width = float(np.hypot(*(layout.right_m[0] - layout.left_m[0])))
-    fixed = config.preset != "train" or config.fixed_fov
-    for _ in range(100):
-        range_m = float(np.exp(rng.uniform(low, high)))
-        fov_rad = np.deg2rad(config.fov_deg if fixed else np.exp(rng.uniform(np.log(10.0), np.log(90.0))))
-        apparent = width / (2 * range_m * np.tan(fov_rad / 2))
-        if fixed or APPARENT_WIDTH[0] <= apparent <= APPARENT_WIDTH[1]:
-            break
-    return range_m, float(fov_rad)
+def gusts_at(path: Path, time_s: float) -> list[tuple[float, float]]:
+    """Gust, m/s, and displacement, m, to the right and upwards at a time."""
+    rng = np.random.default_rng([path.seed, 7])
+    return [gust(time_s, path.flight.turbulence_m_s, path.flight.speed_m_s, rng) for _ in range(2)]
+
+
+def steady_layout(path: Path, time_s: float) -> Layout:
+    """The ship where it has sailed to, without its roll, pitch and heave, which an aircraft does not follow."""
+    return path.layout.posed(steady_pose(path.layout, path.motion, time_s))
+
+
+def crab_angle(path: Path) -> float:
+    """How far the nose points to the right of the way over the deck, rad."""
+    along = landing_direction(path.layout)
+    ship = path.motion.speed_m_s * heading(path.layout)[:2]
+    through_air = ship + path.closing_m_s * along - path.wind_m_s
+    return float(np.arctan2(along[0] * through_air[1] - along[1] * through_air[0], through_air @ along))
