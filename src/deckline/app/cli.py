@@ -12,7 +12,6 @@ from deckline.app import commands
 COMMANDS: dict[str, Callable[..., int]] = {
     "demo": commands.demo,
     "run": commands.run,
-    "sim": commands.sim,
     "info": commands.info,
 }
 DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
@@ -35,11 +34,26 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _dispatch(args: list[str]) -> Any:
+    alone = ALONE.get(args[0]) if args else None
+    if alone is not None:
+        return alone(args[1:])
     group = GROUPS.get(args[0]) if args else None
     if group is not None:
         return tyro.extras.subcommand_cli_from_dict(group(), prog=f"deckline {args[0]}", args=args[1:])
-    top = COMMANDS | {"train": _train, "eval": _eval}  # listed in the help; GROUPS answers them
+    top = COMMANDS | {"sim": _sim, "dataset": _dataset, "train": _train, "eval": _eval}  # listed in the help only
     return tyro.extras.subcommand_cli_from_dict(top, prog="deckline", description=DESCRIPTION, args=args)
+
+
+def _run_sim(args: list[str]) -> int:
+    from deckline.app import sim_commands
+
+    return sim_commands.sim(args)
+
+
+def _run_dataset(args: list[str]) -> int:
+    from deckline.app import sim_commands
+
+    return sim_commands.dataset(args)
 
 
 def _train_group() -> dict[str, Callable[..., int]]:
@@ -54,6 +68,16 @@ def _eval_group() -> dict[str, Callable[..., int]]:
     return {"chain": eval_commands.chain, "recording": eval_commands.recording, "labels": eval_commands.labels}
 
 
+def _sim() -> int:
+    """Render a recording of a deck, or a contact sheet: see deckline sim --help."""
+    return main(["sim", "--help"])
+
+
+def _dataset() -> int:
+    """Render the paper's dataset of clear and hazy pairs, or check one: see deckline dataset --help."""
+    return main(["dataset", "--help"])
+
+
 def _train() -> int:
     """Train a network: see deckline train --help."""
     return main(["train", "--help"])
@@ -64,7 +88,9 @@ def _eval() -> int:
     return main(["eval", "--help"])
 
 
-GROUPS = {"train": _train_group, "eval": _eval_group}  # imported only when asked for: they need extras
+# Imported only when asked for: they need extras.
+GROUPS = {"train": _train_group, "eval": _eval_group}
+ALONE = {"sim": _run_sim, "dataset": _run_dataset}
 
 
 if __name__ == "__main__":

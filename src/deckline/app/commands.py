@@ -4,7 +4,7 @@ import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
 
@@ -71,56 +71,6 @@ def _run(source: Source, pipeline: Pipeline, out: Path, max_frames: int | None =
     for path in summary.written:
         print(path)
     return summary.exit_code
-
-
-def sim(
-    out: Path,
-    frames: int = 40,
-    preset: Literal["paper", "cvn", "train"] = "paper",
-    trajectory: Literal["approach", "random"] = "approach",
-    visibility: Annotated[str, tyro.conf.arg(metavar="METRES|LOW..HIGH|clear")] = "300..3000",
-    seed: int = 0,
-    width: int = 1280,
-    height: int = 720,
-    fov_deg: float = 90.0,
-    depth_range_m: float = 200.0,
-    keep_clear: bool = True,
-    image_format: Literal["png", "ppm"] = "png",
-) -> int:
-    """Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout.
-
-    A stopped command goes on where it was when it is given again.
-
-    Args:
-        out: folder of the recording.
-        frames: how many.
-        preset: the ship: the paper's lines, a carrier with Nimitz's measures, or a new random ship in every frame.
-        trajectory: one final approach from 800 m to the ramp, or random viewpoints.
-        visibility: metres at 2 % contrast: one value, a range to draw from, or clear.
-        seed: same seed, same frames.
-        width: image width, px.
-        height: image height, px.
-        fov_deg: horizontal field of view; the random ships' preset draws its own.
-        depth_range_m: reach of the depth camera; inf records depth everywhere, which training needs.
-        keep_clear: also write each frame without haze.
-        image_format: png, or ppm where OpenCV is not installed.
-    """
-    from deckline.app.simulate import SimConfig, parse_visibility, simulate
-
-    config = SimConfig(
-        preset=preset,
-        trajectory=trajectory,
-        frames=frames,
-        visibility_m=parse_visibility(visibility),
-        seed=seed,
-        width=width,
-        height=height,
-        fov_deg=fov_deg,
-        depth_range_m=depth_range_m,
-        keep_clear=keep_clear,
-    )
-    simulate(config, out, image_format)
-    return 0
 
 
 def info() -> int:
