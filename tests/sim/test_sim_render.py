@@ -11,7 +11,7 @@ from deckline.sim.layout import cvn_layout, paper_layout, random_layout, world_p
 from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, DeckSurface, edge_coat, random_edge
 from deckline.sim.mesh import box
 from deckline.sim.paint import axes, layers
-from deckline.sim.render import Quality, clip_from_optical
+from deckline.sim.render import Quality, deck_mesh
 from deckline.sim.sensor import DISPLAY_GAMMA
 from deckline.sim.ship import Ship
 from deckline.sim.trajectory import looking
@@ -19,7 +19,7 @@ from deckline.sim.weather import random_weather
 
 SUN = np.array([0.6, 0.0, 0.8])
 CAMERA = Camera.from_fov(640, 360, np.deg2rad(60.0))
-CALM = replace(random_weather(np.random.default_rng(5)), wet=0.0)
+CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0, sun_rgb=(0.9, 0.9, 0.85))
 
 
 def shown(view):
@@ -154,11 +154,74 @@ def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
     assert 0 < changed.mean() < 0.03
 
 
-def test_projection_agrees_with_the_camera():
-    points = np.array([[3.0, -2.0, 40.0], [-30.0, 10.0, 90.0], [0.0, 0.0, 5.0]])
-    clip = np.column_stack([points, np.ones(3)]) @ clip_from_optical(CAMERA).T
-    pixels = (clip[:, :2] / clip[:, 3:] + 1) / 2 * [640, 360] - 0.5
-    np.testing.assert_allclose(pixels, CAMERA.project(points), atol=1e-9)
+def test_the_deck_faces_up():
+    normals = deck_mesh(cvn_layout())[:, 3:6]
+    np.testing.assert_allclose(normals, np.broadcast_to([0.0, 0.0, -1.0], normals.shape), atol=1e-6)
+
+
+def test_a_white_deck_in_full_daylight_is_one(renderer):
+    layout = cvn_layout()
+    white = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((1.0, 1.0, 1.0), 0.0, 0.0, (0.0, 0.0)))
+    renderer.load(white, SUN)
+    pose = camera_pose(layout, 30.0, 40.0, 0.0, look_m=80.0)
+    seen = renderer.render(CAMERA, pose, CALM).radiance[120:240, 280:360].reshape(-1, 3)
+    expected = np.array(CALM.ambient_rgb) + 0.8 * np.array(CALM.sun_rgb) + CALM.flood_rgb
+    np.testing.assert_allclose(np.median(seen, axis=0), expected, rtol=2e-3)
+
+
+def test_reflectance_is_a_display_colour_in_linear_light(renderer):
+    layout = cvn_layout()
+    spot = layout.centre_m[0] + 40.0 * axes(*layout.centre_m)[0]
+    pose = camera_pose(layout, 30.0, 40.0, 0.0)
+    seen = []
+    for level in (0.2, 0.6):
+        ship = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((level,) * 3, 0.0, 0.0, (0.0, 0.0)))
+        renderer.load(ship, SUN)
+        u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, spot[None]))))[0].astype(int)
+        seen.append(renderer.render(CAMERA, pose, CALM).radiance[v, u].mean())
+    srgb = [((level + 0.055) / 1.055) ** 2.4 for level in (51 / 255, 153 / 255)]
+    assert seen[1] / seen[0] == pytest.approx(srgb[1] / srgb[0], rel=0.01)
+
+
+@pytest.mark.parametrize("elevation_deg", [25.0, 45.0])
+def test_shadow_is_as_long_as_the_sun_is_low(renderer, elevation_deg):
+    layout, height = cvn_layout(), 12.0
+    crate = box(80.0, -10.0, 0.0, (6.0, 6.0, height), 0.0, (0.5, 0.5, 0.5))
+    elevation = np.deg2rad(elevation_deg)
+    sun = np.array([0.0, np.cos(elevation), np.sin(elevation)])  # light travels to starboard
+    weather = replace(CALM, sun_rgb=(1.0, 1.0, 1.0), shadow=1.0)
+    bare = replace(clean_ship(layout, CVN_EDGE, crate), coat=layers([]))
+    renderer.load(bare, sun)
+    pose = camera_pose(layout, -60.0, 70.0, 0.0, look_m=81.0)
+    across = np.arange(-30.0, 30.0, 0.1)
+    points = world_points(layout, np.column_stack([np.full_like(across, 80.0), across]))
+    pixels = np.rint(CAMERA.project(pose.inv().apply(points))).astype(int)
+    level = renderer.render(CAMERA, pose, weather).radiance[pixels[:, 1], pixels[:, 0]].mean(axis=1)
+    lit = level[across > 25.0].mean()
+    dark = (level < 0.6 * lit) & (across > -6.5)
+    np.testing.assert_allclose(level[across < -18.0], lit, rtol=0.02)  # towards the sun
+    assert across[dark].max() == pytest.approx(-7.0 + height / np.tan(elevation), abs=0.5)
+    assert dark[(across > -6.0) & (across < -7.5 + height / np.tan(elevation))].all()
+
+
+def test_without_shadows_the_deck_is_even(renderer):
+    layout = cvn_layout()
+    crate = box(80.0, -10.0, 0.0, (6.0, 6.0, 12.0), 0.0, (0.5, 0.5, 0.5))
+    renderer.load(clean_ship(layout, CVN_EDGE, crate), np.array([0.0, 0.8, 0.6]))
+    pose = camera_pose(layout, -60.0, 70.0, 0.0, look_m=81.0)
+    spots = world_points(layout, np.array([[80.0, 2.0], [80.0, 28.0]]))
+    (u, v), (u1, v1) = np.rint(CAMERA.project(pose.inv().apply(spots))).astype(int)
+    seen = renderer.render(CAMERA, pose, replace(CALM, shadow=0.0)).radiance
+    np.testing.assert_allclose(seen[v, u], seen[v1, u1], rtol=1e-3)
+
+
+def test_light_is_not_clipped(renderer):
+    layout = cvn_layout()
+    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    pose = looking(np.array([-300.0, 0.0, -50.0]), np.array([-300.0 - 60.0, 0.0, -50.0 - 80.0]), np.zeros(3))
+    view = renderer.render(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=30.0))
+    assert view.radiance.max() > 5.0
+    assert np.isnan(view.depth_m).all()
 
 
 def test_noise_is_tileable_and_centred():

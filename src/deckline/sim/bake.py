@@ -6,13 +6,15 @@ from numpy.typing import NDArray
 from deckline.sim.gl import moderngl
 from deckline.sim.paint import Coat, fill, layers
 from deckline.sim.ship import Ship
+from deckline.sim.waves import TILE_TEXELS, wave_tile
 
+SRGB8_ALPHA8 = 0x8C43  # OpenGL's name: the texture unit turns display colours into linear light before it filters
 SAMPLES = 4  # per pixel, against jagged edges
 NOISE_SIZE = 512
 
 
 def paint_deck(context: moderngl.Context, painter: moderngl.Program, ship: Ship) -> moderngl.Texture:
-    """Mipmapped texture of a deck's colour.
+    """Mipmapped texture of a deck's colour; a shader reads it as linear reflectance.
 
     The noise texture must be bound to unit 0.
     """
@@ -30,7 +32,7 @@ def paint_deck(context: moderngl.Context, painter: moderngl.Program, ship: Ship)
     ground = fill([low, (high[0], low[1]), high, (low[0], high[1])], ship.surface.rgb, wear=0.0)
     _draw(context, painter, smooth, layers([ground, ship.coat]))
     context.disable(moderngl.BLEND)
-    texture = context.texture(size, 4)
+    texture = context.texture(size, 4, internal_format=SRGB8_ALPHA8)
     resolved = context.framebuffer([texture])
     context.copy_framebuffer(resolved, smooth)
     for thing in (resolved, smooth, samples):
@@ -69,6 +71,14 @@ def _draw(
 def noise_texture(context: moderngl.Context) -> moderngl.Texture:
     """The shaders' tileable noise, mipmapped."""
     texture = context.texture((NOISE_SIZE, NOISE_SIZE), 4, noise_field(NOISE_SIZE).tobytes())
+    texture.build_mipmaps()
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    return texture
+
+
+def wave_texture(context: moderngl.Context) -> moderngl.Texture:
+    """The sea's tile, mipmapped."""
+    texture = context.texture((TILE_TEXELS, TILE_TEXELS), 4, wave_tile().tobytes())
     texture.build_mipmaps()
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     return texture

@@ -5,7 +5,7 @@ pixel centres lie where `deckline.geometry` puts them. Depth is a float attachme
 centres; it does not pass through the depth buffer.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -14,16 +14,20 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
-from deckline.sim.bake import SAMPLES, noise_texture, paint_deck
+from deckline.sim.bake import SAMPLES, noise_texture, paint_deck, wave_texture
 from deckline.sim.gl import moderngl, open_context
 from deckline.sim.layout import Layout
 from deckline.sim.mesh import Mesh, triangles
+from deckline.sim.shadow import ShadowMap
 from deckline.sim.ship import Ship
+from deckline.sim.uniforms import CLEAR_AIR_M, Uniforms, scene_uniforms, solid_uniforms
 from deckline.sim.weather import Weather
 
-NEAR_M, FAR_M = 1.0, 20000.0  # clip planes of the depth buffer, which only sorts surfaces
 SHADERS = Path(__file__).parent / "shaders"
-LINEAR = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32)
+INCLUDES = ("light.glsl", "sky.glsl", "backdrop.glsl")
+VERTEX = ("3f 3f 3f", "position", "normal", "colour")
+LAMP = ("3f 3f 1f", "position", "colour", "strength")
+POSITION = ("3f 24x", "position")
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,15 @@ class View:
     depth_m: NDArray[np.float32]  # (H, W) along the optical axis; NaN in the sky
 
 
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A mesh on the card and the program that draws it."""
+
+    program: moderngl.Program
+    colour: moderngl.VertexArray
+    depth: moderngl.VertexArray
+
+
 class Renderer:
     """Holds the OpenGL context and what is on the card. Use as a context manager."""
 
@@ -58,10 +71,17 @@ class Renderer:
         self.context = open_context()
         program = self._program
         self.sea, self.sea_depth = program("fullscreen.vert", "sea.frag"), program("fullscreen.vert", "sea_depth.frag")
+        self.ground = program("fullscreen.vert", "ground.frag")
         self.solid, self.deck = program("solid.vert", "solid.frag"), program("solid.vert", "deck.frag")
         self.depth, self.painter = program("solid.vert", "depth.frag"), program("paint.vert", "paint.frag")
-        self.noise = noise_texture(self.context)
-        self.corners = self.context.buffer(np.array([[-1, -1], [3, -1], [-1, 3]], dtype=np.float32).tobytes())
+        self.lamp = program("lamp.vert", "lamp.frag")
+        self.shadow = ShadowMap(self.context, program("shadow.vert", "shadow.frag"))
+        self.noise, self.waves = noise_texture(self.context), wave_texture(self.context)
+        corners = self.context.buffer(np.array([[-1, -1], [3, -1], [-1, 3]], dtype=np.float32).tobytes())
+        self.backdrops = {
+            each: self.context.vertex_array(each, [(corners, "2f", "corner")])
+            for each in (self.sea, self.ground, self.sea_depth)
+        }
         self.targets: dict[tuple[int, int], tuple[moderngl.Framebuffer, ...]] = {}
         self.ship: Ship | None = None
         self.ship_objects: list[moderngl.Buffer | moderngl.Texture | moderngl.VertexArray] = []
@@ -76,25 +96,25 @@ class Renderer:
         return self.context.program(vertex_shader=_source(vertex), fragment_shader=_source(fragment))
 
     def load(self, ship: Ship, sun: NDArray[np.float64]) -> None:
-        """Bring a ship onto the card and paint its deck, under a sun (3,): direction to the ground, world."""
+        """Bring a ship onto the card, paint its deck and cast its shadows.
+
+        Args:
+            ship: what to draw from now on.
+            sun: (3,) direction to the ground, world; the ship's own shadows stay as they fall when it is at rest.
+        """
         for thing in self.ship_objects:
             thing.release()
-        self.ship, self.sun = ship, sun
+        self.ship, self.sun, self.ship_objects = ship, sun, []
         deck = deck_mesh(ship.layout)
         self.noise.use(0)
         self.paint_map = paint_deck(self.context, self.painter, ship)
-        buffers = [self.context.buffer(mesh.tobytes()) for mesh in (ship.solids, deck)]
-        layout = ("3f 3f 3f", "position", "normal", "colour")
-        plain = ("3f 24x", "position")
-        solid, deck_array, *depths = (
-            self.context.vertex_array(program, [(buffer, *attributes)], skip_errors=True)
-            for program, buffer, attributes in (
-                (self.solid, buffers[0], layout), (self.deck, buffers[1], layout),
-                (self.depth, buffers[0], plain), (self.depth, buffers[1], plain),
-            )
-        )  # fmt: skip
-        self.solid_array, self.deck_array, self.depth_arrays = solid, deck_array, depths
-        self.ship_objects = [solid, deck_array, *depths, *buffers, self.paint_map]
+        self.ship_objects.append(self.paint_map)
+        self.solids = [self._solid(self.solid, ship.solids), self._solid(self.deck, deck)]
+        self.background = self._background(ship)
+        casters = np.concatenate([ship.solids[:, :3], deck[:, :3]]).astype(np.float64)
+        sun_on_ship = ship.layout.world_from_ship.rotation.inv().apply(sun)
+        self.shadow.draw([self._buffer(ship.solids), self._buffer(deck)], casters, sun_on_ship)
+        self.lamps = self._lamps(getattr(ship, "lights", None))
 
     def render(
         self,
@@ -119,32 +139,53 @@ class Renderer:
         if not eye_z < sea_z:
             raise ValueError(f"the camera must be above the sea (z < {sea_z:.2f} m), got z = {eye_z:.2f} m")
         where = self.ship.layout.world_from_ship if world_from_ship is None else world_from_ship
-        values = uniforms(camera, world_from_camera, where, self.ship, weather, self.sun, time_s, with_ship)
-        self._set(values, quality.anisotropy)
+        ship = solid_uniforms(camera, world_from_camera, where, CLEAR_AIR_M)
+        world = solid_uniforms(camera, world_from_camera, RigidTransform.identity(), weather.fade_m)
+        scene = scene_uniforms(camera, world_from_camera, where, self.ship, weather, time_s, with_ship)
+        scene |= ship | {"sun": self.sun, "light_from_ship": self.shadow.light_from_ship.T}
+        self._bind(scene, quality.anisotropy)
+        return self._draw(camera, quality, ship, world | {"shadow": 0.0}, weather, with_ship)
+
+    def _draw(
+        self, camera: Camera, quality: Quality, ship: Uniforms, world: Uniforms, weather: Weather, with_ship: bool
+    ) -> View:
         sampled, resolved, measured = self._targets(camera)
         drawn = sampled if quality.samples > 1 else resolved
+        solids = self.solids if with_ship else []
+        land = bool(getattr(self.ship, "on_land", False))
         drawn.use()
         drawn.clear()
-        self._draw(self.sea, [self.solid_array, self.deck_array] if with_ship else [])
+        for solid in solids:
+            solid.colour.render()
+        for solid in self.background:
+            _set(solid.program, world)
+            solid.colour.render()
+        self.backdrops[self.ground if land else self.sea].render()
+        if with_ship and weather.lamps > 0.0 and self.lamps is not None:
+            self._shine(self.lamps)
         if drawn is sampled:
             self.context.copy_framebuffer(resolved, sampled)
-        rgb = np.frombuffer(resolved.read(components=3, alignment=1), dtype=np.uint8)
+        radiance = np.frombuffer(resolved.read(components=4, alignment=1, dtype="f2"), dtype=np.float16)
         measured.use()
         measured.clear()
-        self._draw(self.sea_depth, self.depth_arrays if with_ship else [])
+        for solid in self.background:
+            _set(self.depth, world)
+            solid.depth.render()
+        _set(self.depth, ship)
+        for solid in solids:
+            solid.depth.render()
+        self.backdrops[self.sea_depth].render()
         depth = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
         shape = (camera.height, camera.width)
-        radiance = LINEAR[rgb].reshape(*shape, 3)
-        return View(radiance, np.where(depth > 0, depth, np.float32(np.nan)).reshape(shape))
+        rgb = radiance.reshape(*shape, 4)[..., :3].astype(np.float32)
+        return View(rgb, np.where(depth > 0, depth, np.float32(np.nan)).reshape(shape))
 
-    def _draw(self, background: moderngl.Program, arrays: list[moderngl.VertexArray]) -> None:
-        backdrop = self.context.vertex_array(background, [(self.corners, "2f", "corner")])
-        self.context.disable(moderngl.DEPTH_TEST)
-        backdrop.render()
-        backdrop.release()
-        self.context.enable(moderngl.DEPTH_TEST)
-        for array in arrays:
-            array.render()
+    def _shine(self, lamps: moderngl.VertexArray) -> None:
+        self.context.enable(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE)
+        self.context.blend_func = moderngl.ONE, moderngl.ONE
+        lamps.render(moderngl.POINTS)
+        self.context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        self.context.disable(moderngl.BLEND)
 
     def _targets(self, camera: Camera) -> tuple[moderngl.Framebuffer, ...]:
         """Frame buffers of a size: sampled colour, resolved colour, exact depth."""
@@ -152,83 +193,65 @@ class Renderer:
         if size not in self.targets:
             gl = self.context
             sampled = gl.framebuffer(
-                [gl.renderbuffer(size, 4, samples=SAMPLES)], gl.depth_renderbuffer(size, samples=SAMPLES)
+                [gl.renderbuffer(size, 4, samples=SAMPLES, dtype="f2")], gl.depth_renderbuffer(size, samples=SAMPLES)
             )
-            resolved = gl.framebuffer([gl.renderbuffer(size, 4)], gl.depth_renderbuffer(size))
+            resolved = gl.framebuffer([gl.renderbuffer(size, 4, dtype="f2")], gl.depth_renderbuffer(size))
             measured = gl.framebuffer([gl.renderbuffer(size, 1, dtype="f4")], gl.depth_renderbuffer(size))
             self.targets[size] = (sampled, resolved, measured)
         return self.targets[size]
 
-    def _set(self, values: dict[str, ArrayLike], anisotropy: float) -> None:
-        """Hand every drawing program the uniforms that it has."""
-        for program in (self.sea, self.sea_depth, self.solid, self.deck, self.depth):
-            for name in program:
-                if isinstance(program[name], moderngl.Uniform):
-                    value = np.asarray(values[name])
-                    program[name] = value.item() if value.ndim == 0 else tuple(value.ravel().tolist())
+    def _bind(self, values: Uniforms, anisotropy: float) -> None:
+        """Hand every drawing program the uniforms and textures that it has."""
+        for program in (self.sea, self.ground, self.sea_depth, self.solid, self.deck, self.depth, self.lamp):
+            _set(program, values)
         self.paint_map.anisotropy = anisotropy
-        self.noise.use(0)
-        self.paint_map.use(1)
+        for unit, texture in enumerate((self.noise, self.paint_map, self.waves, self.shadow.texture)):
+            texture.use(unit)
+        self.context.enable_only(moderngl.DEPTH_TEST)
+        self.context.depth_func = "<="
+
+    def _buffer(self, mesh: Mesh) -> moderngl.Buffer:
+        buffer = self.context.buffer(np.ascontiguousarray(mesh, dtype=np.float32).tobytes())
+        self.ship_objects.append(buffer)
+        return buffer
+
+    def _solid(self, program: moderngl.Program, mesh: Mesh) -> Solid:
+        buffer = self._buffer(mesh)
+        colour = self.context.vertex_array(program, [(buffer, *VERTEX)], skip_errors=True)
+        depth = self.context.vertex_array(self.depth, [(buffer, *POSITION)], skip_errors=True)
+        self.ship_objects += [colour, depth]
+        return Solid(program, colour, depth)
+
+    def _background(self, ship: Ship) -> list[Solid]:
+        mesh = getattr(ship, "background", None)
+        return [] if mesh is None or not len(mesh) else [self._solid(self.solid, mesh)]
+
+    def _lamps(self, lights: NDArray[np.float32] | None) -> moderngl.VertexArray | None:
+        if lights is None or not len(lights):
+            return None
+        array = self.context.vertex_array(self.lamp, [(self._buffer(lights), *LAMP)])
+        self.ship_objects.append(array)
+        return array
 
 
-def uniforms(
-    camera: Camera,
-    world_from_camera: RigidTransform,
-    ship_pose: RigidTransform,
-    ship: Ship,
-    weather: Weather,
-    sun: NDArray[np.float64],
-    time_s: float,
-    with_ship: bool,
-) -> dict[str, ArrayLike]:
-    """Every uniform of the shaders by name; matrices column by column, as OpenGL reads them."""
-    layout = ship.layout
-    world_from_ship = ship_pose.as_matrix()
-    optical_from_ship = (world_from_camera.inv() * ship_pose).as_matrix()
-    values: dict[str, ArrayLike] = {item.name: getattr(weather, item.name) for item in fields(weather)}
-    return values | {
-        "lens": (camera.fx, camera.fy, camera.cx, camera.cy),
-        "world_from_optical": world_from_camera.rotation.as_matrix().T,
-        "eye": world_from_camera.translation,
-        "sea_z": layout.sea_z_m,
-        "sun": sun,
-        "ship": (*world_from_ship[:2, 3], *world_from_ship[:2, 0]),
-        "wake": (ship.stern_half_m, weather.wake_spread, weather.wake_length_m, weather.wake * with_ship),
-        "hull_m": layout.length_m,
-        "time_s": time_s,
-        "clip_from_ship": (clip_from_optical(camera) @ optical_from_ship).T,
-        "depth_row": optical_from_ship[2],
-        "world_from_ship": world_from_ship[:3, :3].T,
-        "world_from_ship4": world_from_ship.T,
-        "paint_area": (*layout.outline_m.min(axis=0), *np.ptp(layout.outline_m, axis=0)),
-        "noise_map": 0,
-        "paint_map": 1,
-    }
-
-
-def clip_from_optical(camera: Camera) -> NDArray[np.float64]:
-    """Projection (4, 4) of the optical frame to OpenGL's clip space, image row 0 at the bottom."""
-    sx, sy = 2.0 / camera.width, 2.0 / camera.height
-    a, b = (FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2.0 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
-    return np.array(
-        [
-            [camera.fx * sx, 0.0, (camera.cx + 0.5) * sx - 1.0, 0.0],
-            [0.0, camera.fy * sy, (camera.cy + 0.5) * sy - 1.0, 0.0],
-            [0.0, 0.0, a, b],
-            [0.0, 0.0, 1.0, 0.0],
-        ]
-    )
+def _set(program: moderngl.Program, values: dict[str, ArrayLike]) -> None:
+    for name in program:
+        if name in values and isinstance(program[name], moderngl.Uniform):
+            value = np.asarray(values[name])
+            program[name] = value.item() if value.ndim == 0 else tuple(value.ravel().tolist())
 
 
 def deck_mesh(layout: Layout) -> Mesh:
-    """The deck's surface as strips between its edges."""
+    """The deck's surface as strips between its edges, facing up."""
     x, port, starboard = layout.stations_m, layout.port_m, layout.starboard_m
     zero = np.zeros(len(x) - 1)
     p0, p1 = np.column_stack([x[:-1], port[:-1], zero]), np.column_stack([x[1:], port[1:], zero])
     s0, s1 = np.column_stack([x[:-1], starboard[:-1], zero]), np.column_stack([x[1:], starboard[1:], zero])
-    return triangles(np.concatenate([np.stack([p0, p1, s1], 1), np.stack([p0, s1, s0], 1)]), (0.0, 0.0, 0.0))
+    return triangles(np.concatenate([np.stack([p0, s1, p1], 1), np.stack([p0, s0, s1], 1)]), (0.0, 0.0, 0.0))
 
 
 def _source(name: str) -> str:
     text = (SHADERS / name).read_text(encoding="utf-8")
-    return text.replace("#include sky.glsl", (SHADERS / "sky.glsl").read_text(encoding="utf-8"))
+    for part in INCLUDES:
+        text = text.replace(f"#include {part}", (SHADERS / part).read_text(encoding="utf-8"))
+    return text

@@ -1,17 +1,22 @@
 #version 330
+#include light.glsl
 uniform mat4 clip_from_ship;
-uniform vec4 depth_row;      // depth along the optical axis = dot(depth_row, (ship point, 1))
+uniform mat4 light_from_ship;  // shadow map coordinates, 0..1
+uniform vec4 depth_row;        // depth along the optical axis = dot(depth_row, (ship point, 1))
 in vec3 position;
 in vec3 normal;
 in vec3 colour;
 out vec3 at;
 out vec3 facing;
 out vec3 albedo;
+out vec3 spot;
 out float axial_m;
+const float LIFT_M = 0.12;     // off the surface, so that none shadows itself
 void main() {
     at = position;
     facing = normal;
-    albedo = colour;
+    albedo = reflectance(colour);
+    spot = (light_from_ship * vec4(position + LIFT_M * normal, 1.0)).xyz;
     axial_m = dot(depth_row, vec4(position, 1.0));
     gl_Position = clip_from_ship * vec4(position, 1.0);
 }
