@@ -168,8 +168,10 @@ def air_path(
         small = np.abs(rise) < 1e-4
         share = np.where(small, 1 - rise / 2, -np.expm1(-rise) / np.where(small, 1, rise))
         reach = np.where(seen, ranges * share, reach)
-    path: NDArray[np.float32] = (np.float32(density) * reach).astype(np.float32)
-    return np.multiply(path, patches(reach, directions, eye, atmosphere.waves)) if atmosphere.waves else path
+    path = np.float32(density) * reach
+    if atmosphere.waves:
+        path = path * patches(reach, directions, eye, atmosphere.waves)
+    return np.asarray(path, dtype=np.float32)
 
 
 def patches(
