@@ -19,6 +19,7 @@ FEW, FEW_ENOUGH, ENOUGH = 0.12, 0.2, 0.65  # few views may show so little of the
 DECK_SHARE, ODD_SHARE, AWAY_SHARE = 0.06, 0.04, 0.06  # of the training views; the others lie around the glide path
 ODD_RANGE_M = (150.0, 2000.0)  # from the ship's middle
 CLEAR_OF_SHIP_M = 80.0  # a view from any side stays so far from the ship's ends
+DECK_HEIGHT_M = (6.0, 30.0)  # over the deck; where there is no runway, parked aircraft up to 5.6 m high may be below
 SPEED_M_S = 65.0
 RATES_RAD_S = np.deg2rad([4.0, 1.5, 1.5])  # 1-sigma of roll, pitch and yaw rate; our choice
 
@@ -105,7 +106,7 @@ def draw_fov(config: SimConfig, rng: np.random.Generator, narrowest_deg: float =
 def deck_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
     """Past the ramp, low over the landing area, looking ahead."""
     width = float(np.hypot(*(layout.right_m[0] - layout.left_m[0])))
-    height = float(np.exp(rng.uniform(np.log(RAMP_CLEARANCE_M), np.log(30.0))))
+    height = float(np.exp(rng.uniform(*np.log(DECK_HEIGHT_M))))
     along = rng.uniform(0.0, min(60.0, 0.3 * axes(*layout.centre_m)[2]))
     right = rng.uniform(-0.35, 0.35) * width
     target = runway_point(layout, along + 100.0, right)
@@ -120,9 +121,10 @@ def odd_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Vie
 
 
 def away_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
-    """From any side, looking past the ship: the sea, perhaps the ship's bow, none of the runway."""
+    """From any side, looking past the ship: the sea, perhaps a part of the ship, none of the runway."""
     for _ in range(40):
-        view = from_any_side(config, layout, rng, aim_deg=float(rng.uniform(15.0, 345.0)))
+        aim = rng.uniform(10.0, 60.0) if rng.random() < 0.6 else rng.uniform(60.0, 180.0)
+        view = from_any_side(config, layout, rng, float(rng.choice([-1.0, 1.0]) * aim))
         if runway_in_view(view, layout) == 0.0:
             break
     return view
