@@ -1,13 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.sim.config import SimConfig
-from deckline.sim.layout import cvn_layout, paper_layout, random_layout, world_points
+from deckline.sim.clearance import runway_distance
+from deckline.sim.layout import DECKS, class_layout, cvn_layout, paper_layout, random_layout, ship_layout, world_points
 from deckline.sim.paint import axes
-from deckline.sim.ship import build_ship
-from deckline.sim.structure import runway_distance
+from deckline.sim.ship_class import SHIP_CLASSES, LineEnds, load_class
 
 
 def angle_deg(line):
@@ -45,9 +46,32 @@ def assert_lines_lie_on_deck(layout, margin_m):
             assert 0 <= point[0] <= layout.length_m
 
 
-def test_named_ships_carry_their_lines():
-    assert_lines_lie_on_deck(paper_layout(), 1.5)
-    assert_lines_lie_on_deck(cvn_layout(), 1.5)
+@pytest.mark.parametrize("name", SHIP_CLASSES)
+def test_named_ships_carry_their_lines(name):
+    spec = load_class(name)
+    layout = class_layout(spec)
+    assert_lines_lie_on_deck(layout, 1.5 + spec.plan.edge.width_m / 2)
+    assert layout.sea_z_m - layout.world_from_ship.translation[2] == pytest.approx(spec.deck_height_m)
+    assert layout.on_land == (name == "runway")
+
+
+def test_classes_have_the_sizes_they_were_made_for():
+    axial, small, land = (class_layout(load_class(name)) for name in ("axial", "small", "runway"))
+    assert 230 <= axial.length_m <= 260
+    assert angle_deg(axial.centre_m) == pytest.approx(0.0, abs=1e-9)
+    assert axial.centre_m[0, 1] < 0.0  # to port of the island
+    assert 90 <= small.length_m <= 130
+    assert 10 <= small.deck_height_m <= 13
+    assert 12 <= small.spacing_m <= 14
+    assert land.deck_height_m == pytest.approx(0.3)
+
+
+def test_lines_given_by_their_ends_are_taken_as_they_are():
+    ends = LineEnds(((3.0, -12.0), (180.0, -14.0)), ((3.0, 8.0), (170.0, 6.0)))
+    layout = class_layout(replace(load_class("cvn"), strip=None, lines=ends))
+    np.testing.assert_array_equal(layout.left_m, ends.left_m)
+    np.testing.assert_array_equal(layout.right_m, ends.right_m)
+    assert layout.spacing_m == 20.0
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -57,21 +81,23 @@ def test_random_ships_carry_their_lines_left_left_of_right(seed):
     assert_lines_lie_on_deck(layout, 1.5)
     _, right, _ = axes(*layout.centre_m)
     for k in (0, 1):
-        assert 12.0 < (layout.right_m[k] - layout.left_m[k]) @ right < 32.0
+        assert 8.0 < (layout.right_m[k] - layout.left_m[k]) @ right < (46.0 if layout.on_land else 32.0)
     assert np.all(np.diff(layout.stations_m) > 0)
     assert np.all(layout.port_m < layout.starboard_m)
 
 
-@given(st.integers(0, 2**31))
-@settings(max_examples=25, deadline=None)
-def test_nothing_stands_on_the_runway(seed):
-    ship, runway, _ = build_ship(SimConfig(preset="train", seed=seed), 0)
-    above = ship.solids[ship.solids[:, 2] < -0.1]
-    if not runway or not len(above):
-        return
-    start, end = ship.layout.centre_m
-    along, _, length = axes(start, end)
-    s = (above[:, :2] - start) @ along
-    # Radar yards may reach over the edge of the landing area, high up.
-    beside = above[(s > 0) & (s < length) & (above[:, 2] > -4.0)]
-    assert not len(beside) or runway_distance(ship.layout, beside[:, :2]).min() > 0.0
+@pytest.mark.parametrize(
+    ("kind", "longest_m", "steepest_deg"),
+    [("large", 345, 11), ("medium", 270, 11), ("axial", 285, 2.5), ("small", 140, 6)],
+)
+def test_kinds_of_decks_differ(kind, longest_m, steepest_deg):
+    for seed in range(30):
+        layout = ship_layout(kind, np.random.default_rng(seed))
+        assert layout.length_m <= longest_m
+        assert abs(angle_deg(layout.centre_m)) <= steepest_deg + 1e-6
+        assert not layout.on_land
+
+
+def test_a_few_runways_lie_on_land():
+    on_land = [random_layout(np.random.default_rng(seed)).on_land for seed in range(1000)]
+    assert np.mean(on_land) == pytest.approx(DECKS["land"], abs=3 * np.sqrt(0.04 * 0.96 / 1000))

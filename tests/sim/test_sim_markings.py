@@ -5,13 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.sim.layout import cvn_layout
-from deckline.sim.markings import CVN_EDGE, deck_coat, edge_coat, random_edge, random_surface, smear_coat
-from deckline.sim.paint import axes
-from deckline.sim.structure import runway_distance
+from deckline.sim.clearance import runway_distance
+from deckline.sim.layout import class_layout
+from deckline.sim.markings import edge_coat, line_coat, random_edge, runway_coat, smear_coat
+from deckline.sim.paint import axes, layers
+from deckline.sim.plan import LineStyle
+from deckline.sim.random_plan import random_surface
+from deckline.sim.ship_class import SHIP_CLASSES, load_class
 
 seeds = st.integers(0, 2**32 - 1)
-LAYOUT = cvn_layout()
+CVN = load_class("cvn")
+CVN_EDGE = CVN.plan.edge
+LAYOUT = class_layout(CVN)
+NO_RUBBER = layers([])
 
 
 @pytest.mark.parametrize("kind", ["ladder", "stripe", "double", "dashed"])
@@ -51,10 +57,76 @@ def test_smeared_paint_keeps_its_outer_edge(line, inward):
     assert not coat[outside < -style.width_m / 2 - 3.9, 5].any()
 
 
-def test_edges_are_the_topmost_paint_and_missing_without_a_runway():
+def moments(coat, line):
+    """Area of a coat, and how far its area's middle lies to the right of a line."""
+    right = axes(*line)[1]
+    corners = coat[:, :2].astype(float).reshape(-1, 3, 2)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2 * coat[::3, 5]
+    return area.sum(), area @ ((corners.mean(axis=1) - line[0]) @ right) / area.sum()
+
+
+def styles():
+    yield from (pytest.param(load_class(name).plan.edge, id=name) for name in SHIP_CLASSES)
+    for seed in range(12):
+        yield pytest.param(replace(random_edge(np.random.default_rng(seed)), opacity=0.8), id=f"random {seed}")
+
+
+@pytest.mark.parametrize("style", list(styles()))
+def test_every_marking_is_symmetric_about_its_line(style):
+    for line in (LAYOUT.left_m, LAYOUT.right_m):
+        coat = edge_coat(line, style)
+        area, aside = moments(coat, line)
+        assert area > 0.2 * style.rail_m * 200.0
+        assert abs(aside) < 1e-4
+        across = np.unique(np.round((coat[:, :2] - line[0]) @ axes(*line)[1], 3))
+        np.testing.assert_allclose(across, -across[::-1], atol=2e-3)
+
+
+def test_edges_are_the_topmost_paint_of_the_runway():
     edges = [edge_coat(line, CVN_EDGE) for line in (LAYOUT.left_m, LAYOUT.right_m)]
-    coat = deck_coat(LAYOUT, CVN_EDGE, True, np.random.default_rng(3))
+    coat = runway_coat(LAYOUT, CVN.plan, NO_RUBBER, np.random.default_rng(3))
     np.testing.assert_array_equal(coat[-len(edges[1]) :], edges[1])
     np.testing.assert_array_equal(coat[-len(edges[1]) - len(edges[0]) : -len(edges[1])], edges[0])
-    bare = deck_coat(LAYOUT, CVN_EDGE, False, np.random.default_rng(3))
-    assert len(bare) < len(coat) - len(edges[0]) - len(edges[1])
+
+
+def test_uneven_edges_have_a_style_each():
+    other = replace(CVN_EDGE, kind="stripe", width_m=0.8)
+    coat = runway_coat(LAYOUT, replace(CVN.plan, right_edge=other), NO_RUBBER, np.random.default_rng(3))
+    np.testing.assert_array_equal(coat[-6:], edge_coat(LAYOUT.right_m, other))
+
+
+def test_the_landing_area_leaves_the_deck_beside_the_edges_alone():
+    plan = replace(CVN.plan, area_opacity=1.0, area_rgb=(0.5, 0.4, 0.3))
+    coat = runway_coat(LAYOUT, plan, NO_RUBBER, np.random.default_rng(0))
+    inside = -runway_distance(LAYOUT, coat[:6, :2].astype(float))
+    assert tuple(coat[0, 2:5]) == tuple(np.float32([0.5, 0.4, 0.3]))
+    assert inside.min() == pytest.approx(CVN_EDGE.width_m / 2 + 0.3, abs=1e-3)
+
+
+def test_wires_cross_at_their_distances():
+    plan = replace(CVN.plan, edge=CVN_EDGE, centre=None, ramp_m=0.0, fouls=(), wires_m=(40.0, 60.0))
+    coat = runway_coat(LAYOUT, plan, NO_RUBBER, np.random.default_rng(0))[:12]
+    start, end = LAYOUT.centre_m
+    reach = np.round((coat[:, :2] - start) @ axes(start, end)[0], 3)
+    expected = [40.0, 40.0 + plan.wire_width_m, 60.0, 60.0 + plan.wire_width_m]
+    np.testing.assert_allclose(np.unique(reach), expected, atol=2e-3)
+
+
+def test_foul_lines_lie_outside_on_their_side():
+    style = LineStyle(0.5, ((0.6, 0.1, 0.1),))
+    plan = replace(CVN.plan, area_opacity=0.0, fouls=((5.0, style), (-3.0, style)))
+    coat = runway_coat(LAYOUT, plan, NO_RUBBER, np.random.default_rng(0))[:12]
+    right, left = (
+        (part[:, :2] - line[0]) @ axes(*line)[1]
+        for part, line in ((coat[:6], LAYOUT.right_m), (coat[6:], LAYOUT.left_m))
+    )
+    assert right.mean() == pytest.approx(5.0, abs=1e-3)
+    assert left.mean() == pytest.approx(-3.0, abs=1e-3)
+
+
+def test_a_line_of_one_colour_without_gaps_is_one_stripe():
+    start, end = np.array([0.0, 0.0]), np.array([50.0, 0.0])
+    assert len(line_coat(start, end, LineStyle(0.5, ((1, 1, 1),)))) == 6
+    assert len(line_coat(start, end, LineStyle(0.5, ((1, 1, 1), (1, 1, 0)), dash_m=10.0))) == 30
+    assert len(line_coat(start, end, LineStyle(0.5, ((1, 1, 1),), dash_m=10.0, gap_m=15.0))) == 12

@@ -3,7 +3,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline.sim.paint import dashes, figures, fill, ladder, layers, quad, soft_stripe, stripe
+from deckline.sim.paint import (
+    bars,
+    dashes,
+    figures,
+    fill,
+    ladder,
+    layers,
+    quad,
+    ring,
+    soft_discs,
+    soft_stripes,
+    stripe,
+)
 
 WHITE = (1.0, 1.0, 1.0)
 coordinates = st.floats(-200, 200)
@@ -47,10 +59,44 @@ def test_dashes_take_turns_and_stay_on_the_line():
     assert coat[:, 0].max() <= 25.0
 
 
-def test_soft_stripe_fades_to_its_sides():
-    coat = soft_stripe((0, 0), (10, 0), 2.0, WHITE, 0.6)
-    assert set(np.round(coat[np.isclose(coat[:, 1], 0), 5], 4)) == {np.float32(0.6)}
-    assert not coat[np.abs(coat[:, 1]) > 0.9, 5].any()
+def test_bars_are_quads_at_once():
+    spans, across = [(0.0, 2.0), (5.0, 6.0)], [(-1.0, 1.0), (0.0, 3.0)]
+    coat = bars((3, 4), (10, 9), spans, across, WHITE, [[0.5], [0.8]])
+    for k in range(2):
+        expected = fill(quad((3, 4), (10, 9), spans[k], across[k]), WHITE, (0.5, 0.8)[k])
+        np.testing.assert_allclose(coat[6 * k : 6 * k + 6], expected, atol=1e-6)
+
+
+def test_soft_stripes_fade_to_their_sides_and_ends():
+    coat = soft_stripes([(0, 0), (0, 20)], [(10, 0), (10, 20)], [2.0, 4.0], [WHITE, (0, 0, 0)], [0.6, 0.3])
+    first, second = coat[:36], coat[36:]
+    assert first[:, 5].max() == pytest.approx(0.6)
+    assert second[:, 5].max() == pytest.approx(0.3)
+    assert np.abs(second[:, 1] - 20).max() == pytest.approx(2.0)
+    assert not first[np.abs(first[:, 1]) > 0.9, 5].any()
+    assert not first[np.isin(first[:, 0], (0.0, 10.0)), 5].any()
+    assert first[:, 2].all()
+    assert not second[:, 2].any()
+
+
+def test_soft_discs_fade_to_their_rims():
+    coat = soft_discs([(1, 2), (30, 40)], [3.0, 1.0], [WHITE, WHITE], [0.7, 0.2])
+    for disc, middle, radius, strong in ((coat[:36], (1, 2), 3.0, 0.7), (coat[36:], (30, 40), 1.0, 0.2)):
+        distance = np.hypot(*(disc[:, :2] - middle).T)
+        assert distance.max() == pytest.approx(radius, rel=1e-5)
+        np.testing.assert_allclose(disc[:, 5], np.where(distance < 1e-6, strong, 0.0), atol=1e-6)
+
+
+def test_ring_has_the_area_of_its_polygons():
+    area, centroid = area_and_centroid(ring((5, -3), 6.0, 0.5, WHITE, sides=40))
+    regular = 40 / 2 * np.sin(2 * np.pi / 40)  # area of a regular polygon of radius 1
+    assert area == pytest.approx(regular * (6.25**2 - 5.75**2), rel=1e-4)
+    np.testing.assert_allclose(centroid, [5, -3], atol=1e-4)
+
+
+def test_no_stains_are_no_paint():
+    assert soft_stripes([], [], [], np.zeros((0, 3)), []).shape == (0, 7)
+    assert soft_discs([], [], np.zeros((0, 3)), []).shape == (0, 7)
 
 
 def test_figures_have_their_segments():

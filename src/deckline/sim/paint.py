@@ -28,16 +28,26 @@ SEGMENTS = (
 def fill(polygon_m: ArrayLike, rgb: ArrayLike, opacity: ArrayLike = 1.0, wear: float = 1.0) -> Coat:
     """A convex polygon (N, 2); opacity may differ from corner to corner, (N,)."""
     corners = np.asarray(polygon_m, dtype=np.float64)
-    n = len(corners)
-    if corners.shape != (n, 2) or n < 3:
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
         raise ValueError(f"a painted polygon needs shape (N >= 3, 2), got {corners.shape}")
-    vertices = np.empty((n, 7), dtype=np.float32)
-    vertices[:, :2] = corners
-    vertices[:, 2:5] = np.asarray(rgb, dtype=np.float32)
-    vertices[:, 5] = opacity
-    vertices[:, 6] = wear
-    fan = [index for k in range(1, n - 1) for index in (0, k, k + 1)]
-    return vertices[fan]
+    return polygons(corners[None], rgb, opacity, wear)
+
+
+def polygons(corners_m: NDArray[np.float64], rgb: ArrayLike, opacity: ArrayLike = 1.0, wear: float = 1.0) -> Coat:
+    """Many convex polygons (N, K, 2) at once.
+
+    Args:
+        rgb: (3,) of all, or (N, 1, 3) of each.
+        opacity: of all, of each (N, 1), of each corner (K,), or all of them (N, K).
+    """
+    count, sides, _ = corners_m.shape
+    vertices = np.empty((count, sides, 7), dtype=np.float32)
+    vertices[..., :2] = corners_m
+    vertices[..., 2:5] = np.asarray(rgb, dtype=np.float32)
+    vertices[..., 5] = opacity
+    vertices[..., 6] = wear
+    fan = [index for k in range(1, sides - 1) for index in (0, k, k + 1)]
+    return vertices[:, fan].reshape(-1, 7)
 
 
 def axes(start_m: ArrayLike, end_m: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
@@ -60,11 +70,27 @@ def quad(
     return np.array([origin + s * along + t * right for s, t in ((a, c), (b, c), (b, d), (a, d))])
 
 
+def bars(
+    start_m: ArrayLike,
+    end_m: ArrayLike,
+    spans_m: ArrayLike,
+    across_m: ArrayLike,
+    rgb: ArrayLike,
+    opacity: ArrayLike = 1.0,
+    wear: float = 1.0,
+) -> Coat:
+    """Rectangles along a line, like `quad` many times: spans (N, 2), across (2,) or (N, 2), rest as in `polygons`."""
+    along, right, _ = axes(start_m, end_m)
+    spans = np.asarray(spans_m, dtype=np.float64).reshape(-1, 2)
+    across = np.broadcast_to(np.asarray(across_m, dtype=np.float64), spans.shape)
+    s, t = spans[:, [0, 1, 1, 0], None], across[:, [0, 0, 1, 1], None]
+    return polygons(np.asarray(start_m) + s * along + t * right, rgb, opacity, wear)
+
+
 def stripe(start_m: ArrayLike, end_m: ArrayLike, width_m: float, rgb: ArrayLike, offset_m: float = 0.0) -> Coat:
     """A solid stripe whose middle lies `offset` to the right of the line."""
     length = axes(start_m, end_m)[2]
-    sides = (offset_m - width_m / 2, offset_m + width_m / 2)
-    return fill(quad(start_m, end_m, (0.0, length), sides), rgb)
+    return bars(start_m, end_m, (0.0, length), (offset_m - width_m / 2, offset_m + width_m / 2), rgb)
 
 
 def dashes(
@@ -72,11 +98,10 @@ def dashes(
 ) -> Coat:
     """A dashed stripe whose colours take turns."""
     length = axes(start_m, end_m)[2]
-    coats = []
-    for k, s in enumerate(np.arange(0.0, length, dash_m + gap_m)):
-        span = (float(s), min(float(s) + dash_m, length))
-        coats.append(fill(quad(start_m, end_m, span, (-width_m / 2, width_m / 2)), rgbs[k % len(rgbs)]))
-    return layers(coats)
+    first = np.arange(0.0, length, dash_m + gap_m)
+    colours = np.asarray(rgbs, dtype=np.float64)[np.arange(len(first)) % len(rgbs)]
+    spans = np.column_stack([first, np.minimum(first + dash_m, length)])
+    return bars(start_m, end_m, spans, (-width_m / 2, width_m / 2), colours[:, None])
 
 
 def ladder(
@@ -85,21 +110,57 @@ def ladder(
     """Two stripes (`rail` wide, `width` from outside to outside) joined by bars every `pitch`."""
     length = axes(start_m, end_m)[2]
     offset = (width_m - rail_m) / 2
-    coats = [stripe(start_m, end_m, rail_m, rgb, -offset), stripe(start_m, end_m, rail_m, rgb, offset)]
+    first = np.arange(0.0, length - bar_m, pitch_m)
     inner = width_m / 2 - rail_m
-    for s in np.arange(0.0, length - bar_m, pitch_m):
-        coats.append(fill(quad(start_m, end_m, (float(s), float(s) + bar_m), (-inner, inner)), rgb))
-    return layers(coats)
+    rungs = bars(start_m, end_m, np.column_stack([first, first + bar_m]), (-inner, inner), rgb)
+    return layers([stripe(start_m, end_m, rail_m, rgb, side * offset) for side in (-1, 1)] + [rungs])
 
 
-def soft_stripe(start_m: ArrayLike, end_m: ArrayLike, width_m: float, rgb: ArrayLike, opacity: float) -> Coat:
-    """A stain that fades from its middle line to its sides."""
-    length = axes(start_m, end_m)[2]
+def ring(middle_m: ArrayLike, radius_m: float, width_m: float, rgb: ArrayLike, sides: int = 28) -> Coat:
+    """A circle whose line, `width` wide, has its middle at the radius."""
+    angle = np.arange(sides + 1) * 2 * np.pi / sides
+    unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    inner, outer = (radius_m - width_m / 2) * unit, (radius_m + width_m / 2) * unit
+    corners = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)
+    return polygons(corners + np.asarray(middle_m), rgb)
+
+
+def soft_stripes(
+    starts_m: ArrayLike, ends_m: ArrayLike, widths_m: ArrayLike, rgbs: ArrayLike, opacities: ArrayLike
+) -> Coat:
+    """Stains that fade from their middle line to their sides and ends.
+
+    Args:
+        starts_m, ends_m: (N, 2), different from each other.
+        widths_m, opacities: (N,).
+        rgbs: (N, 3).
+    """
+    start, end = (np.asarray(x, dtype=np.float64).reshape(-1, 2) for x in (starts_m, ends_m))
+    delta = end - start
+    right = np.stack([-delta[:, 1], delta[:, 0]], axis=1) / np.hypot(*delta.T)[:, None]
+    half = right * (np.asarray(widths_m, dtype=np.float64) / 2)[:, None]
+    spine = np.stack([start, start + 0.2 * delta, end - 0.25 * delta, end], axis=1)
+    strong = np.asarray(opacities, dtype=np.float64)[:, None] * [0.0, 1.0, 1.0, 0.0]
     coats = []
-    for side in (-1.0, 1.0):
-        corners = quad(start_m, end_m, (0.0, length), (0.0, side * width_m / 2))
-        coats.append(fill(corners, rgb, [opacity, opacity, 0.0, 0.0], wear=0.4))
-    return layers(coats)
+    for k in range(3):
+        for side in (-1.0, 1.0):
+            sides = spine[:, [k, k + 1]] + side * half[:, None]
+            corners = np.concatenate([spine[:, [k, k + 1]], sides[:, ::-1]], axis=1)
+            faded = np.concatenate([strong[:, [k, k + 1]], np.zeros((len(start), 2))], axis=1)
+            coats.append(polygons(corners, np.asarray(rgbs)[:, None], faded, wear=0.4))
+    return np.stack([coat.reshape(len(start), 6, 7) for coat in coats], axis=1).reshape(-1, 7)
+
+
+def soft_discs(middles_m: ArrayLike, radii_m: ArrayLike, rgbs: ArrayLike, opacities: ArrayLike) -> Coat:
+    """Round stains (N, 2) of radii (N,) in colours (N, 3) that fade from their middle (N,) to the rim."""
+    angle = np.arange(13) * np.pi / 6
+    unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    middle = np.asarray(middles_m, dtype=np.float64).reshape(-1, 1, 1, 2)
+    radius = np.asarray(radii_m, dtype=np.float64).reshape(-1, 1, 1, 1)
+    rim = np.stack([np.zeros((12, 2)), unit[:-1], unit[1:]], axis=1)
+    corners = (middle + radius * rim).reshape(-1, 3, 2)
+    strong = np.repeat(np.asarray(opacities, dtype=np.float64), 12)[:, None] * [1.0, 0.0, 0.0]
+    return polygons(corners, np.repeat(np.asarray(rgbs), 12, axis=0)[:, None], strong, wear=0.3)
 
 
 def figures(text: str, start_m: ArrayLike, end_m: ArrayLike, height_m: float, rgb: ArrayLike) -> Coat:
@@ -111,14 +172,13 @@ def figures(text: str, start_m: ArrayLike, end_m: ArrayLike, height_m: float, rg
         ((0, wide), (half - stroke / 2, half + stroke / 2)), ((0, stroke), (half, full)),
         ((wide - stroke, wide), (half, full)), ((0, wide), (full - stroke, full)),
     )  # fmt: skip
-    coats = []
-    for k, figure in enumerate(text):
-        shift = 1.35 * wide * k
-        for painted, (span, across) in zip(SEGMENTS[int(figure)], spans, strict=True):
-            if painted == "1":
-                corners = quad(start_m, end_m, (span[0] + shift, span[1] + shift), across)
-                coats.append(fill(corners, rgb))
-    return layers(coats)
+    painted = [
+        ((span[0] + shift, span[1] + shift), across)
+        for shift, figure in zip(1.35 * wide * np.arange(len(text)), text, strict=True)
+        for on, (span, across) in zip(SEGMENTS[int(figure)], spans, strict=True)
+        if on == "1"
+    ]
+    return bars(start_m, end_m, [span for span, _ in painted], [across for _, across in painted], rgb)
 
 
 def layers(coats: Sequence[Coat]) -> Coat:

@@ -1,21 +1,24 @@
 """One ship with its paint: what is drawn in a block of frames."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from deckline.sim.config import SimConfig
-from deckline.sim.layout import Layout, cvn_layout, paper_layout, random_layout
-from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, DeckSurface, deck_coat, random_edge, random_surface
-from deckline.sim.mesh import Mesh
+from deckline.sim.deck_paint import deck_coat
+from deckline.sim.layout import Layout, class_layout, random_layout
+from deckline.sim.lights import Lamps, deck_lights
+from deckline.sim.mesh import Mesh, join
 from deckline.sim.paint import Coat
+from deckline.sim.plan import DeckSurface
+from deckline.sim.random_plan import random_plan, random_surface
+from deckline.sim.ship_class import load_class
 from deckline.sim.structure import build_structure
-from deckline.sim.weather import sun_direction
+from deckline.sim.weathering import DAMAGED
 
-NO_RUNWAY = 0.08  # part of the training ships without a runway
+NO_RUNWAY = 0.12  # part of the training ships without a runway
 TEXELS_PER_M = 12.0
 TRAIN_TEXELS_PER_M = 8.0  # coarser: a new deck is painted every few frames
+LONGEST_TEXELS = 4096.0  # a long runway's paint is coarser still
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,23 +28,37 @@ class Ship:
     layout: Layout
     coat: Coat
     surface: DeckSurface
-    solids: Mesh
+    solids: Mesh  # ship frame
     stern_half_m: float
     texels_per_m: float  # of the deck's paint
+    runway: bool = True  # whether edge lines are painted on it
+    lights: Lamps = field(default_factory=lambda: np.zeros((0, 7), dtype=np.float32))  # ship frame
+    background: Mesh = field(default_factory=lambda: join([]))  # other ships and coast, world frame
+
+    @property
+    def on_land(self) -> bool:
+        """Whether ground lies around it, and no water."""
+        return self.layout.on_land
 
 
-def build_ship(config: SimConfig, block: int) -> tuple[Ship, bool, NDArray[np.float64]]:
-    """Ship of a block of frames, whether it has a runway, and the sun's direction (3,) in the world."""
-    rng = np.random.default_rng([config.seed, 2, block])
-    runway = config.preset != "train" or rng.random() >= NO_RUNWAY
-    if config.preset == "paper":
-        layout, style = paper_layout(), PAPER_EDGE
-    elif config.preset == "cvn":
-        layout, style = cvn_layout(), CVN_EDGE
+def build_ship(preset: str, rng: np.random.Generator) -> Ship:
+    """A ship of a class, or a random one for `train`; its wear, clutter and lamps are random in both.
+
+    Raises:
+        ValueError: an unknown preset.
+    """
+    for_layout, for_solids, for_paint, for_lights = rng.spawn(4)
+    if preset == "train":
+        layout, spec = random_layout(for_layout), None
+        runway = layout.on_land or bool(for_layout.random() >= NO_RUNWAY)
+        plan, surface = random_plan(layout, runway, for_paint), random_surface(for_paint)
+        worn = bool(for_paint.random() < DAMAGED)
     else:
-        layout, style = random_layout(rng), random_edge(rng)
-    structure = build_structure(layout, runway, rng)
-    coat = deck_coat(layout, style, runway, rng)
-    texels = TRAIN_TEXELS_PER_M if config.preset == "train" else TEXELS_PER_M
-    ship = Ship(layout, coat, random_surface(rng), structure.mesh, structure.stern_half_m, texels)
-    return ship, runway, sun_direction(rng)
+        spec = load_class(preset)
+        layout, runway, plan, worn = class_layout(spec), True, spec.plan, False
+        surface = spec.surface
+    structure = build_structure(layout, runway, for_solids, spec)
+    coat = deck_coat(layout, plan, surface, runway, worn, for_paint)
+    texels = min(TRAIN_TEXELS_PER_M if spec is None else TEXELS_PER_M, LONGEST_TEXELS / layout.length_m)
+    lights = deck_lights(layout, runway, for_lights)
+    return Ship(layout, coat, surface, structure.mesh, structure.stern_half_m, texels, runway, lights)

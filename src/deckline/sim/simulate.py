@@ -16,7 +16,7 @@ from deckline.sim.render import BEST, Renderer, View, random_quality
 from deckline.sim.sensor import DISPLAY_GAMMA, Sensor, add_noise, develop, random_sensor
 from deckline.sim.ship import Ship, build_ship
 from deckline.sim.trajectory import Viewpoint, approach_view, random_view
-from deckline.sim.weather import Weather, horizon_airlight, random_airlight, random_weather
+from deckline.sim.weather import Weather, horizon_airlight, random_airlight, random_weather, sun_direction
 from deckline.types import Frame, Segment, Truth
 
 OPEN_SEA = 0.5  # part of the views without a runway that show no ship either
@@ -49,10 +49,11 @@ class Simulator:
         """Frame `index`: the same whatever was rendered before."""
         block = block_of(self.config, index)
         if block != self.loaded:
-            self.ship, self.runway, sun = build_ship(self.config, block)
-            self.renderer.load(self.ship, sun)
+            rng = np.random.default_rng([self.config.seed, 2, block])
+            self.ship = build_ship(self.config.preset, rng)
+            self.renderer.load(self.ship, sun_direction(rng))
             self.loaded = block
-        return _frame(self.config, index, self.renderer, self.ship, self.runway)
+        return _frame(self.config, index, self.renderer, self.ship)
 
 
 def block_of(config: SimConfig, index: int) -> int:
@@ -74,23 +75,24 @@ def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterat
             yield simulator.frame(index)
 
 
-def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship, runway: bool) -> Frame:
+def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship) -> Frame:
     rng = np.random.default_rng([config.seed, 3, index])
     approach = config.trajectory == "approach"
     whole = np.random.default_rng([config.seed, 4]) if approach else rng  # an approach keeps its weather
     fair = config.preset != "train"  # the named ships sail on fair days, as the paper's does
-    weather = random_weather(whole, fair)
+    weather = random_weather(whole, fair, sun=renderer.sun)
     quality = BEST if fair else random_quality(rng)
     view = approach_view(config, ship.layout, index) if approach else random_view(config, ship.layout, index, rng)
-    open_sea = not runway and bool(rng.random() < OPEN_SEA)
+    open_sea = not ship.runway and bool(rng.random() < OPEN_SEA)
     picture = renderer.render(
         view.camera, view.world_from_body * camera_mount(), weather, view.time_s, not open_sea, quality
     )
-    sensor = random_sensor(FAIR_SENSOR if fair else 1.0, float(np.mean(weather.horizon_rgb)), whole)
+    sky_level = float(np.mean(weather.horizon_rgb)) ** (1 / DISPLAY_GAMMA)
+    sensor = random_sensor(FAIR_SENSOR if fair else 1.0, sky_level, whole)
     visibility, airlight = draw_haze(config, weather, sensor, whole)
     clear = develop(picture.radiance, sensor)
     hazy = _hazy(clear, picture, view, visibility, airlight)
-    left, right = truth_segments(ship.layout) if runway else (None, None)
+    left, right = truth_segments(ship.layout) if ship.runway else (None, None)
     truth = Truth(
         left,
         right,
@@ -135,8 +137,8 @@ def draw_haze(
     visibility = high if low == high or np.isinf(high) else float(rng.uniform(low, high))
     horizon = np.array(weather.horizon_rgb)
     if config.preset == "train":
-        return visibility, random_airlight(horizon * sensor.gain, rng)
-    light = (np.clip(horizon, 0.0, 1.0) ** DISPLAY_GAMMA).astype(np.float32).reshape(1, 1, 3)
+        return visibility, random_airlight((horizon * sensor.gain) ** (1 / DISPLAY_GAMMA), rng)
+    light = horizon.astype(np.float32).reshape(1, 1, 3)
     return visibility, horizon_airlight(develop(light, sensor)[0, 0].astype(np.float64), rng)
 
 
