@@ -70,7 +70,7 @@ def test_ctrl_c_ends_with_130_and_one_line(monkeypatch, capsys):
     assert error_line(capsys) == "deckline: stopped; what was written is whole"
 
 
-@pytest.mark.parametrize("command", ["demo", "run", "sim", "info"])
+@pytest.mark.parametrize("command", ["demo", "run", "sim", "dataset", "info"])
 def test_every_command_has_help(command, capsys):
     with pytest.raises(SystemExit) as ended:
         main([command, "--help"])

@@ -1,11 +1,24 @@
 import json
 import math
+import sys
+from dataclasses import dataclass, field, fields
 
+import numpy as np
 import pytest
 
 from deckline.app.cli import main
-from deckline.app.simulate import parse_visibility
+from deckline.app.sim_commands import RECORDING, SHEET, SimOptions
+from deckline.app.simulate import (
+    SheetConfig,
+    parse_visibility,
+    plain,
+    repeatable_command,
+    visibility_text,
+    what_decides_a_frame,
+)
 from deckline.recording import open_source
+from deckline.recording.images import read_image
+from deckline.sim import SimConfig
 
 SIM = ["sim", "--frames", "3", "--preset", "cvn", "--visibility", "400..900", "--width", "160", "--height", "90"]
 
@@ -55,3 +68,90 @@ def test_evaluating_a_recording_prints_and_writes_its_figures(tmp_path, capsys):
     assert 0 <= figures["found_rate"] <= 1
     assert figures["psnr_db.mean"] > 0
     assert "found_rate" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["clear", "800", "300..3000"])
+def test_visibility_is_written_as_it_is_read(text):
+    assert visibility_text(parse_visibility(text)) == text
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--visibility", "fog"], "--visibility: visibility must be metres, LOW..HIGH or clear, got 'fog'"),
+        (["--fov-deg", "900"], "fov_deg must lie between 1 and 150, got 900"),
+        (["--frames", "x"], "--frames: invalid literal for int"),
+        (["--sheet.columns", "0"], "columns must be at least 1, got 0"),
+        (["--contact-sheet", "a.png"], "needs --out FOLDER for a recording, or --contact-sheet FILE"),
+    ],
+)
+def test_a_value_out_of_range_is_one_line(words, text, tmp_path, capsys):
+    assert main(["sim", "--out", str(tmp_path / "a"), *words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("deckline: error: ")
+    assert text in line
+
+
+def test_an_unknown_option_says_what_it_is(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["sim", "--out", str(tmp_path), "--nope"])
+    assert ended.value.code == 2
+    assert "--nope" in capsys.readouterr().err
+
+
+def test_the_commands_options_are_the_simulators(tmp_path):
+    assert [item.name for item in fields(SimOptions)] == [item.name for item in fields(SimConfig)]
+    assert type(RECORDING.plain()) is SimConfig
+    assert (RECORDING.preset, RECORDING.trajectory) == ("paper", "approach")
+    assert (SHEET.preset, SHEET.trajectory, SHEET.frames) == ("train", "random", 48)
+
+
+@dataclass(frozen=True)
+class Wind:
+    speed_m_s: float = math.inf
+    gusts: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Windy(SimConfig):
+    wind: Wind = field(default_factory=Wind)
+
+
+def test_what_decides_a_frame_is_plain_at_any_depth():
+    values = what_decides_a_frame(Windy(trajectory="random", range_m=(30.0, 60.0)))
+    assert values["wind"] == {"speed_m_s": "inf", "gusts": None}
+    assert values["visibility_m"] == ["inf", "inf"]
+    assert values["range_m"] == [30.0, 60.0]
+    json.dumps(values, allow_nan=False)
+    assert "length" not in values  # more random views go on with the same recording
+    assert what_decides_a_frame(Windy(frames=7))["length"] == 7
+    assert plain((1, [math.nan])) == [1, ["nan"]]
+
+
+@pytest.mark.parametrize("words", [["--out", "x", "--jobs", "3"], ["--jobs=3", "--out=x"]])
+def test_the_kept_command_leaves_out_what_does_not_change_the_frames(words, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["/somewhere/deckline", "sim", *words, "--seed", "3"])
+    assert repeatable_command() == "deckline sim --seed 3"
+
+
+def test_contact_sheet_is_one_picture_of_shrunken_frames_and_no_recording(tmp_path):
+    out = tmp_path / "new" / "sheet.png"
+    words = ["--contact-sheet", str(out), "--frames", "3", "--width", "160", "--height", "90"]
+    assert main(["sim", *words, "--sheet.tile-px", "80", "--sheet.columns", "2"]) == 0
+    assert [path.name for path in out.parent.iterdir()] == ["sheet.png"]
+    sheet = read_image(out)
+    assert sheet.shape == (90, 160, 3)
+    assert not sheet[45:, 80:].any()
+    before = sheet.copy()
+    assert main(["sim", *words, "--sheet.tile-px", "80", "--sheet.columns", "2", "--jobs", "2"]) == 0
+    np.testing.assert_array_equal(read_image(out), before)
+
+
+def test_contact_sheet_of_another_kind_is_refused_before_rendering(tmp_path, capsys):
+    assert main(["sim", "--contact-sheet", str(tmp_path / "a.gif")]) == 2
+    assert "a contact sheet is .png, .jpg, .jpeg, got 'a.gif'" in capsys.readouterr().err
+
+
+def test_sheet_settings_out_of_range_are_named():
+    with pytest.raises(ValueError, match="tile_px must be at least 1, got 0"):
+        SheetConfig(tile_px=0)

@@ -1,5 +1,6 @@
 import json
 import math
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from recording_bytes import HEADER, PIXELS, png, recording, row
 
 from deckline.geometry import Camera, camera_mount, pose
 from deckline.recording import BadFrame, RecordingError, RecordingWriter, open_source
+from deckline.recording.writer import encode_frame
 from deckline.types import Frame, Segment, Truth
 
 CAMERA = Camera(3, 2, 4.0, 5.0, 1.0, 0.5)
@@ -126,6 +128,21 @@ def test_pose_and_time_round_trip(tmp_path_factory, position, quaternion, time_s
 
 def folder_bytes(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_frames_encoded_elsewhere_are_written_the_same(tmp_path):
+    frames = [frame(0), frame(1, depth_m=None), frame(2, truth=None), frame(3, deck_z_m=None), frame(4, truth=Truth())]
+    frames.append(frame(5, camera=Camera(3, 2, 9.0, 9.0, 1.0, 0.5)))
+    write(tmp_path / "here", frames)
+    with RecordingWriter(tmp_path / "there") as writer:
+        for item in frames:
+            writer.append(pickle.loads(pickle.dumps(encode_frame(item))))
+    assert folder_bytes(tmp_path / "there") == folder_bytes(tmp_path / "here")
+
+
+def test_a_frame_encoded_in_another_format_is_refused(tmp_path):
+    with RecordingWriter(tmp_path) as writer, pytest.raises(ValueError, match="takes png files, got ppm"):
+        writer.append(encode_frame(frame(0), "ppm"))
 
 
 def killed(out: Path, frames: list[Frame]) -> None:
