@@ -179,7 +179,7 @@ def patches(
 ) -> NDArray[np.float32]:
     """Mean of the patches' factor (H, W) along rays of a length; each wave has a closed form. 1 along endless rays."""
     half = np.minimum(reach_m, np.float32(1e5)) / 2
-    total = np.ones_like(half)
+    total: NDArray[Any] = np.ones_like(half)
     for kx, ky, phase, amplitude in waves:
         turn = (np.float32(kx) * directions[..., 0] + np.float32(ky) * directions[..., 1]) * half
         start = np.float32((kx * eye_m[0] + ky * eye_m[1] + phase) % (2 * math.pi))

@@ -1,0 +1,112 @@
+"""How long the shutter is open, how the camera moves meanwhile, and what rain falls."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera
+from deckline.haze import Triple
+
+BLUR_CHANCE, RAIN_CHANCE, SPRAY_CHANCE = 0.3, 0.08, 0.03  # of a frame of preset train
+EXPOSURE_S = (1 / 1000, 1 / 25)  # drawn, lowest and highest
+FALL_M_S = 9.0  # of large raindrops: Gunn and Kinzer 1949
+RAIN_MM_H = (2.0, 60.0)  # drawn: light to torrential
+SHAKE_DEG_S = 5.0  # 1-sigma of the camera's turning in flight that training wants
+BLUR_LIMIT = 0.02  # of the picture's width: more turning is not drawn
+
+
+@dataclass(frozen=True)
+class FilmConfig:
+    """What happens during the exposure; None: drawn for preset `train`, the stated default for the others.
+
+    Args:
+        exposure_s: how long the shutter is open; 0: no motion blur; default 0.
+        shake_deg_s: 1-sigma of the camera's turning about each axis, beside its flight; default 0.
+        rain_mm_h: rainfall, which also thickens the air; default 0.
+        lens_drops: drops on the lens; default 0.
+
+    Raises:
+        ValueError: a negative number.
+    """
+
+    exposure_s: float | None = None
+    shake_deg_s: float | None = None
+    rain_mm_h: float | None = None
+    lens_drops: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, high in (("exposure_s", 1.0), ("shake_deg_s", 1000.0), ("rain_mm_h", 500.0), ("lens_drops", 1000)):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value <= high:
+                raise ValueError(f"{name} must lie between 0 and {high}, got {value}")
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """One frame's exposure: plain numbers, recorded with it."""
+
+    exposure_s: float = 0.0
+    moved_m: Triple = (0.0, 0.0, 0.0)  # of the camera while the shutter is open, in its optical frame
+    turned_rad: Triple = (0.0, 0.0, 0.0)  # rotation vector of the same
+    rain_mm_h: float = 0.0
+    rain_m_s: Triple = (0.0, FALL_M_S, 0.0)  # velocity of the drops, optical frame
+    streak_contrast: float = 1.0  # 1: as physics has it; more is what drawn rain looks like
+    lens_drops: int = 0
+    seed: int = 0  # of the rain
+
+    @property
+    def still(self) -> bool:
+        """Whether the picture is what the renderer drew."""
+        return not (any(self.moved_m) or any(self.turned_rad) or self.rain_mm_h > 0 or self.lens_drops > 0)
+
+
+def draw_exposure(
+    config: FilmConfig,
+    camera: Camera,
+    world_from_camera: RigidTransform,
+    velocity_m_s: ArrayLike,
+    rng: np.random.Generator,
+    wide: bool,
+) -> Exposure:
+    """Exposure of a camera that flies with a velocity (3,), world, relative to the ship."""
+    kinds, spin = rng.random(3), rng.normal(size=3)
+    drawn_s = float(np.exp(rng.uniform(*np.log(EXPOSURE_S)))) if kinds[0] < BLUR_CHANCE else 0.0
+    drawn_rain = float(np.exp(rng.uniform(*np.log(RAIN_MM_H)))) if kinds[1] < RAIN_CHANCE else 0.0
+    contrast, seed = float(np.exp(rng.uniform(0.0, np.log(15.0)))), int(rng.integers(2**31))
+    exposure_s = _setting(config.exposure_s, drawn_s, wide)
+    rain = _setting(config.rain_mm_h, drawn_rain, wide)
+    wet = wide and (rain > 0 or kinds[2] < SPRAY_CHANCE)
+    drops = int(rng.poisson(rng.uniform(0.0, 25.0))) if wet else 0
+    turned = np.deg2rad(_setting(config.shake_deg_s, SHAKE_DEG_S, wide)) * spin * exposure_s
+    limit = BLUR_LIMIT * camera.width / camera.fx
+    if config.shake_deg_s is None:
+        turned = turned * min(1.0, limit / max(float(np.linalg.norm(turned)), 1e-12))
+    optical = world_from_camera.rotation.inv()
+    flown = optical.apply(np.asarray(velocity_m_s, dtype=np.float64))
+    return Exposure(
+        exposure_s=exposure_s,
+        moved_m=_triple(flown * exposure_s),
+        turned_rad=_triple(turned),
+        rain_mm_h=rain,
+        rain_m_s=_triple(optical.apply([0.0, 0.0, FALL_M_S]) - flown),
+        streak_contrast=contrast if wide else 1.0,
+        lens_drops=drops if config.lens_drops is None else config.lens_drops,
+        seed=seed,
+    )
+
+
+def camera_motion(opened: RigidTransform, closed: RigidTransform) -> tuple[Triple, Triple]:
+    """`moved_m` and `turned_rad` of a camera between two poses world_from_camera."""
+    between = opened.inv() * closed
+    return _triple(between.translation), _triple(between.rotation.as_rotvec())
+
+
+def _setting(given: float | None, drawn: float, wide: bool) -> float:
+    return given if given is not None else drawn if wide else 0.0
+
+
+def _triple(values: NDArray[np.float64]) -> Triple:
+    first, second, third = values.tolist()
+    return first, second, third
