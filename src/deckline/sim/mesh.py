@@ -186,12 +186,3 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
     out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return out
-
-
-def outward(mesh: Mesh, middle_m: ArrayLike) -> Mesh:
-    """The mesh with every normal turned away from a point (3,)."""
-    away = mesh[:, :3].reshape(-1, 3, 3).mean(axis=1) - np.asarray(middle_m, dtype=np.float32)
-    inside = np.sum(away * mesh[::3, 3:6], axis=1) < 0
-    turned = mesh.copy()
-    turned[np.repeat(inside, 3), 3:6] *= -1
-    return turned
