@@ -154,6 +154,14 @@ def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
     assert 0 < changed.mean() < 0.03
 
 
+def test_the_deck_is_all_of_its_outline():
+    for layout in (cvn_layout(), paper_layout(), *(random_layout(np.random.default_rng(k)) for k in range(5))):
+        corners = deck_mesh(layout)[:, :3].reshape(-1, 3, 3).astype(float)
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+        assert area == pytest.approx(np.trapezoid(layout.starboard_m - layout.port_m, layout.stations_m), rel=1e-6)
+        assert len(corners) < 2 * len(layout.stations_m) - 2
+
+
 def test_the_deck_faces_up():
     normals = deck_mesh(cvn_layout())[:, 3:6]
     np.testing.assert_allclose(normals, np.broadcast_to([0.0, 0.0, -1.0], normals.shape), atol=1e-6)

@@ -25,6 +25,7 @@ from deckline.sim.weather import Weather
 
 SHADERS = Path(__file__).parent / "shaders"
 INCLUDES = ("light.glsl", "sky.glsl", "backdrop.glsl")
+STRAIGHT = 1e-5  # change of an edge's slope that makes no corner
 VERTEX = ("3f 3f 3f", "position", "normal", "colour")
 LAMP = ("3f 3f 1f", "position", "colour", "strength")
 POSITION = ("3f 24x", "position")
@@ -243,7 +244,10 @@ def _set(program: moderngl.Program, values: dict[str, ArrayLike]) -> None:
 
 def deck_mesh(layout: Layout) -> Mesh:
     """The deck's surface as strips between its edges, facing up."""
-    x, port, starboard = layout.stations_m, layout.port_m, layout.starboard_m
+    edges = np.column_stack([layout.port_m, layout.starboard_m])
+    slopes = np.diff(edges, axis=0) / np.diff(layout.stations_m)[:, None]
+    corner = np.concatenate([[True], np.any(np.abs(np.diff(slopes, axis=0)) > STRAIGHT, axis=1), [True]])
+    x, (port, starboard) = layout.stations_m[corner], edges[corner].T
     zero = np.zeros(len(x) - 1)
     p0, p1 = np.column_stack([x[:-1], port[:-1], zero]), np.column_stack([x[1:], port[1:], zero])
     s0, s1 = np.column_stack([x[:-1], starboard[:-1], zero]), np.column_stack([x[1:], starboard[1:], zero])

@@ -64,12 +64,17 @@ def solid_uniforms(camera: Camera, world_from_camera: RigidTransform, pose: Rigi
 
 
 def sea_uniforms(weather: Weather, time_s: float) -> Uniforms:
-    """Sizes of the wave tile's copies and how far the waves in each have run."""
+    """Sizes of the wave tile's copies, how far the waves in each have run, and how a rough sea mirrors.
+
+    Source: mean Fresnel reflectance by Bruneton, Neyret and Holzschuch 2010.
+    """
     lengths = weather.wave_length_m * np.array([1.0, CROSSING, 1.0 / RIPPLE_RATIO, 0.0])
     lengths[3] = weather.swell_length_m
+    rough = weather.roughness
     return {
         "tiles_m": TILE_WAVES * lengths,
         "drift_m": [phase_speed_m_s(length) * time_s for length in lengths],
+        "mirror": (5.0 * np.exp(-2.69 * rough), 1.0 / (1.0 + 22.7 * rough**1.5)),
         "wind": (np.cos(weather.wind_rad), np.sin(weather.wind_rad)),
     }
 

@@ -6,7 +6,7 @@ uniform float sea_z;
 uniform float fade_m;        // distance where the surface melts into the horizon
 out vec4 rgba;
 
-vec3 surface(vec3 d, float t, vec2 p, float footprint_m);  // d unit, t metres to it, p world metres
+vec3 surface(vec3 d, float t, vec2 p, float print);  // d unit, t and p in metres, print: log2 of a pixel's metres
 
 void main() {
     vec2 pixel = gl_FragCoord.xy - 0.5;
@@ -18,8 +18,8 @@ void main() {
         float down = max(d.z, 1e-4);
         float t = (sea_z - eye.z) / down;
         // Between the footprint's width and its length: all detail would alias, no detail would leave it bare.
-        float footprint_m = t / lens.x * pow(down, -0.6);
-        rgb += (1.0 - above) * mix(horizon_rgb, surface(d, t, eye.xy + d.xy * t, footprint_m), exp(-t / fade_m));
+        float print = log2(t / lens.x) - 0.6 * log2(down);
+        rgb += (1.0 - above) * mix(horizon_rgb, surface(d, t, eye.xy + d.xy * t, print), exp(-t / fade_m));
     }
     if (above > 0.0) rgb += above * sky(d, 1.0 / lens.x);
     rgba = vec4(rgb, 1.0);

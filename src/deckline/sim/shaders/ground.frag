@@ -14,11 +14,12 @@ vec3 random3(vec2 cell) {
     return fract((v.xxy + v.yzz) * v.zyx);
 }
 
-vec3 surface(vec3 d, float t, vec2 p, float footprint_m) {
+vec3 surface(vec3 d, float t, vec2 p, float print) {
+    float footprint_m = exp2(print);
     vec2 v = p - ship.xy;
     vec2 q = vec2(v.x * ship.z + v.y * ship.w, v.y * ship.z - v.x * ship.w);
-    float broad = textureLod(noise_map, q * 0.0017 + offset, log2(footprint_m * NOISE_TEXELS * 0.0017)).r;
-    float fine = textureLod(noise_map, q * 0.031 + offset, log2(footprint_m * NOISE_TEXELS * 0.031)).g;
+    float broad = textureLod(noise_map, q * 0.0017 + offset, print + log2(NOISE_TEXELS * 0.0017)).r;
+    float fine = textureLod(noise_map, q * 0.031 + offset, print + log2(NOISE_TEXELS * 0.031)).g;
     vec2 bent = mat2(0.8, 0.6, -0.6, 0.8) * q + 60.0 * (broad - 0.5);
     float row = floor(bent.y / field_m);
     vec2 cell = vec2(floor(bent.x / (field_m * 1.7) + 0.37 * row), row);

@@ -12,6 +12,7 @@ uniform float swell_slope;
 uniform float roughness;     // root mean square slope of what is too small to be drawn
 uniform float gusts;
 uniform vec3 sea_rgb;        // what the water sends back of the light
+uniform vec2 mirror;         // exponent and factor of its mean Fresnel reflectance
 uniform float sea_sheen;     // how much of the sky that it mirrors is seen
 uniform float glint;
 uniform float whitecaps;     // part of the sea under foam
@@ -24,28 +25,29 @@ uniform float wake_hard;     // 0 soft, 1 cut out
 uniform float hull_m;
 const float SLOPE_UNIT = 8.0;  // the map spans +-4 root mean squares
 const float WAVE_TEXELS = 512.0;
+const mat2 SWELL = mat2(0.643, 0.766, -0.766, 0.643);
 const float KELVIN = 0.354;    // tangent of Kelvin's 19.47 degrees
 
-vec4 waves(vec2 q, mat2 turn, float tile_m, float moved_m, float footprint_m) {
+vec4 waves(vec2 q, mat2 turn, float tile_m, float moved_m, float print) {
     vec2 at = (turn * q - vec2(moved_m, 0.0)) / tile_m;
-    vec4 map = textureLod(wave_map, at, log2(footprint_m * WAVE_TEXELS / tile_m));
+    vec4 map = textureLod(wave_map, at, print + log2(WAVE_TEXELS / tile_m));
     return vec4((map.xy - 0.5) * SLOPE_UNIT * turn, map.zw);
 }
 
-float noise(vec2 at, float footprint_m, float per_m) {
-    return textureLod(noise_map, at + offset, log2(footprint_m * NOISE_TEXELS * per_m)).r;
+float noise(vec2 at, float print, float per_m) {
+    return textureLod(noise_map, at + offset, print + log2(NOISE_TEXELS * per_m)).r;
 }
 
 // Foam (x) and how far the water is stirred up (y), and the slope of the ship's own waves (zw).
-vec4 wake_at(vec2 p, float footprint_m) {
+vec4 wake_at(vec2 p, float print) {
     vec2 v = p - ship.xy;
     vec2 s = vec2(v.x * ship.z + v.y * ship.w, v.y * ship.z - v.x * ship.w);
     float aft = hull_m - s.x, side = abs(s.y);
     float arm = 8.0 + KELVIN * aft;
     if (aft < -25.0 || aft > 9.0 * wake.z + hull_m || side > arm + 60.0) return vec4(0.0);
     float astern = max(-s.x, 0.0);
-    float ragged = noise(s * vec2(0.0027, 0.0083), footprint_m, 0.0083) - 0.5;
-    float fine = noise(s.yx * vec2(0.043, 0.017), footprint_m, 0.043) - 0.5;
+    float ragged = noise(s * vec2(0.0027, 0.0083), print, 0.0083) - 0.5;
+    float fine = noise(s.yx * vec2(0.043, 0.017), print, 0.043) - 0.5;
     float soft = mix(0.45, 0.03, wake_hard);
     float half_m = wake.x + wake.y * astern + 26.0 * ragged * min(astern / 90.0 + 0.1, 1.0) + 5.0 * fine;
     float inside = smoothstep(half_m * (1.0 + 0.3 * soft) + 0.5, half_m * (1.0 - soft) - 0.5, side);
@@ -68,25 +70,25 @@ float glitter(vec3 d, vec2 slope, float spread) {
     vec2 miss = h.xy / h.z - slope;
     float variance = spread * spread;
     float density = exp(-dot(miss, miss) / (2.0 * variance)) / (2.0 * variance);  // Cox and Munk, times pi
-    float fresnel = 0.02 + 0.98 * pow(1.0 - max(dot(h, -d), 0.0), 5.0);
-    return min(fresnel * density / (4.0 * max(d.z, 0.03) * h.z * h.z * h.z * h.z), 6.0);
+    float off = 1.0 - max(dot(h, -d), 0.0), off2 = off * off, fresnel = 0.02 + 0.98 * off2 * off2 * off;
+    float upright = h.z * h.z;
+    return min(fresnel * density / (4.0 * max(d.z, 0.03) * upright * upright), 6.0);
 }
 
-vec3 surface(vec3 d, float t, vec2 p, float footprint_m) {
+vec3 surface(vec3 d, float t, vec2 p, float print) {
     vec2 q = vec2(dot(p, wind), wind.x * p.y - wind.y * p.x);
-    float gust = 1.0 + gusts * (noise(q * vec2(0.0011, 0.0023), footprint_m, 0.0023) - 0.5);
-    vec4 first = waves(q, mat2(0.966, 0.259, -0.259, 0.966), tiles_m.x, drift_m.x, footprint_m);
-    vec4 second = waves(q, mat2(0.819, -0.574, 0.574, 0.819), tiles_m.y, drift_m.y, footprint_m);
-    vec4 third = waves(q, mat2(0.940, 0.342, -0.342, 0.940), tiles_m.z, drift_m.z, footprint_m);
-    vec4 swell = waves(q, mat2(0.643, 0.766, -0.766, 0.643), tiles_m.w, drift_m.w, max(footprint_m, tiles_m.w * 0.02));
-    vec2 slope = (wave_slope * 0.707 * (first.xy + second.xy) + ripple_slope * third.xy) * gust + swell_slope * swell.xy;
-    vec4 stirred = wake.w > 0.0 ? wake_at(p, footprint_m) : vec4(0.0);
+    float gust = 1.0 + gusts * (noise(q * vec2(0.0011, 0.0023), print, 0.0023) - 0.5);
+    vec4 first = waves(q, mat2(0.966, 0.259, -0.259, 0.966), tiles_m.x, drift_m.x, print);
+    vec4 second = waves(q, mat2(0.819, -0.574, 0.574, 0.819), tiles_m.y, drift_m.y, print);
+    vec4 third = waves(q, mat2(0.940, 0.342, -0.342, 0.940), tiles_m.z, drift_m.z, print);
+    vec2 slope = (wave_slope * 0.707 * (first.xy + second.xy) + ripple_slope * third.xy) * gust;
+    if (swell_slope > 0.0) slope += swell_slope * waves(q, SWELL, tiles_m.w, drift_m.w, max(print, log2(tiles_m.w / 50.0))).xy;
+    vec4 stirred = wake.w > 0.0 ? wake_at(p, print) : vec4(0.0);
     slope = slope * (1.0 - 0.6 * stirred.y) + stirred.zw;
     slope = slope.x * wind + slope.y * vec2(-wind.y, wind.x);
     vec3 n = normalize(vec3(-slope, -1.0));
     float spread = roughness * gust;
-    // Bruneton, Neyret and Holzschuch 2010: mean Fresnel reflectance of a rough sea.
-    float fresnel = pow(1.0 - max(dot(n, -d), 0.0), 5.0 * exp(-2.69 * spread)) / (1.0 + 22.7 * spread * sqrt(spread));
+    float fresnel = pow(1.0 - max(dot(n, -d), 0.0), mirror.x) * mirror.y;
     vec3 mirrored = reflect(d, n);
     mirrored.z = -abs(mirrored.z) - 1.3 * spread;
     vec3 light = ambient_rgb + sun_rgb * max(sun.z, 0.0);
@@ -98,9 +100,9 @@ vec3 surface(vec3 d, float t, vec2 p, float footprint_m) {
     if (whitecaps > 0.0) {
         float share = min(whitecaps * gust * gust, 0.5), torn = 0.25 * (third.w - 0.5);
         foam = smoothstep(-0.02, 0.03, 0.5 * (first.w + second.w) + torn * share + share - 1.0);
-        float far = smoothstep(0.004, 0.05, footprint_m / tiles_m.x);
+        float far = smoothstep(-8.0, -4.3, print - log2(tiles_m.x));
         foam = mix(foam, share, far) * 0.85;
-        float rows = noise(q * vec2(0.004, 0.11), footprint_m, 0.05);
+        float rows = noise(q * vec2(0.004, 0.11), print, 0.05);
         foam = max(foam, streaks * smoothstep(0.62, 0.85, rows) * (0.5 + first.w));
     }
     rgb = mix(rgb, foam_rgb * light, foam);
