@@ -10,10 +10,10 @@ DROPS_M3_MM, SLOPE_MM, SLOPE_EXPONENT = 8000.0, 4.1, -0.21
 LEAST_MM, LARGE_MM = 0.5, 2.0  # smaller drops are not drawn; a large one decides how far away drops are drawn
 LEAST_PX = 0.35  # apparent width of a large drop at that distance
 NEAREST_M = 0.25
-MOST_STREAKS = 4000
+MOST_STREAKS = 4000  # of a picture, about: where there would be more, those nearest to the camera
 SHORT_S = 1 / 1000  # exposure of the rain where no motion is to be seen
 SIDES = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-RADIUS_SHARE = (0.004, 0.03)  # of the picture's width, drops on the lens, smallest and largest
+RADIUS_SHARE = (0.006, 0.045)  # of the picture's width, drops on the lens, smallest and largest
 
 
 def streaks(
@@ -25,10 +25,13 @@ def streaks(
         drops_m_s: (3,) velocity of the drops relative to the camera, optical frame.
     """
     slope = SLOPE_MM * rain_mm_h**SLOPE_EXPONENT
-    reach_m = max(camera.fx * LARGE_MM / 1000.0 / LEAST_PX, 2 * NEAREST_M)
-    wide, high = camera.width / camera.fx, camera.height / camera.fy
-    volume = wide * high * (reach_m**3 - NEAREST_M**3) / 3.0
-    count = min(rng.poisson(DROPS_M3_MM / slope * np.exp(-slope * LEAST_MM) * volume), MOST_STREAKS)
+    density = DROPS_M3_MM / slope * np.exp(-slope * LEAST_MM)
+    solid = camera.width / camera.fx * camera.height / camera.fy / 3.0  # volume is this times the depth's cube
+    reach_m = min(
+        camera.fx * LARGE_MM / 1000.0 / LEAST_PX, float(np.cbrt(NEAREST_M**3 + MOST_STREAKS / density / solid))
+    )
+    reach_m = max(reach_m, 2 * NEAREST_M)
+    count = rng.poisson(density * solid * (reach_m**3 - NEAREST_M**3))
     distance = rng.uniform(NEAREST_M**3, reach_m**3, count) ** (1 / 3)
     pixel = rng.uniform(0.0, 1.0, (count, 2)) * [camera.width, camera.height] - 0.5
     size_m = (LEAST_MM + rng.exponential(1.0 / slope, count)) / 1000.0
