@@ -45,7 +45,7 @@ def random_outline(
     same = shapes[rng.integers(4)] if rng.random() < 0.35 else None
     edges = []
     for side, stern in ((-1.0, left_m[0, 1]), (1.0, right_m[0, 1])):
-        half = max(abs(stern) + margin, length_m * rng.uniform(0.05, 0.09))
+        half = max(abs(stern) + margin, length_m * rng.uniform(0.05, 0.11))
         shape = shapes[rng.choice(4, p=[0.3, 0.4, 0.12, 0.18])] if same is None else same
         corners = shape(length_m, half, rng)
         if rng.random() < 0.4:  # stern corner cut away

@@ -32,12 +32,12 @@ RED_OXIDE = np.array([1.3, 0.88, 0.78])
 
 def random_surface(rng: np.random.Generator) -> DeckSurface:
     """Deck from nearly black to light grey; greenish, brownish, bluish or red oxide."""
-    grey = rng.uniform(0.06, 0.36) if rng.random() < 0.85 else rng.uniform(0.36, 0.52)
+    grey = rng.uniform(0.12, 0.42) if rng.random() < 0.85 else rng.uniform(0.42, 0.58)
     tint = RED_OXIDE if rng.random() < 0.07 else DECK_TINTS[rng.choice(6, p=[0.3, 0.2, 0.15, 0.12, 0.15, 0.08])]
     red, green, blue = np.clip(grey * tint * rng.uniform(0.96, 1.04, 3), 0.0, 1.0)
     offset = rng.uniform(0, 100, 2)
     rgb = (float(red), float(green), float(blue))
-    return DeckSurface(rgb, rng.uniform(0.1, 0.9), rng.beta(1.1, 3.0), (float(offset[0]), float(offset[1])))
+    return DeckSurface(rgb, rng.uniform(0.05, 0.6), rng.beta(1.1, 3.0), (float(offset[0]), float(offset[1])))
 
 
 def random_plan(layout: Layout, runway: bool, rng: np.random.Generator) -> Plan:
@@ -46,11 +46,12 @@ def random_plan(layout: Layout, runway: bool, rng: np.random.Generator) -> Plan:
     if layout.on_land:
         return _land_plan(layout, edge, rng)
     plain = not runway and rng.random() < 0.2  # bare deck
-    confusing = 2 if runway else 4
-    stripes = _stripes(layout, edge.rgb, 0 if plain else int(rng.integers(0, 2 * confusing + 1)), rng)
+    stripes = () if plain else _stripes(layout, edge.rgb, runway, rng)
     border = np.where(rng.random(2) < (0.3 if runway else 0.45), rng.uniform(0.2, 0.7, 2), 0.0)
     if not runway and border.all():  # two lines that follow the deck would be a runway's
         border[rng.integers(2)] = 0.0
+    if not runway and border.any():
+        stripes = stripes[1:]  # the first one is the long one
     return Plan(
         edge=edge,
         right_edge=_other_edge(edge, rng) if rng.random() < UNEVEN else None,
@@ -111,11 +112,14 @@ def _fouls(edge: EdgeStyle, rng: np.random.Generator) -> tuple[tuple[float, Line
     return tuple(fouls)
 
 
-def _stripes(layout: Layout, rgb: Rgb, count: int, rng: np.random.Generator) -> tuple[Stripe, ...]:
-    """Single lines anywhere: take-off runs, safety lines, lines that cross the runway or run beside it."""
-    stripes = []
-    for _ in range(count):
-        length = rng.uniform(0.15, 0.75) * layout.length_m
+def _stripes(layout: Layout, rgb: Rgb, runway: bool, rng: np.random.Generator) -> tuple[Stripe, ...]:
+    """Single lines anywhere: take-off runs, safety lines, lines that cross the runway or run beside it.
+
+    Without a runway only the first is long: two long ones would look like one.
+    """
+    stripes: list[Stripe] = []
+    for _ in range(rng.integers(0, 5 if runway else 9)):
+        length = rng.uniform(0.15, 0.75 if runway or not stripes else 0.25) * layout.length_m
         x = rng.uniform(0.0, 0.95 * layout.length_m - length)
         port, starboard = layout.edges_at(x)
         y = rng.uniform(port, starboard)
@@ -141,8 +145,9 @@ def _catapults(layout: Layout, rgb: Rgb, rng: np.random.Generator) -> tuple[Cata
     if rng.random() < 0.5:
         start, end = layout.centre_m
         along, right, reach = axes(start, end)
-        first, across = rng.uniform(0.3, 0.6) * reach, rng.uniform(-0.45, 0.35) * layout.spacing_m
-        turn = rng.uniform(-0.03, 0.1)  # outwards, to the far end of the landing area's left edge
+        turn = rng.uniform(-0.1, 0.1)  # to the left of the runway's direction
+        first, across = rng.uniform(0.25, 0.6) * reach, (rng.uniform(-0.6, 0.3) - 2.0 * turn) * layout.spacing_m
+        across -= 0.5 * layout.spacing_m * (turn < 0.0)  # begins beyond the left edge and comes in
         run = min(rng.uniform(0.3, 0.6), 0.97 - first / reach) * reach
         for k in range(rng.integers(1, 3)):
             a = start + first * along + (across - 9.0 * k) * right

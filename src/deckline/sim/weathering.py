@@ -27,9 +27,9 @@ def rubber_coat(layout: Layout, rng: np.random.Generator) -> Coat:
     widths, strong = rng.uniform(0.4, 3.0, count), rng.uniform(0.1, 0.7, count)
     if rng.random() < 0.4:
         fields = rng.integers(1, 4)
-        s = rng.uniform(*TOUCHDOWN, fields)[:, None] * length
+        s = rng.uniform(*TOUCHDOWN, (fields, 1)) * length
         middle = start + s * along + rng.normal(0.0, 0.15 * half, fields)[:, None] * right
-        stretch = np.minimum(rng.uniform(0.15, 0.45, fields)[:, None] * length, 150.0) / 2 * along
+        stretch = np.minimum(np.minimum(rng.uniform(0.15, 0.45, (fields, 1)) * length, 150.0) / 2, s) * along
         first, last = np.concatenate([middle - stretch, first]), np.concatenate([middle + stretch, last])
         widths = np.concatenate([rng.uniform(0.8, 1.9, fields) * half, widths])
         strong = np.concatenate([rng.uniform(0.2, 0.6, fields), strong])
