@@ -94,6 +94,10 @@ def test_presets_decide_what_is_not_said():
     )
 
 
+def test_land_does_not_move():
+    assert draw_motion(MotionConfig(sea_state=6, ship_speed_m_s=9.0), True, np.random.default_rng(1), True) == STILL
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

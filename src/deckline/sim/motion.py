@@ -67,8 +67,10 @@ def deck_amplitudes(sea_state: float) -> tuple[float, float, float]:
     return float(np.deg2rad(roll)), float(np.deg2rad(pitch)), heave
 
 
-def draw_motion(config: MotionConfig, train: bool, rng: np.random.Generator) -> Motion:
-    """The motion of one recording, or of one unrelated view; `train`: as preset `train` has it."""
+def draw_motion(config: MotionConfig, train: bool, rng: np.random.Generator, on_land: bool = False) -> Motion:
+    """The motion of one recording, or of one unrelated view; `train`: as preset `train` has it. Land stays still."""
+    if on_land:
+        return STILL
     drawn = 0.0 if rng.random() < TRAIN_STILL else float(rng.uniform(SEA_STATES[0], SEA_STATES[-1]))
     roll, pitch, heave = (float(angle) for angle in rng.uniform(0.0, 2 * np.pi, 3))
     state = config.sea_state if config.sea_state is not None else drawn if train else 0.0
