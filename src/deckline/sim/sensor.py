@@ -15,7 +15,6 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
 TARGET = 0.24  # what automatic exposure makes of a picture's metered light; level 0.52 of a plain display
 GAIN_LIMITS = (0.02, 50.0)  # of automatic exposure: nights stay dark
 CORNER_TAN = np.tan(np.deg2rad(30.0))  # vignetting 1 is cos^4 of a lens that sees its corners 30 degrees off axis
-METER_STEP = 4  # metering looks at every fourth pixel
 BLUR_REACH = 3.0  # sigmas
 
 
@@ -96,7 +95,7 @@ def sensor_from_mapping(values: Mapping[str, Any]) -> Sensor:
 
 def meter(radiance: NDArray[np.float32]) -> float:
     """Light of a picture (H, W, 3) as automatic exposure sees it: the mean of its display levels, as light."""
-    light = np.maximum(radiance[::METER_STEP, ::METER_STEP] @ LUMINANCE, 0.0)
+    light = np.maximum(radiance @ LUMINANCE, 0.0)
     return float(np.mean(light ** (1 / DISPLAY_GAMMA)) ** DISPLAY_GAMMA)
 
 
@@ -107,9 +106,9 @@ def draw_sensor(config: SensorConfig, strength: float, scene_level: float, rng: 
         scene_level: the light, as `meter` gives it, that automatic exposure goes by.
     """
     automatic = (TARGET / max(scene_level, 1e-6)) ** rng.uniform(0.75, 1.0)
-    stops, tint = strength * rng.normal(0.0, 0.5), strength * rng.normal(0.0, 0.09, 3)
+    stops, warmth, green = strength * rng.normal(0.0, [0.5, 0.1, 0.03])
     exposure = float(np.clip(automatic, *GAIN_LIMITS)) * 2.0 ** _given(config.exposure_ev, stops)
-    balance = np.exp(tint) if config.white_balance is None else np.asarray(config.white_balance)
+    balance = np.exp([warmth, green, -warmth]) if config.white_balance is None else np.asarray(config.white_balance)
     red, green, blue = (float(gain) for gain in exposure * balance)
     sensor = Sensor(gain=(red, green, blue), **_stray(strength, rng))
     given = {item.name: getattr(config, item.name) for item in fields(config)}
