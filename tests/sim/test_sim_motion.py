@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deckline.sim.layout import cvn_layout, paper_layout
+from deckline.sim.layout import class_layout
 from deckline.sim.motion import (
     STILL,
     MotionConfig,
@@ -12,9 +12,12 @@ from deckline.sim.motion import (
     ship_velocity,
     steady_pose,
 )
+from deckline.sim.ship_class import load_class
 
+CVN = class_layout(load_class("cvn"))
+PAPER_SHIP = class_layout(load_class("paper"))
 ROUGH = draw_motion(MotionConfig(sea_state=6, ship_speed_m_s=12.9), False, np.random.default_rng(3))
-LAYOUTS = [paper_layout(), cvn_layout()]
+LAYOUTS = [PAPER_SHIP, CVN]
 
 
 def relative_angles_deg(layout, motion, times_s):
@@ -32,7 +35,7 @@ def relative_angles_deg(layout, motion, times_s):
 @pytest.mark.parametrize(("state", "roll", "pitch", "heave"), [(4, 0.62, 0.52, 0.68), (6, 1.44, 1.24, 1.63)])
 def test_sea_states_swing_as_far_as_stated(state, roll, pitch, heave):
     motion = draw_motion(MotionConfig(sea_state=state), False, np.random.default_rng(0))
-    layout, times = cvn_layout(), np.linspace(0.0, 22.0 * 12.0 * 18.0, 701)
+    layout, times = CVN, np.linspace(0.0, 22.0 * 12.0 * 18.0, 701)
     angles = relative_angles_deg(layout, motion, times)
     np.testing.assert_allclose(np.abs(angles).max(axis=0), [roll, pitch], rtol=2e-3)
     np.testing.assert_allclose(np.abs(angles).max(axis=0), -angles.min(axis=0), rtol=2e-3)
@@ -44,7 +47,7 @@ def test_sea_states_swing_as_far_as_stated(state, roll, pitch, heave):
 def test_deck_angles_repeat_after_their_period(period_s, column):
     times = np.array([0.0, 3.0, 7.5])
     now, half, whole = (
-        relative_angles_deg(cvn_layout(), ROUGH, times + shift)[:, column] for shift in (0, period_s / 2, period_s)
+        relative_angles_deg(CVN, ROUGH, times + shift)[:, column] for shift in (0, period_s / 2, period_s)
     )
     np.testing.assert_allclose(whole, now, atol=1e-9)
     np.testing.assert_allclose(half, -now, atol=1e-9)
@@ -52,7 +55,7 @@ def test_deck_angles_repeat_after_their_period(period_s, column):
 
 
 def test_heave_takes_18_seconds_and_nothing_else_moves_the_middle():
-    layout = cvn_layout()
+    layout = CVN
     at = [ship_pose(layout, ROUGH, t).apply(middle_m(layout)) for t in (2.0, 11.0, 20.0)]
     np.testing.assert_allclose(at[0][2], -at[1][2], atol=1e-9)
     np.testing.assert_allclose(at[0][2], at[2][2], atol=1e-9)

@@ -3,12 +3,14 @@ import pytest
 
 from deckline.geometry import Camera
 from deckline.sim.config import SimConfig
-from deckline.sim.layout import cvn_layout, random_layout
+from deckline.sim.layout import class_layout, random_layout
 from deckline.sim.motion import Motion
 from deckline.sim.paint import axes
 from deckline.sim.random_views import APPARENT_WIDTH, away_view, deck_view, draw_range, odd_view, random_view
+from deckline.sim.ship_class import load_class
 from deckline.sim.viewpoint import runway_in_view
 
+CVN = class_layout(load_class("cvn"))
 TRAIN = SimConfig(preset="train", trajectory="random", width=640, height=360)
 UNDER_WAY = Motion(speed_m_s=10.0, roll_rad=0.02, heave_m=1.0)
 
@@ -21,7 +23,7 @@ def over_deck(layout, view):
 
 
 def test_views_of_named_ships_stay_in_range_and_mostly_show_the_runway():
-    layout, config = cvn_layout(), SimConfig(preset="cvn", trajectory="random")
+    layout, config = CVN, SimConfig(preset="cvn", trajectory="random")
     shown = []
     for k in range(60):
         view = random_view(config, layout, k, np.random.default_rng(k))
@@ -35,7 +37,7 @@ def test_views_of_named_ships_stay_in_range_and_mostly_show_the_runway():
 
 
 def test_training_sees_ships_from_everywhere_but_mostly_from_the_glide_path():
-    layout = cvn_layout()
+    layout = CVN
     views = [random_view(TRAIN, layout, k, np.random.default_rng(k)) for k in range(600)]
     range_m, lateral, height = np.array([over_deck(layout, view) for view in views]).T
     shown = np.array([runway_in_view(view, layout) for view in views])
@@ -62,7 +64,7 @@ def test_no_view_is_inside_the_ship_or_the_sea():
 
 
 def test_views_past_the_ship_show_no_runway_and_views_from_any_side_do():
-    layout = cvn_layout()
+    layout = CVN
     away = [runway_in_view(away_view(TRAIN, layout, np.random.default_rng(k)), layout) for k in range(60)]
     odd = [runway_in_view(odd_view(TRAIN, layout, np.random.default_rng(k)), layout) for k in range(60)]
     assert max(away) == 0.0
@@ -70,7 +72,7 @@ def test_views_past_the_ship_show_no_runway_and_views_from_any_side_do():
 
 
 def test_views_over_the_deck_look_ahead():
-    layout = cvn_layout()
+    layout = CVN
     along, _, _ = axes(*layout.centre_m)
     for k in range(60):
         view = deck_view(TRAIN, layout, np.random.default_rng(k))
@@ -79,7 +81,7 @@ def test_views_over_the_deck_look_ahead():
 
 
 def test_views_follow_the_ship_under_way_but_not_its_swing():
-    layout, config = cvn_layout(), SimConfig(preset="cvn", trajectory="random")
+    layout, config = CVN, SimConfig(preset="cvn", trajectory="random")
     still = random_view(config, layout, 30, np.random.default_rng(1))
     moved = random_view(config, layout, 30, np.random.default_rng(1), UNDER_WAY)
     shift = np.array(moved.world_from_body.translation) - still.world_from_body.translation
@@ -102,6 +104,6 @@ def test_training_draws_fields_of_view_that_show_something():
 
 def test_fixed_field_of_view_is_kept():
     config = SimConfig(preset="train", trajectory="random", fixed_fov=True, fov_deg=33.0)
-    views = [random_view(config, cvn_layout(), k, np.random.default_rng(k)) for k in range(30)]
+    views = [random_view(config, CVN, k, np.random.default_rng(k)) for k in range(30)]
     focal = 640.0 / np.tan(np.deg2rad(16.5))
     np.testing.assert_allclose([view.camera.fx for view in views], focal)

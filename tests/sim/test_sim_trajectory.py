@@ -6,12 +6,15 @@ import pytest
 from deckline.geometry import camera_mount
 from deckline.sim.config import SimConfig
 from deckline.sim.flight import FlightConfig
-from deckline.sim.layout import cvn_layout, paper_layout
+from deckline.sim.layout import class_layout
 from deckline.sim.motion import Motion
 from deckline.sim.paint import axes
+from deckline.sim.ship_class import load_class
 from deckline.sim.trajectory import approach_view, flight_path, path_view, profile_height, profile_view
 from deckline.sim.viewpoint import runway_in_view
 
+CVN = class_layout(load_class("cvn"))
+PAPER_SHIP = class_layout(load_class("paper"))
 PAPER = SimConfig(preset="paper", frames=50)
 UNDER_WAY = Motion(speed_m_s=12.9, roll_rad=0.03, pitch_rad=0.02, heave_m=1.6)
 WINDY = FlightConfig(headwind_m_s=8.0, crosswind_m_s=6.0)
@@ -38,7 +41,7 @@ def positions(views):
 
 
 def test_approach_follows_the_glideslope_in_equal_times():
-    layout = paper_layout()
+    layout = PAPER_SHIP
     views = [approach_view(PAPER, layout, k) for k in range(50)]
     ranges, lateral, height = over_deck(layout, positions(views))
     np.testing.assert_allclose(ranges, np.linspace(800.0, 12.0, 50), atol=1e-6)
@@ -50,7 +53,7 @@ def test_approach_follows_the_glideslope_in_equal_times():
 
 
 def test_an_approach_to_a_moving_ship_keeps_the_glideslope_over_its_steady_deck():
-    layout = cvn_layout()
+    layout = CVN
     config = replace(PAPER, preset="cvn", frames=20)
     for k in range(20):
         still = approach_view(config, layout, k)
@@ -63,7 +66,7 @@ def test_an_approach_to_a_moving_ship_keeps_the_glideslope_over_its_steady_deck(
 
 @pytest.mark.parametrize("motion", [Motion(), UNDER_WAY], ids=["still", "under way"])
 def test_the_aircraft_keeps_its_speed_through_the_air(motion):
-    layout, config = cvn_layout(), SimConfig(preset="cvn", frames=2)
+    layout, config = CVN, SimConfig(preset="cvn", frames=2)
     path = flight_path(config, layout, WINDY, motion, "ahead", 800.0, lambda range_m: range_m * 0.06)
     along = np.array([np.cos(np.deg2rad(8.49)), -np.sin(np.deg2rad(8.49))])  # the class's deck, heading north
     wind = -8.0 * along - 6.0 * np.array([-along[1], along[0]])
@@ -81,7 +84,7 @@ def test_velocity_and_angular_rate_are_those_of_the_poses():
     flight = FlightConfig(turbulence_m_s=1.5, crosswind_m_s=5.0)
     for view_of in (approach_view, profile_view):
         for index in (0, 50000, 99990):
-            before, now, after = (view_of(config, cvn_layout(), index + k, flight, UNDER_WAY) for k in (-1, 0, 1))
+            before, now, after = (view_of(config, CVN, index + k, flight, UNDER_WAY) for k in (-1, 0, 1))
             step = after.time_s - before.time_s
             moved = positions([after])[0] - positions([before])[0]
             np.testing.assert_allclose(now.velocity_m_s, moved / step, atol=2e-2)
@@ -92,7 +95,7 @@ def test_velocity_and_angular_rate_are_those_of_the_poses():
 
 
 def test_offsets_are_closed_on_the_way():
-    layout, config = cvn_layout(), SimConfig(preset="cvn", frames=41)
+    layout, config = CVN, SimConfig(preset="cvn", frames=41)
     flight = FlightConfig(lateral_offset_m=60.0, vertical_offset_m=-9.0)
     plain, offset = ([approach_view(config, layout, k, f) for k in range(41)] for f in (FlightConfig(), flight))
     _, lateral, height = np.array(over_deck(layout, positions(offset))) - over_deck(layout, positions(plain))
@@ -102,7 +105,7 @@ def test_offsets_are_closed_on_the_way():
 
 
 def test_profile_passes_the_papers_points():
-    layout, config = paper_layout(), replace(PAPER, frames=160)
+    layout, config = PAPER_SHIP, replace(PAPER, frames=160)
     views = [profile_view(config, layout, k) for k in range(160)]
     ranges, lateral, height = over_deck(layout, positions(views))
     assert ranges[0] == pytest.approx(5000.0)
@@ -116,7 +119,7 @@ def test_profile_passes_the_papers_points():
 
 
 def test_profile_has_no_kinks():
-    layout, config = paper_layout(), replace(PAPER, frames=600)
+    layout, config = PAPER_SHIP, replace(PAPER, frames=600)
     flight = FlightConfig(lateral_offset_m=100.0)
     velocity = np.array([profile_view(config, layout, k, flight).velocity_m_s for k in range(0, 600, 2)])
     step_s = 2 * 4988.0 / 65.0 / 599
@@ -124,7 +127,7 @@ def test_profile_has_no_kinks():
 
 
 def test_the_profiles_camera_points_at_the_touchdown_point_with_a_level_horizon():
-    layout, config = paper_layout(), replace(PAPER, frames=12)
+    layout, config = PAPER_SHIP, replace(PAPER, frames=12)
     along, _, _ = axes(*layout.centre_m)
     spot = layout.world_from_ship.apply([*(layout.centre_m[0] + 70.0 * along), 0.0])
     for k in range(12):
@@ -144,7 +147,7 @@ def path_wind(layout):
 
 
 def test_an_approach_looks_along_the_aircraft_unless_told_to_point():
-    layout = cvn_layout()
+    layout = CVN
     config = replace(PAPER, preset="cvn")
     fixed, pointed = (approach_view(config, layout, 20, FlightConfig(pointing=p)) for p in (None, "runway"))
     np.testing.assert_allclose(fixed.body_from_camera.as_matrix(), camera_mount().as_matrix())
@@ -152,7 +155,7 @@ def test_an_approach_looks_along_the_aircraft_unless_told_to_point():
 
 
 def test_a_frame_depends_on_seed_and_index_alone():
-    layout = cvn_layout()
+    layout = CVN
     config, flight = SimConfig(preset="train", frames=30, seed=4), FlightConfig()
     late = approach_view(config, layout, 25, flight, UNDER_WAY)
     for k in range(5):

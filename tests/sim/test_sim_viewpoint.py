@@ -1,9 +1,13 @@
 import numpy as np
 
 from deckline.geometry import Camera, camera_mount
-from deckline.sim.layout import cvn_layout, paper_layout
+from deckline.sim.layout import class_layout
 from deckline.sim.paint import axes
+from deckline.sim.ship_class import load_class
 from deckline.sim.viewpoint import Viewpoint, looking, runway_in_view, runway_point
+
+CVN = class_layout(load_class("cvn"))
+PAPER_SHIP = class_layout(load_class("paper"))
 
 
 def test_nose_points_at_the_target():
@@ -22,7 +26,7 @@ def test_camera_pose_is_the_body_then_the_mount():
 
 
 def test_runway_points_are_measured_from_the_ramp():
-    for layout in (paper_layout(), cvn_layout()):
+    for layout in (PAPER_SHIP, CVN):
         end = axes(*layout.centre_m)[2]
         np.testing.assert_allclose(
             runway_point(layout, end), layout.world_from_ship.apply([*layout.centre_m[1], 0.0]), atol=1e-9
@@ -33,7 +37,7 @@ def test_runway_points_are_measured_from_the_ramp():
 
 
 def test_part_of_the_runway_in_view():
-    layout = cvn_layout()
+    layout = CVN
     camera = Camera.from_fov(640, 360, np.deg2rad(60.0))
 
     def seen(along_m, up_m, ahead_m):
