@@ -14,6 +14,7 @@ from deckline.sim.weathering import damage_coat, plate_coat, rubber_coat, stain_
 DEFLECTOR_M = 9.0  # a jet blast deflector along the catapult
 SLOT_SHADE = 0.06
 STEEL = (0.22, 0.21, 0.2)
+RUBBER_ELSEWHERE = 0.3  # part of the decks without a runway that bear tyre marks all the same
 BORDER_INSET_M = 0.8  # of the line along the deck's edge
 
 
@@ -26,7 +27,7 @@ def deck_coat(
         coats.append(runway_coat(layout, plan, rubber_coat(layout, rng), rng))
         if worn:
             coats.append(damage_coat(layout, plan.edge.width_m, surface.rgb, rng))
-    else:
+    elif rng.random() < RUBBER_ELSEWHERE:
         coats.append(rubber_coat(layout, rng))
     return layers(coats)
 

@@ -40,7 +40,7 @@ def random_edge(rng: np.random.Generator) -> EdgeStyle:
 
 def paint_colour(rng: np.random.Generator) -> Rgb:
     """White, off-white or yellowish paint, fresh or dull."""
-    tint = np.array([1.0, 1.0, 1.0]) if rng.random() < 0.75 else np.array([1.0, rng.uniform(0.85, 1.0), 0.7])
+    tint = np.array([1.0, 1.0, 1.0]) if rng.random() < 0.8 else np.array([1.0, rng.uniform(0.85, 1.0), 0.7])
     red, green, blue = np.clip(rng.uniform(0.6, 1.0) * tint * rng.uniform(0.97, 1.03, 3), 0.0, 1.0)
     return float(red), float(green), float(blue)
 

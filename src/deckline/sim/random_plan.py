@@ -25,9 +25,9 @@ ORANGE = (0.85, 0.35, 0.08)
 UNEVEN = 0.06  # part of the runways whose right edge is painted in a style of its own
 # Deck coats seen on photographs: grey, warm and cold grey, green, brown, red oxide; relative to their grey.
 DECK_TINTS = np.array(
-    [[1, 1, 1], [1, 0.98, 0.95], [0.94, 1.0, 0.95], [1.06, 0.97, 0.86], [0.92, 0.97, 1.07], [0.85, 1.02, 0.9]]
+    [[1, 1, 1], [1, 0.98, 0.95], [0.94, 1.0, 0.95], [1.05, 0.98, 0.89], [0.95, 0.98, 1.04], [0.89, 1.02, 0.93]]
 )
-RED_OXIDE = np.array([1.3, 0.88, 0.78])
+RED_OXIDE = np.array([1.2, 0.92, 0.85])
 
 
 def random_surface(rng: np.random.Generator) -> DeckSurface:
@@ -50,6 +50,7 @@ def random_plan(layout: Layout, runway: bool, rng: np.random.Generator) -> Plan:
     border = np.where(rng.random(2) < (0.3 if runway else 0.45), rng.uniform(0.2, 0.7, 2), 0.0)
     if not runway and border.all():  # two lines that follow the deck would be a runway's
         border[rng.integers(2)] = 0.0
+    stripes += () if plain else _rows(layout, edge.rgb, rng)
     if not runway and border.any():
         stripes = stripes[1:]  # the first one is the long one
     return Plan(
@@ -131,6 +132,21 @@ def _stripes(layout: Layout, rgb: Rgb, runway: bool, rng: np.random.Generator) -
         style = LineStyle(rng.uniform(0.2, 0.9), rgbs, rng.uniform(1.0, 6.0), gap)
         stripes.append(Stripe((x, y), (x + length, y + length * np.tan(yaw)), style))
     return tuple(stripes)
+
+
+def _rows(layout: Layout, rgb: Rgb, rng: np.random.Generator) -> tuple[Stripe, ...]:
+    """Rows of short bars: hatched safety areas, parking lines along the deck's edge."""
+    bars = []
+    for _ in range(rng.choice([0, 1, 2, 3], p=[0.5, 0.25, 0.15, 0.1])):
+        count, pitch = rng.integers(4, 18), rng.uniform(1.2, 9.0)
+        x = rng.uniform(0.03, 0.9) * layout.length_m
+        y, yaw = rng.uniform(*layout.edges_at(x)), rng.uniform(0.4, 2.7)
+        reach = rng.uniform(1.5, 10.0) * np.array([np.cos(yaw), np.sin(yaw)])
+        style = LineStyle(rng.uniform(0.15, 0.7), ((rgb, YELLOW, RED)[rng.choice(3, p=[0.55, 0.3, 0.15])],))
+        for k in range(count):
+            begin = x + k * pitch
+            bars.append(Stripe((begin, y), (begin + float(reach[0]), y + float(reach[1])), style))
+    return tuple(bars)
 
 
 def _catapults(layout: Layout, rgb: Rgb, rng: np.random.Generator) -> tuple[Catapult, ...]:

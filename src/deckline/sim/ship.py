@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from deckline.sim.background import background_mesh
 from deckline.sim.deck_paint import deck_coat
 from deckline.sim.layout import Layout, class_layout, random_layout
 from deckline.sim.lights import Lamps, deck_lights
@@ -33,7 +34,7 @@ class Ship:
     texels_per_m: float  # of the deck's paint
     runway: bool = True  # whether edge lines are painted on it
     lights: Lamps = field(default_factory=lambda: np.zeros((0, 7), dtype=np.float32))  # ship frame
-    background: Mesh = field(default_factory=lambda: join([]))  # other ships and coast, world frame
+    background: Mesh = field(default_factory=lambda: join([]))  # other ships and coast, world frame, the ship at rest
 
     @property
     def on_land(self) -> bool:
@@ -47,7 +48,7 @@ def build_ship(preset: str, rng: np.random.Generator) -> Ship:
     Raises:
         ValueError: an unknown preset.
     """
-    for_layout, for_solids, for_paint, for_lights = rng.spawn(4)
+    for_layout, for_solids, for_paint, for_lights, for_background = rng.spawn(5)
     if preset == "train":
         layout, spec = random_layout(for_layout), None
         runway = layout.on_land or bool(for_layout.random() >= NO_RUNWAY)
@@ -61,4 +62,5 @@ def build_ship(preset: str, rng: np.random.Generator) -> Ship:
     coat = deck_coat(layout, plan, surface, runway, worn, for_paint)
     texels = min(TRAIN_TEXELS_PER_M if spec is None else TEXELS_PER_M, LONGEST_TEXELS / layout.length_m)
     lights = deck_lights(layout, runway, for_lights)
-    return Ship(layout, coat, surface, structure.mesh, structure.stern_half_m, texels, runway, lights)
+    background = background_mesh(layout, for_background, "random" if spec is None else "fair")
+    return Ship(layout, coat, surface, structure.mesh, structure.stern_half_m, texels, runway, lights, background)
