@@ -96,7 +96,8 @@ def half_width(form: Form, x_m: NDArray[np.float64], z_m: NDArray[np.float64], s
 def hull_mesh(layout: Layout, hull: Hull, form: Form, rng: np.random.Generator) -> Mesh:
     """The hull with its boot stripe; its transom may open into a dark hangar or mooring deck."""
     height = layout.deck_height_m
-    opening = (SLAB_M + rng.uniform(0.5, 2.5), height * rng.uniform(0.42, 0.72)) if rng.random() < 0.6 else None
+    top, bottom = SLAB_M + rng.uniform(0.5, 2.5), height * rng.uniform(0.42, 0.72)
+    opening = (top, bottom) if rng.random() < 0.65 and bottom - top > 1.5 else None
     boot = height - BOOT_M * rng.uniform(0.3, 1.5)
     inner = [*opening] if opening else [0.4 * height]
     levels = np.array([SLAB_M, *inner, 0.82 * height, boot, height, height + max(DRAUGHT_M, 0.01)])
@@ -124,7 +125,7 @@ def transom_mesh(
     rng: np.random.Generator,
 ) -> Mesh:
     """The stern plate, level by level, around an opening between two levels."""
-    faces, colours = [], []
+    faces, colours, halls = [], [], []
     reach = rng.uniform(0.55, 0.92, 2)
     for k in range(len(port_m) - 1):
         p0, p1, s0, s1 = port_m[k], port_m[k + 1], starboard_m[k], starboard_m[k + 1]
@@ -133,12 +134,12 @@ def transom_mesh(
             hole = np.array([[p0[0], a, p0[2]], [p0[0], b, p0[2]], [p1[0], b, p1[2]], [p1[0], a, p1[2]]])
             faces += [[p0, p1, hole[3], hole[0]], [hole[1], hole[2], s1, s0]]
             colours += [band[k], band[k]]
-            inside = recess(hole, rng.uniform(4.0, 12.0), band[k] * rng.uniform(0.25, 0.6))
+            halls.append(recess(hole, rng.uniform(4.0, 12.0), band[k] * rng.uniform(0.25, 0.6)))
         else:
             faces.append([p0, p1, s1, s0])
             colours.append(band[k])
     plate = quads(np.array(faces), np.array(colours) * rng.uniform(0.92, 1.05))
-    return join([plate, inside] if opening else [plate])
+    return join([plate, *halls])
 
 
 def recess(hole_m: NDArray[np.float64], depth_m: float, rgb: NDArray[np.float64]) -> Mesh:
