@@ -4,21 +4,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.sim.layout import Layout
-from deckline.sim.mesh import Rgb
+from deckline.sim.mesh import Mesh, Rgb
 from deckline.sim.paint import axes
 
 WHITE, AMBER, RED = (1.0, 0.95, 0.85), (1.0, 0.6, 0.15), (1.0, 0.12, 0.08)
 GREEN, BLUE = (0.2, 1.0, 0.45), (0.25, 0.4, 1.0)
 LAMP_UP_M = 0.15  # deck lamps above the deck
+FLOOD_UP_M = (6.0, 22.0)  # flood lamps
 EDGE_STRENGTH, CENTRE_STRENGTH, DROP_STRENGTH, FLOOD_STRENGTH, DATUM_STRENGTH = 1.0, 0.7, 1.0, 6.0, 4.0
 Lamps = NDArray[np.float32]
 
 
-def deck_lights(layout: Layout, runway: bool, rng: np.random.Generator) -> Lamps:
+def deck_lights(layout: Layout, runway: bool, solids: Mesh, rng: np.random.Generator) -> Lamps:
     """Lamps (N, 7) of a deck: runway edges, centre and drop line where there is a runway, deck edge, flood lamps."""
     parts = [_deck_edge(layout, rng)]
     if not layout.on_land:
-        parts.append(_floods(layout, rng))
+        parts.append(_floods(solids, rng))
     if runway:
         edge = (WHITE, WHITE, AMBER, GREEN)[rng.integers(4)]
         pitch = rng.uniform(30.0, 60.0) if layout.on_land else rng.uniform(6.0, 16.0)
@@ -79,10 +80,10 @@ def _deck_edge(layout: Layout, rng: np.random.Generator) -> Lamps:
     return _lamps(points, BLUE if rng.random() < 0.6 else RED, rng.uniform(0.2, 0.6))
 
 
-def _floods(layout: Layout, rng: np.random.Generator) -> Lamps:
-    """Flood lamps on the island's side."""
-    count = rng.integers(0, 6)
-    x = rng.uniform(0.35, 0.7, count) * layout.length_m
-    y = np.interp(x, layout.stations_m, layout.starboard_m) - rng.uniform(4.0, 9.0, count)
-    points = np.column_stack([x, y, -rng.uniform(8.0, 20.0, count)])
-    return _lamps(points, WHITE if rng.random() < 0.6 else AMBER, FLOOD_STRENGTH)
+def _floods(solids: Mesh, rng: np.random.Generator) -> Lamps:
+    """Flood lamps on those sides of an island that are seen from the deck, and from astern."""
+    low, high = FLOOD_UP_M
+    fits = (solids[:, 2] < -low) & (solids[:, 2] > -high) & (solids[:, 3] + solids[:, 4] < -0.5)
+    places = solids[fits]
+    chosen = places[rng.integers(len(places), size=rng.integers(0, 7))] if len(places) else places
+    return _lamps(chosen[:, :3] + 0.3 * chosen[:, 3:6], WHITE if rng.random() < 0.6 else AMBER, FLOOD_STRENGTH)

@@ -61,6 +61,6 @@ def build_ship(preset: str, rng: np.random.Generator) -> Ship:
     structure = build_structure(layout, runway, for_solids, spec)
     coat = deck_coat(layout, plan, surface, runway, worn, for_paint)
     texels = min(TRAIN_TEXELS_PER_M if spec is None else TEXELS_PER_M, LONGEST_TEXELS / layout.length_m)
-    lights = deck_lights(layout, runway, for_lights)
+    lights = deck_lights(layout, runway, structure.mesh, for_lights)
     background = background_mesh(layout, for_background, "random" if spec is None else "fair")
     return Ship(layout, coat, surface, structure.mesh, structure.stern_half_m, texels, runway, lights, background)
