@@ -11,7 +11,8 @@ VELOCITY = np.array([60.0, 2.0, 3.0])
 
 
 def drawn(config, seed=0, wide=True):
-    return draw_exposure(config, CAMERA, LEVEL, VELOCITY, np.random.default_rng(seed), wide)
+    rngs = [np.random.default_rng([seed, k]) for k in range(2)]
+    return draw_exposure(config, CAMERA, LEVEL, VELOCITY, *rngs, wide)
 
 
 def test_named_presets_are_still_and_dry():
@@ -62,3 +63,14 @@ def test_wrong_settings_are_named():
         FilmConfig(exposure_s=2.0)
     with pytest.raises(ValueError, match=r"rain_mm_h must lie between 0 and 500\.0, got -1\.0"):
         FilmConfig(rain_mm_h=-1.0)
+
+
+def test_a_recording_keeps_its_shutter_and_the_drops_on_its_lens():
+    config = FilmConfig(exposure_s=0.01, rain_mm_h=20.0, lens_drops=9)
+    first, second = (
+        draw_exposure(config, CAMERA, LEVEL, VELOCITY, np.random.default_rng(1), np.random.default_rng(k), wide=True)
+        for k in (2, 3)
+    )
+    assert (first.lens_seed, first.streak_contrast) == (second.lens_seed, second.streak_contrast)
+    assert first.seed != second.seed
+    assert first.turned_rad != second.turned_rad

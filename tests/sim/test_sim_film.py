@@ -89,7 +89,7 @@ def test_a_streak_brightens_by_its_opacity(film):
 def test_drops_on_the_lens_turn_the_picture_upside_down_and_stay_local(film):
     picture = np.zeros((96, 160, 3), np.float32)
     picture[:48] = 1.0
-    out = film.expose(picture, FLAT, CAMERA, Exposure(lens_drops=150, seed=8))
+    out = film.expose(picture, FLAT, CAMERA, Exposure(lens_drops=150, lens_seed=8))
     changed = np.any(np.abs(out - picture) > 1e-3, axis=2)
     assert 0.02 < changed.mean() < 0.5
     assert out.min() >= 0.0 and out.max() <= 1.0 + 1e-5

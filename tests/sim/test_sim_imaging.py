@@ -115,3 +115,13 @@ def test_haze_counts_for_the_exposure(imaging):
     config = ImagingConfig(sensor=replace(EXACT, exposure_ev=0.0, white_balance=(1.0, 1.0, 1.0)))
     gains = [shot(imaging, config, scene).records["sensor"]["gain"][1] for scene in (bright, clear)]
     assert gains[0] < 0.5 * gains[1]
+
+
+def test_rain_shortens_the_visibility_and_the_clear_picture_is_kept_only_when_asked(imaging):
+    config = ImagingConfig(sensor=EXACT, film=FilmConfig(rain_mm_h=25.0), air=AirConfig(model="physical"))
+    taken = shot(imaging, config)
+    assert taken.visibility_m == pytest.approx(3.912023 / (3.912023 / 400.0 + 2.141e-3), rel=1e-3)
+    rngs = [np.random.default_rng([0, k]) for k in range(2)]
+    bare = imaging.take(sea_view(CAMERA), CAMERA, POSE, SCENE, config, *rngs, False, keep_clear=False)
+    assert bare.clear_rgb is None
+    np.testing.assert_array_equal(bare.image_rgb, taken.image_rgb)

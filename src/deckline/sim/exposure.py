@@ -54,7 +54,8 @@ class Exposure:
     rain_m_s: Triple = (0.0, FALL_M_S, 0.0)  # velocity of the drops, optical frame
     streak_contrast: float = 1.0  # 1: as physics has it; more is what drawn rain looks like
     lens_drops: int = 0
-    seed: int = 0  # of the rain
+    lens_seed: int = 0  # of the drops on the lens
+    seed: int = 0  # of the falling ones
 
     @property
     def still(self) -> bool:
@@ -67,19 +68,23 @@ def draw_exposure(
     camera: Camera,
     world_from_camera: RigidTransform,
     velocity_m_s: ArrayLike,
-    rng: np.random.Generator,
+    recording: np.random.Generator,
+    frame: np.random.Generator,
     wide: bool,
 ) -> Exposure:
-    """Exposure of a camera that flies with a velocity (3,), world, relative to the ship."""
-    kinds, spin = rng.random(3), rng.normal(size=3)
-    drawn_s = float(np.exp(rng.uniform(*np.log(EXPOSURE_S)))) if kinds[0] < BLUR_CHANCE else 0.0
-    drawn_rain = float(np.exp(rng.uniform(*np.log(RAIN_MM_H)))) if kinds[1] < RAIN_CHANCE else 0.0
-    contrast, seed = float(np.exp(rng.uniform(0.0, np.log(15.0)))), int(rng.integers(2**31))
+    """Exposure of a camera that flies with a velocity (3,), world, relative to the ship.
+
+    `recording` draws the shutter, the rain and where drops sit on the lens, `frame` what is new in every frame.
+    """
+    kinds = recording.random(3)
+    drawn_s = float(np.exp(recording.uniform(*np.log(EXPOSURE_S)))) if kinds[0] < BLUR_CHANCE else 0.0
+    drawn_rain = float(np.exp(recording.uniform(*np.log(RAIN_MM_H)))) if kinds[1] < RAIN_CHANCE else 0.0
+    contrast, lens_seed = float(np.exp(recording.uniform(0.0, np.log(8.0)))), int(recording.integers(2**31))
     exposure_s = _setting(config.exposure_s, drawn_s, wide)
     rain = _setting(config.rain_mm_h, drawn_rain, wide)
     wet = wide and (rain > 0 or kinds[2] < SPRAY_CHANCE)
-    drops = int(rng.poisson(rng.uniform(0.0, 25.0))) if wet else 0
-    turned = np.deg2rad(_setting(config.shake_deg_s, SHAKE_DEG_S, wide)) * spin * exposure_s
+    drops = int(recording.poisson(recording.uniform(0.0, 25.0))) if wet else 0
+    turned = np.deg2rad(_setting(config.shake_deg_s, SHAKE_DEG_S, wide)) * frame.normal(size=3) * exposure_s
     limit = BLUR_LIMIT * camera.width / camera.fx
     if config.shake_deg_s is None:
         turned = turned * min(1.0, limit / max(float(np.linalg.norm(turned)), 1e-12))
@@ -93,7 +98,8 @@ def draw_exposure(
         rain_m_s=_triple(optical.apply([0.0, 0.0, FALL_M_S]) - flown),
         streak_contrast=contrast if wide else 1.0,
         lens_drops=drops if config.lens_drops is None else config.lens_drops,
-        seed=seed,
+        lens_seed=lens_seed,
+        seed=int(frame.integers(2**31)),
     )
 
 

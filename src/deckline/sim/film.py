@@ -47,18 +47,18 @@ class Film:
             raise ValueError(f"film needs a pinhole of the picture's size {depth_m.shape}, got {camera}")
         textures = [self.context.texture((camera.width, camera.height), 4, dtype="f4") for _ in range(2)]
         frames = [self.context.framebuffer([texture]) for texture in textures]
-        rng = np.random.default_rng(exposure.seed)
         self.context.disable(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._blur(frames[0], radiance, depth_m, camera, exposure)
         shown = frames[0]
         if exposure.rain_mm_h > 0:
-            self._rain(frames[0], radiance, camera, exposure, rng)
+            self._rain(frames[0], radiance, camera, exposure)
         if exposure.lens_drops > 0:
             shown = frames[1]
             self.context.copy_framebuffer(frames[1], frames[0])
             textures[0].repeat_x = textures[0].repeat_y = False
             textures[0].build_mipmaps()
             textures[0].use(0)
+            rng = np.random.default_rng(exposure.lens_seed)
             self._draw(frames[1], self.drop, drops_on_lens(camera, exposure.lens_drops, rng))
         exposed = np.frombuffer(shown.read(components=3, dtype="f4"), np.float32).reshape(radiance.shape)
         for frame, texture in zip(frames, textures, strict=True):
@@ -76,7 +76,7 @@ class Film:
     ) -> None:
         """Every pixel's mean along its path during the exposure."""
         nearness = 1.0 / np.where(np.isnan(depth_m), np.float32(np.inf), depth_m)
-        size = target.size
+        size = (camera.width, camera.height)
         light = self.context.texture(size, 3, np.ascontiguousarray(radiance, np.float32).tobytes(), dtype="f4")
         near = self.context.texture(size, 1, nearness.astype(np.float32).tobytes(), dtype="f4")
         light.repeat_x = light.repeat_y = False
@@ -90,14 +90,9 @@ class Film:
         near.release()
 
     def _rain(
-        self,
-        target: moderngl.Framebuffer,
-        radiance: NDArray[np.float32],
-        camera: Camera,
-        exposure: Exposure,
-        rng: np.random.Generator,
+        self, target: moderngl.Framebuffer, radiance: NDArray[np.float32], camera: Camera, exposure: Exposure
     ) -> None:
-        falling = np.array(exposure.rain_m_s)
+        falling, rng = np.array(exposure.rain_m_s), np.random.default_rng(exposure.seed)
         quads = streaks(camera, falling, exposure.exposure_s, exposure.rain_mm_h, rng)
         quads[..., 4] = np.minimum(quads[..., 4] * exposure.streak_contrast, MOST_OPAQUE)
         self.streak["light"] = tuple(bright(radiance).tolist())
@@ -107,14 +102,14 @@ class Film:
         """Blend quads (N, 6, 8) over what is there."""
         if not len(quads):
             return
-        program["size"] = tuple(float(length) for length in target.size)
+        program["size"] = target.size
         buffer = self.context.buffer(quads.tobytes())
         array = self.context.vertex_array(
             program, [(buffer, "2f 2f 4f", "pixel", "within", "detail")], skip_errors=True
         )
         target.use()
         self.context.enable(moderngl.BLEND)
-        self.context.blend_func = moderngl.DEFAULT_BLENDING
+        self.context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         array.render()
         self.context.disable(moderngl.BLEND)
         array.release()

@@ -1,6 +1,7 @@
 """From what the renderer drew to what the camera records: air, exposure, lens, sensor and depth camera, joined."""
 
-from dataclasses import asdict, dataclass, field
+import math
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
-from deckline.haze import Atmosphere, Triple, add_haze, beta_from_visibility, scatter, world_rays
-from deckline.sim.atmosphere import AirConfig, draw_air, draw_model, rain_extinction
+from deckline.haze import Atmosphere, Triple, add_haze, scatter, visibility_from_beta, world_rays
+from deckline.sim.atmosphere import AirConfig, Model, draw_air, draw_model
 from deckline.sim.depth_camera import DepthConfig, measure_depth
 from deckline.sim.exposure import Exposure, FilmConfig, draw_exposure
 from deckline.sim.film import Film
@@ -19,6 +20,7 @@ from deckline.sim.render import View
 from deckline.sim.sensor import SensorConfig, develop, draw_sensor, finish, meter
 
 METER_STEP = 4  # metering looks at every fourth pixel
+BRIGHTEST = 3.0  # light that thick air lets through at all: it dims the sun before the sun's glitter is seen through it
 FAIR_STRENGTH = 0.15  # how far the sensor strays in the named presets, of what training wants
 
 
@@ -40,7 +42,7 @@ class Surroundings:
     horizon: Triple  # linear light of the clear sky at the horizon
     sun: Triple  # unit vector from the sun to the ground, world
     sea_z_m: float  # world z of the water
-    visibility_m: float  # 2 % contrast at the water, without rain; infinite is clear
+    visibility_m: float  # 2 % contrast at the water, without rain; infinite: no air at all, in any rain
     velocity_m_s: Triple  # of the camera relative to the ship, world
 
 
@@ -49,9 +51,10 @@ class Shot:
     """One recorded picture."""
 
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
-    clear_rgb: NDArray[np.uint8]  # (H, W, 3) without air, noise and JPEG
+    clear_rgb: NDArray[np.uint8] | None  # (H, W, 3) without haze, noise and JPEG; None: not asked for
     depth_m: NDArray[np.float32]  # (H, W) as the depth camera measures it, NaN where nothing was seen
     true_depth_m: NDArray[np.float32]  # (H, W) NaN in the sky
+    visibility_m: float  # 2 % contrast at the water, with the rain
     airlight_rgb: Triple  # 0..255, of thick air away from the sun
     records: dict[str, Any]  # plain numbers for scene.json: model, air, exposure, sensor
 
@@ -72,6 +75,7 @@ class Imaging:
         recording: np.random.Generator,
         frame: np.random.Generator,
         wide: bool,
+        keep_clear: bool = True,
     ) -> Shot:
         """The picture that `camera` records of what its pinhole saw.
 
@@ -81,39 +85,45 @@ class Imaging:
             recording: draws what a recording keeps: the air and the sensor's settings.
             frame: draws what every frame has of its own: shaking, noise.
             wide: draw what the configuration leaves open, as for preset train.
+            keep_clear: also give the picture without haze.
         """
         pinhole = pinhole_for(camera)
-        exposure = draw_exposure(config.film, pinhole, world_from_camera, scene.velocity_m_s, frame, wide)
-        model = draw_model(config.air, recording, wide)
-        rain = exposure.rain_mm_h
-        air = draw_air(config.air, scene.visibility_m, rain, scene.horizon, scene.sun, scene.sea_z_m, recording, wide)
+        exposure = draw_exposure(config.film, pinhole, world_from_camera, scene.velocity_m_s, recording, frame, wide)
+        model, air = self._air(scene, config.air, exposure.rain_mm_h, recording, wide)
         thick = model == "physical" and any(air.extinction_per_m)
-        seen = view
-        if thick:
-            directions, lengths = world_rays(pixel_rays(pinhole), world_from_camera.rotation.as_matrix())
-            range_m = view.depth_m * lengths
-            light = scatter(view.radiance, range_m, directions, world_from_camera.translation, air)
-            seen = View(light, view.depth_m)
-        strength = 1.0 if wide else FAIR_STRENGTH
+        seen = through_air(view, pinhole, world_from_camera, air) if thick else view
         level = metered(seen, air, model == "paper")
-        sensor = draw_sensor(config.sensor, strength, level, recording)
-        taken = self._taken(view, pinhole, camera, exposure)
-        clear = develop(taken.radiance, sensor)
+        sensor = draw_sensor(config.sensor, 1.0 if wide else FAIR_STRENGTH, level, recording)
+        taken = self._taken(seen, pinhole, camera, exposure)
+        image = developed = develop(taken.radiance, sensor)
         airlight = develop(np.asarray(air.airlight, np.float32).reshape(1, 1, 3), sensor)[0, 0].astype(np.float64)
-        image = clear
-        if thick:
-            image = develop(self._taken(seen, pinhole, camera, exposure).radiance, sensor)
-        elif model == "paper":
-            image = paper_haze(clear, taken.depth_m, camera, scene.visibility_m, rain, airlight)
-        records = {"model": model, "air": air.to_mapping(), "exposure": asdict(exposure), "sensor": asdict(sensor)}
+        if model == "paper":
+            image = paper_haze(developed, taken.depth_m, camera, air.extinction_per_m[1], airlight)
+        elif thick and keep_clear:
+            developed = develop(self._taken(view, pinhole, camera, exposure).radiance, sensor)
         return Shot(
             image_rgb=finish(image, sensor, frame),
-            clear_rgb=clear,
+            clear_rgb=developed if keep_clear else None,
             depth_m=measure_depth(taken.depth_m, config.depth, frame),
             true_depth_m=taken.depth_m,
+            visibility_m=visibility_from_beta(air.extinction_per_m[1]),
             airlight_rgb=(float(airlight[0]), float(airlight[1]), float(airlight[2])),
-            records=records,
-        )
+            records={
+                "model": model, "air": air.to_mapping(), "exposure": asdict(exposure), "sensor": asdict(sensor),
+            },
+        )  # fmt: skip
+
+    def _air(
+        self, scene: Surroundings, config: AirConfig, rain_mm_h: float, rng: np.random.Generator, wide: bool
+    ) -> tuple[Model, Atmosphere]:
+        """The model and its air, which for the paper's is even and grey."""
+        model = draw_model(config, rng, wide)
+        rain = 0.0 if math.isinf(scene.visibility_m) else rain_mm_h
+        air = draw_air(config, scene.visibility_m, rain, scene.horizon, scene.sun, scene.sea_z_m, rng, wide)
+        if model == "paper":
+            grey = (air.extinction_per_m[1],) * 3
+            air = replace(air, extinction_per_m=grey, scale_height_m=math.inf, glow=0.0, waves=())
+        return model, air
 
     def _taken(self, view: View, pinhole: Camera, camera: Camera, exposure: Exposure) -> View:
         """The view through the exposure and the lens."""
@@ -121,16 +131,22 @@ class Imaging:
         return self.lens.warp(exposed, pinhole, camera) if camera.has_distortion else exposed
 
 
-def metered(view: View, air: Atmosphere, through_air: bool) -> float:
-    """The light that automatic exposure goes by, with even air yet to come or already there.
+def through_air(view: View, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> View:
+    """A pinhole's view through air of the physical model."""
+    directions, lengths = world_rays(pixel_rays(camera), world_from_camera.rotation.as_matrix())
+    light = np.minimum(view.radiance, np.float32(BRIGHTEST))
+    eye = world_from_camera.translation
+    return View(scatter(light, view.depth_m * lengths, directions, eye, air), view.depth_m)
+
+
+def metered(view: View, air: Atmosphere, air_to_come: bool) -> float:
+    """The light that automatic exposure goes by, on every fourth pixel of a view whose even air may be yet to come.
 
     Ray lengths are taken for depths here: exposure needs no more.
     """
-    light, depth = (
-        view.radiance[::METER_STEP, ::METER_STEP],
-        np.nan_to_num(view.depth_m[::METER_STEP, ::METER_STEP], nan=np.inf),
-    )
-    if through_air and any(air.extinction_per_m):
+    light = view.radiance[::METER_STEP, ::METER_STEP]
+    if air_to_come and any(air.extinction_per_m):
+        depth = np.nan_to_num(view.depth_m[::METER_STEP, ::METER_STEP], nan=np.inf)
         t = np.exp(-np.float32(air.extinction_per_m[1]) * depth)[..., None]
         light = light * t + np.asarray(air.airlight, np.float32) * (1 - t)
     return meter(light)
@@ -140,15 +156,12 @@ def paper_haze(
     clear_rgb: NDArray[np.uint8],
     depth_m: NDArray[np.float32],
     camera: Camera,
-    visibility_m: float,
-    rain_mm_h: float,
+    extinction_per_m: float,
     airlight: NDArray[np.float64],
 ) -> NDArray[np.uint8]:
-    """The paper's haze, and the rain's, on a clear picture (H, W, 3); airlight (3,) in 0..255."""
-    haze = 0.0 if np.isinf(visibility_m) else beta_from_visibility(visibility_m)
-    extinction = haze + rain_extinction(rain_mm_h)
-    if extinction == 0:
+    """The paper's haze on a clear picture (H, W, 3); airlight (3,) in 0..255."""
+    if extinction_per_m == 0:
         return clear_rgb
     rays = pixel_rays(camera)
     lengths = np.sqrt(np.einsum("hwc,hwc->hw", rays, rays))
-    return add_haze(clear_rgb, depth_m * lengths, extinction, airlight)
+    return add_haze(clear_rgb, depth_m * lengths, extinction_per_m, airlight)

@@ -12,7 +12,7 @@ from deckline.sim.tone import DISPLAY_GAMMA, STEPS, WHITE, Curve, Tone, level_of
 
 Rgb = tuple[float, float, float]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
-TARGET = 0.24  # what automatic exposure makes of a picture's metered light; level 0.52 of a plain display
+TARGET = 0.27  # what automatic exposure makes of a picture's metered light; level 0.55 of a plain display
 GAIN_LIMITS = (0.02, 50.0)  # of automatic exposure: nights stay dark
 CORNER_TAN = np.tan(np.deg2rad(30.0))  # vignetting 1 is cos^4 of a lens that sees its corners 30 degrees off axis
 BLUR_REACH = 3.0  # sigmas
@@ -23,7 +23,7 @@ class SensorConfig:
     """What the camera's picture path does; None: preset `train` draws it, the others have the stated default.
 
     Args:
-        exposure_ev: stops off automatic exposure; default within 0.1.
+        exposure_ev: stops off automatic exposure; default within 0.1 mostly.
         white_balance: gain of red, green and blue; default within 2 %.
         vignetting: 0 none, 1 falls to 56 % in the corners; default 0.
         blur_px: 1-sigma of the lens' blur; default mostly 0.
@@ -106,7 +106,7 @@ def draw_sensor(config: SensorConfig, strength: float, scene_level: float, rng: 
         scene_level: the light, as `meter` gives it, that automatic exposure goes by.
     """
     automatic = (TARGET / max(scene_level, 1e-6)) ** rng.uniform(0.75, 1.0)
-    stops, warmth, green = strength * rng.normal(0.0, [0.5, 0.1, 0.03])
+    stops, warmth, green = strength * rng.normal(0.0, [0.7, 0.1, 0.03])
     exposure = float(np.clip(automatic, *GAIN_LIMITS)) * 2.0 ** _given(config.exposure_ev, stops)
     balance = np.exp([warmth, green, -warmth]) if config.white_balance is None else np.asarray(config.white_balance)
     red, green, blue = (float(gain) for gain in exposure * balance)
@@ -119,7 +119,7 @@ def draw_sensor(config: SensorConfig, strength: float, scene_level: float, rng: 
 
 def _stray(strength: float, rng: np.random.Generator) -> dict[str, Any]:
     """Everything but the gain. Draws as many random numbers whatever the strength."""
-    kinds, wide = rng.random(5), strength >= 1.0
+    kinds, wide = rng.random(6), strength >= 1.0
     tone: Tone = "filmic" if kinds[0] < 0.3 else "srgb" if kinds[0] < 0.55 else "gamma"
     noise, blur = strength * rng.gamma(1.5, 1.4), rng.uniform(0.3, 1.1)
     electrons = np.exp(rng.uniform(np.log(1e3), np.log(3e4))) / max(strength, 1e-3) ** 2
@@ -135,7 +135,8 @@ def _stray(strength: float, rng: np.random.Generator) -> dict[str, Any]:
     quality, seed = int(rng.integers(25, 98)), int(rng.integers(2**31))
     if wide:
         values |= {"tone": tone, "black": float(black) * (kinds[2] < 0.3)}
-        values |= {"vignetting": float(vignetting) * (kinds[3] < 0.4), "pattern": float(pattern), "pattern_seed": seed}
+        values |= {"vignetting": float(vignetting) * (kinds[3] < 0.4), "pattern_seed": seed}
+        values |= {"pattern": float(pattern) * (kinds[5] < 0.25)}
         values |= {"jpeg_quality": quality if kinds[4] < 0.4 else 0}
     return values
 
