@@ -10,6 +10,7 @@ from deckline.geometry import pose
 from deckline.recording import RecordingError
 from deckline.recording.scene import (
     clear_image_path,
+    entry_text,
     read_scene,
     scene_text,
     truth_from_mapping,
@@ -97,7 +98,7 @@ def test_clear_image_stays_inside_the_recording(name):
 
 def test_text_is_json_with_the_promised_keys(tmp_path):
     path = tmp_path / "scene.json"
-    path.write_text(scene_text(None, {"a.png": {"deck_z_m": -17.0}, "b.png": {}}, {"seed": 3}))
+    path.write_text(scene_text(None, {"a.png": entry_text({"deck_z_m": -17.0}), "b.png": entry_text({})}, {"seed": 3}))
     assert json.loads(path.read_text()) == {
         "format": "deckline-scene",
         "version": 1,
@@ -112,6 +113,8 @@ def test_text_is_json_with_the_promised_keys(tmp_path):
 def test_nan_never_reaches_the_file():
     with pytest.raises(RecordingError, match="plain finite JSON values"):
         scene_text(None, {}, {"gust": math.nan})
+    with pytest.raises(RecordingError, match="plain finite JSON values"):
+        entry_text({"truth": {"visibility_m": math.inf}})
 
 
 @pytest.mark.parametrize(

@@ -64,19 +64,34 @@ def read_scene(path: Path) -> Scene:
     return Scene(camera, frames, {key: value for key, value in values.items() if key not in RESERVED})
 
 
-def scene_text(camera: Mapping | None, frames: Mapping, extra: Mapping) -> str:
+def entry_text(entry: Mapping[str, Any]) -> str:
+    """A frame's entry as one line of JSON.
+
+    Raises:
+        RecordingError: a value that JSON cannot hold, NaN or infinity.
+    """
+    try:
+        return json.dumps(entry, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"scene values must be plain finite JSON values: {error}") from None
+
+
+def scene_text(camera: Mapping | None, entries: Mapping[str, str], extra: Mapping) -> str:
     """Text of scene.json; one frame a line, never NaN or infinity.
+
+    Args:
+        entries: what `entry_text` made of each frame's entry, by image file name.
 
     Raises:
         RecordingError: a free key that JSON cannot hold.
     """
     head = {"format": FORMAT, "version": VERSION, **extra, "camera": camera}
     try:
-        lines = [f"{json.dumps(name)}: {json.dumps(entry, allow_nan=False)}" for name, entry in frames.items()]
         opened = json.dumps(head, indent=1, allow_nan=False)[:-2]
     except (TypeError, ValueError) as error:
         raise RecordingError(f"scene values must be plain finite JSON values: {error}") from None
-    return opened + ',\n "frames": {' + ",".join(f"\n  {line}" for line in lines) + "\n }\n}\n"
+    lines = ",".join(f"\n  {json.dumps(name)}: {text}" for name, text in entries.items())
+    return opened + ',\n "frames": {' + lines + "\n }\n}\n"
 
 
 def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:

@@ -22,13 +22,14 @@ from deckline.recording.camera_file import camera_to_mapping
 from deckline.recording.depth import DEPTH_PLANAR
 from deckline.recording.images import encode_image
 from deckline.recording.netpbm import FAR_DEPTH_M, write_pfm
-from deckline.recording.scene import RESERVED, SCENE_FILE, read_scene, scene_text, truth_to_mapping
+from deckline.recording.scene import RESERVED, SCENE_FILE, entry_text, read_scene, scene_text, truth_to_mapping
 from deckline.recording.source import RecordingError, read_text
 from deckline.types import Frame
 
 ImageFormat = Literal["png", "ppm"]
 CLEAR_FOLDER = "clear"
-SCENE_EVERY = 25  # frames between two writings of scene.json; a killed writer loses fewer than these
+SCENE_EVERY = 25  # frames between two writings of scene.json; a killed writer loses fewer than these ...
+LONG = 1000  # ... for each so many frames of a recording, so that long ones do not write it all the time
 MAY_CHANGE = ("command", "generator")  # free scene keys that may differ when a recording is resumed
 _HEADER_LINE = "\t".join(HEADER) + "\n"
 
@@ -104,7 +105,7 @@ class RecordingWriter:
         self._prefix = f"img_{vehicle}_{camera_name}"
         self._vehicle = vehicle
         self._camera: dict[str, Any] | None = None
-        self._frames: dict[str, Any] = {}
+        self._frames: dict[str, str] = {}  # entries of scene.json as text: small, and written often
         self._last_ns = -1
         self._rows: TextIO | None = None
         reserved = sorted(set(self._extra) & set(RESERVED))
@@ -150,11 +151,11 @@ class RecordingWriter:
         if encoded.clear is not None:
             (self.out / CLEAR_FOLDER).mkdir(exist_ok=True)
             write_atomic(self.out / CLEAR_FOLDER / name, encoded.clear)
-        self._frames[name] = self._named_entry(encoded, name)
+        self._frames[name] = entry_text(self._named_entry(encoded, name))
         self._last_ns = ns
         self._rows.write(self._row(encoded, names))
         self._rows.flush()
-        if self.count % SCENE_EVERY == 0:
+        if self.count % (SCENE_EVERY * max(1, self.count // LONG)) == 0:
             self._write_scene()
 
     def close(self) -> None:
@@ -198,7 +199,7 @@ class RecordingWriter:
                 break
             rows.append(line)
             name = choose_images(names)[0]
-            self._frames[name] = entries[name]
+            self._frames[name] = entry_text(entries[name])
             self._last_ns = int(Path(name).stem.rpartition("_")[2])
         if scene.camera is not None:
             self._camera = camera_to_mapping(scene.camera.camera, scene.camera.body_from_camera)
