@@ -44,7 +44,7 @@ class SimOptions(SimConfig):
 
 
 RECORDING = SimOptions()
-SHEET = SimOptions(preset="train", trajectory="random", frames=48, frames_per_ship=1)
+SHEET = SimOptions(preset="train", trajectory="random", frames=48, frames_per_ship=1, visibility_m=(500.0, 10000.0))
 
 
 @dataclass(frozen=True)
