@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
-from deckline.haze import Atmosphere, Triple, add_haze, scatter, visibility_from_beta, world_rays
-from deckline.sim.atmosphere import AirConfig, Model, draw_air, draw_model
+from deckline.haze import Atmosphere, Triple, add_haze, beta_from_visibility, scatter, visibility_from_beta, world_rays
+from deckline.sim.atmosphere import AirConfig, Model, draw_air, draw_model, rain_extinction
 from deckline.sim.depth_camera import DepthConfig, measure_depth
 from deckline.sim.exposure import Exposure, FilmConfig, draw_exposure
 from deckline.sim.film import Film
 from deckline.sim.gl import moderngl
 from deckline.sim.lens import Lens, LensConfig, pinhole_for, pixel_rays
 from deckline.sim.render import View
-from deckline.sim.sensor import SensorConfig, develop, draw_sensor, finish, meter
+from deckline.sim.sensor import Sensor, SensorConfig, develop, draw_sensor, finish, meter
 
 METER_STEP = 4  # metering looks at every fourth pixel
 BRIGHTEST = 3.0  # light that thick air lets through at all: it dims the sun before the sun's glitter is seen through it
@@ -51,7 +51,9 @@ class Shot:
     """One recorded picture."""
 
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
-    clear_rgb: NDArray[np.uint8] | None  # (H, W, 3) without haze, noise and JPEG; None: not asked for
+    clear_rgb: (
+        NDArray[np.uint8] | None
+    )  # (H, W, 3) without haze, rain, blur by motion, noise and JPEG; None: not asked for
     depth_m: NDArray[np.float32]  # (H, W) as the depth camera measures it, NaN where nothing was seen
     true_depth_m: NDArray[np.float32]  # (H, W) NaN in the sky
     visibility_m: float  # 2 % contrast at the water, with the rain
@@ -85,7 +87,7 @@ class Imaging:
             recording: draws what a recording keeps: the air and the sensor's settings.
             frame: draws what every frame has of its own: shaking, noise.
             wide: draw what the configuration leaves open, as for preset train.
-            keep_clear: also give the picture without haze.
+            keep_clear: also give the picture without haze, rain and motion blur.
         """
         pinhole = pinhole_for(camera)
         exposure = draw_exposure(config.film, pinhole, world_from_camera, scene.velocity_m_s, recording, frame, wide)
@@ -95,23 +97,21 @@ class Imaging:
         level = metered(seen, air, model == "paper")
         sensor = draw_sensor(config.sensor, 1.0 if wide else FAIR_STRENGTH, level, recording)
         taken = self._taken(seen, pinhole, camera, exposure)
-        image = developed = develop(taken.radiance, sensor)
-        airlight = develop(np.asarray(air.airlight, np.float32).reshape(1, 1, 3), sensor)[0, 0].astype(np.float64)
+        image = clear = develop(taken.radiance, sensor)
+        if keep_clear and (thick or not exposure.still):
+            clear = develop(self._taken(view, pinhole, camera, Exposure()).radiance, sensor)
+        airlight = shown(air.airlight, sensor)
         if model == "paper":
-            image = paper_haze(developed, taken.depth_m, camera, air.extinction_per_m[1], airlight)
-        elif thick and keep_clear:
-            developed = develop(self._taken(view, pinhole, camera, exposure).radiance, sensor)
+            image = paper_haze(image, taken.depth_m, camera, air.extinction_per_m[1], airlight)
         return Shot(
             image_rgb=finish(image, sensor, frame),
-            clear_rgb=developed if keep_clear else None,
+            clear_rgb=clear if keep_clear else None,
             depth_m=measure_depth(taken.depth_m, config.depth, frame),
             true_depth_m=taken.depth_m,
-            visibility_m=visibility_from_beta(air.extinction_per_m[1]),
-            airlight_rgb=(float(airlight[0]), float(airlight[1]), float(airlight[2])),
-            records={
-                "model": model, "air": air.to_mapping(), "exposure": asdict(exposure), "sensor": asdict(sensor),
-            },
-        )  # fmt: skip
+            visibility_m=visibility(scene, exposure),
+            airlight_rgb=airlight,
+            records={"model": model, "air": air.to_mapping(), "exposure": asdict(exposure), "sensor": asdict(sensor)},
+        )
 
     def _air(
         self, scene: Surroundings, config: AirConfig, rain_mm_h: float, rng: np.random.Generator, wide: bool
@@ -129,6 +129,19 @@ class Imaging:
         """The view through the exposure and the lens."""
         exposed = View(self.film.expose(view.radiance, view.depth_m, pinhole, exposure), view.depth_m)
         return self.lens.warp(exposed, pinhole, camera) if camera.has_distortion else exposed
+
+
+def visibility(scene: Surroundings, exposure: Exposure) -> float:
+    """Visibility, m, at the water in haze and rain; rain does not thicken clear air."""
+    if math.isinf(scene.visibility_m) or exposure.rain_mm_h == 0:
+        return scene.visibility_m
+    return visibility_from_beta(beta_from_visibility(scene.visibility_m) + rain_extinction(exposure.rain_mm_h))
+
+
+def shown(light: Triple, sensor: Sensor) -> Triple:
+    """Levels 0..255 that a sensor shows of an even light."""
+    level = develop(np.asarray(light, np.float32).reshape(1, 1, 3), sensor)[0, 0]
+    return float(level[0]), float(level[1]), float(level[2])
 
 
 def through_air(view: View, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> View:
@@ -157,9 +170,9 @@ def paper_haze(
     depth_m: NDArray[np.float32],
     camera: Camera,
     extinction_per_m: float,
-    airlight: NDArray[np.float64],
+    airlight: Triple,
 ) -> NDArray[np.uint8]:
-    """The paper's haze on a clear picture (H, W, 3); airlight (3,) in 0..255."""
+    """The paper's haze on a clear picture (H, W, 3); airlight in 0..255."""
     if extinction_per_m == 0:
         return clear_rgb
     rays = pixel_rays(camera)

@@ -141,11 +141,6 @@ def _stray(strength: float, rng: np.random.Generator) -> dict[str, Any]:
     return values
 
 
-def random_sensor(strength: float, sky_level: float, rng: np.random.Generator) -> Sensor:
-    """Settings exposed for a sky of level 0..1, as a plain display shows it, twice as bright as its picture."""
-    return draw_sensor(SensorConfig(), strength, 0.45 * max(sky_level, 0.1) ** DISPLAY_GAMMA, rng)
-
-
 def develop(radiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.uint8]:
     """Image (H, W, 3) of linear light: vignetting, exposure, white balance, blur, saturation and tone; no noise."""
     tone_table = table(sensor.curve)
