@@ -6,7 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deckline.sim.clearance import runway_distance
-from deckline.sim.layout import DECKS, class_layout, cvn_layout, paper_layout, random_layout, ship_layout, world_points
+from deckline.sim.layout import (
+    DECKS,
+    class_layout,
+    class_variant,
+    cvn_layout,
+    paper_layout,
+    random_layout,
+    ship_layout,
+    world_points,
+)
 from deckline.sim.paint import axes
 from deckline.sim.ship_class import SHIP_CLASSES, LineEnds, load_class
 
@@ -96,6 +105,27 @@ def test_kinds_of_decks_differ(kind, longest_m, steepest_deg):
         assert layout.length_m <= longest_m
         assert abs(angle_deg(layout.centre_m)) <= steepest_deg + 1e-6
         assert not layout.on_land
+
+
+@pytest.mark.parametrize("name", ["cvn", "axial", "small"])
+def test_variants_of_a_class_are_ships_like_it(name):
+    spec = load_class(name)
+    mirrored = 0
+    for seed in range(40):
+        variant = class_variant(spec, np.random.default_rng(seed))
+        layout = class_layout(variant)
+        assert_lines_lie_on_deck(layout, 1.5)
+        assert 0.8 < layout.length_m / spec.length_m < 1.1
+        assert 0.75 < layout.spacing_m / spec.strip.spacing_m[0] < 1.3
+        assert layout.sea_z_m == 0.0
+        assert np.all(layout.port_m < layout.starboard_m)
+        mirrored += np.sign(variant.strip.start_m[1]) != np.sign(spec.strip.start_m[1])
+    assert 0 < mirrored < 12
+
+
+def test_a_ship_without_a_strip_has_no_variants():
+    with pytest.raises(ValueError, match="only a ship with a strip can be varied, got paper"):
+        class_variant(load_class("paper"), np.random.default_rng(0))
 
 
 def test_a_few_runways_lie_on_land():

@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.sim.deck_edge import EDGE_MARGIN_M, outline, random_outline
-from deckline.sim.ship_class import ShipClass, WorldLines, load_class
+from deckline.sim.ship_class import Place, ShipClass, Strip, WorldLines, load_class
 
-DeckKind = Literal["large", "medium", "axial", "small", "land"]
-DECKS: dict[DeckKind, float] = {"large": 0.42, "medium": 0.23, "axial": 0.20, "small": 0.11, "land": 0.04}
+DeckKind = Literal["large", "medium", "axial", "small", "variant", "land"]
+DECKS: dict[DeckKind, float] = {
+    "large": 0.28, "medium": 0.20, "axial": 0.17, "small": 0.10, "variant": 0.21, "land": 0.04,
+}  # fmt: skip
+VARIED = {"cvn": 0.6, "axial": 0.25, "small": 0.15}  # classes whose decks are stretched into variants
+MIRRORED = 0.08  # part of the variants whose port is to starboard
 TO_PORT = 0.85  # part of the angled decks whose runway turns to port
 PLACED_M = 400.0  # how far from the world's origin a ship may lie, north and east
 
@@ -128,7 +132,48 @@ def angled_lines(
 def random_layout(rng: np.random.Generator) -> Layout:
     """Size, deck shape, angle and lines are drawn widely."""
     kind = list(DECKS)[rng.choice(len(DECKS), p=list(DECKS.values()))]
-    return _land_layout(rng) if kind == "land" else ship_layout(kind, rng)
+    if kind == "land":
+        return _land_layout(rng)
+    if kind == "variant":
+        return class_layout(class_variant(load_class(list(VARIED)[rng.choice(3, p=list(VARIED.values()))]), rng))
+    return ship_layout(kind, rng)
+
+
+def class_variant(ship: ShipClass, rng: np.random.Generator) -> ShipClass:
+    """A class with a strip, stretched, bent and laid elsewhere; only its deck and lines still matter.
+
+    Raises:
+        ValueError: a class whose lines are not given as a strip.
+    """
+    if ship.strip is None:
+        raise ValueError(f"only a ship with a strip can be varied, got {ship.name}")
+    sx, sy, hand = rng.uniform(0.82, 1.06), rng.uniform(0.85, 1.15), 1.0 if rng.random() >= MIRRORED else -1.0
+    edges = []
+    for corners in (ship.port_m, ship.starboard_m):
+        moved = [hand * (y * sy + rng.normal(0.0, 0.003 * ship.length_m)) for _, y in corners]
+        edges.append(tuple((x * sx, y) for (x, _), y in zip(corners, moved, strict=True)))
+    strip, spacing = ship.strip, sy * rng.uniform(0.9, 1.1) * ship.strip.spacing_m[0]
+    angle_deg = strip.port_angle_deg + rng.normal(0.0, 1.2 if strip.port_angle_deg else 0.3)
+    begin = rng.uniform(0.5, 4.0) + spacing / 2 * abs(np.sin(np.deg2rad(angle_deg)))  # both lines begin on the deck
+    strip = Strip(
+        (float(begin), hand * strip.start_m[1] * sy),
+        hand * angle_deg,
+        (spacing, spacing * (1.0 if rng.random() < 0.6 else rng.uniform(0.9, 1.03))),
+        (strip.lengths_m[0] * sx * rng.uniform(0.88, 1.0), strip.lengths_m[1] * sx * rng.uniform(0.88, 1.0)),
+    )
+    height = ship.deck_height_m * rng.uniform(0.75, 1.15)
+    stern = rng.uniform(-PLACED_M, PLACED_M, 2)
+    place = Place((float(stern[0]), float(stern[1])), rng.uniform(-180.0, 180.0))
+    port, starboard = edges if hand > 0.0 else edges[::-1]
+    return replace(
+        ship,
+        length_m=ship.length_m * sx,
+        deck_height_m=height,
+        port_m=port,
+        starboard_m=starboard,
+        strip=strip,
+        place=place,
+    )
 
 
 def ship_layout(kind: DeckKind, rng: np.random.Generator) -> Layout:
