@@ -16,6 +16,7 @@ import numpy as np
 from deckline.evaluate.chain import range_to_ramp_m
 from deckline.recording import RecordingWriter
 from deckline.sim import SimConfig, frames
+from deckline.sim.depth_camera import DepthConfig
 from deckline.types import Frame
 
 CONFIG = SimConfig(
@@ -24,7 +25,7 @@ CONFIG = SimConfig(
     frames=24,
     visibility_m=(700.0, 700.0),
     seed=11,
-    depth_range_m=150.0,
+    depth=DepthConfig(range_m=150.0),
     keep_clear=False,
     start_m=800.0,
     end_m=25.0,
@@ -44,7 +45,7 @@ def main() -> None:
 
 
 def _slim(frame: Frame) -> Frame:
-    if frame.depth_m is None or range_to_ramp_m(frame) > CONFIG.depth_range_m:
+    if frame.depth_m is None or range_to_ramp_m(frame) > CONFIG.depth.range_m:
         return replace(frame, depth_m=None)
     return replace(frame, depth_m=(np.rint(frame.depth_m / DEPTH_STEP_M) * DEPTH_STEP_M).astype(np.float32))
 

@@ -1,8 +1,15 @@
 import numpy as np
 import pytest
 
+from deckline.haze import atmosphere_from_mapping, scatter, world_rays
 from deckline.sim import RendererError, SimConfig, contact_sheet, frames
+from deckline.sim.atmosphere import AirConfig
+from deckline.sim.depth_camera import DepthConfig
+from deckline.sim.motion import MotionConfig
+from deckline.sim.navigation import NavigationConfig
+from deckline.sim.sensor import SensorConfig, develop, radiance_from_image, sensor_from_mapping
 
+FAR = DepthConfig(range_m=float("inf"))
 SMALL = {"width": 160, "height": 90}
 
 
@@ -16,7 +23,7 @@ def rendered(config, start=0):
 @pytest.fixture(scope="module")
 def training():
     settings = {"preset": "train", "trajectory": "random", "frames": 40, "frames_per_ship": 1, "seed": 3}
-    return rendered(SimConfig(**settings, **SMALL, depth_range_m=float("inf")))
+    return rendered(SimConfig(**settings, **SMALL, depth=FAR))
 
 
 def test_a_frame_depends_on_seed_and_index_alone():
@@ -34,7 +41,7 @@ def test_a_frame_depends_on_seed_and_index_alone():
 
 
 def test_haze_follows_the_scattering_model():
-    config = SimConfig(frames=3, visibility_m=(300.0, 300.0), depth_range_m=float("inf"), **SMALL)
+    config = SimConfig(frames=3, visibility_m=(300.0, 300.0), depth=FAR, **SMALL)
     for frame in rendered(config):
         v, u = np.mgrid[0:90, 0:160]
         rays = np.stack([(u - 79.5) / frame.camera.fx, (v - 44.5) / frame.camera.fy, np.ones_like(u)])
@@ -57,8 +64,8 @@ def test_visibility_is_uniform_in_its_limits_and_infinite_when_clear(training):
 
 
 def test_recorded_depth_ends_at_its_range():
-    near = rendered(SimConfig(preset="paper", frames=2, start_m=150.0, depth_range_m=200.0, **SMALL))[0]
-    far = rendered(SimConfig(preset="paper", frames=2, start_m=150.0, depth_range_m=float("inf"), **SMALL))[0]
+    near = rendered(SimConfig(preset="paper", frames=2, start_m=150.0, depth=DepthConfig(range_m=200.0), **SMALL))[0]
+    far = rendered(SimConfig(preset="paper", frames=2, start_m=150.0, depth=FAR, **SMALL))[0]
     assert np.nanmax(near.depth_m) <= 200.0 < np.nanmax(far.depth_m)
     np.testing.assert_array_equal(near.depth_m[near.depth_m > 0], far.depth_m[near.depth_m > 0])
     assert np.isnan(far.depth_m[0]).all()
@@ -78,16 +85,81 @@ def test_training_frames_differ_and_are_neither_black_nor_white(training):
     assert len({frame.camera.fx for frame in training}) == len(training)
 
 
-def test_truth_is_in_view_and_left_is_left(training):
-    seen = [frame for frame in training if frame.truth.left is not None]
-    for frame in seen:
+def test_left_is_left_on_the_deck_and_the_ramp_end_is_mostly_nearer(training):
+    nearer = []
+    for frame in training:
+        if frame.truth.left is None:
+            continue
         left, right = frame.truth.left, frame.truth.right
         along = left.p1_m - left.p0_m
         across = np.cross([0.0, 0.0, 1.0], along / np.linalg.norm(along))
-        assert (right.p0_m - left.p0_m) @ across > 10.0
-        assert left.p0_m[2] == pytest.approx(frame.deck_z_m)
+        assert (right.p0_m - left.p0_m) @ across > 9.0
+        on_ship = frame.truth.world_from_ship.inv().apply([left.p0_m, left.p1_m, right.p0_m, right.p1_m])
+        np.testing.assert_allclose(on_ship[:, 2], 0.0, atol=1e-9)
+        assert abs(left.p0_m[2] - frame.deck_z_m) < 6.0  # the deck moves about the height that the ship reports
         camera = frame.world_from_camera.translation
-        assert np.linalg.norm(left.p0_m - camera) < np.linalg.norm(left.p1_m - camera)
+        nearer.append(np.linalg.norm(left.p0_m - camera) < np.linalg.norm(left.p1_m - camera))
+    assert np.mean(nearer) > 0.7  # the others look from ahead or abeam
+
+
+def test_a_pitching_ship_under_way_carries_its_lines():
+    motion = MotionConfig(sea_state=6, ship_speed_m_s=12.0)
+    first, last = (rendered(SimConfig(frames=4, motion=motion, **SMALL))[k] for k in (0, 3))
+    still = rendered(SimConfig(frames=4, **SMALL))[0]
+    seconds = last.time_s - first.time_s
+    sailed = last.truth.world_from_ship.translation - first.truth.world_from_ship.translation
+    assert np.linalg.norm(sailed[:2]) == pytest.approx(12.0 * seconds, abs=1.0)
+    tilt = [frame.truth.left.p1_m[2] - frame.truth.left.p0_m[2] for frame in (first, last, still)]
+    assert abs(tilt[2]) < 1e-9 < 0.1 < max(abs(tilt[0]), abs(tilt[1]))
+    assert first.truth.conditions["weather"]["sea_state"] == 6  # one sea for the ship and for the eye
+
+
+def test_a_measured_pose_leaves_the_true_one_in_the_truth():
+    exact = rendered(SimConfig(frames=2, **SMALL))[1]
+    noisy = rendered(SimConfig(frames=2, navigation=NavigationConfig(position_bias_m=1.5), **SMALL))[1]
+    assert exact.truth.world_from_body is None
+    np.testing.assert_array_equal(noisy.true_world_from_body.as_matrix(), exact.world_from_body.as_matrix())
+    assert 0.1 < np.linalg.norm(noisy.world_from_body.translation - exact.world_from_body.translation) < 9.0
+    np.testing.assert_array_equal(noisy.image_rgb, exact.image_rgb)
+
+
+def test_physical_haze_can_be_laid_over_the_clear_picture_again():
+    plain = SensorConfig(noise=0.0, electrons=0.0, blur_px=0.0)
+    config = SimConfig(
+        frames=2,
+        visibility_m=(400.0, 400.0),
+        air=AirConfig(model="physical", scale_height_m=200.0, patchiness=0.3),
+        sensor=plain,
+        depth=FAR,
+        **SMALL,
+    )
+    frame = rendered(config)[0]
+    records = frame.truth.conditions
+    sensor = sensor_from_mapping(records["sensor"])
+    rays = np.stack(np.broadcast_arrays(*np.ogrid[0:90, 0:160][::-1], 1.0), axis=-1).astype(np.float32)
+    rays[..., :2] = (rays[..., :2] - [79.5, 44.5]) / frame.camera.fx
+    directions, lengths = world_rays(rays, frame.world_from_camera.rotation.as_matrix())
+    seen = scatter(
+        radiance_from_image(frame.truth.clear_rgb, sensor),
+        frame.depth_m * lengths,
+        directions,
+        frame.world_from_camera.translation,
+        atmosphere_from_mapping(records["air"]),
+    )
+    difference = develop(seen, sensor).astype(int) - frame.image_rgb
+    assert np.percentile(np.abs(difference), 99) <= 2  # what 8 bits of the clear picture lost
+    assert np.abs(frame.image_rgb.astype(int) - frame.truth.clear_rgb).mean() > 20
+
+
+@pytest.mark.parametrize("preset", ["axial", "small", "runway"])
+def test_every_class_is_flown_to_along_the_papers_profile(preset):
+    frames_seen = rendered(SimConfig(preset=preset, trajectory="profile", frames=3, **SMALL))
+    heights = [frame.deck_z_m - frame.world_from_body.translation[2] for frame in frames_seen]
+    assert heights[0] == pytest.approx(400.0, abs=5.0) and heights[0] > heights[1] > heights[2] > 0
+    for frame in frames_seen:  # the camera is pointed at the runway
+        middle = (frame.truth.left.p0_m + frame.truth.right.p0_m) / 2
+        (pixel,) = frame.camera.project(frame.world_from_camera.inv().apply(middle[None]))
+        assert frames_seen[2] is frame or np.linalg.norm(pixel - [79.5, 44.5]) < 40.0
 
 
 def test_clear_view_is_kept_only_when_asked():

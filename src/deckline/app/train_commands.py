@@ -21,7 +21,7 @@ def dehaze(
     """Train the dehazing network on clear recordings with depth; goes on from its own checkpoint in `out`.
 
     Args:
-        recordings: folders written by `deckline sim --visibility clear --depth-range-m inf`.
+        recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`.
         out: folder of the checkpoint and the exported ONNX file.
         start_from: folder of an earlier training, to go on from its weights with other data or another recipe.
         config: the recipe.
@@ -38,7 +38,7 @@ def detect(
     """Train the line detector on clear recordings with depth and true lines; goes on from its own checkpoint in `out`.
 
     Args:
-        recordings: folders written by `deckline sim --visibility clear --depth-range-m inf`.
+        recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`.
         out: folder of the checkpoint and the exported ONNX file.
         config: the recipe.
     """

@@ -1,10 +1,21 @@
 """What to simulate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-Preset = Literal["paper", "cvn", "train"]
-Trajectory = Literal["approach", "random"]
+from deckline.sim.atmosphere import AirConfig
+from deckline.sim.depth_camera import DepthConfig
+from deckline.sim.exposure import FilmConfig
+from deckline.sim.flight import FlightConfig
+from deckline.sim.imaging import ImagingConfig
+from deckline.sim.lens import LensConfig
+from deckline.sim.motion import MotionConfig
+from deckline.sim.navigation import NavigationConfig
+from deckline.sim.sensor import SensorConfig
+from deckline.sim.weather import WeatherConfig
+
+Preset = Literal["paper", "cvn", "axial", "small", "runway", "train"]
+Trajectory = Literal["approach", "profile", "random"]
 CLEAR: tuple[float, float] = (float("inf"), float("inf"))
 
 
@@ -13,22 +24,26 @@ class SimConfig:
     """One simulated recording.
 
     Args:
-        preset: which ship. `paper`: the published edge lines; `cvn`: a large carrier of public dimensions;
-            `train`: another random ship every `frames_per_ship` frames, some without a runway.
-        trajectory: `approach`: one final approach; `random`: unrelated views around the glide path.
+        preset: which ship. `paper`: the published edge lines; `cvn`: a large carrier of public dimensions; `axial`: a
+            ship with a ski jump and an unangled deck; `small`: a short deck; `runway`: on land; `train`: another
+            random ship every `frames_per_ship` frames, some without a runway, in any light, weather and camera.
+        trajectory: `approach`: one final approach; `profile`: the paper's flight from 5 km; `random`: unrelated views
+            around the glide path.
         frames: how many.
         visibility_m: lowest and highest visibility (2 % contrast), drawn uniformly for every random view and
             once for an approach; infinite is clear air.
         seed: everything random follows from it and from the frame's index.
         width, height: image size, px.
         fov_deg: horizontal field of view; preset `train` draws its own unless `fixed_fov`.
-        depth_range_m: the recorded depth is NaN farther away than this (along the optical axis).
-        keep_clear: also give a hazy view without its haze (Frame.truth.clear_rgb).
+        keep_clear: also give a view without its haze, rain and motion blur (Frame.truth.clear_rgb).
         range_m: nearest and farthest distance to the ramp of a random view; None: 60 to 800 m, and 30 to 1500 m
             for preset `train`.
         fixed_fov: keep `fov_deg` for preset `train`.
         start_m, end_m: distance to the ramp where an approach begins and ends.
         frames_per_ship: random views that share a ship, its paint and the sun's direction.
+        weather, motion, flight, air, lens, film, sensor, depth, navigation: light, sea and sky; the ship's motion; how
+            the approach is flown; haze; optics; exposure and rain; the picture; the depth camera; the pose's errors. A
+            sea state given to one of weather and motion counts for both.
 
     Raises:
         ValueError: an unknown preset or trajectory, or a number out of its range.
@@ -42,13 +57,21 @@ class SimConfig:
     width: int = 1280
     height: int = 720
     fov_deg: float = 90.0
-    depth_range_m: float = 200.0
     keep_clear: bool = True
     range_m: tuple[float, float] | None = None
     fixed_fov: bool = False
     start_m: float = 800.0
     end_m: float = 12.0
     frames_per_ship: int = 4
+    weather: WeatherConfig = field(default_factory=WeatherConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    flight: FlightConfig = field(default_factory=FlightConfig)
+    air: AirConfig = field(default_factory=AirConfig)
+    lens: LensConfig = field(default_factory=LensConfig)
+    film: FilmConfig = field(default_factory=FilmConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    depth: DepthConfig = field(default_factory=DepthConfig)
+    navigation: NavigationConfig = field(default_factory=NavigationConfig)
 
     def __post_init__(self) -> None:
         for name, kinds in (("preset", Preset), ("trajectory", Trajectory)):
@@ -61,14 +84,17 @@ class SimConfig:
             raise ValueError(f"seed must not be negative, got {self.seed}")
         if not 1.0 <= self.fov_deg <= 150.0:
             raise ValueError(f"fov_deg must lie between 1 and 150, got {self.fov_deg}")
-        if not self.depth_range_m > 0:
-            raise ValueError(f"depth_range_m must be positive, got {self.depth_range_m}")
         for name in ("visibility_m", "range_m"):
             limits = getattr(self, name)
             if limits is not None and not 0 < limits[0] <= limits[1]:
                 raise ValueError(f"{name} must be (low, high) with 0 < low <= high, got {limits}")
         if not 0 < self.end_m < self.start_m:
             raise ValueError(f"start_m must exceed end_m > 0, got {self.start_m} and {self.end_m}")
+
+    @property
+    def imaging(self) -> ImagingConfig:
+        """Everything between the scene's light and the recorded picture."""
+        return ImagingConfig(self.lens, self.film, self.sensor, self.air, self.depth)
 
     @property
     def ranges_m(self) -> tuple[float, float]:

@@ -1,27 +1,31 @@
 """Frames of a simulated recording: the same configuration and index always give the same frame."""
 
 from collections.abc import Iterator
-from functools import lru_cache
+from dataclasses import asdict, replace
 from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from deckline.geometry import Camera, camera_mount
-from deckline.haze import add_haze, beta_from_visibility
 from deckline.sim.config import SimConfig
+from deckline.sim.daylight import random_time_of_day
+from deckline.sim.imaging import Imaging, Surroundings
 from deckline.sim.layout import Layout, world_points
-from deckline.sim.render import BEST, Renderer, View, random_quality
-from deckline.sim.sensor import DISPLAY_GAMMA, Sensor, add_noise, develop, random_sensor
+from deckline.sim.lens import pinhole_for, random_lens
+from deckline.sim.motion import Motion, draw_motion, ship_pose, ship_velocity
+from deckline.sim.navigation import measured_pose
+from deckline.sim.random_views import random_view
+from deckline.sim.render import BEST, Renderer, random_quality
 from deckline.sim.ship import Ship, build_ship
-from deckline.sim.trajectory import Viewpoint, approach_view, random_view
-from deckline.sim.weather import Weather, horizon_airlight, random_airlight, random_weather, sun_direction
+from deckline.sim.trajectory import approach_view, profile_view
+from deckline.sim.viewpoint import Viewpoint
+from deckline.sim.weather import WeatherConfig, random_weather, sun_direction
 from deckline.types import Frame, Segment, Truth
 
-OPEN_SEA = 0.5  # part of the views without a runway that show no ship either
-FAIR_SENSOR = 0.15  # how far the camera strays in the named presets, of what training wants
+OPEN_SEA = 0.4  # part of the views without a runway that show no ship either
 VEHICLE, CAMERA = "deckline", "front"
+# Random streams: of a ship, of a frame, of a whole flight.
+SHIP, FRAME, FLIGHT = 2, 3, 4
 
 
 class Simulator:
@@ -37,6 +41,7 @@ class Simulator:
     def __init__(self, config: SimConfig) -> None:
         self.config = config
         self.renderer = Renderer()
+        self.imaging = Imaging(self.renderer.context)
         self.loaded = -1
 
     def __enter__(self) -> Self:
@@ -49,11 +54,88 @@ class Simulator:
         """Frame `index`: the same whatever was rendered before."""
         block = block_of(self.config, index)
         if block != self.loaded:
-            rng = np.random.default_rng([self.config.seed, 2, block])
-            self.ship = build_ship(self.config.preset, rng)
-            self.renderer.load(self.ship, sun_direction(rng))
-            self.loaded = block
-        return _frame(self.config, index, self.renderer, self.ship)
+            self._load(block)
+        return self._frame(index)
+
+    def _load(self, block: int) -> None:
+        config, train = self.config, self.config.preset == "train"
+        for_ship, for_sun, for_motion = np.random.default_rng([config.seed, SHIP, block]).spawn(3)
+        self.ship: Ship = build_ship(config.preset, for_ship)
+        time = config.weather.time_of_day or random_time_of_day(for_sun, fair=not train)
+        self.weather: WeatherConfig = replace(config.weather, time_of_day=time, sea_state=_sea_state(config))
+        asked = config.motion.sea_state if config.motion.sea_state is not None else config.weather.sea_state
+        self.motion: Motion = draw_motion(replace(config.motion, sea_state=asked), train, for_motion)
+        self.renderer.load(self.ship, sun_direction(for_sun, time))
+        self.loaded = block
+
+    def _frame(self, index: int) -> Frame:
+        config, ship, renderer = self.config, self.ship, self.renderer
+        train, unrelated = config.preset == "train", config.trajectory == "random"
+        own = np.random.default_rng([config.seed, FRAME, index])
+        kept = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # a flight keeps weather and camera
+        for_weather, for_lens, for_air, for_picture, for_quality = kept.spawn(5)
+        for_view, for_noise, for_sea = own.spawn(3)
+        weather = random_weather(for_weather, not train, self.weather, sun=renderer.sun)
+        view = self._view(index, for_view)
+        camera = random_lens(config.lens, view.camera, for_lens, wide=train)
+        layout = ship.layout.posed(ship_pose(ship.layout, self.motion, view.time_s))
+        scene = renderer.render(
+            pinhole_for(camera),
+            view.world_from_camera,
+            weather,
+            view.time_s,
+            with_ship=ship.runway or bool(for_sea.random() >= OPEN_SEA),
+            quality=random_quality(for_quality) if train else BEST,
+            world_from_ship=layout.world_from_ship,
+        )
+        over_deck = view.velocity_m_s - ship_velocity(ship.layout, self.motion, view.time_s)
+        surroundings = Surroundings(
+            horizon=weather.horizon_rgb,
+            sun=weather.sun,
+            sea_z_m=layout.sea_z_m,
+            visibility_m=draw_visibility(config.visibility_m, for_air),
+            velocity_m_s=(float(over_deck[0]), float(over_deck[1]), float(over_deck[2])),
+        )
+        shot = self.imaging.take(
+            scene,
+            camera,
+            view.world_from_camera,
+            surroundings,
+            config.imaging,
+            for_picture,
+            for_noise,
+            wide=train,
+            keep_clear=config.keep_clear,
+        )
+        left, right = truth_segments(layout) if ship.runway else (None, None)
+        truth = Truth(
+            left,
+            right,
+            visibility_m=shot.visibility_m,
+            airlight_rgb=shot.airlight_rgb,
+            clear_rgb=shot.clear_rgb if np.isfinite(shot.visibility_m) else None,
+            world_from_body=None if config.navigation.exact else view.world_from_body,
+            world_from_ship=layout.world_from_ship,
+            conditions=shot.records | {"weather": asdict(weather), "motion": asdict(self.motion)},
+        )
+        return Frame(
+            file=f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png",
+            time_s=view.time_s,
+            image_rgb=shot.image_rgb,
+            camera=camera,
+            body_from_camera=view.body_from_camera,
+            depth_m=shot.depth_m,
+            world_from_body=measured_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
+            deck_z_m=float(ship.layout.world_from_ship.translation[2]),
+            truth=truth,
+        )
+
+    def _view(self, index: int, rng: np.random.Generator) -> Viewpoint:
+        config, layout = self.config, self.ship.layout
+        if config.trajectory == "random":
+            return random_view(config, layout, index, rng, self.motion)
+        fly = approach_view if config.trajectory == "approach" else profile_view
+        return fly(config, layout, index, config.flight, self.motion)
 
 
 def block_of(config: SimConfig, index: int) -> int:
@@ -75,74 +157,20 @@ def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterat
             yield simulator.frame(index)
 
 
-def _frame(config: SimConfig, index: int, renderer: Renderer, ship: Ship) -> Frame:
-    rng = np.random.default_rng([config.seed, 3, index])
-    approach = config.trajectory == "approach"
-    whole = np.random.default_rng([config.seed, 4]) if approach else rng  # an approach keeps its weather
-    fair = config.preset != "train"  # the named ships sail on fair days, as the paper's does
-    weather = random_weather(whole, fair, sun=renderer.sun)
-    quality = BEST if fair else random_quality(rng)
-    view = approach_view(config, ship.layout, index) if approach else random_view(config, ship.layout, index, rng)
-    open_sea = not ship.runway and bool(rng.random() < OPEN_SEA)
-    picture = renderer.render(
-        view.camera, view.world_from_body * camera_mount(), weather, view.time_s, not open_sea, quality
-    )
-    sky_level = float(np.mean(weather.horizon_rgb)) ** (1 / DISPLAY_GAMMA)
-    sensor = random_sensor(FAIR_SENSOR if fair else 1.0, sky_level, whole)
-    visibility, airlight = draw_haze(config, weather, sensor, whole)
-    clear = develop(picture.radiance, sensor)
-    hazy = _hazy(clear, picture, view, visibility, airlight)
-    left, right = truth_segments(ship.layout) if ship.runway else (None, None)
-    truth = Truth(
-        left,
-        right,
-        visibility_m=visibility,
-        airlight_rgb=(float(airlight[0]), float(airlight[1]), float(airlight[2])),
-        clear_rgb=clear if config.keep_clear and np.isfinite(visibility) else None,
-    )
-    depth = np.where(picture.depth_m <= config.depth_range_m, picture.depth_m, np.float32(np.nan))
-    return Frame(
-        file=f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png",
-        time_s=view.time_s,
-        image_rgb=add_noise(hazy, sensor, rng),
-        camera=view.camera,
-        depth_m=depth,
-        world_from_body=view.world_from_body,
-        deck_z_m=float(ship.layout.world_from_ship.translation[2]),
-        truth=truth,
-    )
-
-
-def _hazy(
-    clear: NDArray[np.uint8], picture: View, view: Viewpoint, visibility_m: float, airlight: NDArray[np.float64]
-) -> NDArray[np.uint8]:
-    if np.isinf(visibility_m):
-        return clear
-    camera = view.camera
-    range_m = picture.depth_m * _ray_lengths(camera.width, camera.height, camera.fx)
-    return add_haze(clear, range_m, beta_from_visibility(visibility_m), airlight)
-
-
-@lru_cache(maxsize=4)
-def _ray_lengths(width: int, height: int, focal_px: float) -> NDArray[np.float32]:
-    """Camera.ray_lengths of the simulator's pinhole, kept because a recording seldom changes its camera."""
-    return Camera(width, height, focal_px, focal_px, (width - 1) / 2.0, (height - 1) / 2.0).ray_lengths()
-
-
-def draw_haze(
-    config: SimConfig, weather: Weather, sensor: Sensor, rng: np.random.Generator
-) -> tuple[float, NDArray[np.float64]]:
-    """Visibility, m, uniform in the configured limits, and airlight (3,) in 0..255."""
-    low, high = config.visibility_m
-    visibility = high if low == high or np.isinf(high) else float(rng.uniform(low, high))
-    horizon = np.array(weather.horizon_rgb)
-    if config.preset == "train":
-        return visibility, random_airlight((horizon * sensor.gain) ** (1 / DISPLAY_GAMMA), rng)
-    light = horizon.astype(np.float32).reshape(1, 1, 3)
-    return visibility, horizon_airlight(develop(light, sensor)[0, 0].astype(np.float64), rng)
+def draw_visibility(limits_m: tuple[float, float], rng: np.random.Generator) -> float:
+    """Uniform between two visibilities, m; infinite if the larger one is."""
+    low, high = limits_m
+    return high if low == high or np.isinf(high) else float(rng.uniform(low, high))
 
 
 def truth_segments(layout: Layout) -> tuple[Segment, Segment]:
     """Middle of the left and of the right edge marking in the world, ramp end first."""
     left, right = world_points(layout, layout.left_m), world_points(layout, layout.right_m)
     return Segment(left[0], left[1]), Segment(right[0], right[1])
+
+
+def _sea_state(config: SimConfig) -> int | None:
+    """The sea's state, also where only the ship's motion says it."""
+    if config.weather.sea_state is None and config.motion.sea_state is not None:
+        return round(config.motion.sea_state)
+    return config.weather.sea_state

@@ -63,7 +63,7 @@ def clear_view(frame: Frame, long_side_px: int) -> ClearView:
         ValueError: a frame without depth, or without a clear image.
     """
     if frame.depth_m is None:
-        raise ValueError(f"{frame.file}: no depth; haze is added from depth (record with --depth-range-m inf)")
+        raise ValueError(f"{frame.file}: no depth; haze is added from depth (record with --depth.range-m inf)")
     truth = frame.truth
     if truth is not None and truth.clear_rgb is not None:
         clear = truth.clear_rgb
