@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from deckline.sim.hull import DRAUGHT_M
 from deckline.sim.mesh import volume
 from deckline.sim.vessels import VESSELS, body, foam_mesh, vessel_mesh
 
@@ -19,7 +20,8 @@ def test_vessels_float_on_their_waterline_and_have_their_length(kind):
 
 def test_a_hull_is_closed_and_displaces_less_than_its_box():
     mesh = body(100.0, 12.0, 6.0, (0.5, 0.5, 0.5), (0.1, 0.1, 0.1))
-    assert 0.5 * 100 * 12 * 6 < volume(mesh) < 100 * 12 * 6.1
+    box = 100 * 12 * (6 + DRAUGHT_M)
+    assert 0.5 * box < volume(mesh) < box
 
 
 def test_foam_lies_on_the_water_astern_and_looks_up():

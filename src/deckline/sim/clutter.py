@@ -48,7 +48,8 @@ class Lot:
 
     def take(self, footprint_m: NDArray[np.float64], edge_m: float = 0.0) -> bool:
         """Whether a convex footprint (N, 2) is free; if so it is taken."""
-        if not has_room(self.layout, self.runway, footprint_m, edge_m):
+        outline = np.concatenate([footprint_m, (footprint_m + np.roll(footprint_m, 1, axis=0)) / 2])
+        if not has_room(self.layout, self.runway, outline, edge_m):
             return False
         middle = footprint_m.mean(axis=0)
         radius = float(np.sqrt(0.5) * np.linalg.norm(footprint_m - middle, axis=1).max())
@@ -223,7 +224,7 @@ def edge_mesh(layout: Layout, runway: bool, rng: np.random.Generator) -> Mesh:
             not runway
         )
         parts.append(bars(foot[clear], tip[clear], 0.22, np.full(3, rng.uniform(0.3, 0.9))))
-    if runway and rng.random() < 0.75:
+    if runway and rng.random() < 0.55:
         parts.append(landing_aid(layout, rng))
     return join(parts)
 
@@ -241,8 +242,9 @@ def landing_aid(layout: Layout, rng: np.random.Generator) -> Mesh:
         parts.append(box(x, y, 1.0, (0.4, wide, tall), 0.0, (0.12, 0.12, 0.13)))
         if tall < 1.7:
             lamps = np.array([[x - 0.3, y + k * wide, 0.3] for k in (-0.4, -0.25, 0.25, 0.4)])
-            parts.append(boxes(lamps, (0.1, 0.13 * wide, 0.3), 0.0, (0.2, 0.95, 0.4)))
-            parts.append(boxes([[x - 0.3, y, 0.8]], (0.1, 0.08 * wide, 1.4), 0.0, (0.95, 0.6, 0.2)))
+            lit = rng.uniform(0.3, 1.0)
+            parts.append(boxes(lamps, (0.1, 0.13 * wide, 0.3), 0.0, lit * np.array([0.2, 0.95, 0.4])))
+            parts.append(boxes([[x - 0.3, y, 0.8]], (0.1, 0.08 * wide, 1.4), 0.0, lit * np.array([0.95, 0.5, 0.2])))
     return join(parts)
 
 

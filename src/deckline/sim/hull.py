@@ -15,7 +15,7 @@ from deckline.sim.mesh import Mesh, frustum, join, loft, quads
 from deckline.sim.ship_class import Hull
 
 SLAB_M = 1.6  # depth of the deck's edge
-DRAUGHT_M = 0.0  # how far hulls reach below the water
+DRAUGHT_M = 5.0  # how far hulls reach below the water, where the renderer cuts them off
 BOOT_M = 1.2  # height of the dark stripe above the water
 STATIONS = np.array([0.0, 0.04, 0.12, 0.3, 0.5, 0.65, 0.76, 0.85, 0.92, 0.97, 1.0])  # of frames, along a level
 LIMIT_M = 0.5  # the hull's top stays this far inside the deck's edge
@@ -157,7 +157,7 @@ def slab_mesh(layout: Layout, runway: bool, paint: NDArray[np.float64], rng: np.
     n = len(layout.stations_m)
     walls = frustum(edge, SLAB_M, edge, 0.0, paint * rng.uniform(0.6, 1.1), cap=False)
     left, right = edge[:n], edge[n:][::-1]
-    corners = np.stack([left[:-1], right[:-1], right[1:], left[1:]], 1)
+    corners = np.stack([left[:-1], left[1:], right[1:], right[:-1]], 1)
     under = quads(np.concatenate([corners, np.full((n - 1, 4, 1), SLAB_M)], 2), paint * 0.45)
     parts = [walls, under]
     if rng.random() < 0.7:

@@ -238,7 +238,7 @@ def wall_number(island: Island, rng: np.random.Generator) -> Mesh:
     flat = figures(text, (0.0, 0.0), (1.0, 0.0), tall, (1.0, 1.0, 1.0))[:, :2].astype(np.float64)
     parts = []
     for side in (-1.0, 1.0):
-        x = island.middle_m[0] - side * (flat[:, 0] - flat[:, 0].mean())
+        x = island.middle_m[0] + side * (flat[:, 0] - flat[:, 0].mean())
         y = np.full(len(x), island.middle_m[1] + side * (island.width_m / 2 + 0.1))
         corners = np.stack([x, y, flat[:, 1] - 0.2 * island.height_m - tall], -1).reshape(-1, 3, 3)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

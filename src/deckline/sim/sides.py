@@ -132,7 +132,7 @@ def side_number(form: Form, side: float, number: str, rng: np.random.Generator) 
     height = form.layout.deck_height_m
     tall = height * rng.uniform(0.18, 0.4)
     coat = figures(number, (0.0, 0.0), (1.0, 0.0), tall, (1.0, 1.0, 1.0))[:, :2].astype(np.float64)
-    x = form.bow_m[0] * rng.uniform(0.82, 0.93) + side * -1.0 * (coat[:, 0] - coat[:, 0].mean())
+    x = form.bow_m[0] * rng.uniform(0.82, 0.93) + side * (coat[:, 0] - coat[:, 0].mean())
     z = height * rng.uniform(0.3, 0.5) + coat[:, 1]
     corners = on_side(form, x, z, side).reshape(-1, 3, 3)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
