@@ -10,7 +10,6 @@ from deckline.sim.paint import (
     fill,
     ladder,
     layers,
-    quad,
     ring,
     soft_discs,
     soft_stripes,
@@ -59,12 +58,14 @@ def test_dashes_take_turns_and_stay_on_the_line():
     assert coat[:, 0].max() <= 25.0
 
 
-def test_bars_are_quads_at_once():
-    spans, across = [(0.0, 2.0), (5.0, 6.0)], [(-1.0, 1.0), (0.0, 3.0)]
-    coat = bars((3, 4), (10, 9), spans, across, WHITE, [[0.5], [0.8]])
-    for k in range(2):
-        expected = fill(quad((3, 4), (10, 9), spans[k], across[k]), WHITE, (0.5, 0.8)[k])
-        np.testing.assert_allclose(coat[6 * k : 6 * k + 6], expected, atol=1e-6)
+def test_bars_lie_along_and_across_their_line():
+    coat = bars((3, 4), (3, 10), [(0.0, 2.0), (5.0, 6.0)], [(-1.0, 1.0), (0.0, 3.0)], WHITE, [[0.5], [0.8]])
+    np.testing.assert_allclose(coat[:6, :2].min(axis=0), [2.0, 4.0], atol=1e-6)  # along +y, its right is -x
+    np.testing.assert_allclose(coat[:6, :2].max(axis=0), [4.0, 6.0], atol=1e-6)
+    np.testing.assert_allclose(coat[6:, :2].min(axis=0), [0.0, 9.0], atol=1e-6)
+    np.testing.assert_allclose(coat[6:, :2].max(axis=0), [3.0, 10.0], atol=1e-6)
+    np.testing.assert_allclose(coat[:, 5], np.repeat([0.5, 0.8], 6))
+    assert area_and_centroid(coat)[0] == pytest.approx(4.0 + 3.0)
 
 
 def test_soft_stripes_fade_to_their_sides_and_ends():
@@ -112,4 +113,4 @@ def test_wrong_shapes_are_named():
     with pytest.raises(ValueError, match=r"shape \(N >= 3, 2\), got \(2, 2\)"):
         fill([(0, 0), (1, 1)], WHITE)
     with pytest.raises(ValueError, match=r"two different ends, got \[1, 2\] twice"):
-        quad((1, 2), (1, 2), (0, 1), (0, 1))
+        bars((1, 2), (1, 2), (0, 1), (0, 1), WHITE)

@@ -60,16 +60,6 @@ def axes(start_m: ArrayLike, end_m: ArrayLike) -> tuple[NDArray[np.float64], NDA
     return along, np.array([-along[1], along[0]]), length
 
 
-def quad(
-    start_m: ArrayLike, end_m: ArrayLike, span_m: tuple[float, float], across_m: tuple[float, float]
-) -> NDArray[np.float64]:
-    """Corners (4, 2) of a rectangle along a line: `span` from its start, `across` to its right."""
-    along, right, _ = axes(start_m, end_m)
-    origin = np.asarray(start_m, dtype=np.float64)
-    (a, b), (c, d) = span_m, across_m
-    return np.array([origin + s * along + t * right for s, t in ((a, c), (b, c), (b, d), (a, d))])
-
-
 def bars(
     start_m: ArrayLike,
     end_m: ArrayLike,
@@ -79,7 +69,10 @@ def bars(
     opacity: ArrayLike = 1.0,
     wear: float = 1.0,
 ) -> Coat:
-    """Rectangles along a line, like `quad` many times: spans (N, 2), across (2,) or (N, 2), rest as in `polygons`."""
+    """Rectangles along a line: `spans` (N, 2) from its start, `across` (2,) or (N, 2) to its right.
+
+    Colours and opacities are those of `polygons`.
+    """
     along, right, _ = axes(start_m, end_m)
     spans = np.asarray(spans_m, dtype=np.float64).reshape(-1, 2)
     across = np.broadcast_to(np.asarray(across_m, dtype=np.float64), spans.shape)

@@ -3,7 +3,7 @@
 Ship frame: x forward, y to starboard, metres on the deck plane. Colours are display colours, 0..1.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from deckline.sim.mesh import Rgb
@@ -26,6 +26,13 @@ class EdgeStyle:
     smear: float = 0.0  # opacity of paint that bleeds inwards, as coarse textures seen from afar do
     smear_m: float = 0.0  # how far it bleeds
 
+    def __post_init__(self) -> None:
+        if not (self.width_m > 0 and self.rail_m > 0 and 0 < self.bar_m < self.pitch_m):
+            numbers = (self.width_m, self.rail_m, self.bar_m, self.pitch_m)
+            raise ValueError(
+                f"an edge needs width, rail > 0 and pitch > bar > 0, got width, rail, bar, pitch {numbers}"
+            )
+
 
 @dataclass(frozen=True)
 class LineStyle:
@@ -35,6 +42,13 @@ class LineStyle:
     rgbs: tuple[Rgb, ...]
     dash_m: float = 5.0
     gap_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.width_m > 0 and self.rgbs and self.dash_m > 0 and self.gap_m >= 0):
+            numbers = (self.width_m, self.dash_m, self.gap_m)
+            raise ValueError(
+                f"a line needs colours, width, dash > 0 and gap >= 0, got {len(self.rgbs)} colours and {numbers}"
+            )
 
 
 @dataclass(frozen=True)
@@ -97,7 +111,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Plan:
-    """All paint of a deck but its wear; the first eight belong to the runway and are left out where there is none."""
+    """All paint of a deck but its wear; what stands before `stern_m` is left out where there is no runway."""
 
     edge: EdgeStyle
     right_edge: EdgeStyle | None = None  # where it differs from the left one
@@ -122,10 +136,6 @@ class Plan:
     def edges(self) -> tuple[EdgeStyle, EdgeStyle]:
         """Style of the left and of the right edge marking."""
         return self.edge, self.edge if self.right_edge is None else self.right_edge
-
-    def without_runway(self) -> "Plan":
-        """The same deck with everything that marks a runway left out."""
-        return replace(self, right_edge=None, centre=None, area_opacity=0.0, ramp_m=0.0, wires_m=(), fouls=())
 
 
 @dataclass(frozen=True)
