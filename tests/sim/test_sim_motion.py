@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from deckline.sim.motion import (
     STILL,
     MotionConfig,
     deck_amplitudes,
+    deck_rise,
     draw_motion,
     middle_m,
     ship_pose,
@@ -76,6 +79,15 @@ def test_velocity_is_the_derivative_of_the_pose(layout):
         for point in ([0.0, 0.0, 0.0], [300.0, -20.0, -5.0], middle_m(layout)):
             after, before = (ship_pose(layout, ROUGH, time_s + step).apply(point) for step in (1e-3, -1e-3))
             np.testing.assert_allclose(ship_velocity(layout, ROUGH, time_s, point), (after - before) / 2e-3, atol=1e-6)
+
+
+def test_a_pitching_stern_rises_with_the_lever_to_the_middle():
+    pitching = replace(STILL, pitch_rad=0.02)
+    quarter = 3.0  # s: the pitch of 12 s is at its largest, bow up, stern down
+    half = CVN.length_m / 2
+    assert deck_rise(CVN, pitching, quarter, [0.0, 0.0]) == pytest.approx(-half * np.sin(0.02), abs=0.01)
+    assert deck_rise(CVN, pitching, quarter, [2 * half, 0.0]) == pytest.approx(half * np.sin(0.02), abs=0.01)
+    assert deck_rise(CVN, replace(STILL, heave_m=1.5), 4.5, [30.0, 5.0]) == pytest.approx(1.5)
 
 
 def test_smaller_seas_move_the_deck_less():

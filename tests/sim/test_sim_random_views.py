@@ -4,7 +4,7 @@ import pytest
 from deckline.geometry import Camera
 from deckline.sim.config import SimConfig
 from deckline.sim.layout import class_layout, random_layout
-from deckline.sim.motion import Motion
+from deckline.sim.motion import Motion, ship_pose
 from deckline.sim.paint import axes
 from deckline.sim.random_views import APPARENT_WIDTH, away_view, deck_view, draw_range, odd_view, random_view
 from deckline.sim.ship_class import load_class
@@ -12,7 +12,8 @@ from deckline.sim.viewpoint import runway_in_view
 
 CVN = class_layout(load_class("cvn"))
 TRAIN = SimConfig(preset="train", trajectory="random", width=640, height=360)
-UNDER_WAY = Motion(speed_m_s=10.0, roll_rad=0.02, heave_m=1.0)
+UNDER_WAY = Motion(speed_m_s=10.0, roll_rad=0.02)
+ROUGH = Motion(pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.0, np.pi, 0.0))
 
 
 def over_deck(layout, view):
@@ -88,6 +89,13 @@ def test_views_follow_the_ship_under_way_but_not_its_swing():
     np.testing.assert_allclose(shift, [300.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(moved.velocity_m_s - still.velocity_m_s, [10.0, 0.0, 0.0], atol=1e-9)
     assert (still.time_s, np.linalg.norm(still.velocity_m_s)) == (30.0, pytest.approx(65.0))
+
+
+def test_views_stay_clear_of_a_ramp_that_rises():
+    for k in range(40):
+        view = random_view(TRAIN, CVN, k, np.random.default_rng(k), ROUGH)
+        ramp = ship_pose(CVN, ROUGH, float(k)).apply([*CVN.centre_m[0], 0.0])
+        assert ramp[2] - view.world_from_body.translation[2] > 3.0
 
 
 def test_training_draws_fields_of_view_that_show_something():

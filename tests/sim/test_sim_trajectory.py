@@ -7,7 +7,7 @@ from deckline.geometry import camera_mount
 from deckline.sim.config import SimConfig
 from deckline.sim.flight import FlightConfig
 from deckline.sim.layout import class_layout
-from deckline.sim.motion import Motion
+from deckline.sim.motion import Motion, ship_pose
 from deckline.sim.paint import axes
 from deckline.sim.ship_class import load_class
 from deckline.sim.trajectory import approach_view, flight_path, path_view, profile_height, profile_view
@@ -62,6 +62,17 @@ def test_an_approach_to_a_moving_ship_keeps_the_glideslope_over_its_steady_deck(
         still_ranges, _, _ = over_deck(layout, positions([still]))
         np.testing.assert_allclose(ranges, still_ranges, atol=1e-6)
         assert abs(height[0] - (ranges[0] + 70.0) * np.tan(np.deg2rad(3.5))) < 8.0
+
+
+def test_no_approach_meets_a_ramp_that_rises():
+    motion = replace(UNDER_WAY, pitch_rad=0.03, heave_m=3.0)
+    config = replace(PAPER, preset="cvn", frames=60)
+    close = []
+    for k in range(60):
+        view = approach_view(config, CVN, k, motion=motion)
+        ramp = ship_pose(CVN, motion, view.time_s).apply([*CVN.centre_m[0], 0.0])
+        close.append(ramp[2] - view.world_from_body.translation[2])
+    assert min(close) >= 3.05 - 1e-9
 
 
 @pytest.mark.parametrize("motion", [Motion(), UNDER_WAY], ids=["still", "under way"])

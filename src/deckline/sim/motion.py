@@ -115,6 +115,17 @@ def ship_velocity(
     return motion.speed_m_s * heading(layout) + swinging - [0.0, 0.0, heave_rate]
 
 
+def deck_rise(layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike) -> float:
+    """How far, m, a deck point (2,) of the ship frame stands above where the steady ship has it.
+
+    Args:
+        layout: the ship as it lies at time 0.
+    """
+    point = np.array([*np.asarray(point_m, dtype=np.float64), 0.0])
+    steady, moved = (pose(layout, motion, time_s).apply(point)[2] for pose in (steady_pose, ship_pose))
+    return float(steady - moved)
+
+
 def heading(layout: Layout) -> NDArray[np.float64]:
     """Unit vector (3,) in the world along which the ship sails."""
     return layout.world_from_ship.rotation.apply([1.0, 0.0, 0.0])

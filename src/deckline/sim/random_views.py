@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
 from deckline.sim.config import SimConfig
 from deckline.sim.layout import Layout
-from deckline.sim.motion import STILL, Motion, heading, steady_pose
+from deckline.sim.motion import STILL, Motion, deck_rise, heading, steady_pose
 from deckline.sim.paint import axes
 from deckline.sim.viewpoint import Viewpoint, looking, runway_in_view, runway_point
 
@@ -35,6 +36,7 @@ def random_view(
     Args:
         layout: the ship as it lies at time 0.
     """
+    rise = deck_rise(layout, motion, float(index), layout.centre_m[0])
     layout = layout.posed(steady_pose(layout, motion, float(index)))
     kind = rng.random() if config.preset == "train" else 1.0
     if kind < DECK_SHARE:
@@ -45,9 +47,11 @@ def random_view(
         view = away_view(config, layout, rng)
     else:
         view = glide_view(config, layout, rng)
+    lifted = RigidTransform.from_translation([0.0, 0.0, -max(rise, 0.0)])  # a view stays clear of a ramp that rises
     ahead = view.world_from_body.rotation.apply([1.0, 0.0, 0.0])
     return replace(
         view,
+        world_from_body=lifted * view.world_from_body,
         time_s=float(index),
         velocity_m_s=SPEED_M_S * ahead + motion.speed_m_s * heading(layout),
         angular_rate_rad_s=RATES_RAD_S * rng.normal(0.0, 1.0, 3),

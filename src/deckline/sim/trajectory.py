@@ -25,7 +25,7 @@ from deckline.sim.flight import (
     wander,
 )
 from deckline.sim.layout import Layout
-from deckline.sim.motion import STILL, Motion, heading, steady_pose
+from deckline.sim.motion import STILL, Motion, deck_rise, heading, steady_pose
 from deckline.sim.random_views import RAMP_CLEARANCE_M, TOUCHDOWN_M
 from deckline.sim.random_views import random_view as random_view
 from deckline.sim.viewpoint import Viewpoint, looking, runway_point
@@ -167,12 +167,9 @@ def position_at(path: Path, time_s: float) -> NDArray[np.float64]:
     lateral, vertical = (shrink * size * wander(time_s, WANDER_HZ, rng) for size in DEVIATION_M)
     (_, aside), (_, up) = gusts_at(path, time_s)
     height = path.height_m(range_m) + vertical + left * flight.vertical_offset_m + up
-    return runway_point(
-        steady_layout(path, time_s),
-        -range_m,
-        lateral + left * flight.lateral_offset_m + aside,
-        max(height, RAMP_CLEARANCE_M),
-    )
+    lowest = RAMP_CLEARANCE_M + deck_rise(path.layout, path.motion, time_s, path.layout.centre_m[0])
+    lateral += left * flight.lateral_offset_m + aside
+    return runway_point(steady_layout(path, time_s), -range_m, lateral, max(height, lowest))
 
 
 def shake_at(path: Path, time_s: float) -> NDArray[np.float64]:
