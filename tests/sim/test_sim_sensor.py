@@ -95,12 +95,12 @@ def test_read_noise_has_its_sigma():
 
 
 def test_shot_noise_is_that_of_counted_electrons():
-    sensor = Sensor(gain=(2.0, 2.0, 2.0), electrons=2000.0)
+    sensor = Sensor(gain=(4.0, 4.0, 4.0), electrons=2000.0)
     rng = np.random.default_rng(3)
     light = np.float32(0.2)  # of white, after the gain
-    counted = rng.poisson(light * 1000.0, (300, 300, 1)).astype(np.float32) / 1000.0 / 2.0
+    counted = rng.poisson(light * 1000.0, (300, 300, 1)).astype(np.float32) / 1000.0 / 4.0
     expected = develop(np.repeat(counted, 3, axis=2), sensor).astype(float).std()
-    flat = np.full((300, 300, 3), develop(np.full((1, 1, 3), light / 2), sensor)[0, 0, 0], np.uint8)
+    flat = np.full((300, 300, 3), develop(np.full((1, 1, 3), light / 4), sensor)[0, 0, 0], np.uint8)
     assert add_noise(flat, sensor, rng).astype(float).std() == pytest.approx(expected, rel=0.03)
     assert noise_sigma(replace(sensor, electrons=8000.0))[100] == pytest.approx(noise_sigma(sensor)[100] / 2)
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 from deckline.geometry import Camera
 from deckline.haze import Triple
 
-BLUR_CHANCE, RAIN_CHANCE, SPRAY_CHANCE = 0.3, 0.08, 0.03  # of a frame of preset train
+BLUR_CHANCE, RAIN_CHANCE, SPRAY_CHANCE = 0.22, 0.08, 0.03  # of a frame of preset train
 EXPOSURE_S = (1 / 1000, 1 / 25)  # drawn, lowest and highest
 FALL_M_S = 9.0  # of large raindrops: Gunn and Kinzer 1949
 RAIN_MM_H = (2.0, 60.0)  # drawn: light to torrential

@@ -13,7 +13,7 @@ from deckline.sim.tone import DISPLAY_GAMMA, STEPS, WHITE, Curve, Tone, level_of
 Rgb = tuple[float, float, float]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
 TARGET = 0.27  # what automatic exposure makes of a picture's metered light; level 0.55 of a plain display
-GAIN_LIMITS = (0.02, 50.0)  # of automatic exposure: nights stay dark
+GAIN_LIMITS = (0.02, 120.0)  # of automatic exposure: nights stay dark
 CORNER_TAN = np.tan(np.deg2rad(30.0))  # vignetting 1 is cos^4 of a lens that sees its corners 30 degrees off axis
 BLUR_REACH = 3.0  # sigmas
 
@@ -211,7 +211,7 @@ def noise_sigma(sensor: Sensor) -> NDArray[np.float32]:
     step = 1e-3 + 0.01 * light
     low = np.maximum(light - step, 0.0)
     slope = 255.0 * (level_of(light + step, sensor.curve) - level_of(low, sensor.curve)) / (light + step - low)
-    held = sensor.electrons / max(sensor.gain[1], 1.0)  # a picture amplified afterwards collected less light
+    held = sensor.electrons / np.sqrt(max(sensor.gain[1], 1.0))  # half the stops come from the shutter and the iris
     return np.sqrt(sensor.noise**2 + slope**2 * light / held).astype(np.float32)
 
 
