@@ -65,6 +65,13 @@ def test_waves_have_about_the_wavelength():
     assert draw_waves(0.0, 400.0, np.random.default_rng(0)) == ()
 
 
+def test_thick_air_is_pale_under_a_gaudy_sky():
+    gaudy = np.array([0.05, 0.5, 0.8])
+    air = np.array([thick_air(gaudy, np.random.default_rng(k), wide=True) for k in range(100)])
+    assert np.abs(air / air.mean(axis=1, keepdims=True) - 1).max() < 0.55
+    assert np.all(thick_air(gaudy, np.random.default_rng(0), wide=False)[[0, 2]] / gaudy[[0, 2]] < 1.2)
+
+
 def test_thick_air_is_never_dark():
     air = np.array([thick_air(HORIZON, np.random.default_rng(k), wide=True) for k in range(200)])
     assert air.min() > 0.1

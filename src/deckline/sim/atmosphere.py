@@ -15,6 +15,7 @@ WAVELENGTH_NM = np.array([610.0, 550.0, 465.0])  # middles of red, green and blu
 HAZE_FROM_M = 1000.0  # visibility from which drops are small enough to colour the light; below it is fog
 SCALE_HEIGHT_M = 1000.0  # of haze in the marine boundary layer
 PATCH_WAVES = 5
+MOST_COLOUR = 0.4  # deviation from grey, as a share, of drawn thick air: drops scatter all colours nearly alike
 TINT = 0.04  # 1-sigma of the airlight's colour, from cold to warm
 # Carbonneau's rain attenuation, ITU-R P.1814: 1.076 R^0.67 dB/km, R in mm/h.
 RAIN_DB_PER_KM, RAIN_EXPONENT = 1.076, 0.67
@@ -141,13 +142,15 @@ def thick_air(horizon: NDArray[np.float64], rng: np.random.Generator, wide: bool
 
     Source: Koschmieder's law, in which the airlight is the light of the sky at the horizon.
     """
-    (warmth, green), mixed = rng.normal(size=2), rng.uniform(0.0, 1.2)
+    (warmth, green), mixed = rng.normal(size=2), rng.uniform(0.0, 1.0)
     thick, darkness, brightness = rng.random() < 0.25, rng.uniform(0.3, 0.75), rng.uniform(0.75, 1.2)
     tint = np.exp(TINT * np.array([warmth, 0.4 * green, -warmth]))
     if not wide:
         return np.asarray(horizon * tint)
     grey = horizon.mean()
-    air = np.maximum(grey + (horizon - grey) * mixed, 0.1 * grey)
+    colour = horizon - grey
+    paled = min(1.0, MOST_COLOUR * grey / max(float(np.abs(colour).max()), 1e-9))
+    air = grey + colour * paled * mixed
     return np.asarray(air * tint * (darkness if thick else brightness))
 
 
