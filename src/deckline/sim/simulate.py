@@ -105,7 +105,7 @@ class Simulator:
             for_picture,
             for_noise,
             wide=train,
-            keep_clear=config.keep_clear,
+            keep_clear=config.keep_clear and np.isfinite(surroundings.visibility_m),
         )
         left, right = truth_segments(layout) if ship.runway else (None, None)
         truth = Truth(
@@ -113,7 +113,7 @@ class Simulator:
             right,
             visibility_m=shot.visibility_m,
             airlight_rgb=shot.airlight_rgb,
-            clear_rgb=shot.clear_rgb if np.isfinite(shot.visibility_m) else None,
+            clear_rgb=shot.clear_rgb,
             world_from_body=None if config.navigation.exact else view.world_from_body,
             world_from_ship=layout.world_from_ship,
             conditions=shot.records | {"weather": asdict(weather), "motion": asdict(self.motion)},
