@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from deckline.sim.aircraft import KINDS, extents, prototype
 from deckline.sim.clearance import edge_distance, has_room, runway_distance
 from deckline.sim.layout import Layout
-from deckline.sim.mesh import Mesh, bars, box, boxes, instances, join, quads, rectangle
+from deckline.sim.mesh import Mesh, bars, box, boxes, instances, join, place, quads, rectangle
 from deckline.sim.ship_class import Island
 
 COATS = np.array(
@@ -47,19 +47,29 @@ class Lot:
     taken_m: list[tuple[float, float, float]] = field(default_factory=list)  # x, y, radius
 
     def take(self, footprint_m: NDArray[np.float64], edge_m: float = 0.0) -> bool:
-        """Whether a convex footprint (N, 2) is free; if so it is taken."""
-        outline = np.concatenate([footprint_m, (footprint_m + np.roll(footprint_m, 1, axis=0)) / 2])
+        """Whether a rectangle (4, 2) is free; if so it is taken."""
+        beside = np.roll(footprint_m, 1, axis=0)
+        outline = np.concatenate([footprint_m + share * (beside - footprint_m) for share in (0.0, 0.25, 0.5, 0.75)])
         if not has_room(self.layout, self.runway, outline, edge_m):
             return False
-        middle = footprint_m.mean(axis=0)
-        radius = float(np.sqrt(0.5) * np.linalg.norm(footprint_m - middle, axis=1).max())
+        wanted = discs(footprint_m)
         if self.taken_m:
             others = np.array(self.taken_m)
-            near = np.hypot(*(others[:, :2] - middle).T) < others[:, 2] + radius + GAP_M
-            if near.any():
+            gaps = np.hypot(*(others[:, None, :2] - wanted[:, :2]).transpose(2, 0, 1))
+            if np.any(gaps < others[:, None, 2] + wanted[:, 2] + GAP_M):
                 return False
-        self.taken_m.append((float(middle[0]), float(middle[1]), radius))
+        self.taken_m += [(float(x), float(y), float(radius)) for x, y, radius in wanted]
         return True
+
+
+def discs(rectangle_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Circles (N, 3) of x, y, radius along a rectangle's longer axis, which stand for it."""
+    first, second = rectangle_m[1] - rectangle_m[0], rectangle_m[2] - rectangle_m[1]
+    long, short = sorted((first, second), key=lambda side: -float(np.hypot(*side)))
+    length, width = float(np.hypot(*long)), float(np.hypot(*short))
+    share = np.linspace(-0.5, 0.5, int(np.ceil(length / width)) + 1)[:, None] * (1 - width / length)
+    middles = rectangle_m.mean(axis=0) + share * long
+    return np.column_stack([middles, np.full(len(middles), width / 2)])
 
 
 def clutter_mesh(layout: Layout, runway: bool, islands: tuple[Island, ...], rng: np.random.Generator) -> Mesh:
@@ -68,7 +78,7 @@ def clutter_mesh(layout: Layout, runway: bool, islands: tuple[Island, ...], rng:
     for island in islands:
         for x in np.arange(-0.5, 0.51, 0.25) * island.length_m + island.middle_m[0]:
             lot.taken_m.append((float(x), island.middle_m[1], island.width_m * 0.5))
-    fullness = rng.choice([0.0, 0.3, 1.0], p=[0.18, 0.42, 0.4])
+    fullness = rng.choice([0.0, 0.3, 1.0], p=[0.12, 0.38, 0.5])
     return join([
         aircraft_mesh(lot, islands, fullness, rng),
         vehicles_mesh(lot, islands, fullness, rng),
@@ -85,11 +95,15 @@ def aircraft_mesh(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: n
     coat = COATS[rng.integers(len(COATS))]
     spots: list[tuple[float, float, float]] = []
     for side in (-1.0, 1.0):
-        for _ in range(rng.integers(0, 1 + round(2 * fullness))):
+        for _ in range(rng.integers(0, 1 + round(3 * fullness))):
             spots += row_spots(lot.layout, side, rng)
     for island in islands:
         if rng.random() < fullness:
-            spots += pack_spots(island, rng)
+            x = island.middle_m[0] + rng.choice([-1.0, 1.0]) * (island.length_m / 2 + rng.uniform(12.0, 30.0))
+            spots += pack_spots(x, island.middle_m[1] - np.sign(island.middle_m[1]) * rng.uniform(0.0, 10.0), rng)
+    if rng.random() < 0.6 * fullness:
+        x = rng.uniform(0.7, 0.95) * lot.layout.length_m
+        spots += pack_spots(x, rng.uniform(*lot.layout.edges_at(x)), rng)
     for _ in range(rng.integers(0, 1 + round(14 * fullness))):
         x = rng.uniform(0.05, 0.95) * lot.layout.length_m
         spots.append((x, rng.uniform(*lot.layout.edges_at(x)), rng.uniform(-np.pi, np.pi)))
@@ -120,15 +134,14 @@ def row_spots(layout: Layout, side: float, rng: np.random.Generator) -> list[tup
     return [(float(a), float(b), float(yaw + rng.normal(0.0, 0.03))) for a, b in zip(x, y, strict=True)]
 
 
-def pack_spots(island: Island, rng: np.random.Generator) -> list[tuple[float, float, float]]:
-    """A tight pack before, behind and beside an island."""
-    yaw = rng.uniform(-np.pi, np.pi)
-    spots = []
-    for _ in range(rng.integers(3, 16)):
-        x = island.middle_m[0] + rng.choice([-1.0, 1.0]) * (island.length_m / 2 + rng.uniform(5.0, 40.0))
-        y = island.middle_m[1] - np.sign(island.middle_m[1]) * rng.uniform(-4.0, 16.0)
-        spots.append((x, y, yaw + rng.normal(0.0, 0.15)))
-    return spots
+def pack_spots(x_m: float, y_m: float, rng: np.random.Generator) -> list[tuple[float, float, float]]:
+    """A tight pack around a point: rows of aircraft that all point about the same way."""
+    yaw, heading = rng.uniform(-np.pi, np.pi), rng.choice([0.0, np.pi / 2, -np.pi / 2])
+    pitch = rng.uniform(11.0, 18.0), rng.uniform(9.0, 13.0)
+    grid = np.stack(np.meshgrid(np.arange(rng.integers(1, 4)), np.arange(rng.integers(2, 6))), -1).reshape(-1, 2)
+    turned = yaw if rng.random() < 0.4 else heading + rng.normal(0.0, 0.1)
+    spots = place((grid - grid.mean(axis=0)) * pitch, x_m, y_m, turned) + rng.normal(0.0, 0.4, grid.shape)
+    return [(float(x), float(y), float(turned + rng.normal(0.0, 0.05))) for x, y in spots]
 
 
 def vehicles_mesh(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: np.random.Generator) -> Mesh:
@@ -194,7 +207,8 @@ def people_mesh(lot: Lot, rng: np.random.Generator) -> Mesh:
         manned = np.arange(0.1 * layout.length_m, 0.9 * layout.length_m, 3.0)
         at.append(np.column_stack([manned, np.interp(manned, layout.stations_m, layout.starboard_m) - 1.0]))
     points = np.concatenate(at) if at else np.zeros((0, 2))
-    clear = edge_distance(layout, points) > 0.4
+    ahead = np.array([0.5, 0.0])  # where the edge turns sharply, the way across alone would mislead
+    clear = np.minimum(edge_distance(layout, points + ahead), edge_distance(layout, points - ahead)) > 0.5
     if lot.runway:
         clear &= runway_distance(layout, points) > 4.0
     points = points[clear]

@@ -113,7 +113,7 @@ def hull_mesh(layout: Layout, hull: Hull, form: Form, rng: np.random.Generator) 
     around = np.concatenate([band, dark[None], band[::-1], paint[None] * 0.5])
     shade = rng.uniform(0.94, 1.06, (len(STATIONS) - 1, len(around), 1))
     body = loft(frames, around * shade, (False, True))
-    return join([body, transom_mesh(sides[0][0], sides[1][0], band, opening, form, rng)])
+    return join([body, transom_mesh(sides[0][0], sides[1][0], band, opening, rng)])
 
 
 def transom_mesh(
@@ -121,7 +121,6 @@ def transom_mesh(
     starboard_m: NDArray[np.float64],
     band: NDArray[np.float64],
     opening: tuple[float, float] | None,
-    form: Form,
     rng: np.random.Generator,
 ) -> Mesh:
     """The stern plate, level by level, around an opening between two levels."""

@@ -11,7 +11,6 @@ from deckline.sim.paint import axes
 WALLS = np.array([[0.75, 0.72, 0.66], [0.6, 0.62, 0.64], [0.55, 0.35, 0.28], [0.85, 0.85, 0.83], [0.45, 0.5, 0.45]])
 LEAVES = np.array([[0.2, 0.32, 0.14], [0.26, 0.36, 0.18], [0.32, 0.36, 0.16], [0.16, 0.27, 0.15]])
 CLEAR_M = 45.0  # from a runway line to the nearest thing
-APPROACH_M = 6000.0  # how far the land around is furnished
 
 
 def land_mesh(layout: Layout, rng: np.random.Generator) -> Mesh:
