@@ -25,6 +25,7 @@ import numpy as np
 
 from deckline.app.parallel import CHUNK, map_frames, process_count
 from deckline.sim import SimConfig
+from deckline.sim.depth_camera import DepthConfig
 from deckline.sim.simulate import Simulator
 from deckline.types import Frame
 
@@ -39,7 +40,7 @@ MIB = 2**20
 
 def cases() -> dict[str, SimConfig]:
     """Every case by its name."""
-    base = SimConfig(trajectory="random", frames=10**6, depth_range_m=float("inf"), frames_per_ship=BLOCK)
+    base = SimConfig(trajectory="random", frames=10**6, depth=DepthConfig(range_m=float("inf")), frames_per_ship=BLOCK)
     return {
         f"{preset:6} {air:6} {width}x{height}": replace(
             base, preset=preset, visibility_m=AIR[air], width=width, height=height

@@ -30,6 +30,7 @@ from deckline.types import Frame
 with needs_extra("sim"):
     from deckline.sim import SimConfig
     from deckline.sim.config import Trajectory
+    from deckline.sim.depth_camera import DepthConfig
 
 SPLITS = ("train", "test")
 COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper
@@ -133,7 +134,7 @@ def dataset_items(config: DatasetConfig) -> list[Item]:
         width=config.width,
         height=config.height,
         fov_deg=config.fov_deg,
-        depth_range_m=config.depth_range_m,
+        depth=DepthConfig(range_m=config.depth_range_m),
     )
     recordings = [base]
     flown = [kind for kind in get_args(Trajectory) if kind != "random"]
