@@ -95,7 +95,7 @@ def aircraft_mesh(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: n
     coat = COATS[rng.integers(len(COATS))]
     spots: list[tuple[float, float, float]] = []
     for side in (-1.0, 1.0):
-        for _ in range(rng.integers(0, 1 + round(3 * fullness))):
+        for _ in range(rng.integers(0, 1 + round(5 * fullness))):
             spots += row_spots(lot.layout, side, rng)
     for island in islands:
         if rng.random() < fullness:
@@ -104,7 +104,7 @@ def aircraft_mesh(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: n
     if rng.random() < 0.6 * fullness:
         x = rng.uniform(0.7, 0.95) * lot.layout.length_m
         spots += pack_spots(x, rng.uniform(*lot.layout.edges_at(x)), rng)
-    for _ in range(rng.integers(0, 1 + round(14 * fullness))):
+    for _ in range(rng.integers(0, 1 + round(24 * fullness))):
         x = rng.uniform(0.05, 0.95) * lot.layout.length_m
         spots.append((x, rng.uniform(*lot.layout.edges_at(x)), rng.uniform(-np.pi, np.pi)))
     parts: dict[str, list[tuple[float, ...]]] = {}
