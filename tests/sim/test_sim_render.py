@@ -2,22 +2,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, camera_mount, intersect_plane
 from deckline.sim import gl
 from deckline.sim.bake import noise_field, texture_size
 from deckline.sim.gl import RendererError
-from deckline.sim.layout import cvn_layout, paper_layout, random_layout, world_points
-from deckline.sim.markings import CVN_EDGE, PAPER_EDGE, DeckSurface, edge_coat, random_edge
+from deckline.sim.layout import class_layout, random_layout, world_points
+from deckline.sim.markings import edge_coat
 from deckline.sim.mesh import box
 from deckline.sim.paint import axes, layers
+from deckline.sim.plan import DeckSurface
+from deckline.sim.random_plan import random_edge
 from deckline.sim.render import Quality, deck_mesh
 from deckline.sim.sensor import DISPLAY_GAMMA
 from deckline.sim.ship import Ship
-from deckline.sim.trajectory import looking
+from deckline.sim.ship_class import SHIP_CLASSES, load_class
+from deckline.sim.viewpoint import looking
 from deckline.sim.weather import random_weather
 
 SUN = np.array([0.6, 0.0, 0.8])
+CVN, PAPER = load_class("cvn"), load_class("paper")
+CVN_EDGE, PAPER_EDGE = CVN.plan.edge, PAPER.plan.edge
 CAMERA = Camera.from_fov(640, 360, np.deg2rad(60.0))
 CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0, sun_rgb=(0.9, 0.9, 0.85))
 
@@ -71,8 +77,9 @@ def line_at_row(camera, world_from_camera, layout, line, row):
 
 
 def ships():
-    yield "paper", paper_layout(), PAPER_EDGE
-    yield "cvn", cvn_layout(), CVN_EDGE
+    for name in SHIP_CLASSES:
+        ship_class = load_class(name)
+        yield name, class_layout(ship_class), ship_class.plan.edge
     for seed in range(4):
         rng = np.random.default_rng(seed)
         yield f"train {seed}", random_layout(rng), random_edge(rng)
@@ -82,7 +89,7 @@ def ships():
 def test_painted_middle_is_the_true_line(renderer, layout, style):
     renderer.load(clean_ship(layout, style), SUN)
     pose = camera_pose(layout, 45.0, 14.0, 3.0)
-    image = shown(renderer.render(CAMERA, pose, CALM))
+    image = 255.0 * renderer.render(CAMERA, pose, CALM).radiance
     for line in (layout.left_m, layout.right_m):
         offsets = marking_offsets(image, CAMERA, pose, layout, line, style.width_m / 2)
         assert len(offsets) > 30
@@ -92,7 +99,7 @@ def test_painted_middle_is_the_true_line(renderer, layout, style):
 
 
 def test_a_line_painted_elsewhere_is_noticed(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     moved = replace(layout, left_m=layout.left_m + np.array([0.0, 0.5]))
     renderer.load(clean_ship(moved, CVN_EDGE), SUN)
     pose = camera_pose(layout, 45.0, 14.0, 3.0)
@@ -102,7 +109,7 @@ def test_a_line_painted_elsewhere_is_noticed(renderer):
 
 @pytest.mark.parametrize("range_m", [60.0, 800.0])
 def test_deck_depth_is_the_distance_to_its_plane(renderer, range_m):
-    layout = paper_layout()
+    layout = class_layout(PAPER)
     renderer.load(clean_ship(layout, PAPER_EDGE), SUN)
     camera = Camera.from_fov(640, 360, np.deg2rad(60.0 if range_m < 100 else 12.0))
     pose = camera_pose(layout, range_m, 0.06 * range_m + 8.0, 5.0, nudge=(0.1, 0.02, 0.03))
@@ -118,7 +125,7 @@ def test_deck_depth_is_the_distance_to_its_plane(renderer, range_m):
 
 
 def test_sea_depth_is_the_distance_to_the_water_and_the_sky_has_none(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     renderer.load(clean_ship(layout, CVN_EDGE), SUN)
     pose = camera_pose(layout, 400.0, 35.0, 0.0)
     depth = renderer.render(CAMERA, pose, CALM, with_ship=False).depth_m
@@ -133,7 +140,7 @@ def test_sea_depth_is_the_distance_to_the_water_and_the_sky_has_none(renderer):
 
 
 def test_nearer_solids_hide_the_deck(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     middle = layout.centre_m[0] + 30.0 * axes(*layout.centre_m)[0]
     wall = box(middle[0], middle[1], 0.0, (2.0, 2.0, 6.0), 0.0, (1.0, 0.0, 0.0))
     renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
@@ -144,8 +151,66 @@ def test_nearer_solids_hide_the_deck(renderer):
     assert 45.0 < view.depth_m[v, u] < 50.0
 
 
+def test_the_water_closes_over_what_reaches_below_it(renderer):
+    layout = class_layout(CVN)
+    keel = box(-30.0, 0.0, 35.0, (2.0, 20.0, 25.0), 0.0, (1.0, 0.0, 0.0))  # from 10 to 35 m below the deck
+    renderer.load(clean_ship(layout, CVN_EDGE, keel), SUN)
+    pose = camera_pose(layout, 150.0, 25.0, 0.0)
+    points = world_points(layout, np.full((2, 2), [-31.0, 0.0])) + np.array([[0.0, 0.0, 19.0], [0.0, 0.0, 21.5]])
+    (u, v), (u1, v1) = np.rint(CAMERA.project(pose.inv().apply(points))).astype(int)
+    view = renderer.render(CAMERA, pose, CALM)
+    assert view.radiance[v, u, 0] > 4 * view.radiance[v, u, 1]
+    assert view.radiance[v1, u1, 0] < 2 * view.radiance[v1, u1, 1]
+    rays = pose.rotation.apply(CAMERA.rays(np.array([[u1, v1]])))
+    water = pose.inv().apply(intersect_plane(pose.translation, rays, layout.sea_z_m))[0, 2]
+    assert view.depth_m[v1, u1] == pytest.approx(water, rel=1e-4)
+
+
+def test_other_ships_keep_their_distance(renderer):
+    layout = class_layout(CVN)
+    other = box(900.0, 0.0, layout.sea_z_m, (20.0, 80.0, 60.0), 0.0, (1.0, 0.0, 0.0))
+    renderer.load(replace(clean_ship(layout, CVN_EDGE), background=other), SUN)
+    away = RigidTransform.from_translation([5000.0, 300.0, 1.0]) * layout.world_from_ship
+    pose = camera_pose(layout, 300.0, 60.0, 0.0)
+    moved = RigidTransform.from_translation([5000.0, 300.0, 0.0]) * pose
+    at_rest = renderer.render(CAMERA, pose, CALM, with_ship=False)
+    elsewhere = renderer.render(CAMERA, moved, CALM, with_ship=False, world_from_ship=away)
+    u, v = np.rint(CAMERA.project(pose.inv().apply([[890.0, 0.0, layout.sea_z_m - 50.0]])))[0].astype(int)
+    other_at = np.abs(at_rest.depth_m - at_rest.depth_m[v, u]) < 15.0
+    assert 1150.0 < at_rest.depth_m[v, u] < 1210.0
+    assert other_at.sum() > 50
+    np.testing.assert_allclose(elsewhere.depth_m[other_at], at_rest.depth_m[other_at], rtol=1e-4)
+
+
+def test_lamps_shine_when_lit_and_not_through_solids(renderer):
+    layout = class_layout(CVN)
+    spot = layout.centre_m[0] + 60.0 * axes(*layout.centre_m)[0]
+    lights = np.array([[*spot, -0.5, 0.0, 1.0, 0.0, 1.0]], dtype=np.float32)
+    pose, seen = camera_pose(layout, 100.0, 20.0, 0.0), []
+    (u, v), *_ = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, spot[None], 0.5)))).astype(int)
+    wall = box(spot[0] - 20.0, spot[1] + 3.0, 0.0, (1.0, 20.0, 20.0), 0.0, (0.3, 0.3, 0.3))
+    for lamps, solids in ((0.0, None), (1.0, None), (1.0, wall)):
+        renderer.load(replace(clean_ship(layout, CVN_EDGE, solids), lights=lights), SUN)
+        view = renderer.render(CAMERA, pose, replace(CALM, lamps=lamps))
+        red, green, _ = view.radiance[v - 1 : v + 2, u - 1 : u + 2].sum(axis=(0, 1))
+        seen.append(green - red)
+    assert seen[1] > seen[0] + 0.5
+    assert seen[2] < seen[0] + 0.1
+
+
+def test_land_lies_around_a_runway_on_land(renderer):
+    weather = replace(CALM, ground_rgb=(0.5, 0.4, 0.1), field_rgb=(0.5, 0.4, 0.1), fade_m=1e6)
+    layout = class_layout(load_class("runway"))
+    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    pose = camera_pose(layout, 300.0, 60.0, 0.0)
+    land = renderer.render(CAMERA, pose, weather, with_ship=False)
+    below = land.radiance[340:]
+    assert np.median(below[..., 0]) > 4 * np.median(below[..., 2])
+    assert np.isfinite(land.depth_m[340:]).all()
+
+
 def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     wall = box(40.0, 0.0, 0.0, (1.0, 20.0, 12.0), 0.0, (1.0, 0.0, 0.0))
     renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
     pose = camera_pose(layout, 30.0, 10.0, 0.0, nudge=(0.1, 0.0, 0.0))
@@ -155,7 +220,11 @@ def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
 
 
 def test_the_deck_is_all_of_its_outline():
-    for layout in (cvn_layout(), paper_layout(), *(random_layout(np.random.default_rng(k)) for k in range(5))):
+    for layout in (
+        class_layout(CVN),
+        class_layout(PAPER),
+        *(random_layout(np.random.default_rng(k)) for k in range(5)),
+    ):
         corners = deck_mesh(layout)[:, :3].reshape(-1, 3, 3).astype(float)
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
         assert area == pytest.approx(np.trapezoid(layout.starboard_m - layout.port_m, layout.stations_m), rel=1e-6)
@@ -163,12 +232,12 @@ def test_the_deck_is_all_of_its_outline():
 
 
 def test_the_deck_faces_up():
-    normals = deck_mesh(cvn_layout())[:, 3:6]
+    normals = deck_mesh(class_layout(CVN))[:, 3:6]
     np.testing.assert_allclose(normals, np.broadcast_to([0.0, 0.0, -1.0], normals.shape), atol=1e-6)
 
 
 def test_a_white_deck_in_full_daylight_is_one(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     white = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((1.0, 1.0, 1.0), 0.0, 0.0, (0.0, 0.0)))
     renderer.load(white, SUN)
     pose = camera_pose(layout, 30.0, 40.0, 0.0, look_m=80.0)
@@ -178,7 +247,7 @@ def test_a_white_deck_in_full_daylight_is_one(renderer):
 
 
 def test_reflectance_is_a_display_colour_in_linear_light(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     spot = layout.centre_m[0] + 40.0 * axes(*layout.centre_m)[0]
     pose = camera_pose(layout, 30.0, 40.0, 0.0)
     seen = []
@@ -193,7 +262,7 @@ def test_reflectance_is_a_display_colour_in_linear_light(renderer):
 
 @pytest.mark.parametrize("elevation_deg", [25.0, 45.0])
 def test_shadow_is_as_long_as_the_sun_is_low(renderer, elevation_deg):
-    layout, height = cvn_layout(), 12.0
+    layout, height = class_layout(CVN), 12.0
     crate = box(80.0, -10.0, 0.0, (6.0, 6.0, height), 0.0, (0.5, 0.5, 0.5))
     elevation = np.deg2rad(elevation_deg)
     sun = np.array([0.0, np.cos(elevation), np.sin(elevation)])  # light travels to starboard
@@ -213,7 +282,7 @@ def test_shadow_is_as_long_as_the_sun_is_low(renderer, elevation_deg):
 
 
 def test_without_shadows_the_deck_is_even(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     crate = box(80.0, -10.0, 0.0, (6.0, 6.0, 12.0), 0.0, (0.5, 0.5, 0.5))
     renderer.load(clean_ship(layout, CVN_EDGE, crate), np.array([0.0, 0.8, 0.6]))
     pose = camera_pose(layout, -60.0, 70.0, 0.0, look_m=81.0)
@@ -224,7 +293,7 @@ def test_without_shadows_the_deck_is_even(renderer):
 
 
 def test_light_is_not_clipped(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     renderer.load(clean_ship(layout, CVN_EDGE), SUN)
     pose = looking(np.array([-300.0, 0.0, -50.0]), np.array([-300.0 - 60.0, 0.0, -50.0 - 80.0]), np.zeros(3))
     view = renderer.render(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=30.0))
@@ -248,7 +317,7 @@ def test_deck_textures_halve_evenly():
 
 
 def test_wrong_use_is_named(renderer):
-    layout = cvn_layout()
+    layout = class_layout(CVN)
     renderer.load(clean_ship(layout, CVN_EDGE), SUN)
     pose = camera_pose(layout, 100.0, 10.0, 0.0)
     with pytest.raises(ValueError, match=r"draws a pinhole, got distortion \(0.1"):

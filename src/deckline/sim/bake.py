@@ -90,7 +90,7 @@ def noise_field(size: int) -> NDArray[np.uint8]:
     frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size))) * size
     frequency[0, 0] = np.inf
     channels = []
-    for power in (1.1, 0.9, 1.0, 1.0):
+    for power in (1.1, 0.9, 1.6, 1.0):  # rough to smooth
         spectrum = np.fft.fft2(rng.standard_normal((size, size))) / frequency**power
         field = np.fft.ifft2(spectrum).real
         channels.append(127.5 + 50.0 * field / field.std())

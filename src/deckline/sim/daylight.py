@@ -69,7 +69,7 @@ def random_daylight(
 ) -> Daylight:
     """Light of a time and a sky under a sun (3,): from true to life to the saturated colours of games."""
     horizon, zenith, ambient, beam = _colours(rng, time_of_day, sky, float(sun[2]))
-    saturation = rng.uniform(0.9, 1.15) if fair else rng.uniform(0.6, 1.7)
+    saturation = rng.uniform(0.95, 1.3) if fair else rng.uniform(0.8, 1.9)
     horizon, zenith, ambient = (_saturated(rgb, saturation) for rgb in (horizon, zenith, ambient))
     hidden = sky == "overcast"
     level = float(horizon.mean())
@@ -77,14 +77,14 @@ def random_daylight(
     lamp = np.array([1.0, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)])
     cover = {"clear": 0.0, "broken": rng.uniform(0.25, 0.4 if fair else 0.7), "overcast": rng.uniform(0.7, 1.0)}[sky]
     lit = level * (rng.uniform(0.9, 1.2) if hidden else rng.uniform(1.1, 1.9))
-    warm = 1.0 if time_of_day != "dusk" else np.array([1.0, 0.75, 0.6])
+    warm = np.array([1.0, 0.75, 0.6]) if time_of_day == "dusk" and not hidden else 1.0
     return Daylight(
         sun=(float(sun[0]), float(sun[1]), float(sun[2])),
         sun_rgb=_rgb(beam),
         ambient_rgb=_rgb(ambient),
         horizon_rgb=_rgb(horizon),
         zenith_rgb=_rgb(zenith),
-        sky_curve=rng.uniform(0.15, 0.9),
+        sky_curve=float(np.exp(rng.uniform(np.log(0.06), np.log(0.8)))),
         sun_glow=0.0 if hidden else rng.uniform(0.1, 1.0),
         glow_rgb=_rgb(level * (np.array([1.3, 0.8, 0.5]) if time_of_day == "dusk" else np.array([1.0, 0.97, 0.9]))),
         sun_disc=0.0 if hidden else 30.0 if time_of_day == "day" else 8.0,
@@ -94,8 +94,8 @@ def random_daylight(
         cloud_scale=float(np.exp(rng.uniform(np.log(0.03), np.log(0.25)))),
         cloud_soft=rng.uniform(0.04, 0.22) if sky == "broken" else rng.uniform(0.15, 0.4),
         shadow=1.0 if fair or rng.random() < 0.75 else rng.uniform(0.0, 0.7),
-        flood_rgb=_rgb(dark * rng.uniform(0.1, 1.2) * level * lamp),
-        lamps=float(dark * rng.uniform(0.15, 1.0)),
+        flood_rgb=_rgb(dark * np.exp(rng.uniform(np.log(0.3), np.log(6.0))) * level * lamp),
+        lamps=float(dark * rng.uniform(5.0, 50.0) * level),
     )
 
 
@@ -106,7 +106,8 @@ def _colours(
     beam = np.exp(-OPTICAL_DEPTH * rng.uniform(0.6, 1.6) / max(sun_up, 0.06)) * rng.uniform(0.75, 1.1)
     blue = np.array([rng.uniform(0.3, 0.55), rng.uniform(0.6, 0.75), 1.0])
     level = 0.3 + 0.7 * np.sqrt(sun_up)
-    horizon = rng.uniform(0.4, 0.75) * level * np.array([rng.uniform(0.7, 1.0), rng.uniform(0.88, 0.98), 1.0])
+    red = rng.uniform(0.55, 0.97)
+    horizon = rng.uniform(0.4, 0.75) * level * np.array([red, (1.0 + red) / 2 + rng.uniform(-0.02, 0.05), 1.0])
     zenith = rng.uniform(0.16, 0.45) * level * blue
     ambient = rng.uniform(0.12, 0.3) * level * np.array([0.8, 0.92, 1.1])
     if time_of_day == "dusk":
@@ -116,7 +117,7 @@ def _colours(
         zenith, ambient = zenith * fall * 0.5, ambient * fall * 1.4
         beam = beam * (0.0 if rng.random() < SUN_SET else fall)
     elif time_of_day == "night":
-        fall = rng.uniform(0.01, 0.04)
+        fall = np.exp(rng.uniform(np.log(0.0008), np.log(0.008)))
         horizon, zenith = fall * COOL * rng.uniform(0.8, 1.2, 3), fall * rng.uniform(0.3, 0.8) * COOL
         ambient, beam = fall * COOL * rng.uniform(0.4, 1.0), fall * COOL * rng.uniform(0.0, 1.0)
     if sky == "overcast":

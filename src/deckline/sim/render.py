@@ -26,6 +26,7 @@ from deckline.sim.weather import Weather
 SHADERS = Path(__file__).parent / "shaders"
 INCLUDES = ("light.glsl", "sky.glsl", "backdrop.glsl")
 STRAIGHT = 1e-5  # change of an edge's slope that makes no corner
+CLIP_DISTANCE0 = 0x3000  # OpenGL's name
 VERTEX = ("3f 3f 3f", "position", "normal", "colour")
 LAMP = ("3f 3f 1f", "position", "colour", "strength")
 POSITION = ("3f 24x", "position")
@@ -115,7 +116,7 @@ class Renderer:
         casters = np.concatenate([ship.solids[:, :3], deck[:, :3]]).astype(np.float64)
         sun_on_ship = ship.layout.world_from_ship.rotation.inv().apply(sun)
         self.shadow.draw([self._buffer(ship.solids), self._buffer(deck)], casters, sun_on_ship)
-        self.lamps = self._lamps(getattr(ship, "lights", None))
+        self.lamps = self._lamps(ship.lights)
 
     def render(
         self,
@@ -141,7 +142,9 @@ class Renderer:
             raise ValueError(f"the camera must be above the sea (z < {sea_z:.2f} m), got z = {eye_z:.2f} m")
         where = self.ship.layout.world_from_ship if world_from_ship is None else world_from_ship
         ship = solid_uniforms(camera, world_from_camera, where, CLEAR_AIR_M)
-        world = solid_uniforms(camera, world_from_camera, RigidTransform.identity(), weather.fade_m)
+        moved = where.translation - self.ship.layout.world_from_ship.translation
+        company = RigidTransform.from_translation([moved[0], moved[1], 0.0])  # other ships and land keep their distance
+        world = solid_uniforms(camera, world_from_camera, company, weather.fade_m)
         scene = scene_uniforms(camera, world_from_camera, where, self.ship, weather, time_s, with_ship)
         scene |= ship | {"sun": self.sun, "light_from_ship": self.shadow.light_from_ship.T}
         self._bind(scene, quality.anisotropy)
@@ -153,14 +156,16 @@ class Renderer:
         sampled, resolved, measured = self._targets(camera)
         drawn = sampled if quality.samples > 1 else resolved
         solids = self.solids if with_ship else []
-        land = bool(getattr(self.ship, "on_land", False))
+        land = self.ship is not None and self.ship.layout.on_land
         drawn.use()
         drawn.clear()
+        self.context.enable_direct(CLIP_DISTANCE0)
         for solid in solids:
             solid.colour.render()
         for solid in self.background:
             _set(solid.program, world)
             solid.colour.render()
+        self.context.disable_direct(CLIP_DISTANCE0)
         self.backdrops[self.ground if land else self.sea].render()
         if with_ship and weather.lamps > 0.0 and self.lamps is not None:
             self._shine(self.lamps)
@@ -169,12 +174,14 @@ class Renderer:
         radiance = np.frombuffer(resolved.read(components=4, alignment=1, dtype="f2"), dtype=np.float16)
         measured.use()
         measured.clear()
+        self.context.enable_direct(CLIP_DISTANCE0)
         for solid in self.background:
             _set(self.depth, world)
             solid.depth.render()
         _set(self.depth, ship)
         for solid in solids:
             solid.depth.render()
+        self.context.disable_direct(CLIP_DISTANCE0)
         self.backdrops[self.sea_depth].render()
         depth = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
         shape = (camera.height, camera.width)
@@ -224,11 +231,10 @@ class Renderer:
         return Solid(program, colour, depth)
 
     def _background(self, ship: Ship) -> list[Solid]:
-        mesh = getattr(ship, "background", None)
-        return [] if mesh is None or not len(mesh) else [self._solid(self.solid, mesh)]
+        return [self._solid(self.solid, ship.background)] if len(ship.background) else []
 
-    def _lamps(self, lights: NDArray[np.float32] | None) -> moderngl.VertexArray | None:
-        if lights is None or not len(lights):
+    def _lamps(self, lights: NDArray[np.float32]) -> moderngl.VertexArray | None:
+        if not len(lights):
             return None
         array = self.context.vertex_array(self.lamp, [(self._buffer(lights), *LAMP)])
         self.ship_objects.append(array)

@@ -13,6 +13,7 @@ from deckline.sim.weather import RIPPLE_RATIO, Weather
 
 NEAR_M, FAR_M = 1.0, 20000.0  # clip planes of the depth buffer, which only sorts surfaces
 CROSSING = 0.73  # the second copy of the waves over the first, in size: the two never repeat together
+DEPTHS_M = 1e9  # world z below which nothing is drawn on land
 CLEAR_AIR_M = 1e9  # the ship's own haze is added by whoever takes the picture
 
 Uniforms = dict[str, ArrayLike]
@@ -39,6 +40,7 @@ def scene_uniforms(
             "world_from_optical": world_from_camera.rotation.as_matrix().T,
             "eye": world_from_camera.translation,
             "sea_z": layout.sea_z_m,
+            "clip_z": DEPTHS_M if layout.on_land else layout.sea_z_m,
             "ship": (*world_from_ship[:2, 3], *_heading(world_from_ship)),
             "wake": (ship.stern_half_m, weather.wake_spread, weather.wake_length_m, weather.wake * with_ship),
             "hull_m": layout.length_m,
@@ -58,6 +60,7 @@ def solid_uniforms(camera: Camera, world_from_camera: RigidTransform, pose: Rigi
     return {
         "clip_from_ship": (clip_from_optical(camera) @ optical_from_solid).T,
         "depth_row": optical_from_solid[2],
+        "down_row": pose.as_matrix()[2],
         "world_from_ship": pose.rotation.as_matrix().T,
         "haze_m": haze_m,
     }

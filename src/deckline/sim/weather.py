@@ -153,7 +153,7 @@ def _waves(rng: np.random.Generator, waves: Waves, plain: bool) -> dict[str, flo
 
 def _water(rng: np.random.Generator, plain: bool, fair: bool) -> dict[str, float | Rgb]:
     """From navy and green-black to turquoise and grey."""
-    deep = rng.uniform(0.006, 0.03) if rng.random() < 0.75 or fair else rng.uniform(0.03, 0.1)
+    deep = rng.uniform(0.008, 0.05) if rng.random() < 0.75 or fair else rng.uniform(0.05, 0.13)
     hue = rng.beta(0.9, 1.6)
     tint = np.array([0.15, 0.45, 1.0]) * (1.0 - hue) + np.array([0.25, 1.0, 0.9]) * hue
     grey = rng.uniform(0.0, 0.6) * (rng.random() < 0.5)
@@ -161,8 +161,8 @@ def _water(rng: np.random.Generator, plain: bool, fair: bool) -> dict[str, float
     foam = rng.uniform(0.45, 0.85) * np.array([rng.uniform(0.85, 1.0), rng.uniform(0.95, 1.0), 1.0])
     return {
         "sea_rgb": _rgb(colour),
-        "sea_sheen": rng.uniform(0.05, 0.6) if plain else rng.uniform(0.6, 1.0),
-        "glint": 0.0 if plain and rng.random() < 0.7 else rng.uniform(0.3, 1.0),
+        "sea_sheen": rng.uniform(0.05, 0.6) if plain else rng.uniform(0.4, 1.0),
+        "glint": 0.0 if plain and rng.random() < 0.7 else rng.uniform(0.1, 0.9),
         "foam_rgb": _rgb(foam),
     }
 

@@ -25,7 +25,7 @@ vec3 surface(vec3 d, float t, vec2 p, float print) {
     vec2 cell = vec2(floor(bent.x / (field_m * 1.7) + 0.37 * row), row);
     vec3 dice = random3(cell);
     float plain = smoothstep(80.0, 140.0, abs(q.y)) * (1.0 - smoothstep(0.2, FIELD_FAR, footprint_m / field_m));
-    vec3 shown = mix(ground_rgb, field_rgb, clamp(0.5 + plain * (dice.x - 0.5) * 1.6 + 1.2 * (broad - 0.5), 0.0, 1.0));
+    vec3 shown = mix(ground_rgb, field_rgb, clamp(0.5 + plain * (dice.x - 0.5) * 2.4 + 1.2 * (broad - 0.5), 0.0, 1.0));
     shown *= 1.0 + plain * 0.3 * (dice.y - 0.5);
     float furrows = plain * step(0.6, dice.z) * sin(bent.y * 1.3) * exp(-footprint_m);
     vec3 rgb = reflectance(shown * (0.82 + 0.36 * fine + 0.06 * furrows));

@@ -58,9 +58,9 @@ vec4 wake_at(vec2 p, float print) {
     float torn = mix(0.45 + 1.5 * (fine + 0.4 * ragged + 0.15), 0.85 + 0.5 * fine, wake_hard);
     float foam = max(inside * along, 0.85 * beside) * clamp(torn, 0.0, 1.0);
     float crest = (side - arm) / (6.0 + 0.02 * aft);
-    float roll = exp(-crest * crest) * exp(-aft / (2.0 * wake.z)) * sin(3.0 * crest + 0.15 * aft);
-    float ridge = smoothstep(0.7, 0.95, roll + 1.6 * fine) * 0.6 * step(aft, 1.5 * hull_m);
-    vec2 outward = vec2(-0.35, sign(s.y)) * roll * 0.25;
+    float roll = exp(-crest * crest) * exp(-aft / (1.5 * wake.z)) * sin(2.0 * crest + 0.06 * aft + 30.0 * ragged);
+    float ridge = smoothstep(0.75, 1.0, roll + 1.6 * fine) * 0.5 * step(aft, 0.7 * hull_m);
+    vec2 outward = vec2(-0.35, sign(s.y)) * roll * (0.6 + 2.0 * fine) * 0.1;
     outward = vec2(outward.x * ship.z - outward.y * ship.w, outward.x * ship.w + outward.y * ship.z);
     return vec4(max(foam, ridge), max(inside * exp(-0.4 * astern / wake.z), beside), outward) * wake.w;
 }
@@ -72,7 +72,7 @@ float glitter(vec3 d, vec2 slope, float spread) {
     float density = exp(-dot(miss, miss) / (2.0 * variance)) / (2.0 * variance);  // Cox and Munk, times pi
     float off = 1.0 - max(dot(h, -d), 0.0), off2 = off * off, fresnel = 0.02 + 0.98 * off2 * off2 * off;
     float upright = h.z * h.z;
-    return min(fresnel * density / (4.0 * max(d.z, 0.03) * upright * upright), 6.0);
+    return min(fresnel * density / (4.0 * max(d.z, 0.03) * upright * upright), 3.0);
 }
 
 vec3 surface(vec3 d, float t, vec2 p, float print) {

@@ -29,10 +29,10 @@ vec3 sky(vec3 d, float pixel_rad) {
     if (cloud_cover <= 0.0) return rgb;
     vec2 at = d.xy / (up + LAYER) * cloud_scale + offset;
     float lod = log2(NOISE_TEXELS * cloud_scale * pixel_rad / ((up + LAYER) * sqrt(up + LAYER)) + 1e-6);
-    float broad = textureLod(noise_map, at, lod).r;
+    float broad = textureLod(noise_map, at, lod).b;
     float fine = textureLod(noise_map, at * 4.3, lod + 2.1).g;
-    float n = 0.72 * broad + 0.28 * fine;
-    float toward = textureLod(noise_map, at - 0.02 * sun.xy, lod).r;
+    float n = 0.8 * broad + 0.2 * fine;
+    float toward = textureLod(noise_map, at - 0.02 * sun.xy, lod).b;
     float edge = 0.85 - 0.7 * cloud_cover;
     float cloud = smoothstep(edge - cloud_soft, edge + cloud_soft, n);
     float lit = clamp(1.0 - cloud_shade * (0.3 + 3.0 * min(n - edge, 0.2) + 4.0 * (toward - broad)), 0.2, 1.15);
