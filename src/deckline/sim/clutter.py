@@ -104,7 +104,7 @@ def aircraft_mesh(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: n
     if rng.random() < 0.6 * fullness:
         x = rng.uniform(0.7, 0.95) * lot.layout.length_m
         spots += pack_spots(x, rng.uniform(*lot.layout.edges_at(x)), rng)
-    for _ in range(rng.integers(0, 1 + round(24 * fullness))):
+    for _ in range(rng.integers(0, 1 + round(36 * fullness))):
         x = rng.uniform(0.05, 0.95) * lot.layout.length_m
         spots.append((x, rng.uniform(*lot.layout.edges_at(x)), rng.uniform(-np.pi, np.pi)))
     parts: dict[str, list[tuple[float, ...]]] = {}
