@@ -162,7 +162,7 @@ def _water(rng: np.random.Generator, plain: bool, fair: bool) -> dict[str, float
     return {
         "sea_rgb": _rgb(colour),
         "sea_sheen": rng.uniform(0.05, 0.6) if plain else rng.uniform(0.4, 1.0),
-        "glint": 0.0 if plain and rng.random() < 0.7 else rng.uniform(0.1, 0.9),
+        "glint": 0.0 if plain and rng.random() < 0.7 else rng.uniform(0.1, 0.8),
         "foam_rgb": _rgb(foam),
     }
 

@@ -72,7 +72,7 @@ float glitter(vec3 d, vec2 slope, float spread) {
     float density = exp(-dot(miss, miss) / (2.0 * variance)) / (2.0 * variance);  // Cox and Munk, times pi
     float off = 1.0 - max(dot(h, -d), 0.0), off2 = off * off, fresnel = 0.02 + 0.98 * off2 * off2 * off;
     float upright = h.z * h.z;
-    return min(fresnel * density / (4.0 * max(d.z, 0.03) * upright * upright), 3.0);
+    return min(fresnel * density / (4.0 * max(d.z, 0.03) * upright * upright), 1.5);
 }
 
 vec3 surface(vec3 d, float t, vec2 p, float print) {
