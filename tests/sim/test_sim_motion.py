@@ -109,8 +109,13 @@ def test_presets_decide_what_is_not_said():
     )
 
 
-def test_land_does_not_move():
-    assert draw_motion(MotionConfig(sea_state=6, ship_speed_m_s=9.0), True, np.random.default_rng(1), True) == STILL
+def test_a_runway_on_land_does_not_move():
+    land = class_layout(load_class("runway"))
+    for time_s in (0.0, 5.0):
+        np.testing.assert_allclose(
+            ship_pose(land, ROUGH, time_s).as_matrix(), land.world_from_ship.as_matrix(), atol=1e-12
+        )
+        np.testing.assert_array_equal(ship_velocity(land, ROUGH, time_s, [900.0, 10.0, 0.0]), 0.0)
 
 
 @pytest.mark.parametrize(

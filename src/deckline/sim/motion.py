@@ -1,6 +1,7 @@
 """How the ship moves: under way along its heading, and rolling, pitching and heaving in the sea.
 
-Each deck motion is a single sine (SPEC section 7) about the ship's middle at the waterline.
+Each deck motion is a single sine (SPEC section 7) about the ship's middle at the waterline. A runway on land stays
+where it is, whatever motion is asked for.
 """
 
 from dataclasses import dataclass
@@ -67,10 +68,8 @@ def deck_amplitudes(sea_state: float) -> tuple[float, float, float]:
     return float(np.deg2rad(roll)), float(np.deg2rad(pitch)), heave
 
 
-def draw_motion(config: MotionConfig, train: bool, rng: np.random.Generator, on_land: bool = False) -> Motion:
-    """The motion of one recording, or of one unrelated view; `train`: as preset `train` has it. Land stays still."""
-    if on_land:
-        return STILL
+def draw_motion(config: MotionConfig, train: bool, rng: np.random.Generator) -> Motion:
+    """The motion of one recording, or of one unrelated view; `train`: as preset `train` has it."""
     drawn = 0.0 if rng.random() < TRAIN_STILL else float(rng.uniform(SEA_STATES[0], SEA_STATES[-1]))
     roll, pitch, heave = (float(angle) for angle in rng.uniform(0.0, 2 * np.pi, 3))
     state = config.sea_state if config.sea_state is not None else drawn if train else 0.0
@@ -83,7 +82,7 @@ def steady_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform
     Args:
         layout: the ship as it lies at time 0.
     """
-    travelled = RigidTransform.from_translation(motion.speed_m_s * time_s * heading(layout))
+    travelled = RigidTransform.from_translation(time_s * steady_velocity(layout, motion))
     return travelled * layout.world_from_ship
 
 
@@ -93,7 +92,7 @@ def ship_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
     Args:
         layout: the ship as it lies at time 0.
     """
-    (roll, pitch, heave), _ = _swing(motion, time_s)
+    (roll, pitch, heave), _ = _swing(layout, motion, time_s)
     turn, middle = attitude(roll, pitch, 0.0), middle_m(layout)
     swung = RigidTransform.from_components(middle - turn.apply(middle), turn)
     return RigidTransform.from_translation([0.0, 0.0, -heave]) * steady_pose(layout, motion, time_s) * swung
@@ -107,12 +106,12 @@ def ship_velocity(
     Args:
         layout: the ship as it lies at time 0.
     """
-    (roll, pitch, _), (roll_rate, pitch_rate, heave_rate) = _swing(motion, time_s)
+    (roll, pitch, _), (roll_rate, pitch_rate, heave_rate) = _swing(layout, motion, time_s)
     turn = attitude(roll, pitch, 0.0)
     rate = Rotation.from_euler("y", pitch).apply(np.array([roll_rate, pitch_rate, 0.0]))
     arm = turn.apply(np.asarray(point_m, dtype=np.float64) - middle_m(layout))
     swinging = layout.world_from_ship.rotation.apply(np.cross(rate, arm))
-    return motion.speed_m_s * heading(layout) + swinging - [0.0, 0.0, heave_rate]
+    return steady_velocity(layout, motion) + swinging - [0.0, 0.0, heave_rate]
 
 
 def deck_rise(layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike) -> float:
@@ -126,9 +125,10 @@ def deck_rise(layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike)
     return float(steady - moved)
 
 
-def heading(layout: Layout) -> NDArray[np.float64]:
-    """Unit vector (3,) in the world along which the ship sails."""
-    return layout.world_from_ship.rotation.apply([1.0, 0.0, 0.0])
+def steady_velocity(layout: Layout, motion: Motion) -> NDArray[np.float64]:
+    """Velocity (3,) in the world, m/s, with which the ship sails along its heading."""
+    speed = 0.0 if layout.on_land else motion.speed_m_s
+    return speed * layout.world_from_ship.rotation.apply([1.0, 0.0, 0.0])
 
 
 def middle_m(layout: Layout) -> NDArray[np.float64]:
@@ -136,9 +136,9 @@ def middle_m(layout: Layout) -> NDArray[np.float64]:
     return np.array([layout.length_m / 2, 0.0, layout.deck_height_m])
 
 
-def _swing(motion: Motion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _swing(layout: Layout, motion: Motion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Roll, pitch and heave (up), and their rates."""
-    size = np.array([motion.roll_rad, motion.pitch_rad, motion.heave_m])
+    size = (0.0 if layout.on_land else 1.0) * np.array([motion.roll_rad, motion.pitch_rad, motion.heave_m])
     rate = 2 * np.pi / np.array(PERIODS_S)
     angle = rate * time_s + np.array(motion.phases_rad)
     return size * np.sin(angle), size * rate * np.cos(angle)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform
 from deckline.geometry import Camera
 from deckline.sim.config import SimConfig
 from deckline.sim.layout import Layout
-from deckline.sim.motion import STILL, Motion, deck_rise, heading, steady_pose
+from deckline.sim.motion import STILL, Motion, deck_rise, steady_pose, steady_velocity
 from deckline.sim.paint import axes
 from deckline.sim.viewpoint import Viewpoint, looking, runway_in_view, runway_point
 
@@ -53,7 +53,7 @@ def random_view(
         view,
         world_from_body=lifted * view.world_from_body,
         time_s=float(index),
-        velocity_m_s=SPEED_M_S * ahead + motion.speed_m_s * heading(layout),
+        velocity_m_s=SPEED_M_S * ahead + steady_velocity(layout, motion),
         angular_rate_rad_s=RATES_RAD_S * rng.normal(0.0, 1.0, 3),
     )
 

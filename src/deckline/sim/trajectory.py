@@ -25,9 +25,8 @@ from deckline.sim.flight import (
     wander,
 )
 from deckline.sim.layout import Layout
-from deckline.sim.motion import STILL, Motion, deck_rise, heading, steady_pose
+from deckline.sim.motion import STILL, Motion, deck_rise, steady_pose, steady_velocity
 from deckline.sim.random_views import RAMP_CLEARANCE_M, TOUCHDOWN_M
-from deckline.sim.random_views import random_view as random_view
 from deckline.sim.viewpoint import Viewpoint, looking, runway_point
 
 # The paper's profile (SPEC section 5): it enters the landing track at 5 km, descends to 300 m, passes 60 m at 800 m,
@@ -114,7 +113,7 @@ def flight_path(
     drawn = draw_flight(flight, config.preset == "train", np.random.default_rng([config.seed, 5]))
     along = landing_direction(layout)
     wind = -drawn.headwind_m_s * along - drawn.crosswind_m_s * np.array([-along[1], along[0]])
-    ship = motion.speed_m_s * heading(layout)[:2]
+    ship = steady_velocity(layout, motion)[:2]
     closing = closing_speed(along, ship, wind, drawn.speed_m_s)
     return Path(
         layout, motion, drawn, flight.pointing or pointing, config.seed, start_m, config.end_m, height_m, closing,
@@ -194,6 +193,6 @@ def steady_layout(path: Path, time_s: float) -> Layout:
 def crab_angle(path: Path) -> float:
     """How far the nose points to the right of the way over the deck, rad."""
     along = landing_direction(path.layout)
-    ship = path.motion.speed_m_s * heading(path.layout)[:2]
+    ship = steady_velocity(path.layout, path.motion)[:2]
     through_air = ship + path.closing_m_s * along - path.wind_m_s
     return float(np.arctan2(along[0] * through_air[1] - along[1] * through_air[0], through_air @ along))
