@@ -1,18 +1,17 @@
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, camera_mount
-from deckline.sim.exposure import Exposure, FilmConfig, camera_motion, draw_exposure
+from deckline.sim.exposure import Exposure, FilmConfig, draw_exposure
 
 CAMERA = Camera.from_fov(640, 360, 1.0)
 LEVEL = camera_mount()  # looks north: optical z is world x
-VELOCITY = np.array([60.0, 2.0, 3.0])
+VELOCITY, STEADY = np.array([60.0, 2.0, 3.0]), np.zeros(3)
 
 
 def drawn(config, seed=0, wide=True):
     rngs = [np.random.default_rng([seed, k]) for k in range(2)]
-    return draw_exposure(config, CAMERA, LEVEL, VELOCITY, *rngs, wide)
+    return draw_exposure(config, CAMERA, LEVEL, VELOCITY, STEADY, *rngs, wide)
 
 
 def test_named_presets_are_still_and_dry():
@@ -44,12 +43,11 @@ def test_given_shake_has_its_sigma():
     np.testing.assert_allclose(np.rad2deg(turned).std(axis=0), 0.06, rtol=0.06)
 
 
-def test_motion_between_two_poses_is_that_of_the_camera():
-    opened = RigidTransform.from_components([1.0, 2.0, 3.0], Rotation.from_euler("xyz", [0.2, 0.3, 1.0]))
-    step = RigidTransform.from_components([0.1, -0.2, 0.7], Rotation.from_rotvec([0.01, 0.02, -0.03]))
-    moved, turned = camera_motion(opened, opened * step)
-    np.testing.assert_allclose(moved, [0.1, -0.2, 0.7], atol=1e-12)
-    np.testing.assert_allclose(turned, [0.01, 0.02, -0.03], atol=1e-12)
+def test_flight_turns_the_camera_in_the_optical_frame():
+    rngs = [np.random.default_rng(k) for k in range(2)]
+    turning = np.array([0.1, 0.2, 0.3])  # about north, east and down: rolling, pitching up, yawing right
+    exposure = draw_exposure(FilmConfig(exposure_s=0.01), CAMERA, LEVEL, VELOCITY, turning, *rngs, wide=False)
+    np.testing.assert_allclose(exposure.turned_rad, [0.002, 0.003, 0.001], atol=1e-12)
 
 
 def test_stillness():
@@ -68,7 +66,9 @@ def test_wrong_settings_are_named():
 def test_a_recording_keeps_its_shutter_and_the_drops_on_its_lens():
     config = FilmConfig(exposure_s=0.01, rain_mm_h=20.0, lens_drops=9)
     first, second = (
-        draw_exposure(config, CAMERA, LEVEL, VELOCITY, np.random.default_rng(1), np.random.default_rng(k), wide=True)
+        draw_exposure(
+            config, CAMERA, LEVEL, VELOCITY, STEADY, np.random.default_rng(1), np.random.default_rng(k), wide=True
+        )
         for k in (2, 3)
     )
     assert (first.lens_seed, first.streak_contrast) == (second.lens_seed, second.streak_contrast)

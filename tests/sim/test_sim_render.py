@@ -14,7 +14,7 @@ from deckline.sim.mesh import box
 from deckline.sim.paint import axes, layers
 from deckline.sim.plan import DeckSurface
 from deckline.sim.random_plan import random_edge
-from deckline.sim.render import Quality, deck_mesh
+from deckline.sim.render import KEPT_TARGETS, Quality, Renderer, deck_mesh
 from deckline.sim.sensor import DISPLAY_GAMMA
 from deckline.sim.ship import Ship
 from deckline.sim.ship_class import SHIP_CLASSES, load_class
@@ -333,3 +333,29 @@ def test_missing_egl_names_the_packages(monkeypatch):
     monkeypatch.setattr(gl.moderngl, "create_context", refuse)
     with pytest.raises(RendererError, match=r"libEGL.so not loaded.*apt-get install libegl1 libgl1-mesa-dri"):
         gl.open_context()
+
+
+def test_two_renderers_do_not_disturb_each_other(renderer):
+    layout = class_layout(PAPER)
+    ship, pose = clean_ship(layout, PAPER_EDGE), camera_pose(layout, 80.0, 15.0, 0.0)
+    renderer.load(ship, SUN)
+    alone = renderer.render(CAMERA, pose, CALM)
+    with Renderer() as other:
+        other.load(ship, -SUN * [1, 1, -1])
+        between = other.render(CAMERA, pose, CALM)
+        again = renderer.render(CAMERA, pose, CALM)
+    after = renderer.render(CAMERA, pose, CALM)
+    for view in (again, after):
+        np.testing.assert_array_equal(view.radiance, alone.radiance)
+        np.testing.assert_array_equal(view.depth_m, alone.depth_m)
+    np.testing.assert_array_equal(between.depth_m, alone.depth_m)
+    assert np.abs(between.radiance - alone.radiance).max() > 0.01
+
+
+def test_frame_buffers_of_old_sizes_are_given_back(renderer):
+    layout = class_layout(PAPER)
+    renderer.load(clean_ship(layout, PAPER_EDGE), SUN)
+    pose = camera_pose(layout, 80.0, 15.0, 0.0)
+    for width in range(64, 64 + 2 * KEPT_TARGETS):
+        assert renderer.render(Camera.from_fov(width, 36, 1.0), pose, CALM).depth_m.shape == (36, width)
+    assert len(renderer.targets) == KEPT_TARGETS

@@ -68,11 +68,12 @@ def draw_exposure(
     camera: Camera,
     world_from_camera: RigidTransform,
     velocity_m_s: ArrayLike,
+    turning_rad_s: ArrayLike,
     recording: np.random.Generator,
     frame: np.random.Generator,
     wide: bool,
 ) -> Exposure:
-    """Exposure of a camera that flies with a velocity (3,), world, relative to the ship.
+    """Exposure of a camera that flies with a velocity (3,) relative to the ship and turns at a rate (3,), both world.
 
     `recording` draws the shutter, the rain and where drops sit on the lens, `frame` what is new in every frame.
     """
@@ -85,10 +86,11 @@ def draw_exposure(
     wet = wide and (rain > 0 or kinds[2] < SPRAY_CHANCE)
     drops = int(recording.poisson(recording.uniform(0.0, 25.0))) if wet else 0
     turned = np.deg2rad(_setting(config.shake_deg_s, SHAKE_DEG_S, wide)) * frame.normal(size=3) * exposure_s
+    optical = world_from_camera.rotation.inv()
+    turned = turned + optical.apply(np.asarray(turning_rad_s, dtype=np.float64)) * exposure_s
     limit = BLUR_LIMIT * camera.width / camera.fx
     if config.shake_deg_s is None:
         turned = turned * min(1.0, limit / max(float(np.linalg.norm(turned)), 1e-12))
-    optical = world_from_camera.rotation.inv()
     flown = optical.apply(np.asarray(velocity_m_s, dtype=np.float64))
     return Exposure(
         exposure_s=exposure_s,
@@ -101,12 +103,6 @@ def draw_exposure(
         lens_seed=lens_seed,
         seed=int(frame.integers(2**31)),
     )
-
-
-def camera_motion(opened: RigidTransform, closed: RigidTransform) -> tuple[Triple, Triple]:
-    """`moved_m` and `turned_rad` of a camera between two poses world_from_camera."""
-    between = opened.inv() * closed
-    return _triple(between.translation), _triple(between.rotation.as_rotvec())
 
 
 def _setting(given: float | None, drawn: float, wide: bool) -> float:

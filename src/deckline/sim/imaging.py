@@ -44,6 +44,7 @@ class Surroundings:
     sea_z_m: float  # world z of the water
     visibility_m: float  # 2 % contrast at the water, without rain; infinite: no air at all, in any rain
     velocity_m_s: Triple  # of the camera relative to the ship, world
+    turning_rad_s: Triple = (0.0, 0.0, 0.0)  # of the camera, world
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,8 @@ class Imaging:
             keep_clear: also give the picture without haze, rain and motion blur.
         """
         pinhole = pinhole_for(camera)
-        exposure = draw_exposure(config.film, pinhole, world_from_camera, scene.velocity_m_s, recording, frame, wide)
+        moving = scene.velocity_m_s, scene.turning_rad_s
+        exposure = draw_exposure(config.film, pinhole, world_from_camera, *moving, recording, frame, wide)
         model, air = self._air(scene, config.air, exposure.rain_mm_h, recording, wide)
         thick = model == "physical" and any(air.extinction_per_m)
         seen = through_air(view, pinhole, world_from_camera, air) if thick else view

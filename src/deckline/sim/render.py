@@ -27,6 +27,7 @@ SHADERS = Path(__file__).parent / "shaders"
 INCLUDES = ("light.glsl", "sky.glsl", "backdrop.glsl")
 STRAIGHT = 1e-5  # change of an edge's slope that makes no corner
 CLIP_DISTANCE0 = 0x3000  # OpenGL's name
+KEPT_TARGETS = 4  # sizes of frame buffers; every distorting lens has a pinhole of its own size
 VERTEX = ("3f 3f 3f", "position", "normal", "colour")
 LAMP = ("3f 3f 1f", "position", "colour", "strength")
 POSITION = ("3f 24x", "position")
@@ -92,6 +93,7 @@ class Renderer:
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.context.__enter__()
         self.context.release()
 
     def _program(self, vertex: str, fragment: str) -> moderngl.Program:
@@ -104,6 +106,7 @@ class Renderer:
             ship: what to draw from now on.
             sun: (3,) direction to the ground, world; the ship's own shadows stay as they fall when it is at rest.
         """
+        self.context.__enter__()  # several renderers may be open: this makes our context the current one
         for thing in self.ship_objects:
             thing.release()
         self.ship, self.sun, self.ship_objects = ship, sun, []
@@ -140,6 +143,7 @@ class Renderer:
         eye_z, sea_z = world_from_camera.translation[2], self.ship.layout.sea_z_m
         if not eye_z < sea_z:
             raise ValueError(f"the camera must be above the sea (z < {sea_z:.2f} m), got z = {eye_z:.2f} m")
+        self.context.__enter__()
         where = self.ship.layout.world_from_ship if world_from_ship is None else world_from_ship
         ship = solid_uniforms(camera, world_from_camera, where, CLEAR_AIR_M)
         moved = where.translation - self.ship.layout.world_from_ship.translation
@@ -200,6 +204,10 @@ class Renderer:
         size = (camera.width, camera.height)
         if size not in self.targets:
             gl = self.context
+            if len(self.targets) >= KEPT_TARGETS:
+                for old in self.targets.pop(next(iter(self.targets))):
+                    for part in (*old.color_attachments, old.depth_attachment, old):
+                        part.release()
             sampled = gl.framebuffer(
                 [gl.renderbuffer(size, 4, samples=SAMPLES, dtype="f2")], gl.depth_renderbuffer(size, samples=SAMPLES)
             )

@@ -89,12 +89,14 @@ class Simulator:
             world_from_ship=layout.world_from_ship,
         )
         over_deck = view.velocity_m_s - ship_velocity(ship.layout, self.motion, view.time_s)
+        turning = view.world_from_body.rotation.apply(view.angular_rate_rad_s)
         surroundings = Surroundings(
             horizon=weather.horizon_rgb,
             sun=weather.sun,
             sea_z_m=layout.sea_z_m,
             visibility_m=draw_visibility(config.visibility_m, for_air),
             velocity_m_s=(float(over_deck[0]), float(over_deck[1]), float(over_deck[2])),
+            turning_rad_s=(float(turning[0]), float(turning[1]), float(turning[2])),
         )
         shot = self.imaging.take(
             scene,
