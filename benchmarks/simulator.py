@@ -25,7 +25,7 @@ import numpy as np
 
 from deckline.app.parallel import CHUNK, map_frames, process_count
 from deckline.sim import SimConfig
-from deckline.sim.depth_camera import DepthConfig
+from deckline.sim.camera.depth_camera import DepthConfig
 from deckline.sim.simulate import Simulator
 from deckline.types import Frame
 

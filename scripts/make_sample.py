@@ -16,7 +16,7 @@ import numpy as np
 from deckline.evaluate.chain import range_to_ramp_m
 from deckline.recording import RecordingWriter
 from deckline.sim import SimConfig, frames
-from deckline.sim.depth_camera import DepthConfig
+from deckline.sim.camera.depth_camera import DepthConfig
 from deckline.types import Frame
 
 CONFIG = SimConfig(

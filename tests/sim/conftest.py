@@ -1,7 +1,7 @@
 import pytest
 
-from deckline.sim.gl import RendererError
-from deckline.sim.render import Renderer
+from deckline.sim.scene.gl import RendererError
+from deckline.sim.scene.render import Renderer
 
 
 @pytest.fixture(scope="session")

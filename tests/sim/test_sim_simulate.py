@@ -3,11 +3,11 @@ import pytest
 
 from deckline.haze import atmosphere_from_mapping, scatter, world_rays
 from deckline.sim import RendererError, SimConfig, contact_sheet, frames
-from deckline.sim.atmosphere import AirConfig
-from deckline.sim.depth_camera import DepthConfig
-from deckline.sim.motion import MotionConfig
-from deckline.sim.navigation import NavigationConfig
-from deckline.sim.sensor import SensorConfig, develop, radiance_from_image, sensor_from_mapping
+from deckline.sim.camera.atmosphere import AirConfig
+from deckline.sim.camera.depth_camera import DepthConfig
+from deckline.sim.camera.navigation import NavigationConfig
+from deckline.sim.camera.sensor import SensorConfig, develop, radiance_from_image, sensor_from_mapping
+from deckline.sim.flight.motion import MotionConfig
 
 FAR = DepthConfig(range_m=float("inf"))
 SMALL = {"width": 160, "height": 90}

@@ -8,19 +8,19 @@ import pytest
 from pixel_truth import Shot, deck_and_sea, local_means, middle_offsets, moved_ship, recorded, turn
 
 from deckline.geometry import Camera
+from deckline.sim.camera.lens import Lens, pinhole_for
+from deckline.sim.camera.sensor import DISPLAY_GAMMA
 from deckline.sim.config import Preset, SimConfig
-from deckline.sim.lens import Lens, pinhole_for
-from deckline.sim.markings import edge_coat, random_edge
-from deckline.sim.mesh import box
-from deckline.sim.motion import Motion, ship_pose
-from deckline.sim.paint import layers
-from deckline.sim.plan import DeckSurface
-from deckline.sim.sensor import DISPLAY_GAMMA
-from deckline.sim.ship import build_ship
-from deckline.sim.ship_class import SHIP_CLASSES, load_class
+from deckline.sim.flight.motion import Motion, ship_pose
+from deckline.sim.flight.viewpoint import looking
+from deckline.sim.scene.weather import random_weather
+from deckline.sim.ship.markings import edge_coat, random_edge
+from deckline.sim.ship.mesh import box
+from deckline.sim.ship.paint import layers
+from deckline.sim.ship.plan import DeckSurface
+from deckline.sim.ship.ship import build_ship
+from deckline.sim.ship.ship_class import SHIP_CLASSES, load_class
 from deckline.sim.simulate import frames
-from deckline.sim.viewpoint import looking
-from deckline.sim.weather import random_weather
 
 SUN = np.array([0.6, 0.0, 0.8])
 CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0)

@@ -29,8 +29,8 @@ from deckline.types import Frame
 
 with needs_extra("sim"):
     from deckline.sim import SimConfig
+    from deckline.sim.camera.depth_camera import DepthConfig
     from deckline.sim.config import Trajectory
-    from deckline.sim.depth_camera import DepthConfig
 
 SPLITS = ("train", "test")
 COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper

@@ -15,7 +15,7 @@ from deckline.recording.writer import write_atomic
 from deckline.runtime import sha256_of
 
 with needs_extra("sim"):
-    from deckline.sim.gl import open_context
+    from deckline.sim.scene.gl import open_context
 
 MANIFEST = "manifest.json"
 FORMAT, VERSION = "deckline-dataset", 1

@@ -1,7 +1,7 @@
 """Simulator: renders approaches to a random or given ship, with depth, pose, haze and exact truth."""
 
 from deckline.sim.config import CLEAR, SimConfig
-from deckline.sim.gl import RendererError
+from deckline.sim.scene.gl import RendererError
 from deckline.sim.sheet import contact_sheet
 from deckline.sim.simulate import frames
 

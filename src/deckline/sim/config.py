@@ -3,16 +3,16 @@
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from deckline.sim.atmosphere import AirConfig
-from deckline.sim.depth_camera import DepthConfig
-from deckline.sim.exposure import FilmConfig
-from deckline.sim.flight import FlightConfig
-from deckline.sim.imaging import ImagingConfig
-from deckline.sim.lens import LensConfig
-from deckline.sim.motion import MotionConfig
-from deckline.sim.navigation import NavigationConfig
-from deckline.sim.sensor import SensorConfig
-from deckline.sim.weather import WeatherConfig
+from deckline.sim.camera.atmosphere import AirConfig
+from deckline.sim.camera.depth_camera import DepthConfig
+from deckline.sim.camera.exposure import FilmConfig
+from deckline.sim.camera.imaging import ImagingConfig
+from deckline.sim.camera.lens import LensConfig
+from deckline.sim.camera.navigation import NavigationConfig
+from deckline.sim.camera.sensor import SensorConfig
+from deckline.sim.flight.flight import FlightConfig
+from deckline.sim.flight.motion import MotionConfig
+from deckline.sim.scene.weather import WeatherConfig
 
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train"]
 Trajectory = Literal["approach", "profile", "random"]

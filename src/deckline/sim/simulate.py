@@ -7,19 +7,19 @@ from typing import Self
 
 import numpy as np
 
+from deckline.sim.camera.imaging import Imaging, Surroundings
+from deckline.sim.camera.lens import pinhole_for, random_lens
+from deckline.sim.camera.navigation import measured_pose
 from deckline.sim.config import SimConfig
-from deckline.sim.daylight import random_time_of_day
-from deckline.sim.imaging import Imaging, Surroundings
-from deckline.sim.layout import Layout, world_points
-from deckline.sim.lens import pinhole_for, random_lens
-from deckline.sim.motion import Motion, draw_motion, ship_pose, ship_velocity
-from deckline.sim.navigation import measured_pose
-from deckline.sim.random_views import random_view
-from deckline.sim.render import BEST, Renderer, random_quality
-from deckline.sim.ship import Ship, build_ship
-from deckline.sim.trajectory import approach_view, profile_view
-from deckline.sim.viewpoint import Viewpoint
-from deckline.sim.weather import WeatherConfig, random_weather, sun_direction
+from deckline.sim.flight.motion import Motion, draw_motion, ship_pose, ship_velocity
+from deckline.sim.flight.random_views import random_view
+from deckline.sim.flight.trajectory import approach_view, profile_view
+from deckline.sim.flight.viewpoint import Viewpoint
+from deckline.sim.scene.daylight import random_time_of_day
+from deckline.sim.scene.render import BEST, Renderer, random_quality
+from deckline.sim.scene.weather import WeatherConfig, random_weather, sun_direction
+from deckline.sim.ship.layout import Layout, world_points
+from deckline.sim.ship.ship import Ship, build_ship
 from deckline.types import Frame, Segment, Truth
 
 OPEN_SEA = 0.4  # part of the views without a runway that show no ship either

@@ -1,0 +1,1 @@
+"""Where ship and aircraft are: deck motion, approaches, the paper's profile, unrelated views."""

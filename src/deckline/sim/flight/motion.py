@@ -1,0 +1,144 @@
+"""How the ship moves: under way along its heading, and rolling, pitching and heaving in the sea.
+
+Each deck motion is a single sine (SPEC section 7) about the ship's middle at the waterline. A runway on land stays
+where it is, whatever motion is asked for.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from deckline.geometry import attitude
+from deckline.sim.ship.layout import Layout
+
+PERIODS_S = (22.0, 12.0, 18.0)  # roll, pitch, heave; SPEC section 7
+SEA_STATES = (0, 1, 2, 3, 4, 5, 6)
+WAVE_HEIGHT_M = (0.0, 0.05, 0.3, 0.875, 1.875, 3.25, 5.0)  # middle of each state's significant height, WMO code 3700
+STATED = {4: (0.62, 0.52, 0.68), 5: (0.98, 0.82, 1.09), 6: (1.44, 1.24, 1.63)}  # deg, deg, m; SPEC section 7
+TRAIN_STILL = 0.3  # part of the training recordings whose ship lies still
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """The ship's motion.
+
+    Args:
+        sea_state: 0 to 6, also between: roll, pitch and heave of the deck. Below 4 they shrink with the significant
+            wave height. None: a random state for preset `train`, 0 (still) for the others.
+        ship_speed_m_s: along the ship's heading; 12.9 is 25 knots.
+
+    Raises:
+        ValueError: a sea state outside 0 to 6, or a speed that is negative or above 30 m/s.
+    """
+
+    sea_state: float | None = None
+    ship_speed_m_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.sea_state is not None and not SEA_STATES[0] <= self.sea_state <= SEA_STATES[-1]:
+            raise ValueError(f"sea_state must lie between 0 and 6, got {self.sea_state}")
+        if not 0.0 <= self.ship_speed_m_s <= 30.0:
+            raise ValueError(f"ship_speed_m_s must lie between 0 and 30, got {self.ship_speed_m_s}")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One ship's motion, all random choices made."""
+
+    speed_m_s: float = 0.0
+    roll_rad: float = 0.0  # amplitudes
+    pitch_rad: float = 0.0
+    heave_m: float = 0.0
+    phases_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of roll, pitch, heave at time 0
+
+
+STILL = Motion()
+
+
+def deck_amplitudes(sea_state: float) -> tuple[float, float, float]:
+    """Amplitudes of roll, rad, pitch, rad, and heave, m.
+
+    States 4, 5 and 6 are those of SPEC section 7. Smaller ones are state 4's times the ratio of the significant wave
+    heights; between two states they run straight.
+    """
+    table = [np.array(STATED.get(k, np.array(STATED[4]) * WAVE_HEIGHT_M[k] / WAVE_HEIGHT_M[4])) for k in SEA_STATES]
+    roll, pitch, heave = (float(np.interp(sea_state, SEA_STATES, column)) for column in np.transpose(table))
+    return float(np.deg2rad(roll)), float(np.deg2rad(pitch)), heave
+
+
+def draw_motion(config: MotionConfig, train: bool, rng: np.random.Generator) -> Motion:
+    """The motion of one recording, or of one unrelated view; `train`: as preset `train` has it."""
+    drawn = 0.0 if rng.random() < TRAIN_STILL else float(rng.uniform(SEA_STATES[0], SEA_STATES[-1]))
+    roll, pitch, heave = (float(angle) for angle in rng.uniform(0.0, 2 * np.pi, 3))
+    state = config.sea_state if config.sea_state is not None else drawn if train else 0.0
+    return Motion(config.ship_speed_m_s, *deck_amplitudes(state), phases_rad=(roll, pitch, heave))
+
+
+def steady_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
+    """world_from_ship without roll, pitch and heave: what an aircraft's path is relative to.
+
+    Args:
+        layout: the ship as it lies at time 0.
+    """
+    travelled = RigidTransform.from_translation(time_s * steady_velocity(layout, motion))
+    return travelled * layout.world_from_ship
+
+
+def ship_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
+    """world_from_ship with everything: speed, roll and pitch about the middle at the waterline, heave.
+
+    Args:
+        layout: the ship as it lies at time 0.
+    """
+    (roll, pitch, heave), _ = _swing(layout, motion, time_s)
+    turn, middle = attitude(roll, pitch, 0.0), middle_m(layout)
+    swung = RigidTransform.from_components(middle - turn.apply(middle), turn)
+    return RigidTransform.from_translation([0.0, 0.0, -heave]) * steady_pose(layout, motion, time_s) * swung
+
+
+def ship_velocity(
+    layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike = (0.0, 0.0, 0.0)
+) -> NDArray[np.float64]:
+    """Velocity (3,) in the world, m/s, of a point (3,) of the ship frame.
+
+    Args:
+        layout: the ship as it lies at time 0.
+    """
+    (roll, pitch, _), (roll_rate, pitch_rate, heave_rate) = _swing(layout, motion, time_s)
+    turn = attitude(roll, pitch, 0.0)
+    rate = Rotation.from_euler("y", pitch).apply(np.array([roll_rate, pitch_rate, 0.0]))
+    arm = turn.apply(np.asarray(point_m, dtype=np.float64) - middle_m(layout))
+    swinging = layout.world_from_ship.rotation.apply(np.cross(rate, arm))
+    return steady_velocity(layout, motion) + swinging - [0.0, 0.0, heave_rate]
+
+
+def deck_rise(layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike) -> float:
+    """How far, m, a deck point (2,) of the ship frame stands above where the steady ship has it.
+
+    Args:
+        layout: the ship as it lies at time 0.
+    """
+    point = np.array([*np.asarray(point_m, dtype=np.float64), 0.0])
+    steady, moved = (pose(layout, motion, time_s).apply(point)[2] for pose in (steady_pose, ship_pose))
+    return float(steady - moved)
+
+
+def steady_velocity(layout: Layout, motion: Motion) -> NDArray[np.float64]:
+    """Velocity (3,) in the world, m/s, with which the ship sails along its heading."""
+    speed = 0.0 if layout.on_land else motion.speed_m_s
+    return speed * layout.world_from_ship.rotation.apply([1.0, 0.0, 0.0])
+
+
+def middle_m(layout: Layout) -> NDArray[np.float64]:
+    """The point (3,) of the ship frame about which the ship rolls and pitches."""
+    return np.array([layout.length_m / 2, 0.0, layout.deck_height_m])
+
+
+def _swing(layout: Layout, motion: Motion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Roll, pitch and heave (up), and their rates."""
+    size = (0.0 if layout.on_land else 1.0) * np.array([motion.roll_rad, motion.pitch_rad, motion.heave_m])
+    rate = 2 * np.pi / np.array(PERIODS_S)
+    angle = rate * time_s + np.array(motion.phases_rad)
+    return size * np.sin(angle), size * rate * np.cos(angle)

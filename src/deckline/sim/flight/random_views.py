@@ -1,0 +1,147 @@
+"""Unrelated views: around the glide path, and for training also from where no approach leads."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera
+from deckline.sim.config import SimConfig
+from deckline.sim.flight.motion import STILL, Motion, deck_rise, steady_pose, steady_velocity
+from deckline.sim.flight.viewpoint import Viewpoint, looking, runway_in_view, runway_point
+from deckline.sim.ship.layout import Layout
+from deckline.sim.ship.paint import axes
+
+TOUCHDOWN_M = 70.0  # from the ramp: 230 ft, SPEC section 7
+RAMP_CLEARANCE_M = 3.05  # 10 ft, SPEC section 7
+APPARENT_WIDTH = (0.012, 1.0)  # the runway's width at the ramp over the image's, for a view worth training on
+TRAIN_FOV_DEG = (10.0, 90.0)
+FEW, FEW_ENOUGH, ENOUGH = 0.12, 0.2, 0.65  # few views may show so little of the lines, the others no less than that
+DECK_SHARE, ODD_SHARE, AWAY_SHARE = 0.06, 0.04, 0.06  # of the training views; the others lie around the glide path
+ODD_RANGE_M = (150.0, 2000.0)  # from the ship's middle
+CLEAR_OF_SHIP_M = 80.0  # a view from any side stays so far from the ship's ends
+DECK_HEIGHT_M = (6.0, 30.0)  # over the deck; where there is no runway, parked aircraft up to 5.6 m high may be below
+SPEED_M_S = 65.0
+RATES_RAD_S = np.deg2rad([4.0, 1.5, 1.5])  # 1-sigma of roll, pitch and yaw rate; our choice
+
+
+def random_view(
+    config: SimConfig, layout: Layout, index: int, rng: np.random.Generator, motion: Motion = STILL
+) -> Viewpoint:
+    """An unrelated view at time `index` seconds.
+
+    For the named presets, and mostly for `train`: from somewhere around the glide path, showing enough of the runway.
+    Preset `train` also looks from over the deck, at the ship from any side, and past it.
+
+    Args:
+        layout: the ship as it lies at time 0.
+    """
+    rise = deck_rise(layout, motion, float(index), layout.centre_m[0])
+    layout = layout.posed(steady_pose(layout, motion, float(index)))
+    kind = rng.random() if config.preset == "train" else 1.0
+    if kind < DECK_SHARE:
+        view = deck_view(config, layout, rng)
+    elif kind < DECK_SHARE + ODD_SHARE:
+        view = odd_view(config, layout, rng)
+    elif kind < DECK_SHARE + ODD_SHARE + AWAY_SHARE:
+        view = away_view(config, layout, rng)
+    else:
+        view = glide_view(config, layout, rng)
+    lifted = RigidTransform.from_translation([0.0, 0.0, -max(rise, 0.0)])  # a view stays clear of a ramp that rises
+    ahead = view.world_from_body.rotation.apply([1.0, 0.0, 0.0])
+    return replace(
+        view,
+        world_from_body=lifted * view.world_from_body,
+        time_s=float(index),
+        velocity_m_s=SPEED_M_S * ahead + steady_velocity(layout, motion),
+        angular_rate_rad_s=RATES_RAD_S * rng.normal(0.0, 1.0, 3),
+    )
+
+
+def glide_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
+    """Before the ramp, around the glide path, showing enough of the runway."""
+    enough = FEW_ENOUGH if rng.random() < FEW else ENOUGH
+    for _ in range(40):
+        view = draw_view(config, layout, rng)
+        if runway_in_view(view, layout) >= enough:
+            break
+    return view
+
+
+def draw_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
+    """Range, elevation, lateral offset, roll and where in the image the runway shall be."""
+    wide = config.preset == "train"
+    range_m, fov_rad = draw_range(config, layout, rng)
+    length = axes(*layout.centre_m)[2]
+    low, high = (1.5, 12.0) if wide and rng.random() < 0.3 else (2.0, 8.0)
+    height = max((range_m + TOUCHDOWN_M) * np.tan(np.deg2rad(rng.uniform(low, high))), RAMP_CLEARANCE_M)
+    reach = 0.25 if wide else 0.2
+    position = runway_point(layout, -range_m, range_m * rng.uniform(-reach, reach), height)
+    target = runway_point(layout, rng.uniform(0.0, 0.5) * length)
+    camera = Camera.from_fov(config.width, config.height, fov_rad)
+    du, dv = np.clip(rng.normal(0.0, 0.22, 2), -0.45, 0.45) * [camera.width, camera.height]
+    sigma, most = (5.0, 12.0) if wide else (4.0, 8.0)
+    roll = np.deg2rad(np.clip(rng.normal(0.0, sigma), -most, most))
+    nudge = np.array([roll, np.arctan(dv / camera.fy), -np.arctan(du / camera.fx)])
+    return Viewpoint(looking(position, target, nudge), camera, 0.0)
+
+
+def draw_range(config: SimConfig, layout: Layout, rng: np.random.Generator) -> tuple[float, float]:
+    """Distance to the ramp, m, and horizontal field of view, rad."""
+    low, high = np.log(config.ranges_m)
+    width = float(np.hypot(*(layout.right_m[0] - layout.left_m[0])))
+    fixed = config.preset != "train" or config.fixed_fov
+    for _ in range(100):
+        range_m = float(np.exp(rng.uniform(low, high)))
+        fov_rad = draw_fov(config, rng)
+        apparent = width / (2 * range_m * np.tan(fov_rad / 2))
+        if fixed or APPARENT_WIDTH[0] <= apparent <= APPARENT_WIDTH[1]:
+            break
+    return range_m, fov_rad
+
+
+def draw_fov(config: SimConfig, rng: np.random.Generator, narrowest_deg: float = TRAIN_FOV_DEG[0]) -> float:
+    """Horizontal field of view, rad."""
+    if config.preset != "train" or config.fixed_fov:
+        return float(np.deg2rad(config.fov_deg))
+    return float(np.deg2rad(np.exp(rng.uniform(np.log(narrowest_deg), np.log(TRAIN_FOV_DEG[1])))))
+
+
+def deck_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
+    """Past the ramp, low over the landing area, looking ahead."""
+    width = float(np.hypot(*(layout.right_m[0] - layout.left_m[0])))
+    height = float(np.exp(rng.uniform(*np.log(DECK_HEIGHT_M))))
+    along = rng.uniform(0.0, min(60.0, 0.3 * axes(*layout.centre_m)[2]))
+    right = rng.uniform(-0.35, 0.35) * width
+    target = runway_point(layout, along + 100.0, right)
+    nudge = np.deg2rad(np.clip(rng.normal(0.0, 1.0, 3), -2.4, 2.4) * [5.0, 5.0, 5.0])
+    camera = Camera.from_fov(config.width, config.height, draw_fov(config, rng, 35.0))
+    return Viewpoint(looking(runway_point(layout, along, right, height), target, nudge), camera, 0.0)
+
+
+def odd_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
+    """The ship from any side, from abeam and from ahead as well."""
+    return from_any_side(config, layout, rng, aim_deg=0.0)
+
+
+def away_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
+    """From any side, looking past the ship: the sea, perhaps a part of the ship, none of the runway."""
+    for _ in range(40):
+        aim = rng.uniform(10.0, 60.0) if rng.random() < 0.6 else rng.uniform(60.0, 180.0)
+        view = from_any_side(config, layout, rng, float(rng.choice([-1.0, 1.0]) * aim))
+        if runway_in_view(view, layout) == 0.0:
+            break
+    return view
+
+
+def from_any_side(config: SimConfig, layout: Layout, rng: np.random.Generator, aim_deg: float) -> Viewpoint:
+    """Any azimuth about the ship's middle, looking `aim_deg` clockwise of the runway."""
+    range_m = float(np.exp(rng.uniform(*np.log(ODD_RANGE_M))))
+    range_m = max(range_m, layout.length_m / 2 + CLEAR_OF_SHIP_M)
+    azimuth = rng.uniform(0.0, 2 * np.pi)
+    height = range_m * np.tan(np.deg2rad(rng.uniform(2.0, 20.0)))
+    spot = [layout.length_m / 2 + range_m * np.cos(azimuth), range_m * np.sin(azimuth), -height]
+    target = runway_point(layout, rng.uniform(0.0, 0.8) * axes(*layout.centre_m)[2])
+    nudge = np.deg2rad(rng.normal([0.0, 0.0, aim_deg], 4.0))
+    camera = Camera.from_fov(config.width, config.height, draw_fov(config, rng, 20.0))
+    return Viewpoint(looking(layout.world_from_ship.apply(spot), target, nudge), camera, 0.0)

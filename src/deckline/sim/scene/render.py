@@ -1,0 +1,275 @@
+"""Draws a ship, sea and sky with OpenGL, off screen through EGL. On a machine without a GPU, Mesa's llvmpipe does it.
+
+Image row 0 is drawn at the bottom of the frame buffer, so that what is read back starts with the top row and
+pixel centres lie where `deckline.geometry` puts them. Depth is a float attachment of its own, sampled at pixel
+centres; it does not pass through the depth buffer.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera
+from deckline.sim.scene.bake import SAMPLES, noise_texture, paint_deck, wave_texture
+from deckline.sim.scene.gl import moderngl, open_context
+from deckline.sim.scene.shadow import ShadowMap
+from deckline.sim.scene.uniforms import CLEAR_AIR_M, Uniforms, scene_uniforms, solid_uniforms
+from deckline.sim.scene.weather import Weather
+from deckline.sim.ship.layout import Layout
+from deckline.sim.ship.mesh import Mesh, triangles
+from deckline.sim.ship.ship import Ship
+
+SHADERS = Path(__file__).parent / "shaders"
+INCLUDES = ("light.glsl", "sky.glsl", "backdrop.glsl")
+STRAIGHT = 1e-5  # change of an edge's slope that makes no corner
+CLIP_DISTANCE0 = 0x3000  # OpenGL's name
+KEPT_TARGETS = 4  # sizes of frame buffers; every distorting lens has a pinhole of its own size
+VERTEX = ("3f 3f 3f", "position", "normal", "colour")
+LAMP = ("3f 3f 1f", "position", "colour", "strength")
+POSITION = ("3f 24x", "position")
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How carefully a picture is drawn; a poor one looks like other renderers' work."""
+
+    samples: int = SAMPLES  # per pixel, this many or 1, which leaves jagged edges
+    anisotropy: float = 16.0  # of the deck's texture filter; 1 smears far markings together
+
+
+BEST = Quality()
+
+
+def random_quality(rng: np.random.Generator) -> Quality:
+    """Mostly good."""
+    anisotropy = float(rng.choice([1.0, 2.0, 4.0, 16.0], p=[0.15, 0.25, 0.25, 0.35]))
+    return Quality(samples=1 if rng.random() < 0.15 else SAMPLES, anisotropy=anisotropy)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One picture."""
+
+    radiance: NDArray[np.float32]  # (H, W, 3) linear light; 1 is what a white surface in full daylight sends
+    depth_m: NDArray[np.float32]  # (H, W) along the optical axis; NaN in the sky
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A mesh on the card and the program that draws it."""
+
+    program: moderngl.Program
+    colour: moderngl.VertexArray
+    depth: moderngl.VertexArray
+
+
+class Renderer:
+    """Holds the OpenGL context and what is on the card. Use as a context manager."""
+
+    def __init__(self) -> None:
+        self.context = open_context()
+        program = self._program
+        self.sea, self.sea_depth = program("fullscreen.vert", "sea.frag"), program("fullscreen.vert", "sea_depth.frag")
+        self.ground = program("fullscreen.vert", "ground.frag")
+        self.solid, self.deck = program("solid.vert", "solid.frag"), program("solid.vert", "deck.frag")
+        self.depth, self.painter = program("solid.vert", "depth.frag"), program("paint.vert", "paint.frag")
+        self.lamp = program("lamp.vert", "lamp.frag")
+        self.shadow = ShadowMap(self.context, program("shadow.vert", "shadow.frag"))
+        self.noise, self.waves = noise_texture(self.context), wave_texture(self.context)
+        corners = self.context.buffer(np.array([[-1, -1], [3, -1], [-1, 3]], dtype=np.float32).tobytes())
+        self.backdrops = {
+            each: self.context.vertex_array(each, [(corners, "2f", "corner")])
+            for each in (self.sea, self.ground, self.sea_depth)
+        }
+        self.targets: dict[tuple[int, int], tuple[moderngl.Framebuffer, ...]] = {}
+        self.ship: Ship | None = None
+        self.ship_objects: list[moderngl.Buffer | moderngl.Texture | moderngl.VertexArray] = []
+
+    def __enter__(self) -> "Renderer":
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.context.__enter__()
+        self.context.release()
+
+    def _program(self, vertex: str, fragment: str) -> moderngl.Program:
+        return self.context.program(vertex_shader=_source(vertex), fragment_shader=_source(fragment))
+
+    def load(self, ship: Ship, sun: NDArray[np.float64]) -> None:
+        """Bring a ship onto the card, paint its deck and cast its shadows.
+
+        Args:
+            ship: what to draw from now on.
+            sun: (3,) direction to the ground, world; the ship's own shadows stay as they fall when it is at rest.
+        """
+        self.context.__enter__()  # several renderers may be open: this makes our context the current one
+        for thing in self.ship_objects:
+            thing.release()
+        self.ship, self.sun, self.ship_objects = ship, sun, []
+        deck = deck_mesh(ship.layout)
+        self.noise.use(0)
+        self.paint_map = paint_deck(self.context, self.painter, ship)
+        self.ship_objects.append(self.paint_map)
+        self.solids = [self._solid(self.solid, ship.solids), self._solid(self.deck, deck)]
+        self.background = self._background(ship)
+        casters = np.concatenate([ship.solids[:, :3], deck[:, :3]]).astype(np.float64)
+        sun_on_ship = ship.layout.world_from_ship.rotation.inv().apply(sun)
+        self.shadow.draw([self._buffer(ship.solids), self._buffer(deck)], casters, sun_on_ship)
+        self.lamps = self._lamps(ship.lights)
+
+    def render(
+        self,
+        camera: Camera,
+        world_from_camera: RigidTransform,
+        weather: Weather,
+        time_s: float = 0.0,
+        with_ship: bool = True,
+        quality: Quality = BEST,
+        world_from_ship: RigidTransform | None = None,
+    ) -> View:
+        """A picture of the loaded ship (or of its sea alone) and its depth, the ship at rest or where it is put.
+
+        Raises:
+            ValueError: a camera with lens distortion or one that is not above the sea, or no ship loaded.
+        """
+        if camera.has_distortion:
+            raise ValueError(f"the renderer draws a pinhole, got distortion {camera.distortion}")
+        if self.ship is None:
+            raise ValueError("load a ship before rendering: none is loaded")
+        eye_z, sea_z = world_from_camera.translation[2], self.ship.layout.sea_z_m
+        if not eye_z < sea_z:
+            raise ValueError(f"the camera must be above the sea (z < {sea_z:.2f} m), got z = {eye_z:.2f} m")
+        self.context.__enter__()
+        where = self.ship.layout.world_from_ship if world_from_ship is None else world_from_ship
+        ship = solid_uniforms(camera, world_from_camera, where, CLEAR_AIR_M)
+        moved = where.translation - self.ship.layout.world_from_ship.translation
+        company = RigidTransform.from_translation([moved[0], moved[1], 0.0])  # other ships and land keep their distance
+        world = solid_uniforms(camera, world_from_camera, company, weather.fade_m)
+        scene = scene_uniforms(camera, world_from_camera, where, self.ship, weather, time_s, with_ship)
+        scene |= ship | {"sun": self.sun, "light_from_ship": self.shadow.light_from_ship.T}
+        self._bind(scene, quality.anisotropy)
+        return self._draw(camera, quality, ship, world | {"shadow": 0.0}, weather, with_ship)
+
+    def _draw(
+        self, camera: Camera, quality: Quality, ship: Uniforms, world: Uniforms, weather: Weather, with_ship: bool
+    ) -> View:
+        sampled, resolved, measured = self._targets(camera)
+        drawn = sampled if quality.samples > 1 else resolved
+        solids = self.solids if with_ship else []
+        land = self.ship is not None and self.ship.layout.on_land
+        drawn.use()
+        drawn.clear()
+        self.context.enable_direct(CLIP_DISTANCE0)
+        for solid in solids:
+            solid.colour.render()
+        for solid in self.background:
+            _set(solid.program, world)
+            solid.colour.render()
+        self.context.disable_direct(CLIP_DISTANCE0)
+        self.backdrops[self.ground if land else self.sea].render()
+        if with_ship and weather.lamps > 0.0 and self.lamps is not None:
+            self._shine(self.lamps)
+        if drawn is sampled:
+            self.context.copy_framebuffer(resolved, sampled)
+        radiance = np.frombuffer(resolved.read(components=4, alignment=1, dtype="f2"), dtype=np.float16)
+        measured.use()
+        measured.clear()
+        self.context.enable_direct(CLIP_DISTANCE0)
+        for solid in self.background:
+            _set(self.depth, world)
+            solid.depth.render()
+        _set(self.depth, ship)
+        for solid in solids:
+            solid.depth.render()
+        self.context.disable_direct(CLIP_DISTANCE0)
+        self.backdrops[self.sea_depth].render()
+        depth = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
+        shape = (camera.height, camera.width)
+        rgb = radiance.reshape(*shape, 4)[..., :3].astype(np.float32)
+        return View(rgb, np.where(depth > 0, depth, np.float32(np.nan)).reshape(shape))
+
+    def _shine(self, lamps: moderngl.VertexArray) -> None:
+        self.context.enable(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE)
+        self.context.blend_func = moderngl.ONE, moderngl.ONE
+        lamps.render(moderngl.POINTS)
+        self.context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        self.context.disable(moderngl.BLEND)
+
+    def _targets(self, camera: Camera) -> tuple[moderngl.Framebuffer, ...]:
+        """Frame buffers of a size: sampled colour, resolved colour, exact depth."""
+        size = (camera.width, camera.height)
+        if size not in self.targets:
+            gl = self.context
+            if len(self.targets) >= KEPT_TARGETS:
+                for old in self.targets.pop(next(iter(self.targets))):
+                    for part in (*old.color_attachments, old.depth_attachment, old):
+                        part.release()
+            sampled = gl.framebuffer(
+                [gl.renderbuffer(size, 4, samples=SAMPLES, dtype="f2")], gl.depth_renderbuffer(size, samples=SAMPLES)
+            )
+            resolved = gl.framebuffer([gl.renderbuffer(size, 4, dtype="f2")], gl.depth_renderbuffer(size))
+            measured = gl.framebuffer([gl.renderbuffer(size, 1, dtype="f4")], gl.depth_renderbuffer(size))
+            self.targets[size] = (sampled, resolved, measured)
+        return self.targets[size]
+
+    def _bind(self, values: Uniforms, anisotropy: float) -> None:
+        """Hand every drawing program the uniforms and textures that it has."""
+        for program in (self.sea, self.ground, self.sea_depth, self.solid, self.deck, self.depth, self.lamp):
+            _set(program, values)
+        self.paint_map.anisotropy = anisotropy
+        for unit, texture in enumerate((self.noise, self.paint_map, self.waves, self.shadow.texture)):
+            texture.use(unit)
+        self.context.enable_only(moderngl.DEPTH_TEST)
+        self.context.depth_func = "<="
+
+    def _buffer(self, mesh: Mesh) -> moderngl.Buffer:
+        buffer = self.context.buffer(np.ascontiguousarray(mesh, dtype=np.float32).tobytes())
+        self.ship_objects.append(buffer)
+        return buffer
+
+    def _solid(self, program: moderngl.Program, mesh: Mesh) -> Solid:
+        buffer = self._buffer(mesh)
+        colour = self.context.vertex_array(program, [(buffer, *VERTEX)], skip_errors=True)
+        depth = self.context.vertex_array(self.depth, [(buffer, *POSITION)], skip_errors=True)
+        self.ship_objects += [colour, depth]
+        return Solid(program, colour, depth)
+
+    def _background(self, ship: Ship) -> list[Solid]:
+        return [self._solid(self.solid, ship.background)] if len(ship.background) else []
+
+    def _lamps(self, lights: NDArray[np.float32]) -> moderngl.VertexArray | None:
+        if not len(lights):
+            return None
+        array = self.context.vertex_array(self.lamp, [(self._buffer(lights), *LAMP)])
+        self.ship_objects.append(array)
+        return array
+
+
+def _set(program: moderngl.Program, values: dict[str, ArrayLike]) -> None:
+    for name in program:
+        if name in values and isinstance(program[name], moderngl.Uniform):
+            value = np.asarray(values[name])
+            program[name] = value.item() if value.ndim == 0 else tuple(value.ravel().tolist())
+
+
+def deck_mesh(layout: Layout) -> Mesh:
+    """The deck's surface as strips between its edges, facing up."""
+    edges = np.column_stack([layout.port_m, layout.starboard_m])
+    slopes = np.diff(edges, axis=0) / np.diff(layout.stations_m)[:, None]
+    corner = np.concatenate([[True], np.any(np.abs(np.diff(slopes, axis=0)) > STRAIGHT, axis=1), [True]])
+    x, (port, starboard) = layout.stations_m[corner], edges[corner].T
+    zero = np.zeros(len(x) - 1)
+    p0, p1 = np.column_stack([x[:-1], port[:-1], zero]), np.column_stack([x[1:], port[1:], zero])
+    s0, s1 = np.column_stack([x[:-1], starboard[:-1], zero]), np.column_stack([x[1:], starboard[1:], zero])
+    return triangles(np.concatenate([np.stack([p0, s1, p1], 1), np.stack([p0, s0, s1], 1)]), (0.0, 0.0, 0.0))
+
+
+def _source(name: str) -> str:
+    text = (SHADERS / name).read_text(encoding="utf-8")
+    for part in INCLUDES:
+        text = text.replace(f"#include {part}", (SHADERS / part).read_text(encoding="utf-8"))
+    return text

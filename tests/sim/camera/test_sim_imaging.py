@@ -1,0 +1,127 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera, attitude, camera_mount, intersect_plane
+from deckline.haze import atmosphere_from_mapping, scatter, world_rays
+from deckline.sim.camera.atmosphere import AirConfig
+from deckline.sim.camera.depth_camera import DepthConfig
+from deckline.sim.camera.exposure import FilmConfig
+from deckline.sim.camera.imaging import Imaging, ImagingConfig, Surroundings
+from deckline.sim.camera.lens import LensConfig, pinhole_for, pixel_rays, random_lens
+from deckline.sim.camera.sensor import SensorConfig, develop, radiance_from_image, sensor_from_mapping
+from deckline.sim.scene.gl import RendererError, open_context
+from deckline.sim.scene.render import View
+
+CAMERA = Camera.from_fov(160, 90, 1.0)
+POSE = RigidTransform.from_components([0.0, 0.0, -40.0], attitude(0.02, -0.15, 0.3)) * camera_mount()
+SCENE = Surroundings((0.6, 0.7, 0.8), (0.6, 0.0, 0.8), 0.0, 400.0, (60.0, 0.0, 2.0))
+EXACT = SensorConfig(noise=0.0, electrons=0.0, jpeg_quality=0)
+
+
+@pytest.fixture(scope="module")
+def imaging():
+    try:
+        context = open_context()
+    except RendererError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")
+    yield Imaging(context)
+    context.release()
+
+
+def sea_view(camera):
+    """An even grey sea at z = 0 under a bright sky, computed ray by ray."""
+    rays = pixel_rays(camera).reshape(-1, 3).astype(float)
+    hits = intersect_plane(POSE.translation, POSE.rotation.apply(rays), 0.0)
+    depth = POSE.inv().apply(hits)[:, 2].reshape(camera.height, camera.width).astype(np.float32)
+    light = np.where(np.isnan(depth), 0.7, 0.1).astype(np.float32)
+    return View(np.repeat(light[..., None], 3, axis=2), depth)
+
+
+def shot(imaging, config, scene=SCENE, camera=CAMERA, wide=False, seed=0):
+    rngs = [np.random.default_rng([seed, k]) for k in range(2)]
+    return imaging.take(sea_view(pinhole_for(camera)), camera, POSE, scene, config, *rngs, wide)
+
+
+def test_clear_air_leaves_the_developed_picture(imaging):
+    for model in ("paper", "physical"):
+        config = ImagingConfig(sensor=EXACT, air=AirConfig(model=model))
+        taken = shot(imaging, config, replace(SCENE, visibility_m=float("inf")))
+        sensor = sensor_from_mapping(taken.records["sensor"])
+        np.testing.assert_array_equal(taken.image_rgb, develop(sea_view(CAMERA).radiance, sensor))
+        np.testing.assert_array_equal(taken.image_rgb, taken.clear_rgb)
+
+
+def test_the_papers_haze_is_its_formula_on_levels(imaging):
+    taken = shot(imaging, ImagingConfig(sensor=EXACT))
+    assert taken.records["model"] == "paper"
+    distance = taken.true_depth_m * CAMERA.ray_lengths()
+    t = np.where(np.isnan(distance), 0.0, np.exp(-3.912023 / 400.0 * np.nan_to_num(distance)))[..., None]
+    expected = taken.clear_rgb * t + np.array(taken.airlight_rgb) * (1 - t)
+    assert np.abs(taken.image_rgb - expected).max() <= 0.51
+
+
+def test_physical_haze_can_be_made_again_from_the_clear_picture_and_the_record(imaging):
+    config = ImagingConfig(sensor=EXACT, air=AirConfig(model="physical", scale_height_m=150.0, patchiness=0.5))
+    taken = shot(imaging, config)
+    records = json.loads(json.dumps(taken.records, allow_nan=False))
+    sensor, air = sensor_from_mapping(records["sensor"]), atmosphere_from_mapping(records["air"])
+    directions, lengths = world_rays(pixel_rays(CAMERA), POSE.rotation.as_matrix())
+    light = radiance_from_image(taken.clear_rgb, sensor)
+    again = develop(scatter(light, taken.true_depth_m * lengths, directions, POSE.translation, air), sensor)
+    assert np.abs(again.astype(int) - taken.image_rgb).max() <= 2
+    assert np.abs(taken.image_rgb.astype(int) - taken.clear_rgb).max() > 20
+
+
+def test_rain_changes_the_picture_but_not_its_depth(imaging):
+    dry, wet = (
+        shot(imaging, ImagingConfig(sensor=EXACT, film=FilmConfig(rain_mm_h=rain, lens_drops=20)), seed=3)
+        for rain in (0.0, 40.0)
+    )
+    np.testing.assert_array_equal(dry.true_depth_m, wet.true_depth_m)
+    assert np.mean(dry.image_rgb != wet.image_rgb) > 0.1
+
+
+def test_the_lens_bends_picture_and_depth_alike(imaging):
+    lens = LensConfig(distortion=(-0.2, 0.02, 0.001, 0.0, 0.0), principal_offset_px=(4.0, -3.0))
+    camera = random_lens(lens, CAMERA, np.random.default_rng(0), wide=False)
+    taken = shot(imaging, ImagingConfig(lens=lens, sensor=EXACT), camera=camera)
+    expected = sea_view(camera).depth_m
+    near = expected < 300.0
+    assert near.mean() > 0.3
+    np.testing.assert_allclose(taken.true_depth_m[near], expected[near], rtol=1e-3)
+    assert taken.image_rgb.shape == (90, 160, 3)
+
+
+def test_the_depth_camera_is_the_configured_one(imaging):
+    taken = shot(imaging, ImagingConfig(depth=DepthConfig(range_m=90.0)))
+    assert np.nanmax(taken.depth_m) <= 90.0 < np.nanmax(taken.true_depth_m)
+
+
+def test_the_same_generators_give_the_same_shot(imaging):
+    config = ImagingConfig(film=FilmConfig(exposure_s=0.02, rain_mm_h=10.0))
+    first, again = (shot(imaging, config, wide=True, seed=9) for _ in range(2))
+    np.testing.assert_array_equal(first.image_rgb, again.image_rgb)
+    assert first.records == again.records
+    assert np.any(shot(imaging, config, wide=True, seed=10).image_rgb != first.image_rgb)
+
+
+def test_haze_counts_for_the_exposure(imaging):
+    bright = replace(SCENE, horizon=(2.0, 2.0, 2.0), visibility_m=50.0)
+    clear = replace(bright, visibility_m=float("inf"))
+    config = ImagingConfig(sensor=replace(EXACT, exposure_ev=0.0, white_balance=(1.0, 1.0, 1.0)))
+    gains = [shot(imaging, config, scene).records["sensor"]["gain"][1] for scene in (bright, clear)]
+    assert gains[0] < 0.5 * gains[1]
+
+
+def test_rain_shortens_the_visibility_and_the_clear_picture_is_kept_only_when_asked(imaging):
+    config = ImagingConfig(sensor=EXACT, film=FilmConfig(rain_mm_h=25.0), air=AirConfig(model="physical"))
+    taken = shot(imaging, config)
+    assert taken.visibility_m == pytest.approx(3.912023 / (3.912023 / 400.0 + 2.141e-3), rel=1e-3)
+    rngs = [np.random.default_rng([0, k]) for k in range(2)]
+    bare = imaging.take(sea_view(CAMERA), CAMERA, POSE, SCENE, config, *rngs, False, keep_clear=False)
+    assert bare.clear_rgb is None
+    np.testing.assert_array_equal(bare.image_rgb, taken.image_rgb)

@@ -1,0 +1,139 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from deckline.geometry import Camera
+from deckline.sim.camera.lens import Lens, LensConfig, pinhole_for, pixel_rays, random_lens
+from deckline.sim.scene.gl import RendererError, open_context
+from deckline.sim.scene.render import View
+
+BARREL = Camera(320, 200, 180.0, 184.0, 165.0, 96.0, (-0.15, 0.03, 0.002, -0.001, -0.004))
+PINCUSHION = Camera(320, 200, 180.0, 184.0, 155.5, 103.0, (0.08, 0.01, -0.001, 0.002, 0.0))
+LENSES = pytest.mark.parametrize("camera", [BARREL, PINCUSHION])
+
+
+@pytest.fixture(scope="module")
+def lens():
+    try:
+        context = open_context()
+    except RendererError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")
+    yield Lens(context)
+    context.release()
+
+
+def grid(camera):
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    return np.column_stack([u.ravel(), v.ravel()]).astype(float)
+
+
+def plane_depth(camera, normal, offset):
+    """Depth of the plane normal . X = offset in every pixel, NaN where it is not seen."""
+    with np.errstate(divide="ignore"):
+        depth = offset / (camera.rays(grid(camera)) @ normal)
+    return np.where(depth > 0, depth, np.nan).astype(np.float32).reshape(camera.height, camera.width)
+
+
+def dots(camera, points, sigma=1.2):
+    """A picture (H, W, 3) with a soft dot at each pixel (N, 2)."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    light = sum(np.exp(-0.5 * ((u - x) ** 2 + (v - y) ** 2) / sigma**2) for x, y in points)
+    return np.repeat(light[..., None], 3, axis=2).astype(np.float32)
+
+
+@LENSES
+def test_a_point_is_drawn_where_the_lens_projects_it(lens, camera):
+    corners = np.array([[40.0, 30.0], [280.0, 30.0], [40.0, 170.0], [280.0, 170.0], [160.0, 100.0], [60.0, 100.0]])
+    points = camera.rays(corners + 0.37) * 55.0
+    source = pinhole_for(camera)
+    view = View(dots(source, source.project(points)), np.full((source.height, source.width), 55.0, np.float32))
+    picture = lens.warp(view, source, camera).radiance[..., 1].astype(float)
+    for u, v in camera.project(points):
+        box = picture[round(v) - 6 : round(v) + 7, round(u) - 6 : round(u) + 7]
+        rows, columns = np.mgrid[round(v) - 6 : round(v) + 7, round(u) - 6 : round(u) + 7]
+        found = np.array([(box * columns).sum(), (box * rows).sum()]) / box.sum()
+        np.testing.assert_allclose(found, [u, v], atol=0.05)
+
+
+@LENSES
+def test_depth_of_a_plane_is_exact(lens, camera):
+    normal, offset = Rotation.from_euler("zx", [0.1, 0.25]).apply([0.0, 1.0, 0.0]), 18.0  # a deck below, tilted
+    source = pinhole_for(camera)
+    depth = plane_depth(source, normal, offset)
+    got = lens.warp(View(np.zeros((*depth.shape, 3), np.float32), depth), source, camera).depth_m
+    expected = plane_depth(camera, normal, offset)
+    near = expected < 300.0
+    assert near.mean() > 0.2
+    np.testing.assert_allclose(got[near], expected[near], rtol=1e-3)
+    wrong = np.isnan(got) != np.isnan(expected)
+    assert wrong.mean() < 0.005  # the horizon's own pixels
+    assert np.isnan(got).mean() > 0.2
+
+
+def test_depth_is_not_mixed_across_edges(lens):
+    source = pinhole_for(BARREL)
+    depth = np.full((source.height, source.width), 30.0, np.float32)
+    depth[:, source.width // 2 :], depth[: source.height // 2] = 90.0, np.nan
+    got = lens.warp(View(np.zeros((*depth.shape, 3), np.float32), depth), source, BARREL).depth_m
+    values = np.unique(np.round(got[np.isfinite(got)], 3))
+    np.testing.assert_array_equal(values, [30.0, 90.0])
+
+
+def test_without_distortion_nothing_changes(lens):
+    camera = Camera.from_fov(64, 40, 1.0)
+    rng = np.random.default_rng(0)
+    view = View(rng.random((40, 64, 3), np.float32) * 9, rng.uniform(5.0, 80.0, (40, 64)).astype(np.float32))
+    got = lens.warp(view, pinhole_for(camera), camera)
+    np.testing.assert_allclose(got.radiance, view.radiance, atol=1e-4)
+    np.testing.assert_allclose(got.depth_m, view.depth_m, rtol=1e-5)
+
+
+@LENSES
+def test_the_pinhole_sees_every_ray_and_no_much_more(camera):
+    source = pinhole_for(camera)
+    pixels = source.project(camera.rays(grid(camera)))
+    assert (source.fx, source.fy) == (camera.fx, camera.fy)
+    assert pixels.min() >= 1.0
+    assert np.all(pixels.max(axis=0) <= [source.width - 2, source.height - 2])
+    spare = np.array([source.width, source.height]) - np.ptp(pixels, axis=0)
+    assert np.all(spare < 8.0)
+
+
+@pytest.mark.parametrize("camera", [BARREL, PINCUSHION, Camera.from_fov(77, 45, 1.5)])
+def test_fast_rays_are_the_cameras(camera):
+    exact = camera.rays(grid(camera)).reshape(camera.height, camera.width, 3)
+    np.testing.assert_allclose(pixel_rays(camera) * camera.fx, exact * camera.fx, atol=1e-3)
+
+
+def test_drawn_lenses_are_mild_and_named_presets_have_none():
+    camera = Camera.from_fov(640, 360, np.deg2rad(60.0))
+    wide = [random_lens(LensConfig(), camera, np.random.default_rng(k), wide=True) for k in range(60)]
+    bent = [lens for lens in wide if lens.has_distortion]
+    assert 10 < len(bent) < 35
+    ray = np.array([[*((0.0, 0.0) - np.array([camera.cx, camera.cy])) / camera.fx, 1.0]])
+    for lens in bent:
+        moved = lens.project(ray)[0] - [lens.cx, lens.cy]
+        assert abs(np.hypot(*moved) / np.hypot(camera.cx, camera.cy) - 1.0) < 0.12
+    assert np.std([lens.cx for lens in wide]) > 4.0
+    plain = random_lens(LensConfig(), camera, np.random.default_rng(0), wide=False)
+    assert (plain.cx, plain.cy, plain.has_distortion) == (camera.cx, camera.cy, False)
+
+
+def test_a_given_lens_is_kept():
+    camera = Camera.from_fov(640, 360, 1.0)
+    config = LensConfig(distortion=(-0.1, 0.0, 0.001, 0.0, 0.0), principal_offset_px=(3.0, -5.0))
+    lens = random_lens(config, camera, np.random.default_rng(0), wide=True)
+    assert lens.distortion == config.distortion
+    assert (lens.cx, lens.cy) == (camera.cx + 3.0, camera.cy - 5.0)
+
+
+def test_wrong_use_is_named(lens):
+    with pytest.raises(ValueError, match=r"distortion must be 5 finite numbers, got \(0.1, 0.2\)"):
+        LensConfig(distortion=(0.1, 0.2))
+    with pytest.raises(ValueError, match="no ray reaches some of the image's border"):
+        pinhole_for(Camera(320, 200, 100.0, 100.0, 160.0, 100.0, (-0.5, 0.0, 0.0, 0.0, 0.0)))
+    view = View(np.zeros((4, 5, 3), np.float32), np.zeros((4, 5), np.float32))
+    with pytest.raises(ValueError, match=r"the source is 64x40 px, its view \(4, 5\)"):
+        lens.warp(view, Camera.from_fov(64, 40, 1.0), BARREL)
+    with pytest.raises(ValueError, match=r"the source must be a pinhole, got distortion \(-0.15"):
+        lens.warp(view, BARREL, BARREL)

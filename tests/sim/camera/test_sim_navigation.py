@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import attitude
+from deckline.sim.camera.navigation import NavigationConfig, drift, measured_pose
+
+TRUE = RigidTransform.from_components([100.0, -20.0, -30.0], attitude(0.1, -0.05, 2.0))
+
+
+def errors(config, times, seed=0):
+    """Position (N, 3), m, and attitude (N, 3), degrees about the body's axes."""
+    poses = [measured_pose(TRUE, time, config, seed) for time in times]
+    position = np.array([pose.translation - TRUE.translation for pose in poses])
+    turns = [(TRUE.rotation.inv() * pose.rotation).as_rotvec() for pose in poses]
+    return position, np.rad2deg(turns)
+
+
+def test_the_default_is_exact():
+    assert measured_pose(TRUE, 3.0, NavigationConfig(), 0) is TRUE
+
+
+def test_white_noise_has_its_sigma():
+    config = NavigationConfig(position_sigma_m=0.2, attitude_sigma_deg=0.05)
+    position, turn = errors(config, np.arange(2000) * 0.02)
+    np.testing.assert_allclose(position.std(axis=0), 0.2, rtol=0.06)
+    np.testing.assert_allclose(turn.std(axis=0), 0.05, rtol=0.06)
+    assert abs(np.corrcoef(position[1:, 0], position[:-1, 0])[0, 1]) < 0.08
+
+
+@pytest.mark.parametrize("time_s", [0.0, 3.0, 40.0, 123.4])
+def test_bias_has_its_sigma_at_every_time(time_s):
+    config = NavigationConfig(position_bias_m=1.5, attitude_bias_deg=0.1, drift_s=30.0)
+    both = [errors(config, [time_s], seed) for seed in range(600)]
+    np.testing.assert_allclose(np.std([position[0] for position, _ in both], axis=0), 1.5, rtol=0.1)
+    np.testing.assert_allclose(np.std([turn[0] for _, turn in both], axis=0), 0.1, rtol=0.1)
+
+
+@pytest.mark.parametrize("apart_s", [6.0, 20.0, 60.0])
+def test_bias_forgets_with_its_time_constant(apart_s):
+    pairs = np.array([[drift(t, 20.0, [seed, 0]) for t in (50.0, 50.0 + apart_s)] for seed in range(1500)])
+    correlation = np.mean(pairs[:, 0] * pairs[:, 1]) / np.mean(pairs**2)
+    assert correlation == pytest.approx(np.exp(-apart_s / 20.0), abs=0.05)
+
+
+def test_bias_moves_smoothly():
+    values = np.array([drift(t, 60.0, [7, 0]) for t in np.arange(0.0, 60.0, 0.1)])
+    assert np.abs(np.diff(values, axis=0)).max() < 0.1
+    assert np.ptp(values, axis=0).max() > 0.3
+
+
+def test_the_error_follows_from_time_and_seed_alone():
+    config = NavigationConfig(position_sigma_m=0.1, position_bias_m=1.0, attitude_bias_deg=0.1)
+    first, again = (measured_pose(TRUE, 12.3, config, 5) for _ in range(2))
+    np.testing.assert_array_equal(first.as_matrix(), again.as_matrix())
+    moved = measured_pose(RigidTransform.from_translation([5.0, 0.0, 0.0]), 12.3, config, 5)
+    np.testing.assert_allclose(moved.translation - [5.0, 0.0, 0.0], first.translation - TRUE.translation)
+    assert np.any(measured_pose(TRUE, 12.3, config, 6).translation != first.translation)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"position_sigma_m": -0.1}, "position_sigma_m must not be negative, got -0.1"),
+        ({"drift_s": 0.0}, "drift_s must be positive, got 0.0"),
+    ],
+)
+def test_wrong_settings_are_named(settings, message):
+    with pytest.raises(ValueError, match=message):
+        NavigationConfig(**settings)
+
+
+def test_time_must_not_be_negative():
+    with pytest.raises(ValueError, match=r"time must not be negative, got -1.0 s"):
+        drift(-1.0, 60.0, [0])

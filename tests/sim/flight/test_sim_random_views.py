@@ -1,0 +1,117 @@
+import numpy as np
+import pytest
+
+from deckline.geometry import Camera
+from deckline.sim.config import SimConfig
+from deckline.sim.flight.motion import Motion, ship_pose
+from deckline.sim.flight.random_views import APPARENT_WIDTH, away_view, deck_view, draw_range, odd_view, random_view
+from deckline.sim.flight.viewpoint import runway_in_view
+from deckline.sim.ship.layout import class_layout, random_layout
+from deckline.sim.ship.paint import axes
+from deckline.sim.ship.ship_class import load_class
+
+CVN = class_layout(load_class("cvn"))
+TRAIN = SimConfig(preset="train", trajectory="random", width=640, height=360)
+UNDER_WAY = Motion(speed_m_s=10.0, roll_rad=0.02)
+ROUGH = Motion(pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.0, np.pi, 0.0))
+
+
+def over_deck(layout, view):
+    """Distance to the ramp, to the right of the centre line, above the deck."""
+    point = layout.world_from_ship.inv().apply(view.world_from_body.translation)
+    along, right, _ = axes(*layout.centre_m)
+    return -(point[:2] - layout.centre_m[0]) @ along, (point[:2] - layout.centre_m[0]) @ right, -point[2]
+
+
+def test_views_of_named_ships_stay_in_range_and_mostly_show_the_runway():
+    layout, config = CVN, SimConfig(preset="cvn", trajectory="random")
+    shown = []
+    for k in range(60):
+        view = random_view(config, layout, k, np.random.default_rng(k))
+        range_m, lateral, height = over_deck(layout, view)
+        assert 60.0 <= range_m <= 800.0
+        assert abs(lateral) <= 0.2 * range_m + 1e-9
+        assert height >= 3.05
+        assert view.camera.fx == pytest.approx(640.0)
+        shown.append(runway_in_view(view, layout))
+    assert np.mean(np.array(shown) > 0.6) > 0.8
+
+
+def test_training_sees_ships_from_everywhere_but_mostly_from_the_glide_path():
+    layout = CVN
+    views = [random_view(TRAIN, layout, k, np.random.default_rng(k)) for k in range(600)]
+    range_m, lateral, height = np.array([over_deck(layout, view) for view in views]).T
+    shown = np.array([runway_in_view(view, layout) for view in views])
+    over_the_deck = (range_m <= 0.0) & (range_m >= -60.0) & (np.abs(lateral) < 10.0)
+    assert 0.03 < over_the_deck.mean() < 0.10
+    assert (height[over_the_deck] <= 30.0).all()
+    assert 0.03 < np.mean((shown == 0.0) & ~over_the_deck) < 0.10
+    before = (range_m > 0) & (np.abs(lateral) <= 0.25 * range_m + 1e-9)
+    assert before.mean() > 0.8
+    elevation = np.rad2deg(np.arctan(height / (range_m + 70.0)))[before]
+    assert elevation.min() < 2.0
+    assert elevation.max() > 9.0
+    assert height.min() >= 3.05 - 1e-9
+
+
+def test_no_view_is_inside_the_ship_or_the_sea():
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        layout = random_layout(rng)
+        view = (odd_view, away_view)[seed % 2](TRAIN, layout, rng)
+        x, y, z = layout.world_from_ship.inv().apply(view.world_from_body.translation)
+        assert np.hypot(x - layout.length_m / 2, y) >= layout.length_m / 2 + 79.0
+        assert z < 0.0  # above the deck's height
+
+
+def test_views_past_the_ship_show_no_runway_and_views_from_any_side_do():
+    layout = CVN
+    away = [runway_in_view(away_view(TRAIN, layout, np.random.default_rng(k)), layout) for k in range(60)]
+    odd = [runway_in_view(odd_view(TRAIN, layout, np.random.default_rng(k)), layout) for k in range(60)]
+    assert max(away) == 0.0
+    assert np.mean(np.array(odd) > 0.3) > 0.9
+
+
+def test_views_over_the_deck_look_ahead():
+    layout = CVN
+    along, _, _ = axes(*layout.centre_m)
+    for k in range(60):
+        view = deck_view(TRAIN, layout, np.random.default_rng(k))
+        nose = view.world_from_body.rotation.apply([1.0, 0.0, 0.0])[:2]
+        assert nose @ along > np.cos(np.deg2rad(30.0)) * np.hypot(*nose)
+
+
+def test_views_follow_the_ship_under_way_but_not_its_swing():
+    layout, config = CVN, SimConfig(preset="cvn", trajectory="random")
+    still = random_view(config, layout, 30, np.random.default_rng(1))
+    moved = random_view(config, layout, 30, np.random.default_rng(1), UNDER_WAY)
+    shift = np.array(moved.world_from_body.translation) - still.world_from_body.translation
+    np.testing.assert_allclose(shift, [300.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(moved.velocity_m_s - still.velocity_m_s, [10.0, 0.0, 0.0], atol=1e-9)
+    assert (still.time_s, np.linalg.norm(still.velocity_m_s)) == (30.0, pytest.approx(65.0))
+
+
+def test_views_stay_clear_of_a_ramp_that_rises():
+    for k in range(40):
+        view = random_view(TRAIN, CVN, k, np.random.default_rng(k), ROUGH)
+        ramp = ship_pose(CVN, ROUGH, float(k)).apply([*CVN.centre_m[0], 0.0])
+        assert ramp[2] - view.world_from_body.translation[2] > 3.0
+
+
+def test_training_draws_fields_of_view_that_show_something():
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        layout = random_layout(rng)
+        range_m, fov = draw_range(TRAIN, layout, rng)
+        assert 30.0 <= range_m <= 1500.0
+        assert np.deg2rad(10.0) <= fov <= np.deg2rad(90.0)
+        width = np.hypot(*(layout.right_m[0] - layout.left_m[0]))
+        apparent = width * Camera.from_fov(100, 50, fov).fx / range_m / 100
+        assert APPARENT_WIDTH[0] <= apparent <= APPARENT_WIDTH[1]
+
+
+def test_fixed_field_of_view_is_kept():
+    config = SimConfig(preset="train", trajectory="random", fixed_fov=True, fov_deg=33.0)
+    views = [random_view(config, CVN, k, np.random.default_rng(k)) for k in range(30)]
+    focal = 640.0 / np.tan(np.deg2rad(16.5))
+    np.testing.assert_allclose([view.camera.fx for view in views], focal)

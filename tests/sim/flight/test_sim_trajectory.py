@@ -1,0 +1,177 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deckline.geometry import camera_mount
+from deckline.sim.config import SimConfig
+from deckline.sim.flight.flight import FlightConfig
+from deckline.sim.flight.motion import Motion, ship_pose
+from deckline.sim.flight.trajectory import approach_view, flight_path, path_view, profile_height, profile_view
+from deckline.sim.flight.viewpoint import runway_in_view
+from deckline.sim.ship.layout import class_layout
+from deckline.sim.ship.paint import axes
+from deckline.sim.ship.ship_class import load_class
+
+CVN = class_layout(load_class("cvn"))
+PAPER_SHIP = class_layout(load_class("paper"))
+PAPER = SimConfig(preset="paper", frames=50)
+UNDER_WAY = Motion(speed_m_s=12.9, roll_rad=0.03, pitch_rad=0.02, heave_m=1.6)
+WINDY = FlightConfig(headwind_m_s=8.0, crosswind_m_s=6.0)
+
+
+def over_deck(layout, position_m):
+    """Distance to the ramp, to the right of the centre line, and above the deck of a world position (N, 3)."""
+    points = layout.world_from_ship.inv().apply(position_m)
+    along, right, _ = axes(*layout.centre_m)
+    across = points[:, :2] - layout.centre_m[0]
+    return -across @ along, across @ right, -points[:, 2]
+
+
+def sailed(layout, time_s, motion=UNDER_WAY):
+    """The ship after a time, by its heading's compass angle."""
+    yaw = layout.world_from_ship.rotation.as_euler("ZYX")[0]
+    shift = motion.speed_m_s * time_s * np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    moved = np.array(layout.world_from_ship.translation) + shift
+    return layout.posed(type(layout.world_from_ship).from_components(moved, layout.world_from_ship.rotation))
+
+
+def positions(views):
+    return np.array([view.world_from_body.translation for view in views])
+
+
+def test_approach_follows_the_glideslope_in_equal_times():
+    layout = PAPER_SHIP
+    views = [approach_view(PAPER, layout, k) for k in range(50)]
+    ranges, lateral, height = over_deck(layout, positions(views))
+    np.testing.assert_allclose(ranges, np.linspace(800.0, 12.0, 50), atol=1e-6)
+    np.testing.assert_allclose(np.diff([view.time_s for view in views]), 788.0 / 49 / 65.0)
+    assert np.abs(height - (ranges + 70.0) * np.tan(np.deg2rad(3.5))).max() < 8.0
+    assert np.abs(lateral).max() < 24.0
+    assert height.min() >= 3.05 - 1e-9
+    assert min(runway_in_view(view, layout) for view in views[:40]) == 1.0
+
+
+def test_an_approach_to_a_moving_ship_keeps_the_glideslope_over_its_steady_deck():
+    layout = CVN
+    config = replace(PAPER, preset="cvn", frames=20)
+    for k in range(20):
+        still = approach_view(config, layout, k)
+        view = approach_view(config, layout, k, motion=UNDER_WAY)
+        ranges, _, height = over_deck(sailed(layout, view.time_s), positions([view]))
+        still_ranges, _, _ = over_deck(layout, positions([still]))
+        np.testing.assert_allclose(ranges, still_ranges, atol=1e-6)
+        assert abs(height[0] - (ranges[0] + 70.0) * np.tan(np.deg2rad(3.5))) < 8.0
+
+
+def test_no_approach_meets_a_ramp_that_rises():
+    motion = replace(UNDER_WAY, pitch_rad=0.03, heave_m=3.0)
+    config = replace(PAPER, preset="cvn", frames=60)
+    close = []
+    for k in range(60):
+        view = approach_view(config, CVN, k, motion=motion)
+        ramp = ship_pose(CVN, motion, view.time_s).apply([*CVN.centre_m[0], 0.0])
+        close.append(ramp[2] - view.world_from_body.translation[2])
+    assert min(close) >= 3.05 - 1e-9
+
+
+@pytest.mark.parametrize("motion", [Motion(), UNDER_WAY], ids=["still", "under way"])
+def test_the_aircraft_keeps_its_speed_through_the_air(motion):
+    layout, config = CVN, SimConfig(preset="cvn", frames=2)
+    path = flight_path(config, layout, WINDY, motion, "ahead", 800.0, lambda range_m: range_m * 0.06)
+    along = np.array([np.cos(np.deg2rad(8.49)), -np.sin(np.deg2rad(8.49))])  # the class's deck, heading north
+    wind = -8.0 * along - 6.0 * np.array([-along[1], along[0]])
+    velocity = np.array([motion.speed_m_s, 0.0]) + path.closing_m_s * along
+    assert np.linalg.norm(velocity - wind) == pytest.approx(65.0)
+    nose = np.mean([path_view(replace(config, frames=400), path, k).world_from_body.rotation.apply([1.0, 0.0, 0.0])
+                    for k in range(0, 400, 10)], axis=0)  # fmt: skip
+    through_air = velocity - wind
+    turned = np.arctan2(nose[1], nose[0]) - np.arctan2(through_air[1], through_air[0])
+    assert abs(np.rad2deg(turned)) < 1.0  # no sideslip on average; the nose shakes by half a degree
+
+
+def test_velocity_and_angular_rate_are_those_of_the_poses():
+    config = SimConfig(preset="cvn", frames=100001)
+    flight = FlightConfig(turbulence_m_s=1.5, crosswind_m_s=5.0)
+    for view_of in (approach_view, profile_view):
+        for index in (0, 50000, 99990):
+            before, now, after = (view_of(config, CVN, index + k, flight, UNDER_WAY) for k in (-1, 0, 1))
+            step = after.time_s - before.time_s
+            moved = positions([after])[0] - positions([before])[0]
+            np.testing.assert_allclose(now.velocity_m_s, moved / step, atol=2e-2)
+            forward = np.array([0.0, 0.0, 1.0])
+            sight = [view.world_from_camera.rotation.apply(forward) for view in (before, now, after)]
+            rate = now.world_from_body.rotation.apply(now.angular_rate_rad_s)
+            np.testing.assert_allclose(np.cross(rate, sight[1]), (sight[2] - sight[0]) / step, atol=2e-3)
+
+
+def test_offsets_are_closed_on_the_way():
+    layout, config = CVN, SimConfig(preset="cvn", frames=41)
+    flight = FlightConfig(lateral_offset_m=60.0, vertical_offset_m=-9.0)
+    plain, offset = ([approach_view(config, layout, k, f) for k in range(41)] for f in (FlightConfig(), flight))
+    _, lateral, height = np.array(over_deck(layout, positions(offset))) - over_deck(layout, positions(plain))
+    assert (lateral[0], height[0]) == (pytest.approx(60.0), pytest.approx(-9.0))
+    np.testing.assert_allclose(lateral[29:], 0.0, atol=1e-9)
+    assert (np.diff(lateral) < 1e-9).all()
+
+
+def test_profile_passes_the_papers_points():
+    layout, config = PAPER_SHIP, replace(PAPER, frames=160)
+    views = [profile_view(config, layout, k) for k in range(160)]
+    ranges, lateral, height = over_deck(layout, positions(views))
+    assert ranges[0] == pytest.approx(5000.0)
+    assert ranges[-1] == pytest.approx(12.0)
+    assert np.abs(lateral).max() < 24.0
+    assert profile_height()(np.array([4000.0, 800.0, -70.0])) == pytest.approx([300.0, 60.0, 0.0])
+    assert abs(np.interp(-800.0, -ranges, height) - 60.0) < 2.5  # flown about the path
+    assert (np.diff(profile_height()(ranges)) < 0).all()
+    speed = np.linalg.norm(np.diff(positions(views), axis=0), axis=1) / np.diff([view.time_s for view in views])
+    np.testing.assert_allclose(speed, 65.0, rtol=0.02)
+
+
+def test_profile_has_no_kinks():
+    layout, config = PAPER_SHIP, replace(PAPER, frames=600)
+    flight = FlightConfig(lateral_offset_m=100.0)
+    velocity = np.array([profile_view(config, layout, k, flight).velocity_m_s for k in range(0, 600, 2)])
+    step_s = 2 * 4988.0 / 65.0 / 599
+    assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / step_s < 0.5 * 9.81
+
+
+def test_the_profiles_camera_points_at_the_touchdown_point_with_a_level_horizon():
+    layout, config = PAPER_SHIP, replace(PAPER, frames=12)
+    along, _, _ = axes(*layout.centre_m)
+    spot = layout.world_from_ship.apply([*(layout.centre_m[0] + 70.0 * along), 0.0])
+    for k in range(12):
+        view = profile_view(config, layout, k, WINDY)
+        u, v = view.camera.project(view.world_from_camera.inv().apply(spot[None]))[0]
+        np.testing.assert_allclose([u, v], [639.5, 359.5], atol=1e-6)
+        assert abs(view.world_from_camera.rotation.apply([1.0, 0.0, 0.0])[2]) < 1e-12
+        through_air = view.velocity_m_s[:2] - path_wind(layout)
+        nose = view.world_from_body.rotation.apply([1.0, 0.0, 0.0])[:2]
+        assert abs(np.cross(np.append(nose, 0.0), np.append(through_air, 0.0))[2]) / np.linalg.norm(through_air) < 0.05
+
+
+def path_wind(layout):
+    ends = layout.world_from_ship.apply(np.column_stack([layout.centre_m, np.zeros(2)]))
+    along = (ends[1] - ends[0])[:2] / np.linalg.norm(ends[1] - ends[0])
+    return -8.0 * along - 6.0 * np.array([-along[1], along[0]])
+
+
+def test_an_approach_looks_along_the_aircraft_unless_told_to_point():
+    layout = CVN
+    config = replace(PAPER, preset="cvn")
+    fixed, pointed = (approach_view(config, layout, 20, FlightConfig(pointing=p)) for p in (None, "runway"))
+    np.testing.assert_allclose(fixed.body_from_camera.as_matrix(), camera_mount().as_matrix())
+    assert np.abs(pointed.body_from_camera.as_matrix() - camera_mount().as_matrix()).max() > 1e-3
+
+
+def test_a_frame_depends_on_seed_and_index_alone():
+    layout = CVN
+    config, flight = SimConfig(preset="train", frames=30, seed=4), FlightConfig()
+    late = approach_view(config, layout, 25, flight, UNDER_WAY)
+    for k in range(5):
+        approach_view(config, layout, k, flight, UNDER_WAY)
+    again = approach_view(config, layout, 25, flight, UNDER_WAY)
+    np.testing.assert_array_equal(late.world_from_body.as_matrix(), again.world_from_body.as_matrix())
+    other = approach_view(replace(config, seed=5), layout, 25, flight, UNDER_WAY)
+    assert np.abs(late.world_from_body.as_matrix() - other.world_from_body.as_matrix()).max() > 0.1

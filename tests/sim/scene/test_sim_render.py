@@ -1,0 +1,361 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera, camera_mount, intersect_plane
+from deckline.sim.camera.sensor import DISPLAY_GAMMA
+from deckline.sim.flight.viewpoint import looking
+from deckline.sim.scene import gl
+from deckline.sim.scene.bake import noise_field, texture_size
+from deckline.sim.scene.gl import RendererError
+from deckline.sim.scene.render import KEPT_TARGETS, Quality, Renderer, deck_mesh
+from deckline.sim.scene.weather import random_weather
+from deckline.sim.ship.layout import class_layout, random_layout, world_points
+from deckline.sim.ship.markings import edge_coat
+from deckline.sim.ship.mesh import box
+from deckline.sim.ship.paint import axes, layers
+from deckline.sim.ship.plan import DeckSurface
+from deckline.sim.ship.random_plan import random_edge
+from deckline.sim.ship.ship import Ship
+from deckline.sim.ship.ship_class import SHIP_CLASSES, load_class
+
+SUN = np.array([0.6, 0.0, 0.8])
+CVN, PAPER = load_class("cvn"), load_class("paper")
+CVN_EDGE, PAPER_EDGE = CVN.plan.edge, PAPER.plan.edge
+CAMERA = Camera.from_fov(640, 360, np.deg2rad(60.0))
+CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0, sun_rgb=(0.9, 0.9, 0.85))
+
+
+def shown(view):
+    """Levels 0..255 as a plain display shows them."""
+    return 255.0 * np.clip(view.radiance, 0.0, 1.0) ** (1 / DISPLAY_GAMMA)
+
+
+def clean_ship(layout, style, solids=None):
+    """Nothing but the edge markings on an even dark deck, and a crate at the bow unless solids are given."""
+    if solids is None:
+        solids = box(layout.length_m - 2.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0, (0.1, 0.1, 0.1))
+    surface = DeckSurface((0.1, 0.1, 0.1), grain=0.0, wear=0.0, noise_offset=(0.0, 0.0))
+    coat = layers([edge_coat(layout.left_m, style), edge_coat(layout.right_m, style)])
+    return Ship(layout, coat, surface, solids, 15.0, texels_per_m=12.0)
+
+
+def camera_pose(layout, range_m, height_m, lateral_m, nudge=(0.0, 0.0, 0.0), look_m=40.0):
+    """world_from_camera before the ramp, looking parallel to the runway before the nudge (roll, pitch, yaw)."""
+    along, right, _ = axes(*layout.centre_m)
+    spots = layout.centre_m[0] + lateral_m * right + np.array([[-range_m], [look_m]]) * along
+    position, target = world_points(layout, spots[:1], height_m)[0], world_points(layout, spots[1:])[0]
+    return looking(position, target, np.array(nudge)) * camera_mount()
+
+
+def marking_offsets(image, camera, world_from_camera, layout, line, half_width_m):
+    """Per image row: u of the painted marking's centroid minus u of the true line."""
+    along, right, length = axes(*line)
+    offsets = []
+    for s in np.linspace(6.0, 0.6 * length, 300):
+        at = line[0] + s * along
+        edges = np.array([at - 1.4 * half_width_m * right, at, at + 1.4 * half_width_m * right])
+        (u0, _), (_, v), (u1, _) = camera.project(world_from_camera.inv().apply(world_points(layout, edges)))
+        row = round(v)
+        low, high = int(np.floor(min(u0, u1))), int(np.ceil(max(u0, u1)))
+        if not (0 <= row < camera.height and low >= 0 and high < camera.width):
+            continue
+        truth = line_at_row(camera, world_from_camera, layout, line, row)
+        level = image[row, low : high + 1].mean(axis=1)
+        paint = np.clip(level - np.min(level) - 8.0, 0.0, None)
+        if paint.sum() > 40.0:
+            offsets.append((paint @ np.arange(low, high + 1)) / paint.sum() - truth)
+    return np.array(offsets)
+
+
+def line_at_row(camera, world_from_camera, layout, line, row):
+    ends = camera.project(world_from_camera.inv().apply(world_points(layout, line)))
+    slope = (ends[1, 0] - ends[0, 0]) / (ends[1, 1] - ends[0, 1])
+    return ends[0, 0] + slope * (row - ends[0, 1])
+
+
+def ships():
+    for name in SHIP_CLASSES:
+        ship_class = load_class(name)
+        yield name, class_layout(ship_class), ship_class.plan.edge
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        yield f"train {seed}", random_layout(rng), random_edge(rng)
+
+
+@pytest.mark.parametrize(("layout", "style"), [pytest.param(x, y, id=name) for name, x, y in ships()])
+def test_painted_middle_is_the_true_line(renderer, layout, style):
+    renderer.load(clean_ship(layout, style), SUN)
+    pose = camera_pose(layout, 45.0, 14.0, 3.0)
+    image = 255.0 * renderer.render(CAMERA, pose, CALM).radiance
+    for line in (layout.left_m, layout.right_m):
+        offsets = marking_offsets(image, CAMERA, pose, layout, line, style.width_m / 2)
+        assert len(offsets) > 30
+        assert abs(np.median(offsets)) < 0.05
+        assert abs(np.mean(offsets)) < 0.05
+        assert np.percentile(np.abs(offsets), 99) < 0.5
+
+
+def test_a_line_painted_elsewhere_is_noticed(renderer):
+    layout = class_layout(CVN)
+    moved = replace(layout, left_m=layout.left_m + np.array([0.0, 0.5]))
+    renderer.load(clean_ship(moved, CVN_EDGE), SUN)
+    pose = camera_pose(layout, 45.0, 14.0, 3.0)
+    image = shown(renderer.render(CAMERA, pose, CALM))
+    assert np.median(marking_offsets(image, CAMERA, pose, layout, layout.left_m, 2.2)) > 1.0
+
+
+@pytest.mark.parametrize("range_m", [60.0, 800.0])
+def test_deck_depth_is_the_distance_to_its_plane(renderer, range_m):
+    layout = class_layout(PAPER)
+    renderer.load(clean_ship(layout, PAPER_EDGE), SUN)
+    camera = Camera.from_fov(640, 360, np.deg2rad(60.0 if range_m < 100 else 12.0))
+    pose = camera_pose(layout, range_m, 0.06 * range_m + 8.0, 5.0, nudge=(0.1, 0.02, 0.03))
+    depth = renderer.render(camera, pose, CALM).depth_m
+    along, _, length = axes(*layout.centre_m)
+    on_deck = world_points(layout, layout.centre_m[0] + np.linspace(10, 0.9 * length, 60)[:, None] * along)
+    pixels = np.rint(camera.project(pose.inv().apply(on_deck))).astype(int)
+    pixels = pixels[np.all((pixels >= 0) & (pixels < [640, 360]), axis=1)]
+    hits = intersect_plane(pose.translation, pose.rotation.apply(camera.rays(pixels)), 6.08)
+    expected = pose.inv().apply(hits)[:, 2]
+    assert len(pixels) > 30
+    np.testing.assert_allclose(depth[pixels[:, 1], pixels[:, 0]], expected, rtol=2e-5)
+
+
+def test_sea_depth_is_the_distance_to_the_water_and_the_sky_has_none(renderer):
+    layout = class_layout(CVN)
+    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    pose = camera_pose(layout, 400.0, 35.0, 0.0)
+    depth = renderer.render(CAMERA, pose, CALM, with_ship=False).depth_m
+    v, u = np.mgrid[0:360:7, 0:640:11]
+    rays = pose.rotation.apply(CAMERA.rays(np.column_stack([u.ravel(), v.ravel()])))
+    expected = pose.inv().apply(intersect_plane(pose.translation, rays, 0.0))[:, 2]
+    got = depth[v.ravel(), u.ravel()]
+    np.testing.assert_array_equal(np.isnan(got), np.isnan(expected))
+    near = expected < 5000.0
+    assert near.sum() > 100
+    np.testing.assert_allclose(got[near], expected[near], rtol=1e-4)
+
+
+def test_nearer_solids_hide_the_deck(renderer):
+    layout = class_layout(CVN)
+    middle = layout.centre_m[0] + 30.0 * axes(*layout.centre_m)[0]
+    wall = box(middle[0], middle[1], 0.0, (2.0, 2.0, 6.0), 0.0, (1.0, 0.0, 0.0))
+    renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
+    pose = camera_pose(layout, 20.0, 8.0, 0.0)
+    view = renderer.render(CAMERA, pose, CALM)
+    u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, middle[None], 3.0))))[0].astype(int)
+    assert view.radiance[v, u, 0] > 4 * view.radiance[v, u, 1]
+    assert 45.0 < view.depth_m[v, u] < 50.0
+
+
+def test_the_water_closes_over_what_reaches_below_it(renderer):
+    layout = class_layout(CVN)
+    keel = box(-30.0, 0.0, 35.0, (2.0, 20.0, 25.0), 0.0, (1.0, 0.0, 0.0))  # from 10 to 35 m below the deck
+    renderer.load(clean_ship(layout, CVN_EDGE, keel), SUN)
+    pose = camera_pose(layout, 150.0, 25.0, 0.0)
+    points = world_points(layout, np.full((2, 2), [-31.0, 0.0])) + np.array([[0.0, 0.0, 19.0], [0.0, 0.0, 21.5]])
+    (u, v), (u1, v1) = np.rint(CAMERA.project(pose.inv().apply(points))).astype(int)
+    view = renderer.render(CAMERA, pose, CALM)
+    assert view.radiance[v, u, 0] > 4 * view.radiance[v, u, 1]
+    assert view.radiance[v1, u1, 0] < 2 * view.radiance[v1, u1, 1]
+    rays = pose.rotation.apply(CAMERA.rays(np.array([[u1, v1]])))
+    water = pose.inv().apply(intersect_plane(pose.translation, rays, layout.sea_z_m))[0, 2]
+    assert view.depth_m[v1, u1] == pytest.approx(water, rel=1e-4)
+
+
+def test_other_ships_keep_their_distance(renderer):
+    layout = class_layout(CVN)
+    other = box(900.0, 0.0, layout.sea_z_m, (20.0, 80.0, 60.0), 0.0, (1.0, 0.0, 0.0))
+    renderer.load(replace(clean_ship(layout, CVN_EDGE), background=other), SUN)
+    away = RigidTransform.from_translation([5000.0, 300.0, 1.0]) * layout.world_from_ship
+    pose = camera_pose(layout, 300.0, 60.0, 0.0)
+    moved = RigidTransform.from_translation([5000.0, 300.0, 0.0]) * pose
+    at_rest = renderer.render(CAMERA, pose, CALM, with_ship=False)
+    elsewhere = renderer.render(CAMERA, moved, CALM, with_ship=False, world_from_ship=away)
+    u, v = np.rint(CAMERA.project(pose.inv().apply([[890.0, 0.0, layout.sea_z_m - 50.0]])))[0].astype(int)
+    other_at = np.abs(at_rest.depth_m - at_rest.depth_m[v, u]) < 15.0
+    assert 1150.0 < at_rest.depth_m[v, u] < 1210.0
+    assert other_at.sum() > 50
+    np.testing.assert_allclose(elsewhere.depth_m[other_at], at_rest.depth_m[other_at], rtol=1e-4)
+
+
+def test_lamps_shine_when_lit_and_not_through_solids(renderer):
+    layout = class_layout(CVN)
+    spot = layout.centre_m[0] + 60.0 * axes(*layout.centre_m)[0]
+    lights = np.array([[*spot, -0.5, 0.0, 1.0, 0.0, 1.0]], dtype=np.float32)
+    pose, seen = camera_pose(layout, 100.0, 20.0, 0.0), []
+    (u, v), *_ = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, spot[None], 0.5)))).astype(int)
+    wall = box(spot[0] - 20.0, spot[1] + 3.0, 0.0, (1.0, 20.0, 20.0), 0.0, (0.3, 0.3, 0.3))
+    for lamps, solids in ((0.0, None), (1.0, None), (1.0, wall)):
+        renderer.load(replace(clean_ship(layout, CVN_EDGE, solids), lights=lights), SUN)
+        view = renderer.render(CAMERA, pose, replace(CALM, lamps=lamps))
+        red, green, _ = view.radiance[v - 1 : v + 2, u - 1 : u + 2].sum(axis=(0, 1))
+        seen.append(green - red)
+    assert seen[1] > seen[0] + 0.5
+    assert seen[2] < seen[0] + 0.1
+
+
+def test_land_lies_around_a_runway_on_land(renderer):
+    weather = replace(CALM, ground_rgb=(0.5, 0.4, 0.1), field_rgb=(0.5, 0.4, 0.1), fade_m=1e6)
+    layout = class_layout(load_class("runway"))
+    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    pose = camera_pose(layout, 300.0, 60.0, 0.0)
+    land = renderer.render(CAMERA, pose, weather, with_ship=False)
+    below = land.radiance[340:]
+    assert np.median(below[..., 0]) > 4 * np.median(below[..., 2])
+    assert np.isfinite(land.depth_m[340:]).all()
+
+
+def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
+    layout = class_layout(CVN)
+    wall = box(40.0, 0.0, 0.0, (1.0, 20.0, 12.0), 0.0, (1.0, 0.0, 0.0))
+    renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
+    pose = camera_pose(layout, 30.0, 10.0, 0.0, nudge=(0.1, 0.0, 0.0))
+    smooth, jagged = (shown(renderer.render(CAMERA, pose, CALM, quality=Quality(samples=n))) for n in (4, 1))
+    changed = np.abs(smooth.astype(int) - jagged).max(axis=2) > 8
+    assert 0 < changed.mean() < 0.03
+
+
+def test_the_deck_is_all_of_its_outline():
+    for layout in (
+        class_layout(CVN),
+        class_layout(PAPER),
+        *(random_layout(np.random.default_rng(k)) for k in range(5)),
+    ):
+        corners = deck_mesh(layout)[:, :3].reshape(-1, 3, 3).astype(float)
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+        assert area == pytest.approx(np.trapezoid(layout.starboard_m - layout.port_m, layout.stations_m), rel=1e-6)
+        assert len(corners) < 2 * len(layout.stations_m) - 2
+
+
+def test_the_deck_faces_up():
+    normals = deck_mesh(class_layout(CVN))[:, 3:6]
+    np.testing.assert_allclose(normals, np.broadcast_to([0.0, 0.0, -1.0], normals.shape), atol=1e-6)
+
+
+def test_a_white_deck_in_full_daylight_is_one(renderer):
+    layout = class_layout(CVN)
+    white = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((1.0, 1.0, 1.0), 0.0, 0.0, (0.0, 0.0)))
+    renderer.load(white, SUN)
+    pose = camera_pose(layout, 30.0, 40.0, 0.0, look_m=80.0)
+    seen = renderer.render(CAMERA, pose, CALM).radiance[120:240, 280:360].reshape(-1, 3)
+    expected = np.array(CALM.ambient_rgb) + 0.8 * np.array(CALM.sun_rgb) + CALM.flood_rgb
+    np.testing.assert_allclose(np.median(seen, axis=0), expected, rtol=2e-3)
+
+
+def test_reflectance_is_a_display_colour_in_linear_light(renderer):
+    layout = class_layout(CVN)
+    spot = layout.centre_m[0] + 40.0 * axes(*layout.centre_m)[0]
+    pose = camera_pose(layout, 30.0, 40.0, 0.0)
+    seen = []
+    for level in (0.2, 0.6):
+        ship = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((level,) * 3, 0.0, 0.0, (0.0, 0.0)))
+        renderer.load(ship, SUN)
+        u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, spot[None]))))[0].astype(int)
+        seen.append(renderer.render(CAMERA, pose, CALM).radiance[v, u].mean())
+    srgb = [((level + 0.055) / 1.055) ** 2.4 for level in (51 / 255, 153 / 255)]
+    assert seen[1] / seen[0] == pytest.approx(srgb[1] / srgb[0], rel=0.01)
+
+
+@pytest.mark.parametrize("elevation_deg", [25.0, 45.0])
+def test_shadow_is_as_long_as_the_sun_is_low(renderer, elevation_deg):
+    layout, height = class_layout(CVN), 12.0
+    crate = box(80.0, -10.0, 0.0, (6.0, 6.0, height), 0.0, (0.5, 0.5, 0.5))
+    elevation = np.deg2rad(elevation_deg)
+    sun = np.array([0.0, np.cos(elevation), np.sin(elevation)])  # light travels to starboard
+    weather = replace(CALM, sun_rgb=(1.0, 1.0, 1.0), shadow=1.0)
+    bare = replace(clean_ship(layout, CVN_EDGE, crate), coat=layers([]))
+    renderer.load(bare, sun)
+    pose = camera_pose(layout, -60.0, 70.0, 0.0, look_m=81.0)
+    across = np.arange(-30.0, 30.0, 0.1)
+    points = world_points(layout, np.column_stack([np.full_like(across, 80.0), across]))
+    pixels = np.rint(CAMERA.project(pose.inv().apply(points))).astype(int)
+    level = renderer.render(CAMERA, pose, weather).radiance[pixels[:, 1], pixels[:, 0]].mean(axis=1)
+    lit = level[across > 25.0].mean()
+    dark = (level < 0.6 * lit) & (across > -6.5)
+    np.testing.assert_allclose(level[across < -18.0], lit, rtol=0.02)  # towards the sun
+    assert across[dark].max() == pytest.approx(-7.0 + height / np.tan(elevation), abs=0.5)
+    assert dark[(across > -6.0) & (across < -7.5 + height / np.tan(elevation))].all()
+
+
+def test_without_shadows_the_deck_is_even(renderer):
+    layout = class_layout(CVN)
+    crate = box(80.0, -10.0, 0.0, (6.0, 6.0, 12.0), 0.0, (0.5, 0.5, 0.5))
+    renderer.load(clean_ship(layout, CVN_EDGE, crate), np.array([0.0, 0.8, 0.6]))
+    pose = camera_pose(layout, -60.0, 70.0, 0.0, look_m=81.0)
+    spots = world_points(layout, np.array([[80.0, 2.0], [80.0, 28.0]]))
+    (u, v), (u1, v1) = np.rint(CAMERA.project(pose.inv().apply(spots))).astype(int)
+    seen = renderer.render(CAMERA, pose, replace(CALM, shadow=0.0)).radiance
+    np.testing.assert_allclose(seen[v, u], seen[v1, u1], rtol=1e-3)
+
+
+def test_light_is_not_clipped(renderer):
+    layout = class_layout(CVN)
+    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    pose = looking(np.array([-300.0, 0.0, -50.0]), np.array([-300.0 - 60.0, 0.0, -50.0 - 80.0]), np.zeros(3))
+    view = renderer.render(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=30.0))
+    assert view.radiance.max() > 5.0
+    assert np.isnan(view.depth_m).all()
+
+
+def test_noise_is_tileable_and_centred():
+    noise = noise_field(64).astype(float)
+    np.testing.assert_allclose(noise.mean(axis=(0, 1)), 127.5, atol=2.0)
+    inner = np.abs(np.diff(noise, axis=0)).mean()
+    assert np.abs(noise[0] - noise[-1]).mean() < 1.5 * inner
+
+
+def test_deck_textures_halve_evenly():
+    for extent in ((333.0, 77.0), (150.0, 31.0), (201.0, 64.5)):
+        size = texture_size(np.array(extent), 8.0)
+        assert all(n & (n - 1) == 0 for n in size)
+        assert size[1] / extent[1] >= 8.0
+        assert 5.6 < size[0] / extent[0] < 11.4
+
+
+def test_wrong_use_is_named(renderer):
+    layout = class_layout(CVN)
+    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    pose = camera_pose(layout, 100.0, 10.0, 0.0)
+    with pytest.raises(ValueError, match=r"draws a pinhole, got distortion \(0.1"):
+        renderer.render(replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)), pose, CALM)
+    with pytest.raises(ValueError, match=r"above the sea \(z < 0.00 m\), got z = 10.00 m"):
+        renderer.render(CAMERA, camera_pose(layout, 100.0, -30.0, 0.0), CALM)
+
+
+def test_missing_egl_names_the_packages(monkeypatch):
+    def refuse(**_):
+        raise Exception("libEGL.so not loaded")
+
+    monkeypatch.setattr(gl.moderngl, "create_context", refuse)
+    with pytest.raises(RendererError, match=r"libEGL.so not loaded.*apt-get install libegl1 libgl1-mesa-dri"):
+        gl.open_context()
+
+
+def test_two_renderers_do_not_disturb_each_other(renderer):
+    layout = class_layout(PAPER)
+    ship, pose = clean_ship(layout, PAPER_EDGE), camera_pose(layout, 80.0, 15.0, 0.0)
+    renderer.load(ship, SUN)
+    alone = renderer.render(CAMERA, pose, CALM)
+    with Renderer() as other:
+        other.load(ship, -SUN * [1, 1, -1])
+        between = other.render(CAMERA, pose, CALM)
+        again = renderer.render(CAMERA, pose, CALM)
+    after = renderer.render(CAMERA, pose, CALM)
+    for view in (again, after):
+        np.testing.assert_array_equal(view.radiance, alone.radiance)
+        np.testing.assert_array_equal(view.depth_m, alone.depth_m)
+    np.testing.assert_array_equal(between.depth_m, alone.depth_m)
+    assert np.abs(between.radiance - alone.radiance).max() > 0.01
+
+
+def test_frame_buffers_of_old_sizes_are_given_back(renderer):
+    layout = class_layout(PAPER)
+    renderer.load(clean_ship(layout, PAPER_EDGE), SUN)
+    pose = camera_pose(layout, 80.0, 15.0, 0.0)
+    for width in range(64, 64 + 2 * KEPT_TARGETS):
+        assert renderer.render(Camera.from_fov(width, 36, 1.0), pose, CALM).depth_m.shape == (36, width)
+    assert len(renderer.targets) == KEPT_TARGETS

@@ -1,0 +1,24 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deckline.sim.scene.daylight import sun_direction
+from deckline.sim.scene.shadow import light_from_ship
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_every_caster_lies_on_the_map_and_light_runs_along_its_depth(seed):
+    rng = np.random.default_rng(seed)
+    sun, points = sun_direction(rng), rng.uniform(-200.0, 200.0, (30, 3))
+    matrix = light_from_ship(sun, points)
+    spots = points @ matrix[:3, :3].T + matrix[:3, 3]
+    assert np.all((spots > 0.0) & (spots < 1.0))
+    step = matrix[:3, :3] @ sun
+    np.testing.assert_allclose(step[:2], 0.0, atol=1e-12)
+    assert step[2] > 0
+
+
+def test_a_sun_along_the_ship_is_no_exception():
+    matrix = light_from_ship(np.array([1.0, 0.0, 0.0]), np.eye(3))
+    assert np.all(np.isfinite(matrix))
+    assert np.linalg.matrix_rank(matrix) == 4
