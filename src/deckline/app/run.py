@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import FrameType
 from typing import Any, BinaryIO
@@ -21,7 +22,7 @@ from deckline.app.run_folder import CSV, REPORT, VIDEO, RunFolder, resume_folder
 from deckline.app.run_report import report_text, run_info
 from deckline.app.video import VideoPiece, join
 from deckline.pipeline import FrameResult
-from deckline.recording import BadFrame, FrameError, Source
+from deckline.recording import BadFrame, FrameError, Source, Stream
 from deckline.types import Frame, Status
 
 INTERRUPTED, NOTHING_USABLE = 130, 1  # exit codes
@@ -48,7 +49,7 @@ class RunSummary:
 
 
 def run(
-    source: Source,
+    source: Stream,
     pipeline: Chain,
     out: Path,
     *,
@@ -61,6 +62,7 @@ def run(
 
     Frames that cannot be used are named on stderr, counted and left out. Ctrl-C ends the run after the frame at hand:
     what was written is whole, and `resume` goes on from there. An earlier run in `out` is replaced at the end.
+    A source without an end is run until Ctrl-C or `max_frames`, and cannot be resumed.
 
     Args:
         source: frames in their order.
@@ -76,18 +78,21 @@ def run(
     """
     if max_frames is not None and max_frames < 1:
         raise ValueError(f"max_frames must be at least 1, got {max_frames}")
-    total = len(source) if max_frames is None else min(len(source), max_frames)
+    if resume and not isinstance(source, Source):
+        raise ValueError(f"{source.name}: what was not seen live is gone: leave resume out, or choose another folder")
+    total = min((limit for limit in (source.length, max_frames) if limit is not None), default=None)
     settings = settings_of(pipeline)
-    state = {"source": source.name, "frames": str(len(source)), "overlay": str(overlay)} | settings
+    state = {"source": source.name, "frames": str(source.length), "overlay": str(overlay)} | settings
     folder = (resume_folder if resume else start_folder)(out, state)
     sample = PictureSample(folder.work / PICTURES) if report else None
     counts, interrupted = _process(source, pipeline, folder, sample, total, overlay)
     frames = sum(counts.values())
+    interrupted = interrupted and total is not None
     info = run_info(source, settings, frames, total, interrupted)
     written = _publish(folder, sample if report else None, info, counts)
     console = Console(stderr=True, highlight=False, markup=False)
-    console.print(f"{frames} of {total} frames: {_counts_text(counts)}")
-    if interrupted:
+    console.print(f"{frames}{'' if total is None else f' of {total}'} frames: {_counts_text(counts)}")
+    if interrupted and isinstance(source, Source):
         console.print("stopped; what was written is whole, and --resume goes on from there")
     else:
         folder.finish()
@@ -95,7 +100,7 @@ def run(
 
 
 def _process(
-    source: Source, pipeline: Chain, folder: RunFolder, sample: PictureSample | None, total: int, film: bool
+    source: Stream, pipeline: Chain, folder: RunFolder, sample: PictureSample | None, total: int | None, film: bool
 ) -> tuple[dict[str, int], bool]:
     """Every frame that is still to be done; counts of all records, and whether Ctrl-C ended it."""
     counts = dict.fromkeys(KINDS, 0)
@@ -103,7 +108,7 @@ def _process(
         counts[_kind(record)] += 1
     first = min(folder.filmed, folder.recorded)
     with ExitStack() as stack:
-        stopped = stack.enter_context(_noticing_ctrl_c())
+        stopped = stack.enter_context(_noticing_ctrl_c(source))
         progress = stack.enter_context(_progress())
         lines = stack.enter_context(folder.jsonl.open("ab", buffering=0))
         piece = stack.enter_context(VideoPiece(folder.next_piece(), OVERLAY_PX)) if film else None
@@ -121,11 +126,11 @@ def _process(
                 else:
                     _show(outcome, index, sample, piece)
                 progress.update(task, completed=index + 1, counts=_counts_text(counts))
-                if stopped.is_set() and index + 1 < total:
+                if stopped.is_set() and index + 1 != total:
                     return counts, True
         except KeyboardInterrupt:
             return counts, True
-    return counts, False
+    return counts, stopped.is_set() and sum(counts.values()) != total
 
 
 def _tried(pipeline: Chain, item: Frame | BadFrame) -> FrameResult | BadFrame:
@@ -170,13 +175,12 @@ def _publish(
     return folder.publish(names)
 
 
-def _items(source: Source, first: int, total: int) -> Iterator[Frame | BadFrame]:
+def _items(source: Stream, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
     """Items `first` to `total` of the source. From the beginning it is iterated, as films are read best that way."""
-    if first == 0:
-        for _, item in zip(range(total), source, strict=False):
-            yield item
+    if first == 0 or not isinstance(source, Source):
+        yield from islice(source, total)
         return
-    for index in range(first, total):
+    for index in range(first, len(source) if total is None else total):
         try:
             yield source.load(index)
         except FrameError as error:
@@ -203,8 +207,11 @@ def _progress() -> Progress:
 
 
 @contextmanager
-def _noticing_ctrl_c() -> Iterator[threading.Event]:
-    """An event that the first Ctrl-C sets, so that the frame at hand is finished; the second one interrupts."""
+def _noticing_ctrl_c(source: Stream) -> Iterator[threading.Event]:
+    """An event that the first Ctrl-C sets, so that the frame at hand is finished; the second one interrupts.
+
+    A source that waits for its next frame is told to end the wait.
+    """
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event  # only the main thread may watch for signals; elsewhere the caller does
@@ -213,6 +220,7 @@ def _noticing_ctrl_c() -> Iterator[threading.Event]:
 
     def notice(_number: int, _frame: FrameType | None) -> None:
         event.set()
+        source.stop()
         signal.signal(signal.SIGINT, before)
 
     signal.signal(signal.SIGINT, notice)

@@ -6,16 +6,18 @@ from deckline.app.pictures import PictureSample
 from deckline.app.provenance import Settings, command_line, now, software
 from deckline.app.records import Record, read_records
 from deckline.app.report import Picture, report_html
-from deckline.recording import Source
+from deckline.recording import Stream
 
 REPORT_RECORDS = 2000  # at most, besides those with pictures
 REPORT_SKIPPED = 200  # skipped frames always among them, at most
 
 
-def run_info(source: Source, settings: Settings, frames: int, total: int, interrupted: bool) -> dict[str, str]:
+def run_info(source: Stream, settings: Settings, frames: int, total: int | None, interrupted: bool) -> dict[str, str]:
     """Label -> value, in the order in which the report shows them."""
     notes = {f"note {number}": note for number, note in enumerate(source.notes, 1)}
-    ended = f"{frames} of {total}" + (", stopped before the end" if interrupted else "")
+    ended = (f"{frames}" if total is None else f"{frames} of {total}") + (
+        ", stopped before the end" if interrupted else ""
+    )
     info = {"source": source.name, "frames": ended, "date": now(), "version": software(), "command": command_line()}
     return info | notes | settings
 

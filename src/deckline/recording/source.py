@@ -39,16 +39,36 @@ class BadFrame:
     reason: str
 
 
-class Source(ABC):
-    """Frames in their order.
+class Stream(ABC):
+    """Frames as they come, good and bad.
 
     Attributes:
-        name: what a report calls the source.
-        notes: what is odd about the source but did not stop it, one line each, for people.
+        name: what a report calls it.
+        notes: what is odd about it but did not stop it, one line each, for people.
     """
 
     name: str
     notes: tuple[str, ...] = ()
+
+    @property
+    def length(self) -> int | None:
+        """Number of frames, bad ones included; None where they come until `stop`."""
+        return None
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Frame | BadFrame]:
+        """The frames, once through."""
+
+    def stop(self) -> None:  # noqa: B027 (files need no stopping)
+        """End a wait for the next frame; may be called from a signal handler or another thread."""
+
+
+class Source(Stream):
+    """Frames in their order, any of which can be asked for."""
+
+    @property
+    def length(self) -> int | None:
+        return len(self)
 
     @abstractmethod
     def __len__(self) -> int:
