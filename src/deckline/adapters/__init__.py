@@ -1,0 +1,1 @@
+"""Adapters: each only translates between deckline's own types and another system's."""

@@ -1,0 +1,1 @@
+"""AirSim's remote procedure calls: msgpack-rpc over TCP."""
