@@ -1,13 +1,13 @@
 """Frames of a simulated recording: the same configuration and index always give the same frame."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
-from deckline.sim.camera.imaging import Imaging, Surroundings
+from deckline.sim.camera.imaging import Imaging, ImagingConfig, Surroundings
 from deckline.sim.camera.lens import pinhole_for, random_lens
 from deckline.sim.camera.navigation import measured_pose
 from deckline.sim.config import SimConfig
@@ -16,8 +16,8 @@ from deckline.sim.flight.random_views import random_view
 from deckline.sim.flight.trajectory import approach_view, profile_view
 from deckline.sim.flight.viewpoint import Viewpoint
 from deckline.sim.scene.daylight import random_time_of_day
-from deckline.sim.scene.render import BEST, Renderer, random_quality
-from deckline.sim.scene.weather import WeatherConfig, random_weather, sun_direction
+from deckline.sim.scene.render import BEST, Quality, Renderer, random_quality
+from deckline.sim.scene.weather import Weather, WeatherConfig, random_weather, sun_direction
 from deckline.sim.ship.layout import Layout, world_points
 from deckline.sim.ship.ship import Ship, build_ship
 from deckline.types import Frame, Segment, Truth
@@ -26,6 +26,17 @@ OPEN_SEA = 0.4  # part of the views without a runway that show no ship either
 VEHICLE, CAMERA = "deckline", "front"
 # Random streams: of a ship, of a frame, of a whole flight.
 SHIP, FRAME, FLIGHT = 2, 3, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """What a picture is taken in, its view and its ship aside."""
+
+    weather: Weather
+    visibility_m: float  # 2 % contrast; infinite is clear air
+    imaging: ImagingConfig
+    quality: Quality = BEST
+    with_ship: bool = True
 
 
 class Simulator:
@@ -54,10 +65,11 @@ class Simulator:
         """Frame `index`: the same whatever was rendered before."""
         block = block_of(self.config, index)
         if block != self.loaded:
-            self._load(block)
+            self.load(block)
         return self._frame(index)
 
-    def _load(self, block: int) -> None:
+    def load(self, block: int) -> None:
+        """Bring the ship of a block of frames onto the card, and draw its motion and its sun."""
         config, train = self.config, self.config.preset == "train"
         for_ship, for_sun, for_motion = np.random.default_rng([config.seed, SHIP, block]).spawn(3)
         self.ship: Ship = build_ship(config.preset, for_ship)
@@ -69,23 +81,52 @@ class Simulator:
         self.loaded = block
 
     def _frame(self, index: int) -> Frame:
-        config, ship, renderer = self.config, self.ship, self.renderer
+        config, ship = self.config, self.ship
         train, unrelated = config.preset == "train", config.trajectory == "random"
         own = np.random.default_rng([config.seed, FRAME, index])
         kept = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # a flight keeps weather and camera
         for_weather, for_lens, for_air, for_picture, for_quality = kept.spawn(5)
         for_view, for_noise, for_sea = own.spawn(3)
-        weather = random_weather(for_weather, not train, self.weather, sun=renderer.sun)
+        weather = random_weather(for_weather, not train, self.weather, sun=self.renderer.sun)
         view = self._view(index, for_view)
         camera = random_lens(config.lens, view.camera, for_lens, wide=train)
+        scenery = Scenery(
+            weather,
+            draw_visibility(config.visibility_m, for_air),
+            config.imaging,
+            quality=random_quality(for_quality) if train else BEST,
+            with_ship=ship.runway or bool(for_sea.random() >= OPEN_SEA),
+        )
+        name = f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png"
+        return self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, name)
+
+    def picture(
+        self,
+        view: Viewpoint,
+        scenery: Scenery,
+        recording: np.random.Generator,
+        frame: np.random.Generator,
+        name: str,
+    ) -> Frame:
+        """The picture of a view, its camera's lens included, of the ship as it lies at the view's time.
+
+        Args:
+            recording: draws what a recording keeps: the air and the sensor's settings.
+            frame: draws what every frame has of its own: shaking, noise.
+            name: of the frame's file.
+
+        Raises:
+            ValueError: a camera that is not above the sea.
+        """
+        config, ship, weather, camera = self.config, self.ship, scenery.weather, view.camera
         layout = ship.layout.posed(ship_pose(ship.layout, self.motion, view.time_s))
-        scene = renderer.render(
+        scene = self.renderer.render(
             pinhole_for(camera),
             view.world_from_camera,
             weather,
             view.time_s,
-            with_ship=ship.runway or bool(for_sea.random() >= OPEN_SEA),
-            quality=random_quality(for_quality) if train else BEST,
+            with_ship=scenery.with_ship,
+            quality=scenery.quality,
             world_from_ship=layout.world_from_ship,
         )
         over_deck = view.velocity_m_s - ship_velocity(ship.layout, self.motion, view.time_s)
@@ -94,7 +135,7 @@ class Simulator:
             horizon=weather.horizon_rgb,
             sun=weather.sun,
             sea_z_m=layout.sea_z_m,
-            visibility_m=draw_visibility(config.visibility_m, for_air),
+            visibility_m=scenery.visibility_m,
             velocity_m_s=(float(over_deck[0]), float(over_deck[1]), float(over_deck[2])),
             turning_rad_s=(float(turning[0]), float(turning[1]), float(turning[2])),
         )
@@ -103,10 +144,10 @@ class Simulator:
             camera,
             view.world_from_camera,
             surroundings,
-            config.imaging,
-            for_picture,
-            for_noise,
-            wide=train,
+            scenery.imaging,
+            recording,
+            frame,
+            wide=config.preset == "train",
             keep_clear=config.keep_clear and np.isfinite(surroundings.visibility_m),
         )
         left, right = truth_segments(layout) if ship.runway else (None, None)
@@ -121,7 +162,7 @@ class Simulator:
             conditions=shot.records | {"weather": asdict(weather), "motion": asdict(self.motion)},
         )
         return Frame(
-            file=f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png",
+            file=name,
             time_s=view.time_s,
             image_rgb=shot.image_rgb,
             camera=camera,
