@@ -8,9 +8,10 @@ from typing import Literal
 
 import tyro
 
+from deckline.app.extras import needs_extra
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Pipeline, PipelineConfig
-from deckline.recording import Source, open_source
+from deckline.recording import Stream, open_source
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 
@@ -28,12 +29,13 @@ def demo(out: Path = Path("demo-out")) -> int:
 
 
 def run(
-    source: tyro.conf.Positional[Path],
+    source: tyro.conf.Positional[str],
     out: Path,
-    camera: Path | None = None,
+    camera: str | None = None,
     poses: Path | None = None,
     fov_deg: float = 90.0,
     deck_z_m: float | None = None,
+    rate: float = 5.0,
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
     mode: Literal["auto", "fine", "coarse"] = "auto",
@@ -41,28 +43,37 @@ def run(
     resume: bool = False,
     seed: int = 0,
 ) -> int:
-    """Find the runway lines in a recording, an image folder or a video.
+    """Find the runway lines in a recording, an image folder, a video, or live in a simulator.
 
     Args:
-        source: AirSim recording folder, folder of images, or video file.
+        source: AirSim recording folder, folder of images, video file, or airsim://HOST:PORT[/VEHICLE] of a simulator.
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
-        camera: camera.toml, when it does not lie beside the images or the video.
+        camera: camera.toml, when it does not lie beside the images or the video; of a simulator the camera's name.
         poses: poses.csv, when it does not lie beside the images or the video.
         fov_deg: horizontal field of view of an AirSim recording without a camera file.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
+        rate: frames a second that are taken from a simulator, at most.
         dehazer: name (see `deckline info`) or an .onnx file.
         detector: name (see `deckline info`) or an .onnx file.
         mode: where distances come from: depth camera (fine), deck plane (coarse), or the better per frame (auto).
-        max_frames: stop after so many frames.
+        max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
         resume: go on after the last whole frame of an interrupted run in `out`.
         seed: of RANSAC's draws.
     """
-    opened = open_source(source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m)
+    opened: Stream
+    if source.startswith("airsim:"):
+        if poses is not None:
+            raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
+        with needs_extra("sim"):
+            from deckline.adapters.airsim.source import open_live
+        opened = open_live(source, camera or "0", rate, deck_z_m)
+    else:
+        opened = open_source(source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m)
     config = PipelineConfig(dehazer, detector, replace(LocalizeConfig(), mode=mode), seed)
     return _run(opened, Pipeline(config), out, max_frames=max_frames, resume=resume)
 
 
-def _run(source: Source, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
+def _run(source: Stream, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
     from deckline.app.run import run as run_pipeline
 
     for note in source.notes:

@@ -1,0 +1,238 @@
+import json
+import os
+import signal
+import threading
+from itertools import islice
+
+import numpy as np
+import pytest
+from airsim_stand_in import BGR, HALF, StandIn, pose, response, vector
+
+from deckline.adapters.airsim.client import Connection
+from deckline.adapters.airsim.source import LiveConfig, LiveSource, Pace, open_live, read_mount
+from deckline.app.cli import main
+from deckline.recording import BadFrame, RecordingError
+from deckline.types import Frame
+
+
+def live(server, **options):
+    """A source as fast as the server answers, and what it says."""
+    said = []
+    config = LiveConfig("127.0.0.1", server.port, **({"rate_hz": 1000.0} | options))
+    return LiveSource(config, said.append), said
+
+
+def numbered():
+    """simGetImages whose pictures come one second after each other, from 0."""
+    count = iter(range(1000))
+
+    def images(*_params):
+        stamp = next(count) * 1_000_000_000
+        return [response(0, time_stamp=stamp), response(1, time_stamp=stamp)]
+
+    return images
+
+
+def test_frames_come_until_the_source_is_stopped():
+    with StandIn(simGetImages=numbered()) as server:
+        source, said = live(server, camera="front", vehicle="Drone1", deck_z_m=-18.0)
+        assert source.length is None
+        assert source.name == f"airsim://127.0.0.1:{server.port}/Drone1 camera front"
+        frames = []
+        for frame in source:
+            frames.append(frame)
+            if len(frames) == 5:
+                source.stop()
+        asked = {method: params for method, params in server.calls}
+    assert [frame.time_s for frame in frames] == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert len({frame.file for frame in frames}) == 5
+    assert all(frame.deck_z_m == -18.0 for frame in frames)
+    assert asked["simGetCameraInfo"] == ["front", "Drone1"]
+    assert asked["simGetVehiclePose"] == ["Drone1"]
+    assert said == []
+
+
+def test_a_broken_frame_is_passed_on_as_such_and_the_next_is_asked_for():
+    answers = iter(
+        [
+            [response(0), response(1)],
+            [response(0, image_data_uint8=BGR.tobytes()[:5]), response(1)],
+            [],
+            [response(0), response(1)],
+        ]
+    )
+    with StandIn(simGetImages=lambda *_params: next(answers)) as server:
+        source, _ = live(server)
+        items = list(islice(source, 4))
+    assert [type(item) for item in items] == [Frame, BadFrame, BadFrame, Frame]
+    assert "got 5 bytes" in items[1].reason
+    assert items[1].file == "0#1700000000250000000"
+    assert items[2].file == "0"
+
+
+def test_the_field_of_view_is_followed_while_it_changes():
+    fov = [90.0]
+    with StandIn(simGetCameraInfo=lambda *_params: {"pose": pose(), "fov": fov[0]}) as server:
+        source, _ = live(server)
+        frames = iter(source)
+        assert next(frames).camera.fx == pytest.approx(2.0)  # 4 px wide
+        fov[0] = 2 * np.degrees(np.arctan(0.5))
+        assert next(frames).camera.fx == pytest.approx(4.0)
+        frames.close()
+
+
+def test_a_simulator_that_goes_away_is_waited_for_and_said_once():
+    with StandIn() as server:
+        source, said = live(server)
+        port = server.port
+        frames = iter(source)
+        assert isinstance(next(frames), Frame)
+    timer = threading.Timer(0.6, lambda: revived.append(StandIn(port)))
+    revived = []
+    timer.start()
+    assert isinstance(next(frames), Frame)
+    frames.close()
+    timer.join()
+    with revived[0]:
+        pass
+    assert len(said) == 2
+    assert said[0].startswith(f"lost the simulator (127.0.0.1:{port}:")
+    assert said[1] == "the simulator is back"
+
+
+def test_a_stop_ends_the_wait_for_a_simulator_and_for_the_next_frame():
+    with StandIn() as server:
+        source, _ = live(server)
+        frames = iter(source)
+        next(frames)
+        slow, _ = live(server, rate_hz=0.001)
+        waiting = iter(slow)
+        next(waiting)
+        timer = threading.Timer(0.1, slow.stop)
+        timer.start()
+        assert list(waiting) == []
+        timer.join()
+    timer = threading.Timer(0.3, source.stop)
+    timer.start()
+    assert list(frames) == []
+    timer.join()
+
+
+def test_nobody_there_or_no_such_camera_is_one_line_at_once():
+    with StandIn() as server:
+        port = server.port
+    with pytest.raises(RecordingError, match=r"Connection refused; start the simulator, or deckline sim --serve"):
+        open_live(f"airsim://127.0.0.1:{port}")
+
+    def unknown(*_params):
+        raise ValueError("no camera 'left'")
+
+    with StandIn(simGetCameraInfo=unknown) as server, pytest.raises(RecordingError, match="no camera 'left'"):
+        open_live(f"airsim://127.0.0.1:{server.port}", camera="left")
+    with pytest.raises(RecordingError, match="rate must lie between 0 and 1000"):
+        open_live("airsim://127.0.0.1:1", rate_hz=0.0)
+
+
+def test_the_mount_of_a_vehicle_that_stands_still_is_exact():
+    turned = (HALF, 0.0, 0.0, HALF)  # vehicle and camera look east; the camera sits 2 m ahead and 0.5 m below
+    methods = {
+        "simGetVehiclePose": lambda *_params: pose((10, 20, -30), turned),
+        "simGetCameraInfo": lambda *_params: {"pose": pose((10, 22, -29.5), turned), "fov": 90.0},
+    }
+    with StandIn(**methods) as server, Connection("127.0.0.1", server.port) as connection:
+        mount, moved_m = read_mount(connection, "0", "")
+    assert moved_m == 0.0
+    np.testing.assert_allclose(mount.translation, [2.0, 0.0, 0.5], atol=1e-9)
+    np.testing.assert_allclose(mount.rotation.apply([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_the_mount_of_a_moving_vehicle_is_taken_half_way_and_its_bound_told():
+    place = iter(np.arange(0.0, 1000.0, 0.4))  # 0.4 m further at each question
+    methods = {
+        "simGetVehiclePose": lambda *_params: pose((next(place), 0, 0)),
+        "simGetCameraInfo": lambda *_params: {"pose": pose((next(place) + 1.5, 0, 0)), "fov": 90.0},
+    }
+    with StandIn(**methods) as server:
+        with Connection("127.0.0.1", server.port) as connection:
+            mount, moved_m = read_mount(connection, "0", "")
+        source, _ = live(server)
+    assert moved_m == pytest.approx(0.8)
+    np.testing.assert_allclose(mount.translation, [1.5, 0.0, 0.0], atol=1e-9)
+    assert source.notes == ("the vehicle was moving: where the camera sits on it is known within 0.8 m",)
+
+
+def test_the_wanted_rate_is_kept_and_missed_frames_are_not_made_up_for():
+    pace = Pace(4.0)
+    assert pace.wait_s(100.0) == 0.0
+    assert pace.wait_s(100.1) == pytest.approx(0.15)
+    assert pace.wait_s(100.25) == pytest.approx(0.25)
+    assert pace.wait_s(102.0) == 0.0  # late by far ...
+    assert pace.wait_s(102.0) == pytest.approx(0.25)  # ... and not three at once
+
+
+def test_frames_that_come_too_slowly_are_said_once_with_the_reason():
+    pace = Pace(5.0)
+    lines = [pace.took(0.5 * n - 0.4, 0.5 * n) for n in range(60)]
+    said = [line for line in lines if line]
+    assert said == [
+        "frames come at 2 a second, more slowly than the 5 asked for: the simulator takes 0.4 s for one, the rest 0.1 s"
+    ]
+    assert [line for line in (pace.took(100 + 0.2 * n - 0.1, 100 + 0.2 * n) for n in range(60)) if line] == []
+    assert len([line for n in range(30) if (line := pace.took(200.0 + n, 200.5 + n))]) == 1  # slow once more
+
+
+def test_run_takes_frames_live_and_writes_whole_results(tmp_path, capsys):
+    with StandIn(simGetImages=numbered()) as server:
+        address = f"airsim://127.0.0.1:{server.port}"
+        words = ["run", address, "--out", str(tmp_path), "--camera", "0", "--rate", "1000", "--max-frames", "3"]
+        assert main([*words, "--dehazer", "none"]) == 0
+        assert main([*words, "--resume"]) == 2
+    records = [json.loads(line) for line in (tmp_path / "guidance.jsonl").read_text().splitlines()]
+    assert [record["time_s"] for record in records] == [0.0, 1.0, 2.0]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "guidance.csv",
+        "guidance.jsonl",
+        "overlay.mp4",
+        "report.html",
+    ]
+    shown = capsys.readouterr()
+    assert "what was not seen live is gone" in shown.err
+    assert str(tmp_path / "report.html") in shown.out
+
+
+def test_ctrl_c_ends_a_live_run_with_everything_whole_also_while_it_waits(tmp_path, capsys):
+    images = numbered()
+    asked = []
+
+    def two_then_silence(*params):
+        asked.append(1)
+        if len(asked) == 3:
+            threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+            silence.wait(20)
+        return images(*params)
+
+    silence = threading.Event()
+    with StandIn(simGetImages=two_then_silence) as server:
+        words = ["run", f"airsim://127.0.0.1:{server.port}", "--out", str(tmp_path), "--rate", "1000"]
+        assert main([*words, "--dehazer", "none"]) == 0
+        silence.set()
+    assert len((tmp_path / "guidance.jsonl").read_text().splitlines()) == 2
+    assert not (tmp_path / ".unfinished").exists()
+    assert "2 frames" in capsys.readouterr().err
+
+
+def test_a_moved_picture_pose_moves_the_aircraft_by_as_much():
+    def images(*_params):
+        at = {"camera_position": vector(11, 2, -3)}
+        return [response(0, **at), response(1, **at)]
+
+    with StandIn(simGetImages=images) as server:
+        source, _ = live(server)
+        (frame,) = islice(source, 1)
+    np.testing.assert_allclose(frame.world_from_body.translation, [11.0, 2.0, -3.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("words", [["airsim:x"], ["airsim://127.0.0.1:1", "--poses", "p.csv"]])
+def test_wrong_words_for_a_live_run_are_one_line(words, tmp_path, capsys):
+    assert main(["run", *words, "--out", str(tmp_path)]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
