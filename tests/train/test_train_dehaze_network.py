@@ -17,10 +17,11 @@ from deckline.train.dehaze_network import (
     SIZES,
     DehazeNetwork,
     DehazeNetworkConfig,
-    count_parameters,
     linear_in_guide,
     luma,
+    network_metadata,
 )
+from deckline.train.network_cost import count_parameters
 
 PAPER_LIMITS = {"t": 484_000, "s": 905_000, "b": 1_774_000}  # SPEC section 1
 TINY = DehazeNetworkConfig(channels=8, depths=(1, 1, 1, 1, 1), vit_layers=(1, 1, 1))
@@ -149,7 +150,9 @@ def frame_like(height: int, width: int) -> np.ndarray:
 def test_torch_and_onnx_agree(config: DehazeNetworkConfig, tmp_path: Path) -> None:
     """At most one grey level apart, at sizes the export never saw, odd ones too."""
     model = network(config)
-    dehazer = OnnxDehazer(export_dehaze(model, tmp_path / "net.onnx", 128, {"lr": 1.0}, 7), threads=1)
+    dehazer = OnnxDehazer(
+        export_dehaze(model, tmp_path / "net.onnx", network_metadata(config), 128, {"lr": 1.0}, 7), threads=1
+    )
     assert dehazer.session.config["network"]["channels"] == config.channels
     assert (dehazer.session.config["recipe"], dehazer.session.config["step"]) == ({"lr": 1.0}, 7)
     for height, width, factor in [(72, 128, 1), (75, 131, 1), (144, 257, 2), (201, 380, 3)]:

@@ -18,7 +18,7 @@ def dehaze(
     start_from: Path | None = None,
     config: Annotated[DehazeTrainConfig, tyro.conf.arg(name="")] = DehazeTrainConfig(),  # noqa: B008 - frozen
 ) -> int:
-    """Train the dehazing network on clear recordings with depth; goes on from its own checkpoint in `out`.
+    """Train a dehazing network on clear recordings with depth; goes on from its own checkpoint in `out`.
 
     Args:
         recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`.

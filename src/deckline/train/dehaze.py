@@ -1,4 +1,4 @@
-"""Train the dehazing network: `train_dehaze`. A plain loop that resumes from its own checkpoint."""
+"""Train a dehazing network: `train_dehaze`. A plain loop that resumes from its own checkpoint."""
 
 import json
 import time
@@ -7,22 +7,25 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from torch import Tensor
+from torch import Tensor, nn
 
 from deckline.train.checkpoint import load_checkpoint, read_progress, save_checkpoint, stop_on_interrupt
 from deckline.train.dehaze_data import ClearViews, HazeAugmentation, training_batch
 from deckline.train.dehaze_finish import export_dehaze, validate
-from deckline.train.dehaze_network import SIZES, DehazeNetwork, DehazeNetworkConfig, count_parameters
+from deckline.train.dehaze_network import SIZES, DehazeNetwork, DehazeNetworkConfig, network_metadata
+from deckline.train.network_cost import count_parameters
+from deckline.train.rivals import build
 from deckline.train.schedule import averaged, fraction_done, learning_rate
 
 MSE_FLOOR = 1e-5  # 50 dB: better than that earns nothing, or the clear images would outweigh the hazy ones
 PREFETCH = 3  # batches made ahead
+Network = Literal["deckline", "aod-net", "gca-net", "grid-dehaze-net", "g-unet-t", "dehaze-former-t"]
 Batch = tuple[Tensor, Tensor, Tensor]  # hazy, clear, transmission
 
 
@@ -30,8 +33,9 @@ Batch = tuple[Tensor, Tensor, Tensor]  # hazy, clear, transmission
 class DehazeTrainConfig:
     """Recipe. The paper's: 600 k steps, batch 16, crops of 512x512, AdamW, lr 5e-4 cosine to 1e-7, PSNRLoss."""
 
-    size: Literal["t", "s", "b"] = "t"
-    unshuffle: int = 4  # image px per px of the network's grid; 1 is the paper's full resolution
+    network: Network = "deckline"  # ours, or one to compare it with; those work at full resolution
+    size: Literal["t", "s", "b"] = "t"  # of ours
+    unshuffle: int = 4  # of ours: image px per px of the network's grid; 1 is the paper's full resolution
     steps: int = 600_000
     minutes: float | None = None  # stop after so much training time; the schedule follows whichever ends first
     batch: int = 4
@@ -58,11 +62,14 @@ class DehazeTrainConfig:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.minutes is not None and self.minutes <= 0:
             raise ValueError(f"minutes must be positive, got {self.minutes}")
+        if self.network not in get_args(Network):
+            raise ValueError(f"network must be one of {', '.join(get_args(Network))}, got {self.network!r}")
         if self.size not in SIZES:
             raise ValueError(f"size must be one of {', '.join(SIZES)}, got {self.size!r}")
 
     @property
-    def network(self) -> DehazeNetworkConfig:
+    def shape(self) -> DehazeNetworkConfig:
+        """Of our network."""
         return replace(SIZES[self.size], unshuffle=self.unshuffle)
 
 
@@ -112,7 +119,7 @@ def train_dehaze(
         torch.set_num_threads(config.threads)
     device = torch.device(_device(config.device))
     torch.manual_seed(config.seed)
-    model = DehazeNetwork(config.network).to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    model = _new_network(config).to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimizer = torch.optim.AdamW(model.parameters(), config.lr, (0.9, 0.999), weight_decay=config.weight_decay)
     if start_from is not None:
         _load_weights(model, start_from)
@@ -126,7 +133,9 @@ def train_dehaze(
         console.print(f"interrupted; give the same command again to go on from step {step}")
         return {}
     model.load_state_dict(ema)
-    path = export_dehaze(model, out / "dehaze.onnx", config.working_long_side_px, _recipe(config), step)
+    path = export_dehaze(
+        model, out / "dehaze.onnx", _network_metadata(config), config.working_long_side_px, _recipe(config), step
+    )
     held_out = ClearViews(recordings, config.working_long_side_px, config.held_out, train=False)
     figures = validate(model, held_out, config.seed)
     for name, value in figures.items():
@@ -138,7 +147,7 @@ def train_dehaze(
 
 def _run(
     config: DehazeTrainConfig,
-    model: DehazeNetwork,
+    model: nn.Module,
     optimizer: torch.optim.Optimizer,
     ema: dict[str, Tensor],
     views: ClearViews,
@@ -175,7 +184,7 @@ def _run(
 
 
 def _step(
-    model: DehazeNetwork, optimizer: torch.optim.Optimizer, batch: Batch, rate: float, config: DehazeTrainConfig
+    model: nn.Module, optimizer: torch.optim.Optimizer, batch: Batch, rate: float, config: DehazeTrainConfig
 ) -> float:
     device = next(model.parameters()).device
     hazy, clear, t = (x.to(device, memory_format=torch.channels_last) for x in batch)
@@ -208,7 +217,17 @@ def _batches(config: DehazeTrainConfig, views: ClearViews, start: int) -> Iterat
             pool.shutdown(cancel_futures=True)
 
 
-def _load_weights(model: DehazeNetwork, folder: Path) -> None:
+def _new_network(config: DehazeTrainConfig) -> nn.Module:
+    return DehazeNetwork(config.shape) if config.network == "deckline" else build(config.network)
+
+
+def _network_metadata(config: DehazeTrainConfig) -> dict[str, Any]:
+    """What the network was built from; the others' shapes are fixed by their names."""
+    shape = network_metadata(config.shape) if config.network == "deckline" else {"unshuffle": 1}
+    return {"name": config.network} | shape
+
+
+def _load_weights(model: nn.Module, folder: Path) -> None:
     loaded = load_checkpoint(folder, model, None)
     if loaded is None:
         raise ValueError(f"{folder} holds no checkpoint to start from")
@@ -216,13 +235,14 @@ def _load_weights(model: DehazeNetwork, folder: Path) -> None:
 
 
 def _resume(
-    config: DehazeTrainConfig, model: DehazeNetwork, optimizer: torch.optim.Optimizer, out: Path
+    config: DehazeTrainConfig, model: nn.Module, optimizer: torch.optim.Optimizer, out: Path
 ) -> tuple[dict[str, Tensor], int, float]:
     progress = read_progress(out)
     if progress is None:
         return {name: value.detach().clone() for name, value in model.state_dict().items()}, 0, 0.0
-    if progress["recipe"] != _recipe(config):
-        changed = [name for name, value in _recipe(config).items() if progress["recipe"].get(name) != value]
+    stored = {"network": "deckline"} | progress["recipe"]  # the one network of older checkpoints
+    if stored != _recipe(config):
+        changed = [name for name, value in _recipe(config).items() if stored.get(name) != value]
         raise ValueError(
             f"{out} holds a checkpoint of another recipe ({', '.join(changed)} differ): use another folder"
         )
@@ -235,7 +255,7 @@ def _resume(
 
 def _save(
     config: DehazeTrainConfig,
-    model: DehazeNetwork,
+    model: nn.Module,
     optimizer: torch.optim.Optimizer,
     ema: dict[str, Tensor],
     step: int,

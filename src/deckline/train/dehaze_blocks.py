@@ -142,11 +142,13 @@ class MobileViTv3(nn.Module):
 class SKFusion(nn.Module):
     """Selective-kernel sum of two branches: softmax weights per channel from their pooled sum."""
 
-    def __init__(self, channels: int, reduction: int = 4) -> None:
+    def __init__(self, channels: int, reduction: int = 4, bias: bool = True) -> None:
         super().__init__()
         self.channels = channels
         hidden = max(channels // reduction, 4)
-        self.weights = nn.Sequential(nn.Conv2d(channels, hidden, 1), nn.ReLU(), nn.Conv2d(hidden, 2 * channels, 1))
+        self.weights = nn.Sequential(
+            nn.Conv2d(channels, hidden, 1, bias=bias), nn.ReLU(), nn.Conv2d(hidden, 2 * channels, 1, bias=bias)
+        )
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
         logits = self.weights((a + b).mean((2, 3), keepdim=True))

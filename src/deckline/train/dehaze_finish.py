@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import nn
 
 from deckline.dehaze.network_io import image_to_tensor, tensor_to_image
 from deckline.evaluate.metrics import psnr_db, ssim
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.recording import FrameError
 from deckline.train.dehaze_data import ClearView, ClearViews, random_airlight
-from deckline.train.dehaze_network import DehazeNetwork, network_metadata
 from deckline.train.export import export_onnx
 
 VALIDATION_VISIBILITY_M = (500.0, 3000.0)  # uniform; the range that the project's mark is set for
@@ -29,7 +29,7 @@ FIGURES = (
 
 
 @torch.no_grad()
-def validate(model: DehazeNetwork, views: ClearViews, seed: int) -> dict[str, float]:
+def validate(model: nn.Module, views: ClearViews, seed: int) -> dict[str, float]:
     """PSNR (dB) and SSIM on whole held-out views, hazy as they come and dehazed; PSNR without the sky; PSNR on
     haze-free views.
 
@@ -52,7 +52,7 @@ def validate(model: DehazeNetwork, views: ClearViews, seed: int) -> dict[str, fl
     return {**dict(zip(FIGURES, means.tolist(), strict=True)), "views": float(len(rows))}
 
 
-def _figures(model: DehazeNetwork, view: ClearView, rng: np.random.Generator) -> list[float]:
+def _figures(model: nn.Module, view: ClearView, rng: np.random.Generator) -> list[float]:
     """FIGURES of one view."""
     clear = view.clear_rgb
     airlight = random_airlight(view.horizon_rgb, HORIZON_SHARE, rng)
@@ -65,14 +65,22 @@ def _figures(model: DehazeNetwork, view: ClearView, rng: np.random.Generator) ->
 
 
 def export_dehaze(
-    model: DehazeNetwork, path: Path, working_long_side_px: int, recipe: dict[str, Any], step: int
+    model: nn.Module, path: Path, network: dict[str, Any], working_long_side_px: int, recipe: dict[str, Any], step: int
 ) -> Path:
     """Write the network as ONNX with dynamic height and width; recipe and network config go into the metadata.
+
+    Args:
+        model: takes an image (1, 3, H, W), and a working image where `network` has an `unshuffle` above 1.
+        path: of the file.
+        network: what the model was built from; its `unshuffle` is 1 for every network at full resolution.
+        working_long_side_px: the size of images that it was trained on.
+        recipe: of the training.
+        step: how many were trained.
 
     A coarse network's file takes a working image whose sides are multiples of `unshuffle`, and an image larger by a
     whole factor; OnnxDehazer pads images to that. A full-resolution network's file takes any size.
     """
-    coarse = model.config.unshuffle > 1
+    coarse = network["unshuffle"] > 1
     device = next(model.parameters()).device
     dynamic = {"image": {2: "height", 3: "width"}, "clear": {2: "height", 3: "width"}}
     args = [torch.rand(1, 3, 128, 192, device=device)]
@@ -81,7 +89,7 @@ def export_dehaze(
         args.append(torch.rand(1, 3, 64, 96, device=device))
     metadata = {
         "kind": "dehaze",
-        "network": network_metadata(model.config),
+        "network": network,
         "working_long_side_px": working_long_side_px,
         "recipe": recipe,
         "step": step,
@@ -90,7 +98,7 @@ def export_dehaze(
     return export_onnx(model, tuple(args), path, names, ["clear"], dynamic, metadata)
 
 
-def _dehaze(model: DehazeNetwork, image_rgb: np.ndarray) -> np.ndarray:
+def _dehaze(model: nn.Module, image_rgb: np.ndarray) -> np.ndarray:
     device = next(model.parameters()).device
     tensor = torch.from_numpy(image_to_tensor(image_rgb)).to(device)
     return tensor_to_image(model(tensor).float().cpu().numpy())

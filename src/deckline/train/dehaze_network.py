@@ -166,10 +166,6 @@ def linear_in_guide(values: Tensor, guide: Tensor, eps: Tensor, radius: int) -> 
     return box(slope), box(mean_values - slope * mean_guide)
 
 
-def count_parameters(model: nn.Module) -> int:
-    return sum(value.numel() for value in model.parameters())
-
-
 def network_metadata(config: DehazeNetworkConfig) -> dict[str, Any]:
     """The config as JSON can hold it."""
     return {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(config).items()}

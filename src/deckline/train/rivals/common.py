@@ -1,0 +1,41 @@
+"""What several of the comparison networks share: padding, convolutions that continue by reflection, first weights."""
+
+import math
+
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+MIN_SIDE_PX = 32  # smaller images are continued first: reflection inside the networks needs more pixels than it adds
+
+
+def padded(image: Tensor, multiple: int) -> Tensor:
+    """(N, C, H, W) continued below and right by its edge pixels, to sides that are a multiple and not too short, px."""
+    height, width = image.shape[2:]
+    least = -(-MIN_SIDE_PX // multiple) * multiple
+    bottom = -height % multiple if height >= least else least - height
+    right = -width % multiple if width >= least else least - width
+    return F.pad(image, (0, right, 0, bottom), mode="replicate")
+
+
+def reflected(channels_in: int, channels_out: int, kernel: int, groups: int = 1) -> nn.Conv2d:
+    """Convolution that keeps the size; the border is continued by reflection."""
+    return nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, groups=groups, padding_mode="reflect")
+
+
+def scale_for_depth(module: nn.Module, blocks: int) -> None:
+    """Xavier's normal weights times (8 blocks)^(-1/4), cut at two units, and no biases, in every convolution.
+
+    Args:
+        module: whose convolutions are set.
+        blocks: residual blocks of the whole network.
+
+    Source: Song et al. 2022 and 2023, their way to start a deep residual network.
+    """
+    for layer in module.modules():
+        if isinstance(layer, nn.Conv2d):
+            per_tap = layer.weight.shape[2] * layer.weight.shape[3]
+            fans = (layer.weight.shape[0] + layer.weight.shape[1]) * per_tap
+            std = (8 * blocks) ** -0.25 * math.sqrt(2 / fans)
+            nn.init.trunc_normal_(layer.weight, std=std)
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)
