@@ -12,6 +12,7 @@ from deckline.app import commands
 COMMANDS: dict[str, Callable[..., int]] = {
     "demo": commands.demo,
     "run": commands.run,
+    "convert": commands.convert,
     "info": commands.info,
 }
 DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."

@@ -1,0 +1,124 @@
+"""Recordings in AirSim's own layout to ours with scene.json, and back to what AirSim's tools expect.
+
+Rows and image files are copied byte for byte: both ways together give back the same recording.
+"""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from scipy.spatial.transform import RigidTransform
+
+from deckline.recording.airsim import (
+    IMAGE_FOLDER,
+    RECORD_FILE,
+    AirSimOptions,
+    AirSimRecording,
+    Row,
+    choose_images,
+    read_rows,
+)
+from deckline.recording.camera_file import camera_to_mapping
+from deckline.recording.scene import SCENE_FILE, entry_text, read_scene, scene_text
+from deckline.recording.source import FrameError, RecordingError, is_inside
+from deckline.types import Frame
+
+GENERATOR = "deckline convert"
+
+
+@dataclass(frozen=True)
+class Converted:
+    """What was copied."""
+
+    rows: int
+    files: int
+    notes: tuple[str, ...]  # what is odd, one line each, for people
+
+
+def add_scene(
+    recording: Path, out: Path, options: AirSimOptions, body_from_camera: RigidTransform | None = None
+) -> Converted:
+    """Copy a plain AirSim recording and lay scene.json with its camera and deck height beside it.
+
+    Args:
+        recording: folder with airsim_rec.txt and images/, without scene.json.
+        out: new folder.
+        options: camera with its mount, or fov_deg; deck height.
+        body_from_camera: mount of a camera that is known by fov_deg; by default forward from the vehicle's middle.
+
+    Raises:
+        RecordingError: no recording, one that has scene.json, no usable frame, or `out` cannot be written.
+    """
+    if (recording / SCENE_FILE).exists():
+        raise RecordingError(f"{recording} has {SCENE_FILE} already: nothing to add")
+    rows, notes = read_rows(recording / RECORD_FILE)
+    frame = _first_usable(AirSimRecording(recording, None, options))
+    mount = frame.body_from_camera if body_from_camera is None else body_from_camera
+    entry = entry_text({} if frame.deck_z_m is None else {"deck_z_m": frame.deck_z_m})
+    entries = {name: entry for row in rows for name in _scene_image(row)}
+    scene = scene_text(camera_to_mapping(frame.camera, mount), entries, {"generator": GENERATOR})
+    return _copy(recording, out, rows, notes, scene)
+
+
+def drop_scene(recording: Path, out: Path) -> Converted:
+    """Copy a recording without scene.json and the clear images: AirSim's layout and nothing else.
+
+    Args:
+        recording: folder with airsim_rec.txt, images/ and scene.json.
+        out: new folder.
+
+    Raises:
+        RecordingError: no recording, one without scene.json, or `out` cannot be written.
+    """
+    if not (recording / SCENE_FILE).exists():
+        raise RecordingError(f"{recording} has no {SCENE_FILE}: it is in AirSim's own layout already")
+    read_scene(recording / SCENE_FILE)
+    rows, notes = read_rows(recording / RECORD_FILE)
+    return _copy(recording, out, rows, notes, None)
+
+
+def _first_usable(source: AirSimRecording) -> Frame:
+    reason = ""
+    for index in range(len(source)):
+        try:
+            return source.load(index)
+        except FrameError as error:
+            reason = reason or str(error)
+    raise RecordingError(f"{source.name}: zero usable frames; the first: {reason}")
+
+
+def _scene_image(row: Row) -> Iterator[str]:
+    """The row's picture, as reading chooses it; none where it names none."""
+    try:
+        yield choose_images(row.images)[0]
+    except ValueError:
+        return
+
+
+def _copy(recording: Path, out: Path, rows: list[Row], notes: list[str], scene: str | None) -> Converted:
+    """Under a temporary name, renamed when whole."""
+    work = out.with_name(f".{out.name}.unfinished")
+    files, missing = 0, []
+    try:
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise RecordingError(f"{out} is there already: choose another folder")
+        if work.exists():
+            shutil.rmtree(work)
+        (work / IMAGE_FOLDER).mkdir(parents=True)
+        for name in dict.fromkeys(name for row in rows for name in row.images if is_inside(name)):
+            if (recording / IMAGE_FOLDER / name).is_file():
+                (work / IMAGE_FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(recording / IMAGE_FOLDER / name, work / IMAGE_FOLDER / name)
+                files += 1
+            else:
+                missing.append(name)
+        shutil.copyfile(recording / RECORD_FILE, work / RECORD_FILE)
+        if scene is not None:
+            (work / SCENE_FILE).write_text(scene, encoding="utf-8")
+        work.replace(out)
+    except OSError as error:
+        raise RecordingError(f"{out}: cannot be written: {error.strerror or error}") from None
+    if missing:
+        notes = [*notes, f"{len(missing)} files named in {RECORD_FILE} are missing, such as {missing[0]}"]
+    return Converted(len(rows), files, tuple(notes))
