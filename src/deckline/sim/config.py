@@ -1,6 +1,7 @@
 """What to simulate."""
 
 from dataclasses import dataclass, field
+from math import isinf
 from typing import Literal, get_args
 
 from deckline.sim.camera.atmosphere import AirConfig
@@ -17,6 +18,8 @@ from deckline.sim.scene.weather import WeatherConfig
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train"]
 Trajectory = Literal["approach", "profile", "random"]
 CLEAR: tuple[float, float] = (float("inf"), float("inf"))
+LARGEST_PX = 8192  # of a picture's sides; graphics cards' buffers end at 16384
+FARTHEST_M = 10000.0  # from the ramp; the renderer's far plane lies at 20 km
 
 
 @dataclass(frozen=True)
@@ -31,15 +34,17 @@ class SimConfig:
             around the glide path.
         frames: how many.
         visibility_m: lowest and highest visibility (2 % contrast), drawn uniformly for every random view and
-            once for an approach; infinite is clear air.
+            once for a flight; both infinite: clear air.
         seed: everything random follows from it and from the frame's index.
-        width, height: image size, px.
-        fov_deg: horizontal field of view; preset `train` draws its own unless `fixed_fov`.
-        keep_clear: also give a view without its haze, rain and motion blur (Frame.truth.clear_rgb).
-        range_m: nearest and farthest distance to the ramp of a random view; None: 60 to 800 m, and 30 to 1500 m
-            for preset `train`.
-        fixed_fov: keep `fov_deg` for preset `train`.
-        start_m, end_m: distance to the ramp where an approach begins and ends.
+        width, height: image size, px; up to 8192.
+        fov_deg: horizontal field of view; random views of preset `train` draw their own unless `fixed_fov`.
+        keep_clear: also give a view without its haze, rain and motion blur (Frame.truth.clear_rgb); none is given where
+            the visibility is infinite.
+        range_m: nearest and farthest distance to the ramp of a random view, up to 10 km; None: 60 to 800 m, and 30 to
+            1500 m for preset `train`.
+        fixed_fov: keep `fov_deg` for the random views of preset `train`.
+        start_m, end_m: distance to the ramp where an approach begins, up to 10 km, and ends; the profile begins
+            at 5 km.
         frames_per_ship: random views that share a ship, its paint and the sun's direction.
         weather, motion, flight, air, lens, film, sensor, depth, navigation: light, sea and sky; the ship's motion; how
             the approach is flown; haze; optics; exposure and rain; the picture; the depth camera; the pose's errors. A
@@ -80,6 +85,8 @@ class SimConfig:
         for name in ("frames", "width", "height", "frames_per_ship"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if max(self.width, self.height) > LARGEST_PX:
+            raise ValueError(f"width and height must be at most {LARGEST_PX} px, got {self.width}x{self.height}")
         if self.seed < 0:
             raise ValueError(f"seed must not be negative, got {self.seed}")
         if not 1.0 <= self.fov_deg <= 150.0:
@@ -88,8 +95,15 @@ class SimConfig:
             limits = getattr(self, name)
             if limits is not None and not 0 < limits[0] <= limits[1]:
                 raise ValueError(f"{name} must be (low, high) with 0 < low <= high, got {limits}")
+        if isinf(self.visibility_m[1]) and not isinf(self.visibility_m[0]):
+            raise ValueError(f"visibility_m must be finite on both sides or on none, got {self.visibility_m}")
         if not 0 < self.end_m < self.start_m:
             raise ValueError(f"start_m must exceed end_m > 0, got {self.start_m} and {self.end_m}")
+        farthest = max(self.start_m, 0.0 if self.range_m is None else self.range_m[1])
+        if farthest > FARTHEST_M:
+            raise ValueError(f"ships are drawn up to {FARTHEST_M:g} m away, got a distance of {farthest:g} m")
+        if self.preset != "train" and self.air.model is None:
+            self.air.refuse_physical(f"preset {self.preset} uses model paper")
 
     @property
     def imaging(self) -> ImagingConfig:

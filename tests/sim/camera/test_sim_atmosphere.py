@@ -82,7 +82,9 @@ def test_thick_air_is_never_dark():
     ("settings", "message"),
     [
         ({"model": "mist"}, "model must be one of"),
-        ({"scale_height_m": -1.0}, "scale_height_m must be positive, got -1.0"),
+        ({"scale_height_m": 39.0}, "scale_height_m must be at least 40, got 39.0"),
+        ({"patch_m": 0.0}, "patch_m must be at least 1, got 0.0"),
+        ({"model": "paper", "glow": 0.0, "angstrom": 1.0}, "physical knows angstrom, glow, and model is paper"),
         ({"patchiness": 1.0}, "patchiness must lie between 0 and 0.9, got 1.0"),
     ],
 )

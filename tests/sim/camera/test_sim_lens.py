@@ -127,6 +127,12 @@ def test_a_given_lens_is_kept():
     assert (lens.cx, lens.cy) == (camera.cx + 3.0, camera.cy - 5.0)
 
 
+def test_a_tiny_picture_may_have_a_lens():
+    tiny = Camera(1, 1, 0.5, 0.5, 0.0, 0.0, (-0.05, 0.01, 0.0, 0.0, 0.0))
+    pinhole = pinhole_for(tiny)
+    assert (pinhole.width, pinhole.height, pinhole.cx, pinhole.cy) == (5, 5, 2.0, 2.0)
+
+
 def test_wrong_use_is_named(lens):
     with pytest.raises(ValueError, match=r"distortion must be 5 finite numbers, got \(0.1, 0.2\)"):
         LensConfig(distortion=(0.1, 0.2))

@@ -62,7 +62,7 @@ def test_the_error_follows_from_time_and_seed_alone():
     ("settings", "message"),
     [
         ({"position_sigma_m": -0.1}, "position_sigma_m must not be negative, got -0.1"),
-        ({"drift_s": 0.0}, "drift_s must be positive, got 0.0"),
+        ({"drift_s": 0.0}, "drift_s must be at least 1, got 0.0"),
     ],
 )
 def test_wrong_settings_are_named(settings, message):

@@ -181,7 +181,9 @@ def test_a_sensor_survives_its_record():
         ({"vignetting": 2.0}, "vignetting must lie between 0 and 1, got 2.0"),
         ({"jpeg_quality": 101}, "jpeg_quality must lie between 0 and 100, got 101"),
         ({"tone": "hdr"}, "tone must be one of"),
-        ({"white_balance": (1.0, 0.0, 1.0)}, "white_balance must be 3 positive gains"),
+        ({"white_balance": (1.0, 0.0, 1.0)}, "white_balance must be 3 positive gains up to 100"),
+        ({"white_balance": (float("nan"), 1.0, 1.0)}, r"white_balance must be .* got \(nan, 1.0, 1.0\)"),
+        ({"white_balance": (1.0, float("inf"), 1.0)}, r"white_balance must be .* got \(1.0, inf, 1.0\)"),
     ],
 )
 def test_wrong_settings_are_named(settings, message):

@@ -129,6 +129,12 @@ def test_profile_passes_the_papers_points():
     np.testing.assert_allclose(speed, 65.0, rtol=0.02)
 
 
+def test_a_flight_that_ends_before_it_begins_is_refused():
+    config = SimConfig(trajectory="profile", start_m=9000.0, end_m=6000.0)
+    with pytest.raises(ValueError, match="trajectory profile begins at 5000 m, got end_m 6000"):
+        profile_view(config, class_layout(load_class("paper")), 0)
+
+
 def test_profile_has_no_kinks():
     layout, config = PAPER_SHIP, replace(PAPER, frames=600)
     flight = FlightConfig(lateral_offset_m=100.0)

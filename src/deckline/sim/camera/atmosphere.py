@@ -17,6 +17,9 @@ SCALE_HEIGHT_M = 1000.0  # of haze in the marine boundary layer
 PATCH_WAVES = 5
 MOST_COLOUR = 0.4  # deviation from grey, as a share, of drawn thick air: drops scatter all colours nearly alike
 TINT = 0.04  # 1-sigma of the airlight's colour, from cold to warm
+LEAST_PATCH_M = 1.0  # banks are far longer; shorter waves than a pixel only cost time
+LEAST_SCALE_HEIGHT_M = 40.0  # no shallower bank is drawn; far above one, single precision would run out
+OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # what the paper's model does not know
 # Carbonneau's rain attenuation, ITU-R P.1814: 1.076 R^0.67 dB/km, R in mm/h.
 RAIN_DB_PER_KM, RAIN_EXPONENT = 1.076, 0.67
 DB_PER_NEPER = 10.0 / math.log(10.0)
@@ -28,15 +31,16 @@ class AirConfig:
 
     Args:
         model: `paper`: I = J t + A (1 - t) on 8-bit levels with one extinction; `physical`: in linear light, before
-            exposure, with what follows; default `paper`.
-        scale_height_m: the extinction falls by e with each of these heights; infinite: uniform air; default 1000.
+            exposure, with what follows, all of which needs it; default `paper`.
+        scale_height_m: the extinction falls by e with each of these heights, at least 40; infinite: uniform air;
+            default 1000.
         patchiness: 0 even, up to 0.9: banks of haze; default 0.
-        patch_m: their wavelength; default 400.
+        patch_m: their wavelength, at least 1; default 400.
         angstrom: exponent of the extinction's fall with wavelength: 0 grey fog, 1.3 bluish haze; default 0.
         glow: how much brighter thick air is at the sun, as a share; default 1.
 
     Raises:
-        ValueError: an unknown model or a number out of its range.
+        ValueError: an unknown model, a number out of its range, or one that the paper's model does not know.
     """
 
     model: Model | None = None
@@ -49,14 +53,29 @@ class AirConfig:
     def __post_init__(self) -> None:
         if self.model is not None and self.model not in get_args(Model):
             raise ValueError(f"model must be one of {get_args(Model)}, got {self.model!r}")
-        for name in ("scale_height_m", "patch_m"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"{name} must be positive, got {value}")
+        if self.scale_height_m is not None and not self.scale_height_m >= LEAST_SCALE_HEIGHT_M:
+            raise ValueError(f"scale_height_m must be at least {LEAST_SCALE_HEIGHT_M:g}, got {self.scale_height_m}")
+        if self.patch_m is not None and not self.patch_m >= LEAST_PATCH_M:
+            raise ValueError(f"patch_m must be at least {LEAST_PATCH_M:g}, got {self.patch_m}")
         for name, high in (("patchiness", 0.9), ("angstrom", 4.0), ("glow", 20.0)):
             value = getattr(self, name)
             if value is not None and not 0 <= value <= high:
                 raise ValueError(f"{name} must lie between 0 and {high}, got {value}")
+        if self.model == "paper":
+            self.refuse_physical("model is paper")
+
+    def refuse_physical(self, why: str) -> None:
+        """Refuse what the paper's model does not know.
+
+        Args:
+            why: what makes it the paper's model, for the message.
+
+        Raises:
+            ValueError: something of the physical model is given.
+        """
+        given = [name for name in OF_PHYSICAL if getattr(self, name) is not None]
+        if given:
+            raise ValueError(f"air: only model physical knows {', '.join(given)}, and {why}: set model to physical")
 
 
 def draw_model(config: AirConfig, rng: np.random.Generator, wide: bool) -> Model:

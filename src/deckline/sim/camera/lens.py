@@ -82,7 +82,8 @@ def pinhole_for(camera: Camera) -> Camera:
         raise ValueError(f"no ray reaches some of the image's border with distortion {camera.distortion}")
     low, high = np.floor(pixels.min(axis=0)) - MARGIN_PX, np.ceil(pixels.max(axis=0)) + MARGIN_PX
     width, height = (int(size) for size in high - low + 1)
-    if width > LARGEST * camera.width or height > LARGEST * camera.height:
+    added = 2 * MARGIN_PX + 2  # what margins and rounding add, which is much of a tiny picture
+    if width - added > LARGEST * camera.width or height - added > LARGEST * camera.height:
         raise ValueError(f"distortion {camera.distortion} would need a pinhole of {width}x{height} px")
     return Camera(width, height, camera.fx, camera.fy, float(-low[0]), float(-low[1]))
 

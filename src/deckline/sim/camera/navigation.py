@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 STEP_SHARE = 0.1  # of the time constant between two drawn values of a bias; linear between them
 POSITION, ATTITUDE, WHITE = 11, 12, 13  # random streams
+LEAST_DRIFT_S = 1.0  # an error that changes faster is noise
 
 
 @dataclass(frozen=True)
@@ -22,10 +23,10 @@ class NavigationConfig:
         attitude_sigma_deg: 1-sigma of white noise about each body axis.
         position_bias_m: 1-sigma of a slowly drifting error on each axis.
         attitude_bias_deg: the same about each body axis.
-        drift_s: time constant of the drift (first-order Gauss-Markov).
+        drift_s: time constant of the drift (first-order Gauss-Markov), at least 1.
 
     Raises:
-        ValueError: a negative number.
+        ValueError: a number out of its range.
     """
 
     position_sigma_m: float = 0.0
@@ -38,8 +39,8 @@ class NavigationConfig:
         for name in ("position_sigma_m", "attitude_sigma_deg", "position_bias_m", "attitude_bias_deg"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
-        if not 0 < self.drift_s < np.inf:
-            raise ValueError(f"drift_s must be positive, got {self.drift_s}")
+        if not LEAST_DRIFT_S <= self.drift_s < np.inf:
+            raise ValueError(f"drift_s must be at least {LEAST_DRIFT_S:g}, got {self.drift_s}")
 
     @property
     def exact(self) -> bool:

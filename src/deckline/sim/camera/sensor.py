@@ -16,6 +16,7 @@ TARGET = 0.27  # what automatic exposure makes of a picture's metered light; lev
 GAIN_LIMITS = (0.02, 120.0)  # of automatic exposure: nights stay dark
 CORNER_TAN = np.tan(np.deg2rad(30.0))  # vignetting 1 is cos^4 of a lens that sees its corners 30 degrees off axis
 BLUR_REACH = 3.0  # sigmas
+LARGEST_GAIN = 100.0  # of a given white balance
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,9 @@ class SensorConfig:
                 raise ValueError(f"{name} must lie between {low} and {high}, got {value}")
         if self.tone is not None and self.tone not in get_args(Tone):
             raise ValueError(f"tone must be one of {get_args(Tone)}, got {self.tone!r}")
-        if self.white_balance is not None and (len(self.white_balance) != 3 or min(self.white_balance) <= 0):
-            raise ValueError(f"white_balance must be 3 positive gains, got {self.white_balance}")
+        gains = (1.0, 1.0, 1.0) if self.white_balance is None else self.white_balance
+        if len(gains) != 3 or not all(0 < gain <= LARGEST_GAIN for gain in gains):
+            raise ValueError(f"white_balance must be 3 positive gains up to {LARGEST_GAIN:g}, got {self.white_balance}")
 
 
 @dataclass(frozen=True)

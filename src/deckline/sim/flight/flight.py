@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 Pointing = Literal["ahead", "runway"]
 CLOSED = 0.7  # part of an approach after which the pilot has closed the first offsets; our choice
-GUST_SCALE_M = 200.0  # Dryden length at 50 m height (193 m): MIL-F-8785C, low-altitude model
+GUST_SCALE_M = 200.0  # Dryden length at 50 m height (202 m): MIL-F-8785C, low-altitude model
 GUST_HZ = (0.02, 0.6)  # slower gusts are wind, faster ones an aircraft does not follow
 GUST_WAVES = 24
 PILOT_RAD_S = 0.5  # how fast a pilot brings a displaced aircraft back; our choice

@@ -108,8 +108,10 @@ def flight_path(
     """The flight of a recording, all random choices made; `pointing` unless the flight says it.
 
     Raises:
-        ValueError: wind or ship too fast for the aircraft.
+        ValueError: wind or ship too fast for the aircraft, or a flight that ends before it begins.
     """
+    if not config.end_m < start_m:
+        raise ValueError(f"trajectory {config.trajectory} begins at {start_m:g} m, got end_m {config.end_m:g}")
     drawn = draw_flight(flight, config.preset == "train", np.random.default_rng([config.seed, 5]))
     along = landing_direction(layout)
     wind = -drawn.headwind_m_s * along - drawn.crosswind_m_s * np.array([-along[1], along[0]])
