@@ -1,20 +1,17 @@
 """The dehazing recipe: data as the scattering model says, a loss that is PSNR, a loop that learns and resumes."""
 
-import signal
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from scipy.spatial.transform import RigidTransform
+from clear_scene import CAMERA, QUICK, clear_frame, clear_recording, interrupting
 
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluate.metrics import psnr_db
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility, transmission
-from deckline.recording import RecordingWriter
 from deckline.runtime import load_session
 from deckline.train import dehaze
 from deckline.train.checkpoint import read_progress
@@ -30,52 +27,12 @@ from deckline.train.dehaze_data import (
     random_window,
     training_batch,
 )
-from deckline.types import Frame, Truth
-
-CAMERA = Camera.from_fov(96, 64, 1.2)
-QUICK = DehazeTrainConfig(
-    steps=12,
-    batch=2,
-    crop_height=48,
-    crop_width=64,
-    held_out=0.25,
-    checkpoint_every=6,
-    lr=3e-3,
-    threads=1,
-    device="cpu",
-)
-
-
-def clear_frame(index: int, camera: Camera = CAMERA) -> Frame:
-    """Sky over a dark sea that comes nearer downwards, with a bright block on it."""
-    rng = np.random.default_rng(index)
-    height, width = camera.height, camera.width
-    image = rng.normal((40, 60, 75), 6, (height, width, 3))
-    image[: height // 4] = (150, 170, 200)
-    column = rng.integers(0, width - 20)
-    image[height // 2 :, column : column + 20] = rng.uniform(60, 220)
-    depth = np.full((height, width), np.nan, dtype=np.float32)
-    depth[height // 4 :] = np.geomspace(1500, 60, height - height // 4)[:, None]
-    truth = Truth(visibility_m=float("inf"))
-    file, pose = f"{index:03d}.png", RigidTransform.identity()
-    return Frame(
-        file,
-        float(index),
-        image.clip(0, 255).astype(np.uint8),
-        camera,
-        depth_m=depth,
-        world_from_body=pose,
-        truth=truth,
-    )
+from deckline.types import Truth
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("clear")
-    with RecordingWriter(folder, "ppm", {"preset": "test"}) as writer:
-        for index in range(8):
-            writer.add(clear_frame(index))
-    return folder
+    return clear_recording(tmp_path_factory.mktemp("clear"), frames=8)
 
 
 def test_view_holds_ranges_along_the_ray() -> None:
@@ -194,9 +151,7 @@ def test_held_out_views_are_no_training_views(recording: Path) -> None:
 
 
 def test_unreadable_frames_are_named_and_others_drawn(tmp_path: Path) -> None:
-    with RecordingWriter(tmp_path, "ppm", {"preset": "test"}) as writer:
-        for index in range(4):
-            writer.add(clear_frame(index))
+    clear_recording(tmp_path, frames=4)
     images = sorted((tmp_path / "images").glob("*.ppm"))
     images[1].write_bytes(images[1].read_bytes()[:100])
     views = ClearViews([tmp_path], 640, 0.0)
@@ -263,19 +218,6 @@ def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, 
         train_dehaze(QUICK, [recording], tmp_path / "third", start_from=tmp_path / "none")
 
 
-def interrupting(step: Callable[..., float], at: int) -> Callable[..., float]:
-    """`step` during whose call number `at` a person presses Ctrl-C."""
-    calls = []
-
-    def wrapped(*args: object) -> float:
-        calls.append(1)
-        if len(calls) == at:
-            signal.raise_signal(signal.SIGINT)
-        return step(*args)
-
-    return wrapped
-
-
 def test_another_recipe_does_not_go_on(recording: Path, tmp_path: Path) -> None:
     train_dehaze(replace(QUICK, steps=1), [recording], tmp_path)
     with pytest.raises(ValueError, match=r"checkpoint of another recipe \(batch, haze differ\)"):
@@ -296,6 +238,7 @@ def test_a_loss_that_is_no_number_stops_the_run(
         ({"batch": 0}, "batch must be at least 1, got 0"),
         ({"minutes": 0.0}, "minutes must be positive, got 0.0"),
         ({"size": "xl"}, "size must be one of t, s, b, got 'xl'"),
+        ({"network": "ffa-net"}, "network must be one of deckline, aod-net, gca-net, .*, got 'ffa-net'"),
     ],
 )
 def test_config_errors(keys: dict, message: str) -> None:

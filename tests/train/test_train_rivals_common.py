@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from deckline.train.rivals.common import padded, reflected, scale_for_depth
+from deckline.train.rivals.common import padded, reflected, residual_gain, set_first_weights
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_reflected_convolution_sees_the_mirrored_border() -> None:
 def test_first_weights_have_the_papers_spread() -> None:
     torch.manual_seed(0)
     layer = nn.Sequential(nn.Conv2d(64, 64, 3))
-    scale_for_depth(layer, 16)
+    set_first_weights(layer, residual_gain(16))
     spread = (8 * 16) ** -0.25 * math.sqrt(2 / (64 * 9 + 64 * 9))
     assert layer[0].weight.std().item() == pytest.approx(spread, rel=0.02)
     assert layer[0].bias.abs().max() == 0

@@ -22,20 +22,20 @@ def reflected(channels_in: int, channels_out: int, kernel: int, groups: int = 1)
     return nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, groups=groups, padding_mode="reflect")
 
 
-def scale_for_depth(module: nn.Module, blocks: int) -> None:
-    """Xavier's normal weights times (8 blocks)^(-1/4), cut at two units, and no biases, in every convolution.
-
-    Args:
-        module: whose convolutions are set.
-        blocks: residual blocks of the whole network.
+def residual_gain(blocks: int) -> float:
+    """(8 blocks)^(-1/4): how much smaller first weights are in a network of so many residual blocks.
 
     Source: Song et al. 2022 and 2023, their way to start a deep residual network.
     """
+    return (8 * blocks) ** -0.25
+
+
+def set_first_weights(module: nn.Module, gain: float) -> None:
+    """Xavier's normal weights times `gain`, drawn within -2..2, and zero biases in every convolution of a module."""
     for layer in module.modules():
         if isinstance(layer, nn.Conv2d):
             per_tap = layer.weight.shape[2] * layer.weight.shape[3]
             fans = (layer.weight.shape[0] + layer.weight.shape[1]) * per_tap
-            std = (8 * blocks) ** -0.25 * math.sqrt(2 / fans)
-            nn.init.trunc_normal_(layer.weight, std=std)
+            nn.init.trunc_normal_(layer.weight, std=gain * math.sqrt(2 / fans))
             if layer.bias is not None:
                 nn.init.zeros_(layer.bias)

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.train.dehaze_blocks import SKFusion, down, up
-from deckline.train.rivals.common import padded, reflected, scale_for_depth
+from deckline.train.rivals.common import padded, reflected, residual_gain, set_first_weights
 
 MULTIPLE = 4  # two halvings
 POSITION_HIDDEN = 256  # width of the network that gives attention its bias by position
@@ -127,8 +127,10 @@ class Block(nn.Module):
         self.aggregation = aggregation
         hidden = channels * expansion
         self.feed_forward = nn.Sequential(nn.Conv2d(channels, hidden, 1), nn.ReLU(), nn.Conv2d(hidden, channels, 1))
-        scale_for_depth(self.aggregation, blocks)
-        scale_for_depth(self.feed_forward, blocks)
+        set_first_weights(self.aggregation, residual_gain(blocks))
+        set_first_weights(self.feed_forward, residual_gain(blocks))
+        if aggregation.query_key is not None:  # attention does not grow with depth: the published start
+            set_first_weights(aggregation.query_key, 1.0)
 
     def forward(self, x: Tensor) -> Tensor:
         if self.norm is None:

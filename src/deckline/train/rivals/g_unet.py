@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from deckline.train.dehaze_blocks import SKFusion, down, up
-from deckline.train.rivals.common import padded, reflected, scale_for_depth
+from deckline.train.rivals.common import padded, reflected, residual_gain, set_first_weights
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class GatedBlock(nn.Module):
         )
         self.gate = nn.Conv2d(channels, channels, 1)
         self.mix = nn.Conv2d(channels, channels, 1)
-        scale_for_depth(self, blocks)
+        set_first_weights(self, residual_gain(blocks))
 
     def forward(self, x: Tensor) -> Tensor:
         normed = self.norm(x)
