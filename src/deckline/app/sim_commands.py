@@ -1,5 +1,6 @@
 """`deckline sim` and `deckline dataset`: everything behind them needs the sim extra."""
 
+import math
 import sys
 from collections.abc import Sequence
 from contextlib import redirect_stderr
@@ -12,12 +13,14 @@ import tyro
 
 from deckline.app.dataset import DatasetConfig, write_dataset
 from deckline.app.manifest import MANIFEST, check_dataset
+from deckline.app.serve import ServeConfig, serve_sim
 from deckline.app.simulate import SheetConfig, parse_visibility, simulate, visibility_text, write_sheet
 from deckline.recording.writer import ImageFormat
-from deckline.sim import SimConfig
+from deckline.sim import CLEAR, SimConfig
+from deckline.sim.camera.depth_camera import DepthConfig
 
 T = TypeVar("T")
-SHEET_OPTION = "--contact-sheet"
+SHEET_OPTION, SERVE_OPTION = "--contact-sheet", "--serve"
 Visibility = Annotated[
     tuple[float, float],
     tyro.conf.arg(name="visibility", help="metres at 2 % contrast: one value, a range to draw from, or clear."),
@@ -45,6 +48,8 @@ class SimOptions(SimConfig):
 
 RECORDING = SimOptions()
 SHEET = SimOptions(preset="train", trajectory="random", frames=48, frames_per_ship=1, visibility_m=(500.0, 10000.0))
+# As AirSim: clear air until a client asks for fog, and a depth camera that sees to the horizon.
+SERVED = SimOptions(visibility_m=CLEAR, depth=DepthConfig(range_m=math.inf))
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ class SimCommand:
     """Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout.
 
     A stopped command goes on where it was when it is given again. With --contact-sheet, one picture of many frames is
-    rendered instead, of random ships unless told otherwise.
+    rendered instead, of random ships unless told otherwise. With --serve, AirSim's clients fly and look around in it.
 
     Args:
         out: folder of the recording.
@@ -60,19 +65,30 @@ class SimCommand:
         sheet: the contact sheet.
         jobs: processes that render; 0 takes as many as there are cores. The files are the same whatever it is.
         image_format: png, or ppm where OpenCV is not installed.
+        serve: answer AirSim's clients until Ctrl-C; what they record becomes folders in --out, default recordings.
+        server: the server.
         config: what to render.
     """
 
     out: Path | None = None
     contact_sheet: Path | None = None
+    serve: bool = False
+    server: Annotated[ServeConfig, tyro.conf.arg(name="")] = field(default_factory=ServeConfig)
     sheet: SheetConfig = field(default_factory=SheetConfig)
     jobs: int = 1
     image_format: ImageFormat = "png"
     config: Annotated[SimOptions, tyro.conf.arg(name="")] = RECORDING
 
     def run(self) -> int:
+        if self.serve:
+            if self.contact_sheet is not None:
+                raise ValueError("deckline sim takes --serve or --contact-sheet, not both")
+            serve_sim(self.config.plain(), self.server, self.out)
+            return 0
         if (self.out is None) == (self.contact_sheet is None):
-            raise ValueError("deckline sim needs --out FOLDER for a recording, or --contact-sheet FILE for a picture")
+            raise ValueError(
+                "deckline sim needs --out FOLDER for a recording, --contact-sheet FILE for a picture, or --serve"
+            )
         if self.out is not None:
             simulate(self.config.plain(), self.out, self.image_format, self.jobs)
         if self.contact_sheet is not None:
@@ -125,8 +141,9 @@ def dataset(args: Sequence[str]) -> int:
 
 def sim(args: Sequence[str]) -> int:
     """Parse and run `deckline sim ARGS`."""
-    wants_sheet = any(word.replace("_", "-").partition("=")[0] == SHEET_OPTION for word in args)
-    return _parsed(SimCommand, "deckline sim", args, SimCommand(config=SHEET if wants_sheet else RECORDING)).run()
+    words = {word.replace("_", "-").partition("=")[0] for word in args}
+    usual = SHEET if SHEET_OPTION in words else SERVED if SERVE_OPTION in words else RECORDING
+    return _parsed(SimCommand, "deckline sim", args, SimCommand(config=usual)).run()
 
 
 def _parsed(kind: type[T], prog: str, args: Sequence[str], default: T | None = None) -> T:

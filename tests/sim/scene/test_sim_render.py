@@ -10,7 +10,8 @@ from deckline.sim.flight.viewpoint import looking
 from deckline.sim.scene import gl
 from deckline.sim.scene.bake import noise_field, texture_size
 from deckline.sim.scene.gl import RendererError
-from deckline.sim.scene.render import KEPT_TARGETS, Quality, Renderer, deck_mesh
+from deckline.sim.scene.labels import Label
+from deckline.sim.scene.render import KEPT_TARGETS, Quality, Renderer
 from deckline.sim.scene.weather import random_weather
 from deckline.sim.ship.layout import class_layout, random_layout, world_points
 from deckline.sim.ship.markings import edge_coat
@@ -20,6 +21,7 @@ from deckline.sim.ship.plan import DeckSurface
 from deckline.sim.ship.random_plan import random_edge
 from deckline.sim.ship.ship import Ship
 from deckline.sim.ship.ship_class import SHIP_CLASSES, load_class
+from deckline.sim.ship.structure import deck_mesh
 
 SUN = np.array([0.6, 0.0, 0.8])
 CVN, PAPER = load_class("cvn"), load_class("paper")
@@ -359,3 +361,27 @@ def test_frame_buffers_of_old_sizes_are_given_back(renderer):
     for width in range(64, 64 + 2 * KEPT_TARGETS):
         assert renderer.render(Camera.from_fov(width, 36, 1.0), pose, CALM).depth_m.shape == (36, width)
     assert len(renderer.targets) == KEPT_TARGETS
+
+
+def test_labels_say_what_the_depth_lies_on(renderer):
+    layout = class_layout(PAPER).posed(
+        RigidTransform.from_translation([3.0, 0.0, -1.0]) * class_layout(PAPER).world_from_ship
+    )
+    renderer.load(clean_ship(class_layout(PAPER), PAPER_EDGE), SUN)
+    seen_from = camera_pose(layout, 60.0, 15.0, 5.0, nudge=(0.1, -0.1, 0.0))
+    where = layout.world_from_ship
+    depth = renderer.render(CAMERA, seen_from, CALM, world_from_ship=where).depth_m
+    labels = renderer.labels(CAMERA, seen_from, CALM, world_from_ship=where)
+    assert labels.dtype == np.uint8 and labels.shape == depth.shape
+    assert set(np.unique(labels)) == {Label.SKY, Label.SURFACE, Label.DECK, Label.STRUCTURE}
+    np.testing.assert_array_equal(labels == Label.SKY, np.isnan(depth))
+    rays = CAMERA.rays(np.argwhere(labels > Label.SKY)[:, ::-1].astype(float))
+    near = depth[labels > Label.SKY] < 1000.0  # farther away single precision makes more than a centimetre
+    points = seen_from.apply(rays * depth[labels > Label.SKY][:, None])[near]
+    kinds = labels[labels > Label.SKY][near]
+    np.testing.assert_allclose(points[kinds == Label.SURFACE, 2], layout.sea_z_m, atol=0.01)
+    np.testing.assert_allclose(where.inv().apply(points[kinds == Label.DECK])[:, 2], 0.0, atol=0.01)
+    crate = where.inv().apply(points[kinds == Label.STRUCTURE])
+    assert np.all(np.abs(crate[:, 0] - (layout.length_m - 2.0)) < 1.01)
+    again = renderer.render(CAMERA, seen_from, CALM, world_from_ship=where).depth_m
+    np.testing.assert_array_equal(again, depth)

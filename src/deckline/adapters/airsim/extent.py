@@ -32,6 +32,11 @@ class Extent:
         self._skip = 0  # bytes still to come of a value
         self._head = b""  # of a mark whose length has not come whole
 
+    @property
+    def midway(self) -> bool:
+        """Whether a message has begun and not ended."""
+        return bool(self._open or self._skip or self._head)
+
     def follow(self, data: bytes) -> str:
         """Why the message that `data` goes on with is too large; empty: it is not."""
         data, at = self._head + data, 0

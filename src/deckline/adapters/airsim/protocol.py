@@ -20,7 +20,6 @@ except ImportError as error:
     raise ImportError('AirSim\'s protocol needs msgpack: pip install "deckline[sim]"') from error
 
 REQUEST, RESPONSE, NOTIFY = 0, 1, 2
-PORT = 41451  # AirSim's
 MESSAGE_LIMIT = 64 * 1024 * 1024  # bytes; a message so large, or one that says it will be, is refused
 ITEMS_LIMIT = 100_000  # values in a request; one of a byte on the wire takes 8 and more in memory
 CAME = 60  # characters of what came that an error quotes
@@ -62,6 +61,11 @@ class Decoder:
         self.limit = limit
         self._extent = None if items_limit is None else Extent(limit, items_limit)
         self._unpacker = msgpack.Unpacker(max_buffer_size=limit)
+
+    @property
+    def midway(self) -> bool:
+        """Whether a message has begun and not ended; never, where the number of values is not limited."""
+        return self._extent is not None and self._extent.midway
 
     def feed(self, data: bytes) -> Iterator[Request | Response]:
         """The messages that `data` completes.

@@ -16,16 +16,16 @@ from scipy.spatial.transform import RigidTransform
 from deckline.geometry import Camera
 from deckline.sim.scene.bake import SAMPLES, noise_texture, paint_deck, wave_texture
 from deckline.sim.scene.gl import moderngl, open_context
+from deckline.sim.scene.labels import Label
 from deckline.sim.scene.shadow import ShadowMap
 from deckline.sim.scene.uniforms import CLEAR_AIR_M, Uniforms, scene_uniforms, solid_uniforms
 from deckline.sim.scene.weather import Weather
-from deckline.sim.ship.layout import Layout
-from deckline.sim.ship.mesh import Mesh, triangles
+from deckline.sim.ship.mesh import Mesh
 from deckline.sim.ship.ship import Ship
+from deckline.sim.ship.structure import deck_mesh
 
 SHADERS = Path(__file__).parent / "shaders"
 INCLUDES = ("light.glsl", "sky.glsl", "backdrop.glsl")
-STRAIGHT = 1e-5  # change of an edge's slope that makes no corner
 CLIP_DISTANCE0 = 0x3000  # OpenGL's name
 KEPT_TARGETS = 4  # sizes of frame buffers; every distorting lens has a pinhole of its own size
 VERTEX = ("3f 3f 3f", "position", "normal", "colour")
@@ -136,6 +136,33 @@ class Renderer:
         Raises:
             ValueError: a camera with lens distortion or one that is not above the sea, or no ship loaded.
         """
+        ship, world = self._place(camera, world_from_camera, weather, time_s, with_ship, quality, world_from_ship)
+        return self._draw(camera, quality, ship, world, weather, with_ship)
+
+    def labels(
+        self,
+        camera: Camera,
+        world_from_camera: RigidTransform,
+        weather: Weather,
+        time_s: float = 0.0,
+        world_from_ship: RigidTransform | None = None,
+    ) -> NDArray[np.uint8]:
+        """What each pixel's middle shows, (H, W) of `Label`; arguments and errors as for `render`."""
+        ship, world = self._place(camera, world_from_camera, weather, time_s, True, BEST, world_from_ship)
+        seen = self._measure(camera, ship, world, with_ship=True, labels=True)
+        return np.maximum(seen, 0.0).astype(np.uint8)
+
+    def _place(
+        self,
+        camera: Camera,
+        world_from_camera: RigidTransform,
+        weather: Weather,
+        time_s: float,
+        with_ship: bool,
+        quality: Quality,
+        world_from_ship: RigidTransform | None,
+    ) -> tuple[Uniforms, Uniforms]:
+        """Tell all programs about a picture; returns what the ship and the rest of the world are drawn with."""
         if camera.has_distortion:
             raise ValueError(f"the renderer draws a pinhole, got distortion {camera.distortion}")
         if self.ship is None:
@@ -152,12 +179,12 @@ class Renderer:
         scene = scene_uniforms(camera, world_from_camera, where, self.ship, weather, time_s, with_ship)
         scene |= ship | {"sun": self.sun, "light_from_ship": self.shadow.light_from_ship.T}
         self._bind(scene, quality.anisotropy)
-        return self._draw(camera, quality, ship, world | {"shadow": 0.0}, weather, with_ship)
+        return ship, world | {"shadow": 0.0}
 
     def _draw(
         self, camera: Camera, quality: Quality, ship: Uniforms, world: Uniforms, weather: Weather, with_ship: bool
     ) -> View:
-        sampled, resolved, measured = self._targets(camera)
+        sampled, resolved, _ = self._targets(camera)
         drawn = sampled if quality.samples > 1 else resolved
         solids = self.solids if with_ship else []
         land = self.ship is not None and self.ship.layout.on_land
@@ -176,21 +203,30 @@ class Renderer:
         if drawn is sampled:
             self.context.copy_framebuffer(resolved, sampled)
         radiance = np.frombuffer(resolved.read(components=4, alignment=1, dtype="f2"), dtype=np.float16)
+        depth = self._measure(camera, ship, world, with_ship)
+        shape = (camera.height, camera.width)
+        rgb = radiance.reshape(*shape, 4)[..., :3].astype(np.float32)
+        return View(rgb, np.where(depth > 0, depth, np.float32(np.nan)))
+
+    def _measure(
+        self, camera: Camera, ship: Uniforms, world: Uniforms, with_ship: bool, labels: bool = False
+    ) -> NDArray[np.float32]:
+        """Depth (H, W) along the optical axis, or what is seen; not positive in the sky."""
+        measured = self._targets(camera)[-1]
         measured.use()
         measured.clear()
         self.context.enable_direct(CLIP_DISTANCE0)
         for solid in self.background:
-            _set(self.depth, world)
+            _set(self.depth, world | {"label": labels * Label.BACKGROUND})
             solid.depth.render()
-        _set(self.depth, ship)
-        for solid in solids:
+        for solid, label in zip(self.solids if with_ship else [], (Label.STRUCTURE, Label.DECK), strict=False):
+            _set(self.depth, ship | {"label": labels * label})
             solid.depth.render()
         self.context.disable_direct(CLIP_DISTANCE0)
+        _set(self.sea_depth, {"label": labels * Label.SURFACE})
         self.backdrops[self.sea_depth].render()
-        depth = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
-        shape = (camera.height, camera.width)
-        rgb = radiance.reshape(*shape, 4)[..., :3].astype(np.float32)
-        return View(rgb, np.where(depth > 0, depth, np.float32(np.nan)).reshape(shape))
+        read = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
+        return read.reshape(camera.height, camera.width)
 
     def _shine(self, lamps: moderngl.VertexArray) -> None:
         self.context.enable(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE)
@@ -254,18 +290,6 @@ def _set(program: moderngl.Program, values: dict[str, ArrayLike]) -> None:
         if name in values and isinstance(program[name], moderngl.Uniform):
             value = np.asarray(values[name])
             program[name] = value.item() if value.ndim == 0 else tuple(value.ravel().tolist())
-
-
-def deck_mesh(layout: Layout) -> Mesh:
-    """The deck's surface as strips between its edges, facing up."""
-    edges = np.column_stack([layout.port_m, layout.starboard_m])
-    slopes = np.diff(edges, axis=0) / np.diff(layout.stations_m)[:, None]
-    corner = np.concatenate([[True], np.any(np.abs(np.diff(slopes, axis=0)) > STRAIGHT, axis=1), [True]])
-    x, (port, starboard) = layout.stations_m[corner], edges[corner].T
-    zero = np.zeros(len(x) - 1)
-    p0, p1 = np.column_stack([x[:-1], port[:-1], zero]), np.column_stack([x[1:], port[1:], zero])
-    s0, s1 = np.column_stack([x[:-1], starboard[:-1], zero]), np.column_stack([x[1:], starboard[1:], zero])
-    return triangles(np.concatenate([np.stack([p0, s1, p1], 1), np.stack([p0, s0, s1], 1)]), (0.0, 0.0, 0.0))
 
 
 def _source(name: str) -> str:

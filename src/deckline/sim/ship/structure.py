@@ -10,9 +10,11 @@ from deckline.sim.ship.hull import half_width, hull_mesh, random_form, random_hu
 from deckline.sim.ship.island import island_mesh, random_islands
 from deckline.sim.ship.land import land_mesh
 from deckline.sim.ship.layout import Layout
-from deckline.sim.ship.mesh import Mesh, join
+from deckline.sim.ship.mesh import Mesh, join, triangles
 from deckline.sim.ship.ship_class import ShipClass
 from deckline.sim.ship.sides import side_meshes
+
+STRAIGHT = 1e-5  # change of an edge's slope that makes no corner
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,3 +52,15 @@ def build_structure(layout: Layout, runway: bool, rng: np.random.Generator, spec
     mesh[:, 6:] = np.clip(mesh[:, 6:], 0.0, 1.0)
     stern = np.array(form.stern_m[0])
     return Structure(mesh, float(half_width(form, stern, np.array(layout.deck_height_m), 1.0)))
+
+
+def deck_mesh(layout: Layout) -> Mesh:
+    """The deck's surface as strips between its edges, facing up."""
+    edges = np.column_stack([layout.port_m, layout.starboard_m])
+    slopes = np.diff(edges, axis=0) / np.diff(layout.stations_m)[:, None]
+    corner = np.concatenate([[True], np.any(np.abs(np.diff(slopes, axis=0)) > STRAIGHT, axis=1), [True]])
+    x, (port, starboard) = layout.stations_m[corner], edges[corner].T
+    zero = np.zeros(len(x) - 1)
+    p0, p1 = np.column_stack([x[:-1], port[:-1], zero]), np.column_stack([x[1:], port[1:], zero])
+    s0, s1 = np.column_stack([x[:-1], starboard[:-1], zero]), np.column_stack([x[1:], starboard[1:], zero])
+    return triangles(np.concatenate([np.stack([p0, s1, p1], 1), np.stack([p0, s0, s1], 1)]), (0.0, 0.0, 0.0))

@@ -1,0 +1,153 @@
+"""simGetImages: what is asked for, and what is answered."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from deckline.adapters.airsim.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, Settings
+from deckline.adapters.airsim.structs import Struct, pose_struct
+from deckline.adapters.airsim.world import World
+from deckline.recording.images import encode_image
+from deckline.types import Frame
+
+FAR_M = 65504.0  # where nothing is seen: the largest half-precision number, AirSim's
+VIS_M = 100.0  # depth that DepthVis shows white
+MOST_IMAGES = 64  # of one call
+TYPES = {SCENE: "Scene", PLANAR: "DepthPlanar", PERSPECTIVE: "DepthPerspective", DEPTH_VIS: "DepthVis"} | {
+    SEGMENTATION: "Segmentation"
+}
+FLOATS = (PLANAR, PERSPECTIVE, DEPTH_VIS)
+
+
+@dataclass(frozen=True)
+class ImageRequest:
+    """One picture that is asked for; `camera` is the camera's own name."""
+
+    camera: str
+    asked: str  # the name as it was asked for
+    image_type: int
+    as_float: bool = False
+    compress: bool = True
+    annotation: str = ""
+
+
+def read_requests(values: Any, settings: Settings) -> list[ImageRequest]:
+    """The list that clients send.
+
+    Raises:
+        ValueError: no such list, an unknown camera, or a type or form of picture that there is not.
+    """
+    if not isinstance(values, list) or len(values) > MOST_IMAGES:
+        raise ValueError(f"image requests must be a list of at most {MOST_IMAGES}")
+    return [read_request(value, settings) for value in values]
+
+
+def read_request(value: Any, settings: Settings) -> ImageRequest:
+    """One of them.
+
+    Raises:
+        ValueError: see `read_requests`.
+    """
+    if not isinstance(value, Mapping):
+        raise ValueError(f"an image request must be a map, got {type(value).__name__}")
+    asked, image_type = str(value.get("camera_name", "0")), value.get("image_type", SCENE)
+    if isinstance(image_type, bool) or image_type not in TYPES:
+        there = ", ".join(f"{name} ({number})" for number, name in TYPES.items())
+        raise ValueError(f"no image type {str(image_type)[:20]}; there are {there}")
+    as_float = bool(value.get("pixels_as_float", False))
+    if as_float and image_type not in FLOATS:
+        raise ValueError(f"{TYPES[image_type]} has no float pixels: ask for it with pixels_as_float False")
+    annotation = str(value.get("annotation_name", ""))[:80]
+    compress = bool(value.get("compress", True))
+    return ImageRequest(settings.camera(asked), asked, image_type, as_float, compress, annotation)
+
+
+def take_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
+    """ImageResponses, all of one instant; only on the world's own thread.
+
+    Raises:
+        ValueError: a camera that is not above the sea.
+    """
+    state, time_s = world.state, world.clock.seconds()
+    frames: dict[tuple[Any, ...], Frame] = {}
+    responses = []
+    for request in requests:
+        camera = world.camera(request.camera, request.image_type, state)
+        world_from_mount = state.world_from_body * world.mount(request.camera, state)
+        common = {
+            "camera_name": request.asked,
+            **_where(world_from_mount),
+            "time_stamp": world.clock.nanoseconds(time_s),
+            "message": "",
+            "pixels_as_float": request.as_float,
+            "compress": request.compress and not request.as_float,
+            "width": camera.width,
+            "height": camera.height,
+            "image_type": request.image_type,
+            "annotation_name": request.annotation,
+        }
+        if request.image_type == SEGMENTATION:
+            pixels = world.segmentation(request.camera, state, time_s)
+            responses.append(common | picture_data(pixels, request.compress))
+            continue
+        key = (request.camera, camera.width, camera.height, camera.fx)
+        if key not in frames:
+            frames[key] = world.picture(request.camera, request.image_type, state, time_s)
+        responses.append(common | _data(frames[key], request))
+    return responses
+
+
+def _data(frame: Frame, request: ImageRequest) -> Struct:
+    if request.image_type == SCENE:
+        return picture_data(frame.image_rgb, request.compress)
+    depth = stored_depth(frame, request.image_type)
+    if request.as_float:
+        values = depth if request.image_type != DEPTH_VIS else np.minimum(depth / np.float32(VIS_M), 1.0)
+        return {"image_data_uint8": b"\0", "image_data_float": values.ravel()}
+    return picture_data(shown_depth(depth), request.compress)
+
+
+def picture_data(image_rgb: NDArray[np.uint8], compress: bool) -> Struct:
+    """A picture (H, W, 3) as a PNG file, or as raw bytes in the order blue, green, red."""
+    data = encode_image(image_rgb, "png") if compress else image_rgb[:, :, ::-1].tobytes()
+    return {"image_data_uint8": data, "image_data_float": np.zeros(1, dtype=np.float32)}
+
+
+def stored_depth(frame: Frame, image_type: int) -> NDArray[np.float32]:
+    """Depth (H, W), m, along the axis, or along each pixel's ray for DepthPerspective; far where nothing is seen.
+
+    Raises:
+        ValueError: a frame without depth.
+    """
+    if frame.depth_m is None:
+        raise ValueError(f"{frame.file}: no depth")
+    depth = frame.depth_m
+    if image_type == PERSPECTIVE:
+        depth = depth * frame.camera.ray_lengths()
+    return np.minimum(np.nan_to_num(depth, nan=FAR_M), np.float32(FAR_M))
+
+
+def shown_depth(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Depth (H, W) as grey (H, W, 3): black at 0, white from 100 m on."""
+    grey = np.rint(255.0 * np.minimum(depth_m / np.float32(VIS_M), 1.0)).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def recorded_frame(world: World) -> Frame:
+    """The picture, depth and pose of the recorded camera now, its time in s since 1970; only on the world's own thread.
+
+    Raises:
+        ValueError: a camera that is not above the sea.
+    """
+    time_s = world.clock.seconds()
+    frame = world.picture(world.settings.recorded, SCENE, world.state, time_s)
+    return replace(frame, time_s=world.clock.nanoseconds(time_s) / 1e9)
+
+
+def _where(world_from_mount: RigidTransform) -> Struct:
+    placed = pose_struct(world_from_mount)
+    return {"camera_position": placed["position"], "camera_orientation": placed["orientation"]}

@@ -1,0 +1,203 @@
+"""The server's side of AirSim's settings.json: the vehicle, its cameras and what is recorded."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import attitude
+
+VEHICLE = "SimpleFlight"  # AirSim's own name of a multirotor that settings.json does not name
+SCENE, PLANAR, PERSPECTIVE, DEPTH_VIS, SEGMENTATION = 0, 1, 2, 3, 5  # image types
+ALL_TYPES = -1
+MOST_PX = 4096  # of a picture's sides
+LEAST_INTERVAL_S = 0.01
+STEREO_M = 0.125  # half the distance between the front cameras to the left and to the right; our choice
+# Cameras without settings: all at the body's origin but the stereo pair. X, Y, Z in metres, yaw and pitch in degrees.
+MOUNTS = {
+    "front_center": (0.0, 0.0, 0.0),
+    "front_right": (STEREO_M, 0.0, 0.0),
+    "front_left": (-STEREO_M, 0.0, 0.0),
+    "bottom_center": (0.0, 0.0, -90.0),
+    "back_center": (0.0, 180.0, 0.0),
+}  # y, yaw, pitch
+ALIASES = {"0": "front_center", "1": "front_right", "2": "front_left", "3": "bottom_center", "4": "back_center"}
+ORIGIN = (47.641468, -122.140165, 122.0)  # latitude, deg, longitude, deg, altitude, m: AirSim's
+USED = ("SettingsVersion", "SeeDocsAt", "SimMode", "CameraDefaults", "Vehicles", "Recording", "OriginGeopoint")
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A picture's size, px, and horizontal field of view, deg."""
+
+    width: int
+    height: int
+    fov_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSetting:
+    """A camera: body_from_mount, whose x axis is the viewing axis, and what it captures by image type."""
+
+    mount: RigidTransform
+    captures: Mapping[int, Capture]
+
+    def capture(self, image_type: int) -> Capture:
+        """What is captured for an image type: its own, or that of all."""
+        return self.captures.get(image_type, self.captures[ALL_TYPES])
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What settings.json says, or its defaults."""
+
+    cameras: Mapping[str, CameraSetting]
+    vehicle: str = VEHICLE
+    origin: tuple[float, float, float] = ORIGIN
+    interval_s: float = 0.05  # between two recorded frames
+    on_move: bool = False  # record only what differs in pose
+    recorded: str = "front_center"  # camera
+    text: str = "{}"
+    unused: tuple[str, ...] = field(default=())  # keys that have no effect here
+
+    def camera(self, name: str) -> str:
+        """A camera's own name.
+
+        Raises:
+            ValueError: there is none of this name.
+        """
+        own = ALIASES.get(name, name) if name not in self.cameras else name
+        if own not in self.cameras:
+            raise ValueError(f"no camera {name[:40]!r}; there are {', '.join(self.cameras)}")
+        return own
+
+
+def default_settings(default: Capture) -> Settings:
+    """AirSim's five cameras, all with one picture size."""
+    return Settings({name: CameraSetting(_usual_mount(name), {ALL_TYPES: default}) for name in MOUNTS})
+
+
+def read_settings(path: Path, default: Capture) -> Settings:
+    """A settings.json.
+
+    Args:
+        default: what cameras capture that the file says nothing of.
+
+    Raises:
+        ValueError: no JSON, or a value that cannot be; says which.
+        OSError: the file cannot be read.
+    """
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    try:
+        values = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise ValueError(f"{path}: not valid JSON: {error}") from None
+    try:
+        return parse_settings(_mapping(values, "settings"), default, text)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}") -> Settings:
+    """Settings of the parsed file.
+
+    Raises:
+        ValueError: a value that cannot be, or more than one vehicle.
+    """
+    defaults = _mapping(values.get("CameraDefaults", {}), "CameraDefaults")
+    common = _captures(defaults, {ALL_TYPES: default}, "CameraDefaults")
+    vehicles = _mapping(values.get("Vehicles", {}), "Vehicles")
+    if len(vehicles) > 1:
+        raise ValueError(f"Vehicles names {', '.join(vehicles)}: one vehicle is simulated, leave one")
+    vehicle, own = next(iter(vehicles.items()), (VEHICLE, {}))
+    given = _mapping(_mapping(own, f"Vehicles.{vehicle}").get("Cameras", {}), "Cameras")
+    cameras = {name: CameraSetting(_usual_mount(name), common) for name in MOUNTS}
+    for name, camera in given.items():
+        place = f"Cameras.{name}"
+        camera = _mapping(camera, place)
+        key = ALIASES.get(name, name)
+        cameras[key] = CameraSetting(_mount(camera, _usual_mount(key), place), _captures(camera, common, place))
+    unused = [key for key in values if key not in USED]
+    unused += [f"Vehicles.{vehicle}.{key}" for key in own if key not in ("Cameras", "VehicleType")]
+    settings = Settings(cameras, vehicle, _origin(values), text=text, unused=tuple(unused))
+    return _recording(settings, _mapping(values.get("Recording", {}), "Recording"))
+
+
+def _recording(settings: Settings, values: Mapping[str, Any]) -> Settings:
+    """The settings with what Recording says; pictures and depth are recorded of the first camera it names."""
+    interval_s = _number(values.get("RecordInterval", settings.interval_s), "RecordInterval", LEAST_INTERVAL_S, 3600.0)
+    cameras = values.get("Cameras", [])
+    if not isinstance(cameras, list):
+        raise ValueError(f"Recording.Cameras must be a list, got {type(cameras).__name__}")
+    recorded = settings.recorded
+    if cameras:
+        first = _mapping(cameras[0], "Recording.Cameras")
+        recorded = settings.camera(str(first.get("CameraName", first.get("CameraID", "0"))))
+    on_move = values.get("RecordOnMove", False)
+    if not isinstance(on_move, bool):
+        raise ValueError(f"RecordOnMove must be true or false, got {on_move!r}")
+    return Settings(
+        settings.cameras, settings.vehicle, settings.origin, interval_s, on_move, recorded, settings.text,
+        settings.unused,
+    )  # fmt: skip
+
+
+def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: str) -> Mapping[int, Capture]:
+    captures, given = dict(common), values.get("CaptureSettings", [])
+    if not isinstance(given, list):
+        raise ValueError(f"{place}.CaptureSettings must be a list, got {type(given).__name__}")
+    for item in given:
+        item = _mapping(item, f"{place}.CaptureSettings")
+        kind = int(_number(item.get("ImageType", SCENE), "ImageType", ALL_TYPES, 11))
+        base = captures.get(kind, captures[ALL_TYPES])
+        captures[kind] = Capture(
+            int(_number(item.get("Width", base.width), f"{place}.Width", 1, MOST_PX)),
+            int(_number(item.get("Height", base.height), f"{place}.Height", 1, MOST_PX)),
+            _number(item.get("FOV_Degrees", base.fov_deg), f"{place}.FOV_Degrees", 1.0, 150.0),
+        )
+    return captures
+
+
+def _mount(values: Mapping[str, Any], usual: RigidTransform, place: str) -> RigidTransform:
+    """body_from_mount of X, Y, Z, Roll, Pitch, Yaw; what is not given stays as usual."""
+    yaw, pitch, roll = usual.rotation.as_euler("ZYX", degrees=True).tolist()
+    angles = {"Roll": roll, "Pitch": pitch, "Yaw": yaw}
+    for name in angles:
+        angles[name] = math.radians(_number(values.get(name, angles[name]), f"{place}.{name}", -360.0, 360.0))
+    position = [
+        _number(values.get(name, usual.translation[axis]), f"{place}.{name}", -1e4, 1e4)
+        for axis, name in enumerate("XYZ")
+    ]
+    return RigidTransform.from_components(position, attitude(*angles.values()))
+
+
+def _usual_mount(name: str) -> RigidTransform:
+    right_m, yaw_deg, pitch_deg = MOUNTS.get(name, (0.0, 0.0, 0.0))
+    return RigidTransform.from_components(
+        [0.0, right_m, 0.0], attitude(0.0, math.radians(pitch_deg), math.radians(yaw_deg))
+    )
+
+
+def _origin(values: Mapping[str, Any]) -> tuple[float, float, float]:
+    place = _mapping(values.get("OriginGeopoint", {}), "OriginGeopoint")
+    limits = (("Latitude", 89.0), ("Longitude", 180.0), ("Altitude", 1e5))
+    numbers = [
+        _number(place.get(name, usual), name, -most, most) for (name, most), usual in zip(limits, ORIGIN, strict=True)
+    ]
+    return numbers[0], numbers[1], numbers[2]
+
+
+def _mapping(value: Any, place: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{place} must be an object, got {type(value).__name__}")
+    return value
+
+
+def _number(value: Any, name: str, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise ValueError(f"{name} must be a number between {low:g} and {high:g}, got {value!r}")
+    return float(value)
