@@ -1,6 +1,5 @@
 """Every comparison network: its published size, any image size, learning, and torch against ONNX."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
@@ -136,7 +135,6 @@ def test_the_recipe_offers_them_all() -> None:
 
 
 def test_builders_make_new_networks() -> None:
-    builders: list[Callable[[], nn.Module]] = list(RIVALS.values())
-    assert all(make() is not make() for make in builders[:1])
+    assert build("aod-net") is not build("aod-net")
     with pytest.raises(ValueError, match="unknown network 'ffa-net': use one of aod-net, gca-net"):
         build("ffa-net")
