@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -131,6 +133,9 @@ def test_a_tiny_picture_may_have_a_lens():
     tiny = Camera(1, 1, 0.5, 0.5, 0.0, 0.0, (-0.05, 0.01, 0.0, 0.0, 0.0))
     pinhole = pinhole_for(tiny)
     assert (pinhole.width, pinhole.height, pinhole.cx, pinhole.cy) == (5, 5, 2.0, 2.0)
+    line = replace(BARREL, width=7, height=1)
+    at = np.column_stack([np.arange(7.0), np.zeros(7)])
+    np.testing.assert_allclose(pixel_rays(line)[0], line.rays(at), rtol=1e-6)
 
 
 def test_wrong_use_is_named(lens):

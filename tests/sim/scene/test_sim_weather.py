@@ -2,27 +2,10 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from deckline.sim.scene.weather import WeatherConfig, horizon_airlight, random_airlight, random_weather, sun_direction
+from deckline.sim.scene.weather import WeatherConfig, random_weather, sun_direction
 
 DRAWN = [random_weather(np.random.default_rng(k)) for k in range(80)]
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_airlight_stays_in_range_near_the_horizon_colour(seed):
-    rng = np.random.default_rng(seed)
-    horizon = np.array(random_weather(rng).horizon_rgb) ** (1 / 2.2)
-    airlight = random_airlight(horizon, rng)
-    assert np.all((airlight >= 40.0) & (airlight <= 250.0))
-    assert 0.4 * 255 * min(horizon.mean(), 0.9) < airlight.mean() < max(1.25 * 255 * horizon.mean(), 40.0 + 1e-6)
-
-
-def test_airlight_of_the_horizon_is_the_horizon():
-    horizon = np.array([200.0, 210.0, 220.0])
-    drawn = [horizon_airlight(horizon, np.random.default_rng(k)) for k in range(50)]
-    np.testing.assert_allclose(np.mean(drawn, axis=0), horizon, rtol=0.01)
 
 
 def test_weather_varies():

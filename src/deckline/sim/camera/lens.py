@@ -102,6 +102,9 @@ def _pixel_rays(key: tuple) -> NDArray[np.float32]:
     if not camera.has_distortion:
         rays[..., 0], rays[..., 1] = (u - camera.cx) / camera.fx, ((v - camera.cy) / camera.fy)[:, None]
         return rays
+    if min(camera.width, camera.height) < 2:  # nothing to interpolate between
+        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        return camera.rays(pixels).reshape(rays.shape).astype(np.float32)
     grid_u, grid_v = (np.linspace(0, size - 1, GRID_CELLS + 1) for size in (camera.width, camera.height))
     at = np.stack(np.meshgrid(grid_u, grid_v), axis=-1)
     solved = camera.rays(at.reshape(-1, 2)).reshape(len(grid_v), len(grid_u), 3)

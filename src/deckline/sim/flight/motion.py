@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import attitude
+from deckline.sim.scene.waves import STATE_HEIGHT_M
 from deckline.sim.ship.layout import Layout
 
 PERIODS_S = (22.0, 12.0, 18.0)  # roll, pitch, heave; SPEC section 7
 SEA_STATES = (0, 1, 2, 3, 4, 5, 6)
-WAVE_HEIGHT_M = (0.0, 0.05, 0.3, 0.875, 1.875, 3.25, 5.0)  # middle of each state's significant height, WMO code 3700
 STATED = {4: (0.62, 0.52, 0.68), 5: (0.98, 0.82, 1.09), 6: (1.44, 1.24, 1.63)}  # deg, deg, m; SPEC section 7
 TRAIN_STILL = 0.3  # part of the training recordings whose ship lies still
 
@@ -63,7 +63,7 @@ def deck_amplitudes(sea_state: float) -> tuple[float, float, float]:
     States 4, 5 and 6 are those of SPEC section 7. Smaller ones are state 4's times the ratio of the significant wave
     heights; between two states they run straight.
     """
-    table = [np.array(STATED.get(k, np.array(STATED[4]) * WAVE_HEIGHT_M[k] / WAVE_HEIGHT_M[4])) for k in SEA_STATES]
+    table = [np.array(STATED.get(k, np.array(STATED[4]) * STATE_HEIGHT_M[k] / STATE_HEIGHT_M[4])) for k in SEA_STATES]
     roll, pitch, heave = (float(np.interp(sea_state, SEA_STATES, column)) for column in np.transpose(table))
     return float(np.deg2rad(roll)), float(np.deg2rad(pitch)), heave
 

@@ -19,11 +19,13 @@ from deckline.sim.scene.daylight import (
 from deckline.sim.scene.waves import STATE_HEIGHT_M, Waves, waves_from, wind_from_height
 from deckline.sim.ship.mesh import Rgb
 
-__all__ = ["Weather", "WeatherConfig", "horizon_airlight", "random_airlight", "random_weather", "sun_direction"]
+__all__ = ["Weather", "WeatherConfig", "random_weather", "sun_direction"]
 
 FAIR_STATES, ALL_STATES = (1, 4), (0, 6)  # lowest and highest sea state that is drawn
 PLAIN_SEA = 0.2  # part of the training seas with hardly a wave, as simple renderers have them
-LAND_RGB = ((0.30, 0.36, 0.18), (0.42, 0.44, 0.24), (0.45, 0.38, 0.28), (0.62, 0.55, 0.42), (0.20, 0.27, 0.15))
+LAND_RGB = np.array(
+    [[0.30, 0.36, 0.18], [0.42, 0.44, 0.24], [0.45, 0.38, 0.28], [0.62, 0.55, 0.42], [0.20, 0.27, 0.15]]
+)  # grass, crops, earth, sand and woods, as a display shows them
 RIPPLE_RATIO = 9.0  # waves over ripples, in length
 
 
@@ -182,29 +184,8 @@ def _wake(rng: np.random.Generator) -> dict[str, float | Rgb]:
 
 def _land(rng: np.random.Generator) -> dict[str, float | Rgb]:
     """Grass, crops, earth and sand."""
-    colours = np.array(
-        [[0.30, 0.36, 0.18], [0.42, 0.44, 0.24], [0.45, 0.38, 0.28], [0.62, 0.55, 0.42], [0.2, 0.27, 0.15]]
-    )
-    ground, field = (colours[rng.integers(len(colours))] * rng.uniform(0.8, 1.2) for _ in range(2))
+    ground, field = (LAND_RGB[rng.integers(len(LAND_RGB))] * rng.uniform(0.8, 1.2) for _ in range(2))
     return {"ground_rgb": _rgb(ground), "field_rgb": _rgb(field), "field_m": rng.uniform(60.0, 400.0)}
-
-
-def random_airlight(horizon: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Colour of thick haze (3,) in 0..255: near a horizon's (3,), display 0..1, greyer, sometimes tinted or darker."""
-    shown = np.minimum(horizon, 1.0)
-    grey = np.full(3, shown.mean())
-    mixed = grey + (shown - grey) * rng.uniform(0.0, 1.2)
-    tint = 1.0 + rng.normal(0.0, 0.03, 3)
-    darker = rng.uniform(0.55, 0.85) if rng.random() < 0.25 else rng.uniform(0.85, 1.1)
-    return np.clip(255.0 * mixed * tint * darker, 40.0, 250.0)
-
-
-def horizon_airlight(horizon: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Colour of thick haze (3,) in 0..255 lit by the same sky: the horizon's (3,) in 0..255, within a few per cent.
-
-    Source: Koschmieder's law, in which the airlight is the radiance of the sky at the horizon.
-    """
-    return np.clip(horizon * (1.0 + rng.normal(0.0, 0.02, 3)), 0.0, 255.0)
 
 
 def _rgb(colour: NDArray[np.float64]) -> Rgb:

@@ -8,16 +8,13 @@ from numpy.typing import NDArray
 from deckline.sim.ship.layout import Layout
 from deckline.sim.ship.mesh import Rgb
 from deckline.sim.ship.paint import Coat, axes, bars, dashes, ladder, layers, stripe
-from deckline.sim.ship.plan import DeckSurface, EdgeKind, EdgeStyle, LineStyle, Plan
+from deckline.sim.ship.plan import EdgeKind, EdgeStyle, LineStyle, Plan
 
 EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
 EDGE_ODDS = (0.55, 0.23, 0.11, 0.11)  # of the kinds on random ships
 YELLOW = (0.78, 0.62, 0.10)
 SMEARED = 0.15  # part of the random edges whose paint has run together
 WIRE_SHADE = 0.05  # bare steel, greased
-CVN_EDGE = EdgeStyle("ladder", width_m=3.4, rail_m=0.75, bar_m=0.75, pitch_m=3.6, rgb=(0.86, 0.87, 0.88))
-PAPER_EDGE = EdgeStyle("ladder", width_m=2.4, rail_m=0.6, bar_m=0.6, pitch_m=3.0, rgb=(0.86, 0.87, 0.88))
-__all__ = ["DeckSurface"]
 
 
 def random_edge(rng: np.random.Generator) -> EdgeStyle:
