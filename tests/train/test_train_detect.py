@@ -17,7 +17,8 @@ from deckline.train.detect import DetectTrainConfig, train_detect
 from deckline.train.detect_data import LineViews
 from deckline.train.detect_finish import export_detect, score, torch_infer
 from deckline.train.detect_views import line_view
-from deckline.train.ufld import Ufld, UfldConfig, count_parameters
+from deckline.train.network_cost import count_parameters
+from deckline.train.ufld import Ufld, UfldConfig
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(320, 180, np.deg2rad(60))

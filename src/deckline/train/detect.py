@@ -18,8 +18,9 @@ from deckline.train.detect_augment import DetectAugmentation
 from deckline.train.detect_data import LineViews, batches
 from deckline.train.detect_finish import export_detect, validate
 from deckline.train.detect_losses import DetectTargets, LossWeights, detect_loss
+from deckline.train.network_cost import count_parameters
 from deckline.train.schedule import averaged, fraction_done, learning_rate
-from deckline.train.ufld import Ufld, UfldConfig, count_parameters
+from deckline.train.ufld import Ufld, UfldConfig
 
 SMOOTHING = 0.98  # of the printed losses
 

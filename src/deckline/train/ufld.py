@@ -138,7 +138,3 @@ def _separable(channels_in: int, channels_out: int, kernel: int = 3) -> nn.Seque
         _conv_norm(channels_in, channels_out, 1),
         nn.ReLU(),
     )
-
-
-def count_parameters(model: nn.Module) -> int:
-    return sum(parameter.numel() for parameter in model.parameters())
