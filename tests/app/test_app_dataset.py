@@ -118,6 +118,7 @@ def test_without_tiles_there_are_recordings_alone(tmp_path):
     ("changes", "text"),
     [
         ({"test": 600}, "test must lie between 1 and frames - 1 = 599, got 600"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
         ({"visibility_m": (300.0, float("inf"))}, "visibility_m must be"),
         ({"tile_px": 721}, "tile_px must lie between 1 and the image's smaller side, got 721"),
     ],

@@ -61,3 +61,10 @@ def test_a_folder_without_a_manifest_of_ours_is_named(tmp_path):
     (tmp_path / "manifest.json").write_text('{"format": "other"}')
     with pytest.raises(ValueError, match="not a deckline-dataset manifest of version 1"):
         check_dataset(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["{", '{"format": "deckline-dataset", "version": 1}', '{"\xe4": 1}'])
+def test_a_damaged_manifest_is_named(text, tmp_path):
+    (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ValueError, match=r"manifest\.json is damaged: .*; remove it and give the command"):
+        check_dataset(tmp_path)

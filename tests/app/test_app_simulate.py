@@ -82,7 +82,7 @@ def test_visibility_is_written_as_it_is_read(text):
         (["--fov-deg", "900"], "fov_deg must lie between 1 and 150, got 900"),
         (["--frames", "x"], "--frames: invalid literal for int"),
         (["--sheet.columns", "0"], "columns must be at least 1, got 0"),
-        (["--contact-sheet", "a.png"], "needs --out FOLDER for a recording, or --contact-sheet FILE"),
+        (["--contact-sheet", "a.png"], "needs --out FOLDER for a recording"),
     ],
 )
 def test_a_value_out_of_range_is_one_line(words, text, tmp_path, capsys):
@@ -150,6 +150,13 @@ def test_contact_sheet_is_one_picture_of_shrunken_frames_and_no_recording(tmp_pa
 def test_contact_sheet_of_another_kind_is_refused_before_rendering(tmp_path, capsys):
     assert main(["sim", "--contact-sheet", str(tmp_path / "a.gif")]) == 2
     assert "a contact sheet is .png, .jpg, .jpeg, got 'a.gif'" in capsys.readouterr().err
+
+
+def test_contact_sheet_that_cannot_be_written_is_refused_before_rendering(tmp_path, capsys):
+    (tmp_path / "file").write_bytes(b"")
+    assert main(["sim", "--contact-sheet", str(tmp_path / "file" / "a.png")]) == 2
+    said = capsys.readouterr().err
+    assert "deckline: error:" in said and "rendering" not in said
 
 
 def test_sheet_settings_out_of_range_are_named():

@@ -73,6 +73,8 @@ class DatasetConfig:
     def __post_init__(self) -> None:
         if not 0 < self.test < self.frames:
             raise ValueError(f"test must lie between 1 and frames - 1 = {self.frames - 1}, got {self.test}")
+        if self.seed < 0:
+            raise ValueError(f"seed must not be negative, got {self.seed}")
         if not 0 < self.visibility_m[0] <= self.visibility_m[1] < float("inf"):
             raise ValueError(f"visibility_m must be 0 < low <= high < inf, got {self.visibility_m}")
         if self.tiles and not 1 <= self.tile_px <= min(self.width, self.height):

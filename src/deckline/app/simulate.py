@@ -1,6 +1,7 @@
 """`deckline sim`: simulator frames into an AirSim-layout recording, or into one picture to look at."""
 
 import math
+import os
 import shlex
 import sys
 from contextlib import closing
@@ -103,13 +104,16 @@ def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1)
     """Render `config.frames` frames into one picture, written whole or not at all.
 
     Raises:
-        ValueError: a file name that ends neither in .png nor in .jpg.
+        ValueError: a file name that ends neither in .png nor in .jpg, or a folder that cannot be written.
         OSError: the disk refuses, or rendering stopped.
     """
     if out.suffix.lower() not in SHEET_SUFFIXES:
         raise ValueError(f"a contact sheet is {', '.join(SHEET_SUFFIXES)}, got {out.name!r}")
     import cv2
 
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if not os.access(out.parent, os.W_OK):
+        raise ValueError(f"{out}: its folder cannot be written")
     tile = partial(sheet_tile, width_px=sheet.tile_px, with_truth=sheet.truth)
     rendered = closing(map_frames(tile, [(config, index) for index in range(config.frames)], jobs))
     tiles = []
@@ -120,7 +124,6 @@ def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1)
     done, buffer = cv2.imencode(out.suffix, join_tiles(tiles, sheet.columns)[:, :, ::-1])
     if not done:
         raise ValueError(f"OpenCV could not encode {out}")
-    out.parent.mkdir(parents=True, exist_ok=True)
     write_atomic(out, buffer.tobytes())
     print(out)
 
