@@ -14,7 +14,8 @@ from urllib.parse import urlsplit
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.adapters.airsim.protocol import PORT, Decoder, ProtocolError, Response, encode_request, quoted
+from deckline.adapters.airsim import PORT
+from deckline.adapters.airsim.protocol import Decoder, ProtocolError, Response, encode_request, quoted
 from deckline.geometry import pose
 
 SCHEME = "airsim"
