@@ -125,8 +125,13 @@ class Connections:
 
 
 @asynccontextmanager
-async def serving(config: SimConfig, settings: Settings, server: ServerConfig) -> AsyncIterator[int]:
+async def serving(
+    config: SimConfig, settings: Settings, server: ServerConfig, clock: Clock | None = None
+) -> AsyncIterator[int]:
     """Serve while the context is open; gives the port.
+
+    Args:
+        clock: the simulated time; None: it begins now.
 
     Raises:
         RendererError: no OpenGL through EGL on this machine.
@@ -134,7 +139,7 @@ async def serving(config: SimConfig, settings: Settings, server: ServerConfig) -
     """
     loop = asyncio.get_running_loop()
     with ThreadPoolExecutor(1, thread_name_prefix="renderer") as renderer:
-        world = await loop.run_in_executor(renderer, World, config, settings, Clock())
+        world = await loop.run_in_executor(renderer, World, config, settings, clock or Clock())
         recorder = Recorder(server.out, settings, lambda: service.frame(), dict(server.scene), server.log)
         service = Service(world, renderer, recorder, server.log)
         connections = Connections(service, server.message_limit)

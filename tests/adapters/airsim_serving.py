@@ -1,0 +1,107 @@
+"""A server on a thread of its own, and the real published client against it."""
+
+import asyncio
+import socket
+import threading
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from deckline.adapters.airsim.clock import Clock
+from deckline.adapters.airsim.protocol import Decoder, encode_request
+from deckline.adapters.airsim.server import ServerConfig, serving
+from deckline.adapters.airsim.settings import Capture, default_settings
+from deckline.sim.camera.depth_camera import DepthConfig
+from deckline.sim.camera.sensor import SensorConfig
+from deckline.sim.config import SimConfig
+from deckline.sim.scene.gl import RendererError
+
+WIDTH, HEIGHT, FOV_DEG = 96, 54, 90.0
+EPOCH_NS = 1_700_000_000_000_000_000
+# Nothing random in the picture's last steps, so that two pictures of one view are equal.
+CONFIG = SimConfig(
+    width=WIDTH,
+    height=HEIGHT,
+    fov_deg=FOV_DEG,
+    keep_clear=False,
+    depth=DepthConfig(range_m=float("inf")),
+    sensor=SensorConfig(noise=0.0, electrons=0.0),
+)
+
+
+@dataclass
+class Running:
+    """What a test needs of a server. Its time stands where the test puts it."""
+
+    port: int
+    lines: list[str]
+    out: Path
+    ticks: list[float]
+
+
+@contextmanager
+def running_server(out, config=CONFIG, settings=None, **options):
+    """A server until the block ends; an error in it is raised here."""
+    known = settings or default_settings(Capture(config.width, config.height, config.fov_deg))
+    running, ready, begun, failed = Running(0, [], out, [0.0]), threading.Event(), [], []
+
+    async def main():
+        stop = asyncio.Event()
+        begun.append((asyncio.get_running_loop(), stop))
+        server = ServerConfig(port=0, out=out, log=running.lines.append, **options)
+        async with serving(config, known, server, Clock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)) as port:
+            running.port = port
+            ready.set()
+            await stop.wait()
+
+    def run():
+        try:
+            asyncio.run(main())
+        except BaseException as error:
+            failed.append(error)
+        ready.set()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    ready.wait()
+    try:
+        if not failed:
+            yield running
+    finally:
+        loop, stop = begun[0]
+        if thread.is_alive():
+            loop.call_soon_threadsafe(stop.set)
+        thread.join()
+    if failed and isinstance(failed[0], RendererError):
+        pytest.skip(f"no OpenGL on this machine: {failed[0]}")
+    if failed:
+        raise failed[0]
+
+
+def connected(port):
+    """A plain socket to the server."""
+    peer = socket.create_connection(("127.0.0.1", port), timeout=30.0)
+    peer.settimeout(30.0)
+    return peer
+
+
+def asked(peer, method, *params):
+    """(error, result) of a call over a plain socket."""
+    peer.sendall(encode_request(7, method, params))
+    decoder = Decoder(items_limit=None)
+    while data := peer.recv(1 << 16):
+        for answer in decoder.feed(data):
+            return answer.error, answer.result
+    raise ConnectionError("closed without an answer")
+
+
+def ended(peer):
+    """Whether the server closes the connection."""
+    try:
+        while peer.recv(1 << 16):
+            pass
+    except ConnectionResetError:
+        pass
+    return True
