@@ -72,6 +72,17 @@ def test_fine_mode_without_a_depth_camera_says_so_and_gives_nothing(results):
     assert result.guidance.lateral_deviation_m is None
 
 
+def test_a_dehazer_that_needs_the_pose_says_when_there_is_none(results):
+    chain = Pipeline(PipelineConfig(dehazer="geometry"))
+    frame = dataclasses.replace(results[0].frame, world_from_body=None)
+    blind = chain(frame)
+    assert blind.guidance.reason.startswith("not dehazed: the frame has no pose")
+    np.testing.assert_array_equal(blind.dehazed_rgb, frame.image_rgb)
+    seeing = chain(results[0].frame)
+    assert "not dehazed" not in seeing.guidance.reason
+    assert (seeing.dehazed_rgb != results[0].frame.image_rgb).any()
+
+
 @pytest.mark.parametrize("field", ["dehazer", "detector"])
 def test_an_unknown_method_is_answered_with_the_known_ones(field):
     with pytest.raises(ValueError, match=f"unknown {field} 'magic': use one of "):

@@ -6,14 +6,14 @@ dehaze -> detect -> localize -> guide. Each stage is a plain callable; swap any 
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector
 from deckline.guide import guidance
 from deckline.localize import LocalizeConfig, localize
@@ -59,11 +59,13 @@ class Pipeline:
     def __call__(self, frame: Frame) -> FrameResult:
         rng = np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         seconds: dict[str, float] = {}
-        dehazed = _timed(seconds, "dehaze", lambda: self.dehaze(frame.image_rgb))
-        detection = _timed(seconds, "detect", lambda: self.detect(dehazed))
+        restored = _timed(seconds, "dehaze", lambda: restore(self.dehaze, frame))
+        detection = _timed(seconds, "detect", lambda: self.detect(restored.image_rgb))
         estimate = _timed(seconds, "localize", lambda: localize(frame, detection, self.config.localize, rng))
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate))
-        return FrameResult(frame, dehazed, detection, estimate, advice, seconds)
+        if restored.note:
+            advice = replace(advice, reason="; ".join(filter(None, (restored.note, advice.reason))))
+        return FrameResult(frame, restored.image_rgb, detection, estimate, advice, seconds)
 
 
 def _build(name: str, builders: dict[str, Callable[[], T]], from_file: Callable[[Path], T], what: str) -> T:

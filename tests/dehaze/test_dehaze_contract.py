@@ -36,7 +36,7 @@ def test_shape_type_determinism_and_input(dehazer: Dehazer, size: tuple[int, int
 def test_extremes_stay_in_range(dehazer: Dehazer, level: int) -> None:
     """A wrapped value would make white from black; half the range is far from either."""
     result = dehazer(np.full((64, 96, 3), level, dtype=np.uint8))
-    if dehazer.name == "none":
+    if dehazer.name in ("none", "geometry"):
         assert (result == level).all()
     if level == 0:
         assert result.mean() < 128
@@ -67,7 +67,7 @@ def test_names_are_their_keys() -> None:
 
 
 def test_haze_over_a_known_scene_gets_less() -> None:
-    """Each real method brings a hazy deck-like scene nearer to the clear one than it was."""
+    """Each method that works on images alone brings a hazy deck-like scene nearer to the clear one than it was."""
     clear, ranges = scene()
     hazy = add_haze(clear, ranges, beta_from_visibility(900.0), (185, 192, 200))
     errors = {name: rms(build()(hazy), clear) for name, build in DEHAZERS.items()}

@@ -5,8 +5,9 @@ cv2 and onnxruntime are imported only when a method that needs them is built or 
 
 from collections.abc import Callable
 
-from deckline.dehaze.base import Dehazer, check_image
+from deckline.dehaze.base import Dehazer, FrameDehazer, Restored, check_image, restore
 from deckline.dehaze.dark_channel import DarkChannelConfig, DarkChannelDehazer
+from deckline.dehaze.geometry import GeometryConfig, GeometryDehazer
 from deckline.dehaze.identity import IdentityDehazer
 from deckline.dehaze.onnx_network import OnnxDehazer
 from deckline.runtime import shipped_weights
@@ -14,6 +15,7 @@ from deckline.runtime import shipped_weights
 DEHAZERS: dict[str, Callable[[], Dehazer]] = {
     "none": IdentityDehazer,
     "dark-channel": DarkChannelDehazer,
+    "geometry": GeometryDehazer,
     "coarse-t": lambda: OnnxDehazer(shipped_weights("dehaze"), name="coarse-t"),
 }
 
@@ -22,7 +24,12 @@ __all__ = [
     "DarkChannelConfig",
     "DarkChannelDehazer",
     "Dehazer",
+    "FrameDehazer",
+    "GeometryConfig",
+    "GeometryDehazer",
     "IdentityDehazer",
     "OnnxDehazer",
+    "Restored",
     "check_image",
+    "restore",
 ]

@@ -1,9 +1,12 @@
 """What every dehazer is."""
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from deckline.types import Frame
 
 
 class Dehazer(Protocol):
@@ -16,6 +19,28 @@ class Dehazer(Protocol):
     name: str  # for people and reports
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Restored:
+    """A dehazed frame."""
+
+    image_rgb: NDArray[np.uint8]  # (H, W, 3), no view of the input
+    note: str = ""  # why the frame was left as it is, for people
+
+
+@runtime_checkable
+class FrameDehazer(Dehazer, Protocol):
+    """A dehazer that also looks at the frame's camera, pose and depth. The image alone comes out as it went in."""
+
+    def restore(self, frame: Frame) -> Restored: ...
+
+
+def restore(dehazer: Dehazer, frame: Frame) -> Restored:
+    """A frame through any dehazer."""
+    if isinstance(dehazer, FrameDehazer):
+        return dehazer.restore(frame)
+    return Restored(dehazer(frame.image_rgb))
 
 
 def check_image(image_rgb: NDArray[np.uint8]) -> None:

@@ -1,0 +1,141 @@
+"""Airlight and extinction of one picture, from how the sea fades into the haze towards the horizon.
+
+In the band above the horizon the air is endless and shows the airlight A alone. Below it the water at range r shows
+A + (S - A) exp(-tau(r)), where S is the sea without haze: brighter at grazing angles, because it mirrors more of the
+sky there. tau = beta r, or beta r + (k beta r)^4 where the picture insists that the air thickens with range.
+Source: Koschmieder's law; Schlick's (1 - sin)^5 for the mirroring water.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.dehaze.sea_view import SeaView
+
+Float = NDArray[np.float64]
+
+AIRLIGHT_BAND_RAD = 0.026  # 1.5 degrees of sky above the horizon
+MIN_BAND_PX = 100  # of that band in view
+MIN_AIRLIGHT = 25.0  # of 0..255; darker is night
+MIN_CONTRAST = 8.0  # between the nearest sea and the airlight, levels
+MAX_RANGE_M = 5000.0  # of sea that is fitted; farther, clear air itself hides it
+ENDLESS_M = 1e6  # tau of 100 and more in any haze
+BINS = 40  # of equal ratio in range
+MIN_BIN_PX = 60
+MIN_BINS = 8
+QUANTILE = 0.4  # of a bin's levels: foam is bright and on the other side
+BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
+BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
+BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
+MIRROR_SHARE, MIRROR_SIGMA = 0.3, 0.3  # how far grazing water comes towards A; tuned on preset paper
+LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin counts less and less
+STEPS = 8  # of reweighting
+CORRELATED_BINS = 4.0  # neighbouring bins err alike: the figures count as one in so many
+
+
+@dataclass(frozen=True, eq=False)
+class HazeFit:
+    """What the air and the sea of one picture are like, in levels 0..255."""
+
+    airlight: Float  # (3,)
+    beta_per_m: float
+    beta_sigma_per_m: float  # 1-sigma of the fit; the law itself may be wrong
+    bank_per_m: float  # k beta of the fourth-power term; 0: air of one density
+    sea: Float  # (2, 3) S - A from straight above, and what grazing angles add to it
+
+    def optical_depth(self, range_m: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
+        """tau of ray lengths, m; endless ones count as ENDLESS_M."""
+        reach = np.minimum(range_m, np.float32(ENDLESS_M))
+        return np.asarray(np.float32(self.beta_per_m) * reach + (np.float32(self.bank_per_m) * reach) ** 4)
+
+    def clear_sea(self, down: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The sea without haze (H, W, 3) at sines of the angle below the horizontal (H, W)."""
+        levels = self.airlight + self.sea[0] + _mirroring(down)[..., None] * self.sea[1]
+        return np.clip(levels, 0, 255).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class NotFitted:
+    """Why a picture does not tell its haze."""
+
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class SeaProfile:
+    """The sea by range, near to far."""
+
+    range_m: Float  # (N,)
+    down: Float  # (N,) sine of the angle below the horizontal
+    levels: Float  # (N, 3)
+
+
+def fit_haze(image_rgb: NDArray[np.uint8], view: SeaView) -> HazeFit | NotFitted:
+    """Airlight, extinction and sea colour of a picture (H, W, 3), or why they cannot be told."""
+    airlight = band_airlight(image_rgb, view)
+    if airlight is None:
+        return NotFitted("the horizon is not in view")
+    if airlight.max() < MIN_AIRLIGHT:
+        return NotFitted("too dark to see the haze")
+    profile = sea_profile(image_rgb, view)
+    if len(profile.range_m) < MIN_BINS:
+        return NotFitted("too little sea in view")
+    if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
+        return NotFitted("the sea cannot be told from the haze")
+    return fit_profile(profile, airlight)
+
+
+def band_airlight(image_rgb: NDArray[np.uint8], view: SeaView) -> Float | None:
+    """Median colour (3,) of the sky just above the horizon; None when there is too little of it."""
+    band = ~view.is_sea & (view.down > -AIRLIGHT_BAND_RAD)
+    return np.median(image_rgb[band], axis=0) if np.count_nonzero(band) >= MIN_BAND_PX else None
+
+
+def sea_profile(image_rgb: NDArray[np.uint8], view: SeaView) -> SeaProfile:
+    """Quantiles of the sea's levels in bins of range up to MAX_RANGE_M; bins with few pixels are left out."""
+    near = view.range_m < MAX_RANGE_M
+    ranges, downs, levels = view.range_m[near], view.down[near], image_rgb[near]
+    if ranges.size == 0:
+        return SeaProfile(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+    edges = np.geomspace(ranges.min(), MAX_RANGE_M, BINS + 1)
+    which = np.digitize(ranges, edges)
+    order = np.argsort(which, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(which[order])) + 1)
+    groups = [group for group in groups if len(group) >= MIN_BIN_PX]
+    return SeaProfile(
+        np.array([np.median(ranges[group]) for group in groups], dtype=np.float64),
+        np.array([np.median(downs[group]) for group in groups], dtype=np.float64),
+        np.array([np.quantile(levels[group], QUANTILE, axis=0) for group in groups]).reshape(-1, 3),
+    )
+
+
+def fit_profile(profile: SeaProfile, airlight: Float) -> HazeFit:
+    """The law through a profile: every extinction is tried, with the best sea colour for each.
+
+    The sea's colour is linear in the law, so that it is solved for, with outlying bins weighted down (Cauchy) and the
+    share of mirrored sky held near MIRROR_SHARE; without that, bright distant water and haze look alike.
+    """
+    contrast = profile.levels - airlight
+    beta, bank = (grid.ravel() for grid in np.meshgrid(BETAS_PER_M, BANKS, indexing="ij"))
+    depth = beta[:, None] * profile.range_m
+    t = np.exp(-depth - (bank[:, None] * depth) ** 4)
+    design = np.stack([t, t * _mirroring(profile.down)], axis=2)  # (trials, N, 2)
+    pull = np.array([MIRROR_SHARE, 1.0]) / (MIRROR_SIGMA * np.abs(contrast).max())
+    prior = np.outer(pull, pull) + 1e-9 * np.eye(2)
+    weights = np.ones_like(t)
+    for _ in range(STEPS):
+        weighted = (design * weights[..., None]).transpose(0, 2, 1) / LEVEL_SIGMA**2
+        sea = np.linalg.solve(weighted @ design + prior, weighted @ contrast)
+        squares = ((contrast - design @ sea) ** 2).sum(axis=2) / LEVEL_SIGMA**2
+        weights = 1 / (1 + squares / 4)
+    cost = 4 * np.log1p(squares / 4).sum(axis=1) + ((pull @ sea) ** 2).sum(axis=1) + BANK_PENALTY * (bank > 0)
+    best = int(cost.argmin())
+    likely = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))
+    mean = np.average(beta, weights=likely)
+    sigma = float(np.sqrt(np.average((beta - mean) ** 2, weights=likely)))
+    return HazeFit(airlight, float(beta[best]), sigma, float(bank[best] * beta[best]), sea[best])
+
+
+def _mirroring(down: NDArray) -> NDArray:
+    return (1 - np.clip(down, 0, 1)) ** 5

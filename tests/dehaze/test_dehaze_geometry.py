@@ -1,0 +1,164 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from sea_scene import AIRLIGHT, CAMERA, EYE_Z_M, frame_of, ray_z, sea_pair, world_from_body
+
+from deckline.dehaze import DEHAZERS, FrameDehazer, GeometryConfig, GeometryDehazer, restore
+from deckline.dehaze.geometry import bounded_t, most_likely
+from deckline.evaluate.metrics import below_horizon, psnr_db
+from deckline.haze import beta_from_visibility
+from deckline.sim import SimConfig, frames
+from deckline.types import Frame
+
+BETA = beta_from_visibility(1200.0)
+
+
+@pytest.fixture(scope="module")
+def rendered() -> list[Frame]:
+    """Frames that nothing was tuned on."""
+    config = SimConfig(
+        preset="paper", trajectory="random", visibility_m=(500, 2000), seed=1100, width=480, height=270, frames=4
+    )
+    return list(frames(config))
+
+
+def test_rendered_frames_come_much_nearer_to_the_clear_ones(rendered):
+    gains = []
+    for frame in rendered:
+        sea = below_horizon(frame.camera, frame.world_from_camera)
+        after = psnr_db(GeometryDehazer().restore(frame).image_rgb, frame.truth.clear_rgb, sea)
+        gains.append(after - psnr_db(frame.image_rgb, frame.truth.clear_rgb, sea))
+    assert min(gains) > 5
+    assert np.median(gains) > 10
+
+
+def test_clear_frames_stay_as_they_are(rendered):
+    for frame in rendered:
+        clear = frame.truth.clear_rgb
+        assert psnr_db(GeometryDehazer().restore(dataclasses.replace(frame, image_rgb=clear)).image_rgb, clear) > 32
+
+
+def test_the_sea_comes_back():
+    hazy, clear = sea_pair(BETA)
+    near = ray_z(world_from_body()) > 60 / 1000
+    assert psnr_db(hazy, clear, near) < 17
+    assert psnr_db(GeometryDehazer().restore(frame_of(hazy)).image_rgb, clear, near) > 27
+
+
+def test_the_sky_is_left_alone():
+    hazy, _ = sea_pair(BETA)
+    sky = ray_z(world_from_body()) < -0.02
+    np.testing.assert_array_equal(GeometryDehazer().restore(frame_of(hazy)).image_rgb[sky], hazy[sky])
+
+
+def test_what_stands_against_the_sky_is_restored_with_its_foot_on_the_sea():
+    hazy, _ = sea_pair(BETA)
+    t, colour = np.exp(-BETA * 250), np.array([35, 36, 38])
+    hazy[30:110, 150:170] = AIRLIGHT + t * (colour - AIRLIGHT)
+    floating = hazy.copy()
+    floating[45:110, 150:170] = sea_pair(BETA)[0][45:110, 150:170]
+    mast = (slice(34, 42), slice(154, 166))
+    assert (ray_z(world_from_body())[mast] < 0).all()
+    standing = GeometryDehazer().restore(frame_of(hazy)).image_rgb[mast]
+    np.testing.assert_allclose(standing, np.broadcast_to(colour, standing.shape), atol=12)
+    np.testing.assert_array_equal(GeometryDehazer().restore(frame_of(floating)).image_rgb[mast], floating[mast])
+
+
+def test_a_depth_camera_is_believed():
+    """A grey block that neither bound can place: its depth alone gives its colour back."""
+    hazy, _ = sea_pair(BETA)
+    block, colour = (slice(100, 140), slice(120, 180)), np.array([110.0, 112.0, 115.0])
+    range_m = 150.0
+    hazy[block] = np.rint(AIRLIGHT + np.exp(-BETA * range_m) * (colour - AIRLIGHT))
+    depth = np.full(hazy.shape[:2], np.nan, np.float32)
+    depth[block] = range_m / CAMERA.ray_lengths()[block]
+    result = GeometryDehazer().restore(frame_of(hazy, depth_m=depth)).image_rgb[block]
+    np.testing.assert_allclose(result, np.broadcast_to(colour, result.shape), atol=3)
+    empty = np.full_like(depth, np.nan)
+    np.testing.assert_array_equal(
+        GeometryDehazer().restore(frame_of(hazy, depth_m=empty)).image_rgb,
+        GeometryDehazer().restore(frame_of(hazy)).image_rgb,
+    )
+
+
+def test_the_inversion_is_exact_without_noise_and_modest_with_it():
+    config = GeometryConfig(level_sigma=1e-3, airlight_sigma=0.0)
+    airlight = AIRLIGHT.astype(np.float32)
+    scene = np.random.default_rng(1).uniform(0, 255, (8, 9, 3)).astype(np.float32)
+    usual = np.full_like(scene, 50)
+    t = np.full((8, 9), 0.3, np.float32)
+    hazy = airlight + t[..., None] * (scene - airlight)
+    np.testing.assert_allclose(most_likely(hazy, usual, airlight, t, config), scene, atol=0.01)
+    hidden = most_likely(np.broadcast_to(airlight, scene.shape), usual, airlight, np.zeros_like(t), GeometryConfig())
+    np.testing.assert_array_equal(hidden, usual)
+
+
+def test_the_bound_never_exceeds_the_true_transmission():
+    """Of anything that lies between a ship's darkest detail and full scale."""
+    rng = np.random.default_rng(2)
+    scene = rng.uniform(0.2 * AIRLIGHT.max(), 255, (40, 60, 3))
+    hazy = (AIRLIGHT + 0.4 * (scene - AIRLIGHT)).astype(np.float32)
+    bound = bounded_t(hazy, AIRLIGHT.astype(np.float32), GeometryConfig())
+    assert bound.max() < 0.4 + 1e-3
+    assert np.median(bound) > 0.27  # with many details it comes near
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"world_from_body": None}, "no pose; give poses"),
+        ({"deck_z_m": None}, "deck's height is unknown; give --deck-z-m"),
+        ({"deck_z_m": EYE_Z_M - 25}, "camera is 5.0 m below the sea"),
+        ({"world_from_body": world_from_body(-60.0)}, "the horizon is not in view"),
+    ],
+)
+def test_what_is_missing_is_said_and_the_picture_kept(changes, words):
+    hazy, _ = sea_pair(BETA)
+    result = GeometryDehazer().restore(frame_of(hazy, **changes))
+    assert result.note.startswith("not dehazed: ")
+    assert words in result.note
+    np.testing.assert_array_equal(result.image_rgb, hazy)
+    assert not np.shares_memory(result.image_rgb, hazy)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (33, 31), (97, 203)])
+@pytest.mark.parametrize("level", [None, 0, 255])
+def test_any_size_and_extremes(size, level):
+    height, width = size
+    image = np.random.default_rng([3, *size]).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    if level is not None:
+        image[:] = level
+    frame = Frame(
+        "odd.png", 0.0, image, CAMERA.resized(width, height), deck_z_m=-20.0, world_from_body=world_from_body()
+    )
+    before = image.copy()
+    first, second = GeometryDehazer().restore(frame), GeometryDehazer().restore(frame)
+    assert first.image_rgb.shape == image.shape
+    assert first.image_rgb.dtype == np.uint8
+    np.testing.assert_array_equal(first.image_rgb, second.image_rgb)
+    np.testing.assert_array_equal(image, before)
+    if level is not None:
+        assert (first.image_rgb == level).all()
+
+
+def test_restore_gives_each_dehazer_what_it_needs():
+    hazy, _ = sea_pair(BETA)
+    assert isinstance(DEHAZERS["geometry"](), FrameDehazer)
+    assert not isinstance(DEHAZERS["none"](), FrameDehazer)
+    np.testing.assert_array_equal(restore(DEHAZERS["none"](), frame_of(hazy)).image_rgb, hazy)
+    assert (restore(DEHAZERS["geometry"](), frame_of(hazy)).image_rgb != hazy).any()
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"window_px": 0}, "window_px must be positive, got 0"),
+        ({"airlight_sigma": -1.0}, "airlight_sigma must not be negative"),
+        ({"object_levels": (9.0, 3.0)}, "object_levels must rise"),
+        ({"darkest": 1.0}, r"darkest must lie in \[0, 1\), got 1.0"),
+    ],
+)
+def test_wrong_settings_are_refused(setting, message):
+    with pytest.raises(ValueError, match=message):
+        GeometryConfig(**setting)

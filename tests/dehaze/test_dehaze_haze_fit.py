@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, sea_pair, world_from_body
+
+from deckline.dehaze.haze_fit import HazeFit, NotFitted, fit_haze
+from deckline.dehaze.sea_view import sea_view
+from deckline.geometry import camera_mount
+from deckline.haze import beta_from_visibility
+
+VIEW = sea_view(CAMERA, world_from_body() * camera_mount(), SEA_Z_M)
+
+
+@pytest.mark.parametrize("visibility_m", [500.0, 1200.0, 3000.0])
+def test_a_known_haze_is_found(visibility_m):
+    beta = beta_from_visibility(visibility_m)
+    fit = fit_haze(sea_pair(beta)[0], VIEW)
+    assert isinstance(fit, HazeFit)
+    assert fit.beta_per_m == pytest.approx(beta, rel=0.08)  # the grid's step is 7.5 %
+    assert 0 < fit.beta_sigma_per_m < 0.5 * beta
+    assert fit.bank_per_m == 0
+    np.testing.assert_allclose(fit.airlight, AIRLIGHT, atol=0.5)
+    straight_below = fit.clear_sea(np.ones((1, 1), np.float32))[0, 0]
+    np.testing.assert_allclose(straight_below, SEA, atol=12)
+
+
+def test_air_that_thickens_with_range_is_told_from_even_air():
+    fit = fit_haze(sea_pair(1e-3, bank_per_m=1e-3)[0], VIEW)
+    assert fit.bank_per_m == pytest.approx(1e-3, rel=0.25)
+    assert fit.optical_depth(np.float32(1000.0)) == pytest.approx(2.0, rel=0.2)
+
+
+def test_foam_and_a_ship_do_not_move_it():
+    beta = beta_from_visibility(1000.0)
+    image = sea_pair(beta)[0]
+    image[100:180, 20:90] = 225  # wake
+    image[70:130, 150:200] = 60  # hull
+    assert fit_haze(image, VIEW).beta_per_m == pytest.approx(beta, rel=0.15)
+
+
+def test_clear_air_comes_out_thin():
+    assert fit_haze(sea_pair(0.0)[1], VIEW).beta_per_m < beta_from_visibility(20_000.0)
+
+
+def test_optical_depth_is_the_law():
+    fit = HazeFit(AIRLIGHT, 2e-3, 1e-4, 1e-3, np.zeros((2, 3)))
+    depth = fit.optical_depth(np.array([0.0, 500.0, np.inf], np.float32))
+    np.testing.assert_allclose(depth[:2], [0.0, 1.0 + 0.5**4], rtol=1e-5)
+    assert np.exp(-depth[2]) == 0
+
+
+def reason(image: np.ndarray, view=VIEW) -> str:
+    result = fit_haze(image, view)
+    assert isinstance(result, NotFitted)
+    return result.reason
+
+
+def test_what_cannot_be_told_is_said():
+    image = sea_pair(2e-3)[0]
+    looking_down = sea_view(CAMERA, world_from_body(-60.0) * camera_mount(), SEA_Z_M)
+    looking_up = sea_view(CAMERA, world_from_body(25.0) * camera_mount(), SEA_Z_M)
+    assert reason(image, looking_down) == "the horizon is not in view"
+    assert reason(image, looking_up) == "the horizon is not in view"
+    assert reason(image // 10) == "too dark to see the haze"
+    assert reason(np.full_like(image, 150)) == "the sea cannot be told from the haze"
+    sliver = sea_view(CAMERA, world_from_body(16.8, 0.0) * camera_mount(), SEA_Z_M)
+    assert sliver.is_sea.any()
+    assert reason(image, sliver) == "too little sea in view"

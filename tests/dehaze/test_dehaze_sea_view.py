@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+from sea_scene import CAMERA, EYE_Z_M, SEA_Z_M, ray_z, world_from_body
+
+from deckline.dehaze.sea_view import EARTH_RADIUS_M, sea_view
+from deckline.geometry import Camera, camera_mount, intersect_plane
+
+POSE = world_from_body()
+
+
+def test_near_water_is_where_a_flat_sea_is():
+    view = sea_view(CAMERA, POSE * camera_mount(), SEA_Z_M)
+    u, v = 200.0, 170.0
+    ray = (POSE * camera_mount()).rotation.apply(CAMERA.rays([[u, v]]))
+    hit = intersect_plane(POSE.translation, ray, SEA_Z_M)[0]
+    assert view.range_m[170, 200] == pytest.approx(np.linalg.norm(hit - POSE.translation), rel=1e-3)
+    assert view.height_m == -EYE_Z_M
+    np.testing.assert_allclose(view.down, ray_z(POSE), atol=1e-6)
+
+
+def test_the_points_lie_on_the_sphere():
+    view = sea_view(CAMERA, POSE * camera_mount(), SEA_Z_M)
+    sea = view.is_sea
+    ranges, down = view.range_m[sea].astype(float), view.down[sea].astype(float)
+    above_centre = EARTH_RADIUS_M + view.height_m - ranges * down
+    across_sq = ranges**2 * (1 - down**2)
+    height = np.hypot(above_centre, np.sqrt(across_sq)) - EARTH_RADIUS_M
+    near = ranges < 10_000  # beyond, a pixel's float32 sine moves the point by more
+    assert np.abs(height[near]).max() < 0.1
+
+
+def test_the_horizon_dips_as_sailors_know_it():
+    """1.76 arc minutes times the root of the height in metres (IHO)."""
+    camera = Camera(1, 2001, 20_000.0, 20_000.0, 0.0, 1000.0)
+    view = sea_view(camera, world_from_body(0.0, 0.0) * camera_mount(), SEA_Z_M)
+    dip_rad = np.arcsin(view.down[view.is_sea].min())
+    assert np.degrees(dip_rad) * 60 == pytest.approx(1.76 * np.sqrt(60.0), rel=0.02)
+
+
+@pytest.mark.parametrize("eye_z_m", [0.0, 5.0])
+def test_a_camera_that_is_not_above_the_water_sees_none(eye_z_m):
+    view = sea_view(CAMERA, world_from_body(eye_z_m=eye_z_m) * camera_mount(), SEA_Z_M)
+    assert not view.is_sea.any()
+
+
+def test_pixels_without_a_ray_are_sky():
+    strong = Camera(64, 64, 30.0, 30.0, 31.5, 31.5, (-0.5, 0.0, 0.0, 0.0, 0.0))
+    view = sea_view(strong, world_from_body(-60.0) * camera_mount(), SEA_Z_M)
+    assert np.isnan(strong.rays([[0.0, 63.0]])).any()
+    assert not view.is_sea[63, 0]
+    assert np.isfinite(view.down).all()
