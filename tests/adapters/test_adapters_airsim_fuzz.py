@@ -9,7 +9,7 @@ from airsim_serving import asked, connected
 from deckline.adapters.airsim.methods import METHODS
 from deckline.adapters.airsim.protocol import encode_request
 
-ROUNDS, CALLS = 150, 300
+ROUNDS, CALLS = 150, 2000
 NOT_HERE = ("startRecording",)  # writes to the disk as long as it is on
 
 

@@ -43,16 +43,16 @@ class Daytime:
             raise ValueError(f"a clock {self.speed:g} times as fast has left the calendar: set it anew") from None
 
 
-def read_time(text: str) -> datetime:
+def read_time(text: object) -> datetime:
     """'2026-02-12 15:20:00' as AirSim writes it.
 
     Raises:
         ValueError: anything else.
     """
     try:
-        return datetime.strptime(text, FORMAT)
+        return datetime.strptime(str(text), FORMAT)
     except ValueError:
-        raise ValueError(f"a date and time is written like 2026-02-12 15:20:00, got {text[:40]!r}") from None
+        raise ValueError(f"a date and time is written like 2026-02-12 15:20:00, got {text!r:.40}") from None
 
 
 def sun_angles(when: datetime, latitude_deg: float) -> tuple[float, float]:

@@ -55,7 +55,7 @@ def read_request(value: Any, settings: Settings) -> ImageRequest:
     if not isinstance(value, Mapping):
         raise ValueError(f"an image request must be a map, got {type(value).__name__}")
     asked, image_type = str(value.get("camera_name", "0")), value.get("image_type", SCENE)
-    if isinstance(image_type, bool) or image_type not in TYPES:
+    if isinstance(image_type, bool) or not isinstance(image_type, int) or image_type not in TYPES:
         there = ", ".join(f"{name} ({number})" for number, name in TYPES.items())
         raise ValueError(f"no image type {str(image_type)[:20]}; there are {there}")
     as_float = bool(value.get("pixels_as_float", False))

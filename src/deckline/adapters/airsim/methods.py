@@ -199,7 +199,7 @@ def set_time_of_day(
     if not _flag(enabled, "is_enabled"):
         service.change(daytime=None)
         return
-    begun = read_time(start) if start else datetime.now()
+    begun = datetime.now() if start == "" else read_time(start)
     turning = _within(speed, "celestial_clock_speed", 0.0, 1e6) if move_sun else 0.0
     step = _within(step_s, "update_interval_secs", 1e-3, 1e6)
     service.change(daytime=Daytime(begun, service.world.clock.seconds(), turning, step))
