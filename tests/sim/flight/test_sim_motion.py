@@ -128,3 +128,11 @@ def test_a_runway_on_land_does_not_move():
 def test_wrong_numbers_are_named(wrong, message):
     with pytest.raises(ValueError, match=message):
         MotionConfig(**wrong)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_rise_is_the_difference_of_the_poses(layout):
+    point = np.array([12.0, -7.0])
+    for time_s in (0.0, 3.1, 40.0):
+        steady, moved = (pose(layout, ROUGH, time_s).apply([*point, 0.0])[2] for pose in (steady_pose, ship_pose))
+        assert deck_rise(layout, ROUGH, time_s, point) == pytest.approx(steady - moved, abs=1e-9)

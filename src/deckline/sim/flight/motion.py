@@ -118,11 +118,11 @@ def deck_rise(layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike)
     """How far, m, a deck point (2,) of the ship frame stands above where the steady ship has it.
 
     Args:
-        layout: the ship as it lies at time 0.
+        layout: the ship as it lies at time 0, level.
     """
-    point = np.array([*np.asarray(point_m, dtype=np.float64), 0.0])
-    steady, moved = (pose(layout, motion, time_s).apply(point)[2] for pose in (steady_pose, ship_pose))
-    return float(steady - moved)
+    (roll, pitch, heave), _ = _swing(layout, motion, time_s)
+    arm = np.array([*np.asarray(point_m, dtype=np.float64), 0.0]) - middle_m(layout)
+    return float(heave - (attitude(roll, pitch, 0.0).apply(arm)[2] - arm[2]))
 
 
 def steady_velocity(layout: Layout, motion: Motion) -> NDArray[np.float64]:
