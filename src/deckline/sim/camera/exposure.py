@@ -23,8 +23,9 @@ class FilmConfig:
 
     Args:
         exposure_s: how long the shutter is open; 0: no motion blur; default 0.
-        shake_deg_s: 1-sigma of the camera's turning about each axis, beside its flight; default 0.
-        rain_mm_h: rainfall, which also thickens the air; default 0.
+        shake_deg_s: 1-sigma of the camera's turning about each axis, beside its flight; seen while the shutter is open;
+            default 0. Unless it is given, the picture smears by 2 % of its width at most.
+        rain_mm_h: rainfall, which also thickens the air unless the visibility is infinite; default 0.
         lens_drops: drops on the lens; default 0.
 
     Raises:

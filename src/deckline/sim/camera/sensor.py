@@ -24,7 +24,8 @@ class SensorConfig:
     """What the camera's picture path does; None: preset `train` draws it, the others have the stated default.
 
     Args:
-        exposure_ev: stops off automatic exposure; default within 0.1 mostly.
+        exposure_ev: stops off automatic exposure, which keeps up to a quarter of the scene's own stops; default within
+            0.1 mostly.
         white_balance: gain of red, green and blue; default within 2 %.
         vignetting: 0 none, 1 falls to 56 % in the corners; default 0.
         blur_px: 1-sigma of the lens' blur; default mostly 0.
