@@ -81,6 +81,8 @@ class Connection:
         try:
             self._send(encode_request(self._number, method, params), end_s)
             answer = self._answer(end_s)
+        except Lost:
+            raise
         except OSError as error:
             raise Lost(f"{self.address}: {error.strerror or error}") from None
         except ProtocolError as error:
@@ -88,7 +90,8 @@ class Connection:
         if answer.id != self._number:
             raise Lost(f"{self.address}: answer {answer.id} came to call {self._number}")
         if answer.error is not None:
-            raise Refused(f"{method}: {_words(answer.error)}")
+            words = _words(answer.error)
+            raise Refused(words if words.startswith(method) else f"{method}: {words}")
         return answer.result
 
     def camera_call(self, method: str, *params: Any) -> Any:
