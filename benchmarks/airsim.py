@@ -1,0 +1,135 @@
+"""Requests a second that the AirSim server answers over loopback, beside a ping in the same run.
+
+    python benchmarks/airsim.py [--repeats 10] [--width 1280 --height 720]
+
+Runs are interleaved, so that a busy machine disturbs all alike; medians are printed. A request is timed from its first
+byte sent to its last byte received; nothing is decoded, so that the server's time is what is seen.
+"""
+
+import argparse
+import asyncio
+import os
+import platform
+import socket
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import msgpack
+
+from deckline.adapters.airsim.protocol import encode_request
+from deckline.adapters.airsim.server import ServerConfig, serving
+from deckline.adapters.airsim.settings import PLANAR, SCENE, SEGMENTATION, Capture, default_settings
+from deckline.sim.camera.depth_camera import DepthConfig
+from deckline.sim.config import SimConfig
+
+PEER = "ping"
+READ_BYTES = 1 << 20
+
+
+def main(repeats: int, width: int, height: int) -> None:
+    config = SimConfig(width=width, height=height, keep_clear=False, depth=DepthConfig(range_m=float("inf")))
+    port, stop = start_server(config)
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        seconds: dict[str, list[float]] = {name: [] for name in CALLS}
+        received: dict[str, int] = {}
+        for name, call in CALLS.items():
+            received[name] = exchange(connection, *call)
+        for _ in range(repeats):
+            for name, call in CALLS.items():
+                start = time.perf_counter()
+                exchange(connection, *call)
+                seconds[name].append(time.perf_counter() - start)
+    stop()
+    peer = statistics.median(seconds[PEER])
+    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {date.today()}")
+    print(f"{f'request, {width}x{height}':34} {'bytes':>9} {'ms':>8} {'per s':>8} {'ratio to ' + PEER:>15}")
+    for name, values in seconds.items():
+        median = statistics.median(values)
+        print(f"{name:34} {received[name]:9} {1e3 * median:8.2f} {1 / median:8.1f} {median / peer:15.1f}")
+
+
+def picture(image_type: int, as_float: bool = False, compress: bool = False) -> dict[str, Any]:
+    """One image request of the front camera."""
+    return {"camera_name": "0", "image_type": image_type, "pixels_as_float": as_float, "compress": compress}
+
+
+def images(*requests: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
+    """A simGetImages call."""
+    return "simGetImages", (list(requests), "")
+
+
+CALLS: dict[str, tuple[str, tuple[Any, ...]]] = {
+    PEER: ("ping", ()),
+    "simGetVehiclePose": ("simGetVehiclePose", ("",)),
+    "Scene, raw": images(picture(SCENE)),
+    "Scene, PNG": images(picture(SCENE, compress=True)),
+    "DepthPlanar, float": images(picture(PLANAR, as_float=True)),
+    "Scene, raw + DepthPlanar, float": images(picture(SCENE), picture(PLANAR, as_float=True)),
+    "Segmentation, raw": images(picture(SEGMENTATION)),
+}
+
+
+def exchange(connection: socket.socket, method: str, params: tuple[Any, ...]) -> int:
+    """Ask and wait for the whole answer; returns its size in bytes.
+
+    Raises:
+        ConnectionError: the server closed the connection.
+    """
+    connection.sendall(encode_request(1, method, params))
+    answer, size = msgpack.Unpacker(max_buffer_size=0), 0
+    while data := connection.recv(READ_BYTES):
+        size += len(data)
+        answer.feed(data)
+        try:
+            answer.skip()
+        except msgpack.OutOfData:
+            continue
+        return size
+    raise ConnectionError("the server closed the connection")
+
+
+def start_server(config: SimConfig) -> tuple[int, Callable[[], None]]:
+    """Serve on a thread; returns the port and what ends it."""
+    ready, ended = threading.Event(), asyncio.Event()
+    found: list[Any] = []
+
+    async def run(out: Path) -> None:
+        settings = default_settings(Capture(config.width, config.height, config.fov_deg))
+        async with serving(config, settings, ServerConfig(port=0, out=out)) as port:
+            found.extend((port, asyncio.get_running_loop()))
+            ready.set()
+            await ended.wait()
+
+    def serve() -> None:
+        try:
+            with tempfile.TemporaryDirectory() as out:
+                asyncio.run(run(Path(out)))
+        finally:
+            ready.set()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    ready.wait()
+    if not found:
+        raise SystemExit("the server did not start")
+
+    def stop() -> None:
+        found[1].call_soon_threadsafe(ended.set)
+        thread.join()
+
+    return found[0], stop
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=10)
+    parser.add_argument("--width", type=int, default=1280)
+    parser.add_argument("--height", type=int, default=720)
+    arguments = parser.parse_args()
+    main(arguments.repeats, arguments.width, arguments.height)
