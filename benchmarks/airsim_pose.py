@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.client import Connection, parse_address, pose_of, take_images, vehicle_pose
-from deckline.adapters.airsim.source import read_mount
+from deckline.adapters.airsim.mount import best_look
 from deckline.geometry import camera_mount
 
 STEP_S = 0.002  # between two poses of the moving vehicle
@@ -28,7 +28,7 @@ CAMERA = "0"
 def main(address: str, frames: int, speed_m_s: float) -> None:
     host, port, vehicle = parse_address(address)
     with Connection(host, port) as mover, Connection(host, port) as watcher:
-        mount, _ = read_mount(watcher, CAMERA, vehicle)
+        mount = best_look(watcher, CAMERA, vehicle).body_from_camera
         start, ended = vehicle_pose(watcher, vehicle), threading.Event()
         moving = threading.Thread(target=fly, args=(mover, vehicle, start, speed_m_s, ended))
         moving.start()

@@ -13,7 +13,6 @@ from deckline.adapters.airsim.client import (
     Refused,
     Stopped,
     camera_info,
-    middle,
     parse_address,
     pose_from,
     take_images,
@@ -175,10 +174,3 @@ def test_a_pose_is_read_scalar_first_whatever_the_order_of_its_names():
 def test_what_is_no_pose_is_refused_with_its_owner(value):
     with pytest.raises(ValueError, match=r"^vehicle 'x'"):
         pose_from(value, "vehicle 'x'")
-
-
-def test_half_way_between_two_poses():
-    first = pose_from(pose((0, 0, 0)), "")
-    half = middle(first, pose_from(pose((2, 4, 6), (HALF, 0, 0, HALF)), ""))
-    assert half.translation.tolist() == [1.0, 2.0, 3.0]
-    np.testing.assert_allclose(half.rotation.as_euler("ZYX", degrees=True), [45.0, 0.0, 0.0], atol=1e-9)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from airsim_stand_in import BGR, HALF, StandIn, pose, response, vector
 
-from deckline.adapters.airsim.client import Connection
-from deckline.adapters.airsim.source import LiveConfig, LiveSource, Pace, open_live, read_mount
+from deckline.adapters.airsim.source import LiveConfig, LiveSource, Pace, open_live
 from deckline.app.cli import main
 from deckline.recording import BadFrame, RecordingError
 from deckline.types import Frame
@@ -133,32 +132,34 @@ def test_nobody_there_or_no_such_camera_is_one_line_at_once():
         open_live("airsim://127.0.0.1:1", rate_hz=0.0)
 
 
-def test_the_mount_of_a_vehicle_that_stands_still_is_exact():
-    turned = (HALF, 0.0, 0.0, HALF)  # vehicle and camera look east; the camera sits 2 m ahead and 0.5 m below
-    methods = {
-        "simGetVehiclePose": lambda *_params: pose((10, 20, -30), turned),
-        "simGetCameraInfo": lambda *_params: {"pose": pose((10, 22, -29.5), turned), "fov": 90.0},
-    }
-    with StandIn(**methods) as server, Connection("127.0.0.1", server.port) as connection:
-        mount, moved_m = read_mount(connection, "0", "")
-    assert moved_m == 0.0
-    np.testing.assert_allclose(mount.translation, [2.0, 0.0, 0.5], atol=1e-9)
-    np.testing.assert_allclose(mount.rotation.apply([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0], atol=1e-9)
-
-
-def test_the_mount_of_a_moving_vehicle_is_taken_half_way_and_its_bound_told():
+def test_a_moving_vehicles_mount_is_noted_with_its_bound():
     place = iter(np.arange(0.0, 1000.0, 0.4))  # 0.4 m further at each question
     methods = {
         "simGetVehiclePose": lambda *_params: pose((next(place), 0, 0)),
         "simGetCameraInfo": lambda *_params: {"pose": pose((next(place) + 1.5, 0, 0)), "fov": 90.0},
     }
     with StandIn(**methods) as server:
-        with Connection("127.0.0.1", server.port) as connection:
-            mount, moved_m = read_mount(connection, "0", "")
         source, _ = live(server)
-    assert moved_m == pytest.approx(0.8)
-    np.testing.assert_allclose(mount.translation, [1.5, 0.0, 0.0], atol=1e-9)
     assert source.notes == ("the vehicle was moving: where the camera sits on it is known within 0.8 m",)
+
+
+def test_a_camera_that_is_turned_on_its_vehicle_is_followed():
+    turn = [(1.0, 0.0, 0.0, 0.0)]
+
+    def images(*_params):
+        at = {"camera_orientation": pose(turn=turn[0])["orientation"]}
+        return [response(0, **at), response(1, **at)]
+
+    info = {"simGetCameraInfo": lambda *_params: {"pose": pose(turn=turn[0]), "fov": 90.0}}
+    with StandIn(simGetImages=images, **info) as server:
+        source, _ = live(server)
+        frames = iter(source)
+        next(frames)
+        turn[0] = (HALF, 0.0, 0.0, HALF)  # the camera looks east, the vehicle still north
+        frame = next(frames)
+        frames.close()
+    np.testing.assert_allclose(frame.world_from_body.rotation.apply([1.0, 0.0, 0.0]), [1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(frame.world_from_camera.rotation.apply([0.0, 0.0, 1.0]), [0.0, 1.0, 0.0], atol=1e-9)
 
 
 def test_the_wanted_rate_is_kept_and_missed_frames_are_not_made_up_for():

@@ -11,8 +11,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 from urllib.parse import urlsplit
 
-import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim import PORT
 from deckline.adapters.airsim.protocol import Decoder, ProtocolError, Response, encode_request, quoted
@@ -239,12 +238,6 @@ def pose_of(position: Any, orientation: Any, what: str) -> RigidTransform:
         return pose(place, turn)
     except ValueError as error:
         raise ValueError(f"{what}: {error}") from None
-
-
-def middle(first: RigidTransform, second: RigidTransform) -> RigidTransform:
-    """The pose half way between two that are near each other."""
-    turn = Rotation.concatenate([first.rotation, second.rotation]).mean()
-    return RigidTransform.from_components(np.add(first.translation, second.translation) / 2, turn)
 
 
 def _words(error: Any) -> str:

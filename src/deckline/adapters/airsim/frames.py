@@ -2,7 +2,7 @@
 
 AirSim notes the camera's pose when it draws, and gives it with each image; the vehicle's pose has to be asked for, and
 is then of a later instant. So the frame's pose comes from the image alone: world_from_body = world_from_camera of the
-image * camera_from_body of the mount, which is measured once.
+image * camera_from_body of the mount, which hardly changes.
 """
 
 from collections.abc import Mapping

@@ -6,31 +6,23 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-from scipy.spatial.transform import RigidTransform
-
 from deckline.adapters.airsim.client import (
     POLL_S,
     SCHEME,
     Connection,
     Lost,
     Stopped,
-    camera_info,
-    middle,
     parse_address,
     take_images,
-    vehicle_pose,
 )
 from deckline.adapters.airsim.frames import View, frame_name, live_frame
-from deckline.geometry import camera_mount
+from deckline.adapters.airsim.mount import STILL_M, best_look, followed, look
 from deckline.recording import BadFrame, RecordingError, Stream
 from deckline.types import Frame
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to connect again, doubled from one to the other
 SLOW = 1.25  # frames that take so many times the wanted period are slow
 WINDOW = 10  # frames over which that is judged
-STILL_M = 0.01  # a vehicle that moves less during a measurement of the mount stands still
-MOUNT_TRIES = 20
 
 
 @dataclass(frozen=True)
@@ -71,13 +63,14 @@ class LiveSource(Stream):
         self._connection: Connection | None = None
         try:
             with self._connect() as connection:
-                self._mount, moved_m = read_mount(connection, config.camera, config.vehicle)
+                first = best_look(connection, config.camera, config.vehicle)
         except Lost as error:
             raise RecordingError(f"{error}; start the simulator, or deckline sim --serve, and try again") from None
         except ValueError as error:
             raise RecordingError(f"{self.name}: {error}") from None
-        if moved_m > STILL_M:
-            self.notes = (f"the vehicle was moving: where the camera sits on it is known within {moved_m:.2g} m",)
+        self._mount = first.body_from_camera
+        if first.moved_m > STILL_M:
+            self.notes = (f"the vehicle was moving: where the camera sits on it is known within {first.moved_m:.2g} m",)
 
     def stop(self) -> None:
         self._stopped.set()
@@ -110,8 +103,9 @@ class LiveSource(Stream):
         try:
             scene, depth = take_images(self._connection, self.config.camera, self.config.vehicle)
             name = frame_name(self.config.camera, scene)
-            _, fov_rad = camera_info(self._connection, self.config.camera, self.config.vehicle)
-            view = View(self.config.camera, self._mount, fov_rad, self.config.deck_z_m)
+            now = look(self._connection, self.config.camera, self.config.vehicle)
+            self._mount = followed(self._mount, now)
+            view = View(self.config.camera, self._mount, now.fov_rad, self.config.deck_z_m)
             return live_frame(scene, depth, view)
         except ValueError as error:
             return BadFrame(name, str(error))
@@ -130,7 +124,8 @@ class LiveSource(Stream):
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
             try:
                 self._connection = self._connect()
-                self._mount, _ = read_mount(self._connection, self.config.camera, self.config.vehicle)
+                first = best_look(self._connection, self.config.camera, self.config.vehicle)
+                self._mount = first.body_from_camera
             except (Lost, ValueError):  # not there yet, or there and still loading
                 self._hang_up()
         self._say("the simulator is back")
@@ -192,32 +187,6 @@ class Pace:
             f"frames come at {1 / each_s:.2g} a second, more slowly than the {1 / self.period_s:g} asked for: "
             f"the simulator takes {asking_s:.2g} s for one, the rest {each_s - asking_s:.2g} s"
         )
-
-
-def read_mount(connection: Connection, camera: str, vehicle: str) -> tuple[RigidTransform, float]:
-    """Where a camera sits on its vehicle, and how far the vehicle moved while that was measured, in m.
-
-    The camera's pose is asked for between two of the vehicle's. Of several tries the one with the least motion counts,
-    and the vehicle is taken to be half way. A camera that turns on its vehicle must be set before.
-
-    Returns:
-        body_from_camera (optical frame), metres moved.
-
-    Raises:
-        Refused, Lost, Stopped: as Connection.call.
-        ValueError: answers that are no poses.
-    """
-    best, least_m = camera_mount(), np.inf
-    for _ in range(MOUNT_TRIES):
-        before = vehicle_pose(connection, vehicle)
-        world_from_mount, _ = camera_info(connection, camera, vehicle)
-        after = vehicle_pose(connection, vehicle)
-        moved_m = float(np.linalg.norm(np.subtract(after.translation, before.translation)))
-        if moved_m < least_m:
-            best, least_m = middle(before, after).inv() * world_from_mount * camera_mount(), moved_m
-        if least_m <= STILL_M:
-            break
-    return best, least_m
 
 
 def open_live(address: str, camera: str = "0", rate_hz: float = 5.0, deck_z_m: float | None = None) -> LiveSource:
