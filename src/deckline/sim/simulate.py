@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from deckline.sim.camera.imaging import Imaging, ImagingConfig, Surroundings
+from deckline.sim.camera.imaging import Imaging, ImagingConfig, Shot, Surroundings
 from deckline.sim.camera.lens import pinhole_for, random_lens
 from deckline.sim.camera.navigation import measured_pose
 from deckline.sim.config import SimConfig
@@ -129,37 +129,16 @@ class Simulator:
             quality=scenery.quality,
             world_from_ship=layout.world_from_ship,
         )
-        over_deck = view.velocity_m_s - ship_velocity(ship.layout, self.motion, view.time_s)
-        turning = view.world_from_body.rotation.apply(view.angular_rate_rad_s)
-        surroundings = Surroundings(
-            horizon=weather.horizon_rgb,
-            sun=weather.sun,
-            sea_z_m=layout.sea_z_m,
-            visibility_m=scenery.visibility_m,
-            velocity_m_s=(float(over_deck[0]), float(over_deck[1]), float(over_deck[2])),
-            turning_rad_s=(float(turning[0]), float(turning[1]), float(turning[2])),
-        )
         shot = self.imaging.take(
             scene,
             camera,
             view.world_from_camera,
-            surroundings,
+            self._surroundings(view, scenery),
             scenery.imaging,
             recording,
             frame,
             wide=config.preset == "train",
-            keep_clear=config.keep_clear and np.isfinite(surroundings.visibility_m),
-        )
-        left, right = truth_segments(layout) if ship.runway else (None, None)
-        truth = Truth(
-            left,
-            right,
-            visibility_m=shot.visibility_m,
-            airlight_rgb=shot.airlight_rgb,
-            clear_rgb=shot.clear_rgb,
-            world_from_body=None if config.navigation.exact else view.world_from_body,
-            world_from_ship=layout.world_from_ship,
-            conditions=shot.records | {"weather": asdict(weather), "motion": asdict(self.motion)},
+            keep_clear=config.keep_clear and np.isfinite(scenery.visibility_m),
         )
         return Frame(
             file=name,
@@ -170,7 +149,34 @@ class Simulator:
             depth_m=shot.depth_m,
             world_from_body=measured_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
             deck_z_m=float(ship.layout.world_from_ship.translation[2]),
-            truth=truth,
+            truth=self._truth(shot, layout, view, weather),
+        )
+
+    def _surroundings(self, view: Viewpoint, scenery: Scenery) -> Surroundings:
+        layout, weather = self.ship.layout, scenery.weather
+        over_deck = view.velocity_m_s - ship_velocity(layout, self.motion, view.time_s)
+        turning = view.world_from_body.rotation.apply(view.angular_rate_rad_s)
+        return Surroundings(
+            horizon=weather.horizon_rgb,
+            sun=weather.sun,
+            sea_z_m=layout.sea_z_m,
+            visibility_m=scenery.visibility_m,
+            velocity_m_s=(float(over_deck[0]), float(over_deck[1]), float(over_deck[2])),
+            turning_rad_s=(float(turning[0]), float(turning[1]), float(turning[2])),
+        )
+
+    def _truth(self, shot: Shot, layout: Layout, view: Viewpoint, weather: Weather) -> Truth:
+        """What is known of a picture of the ship as `layout` has it."""
+        left, right = truth_segments(layout) if self.ship.runway else (None, None)
+        return Truth(
+            left,
+            right,
+            visibility_m=shot.visibility_m,
+            airlight_rgb=shot.airlight_rgb,
+            clear_rgb=shot.clear_rgb,
+            world_from_body=None if self.config.navigation.exact else view.world_from_body,
+            world_from_ship=layout.world_from_ship,
+            conditions=shot.records | {"weather": asdict(weather), "motion": asdict(self.motion)},
         )
 
     def _view(self, index: int, rng: np.random.Generator) -> Viewpoint:
