@@ -20,9 +20,8 @@ FOG = 0.05  # on deckline's simulator a visibility of 1000 m and less
 
 
 def main(start_m: float = 5000.0, port: int = 41451) -> None:
-    client = airsim.MultirotorClient(port=port)
+    client = airsim.VehicleClient(port=port)
     client.confirmConnection()
-    client.enableApiControl(True)
     client.simEnableWeather(True)
     client.simSetWeatherParameter(airsim.WeatherParameter.Fog, FOG)
     along = np.array([np.cos(np.deg2rad(COURSE_DEG)), np.sin(np.deg2rad(COURSE_DEG)), 0.0])
