@@ -1,6 +1,7 @@
 import json
 import math
 import pickle
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from recording_bytes import HEADER, PIXELS, png, recording, row
 
 from deckline.geometry import Camera, camera_mount, pose
 from deckline.recording import BadFrame, RecordingError, RecordingWriter, open_source
-from deckline.recording.writer import encode_frame
+from deckline.recording.writer import encode_frame, write_atomic
 from deckline.types import Frame, Segment, Truth
 
 CAMERA = Camera(3, 2, 4.0, 5.0, 1.0, 0.5)
@@ -245,3 +246,16 @@ def test_frame_without_pose_is_refused_and_leaves_nothing(tmp_path):
         assert writer.count == 0
     with pytest.raises(ValueError, match="is closed"):
         writer.add(frame(0))
+
+
+def test_a_file_that_the_disk_refuses_is_named_and_nothing_is_left(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    (tmp_path / "a.bin").write_bytes(b"old")
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"too large: '.*/a\.bin'"):
+            write_atomic(tmp_path / "a.bin", bytes(2000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
+    assert (tmp_path / "a.bin").read_bytes() == b"old"

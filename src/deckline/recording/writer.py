@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -252,7 +253,16 @@ def _pose_numbers(world_from_body: RigidTransform, file: str) -> tuple[float, ..
 
 
 def write_atomic(path: Path, data: bytes) -> None:
-    """Write a whole file or leave the old one: temporary name, then rename."""
+    """Write a whole file or leave the old one: temporary name, then rename.
+
+    Raises:
+        OSError: the disk refuses; names the file.
+    """
     temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_bytes(data)
-    os.replace(temporary, path)  # noqa: PTH105 (the same as Path.replace, named for what it is)
+    try:
+        temporary.write_bytes(data)
+        os.replace(temporary, path)  # noqa: PTH105 (the same as Path.replace, named for what it is)
+    except OSError as error:
+        with suppress(OSError):
+            temporary.unlink()
+        raise OSError(error.errno, error.strerror, str(path)) from None
