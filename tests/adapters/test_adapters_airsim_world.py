@@ -8,10 +8,12 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.images import read_requests, shown_depth, stored_depth, take_images
-from deckline.adapters.airsim.settings import SCENE, Capture, default_settings
+from deckline.adapters.airsim.settings import PERSPECTIVE, PLANAR, SCENE, Capture, default_settings
 from deckline.adapters.airsim.world import RAIN_MM_H, World, foggy_visibility
+from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility
 from deckline.sim import RendererError, frames
+from deckline.sim.camera.lens import LensConfig
 
 SETTINGS = default_settings(Capture(CONFIG.width, CONFIG.height, CONFIG.fov_deg))
 
@@ -64,24 +66,45 @@ def test_the_ship_moves_with_the_time():
 
 
 def test_pictures_of_one_call_are_drawn_once_a_camera(world, monkeypatch):
-    drawn = []
-    picture = world.picture
+    drawn, depths = [], []
+    picture, depth = world.picture, world.depth
     monkeypatch.setattr(world, "picture", lambda *args: drawn.append(args[0]) or picture(*args))
+    monkeypatch.setattr(world, "depth", lambda *args: depths.append(args[0]) or depth(*args))
     asked = [{"camera_name": name, "image_type": kind} for name in ("0", "front_center", "1") for kind in (0, 1, 2, 3)]
     answers = take_images(world, read_requests(asked, SETTINGS))
     assert drawn == ["front_center", "front_right"] and len(answers) == 12
     assert [answer["camera_name"] for answer in answers[::4]] == ["0", "front_center", "1"]
+    alone = take_images(world, read_requests(asked[1:3], SETTINGS))
+    assert depths == ["front_center"] and len(drawn) == 2
+    for shown, measured in zip(answers[1:3], alone, strict=True):
+        np.testing.assert_array_equal(shown["image_data_uint8"], measured["image_data_uint8"])
 
 
-def test_depth_is_stored_and_shown_as_airsim_does(world):
-    frame = next(frames(CONFIG))
-    depth = np.full(frame.depth_m.shape, np.nan, np.float32)
+def test_depth_is_the_same_with_and_without_its_picture(world):
+    whole = world.picture("front_left", PLANAR, world.state, 0.0).depth_m
+    np.testing.assert_array_equal(world.depth("front_left", PLANAR, world.state, 0.0), whole)
+    assert not world.bends
+
+
+def test_depth_goes_through_lenses_that_bend():
+    asked = [{"camera_name": "0", "image_type": PERSPECTIVE, "pixels_as_float": True}]
+    lens = LensConfig(distortion=(-0.05, 0.0, 0.0, 0.0, 0.0))
+    with World(replace(CONFIG, lens=lens), SETTINGS, Clock(lambda: 0.0)) as bent:
+        assert bent.bends
+        frame = bent.picture("front_center", SCENE, bent.state, 0.0)
+        (answer,) = take_images(bent, read_requests(asked, SETTINGS))
+    v, u = np.argwhere(frame.depth_m < 1000.0)[100]
+    length = np.linalg.norm(frame.camera.rays([[u, v]])[0])
+    stored = answer["image_data_float"].reshape(CONFIG.height, CONFIG.width)
+    assert stored[v, u] == pytest.approx(length * frame.depth_m[v, u], rel=1e-5)
+
+
+def test_depth_is_stored_and_shown_as_airsim_does():
+    depth = np.full((54, 96), np.nan, np.float32)
     depth[0, :4] = 0.0, 50.0, 100.0, 70000.0
-    stored = stored_depth(replace(frame, depth_m=depth), 1)
+    stored = stored_depth(depth, Camera.from_fov(96, 54, 1.0), PLANAR)
     np.testing.assert_array_equal(stored[0, :5], np.float32([0.0, 50.0, 100.0, 65504.0, 65504.0]))
     np.testing.assert_array_equal(shown_depth(stored)[0, :5, 0], [0, 128, 255, 255, 255])
-    with pytest.raises(ValueError, match="no depth"):
-        stored_depth(replace(frame, depth_m=None), 1)
 
 
 @pytest.mark.parametrize(

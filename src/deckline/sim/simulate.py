@@ -16,7 +16,8 @@ from deckline.sim.flight.random_views import random_view
 from deckline.sim.flight.trajectory import approach_view, profile_view
 from deckline.sim.flight.viewpoint import Viewpoint
 from deckline.sim.scene.daylight import random_time_of_day
-from deckline.sim.scene.render import BEST, Quality, Renderer, random_quality
+from deckline.sim.scene.quality import BEST, Quality, random_quality
+from deckline.sim.scene.render import Renderer
 from deckline.sim.scene.weather import Weather, WeatherConfig, random_weather, sun_direction
 from deckline.sim.ship.layout import Layout, world_points
 from deckline.sim.ship.ship import Ship, build_ship

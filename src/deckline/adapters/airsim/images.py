@@ -10,7 +10,8 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, Settings
 from deckline.adapters.airsim.structs import Struct, pose_struct
-from deckline.adapters.airsim.world import World
+from deckline.adapters.airsim.world import State, World
+from deckline.geometry import Camera
 from deckline.recording.images import encode_image
 from deckline.types import Frame
 
@@ -21,6 +22,7 @@ TYPES = {SCENE: "Scene", PLANAR: "DepthPlanar", PERSPECTIVE: "DepthPerspective",
     SEGMENTATION: "Segmentation"
 }
 FLOATS = (PLANAR, PERSPECTIVE, DEPTH_VIS)
+_View = tuple[str, int, int, float]  # camera, width, height, focal length
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,10 @@ def take_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
         ValueError: a camera that is not above the sea.
     """
     state, time_s = world.state, world.clock.seconds()
-    frames: dict[tuple[Any, ...], Frame] = {}
+    frames: dict[_View, Frame] = {}
+    depths: dict[_View, NDArray[np.float32]] = {}
+    whole = (SCENE, *FLOATS) if world.bends else (SCENE,)
+    pictured = {_view(world, request, state) for request in requests if request.image_type in whole}
     responses = []
     for request in requests:
         camera = world.camera(request.camera, request.image_type, state)
@@ -90,25 +95,43 @@ def take_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
             "image_type": request.image_type,
             "annotation_name": request.annotation,
         }
+        responses.append(common)
+        view = _view(world, request, state)
         if request.image_type == SEGMENTATION:
             pixels = world.segmentation(request.camera, state, time_s)
-            responses.append(common | picture_data(pixels, request.compress))
-            continue
-        key = (request.camera, camera.width, camera.height, camera.fx)
-        if key not in frames:
-            frames[key] = world.picture(request.camera, request.image_type, state, time_s)
-        responses.append(common | _data(frames[key], request))
+            common |= picture_data(pixels, request.compress)
+        elif view in pictured:
+            if view not in frames:
+                frames[view] = world.picture(request.camera, request.image_type, state, time_s)
+            common |= _frame_data(frames[view], request)
+        else:
+            if view not in depths:
+                depths[view] = world.depth(request.camera, request.image_type, state, time_s)
+            common |= depth_data(depths[view], camera, request)
     return responses
 
 
-def _data(frame: Frame, request: ImageRequest) -> Struct:
+def _view(world: World, request: ImageRequest, state: State) -> _View:
+    """Requests with the same one are answered from one picture."""
+    camera = world.camera(request.camera, request.image_type, state)
+    return request.camera, camera.width, camera.height, camera.fx
+
+
+def _frame_data(frame: Frame, request: ImageRequest) -> Struct:
     if request.image_type == SCENE:
         return picture_data(frame.image_rgb, request.compress)
-    depth = stored_depth(frame, request.image_type)
-    if request.as_float:
-        values = depth if request.image_type != DEPTH_VIS else np.minimum(depth / np.float32(VIS_M), 1.0)
-        return {"image_data_uint8": b"\0", "image_data_float": values.ravel()}
-    return picture_data(shown_depth(depth), request.compress)
+    if frame.depth_m is None:
+        raise ValueError(f"{frame.file}: no depth")
+    return depth_data(frame.depth_m, frame.camera, request)
+
+
+def depth_data(depth_m: NDArray[np.float32], camera: Camera, request: ImageRequest) -> Struct:
+    """Depth (H, W), NaN where nothing is seen, in the form that was asked for."""
+    stored = stored_depth(depth_m, camera, request.image_type)
+    if not request.as_float:
+        return picture_data(shown_depth(stored), request.compress)
+    values = stored if request.image_type != DEPTH_VIS else np.minimum(stored / np.float32(VIS_M), 1.0)
+    return {"image_data_uint8": b"\0", "image_data_float": values.ravel()}
 
 
 def picture_data(image_rgb: NDArray[np.uint8], compress: bool) -> Struct:
@@ -117,17 +140,9 @@ def picture_data(image_rgb: NDArray[np.uint8], compress: bool) -> Struct:
     return {"image_data_uint8": data, "image_data_float": np.zeros(1, dtype=np.float32)}
 
 
-def stored_depth(frame: Frame, image_type: int) -> NDArray[np.float32]:
-    """Depth (H, W), m, along the axis, or along each pixel's ray for DepthPerspective; far where nothing is seen.
-
-    Raises:
-        ValueError: a frame without depth.
-    """
-    if frame.depth_m is None:
-        raise ValueError(f"{frame.file}: no depth")
-    depth = frame.depth_m
-    if image_type == PERSPECTIVE:
-        depth = depth * frame.camera.ray_lengths()
+def stored_depth(depth_m: NDArray[np.float32], camera: Camera, image_type: int) -> NDArray[np.float32]:
+    """Depth (H, W), m, along the axis, or along each pixel's ray for DepthPerspective; far where nothing is seen."""
+    depth = depth_m * camera.ray_lengths() if image_type == PERSPECTIVE else depth_m
     return np.minimum(np.nan_to_num(depth, nan=FAR_M), np.float32(FAR_M))
 
 

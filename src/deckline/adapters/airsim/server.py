@@ -28,6 +28,7 @@ from deckline.sim.config import SimConfig
 
 READ_BYTES = 1 << 16
 MOST_CONNECTIONS = 256
+SIGNATURES = {name: inspect.signature(handler) for name, handler in METHODS.items()}
 
 
 def to_stderr(line: str) -> None:
@@ -103,6 +104,7 @@ class Connections:
         if request.id is not None:
             writer.write(encode_response(request.id, error, result))
             await writer.drain()
+        await asyncio.sleep(0)  # a peer that sends many calls at once shall not hold up the others
 
     async def _call(self, request: Request, peer: str) -> tuple[str | None, Any]:
         """Error and result of a call."""
@@ -111,7 +113,7 @@ class Connections:
             self._service.log(f"{peer}: {unknown(request.method).partition(';')[0]}")
             return unknown(request.method), None
         try:
-            inspect.signature(handler).bind(self._service, *request.params)
+            SIGNATURES[request.method].bind(self._service, *request.params)
         except TypeError as error:
             return f"{request.method}: {len(request.params)} parameters: {error}", None
         try:
@@ -145,8 +147,10 @@ async def serving(
         connections = Connections(service, server.message_limit)
         try:
             listening = await asyncio.start_server(connections.accept, server.host, server.port)
-            async with listening:
+            try:
                 yield int(listening.sockets[0].getsockname()[1])
+            finally:
+                listening.close()
         finally:
             await connections.close()
             await recorder.stop()

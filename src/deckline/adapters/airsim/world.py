@@ -16,15 +16,15 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.daytime import Daytime, light_at
-from deckline.adapters.airsim.settings import SCENE, SEGMENTATION, Settings
+from deckline.adapters.airsim.settings import SEGMENTATION, Settings
 from deckline.adapters.airsim.structs import MOUNT_FROM_OPTICAL
 from deckline.geometry import Camera
+from deckline.sim.camera.depth_camera import measure_depth
 from deckline.sim.camera.lens import random_lens
 from deckline.sim.config import SimConfig
 from deckline.sim.flight.motion import ship_pose
 from deckline.sim.flight.trajectory import approach_view
 from deckline.sim.flight.viewpoint import Viewpoint
-from deckline.sim.scene.render import BEST
 from deckline.sim.scene.weather import Weather, random_weather
 from deckline.sim.simulate import FLIGHT, FRAME, Scenery, Simulator, draw_visibility
 from deckline.types import Frame
@@ -97,7 +97,7 @@ class World:
 
     def ship_pose(self) -> RigidTransform:
         """world_from_ship now."""
-        return ship_pose(self._simulator.ship.layout, self._simulator.motion, self.clock.seconds())
+        return self._ship_at(self.clock.seconds())
 
     def picture(self, name: str, image_type: int, state: State, time_s: float) -> Frame:
         """What a camera sees in a state of the world; only on the world's own thread.
@@ -105,37 +105,64 @@ class World:
         Raises:
             ValueError: a camera that is not above the sea.
         """
-        self._light(state, time_s)
-        for_weather, for_lens, for_air, for_picture, _ = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)
-        fair = self.config.preset != "train"
-        weather = random_weather(for_weather, fair, self._simulator.weather, sun=self._simulator.renderer.sun)
-        camera = random_lens(self.config.lens, self.camera(name, image_type, state), for_lens, wide=not fair)
-        body_from_camera = self.mount(name, state) * MOUNT_FROM_OPTICAL
-        view = Viewpoint(state.world_from_body, camera, time_s, body_from_camera=body_from_camera)
-        clear_m = draw_visibility(self.config.visibility_m, for_air)
-        for_noise = np.random.default_rng([self.config.seed, FRAME, self._drawn])
-        self._drawn += 1
-        scenery = self._scenery(state, weather, clear_m)
-        return self._simulator.picture(view, scenery, for_picture, for_noise, f"{name} {SCENE}")
+        view, weather, for_air, for_picture = self._view(name, image_type, state, time_s)
+        scenery = self._scenery(state, weather, draw_visibility(self.config.visibility_m, for_air))
+        return self._simulator.picture(view, scenery, for_picture, self._for_noise(), f"{name} {image_type}")
 
-    def segmentation(self, name: str, state: State, time_s: float) -> NDArray[np.uint8]:
-        """What a camera's pixels (H, W, 3) show, in the colours of `LABEL_RGB`; only on the world's own thread.
+    def depth(self, name: str, image_type: int, state: State, time_s: float) -> NDArray[np.float32]:
+        """The depth (H, W) of `picture`, m along the axis, NaN where nothing is seen, without drawing the picture.
+
+        Only where no lens bends it (`bends`), which takes a whole picture.
 
         Raises:
             ValueError: a camera that is not above the sea.
         """
-        self._light(state, time_s)
-        simulator, camera = self._simulator, self.camera(name, SEGMENTATION, state)
-        for_weather = np.random.default_rng([self.config.seed, FLIGHT]).spawn(1)[0]
-        weather = random_weather(for_weather, True, simulator.weather, sun=simulator.renderer.sun)
-        labels = simulator.renderer.labels(
-            camera,
-            state.world_from_body * self.mount(name, state) * MOUNT_FROM_OPTICAL,
-            weather,
-            time_s,
-            world_from_ship=ship_pose(simulator.ship.layout, simulator.motion, time_s),
+        view, weather, _, _ = self._view(name, image_type, state, time_s)
+        true_m = self._simulator.renderer.depth(
+            view.camera, view.world_from_camera, weather, time_s, world_from_ship=self._ship_at(time_s)
+        )
+        return measure_depth(true_m, self.config.depth, self._for_noise())
+
+    def segmentation(self, name: str, state: State, time_s: float) -> NDArray[np.uint8]:
+        """What a camera's pixels (H, W, 3) show, in the colours of `LABEL_RGB`; lenses do not bend it.
+
+        Raises:
+            ValueError: a camera that is not above the sea.
+        """
+        view, weather, _, _ = self._view(name, SEGMENTATION, state, time_s)
+        camera = self.camera(name, SEGMENTATION, state)
+        labels = self._simulator.renderer.labels(
+            camera, view.world_from_camera, weather, time_s, world_from_ship=self._ship_at(time_s)
         )
         return LABEL_RGB[labels]
+
+    def _view(
+        self, name: str, image_type: int, state: State, time_s: float
+    ) -> tuple[Viewpoint, Weather, np.random.Generator, np.random.Generator]:
+        """Where a camera is, the weather there, and what draws the air and the camera's picture."""
+        self._light(state, time_s)
+        for_weather, for_lens, for_air, for_picture, _ = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)
+        wide = self.config.preset == "train"
+        weather = random_weather(for_weather, not wide, self._simulator.weather, sun=self._simulator.renderer.sun)
+        camera = random_lens(self.config.lens, self.camera(name, image_type, state), for_lens, wide=wide)
+        body_from_camera = self.mount(name, state) * MOUNT_FROM_OPTICAL
+        view = Viewpoint(state.world_from_body, camera, time_s, body_from_camera=body_from_camera)
+        return view, weather, for_air, for_picture
+
+    @property
+    def bends(self) -> bool:
+        """Whether the cameras' lenses bend what they see."""
+        for_lens = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)[1]
+        pinhole = Camera.from_fov(self.config.width, self.config.height, math.radians(self.config.fov_deg))
+        return random_lens(self.config.lens, pinhole, for_lens, wide=self.config.preset == "train").has_distortion
+
+    def _for_noise(self) -> np.random.Generator:
+        """What draws that which every picture has of its own."""
+        self._drawn += 1
+        return np.random.default_rng([self.config.seed, FRAME, self._drawn])
+
+    def _ship_at(self, time_s: float) -> RigidTransform:
+        return ship_pose(self._simulator.ship.layout, self._simulator.motion, time_s)
 
     def _scenery(self, state: State, weather: Weather, clear_m: float) -> Scenery:
         imaging = self.config.imaging
@@ -144,7 +171,7 @@ class World:
         if state.weather and state.wet > 0.0:
             weather = replace(weather, wet=state.wet)
         fog = state.fog if state.weather else 0.0
-        return Scenery(weather, foggy_visibility(clear_m, fog), imaging, quality=BEST)
+        return Scenery(weather, foggy_visibility(clear_m, fog), imaging)
 
     def _light(self, state: State, time_s: float) -> None:
         """Put the sun where the time of day has it."""

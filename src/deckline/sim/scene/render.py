@@ -17,6 +17,7 @@ from deckline.geometry import Camera
 from deckline.sim.scene.bake import SAMPLES, noise_texture, paint_deck, wave_texture
 from deckline.sim.scene.gl import moderngl, open_context
 from deckline.sim.scene.labels import Label
+from deckline.sim.scene.quality import BEST, Quality
 from deckline.sim.scene.shadow import ShadowMap
 from deckline.sim.scene.uniforms import CLEAR_AIR_M, Uniforms, scene_uniforms, solid_uniforms
 from deckline.sim.scene.weather import Weather
@@ -31,23 +32,6 @@ KEPT_TARGETS = 4  # sizes of frame buffers; every distorting lens has a pinhole 
 VERTEX = ("3f 3f 3f", "position", "normal", "colour")
 LAMP = ("3f 3f 1f", "position", "colour", "strength")
 POSITION = ("3f 24x", "position")
-
-
-@dataclass(frozen=True)
-class Quality:
-    """How carefully a picture is drawn; a poor one looks like other renderers' work."""
-
-    samples: int = SAMPLES  # per pixel, this many or 1, which leaves jagged edges
-    anisotropy: float = 16.0  # of the deck's texture filter; 1 smears far markings together
-
-
-BEST = Quality()
-
-
-def random_quality(rng: np.random.Generator) -> Quality:
-    """Mostly good."""
-    anisotropy = float(rng.choice([1.0, 2.0, 4.0, 16.0], p=[0.15, 0.25, 0.25, 0.35]))
-    return Quality(samples=1 if rng.random() < 0.15 else SAMPLES, anisotropy=anisotropy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +60,7 @@ class Renderer:
         self.sea, self.sea_depth = program("fullscreen.vert", "sea.frag"), program("fullscreen.vert", "sea_depth.frag")
         self.ground = program("fullscreen.vert", "ground.frag")
         self.solid, self.deck = program("solid.vert", "solid.frag"), program("solid.vert", "deck.frag")
-        self.depth, self.painter = program("solid.vert", "depth.frag"), program("paint.vert", "paint.frag")
+        self.measure, self.painter = program("solid.vert", "depth.frag"), program("paint.vert", "paint.frag")
         self.lamp = program("lamp.vert", "lamp.frag")
         self.shadow = ShadowMap(self.context, program("shadow.vert", "shadow.frag"))
         self.noise, self.waves = noise_texture(self.context), wave_texture(self.context)
@@ -149,8 +133,19 @@ class Renderer:
     ) -> NDArray[np.uint8]:
         """What each pixel's middle shows, (H, W) of `Label`; arguments and errors as for `render`."""
         ship, world = self._place(camera, world_from_camera, weather, time_s, True, BEST, world_from_ship)
-        seen = self._measure(camera, ship, world, with_ship=True, labels=True)
-        return np.maximum(seen, 0.0).astype(np.uint8)
+        return np.maximum(self._measure(camera, ship, world, with_ship=True, labels=True), 0.0).astype(np.uint8)
+
+    def depth(
+        self,
+        camera: Camera,
+        world_from_camera: RigidTransform,
+        weather: Weather,
+        time_s: float = 0.0,
+        world_from_ship: RigidTransform | None = None,
+    ) -> NDArray[np.float32]:
+        """The depth (H, W) of `render` without its picture, which takes most of the time."""
+        ship, world = self._place(camera, world_from_camera, weather, time_s, True, BEST, world_from_ship)
+        return _unknown_in_sky(self._measure(camera, ship, world, with_ship=True))
 
     def _place(
         self,
@@ -206,7 +201,7 @@ class Renderer:
         depth = self._measure(camera, ship, world, with_ship)
         shape = (camera.height, camera.width)
         rgb = radiance.reshape(*shape, 4)[..., :3].astype(np.float32)
-        return View(rgb, np.where(depth > 0, depth, np.float32(np.nan)))
+        return View(rgb, _unknown_in_sky(depth))
 
     def _measure(
         self, camera: Camera, ship: Uniforms, world: Uniforms, with_ship: bool, labels: bool = False
@@ -217,10 +212,10 @@ class Renderer:
         measured.clear()
         self.context.enable_direct(CLIP_DISTANCE0)
         for solid in self.background:
-            _set(self.depth, world | {"label": labels * Label.BACKGROUND})
+            _set(self.measure, world | {"label": labels * Label.BACKGROUND})
             solid.depth.render()
         for solid, label in zip(self.solids if with_ship else [], (Label.STRUCTURE, Label.DECK), strict=False):
-            _set(self.depth, ship | {"label": labels * label})
+            _set(self.measure, ship | {"label": labels * label})
             solid.depth.render()
         self.context.disable_direct(CLIP_DISTANCE0)
         _set(self.sea_depth, {"label": labels * Label.SURFACE})
@@ -254,7 +249,7 @@ class Renderer:
 
     def _bind(self, values: Uniforms, anisotropy: float) -> None:
         """Hand every drawing program the uniforms and textures that it has."""
-        for program in (self.sea, self.ground, self.sea_depth, self.solid, self.deck, self.depth, self.lamp):
+        for program in (self.sea, self.ground, self.sea_depth, self.solid, self.deck, self.measure, self.lamp):
             _set(program, values)
         self.paint_map.anisotropy = anisotropy
         for unit, texture in enumerate((self.noise, self.paint_map, self.waves, self.shadow.texture)):
@@ -270,7 +265,7 @@ class Renderer:
     def _solid(self, program: moderngl.Program, mesh: Mesh) -> Solid:
         buffer = self._buffer(mesh)
         colour = self.context.vertex_array(program, [(buffer, *VERTEX)], skip_errors=True)
-        depth = self.context.vertex_array(self.depth, [(buffer, *POSITION)], skip_errors=True)
+        depth = self.context.vertex_array(self.measure, [(buffer, *POSITION)], skip_errors=True)
         self.ship_objects += [colour, depth]
         return Solid(program, colour, depth)
 
@@ -290,6 +285,10 @@ def _set(program: moderngl.Program, values: dict[str, ArrayLike]) -> None:
         if name in values and isinstance(program[name], moderngl.Uniform):
             value = np.asarray(values[name])
             program[name] = value.item() if value.ndim == 0 else tuple(value.ravel().tolist())
+
+
+def _unknown_in_sky(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.where(depth_m > 0, depth_m, np.float32(np.nan))
 
 
 def _source(name: str) -> str:
