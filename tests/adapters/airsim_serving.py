@@ -80,6 +80,28 @@ def running_server(out, config=CONFIG, settings=None, **options):
         raise failed[0]
 
 
+@contextmanager
+def published_client(port):
+    """The real client of PyPI, on an event loop of its own; it leaves loop and tasks to whoever made it."""
+    airsim = pytest.importorskip("cosysairsim")
+    loop = asyncio.new_event_loop()
+    asyncio.set_event_loop(loop)
+    made = airsim.MultirotorClient(port=port)
+    try:
+        yield made
+    finally:
+        for transport in made.client._transport._sockets:
+            transport._stream.set_close_callback(None)
+        made.client.close()
+        tasks = asyncio.all_tasks(loop)
+        for task in tasks:
+            task.cancel()
+        loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
+        made.client._loop.dettach_periodic_callback()
+        made.client._loop._ioloop.close()
+        asyncio.set_event_loop(None)
+
+
 def connected(port):
     """A plain socket to the server."""
     peer = socket.create_connection(("127.0.0.1", port), timeout=30.0)

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from airsim_serving import CONFIG, EPOCH_NS, HEIGHT, WIDTH, asked, connected, ended, running_server
+from airsim_serving import CONFIG, EPOCH_NS, HEIGHT, WIDTH, asked, connected, ended, published_client, running_server
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deckline.adapters.airsim import server as airsim_server
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.protocol import encode_request
 from deckline.recording import open_source
@@ -209,13 +210,11 @@ def test_classic_clients_give_three_parameters(client, server):
 
 def test_sixteen_clients_at_once_see_the_same(client, server):
     expected = client.simGetImages([raw()])[0].image_data_uint8
-    request = {"camera_name": "0", "image_type": 0, "pixels_as_float": False, "compress": False}
     seen = []
 
     def look():
-        with connected(server.port) as peer:
-            for _ in range(2):
-                seen.append(asked(peer, "simGetImages", [request], "")[1][0]["image_data_uint8"])
+        with published_client(server.port) as other:
+            seen.extend(other.simGetImages([raw()])[0].image_data_uint8 for _ in range(2))
 
     threads = [threading.Thread(target=look) for _ in range(16)]
     for thread in threads:
@@ -224,6 +223,26 @@ def test_sixteen_clients_at_once_see_the_same(client, server):
     for thread in threads:
         thread.join()
     assert len(seen) == 32 and set(seen) == {expected}
+
+
+def test_more_connections_than_there_may_be_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "MOST_CONNECTIONS", 2)
+    with running_server(tmp_path) as few, connected(few.port) as first, connected(few.port) as second:
+        assert asked(first, "ping") == asked(second, "ping") == (None, True)
+        with connected(few.port) as third:
+            assert ended(third)
+        assert asked(first, "ping") == (None, True)
+        assert few.lines[0].endswith("refused, 2 connections are open")
+        second.close()
+        for _ in range(100):
+            try:
+                with connected(few.port) as again:
+                    assert asked(again, "ping") == (None, True)
+                    break
+            except ConnectionError:
+                time.sleep(0.01)
+        else:
+            raise AssertionError("no place was given back")
 
 
 def test_many_requests_keep_memory_flat(server):
