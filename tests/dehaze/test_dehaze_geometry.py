@@ -5,12 +5,13 @@ import pytest
 from sea_scene import AIRLIGHT, CAMERA, EYE_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.dehaze import DEHAZERS, FrameDehazer, GeometryConfig, GeometryDehazer, restore
-from deckline.dehaze.geometry import bounded_t, most_likely
+from deckline.dehaze.geometry import bounded_t, display_levels, linear_levels, most_likely
 from deckline.evaluate.metrics import below_horizon, psnr_db
 from deckline.haze import beta_from_visibility
 from deckline.sim import SimConfig, frames
 from deckline.types import Frame
 
+BOTH = ("geometry", "geometry-linear")
 BETA = beta_from_visibility(1200.0)
 
 
@@ -94,6 +95,23 @@ def test_the_inversion_is_exact_without_noise_and_modest_with_it():
     np.testing.assert_array_equal(hidden, usual)
 
 
+def test_light_is_srgb():
+    np.testing.assert_allclose(linear_levels(np.array([0, 10, 128, 255])), [0, 0.774, 55.045, 255], atol=1e-3)
+    np.testing.assert_allclose(display_levels(linear_levels(np.arange(256))), np.arange(256), atol=1e-3)
+
+
+def test_haze_that_adds_light_is_taken_away_as_light():
+    _, clear = sea_pair(0.0)
+    down = ray_z(world_from_body())
+    t = np.where(down > 0, np.exp(-BETA * 60 / np.maximum(down, 1e-9)), 0)[..., None]
+    light, airlight = linear_levels(clear), linear_levels(AIRLIGHT)
+    hazy = np.rint(display_levels(airlight + t * (light - airlight))).astype(np.uint8)
+    near = down > 60 / 1000
+    psnr = {name: psnr_db(restore(DEHAZERS[name](), frame_of(hazy)).image_rgb, clear, near) for name in BOTH}
+    assert psnr["geometry-linear"] > 26
+    assert psnr["geometry-linear"] > psnr["geometry"] + 3
+
+
 def test_the_bound_never_exceeds_the_true_transmission():
     """Of anything that lies between a ship's darkest detail and full scale."""
     rng = np.random.default_rng(2)
@@ -153,6 +171,7 @@ def test_restore_gives_each_dehazer_what_it_needs():
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
+        ({"light": "dim"}, 'light must be "display" or "linear", got \'dim\''),
         ({"window_px": 0}, "window_px must be positive, got 0"),
         ({"airlight_sigma": -1.0}, "airlight_sigma must not be negative"),
         ({"object_levels": (9.0, 3.0)}, "object_levels must rise"),

@@ -62,6 +62,9 @@ def test_what_cannot_be_told_is_said():
     assert reason(image, looking_up) == "the horizon is not in view"
     assert reason(image // 10) == "too dark to see the haze"
     assert reason(np.full_like(image, 150)) == "the sea cannot be told from the haze"
+    mist = sea_pair(1.5e-2)[0]
+    mist[VIEW.range_m < 260] = 20  # a deck hides all water that is not hidden by the mist
+    assert reason(mist) == "the sea does not tell how thick the haze is"
     sliver = sea_view(CAMERA, world_from_body(16.8, 0.0) * camera_mount(), SEA_Z_M)
     assert sliver.is_sea.any()
     assert reason(image, sliver) == "too little sea in view"

@@ -16,6 +16,7 @@ DEHAZERS: dict[str, Callable[[], Dehazer]] = {
     "none": IdentityDehazer,
     "dark-channel": DarkChannelDehazer,
     "geometry": GeometryDehazer,
+    "geometry-linear": lambda: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
     "coarse-t": lambda: OnnxDehazer(shipped_weights("dehaze"), name="coarse-t"),
 }
 

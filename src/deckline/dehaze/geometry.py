@@ -9,6 +9,7 @@ I = J t + A (1 - t) is then solved for the most likely J: where haze leaves no s
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ GUIDE_EPS = 1e-4  # on the variance of a guide in 0..1
 class GeometryConfig:
     """Lengths in pixels are meant for images REFERENCE_PX wide and scaled for others."""
 
+    light: Literal["display", "linear"] = "display"  # what haze adds to: the picture's levels, or sRGB's light
     sea_below_deck_m: float = 20.0  # flight deck above water; Nimitz class
     clear_beta_per_m: float = 1e-4  # what is left in the picture: a clear day's air, visibility 39 km
     level_sigma: float = 2.0  # of a pixel's noise, levels 0..255
@@ -44,6 +46,8 @@ class GeometryConfig:
     min_object_t: float = 0.2  # above the horizon; fainter objects are left in the haze
 
     def __post_init__(self) -> None:
+        if self.light not in ("display", "linear"):
+            raise ValueError(f'light must be "display" or "linear", got {self.light!r}')
         for name in ("sea_below_deck_m", "level_sigma", "scene_sigma", "window_px", "object_range_m", "min_object_t"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
@@ -59,9 +63,8 @@ class GeometryConfig:
 class GeometryDehazer:
     """Dehazes frames that have a pose and a deck height; others come out as they are, with a note that says why."""
 
-    name = "geometry"
-
-    def __init__(self, config: GeometryConfig | None = None) -> None:
+    def __init__(self, config: GeometryConfig | None = None, name: str = "geometry") -> None:
+        self.name = name
         self.config = config or GeometryConfig()
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -69,27 +72,41 @@ class GeometryDehazer:
         return image_rgb.copy()  # an image alone says nothing about ranges
 
     def restore(self, frame: Frame) -> Restored:
-        fitted = self._fit(frame)
-        if isinstance(fitted, NotFitted):
-            return Restored(frame.image_rgb.copy(), f"not dehazed: {fitted.reason}")
-        view, haze = fitted
-        return Restored(remove_haze(frame, view, haze, self.config))
+        view = self._view(frame)
+        if isinstance(view, NotFitted):
+            return Restored(frame.image_rgb.copy(), f"not dehazed: {view.reason}")
+        linear = self.config.light == "linear"
+        image = (linear_levels(np.arange(256)) if linear else np.arange(256, dtype=np.float32))[frame.image_rgb]
+        haze = fit_haze(image, view)
+        if isinstance(haze, NotFitted):
+            return Restored(frame.image_rgb.copy(), f"not dehazed: {haze.reason}")
+        range_m = None if frame.depth_m is None else frame.depth_m * frame.camera.ray_lengths()
+        clear = remove_haze(image, range_m, view, haze, self.config)
+        clear = display_levels(clear) if linear else clear
+        return Restored(np.clip(np.rint(clear), 0, 255).astype(np.uint8))
 
-    def _fit(self, frame: Frame) -> tuple[SeaView, HazeFit] | NotFitted:
+    def _view(self, frame: Frame) -> SeaView | NotFitted:
         if frame.world_from_camera is None:
             return NotFitted("the frame has no pose; give poses or choose another dehazer")
         if frame.deck_z_m is None:
             return NotFitted("the deck's height is unknown; give --deck-z-m or choose another dehazer")
         view = sea_view(frame.camera, frame.world_from_camera, frame.deck_z_m + self.config.sea_below_deck_m)
-        if view.height_m <= 0:
-            return NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
-        haze = fit_haze(frame.image_rgb, view)
-        return haze if isinstance(haze, NotFitted) else (view, haze)
+        return view if view.height_m > 0 else NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
 
 
-def remove_haze(frame: Frame, view: SeaView, haze: HazeFit, config: GeometryConfig) -> NDArray[np.uint8]:
-    """The frame (H, W, 3) with its haze thinned to a clear day's."""
-    image = frame.image_rgb.astype(np.float32)
+def remove_haze(image: Image, range_m: Image | None, view: SeaView, haze: HazeFit, config: GeometryConfig) -> Image:
+    """A picture with its haze thinned to a clear day's.
+
+    Args:
+        image: (H, W, 3) levels 0..255, of the display or of light, as `haze` was fitted.
+        range_m: (H, W) measured ray lengths, NaN where unknown; None without a depth camera.
+        view: the sea in this picture.
+        haze: its air.
+        config: the rest.
+
+    Returns:
+        (H, W, 3), levels that may leave 0..255.
+    """
     airlight = haze.airlight.astype(np.float32)
     sea_t = np.exp(-haze.optical_depth(view.range_m))
     sea = haze.clear_sea(view.down)
@@ -98,15 +115,25 @@ def remove_haze(frame: Frame, view: SeaView, haze: HazeFit, config: GeometryConf
     share = object_share(image, airlight + sea_t[..., None] * (sea - airlight), bound, view, config)
     t = np.where(view.is_sea, np.maximum(sea_t, share * bound), 1 - share * (1 - np.maximum(bound, sea_t)))
     kept = np.where(view.is_sea, share + (1 - share) * transmission(view.range_m, config.clear_beta_per_m), 1)
-    if frame.depth_m is not None:
-        range_m = frame.depth_m * frame.camera.ray_lengths()
+    if range_m is not None:
         measured = np.isfinite(range_m)
         t = np.where(measured, np.exp(-haze.optical_depth(np.where(measured, range_m, 0))), t)
         kept = np.where(measured, 1, kept)
     usual = np.where(view.is_sea[..., None], sea, airlight)
     clear = airlight + kept[..., None] * (most_likely(image, usual, airlight, t, config) - airlight)
-    clear = np.where((t == 1)[..., None], image, clear)
-    return np.clip(np.rint(clear), 0, 255).astype(np.uint8)
+    return np.where((t == 1)[..., None], image, clear)
+
+
+def linear_levels(display: NDArray) -> Image:
+    """Light, 0..255, of display levels 0..255. Source: IEC 61966-2-1 (sRGB)."""
+    x = np.asarray(display, dtype=np.float32) / 255
+    return np.asarray(255 * np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4), dtype=np.float32)
+
+
+def display_levels(light: Image) -> Image:
+    """The inverse of `linear_levels`; light beyond 0..255 is clipped."""
+    y = np.clip(light, 0, 255) / 255
+    return np.asarray(255 * np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** (1 / 2.4) - 0.055), dtype=np.float32)
 
 
 def most_likely(image: Image, usual: Image, airlight: Image, t: Image, config: GeometryConfig) -> Image:
@@ -131,7 +158,7 @@ def bounded_t(image: Image, airlight: Image, config: GeometryConfig) -> Image:
 
     darker = (airlight - image) / np.maximum((1 - np.float32(config.darkest)) * airlight, 1)
     brighter = (image - airlight) / np.maximum(255 - airlight, 1)
-    bound = np.maximum(darker, brighter).max(axis=2)
+    bound = strongest(np.maximum(darker, brighter))
     window = scaled_px(config.window_px, image.shape[1])
     spread = np.asarray(cv2.dilate(bound, np.ones((window, window), np.uint8)), dtype=np.float32)
     guide = image.mean(axis=2) / np.float32(255)
@@ -146,8 +173,8 @@ def object_share(image: Image, hazy_sea: Image, bound: Image, view: SeaView, con
     """
     import cv2
 
-    off_sea = np.abs(image - hazy_sea).max(axis=2)
-    darker = (sky_levels(image, view) - image).max(axis=2)
+    off_sea = strongest(np.abs(image - hazy_sea))
+    darker = strongest(sky_levels(image, view) - image)
     low, high = config.object_levels
     share = np.clip((np.where(view.is_sea, off_sea, darker) - low) / (high - low), 0, 1)
     share *= np.where(view.is_sea, 1, np.clip(bound / config.min_object_t - 1, 0, 1))
@@ -173,6 +200,11 @@ def sky_levels(image: Image, view: SeaView) -> Image:
     middles = (edges[filled] + edges[np.array(filled) + 1]) / 2
     channels = [np.interp(view.down, middles, medians[:, c]) for c in range(3)]
     return np.stack(channels, axis=2).astype(np.float32)
+
+
+def strongest(levels: Image) -> Image:
+    """Largest of three channels, (H, W, 3) -> (H, W); numpy's own reduction is slow over short axes."""
+    return np.maximum(np.maximum(levels[..., 0], levels[..., 1]), levels[..., 2])
 
 
 def scaled_px(length_px: int, width_px: int) -> int:

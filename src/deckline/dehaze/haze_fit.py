@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from deckline.dehaze.sea_view import SeaView
 
 Float = NDArray[np.float64]
+Image = NDArray[np.uint8] | NDArray[np.float32]
 
 AIRLIGHT_BAND_RAD = 0.026  # 1.5 degrees of sky above the horizon
 MIN_BAND_PX = 100  # of that band in view
@@ -30,6 +31,7 @@ BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for
 BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
 MIRROR_SHARE, MIRROR_SIGMA = 0.3, 0.3  # how far grazing water comes towards A; tuned on preset paper
 LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin counts less and less
+MAX_RELATIVE_SIGMA = 0.5  # of the extinction; vaguer fits are not used
 STEPS = 8  # of reweighting
 CORRELATED_BINS = 4.0  # neighbouring bins err alike: the figures count as one in so many
 
@@ -71,31 +73,34 @@ class SeaProfile:
     levels: Float  # (N, 3)
 
 
-def fit_haze(image_rgb: NDArray[np.uint8], view: SeaView) -> HazeFit | NotFitted:
-    """Airlight, extinction and sea colour of a picture (H, W, 3), or why they cannot be told."""
-    airlight = band_airlight(image_rgb, view)
+def fit_haze(image: Image, view: SeaView) -> HazeFit | NotFitted:
+    """Airlight, extinction and sea colour of a picture (H, W, 3) of levels 0..255, or why they cannot be told."""
+    airlight = band_airlight(image, view)
     if airlight is None:
         return NotFitted("the horizon is not in view")
     if airlight.max() < MIN_AIRLIGHT:
         return NotFitted("too dark to see the haze")
-    profile = sea_profile(image_rgb, view)
+    profile = sea_profile(image, view)
     if len(profile.range_m) < MIN_BINS:
         return NotFitted("too little sea in view")
     if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
         return NotFitted("the sea cannot be told from the haze")
-    return fit_profile(profile, airlight)
+    fit = fit_profile(profile, airlight)
+    if fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m:
+        return NotFitted("the sea does not tell how thick the haze is")
+    return fit
 
 
-def band_airlight(image_rgb: NDArray[np.uint8], view: SeaView) -> Float | None:
+def band_airlight(image: Image, view: SeaView) -> Float | None:
     """Median colour (3,) of the sky just above the horizon; None when there is too little of it."""
     band = ~view.is_sea & (view.down > -AIRLIGHT_BAND_RAD)
-    return np.median(image_rgb[band], axis=0) if np.count_nonzero(band) >= MIN_BAND_PX else None
+    return np.median(image[band], axis=0) if np.count_nonzero(band) >= MIN_BAND_PX else None
 
 
-def sea_profile(image_rgb: NDArray[np.uint8], view: SeaView) -> SeaProfile:
+def sea_profile(image: Image, view: SeaView) -> SeaProfile:
     """Quantiles of the sea's levels in bins of range up to MAX_RANGE_M; bins with few pixels are left out."""
     near = view.range_m < MAX_RANGE_M
-    ranges, downs, levels = view.range_m[near], view.down[near], image_rgb[near]
+    ranges, downs, levels = view.range_m[near], view.down[near], image[near]
     if ranges.size == 0:
         return SeaProfile(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     edges = np.geomspace(ranges.min(), MAX_RANGE_M, BINS + 1)
