@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from deckline.types import Frame
 
 LEFT_RGB, RIGHT_RGB = (255, 0, 0), (0, 255, 0)
-DOTS = 60  # of each true line
+DOTS = 240  # of each true line: close views show a tenth of it
 
 
 def contact_sheet(frames: Sequence[Frame], columns: int, with_truth: bool = False) -> NDArray[np.uint8]:
