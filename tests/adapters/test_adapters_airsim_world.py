@@ -6,6 +6,7 @@ import pytest
 from airsim_serving import CONFIG
 from scipy.spatial.transform import RigidTransform
 
+from deckline.adapters.airsim import images
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.images import read_requests, shown_depth, stored_depth, take_images
 from deckline.adapters.airsim.settings import PERSPECTIVE, PLANAR, SCENE, Capture, default_settings
@@ -121,6 +122,14 @@ def test_depth_is_stored_and_shown_as_airsim_does():
 def test_what_cannot_be_asked_for_is_named(values, says):
     with pytest.raises(ValueError, match=says):
         read_requests(values, SETTINGS)
+
+
+def test_answers_do_not_grow_without_limit(world, monkeypatch):
+    monkeypatch.setattr(images, "MOST_PIXELS", 3 * CONFIG.width * CONFIG.height)
+    three = read_requests(3 * [{"image_type": PLANAR}], SETTINGS)
+    assert len(take_images(world, three)) == 3
+    with pytest.raises(ValueError, match=r"may have 15552 pixels together"):
+        take_images(world, [*three, *three[:1]])
 
 
 def test_a_camera_below_the_water_is_refused(world):

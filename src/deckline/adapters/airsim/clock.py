@@ -29,6 +29,7 @@ class Clock:
 
     @property
     def paused(self) -> bool:
+        """Whether it stands still."""
         _, tick, most = self._run
         return self._ticks() - tick >= most
 

@@ -10,14 +10,14 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, Settings
 from deckline.adapters.airsim.structs import Struct, pose_struct
-from deckline.adapters.airsim.world import State, World
+from deckline.adapters.airsim.world import World
 from deckline.geometry import Camera
 from deckline.recording.images import encode_image
 from deckline.types import Frame
 
 FAR_M = 65504.0  # where nothing is seen: the largest half-precision number, AirSim's
 VIS_M = 100.0  # depth that DepthVis shows white
-MOST_IMAGES = 64  # of one call
+MOST_IMAGES, MOST_PIXELS = 64, 64_000_000  # of one call; as floats, so many pixels are 320 MB on the wire
 TYPES = {SCENE: "Scene", PLANAR: "DepthPlanar", PERSPECTIVE: "DepthPerspective", DEPTH_VIS: "DepthVis"} | {
     SEGMENTATION: "Segmentation"
 }
@@ -72,48 +72,55 @@ def take_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
     """ImageResponses, all of one instant; only on the world's own thread.
 
     Raises:
-        ValueError: a camera that is not above the sea.
+        ValueError: a camera that is not above the sea, or too many pixels.
     """
     state, time_s = world.state, world.clock.seconds()
+    cameras = [world.camera(request.camera, request.image_type, state) for request in requests]
+    if sum(camera.width * camera.height for camera in cameras) > MOST_PIXELS:
+        raise ValueError(f"images of one call may have {MOST_PIXELS} pixels together: ask for them in several calls")
     frames: dict[_View, Frame] = {}
     depths: dict[_View, NDArray[np.float32]] = {}
     whole = (SCENE, *FLOATS) if world.bends else (SCENE,)
-    pictured = {_view(world, request, state) for request in requests if request.image_type in whole}
+    asked = zip(requests, cameras, strict=True)
+    pictured = {_view(request, camera) for request, camera in asked if request.image_type in whole}
     responses = []
-    for request in requests:
-        camera = world.camera(request.camera, request.image_type, state)
-        world_from_mount = state.world_from_body * world.mount(request.camera, state)
-        common = {
-            "camera_name": request.asked,
-            **_where(world_from_mount),
-            "time_stamp": world.clock.nanoseconds(time_s),
-            "message": "",
-            "pixels_as_float": request.as_float,
-            "compress": request.compress and not request.as_float,
-            "width": camera.width,
-            "height": camera.height,
-            "image_type": request.image_type,
-            "annotation_name": request.annotation,
-        }
-        responses.append(common)
-        view = _view(world, request, state)
+    for request, camera in zip(requests, cameras, strict=True):
+        view = _view(request, camera)
         if request.image_type == SEGMENTATION:
-            pixels = world.segmentation(request.camera, state, time_s)
-            common |= picture_data(pixels, request.compress)
+            data = picture_data(world.segmentation(request.camera, state, time_s), request.compress)
         elif view in pictured:
             if view not in frames:
                 frames[view] = world.picture(request.camera, request.image_type, state, time_s)
-            common |= _frame_data(frames[view], request)
+            data = _frame_data(frames[view], request)
         else:
             if view not in depths:
                 depths[view] = world.depth(request.camera, request.image_type, state, time_s)
-            common |= depth_data(depths[view], camera, request)
+            data = depth_data(depths[view], camera, request)
+        where = state.world_from_body * world.mount(request.camera, state)
+        responses.append(_described(request, camera, where, world.clock.nanoseconds(time_s)) | data)
     return responses
 
 
-def _view(world: World, request: ImageRequest, state: State) -> _View:
+def _described(request: ImageRequest, camera: Camera, world_from_mount: RigidTransform, time_ns: int) -> Struct:
+    """Everything of a response but its pixels."""
+    placed = pose_struct(world_from_mount)
+    return {
+        "camera_name": request.asked,
+        "camera_position": placed["position"],
+        "camera_orientation": placed["orientation"],
+        "time_stamp": time_ns,
+        "message": "",
+        "pixels_as_float": request.as_float,
+        "compress": request.compress and not request.as_float,
+        "width": camera.width,
+        "height": camera.height,
+        "image_type": request.image_type,
+        "annotation_name": request.annotation,
+    }
+
+
+def _view(request: ImageRequest, camera: Camera) -> _View:
     """Requests with the same one are answered from one picture."""
-    camera = world.camera(request.camera, request.image_type, state)
     return request.camera, camera.width, camera.height, camera.fx
 
 
@@ -161,8 +168,3 @@ def recorded_frame(world: World) -> Frame:
     time_s = world.clock.seconds()
     frame = world.picture(world.settings.recorded, SCENE, world.state, time_s)
     return replace(frame, time_s=world.clock.nanoseconds(time_s) / 1e9)
-
-
-def _where(world_from_mount: RigidTransform) -> Struct:
-    placed = pose_struct(world_from_mount)
-    return {"camera_position": placed["position"], "camera_orientation": placed["orientation"]}
