@@ -59,7 +59,7 @@ def built(name):
 
 def shoot(renderer, ship, range_m, fov_deg, moving, distorted):
     """The loaded ship from before its ramp, 5 m to the right, rolled a little."""
-    layout, motion = ship.layout, SWING if moving and not ship.on_land else Motion()
+    layout, motion = ship.layout, SWING if moving and not ship.layout.on_land else Motion()
     there = moved_ship(layout, motion, TIME_S)
     ramp = layout.centre_m[0]
     delta = layout.centre_m[1] - ramp

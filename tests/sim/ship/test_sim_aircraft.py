@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from mesh_volume import volume
 
 from deckline.sim.ship.aircraft import KINDS, body, extents, prototype
-from deckline.sim.ship.mesh import volume
 
 
 @pytest.mark.parametrize("kind", KINDS)

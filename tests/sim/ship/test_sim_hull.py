@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from mesh_volume import volume
 
 from deckline.sim.ship.clearance import CLEAR_M, runway_distance
 from deckline.sim.ship.hull import (
@@ -15,7 +16,6 @@ from deckline.sim.ship.hull import (
     slab_mesh,
 )
 from deckline.sim.ship.layout import class_layout, random_layout
-from deckline.sim.ship.mesh import volume
 from deckline.sim.ship.ship_class import Hull, load_class
 
 

@@ -1,9 +1,10 @@
 import numpy as np
+from mesh_volume import volume
 
 from deckline.sim.ship.clearance import CLEAR_M, runway_distance
 from deckline.sim.ship.island import island_mesh, lattice, random_islands, support_mesh
 from deckline.sim.ship.layout import class_layout, random_layout
-from deckline.sim.ship.mesh import rectangle, volume
+from deckline.sim.ship.mesh import rectangle
 from deckline.sim.ship.ship_class import Island, load_class
 
 

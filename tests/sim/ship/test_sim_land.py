@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+from mesh_volume import volume
 
 from deckline.sim.ship.clearance import runway_distance
 from deckline.sim.ship.land import CLEAR_M, land_mesh, shed, tree
 from deckline.sim.ship.layout import class_layout
-from deckline.sim.ship.mesh import join, volume
+from deckline.sim.ship.mesh import join
 from deckline.sim.ship.ship_class import load_class
 
 

@@ -10,8 +10,6 @@ from deckline.sim.ship.layout import (
     DECKS,
     class_layout,
     class_variant,
-    cvn_layout,
-    paper_layout,
     random_layout,
     ship_layout,
     world_points,
@@ -26,7 +24,7 @@ def angle_deg(line):
 
 
 def test_paper_lines_are_the_published_ones():
-    layout = paper_layout()
+    layout = class_layout(load_class("paper"))
     for line, (slope, constant) in ((layout.left_m, (0.163, -35.788523)), (layout.right_m, (0.15632, -20.889669))):
         world = world_points(layout, line)
         np.testing.assert_allclose(slope * world[:, 0] + world[:, 1] + constant, 0.0, atol=1e-9)
@@ -38,7 +36,7 @@ def test_paper_lines_are_the_published_ones():
 
 
 def test_cvn_has_the_public_dimensions():
-    layout = cvn_layout()
+    layout = class_layout(load_class("cvn"))
     assert angle_deg(layout.left_m) == pytest.approx(8.49)
     assert angle_deg(layout.right_m) == pytest.approx(8.49)
     assert -runway_distance(layout, layout.centre_m)[0] == pytest.approx(10.9)

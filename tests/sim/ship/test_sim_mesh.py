@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from mesh_volume import volume
 
 from deckline.sim.ship.mesh import (
     at_height,
@@ -14,7 +15,6 @@ from deckline.sim.ship.mesh import (
     loft,
     quads,
     rectangle,
-    volume,
 )
 
 WHITE = (1.0, 1.0, 1.0)

@@ -11,7 +11,7 @@ def test_the_same_seed_builds_the_same_ship(name):
     for part in ("coat", "solids", "lights"):
         np.testing.assert_array_equal(getattr(first, part), getattr(second, part))
     assert first.surface == second.surface
-    assert first.on_land == (name == "runway") or name == "train"
+    assert first.layout.on_land == (name == "runway") or name == "train"
 
 
 def test_building_leaves_the_generator_where_it_was():
@@ -33,7 +33,7 @@ def test_one_random_ship_in_eight_has_no_runway_but_never_a_land_runway():
     ships = [build_ship("train", np.random.default_rng(seed)) for seed in range(150)]
     bare = [ship for ship in ships if not ship.runway]
     assert len(bare) / 150 == pytest.approx(NO_RUNWAY, abs=3 * np.sqrt(NO_RUNWAY / 150))
-    assert not any(ship.on_land for ship in bare)
+    assert not any(ship.layout.on_land for ship in bare)
 
 
 def test_an_unknown_preset_is_named():

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from mesh_volume import volume
 
 from deckline.sim.ship.hull import DRAUGHT_M
-from deckline.sim.ship.mesh import volume
 from deckline.sim.ship.vessels import VESSELS, body, foam_mesh, vessel_mesh
 
 

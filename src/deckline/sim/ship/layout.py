@@ -90,16 +90,6 @@ def class_layout(ship: ShipClass) -> Layout:
     return Layout(*edges, left, right, ship.deck_height_m, world_from_ship, place.sea_z_m, ship.on_land)
 
 
-def paper_layout() -> Layout:
-    """The ship that carries the paper's published lines (SPEC section 4, Table 6)."""
-    return class_layout(load_class("paper"))
-
-
-def cvn_layout() -> Layout:
-    """A large carrier: world north is ahead, the water is at world z = 0."""
-    return class_layout(load_class("cvn"))
-
-
 def world_lines(lines: WorldLines, world_from_ship: RigidTransform) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Left and right line (2, 2) in the ship frame of two that are given in the world, on the deck plane."""
     found = []

@@ -173,12 +173,6 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
     return np.concatenate(meshes) if meshes else np.zeros((0, 9), dtype=np.float32)
 
 
-def volume(mesh: Mesh) -> float:
-    """What a closed mesh encloses, m^3; negative where its normals point inwards."""
-    a, b, c = (mesh[k::3, :3].astype(np.float64) - mesh[:, :3].mean(axis=0, dtype=np.float64) for k in range(3))
-    return float(np.sum(a * _cross(b, c)) / 6)
-
-
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """np.cross of (..., 3) without its overhead, which small meshes feel."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))

@@ -36,11 +36,6 @@ class Ship:
     lights: Lamps = field(default_factory=lambda: np.zeros((0, 7), dtype=np.float32))  # ship frame
     background: Mesh = field(default_factory=lambda: join([]))  # other ships and coast, world frame, the ship at rest
 
-    @property
-    def on_land(self) -> bool:
-        """Whether ground lies around it, and no water."""
-        return self.layout.on_land
-
 
 def build_ship(preset: str, rng: np.random.Generator) -> Ship:
     """A ship of a class, or a random one for `train`; its wear, clutter and lamps are random in both.
