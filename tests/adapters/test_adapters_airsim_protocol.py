@@ -99,7 +99,9 @@ def test_messages_are_refused_from_the_limit_on():
 def test_the_announced_extent_is_the_real_one(many, cuts):
     messages = [encode(value) for value in many]
     largest = max(map(len, messages))
-    assert not pieces(Extent(largest + 1, 10**6), b"".join(messages), cuts)
+    below = Extent(largest + 1, 10**6)
+    assert not pieces(below, b"".join(messages), cuts)
+    assert below.largest == largest and not below.midway
     assert pieces(Extent(largest, 10**6), b"".join(messages), cuts)
 
 

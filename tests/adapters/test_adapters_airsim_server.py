@@ -291,6 +291,32 @@ def test_what_is_too_large_is_refused_as_it_comes(tmp_path, server):
         assert "closed" in small.lines[0]
 
 
+def test_all_connections_together_hold_so_much(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "MOST_HELD", 150_000)
+    half = b"\x94\x00\x07\xa1m\x91\xc6\x00\x02\x00\x00" + b"x" * 90_000  # 128 KiB are announced
+    with running_server(tmp_path) as tight, connected(tight.port) as first, connected(tight.port) as second:
+        first.sendall(half)
+        time.sleep(0.1)
+        second.sendall(half)
+        assert ended(second)
+        assert "all connections together hold too much" in tight.lines[0]
+        first.sendall(b"x" * (131_072 - 90_000))
+        assert first.recv(100).startswith(b"\x94\x01\x07")
+
+
+def test_a_peer_that_takes_no_answer_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "PATIENCE_S", 0.2)
+    images = [{"camera_name": "0", "image_type": PLANAR, "pixels_as_float": True}] * 64
+    with running_server(tmp_path) as server, connected(server.port) as peer, connected(server.port) as other:
+        peer.sendall(encode_request(1, "simGetImages", (images, "")) * 12)  # 20 MB of answers
+        for _ in range(500):
+            if server.lines:
+                break
+            assert asked(other, "ping") == (None, True)
+            time.sleep(0.01)
+        assert "took no answer for 0.2 s" in server.lines[0]
+
+
 def test_half_open_connections_hold_up_nobody(client, server):
     peers = [connected(server.port) for _ in range(20)]
     for peer in peers:

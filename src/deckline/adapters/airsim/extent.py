@@ -31,6 +31,7 @@ class Extent:
         self._open = 0  # values still to come in this message
         self._skip = 0  # bytes still to come of a value
         self._head = b""  # of a mark whose length has not come whole
+        self.largest = 0  # bytes of the largest message so far, as much of it as has come
 
     @property
     def midway(self) -> bool:
@@ -39,6 +40,11 @@ class Extent:
 
     def follow(self, data: bytes) -> str:
         """Why the message that `data` goes on with is too large; empty: it is not."""
+        too_large = self._follow(data)
+        self.largest = max(self.largest, self._read)
+        return too_large
+
+    def _follow(self, data: bytes) -> str:
         data, at = self._head + data, 0
         self._head = b""
         while at < len(data):
@@ -47,6 +53,7 @@ class Extent:
                 self._skip, self._read, at = self._skip - step, self._read + step, at + step
                 continue
             if not self._open:
+                self.largest = max(self.largest, self._read)
                 self._read, self._items, self._open = 0, 0, 1
             wide = _LENGTHS.get(data[at], (0,))[0]
             if at + 1 + wide > len(data):

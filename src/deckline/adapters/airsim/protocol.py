@@ -67,6 +67,11 @@ class Decoder:
         """Whether a message has begun and not ended; never, where the number of values is not limited."""
         return self._extent is not None and self._extent.midway
 
+    @property
+    def held(self) -> int:
+        """Bytes that it may hold: of the largest message so far; 0 where the number of values is not limited."""
+        return 0 if self._extent is None else self._extent.largest
+
     def feed(self, data: bytes) -> Iterator[Request | Response]:
         """The messages that `data` completes.
 

@@ -28,6 +28,8 @@ from deckline.sim.config import SimConfig
 
 READ_BYTES = 1 << 16
 MOST_CONNECTIONS = 256
+MOST_HELD = 256 * 1024 * 1024  # bytes of messages that all connections together may hold
+PATIENCE_S = 60.0  # with a peer that does not take its answer
 SIGNATURES = {name: inspect.signature(handler) for name, handler in METHODS.items()}
 
 
@@ -63,6 +65,7 @@ class Connections:
     def __init__(self, service: Service, limit: int) -> None:
         self._service, self._limit = service, limit
         self._tasks: set[asyncio.Task[None]] = set()
+        self._decoders: set[Decoder] = set()
 
     def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take a connection, unless there are too many."""
@@ -84,8 +87,11 @@ class Connections:
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, peer: str) -> None:
         decoder = Decoder(self._limit)
+        self._decoders.add(decoder)
         try:
             while data := await reader.read(READ_BYTES):
+                if len(data) + sum(other.held for other in self._decoders) > MOST_HELD:
+                    raise ProtocolError("all connections together hold too much")
                 for message in decoder.feed(data):
                     if not isinstance(message, Request):
                         raise ProtocolError("an answer, though nothing was asked")
@@ -94,16 +100,20 @@ class Connections:
                 self._service.log(f"{peer}: left in the middle of a message")
         except ProtocolError as error:
             self._service.log(f"{peer}: {error}; connection closed")
+        except TimeoutError:
+            self._service.log(f"{peer}: took no answer for {PATIENCE_S:g} s; connection closed")
+            writer.transport.abort()
         except OSError as error:
             self._service.log(f"{peer}: lost: {error.strerror or type(error).__name__}")
         finally:
+            self._decoders.discard(decoder)
             writer.close()
 
     async def _handle(self, request: Request, writer: asyncio.StreamWriter, peer: str) -> None:
         error, result = await self._call(request, peer)
         if request.id is not None:
             writer.write(encode_response(request.id, error, result))
-            await writer.drain()
+            await asyncio.wait_for(writer.drain(), PATIENCE_S)
         await asyncio.sleep(0)  # a peer that sends many calls at once shall not hold up the others
 
     async def _call(self, request: Request, peer: str) -> tuple[str | None, Any]:
