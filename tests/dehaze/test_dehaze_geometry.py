@@ -66,6 +66,19 @@ def test_what_stands_against_the_sky_is_restored_with_its_foot_on_the_sea():
     np.testing.assert_array_equal(GeometryDehazer().restore(frame_of(floating)).image_rgb[mast], floating[mast])
 
 
+def test_paint_as_bright_as_the_haze_stays_paint():
+    """A deck with a white line at the deck plane's range: the line comes out bright, the deck dark."""
+    hazy, _ = sea_pair(BETA)
+    deck_m = 40 / ray_z(world_from_body())  # ray lengths to the deck's plane
+    block, line = (slice(85, 115), slice(110, 210)), (slice(85, 115), slice(158, 164))
+    for part, colour in ((block, np.full(3, 40.0)), (line, np.full(3, 165.0))):
+        t = np.exp(-BETA * deck_m[part])[..., None]
+        hazy[part] = np.rint(AIRLIGHT + t * (colour - AIRLIGHT))
+    result = GeometryDehazer().restore(frame_of(hazy)).image_rgb.astype(float)
+    assert result[90:110, 159:163].mean() == pytest.approx(165, abs=20)
+    assert result[90:110, 120:150].mean() == pytest.approx(40, abs=20)
+
+
 def test_a_depth_camera_is_believed():
     """A grey block that neither bound can place: its depth alone gives its colour back."""
     hazy, _ = sea_pair(BETA)
@@ -175,6 +188,7 @@ def test_restore_gives_each_dehazer_what_it_needs():
         ({"window_px": 0}, "window_px must be positive, got 0"),
         ({"airlight_sigma": -1.0}, "airlight_sigma must not be negative"),
         ({"object_levels": (9.0, 3.0)}, "object_levels must rise"),
+        ({"standing_out": (2.0, 2.0)}, "standing_out must rise"),
         ({"darkest": 1.0}, r"darkest must lie in \[0, 1\), got 1.0"),
     ],
 )

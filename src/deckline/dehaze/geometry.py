@@ -1,11 +1,12 @@
 """Dehazing without a network: the pose says how far away the sea is, the picture says what the air is like.
 
 Every pixel's transmission t has two lower bounds, and the larger one is taken. Nothing lies below the sea, so its
-range bounds t from below. And no light is negative or beyond full scale, so a dark or bright detail bounds t as well;
-what stands out of the sea, as a ship does, is nearer than the sea behind it, and there this bound is the larger one.
-A depth camera replaces both where it sees something.
+range bounds t from below. No light is negative or beyond full scale, so a dark or bright detail bounds t as well;
+what stands out of the sea, as a ship does, is nearer than the sea behind it, and there this bound is the larger one,
+and the deck's plane a better one still. A depth camera replaces them all where it sees something.
 
-I = J t + A (1 - t) is then solved for the most likely J: where haze leaves no signal, that is the sea's own colour.
+I = J t + A (1 - t) is then solved for the most likely J: where haze leaves no signal, that is the sea's own colour:
+plain sea in the result does not mean that nothing is there.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze.base import Restored, check_image
-from deckline.dehaze.dark_channel import guided_filter
 from deckline.dehaze.haze_fit import HazeFit, NotFitted, fit_haze
 from deckline.dehaze.sea_view import SeaView, sea_view
 from deckline.haze import transmission
@@ -24,9 +24,9 @@ from deckline.types import Frame
 Image = NDArray[np.float32]
 
 REFERENCE_PX = 1280  # image width that lengths in pixels are meant for
+OBJECT_SIGMAS = (1.0, 2.5)  # of noise off the airlight where haze hides the sea: as object_levels
 SKY_BINS = 40  # of equal width in the sine of the elevation
 MIN_SKY_BIN_PX = 60
-GUIDE_EPS = 1e-4  # on the variance of a guide in 0..1
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class GeometryConfig:
     airlight_sigma: float = 0.02  # of the airlight's share in a pixel, as a fraction of it
     scene_sigma: float = 40.0  # of ship and waves about the sea's mean colour, levels
     object_levels: tuple[float, float] = (12.0, 30.0)  # off the hazy sea or sky: surely not an object, surely one
+    standing_out: tuple[float, float] = (1.1, 1.5)  # bound over the sea's transmission: surely sea, surely nearer
     window_px: int = 15  # over which one dark detail speaks for its neighbours
     object_range_m: float = 1500.0  # ships farther away count as being here; keeps clear pictures as they are
     darkest: float = 0.2  # of the airlight: what light a ship's darkest detail still sends
@@ -56,8 +57,10 @@ class GeometryConfig:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
         if not 0 <= self.darkest < 1:
             raise ValueError(f"darkest must lie in [0, 1), got {self.darkest}")
-        if not 0 <= self.object_levels[0] < self.object_levels[1]:
-            raise ValueError(f"object_levels must rise from 0 or more, got {self.object_levels}")
+        for name in ("object_levels", "standing_out"):
+            low, high = getattr(self, name)
+            if not 0 <= low < high:
+                raise ValueError(f"{name} must rise from 0 or more, got {low} to {high}")
 
 
 class GeometryDehazer:
@@ -72,35 +75,43 @@ class GeometryDehazer:
         return image_rgb.copy()  # an image alone says nothing about ranges
 
     def restore(self, frame: Frame) -> Restored:
-        view = self._view(frame)
-        if isinstance(view, NotFitted):
-            return Restored(frame.image_rgb.copy(), f"not dehazed: {view.reason}")
+        views = self._views(frame)
+        if isinstance(views, NotFitted):
+            return Restored(frame.image_rgb.copy(), f"not dehazed: {views.reason}")
+        view, deck = views
         linear = self.config.light == "linear"
         image = (linear_levels(np.arange(256)) if linear else np.arange(256, dtype=np.float32))[frame.image_rgb]
         haze = fit_haze(image, view)
         if isinstance(haze, NotFitted):
             return Restored(frame.image_rgb.copy(), f"not dehazed: {haze.reason}")
         range_m = None if frame.depth_m is None else frame.depth_m * frame.camera.ray_lengths()
-        clear = remove_haze(image, range_m, view, haze, self.config)
+        clear = remove_haze(image, range_m, view, deck, haze, self.config)
         clear = display_levels(clear) if linear else clear
         return Restored(np.clip(np.rint(clear), 0, 255).astype(np.uint8))
 
-    def _view(self, frame: Frame) -> SeaView | NotFitted:
-        if frame.world_from_camera is None:
+    def _views(self, frame: Frame) -> tuple[SeaView, SeaView] | NotFitted:
+        """The sea and the deck's plane."""
+        pose = frame.world_from_camera
+        if pose is None:
             return NotFitted("the frame has no pose; give poses or choose another dehazer")
         if frame.deck_z_m is None:
             return NotFitted("the deck's height is unknown; give --deck-z-m or choose another dehazer")
-        view = sea_view(frame.camera, frame.world_from_camera, frame.deck_z_m + self.config.sea_below_deck_m)
-        return view if view.height_m > 0 else NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
+        view = sea_view(frame.camera, pose, frame.deck_z_m + self.config.sea_below_deck_m)
+        if view.height_m <= 0:
+            return NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
+        return view, sea_view(frame.camera, pose, frame.deck_z_m)
 
 
-def remove_haze(image: Image, range_m: Image | None, view: SeaView, haze: HazeFit, config: GeometryConfig) -> Image:
+def remove_haze(
+    image: Image, range_m: Image | None, view: SeaView, deck: SeaView, haze: HazeFit, config: GeometryConfig
+) -> Image:
     """A picture with its haze thinned to a clear day's.
 
     Args:
         image: (H, W, 3) levels 0..255, of the display or of light, as `haze` was fitted.
         range_m: (H, W) measured ray lengths, NaN where unknown; None without a depth camera.
         view: the sea in this picture.
+        deck: the deck's plane, seen as if it were endless.
         haze: its air.
         config: the rest.
 
@@ -112,7 +123,8 @@ def remove_haze(image: Image, range_m: Image | None, view: SeaView, haze: HazeFi
     sea = haze.clear_sea(view.down)
     farthest = np.exp(-haze.optical_depth(np.float32(config.object_range_m)))
     bound = np.maximum(bounded_t(image, airlight, config), farthest)
-    share = object_share(image, airlight + sea_t[..., None] * (sea - airlight), bound, view, config)
+    bound = raised_to_deck(bound, sea_t, np.exp(-haze.optical_depth(deck.range_m)), config)
+    share = object_share(image, airlight + sea_t[..., None] * (sea - airlight), sea_t, bound, view, config)
     t = np.where(view.is_sea, np.maximum(sea_t, share * bound), 1 - share * (1 - np.maximum(bound, sea_t)))
     kept = np.where(view.is_sea, share + (1 - share) * transmission(view.range_m, config.clear_beta_per_m), 1)
     if range_m is not None:
@@ -149,7 +161,7 @@ def most_likely(image: Image, usual: Image, airlight: Image, t: Image, config: G
 
 
 def bounded_t(image: Image, airlight: Image, config: GeometryConfig) -> Image:
-    """Least transmission (H, W) that the darkest or brightest detail about a pixel allows, along the image's edges.
+    """Least transmission (H, W) that the darkest or brightest detail about a pixel allows.
 
     J <= 255 gives t >= (I - A) / (255 - A). J >= 0 gives t >= (A - I) / A, and a little more, as ships are not black.
     Source: He et al. 2011 for the dark side.
@@ -161,28 +173,46 @@ def bounded_t(image: Image, airlight: Image, config: GeometryConfig) -> Image:
     bound = strongest(np.maximum(darker, brighter))
     window = scaled_px(config.window_px, image.shape[1])
     spread = np.asarray(cv2.dilate(bound, np.ones((window, window), np.uint8)), dtype=np.float32)
-    guide = image.mean(axis=2) / np.float32(255)
-    return np.clip(guided_filter(guide, spread, 3 * window, GUIDE_EPS), 0, 1)
+    return np.asarray(np.clip(cv2.blur(spread, (window, window)), 0, 1), dtype=np.float32)
 
 
-def object_share(image: Image, hazy_sea: Image, bound: Image, view: SeaView, config: GeometryConfig) -> Image:
+def raised_to_deck(bound: Image, sea_t: Image, deck_t: Image, config: GeometryConfig) -> Image:
+    """The bound (H, W), raised to the deck plane's transmission where the picture shows that the sea is too far.
+
+    What stands out of the sea and lies on the deck is exactly there; of what is lower, too little haze is taken away.
+    """
+    low, high = config.standing_out
+    surely = np.clip((bound / np.maximum(sea_t, np.float32(1e-6)) - low) / (high - low), 0, 1)
+    return bound + surely * np.maximum(deck_t - bound, 0)
+
+
+def object_share(
+    image: Image, hazy_sea: Image, sea_t: Image, bound: Image, view: SeaView, config: GeometryConfig
+) -> Image:
     """How surely each pixel (H, W) shows something nearer than sea and sky, 0 to 1.
 
-    On the sea: what differs from hazy water. In the sky: what is darker than the sky at its height, reaches down to
-    the sea, and shows through clearly enough.
+    On the sea: what differs from hazy water, where haze flattens waves with everything else. In the sky: what is
+    darker than the sky at its height, reaches down to the sea, and shows through clearly enough. Gaps are closed:
+    paint on a deck may be as bright as the haze.
     """
     import cv2
 
     off_sea = strongest(np.abs(image - hazy_sea))
     darker = strongest(sky_levels(image, view) - image)
-    low, high = config.object_levels
+    waves = np.where(view.is_sea, sea_t, 1)
+    low, high = (
+        config.level_sigma * sigmas * (1 - waves) + level * waves
+        for sigmas, level in zip(OBJECT_SIGMAS, config.object_levels, strict=True)
+    )
     share = np.clip((np.where(view.is_sea, off_sea, darker) - low) / (high - low), 0, 1)
     share *= np.where(view.is_sea, 1, np.clip(bound / config.min_object_t - 1, 0, 1))
     _, labels = cv2.connectedComponents((share > 0.5).astype(np.uint8))
     standing = np.isin(labels, np.unique(labels[view.is_sea]))
     share *= view.is_sea | standing
-    window = scaled_px(config.window_px // 3, image.shape[1])
-    return np.asarray(cv2.blur(share.astype(np.float32), (window, window)), dtype=np.float32)
+    window = scaled_px(config.window_px, image.shape[1])
+    closed = cv2.morphologyEx(share.astype(np.float32), cv2.MORPH_CLOSE, np.ones((window, window), np.uint8))
+    edge = scaled_px(config.window_px // 3, image.shape[1])
+    return np.asarray(cv2.blur(closed, (edge, edge)), dtype=np.float32)
 
 
 def sky_levels(image: Image, view: SeaView) -> Image:
