@@ -4,13 +4,21 @@ import socket
 
 import msgpack
 import numpy as np
-from airsim_serving import asked, connected
+import pytest
+from airsim_serving import asked, connected, running_server
 
 from deckline.adapters.airsim.methods import METHODS
 from deckline.adapters.airsim.protocol import encode_request
 
 ROUNDS, CALLS = 150, 2000
 NOT_HERE = ("startRecording",)  # writes to the disk as long as it is on
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """A server of its own: odd calls leave its clock anywhere, and reset leaves the clock alone."""
+    with running_server(tmp_path_factory.mktemp("recordings")) as running:
+        yield running
 
 
 def broken(rng):
