@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from contextlib import suppress
 from typing import Self
 
 import msgpack
@@ -81,7 +82,8 @@ class StandIn:
             self._open.append((talk, threading.Thread(target=self._talk, args=(talk,), daemon=True)))
             self._open[-1][1].start()
         for talk, thread in self._open:
-            talk.shutdown(socket.SHUT_RDWR) if talk.fileno() >= 0 else None
+            with suppress(OSError):  # the client may have gone, and its thread may have closed it, at this moment
+                talk.shutdown(socket.SHUT_RDWR)
             thread.join()
 
     def _talk(self, talk):
