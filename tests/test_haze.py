@@ -199,3 +199,12 @@ def test_an_atmosphere_survives_its_record():
 def test_impossible_air_is_named(values, message):
     with pytest.raises(ValueError, match=message):
         replace(UNIFORM, **values)
+
+
+@pytest.mark.parametrize("height_m", [300.0, 3000.0, 9000.0, 40000.0])
+def test_air_far_below_the_eye_is_counted_whole(height_m):
+    air = Atmosphere((1e-3,) * 3, (1.0, 1.0, 1.0), scale_height_m=40.0)
+    down = np.array([[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]], np.float32)
+    path = air_path(np.array([[height_m, height_m / 0.8]], np.float32), down, [0.0, 0.0, -height_m], air)
+    expected = 40.0 * (1.0 - np.exp(-height_m / 40.0)) / np.array([[1.0, 0.8]])
+    np.testing.assert_allclose(path, expected, rtol=1e-3)  # single precision of the height itself

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Triple = tuple[float, float, float]
 Wave = tuple[float, float, float, float]
+MOST_FALL = 60.0  # scale heights; patches look no farther than 100 km anyway, and exp of it is a float32
 CONTRAST_THRESHOLD = 0.02  # Koschmieder's 2 %; the meteorological optical range uses 5 %
 
 
@@ -158,17 +159,19 @@ def air_path(
     eye = np.asarray(eye_m, dtype=np.float64)
     ranges = np.nan_to_num(range_m, nan=np.inf)
     if math.isinf(atmosphere.scale_height_m):
-        reach, density = ranges, 1.0
+        reach = path = ranges
     else:
-        density = math.exp((eye[2] - atmosphere.base_z_m) / atmosphere.scale_height_m)
+        level = (eye[2] - atmosphere.base_z_m) / atmosphere.scale_height_m  # minus the eye's height, in scale heights
         climb = -directions[..., 2] / np.float32(atmosphere.scale_height_m)
         reach = np.where(climb > 0, 1.0 / np.maximum(climb, np.float32(1e-12)), np.float32(np.inf))
+        path = np.where(climb > 0, np.float32(math.exp(level)) * np.where(climb > 0, reach, 0), np.float32(np.inf))
         seen = np.isfinite(ranges)
         rise = np.where(seen, climb * np.where(seen, ranges, 0), 0)
-        small = np.abs(rise) < 1e-4
-        share = np.where(small, 1 - rise / 2, -np.expm1(-rise) / np.where(small, 1, rise))
-        reach = np.where(seen, ranges * share, reach)
-    path = np.float32(density) * reach
+        # Counted from a ray's lower end, where the air is thickest: from far above the water its growth would overflow.
+        size, fall = np.abs(rise), np.maximum(-rise, 0)
+        share = np.where(size < 1e-4, 1 - size / 2, -np.expm1(-size) / np.maximum(size, np.float32(1e-4)))
+        path = np.where(seen, ranges * share * np.exp(np.float32(level) + fall), path)
+        reach = np.where(seen, ranges * share * np.exp(np.minimum(fall, MOST_FALL)), reach)
     if atmosphere.waves:
         path = path * patches(reach, directions, eye, atmosphere.waves)
     return np.asarray(path, dtype=np.float32)
