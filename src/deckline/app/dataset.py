@@ -31,6 +31,7 @@ with needs_extra("sim"):
     from deckline.sim import SimConfig
     from deckline.sim.camera.depth_camera import DepthConfig
     from deckline.sim.config import Trajectory
+    from deckline.sim.scene.weather import WeatherConfig
 
 SPLITS = ("train", "test")
 COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper
@@ -52,6 +53,8 @@ class DatasetConfig:
         width, height: size of the images, px.
         fov_deg: horizontal field of view.
         depth_range_m: reach of the depth camera; inf records depth everywhere, which training a dehazer needs.
+        one_scene: the same light, sky and sea in every frame, as in one simulator's scene; else they are drawn anew for
+            every flight and every random view.
         tiles: also cut every image into 8 overlapping squares.
         tile_px: their side.
 
@@ -67,6 +70,7 @@ class DatasetConfig:
     height: int = 720
     fov_deg: float = 90.0
     depth_range_m: float = float("inf")
+    one_scene: bool = False
     tiles: bool = True
     tile_px: int = 512
 
@@ -137,6 +141,7 @@ def dataset_items(config: DatasetConfig) -> list[Item]:
         height=config.height,
         fov_deg=config.fov_deg,
         depth=DepthConfig(range_m=config.depth_range_m),
+        weather=WeatherConfig(seed=config.seed if config.one_scene else None),
     )
     recordings = [base]
     flown = [kind for kind in get_args(Trajectory) if kind != "random"]

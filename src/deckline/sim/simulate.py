@@ -26,7 +26,7 @@ from deckline.types import Frame, Segment, Truth
 OPEN_SEA = 0.4  # part of the views without a runway that show no ship either
 VEHICLE, CAMERA = "deckline", "front"
 # Random streams: of a ship, of a frame, of a whole flight.
-SHIP, FRAME, FLIGHT = 2, 3, 4
+SHIP, FRAME, FLIGHT, SUN, WEATHER = 2, 3, 4, 5, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +74,8 @@ class Simulator:
         config, train = self.config, self.config.preset == "train"
         for_ship, for_sun, for_motion = np.random.default_rng([config.seed, SHIP, block]).spawn(3)
         self.ship: Ship = build_ship(config.preset, for_ship)
+        if config.weather.seed is not None:
+            for_sun = np.random.default_rng([config.weather.seed, SUN])
         time = config.weather.time_of_day or random_time_of_day(for_sun, fair=not train)
         self.weather: WeatherConfig = replace(config.weather, time_of_day=time, sea_state=_sea_state(config))
         asked = config.motion.sea_state if config.motion.sea_state is not None else config.weather.sea_state
@@ -87,6 +89,8 @@ class Simulator:
         own = np.random.default_rng([config.seed, FRAME, index])
         kept = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # a flight keeps weather and camera
         for_weather, for_lens, for_air, for_picture, for_quality = kept.spawn(5)
+        if config.weather.seed is not None:
+            for_weather = np.random.default_rng([config.weather.seed, WEATHER])
         for_view, for_noise, for_sea = own.spawn(3)
         weather = random_weather(for_weather, not train, self.weather, sun=self.renderer.sun)
         view = self._view(index, for_view)

@@ -51,6 +51,7 @@ class DehazeTrainConfig:
     held_out: float = 0.05  # of every recording, for validation
     working_long_side_px: int = 640  # a coarse network sees larger images averaged down to about this
     checkpoint_every: int = 500  # steps
+    bf16: bool | None = None  # half of the arithmetic in bfloat16; None: on CUDA only (a CPU needs AVX512-BF16 or AMX)
     threads: int = 0  # of torch on a CPU; 0 leaves torch's own choice
     device: Literal["auto", "cpu", "cuda"] = "auto"
     seed: int = 0
@@ -190,8 +191,8 @@ def _step(
     hazy, clear, t = (x.to(device, memory_format=torch.channels_last) for x in batch)
     for group in optimizer.param_groups:
         group["lr"] = rate
-    precision = torch.autocast("cuda", torch.bfloat16) if device.type == "cuda" else nullcontext()
-    with precision:
+    bf16 = device.type == "cuda" if config.bf16 is None else config.bf16
+    with torch.autocast(device.type, torch.bfloat16) if bf16 else nullcontext():
         loss = dehaze_loss(model(hazy).float(), clear, t, config.visible_share)
     optimizer.zero_grad()
     loss.backward()
@@ -240,7 +241,7 @@ def _resume(
     progress = read_progress(out)
     if progress is None:
         return {name: value.detach().clone() for name, value in model.state_dict().items()}, 0, 0.0
-    stored = {"network": "deckline"} | progress["recipe"]  # the one network of older checkpoints
+    stored = {"network": "deckline", "bf16": None} | progress["recipe"]  # of older checkpoints
     if stored != _recipe(config):
         changed = [name for name, value in _recipe(config).items() if stored.get(name) != value]
         raise ValueError(

@@ -38,6 +38,8 @@ class WeatherConfig:
         sky: `clear`, `broken` or `overcast`; None: any in training, not overcast in the named presets.
         sea_state: 0 (glassy) to 6 (waves of 5 m); None: 0 to 6 in training, 1 to 4 in the named presets.
         wind_m_s: at 10 m above the water; None: about what raises the sea.
+        seed: what the preset leaves open is drawn from this number, the same for every frame and recording that has it;
+            None: from the recording's own seed.
 
     Raises:
         ValueError: an unknown time or sky, or a number out of its range.
@@ -47,6 +49,7 @@ class WeatherConfig:
     sky: Sky | None = None
     sea_state: int | None = None
     wind_m_s: float | None = None
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         for name, kinds in (("time_of_day", TimeOfDay), ("sky", Sky)):
@@ -57,6 +60,8 @@ class WeatherConfig:
             raise ValueError(f"sea_state must lie between 0 and 6, got {self.sea_state}")
         if self.wind_m_s is not None and not 0.0 <= self.wind_m_s <= 40.0:
             raise ValueError(f"wind_m_s must lie between 0 and 40, got {self.wind_m_s}")
+        if self.seed is not None and self.seed < 0:
+            raise ValueError(f"the weather's seed must not be negative, got {self.seed}")
 
 
 @dataclass(frozen=True)
