@@ -241,7 +241,7 @@ def _resume(
     progress = read_progress(out)
     if progress is None:
         return {name: value.detach().clone() for name, value in model.state_dict().items()}, 0, 0.0
-    stored = {"network": "deckline", "bf16": None} | progress["recipe"]  # of older checkpoints
+    stored = {"network": "deckline"} | progress["recipe"]  # the one network of older checkpoints
     if stored != _recipe(config):
         changed = [name for name, value in _recipe(config).items() if stored.get(name) != value]
         raise ValueError(
@@ -269,7 +269,7 @@ def _save(
 def _recipe(config: DehazeTrainConfig) -> dict[str, Any]:
     """What must stay the same when a run goes on: all but budget and machine; tuples as JSON gives them back."""
     keys = asdict(config)
-    for name in ("steps", "minutes", "threads", "device", "checkpoint_every"):
+    for name in ("steps", "minutes", "threads", "device", "bf16", "checkpoint_every"):
         del keys[name]
     keys["haze"] = {name: list(v) if isinstance(v, tuple) else v for name, v in keys["haze"].items()}
     return keys
