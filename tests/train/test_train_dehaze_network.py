@@ -10,12 +10,21 @@ import torch
 from deckline.dehaze import OnnxDehazer
 from deckline.dehaze.network_io import averaged_down, image_to_tensor, padded
 from deckline.haze import add_haze, beta_from_visibility
-from deckline.train.dehaze_blocks import SeparableSelfAttention, SKFusion, fold, unfold
+from deckline.train.dehaze_blocks import (
+    DepthwiseSeparable,
+    PooledSelfAttention,
+    SeparableSelfAttention,
+    SKFusion,
+    fold,
+    unfold,
+)
 from deckline.train.dehaze_finish import export_dehaze
 from deckline.train.dehaze_network import (
     SIZES,
+    Attention,
     DehazeNetwork,
     DehazeNetworkConfig,
+    Transformer,
     linear_in_guide,
     luma,
     network_metadata,
@@ -25,6 +34,12 @@ from deckline.train.rivals import build
 
 PAPER_LIMITS = {"t": 484_000, "s": 905_000, "b": 1_774_000}  # SPEC section 1
 TINY = DehazeNetworkConfig(channels=8, depths=(1, 1, 1, 1, 1), vit_layers=(1, 1, 1))
+VARIANTS: list[tuple[Attention, Transformer]] = [
+    ("depthwise", "plain"),
+    ("mix", "plain"),
+    ("mix", "mobilevit"),
+    ("depthwise", "mobilevit"),
+]
 
 
 def network(config: DehazeNetworkConfig, seed: int = 0) -> DehazeNetwork:
@@ -46,6 +61,42 @@ def test_coarse_grid_costs_a_sixteenth() -> None:
     macs = [network_cost(DehazeNetwork(replace(SIZES["t"], unshuffle=unshuffle))).macs for unshuffle in (1, 4)]
     assert macs[0] < network_cost(build("dehaze-former-t")).macs
     assert macs[1] < macs[0] / 12
+
+
+@pytest.mark.parametrize("unshuffle", [1, 4])
+@pytest.mark.parametrize(("attention", "transformer"), VARIANTS)
+def test_ablated_networks_are_about_as_large(attention: Attention, transformer: Transformer, unshuffle: int) -> None:
+    """So that Table 5 compares kinds of blocks, not sizes."""
+    whole = replace(SIZES["t"], unshuffle=unshuffle)
+    ablated = replace(whole, attention=attention, transformer=transformer)
+    count, full = (count_parameters(DehazeNetwork(config)) for config in (ablated, whole))
+    assert count == pytest.approx(full, rel=0.05)
+
+
+@pytest.mark.parametrize("unshuffle", [1, 4])
+@pytest.mark.parametrize(("attention", "transformer"), VARIANTS)
+@pytest.mark.parametrize("size", [(33, 50), (64, 97)])
+def test_ablated_networks_take_any_size_and_learn_in_every_weight(
+    attention: Attention, transformer: Transformer, unshuffle: int, size: tuple[int, int]
+) -> None:
+    config = replace(TINY, unshuffle=unshuffle, attention=attention, transformer=transformer)
+    model = network(config, seed=1).train()  # with seed 0 the few ReLUs of one SKFusion are all shut from the start
+    out = model(torch.rand(2, 3, *size))
+    assert out.shape == (2, 3, *size)
+    out.square().mean().backward()
+    unreached = [name for name, p in model.named_parameters() if p.grad is None or not p.grad.abs().max() > 0]
+    assert unreached == (["log_guide_eps"] if unshuffle == 1 else [])  # no guided filter at full resolution
+
+
+def test_plain_transformer_works_on_a_720p_frame() -> None:
+    """14,400 pixels of the coarse grid attend to 920 keys: an image averaged down to 640 px wide, padded to 384."""
+    config = replace(SIZES["t"], transformer="plain")
+    assert (config.key_pool, config.multiple) == (1, 32)
+    assert replace(config, unshuffle=1).key_pool == 4
+    with torch.no_grad():
+        out = network(config)(torch.rand(1, 3, 720, 1280), torch.rand(1, 3, 360, 640))
+    assert out.shape == (1, 3, 720, 1280)
+    assert torch.isfinite(out).all()
 
 
 @pytest.mark.parametrize("unshuffle", [1, 4])
@@ -101,6 +152,36 @@ def test_attention_ignores_the_order_of_tokens() -> None:
         torch.testing.assert_close(layer(x)[..., order], layer(x[..., order]))
 
 
+@pytest.mark.parametrize("pool", [1, 2])
+def test_pooled_attention_is_its_formula(pool: int) -> None:
+    torch.manual_seed(1)
+    layer, x = PooledSelfAttention(6, heads=2, pool=pool).eval(), torch.randn(1, 6, 4, 8)
+    means = x.reshape(1, 6, 4 // pool, pool, 8 // pool, pool).mean((3, 5))
+    queries, sources = x[0].flatten(1).T, means[0].flatten(1).T
+    with torch.no_grad():
+        query = queries @ layer.query.weight[:, :, 0, 0].T + layer.query.bias
+        key, value = (sources @ layer.key_value.weight[:, :, 0, 0].T).split(6, 1)
+        heads = []
+        for part in (slice(0, 3), slice(3, 6)):
+            share = torch.softmax(query[:, part] @ key[:, part].T / 3**0.5, 1)
+            heads.append(share @ value[:, part])
+        expected = torch.cat(heads, 1) @ layer.out.weight[:, :, 0, 0].T + layer.out.bias
+        torch.testing.assert_close(layer(x)[0].flatten(1).T, expected)
+
+
+def test_depthwise_separable_block_sees_its_neighbourhood_alone() -> None:
+    """3x3 and then 5x5 px: a pixel reaches 3 px far in every direction, and MixAttention's pooling is gone."""
+    torch.manual_seed(1)
+    layer, x = DepthwiseSeparable(4, kernel=5, expansion=2).eval(), torch.randn(1, 4, 15, 15)
+    moved = x.clone()
+    moved[:, 0, 7, 7] += 1
+    with torch.no_grad():
+        changed = (layer(moved) - layer(x)).abs().amax((0, 1)) > 0
+    rows, columns = torch.nonzero(changed, as_tuple=True)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (4, 10, 4, 10)
+    assert changed.sum() == 49
+
+
 def test_selective_kernel_fusion_weighs_two_branches() -> None:
     layer, a = SKFusion(6).eval(), torch.randn(1, 6, 5, 5)
     with torch.no_grad():
@@ -140,7 +221,16 @@ def frame_like(height: int, width: int) -> np.ndarray:
     return add_haze(clear, ranges, beta_from_visibility(800.0), (180, 190, 200))
 
 
-@pytest.mark.parametrize("config", [SIZES["t"], replace(TINY, unshuffle=1)], ids=["coarse", "full resolution"])
+@pytest.mark.parametrize(
+    "config",
+    [
+        SIZES["t"],
+        replace(TINY, unshuffle=1),
+        replace(TINY, attention="depthwise", transformer="plain"),
+        replace(TINY, attention="depthwise", transformer="plain", unshuffle=1),
+    ],
+    ids=["coarse", "full resolution", "coarse baseline", "full resolution baseline"],
+)
 def test_torch_and_onnx_agree(config: DehazeNetworkConfig, tmp_path: Path) -> None:
     """At most one grey level apart, at sizes the export never saw, odd ones too."""
     model = network(config)
@@ -170,6 +260,8 @@ def test_luma_weights_sum_to_one() -> None:
         ({"channels": 0}, "channels, unshuffle and guide_radius must be at least 1, got 0"),
         ({"depths": (1, 1)}, r"need 5 depths and 3 vit_layers, got \(1, 1\)"),
         ({"spatial_kernel": 4}, "spatial_kernel must be odd, got 4"),
+        ({"attention": "none"}, "attention must be one of mix, depthwise, got 'none'"),
+        ({"transformer": "swin"}, "transformer must be one of mobilevit, plain, got 'swin'"),
     ],
 )
 def test_config_errors(keys: dict, message: str) -> None:

@@ -1,4 +1,7 @@
-"""Blocks of the dehazing network, SPEC section 1 (Li et al. 2024, section 3.1). Features are (B, C, H, W)."""
+"""Blocks of the dehazing network, SPEC section 1 (Li et al. 2024, section 3.1). Features are (B, C, H, W).
+
+`DepthwiseSeparable` and `PlainTransformer` are the conventional blocks that the paper's ablation starts from.
+"""
 
 import torch
 import torch.nn.functional as F
@@ -73,6 +76,29 @@ class MixAttention(nn.Module):
         return x + self.feed_forward(x)
 
 
+class DepthwiseSeparable(nn.Module):
+    """Two depthwise-separable convolutions, then a feed-forward part; both residual. Stands in for MixAttention.
+
+    Its feed-forward part is wider by one, which makes up for the 1x1 maps that MixAttention has and this has not.
+    """
+
+    def __init__(self, channels: int, kernel: int, expansion: int) -> None:
+        super().__init__()
+        self.convolve = nn.Sequential(
+            ChannelNorm(channels),
+            depthwise(channels, 3),
+            nn.Conv2d(channels, channels, 1),
+            nn.GELU(),
+            depthwise(channels, kernel),
+            nn.Conv2d(channels, channels, 1),
+        )
+        self.feed_forward = feed_forward(channels, expansion + 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = x + self.convolve(x)
+        return x + self.feed_forward(x)
+
+
 class SeparableSelfAttention(nn.Module):
     """Self-attention of linear cost over the tokens of (B, C, P, N): N tokens for each of P pixels of a patch.
 
@@ -137,6 +163,50 @@ class MobileViTv3(nn.Module):
         tokens = self.transformer(unfold(local))
         spread = self.project(fold(tokens, x.shape[2], x.shape[3]))
         return self.fuse(torch.cat([local, spread], 1)) + x
+
+
+class PooledSelfAttention(nn.Module):
+    """Multi-head softmax attention of every pixel to the means of `pool` x `pool` px; 1 is full self-attention.
+
+    Sides must be multiples of `pool`. Positions are not encoded: the convolutions before tell them (CvT).
+
+    Source: Vaswani et al. 2017; pooled keys: Wang et al. 2022 (PVT v2); positions: Wu et al. 2021 (CvT).
+    """
+
+    def __init__(self, channels: int, heads: int, pool: int) -> None:
+        super().__init__()
+        self.heads, self.pool = heads, pool
+        # A bias of the keys would move all scores of a query alike, one of the values only the output's own.
+        self.query = nn.Conv2d(channels, channels, 1)
+        self.key_value = nn.Conv2d(channels, 2 * channels, 1, bias=False)
+        self.out = nn.Conv2d(channels, channels, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        b, c, h, w = x.shape
+        pooled = F.avg_pool2d(x, self.pool) if self.pool > 1 else x
+        key, value = self.key_value(pooled).split(c, 1)
+        query, key, value = (
+            tokens.reshape(b, self.heads, c // self.heads, -1).transpose(2, 3) for tokens in (self.query(x), key, value)
+        )
+        mixed = F.scaled_dot_product_attention(query, key, value)
+        return self.out(mixed.transpose(2, 3).reshape(b, c, h, w))
+
+
+class PlainTransformer(nn.Module):
+    """LayerNorm, softmax self-attention, feed-forward; both residual. Layers of it stand in for MobileViTv3.
+
+    Its feed-forward part is wider by one, which makes up for MobileViTv3's local and fusing convolutions.
+    """
+
+    def __init__(self, channels: int, heads: int, pool: int, expansion: int) -> None:
+        super().__init__()
+        self.norm = ChannelNorm(channels)
+        self.attention = PooledSelfAttention(channels, heads, pool)
+        self.feed_forward = feed_forward(channels, expansion + 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = x + self.attention(self.norm(x))
+        return x + self.feed_forward(x)
 
 
 class SKFusion(nn.Module):

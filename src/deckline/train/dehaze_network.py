@@ -5,16 +5,29 @@ estimates K and B on that coarse grid, and a fast guided filter brings them up a
 """
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.train.dehaze_blocks import ChannelNorm, MixAttention, MobileViTv3, SKFusion, down, up
+from deckline.train.dehaze_blocks import (
+    ChannelNorm,
+    DepthwiseSeparable,
+    MixAttention,
+    MobileViTv3,
+    PlainTransformer,
+    SKFusion,
+    down,
+    up,
+)
 
 STAGE_MULTIPLE = 8  # two halvings, then patches of 2x2
+# Image px between the keys of the plain transformer: attention of all pixels to all would be quadratic in their number.
+KEY_STRIDE_PX = 16
 LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601
+Attention = Literal["mix", "depthwise"]
+Transformer = Literal["mobilevit", "plain"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +41,8 @@ class DehazeNetworkConfig:
     expansion: int = 2  # of the feed-forward parts
     unshuffle: int = 4  # image px per pixel of the coarse grid; 1 is the paper's full resolution
     guide_radius: int = 1  # of the guided filter's window, coarse px
+    attention: Attention = "mix"  # or depthwise-separable convolutions in its place: the paper's Table 5
+    transformer: Transformer = "mobilevit"  # or conventional transformers in its place: the paper's Table 5
 
     def __post_init__(self) -> None:
         if self.channels < 1 or self.unshuffle < 1 or self.guide_radius < 1:
@@ -39,11 +54,20 @@ class DehazeNetworkConfig:
             raise ValueError(f"need 5 depths and 3 vit_layers, got {self.depths} and {self.vit_layers}")
         if self.spatial_kernel % 2 == 0:
             raise ValueError(f"spatial_kernel must be odd, got {self.spatial_kernel}")
+        for name, kinds in (("attention", get_args(Attention)), ("transformer", get_args(Transformer))):
+            if getattr(self, name) not in kinds:
+                raise ValueError(f"{name} must be one of {', '.join(kinds)}, got {getattr(self, name)!r}")
 
     @property
     def multiple(self) -> int:
         """The image is padded to a multiple of this, px."""
-        return STAGE_MULTIPLE * self.unshuffle
+        least = 4 * self.key_pool if self.transformer == "plain" else 1
+        return max(STAGE_MULTIPLE, least) * self.unshuffle
+
+    @property
+    def key_pool(self) -> int:
+        """Pixels of the quarter-size stage, along each side, whose mean is one key of the plain transformer."""
+        return max(1, KEY_STRIDE_PX // (4 * self.unshuffle))
 
 
 SIZES = {
@@ -59,15 +83,8 @@ class DehazeNetwork(nn.Module):
     def __init__(self, config: DehazeNetworkConfig) -> None:
         super().__init__()
         self.config = config
-        c, kernel, expansion = config.channels, config.spatial_kernel, config.expansion
-        widths = (c, 2 * c, 4 * c, 2 * c, c)
-        mix = [
-            nn.Sequential(*(MixAttention(width, kernel, expansion) for _ in range(depth)))
-            for width, depth in zip(widths, config.depths, strict=True)
-        ]
-        vit = [
-            MobileViTv3(width, layers, expansion) for width, layers in zip(widths[:3], config.vit_layers, strict=True)
-        ]
+        c = config.channels
+        mix, vit = _attention_stages(config), _transformer_stages(config)
         self.intro = nn.Conv2d(3 * config.unshuffle**2, c, 3, padding=1)
         self.encoder_full = nn.Sequential(mix[0], vit[0])
         self.down_half = down(c)
@@ -138,6 +155,29 @@ class DehazeNetwork(nn.Module):
         if models.shape[2] != image.shape[2] or models.shape[3] != image.shape[3]:
             models = models[:, :, : image.shape[2], : image.shape[3]]
         return models[:, :4] * luma(image) + models[:, 4:]
+
+
+def _attention_stages(config: DehazeNetworkConfig) -> list[nn.Module]:
+    """Of all five stages."""
+    block = MixAttention if config.attention == "mix" else DepthwiseSeparable
+    return [
+        nn.Sequential(*(block(config.channels * wider, config.spatial_kernel, config.expansion) for _ in range(depth)))
+        for wider, depth in zip((1, 2, 4, 2, 1), config.depths, strict=True)
+    ]
+
+
+def _transformer_stages(config: DehazeNetworkConfig) -> list[nn.Module]:
+    """Of the encoder's two stages and the bottleneck; a head of the plain transformer is `channels` wide."""
+    stages: list[nn.Module] = []
+    for wider, layers in zip((1, 2, 4), config.vit_layers, strict=True):
+        width = config.channels * wider
+        if config.transformer == "mobilevit":
+            stages.append(MobileViTv3(width, layers, config.expansion))
+        else:
+            pool = config.key_pool * 4 // wider
+            plain = (PlainTransformer(width, wider, pool, config.expansion) for _ in range(layers))
+            stages.append(nn.Sequential(*plain))
+    return stages
 
 
 def luma(image: Tensor) -> Tensor:
