@@ -18,13 +18,22 @@ from torch import Tensor, nn
 from deckline.train.checkpoint import load_checkpoint, read_progress, save_checkpoint, stop_on_interrupt
 from deckline.train.dehaze_data import ClearViews, HazeAugmentation, training_batch
 from deckline.train.dehaze_finish import export_dehaze, validate
-from deckline.train.dehaze_network import SIZES, DehazeNetwork, DehazeNetworkConfig, network_metadata
+from deckline.train.dehaze_network import (
+    SIZES,
+    Attention,
+    DehazeNetwork,
+    DehazeNetworkConfig,
+    Transformer,
+    network_metadata,
+)
 from deckline.train.network_cost import count_parameters
 from deckline.train.rivals import build
 from deckline.train.schedule import averaged, fraction_done, learning_rate
 
 MSE_FLOOR = 1e-5  # 50 dB: better than that earns nothing, or the clear images would outweigh the hazy ones
 PREFETCH = 3  # batches made ahead
+# What checkpoints do not say that are older than the choice: the one network that there was.
+OLDER_RECIPE = {"network": "deckline", "attention": "mix", "transformer": "mobilevit"}
 Network = Literal["deckline", "aod-net", "gca-net", "grid-dehaze-net", "g-unet-t", "dehaze-former-t"]
 Batch = tuple[Tensor, Tensor, Tensor]  # hazy, clear, transmission
 
@@ -36,6 +45,8 @@ class DehazeTrainConfig:
     network: Network = "deckline"  # ours, or one to compare it with; those work at full resolution
     size: Literal["t", "s", "b"] = "t"  # of ours
     unshuffle: int = 4  # of ours: image px per px of the network's grid; 1 is the paper's full resolution
+    attention: Attention = "mix"  # of ours; depthwise is for the ablation
+    transformer: Transformer = "mobilevit"  # of ours; plain is for the ablation
     steps: int = 600_000
     minutes: float | None = None  # stop after so much training time; the schedule follows whichever ends first
     batch: int = 4
@@ -71,7 +82,9 @@ class DehazeTrainConfig:
     @property
     def shape(self) -> DehazeNetworkConfig:
         """Of our network."""
-        return replace(SIZES[self.size], unshuffle=self.unshuffle)
+        return replace(
+            SIZES[self.size], unshuffle=self.unshuffle, attention=self.attention, transformer=self.transformer
+        )
 
 
 def psnr_loss(restored: Tensor, clear: Tensor, weight: Tensor | None = None) -> Tensor:
@@ -241,7 +254,7 @@ def _resume(
     progress = read_progress(out)
     if progress is None:
         return {name: value.detach().clone() for name, value in model.state_dict().items()}, 0, 0.0
-    stored = {"network": "deckline"} | progress["recipe"]  # the one network of older checkpoints
+    stored = OLDER_RECIPE | progress["recipe"]
     if stored != _recipe(config):
         changed = [name for name, value in _recipe(config).items() if stored.get(name) != value]
         raise ValueError(
