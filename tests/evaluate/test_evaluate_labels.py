@@ -1,10 +1,9 @@
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from deckline.evaluate.labels import distance_px, read_labels, score_labels, summarise_labels
+from deckline.evaluate.labels import distance_px, score_labels, summarise_labels
 from deckline.geometry import Camera
 from deckline.types import Detection, LinePoints, Status
 
@@ -60,21 +59,6 @@ def test_points_where_nothing_is_labelled_are_false():
     assert np.all(np.isinf(wrong.errors_px["left"]))
 
 
-def test_labels_are_read_and_bad_ones_named(tmp_path):
-    path = tmp_path / "labels.json"
-    path.write_text(json.dumps({"frames": [{"file": "a.png", "left_px": LEFT.tolist(), "right_px": None, "x": 1}]}))
-    read = read_labels(path)
-    np.testing.assert_array_equal(read["a.png"]["left"], LEFT)
-    assert read["a.png"]["right"] is None
-    for text, message in (
-        ("{", "not valid JSON"),
-        ("[]", 'expected {"frames"'),
-        ('{"frames": [{"left_px": null}]}', r"frames\[0\] names no file"),
-        ('{"frames": [{"file": "a.png", "left_px": [[1, 2]]}]}', r"a.png left_px must be two or more \[u, v\]"),
-        ('{"frames": [{"file": "a.png", "left_px": [[1, 2], [NaN, 2]]}]}', "left_px must be two or more"),
-    ):
-        path.write_text(text)
-        with pytest.raises(ValueError, match=message):
-            read_labels(path)
+def test_no_frames_are_no_figures():
     with pytest.raises(ValueError, match="no labelled frame"):
         summarise_labels([])

@@ -25,7 +25,8 @@ from deckline.evaluate.chain import (
     score_frame,
     summarise,
 )
-from deckline.evaluate.labels import LABELS_FILE, LabelScore, read_labels, score_labels, summarise_labels
+from deckline.evaluate.labels import LabelScore, score_labels, summarise_labels
+from deckline.labels import LABELS_FILE, read_labels
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import BadFrame, open_source
 from deckline.types import SIDES, Frame
@@ -121,7 +122,7 @@ def labels(
             elif item.file in lines:
                 scores.append(score_labels(pipeline(item), lines[item.file]))
     figures = summarise_labels(scores)
-    console = _heading(f"{len(scores)} labelled frames; dehazer {dehazer}, detector {detector}")
+    console = heading(f"{len(scores)} labelled frames; dehazer {dehazer}, detector {detector}")
     table = Table("frame", "status", *(f"{side} {what}, px" for side in SIDES for what in ("median", "95 %")))
     for score in scores:
         table.add_row(score.file, score.status, *(cell for side in SIDES for cell in _quantile_cells(score, side)))
@@ -167,14 +168,14 @@ def write_json(path: Path, figures: dict[str, float]) -> None:
 
 
 def _print_tables(scores: list[FrameScore], figures: dict[str, float], title: str) -> None:
-    console = _heading(title)
+    console = heading(title)
     _print_figures(console, figures)
     bands = by_band(scores, "range_m", RANGE_BANDS_M), by_band(scores, "visibility_m", VISIBILITY_BANDS_M)
     for what, groups in zip(("range to the ramp", "visibility"), bands, strict=True):
         console.print(_band_table(what, groups))
 
 
-def _heading(title: str) -> Console:
+def heading(title: str) -> Console:
     """A console on which what was measured, where and when is already printed."""
     console = Console(width=None if sys.stdout.isatty() else FILE_COLUMNS)
     console.print(f"[bold]{title}[/bold]")

@@ -1,23 +1,14 @@
-"""Detected points against lines labelled in the images: for pictures that nobody here rendered.
+"""Detected points against lines labelled in the images: for pictures that nobody here rendered."""
 
-labels.json beside the images: {"frames": [{"file": "a.png", "left_px": [[u, v], ...], "right_px": [[u, v], ...]}]},
-at least two points a line, or null for a line that is not there; other keys are left alone.
-"""
-
-import json
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deckline.geometry import Camera
+from deckline.labels.own import Labels
 from deckline.pipeline import FrameResult
 from deckline.types import SIDES, Status
-
-LABELS_FILE = "labels.json"
-Labels = dict[str, NDArray[np.float64] | None]  # side -> (N, 2) labelled px, None: no such line
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,43 +24,6 @@ class LabelScore:
     def found(self) -> bool:
         """Points on both lines."""
         return all(side in self.errors_px for side in SIDES)
-
-
-def read_labels(path: Path) -> dict[str, Labels]:
-    """Labelled lines by image file.
-
-    Raises:
-        ValueError: not JSON, or not of the form above; the line names the file and the entry.
-    """
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path}: not valid JSON: {error}") from None
-    frames = values.get("frames") if isinstance(values, dict) else None
-    if not isinstance(frames, list) or not frames:
-        raise ValueError(
-            f'{path}: expected {{"frames": [{{"file", "left_px", "right_px"}}, ...]}} with at least one frame'
-        )
-    labels = {}
-    for index, entry in enumerate(frames):
-        if not isinstance(entry, dict) or not isinstance(entry.get("file"), str):
-            raise ValueError(f"{path}: frames[{index}] names no file")
-        labels[entry["file"]] = {
-            side: _line(entry.get(f"{side}_px"), f"{path}: {entry['file']} {side}_px") for side in SIDES
-        }
-    return labels
-
-
-def _line(values: Any, where: str) -> NDArray[np.float64] | None:
-    if values is None:
-        return None
-    try:
-        points = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        points = np.zeros(0)
-    if points.ndim != 2 or points.shape[0] < 2 or points.shape[1] != 2 or not np.all(np.isfinite(points)):
-        raise ValueError(f"{where} must be two or more [u, v] in px, or null")
-    return points
 
 
 def score_labels(result: FrameResult, labels: Labels) -> LabelScore:
