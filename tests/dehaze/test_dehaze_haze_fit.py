@@ -19,7 +19,7 @@ def test_a_known_haze_is_found(visibility_m):
     assert 0 < fit.beta_sigma_per_m < 0.5 * beta
     assert fit.bank_per_m == 0
     np.testing.assert_allclose(fit.airlight, AIRLIGHT, atol=0.5)
-    straight_below = fit.clear_sea(np.ones((1, 1), np.float32))[0, 0]
+    straight_below = fit.clear_sea(np.ones((1, 1), np.float32))[:, 0, 0]
     np.testing.assert_allclose(straight_below, SEA, atol=12)
 
 

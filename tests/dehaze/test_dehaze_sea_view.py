@@ -49,3 +49,19 @@ def test_pixels_without_a_ray_are_sky():
     assert np.isnan(strong.rays([[0.0, 63.0]])).any()
     assert not view.is_sea[63, 0]
     assert np.isfinite(view.down).all()
+
+
+@pytest.mark.parametrize("distortion", [(0.0,) * 5, (-0.2, 0.05, 0.001, -0.002, 0.0)])
+def test_rows_are_the_same_as_in_the_whole_picture(distortion):
+    camera = Camera(40, 30, 30.0, 31.0, 19.0, 16.0, distortion)
+    pose = POSE * camera_mount()
+    whole, rows = sea_view(camera, pose, SEA_Z_M), sea_view(camera, pose, SEA_Z_M, slice(11, 23))
+    np.testing.assert_array_equal(rows.down, whole.down[11:23])
+    np.testing.assert_array_equal(rows.range_m, whole.range_m[11:23])
+
+
+def test_a_lens_bends_the_rays_as_the_camera_says():
+    camera = Camera(40, 30, 30.0, 31.0, 19.0, 16.0, (-0.2, 0.05, 0.001, -0.002, 0.0))
+    pose = POSE * camera_mount()
+    ray = pose.rotation.apply(camera.rays([[35.0, 27.0]]))[0]
+    assert sea_view(camera, pose, SEA_Z_M).down[27, 35] == pytest.approx(ray[2] / np.linalg.norm(ray), abs=1e-6)

@@ -49,12 +49,13 @@ class HazeFit:
     def optical_depth(self, range_m: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
         """tau of ray lengths, m; endless ones count as ENDLESS_M."""
         reach = np.minimum(range_m, np.float32(ENDLESS_M))
-        return np.asarray(np.float32(self.beta_per_m) * reach + (np.float32(self.bank_per_m) * reach) ** 4)
+        even = np.asarray(np.float32(self.beta_per_m) * reach)
+        return even if self.bank_per_m == 0 else even + np.square(np.square(np.float32(self.bank_per_m) * reach))
 
     def clear_sea(self, down: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The sea without haze (H, W, 3) at sines of the angle below the horizontal (H, W)."""
-        levels = self.airlight + self.sea[0] + _mirroring(down)[..., None] * self.sea[1]
-        return np.clip(levels, 0, 255).astype(np.float32)
+        """The sea without haze (3, H, W) at sines of the angle below the horizontal (H, W)."""
+        straight, grazing = np.stack([self.airlight + self.sea[0], self.sea[1]]).astype(np.float32)[..., None, None]
+        return np.clip(straight + _mirroring(down) * grazing, 0, 255)
 
 
 @dataclass(frozen=True)
@@ -143,4 +144,5 @@ def fit_profile(profile: SeaProfile, airlight: Float) -> HazeFit:
 
 
 def _mirroring(down: NDArray) -> NDArray:
-    return (1 - np.clip(down, 0, 1)) ** 5
+    rest = 1 - np.clip(down, 0, 1)
+    return np.square(np.square(rest)) * rest  # numpy's own fifth power takes ten times as long

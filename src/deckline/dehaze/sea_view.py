@@ -1,6 +1,7 @@
 """How far away the sea is in every pixel, from the camera's pose alone."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +11,18 @@ from deckline.geometry import Camera
 
 # Mean Earth radius times 6/5 for refraction near the horizon. Source: the sailors' dip of 1.76' sqrt(height / m).
 EARTH_RADIUS_M = 6.371e6 * 6 / 5
+CAMERAS_KEPT = 4  # whose rays are remembered; 66 MB each for a 4K lens with distortion, next to nothing for a pinhole
+ALL_ROWS = slice(None)
+
+Float32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class SeaView:
     """The sea as a camera sees it."""
 
-    down: NDArray[np.float32]  # (H, W) sine of the ray's angle below the horizontal
-    range_m: NDArray[np.float32]  # (H, W) ray length to the water; infinite in the sky
+    down: Float32  # (H, W) sine of the ray's angle below the horizontal
+    range_m: Float32  # (H, W) ray length to the water; infinite in the sky
     height_m: float  # of the camera above the water
 
     @property
@@ -26,28 +31,39 @@ class SeaView:
         return np.isfinite(self.range_m)
 
 
-def sea_view(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float) -> SeaView:
+def sea_view(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float, rows: slice = ALL_ROWS) -> SeaView:
     """The sea seen by a camera; on a round Earth, so that the horizon lies a little below the horizontal.
 
     Args:
         camera: intrinsics; pixels that no ray reaches count as sky.
         world_from_camera: pose of the optical frame, world z down.
         sea_z_m: world z of the water.
+        rows: of the picture, the only ones to look at.
 
     A ray that falls by sine s from height h meets a sphere of radius R after 2 h / (s + sqrt(s^2 - 2 h / R)), and
     nowhere when the root is not real; terms of h / R beside 1 are left out.
     """
     height = float(sea_z_m - world_from_camera.translation[2])
+    x, y = _slopes(astuple(camera))
+    x, y = (x if len(x) == 1 else x[rows]), y[rows]
+    right, below, ahead = world_from_camera.rotation.as_matrix()[2].astype(np.float32)
+    down = (right * x + (below * y + ahead)) / np.sqrt(x * x + (y * y + 1))
+    np.nan_to_num(down, copy=False, nan=-1.0)
+    root = down * down - np.float32(2 * max(height, 0.0) / EARTH_RADIUS_M)
+    seen = (down > 0) & (root > 0) & (height > 0)
+    reach = down + np.sqrt(np.maximum(root, 0))
+    ranges = np.full_like(down, np.inf)
+    return SeaView(down, np.divide(np.float32(2 * height), reach, out=ranges, where=seen), height)
+
+
+@lru_cache(maxsize=CAMERAS_KEPT)
+def _slopes(intrinsics: tuple) -> tuple[Float32, Float32]:
+    """Every pixel's ray, right and down for each step ahead: (1, W) and (H, 1) of a pinhole, else (H, W) each."""
+    camera = Camera(*intrinsics)
+    if not camera.has_distortion:
+        x = (np.arange(camera.width) - camera.cx) / camera.fx
+        y = (np.arange(camera.height) - camera.cy) / camera.fy
+        return x[None].astype(np.float32), y[:, None].astype(np.float32)
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
-    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
-    down = (rays @ world_from_camera.rotation.as_matrix()[2]) / np.linalg.norm(rays, axis=1)
-    below = down * down - 2 * max(height, 0.0) / EARTH_RADIUS_M
-    seen = (down > 0) & (below > 0) & (height > 0)
-    reach = down + np.sqrt(np.where(seen, below, 0))
-    ranges = np.where(seen, 2 * height / np.where(seen, reach, 1), np.inf)
-    shape = (camera.height, camera.width)
-    return SeaView(
-        np.nan_to_num(down, nan=-1.0).reshape(shape).astype(np.float32),
-        ranges.reshape(shape).astype(np.float32),
-        height,
-    )
+    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1)).astype(np.float32)
+    return rays[:, 0].reshape(u.shape), rays[:, 1].reshape(u.shape)
