@@ -41,7 +41,7 @@ def _dispatch(args: list[str]) -> Any:
     group = GROUPS.get(args[0]) if args else None
     if group is not None:
         return tyro.extras.subcommand_cli_from_dict(group(), prog=f"deckline {args[0]}", args=args[1:])
-    top = COMMANDS | {"sim": _sim, "dataset": _dataset, "train": _train, "eval": _eval}  # listed in the help only
+    top = COMMANDS | {"sim": _sim, "dataset": _dataset, "train": _train, "eval": _eval, "labels": _labels}  # listed in the help only
     return tyro.extras.subcommand_cli_from_dict(top, prog="deckline", description=DESCRIPTION, args=args)
 
 
@@ -64,9 +64,20 @@ def _train_group() -> dict[str, Callable[..., int]]:
 
 
 def _eval_group() -> dict[str, Callable[..., int]]:
-    from deckline.app import eval_commands
+    from deckline.app import eval_commands, eval_flicker
 
-    return {"chain": eval_commands.chain, "recording": eval_commands.recording, "labels": eval_commands.labels}
+    return {
+        "chain": eval_commands.chain,
+        "recording": eval_commands.recording,
+        "labels": eval_commands.labels,
+        "flicker": eval_flicker.flicker,
+    }
+
+
+def _labels_group() -> dict[str, Callable[..., int]]:
+    from deckline.app import label_commands
+
+    return {"export": label_commands.export, "import": label_commands.import_}
 
 
 def _sim() -> int:
@@ -89,8 +100,13 @@ def _eval() -> int:
     return main(["eval", "--help"])
 
 
+def _labels() -> int:
+    """Runway labels as TuSimple, CULane or COCO keypoints, and back: see deckline labels --help."""
+    return main(["labels", "--help"])
+
+
 # Imported only when asked for: they need extras.
-GROUPS = {"train": _train_group, "eval": _eval_group}
+GROUPS = {"train": _train_group, "eval": _eval_group, "labels": _labels_group}
 ALONE = {"sim": _run_sim, "dataset": _run_dataset}
 
 
