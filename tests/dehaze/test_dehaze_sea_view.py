@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sea_scene import CAMERA, EYE_Z_M, SEA_Z_M, ray_z, world_from_body
 
-from deckline.dehaze.sea_view import EARTH_RADIUS_M, sea_view
+from deckline.dehaze.sea_view import EARTH_RADIUS_M, ray_lengths, sea_view
 from deckline.geometry import Camera, camera_mount, intersect_plane
 
 POSE = world_from_body()
@@ -60,8 +60,14 @@ def test_rows_are_the_same_as_in_the_whole_picture(distortion):
     np.testing.assert_array_equal(rows.range_m, whole.range_m[11:23])
 
 
-def test_a_lens_bends_the_rays_as_the_camera_says():
-    camera = Camera(40, 30, 30.0, 31.0, 19.0, 16.0, (-0.2, 0.05, 0.001, -0.002, 0.0))
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (640, 360)])
+def test_a_lens_bends_the_rays_as_the_camera_says(size):
+    width, height = size
+    camera = Camera(width, height, 400.0, 410.0, 0.48 * width, 0.53 * height, (-0.1, 0.02, 0.001, -0.002, 0.0))
     pose = POSE * camera_mount()
-    ray = pose.rotation.apply(camera.rays([[35.0, 27.0]]))[0]
-    assert sea_view(camera, pose, SEA_Z_M).down[27, 35] == pytest.approx(ray[2] / np.linalg.norm(ray), abs=1e-6)
+    view = sea_view(camera, pose, SEA_Z_M)
+    v, u = np.mgrid[0:height, 0:width]
+    rays = pose.rotation.apply(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1)))
+    exact = (rays[:, 2] / np.linalg.norm(rays, axis=1)).reshape(height, width)
+    assert np.abs(view.down - exact).max() < 2e-5
+    np.testing.assert_allclose(ray_lengths(camera), camera.ray_lengths(), atol=3e-5)

@@ -20,7 +20,7 @@ from deckline.dehaze.base import Restored, check_image
 from deckline.dehaze.geometry_config import GeometryConfig
 from deckline.dehaze.haze_fit import HazeFit, NotFitted, fit_haze
 from deckline.dehaze.objects import bounded_t, object_share, raised_to_deck
-from deckline.dehaze.sea_view import SeaView, sea_view
+from deckline.dehaze.sea_view import SeaView, ray_lengths, sea_view
 from deckline.haze import transmission
 from deckline.types import Frame
 
@@ -122,15 +122,14 @@ def remove_haze(
     height, width = frame.image_rgb.shape[:2]
     size, smooth = (width, height), cv2.INTER_LINEAR
     share, bound = (np.asarray(cv2.resize(a, size, interpolation=smooth), np.float32) for a in (share, bound))
-    range_m = None if frame.depth_m is None else frame.depth_m * frame.camera.ray_lengths()
     levels = level_table(config.light)
     clear = np.empty_like(frame.image_rgb)
     step = max(1, STRIP_PX // width)
     for top in range(0, height, step):
         rows = slice(top, top + step)
         view = sea_view(frame.camera, frame.world_from_camera, sea_z_m, rows)
-        measured = None if range_m is None else range_m[rows]
-        t, kept = transmissions(view, share[rows], bound[rows], measured, haze, config)
+        range_m = None if frame.depth_m is None else frame.depth_m[rows] * ray_lengths(frame.camera, rows)
+        t, kept = transmissions(view, share[rows], bound[rows], range_m, haze, config)
         planes = np.ascontiguousarray(np.moveaxis(frame.image_rgb[rows], 2, 0))
         solved = thinned(levels[planes], view, haze, t, kept, config)
         solved = np.clip(np.rint(solved), 0, 255).astype(np.uint8)

@@ -24,6 +24,7 @@ MAX_RANGE_M = 5000.0  # of sea that is fitted; farther, clear air itself hides i
 ENDLESS_M = 1e6  # tau of 100 and more in any haze
 BINS = 40  # of equal ratio in range
 MIN_BIN_PX = 60
+MAX_BIN_PX = 1000  # that are looked at, evenly chosen
 MIN_BINS = 8
 QUANTILE = 0.4  # of a bin's levels: foam is bright and on the other side
 BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
@@ -104,11 +105,10 @@ def sea_profile(image: Image, view: SeaView) -> SeaProfile:
     ranges, downs, levels = view.range_m[near], view.down[near], image[near]
     if ranges.size == 0:
         return SeaProfile(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    edges = np.geomspace(ranges.min(), MAX_RANGE_M, BINS + 1)
-    which = np.digitize(ranges, edges)
-    order = np.argsort(which, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(which[order])) + 1)
-    groups = [group for group in groups if len(group) >= MIN_BIN_PX]
+    ratio = np.log(ranges * np.float32(1 / ranges.min()))
+    which = np.minimum(ratio * np.float32(BINS / np.log(MAX_RANGE_M / ranges.min())), BINS - 1).astype(np.uint8)
+    groups = np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which, minlength=BINS))[:-1])
+    groups = [group[:: 1 + len(group) // MAX_BIN_PX] for group in groups if len(group) >= MIN_BIN_PX]
     return SeaProfile(
         np.array([np.median(ranges[group]) for group in groups], dtype=np.float64),
         np.array([np.median(downs[group]) for group in groups], dtype=np.float64),
