@@ -15,7 +15,11 @@ DEPTH_FOLDER = "depth"  # PFM files, metres along the optical axis
 
 
 class ImageFolder(Source):
-    """Images in natural order of their names. Without poses.csv they are taken to be one second apart."""
+    """Images in natural order of their names. Without poses.csv they are taken to be one second apart.
+
+    Attributes:
+        files: names of the images, in order.
+    """
 
     def __init__(
         self,
@@ -34,16 +38,16 @@ class ImageFolder(Source):
         self._pfm_rows: PfmRows = pfm_rows
         self._far_m = far_m
         found = list_images(folder)
-        self._files = sorted({*found, *(poses.rows if poses else ())}, key=natural_key)
+        self.files = sorted({*found, *(poses.rows if poses else ())}, key=natural_key)
         no_poses = (f"{folder}: no poses.csv: no positions, and the images are taken to be 1 s apart",)
         self.notes = poses.notes if poses else no_poses
 
     def __len__(self) -> int:
-        return len(self._files)
+        return len(self.files)
 
     def load(self, index: int) -> Frame:
         check_index(index, len(self), self.name)
-        file = self._files[index]
+        file = self.files[index]
         try:
             return self._frame(index, file)
         except ValueError as error:

@@ -1,0 +1,72 @@
+"""Dehazers by the names and files that a command line gives."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from deckline import __version__
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
+from deckline.runtime import sha256_of
+
+HAZY = "none"  # the dehazer that does nothing
+USUAL_FILE = "dehaze.onnx"  # as `deckline train dehaze` calls it: its folder says more
+NO_REDUCTION_PX = 10**9  # a working size that no image exceeds
+
+
+def by_name(given: Iterable[str]) -> dict[str, str]:
+    """Name to show -> name in DEHAZERS or path, each once.
+
+    Raises:
+        ValueError: neither a dehazer's name nor an .onnx file, or two files with one name.
+    """
+    named: dict[str, str] = {}
+    for one in given:
+        name = shown_name(one)
+        if named.setdefault(name, one) != one:
+            raise ValueError(f"{named[name]} and {one} would both be called {name}: rename a file or its folder")
+    return named
+
+
+def shown_name(given: str) -> str:
+    """What a table calls it: the name itself; a file's, or its folder's for a file called dehaze.onnx.
+
+    Raises:
+        ValueError: neither a dehazer's name nor an .onnx file.
+    """
+    if given in DEHAZERS:
+        return given
+    if not given.endswith(".onnx"):
+        raise ValueError(
+            f"unknown dehazer {given!r}: use one of {', '.join(DEHAZERS)}, or the path of an .onnx file "
+            f"(sources stand before --dehazer)"
+        )
+    path = Path(given)
+    return path.resolve().parent.name if path.name == USUAL_FILE else path.stem
+
+
+def build_dehazer(given: str, full_size: bool = False) -> Dehazer:
+    """A dehazer with its model loaded.
+
+    Args:
+        given: name in DEHAZERS, or path of an .onnx file.
+        full_size: networks without a coarse grid work on the whole picture, not on one averaged down.
+
+    Raises:
+        ValueError: an .onnx file that is missing or no dehazer.
+    """
+    name = shown_name(given)
+    dehazer = DEHAZERS[given]() if given in DEHAZERS else OnnxDehazer(Path(given), name)
+    if full_size and isinstance(dehazer, OnnxDehazer) and not dehazer.coarse:
+        dehazer.working_long_side_px = NO_REDUCTION_PX
+    return dehazer
+
+
+def model_of(dehazer: Dehazer) -> str:
+    """Which model it is: a network's SHA-256; for what has no weights, deckline's version."""
+    if isinstance(dehazer, OnnxDehazer):
+        return f"SHA-256 {sha256_of(dehazer.session.path)}"
+    return f"deckline {__version__}"
+
+
+def size_of(dehazer: Dehazer) -> tuple[int, int] | None:
+    """Parameters and multiply-accumulates at 256x256; None where there are none, or nobody counted."""
+    return dehazer.cost if isinstance(dehazer, OnnxDehazer) else None
