@@ -80,6 +80,15 @@ def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[
     }
 
 
+def camera_text(camera: Camera, body_from_camera: RigidTransform) -> str:
+    """Text of a camera.toml that `read_camera_file` reads back."""
+    values = camera_to_mapping(camera, body_from_camera)
+    mount = values.pop("body_from_camera")
+    rows = [f"{key} = {value}" for key, value in values.items()]
+    rows += ["", "[body_from_camera]", *(f"{key} = {value}" for key, value in mount.items())]
+    return "\n".join(rows) + "\n"
+
+
 def transform_to_mapping(transform: RigidTransform) -> dict[str, list[float]]:
     """The JSON object that `transform_from_mapping` reads back."""
     translation, rotation = transform.as_components()

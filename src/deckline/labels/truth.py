@@ -1,0 +1,117 @@
+"""Where a simulator's or a survey's true lines are in a frame's image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.geometry import Camera
+from deckline.labels.lines import LabelledImage
+from deckline.types import SIDES, Frame, Segment
+
+LINE_POINTS = 257  # along a line, evenly spaced in the image
+SEARCH_POINTS = 2049  # along a line, to find where it enters and leaves the image
+NEAREST_M = 0.5  # depth at which a line that passes the camera is cut
+SAME_RAY = 1e-3  # of normalised image coordinates; strong lenses bend far points back into the image
+SHORTEST_PX = 2.0  # a line that is shorter in the image is not labelled
+
+
+@dataclass(frozen=True, eq=False)
+class SeenLine:
+    """The part of a true line that a camera sees."""
+
+    points_px: NDArray[np.float64]  # (N, 2) in order along the line, N >= 2
+    ranges_m: NDArray[np.float64]  # (N,) from the camera
+    share: float  # of the line's length in metres
+
+    @property
+    def length_px(self) -> float:
+        return float(np.linalg.norm(np.diff(self.points_px, axis=0), axis=1).sum())
+
+
+def image_line(
+    frame: Frame, segment: Segment, count: int = LINE_POINTS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """A true line's pixels (N, 2), evenly spaced in the image and beyond it, and their ranges (N,) in metres.
+
+    None for a line wholly behind the camera, and without a pose.
+    """
+    ends = _ends_ahead(frame, segment)
+    if ends is None:
+        return None
+    points = _evenly(ends, np.linspace(0.0, 1.0, count))
+    return frame.camera.project(points), np.linalg.norm(points, axis=1)
+
+
+def seen_line(frame: Frame, segment: Segment) -> SeenLine | None:
+    """The part of a true line that lies in the image and no farther than the visibility; None where there is none."""
+    ends = _ends_ahead(frame, segment)
+    if ends is None:
+        return None
+    visibility = None if frame.truth is None else frame.truth.visibility_m
+    reach_m = np.inf if visibility is None else visibility
+    shares = np.linspace(0.0, 1.0, SEARCH_POINTS)
+    seen = np.flatnonzero(_is_seen(_evenly(ends, shares), frame.camera, reach_m))
+    if not len(seen):
+        return None
+    low, high = shares[max(seen[0] - 1, 0)], shares[min(seen[-1] + 1, SEARCH_POINTS - 1)]
+    points = _evenly(ends, np.linspace(low, high, LINE_POINTS))
+    points = points[_is_seen(points, frame.camera, reach_m)]
+    if len(points) < 2:
+        return None
+    length_m = np.linalg.norm(segment.p1_m - segment.p0_m)
+    share = float(np.linalg.norm(points[-1] - points[0]) / length_m)
+    return SeenLine(frame.camera.project(points), np.linalg.norm(points, axis=1), share)
+
+
+def label_frame(frame: Frame, file: str) -> LabelledImage:
+    """What a person could label in a frame: the true lines in the image, up to the visibility.
+
+    Raises:
+        ValueError: a frame without truth, or with true lines and no pose.
+    """
+    truth = frame.truth
+    if truth is None:
+        raise ValueError(f"{frame.file}: no truth to label it from (a recording's scene.json holds it)")
+    lines: list[NDArray[np.float64] | None] = []
+    for segment in (truth.left, truth.right):
+        if segment is not None and frame.true_world_from_camera is None:
+            raise ValueError(f"{frame.file}: no pose; true lines cannot be brought into the image")
+        seen = None if segment is None else seen_line(frame, segment)
+        lines.append(None if seen is None or seen.length_px < SHORTEST_PX else seen.points_px)
+    named = dict(zip(SIDES, lines, strict=True))
+    return LabelledImage(file, named["left"], named["right"], (frame.camera.width, frame.camera.height))
+
+
+def _ends_ahead(frame: Frame, segment: Segment) -> NDArray[np.float64] | None:
+    """Both ends (2, 3) of a line in the optical frame, cut where it passes the camera; None wholly behind it."""
+    pose = frame.true_world_from_camera
+    if pose is None:
+        return None
+    ends = pose.inv().apply(np.stack([segment.p0_m, segment.p1_m]))
+    depths = ends[:, 2]
+    if depths.max() <= NEAREST_M:
+        return None
+    if depths.min() < NEAREST_M:
+        along = ends[1] - ends[0]
+        ends[int(depths.argmin())] = ends[0] + along * (NEAREST_M - depths[0]) / along[2]
+    return ends
+
+
+def _evenly(ends: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (N, 3) at shares (N,) of a line's way through the image: even in 1/z is even there."""
+    near, far = ends[0, 2], ends[1, 2]
+    along = shares
+    if abs(far - near) > 1e-6:
+        along = (1.0 / ((1 - shares) / near + shares / far) - near) / (far - near)
+    return ends[0] + along[:, None] * (ends[1] - ends[0])
+
+
+def _is_seen(points_m: NDArray[np.float64], camera: Camera, reach_m: float) -> NDArray[np.bool_]:
+    pixels = camera.project(points_m)
+    inside = np.all((pixels >= 0) & (pixels <= [camera.width - 1, camera.height - 1]), axis=1)
+    if camera.has_distortion and inside.any():
+        straight = points_m[inside, :2] / points_m[inside, 2:]
+        off = np.abs(camera.rays(pixels[inside])[:, :2] - straight).max(axis=1)
+        inside[inside] = off < SAME_RAY
+    return inside & (np.linalg.norm(points_m, axis=1) <= reach_m)

@@ -1,0 +1,82 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from deckline.geometry import Camera, pose
+from deckline.labels.truth import SHORTEST_PX, image_line, label_frame, seen_line
+from deckline.types import Frame, Segment, Truth
+
+CAMERA = Camera.from_fov(320, 180, np.pi / 2)  # focal length 160 px
+LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
+RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
+
+
+def frame_at(x_m: float, camera: Camera = CAMERA, height_m: float = 20.0, **truth) -> Frame:
+    """Level, `height_m` above the lines' plane, looking along them."""
+    image = np.zeros((camera.height, camera.width, 3), np.uint8)
+    at = pose([x_m, 0.0, -height_m], [1.0, 0.0, 0.0, 0.0])
+    return Frame("a.png", 0.0, image, camera, world_from_body=at, truth=Truth(LEFT, RIGHT, **truth))
+
+
+def test_points_are_where_a_pinhole_puts_them_and_even_in_the_image():
+    points, ranges = image_line(frame_at(-100.0), LEFT, 5)
+    # A point at x has depth x + 100: u = 159.5 - 1600 / depth, v = 89.5 + 3200 / depth.
+    depth = 3200 / (points[:, 1] - 89.5)
+    np.testing.assert_allclose(depth[[0, -1]], [100, 300])
+    np.testing.assert_allclose(points[:, 0], 159.5 - 1600 / depth)
+    np.testing.assert_allclose(ranges, np.sqrt(depth**2 + 100 + 400))
+    steps = np.diff(points, axis=0)
+    np.testing.assert_allclose(steps, np.tile(steps[0], (4, 1)))
+
+
+def test_a_line_is_seen_from_the_images_edge_on():
+    # v = 89.5 + 3200 / depth reaches the last row, 179, at depth 35.75: 15.75 m along the line.
+    seen = seen_line(frame_at(-20.0), RIGHT)
+    assert seen.points_px[0, 1] == pytest.approx(179.0, abs=0.4)  # points are 0.35 px apart
+    assert seen.points_px[-1] == pytest.approx([159.5 + 1600 / 220, 89.5 + 3200 / 220])
+    assert seen.share == pytest.approx((200 - 15.75) / 200, abs=0.003)
+    assert seen.length_px == pytest.approx(np.hypot(89.5 - 3200 / 220, 44.75 - 1600 / 220), abs=0.3)
+
+
+def test_a_line_is_seen_as_far_as_the_visibility():
+    seen = seen_line(frame_at(-100.0, visibility_m=150.0), LEFT)
+    assert seen.ranges_m.max() == pytest.approx(150.0, abs=1.0)
+    assert seen_line(frame_at(-100.0, visibility_m=90.0), LEFT) is None
+
+
+def test_what_is_behind_or_beside_the_camera_is_not_seen():
+    assert seen_line(frame_at(300.0), LEFT) is None
+    assert image_line(frame_at(300.0), LEFT) is None
+    assert seen_line(frame_at(-50.0, height_m=400.0), LEFT) is None
+    assert seen_line(dataclasses.replace(frame_at(-100.0), world_from_body=None), LEFT) is None
+
+
+def test_a_strong_lens_does_not_bend_far_points_back_into_the_image():
+    bent = Camera(320, 180, 160, 160, 159.5, 89.5, (-0.3, 0.0, 0.0, 0.0, 0.0))
+    near = frame_at(-1.0, bent, height_m=3.0)
+    points, _ = image_line(near, RIGHT, 2000)
+    inside = np.all((points >= 0) & (points <= [319, 179]), axis=1)
+    seen = seen_line(near, RIGHT)
+    assert seen.ranges_m.min() > image_line(near, RIGHT, 2000)[1][inside].min() + 1.0
+    rays = bent.rays(seen.points_px)
+    np.testing.assert_allclose(rays[:, 1] / rays[:, 0], 3.0 / 10.0, rtol=1e-3)
+
+
+def test_labels_are_the_seen_lines_and_frames_without_any_are_labelled_so():
+    image = label_frame(frame_at(-100.0), "b.png")
+    assert (image.file, image.size_px) == ("b.png", (320, 180))
+    np.testing.assert_array_equal(image.right_px, seen_line(frame_at(-100.0), RIGHT).points_px)
+    far = label_frame(frame_at(-5000.0), "b.png")
+    assert seen_line(frame_at(-5000.0), LEFT).length_px < SHORTEST_PX
+    assert far.left_px is None and far.right_px is None
+    sea = dataclasses.replace(frame_at(-100.0), truth=Truth(), world_from_body=None)
+    assert label_frame(sea, "b.png").left_px is None
+
+
+def test_frames_that_cannot_be_labelled_are_named():
+    bare = dataclasses.replace(frame_at(-100.0), truth=None)
+    with pytest.raises(ValueError, match=r"a\.png: no truth to label it from"):
+        label_frame(bare, "b.png")
+    with pytest.raises(ValueError, match=r"a\.png: no pose"):
+        label_frame(dataclasses.replace(frame_at(-100.0), world_from_body=None), "b.png")
