@@ -106,7 +106,7 @@ def test_published_head_gives_the_same_classes():
 
 def test_training_learns_resumes_and_exports(recording, tmp_path):
     config = DetectTrainConfig(
-        steps=2, minutes=None, batch=1, checkpoint_every=1, held_out=0.17, threads=1, network=UfldConfig(channels=16)
+        steps=2, minutes=None, batch=1, checkpoint_every=1, held_out=0.17, threads=1, shape=UfldConfig(channels=16)
     )
     figures = train_detect(config, [recording], tmp_path)
     assert figures["steps"] == 2
@@ -125,7 +125,7 @@ def test_onnx_says_what_torch_says(tmp_path):
     path = export_detect(model, tmp_path / "detect.onnx", {}, 0)
     detector = OnnxDetector(path)
     view = np.random.default_rng(0).standard_normal((3, 288, 512), dtype=np.float32)
-    for one, other in zip(torch_infer(model)(view), detector.infer(view), strict=True):
+    for one, other in zip(torch_infer(model)(view)[:3], detector.infer(view)[:3], strict=True):
         np.testing.assert_allclose(one, other, atol=2e-3)
     assert path.stat().st_size < 12e6
 

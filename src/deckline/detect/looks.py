@@ -16,6 +16,7 @@ from deckline.detect.region import decode_region
 from deckline.detect.row_anchors import DecodeConfig, RowGrid, RowPoints, decode
 from deckline.types import Detection, LinePoints
 
+FLATTEST_SLOPE = 0.01  # dv / du below which a line's sigma of u is not stretched further
 MAX_SHIFT = 0.25  # of the view; training jitters a close look's centre by as much
 
 
@@ -25,6 +26,7 @@ class NetworkOutput(NamedTuple):
     rows: NDArray[np.float32]  # (2, rows, cells + 1) class logits of left and right
     region: NDArray[np.float32]  # (region cells + 1,) class logits
     box: NDArray[np.float32]  # (4, region rows, region columns) box offsets
+    columns: NDArray[np.float32] | None = None  # (2, cells, rows + 1) class logits of column anchors, where it has them
 
 
 Infer = Callable[[NDArray[np.float32]], NetworkOutput]  # (3, height, width) normalised view -> what is in it
@@ -101,12 +103,40 @@ def _detection(output: NetworkOutput, window: Window, config: DetectConfig) -> D
     if both.any() and np.median(rows[1].x_px[both] - rows[0].x_px[both]) <= 0:
         return Detection(LinePoints.empty(), LinePoints.empty(), region)  # left right of right: not a runway
     left, right = (_line_points(side, window, config) for side in rows)
-    return Detection(left, right, region)
+    if output.columns is None:
+        return Detection(left, right, region)
+    columns = [decode(output.columns[side], config.grid.transposed, config.decode) for side in (0, 1)]
+    flat = [_column_points(side, window, config) for side in columns]
+    return Detection(_longer(left, flat[0]), _longer(right, flat[1]), region)
 
 
 def _line_points(rows: RowPoints, window: Window, config: DetectConfig) -> LinePoints:
-    keep = np.isfinite(rows.x_px) & (rows.confidence >= config.min_confidence)
-    if keep.sum() < config.min_rows or rows.confidence[keep].mean() < config.min_line_confidence:
+    keep = _kept(rows, config)
+    if keep is None:
         return LinePoints.empty()
     points = window.to_image(np.stack([rows.x_px, config.grid.row_y], axis=1)[keep])
     return LinePoints(points, rows.confidence[keep], rows.sigma_px[keep] * window.step)
+
+
+def _column_points(columns: RowPoints, window: Window, config: DetectConfig) -> LinePoints:
+    """Points on column anchors; their sigma of v becomes one of u along the line's own slope."""
+    keep = _kept(columns, config)
+    if keep is None:
+        return LinePoints.empty()
+    points = window.to_image(np.stack([config.grid.transposed.row_y, columns.x_px], axis=1)[keep])
+    slope = abs(np.polyfit(points[:, 0], points[:, 1], 1)[0])  # dv / du
+    sigma_u = columns.sigma_px[keep] * window.step / max(slope, FLATTEST_SLOPE)
+    return LinePoints(points, columns.confidence[keep], sigma_u)
+
+
+def _longer(upright: LinePoints, flat: LinePoints) -> LinePoints:
+    """A line crosses more rows than columns when it is steep; where it has more anchors, its points are better."""
+    return flat if len(flat) > len(upright) else upright
+
+
+def _kept(points: RowPoints, config: DetectConfig) -> NDArray[np.bool_] | None:
+    """Which anchors count; None for a line that is not seen."""
+    keep = np.isfinite(points.x_px) & (points.confidence >= config.min_confidence)
+    if keep.sum() < config.min_rows or points.confidence[keep].mean() < config.min_line_confidence:
+        return None
+    return keep

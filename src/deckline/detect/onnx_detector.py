@@ -1,4 +1,4 @@
-"""The row-anchor network through ONNX Runtime."""
+"""An exported line network through ONNX Runtime."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,19 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.outputs import KNOWN_OUTPUTS, ROW_OUTPUTS, network_output
+from deckline.detect.row_anchors import DecodeConfig, RowGrid
 from deckline.runtime.session import load_session
 from deckline.types import Detection
 
-OUTPUT_NAMES = ("row_logits", "region_logits", "region_box")
-
 
 class OnnxDetector:
-    """Finds the two runway lines with an exported row-anchor network.
+    """Finds the two runway lines with an exported row-anchor, row-and-column-anchor or line-map network.
 
     Args:
-        path: the .onnx file; its metadata hold the network's row grid.
-        config: thresholds and looks; its grid is replaced by the file's.
+        path: the .onnx file; its metadata hold the network's row grid, and how it is decoded if not as published.
+        config: thresholds and looks; its grid, and its decoding where the file has its own, are replaced by the file's.
 
     Raises:
         ValueError: a file that is no such network.
@@ -29,21 +28,23 @@ class OnnxDetector:
     def __init__(self, path: Path, config: DetectConfig | None = None) -> None:
         self.name = path.stem
         self._session = load_session(path)
-        if set(self._session.output_names) != set(OUTPUT_NAMES):
+        if all(set(self._session.output_names) != set(names) for names in KNOWN_OUTPUTS):
             raise ValueError(
                 f"{path}: no row-anchor detector (its outputs are {', '.join(self._session.output_names)}, "
-                f"expected {', '.join(OUTPUT_NAMES)})"
+                f"expected {', '.join(ROW_OUTPUTS)})"
             )
-        self.config = replace(config or DetectConfig(), grid=_grid(self._session.config, path))
+        config = config or DetectConfig()
+        self.config = replace(
+            config, grid=_grid(self._session.config, path), decode=_decode(self._session.config, config.decode, path)
+        )
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> Detection:
         return detect_lines(image_rgb, self.infer, self.config)
 
     def infer(self, view: NDArray[np.float32]) -> NetworkOutput:
         """One normalised view (3, height, width) through the network."""
-        outputs = dict(zip(self._session.output_names, self._session(image=view[None]), strict=True))
-        rows, region, box = (outputs[name][0] for name in OUTPUT_NAMES)
-        return NetworkOutput(rows, region, box)
+        outputs = zip(self._session.output_names, self._session(image=view[None]), strict=True)
+        return network_output({name: value[0] for name, value in outputs}, self.config.grid)
 
 
 def _grid(config: dict[str, Any], path: Path) -> RowGrid:
@@ -51,3 +52,10 @@ def _grid(config: dict[str, Any], path: Path) -> RowGrid:
         return RowGrid(**config["grid"])
     except (KeyError, TypeError) as error:
         raise ValueError(f"{path}: no row-anchor detector (its metadata have no usable grid: {error})") from error
+
+
+def _decode(config: dict[str, Any], without: DecodeConfig, path: Path) -> DecodeConfig:
+    try:
+        return DecodeConfig(**config["decode"]) if "decode" in config else without
+    except TypeError as error:
+        raise ValueError(f"{path}: its metadata have no usable decoding: {error}") from error

@@ -37,6 +37,11 @@ class RowGrid:
         """y of every row anchor, px, (rows,)."""
         return (np.arange(self.rows) + 0.5) * self.height / self.rows - 0.5
 
+    @property
+    def transposed(self) -> "RowGrid":
+        """Column anchors: the same image with x and y swapped, one anchor a cell and one cell a row of this grid."""
+        return RowGrid(self.height, self.width, self.rows, self.cells)
+
     def cell_from_x(self, x_px: ArrayLike) -> NDArray[np.float64]:
         return (np.asarray(x_px, dtype=np.float64) + 0.5) / self.cell_px - 0.5
 
@@ -55,6 +60,10 @@ class DecodeConfig:
     window_cells: int = 3  # on either side of the best cell
     # With it 95 % of errors on hazy held-out simulator frames lie within 1.94 sigma, 68 % within 0.65 (heavy tails).
     sigma_floor_cells: float = 0.12
+    # A row has a line if this much of its shares lies in cells; None: if its best class is a cell, as published.
+    min_line_share: float | None = None
+    # Width of the stripe whose cells the network was taught to mark; 0: it was taught the two nearest cells.
+    stripe_cells: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +111,7 @@ def decode(logits: NDArray[np.float32], grid: RowGrid, config: DecodeConfig | No
     Confidence is the share of the window, not all that is left by "no line": a row that cannot tell the runway's edge
     from a catapult track beside it gives each a half, and is not to be trusted.
     The two-cell targets of training spread by f (1 - f) cells^2 however sure the network is (f: where between the
-    cells the line lies); that part of the spread is no uncertainty and is taken off.
+    cells the line lies), a stripe w cells wide by w^2 / 12; that part of the spread is no uncertainty and is taken off.
 
     Raises:
         ValueError: logits of another shape than the grid's.
@@ -121,8 +130,12 @@ def decode(logits: NDArray[np.float32], grid: RowGrid, config: DecodeConfig | No
     mean = (weights * cells).sum(axis=1)
     spread = (weights * (cells - mean[:, None]) ** 2).sum(axis=1)
     fraction = mean - np.floor(mean)
-    variance = np.maximum(spread - fraction * (1 - fraction), 0.0) + config.sigma_floor_cells**2
-    line = values.argmax(axis=1) < grid.cells
+    taught = config.stripe_cells**2 / 12 if config.stripe_cells > 0 else fraction * (1 - fraction)
+    variance = np.maximum(spread - taught, 0.0) + config.sigma_floor_cells**2
+    if config.min_line_share is None:
+        line = values.argmax(axis=1) < grid.cells
+    else:
+        line = shares[:, :-1].sum(axis=1) >= config.min_line_share
     return RowPoints(
         np.where(line, grid.x_from_cell(mean), np.nan),
         (shares[:, :-1] * near).sum(axis=1),

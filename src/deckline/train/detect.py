@@ -5,7 +5,7 @@ import time
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -17,18 +17,23 @@ from deckline.train.checkpoint import load_checkpoint, read_progress, save_check
 from deckline.train.detect_augment import DetectAugmentation
 from deckline.train.detect_data import LineViews, batches
 from deckline.train.detect_finish import export_detect, validate
-from deckline.train.detect_losses import DetectTargets, LossWeights, detect_loss
+from deckline.train.detect_losses import DetectTargets, LossWeights
+from deckline.train.detectors import DETECTORS_TO_TRAIN
+from deckline.train.line_network import LineNetwork
 from deckline.train.network_cost import count_parameters
 from deckline.train.schedule import averaged, fraction_done, learning_rate
 from deckline.train.ufld import Ufld, UfldConfig
 
 SMOOTHING = 0.98  # of the printed losses
+Network = Literal["deckline", "hybrid", "ufld-r18", "enet-sad", "resa-r18"]
 
 
 @dataclass(frozen=True)
 class DetectTrainConfig:
     """Recipe; its defaults are made for an hour of two CPU cores."""
 
+    network: Network = "deckline"  # the shipped one, its successor, or one to compare it with
+    shape: UfldConfig = field(default_factory=UfldConfig)  # of `deckline`; the others' are fixed
     steps: int = 1_000_000
     minutes: float | None = 60.0  # stop after so much training time; the schedule follows whichever ends first
     batch: int = 8
@@ -45,7 +50,6 @@ class DetectTrainConfig:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     bf16: bool | None = None  # half of the arithmetic in bfloat16; None: on CUDA only (a CPU needs AVX512-BF16 or AMX)
     seed: int = 0
-    network: UfldConfig = field(default_factory=UfldConfig)
     augment: DetectAugmentation = field(default_factory=DetectAugmentation)
     losses: LossWeights = field(default_factory=LossWeights)
 
@@ -55,13 +59,15 @@ class DetectTrainConfig:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.minutes is not None and self.minutes <= 0:
             raise ValueError(f"minutes must be positive, got {self.minutes}")
+        if self.network not in get_args(Network):
+            raise ValueError(f"network must be one of {', '.join(get_args(Network))}, got {self.network!r}")
 
 
 @dataclass(eq=False)
 class _Run:
     """What a checkpoint holds."""
 
-    model: Ufld
+    model: LineNetwork
     optimizer: torch.optim.Optimizer
     ema: dict[str, Tensor]
     step: int = 0
@@ -88,7 +94,7 @@ def train_detect(config: DetectTrainConfig, recordings: list[Path], out: Path) -
         torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
     device = torch.device(_device(config.device))
-    model = Ufld(config.network).to(device)
+    model = _new_network(config).to(device)
     model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs lack this form
     run = _resume(config, model, _optimizer(config, model), out)
     views = LineViews(recordings, config.held_out)
@@ -113,7 +119,7 @@ def _train(config: DetectTrainConfig, run: _Run, views: LineViews, out: Path, co
     with stop_on_interrupt() as stopped, Progress(*columns, console=console) as progress:
         bar = progress.add_task("training", total=1.0)
         last = time.monotonic()
-        grid = config.network.grid
+        grid = run.model.kind.target_grid
         for image, targets in batches(views, config.batch, grid, config.augment, config.seed, run.step, config.steps):
             fraction = fraction_done(run.step, config.steps, run.seconds, config.minutes)
             if fraction >= 1 or stopped.is_set():
@@ -145,7 +151,7 @@ def _step(
     bf16 = device.type == "cuda" if config.bf16 is None else config.bf16
     with torch.autocast(device.type, torch.bfloat16) if bf16 else nullcontext():
         output = run.model(image)
-    loss, parts = detect_loss(output, targets, config.losses)
+    loss, parts = run.model.loss(output, targets, config.losses, fraction)
     total = float(loss.detach())
     if not np.isfinite(total):
         raise FloatingPointError(f"loss is {total} at step {run.step}; lower lr ({config.lr}) and start again")
@@ -157,20 +163,27 @@ def _step(
     return {"total": total, **parts}
 
 
-def _optimizer(config: DetectTrainConfig, model: Ufld) -> torch.optim.Optimizer:
-    backbone = [parameter for parameter in model.backbone.parameters() if parameter.requires_grad]
-    heads = [value for name, value in model.named_parameters() if not name.startswith("backbone.")]
-    groups = [{"params": backbone}, {"params": heads}]
+def _new_network(config: DetectTrainConfig) -> LineNetwork:
+    return Ufld(config.shape) if config.network == "deckline" else DETECTORS_TO_TRAIN[config.network]()
+
+
+def _optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Optimizer:
+    learned = [(name, value) for name, value in model.named_parameters() if value.requires_grad]
+    backbone = [value for name, value in learned if name.startswith("backbone.")]
+    rest = [value for name, value in learned if not name.startswith("backbone.")]
+    groups = [{"params": backbone}, {"params": rest}]
     return torch.optim.AdamW(groups, config.lr, weight_decay=config.weight_decay)
 
 
-def _resume(config: DetectTrainConfig, model: Ufld, optimizer: torch.optim.Optimizer, out: Path) -> _Run:
+def _resume(config: DetectTrainConfig, model: LineNetwork, optimizer: torch.optim.Optimizer, out: Path) -> _Run:
     progress = read_progress(out)
     if progress is None:
         return _Run(model, optimizer, {name: value.detach().clone() for name, value in model.state_dict().items()})
-    recipe = _recipe(config)
-    if progress["recipe"] != recipe:
-        changed = [name for name, value in recipe.items() if progress["recipe"].get(name) != value]
+    recipe, stored = _recipe(config), progress["recipe"]
+    if isinstance(stored["network"], dict):  # of checkpoints from when there was one network
+        stored = stored | {"network": "deckline", "shape": stored["network"]}
+    if stored != recipe:
+        changed = [name for name, value in recipe.items() if stored.get(name) != value]
         raise ValueError(
             f"{out} holds a checkpoint of another recipe ({', '.join(changed)} differ): use another folder"
         )

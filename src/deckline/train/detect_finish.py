@@ -10,14 +10,16 @@ import torch
 from numpy.typing import NDArray
 
 from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
-from deckline.detect.onnx_detector import OUTPUT_NAMES
+from deckline.detect.outputs import network_output
+from deckline.detect.row_anchors import DecodeConfig
 from deckline.haze import add_haze
 from deckline.train.dehaze_data import random_airlight
 from deckline.train.detect_augment import DetectAugmentation
 from deckline.train.detect_data import LineViews
 from deckline.train.detect_views import LineView
 from deckline.train.export import export_onnx
-from deckline.train.ufld import Ufld
+from deckline.train.line_network import LineNetwork
+from deckline.train.network_cost import network_cost
 from deckline.types import Detection, LinePoints
 
 VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
@@ -34,14 +36,14 @@ class Score(NamedTuple):
     sigma_ratio: NDArray[np.float64]  # (N,) signed error along u over the claimed sigma
 
 
-def torch_infer(model: Ufld) -> Callable[[NDArray[np.float32]], NetworkOutput]:
+def torch_infer(model: LineNetwork) -> Callable[[NDArray[np.float32]], NetworkOutput]:
     """The network as the runtime's looks call it."""
     device = next(model.parameters()).device
 
     @torch.no_grad()
     def infer(view: NDArray[np.float32]) -> NetworkOutput:
-        output = model(torch.from_numpy(view)[None].to(device))
-        return NetworkOutput(*(tensor[0].float().cpu().numpy() for tensor in output[:3]))
+        tensors = zip(model.kind.output_names, model(torch.from_numpy(view)[None].to(device)), strict=False)
+        return network_output({name: value[0].float().cpu().numpy() for name, value in tensors}, model.kind.grid)
 
     return infer
 
@@ -68,14 +70,14 @@ def score(detection: Detection, lines_px: NDArray[np.float64] | None) -> Score:
     return Score(True, all(found), any(found), errors, ratios)
 
 
-def validate(model: Ufld, views: LineViews, augment: DetectAugmentation, seed: int) -> dict[str, float]:
+def validate(model: LineNetwork, views: LineViews, augment: DetectAugmentation, seed: int) -> dict[str, float]:
     """Found rates and errors on whole held-out views through the runtime's own looks: clear, light and thick haze.
 
     Haze depends on `seed` and the view alone, so that runs can be compared.
     """
     was_training = model.training
     model.eval()
-    infer, config = torch_infer(model), DetectConfig(grid=model.config.grid)
+    infer, config = torch_infer(model), DetectConfig(grid=model.kind.grid, decode=model.kind.decode)
     chosen = np.linspace(0, len(views) - 1, min(len(views), VALIDATION_VIEWS)).round().astype(int)
     figures: dict[str, float] = {"views": float(len(chosen))}
     for name, depths in (("clear", (0.0, 0.0)), ("light_haze", LIGHT_HAZE), ("thick_haze", THICK_HAZE)):
@@ -125,20 +127,34 @@ def _hazed(view: LineView, depth: float, augment: DetectAugmentation, rng: np.ra
 class _Exported(torch.nn.Module):
     """What runs in flight: without the training-only branch."""
 
-    def __init__(self, model: Ufld) -> None:
+    def __init__(self, model: LineNetwork) -> None:
         super().__init__()
         self.model = model
+        self.outputs = model.kind.output_names
 
     def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        return tuple(self.model(image)[:3])
+        return tuple(self.model(image)[: len(self.outputs)])
 
 
-def export_detect(model: Ufld, path: Path, recipe: dict[str, Any], step: int) -> Path:
-    """Write the network as ONNX for one view at a time; recipe and grid go into the metadata."""
-    grid = model.config.grid
-    device = next(model.parameters()).device
-    metadata = {"kind": "detect", "grid": asdict(grid), "recipe": recipe, "step": step}
-    args = (torch.zeros(1, 3, grid.height, grid.width, device=device),)
+def export_detect(model: LineNetwork, path: Path, recipe: dict[str, Any], step: int) -> Path:
+    """Write the network as ONNX for one view at a time; recipe, grid, decoding and cost go into the metadata."""
+    grid, decode = model.kind.grid, model.kind.decode
     exported = _Exported(model)
+    metadata = {
+        "kind": "detect",
+        "grid": asdict(grid),
+        "parameters": runtime_parameters(model),
+        "macs": network_cost(exported, (grid.height, grid.width)).macs,  # of one view
+        "recipe": recipe,
+        "step": step,
+    }
+    if decode != DecodeConfig():
+        metadata["decode"] = asdict(decode)
+    args = (torch.zeros(1, 3, grid.height, grid.width, device=next(model.parameters()).device),)
     exported.train(model.training)
-    return export_onnx(exported, args, path, ["image"], list(OUTPUT_NAMES), None, metadata)
+    return export_onnx(exported, args, path, ["image"], list(model.kind.output_names), None, metadata)
+
+
+def runtime_parameters(model: LineNetwork) -> int:
+    """Parameters without the training-only branch, which is called `segmentation` in every network that has one."""
+    return sum(value.numel() for name, value in model.named_parameters() if not name.startswith("segmentation."))

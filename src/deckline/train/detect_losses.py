@@ -7,9 +7,16 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from deckline.train.ufld import UfldOutput
-
 NEAR_CELLS = 4  # around the target: where the expected position is taken for its loss
+
+
+class UfldOutput(NamedTuple):
+    """What the network says of a batch."""
+
+    rows: Tensor  # (B, 2, rows, cells + 1) class logits
+    region: Tensor  # (B, region cells + 1) class logits
+    box: Tensor  # (B, 4, region rows, region columns)
+    segmentation: Tensor | None  # (B, 3, H/8, W/8) logits of background, left, right; in training only
 
 
 class DetectTargets(NamedTuple):
@@ -41,7 +48,7 @@ def detect_loss(output: UfldOutput, targets: DetectTargets, weights: LossWeights
     parts = {
         "rows": row_loss(logits, targets.cell, weights.focal_gamma),
         "position": position_loss(logits, targets.cell),
-        "region": -(targets.region * output.region.float().log_softmax(1)).sum(1).mean(),
+        "region": region_loss(output.region.float(), targets.region),
         "box": box_loss(output.box.float(), targets.box, targets.box_weight),
         "shape": shape_loss(logits, targets.cell),
         "similarity": F.smooth_l1_loss(logits[:, :, 1:], logits[:, :, :-1]),
@@ -100,6 +107,11 @@ def shape_loss(logits: Tensor, cell: Tensor) -> Tensor:
     seen = ~torch.isnan(cell)
     triple = seen[..., :-2] & seen[..., 1:-1] & seen[..., 2:]
     return _mean_where(F.smooth_l1_loss(second, torch.zeros_like(second), reduction="none"), triple)
+
+
+def region_loss(logits: Tensor, shares: Tensor) -> Tensor:
+    """Cross-entropy of the region's cells, both (B, cells + 1)."""
+    return -(shares * logits.log_softmax(1)).sum(1).mean()
 
 
 def box_loss(box: Tensor, target: Tensor, weight: Tensor) -> Tensor:

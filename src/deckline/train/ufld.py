@@ -6,7 +6,7 @@ equivariant, a fortieth of the parameters, so that it learns from thousands of i
 """
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import torch
 import torch.nn.functional as F
@@ -15,8 +15,9 @@ from torch import Tensor, nn
 from deckline.detect.region import STRIDE
 from deckline.detect.row_anchors import RowGrid
 from deckline.train.backbone import CHANNELS, Lite0Backbone
+from deckline.train.detect_losses import DetectTargets, LossWeights, UfldOutput, detect_loss
+from deckline.train.line_network import LINES, LineNetwork, NetworkKind
 
-LINES = 2
 FC_SQUEEZE = 8  # channels before flattening; published
 
 
@@ -40,27 +41,19 @@ class UfldConfig:
             raise ValueError("the row-conv head has cells and rows of 4 px; use the fc head for other grids")
 
 
-class UfldOutput(NamedTuple):
-    """What the network says of a batch."""
-
-    rows: Tensor  # (B, 2, rows, cells + 1) class logits
-    region: Tensor  # (B, region cells + 1) class logits
-    box: Tensor  # (B, 4, region rows, region columns)
-    segmentation: Tensor | None  # (B, 3, H/8, W/8) logits of background, left, right; in training only
-
-
-class Ufld(nn.Module):
+class Ufld(LineNetwork):
     """(B, 3, H, W) normalised views -> row classes and region."""
 
     def __init__(self, config: UfldConfig | None = None) -> None:
         super().__init__()
         self.config = config or UfldConfig()
+        self.kind = NetworkKind(self.config.grid, self.config.grid)
         width = self.config.channels
         self.backbone = Lite0Backbone(self.config.pretrained, self.config.frozen_blocks)
-        self.lateral = nn.ModuleList(_conv_norm(channels, width, 1) for channels in CHANNELS)
-        self.smooth = nn.ModuleList(_separable(width, width) for _ in CHANNELS)
+        self.lateral = nn.ModuleList(conv_norm(channels, width, 1) for channels in CHANNELS)
+        self.smooth = nn.ModuleList(separable(width, width) for _ in CHANNELS)
         self.rows = _FcRows(self.config) if self.config.head == "fc" else _RowConv(width)
-        self.region = _RegionHead(width)
+        self.region = RegionHead(width)
         self.segmentation = nn.Conv2d(width, LINES + 1, 1)
 
     def forward(self, image: Tensor) -> UfldOutput:
@@ -76,13 +69,18 @@ class Ufld(nn.Module):
         rows = self.rows(taps[3] if self.config.head == "fc" else pyramid[0])
         return UfldOutput(rows, region, box, self.segmentation(eighth) if self.training else None)
 
+    def loss(  # type: ignore[override]  # the output is its own
+        self, output: UfldOutput, targets: DetectTargets, weights: LossWeights, fraction: float
+    ) -> tuple[Tensor, dict[str, float]]:
+        return detect_loss(output, targets, weights)
+
 
 class _RowConv(nn.Module):
     """Cells of every row from the pyramid's stride-4 map; "no line" from the whole row."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.blocks = nn.Sequential(_separable(width, width, 5), _separable(width, width, 5))
+        self.blocks = nn.Sequential(separable(width, width, 5), separable(width, width, 5))
         self.cells = nn.Conv2d(width, LINES, 1)
         self.none = nn.Sequential(
             nn.Conv1d(2 * width, width, 5, padding=2), nn.ReLU(), nn.Conv1d(width, LINES, 5, padding=2)
@@ -110,12 +108,12 @@ class _FcRows(nn.Module):
         return self.fc(self.squeeze(features).flatten(1)).unflatten(1, self.shape)
 
 
-class _RegionHead(nn.Module):
-    """Where the runway is, on the stride-16 grid."""
+class RegionHead(nn.Module):
+    """Where the runway is, on the stride-16 grid, from maps of `width` channels at strides 8 and 16."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.hidden = nn.Sequential(_separable(2 * width, width, 5), _separable(width, width, 5))
+        self.hidden = nn.Sequential(separable(2 * width, width, 5), separable(width, width, 5))
         self.cells = nn.Conv2d(width, 5, 1)
         self.none = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), nn.Linear(width, 1))
 
@@ -126,15 +124,17 @@ class _RegionHead(nn.Module):
         return torch.cat([cells[:, 0].flatten(1), none], dim=1), cells[:, 1:]
 
 
-def _conv_norm(channels_in: int, channels_out: int, kernel: int, groups: int = 1) -> nn.Sequential:
+def conv_norm(channels_in: int, channels_out: int, kernel: int, groups: int = 1) -> nn.Sequential:
+    """Convolution that keeps the size, and batch norm."""
     conv = nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, groups=groups, bias=False)
     return nn.Sequential(conv, nn.BatchNorm2d(channels_out))
 
 
-def _separable(channels_in: int, channels_out: int, kernel: int = 3) -> nn.Sequential:
+def separable(channels_in: int, channels_out: int, kernel: int = 3) -> nn.Sequential:
+    """Depthwise convolution that keeps the size, then one over channels, each with batch norm and ReLU."""
     return nn.Sequential(
-        _conv_norm(channels_in, channels_in, kernel, groups=channels_in),
+        conv_norm(channels_in, channels_in, kernel, groups=channels_in),
         nn.ReLU(),
-        _conv_norm(channels_in, channels_out, 1),
+        conv_norm(channels_in, channels_out, 1),
         nn.ReLU(),
     )
