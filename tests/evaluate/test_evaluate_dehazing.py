@@ -106,7 +106,7 @@ def test_labelled_lines_give_the_same_distances_as_true_ones():
     for side in ("left", "right"):
         np.testing.assert_allclose(labelled[side](points), truth[side](points), atol=1e-6)
     assert labelled_lines({"left": pixels(LEFT), "right": None}, CAMERA) is None
-    assert labelled_lines({"left": pixels(LEFT), "right": pixels(RIGHT) + [0, 1000]}, CAMERA) is None
+    assert labelled_lines({"left": pixels(LEFT), "right": pixels(RIGHT) + 1000.0}, CAMERA) is None
 
 
 def test_means_and_paired_differences_of_known_numbers():
