@@ -43,12 +43,12 @@ def image_line(
     return frame.camera.project(points), np.linalg.norm(points, axis=1)
 
 
-def seen_line(frame: Frame, segment: Segment) -> SeenLine | None:
+def seen_line(frame: Frame, segment: Segment, within_visibility: bool = True) -> SeenLine | None:
     """The part of a true line that lies in the image and no farther than the visibility; None where there is none."""
     ends = _ends_ahead(frame, segment)
     if ends is None:
         return None
-    visibility = None if frame.truth is None else frame.truth.visibility_m
+    visibility = frame.truth.visibility_m if frame.truth is not None and within_visibility else None
     reach_m = np.inf if visibility is None else visibility
     shares = np.linspace(0.0, 1.0, SEARCH_POINTS)
     seen = np.flatnonzero(_is_seen(_evenly(ends, shares), frame.camera, reach_m))
