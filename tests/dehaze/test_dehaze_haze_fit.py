@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, sea_pair, world_from_body
 
-from deckline.dehaze.haze_fit import HazeFit, NotFitted, fit_haze
+from deckline.dehaze.haze_fit import DISPLAY_WATER, HazeFit, NotFitted, UsualWater, fit_haze, pulled_to
 from deckline.dehaze.sea_view import sea_view
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
@@ -46,6 +46,27 @@ def test_optical_depth_is_the_law():
     depth = fit.optical_depth(np.array([0.0, 500.0, np.inf], np.float32))
     np.testing.assert_allclose(depth[:2], [0.0, 1.0 + 0.5**4], rtol=1e-5)
     assert np.exp(-depth[2]) == 0
+
+
+def test_water_that_tells_nothing_is_taken_as_usual():
+    pulls, usual = pulled_to(UsualWater(0.7, 0.1, 0.5, 0.3), AIRLIGHT)
+    np.testing.assert_allclose(np.linalg.solve(pulls, usual), [-0.7 * AIRLIGHT, 0.35 * AIRLIGHT])
+
+
+@pytest.mark.parametrize("mirror", [0.5, 0.7])
+def test_thick_haze_over_usual_water_seen_from_high_up_is_told(mirror):
+    """The nearest water transmits a seventh; how bright the far water is cannot be seen."""
+    beta, pose = 2e-3, world_from_body(-8.0, 0.0, -300.0)
+    view = sea_view(CAMERA, pose * camera_mount(), SEA_Z_M)
+    down = view.down[..., None]
+    sea = AIRLIGHT * (1 - DISPLAY_WATER.dark * (1 - mirror * (1 - np.clip(down, 0, 1)) ** 5))
+    waves = np.random.default_rng(5).normal(0, 3, (*view.down.shape, 1))
+    t = np.exp(-beta * view.range_m)[..., None]
+    image = np.rint(np.where(down > 0, AIRLIGHT + t * (sea + waves - AIRLIGHT), AIRLIGHT)).astype(np.uint8)
+    fit = fit_haze(image, view)
+    assert fit.beta_per_m == pytest.approx(beta, rel=0.1)
+    found = np.moveaxis(fit.clear_sea(view.down), 0, 2)[view.range_m < 1000]
+    assert np.abs(found - sea[view.range_m < 1000]).mean() < 12
 
 
 def reason(image: np.ndarray, view=VIEW) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from deckline.dehaze.base import Restored, check_image
 from deckline.dehaze.geometry_config import GeometryConfig
-from deckline.dehaze.haze_fit import HazeFit, NotFitted, fit_haze
+from deckline.dehaze.haze_fit import DISPLAY_WATER, LIGHT_WATER, HazeFit, NotFitted, fit_haze
 from deckline.dehaze.objects import bounded_t, object_share, raised_to_deck
 from deckline.dehaze.sea_view import SeaView, ray_lengths, sea_view
 from deckline.haze import transmission
@@ -53,7 +53,8 @@ class GeometryDehazer:
         if view.height_m <= 0:
             return _left_alone(frame, f"the camera is {-view.height_m:.1f} m below the sea")
         planes = level_table(self.config.light)[np.ascontiguousarray(np.moveaxis(small.image_rgb, 2, 0))]
-        haze = fit_haze(np.moveaxis(planes, 0, 2), view)
+        water = LIGHT_WATER if self.config.light == "linear" else DISPLAY_WATER
+        haze = fit_haze(np.moveaxis(planes, 0, 2), view, water)
         if isinstance(haze, NotFitted):
             return _left_alone(frame, haze.reason)
         deck = sea_view(small.camera, pose, frame.deck_z_m)

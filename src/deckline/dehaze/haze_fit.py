@@ -30,11 +30,25 @@ QUANTILE = 0.4  # of a bin's levels: foam is bright and on the other side
 BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
 BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
 BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
-MIRROR_SHARE, MIRROR_SIGMA = 0.3, 0.3  # how far grazing water comes towards A; tuned on preset paper
 LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin counts less and less
 MAX_RELATIVE_SIGMA = 0.5  # of the extinction; vaguer fits are not used
 STEPS = 8  # of reweighting
 CORRELATED_BINS = 4.0  # neighbouring bins err alike: the figures count as one in so many
+
+
+@dataclass(frozen=True)
+class UsualWater:
+    """What a sea's colour is held near, as shares of the airlight A, with 1-sigma."""
+
+    dark: float  # how far water from straight above is below A
+    dark_sigma: float
+    mirror: float  # how much of that grazing water makes up for
+    mirror_sigma: float
+
+
+# Tuned on both training sets of preset paper, checked on FlightGear's sea; and the same brought to sRGB's light.
+DISPLAY_WATER = UsualWater(0.75, 0.07, 0.6, 0.45)
+LIGHT_WATER = UsualWater(0.95, 0.03, 0.43, 0.45)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +89,7 @@ class SeaProfile:
     levels: Float  # (N, 3)
 
 
-def fit_haze(image: Image, view: SeaView) -> HazeFit | NotFitted:
+def fit_haze(image: Image, view: SeaView, water: UsualWater = DISPLAY_WATER) -> HazeFit | NotFitted:
     """Airlight, extinction and sea colour of a picture (H, W, 3) of levels 0..255, or why they cannot be told."""
     airlight = band_airlight(image, view)
     if airlight is None:
@@ -87,7 +101,7 @@ def fit_haze(image: Image, view: SeaView) -> HazeFit | NotFitted:
         return NotFitted("too little sea in view")
     if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
         return NotFitted("the sea cannot be told from the haze")
-    fit = fit_profile(profile, airlight)
+    fit = fit_profile(profile, airlight, water)
     if fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m:
         return NotFitted("the sea does not tell how thick the haze is")
     return fit
@@ -116,31 +130,39 @@ def sea_profile(image: Image, view: SeaView) -> SeaProfile:
     )
 
 
-def fit_profile(profile: SeaProfile, airlight: Float) -> HazeFit:
+def fit_profile(profile: SeaProfile, airlight: Float, water: UsualWater) -> HazeFit:
     """The law through a profile: every extinction is tried, with the best sea colour for each.
 
-    The sea's colour is linear in the law, so that it is solved for, with outlying bins weighted down (Cauchy) and the
-    share of mirrored sky held near MIRROR_SHARE; without that, bright distant water and haze look alike.
+    The sea's colour is linear in the law, so that it is solved for, with outlying bins weighted down (Cauchy) and held
+    near what water is usually like; without that, bright distant water and haze look alike.
     """
     contrast = profile.levels - airlight
     beta, bank = (grid.ravel() for grid in np.meshgrid(BETAS_PER_M, BANKS, indexing="ij"))
     depth = beta[:, None] * profile.range_m
-    t = np.exp(-depth - (bank[:, None] * depth) ** 4)
+    t = np.exp(-depth - np.square(np.square(bank[:, None] * depth)))
     design = np.stack([t, t * _mirroring(profile.down)], axis=2)  # (trials, N, 2)
-    pull = np.array([MIRROR_SHARE, 1.0]) / (MIRROR_SIGMA * np.abs(contrast).max())
-    prior = np.outer(pull, pull) + 1e-9 * np.eye(2)
+    pulls, usual = pulled_to(water, airlight)
     weights = np.ones_like(t)
     for _ in range(STEPS):
         weighted = (design * weights[..., None]).transpose(0, 2, 1) / LEVEL_SIGMA**2
-        sea = np.linalg.solve(weighted @ design + prior, weighted @ contrast)
+        sea = np.linalg.solve(weighted @ design + pulls.T @ pulls, weighted @ contrast + pulls.T @ usual)
         squares = ((contrast - design @ sea) ** 2).sum(axis=2) / LEVEL_SIGMA**2
         weights = 1 / (1 + squares / 4)
-    cost = 4 * np.log1p(squares / 4).sum(axis=1) + ((pull @ sea) ** 2).sum(axis=1) + BANK_PENALTY * (bank > 0)
+    unusual = ((pulls @ sea - usual) ** 2).sum(axis=(1, 2))
+    cost = 4 * np.log1p(squares / 4).sum(axis=1) + unusual + BANK_PENALTY * (bank > 0)
     best = int(cost.argmin())
     likely = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))
     mean = np.average(beta, weights=likely)
     sigma = float(np.sqrt(np.average((beta - mean) ** 2, weights=likely)))
     return HazeFit(airlight, float(beta[best]), sigma, float(bank[best] * beta[best]), sea[best])
+
+
+def pulled_to(water: UsualWater, airlight: Float) -> tuple[Float, Float]:
+    """`water` as equations of a sea's colour (2, 3), each in its sigmas: pulls (2, 2) @ sea = usual (2, 3)."""
+    level = airlight.mean()
+    mirror = np.array([water.mirror, 1.0]) / (water.mirror_sigma * water.dark * level)
+    dark = np.array([1.0, 0.0]) / (water.dark_sigma * level)
+    return np.stack([mirror, dark]), np.stack([np.zeros(3), -water.dark / water.dark_sigma * airlight / level])
 
 
 def _mirroring(down: NDArray) -> NDArray:

@@ -26,9 +26,10 @@ def bounded_t(image: Image, airlight: Image, config: GeometryConfig) -> Image:
     """
     import cv2
 
-    one, off = np.float32(1), image - airlight
-    darker = strongest(off * (-one / np.maximum((1 - np.float32(config.darkest)) * airlight, one)))
-    bound = np.maximum(darker, strongest(off * (one / np.maximum(255 - airlight, one))))
+    off = image - airlight
+    below: Image = np.maximum(np.float32(1 - config.darkest) * airlight, np.float32(1))
+    above: Image = np.maximum(255 - airlight, np.float32(1))
+    bound = np.maximum(strongest(-off / below), strongest(off / above))
     window = scaled_px(config.window_px, image.shape[2])
     spread = np.asarray(cv2.dilate(bound, np.ones((window, window), np.uint8)), dtype=np.float32)
     return np.asarray(np.clip(cv2.blur(spread, (window, window)), 0, 1), dtype=np.float32)
