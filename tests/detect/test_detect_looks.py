@@ -102,6 +102,36 @@ def test_a_line_of_two_rows_is_not_returned():
     assert len(detection.right) == 0
 
 
+def flat_line(slope: float, sides: tuple[float, float] = (60.0, 140.0)) -> NetworkOutput:
+    """What a hybrid network says of two lines v = side + slope u that only its columns see."""
+    turned = GRID.transposed
+    columns = []
+    for side in sides:
+        cell = turned.cell_from_x(side + slope * turned.row_y)
+        low = np.floor(cell).astype(int)
+        shares = np.full((turned.rows, turned.cells + 1), 1e-9)
+        np.put_along_axis(shares, low[:, None], (1 - (cell - low))[:, None], axis=1)
+        np.put_along_axis(shares, low[:, None] + 1, (cell - low)[:, None], axis=1)
+        columns.append(np.log(shares))
+    rows = np.full((2, GRID.rows, GRID.cells + 1), -20.0, np.float32)
+    rows[..., -1] = 0.0
+    classes, offsets, _ = encode_region([1.0, 55.0, 510.0, 200.0], (32, 18))
+    return NetworkOutput(rows, np.log(classes + 1e-12), offsets, np.stack(columns).astype(np.float32))
+
+
+def test_flat_lines_come_from_columns():
+    image = np.zeros((288, 512, 3), np.uint8)  # the network's own size: its pixels are the image's
+    detection = detect_lines(image, lambda view: flat_line(0.1), DetectConfig(max_looks=1))
+    for points, side in ((detection.left, 60.0), (detection.right, 140.0)):
+        assert len(points) == GRID.cells
+        u, v = points.points_px.T
+        np.testing.assert_allclose(v, side + 0.1 * u, atol=0.02)
+        # 0.12 cells of 4 px along v are ten times as much along u.
+        np.testing.assert_allclose(points.sigma_px, 0.12 * 4 / 0.1, rtol=0.02)
+    rows_alone = detect_lines(image, lambda view: flat_line(0.1)._replace(columns=None), DetectConfig(max_looks=1))
+    assert len(rows_alone.left) == len(rows_alone.right) == 0
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (2, 900), (333, 77), (720, 1280)])
 def test_any_image_size_can_be_looked_at(shape):
     image = np.random.default_rng(0).integers(0, 256, (*shape, 3), dtype=np.uint8)

@@ -84,6 +84,32 @@ def test_sigma_grows_with_the_spread():
     assert sigmas[1] == pytest.approx(0.8 * GRID.cell_px, rel=0.1)
 
 
+def test_a_row_between_two_cells_has_a_line_by_its_share_or_by_its_best_class():
+    shares = np.full((GRID.rows, GRID.cells + 1), 1e-9)
+    shares[:, 40], shares[:, 41], shares[:, -1] = 0.3, 0.3, 0.4
+    assert np.isnan(decode(np.log(shares), GRID).x_px).all()  # the best class is "no line"
+    by_share = decode(np.log(shares), GRID, DecodeConfig(min_line_share=0.5))
+    np.testing.assert_allclose(by_share.x_px, GRID.x_from_cell(40.5), atol=1e-6)
+    np.testing.assert_allclose(by_share.confidence, 0.6, atol=1e-6)
+    assert np.isnan(decode(np.log(shares), GRID, DecodeConfig(min_line_share=0.7)).x_px).all()
+
+
+def test_the_width_of_a_taught_stripe_is_no_uncertainty():
+    shares = np.full((GRID.rows, GRID.cells + 1), 1e-9)
+    shares[:, 39:42] = 1 / 3  # three cells, alike: variance 2/3; a stripe of 2 sqrt(2) cells has as much
+    narrow = decode(np.log(shares), GRID, DecodeConfig(stripe_cells=2 * 2**0.5))
+    np.testing.assert_allclose(narrow.sigma_px, DecodeConfig().sigma_floor_cells * GRID.cell_px, rtol=1e-3)
+    np.testing.assert_allclose(
+        decode(np.log(shares), GRID).sigma_px, (2 / 3 + 0.12**2) ** 0.5 * GRID.cell_px, rtol=1e-3
+    )
+
+
+def test_columns_are_the_rows_of_the_turned_image():
+    turned = GRID.transposed
+    assert (turned.width, turned.height, turned.cells, turned.rows) == (288, 512, 72, 128)
+    assert turned.transposed == GRID
+
+
 def test_wrong_shapes_are_refused():
     with pytest.raises(ValueError, match=r"expected logits of shape \(72, 129\), got \(72, 128\)"):
         decode(np.zeros((72, 128)), GRID)

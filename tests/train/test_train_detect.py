@@ -12,7 +12,7 @@ from deckline.detect.row_anchors import RowGrid
 from deckline.geometry import Camera, attitude
 from deckline.recording import RecordingWriter
 from deckline.train.backbone import CHANNELS, Lite0Backbone
-from deckline.train.checkpoint import CHECKPOINT_FILE
+from deckline.train.checkpoint import CHECKPOINT_FILE, read_progress
 from deckline.train.detect import DetectTrainConfig, train_detect
 from deckline.train.detect_data import LineViews
 from deckline.train.detect_finish import export_detect, score, torch_infer
@@ -104,7 +104,16 @@ def test_published_head_gives_the_same_classes():
         UfldConfig(grid=RowGrid(cells=64))
 
 
-def test_training_learns_resumes_and_exports(recording, tmp_path):
+def of_one_network(folder: Path) -> dict:
+    """A checkpoint's progress as it was written when there was one network: its shape was called `network`."""
+    progress = read_progress(folder)
+    assert progress is not None
+    recipe = dict(progress["recipe"])
+    recipe["network"] = recipe.pop("shape")
+    return progress | {"recipe": recipe}
+
+
+def test_training_learns_resumes_and_exports(recording, tmp_path, monkeypatch):
     config = DetectTrainConfig(
         steps=2, minutes=None, batch=1, checkpoint_every=1, held_out=0.17, threads=1, shape=UfldConfig(channels=16)
     )
@@ -113,7 +122,9 @@ def test_training_learns_resumes_and_exports(recording, tmp_path):
     assert 0 <= figures["both_found.clear"] <= 1
     assert (tmp_path / CHECKPOINT_FILE).exists()
     longer = DetectTrainConfig(**(vars(config) | {"steps": 3}))
+    monkeypatch.setattr("deckline.train.detect.read_progress", of_one_network)
     assert train_detect(longer, [recording], tmp_path)["steps"] == 3
+    monkeypatch.undo()
     with pytest.raises(ValueError, match=r"checkpoint of another recipe \(lr differ\)"):
         train_detect(DetectTrainConfig(**(vars(longer) | {"lr": 1.0})), [recording], tmp_path)
     assert OnnxDetector(tmp_path / "detect.onnx").config.grid == RowGrid()
