@@ -107,7 +107,7 @@ def test_a_damaged_frame_is_skipped_counted_and_named(recording, tmp_path, capsy
     found = measured(tmp_path / "f.json", recording, "--detector", "none", "--dehazer", "none")
     assert found["visibility"]["all"]["none"]["images"] == 3
     assert len(found["skipped"]) == 1 and second.name in found["skipped"][0][0]
-    assert "1 frames skipped; the first:" in capsys.readouterr().out
+    assert "skipped 1; the first:" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

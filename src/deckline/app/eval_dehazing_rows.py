@@ -95,9 +95,7 @@ def _merged(out: Path, settings: Settings) -> Settings:
         known = dict(before[DEHAZERS_KEY])
     except (ValueError, KeyError, TypeError):
         raise ValueError(f"{path} is damaged: choose another folder") from None
-    models = [
-        (f"the model of {name}", known[name], model) for name, model in now[DEHAZERS_KEY].items() if name in known
-    ]
+    models = [(f"model of {name}", known[name], model) for name, model in now[DEHAZERS_KEY].items() if name in known]
     others = [(key, before.get(key), now.get(key)) for key in sorted({*before, *now} - {DEHAZERS_KEY})]
     for what, old, new in (*others, *models):
         if old != new:

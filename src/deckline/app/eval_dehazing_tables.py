@@ -186,7 +186,7 @@ def heading_of(results: Results) -> list[str]:
     lines = [results.title, ", ".join(results.about.values())]
     if results.skipped:
         image, reason = results.skipped[0]
-        lines.append(f"{len(results.skipped)} frames skipped; the first: {image}: {reason}")
+        lines.append(f"skipped {len(results.skipped)}; the first: {image}: {reason}")
     return lines
 
 
