@@ -31,6 +31,9 @@ BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
 BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
 BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
 LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin counts less and less
+NEAR_LEVELS = 4.0  # between a bin and the law that explains it
+MIN_EXPLAINED = 0.6  # of the bins; seen on preset paper: 0.75 and more with a sea, 0.4 and less with a deck for a sea
+SIDES_FROM = 0.56  # of the way from the middle column to the outermost
 MAX_RELATIVE_SIGMA = 0.5  # of the extinction; vaguer fits are not used
 STEPS = 8  # of reweighting
 CORRELATED_BINS = 4.0  # neighbouring bins err alike: the figures count as one in so many
@@ -90,21 +93,38 @@ class SeaProfile:
 
 
 def fit_haze(image: Image, view: SeaView, water: UsualWater = DISPLAY_WATER) -> HazeFit | NotFitted:
-    """Airlight, extinction and sea colour of a picture (H, W, 3) of levels 0..255, or why they cannot be told."""
+    """Airlight, extinction and sea colour of a picture (H, W, 3) of levels 0..255, or why they cannot be told.
+
+    Where what lies below the horizon does not fade as a sea does, the sides of the picture are tried: a deck just
+    ahead hides the sea in its middle.
+    """
     airlight = band_airlight(image, view)
     if airlight is None:
         return NotFitted("the horizon is not in view")
     if airlight.max() < MIN_AIRLIGHT:
         return NotFitted("too dark to see the haze")
-    profile = sea_profile(image, view)
-    if len(profile.range_m) < MIN_BINS:
-        return NotFitted("too little sea in view")
-    if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
-        return NotFitted("the sea cannot be told from the haze")
-    fit = fit_profile(profile, airlight, water)
-    if fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m:
-        return NotFitted("the sea does not tell how thick the haze is")
-    return fit
+    sides = np.arange(view.down.shape[1])
+    sides = sides[np.abs(sides - sides.mean()) > SIDES_FROM * len(sides) / 2]
+    for columns in (slice(None), sides):
+        part = SeaView(view.down[:, columns], view.range_m[:, columns], view.height_m)
+        profile = sea_profile(image[:, columns], part)
+        if len(profile.range_m) < MIN_BINS:
+            return NotFitted("too little sea in view")
+        if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
+            return NotFitted("the sea cannot be told from the haze")
+        fit = fit_profile(profile, airlight, water)
+        if explained(fit, profile) >= MIN_EXPLAINED:
+            vague = fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m
+            return NotFitted("the sea does not tell how thick the haze is") if vague else fit
+    return NotFitted("what lies below the horizon does not fade as a sea in haze does")
+
+
+def explained(fit: HazeFit, profile: SeaProfile) -> float:
+    """Share of a profile's bins that the law comes near to."""
+    t = np.exp(-fit.optical_depth(profile.range_m.astype(np.float32)))
+    sea = fit.sea[0] + _mirroring(profile.down)[:, None] * fit.sea[1]
+    off = np.linalg.norm(profile.levels - fit.airlight - t[:, None] * sea, axis=1)
+    return float(np.mean(off < NEAR_LEVELS))
 
 
 def band_airlight(image: Image, view: SeaView) -> Float | None:
