@@ -1,0 +1,146 @@
+"""`deckline eval detection`: how well both lines are found, and how often where there are none."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from deckline.app.eval_commands import JsonFile, heading, write_json
+from deckline.app.eval_detection_frames import FrameSet, Rendered, open_recorded
+from deckline.app.eval_detection_scores import evaluate, open_book
+from deckline.app.eval_detection_tables import NOTES, detection_tables, flat_figures
+from deckline.app.eval_detection_worst import worst_of, write_worst
+from deckline.app.extras import needs_extra
+from deckline.app.provenance import settings_of
+from deckline.evaluate.detection import DetectionScore
+from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.recording.writer import write_atomic
+
+FRAMES, DECKLESS = 200, 100  # rendered when no source is given
+SKIPPED_SHOWN = 5
+MarkdownFile = Annotated[Path | None, tyro.conf.arg(name="markdown")]
+
+
+def detection(
+    sources: tyro.conf.Positional[tuple[Path, ...]] = (),
+    frames: int | None = None,
+    deckless: int | None = None,
+    preset: tuple[str, ...] = ("paper",),
+    seed: int = 1000,
+    visibility: str = "500..3000",
+    range_m: tuple[float, float] | None = None,
+    fov_deg: float = 90.0,
+    dehazer: str = PipelineConfig.dehazer,
+    detector: str = PipelineConfig.detector,
+    out: Path | None = None,
+    worst: int = 0,
+    json_file: JsonFile = None,
+    markdown_file: MarkdownFile = None,
+) -> int:
+    """Find the lines in frames whose lines are known: found-rate, false lines, errors, lane scores, calibration.
+
+    Prints figures of all frames, then by range, visibility and ship. With --out, a stopped command goes on where it
+    was when it is given again.
+
+    Args:
+        sources: recordings with truth, folders with labels.json, or folders of recordings.
+        frames: rendered afresh of each preset, from random viewpoints; 200 when no source is given.
+        deckless: rendered afresh without a runway in the image; 100 when no source is given.
+        preset: ships of the rendered frames: paper, cvn, axial, small, runway, train.
+        seed: of the simulator; the shipped weights never saw seeds from 1000 on.
+        visibility: of the rendered frames, metres at 2 % contrast, LOW..HIGH or clear.
+        range_m: distance of the rendered frames from the ramp; 60 to 800 m, 30 to 1500 m for preset train.
+        fov_deg: horizontal field of view of the rendered frames; preset train draws its own.
+        dehazer: name or .onnx file; none to skip dehazing.
+        detector: name or .onnx file.
+        out: folder of the scores of every frame and of the worst frames' pictures.
+        worst: so many of the worst frames become pictures in --out, with a line of figures each in worst.md.
+        json_file: write the figures here as well.
+        markdown_file: write the tables here as well.
+    """
+    _check(frames, deckless, worst, out)
+    sets = open_recorded(sources)
+    frames = frames if frames is not None else 0 if sources else FRAMES
+    deckless = deckless if deckless is not None else 0 if sources else DECKLESS
+    if frames or deckless:
+        sets += rendered_sets(frames, deckless, preset, seed, visibility, range_m, fov_deg)
+    pipeline = Pipeline(PipelineConfig(dehazer, detector))
+    book = open_book(out, {**settings_of(pipeline), "frames": [item.settings for item in sets]})
+    evaluate(sets, pipeline, book)
+    title = f"{', '.join(item.name for item in sets)}; dehazer {dehazer}, detector {detector}"
+    lengths = {item.name: len(item) for item in sets}  # an earlier command may have scored more frames
+    scores = [score for score in book.scores.values() if score.index < lengths[score.source]]
+    _report(scores, list(book.skipped.values()), title, json_file, markdown_file)
+    if out is not None and worst:
+        print(write_worst(out, {item.name: item for item in sets}, worst_of(scores, worst), pipeline))
+    for item in sets:
+        item.close()
+    return 0
+
+
+def _check(frames: int | None, deckless: int | None, worst: int, out: Path | None) -> None:
+    for name, value in (("--frames", frames), ("--deckless", deckless), ("--worst", worst)):
+        if value is not None and value < 0:
+            raise ValueError(f"{name} must not be negative, got {value}")
+    if worst and out is None:
+        raise ValueError("--worst needs --out FOLDER for its pictures")
+
+
+def rendered_sets(
+    frames: int,
+    deckless: int,
+    presets: tuple[str, ...],
+    seed: int,
+    visibility: str,
+    range_m: tuple[float, float] | None,
+    fov_deg: float,
+) -> list[FrameSet]:
+    """Fresh frames of every preset, and some without a runway.
+
+    Raises:
+        ValueError: an unknown preset, or a value that the simulator refuses.
+        ImportError: the sim extra is not installed.
+    """
+    with needs_extra("sim"):
+        from deckline.app.simulate import parse_visibility
+        from deckline.sim import SimConfig
+    config = SimConfig(
+        preset="train",
+        trajectory="random",
+        frames=max(deckless, 1),
+        visibility_m=parse_visibility(visibility),
+        seed=seed,
+        fov_deg=fov_deg,
+        keep_clear=False,
+        range_m=range_m,
+        frames_per_ship=1,
+    )
+    sets: list[FrameSet] = []
+    if frames:
+        several = SimConfig.frames_per_ship
+        values = vars(config) | {"frames": frames, "frames_per_ship": several}
+        sets += [Rendered(SimConfig(**(values | {"preset": preset}))) for preset in dict.fromkeys(presets)]
+    return [*sets, Rendered(config, deckless=True)] if deckless else sets
+
+
+def _report(
+    scores: list[DetectionScore], skipped: list[str], title: str, json_file: Path | None, markdown_file: Path | None
+) -> None:
+    for reason in skipped[:SKIPPED_SHOWN]:
+        print(f"skipped {reason}", file=sys.stderr)
+    if len(skipped) > SKIPPED_SHOWN:
+        print(f"skipped {len(skipped)} frames in all", file=sys.stderr)
+    figures = flat_figures(scores)
+    tables = detection_tables(scores)
+    console = heading(title)
+    for table in tables:
+        console.print(table.rich())
+    console.print(NOTES, highlight=False)
+    if markdown_file is not None:
+        text = "\n".join([title, "", *(table.markdown() for table in tables), NOTES, ""])
+        write_atomic(markdown_file, text.encode())
+        print(markdown_file)
+    if json_file is not None:
+        write_json(json_file, figures)
+        print(json_file)

@@ -1,0 +1,119 @@
+"""Scores of an evaluation as they are made: kept in a file that a stopped command goes on from."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+from deckline.app.eval_detection_frames import FrameSet
+from deckline.app.progress import progress
+from deckline.evaluate.detection import DetectionScore, score_detection, score_from_mapping, score_to_mapping
+from deckline.pipeline import Pipeline
+from deckline.recording import FrameError
+
+SCORES_FILE = "scores.jsonl"
+MOST_SHOWN = 160  # characters of a setting in an error
+
+
+@dataclass
+class ScoreBook:
+    """Scores by source and frame, appended to a file when there is one."""
+
+    scores: dict[tuple[str, int], DetectionScore] = field(default_factory=dict)
+    skipped: dict[tuple[str, int], str] = field(default_factory=dict)  # frames that were left out, and why
+    file: TextIO | None = None
+
+    def add(self, score: DetectionScore) -> None:
+        self.scores[score.source, score.index] = score
+        self._append({"score": score_to_mapping(score)})
+
+    def skip(self, source: str, index: int, reason: str) -> None:
+        self.skipped[source, index] = reason
+        self._append({"skipped": [source, index, reason]})
+
+    def knows(self, source: str, index: int) -> bool:
+        return (source, index) in self.scores or (source, index) in self.skipped
+
+    def _append(self, row: dict[str, Any]) -> None:
+        if self.file is not None:
+            self.file.write(json.dumps(row, allow_nan=False) + "\n")
+            self.file.flush()
+
+
+def open_book(out: Path | None, settings: dict[str, Any]) -> ScoreBook:
+    """The scores in `out`, to be gone on with, or an empty book; without `out` nothing is kept.
+
+    Raises:
+        ValueError: `out` holds scores that were made with other settings.
+    """
+    if out is None:
+        return ScoreBook()
+    out.mkdir(parents=True, exist_ok=True)
+    path, book, whole = out / SCORES_FILE, ScoreBook(), 0
+    now = json.loads(json.dumps(settings))
+    for end, row in _rows(path):
+        whole = end
+        if "settings" in row:
+            _check_same(out, row["settings"], now)
+        elif "score" in row:
+            score = score_from_mapping(row["score"])
+            book.scores[score.source, score.index] = score
+        else:
+            source, index, reason = row["skipped"]
+            book.skipped[source, index] = reason
+    book.file = path.open("a" if whole else "w", encoding="utf-8")
+    book.file.truncate(whole)  # a killed writer may have left half a line
+    if not whole:
+        book._append({"settings": now})
+    return book
+
+
+def _rows(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Whole lines of a file, and the byte where each ends."""
+    if not path.exists():
+        return
+    end = 0
+    with path.open("rb") as file:
+        for line in file:
+            end += len(line)
+            try:
+                row = json.loads(line)
+            except ValueError:
+                return
+            if not line.endswith(b"\n"):
+                return
+            yield end, row
+
+
+def _check_same(out: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
+    for key in sorted({*before, *now}):
+        if before.get(key) != now.get(key):
+            was, wanted = (json.dumps(values.get(key))[:MOST_SHOWN] for values in (before, now))
+            raise ValueError(f"{out} holds an evaluation with {key} {was}, not {wanted}: choose another folder")
+
+
+def evaluate(sets: Sequence[FrameSet], pipeline: Pipeline, book: ScoreBook) -> None:
+    """Score every frame that the book does not know yet."""
+    total = sum(map(len, sets))
+    known = sum(book.knows(item.name, index) for item in sets for index in range(len(item)))
+    with progress("evaluating", total, known) as advance:
+        for item in sets:
+            for index in range(len(item)):
+                if not book.knows(item.name, index):
+                    _score_one(item, index, pipeline, book)
+                    advance()
+            item.close()
+
+
+def _score_one(item: FrameSet, index: int, pipeline: Pipeline, book: ScoreBook) -> None:
+    try:
+        question = item.load(index)
+    except FrameError as error:
+        book.skip(item.name, index, str(error))
+        return
+    if question is None:
+        book.skip(item.name, index, "not labelled")
+        return
+    detection = pipeline(question.frame).detection
+    book.add(score_detection(question.frame, detection, question.expected, item.name, index, question.ship))
