@@ -41,7 +41,8 @@ def _dispatch(args: list[str]) -> Any:
     group = GROUPS.get(args[0]) if args else None
     if group is not None:
         return tyro.extras.subcommand_cli_from_dict(group(), prog=f"deckline {args[0]}", args=args[1:])
-    top = COMMANDS | {"sim": _sim, "dataset": _dataset, "train": _train, "eval": _eval, "labels": _labels}  # listed in the help only
+    listed = {"sim": _sim, "dataset": _dataset, "train": _train, "eval": _eval, "labels": _labels}  # in the help only
+    top = COMMANDS | listed
     return tyro.extras.subcommand_cli_from_dict(top, prog="deckline", description=DESCRIPTION, args=args)
 
 
@@ -64,7 +65,7 @@ def _train_group() -> dict[str, Callable[..., int]]:
 
 
 def _eval_group() -> dict[str, Callable[..., int]]:
-    from deckline.app import eval_commands, eval_dehazing, eval_flicker
+    from deckline.app import eval_commands, eval_dehazing, eval_detection, eval_flicker
 
     return {
         "chain": eval_commands.chain,
@@ -72,6 +73,7 @@ def _eval_group() -> dict[str, Callable[..., int]]:
         "labels": eval_commands.labels,
         "flicker": eval_flicker.flicker,
         "dehazing": eval_dehazing.dehazing,
+        "detection": eval_detection.detection,
     }
 
 
