@@ -1,8 +1,19 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, sea_pair, world_from_body
 
-from deckline.dehaze.haze_fit import DISPLAY_WATER, HazeFit, NotFitted, UsualWater, fit_haze, pulled_to
+from deckline.dehaze.haze_fit import (
+    DISPLAY_WATER,
+    HazeFit,
+    NotFitted,
+    UsualWater,
+    explained,
+    fit_haze,
+    pulled_to,
+    sea_profile,
+)
 from deckline.dehaze.sea_view import sea_view
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
@@ -86,6 +97,29 @@ def test_what_cannot_be_told_is_said():
     mist = sea_pair(1.5e-2)[0]
     mist[VIEW.range_m < 260] = 20  # a deck hides all water that is not hidden by the mist
     assert reason(mist) == "the sea does not tell how thick the haze is"
+    striped = np.repeat(np.where(np.arange(len(image)) // 9 % 2, 60, 130), image.shape[1])  # fields, say
+    land = np.where(VIEW.is_sea[..., None], striped.reshape(*VIEW.is_sea.shape, 1), image).astype(np.uint8)
+    assert reason(land) == "what lies below the horizon does not fade as a sea in haze does"
     sliver = sea_view(CAMERA, world_from_body(16.8, 0.0) * camera_mount(), SEA_Z_M)
     assert sliver.is_sea.any()
     assert reason(image, sliver) == "too little sea in view"
+
+
+def test_a_deck_just_ahead_hides_the_sea_and_its_sides_tell():
+    """A dark deck in the middle three fifths, all the way up to the horizon, in clear air: it does not fade."""
+    beta = beta_from_visibility(1500.0)
+    image = sea_pair(beta)[0]
+    ahead = VIEW.is_sea.copy()
+    ahead[:, :64] = ahead[:, -64:] = False
+    image[ahead] = np.random.default_rng(6).integers(50, 75, (ahead.sum(), 1))
+    fit = fit_haze(image, VIEW)
+    assert isinstance(fit, HazeFit)
+    assert fit.beta_per_m == pytest.approx(beta, rel=0.15)
+
+
+def test_the_share_of_explained_bins():
+    fit = fit_haze(sea_pair(2e-3)[0], VIEW)
+    profile = sea_profile(sea_pair(2e-3)[0], VIEW)
+    assert explained(fit, profile) == 1
+    wrong = replace(profile, levels=profile.levels + np.where(np.arange(len(profile.range_m)) < 10, 3.0, 0)[:, None])
+    assert explained(fit, wrong) == pytest.approx(1 - 10 / len(profile.range_m))  # 3 levels in each of 3 channels

@@ -67,7 +67,7 @@ def _left_alone(frame: Frame, reason: str) -> Restored:
 
 
 def smaller(frame: Frame, long_side_px: int) -> Frame:
-    """A frame averaged down to this longer side, its camera with it and without its depth; small ones stay as big."""
+    """A frame averaged down to this longer side, its camera with it; small ones stay as big. Depth is left out."""
     import cv2
 
     height, width = frame.image_rgb.shape[:2]
