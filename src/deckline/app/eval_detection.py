@@ -8,7 +8,7 @@ import tyro
 
 from deckline.app.eval_commands import JsonFile, heading, write_json
 from deckline.app.eval_detection_frames import FrameSet, Rendered, open_recorded
-from deckline.app.eval_detection_scores import evaluate, open_book
+from deckline.app.eval_detection_scores import NOT_LABELLED, evaluate, open_book
 from deckline.app.eval_detection_tables import NOTES, detection_tables, flat_figures
 from deckline.app.eval_detection_worst import worst_of, write_worst
 from deckline.app.extras import needs_extra
@@ -71,7 +71,7 @@ def detection(
     title = f"{', '.join(item.name for item in sets)}; dehazer {dehazer}, detector {detector}"
     lengths = {item.name: len(item) for item in sets}  # an earlier command may have scored more frames
     scores = [score for score in book.scores.values() if score.index < lengths[score.source]]
-    _report(scores, list(book.skipped.values()), title, json_file, markdown_file)
+    _report(scores, [why for why in book.skipped.values() if why != NOT_LABELLED], title, json_file, markdown_file)
     if out is not None and worst:
         print(write_worst(out, {item.name: item for item in sets}, worst_of(scores, worst), pipeline))
     for item in sets:

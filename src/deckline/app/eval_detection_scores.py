@@ -1,10 +1,11 @@
 """Scores of an evaluation as they are made: kept in a file that a stopped command goes on from."""
 
 import json
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from deckline.app.eval_detection_frames import FrameSet
 from deckline.app.progress import progress
@@ -13,6 +14,7 @@ from deckline.pipeline import Pipeline
 from deckline.recording import FrameError
 
 SCORES_FILE = "scores.jsonl"
+NOT_LABELLED = "not labelled"  # why a frame is left out without a word
 MOST_SHOWN = 160  # characters of a setting in an error
 
 
@@ -22,7 +24,7 @@ class ScoreBook:
 
     scores: dict[tuple[str, int], DetectionScore] = field(default_factory=dict)
     skipped: dict[tuple[str, int], str] = field(default_factory=dict)  # frames that were left out, and why
-    file: TextIO | None = None
+    path: Path | None = None
 
     def add(self, score: DetectionScore) -> None:
         self.scores[score.source, score.index] = score
@@ -36,9 +38,9 @@ class ScoreBook:
         return (source, index) in self.scores or (source, index) in self.skipped
 
     def _append(self, row: dict[str, Any]) -> None:
-        if self.file is not None:
-            self.file.write(json.dumps(row, allow_nan=False) + "\n")
-            self.file.flush()
+        if self.path is not None:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row, allow_nan=False) + "\n")
 
 
 def open_book(out: Path | None, settings: dict[str, Any]) -> ScoreBook:
@@ -62,8 +64,9 @@ def open_book(out: Path | None, settings: dict[str, Any]) -> ScoreBook:
         else:
             source, index, reason = row["skipped"]
             book.skipped[source, index] = reason
-    book.file = path.open("a" if whole else "w", encoding="utf-8")
-    book.file.truncate(whole)  # a killed writer may have left half a line
+    path.touch()
+    os.truncate(path, whole)  # a killed writer may have left half a line
+    book.path = path
     if not whole:
         book._append({"settings": now})
     return book
@@ -113,7 +116,7 @@ def _score_one(item: FrameSet, index: int, pipeline: Pipeline, book: ScoreBook) 
         book.skip(item.name, index, str(error))
         return
     if question is None:
-        book.skip(item.name, index, "not labelled")
+        book.skip(item.name, index, NOT_LABELLED)
         return
     detection = pipeline(question.frame).detection
     book.add(score_detection(question.frame, detection, question.expected, item.name, index, question.ship))
