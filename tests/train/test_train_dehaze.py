@@ -19,14 +19,13 @@ from deckline.train.dehaze import DehazeTrainConfig, dehaze_loss, psnr_loss, tra
 from deckline.train.dehaze_data import (
     ClearView,
     ClearViews,
-    HazeAugmentation,
     clear_view,
     hazy_pair,
     horizon_colour,
-    random_airlight,
     random_window,
     training_batch,
 )
+from deckline.train.dehaze_haze import HazeAugmentation, random_airlight
 from deckline.types import Truth
 
 
@@ -70,11 +69,12 @@ def test_recorded_clear_image_is_preferred() -> None:
 def test_hazy_pair_follows_the_scattering_model() -> None:
     """At one visibility, airlight and range: I = J t + A (1 - t), the same t everywhere."""
     clear = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
-    view = ClearView(clear, np.full((30, 40), 400, dtype=np.float16), None)
+    view = ClearView(clear, np.full((30, 40), 400, dtype=np.float16), None, Camera.from_fov(40, 30, 1.2))
     haze = HazeAugmentation(visibility_m=(800.0, 800.0), clear_share=0, noise_share=0, flip_horizontal=0)
     window = (slice(0, 30), slice(0, 40))
-    hazy, kept, t = hazy_pair(view, window, haze, np.random.default_rng(1))
+    hazy, kept, t, prior = hazy_pair(view, window, haze, np.random.default_rng(1))
     np.testing.assert_array_equal(kept, clear)
+    np.testing.assert_array_equal(prior, hazy)
     np.testing.assert_allclose(t, transmission(400.0, beta_from_visibility(800.0)), rtol=1e-6)
     slope, offset = np.polyfit(clear[..., 0].ravel(), hazy[..., 0].ravel(), 1)
     assert slope == pytest.approx(0.02**0.5, abs=2e-3)  # Koschmieder: half of the visibility leaves sqrt(2 %)
@@ -97,7 +97,7 @@ def test_clear_share_leaves_images_alone() -> None:
     view = clear_view(clear_frame(0), 640)
     window = (slice(16, 64), slice(0, 96))  # below the sky, which any haze hides
     haze = HazeAugmentation(clear_share=1.0, noise_share=0, flip_horizontal=0, clear_visibility_m=(1e5, 1e6))
-    hazy, clear, _ = hazy_pair(view, window, haze, np.random.default_rng(0))
+    hazy, clear, *_ = hazy_pair(view, window, haze, np.random.default_rng(0))
     assert np.abs(hazy.astype(int) - clear).max() <= 13  # 5.7 % of the way to the airlight at 1.5 km
 
 
@@ -137,7 +137,7 @@ def test_windows_fit() -> None:
 def test_batches_repeat_for_the_same_seed(recording: Path) -> None:
     views = ClearViews([recording], 640, 0.25)
     first, second, other = (training_batch(views, 3, (48, 64), HazeAugmentation(), [0, k]) for k in (7, 7, 8))
-    assert [tuple(x.shape) for x in first] == [(3, 3, 48, 64), (3, 3, 48, 64), (3, 1, 48, 64)]
+    assert [tuple(x.shape) for x in first] == [(3, 3, 48, 64), (3, 3, 48, 64), (3, 1, 48, 64), (3, 3, 48, 64)]
     torch.testing.assert_close(first, second, rtol=0, atol=0)
     assert not torch.equal(first[0], other[0])
 
@@ -185,6 +185,21 @@ def test_training_learns_exports_and_reports(recording: Path, tmp_path: Path) ->
     assert dehazer.session.config["step"] == 40
     assert dehazer.session.config["recipe"]["batch"] == 2
     assert dehazer(clear_frame(0).image_rgb).shape == (64, 96, 3)
+
+
+def test_a_network_with_a_prior_trains_and_runs_with_and_without_a_pose(recording: Path, tmp_path: Path) -> None:
+    haze = HazeAugmentation(prior_share=1, physical_share=0.5)
+    figures = train_dehaze(replace(QUICK, steps=3, prior=True, haze=haze), [recording], tmp_path)
+    assert np.isfinite(figures["psnr_db_with_prior.mean"])
+    dehazer = OnnxDehazer(tmp_path / "dehaze.onnx", threads=1)
+    frame = clear_frame(0)
+    restored = dehazer.restore(replace(frame, deck_z_m=-5.0))
+    assert restored.image_rgb.shape == (64, 96, 3)
+    np.testing.assert_array_equal(
+        dehazer.restore(replace(frame, world_from_body=None)).image_rgb, dehazer(frame.image_rgb)
+    )
+    assert dehazer.cost is not None
+    assert dehazer.cost[0] == pytest.approx(478_468)
 
 
 def test_interrupted_run_resumes_to_the_same_weights(

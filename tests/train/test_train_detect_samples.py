@@ -5,6 +5,7 @@ import pytest
 
 from deckline.detect.region import decode_region
 from deckline.detect.row_anchors import RowGrid
+from deckline.geometry import Camera
 from deckline.train.dehaze_data import ClearView
 from deckline.train.detect_augment import DetectAugmentation, block_compressed, blurred, rotated
 from deckline.train.detect_samples import make_sample, visible_box
@@ -28,7 +29,9 @@ def view() -> LineView:
         middle = u0 + (v - v0) * (u1 - u0) / (v1 - v0)
         cover = np.clip(2.5 - np.abs(u - middle), 0, 1) * ((v >= v1) & (v <= v0))
         image[..., channel] += 200 * cover
-    clear = ClearView(image.astype(np.uint8), np.full((360, 640), 300.0, np.float16), None)
+    clear = ClearView(
+        image.astype(np.uint8), np.full((360, 640), 300.0, np.float16), None, Camera.from_fov(640, 360, 1.2)
+    )
     lines = np.stack([line_points(LEFT), line_points(RIGHT)])
     return LineView("drawn", clear, lines, np.full((2, 257), 300.0))
 

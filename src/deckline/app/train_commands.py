@@ -23,7 +23,8 @@ def dehaze(
     Args:
         recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`.
         out: folder of the checkpoint and the exported ONNX file.
-        start_from: folder of an earlier training, to go on from its weights with other data or another recipe.
+        start_from: folder of an earlier training, or its .onnx file, a shipped one too: to go on from its weights with
+            other data or another recipe.
         config: the recipe.
     """
     train_dehaze(config, list(recordings), out, start_from)
@@ -38,7 +39,8 @@ def detect(
     """Train the line detector on clear recordings with depth and true lines; goes on from its own checkpoint in `out`.
 
     Args:
-        recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`.
+        recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`, and folders of images with
+            labels.json, to which no haze is added; one given twice is drawn twice as often.
         out: folder of the checkpoint and the exported ONNX file.
         config: the recipe.
     """

@@ -31,7 +31,7 @@ class Restored:
 
 @runtime_checkable
 class FrameDehazer(Dehazer, Protocol):
-    """A dehazer that also looks at the frame's camera, pose and depth. The image alone comes out as it went in."""
+    """A dehazer that also looks at the frame's camera, pose and depth."""
 
     def restore(self, frame: Frame) -> Restored: ...
 

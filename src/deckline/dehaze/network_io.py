@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from deckline.dehaze.base import check_image
 
+GUIDE_RADIUS, GUIDE_RIDGE = 4, 1e-4  # of `brought_up`: window, px of the small image; on the variance, image range 0..1
 MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the network needs more pixels than it adds
 
 
@@ -49,3 +50,34 @@ def averaged_down(tensor: NDArray[np.float32], factor: int) -> NDArray[np.float3
         raise ValueError(f"size {width}x{height} px is no multiple of {factor}")
     total = sum(tensor[:, :, i::factor, j::factor] for i in range(factor) for j in range(factor))
     return np.ascontiguousarray(total / np.float32(factor * factor), dtype=np.float32)
+
+
+def brought_up(
+    image: NDArray[np.float32], small: NDArray[np.float32], result: NDArray[np.float32], factor: int
+) -> NDArray[np.float32]:
+    """A small picture's result, brought to full size along the picture's own edges.
+
+    In every window and channel the result is taken as linear in the picture; slope and offset are brought up.
+    Source: fast guided filter (He and Sun 2015).
+
+    Args:
+        image: (1, C, H, W) in 0..1.
+        small: (1, C, H / factor, W / factor), the image averaged down.
+        result: of its shape.
+        factor: 1 gives the result as it is.
+    """
+    if factor == 1:
+        return result
+    import cv2
+
+    side = (2 * GUIDE_RADIUS + 1,) * 2
+    size = (image.shape[3], image.shape[2])
+    full = np.empty_like(image)
+    for k in range(image.shape[1]):
+        guide, wanted = small[0, k], np.ascontiguousarray(result[0, k], dtype=np.float32)
+        mean_guide, mean_wanted = cv2.blur(guide, side), cv2.blur(wanted, side)
+        variance = np.maximum(cv2.blur(guide * guide, side) - mean_guide * mean_guide, 0)
+        slope = (cv2.blur(guide * wanted, side) - mean_guide * mean_wanted) / (variance + GUIDE_RIDGE)
+        offset = cv2.blur(mean_wanted - slope * mean_guide, side)
+        full[0, k] = cv2.resize(cv2.blur(slope, side), size) * image[0, k] + cv2.resize(offset, size)
+    return full

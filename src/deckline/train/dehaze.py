@@ -16,8 +16,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor, nn
 
 from deckline.train.checkpoint import load_checkpoint, read_progress, save_checkpoint, stop_on_interrupt
-from deckline.train.dehaze_data import ClearViews, HazeAugmentation, training_batch
+from deckline.train.dehaze_data import ClearViews, training_batch
 from deckline.train.dehaze_finish import export_dehaze, validate
+from deckline.train.dehaze_haze import HazeAugmentation
 from deckline.train.dehaze_network import (
     SIZES,
     Attention,
@@ -29,13 +30,14 @@ from deckline.train.dehaze_network import (
 from deckline.train.network_cost import count_parameters
 from deckline.train.rivals import build
 from deckline.train.schedule import averaged, fraction_done, learning_rate
+from deckline.train.start import start_with
 
 MSE_FLOOR = 1e-5  # 50 dB: better than that earns nothing, or the clear images would outweigh the hazy ones
 PREFETCH = 3  # batches made ahead
 # What checkpoints do not say that are older than the choice: the one network that there was.
-OLDER_RECIPE = {"network": "deckline", "attention": "mix", "transformer": "mobilevit"}
+OLDER_RECIPE = {"network": "deckline", "attention": "mix", "transformer": "mobilevit", "prior": False}
 Network = Literal["deckline", "aod-net", "gca-net", "grid-dehaze-net", "g-unet-t", "dehaze-former-t"]
-Batch = tuple[Tensor, Tensor, Tensor]  # hazy, clear, transmission
+Batch = tuple[Tensor, Tensor, Tensor, Tensor]  # hazy, clear, transmission, prior
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,10 @@ class DehazeTrainConfig:
     unshuffle: int = 4  # of ours: image px per px of the network's grid; 1 is the paper's full resolution
     attention: Attention = "mix"  # of ours; depthwise is for the ablation
     transformer: Transformer = "mobilevit"  # of ours; plain is for the ablation
+    prior: bool = False  # ours, coarse: starts from the geometry dehazer's picture where there is one
     steps: int = 600_000
     minutes: float | None = None  # stop after so much training time; the schedule follows whichever ends first
+    cpu_minutes: bool = False  # they are of this process's computing, on all cores: the same budget on a busy machine
     batch: int = 4
     crop_height: int = 288  # px
     crop_width: int = 512  # px
@@ -83,7 +87,11 @@ class DehazeTrainConfig:
     def shape(self) -> DehazeNetworkConfig:
         """Of our network."""
         return replace(
-            SIZES[self.size], unshuffle=self.unshuffle, attention=self.attention, transformer=self.transformer
+            SIZES[self.size],
+            unshuffle=self.unshuffle,
+            prior=self.prior,
+            attention=self.attention,
+            transformer=self.transformer,
         )
 
 
@@ -119,7 +127,7 @@ def train_dehaze(
         config: recipe; a checkpoint in `out` must have been made with the same one, budget and device apart.
         recordings: clear recordings with full depth.
         out: folder of checkpoint.safetensors, dehaze.onnx and figures.json.
-        start_from: folder of an earlier training whose averaged weights are the first ones of this one.
+        start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
 
     Returns:
         Measured figures by name; {} when interrupted (the checkpoint is saved).
@@ -136,7 +144,7 @@ def train_dehaze(
     model = _new_network(config).to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimizer = torch.optim.AdamW(model.parameters(), config.lr, (0.9, 0.999), weight_decay=config.weight_decay)
     if start_from is not None:
-        _load_weights(model, start_from)
+        start_with(model, start_from)
     ema, step, seconds = _resume(config, model, optimizer, out)
     views = ClearViews(recordings, config.working_long_side_px, config.held_out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {step}")
@@ -151,7 +159,7 @@ def train_dehaze(
         model, out / "dehaze.onnx", _network_metadata(config), config.working_long_side_px, _recipe(config), step
     )
     held_out = ClearViews(recordings, config.working_long_side_px, config.held_out, train=False)
-    figures = validate(model, held_out, config.seed)
+    figures = validate(model, held_out, config.seed, config.prior)
     for name, value in figures.items():
         console.print(f"{name} = {value:.4g}")
     (out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
@@ -175,7 +183,8 @@ def _run(
     recent = 0.0
     with stop_on_interrupt() as stopped, Progress(*columns, console=console) as progress:
         bar = progress.add_task("training", total=1.0)
-        last = time.monotonic()
+        clock = time.process_time if config.cpu_minutes else time.monotonic
+        last = clock()
         for batch in _batches(config, views, step):
             fraction = fraction_done(step, config.steps, seconds, config.minutes)
             if fraction >= 1 or stopped.is_set():
@@ -186,8 +195,8 @@ def _run(
                 raise FloatingPointError(f"loss is {loss} at step {step}; lower lr ({config.lr}) and start again")
             averaged(ema, model, config.ema_decay, step)
             step += 1
-            seconds += time.monotonic() - last
-            last = time.monotonic()
+            seconds += clock() - last
+            last = clock()
             recent = -loss if recent == 0 else 0.98 * recent - 0.02 * loss
             progress.update(bar, completed=fraction, description=f"step {step}, loss {-recent:.2f} dB")
             if step % config.checkpoint_every == 0:
@@ -201,12 +210,13 @@ def _step(
     model: nn.Module, optimizer: torch.optim.Optimizer, batch: Batch, rate: float, config: DehazeTrainConfig
 ) -> float:
     device = next(model.parameters()).device
-    hazy, clear, t = (x.to(device, memory_format=torch.channels_last) for x in batch)
+    hazy, clear, t, prior = (x.to(device, memory_format=torch.channels_last) for x in batch)
     for group in optimizer.param_groups:
         group["lr"] = rate
     bf16 = device.type == "cuda" if config.bf16 is None else config.bf16
     with torch.autocast(device.type, torch.bfloat16) if bf16 else nullcontext():
-        loss = dehaze_loss(model(hazy).float(), clear, t, config.visible_share)
+        restored = model(prior, torch.cat([hazy, prior], 1)) if config.prior else model(hazy)
+        loss = dehaze_loss(restored.float(), clear, t, config.visible_share)
     optimizer.zero_grad()
     loss.backward()
     torch.nn.utils.clip_grad_norm_(model.parameters(), config.clip_norm)
@@ -219,7 +229,7 @@ def _batches(config: DehazeTrainConfig, views: ClearViews, start: int) -> Iterat
     crop = (config.crop_height, config.crop_width)
 
     def batch(step: int) -> Batch:
-        return training_batch(views, config.batch, crop, config.haze, [config.seed, step])
+        return training_batch(views, config.batch, crop, config.haze, [config.seed, step], config.prior)
 
     with ThreadPoolExecutor(2) as pool:
         waiting = [pool.submit(batch, start + k) for k in range(PREFETCH)]
@@ -241,13 +251,6 @@ def _network_metadata(config: DehazeTrainConfig) -> dict[str, Any]:
     return {"name": config.network} | shape
 
 
-def _load_weights(model: nn.Module, folder: Path) -> None:
-    loaded = load_checkpoint(folder, model, None)
-    if loaded is None:
-        raise ValueError(f"{folder} holds no checkpoint to start from")
-    model.load_state_dict(loaded[0] or model.state_dict())
-
-
 def _resume(
     config: DehazeTrainConfig, model: nn.Module, optimizer: torch.optim.Optimizer, out: Path
 ) -> tuple[dict[str, Tensor], int, float]:
@@ -255,6 +258,7 @@ def _resume(
     if progress is None:
         return {name: value.detach().clone() for name, value in model.state_dict().items()}, 0, 0.0
     stored = OLDER_RECIPE | progress["recipe"]
+    stored["haze"] = {"physical_share": 0.0, "recorded_share": 0.0, "prior_share": 0.5} | stored["haze"]
     if stored != _recipe(config):
         changed = [name for name, value in _recipe(config).items() if stored.get(name) != value]
         raise ValueError(
@@ -282,7 +286,7 @@ def _save(
 def _recipe(config: DehazeTrainConfig) -> dict[str, Any]:
     """What must stay the same when a run goes on: all but budget and machine; tuples as JSON gives them back."""
     keys = asdict(config)
-    for name in ("steps", "minutes", "threads", "device", "bf16", "checkpoint_every"):
+    for name in ("steps", "minutes", "threads", "device", "bf16", "checkpoint_every", "cpu_minutes"):
         del keys[name]
     keys["haze"] = {name: list(v) if isinstance(v, tuple) else v for name, v in keys["haze"].items()}
     return keys

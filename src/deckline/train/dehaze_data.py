@@ -7,44 +7,19 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 from torch import Tensor
 
 from deckline.dehaze.network_io import averaged_down, image_to_tensor, reduction_factor, tensor_to_image
-from deckline.haze import add_haze, beta_from_visibility, transmission
+from deckline.geometry import Camera
 from deckline.recording import FrameError, Source, open_source
+from deckline.train.dehaze_haze import HazeAugmentation, geometry_prior, lay_haze
 from deckline.train.split import split_views
 from deckline.types import Frame
 
 MAX_BAD_DRAWS = 20
+LOWEST_STEP, LOWEST_PERCENTILE = 4, 95.0  # px, %: waves have no depth of their own
 HORIZON_SHARE = 0.2  # of the sky's pixels, counted from the lowest row: what "the horizon's colour" is the mean of
-GREY_LEVELS = (70.0, 245.0)  # airlight of a random colour, 0..255
-# Tints of random airlight, multiplied onto grey: bluish (fog in daylight) to warm (dust, low sun).
-BLUISH, WARM = np.array([0.86, 0.95, 1.05]), np.array([1.06, 0.97, 0.85])
-
-
-@dataclass(frozen=True)
-class HazeAugmentation:
-    """What haze training images get."""
-
-    visibility_m: tuple[float, float] = (250.0, 4000.0)  # 2 % contrast, log-uniform
-    clear_share: float = 0.06  # of the images get next to no haze, so that clear images come out untouched
-    clear_visibility_m: tuple[float, float] = (20000.0, 200000.0)  # log-uniform
-    horizon_share: float = 0.8  # of the airlights are near the sky's colour at the horizon, the others random
-    exact_share: float = 0.5  # of those are the horizon's colour itself, as Koschmieder's law has it for one light
-    noise_share: float = 0.3  # of the hazy images get sensor noise
-    noise_max: float = 2.0  # its largest 1-sigma, grey levels
-    crop_scale: tuple[float, float] = (0.75, 1.25)  # size of the window a crop is resized from, relative to the crop
-    flip_horizontal: float = 0.5  # probability
-    flip_vertical: float = 0.0  # the paper flips with 0.5; aircraft that see a deck from above do not
-
-    def __post_init__(self) -> None:
-        for name in ("visibility_m", "clear_visibility_m", "crop_scale"):
-            low, high = getattr(self, name)
-            if not 0 < low <= high:
-                raise ValueError(f"{name} must be 0 < low <= high, got {low} and {high}")
-        for name in ("clear_share", "horizon_share", "exact_share", "noise_share", "flip_horizontal", "flip_vertical"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} must lie in 0..1, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +29,12 @@ class ClearView:
     clear_rgb: NDArray[np.uint8]  # (H, W, 3)
     range_m: NDArray[np.float16]  # (H, W) ray length; inf for sky
     horizon_rgb: NDArray[np.float32] | None  # (3,) 0..255; None when no sky is in the view
+    camera: Camera  # of the picture as it is here
+    world_from_camera: RigidTransform | None = None
+    deck_z_m: float | None = None  # world z
+    sea_z_m: float = 0.0  # world z of the lowest things in view; 0 without a pose
+    hazy_rgb: NDArray[np.uint8] | None = None  # (H, W, 3) as it was recorded, where that was in haze
+    visibility_m: float = float("inf")  # of that picture, 2 % contrast
 
 
 def clear_view(frame: Frame, long_side_px: int) -> ClearView:
@@ -64,23 +45,64 @@ def clear_view(frame: Frame, long_side_px: int) -> ClearView:
     """
     if frame.depth_m is None:
         raise ValueError(f"{frame.file}: no depth; haze is added from depth (record with --depth.range-m inf)")
-    truth = frame.truth
-    if truth is not None and truth.clear_rgb is not None:
-        clear = truth.clear_rgb
-    elif truth is not None and truth.visibility_m is not None and np.isinf(truth.visibility_m):
-        clear = frame.image_rgb
-    else:
-        raise ValueError(f"{frame.file}: no clear image, and the recording does not say that it was seen in clear air")
-    ranges = np.nan_to_num(frame.depth_m * frame.camera.ray_lengths(), nan=np.inf)
+    clear, hazy = _pictures(frame)
     height, width = clear.shape[:2]
     factor = reduction_factor(height, width, long_side_px)
-    if factor > 1:
-        height, width = height // factor * factor, width // factor * factor
-        clear = tensor_to_image(averaged_down(image_to_tensor(clear[:height, :width]), factor))
-        # One range of every block: a mean over a ship's edge would lie where nothing is.
-        ranges = ranges[factor // 2 : height : factor, factor // 2 : width : factor]
+    height, width = height // factor * factor, width // factor * factor
+    # One range of every block: a mean over a ship's edge would lie where nothing is.
+    ranges = (frame.depth_m * frame.camera.ray_lengths())[factor // 2 : height : factor, factor // 2 : width : factor]
+    ranges = np.nan_to_num(ranges, nan=np.inf)
+    clear = _reduced(clear, factor)
+    camera, pose = frame.camera.resized(clear.shape[1], clear.shape[0]), frame.true_world_from_camera
     with np.errstate(over="ignore"):  # beyond 65 km is as good as sky
-        return ClearView(clear, ranges.astype(np.float16), horizon_colour(clear, ranges))
+        half = ranges.astype(np.float16)
+    return ClearView(
+        clear,
+        half,
+        horizon_colour(clear, ranges),
+        camera,
+        pose,
+        frame.deck_z_m,
+        0.0 if pose is None else lowest_z(ranges, camera, pose),
+        None if hazy is None else _reduced(hazy, factor),
+        float("inf") if hazy is None or frame.truth is None else float(frame.truth.visibility_m or np.inf),
+    )
+
+
+def _pictures(frame: Frame) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """A frame's clear picture, and its hazy one where it was recorded in haze."""
+    truth = frame.truth
+    visibility_m = None if truth is None else truth.visibility_m
+    if truth is not None and truth.clear_rgb is not None:
+        return truth.clear_rgb, None if visibility_m is None or np.isinf(visibility_m) else frame.image_rgb
+    if visibility_m is not None and np.isinf(visibility_m):
+        return frame.image_rgb, None
+    raise ValueError(f"{frame.file}: no clear image, and the recording does not say that it was seen in clear air")
+
+
+def _reduced(image_rgb: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """Averaged down; what is left over at the right and the bottom is cut off."""
+    height, width = (side // factor * factor for side in image_rgb.shape[:2])
+    if factor == 1:
+        return image_rgb
+    return tensor_to_image(averaged_down(image_to_tensor(image_rgb[:height, :width]), factor))
+
+
+def lowest_z(range_m: NDArray[np.floating], camera: Camera, world_from_camera: RigidTransform) -> float:
+    """World z (down) of the lowest things in a view: the water wherever it is seen. The camera's own when all is sky.
+
+    Args:
+        range_m: (H, W) ray lengths; infinite: sky.
+    """
+    v, u = np.mgrid[0 : camera.height : LOWEST_STEP, 0 : camera.width : LOWEST_STEP]
+    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64))
+    ranges = range_m[v.ravel(), u.ravel()]
+    seen = np.isfinite(ranges) & np.isfinite(rays).all(axis=1)
+    eye_z = float(world_from_camera.translation[2])
+    if not seen.any():
+        return eye_z
+    down = (rays[seen] @ world_from_camera.rotation.as_matrix()[2]) / np.linalg.norm(rays[seen], axis=1)
+    return eye_z + float(np.percentile(ranges[seen] * down, LOWEST_PERCENTILE))
 
 
 def horizon_colour(clear_rgb: NDArray[np.uint8], range_m: NDArray[np.floating]) -> NDArray[np.float32] | None:
@@ -140,39 +162,21 @@ class ClearViews:
         raise ValueError(f"{MAX_BAD_DRAWS} frames in a row cannot be read; the last errors: {self.skipped}")
 
 
-def random_airlight(
-    horizon_rgb: NDArray[np.float32] | None, horizon_share: float, rng: np.random.Generator, exact_share: float = 0.0
-) -> NDArray[np.float64]:
-    """Colour of thick haze (3,), 0..255: the horizon's; near it, greyer, at times darker; or grey, bluish or warm."""
-    if horizon_rgb is not None and rng.random() < horizon_share:
-        if rng.random() < exact_share:
-            return np.clip(horizon_rgb * (1 + rng.normal(0, 0.02, 3)), 0, 255)
-        grey = horizon_rgb.mean()
-        colour = grey + (horizon_rgb - grey) * rng.uniform(0.0, 1.2)
-        colour = colour * (rng.uniform(0.55, 0.85) if rng.random() < 0.25 else rng.uniform(0.85, 1.1))
-    else:
-        tint = BLUISH if rng.random() < 0.5 else WARM
-        colour = rng.uniform(*GREY_LEVELS) * (1 + (tint - 1) * rng.uniform(0.0, 1.0))
-    return np.clip(colour * (1 + rng.normal(0, 0.03, 3)), 40, 250)
-
-
 def hazy_pair(
-    view: ClearView, window: tuple[slice, slice], haze: HazeAugmentation, rng: np.random.Generator
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]:
-    """Hazy and clear (h, w, 3) and transmission (h, w) of one window of a view, flipped at random."""
-    clear = view.clear_rgb[window]
-    limits = haze.clear_visibility_m if rng.random() < haze.clear_share else haze.visibility_m
-    visibility_m = float(np.exp(rng.uniform(*np.log(limits))))
-    airlight = random_airlight(view.horizon_rgb, haze.horizon_share, rng, haze.exact_share)
-    beta = beta_from_visibility(visibility_m)
-    hazy = add_haze(clear, view.range_m[window], beta, airlight)
-    if rng.random() < haze.noise_share:
-        noise = rng.standard_normal(hazy.shape, dtype=np.float32) * rng.uniform(0, haze.noise_max)
-        hazy = np.clip(np.rint(hazy + noise), 0, 255).astype(np.uint8)
+    view: ClearView, window: tuple[slice, slice], haze: HazeAugmentation, rng: np.random.Generator, prior: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
+    """One window of a view, flipped at random.
+
+    Returns:
+        Hazy and clear (h, w, 3), transmission (h, w), and the geometry dehazer's picture (h, w, 3), which is the hazy
+        one again unless `prior` asks for it and luck gives it.
+    """
+    hazy, t = lay_haze(view, haze, rng)
+    guess = geometry_prior(view, hazy, rng) if prior and rng.random() < haze.prior_share else hazy
     step_v = -1 if rng.random() < haze.flip_vertical else 1
     step_u = -1 if rng.random() < haze.flip_horizontal else 1
-    t = transmission(view.range_m[window], beta)
-    return hazy[::step_v, ::step_u], clear[::step_v, ::step_u], t[::step_v, ::step_u]
+    flip = np.s_[::step_v, ::step_u]
+    return hazy[window][flip], view.clear_rgb[window][flip], t[window][flip], guess[window][flip]
 
 
 def random_window(
@@ -187,9 +191,10 @@ def random_window(
 
 
 def training_batch(
-    views: ClearViews, batch: int, crop: tuple[int, int], haze: HazeAugmentation, seed: list[int]
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Hazy and clear (batch, 3, h, w) in 0..1 and transmission (batch, 1, h, w).
+    views: ClearViews, batch: int, crop: tuple[int, int], haze: HazeAugmentation, seed: list[int], prior: bool = False
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Hazy and clear (batch, 3, h, w) in 0..1, transmission (batch, 1, h, w), and the picture (batch, 3, h, w) that a
+    network with a prior starts from.
 
     The same for the same seed, so a resumed run sees what it would have seen.
     """
@@ -198,11 +203,12 @@ def training_batch(
     for _ in range(batch):
         view = views.draw(rng)
         window = random_window(view.clear_rgb.shape[:2], crop, haze.crop_scale, rng)
-        hazy, clear, t = hazy_pair(view, window, haze, rng)
+        hazy, clear, t, guess = hazy_pair(view, window, haze, rng, prior)
         planes = [image_to_tensor(hazy), image_to_tensor(clear), np.ascontiguousarray(t)[None, None]]
+        planes.append(image_to_tensor(guess))
         sample = torch.cat([torch.from_numpy(plane) for plane in planes], 1)
         if sample.shape[2:] != crop:
             sample = F.interpolate(sample, crop, mode="bilinear", antialias=True, align_corners=False)
         samples.append(sample)
     stacked = torch.cat(samples)
-    return stacked[:, :3], stacked[:, 3:6], stacked[:, 6:]
+    return stacked[:, :3], stacked[:, 3:6], stacked[:, 6:7], stacked[:, 7:]

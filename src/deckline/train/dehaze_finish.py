@@ -5,14 +5,17 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from deckline.dehaze.network_io import image_to_tensor, tensor_to_image
 from deckline.evaluate.metrics import psnr_db, ssim
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.recording import FrameError
-from deckline.train.dehaze_data import ClearView, ClearViews, random_airlight
+from deckline.train.dehaze_data import ClearView, ClearViews
+from deckline.train.dehaze_haze import geometry_prior, random_airlight
 from deckline.train.export import export_onnx
+from deckline.train.network_cost import network_cost
 
 VALIDATION_VISIBILITY_M = (500.0, 3000.0)  # uniform; the range that the project's mark is set for
 VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
@@ -26,12 +29,13 @@ FIGURES = (
     "ssim_hazy.mean",
     "ssim.mean",
 )
+WITH_PRIOR = ("psnr_db_with_prior.mean", "psnr_db_surface_with_prior.mean")
 
 
 @torch.no_grad()
-def validate(model: nn.Module, views: ClearViews, seed: int) -> dict[str, float]:
+def validate(model: nn.Module, views: ClearViews, seed: int, prior: bool = False) -> dict[str, float]:
     """PSNR (dB) and SSIM on whole held-out views, hazy as they come and dehazed; PSNR without the sky; PSNR on
-    haze-free views.
+    haze-free views. A network that takes a prior is measured without one, and its PSNR with it as well.
 
     Haze depends on `seed` and the view alone, so that runs can be compared.
     """
@@ -41,7 +45,7 @@ def validate(model: nn.Module, views: ClearViews, seed: int) -> dict[str, float]
     rows = []
     for index in indices.tolist():
         try:
-            rows.append(_figures(model, views[index], np.random.default_rng([seed, index])))
+            rows.append(_figures(model, views[index], np.random.default_rng([seed, index]), prior))
         except FrameError as error:
             views.skipped[error.file] = error.reason
     model.train(was_training)
@@ -49,19 +53,25 @@ def validate(model: nn.Module, views: ClearViews, seed: int) -> dict[str, float]
         raise ValueError(f"no held-out frame can be read: {views.skipped}")
     # A view that comes out untouched has infinite PSNR; 60 dB stands for it in the mean.
     means = np.minimum(rows, 60.0).mean(axis=0)
-    return {**dict(zip(FIGURES, means.tolist(), strict=True)), "views": float(len(rows))}
+    names = FIGURES + (WITH_PRIOR if prior else ())
+    return {**dict(zip(names, means.tolist(), strict=True)), "views": float(len(rows))}
 
 
-def _figures(model: nn.Module, view: ClearView, rng: np.random.Generator) -> list[float]:
-    """FIGURES of one view."""
+def _figures(model: nn.Module, view: ClearView, rng: np.random.Generator, prior: bool) -> list[float]:
+    """FIGURES of one view, and WITH_PRIOR."""
     clear = view.clear_rgb
     airlight = random_airlight(view.horizon_rgb, HORIZON_SHARE, rng)
     hazy = add_haze(clear, view.range_m, beta_from_visibility(rng.uniform(*VALIDATION_VISIBILITY_M)), airlight)
-    dehazed, untouched = _dehaze(model, hazy), _dehaze(model, clear)
     surface = np.isfinite(view.range_m)  # sea and ship
-    pairs = [(clear, hazy), (clear, dehazed), (clear, untouched)]
-    pairs += [(clear[surface][None], image[surface][None]) for image in (hazy, dehazed)]
-    return [*(psnr_db(image, reference) for reference, image in pairs), ssim(hazy, clear), ssim(dehazed, clear)]
+
+    def both(image: NDArray[np.uint8]) -> tuple[float, float]:
+        return psnr_db(image, clear), psnr_db(image[surface][None], clear[surface][None])
+
+    guesses = (hazy, clear) if prior else (None, None)
+    dehazed, untouched = _dehaze(model, hazy, guesses[0]), _dehaze(model, clear, guesses[1])
+    (whole_hazy, surface_hazy), (whole, below) = both(hazy), both(dehazed)
+    row = [whole_hazy, whole, psnr_db(untouched, clear), surface_hazy, below, ssim(hazy, clear), ssim(dehazed, clear)]
+    return row + ([*both(_dehaze(model, hazy, geometry_prior(view, hazy, rng)))] if prior else [])
 
 
 def export_dehaze(
@@ -70,7 +80,8 @@ def export_dehaze(
     """Write the network as ONNX with dynamic height and width; recipe and network config go into the metadata.
 
     Args:
-        model: takes an image (1, 3, H, W), and a working image where `network` has an `unshuffle` above 1.
+        model: takes an image (1, 3, H, W), and a working image where `network` has an `unshuffle` above 1, of six
+            channels where it has a `prior`.
         path: of the file.
         network: what the model was built from; its `unshuffle` is 1 for every network at full resolution.
         working_long_side_px: the size of images that it was trained on.
@@ -80,16 +91,19 @@ def export_dehaze(
     A coarse network's file takes a working image whose sides are multiples of `unshuffle`, and an image larger by a
     whole factor; OnnxDehazer pads images to that. A full-resolution network's file takes any size.
     """
-    coarse = network["unshuffle"] > 1
+    coarse, prior = network["unshuffle"] > 1, network.get("prior", False)
     device = next(model.parameters()).device
     dynamic = {"image": {2: "height", 3: "width"}, "clear": {2: "height", 3: "width"}}
     args = [torch.rand(1, 3, 128, 192, device=device)]
     if coarse:
         dynamic["working"] = {2: "working_height", 3: "working_width"}
-        args.append(torch.rand(1, 3, 64, 96, device=device))
+        args.append(torch.rand(1, 6 if prior else 3, 64, 96, device=device))
+    cost = network_cost(model, channels=(3, 6) if prior else (3,))
     metadata = {
         "kind": "dehaze",
         "network": network,
+        "parameters": cost.parameters,
+        "macs_256": cost.macs,
         "working_long_side_px": working_long_side_px,
         "recipe": recipe,
         "step": step,
@@ -98,7 +112,13 @@ def export_dehaze(
     return export_onnx(model, tuple(args), path, names, ["clear"], dynamic, metadata)
 
 
-def _dehaze(model: nn.Module, image_rgb: np.ndarray) -> np.ndarray:
+def _dehaze(model: nn.Module, image_rgb: NDArray[np.uint8], prior_rgb: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
+    """An image through the network; `prior_rgb` for one that takes a prior."""
     device = next(model.parameters()).device
-    tensor = torch.from_numpy(image_to_tensor(image_rgb)).to(device)
-    return tensor_to_image(model(tensor).float().cpu().numpy())
+    hazy = torch.from_numpy(image_to_tensor(image_rgb)).to(device)
+    if prior_rgb is None:
+        restored = model(hazy)
+    else:
+        prior = torch.from_numpy(image_to_tensor(prior_rgb)).to(device)
+        restored = model(prior, torch.cat([hazy, prior], 1))
+    return tensor_to_image(restored.float().cpu().numpy())

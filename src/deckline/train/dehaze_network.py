@@ -41,6 +41,7 @@ class DehazeNetworkConfig:
     expansion: int = 2  # of the feed-forward parts
     unshuffle: int = 4  # image px per pixel of the coarse grid; 1 is the paper's full resolution
     guide_radius: int = 1  # of the guided filter's window, coarse px
+    prior: bool = False  # starts from a second picture, where geometry has removed haze already; coarse grids only
     attention: Attention = "mix"  # or depthwise-separable convolutions in its place: the paper's Table 5
     transformer: Transformer = "mobilevit"  # or conventional transformers in its place: the paper's Table 5
 
@@ -50,6 +51,8 @@ class DehazeNetworkConfig:
                 "channels, unshuffle and guide_radius must be at least 1, "
                 f"got {self.channels}, {self.unshuffle}, {self.guide_radius}"
             )
+        if self.prior and self.unshuffle == 1:
+            raise ValueError("prior needs a coarse grid: unshuffle above 1")
         if len(self.depths) != 5 or len(self.vit_layers) != 3:
             raise ValueError(f"need 5 depths and 3 vit_layers, got {self.depths} and {self.vit_layers}")
         if self.spatial_kernel % 2 == 0:
@@ -85,7 +88,7 @@ class DehazeNetwork(nn.Module):
         self.config = config
         c = config.channels
         mix, vit = _attention_stages(config), _transformer_stages(config)
-        self.intro = nn.Conv2d(3 * config.unshuffle**2, c, 3, padding=1)
+        self.intro = nn.Conv2d(3 * config.unshuffle**2 + 3 * config.prior, c, 3, padding=1)
         self.encoder_full = nn.Sequential(mix[0], vit[0])
         self.down_half = down(c)
         self.encoder_half = nn.Sequential(mix[1], vit[1])
@@ -103,16 +106,20 @@ class DehazeNetwork(nn.Module):
         """Remove haze.
 
         Args:
-            image: (B, 3, H, W) RGB in 0..1.
-            working: (B, 3, h, w) the same view averaged down by a whole factor H / h = W / w, on which K and B
-                are estimated (coarse networks only); None estimates them on `image` itself.
+            image: (B, 3, H, W) RGB in 0..1: what K and B are applied to. The hazy picture, or with `prior` what
+                geometry made of it.
+            working: (B, 3, h, w) the same picture averaged down by a whole factor H / h = W / w, on which K and B
+                are estimated (coarse networks only); None estimates them on `image` itself. With `prior` it is
+                needed, (B, 6, h, w): the hazy picture, then the other one.
 
         Returns:
             (B, 3, H, W), not clipped to 0..1.
 
         Raises:
-            ValueError: `working` given to a full-resolution network.
+            ValueError: `working` given to a full-resolution network, or not given to one with a prior.
         """
+        if self.config.prior and working is None:
+            raise ValueError("a network with a prior needs the working pictures: the hazy one, then the prior")
         source = image if working is None else working
         if self.config.unshuffle == 1:
             if working is not None:
@@ -124,7 +131,10 @@ class DehazeNetwork(nn.Module):
 
     def _estimate(self, image: Tensor) -> Tensor:
         """K and B (B, 4, h, w) on the grid of the padded image's unshuffled pixels."""
-        x = F.pixel_unshuffle(self._pad(image), self.config.unshuffle) - 0.5
+        whole, unshuffle = self._pad(image), self.config.unshuffle
+        x = F.pixel_unshuffle(whole[:, :3], unshuffle) - 0.5
+        if self.config.prior:
+            x = torch.cat([x, F.avg_pool2d(whole[:, 3:], unshuffle) - 0.5], 1)
         full = self.encoder_full(self.intro(x))
         half = self.encoder_half(self.down_half(full))
         x = self.bottleneck(self.down_quarter(half))
@@ -142,7 +152,7 @@ class DehazeNetwork(nn.Module):
 
         Source: fast guided filter (He and Sun 2015): K and B are linear in the guide within a window.
         """
-        guide = F.avg_pool2d(luma(self._pad(working)), self.config.unshuffle)
+        guide = F.avg_pool2d(luma(self._pad(working[:, -3:])), self.config.unshuffle)
         slope, offset = linear_in_guide(
             self._estimate(working), guide, torch.exp(self.log_guide_eps), self.config.guide_radius
         )

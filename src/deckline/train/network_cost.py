@@ -22,8 +22,10 @@ def count_parameters(model: nn.Module) -> int:
     return sum(value.numel() for value in model.parameters())
 
 
-def network_cost(model: nn.Module, size_px: tuple[int, int] = REFERENCE_PX) -> NetworkCost:
-    """Parameters and MACs of a network that takes one image (1, 3, H, W).
+def network_cost(
+    model: nn.Module, size_px: tuple[int, int] = REFERENCE_PX, channels: tuple[int, ...] = (3,)
+) -> NetworkCost:
+    """Parameters and MACs of a network that takes images (1, C, H, W) of one size.
 
     A multiplication with its addition is one MAC. Biases, norms, activations, pooling, softmax and interpolation are
     not counted, as in the papers; attention's two products are. A transposed convolution is charged its weights once an
@@ -32,9 +34,10 @@ def network_cost(model: nn.Module, size_px: tuple[int, int] = REFERENCE_PX) -> N
 
     Args:
         model: left as it is.
-        size_px: height and width of the image.
+        size_px: height and width of the images.
+        channels: C of each of them.
     """
     shapes = copy.deepcopy(model).to("meta").eval()
     with torch.no_grad(), FlopCounterMode(display=False) as counter:
-        shapes(torch.empty(1, 3, *size_px, device="meta"))
+        shapes(*(torch.empty(1, count, *size_px, device="meta") for count in channels))
     return NetworkCost(count_parameters(model), counter.get_total_flops() // 2)
