@@ -236,11 +236,17 @@ def frame_like(height: int, width: int) -> np.ndarray:
 def test_torch_and_onnx_agree(config: DehazeNetworkConfig, tmp_path: Path) -> None:
     """At most one grey level apart, at sizes the export never saw, odd ones too."""
     model = network(config)
+    working_px = 128 if config.unshuffle > 1 else 1024  # full resolution: nothing here is averaged down first
     dehazer = OnnxDehazer(
-        export_dehaze(model, tmp_path / "net.onnx", network_metadata(config), 128, {"lr": 1.0}, 7), threads=1
+        export_dehaze(model, tmp_path / "net.onnx", network_metadata(config), working_px, {"lr": 1.0}, 7), threads=1
     )
-    assert dehazer.session.config["network"]["channels"] == config.channels
-    assert (dehazer.session.config["recipe"], dehazer.session.config["step"]) == ({"lr": 1.0}, 7)
+    stored = dehazer.session.config
+    assert [stored["network"][name] for name in ("channels", "attention", "transformer")] == [
+        config.channels,
+        config.attention,
+        config.transformer,
+    ]
+    assert (stored["recipe"], stored["step"]) == ({"lr": 1.0}, 7)
     for height, width, factor in [(72, 128, 1), (75, 131, 1), (144, 257, 2), (201, 380, 3)]:
         image = frame_like(height, width)
         full = image_to_tensor(padded(image, 4 * factor if dehazer.coarse else 1))
