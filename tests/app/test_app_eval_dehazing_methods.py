@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hazy_recording import pictures, write_network
 
-from deckline.app.eval_dehazing_methods import build_dehazer, by_name
-from deckline.runtime import shipped_weights
+from deckline.app.eval_dehazing_methods import build_dehazer, by_name, model_of
+from deckline.runtime import sha256_of, shipped_weights
 
 
 def test_two_files_of_one_name_are_refused(tmp_path):
@@ -24,3 +24,13 @@ def test_full_size_networks_see_the_whole_picture_and_coarse_ones_what_they_are_
     used = build_dehazer(shipped)
     assert used.coarse
     assert build_dehazer(shipped, full_size=True).working_long_side_px == used.working_long_side_px
+
+
+def test_a_model_is_its_weights_or_the_code_that_dehazes(tmp_path, monkeypatch):
+    path = write_network(tmp_path / "net" / "dehaze.onnx")
+    assert model_of(build_dehazer(str(path))) == f"weights {sha256_of(path)}"
+    own = model_of(build_dehazer("geometry"))
+    assert own == model_of(build_dehazer("dark-channel"))
+    (tmp_path / "__init__.py").write_text("changed = True\n")
+    monkeypatch.setattr("deckline.dehaze.__file__", str(tmp_path / "__init__.py"))
+    assert model_of(build_dehazer("geometry")) != own

@@ -1,9 +1,10 @@
 """Dehazers by the names and files that a command line gives."""
 
+import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from deckline import __version__
+import deckline.dehaze
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
 from deckline.runtime import sha256_of
 
@@ -61,10 +62,17 @@ def build_dehazer(given: str, full_size: bool = False) -> Dehazer:
 
 
 def model_of(dehazer: Dehazer) -> str:
-    """Which model it is: a network's SHA-256; for what has no weights, deckline's version."""
-    if isinstance(dehazer, OnnxDehazer):
-        return f"SHA-256 {sha256_of(dehazer.session.path)}"
-    return f"deckline {__version__}"
+    """Which model it is: the SHA-256 of a network's file, and of deckline's own dehazing code where that takes part."""
+    if not isinstance(dehazer, OnnxDehazer):
+        return f"code {_code()}"
+    weights = f"weights {sha256_of(dehazer.session.path)}"
+    return weights if dehazer.geometry is None else f"{weights}, code {_code()}"
+
+
+def _code() -> str:
+    """SHA-256 of the modules that dehaze."""
+    folder = Path(deckline.dehaze.__file__).parent
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
 
 
 def size_of(dehazer: Dehazer) -> tuple[int, int] | None:
