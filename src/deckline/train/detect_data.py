@@ -12,6 +12,7 @@ from torch import Tensor
 from deckline.detect.row_anchors import RowGrid
 from deckline.recording import Source, open_source
 from deckline.train.detect_augment import DetectAugmentation
+from deckline.train.detect_labels import LabelledFolder, LabelledView, is_labelled_folder
 from deckline.train.detect_losses import DetectTargets
 from deckline.train.detect_samples import make_sample
 from deckline.train.detect_views import LineView, line_view
@@ -21,10 +22,11 @@ PREFETCH = 4  # batches made ahead
 
 
 class LineViews:
-    """Views of several recordings, read when first asked for and kept in memory. Safe to share between threads.
+    """Views of recordings and labelled folders, read when first asked for and kept in memory. Threads may share it.
 
     Args:
-        recordings: clear recordings with full depth and true lines; one given twice is drawn twice as often.
+        recordings: clear recordings with full depth and true lines, or images with labels.json; one given twice is
+            drawn twice as often.
         held_out: share of every recording, at its end, that training does not see.
         train: the training part; False gives the held-out part, of every recording once.
 
@@ -33,19 +35,25 @@ class LineViews:
     """
 
     def __init__(self, recordings: list[Path], held_out: float, train: bool = True) -> None:
-        self._sources: dict[Path, Source] = {path: open_source(path) for path in recordings}
+        self._sources: dict[Path, Source | LabelledFolder] = {
+            path: LabelledFolder(path) if is_labelled_folder(path) else open_source(path) for path in recordings
+        }
         self._items = split_views(recordings, self._sources, held_out, train)
-        self._cache: dict[tuple[Path, int], LineView] = {}
+        self._cache: dict[tuple[Path, int], LineView | LabelledView] = {}
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
         return len(self._items)
 
-    def __getitem__(self, index: int) -> LineView:
+    def __getitem__(self, index: int) -> LineView | LabelledView:
         path, frame_index = item = self._items[index]
         view = self._cache.get(item)
         if view is None:
-            view = line_view(self._sources[path].load(frame_index))
+            source = self._sources[path]
+            if isinstance(source, LabelledFolder):
+                view = source.view(frame_index)
+            else:
+                view = line_view(source.load(frame_index))
             with self._lock:
                 self._cache[item] = view
         return view

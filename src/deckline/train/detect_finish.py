@@ -13,9 +13,10 @@ from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
 from deckline.detect.outputs import network_output
 from deckline.detect.row_anchors import DecodeConfig
 from deckline.haze import add_haze
-from deckline.train.dehaze_data import random_airlight
+from deckline.train.dehaze_haze import random_airlight
 from deckline.train.detect_augment import DetectAugmentation
 from deckline.train.detect_data import LineViews
+from deckline.train.detect_labels import LabelledView
 from deckline.train.detect_views import LineView
 from deckline.train.export import export_onnx
 from deckline.train.line_network import LineNetwork
@@ -107,18 +108,20 @@ def _summary(scores: list[Score]) -> dict[str, float]:
     }
 
 
-def _can_be_scored(view: LineView) -> bool:
+def _can_be_scored(view: LineView | LabelledView) -> bool:
     """Whether there is no runway, or a good part of both lines is in the image; what lies between is no clear case."""
     if view.lines_px is None:
         return True
-    height, width = view.clear.clear_rgb.shape[:2]
+    height, width = view.image_rgb.shape[:2]
     inside = np.all((view.lines_px >= 0) & (view.lines_px <= [width - 1, height - 1]), axis=2)
     return bool((inside.mean(axis=1) > 0.1).all())
 
 
-def _hazed(view: LineView, depth: float, augment: DetectAugmentation, rng: np.random.Generator) -> NDArray[np.uint8]:
-    if depth == 0.0:
-        return view.clear.clear_rgb
+def _hazed(
+    view: LineView | LabelledView, depth: float, augment: DetectAugmentation, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    if isinstance(view, LabelledView) or depth == 0.0:
+        return view.image_rgb
     ramp_m = 300.0 if view.ranges_m is None else max(float(view.ranges_m.min()), 20.0)
     airlight = random_airlight(view.clear.horizon_rgb, augment.horizon_share, rng)
     return add_haze(view.clear.clear_rgb, view.clear.range_m, depth / ramp_m, airlight)

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from deckline.detect.preprocess import Window, look, normalise, whole_window
 from deckline.detect.region import STRIDE, encode_region
 from deckline.detect.row_anchors import RowGrid, encode
-from deckline.train.dehaze_data import random_airlight
+from deckline.train.dehaze_haze import random_airlight
 from deckline.train.detect_augment import DetectAugmentation, degraded, rotated
+from deckline.train.detect_labels import LabelledView
 from deckline.train.detect_views import LineView
 
 PAINT_CONTRAST = 100.0  # grey levels between white paint and a dark deck
@@ -37,9 +38,15 @@ class _Scene(NamedTuple):
     visible: NDArray[np.bool_]  # (2, N) not lost in haze
 
 
-def make_sample(view: LineView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator) -> Sample:
-    """Haze, flip, turn, choose where to look, degrade, look: everything random comes from `rng`."""
-    scene = _turned(_flipped(_hazy(view, augment, rng), augment, rng), augment, rng)
+def make_sample(
+    view: LineView | LabelledView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator
+) -> Sample:
+    """Haze, flip, turn, choose where to look, degrade, look: everything random comes from `rng`.
+
+    A labelled picture keeps the haze that it was taken in.
+    """
+    seen = _as_taken(view) if isinstance(view, LabelledView) else _hazy(view, augment, rng)
+    scene = _turned(_flipped(seen, augment, rng), augment, rng)
     height, width = scene.image.shape[:2]
     box = visible_box(scene.lines_px, scene.visible, (0, 0, width - 1, height - 1))
     window = _window(box, (width, height), (grid.width, grid.height), augment, rng)
@@ -96,6 +103,12 @@ def visible_box(
         return None
     box = np.concatenate([points.min(axis=0), points.max(axis=0)])
     return box if box[2] > box[0] and box[3] > box[1] else None
+
+
+def _as_taken(view: LabelledView) -> _Scene:
+    """What a person labelled can be seen."""
+    lines = np.zeros((2, 0, 2)) if view.lines_px is None else view.lines_px
+    return _Scene(view.image_rgb.astype(np.float32), lines, np.asarray(np.isfinite(lines).all(axis=2)))
 
 
 def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:

@@ -19,6 +19,11 @@ class LineView:
     lines_px: NDArray[np.float64] | None  # (2, N, 2) left and right, in order along the line; None: no runway
     ranges_m: NDArray[np.float64] | None  # (2, N) from the camera
 
+    @property
+    def image_rgb(self) -> NDArray[np.uint8]:
+        """(H, W, 3) without haze."""
+        return self.clear.clear_rgb
+
 
 def line_view(frame: Frame) -> LineView:
     """What training needs of a frame.

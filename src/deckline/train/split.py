@@ -1,13 +1,11 @@
 """Which frames of recordings are for training and which are held out; the same for every network."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sized
 from pathlib import Path
-
-from deckline.recording import Source
 
 
 def split_views(
-    recordings: list[Path], sources: Mapping[Path, Source], held_out: float, train: bool
+    recordings: list[Path], sources: Mapping[Path, Sized], held_out: float, train: bool
 ) -> list[tuple[Path, int]]:
     """Frames as (recording, index).
 
