@@ -2,12 +2,14 @@
 
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
+from deckline.haze import add_haze, beta_from_visibility
 from deckline.recording import RecordingWriter
 from deckline.train.dehaze import DehazeTrainConfig
 from deckline.types import Frame, Truth
@@ -54,6 +56,19 @@ def clear_recording(folder: Path, frames: int) -> Path:
     with RecordingWriter(folder, "ppm", {"preset": "test"}) as writer:
         for index in range(frames):
             writer.add(clear_frame(index))
+    return folder
+
+
+def hazy_recording(folder: Path, frames: int, visibility_m: float = 700.0) -> Path:
+    """`folder`, with the same frames seen through haze, each with its clear picture."""
+    with RecordingWriter(folder, "ppm", {"preset": "test"}) as writer:
+        for index in range(frames):
+            frame = clear_frame(index)
+            assert frame.depth_m is not None
+            ranges = frame.depth_m * frame.camera.ray_lengths()
+            hazy = add_haze(frame.image_rgb, ranges, beta_from_visibility(visibility_m), (150, 170, 200))
+            truth = Truth(visibility_m=visibility_m, clear_rgb=frame.image_rgb)
+            writer.add(replace(frame, image_rgb=hazy, truth=truth))
     return folder
 
 

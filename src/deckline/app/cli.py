@@ -65,13 +65,14 @@ def _train_group() -> dict[str, Callable[..., int]]:
 
 
 def _eval_group() -> dict[str, Callable[..., int]]:
-    from deckline.app import eval_commands, eval_dehazing, eval_detection, eval_flicker
+    from deckline.app import eval_ablation, eval_commands, eval_dehazing, eval_detection, eval_flicker
 
     return {
         "chain": eval_commands.chain,
         "recording": eval_commands.recording,
         "labels": eval_commands.labels,
         "flicker": eval_flicker.flicker,
+        "ablation": eval_ablation.ablation,
         "dehazing": eval_dehazing.dehazing,
         "detection": eval_detection.detection,
     }
