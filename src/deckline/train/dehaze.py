@@ -32,10 +32,15 @@ from deckline.train.rivals import build
 from deckline.train.schedule import averaged, fraction_done, learning_rate
 from deckline.train.start import start_with
 
-MSE_FLOOR = 1e-5  # 50 dB: better than that earns nothing, or the clear images would outweigh the hazy ones
 PREFETCH = 3  # batches made ahead
 # What checkpoints do not say that are older than the choice: the one network that there was.
-OLDER_RECIPE = {"network": "deckline", "attention": "mix", "transformer": "mobilevit", "prior": False}
+OLDER_RECIPE = {
+    "network": "deckline",
+    "attention": "mix",
+    "transformer": "mobilevit",
+    "prior": False,
+    "best_psnr_db": 50.0,
+}
 Network = Literal["deckline", "aod-net", "gca-net", "grid-dehaze-net", "g-unet-t", "dehaze-former-t"]
 Batch = tuple[Tensor, Tensor, Tensor, Tensor]  # hazy, clear, transmission, prior
 
@@ -61,6 +66,7 @@ class DehazeTrainConfig:
     warm_up: float = 0.02  # of the run
     weight_decay: float = 4e-3
     visible_share: float = 0.5  # of the loss is PSNRLoss weighted by transmission; the paper's is 0
+    best_psnr_db: float = 50.0  # better than that earns nothing, or the clear images would outweigh the hazy ones
     clip_norm: float = 1.0  # of the gradient
     ema_decay: float = 0.999  # of the averaged weights, which are the ones exported
     held_out: float = 0.05  # of every recording, for validation
@@ -95,27 +101,37 @@ class DehazeTrainConfig:
         )
 
 
-def psnr_loss(restored: Tensor, clear: Tensor, weight: Tensor | None = None) -> Tensor:
+def psnr_loss(
+    restored: Tensor, clear: Tensor, weight: Tensor | None = None, best_psnr_db: float = DehazeTrainConfig.best_psnr_db
+) -> Tensor:
     """PSNRLoss: mean over images of -PSNR in dB. Source: SPEC section 2.
 
     Args:
         restored, clear: (B, 3, H, W) in 0..1.
         weight: (B, 1, H, W) of each pixel's squared error; None counts all alike.
+        best_psnr_db: what a perfect picture counts as.
     """
     squared = ((restored - clear) ** 2).mean(1, keepdim=True)
     weight = torch.ones_like(squared) if weight is None else weight
     total = weight.sum((1, 2, 3)).clamp(min=1)  # an image that shows less than one pixel's worth teaches nothing
     mse = (weight * squared).sum((1, 2, 3)) / total
-    return 10 * torch.log10(mse + MSE_FLOOR).mean()
+    return 10 * torch.log10(mse + 10 ** (-best_psnr_db / 10)).mean()
 
 
-def dehaze_loss(restored: Tensor, clear: Tensor, t: Tensor, visible_share: float) -> Tensor:
+def dehaze_loss(
+    restored: Tensor,
+    clear: Tensor,
+    t: Tensor,
+    visible_share: float,
+    best_psnr_db: float = DehazeTrainConfig.best_psnr_db,
+) -> Tensor:
     """PSNRLoss over the whole image, and over what still shows through the haze (weighted by transmission t).
 
     The sky and far water are hidden completely and their error cannot be learned away; without the second part it
     would drown the deck's.
     """
-    return (1 - visible_share) * psnr_loss(restored, clear) + visible_share * psnr_loss(restored, clear, t)
+    whole, visible = (psnr_loss(restored, clear, weight, best_psnr_db) for weight in (None, t))
+    return (1 - visible_share) * whole + visible_share * visible
 
 
 def train_dehaze(
@@ -216,7 +232,7 @@ def _step(
     bf16 = device.type == "cuda" if config.bf16 is None else config.bf16
     with torch.autocast(device.type, torch.bfloat16) if bf16 else nullcontext():
         restored = model(prior, torch.cat([hazy, prior], 1)) if config.prior else model(hazy)
-        loss = dehaze_loss(restored.float(), clear, t, config.visible_share)
+        loss = dehaze_loss(restored.float(), clear, t, config.visible_share, config.best_psnr_db)
     optimizer.zero_grad()
     loss.backward()
     torch.nn.utils.clip_grad_norm_(model.parameters(), config.clip_norm)
