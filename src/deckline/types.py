@@ -68,6 +68,7 @@ class Frame:
     depth_m: NDArray[np.float32] | None = None  # (H, W) along the optical axis, NaN where unknown
     world_from_body: RigidTransform | None = None
     deck_z_m: float | None = None  # world z (down) of the deck plane, as the ship reports it
+    sea_z_m: float | None = None  # world z (down) of the water
     truth: Truth | None = None
 
     def __post_init__(self) -> None:

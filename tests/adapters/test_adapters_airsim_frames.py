@@ -6,7 +6,7 @@ from deckline.adapters.airsim.client import pose_from
 from deckline.adapters.airsim.frames import View, float_image, live_frame, raw_image
 from deckline.geometry import Camera, attitude, camera_mount
 
-VIEW = View("front", camera_mount(), np.pi / 2, deck_z_m=-18.0)
+VIEW = View("front", camera_mount(), np.pi / 2, deck_z_m=-18.0, sea_z_m=2.0)
 
 
 def test_raw_bytes_are_blue_green_red_with_the_top_row_first():
@@ -23,7 +23,7 @@ def test_a_frame_is_picture_depth_camera_and_pose_of_its_image():
     np.testing.assert_array_equal(frame.image_rgb, BGR[:, :, ::-1])
     np.testing.assert_array_equal(frame.depth_m, DEPTH)
     assert frame.camera.__dict__ == Camera.from_fov(4, 3, np.pi / 2).__dict__
-    assert frame.deck_z_m == -18.0
+    assert (frame.deck_z_m, frame.sea_z_m) == (-18.0, 2.0)
     # AirSim's camera looks along its own x; the optical frame's z is the same direction
     np.testing.assert_allclose(frame.world_from_camera.apply([0.0, 0.0, 5.0]), [6.0, 2.0, -3.0], atol=1e-12)
     np.testing.assert_allclose(frame.world_from_body.translation, [1.0, 2.0, -3.0])

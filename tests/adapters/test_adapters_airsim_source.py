@@ -34,7 +34,7 @@ def numbered():
 
 def test_frames_come_until_the_source_is_stopped():
     with StandIn(simGetImages=numbered()) as server:
-        source, said = live(server, camera="front", vehicle="Drone1", deck_z_m=-18.0)
+        source, said = live(server, camera="front", vehicle="Drone1", deck_z_m=-18.0, sea_z_m=2.0)
         assert source.length is None
         assert source.name == f"airsim://127.0.0.1:{server.port}/Drone1 camera front"
         frames = []
@@ -45,7 +45,7 @@ def test_frames_come_until_the_source_is_stopped():
         asked = {method: params for method, params in server.calls}
     assert [frame.time_s for frame in frames] == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert len({frame.file for frame in frames}) == 5
-    assert all(frame.deck_z_m == -18.0 for frame in frames)
+    assert all((frame.deck_z_m, frame.sea_z_m) == (-18.0, 2.0) for frame in frames)
     assert asked["simGetCameraInfo"] == ["front", "Drone1"]
     assert asked["simGetVehiclePose"] == ["Drone1"]
     assert said == []

@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from sea_scene import AIRLIGHT, CAMERA, EYE_Z_M, frame_of, ray_z, sea_pair, world_from_body
+from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, EYE_Z_M, SEA_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.dehaze import DEHAZERS, FrameDehazer, GeometryConfig, GeometryDehazer, restore
 from deckline.dehaze.geometry import display_levels, linear_levels, most_likely, smaller
@@ -45,6 +45,17 @@ def test_the_sea_comes_back():
     near = ray_z(world_from_body()) > 60 / 1000
     assert psnr_db(hazy, clear, near) < 17
     assert psnr_db(GeometryDehazer().restore(frame_of(hazy)).image_rgb, clear, near) > 27
+
+
+def test_the_sea_is_where_the_frame_says():
+    hazy, _ = sea_pair(BETA)
+    as_config = GeometryDehazer(GeometryConfig(sea_below_deck_m=12.0)).restore(frame_of(hazy)).image_rgb
+    known = GeometryDehazer().restore(frame_of(hazy, sea_z_m=DECK_Z_M + 12.0)).image_rgb
+    np.testing.assert_array_equal(known, as_config)
+    assert (known != GeometryDehazer().restore(frame_of(hazy)).image_rgb).any()
+    without_deck = GeometryDehazer().restore(frame_of(hazy, deck_z_m=None, sea_z_m=SEA_Z_M))
+    near = ray_z(world_from_body()) > 60 / 1000
+    assert psnr_db(without_deck.image_rgb, sea_pair(BETA)[1], near) > 27
 
 
 def test_the_sky_is_left_alone():
@@ -141,7 +152,8 @@ def test_a_smaller_frame_shows_the_same_view():
     ("changes", "words"),
     [
         ({"world_from_body": None}, "no pose; give poses"),
-        ({"deck_z_m": None}, "deck's height is unknown; give --deck-z-m"),
+        ({"deck_z_m": None}, "no height is known; give --sea-z-m or --deck-z-m"),
+        ({"sea_z_m": -25.0}, "the sea (z -25 m) is above the deck (z -20 m)"),
         ({"deck_z_m": EYE_Z_M - 25}, "camera is 5.0 m below the sea"),
         ({"world_from_body": world_from_body(-60.0)}, "the horizon is not in view"),
     ],

@@ -265,19 +265,21 @@ def test_camera_is_the_given_one_else_the_scenes_else_the_one_beside_else_90_deg
 def test_scene_gives_deck_and_truth_and_the_caller_may_overrule_the_deck(tmp_path):
     truth = {"left": {"p0_m": [1, 2, 3], "p1_m": [4, 5, 6]}, "right": None, "visibility_m": 900}
     folder = recording(tmp_path / "rec", [row(1_000_000)], {IMAGE: png(PIXELS)})
-    (folder / "scene.json").write_text(scene(frames={IMAGE: {"deck_z_m": -17.5, "truth": truth}}))
+    (folder / "scene.json").write_text(scene(frames={IMAGE: {"deck_z_m": -17.5, "sea_z_m": 2.5, "truth": truth}}))
     frame = open_source(folder).load(0)
-    assert frame.deck_z_m == -17.5
+    assert (frame.deck_z_m, frame.sea_z_m) == (-17.5, 2.5)
     assert frame.truth.left.p1_m.tolist() == [4.0, 5.0, 6.0]
     assert frame.truth.right is None
     assert frame.truth.visibility_m == 900.0
-    assert open_source(folder, deck_z_m=-20.0).load(0).deck_z_m == -20.0
+    overruled = open_source(folder, deck_z_m=-20.0, sea_z_m=0.0).load(0)
+    assert (overruled.deck_z_m, overruled.sea_z_m) == (-20.0, 0.0)
 
 
 @pytest.mark.parametrize(
     ("entry", "text"),
     [
         ({"deck_z_m": "high"}, "deck_z_m must be a finite number"),
+        ({"sea_z_m": "low"}, "sea_z_m must be a finite number"),
         ({"truth": {"clear_image": "../x.png"}}, "must be a path inside the recording"),
         ({"truth": {"clear_image": "clear/x.png"}}, "image is missing"),
         ({"camera": {"width": 3}}, "scene.json: camera: height"),

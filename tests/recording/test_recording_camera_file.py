@@ -30,12 +30,13 @@ def test_values_and_defaults(tmp_path):
 
 def test_mount_distortion_and_deck(tmp_path):
     text = CAMERA + (
-        "distortion = [0.1, -0.2, 0.001, 0, 0.05]\ndeck_z_m = -20\n"
+        "distortion = [0.1, -0.2, 0.001, 0, 0.05]\ndeck_z_m = -20\nsea_z_m = 1.5\n"
         "[body_from_camera]\ntranslation_m = [1, 0.5, -0.25]\nquaternion_wxyz = [1, 0, 0, 0]\n"
     )
     mounted = read_camera_file(write(tmp_path, text))
     assert mounted.camera.distortion == (0.1, -0.2, 0.001, 0.0, 0.05)
-    assert mounted.deck_z_m == -20.0
+    assert (mounted.deck_z_m, mounted.sea_z_m) == (-20.0, 1.5)
+    assert (mounted.at(None, 0.0).deck_z_m, mounted.at(None, 0.0).sea_z_m) == (-20.0, 0.0)
     np.testing.assert_allclose(mounted.body_from_camera.apply([0.0, 0.0, 2.0]), [1.0, 0.5, 1.75])
 
 
@@ -55,6 +56,7 @@ def test_mount_without_quaternion_looks_forward(tmp_path):
         (CAMERA.replace("= 3", "= 3.5"), "width must be a whole number of px, got 3.5"),
         (CAMERA + "distortion = [1, 2]\n", "distortion .* must be 5 numbers"),
         (CAMERA + "deck_z_m = '12'\n", "deck_z_m must be a finite number"),
+        (CAMERA + "sea_z_m = inf\n", "sea_z_m must be a finite number"),
         (CAMERA + "[body_from_camera]\nquaternion_wxyz = [0, 0, 0, 0]\n", "zero length"),
         ("width = ", "not valid TOML"),
     ],

@@ -53,11 +53,13 @@ def test_there_and_back_gives_the_same_bytes(tmp_path):
 
 
 def test_a_camera_file_gives_intrinsics_mount_and_deck(tmp_path):
-    (tmp_path / "c.toml").write_text(CAMERA + "deck_z_m = -7.0\n[body_from_camera]\ntranslation_m = [5, 0, 1]\n")
+    (tmp_path / "c.toml").write_text(
+        CAMERA + "deck_z_m = -7.0\nsea_z_m = 3.0\n[body_from_camera]\ntranslation_m = [5, 0, 1]\n"
+    )
     options = AirSimOptions(camera=read_camera_file(tmp_path / "c.toml"))
     add_scene(plain(tmp_path / "a"), tmp_path / "b", options)
     frame = open_source(tmp_path / "b").load(0)
-    assert (frame.camera.fx, frame.camera.fy, frame.deck_z_m) == (4.0, 5.0, -7.0)
+    assert (frame.camera.fx, frame.camera.fy, frame.deck_z_m, frame.sea_z_m) == (4.0, 5.0, -7.0, 3.0)
     assert frame.body_from_camera.translation.tolist() == [5.0, 0.0, 1.0]
 
 

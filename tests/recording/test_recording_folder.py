@@ -59,9 +59,11 @@ def test_depth_lies_beside_by_stem(tmp_path):
 
 
 def test_deck_height_comes_from_the_caller_or_the_camera_file(tmp_path):
-    images(tmp_path, ["a.png"], camera=CAMERA + "deck_z_m = -20\n")
-    assert open_source(tmp_path).load(0).deck_z_m == -20.0
-    assert open_source(tmp_path, deck_z_m=-17.0).load(0).deck_z_m == -17.0
+    images(tmp_path, ["a.png"], camera=CAMERA + "deck_z_m = -20\nsea_z_m = 0.5\n")
+    as_written, given = open_source(tmp_path).load(0), open_source(tmp_path, deck_z_m=-17.0).load(0)
+    assert (as_written.deck_z_m, as_written.sea_z_m) == (-20.0, 0.5)
+    assert (given.deck_z_m, given.sea_z_m) == (-17.0, 0.5)
+    assert open_source(tmp_path, sea_z_m=1.0).load(0).sea_z_m == 1.0
 
 
 @pytest.mark.parametrize(

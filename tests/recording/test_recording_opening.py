@@ -29,6 +29,7 @@ def test_folder_of_recordings_points_to_one(tmp_path):
         ({"pfm_rows": "upside-down"}, "pfm_rows must be"),
         ({"fov_deg": 180.0}, "fov_deg must lie between 0 and 180"),
         ({"deck_z_m": float("nan")}, "deck_z_m must be a finite number"),
+        ({"sea_z_m": float("inf")}, "sea_z_m must be a finite number"),
         ({"far_m": 0.0}, "far_m must be > 0"),
         ({"camera_file": "/nowhere/camera.toml"}, "cannot be read"),
     ],

@@ -32,6 +32,7 @@ def frame(index: int, **changes) -> Frame:
         "depth_m": depth,
         "world_from_body": pose(rng.normal(0, 100, 3), rng.normal(0, 1, 4)),
         "deck_z_m": -17.0,
+        "sea_z_m": 2.0,
         "truth": Truth(LINE, LINE, 800.0, (200.0, 205.0, 210.0), PIXELS),
     }
     return Frame(**{**values, **changes})
@@ -47,7 +48,7 @@ def check_same(read, written: Frame) -> None:
     assert isinstance(read, Frame), read
     np.testing.assert_array_equal(read.image_rgb, written.image_rgb)
     np.testing.assert_array_equal(read.depth_m, written.depth_m)
-    assert (read.time_s, read.deck_z_m) == (written.time_s, written.deck_z_m)
+    assert (read.time_s, read.deck_z_m, read.sea_z_m) == (written.time_s, written.deck_z_m, written.sea_z_m)
     assert read.camera.__dict__ == written.camera.__dict__
     for name in ("world_from_body", "body_from_camera"):
         np.testing.assert_allclose(
@@ -92,7 +93,7 @@ def test_unknown_depth_is_stored_as_airsims_far_value(tmp_path):
 
 
 def test_scene_holds_the_camera_once_and_no_infinity(tmp_path):
-    frames = [frame(1), frame(2, truth=Truth(visibility_m=math.inf)), frame(3, truth=None, deck_z_m=None)]
+    frames = [frame(1), frame(2, truth=Truth(visibility_m=math.inf)), frame(3, truth=None, deck_z_m=None, sea_z_m=None)]
     write(tmp_path, frames, scene={"preset": "paper"})
     scene = json.loads((tmp_path / "scene.json").read_text(), parse_constant=pytest.fail)
     assert scene["preset"] == "paper"

@@ -97,6 +97,7 @@ def test_left_is_left_on_the_deck_and_the_ramp_end_is_mostly_nearer(training):
         on_ship = frame.truth.world_from_ship.inv().apply([left.p0_m, left.p1_m, right.p0_m, right.p1_m])
         np.testing.assert_allclose(on_ship[:, 2], 0.0, atol=1e-9)
         assert abs(left.p0_m[2] - frame.deck_z_m) < 6.0  # the deck moves about the height that the ship reports
+        assert frame.sea_z_m > frame.deck_z_m
         camera = frame.world_from_camera.translation
         nearer.append(np.linalg.norm(left.p0_m - camera) < np.linalg.norm(left.p1_m - camera))
     assert np.mean(nearer) > 0.7  # the others look from ahead or abeam

@@ -35,6 +35,7 @@ def run(
     poses: Path | None = None,
     fov_deg: float = 90.0,
     deck_z_m: float | None = None,
+    sea_z_m: float | None = None,
     rate: float = 5.0,
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
@@ -52,6 +53,7 @@ def run(
         poses: poses.csv, when it does not lie beside the images or the video.
         fov_deg: horizontal field of view of an AirSim recording without a camera file.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
+        sea_z_m: world z (down, metres) of the water, for dehazing by geometry; without it 20 m below the deck.
         rate: frames a second that are taken from a simulator, at most.
         dehazer: name (see `deckline info`) or an .onnx file.
         detector: name (see `deckline info`) or an .onnx file.
@@ -66,9 +68,11 @@ def run(
             raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
         with needs_extra("sim"):
             from deckline.adapters.airsim.source import open_live
-        opened = open_live(source, camera or "0", rate, deck_z_m)
+        opened = open_live(source, camera or "0", rate, deck_z_m, sea_z_m)
     else:
-        opened = open_source(source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m)
+        opened = open_source(
+            source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
+        )
     config = PipelineConfig(dehazer, detector, replace(LocalizeConfig(), mode=mode), seed)
     return _run(opened, Pipeline(config), out, max_frames=max_frames, resume=resume)
 

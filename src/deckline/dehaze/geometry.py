@@ -45,10 +45,13 @@ class GeometryDehazer:
         pose = frame.world_from_camera
         if pose is None:
             return _left_alone(frame, "the frame has no pose; give poses or choose another dehazer")
-        if frame.deck_z_m is None:
-            return _left_alone(frame, "the deck's height is unknown; give --deck-z-m or choose another dehazer")
+        heights = self._heights(frame)
+        if heights is None:
+            return _left_alone(frame, "no height is known; give --sea-z-m or --deck-z-m, or choose another dehazer")
+        sea_z_m, deck_z_m = heights
+        if sea_z_m < deck_z_m:
+            return _left_alone(frame, f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
         small = smaller(frame, LOOK_PX)
-        sea_z_m = frame.deck_z_m + self.config.sea_below_deck_m
         view = sea_view(small.camera, pose, sea_z_m)
         if view.height_m <= 0:
             return _left_alone(frame, f"the camera is {-view.height_m:.1f} m below the sea")
@@ -57,9 +60,16 @@ class GeometryDehazer:
         haze = fit_haze(np.moveaxis(planes, 0, 2), view, water)
         if isinstance(haze, NotFitted):
             return _left_alone(frame, haze.reason)
-        deck = sea_view(small.camera, pose, frame.deck_z_m)
+        deck = sea_view(small.camera, pose, deck_z_m)
         share, bound = nearer_things(planes, view, deck, haze, self.config)
         return Restored(remove_haze(frame, sea_z_m, haze, share, bound, self.config))
+
+    def _heights(self, frame: Frame) -> tuple[float, float] | None:
+        """World z of sea and deck; without a deck's height the sea's is taken for it, and raises nothing."""
+        if frame.sea_z_m is None:
+            deck_z_m = frame.deck_z_m
+            return None if deck_z_m is None else (deck_z_m + self.config.sea_below_deck_m, deck_z_m)
+        return frame.sea_z_m, frame.sea_z_m if frame.deck_z_m is None else frame.deck_z_m
 
 
 def _left_alone(frame: Frame, reason: str) -> Restored:

@@ -9,7 +9,7 @@ class GeometryConfig:
     """Lengths in pixels are meant for images 1280 px wide and scaled for others."""
 
     light: Literal["display", "linear"] = "display"  # what haze adds to: the picture's levels, or sRGB's light
-    sea_below_deck_m: float = 20.0  # flight deck above water; Nimitz class
+    sea_below_deck_m: float = 20.0  # where the frame does not know the sea's height; Nimitz class
     clear_beta_per_m: float = 1e-4  # what is left in the picture: a clear day's air, visibility 39 km
     level_sigma: float = 2.0  # of a pixel's noise, levels 0..255
     airlight_sigma: float = 0.02  # of the airlight's share in a pixel, as a fraction of it

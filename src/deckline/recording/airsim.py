@@ -50,6 +50,7 @@ class AirSimOptions:
     deck_z_m: float | None = None  # world z of the deck plane; None: as the recording says
     pfm_rows: PfmRows = "top-to-bottom"  # AirSim's order
     far_m: float = FAR_DEPTH_M  # stored depths from here on mean "nothing seen"
+    sea_z_m: float | None = None  # world z of the water; None: as the recording says
 
 
 class AirSimRecording(Source):
@@ -106,7 +107,8 @@ class AirSimRecording(Source):
             body_from_camera=mounted.body_from_camera,
             depth_m=depth,
             world_from_body=world_from_body,
-            deck_z_m=self._deck_z(entry, mounted),
+            deck_z_m=self._height("deck_z_m", entry, mounted),
+            sea_z_m=self._height("sea_z_m", entry, mounted),
             truth=self._truth(entry),
         )
 
@@ -130,11 +132,13 @@ class AirSimRecording(Source):
             return self._options.fallback_camera
         return MountedCamera(Camera.from_fov(shape[1], shape[0], math.radians(self._options.fov_deg)), camera_mount())
 
-    def _deck_z(self, entry: dict[str, Any], mounted: MountedCamera) -> float | None:
-        if self._options.deck_z_m is not None:
-            return self._options.deck_z_m
-        value = entry.get("deck_z_m", mounted.deck_z_m)
-        return None if value is None else number(value, "deck_z_m")
+    def _height(self, name: str, entry: dict[str, Any], mounted: MountedCamera) -> float | None:
+        """World z of deck or sea: the caller's, else scene.json's, else the camera file's."""
+        given: float | None = getattr(self._options, name)
+        if given is not None:
+            return given
+        value = entry.get(name, getattr(mounted, name))
+        return None if value is None else number(value, name)
 
     def _truth(self, entry: dict[str, Any]) -> Truth | None:
         if "truth" not in entry:

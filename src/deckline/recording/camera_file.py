@@ -15,25 +15,33 @@ from deckline.recording.source import RecordingError, read_text
 
 CAMERA_FILE = "camera.toml"
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
+HEIGHTS = ("deck_z_m", "sea_z_m")
 EXAMPLE = "width, height, fx, fy, cx, cy in px, one a line, such as fx = 1000.0"
 
 
 @dataclass(frozen=True, eq=False)
 class MountedCamera:
-    """A camera, where it sits on the aircraft, and the deck height when the same file says it."""
+    """A camera, where it sits on the aircraft, and the heights of deck and sea when the same file says them."""
 
     camera: Camera
     body_from_camera: RigidTransform
     deck_z_m: float | None = None  # world z (down) of the deck plane
+    sea_z_m: float | None = None  # world z (down) of the water
+
+    def at(self, deck_z_m: float | None, sea_z_m: float | None) -> "MountedCamera":
+        """The same with other heights; None keeps what the file says."""
+        given = {"deck_z_m": deck_z_m, "sea_z_m": sea_z_m}
+        heights = {name: getattr(self, name) if value is None else value for name, value in given.items()}
+        return MountedCamera(self.camera, self.body_from_camera, **heights)
 
 
 def read_camera_file(path: Path) -> MountedCamera:
     """Read camera.toml.
 
     Keys: width, height, fx, fy, cx, cy (px, the centre of the top-left pixel is 0, 0); optional distortion =
-    [k1, k2, p1, p2, k3], deck_z_m, and a table [body_from_camera] with translation_m (3, metres, forward-right-down)
-    and quaternion_wxyz of body <- optical frame (x right, y down, z forward). Without the table, or without its
-    quaternion, the camera looks along the body's forward axis, which is quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
+    [k1, k2, p1, p2, k3], deck_z_m and sea_z_m (metres), and a table [body_from_camera] with translation_m (3, metres,
+    forward-right-down) and quaternion_wxyz of body <- optical frame (x right, y down, z forward). Without the table, or
+    without its quaternion, the camera looks along the body's forward axis: quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
 
     Raises:
         RecordingError: missing or unreadable file, an unknown or missing key, or values that make no camera.
@@ -42,10 +50,10 @@ def read_camera_file(path: Path) -> MountedCamera:
         values = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise RecordingError(f"{path}: not valid TOML: {error}") from None
-    return camera_from_mapping(values, str(path), allow_deck=True)
+    return camera_from_mapping(values, str(path), allow_heights=True)
 
 
-def camera_from_mapping(values: Any, where: str, *, allow_deck: bool = False) -> MountedCamera:
+def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False) -> MountedCamera:
     """Camera from parsed TOML or JSON; `where` begins every error line.
 
     Raises:
@@ -53,7 +61,7 @@ def camera_from_mapping(values: Any, where: str, *, allow_deck: bool = False) ->
     """
     if not isinstance(values, Mapping):
         raise RecordingError(f"{where}: a camera must be a table with {', '.join(INTRINSICS)}, got {values!r}")
-    known = (*INTRINSICS, "distortion", "body_from_camera", *(("deck_z_m",) if allow_deck else ()))
+    known = (*INTRINSICS, "distortion", "body_from_camera", *(HEIGHTS if allow_heights else ()))
     _check_keys(values, known, where)
     missing = [key for key in INTRINSICS if key not in values]
     if missing:
@@ -61,13 +69,13 @@ def camera_from_mapping(values: Any, where: str, *, allow_deck: bool = False) ->
     width, height = (_size(values[key], f"{where}: {key}") for key in INTRINSICS[:2])
     fx, fy, cx, cy = (_number(values[key], f"{where}: {key}") for key in INTRINSICS[2:])
     k1, k2, p1, p2, k3 = _numbers(values.get("distortion", [0.0] * 5), 5, f"{where}: distortion (k1, k2, p1, p2, k3)")
-    deck = values.get("deck_z_m") if allow_deck else None
+    heights = {key: _number(values[key], f"{where}: {key}") for key in HEIGHTS if key in values}
     try:
         camera = Camera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
     except ValueError as error:
         raise RecordingError(f"{where}: {error}") from None
     mount = _mount(values.get("body_from_camera", {}), f"{where}: body_from_camera")
-    return MountedCamera(camera, mount, None if deck is None else _number(deck, f"{where}: deck_z_m"))
+    return MountedCamera(camera, mount, **heights)
 
 
 def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from deckline.recording.airsim import (
     read_rows,
 )
 from deckline.recording.camera_file import camera_to_mapping
-from deckline.recording.scene import SCENE_FILE, entry_text, read_scene, scene_text
+from deckline.recording.scene import SCENE_FILE, entry_text, known_heights, read_scene, scene_text
 from deckline.recording.source import FrameError, RecordingError, is_inside
 from deckline.types import Frame
 
@@ -55,7 +55,7 @@ def add_scene(
     rows, notes = read_rows(recording / RECORD_FILE)
     frame = _first_usable(AirSimRecording(recording, None, options))
     mount = frame.body_from_camera if body_from_camera is None else body_from_camera
-    entry = entry_text({} if frame.deck_z_m is None else {"deck_z_m": frame.deck_z_m})
+    entry = entry_text(known_heights(frame))
     entries = {name: entry for row in rows for name in _scene_image(row)}
     scene = scene_text(camera_to_mapping(frame.camera, mount), entries, {"generator": GENERATOR})
     return _copy(recording, out, rows, notes, scene)

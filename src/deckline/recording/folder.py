@@ -26,7 +26,6 @@ class ImageFolder(Source):
         folder: Path,
         mounted: MountedCamera,
         poses: Poses | None,
-        deck_z_m: float | None,
         pfm_rows: PfmRows,
         far_m: float,
     ) -> None:
@@ -34,7 +33,6 @@ class ImageFolder(Source):
         self.name = str(folder)
         self._mounted = mounted
         self._poses = poses
-        self._deck_z_m = mounted.deck_z_m if deck_z_m is None else deck_z_m
         self._pfm_rows: PfmRows = pfm_rows
         self._far_m = far_m
         found = list_images(folder)
@@ -74,7 +72,8 @@ class ImageFolder(Source):
             body_from_camera=self._mounted.body_from_camera,
             depth_m=depth,
             world_from_body=world_from_body,
-            deck_z_m=self._deck_z_m,
+            deck_z_m=self._mounted.deck_z_m,
+            sea_z_m=self._mounted.sea_z_m,
         )
 
 

@@ -22,6 +22,7 @@ def open_source(
     poses_file: Path | str | None = None,
     fov_deg: float = 90.0,
     deck_z_m: float | None = None,
+    sea_z_m: float | None = None,
     pfm_rows: PfmRows = "top-to-bottom",
     far_m: float = FAR_DEPTH_M,
 ) -> Source:
@@ -36,6 +37,7 @@ def open_source(
             poses.csv beside the video, when it is there.
         fov_deg: horizontal field of view of an AirSim recording that has no camera; 90 is AirSim's default.
         deck_z_m: world z (down) of the deck plane; overrides what files say.
+        sea_z_m: world z (down) of the water; overrides what files say.
         pfm_rows: order of the rows in PFM depth files; AirSim's is "top-to-bottom", the PFM definition's the other.
         far_m: depths stored at or beyond this mean "nothing seen"; the default is AirSim's half-precision limit.
 
@@ -47,8 +49,9 @@ def open_source(
         raise RecordingError(f'pfm_rows must be "top-to-bottom" or "bottom-to-top", got {pfm_rows!r}')
     if not 0.0 < fov_deg < 180.0:
         raise RecordingError(f"fov_deg must lie between 0 and 180, got {fov_deg}")
-    if deck_z_m is not None and not math.isfinite(deck_z_m):
-        raise RecordingError(f"deck_z_m must be a finite number of metres, got {deck_z_m}")
+    for name, value in (("deck_z_m", deck_z_m), ("sea_z_m", sea_z_m)):
+        if value is not None and not math.isfinite(value):
+            raise RecordingError(f"{name} must be a finite number of metres, got {value}")
     if not far_m > 0:
         raise RecordingError(f"far_m must be > 0 m, got {far_m}")
     given_camera = None if camera_file is None else read_camera_file(Path(camera_file))
@@ -60,22 +63,25 @@ def open_source(
     if (path / RECORD_FILE).exists():
         if given_poses is not None:
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
-        return _airsim(path, AirSimOptions(fov_deg, given_camera, None, deck_z_m, pfm_rows, far_m))
+        return _airsim(path, AirSimOptions(fov_deg, given_camera, None, deck_z_m, pfm_rows, far_m, sea_z_m))
     if path.is_dir():
         _check_known(path)
-        camera = given_camera or _find_camera([path / CAMERA_FILE], path)
+        camera = (given_camera or _find_camera([path / CAMERA_FILE], path)).at(deck_z_m, sea_z_m)
         poses = given_poses or _find_poses([path / POSES_FILE])
-        return ImageFolder(path, camera, poses, deck_z_m, pfm_rows, far_m)
-    return _video(path, given_camera, given_poses, deck_z_m)
+        return ImageFolder(path, camera, poses, pfm_rows, far_m)
+    return _video(path, given_camera, given_poses, deck_z_m, sea_z_m)
 
 
-def _video(path: Path, camera: MountedCamera | None, poses: Poses | None, deck_z_m: float | None) -> Source:
+def _video(
+    path: Path, camera: MountedCamera | None, poses: Poses | None, deck_z_m: float | None, sea_z_m: float | None
+) -> Source:
     from deckline.recording.video import Video, check_video  # PyAV is needed for videos only
 
     check_video(path)
     beside = [path.with_name(f"{path.name}.{CAMERA_FILE}"), path.with_name(CAMERA_FILE)]
     pose_files = [path.with_name(f"{path.name}.{POSES_FILE}"), path.with_name(POSES_FILE)]
-    return Video(path, camera or _find_camera(beside, path), poses or _find_poses(pose_files), deck_z_m)
+    mounted = (camera or _find_camera(beside, path)).at(deck_z_m, sea_z_m)
+    return Video(path, mounted, poses or _find_poses(pose_files))
 
 
 def _airsim(folder: Path, options: AirSimOptions) -> AirSimRecording:

@@ -1,7 +1,7 @@
 """scene.json: what a simulator knows about a recording (cameras, deck height, true lines, atmosphere).
 
 {"format": "deckline-scene", "version": 1, "camera": {...}, free keys such as "preset" and "seed",
- "frames": {"<image file>": {"camera": {...} when it differs, "time_s": exact time, "deck_z_m": ...,
+ "frames": {"<image file>": {"camera": {...} when it differs, "time_s": exact time, "deck_z_m": ..., "sea_z_m": ...,
    "truth": {"left": {"p0_m": [...], "p1_m": [...]} or null, "right": ..., "visibility_m": metres or null,
              "clear_air": true when the visibility is infinite, "airlight_rgb": [...], "clear_image": "clear/<file>",
              "world_from_body": {...} when the recorded pose is a measured one, "world_from_ship": {...},
@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from deckline.recording.camera_file import (
+    HEIGHTS,
     MountedCamera,
     camera_from_mapping,
     transform_from_mapping,
     transform_to_mapping,
 )
 from deckline.recording.source import RecordingError, is_inside, read_text
-from deckline.types import Segment, Truth
+from deckline.types import Frame, Segment, Truth
 
 SCENE_FILE = "scene.json"
 FORMAT = "deckline-scene"
@@ -62,6 +63,11 @@ def read_scene(path: Path) -> Scene:
     raw_camera = values.get("camera")
     camera = None if raw_camera is None else camera_from_mapping(raw_camera, f"{path}: camera")
     return Scene(camera, frames, {key: value for key, value in values.items() if key not in RESERVED})
+
+
+def known_heights(frame: Frame) -> dict[str, float]:
+    """World z of deck and sea, as far as the frame knows them, for its entry."""
+    return {name: float(getattr(frame, name)) for name in HEIGHTS if getattr(frame, name) is not None}
 
 
 def entry_text(entry: Mapping[str, Any]) -> str:

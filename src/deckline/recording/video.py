@@ -25,12 +25,11 @@ class Video(Source):
         RecordingError: no video, or one without frames.
     """
 
-    def __init__(self, path: Path, mounted: MountedCamera, poses: Poses | None, deck_z_m: float | None) -> None:
+    def __init__(self, path: Path, mounted: MountedCamera, poses: Poses | None) -> None:
         self.path = path
         self.name = str(path)
         self._mounted = mounted
         self._poses = None if poses is None else poses.by_frame_number()
-        self._deck_z_m = mounted.deck_z_m if deck_z_m is None else deck_z_m
         self._count = count_frames(path)
         self._cursor: Iterator[tuple[int, Frame | BadFrame]] = iter(())
         self._next = -1
@@ -85,7 +84,8 @@ class Video(Source):
             camera=self._mounted.camera,
             body_from_camera=self._mounted.body_from_camera,
             world_from_body=world_from_body,
-            deck_z_m=self._deck_z_m,
+            deck_z_m=self._mounted.deck_z_m,
+            sea_z_m=self._mounted.sea_z_m,
         )
 
 

@@ -23,7 +23,15 @@ from deckline.recording.camera_file import camera_to_mapping
 from deckline.recording.depth import DEPTH_PLANAR
 from deckline.recording.images import encode_image
 from deckline.recording.netpbm import FAR_DEPTH_M, write_pfm
-from deckline.recording.scene import RESERVED, SCENE_FILE, entry_text, read_scene, scene_text, truth_to_mapping
+from deckline.recording.scene import (
+    RESERVED,
+    SCENE_FILE,
+    entry_text,
+    known_heights,
+    read_scene,
+    scene_text,
+    truth_to_mapping,
+)
 from deckline.recording.source import RecordingError, read_text
 from deckline.types import Frame
 
@@ -235,9 +243,7 @@ class RecordingWriter:
 
 
 def _entry(frame: Frame) -> dict[str, Any]:
-    entry: dict[str, Any] = {}
-    if frame.deck_z_m is not None:
-        entry["deck_z_m"] = float(frame.deck_z_m)
+    entry: dict[str, Any] = dict(known_heights(frame))
     if frame.truth is not None:
         unnamed = None if frame.truth.clear_rgb is None else CLEAR_FOLDER
         entry["truth"] = truth_to_mapping(frame.truth, unnamed)

@@ -154,6 +154,7 @@ class Simulator:
             depth_m=shot.depth_m,
             world_from_body=measured_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
             deck_z_m=float(ship.layout.world_from_ship.translation[2]),
+            sea_z_m=float(layout.sea_z_m),
             truth=self._truth(shot, layout, view, weather),
         )
 

@@ -33,6 +33,7 @@ class View:
     fov_rad: float  # horizontal
     deck_z_m: float | None = None  # world z (down) of the deck plane
     far_m: float = FAR_DEPTH_M  # depths from here on mean "nothing seen"
+    sea_z_m: float | None = None  # world z (down) of the water
 
 
 def frame_name(camera: str, scene: Mapping[str, Any]) -> str:
@@ -66,6 +67,7 @@ def live_frame(scene: Mapping[str, Any], depth: Mapping[str, Any], view: View) -
         depth_m=along_axis(stored, camera, DEPTH_PLANAR, view.far_m),
         world_from_body=world_from_mount * camera_mount() * view.body_from_camera.inv(),
         deck_z_m=view.deck_z_m,
+        sea_z_m=view.sea_z_m,
     )
 
 

@@ -35,6 +35,7 @@ class LiveConfig:
     camera: str = "0"
     rate_hz: float = 5.0
     deck_z_m: float | None = None  # world z (down) of the deck plane
+    sea_z_m: float | None = None  # world z (down) of the water
 
 
 def say_on_stderr(line: str) -> None:
@@ -105,7 +106,8 @@ class LiveSource(Stream):
             name = frame_name(self.config.camera, scene)
             now = look(self._connection, self.config.camera, self.config.vehicle)
             self._mount = followed(self._mount, now)
-            view = View(self.config.camera, self._mount, now.fov_rad, self.config.deck_z_m)
+            config = self.config
+            view = View(config.camera, self._mount, now.fov_rad, config.deck_z_m, sea_z_m=config.sea_z_m)
             return live_frame(scene, depth, view)
         except ValueError as error:
             return BadFrame(name, str(error))
@@ -189,7 +191,13 @@ class Pace:
         )
 
 
-def open_live(address: str, camera: str = "0", rate_hz: float = 5.0, deck_z_m: float | None = None) -> LiveSource:
+def open_live(
+    address: str,
+    camera: str = "0",
+    rate_hz: float = 5.0,
+    deck_z_m: float | None = None,
+    sea_z_m: float | None = None,
+) -> LiveSource:
     """A live source from airsim://HOST:PORT[/VEHICLE].
 
     Raises:
@@ -199,4 +207,4 @@ def open_live(address: str, camera: str = "0", rate_hz: float = 5.0, deck_z_m: f
         host, port, vehicle = parse_address(address)
     except ValueError as error:
         raise RecordingError(str(error)) from None
-    return LiveSource(LiveConfig(host, port, vehicle, camera, rate_hz, deck_z_m))
+    return LiveSource(LiveConfig(host, port, vehicle, camera, rate_hz, deck_z_m, sea_z_m))
