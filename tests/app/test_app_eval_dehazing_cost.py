@@ -14,7 +14,7 @@ def recording(tmp_path) -> Path:
 
 
 def test_a_copy_takes_the_memory_of_a_picture_in_a_fresh_process(recording):
-    task = CostTask("none", str(recording), "0", (2000, 1000), False, None)
+    task = CostTask("none", str(recording), "0", (2000, 1000), False, None, None)
     steps = []
     costs, failed = measure_costs({"none": task}, 1, lambda: steps.append(1))
     assert not failed and len(steps) == 1
@@ -23,7 +23,7 @@ def test_a_copy_takes_the_memory_of_a_picture_in_a_fresh_process(recording):
 
 
 def test_what_cannot_be_measured_says_why(recording):
-    task = CostTask("gone.onnx", str(recording), "0", (64, 48), False, None)
+    task = CostTask("gone.onnx", str(recording), "0", (64, 48), False, None, None)
     costs, failed = measure_costs({"gone": task}, 2, lambda: None)
     assert costs == {} and "gone.onnx does not exist" in failed["gone"]
 

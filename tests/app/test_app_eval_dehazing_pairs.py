@@ -93,3 +93,10 @@ def test_dehazers_never_see_truth_and_see_depth_when_told(tmp_path):
         frame = open_pairs(recording, with_depth=with_depth).load("0").frame
         assert frame.truth is None
         assert (frame.depth_m is not None) is with_depth
+
+
+def test_heights_that_are_given_override_those_of_the_source(tmp_path):
+    recording = write_recording(tmp_path / "recording")
+    assert open_pairs(recording).load("0").frame.deck_z_m == -20.0
+    frame = open_pairs(recording, deck_z_m=-18.5, sea_z_m=2.5).load("0").frame
+    assert (frame.deck_z_m, frame.sea_z_m) == (-18.5, 2.5)

@@ -52,6 +52,7 @@ class DehazingConfig:
         detector: name or .onnx file; none leaves the lines out.
         every: take every so many of a source's pairs.
         deck_z_m: world z of the deck plane; overrides what the sources say.
+        sea_z_m: world z of the water; overrides what the sources say.
         with_depth: give the dehazers the recorded depth, which in a dataset is the truth.
         full_size: networks without a coarse grid work on the whole picture, not on one averaged down.
         cost: measure latency and peak memory as well, each run in a process of its own.
@@ -71,6 +72,7 @@ class DehazingConfig:
     detector: str = PipelineConfig.detector
     every: int = 1
     deck_z_m: float | None = None
+    sea_z_m: float | None = None
     with_depth: bool = False
     full_size: bool = False
     cost: bool = False
@@ -137,7 +139,8 @@ def _load(config: DehazingConfig) -> Bench:
     dehazers = {name: build_dehazer(given, config.full_size) for name, given in named.items()}
     lines = config.detector != NO_DETECTOR
     pipeline = Pipeline(PipelineConfig(dehazer=HAZY, detector=config.detector)) if lines else None
-    sources = tuple(open_pairs(path, config.every, config.deck_z_m, config.with_depth) for path in config.sources)
+    heights = config.deck_z_m, config.sea_z_m
+    sources = tuple(open_pairs(path, config.every, *heights, config.with_depth) for path in config.sources)
     if not any(source.keys for source in sources):
         raise ValueError(f"zero frames: no hazy and clear pair in {', '.join(map(str, config.sources))}")
     return Bench(named, dehazers, pipeline, reference, sources)
@@ -151,6 +154,7 @@ def _settings(config: DehazingConfig, bench: Bench) -> dict[str, Any]:
         "sources": [source.name for source in bench.sources],
         "every": config.every,
         "deck_z_m": config.deck_z_m,
+        "sea_z_m": config.sea_z_m,
         "with_depth": config.with_depth,
         "full_size": config.full_size,
         "detector": chain.get("detector", NO_DETECTOR),
@@ -198,7 +202,9 @@ def _costs(config: DehazingConfig, bench: Bench, score: ImageScore) -> tuple[dic
     tasks = {}
     for name, given in bench.named.items():
         absolute = str(Path(given).resolve()) if given.endswith(".onnx") else given
-        tasks[name] = CostTask(absolute, source, key, config.cost_size, config.full_size, config.deck_z_m)
+        tasks[name] = CostTask(
+            absolute, source, key, config.cost_size, config.full_size, config.deck_z_m, config.sea_z_m
+        )
     with progress("measuring cost", config.cost_runs * len(tasks)) as step:
         return measure_costs(tasks, config.cost_runs, step)
 

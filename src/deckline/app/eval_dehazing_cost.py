@@ -40,6 +40,7 @@ class CostTask:
     size_px: tuple[int, int]  # width, height that the picture is resized to
     full_size: bool
     deck_z_m: float | None
+    sea_z_m: float | None
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,8 @@ def _in_process(task: CostTask) -> Cost | str:
 
 def run_once(task: CostTask) -> Cost:
     """Cost of one run in this process: the second of two, and the peak memory of both."""
-    frame = _resized(open_pairs(Path(task.source), deck_z_m=task.deck_z_m).load(task.key).frame, *task.size_px)
+    source = open_pairs(Path(task.source), deck_z_m=task.deck_z_m, sea_z_m=task.sea_z_m)
+    frame = _resized(source.load(task.key).frame, *task.size_px)
     dehazer = build_dehazer(task.dehazer, task.full_size)
     resident = _reset_peak()
     restore(dehazer, frame)

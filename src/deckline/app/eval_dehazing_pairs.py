@@ -55,13 +55,19 @@ class _Entry:
     visibility_m: float
 
 
-def open_pairs(path: Path, every: int = 1, deck_z_m: float | None = None, with_depth: bool = False) -> PairSource:
+def open_pairs(
+    path: Path,
+    every: int = 1,
+    deck_z_m: float | None = None,
+    sea_z_m: float | None = None,
+    with_depth: bool = False,
+) -> PairSource:
     """A recording with clear truth, or a labelled folder.
 
     Args:
         path: of either.
         every: take every so many of its pairs, from the first on.
-        deck_z_m: world z (down) of the deck plane; overrides what files say.
+        deck_z_m, sea_z_m: world z (down) of the deck plane and of the water; override what files say.
         with_depth: give dehazers the recorded depth. A dataset's is exact and reaches everywhere, as no camera's does.
 
     Raises:
@@ -69,7 +75,7 @@ def open_pairs(path: Path, every: int = 1, deck_z_m: float | None = None, with_d
     """
     if every < 1:
         raise ValueError(f"every must be 1 or more, got {every}")
-    source = open_source(path, deck_z_m=deck_z_m)
+    source = open_source(path, deck_z_m=deck_z_m, sea_z_m=sea_z_m)
     if isinstance(source, ImageFolder) and (path / LABELS_FILE).is_file():
         return _labelled(path, source, every, with_depth)
 
