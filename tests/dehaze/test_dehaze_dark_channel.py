@@ -75,3 +75,21 @@ def test_uniform_haze_is_removed_as_the_model_says() -> None:
 def test_config_errors(keys: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         DarkChannelConfig(**keys)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3), (33, 31)])
+@pytest.mark.parametrize("colour", [(0, 0, 0), (1, 1, 1), (77, 77, 77), (255, 255, 255), (255, 0, 0), (254, 255, 1)])
+def test_a_picture_of_one_colour_is_its_own_airlight(size: tuple[int, int], colour: tuple[int, int, int]) -> None:
+    """J = (I - A) / t + A with A = I: nothing to remove, whatever t is, and nothing divides by zero or wraps."""
+    image = np.broadcast_to(np.array(colour, dtype=np.uint8), (*size, 3)).copy()
+    np.testing.assert_array_equal(DarkChannelDehazer()(image), image)
+
+
+def test_a_saturated_sky_stays_white_and_what_is_below_never_wraps() -> None:
+    """A is white, so that the result is never brighter than the picture: a wrapped value would be."""
+    image = np.random.default_rng(5).integers(0, 200, (120, 90, 3), dtype=np.uint8)
+    image[:50] = 255
+    result = DarkChannelDehazer()(image)
+    assert (result[:30] == 255).all()
+    assert (result[50:] <= image[50:]).all()
+    assert (result[90:] < image[90:]).any()
