@@ -6,10 +6,13 @@ from typing import Annotated
 import tyro
 
 from deckline.app.extras import needs_extra
+from deckline.runtime import shipped_weights
 
 with needs_extra("train"):
     from deckline.train.dehaze import DehazeTrainConfig, train_dehaze
     from deckline.train.detect import DetectTrainConfig, train_detect
+
+SHIPPED = "shipped"
 
 
 def dehaze(
@@ -34,6 +37,7 @@ def dehaze(
 def detect(
     recordings: tyro.conf.Positional[tuple[Path, ...]],
     out: Path,
+    start_from: Path | None = None,
     config: Annotated[DetectTrainConfig, tyro.conf.arg(name="")] = DetectTrainConfig(),  # noqa: B008 - frozen
 ) -> int:
     """Train the line detector on clear recordings with depth and true lines; goes on from its own checkpoint in `out`.
@@ -42,7 +46,10 @@ def detect(
         recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`, and folders of images with
             labels.json, to which no haze is added; one given twice is drawn twice as often.
         out: folder of the checkpoint and the exported ONNX file.
+        start_from: folder of an earlier training, its .onnx file, or the word shipped: to go on from those weights with
+            other data or another recipe; for pictures of your own lower --lr, 2e-4 say.
         config: the recipe.
     """
-    train_detect(config, list(recordings), out)
+    shipped = start_from is not None and str(start_from) == SHIPPED
+    train_detect(config, list(recordings), out, shipped_weights("detect") if shipped else start_from)
     return 0

@@ -18,6 +18,7 @@ from deckline.train.detect_augment import DetectAugmentation
 from deckline.train.detect_data import LineViews, batches
 from deckline.train.detect_finish import export_detect, validate
 from deckline.train.detect_losses import DetectTargets, LossWeights
+from deckline.train.detect_start import start_detector
 from deckline.train.detectors import DETECTORS_TO_TRAIN
 from deckline.train.line_network import LineNetwork
 from deckline.train.network_cost import count_parameters
@@ -74,13 +75,16 @@ class _Run:
     seconds: float = 0.0
 
 
-def train_detect(config: DetectTrainConfig, recordings: list[Path], out: Path) -> dict[str, float]:
+def train_detect(
+    config: DetectTrainConfig, recordings: list[Path], out: Path, start_from: Path | None = None
+) -> dict[str, float]:
     """Train until the budget is used, then validate and export `out`/detect.onnx.
 
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget and device apart.
-        recordings: clear recordings with full depth and true lines.
+        recordings: clear recordings with full depth and true lines, or images with labels.json.
         out: folder of checkpoint.safetensors and detect.onnx.
+        start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
 
     Returns:
         Measured figures by name; {} when interrupted (the checkpoint is saved).
@@ -94,7 +98,10 @@ def train_detect(config: DetectTrainConfig, recordings: list[Path], out: Path) -
         torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
     device = torch.device(_device(config.device))
-    model = _new_network(config).to(device)
+    model = _new_network(config)
+    if start_from is not None:
+        start_detector(model, start_from)
+    model.to(device)
     model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs lack this form
     run = _resume(config, model, _optimizer(config, model), out)
     views = LineViews(recordings, config.held_out)

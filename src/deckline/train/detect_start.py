@@ -1,0 +1,122 @@
+"""First weights of the detector from an exported file, the shipped one too: its batch norms are folded away there."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from deckline.detect.outputs import ROW_OUTPUTS
+from deckline.runtime.session import load_session
+from deckline.train.line_network import LineNetwork
+from deckline.train.start import start_with
+from deckline.train.ufld import Ufld
+
+BACKBONE = "/model/backbone/"
+NORM_OF = {"_expand_conv": "_bn0", "_depthwise_conv": "_bn1", "_project_conv": "_bn2", "0": "1"}  # by last name
+SAME = 2e-3  # of the outputs' largest value; what torch and ONNX Runtime may differ by
+
+
+def start_detector(model: LineNetwork, source: Path) -> None:
+    """Give a detector an earlier one's weights.
+
+    Args:
+        model: changed in place.
+        source: folder with a checkpoint, or an .onnx file of network `deckline`.
+
+    Raises:
+        ValueError: no weights there, or those of another network.
+    """
+    if not source.is_file():
+        start_with(model, source)
+    elif isinstance(model, Ufld):
+        start_with_file(model, source)
+    else:
+        raise ValueError(f"{source}: only network deckline starts from an .onnx file; give a training's folder instead")
+
+
+def start_with_file(model: Ufld, path: Path) -> None:
+    """Give a detector the weights of an exported one; its training-only branch keeps its own.
+
+    A folded convolution's weights become the convolution's, its bias that of a batch norm which does nothing else: the
+    model then computes what the file does, which is checked.
+
+    Args:
+        model: changed in place.
+        path: detect.onnx of `deckline train detect`, or the shipped one.
+
+    Raises:
+        ValueError: no detector of deckline, or one of another network or shape.
+    """
+    import onnx
+
+    session = load_session(path, threads=1)
+    graph = onnx.load(str(path)).graph
+    stored = {item.name: torch.from_numpy(onnx.numpy_helper.to_array(item).copy()) for item in graph.initializer}
+    own = model.state_dict()
+    taken: dict[str, Tensor] = {}
+    for node, prefix in _convolutions(graph, model):
+        weight, bias = (stored.get(name) for name in node.input[1:3])
+        if weight is None or bias is None:
+            raise ValueError(f"{path} holds another network: {node.name} has no weights of its own")
+        taken |= _unfolded(prefix, weight, bias, model)
+    taken |= {name.removeprefix("model."): value for name, value in stored.items() if name.startswith("model.")}
+    wrong = [name for name, value in taken.items() if name not in own or own[name].shape != value.shape]
+    lacking = [name for name in own if name not in taken and not name.startswith("segmentation.")]
+    lacking = [name for name in lacking if not name.endswith("num_batches_tracked")]
+    if wrong or lacking:
+        raise ValueError(f"{path} holds another network: {(wrong + lacking)[0]} does not fit")
+    model.load_state_dict({**own, **taken})
+    _check_same(model, session, path)
+
+
+def _convolutions(graph: Any, model: Ufld) -> list[tuple[Any, str]]:
+    """Every convolution that a batch norm was folded into, and its module's name; the backbone's are in order."""
+    in_order = [f"backbone.{name}" for name, part in model.backbone.named_modules() if isinstance(part, nn.Conv2d)]
+    named, backbone = [], iter(in_order)
+    for node in graph.node:
+        if node.op_type != "Conv" or node.input[1].startswith("model."):
+            continue
+        name = next(backbone, "") if node.name.startswith(BACKBONE) else _module_name(node.name)
+        named.append((node, name))
+    return named
+
+
+def _module_name(node_name: str) -> str:
+    """/model/rows/blocks/blocks.0/blocks.0.0/Conv -> rows.blocks.0.0."""
+    parts: list[str] = []
+    for part in node_name.split("/")[2:-1]:
+        if parts and part.startswith(f"{parts[-1]}."):
+            parts[-1] = part
+        else:
+            parts.append(part)
+    return ".".join(parts)
+
+
+def _unfolded(name: str, weight: Tensor, bias: Tensor, model: Ufld) -> dict[str, Tensor]:
+    """The convolution's weight, and statistics with which the batch norm after it adds the bias alone."""
+    stem, _, last = name.rpartition(".")
+    norm_name = f"{stem}.{NORM_OF.get(last, '')}"
+    norm = dict(model.named_modules()).get(norm_name)
+    if not isinstance(norm, nn.BatchNorm2d):
+        return {f"{name}.weight": weight}
+    ones = torch.ones_like(bias)
+    values = {"weight": ones, "bias": bias, "running_mean": 0 * ones, "running_var": ones - norm.eps}
+    return {f"{name}.weight": weight} | {f"{norm_name}.{part}": value for part, value in values.items()}
+
+
+def _check_same(model: Ufld, session: Any, path: Path) -> None:
+    grid = model.config.grid
+    view = np.random.default_rng(0).standard_normal((1, 3, grid.height, grid.width), dtype=np.float32)
+    was_training = model.training
+    model.eval()
+    with torch.no_grad():
+        ours = [
+            tensor.cpu().numpy() for tensor in model(torch.from_numpy(view).to(next(model.parameters()).device))[:3]
+        ]
+    model.train(was_training)
+    theirs = dict(zip(session.output_names, session(image=view), strict=True))
+    for name, value in zip(ROW_OUTPUTS, ours, strict=True):
+        if np.abs(value - theirs[name]).max() > SAME * max(float(np.abs(theirs[name]).max()), 1.0):
+            raise ValueError(f"{path} holds another network: its {name} are not what this one computes")
