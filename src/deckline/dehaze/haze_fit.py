@@ -30,6 +30,7 @@ QUANTILE = 0.4  # of a bin's levels: foam is bright and on the other side
 BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
 BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
 BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
+DARKER_SIGMA = 0.1  # of A: grazing water mirrors more sky and is hardly darker; fits at a misplaced horizon make it so
 LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin counts less and less
 NEAR_LEVELS = 4.0  # between a bin and the law that explains it
 MIN_EXPLAINED = 0.6  # of the bins; seen on preset paper: 0.75 and more with a sea, 0.4 and less with a deck for a sea
@@ -169,7 +170,8 @@ def fit_profile(profile: SeaProfile, airlight: Float, water: UsualWater) -> Haze
         squares = ((contrast - design @ sea) ** 2).sum(axis=2) / LEVEL_SIGMA**2
         weights = 1 / (1 + squares / 4)
     unusual = ((pulls @ sea - usual) ** 2).sum(axis=(1, 2))
-    cost = 4 * np.log1p(squares / 4).sum(axis=1) + unusual + BANK_PENALTY * (bank > 0)
+    darker = np.minimum(sea[:, 1].mean(axis=1), 0) / (DARKER_SIGMA * airlight.mean())
+    cost = 4 * np.log1p(squares / 4).sum(axis=1) + unusual + darker**2 + BANK_PENALTY * (bank > 0)
     best = int(cost.argmin())
     likely = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))
     mean = np.average(beta, weights=likely)
