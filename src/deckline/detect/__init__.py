@@ -6,12 +6,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.detect.classical import ClassicalDetector
 from deckline.detect.looks import DetectConfig
 from deckline.detect.onnx_detector import OnnxDetector
 from deckline.runtime.weights import shipped_weights
 from deckline.types import Detection
 
-__all__ = ["DETECTORS", "DetectConfig", "Detector", "OnnxDetector"]
+__all__ = ["DETECTORS", "ClassicalDetector", "DetectConfig", "Detector", "OnnxDetector"]
 
 
 class Detector(Protocol):
@@ -29,4 +30,5 @@ class Detector(Protocol):
 
 DETECTORS: dict[str, Callable[[], Detector]] = {
     "ufld": lambda: OnnxDetector(shipped_weights("detect")),
+    "classical": ClassicalDetector,
 }
