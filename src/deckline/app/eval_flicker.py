@@ -59,10 +59,7 @@ def flicker(
         if value is not None and not value >= least:
             raise ValueError(f"--{name} must be at least {least}, got {value}")
     dehazers = {name: _dehazer(name) for name in dehazer if name != HAZY}
-    opened = open_source(source)
-    total = -(-len(opened) // every) if limit is None else min(limit, -(-len(opened) // every))
-    chosen = islice(opened, 0, None if limit is None else (limit - 1) * every + 1, every)
-    items = track(chosen, "evaluating", total=total, console=Console(stderr=True))
+    items = _chosen(source, every, limit)
     figures = flicker_figures(list(sequence_errors(_steps(items, dehazers, camera_depth_m))), truth=CLEAR)
     console = heading(
         f"{source}: pairs of frames: {figures['pairs']:.0f}, every {every}, depth up to {camera_depth_m:g} m"
@@ -73,6 +70,19 @@ def flicker(
         write_json(json_file, figures)
         print(json_file)
     return 0
+
+
+def _chosen(source: Path, every: int, limit: int | None) -> Iterable[Frame | BadFrame]:
+    """Every so many-th item of a recording, so many at most, with a progress bar."""
+    opened = open_source(source)
+    total = -(-len(opened) // every)
+    total = total if limit is None else min(limit, total)
+    return track(
+        islice(opened, 0, max(0, (total - 1) * every + 1), every),
+        "evaluating",
+        total=total,
+        console=Console(stderr=True),
+    )
 
 
 def _dehazer(name: str) -> Dehazer:

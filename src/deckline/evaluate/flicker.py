@@ -15,6 +15,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import RigidTransform
 
 from deckline.evaluate.metrics import PEAK
+from deckline.geometry import Camera
 from deckline.types import Frame
 
 DECK, WATER, SKY = "deck", "water", "sky"
@@ -57,20 +58,20 @@ def warp_between(before: Frame, after: Frame) -> Warp:
     Raises:
         ValueError: a frame without pose, depth or deck height; pictures of different size.
     """
-    for frame in (before, after):
-        _check(frame)
     if before.image_rgb.shape != after.image_rgb.shape:
         raise ValueError(f"{after.file}: {after.image_rgb.shape} px follow {before.image_rgb.shape} of {before.file}")
+    (pose_before, _, _), (pose, _, deck_z_m) = known(before), known(after)
     inverse, rays, world = inverse_depth(after)
     shape = inverse.shape
     height_z = np.full(shape, np.inf)
     finite = inverse > 0
-    height_z[finite] = world[finite, 2] / inverse[finite] + after.true_world_from_camera.translation[2]
-    is_deck = height_z < after.deck_z_m + HULL_M
+    height_z[finite] = world[finite, 2] / inverse[finite] + pose.translation[2]
+    is_deck = height_z < deck_z_m + HULL_M
     px = np.full((*shape, 2), -1, np.float32)
     expected = np.full(shape, np.nan)
     for part, moved in ((is_deck, ship_motion(before, after)), (~is_deck, RigidTransform.identity())):
-        px[part], expected[part] = _seen_before(before, after, moved, rays[part], inverse[part])
+        change = pose_before.inv() * moved * pose
+        px[part], expected[part] = _seen_before(before.camera, change, rays[part], inverse[part])
     there = sampled(inverse_depth(before)[0].astype(np.float32), px)
     with np.errstate(invalid="ignore"):
         visible = np.abs(there - expected) <= DEPTH_TOLERANCE * expected
@@ -80,15 +81,32 @@ def warp_between(before: Frame, after: Frame) -> Warp:
     return Warp(px, {DECK: visible & is_deck, WATER: visible & water, SKY: visible & (inverse == 0)})
 
 
+def known(frame: Frame) -> tuple[RigidTransform, NDArray[np.float32], float]:
+    """A frame's true world_from_camera, depth (H, W), m, and world z of its deck, m.
+
+    Raises:
+        ValueError: one of them is missing.
+    """
+    pose, depth_m, deck_z_m = frame.true_world_from_camera, frame.depth_m, frame.deck_z_m
+    if pose is None or depth_m is None or deck_z_m is None:
+        values = {"pose": pose, "depth": depth_m, "deck height": deck_z_m}
+        missing = " and no ".join(name for name, value in values.items() if value is None)
+        raise ValueError(
+            f"{frame.file}: no {missing}; record with deckline sim --trajectory approach --depth.range-m inf"
+        )
+    return pose, depth_m, deck_z_m
+
+
 def inverse_depth(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """1 / depth (H, W), 1/m, 0 in the sky, NaN where unknown; rays with z = 1 (H, W, 3) in optical and world axes."""
+    pose, depth_m, _ = known(frame)
     camera = frame.camera
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
-    world = frame.true_world_from_camera.rotation.apply(np.nan_to_num(rays))
-    depth = np.asarray(frame.depth_m, dtype=np.float64).ravel()
-    known = np.isfinite(depth) & (depth > 0)
-    inverse = np.where(known, 1 / np.where(known, depth, 1), np.where(world[:, 2] < 0, 0, np.nan))
+    world = pose.rotation.apply(np.nan_to_num(rays))
+    depth = depth_m.astype(np.float64).ravel()
+    measured = np.isfinite(depth) & (depth > 0)
+    inverse = np.where(measured, 1 / np.where(measured, depth, 1), np.where(world[:, 2] < 0, 0, np.nan))
     inverse[np.isnan(rays).any(axis=1)] = np.nan
     shape = (camera.height, camera.width)
     return inverse.reshape(shape), np.nan_to_num(rays).reshape(*shape, 3), world.reshape(*shape, 3)
@@ -103,12 +121,15 @@ def ship_motion(before: Frame, after: Frame) -> RigidTransform:
 
 
 def _seen_before(
-    before: Frame, after: Frame, moved: RigidTransform, rays: NDArray[np.float64], inverse: NDArray[np.float64]
+    camera: Camera, change: RigidTransform, rays: NDArray[np.float64], inverse: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixels (N, 2) and inverse depths (N,) in `before` of rays (N, 3) and inverse depths (N,) in `after`."""
-    change = before.true_world_from_camera.inv() * moved * after.true_world_from_camera
+    """Pixels (N, 2) and inverse depths (N,) before of rays (N, 3) and inverse depths (N,) after.
+
+    Args:
+        change: camera before from camera after.
+    """
     points = rays @ change.rotation.as_matrix().T + np.nan_to_num(inverse)[:, None] * change.translation
-    pixels = before.camera.project(points)
+    pixels = camera.project(points)
     ahead = np.isfinite(pixels).all(axis=1) & np.isfinite(inverse)
     expected = np.where(ahead, inverse / np.where(ahead, points[:, 2], 1), np.nan)
     return np.where(ahead[:, None], pixels, -1), expected
@@ -202,17 +223,3 @@ def _region_figures(own: list[tuple[PairError, PairError]], is_truth: bool) -> d
     if len(jumps) > 1:
         figures["pump"] = float(np.sqrt(np.mean((np.diff(jumps, axis=0) / 2) ** 2)))
     return figures
-
-
-def _check(frame: Frame) -> None:
-    missing = {
-        "pose": frame.true_world_from_camera,
-        "depth": frame.depth_m,
-        "deck height": frame.deck_z_m,
-    }
-    names = [name for name, value in missing.items() if value is None]
-    if names:
-        raise ValueError(
-            f"{frame.file}: no {' and no '.join(names)}; record with deckline sim --trajectory approach "
-            "--depth.range-m inf"
-        )
