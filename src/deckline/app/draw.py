@@ -1,10 +1,13 @@
 """Drawing on RGB images: a few shapes with clean edges. Colours tell left from right to colour-blind eyes as well."""
 
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from deckline.recording.writer import write_atomic
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -23,9 +26,30 @@ BACKGROUND: Colour = (18, 23, 30)
 PANEL: Colour = (29, 36, 46)
 EDGE: Colour = (62, 74, 90)
 
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 SHIFT = 3  # coordinates are passed in 1/8 px
 HERSHEY_PX = 30.0  # height that OpenCV's stroke font has at scale 1, about
 ASCII = {"±": "+/-", "°": " deg", "·": "-", "–": "-", "…": "..."}
+
+
+def check_picture_name(path: Path, what: str) -> None:
+    """Raise ValueError unless `write_picture` can write `what` there."""
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise ValueError(f"{what} is {', '.join(PICTURE_SUFFIXES)}, got {path.name!r}")
+
+
+def write_picture(path: Path, image: Image) -> None:
+    """Write an RGB image (H, W, 3) as the file's suffix says, whole or not at all.
+
+    Raises:
+        ValueError: another suffix, or an image that cannot be encoded.
+        OSError: the disk refuses.
+    """
+    check_picture_name(path, "a picture")
+    done, data = cv2.imencode(path.suffix.lower(), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    if not done:
+        raise ValueError(f"{path}: a picture of shape {image.shape} could not be encoded")
+    write_atomic(path, data.tobytes())
 
 
 def text(image: Image, words: str, at: tuple[float, float], size: int, colour: Colour = INK, weight: int = 400) -> int:

@@ -16,10 +16,12 @@ import tyro
 from rich.console import Console
 
 from deckline import __version__
+from deckline.app.draw import check_picture_name, write_picture
 from deckline.app.eval_dehazing_cost import Cost, CostTask, measure_costs
 from deckline.app.eval_dehazing_methods import HAZY, build_dehazer, by_name, model_of, shown_name, size_of
 from deckline.app.eval_dehazing_pairs import Pair, PairSource, open_pairs
 from deckline.app.eval_dehazing_rows import DEHAZERS_KEY, Rows
+from deckline.app.eval_dehazing_sheet import sheet
 from deckline.app.eval_dehazing_tables import Results, json_of, markdown_of, print_results
 from deckline.app.progress import progress
 from deckline.app.provenance import settings_of
@@ -60,10 +62,12 @@ class DehazingConfig:
         cost_runs: of each dehazer, interleaved.
         json_file: write the numbers here as well.
         markdown: write the tables here as well.
+        sheet: write one picture with what every dehazer makes of a few pairs (.png or .jpg).
+        sheet_visibility: of those pairs, m: for each the pair that comes nearest.
         out: folder for a row per image and dehazer.
 
     Raises:
-        ValueError: no source, or an `every`, `cost_runs` or `cost_size` below 1.
+        ValueError: no source, a sheet that is no picture, or an `every`, `cost_runs` or `cost_size` below 1.
     """
 
     sources: tyro.conf.Positional[tuple[Path, ...]]
@@ -80,11 +84,15 @@ class DehazingConfig:
     cost_runs: int = 5
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None
     markdown: Path | None = None
+    sheet: Path | None = None
+    sheet_visibility: tuple[float, ...] = (400.0, 1000.0, 2500.0)
     out: Path | None = None
 
     def __post_init__(self) -> None:
         if not self.sources:
             raise ValueError("give at least one recording with clear pictures, or folder with hazy and clear pairs")
+        if self.sheet is not None:
+            check_picture_name(self.sheet, "a sheet")
         for name, value in (("every", self.every), ("cost_runs", self.cost_runs), ("cost_size", min(self.cost_size))):
             if value < 1:
                 raise ValueError(f"{name} must be 1 or more, got {value}")
@@ -129,6 +137,10 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
     )
     print_results(Console(width=None if sys.stdout.isatty() else FILE_COLUMNS), results)
     _write(config, results)
+    if config.sheet is not None:
+        picture = sheet(bench.sources, bench.dehazers, scores, config.sheet_visibility)
+        write_picture(config.sheet, picture)
+        print(config.sheet)
     return 0
 
 

@@ -3,10 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from deckline.app.draw import CENTRE, Image, dashed
+from deckline.app.draw import CENTRE, Image, dashed, write_picture
 from deckline.app.eval_detection_frames import FrameSet
 from deckline.app.overlay import overlay
 from deckline.app.panels import panels
@@ -36,7 +35,7 @@ def write_worst(out: Path, sets: Mapping[str, FrameSet], scores: Sequence[Detect
         result = pipeline(question.frame)
         pictures = panels(result)
         _draw_truth(pictures.hazy, question.expected, question.frame.camera)
-        _write_png(out / name, overlay(question.frame, result.guidance, pictures))
+        write_picture(out / name, overlay(question.frame, result.guidance, pictures))
         parts += [f"## {rank}. {score.file}", figures_line(score), f"\n![{score.file}]({name})\n"]
     page = out / PAGE
     write_atomic(page, "\n".join(parts).encode())
@@ -77,10 +76,3 @@ def _draw_truth(picture: Image, expected: Expected, camera: Camera) -> None:
         if line is not None:
             ends = (line[[0, -1]] + 0.5) * scale - 0.5
             dashed(picture, ends, CENTRE, 1, dash_px=5.0)
-
-
-def _write_png(path: Path, picture: Image) -> None:
-    done, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    if not done:
-        raise ValueError(f"{path}: a picture of shape {picture.shape} could not be encoded")
-    write_atomic(path, data.tobytes())

@@ -15,14 +15,13 @@ from deckline.app.extras import needs_extra
 from deckline.app.parallel import map_frames
 from deckline.app.progress import progress
 from deckline.recording import RecordingWriter
-from deckline.recording.writer import ImageFormat, encode_frame, write_atomic
+from deckline.recording.writer import ImageFormat, encode_frame
 
 with needs_extra("sim"):
     from deckline.sim import SimConfig
     from deckline.sim.sheet import join_tiles, sheet_tile
 
 NOT_DECIDING = ("--out", "--jobs")  # options of a command that do not change what it makes
-SHEET_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 @dataclass(frozen=True)
@@ -107,10 +106,9 @@ def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1)
         ValueError: a file name that ends neither in .png nor in .jpg, or a folder that cannot be written.
         OSError: the disk refuses, or rendering stopped.
     """
-    if out.suffix.lower() not in SHEET_SUFFIXES:
-        raise ValueError(f"a contact sheet is {', '.join(SHEET_SUFFIXES)}, got {out.name!r}")
-    import cv2
+    from deckline.app.draw import check_picture_name, write_picture  # needs OpenCV, which recordings can do without
 
+    check_picture_name(out, "a contact sheet")
     out.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(out.parent, os.W_OK):
         raise ValueError(f"{out}: its folder cannot be written")
@@ -121,10 +119,7 @@ def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1)
         for picture in pictures:
             tiles.append(picture)
             advance()
-    done, buffer = cv2.imencode(out.suffix, join_tiles(tiles, sheet.columns)[:, :, ::-1])
-    if not done:
-        raise ValueError(f"OpenCV could not encode {out}")
-    write_atomic(out, buffer.tobytes())
+    write_picture(out, join_tiles(tiles, sheet.columns))
     print(out)
 
 
