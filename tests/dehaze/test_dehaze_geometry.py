@@ -5,8 +5,18 @@ import pytest
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, EYE_Z_M, SEA_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.dehaze import DEHAZERS, FrameDehazer, GeometryConfig, GeometryDehazer, restore
-from deckline.dehaze.geometry import display_levels, linear_levels, most_likely, smaller
+from deckline.dehaze.geometry import (
+    display_levels,
+    for_noise,
+    linear_levels,
+    most_likely,
+    noise_of_sky,
+    noise_sigma,
+    smaller,
+)
+from deckline.dehaze.sea_view import sea_view
 from deckline.evaluate.metrics import below_horizon, psnr_db
+from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
 from deckline.sim import SimConfig, frames
 from deckline.types import Frame
@@ -134,6 +144,36 @@ def test_haze_that_adds_light_is_taken_away_as_light():
     psnr = {name: psnr_db(restore(DEHAZERS[name](), frame_of(hazy)).image_rgb, clear, near) for name in BOTH}
     assert psnr["geometry-linear"] > 26
     assert psnr["geometry-linear"] > psnr["geometry"] + 3
+
+
+def test_noise_is_told_from_a_sky_with_clouds():
+    rng = np.random.default_rng(7)
+    for sigma in (1.0, 4.0, 20.0):
+        pairs = rng.normal(0, sigma, (20_000, 2, 3))
+        pairs[:400, 1] += 60  # edges
+        assert noise_sigma(pairs[:, 1] - pairs[:, 0]) == pytest.approx(sigma, rel=0.05)
+    assert noise_sigma(np.zeros((0, 3))) == 0
+    assert noise_sigma(np.zeros((50, 3))) == 0
+
+
+@pytest.mark.parametrize("size", [(320, 180), (160, 90)])
+def test_the_sky_shows_the_noise(size):
+    view = sea_view(CAMERA.resized(*size), world_from_body() * camera_mount(), SEA_Z_M)
+    hazy, _ = sea_pair(BETA)
+    noisy = np.clip(np.rint(hazy + np.random.default_rng(8).normal(0, 5, hazy.shape)), 0, 255).astype(np.uint8)
+    assert noise_of_sky(hazy, view, "display") == 0
+    assert noise_of_sky(noisy, view, "display") == pytest.approx(5, rel=0.05)
+    assert for_noise(GeometryConfig(level_sigma=3.0), 1.0).level_sigma == 3.0
+    assert for_noise(GeometryConfig(level_sigma=3.0), 5.0).level_sigma == 10.0
+
+
+def test_noise_is_not_blown_up():
+    """What haze hides comes back as water and not as noise: far less of it than 1 / t would make."""
+    hazy, clear = sea_pair(BETA)
+    noisy = np.clip(np.rint(hazy + np.random.default_rng(9).normal(0, 5, hazy.shape)), 0, 255).astype(np.uint8)
+    far = (ray_z(world_from_body()) > 60 / 1000) & (ray_z(world_from_body()) < 60 / 400)
+    assert np.exp(-BETA * 400) < 0.3
+    assert psnr_db(GeometryDehazer().restore(frame_of(noisy)).image_rgb, clear, far) > 24
 
 
 def test_a_smaller_frame_shows_the_same_view():

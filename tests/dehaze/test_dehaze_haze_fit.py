@@ -117,6 +117,14 @@ def test_a_deck_just_ahead_hides_the_sea_and_its_sides_tell():
     assert fit.beta_per_m == pytest.approx(beta, rel=0.15)
 
 
+def test_noise_does_not_thin_the_haze():
+    beta, sigma = beta_from_visibility(1200.0), 5.0
+    image = sea_pair(beta)[0].astype(np.float32)
+    noisy = image + np.random.default_rng(7).normal(0, sigma, image.shape).astype(np.float32)
+    assert fit_haze(noisy, VIEW, noise_sigma=sigma).beta_per_m == pytest.approx(beta, rel=0.1)
+    assert fit_haze(noisy, VIEW).beta_per_m < 0.8 * beta  # what a quantile below the median makes of it
+
+
 def test_the_share_of_explained_bins():
     fit = fit_haze(sea_pair(2e-3)[0], VIEW)
     profile = sea_profile(sea_pair(2e-3)[0], VIEW)

@@ -11,7 +11,7 @@ class GeometryConfig:
     light: Literal["display", "linear"] = "display"  # what haze adds to: the picture's levels, or sRGB's light
     sea_below_deck_m: float = 20.0  # where the frame does not know the sea's height; Nimitz class
     clear_beta_per_m: float = 1e-4  # what is left in the picture: a clear day's air, visibility 39 km
-    level_sigma: float = 2.0  # of a pixel's noise, levels 0..255
+    level_sigma: float = 2.0  # of a pixel's noise, levels 0..255, at least; a sky that shows more raises it
     airlight_sigma: float = 0.02  # of the airlight's share in a pixel, as a fraction of it
     scene_sigma: float = 40.0  # of ship and waves about the sea's mean colour, levels
     object_levels: tuple[float, float] = (12.0, 30.0)  # off the hazy sea or sky: surely not an object, surely one

@@ -6,7 +6,7 @@ sky there. tau = beta r, or beta r + (k beta r)^4 where the picture insists that
 Source: Koschmieder's law; Schlick's (1 - sin)^5 for the mirroring water.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ MIN_BIN_PX = 60
 MAX_BIN_PX = 1000  # that are looked at, evenly chosen
 MIN_BINS = 8
 QUANTILE = 0.4  # of a bin's levels: foam is bright and on the other side
+QUANTILE_BELOW = 0.2533  # sigmas of normal noise that it lies below the median
 BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
 BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
 BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
@@ -93,8 +94,12 @@ class SeaProfile:
     levels: Float  # (N, 3)
 
 
-def fit_haze(image: Image, view: SeaView, water: UsualWater = DISPLAY_WATER) -> HazeFit | NotFitted:
+def fit_haze(
+    image: Image, view: SeaView, water: UsualWater = DISPLAY_WATER, noise_sigma: float = 0.0
+) -> HazeFit | NotFitted:
     """Airlight, extinction and sea colour of a picture (H, W, 3) of levels 0..255, or why they cannot be told.
+
+    `noise_sigma` is that of a pixel, in levels: a quantile below the median is too dark by a part of it.
 
     Where what lies below the horizon does not fade as a sea does, the sides of the picture are tried: a deck just
     ahead hides the sea in its middle.
@@ -109,6 +114,7 @@ def fit_haze(image: Image, view: SeaView, water: UsualWater = DISPLAY_WATER) -> 
     for columns in (slice(None), sides):
         part = SeaView(view.down[:, columns], view.range_m[:, columns], view.height_m)
         profile = sea_profile(image[:, columns], part)
+        profile = replace(profile, levels=profile.levels + QUANTILE_BELOW * noise_sigma)
         if len(profile.range_m) < MIN_BINS:
             return NotFitted("too little sea in view")
         if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
