@@ -27,7 +27,7 @@ from deckline.types import Frame
 Image = NDArray[np.float32]
 
 LOOK_PX = 640  # longer side of the picture that air and objects are looked for in
-NOISE_ROWS = 180  # about so many are looked at for noise
+NOISE_ROWS = 90  # about so many are looked at for noise
 NOISE_WEIGHT = 2.0  # best in [1, 3] on preset paper with noise of 3 and 8 levels added
 NOISE_PART = 0.9  # of the differences that count
 NOISE_MEAN = 0.9297  # of a normal difference of sigma sqrt(2), in size, of that smallest part
