@@ -130,6 +130,17 @@ def test_training_learns_resumes_and_exports(recording, tmp_path, monkeypatch):
     assert OnnxDetector(tmp_path / "detect.onnx").config.grid == RowGrid()
 
 
+def test_another_network_trains_the_same_way(recording, tmp_path):
+    config = DetectTrainConfig(network="hybrid", steps=1, minutes=None, batch=1, held_out=0.17, threads=1)
+    assert train_detect(config, [recording], tmp_path)["steps"] == 1
+    longer = DetectTrainConfig(**(vars(config) | {"steps": 2}))
+    assert train_detect(longer, [recording], tmp_path)["steps"] == 2
+    with pytest.raises(ValueError, match=r"checkpoint of another recipe \(network differ\)"):
+        train_detect(DetectTrainConfig(**(vars(longer) | {"network": "deckline"})), [recording], tmp_path)
+    detector = OnnxDetector(tmp_path / "detect.onnx")
+    assert detector.infer(np.zeros((3, 288, 512), np.float32)).columns.shape == (2, 128, 73)
+
+
 def test_onnx_says_what_torch_says(tmp_path):
     torch.manual_seed(0)
     model = Ufld().eval()
