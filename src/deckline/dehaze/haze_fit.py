@@ -26,8 +26,8 @@ BINS = 40  # of equal ratio in range
 MIN_BIN_PX = 60
 MAX_BIN_PX = 1000  # that are looked at, evenly chosen
 MIN_BINS = 8
-QUANTILE = 0.4  # of a bin's levels: foam is bright and on the other side
-QUANTILE_BELOW = 0.2533  # sigmas of normal noise that it lies below the median
+QUANTILES = (0.3, 0.5)  # of a bin's levels, between which the mean is taken; foam is bright and on the other side
+QUANTILES_BELOW = 0.2562  # sigmas of normal noise that this mean lies below the median
 BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
 BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
 BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
@@ -114,7 +114,7 @@ def fit_haze(
     for columns in (slice(None), sides):
         part = SeaView(view.down[:, columns], view.range_m[:, columns], view.height_m)
         profile = sea_profile(image[:, columns], part)
-        profile = replace(profile, levels=profile.levels + QUANTILE_BELOW * noise_sigma)
+        profile = replace(profile, levels=profile.levels + QUANTILES_BELOW * noise_sigma)
         if len(profile.range_m) < MIN_BINS:
             return NotFitted("too little sea in view")
         if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
@@ -153,21 +153,42 @@ def sea_profile(image: Image, view: SeaView) -> SeaProfile:
     return SeaProfile(
         np.array([np.median(ranges[group]) for group in groups], dtype=np.float64),
         np.array([np.median(downs[group]) for group in groups], dtype=np.float64),
-        np.array([np.quantile(levels[group], QUANTILE, axis=0) for group in groups]).reshape(-1, 3),
+        np.array([between_quantiles(levels[group]) for group in groups]).reshape(-1, 3),
     )
+
+
+def between_quantiles(levels: NDArray) -> Float:
+    """Mean (3,) of levels (N, 3) between two quantiles: unlike one quantile, it moves by less than a whole level."""
+    low, high = (int(share * len(levels)) for share in QUANTILES)
+    return np.asarray(np.sort(levels, axis=0)[low : max(high, low + 1)].mean(axis=0, dtype=np.float64))
 
 
 def fit_profile(profile: SeaProfile, airlight: Float, water: UsualWater) -> HazeFit:
     """The law through a profile: every extinction is tried, with the best sea colour for each.
 
+    The extinction is the likelihood's mean: the best of those tried would jump from one to the next between two frames.
+    """
+    beta, bank = (grid.ravel() for grid in np.meshgrid(BETAS_PER_M, BANKS, indexing="ij"))
+    _, cost = best_seas(profile, airlight, water, beta, bank)
+    best = int(cost.argmin())
+    likely = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))
+    sigma = float(np.sqrt(np.average((beta - np.average(beta, weights=likely)) ** 2, weights=likely)))
+    alike = bank == bank[best]
+    mean = np.exp(np.average(np.log(beta[alike]), weights=likely[alike] ** CORRELATED_BINS, keepdims=True))
+    sea, _ = best_seas(profile, airlight, water, mean, bank[best : best + 1])
+    return HazeFit(airlight, float(mean[0]), sigma, float(bank[best] * mean[0]), sea[0])
+
+
+def best_seas(profile: SeaProfile, airlight: Float, water: UsualWater, beta: Float, bank: Float) -> tuple[Float, Float]:
+    """The sea's colour (T, 2, 3) that suits each of T extinctions, 1/m, and banks best, and what is left over (T,).
+
     The sea's colour is linear in the law, so that it is solved for, with outlying bins weighted down (Cauchy) and held
     near what water is usually like; without that, bright distant water and haze look alike.
     """
     contrast = profile.levels - airlight
-    beta, bank = (grid.ravel() for grid in np.meshgrid(BETAS_PER_M, BANKS, indexing="ij"))
     depth = beta[:, None] * profile.range_m
     t = np.exp(-depth - np.square(np.square(bank[:, None] * depth)))
-    design = np.stack([t, t * _mirroring(profile.down)], axis=2)  # (trials, N, 2)
+    design = np.stack([t, t * _mirroring(profile.down)], axis=2)  # (T, N, 2)
     pulls, usual = pulled_to(water, airlight)
     weights = np.ones_like(t)
     for _ in range(STEPS):
@@ -177,12 +198,7 @@ def fit_profile(profile: SeaProfile, airlight: Float, water: UsualWater) -> Haze
         weights = 1 / (1 + squares / 4)
     unusual = ((pulls @ sea - usual) ** 2).sum(axis=(1, 2))
     darker = np.minimum(sea[:, 1].mean(axis=1), 0) / (DARKER_SIGMA * airlight.mean())
-    cost = 4 * np.log1p(squares / 4).sum(axis=1) + unusual + darker**2 + BANK_PENALTY * (bank > 0)
-    best = int(cost.argmin())
-    likely = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))
-    mean = np.average(beta, weights=likely)
-    sigma = float(np.sqrt(np.average((beta - mean) ** 2, weights=likely)))
-    return HazeFit(airlight, float(beta[best]), sigma, float(bank[best] * beta[best]), sea[best])
+    return sea, 4 * np.log1p(squares / 4).sum(axis=1) + unusual + darker**2 + BANK_PENALTY * (bank > 0)
 
 
 def pulled_to(water: UsualWater, airlight: Float) -> tuple[Float, Float]:
