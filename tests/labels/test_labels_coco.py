@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from label_lines import SIZE, distance_px, labelled_images
 from pycocotools.coco import COCO
@@ -58,6 +58,7 @@ def test_cocos_own_reader_reads_what_is_written(tmp_path):
     assert one["keypoints"][:9] == [0.0, 0.0, 0] * 3
 
 
+@settings(deadline=None)
 @given(labelled_images(), st.integers(2, 12))
 def test_round_trip_keeps_the_lines(image, count):
     with tempfile.TemporaryDirectory() as folder:
@@ -91,7 +92,7 @@ def broken(**changes) -> str:
             broken(annotations=[{"image_id": 7, "category_id": 3, "keypoints": [0] * 12}] * 2),
             r"annotations\[1\]: a second runway in image 7",
         ),
-        (broken(annotations=[{"category_id": 3, "keypoints": [1]}]), r"annotations\[0\]: keypoints must be 3 numbers"),
+        (broken(annotations=[EMPTY | {"keypoints": [1]}]), r"annotations\[0\]: keypoints must be 3 numbers"),
         (broken(), r"annotations\[0\]: right must be two or more \[u, v\]"),
     ],
 )

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from label_lines import distance_px, labelled_images
 
@@ -49,6 +49,7 @@ def test_written_files_are_of_the_published_form(tmp_path):
     assert (tmp_path / "list" / "train_gt.txt").read_text() == "/a.png /laneseg_label/a.png 1 0\n"
 
 
+@settings(deadline=None)
 @given(labelled_images(), st.integers(1, 5))
 def test_round_trip_keeps_the_lines(image, step):
     with tempfile.TemporaryDirectory() as name:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from label_lines import labelled_images
 
 from deckline.labels import read_labels, write_labels
@@ -30,6 +30,7 @@ def test_labels_are_read_and_bad_ones_named(tmp_path):
         read_labels(tmp_path / "gone.json")
 
 
+@settings(deadline=None)
 @given(labelled_images())
 def test_what_is_written_is_read_back_to_a_thousandth(image):
     with tempfile.TemporaryDirectory() as folder:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from label_lines import distance_px, labelled_images
 
@@ -51,6 +51,7 @@ def test_written_rows_are_the_lines_at_those_rows(tmp_path):
     }
 
 
+@settings(deadline=None)
 @given(labelled_images(), st.integers(1, 5))
 def test_round_trip_keeps_the_lines(image, step):
     with tempfile.TemporaryDirectory() as folder:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from deckline.labels.lines import LabelledImage, LabelSet, Line, points, read_text, resampled, sized
+from deckline.labels.lines import LabelledImage, LabelSet, Line, parsed, points, read_text, resampled, sized
 from deckline.recording.writer import write_atomic
 from deckline.types import SIDES
 
@@ -77,25 +77,23 @@ def read_coco(path: Path) -> LabelSet:
         ValueError: no labels, or an entry that is none; one line that names file, entry and what is wrong.
     """
     file = _file(path)
-    try:
-        values = json.loads(read_text(file))
-    except ValueError as error:
-        raise ValueError(f"{file}: not valid JSON: {error}") from None
+    values = parsed(read_text(file), str(file))
     lists = ("images", "annotations", "categories")
     if not isinstance(values, dict) or any(not isinstance(values.get(name), list) for name in lists):
         raise ValueError(f"{file}: no COCO file: it must hold the lists {', '.join(lists)}")
     categories = _categories(values["categories"], file)
-    found: dict[Any, dict[str, Line | None]] = {}
+    found: dict[int | str, dict[str, Line | None]] = {}
     for index, entry in enumerate(values["annotations"]):
         where = f"{file}: annotations[{index}]"
         if not isinstance(entry, Mapping):
             raise ValueError(f"{where} must be an object")
-        names = categories.get(entry.get("category_id"))
+        names = categories.get(_id(entry, "category_id", where))
         if names is None:
             continue
-        if entry.get("image_id") in found:
-            raise ValueError(f"{where}: a second runway in image {entry.get('image_id')}; remove one")
-        found[entry.get("image_id")] = _lines(entry.get("keypoints"), names, where)
+        image = _id(entry, "image_id", where)
+        if image in found:
+            raise ValueError(f"{where}: a second runway in image {image}; remove one")
+        found[image] = _lines(entry.get("keypoints"), names, where)
     images = [_labelled(entry, found, f"{file}: images[{index}]") for index, entry in enumerate(values["images"])]
     if not images:
         raise ValueError(f"{file}: it names no images")
@@ -114,7 +112,7 @@ def _file(path: Path) -> Path:
     raise ValueError(f"{path}: no {USUAL_NAMES[0]} in this folder; name the label file itself")
 
 
-def _categories(entries: list[Any], file: Path) -> dict[Any, list[str]]:
+def _categories(entries: list[Any], file: Path) -> dict[int | str, list[str]]:
     """Keypoint names by category, of those that have left or right ones."""
     categories = {}
     for index, entry in enumerate(entries):
@@ -122,10 +120,17 @@ def _categories(entries: list[Any], file: Path) -> dict[Any, list[str]]:
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise ValueError(f"{file}: categories[{index}] must be an object with keypoints, a list of names")
         if any(name.lower().startswith(SIDES) for name in names):
-            categories[entry.get("id")] = names
+            categories[_id(entry, "id", f"{file}: categories[{index}]")] = names
     if not categories:
         raise ValueError(f"{file}: no category has keypoints named left_1, left_2, ..., right_1, ...")
     return categories
+
+
+def _id(entry: Mapping[str, Any], name: str, where: str) -> int | str:
+    value = entry.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | str):
+        raise ValueError(f"{where}: {name} must be a number or a name")
+    return value
 
 
 def _lines(keypoints: Any, names: list[str], where: str) -> dict[str, Line | None]:
@@ -140,10 +145,10 @@ def _lines(keypoints: Any, names: list[str], where: str) -> dict[str, Line | Non
     return lines
 
 
-def _labelled(entry: Any, found: Mapping[Any, dict[str, Line | None]], where: str) -> LabelledImage:
+def _labelled(entry: Any, found: Mapping[int | str, dict[str, Line | None]], where: str) -> LabelledImage:
     if not isinstance(entry, Mapping) or not isinstance(entry.get("file_name"), str):
         raise ValueError(f"{where} must be an object with file_name")
     width, height = entry.get("width"), entry.get("height")
     size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
-    lines = found.get(entry.get("id"), dict.fromkeys(SIDES))
+    lines = found.get(_id(entry, "id", where), dict.fromkeys(SIDES))
     return LabelledImage(entry["file_name"], lines["left"], lines["right"], size)

@@ -1,5 +1,6 @@
 """The labelled lines of one image, whatever file they stand in."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,11 +111,23 @@ def points(values: Any, where: str) -> Line:
     """
     try:
         found = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.ndim != 2 or found.shape[1:] != (2,) or len(found) < 2 or not finite(found):
         raise ValueError(f"{where} must be two or more [u, v] in px")
     return found
+
+
+def parsed(text: str, where: str) -> Any:
+    """Values of a JSON text.
+
+    Raises:
+        ValueError: it is none; begins with `where`.
+    """
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{where}: not valid JSON: {error}") from None
 
 
 def read_text(path: Path) -> str:
@@ -129,3 +142,5 @@ def read_text(path: Path) -> str:
         raise ValueError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:  # a name that no file can have
+        raise ValueError(f"{path}: cannot be read: {error}") from None

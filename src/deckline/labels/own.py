@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from deckline.labels.lines import LabelledImage, Line, points, read_text
+from deckline.labels.lines import LabelledImage, Line, parsed, points, read_text
 from deckline.recording.writer import write_atomic
 from deckline.types import SIDES
 
@@ -23,10 +23,7 @@ def read_labels(path: Path) -> dict[str, Labels]:
     Raises:
         ValueError: not JSON, or not of the form above; the line names the file and the entry.
     """
-    try:
-        values = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: not valid JSON: {error}") from None
+    values = parsed(read_text(path), str(path))
     frames = values.get("frames") if isinstance(values, dict) else None
     if not isinstance(frames, list) or not frames:
         raise ValueError(

@@ -11,7 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from deckline.labels.lines import LabelledImage, LabelSet, Line, at_rows, finite, left_and_right, read_text, sized
+from deckline.labels.lines import (
+    LabelledImage,
+    LabelSet,
+    Line,
+    at_rows,
+    finite,
+    left_and_right,
+    parsed,
+    read_text,
+    sized,
+)
 from deckline.recording.writer import write_atomic
 
 ABSENT = -2  # u of a row that a lane does not reach
@@ -63,10 +73,7 @@ def read_tusimple(path: Path) -> LabelSet:
 
 
 def _image(text: str, where: str) -> LabelledImage:
-    try:
-        values = json.loads(text)
-    except ValueError as error:
-        raise ValueError(f"{where}: not valid JSON: {error}") from None
+    values = parsed(text, where)
     if not isinstance(values, dict) or not isinstance(values.get("raw_file"), str):
         raise ValueError(f'{where}: expected {{"raw_file", "h_samples", "lanes"}}, the first a file name')
     rows, lanes = values.get("h_samples"), values.get("lanes")
@@ -84,7 +91,7 @@ def _line(lane: Any, rows: list[Any], where: str) -> Line | None:
         raise ValueError(f"{where} must hold one u for each of the {len(rows)} h_samples")
     try:
         line = np.array([lane, rows], dtype=np.float64).T
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{where} and h_samples must be numbers") from None
     if not finite(line):
         raise ValueError(f"{where} and h_samples must be finite numbers")
