@@ -65,16 +65,16 @@ def _train_group() -> dict[str, Callable[..., int]]:
 
 
 def _eval_group() -> dict[str, Callable[..., int]]:
-    from deckline.app import eval_ablation, eval_commands, eval_dehazing, eval_detection, eval_flicker
+    from deckline.app.evaluation import ablation, commands, dehazing, detection, flicker
 
     return {
-        "chain": eval_commands.chain,
-        "recording": eval_commands.recording,
-        "labels": eval_commands.labels,
-        "flicker": eval_flicker.flicker,
-        "ablation": eval_ablation.ablation,
-        "dehazing": eval_dehazing.dehazing,
-        "detection": eval_detection.detection,
+        "chain": commands.chain,
+        "recording": commands.recording,
+        "labels": commands.labels,
+        "flicker": flicker.flicker,
+        "ablation": ablation.ablation,
+        "dehazing": dehazing.dehazing,
+        "detection": detection.detection,
     }
 
 

@@ -19,7 +19,7 @@ import tyro
 from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
-from deckline.app.eval_commands import heading
+from deckline.app.evaluation.commands import heading
 from deckline.app.extras import needs_extra
 from deckline.app.progress import progress
 from deckline.app.records import keep_whole_lines, read_records

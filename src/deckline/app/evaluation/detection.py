@@ -6,11 +6,11 @@ from typing import Annotated
 
 import tyro
 
-from deckline.app.eval_commands import JsonFile, heading, write_json
-from deckline.app.eval_detection_frames import FrameSet, Rendered, open_recorded
-from deckline.app.eval_detection_scores import NOT_LABELLED, evaluate, open_book
-from deckline.app.eval_detection_tables import NOTES, detection_tables, flat_figures
-from deckline.app.eval_detection_worst import worst_of, write_worst
+from deckline.app.evaluation.commands import JsonFile, heading, write_json
+from deckline.app.evaluation.detection_frames import FrameSet, Rendered, open_recorded
+from deckline.app.evaluation.detection_scores import NOT_LABELLED, evaluate, open_book
+from deckline.app.evaluation.detection_tables import NOTES, detection_tables, flat_figures
+from deckline.app.evaluation.detection_worst import worst_of, write_worst
 from deckline.app.extras import needs_extra
 from deckline.app.provenance import settings_of
 from deckline.evaluate.detection import DetectionScore

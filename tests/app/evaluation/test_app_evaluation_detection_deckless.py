@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from deckline.app.eval_detection import rendered_sets
-from deckline.app.eval_detection_deckless import CYCLE, DecklessSimulator
-from deckline.app.eval_detection_frames import Rendered
+from deckline.app.evaluation.detection import rendered_sets
+from deckline.app.evaluation.detection_deckless import CYCLE, DecklessSimulator
+from deckline.app.evaluation.detection_frames import Rendered
 from deckline.evaluate.detection import Scene
 from deckline.sim import RendererError, SimConfig
 

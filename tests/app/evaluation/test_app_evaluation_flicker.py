@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deckline.app.cli import main
-from deckline.app.eval_flicker import as_flown, clear_picture
+from deckline.app.evaluation.flicker import as_flown, clear_picture
 from deckline.evaluate.flicker import flicker_figures, sequence_errors
 from deckline.recording import RecordingWriter, open_source
 from deckline.sim import SimConfig, frames

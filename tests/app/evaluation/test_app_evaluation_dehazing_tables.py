@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from rich.console import Console
 
-from deckline.app.eval_dehazing_cost import Cost
-from deckline.app.eval_dehazing_tables import Results, json_of, markdown_of, print_results, sheets_of
+from deckline.app.evaluation.dehazing_cost import Cost
+from deckline.app.evaluation.dehazing_tables import Results, json_of, markdown_of, print_results, sheets_of
 from deckline.evaluate.dehazing import ImageScore, LineScore, summarise
 
 

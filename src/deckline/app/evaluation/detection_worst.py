@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from deckline.app.draw import CENTRE, Image, dashed, write_picture
-from deckline.app.eval_detection_frames import FrameSet
+from deckline.app.evaluation.detection_frames import FrameSet
 from deckline.app.overlay import overlay
 from deckline.app.panels import panels
 from deckline.evaluate.detection import DetectionScore, Expected, Scene

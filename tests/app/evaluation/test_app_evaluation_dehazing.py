@@ -7,7 +7,7 @@ from hazy_recording import HORIZON_ROW, last_error, measured, pictures, run, wri
 from skimage.metrics import peak_signal_noise_ratio
 
 import deckline
-from deckline.app.eval_dehazing_rows import ROWS
+from deckline.app.evaluation.dehazing_rows import ROWS
 from deckline.dehaze import DarkChannelDehazer
 
 

@@ -17,12 +17,12 @@ from rich.console import Console
 
 from deckline import __version__
 from deckline.app.draw import check_picture_name, write_picture
-from deckline.app.eval_dehazing_cost import Cost, CostTask, measure_costs
-from deckline.app.eval_dehazing_methods import HAZY, build_dehazer, by_name, model_of, shown_name, size_of
-from deckline.app.eval_dehazing_pairs import Pair, PairSource, open_pairs
-from deckline.app.eval_dehazing_rows import DEHAZERS_KEY, Rows
-from deckline.app.eval_dehazing_sheet import sheet
-from deckline.app.eval_dehazing_tables import Results, json_of, markdown_of, print_results
+from deckline.app.evaluation.dehazing_cost import Cost, CostTask, measure_costs
+from deckline.app.evaluation.dehazing_methods import HAZY, build_dehazer, by_name, model_of, shown_name, size_of
+from deckline.app.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
+from deckline.app.evaluation.dehazing_rows import DEHAZERS_KEY, Rows
+from deckline.app.evaluation.dehazing_sheet import sheet
+from deckline.app.evaluation.dehazing_tables import Results, json_of, markdown_of, print_results
 from deckline.app.progress import progress
 from deckline.app.provenance import settings_of
 from deckline.dehaze import Dehazer, restore

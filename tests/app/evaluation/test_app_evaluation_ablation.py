@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from deckline.app.cli import main
-from deckline.app.eval_ablation import HAZY, Measured, measure
+from deckline.app.evaluation.ablation import HAZY, Measured, measure
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluate.metrics import psnr_db, ssim
 from deckline.geometry import Camera

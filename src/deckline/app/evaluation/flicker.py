@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from deckline.app.eval_commands import JsonFile, heading, write_json
+from deckline.app.evaluation.commands import JsonFile, heading, write_json
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
 from deckline.evaluate.flicker import REGIONS, flicker_figures, sequence_errors
 from deckline.recording import BadFrame, open_source

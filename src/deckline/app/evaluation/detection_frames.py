@@ -121,7 +121,7 @@ class Rendered(FrameSet):
 
     def _open(self) -> Any:
         if self._simulator is None:
-            from deckline.app.eval_detection_deckless import DecklessSimulator
+            from deckline.app.evaluation.detection_deckless import DecklessSimulator
             from deckline.sim.simulate import Simulator
 
             self._simulator = (DecklessSimulator if self._deckless else Simulator)(self._config)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hazy_recording import pictures, write_network
 
-from deckline.app.eval_dehazing_methods import build_dehazer, by_name, model_of
+from deckline.app.evaluation.dehazing_methods import build_dehazer, by_name, model_of
 from deckline.runtime import sha256_of, shipped_weights
 
 

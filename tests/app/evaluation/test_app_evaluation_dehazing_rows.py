@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deckline.app.eval_dehazing_rows import ROWS, SETTINGS, Rows
+from deckline.app.evaluation.dehazing_rows import ROWS, SETTINGS, Rows
 from deckline.evaluate.dehazing import ImageScore, LineScore
 
 WITH = {"every": 1, "dehazers": {"none": "deckline 1"}}

@@ -7,10 +7,10 @@ import pytest
 from app_scene import CAMERA, chain, frame
 
 from deckline.app.cli import main
-from deckline.app.eval_detection_frames import Recorded, open_recorded
-from deckline.app.eval_detection_scores import SCORES_FILE, evaluate, open_book
-from deckline.app.eval_detection_tables import detection_tables, flat_figures
-from deckline.app.eval_detection_worst import figures_line, worst_of, write_worst
+from deckline.app.evaluation.detection_frames import Recorded, open_recorded
+from deckline.app.evaluation.detection_scores import SCORES_FILE, evaluate, open_book
+from deckline.app.evaluation.detection_tables import detection_tables, flat_figures
+from deckline.app.evaluation.detection_worst import figures_line, worst_of, write_worst
 from deckline.evaluate.detection import Scene
 from deckline.labels import LabelledImage, write_labels
 from deckline.labels.truth import label_frame

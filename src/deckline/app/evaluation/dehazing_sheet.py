@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from deckline.app.draw import Image, tag
-from deckline.app.eval_dehazing_methods import HAZY
-from deckline.app.eval_dehazing_pairs import Pair, PairSource
+from deckline.app.evaluation.dehazing_methods import HAZY
+from deckline.app.evaluation.dehazing_pairs import Pair, PairSource
 from deckline.dehaze import Dehazer, restore
 from deckline.evaluate.dehazing import ImageScore, restoration
 

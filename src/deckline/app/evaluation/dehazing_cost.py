@@ -1,9 +1,10 @@
 """What a dehazer costs: latency and peak memory, each run in a fresh process of its own.
 
-    python -m deckline.app.eval_dehazing_cost '{"dehazer": ..., "source": ..., "key": ..., "size_px": [1280, 720], ...}'
+    python -m deckline.app.evaluation.dehazing_cost TASK
 
-is that process: it prints {"seconds", "peak_bytes"}. Peak memory is Linux's VmHWM, which is getrusage's peak but can be
-set back once everything is loaded, and does not begin at the parent's size.
+is that process; TASK is JSON: {"dehazer", "source", "key", "size_px": [1280, 720], ...}. It prints {"seconds",
+"peak_bytes"}. Peak memory is Linux's VmHWM: getrusage's peak, but it can be set back once everything is loaded, and
+does not begin at the parent's size.
 """
 
 import ctypes
@@ -20,8 +21,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from deckline.app.eval_dehazing_methods import build_dehazer
-from deckline.app.eval_dehazing_pairs import open_pairs
+from deckline.app.evaluation.dehazing_methods import build_dehazer
+from deckline.app.evaluation.dehazing_pairs import open_pairs
 from deckline.dehaze import restore
 from deckline.types import Frame
 
@@ -83,7 +84,7 @@ def _median(costs: list[Cost]) -> Cost:
 
 def _in_process(task: CostTask) -> Cost | str:
     """A run's cost, or why it failed."""
-    command = [sys.executable, "-m", "deckline.app.eval_dehazing_cost", json.dumps(asdict(task))]
+    command = [sys.executable, "-m", "deckline.app.evaluation.dehazing_cost", json.dumps(asdict(task))]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     if ended.returncode != 0:
         last = (ended.stderr.strip().splitlines() or [f"the process ended with {ended.returncode}"])[-1]

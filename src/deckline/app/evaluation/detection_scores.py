@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deckline.app.eval_detection_frames import FrameSet
+from deckline.app.evaluation.detection_frames import FrameSet
 from deckline.app.progress import progress
 from deckline.evaluate.detection import DetectionScore, score_detection, score_from_mapping, score_to_mapping
 from deckline.pipeline import Pipeline

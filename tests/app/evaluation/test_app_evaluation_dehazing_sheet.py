@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from deckline.app.eval_dehazing_pairs import Pair, PairSource
-from deckline.app.eval_dehazing_sheet import TILE_PX, nearest, sheet
+from deckline.app.evaluation.dehazing_pairs import Pair, PairSource
+from deckline.app.evaluation.dehazing_sheet import TILE_PX, nearest, sheet
 from deckline.dehaze.identity import IdentityDehazer
 from deckline.evaluate.dehazing import ImageScore, LineScore
 from deckline.geometry import Camera

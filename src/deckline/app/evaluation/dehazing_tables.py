@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from deckline.app.eval_dehazing_cost import Cost
-from deckline.app.eval_dehazing_methods import HAZY
+from deckline.app.evaluation.dehazing_cost import Cost
+from deckline.app.evaluation.dehazing_methods import HAZY
 from deckline.evaluate.dehazing import ALL, Summary, worse_lines
 from deckline.evaluate.paired import Difference
 

@@ -11,7 +11,7 @@ from hazy_recording import last_error, measured, run, write_recording
 from skimage.metrics import peak_signal_noise_ratio
 
 import deckline
-from deckline.app.eval_dehazing_pairs import open_pairs
+from deckline.app.evaluation.dehazing_pairs import open_pairs
 from deckline.recording import open_source
 
 
