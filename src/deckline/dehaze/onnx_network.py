@@ -32,12 +32,15 @@ class OnnxDehazer:
         path: file made by `deckline train dehaze`.
         name: for reports; the file's name when not given.
         threads: of ONNX Runtime; None lets it take every core.
+        working_long_side_px: what larger images are averaged down to; None: the size that the network was trained on.
 
     Raises:
         ValueError: no ONNX file, or one that is no dehazing network of deckline.
     """
 
-    def __init__(self, path: Path, name: str | None = None, threads: int | None = None) -> None:
+    def __init__(
+        self, path: Path, name: str | None = None, threads: int | None = None, working_long_side_px: int | None = None
+    ) -> None:
         self.name = name or Path(path).name
         self.session = load_session(path, threads)
         kind = self.session.config.get("kind")
@@ -45,7 +48,7 @@ class OnnxDehazer:
             raise ValueError(f"{path} is no dehazing network: its metadata says kind {kind!r}, expected 'dehaze'")
         self.coarse = "working" in self.session.input_names
         self.geometry = GeometryDehazer() if self.session.config["network"].get("prior") else None
-        self.working_long_side_px = int(self.session.config["working_long_side_px"])
+        self.working_long_side_px = working_long_side_px or int(self.session.config["working_long_side_px"])
         self.grid_px = int(self.session.config["network"]["unshuffle"])
 
     @property
