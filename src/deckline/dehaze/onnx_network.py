@@ -48,7 +48,8 @@ class OnnxDehazer:
             raise ValueError(f"{path} is no dehazing network: its metadata says kind {kind!r}, expected 'dehaze'")
         self.coarse = "working" in self.session.input_names
         self.geometry = GeometryDehazer() if self.session.config["network"].get("prior") else None
-        self.working_long_side_px = working_long_side_px or int(self.session.config["working_long_side_px"])
+        trained_px = int(self.session.config["working_long_side_px"])
+        self.working_long_side_px = trained_px if working_long_side_px is None else working_long_side_px
         self.grid_px = int(self.session.config["network"]["unshuffle"])
 
     @property
