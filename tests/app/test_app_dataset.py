@@ -28,6 +28,11 @@ def test_the_papers_counts_are_the_defaults():
     assert (421 * len(corners), 179 * len(corners)) == (3368, 1432)
 
 
+def test_one_scene_has_one_weather_for_every_flight_and_view():
+    assert {item[0].weather.seed for item in dataset_items(DatasetConfig(seed=3, one_scene=True))} == {3}
+    assert {item[0].weather.seed for item in dataset_items(DatasetConfig(seed=3))} == {None}
+
+
 def test_the_split_follows_the_seed():
     assert split_frames(DatasetConfig()) == split_frames(DatasetConfig())
     assert split_frames(DatasetConfig()) != split_frames(DatasetConfig(seed=1))

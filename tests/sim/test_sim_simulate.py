@@ -8,6 +8,7 @@ from deckline.sim.camera.depth_camera import DepthConfig
 from deckline.sim.camera.navigation import NavigationConfig
 from deckline.sim.camera.sensor import SensorConfig, develop, radiance_from_image, sensor_from_mapping
 from deckline.sim.flight.motion import MotionConfig
+from deckline.sim.scene.weather import WeatherConfig
 
 FAR = DepthConfig(range_m=float("inf"))
 SMALL = {"width": 160, "height": 90}
@@ -38,6 +39,18 @@ def test_a_frame_depends_on_seed_and_index_alone():
         np.testing.assert_array_equal(a.truth.left.p0_m, b.truth.left.p0_m)
     other = rendered(SimConfig(**settings, **SMALL, seed=1), start=6)
     assert np.any(other[0].image_rgb != whole[6].image_rgb)
+
+
+def test_a_weathers_seed_keeps_light_sky_and_sea_in_every_recording():
+    def weathers(seed: int, weather: int | None) -> list[dict]:
+        config = SimConfig(trajectory="random", frames=2, seed=seed, weather=WeatherConfig(seed=weather), **SMALL)
+        return [frame.truth.conditions["weather"] for frame in rendered(config)]
+
+    (first, second), (third, _) = weathers(1, 4), weathers(2, 4)
+    assert first == second == third
+    assert weathers(1, 5)[0] != first
+    changing = weathers(1, None)
+    assert changing[0] != changing[1]
 
 
 def test_haze_follows_the_scattering_model():
