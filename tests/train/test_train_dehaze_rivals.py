@@ -62,7 +62,7 @@ def test_another_network_does_not_go_on(recording: Path, tmp_path: Path) -> None
     train_dehaze(replace(AOD, steps=1), [recording], tmp_path)
     with pytest.raises(ValueError, match=r"checkpoint of another recipe \(network differ\)"):
         train_dehaze(QUICK, [recording], tmp_path)
-    with pytest.raises(ValueError, match="holds another model"):
+    with pytest.raises(ValueError, match="holds the weights of another network"):
         train_dehaze(QUICK, [recording], tmp_path / "next", start_from=tmp_path)
 
 
