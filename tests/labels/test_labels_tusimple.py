@@ -63,8 +63,8 @@ def test_round_trip_keeps_the_lines(image, step):
         assert (again is None) == (line is None)
         if line is not None:
             assert distance_px(again, line).max() <= 0.005 + 1e-6
-            assert again[:, 1].min() - line[:, 1].min() < step
-            assert line[:, 1].max() - again[:, 1].max() < step
+            assert again[:, 1].min() - line[:, 1].min() <= step  # equal only by rounding
+            assert line[:, 1].max() - again[:, 1].max() <= step
 
 
 @pytest.mark.parametrize(
