@@ -130,7 +130,7 @@ def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     detector = OnnxDetector(path)
     assert detector.name == name
     assert (detector.config.grid, detector.config.decode) == (model.kind.grid, model.kind.decode)
-    assert detector._session.config["parameters"] == runtime_parameters(model)
+    assert detector.session.config["parameters"] == runtime_parameters(model)
     grid = model.kind.grid
     view = np.random.default_rng(0).standard_normal((3, grid.height, grid.width), dtype=np.float32)
     ours, theirs = torch_infer(model)(view), detector.infer(view)

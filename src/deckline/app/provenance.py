@@ -13,7 +13,7 @@ from deckline import __version__
 from deckline.dehaze import OnnxDehazer
 from deckline.detect import OnnxDetector
 from deckline.pipeline import FrameResult, Pipeline
-from deckline.runtime import sha256_of, shipped_models
+from deckline.runtime import sha256_of
 from deckline.types import Frame
 
 Settings = dict[str, str]
@@ -24,8 +24,8 @@ def settings_of(pipeline: Callable[[Frame], FrameResult]) -> Settings:
     settings = {"deckline": __version__}
     if isinstance(pipeline, Pipeline):
         config = pipeline.config
-        settings["dehazer"] = _model("dehaze", config.dehazer, isinstance(pipeline.dehaze, OnnxDehazer))
-        settings["detector"] = _model("detect", config.detector, isinstance(pipeline.detect, OnnxDetector))
+        settings["dehazer"] = _model(config.dehazer, pipeline.dehaze)
+        settings["detector"] = _model(config.detector, pipeline.detect)
         settings["localization"] = ", ".join(_options(config.localize))
         settings["seed"] = str(config.seed)
     return settings
@@ -46,12 +46,13 @@ def now() -> str:
     return datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
 
 
-def _model(kind: str, name: str, is_network: bool) -> str:
-    """A method's name; of a network also the SHA-256 of its file or of the shipped models of its kind."""
-    if name.endswith(".onnx"):
-        return f"{name} (SHA-256 {sha256_of(Path(name))})"
-    shipped = [model for model in shipped_models().values() if is_network and model.kind == kind]
-    return " ".join([name, *(f"({model.file}, SHA-256 {model.sha256})" for model in shipped)])
+def _model(name: str, stage: object) -> str:
+    """A method's name; of a network also its file's SHA-256."""
+    if not isinstance(stage, OnnxDehazer | OnnxDetector):
+        return name
+    path = stage.session.path
+    file = "" if name.endswith(".onnx") else f"{path.name}, "
+    return f"{name} ({file}SHA-256 {sha256_of(path)})"
 
 
 def _options(config: Any, prefix: str = "") -> list[str]:

@@ -35,7 +35,7 @@ STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 
 
 class GeometryDehazer:
-    """Dehazes frames that have a pose and a deck height; others come out as they are, with a note that says why."""
+    """Dehazes frames with a pose and the height of sea or deck; a note says why others come out as they are."""
 
     def __init__(self, config: GeometryConfig | None = None, name: str = "geometry") -> None:
         self.name = name

@@ -27,15 +27,15 @@ class OnnxDetector:
 
     def __init__(self, path: Path, config: DetectConfig | None = None) -> None:
         self.name = path.stem
-        self._session = load_session(path)
-        if all(set(self._session.output_names) != set(names) for names in KNOWN_OUTPUTS):
+        self.session = load_session(path)
+        if all(set(self.session.output_names) != set(names) for names in KNOWN_OUTPUTS):
             raise ValueError(
-                f"{path}: no row-anchor detector (its outputs are {', '.join(self._session.output_names)}, "
+                f"{path}: no row-anchor detector (its outputs are {', '.join(self.session.output_names)}, "
                 f"expected {', '.join(ROW_OUTPUTS)})"
             )
         config = config or DetectConfig()
         self.config = replace(
-            config, grid=_grid(self._session.config, path), decode=_decode(self._session.config, config.decode, path)
+            config, grid=_grid(self.session.config, path), decode=_decode(self.session.config, config.decode, path)
         )
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> Detection:
@@ -43,7 +43,7 @@ class OnnxDetector:
 
     def infer(self, view: NDArray[np.float32]) -> NetworkOutput:
         """One normalised view (3, height, width) through the network."""
-        outputs = zip(self._session.output_names, self._session(image=view[None]), strict=True)
+        outputs = zip(self.session.output_names, self.session(image=view[None]), strict=True)
         return network_output({name: value[0] for name, value in outputs}, self.config.grid)
 
 
