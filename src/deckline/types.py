@@ -48,6 +48,7 @@ class Truth:
 
     left: Segment | None = None  # None with right None: there is no runway in this scene
     right: Segment | None = None
+    centre_painted: bool | None = None  # whether a line is painted midway between them; None: not known
     visibility_m: float | None = None  # 2 % contrast; inf is clear air
     airlight_rgb: tuple[float, float, float] | None = None  # 0..255
     clear_rgb: NDArray[np.uint8] | None = None  # (H, W, 3) the same view without haze
@@ -124,11 +125,12 @@ class LinePoints:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """Points of both lines in one image. A line that was not seen has no points."""
+    """Points of the lines in one image. A line that was not seen has no points."""
 
     left: LinePoints
     right: LinePoints
     region_px: tuple[float, float, float, float] | None = None  # u0, v0, u1, v1 of the part looked at closely
+    centre: LinePoints = field(default_factory=lambda: LinePoints.empty())  # painted between them; many networks give none
 
 
 @dataclass(frozen=True, eq=False)
