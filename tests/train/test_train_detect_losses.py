@@ -90,7 +90,9 @@ def test_total_is_the_weighted_sum(cell):
     output = UfldOutput(torch.randn(1, 2, 72, 129), torch.randn(1, 577), torch.randn(1, 4, 18, 32), None)
     region = torch.zeros(1, 577)
     region[0, 40] = 1.0
-    targets = DetectTargets(cell, region, torch.zeros(1, 4, 18, 32), torch.ones(1, 18, 32) / 576)
+    targets = DetectTargets(
+        cell, torch.ones(1, 2, dtype=torch.bool), region, torch.zeros(1, 4, 18, 32), torch.ones(1, 18, 32) / 576
+    )
     weights = LossWeights()
     total, parts = detect_loss(output, targets, weights)
     assert float(total) == pytest.approx(sum(getattr(weights, k) * v for k, v in parts.items()), rel=1e-5)

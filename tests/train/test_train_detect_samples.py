@@ -1,5 +1,7 @@
 """Samples: what the network is shown must agree with what it is told, to the sub-pixel, after every augmentation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,8 +34,8 @@ def view() -> LineView:
     clear = ClearView(
         image.astype(np.uint8), np.full((360, 640), 300.0, np.float16), None, Camera.from_fov(640, 360, 1.2)
     )
-    lines = np.stack([line_points(LEFT), line_points(RIGHT)])
-    return LineView("drawn", clear, lines, np.full((2, 257), 300.0))
+    lines = [line_points(LEFT), line_points(RIGHT)]
+    return LineView("drawn", clear, np.stack([*lines, (lines[0] + lines[1]) / 2]), np.full((3, 257), 300.0), True)
 
 
 def brightest(image: np.ndarray, channel: int, row: int) -> float:
@@ -78,7 +80,18 @@ def test_left_stays_left_of_right_after_flips(view):
     for seed in range(20):
         cell = make_sample(view, GRID, augment, np.random.default_rng(seed)).cell
         both = np.isfinite(cell).all(axis=0)
-        assert (cell[1, both] > cell[0, both]).all()
+        assert (cell[1, both] > cell[2, both]).all()
+        assert (cell[2, both] > cell[0, both]).all()
+
+
+@pytest.mark.parametrize(("painted", "known", "seen"), [(True, True, True), (False, True, False), (None, False, False)])
+def test_a_centre_line_is_taught_where_it_is_painted_and_left_open_where_nobody_knows(view, painted, known, seen):
+    sample = make_sample(
+        replace(view, centre_painted=painted), GRID, DetectAugmentation(**PLAIN), np.random.default_rng(2)
+    )
+    assert sample.known.tolist() == [True, True, known]
+    assert np.isfinite(sample.cell[2]).any() == seen
+    assert np.isfinite(sample.cell[:2]).any(axis=1).all()
 
 
 def test_region_box_is_around_both_lines(view):

@@ -7,8 +7,9 @@ from deckline.runtime import shipped_weights
 from deckline.runtime.session import load_session
 from deckline.train.checkpoint import save_checkpoint
 from deckline.train.detect_finish import export_detect, torch_infer
-from deckline.train.detect_start import start_detector
+from deckline.train.detect_start import settle_norms, start_detector
 from deckline.train.detectors import DETECTORS_TO_TRAIN
+from deckline.train.detectors.hybrid import Hybrid
 from deckline.train.ufld import Ufld, UfldConfig
 
 SMALL = UfldConfig(channels=16, pretrained=False)
@@ -28,6 +29,31 @@ def test_a_detector_goes_on_from_the_shipped_file():
     assert all(torch.all(n.running_var + n.eps == 1.0) for n in model.modules() if isinstance(n, torch.nn.BatchNorm2d))
 
 
+def test_the_hybrid_takes_what_both_networks_have():
+    path = shipped_weights("detect")
+    earlier, model = Ufld(UfldConfig(pretrained=False)).eval(), Hybrid(pretrained=False).eval()
+    start_detector(earlier, path)
+    start_detector(model, path)
+    image = torch.from_numpy(np.random.default_rng(1).standard_normal((1, 3, 288, 512), dtype=np.float32))
+    with torch.no_grad():
+        one, other = earlier(image), model(image)
+    torch.testing.assert_close(one.region, other.region, atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(
+        one.rows[..., :-1].log_softmax(-1), other.rows[:, :2, :, :-1].log_softmax(-1), atol=1e-3, rtol=1e-3
+    )
+
+
+def test_settled_norms_change_nothing_but_how_training_begins():
+    model = Ufld(SMALL)
+    images = torch.from_numpy(np.random.default_rng(2).standard_normal((2, 3, 288, 512), dtype=np.float32))
+    with torch.no_grad():
+        before = model.eval()(images)
+        settle_norms(model, images)
+        after, training = model(images), model.train()(images)
+    torch.testing.assert_close(after.rows, before.rows, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(training.rows, before.rows, atol=5e-2, rtol=5e-2)
+
+
 def test_a_training_folder_is_a_start_too(tmp_path):
     first, second = Ufld(SMALL), Ufld(SMALL)
     optimizer = torch.optim.SGD(first.parameters(), 0.1)
@@ -43,7 +69,7 @@ def test_files_of_other_networks_are_refused(tmp_path):
         start_detector(Ufld(SMALL), shipped_weights("detect"))
     with pytest.raises(ValueError, match=r"dehaze_coarse_t\.onnx holds another network"):
         start_detector(Ufld(SMALL), shipped_weights("dehaze"))
-    with pytest.raises(ValueError, match=r"small\.onnx: only network deckline starts from an \.onnx file"):
+    with pytest.raises(ValueError, match=r"small\.onnx: only networks deckline and hybrid start from an \.onnx file"):
         start_detector(DETECTORS_TO_TRAIN["enet-sad"](), path)
     with pytest.raises(ValueError, match="holds no checkpoint to start from"):
         start_detector(Ufld(SMALL), tmp_path)

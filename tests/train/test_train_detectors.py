@@ -47,11 +47,13 @@ def batch(model: LineNetwork, name: str) -> tuple[torch.Tensor, DetectTargets]:
         for v in range(int(far[1]), int(near[1])):
             u = near[0] + (v - near[1]) * (far[0] - near[0]) / (far[1] - near[1])
             view[:, v, int(u) - 2 : int(u) + 3] = 3.0
+    lines = np.concatenate([lines, lines.mean(axis=0, keepdims=True)])[: model.kind.lines]
     cell = np.stack([encode(line, [True, True], grid) for line in lines])
+    known = np.ones(len(lines), bool)
     box = [*lines.min(axis=(0, 1)), *lines.max(axis=(0, 1))]
     cells = (grid.width // 16, grid.height // 16)
-    full = (cell, *encode_region(box, cells))
-    empty = (np.full_like(cell, np.nan), *encode_region(None, cells))
+    full = (cell, known, *encode_region(box, cells))
+    empty = (np.full_like(cell, np.nan), known, *encode_region(None, cells))
     columns = [torch.from_numpy(np.stack(pair)) for pair in zip(full, empty, strict=True)]
     return torch.from_numpy(np.stack([view, np.zeros_like(view)])), DetectTargets(*columns)
 
@@ -91,8 +93,8 @@ def test_outputs_have_the_shapes_of_the_grid(name: str) -> None:
     grid = model.kind.grid
     outputs = model(torch.empty(2, 3, grid.height, grid.width, device="meta"))
     shapes = {
-        "row_logits": (2, 2, grid.rows, grid.cells + 1),
-        "column_logits": (2, 2, grid.cells, grid.rows + 1),
+        "row_logits": (2, model.kind.lines, grid.rows, grid.cells + 1),
+        "column_logits": (2, model.kind.lines, grid.cells, grid.rows + 1),
         "map_logits": (2, 3, grid.height, grid.width),
         "line_logits": (2, 2),
         "region_logits": (2, 577),

@@ -3,6 +3,7 @@
 {"format": "deckline-scene", "version": 1, "camera": {...}, free keys such as "preset" and "seed",
  "frames": {"<image file>": {"camera": {...} when it differs, "time_s": exact time, "deck_z_m": ..., "sea_z_m": ...,
    "truth": {"left": {"p0_m": [...], "p1_m": [...]} or null, "right": ..., "visibility_m": metres or null,
+             "centre_painted": whether a line is painted midway between them, absent when that is not known,
              "clear_air": true when the visibility is infinite, "airlight_rgb": [...], "clear_image": "clear/<file>",
              "world_from_body": {...} when the recorded pose is a measured one, "world_from_ship": {...},
              "conditions": {...} what air, light and camera were like}}}}
@@ -103,6 +104,8 @@ def scene_text(camera: Mapping | None, entries: Mapping[str, str], extra: Mappin
 def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:
     """The JSON object that `truth_from_mapping` reads back."""
     values: dict[str, Any] = {"left": _segment_to(truth.left), "right": _segment_to(truth.right)}
+    if truth.centre_painted is not None:
+        values["centre_painted"] = truth.centre_painted
     if truth.visibility_m is not None:
         clear_air = math.isinf(truth.visibility_m)
         values["visibility_m"] = None if clear_air else float(truth.visibility_m)
@@ -134,10 +137,14 @@ def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Trut
     conditions = values.get("conditions", {})
     if not isinstance(conditions, dict):
         raise ValueError(f"truth.conditions must be an object, got {conditions!r}")
+    centre = values.get("centre_painted")
+    if centre is not None and not isinstance(centre, bool):
+        raise ValueError(f"truth.centre_painted must be true or false, got {centre!r}")
     poses = {name: transform_from_mapping(values[name], f"truth.{name}") for name in POSES if name in values}
     return Truth(
         left=_segment_from(values.get("left"), "truth.left"),
         right=_segment_from(values.get("right"), "truth.right"),
+        centre_painted=centre,
         visibility_m=None if visibility is None else _positive(visibility, "truth.visibility_m"),
         airlight_rgb=None if airlight is None else _triple(airlight, "truth.airlight_rgb"),
         clear_rgb=clear_rgb,

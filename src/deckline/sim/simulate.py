@@ -177,6 +177,7 @@ class Simulator:
         return Truth(
             left,
             right,
+            centre_painted=self.ship.runway and self.ship.centre,
             visibility_m=shot.visibility_m,
             airlight_rgb=shot.airlight_rgb,
             clear_rgb=shot.clear_rgb,

@@ -15,16 +15,17 @@ from torch import Tensor
 
 from deckline.train.checkpoint import load_checkpoint, read_progress, save_checkpoint, stop_on_interrupt
 from deckline.train.detect_augment import DetectAugmentation
-from deckline.train.detect_data import LineViews, batches
+from deckline.train.detect_data import LineViews, batches, make_batch
 from deckline.train.detect_finish import export_detect, validate
 from deckline.train.detect_losses import DetectTargets, LossWeights
-from deckline.train.detect_start import start_detector
+from deckline.train.detect_start import settle_norms, start_detector
 from deckline.train.detectors import DETECTORS_TO_TRAIN
 from deckline.train.line_network import LineNetwork
 from deckline.train.network_cost import count_parameters
 from deckline.train.schedule import averaged, fraction_done, learning_rate
 from deckline.train.ufld import Ufld, UfldConfig
 
+START_VIEWS = 24  # whose statistics the batch norms of another training's weights are given
 SMOOTHING = 0.98  # of the printed losses
 Network = Literal["deckline", "hybrid", "ufld-r18", "enet-sad", "resa-r18"]
 
@@ -99,12 +100,13 @@ def train_detect(
     torch.manual_seed(config.seed)
     device = torch.device(_device(config.device))
     model = _new_network(config)
+    views = LineViews(recordings, config.held_out)
     if start_from is not None:
         start_detector(model, start_from)
+        settle_norms(model, make_batch(views, START_VIEWS, model.kind.target_grid, config.augment, [config.seed])[0])
     model.to(device)
     model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs lack this form
     run = _resume(config, model, _optimizer(config, model), out)
-    views = LineViews(recordings, config.held_out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
     if not _train(config, run, views, out, console):
         console.print(f"interrupted; give the same command again to go on from step {run.step}")
@@ -150,7 +152,7 @@ def _step(
 ) -> dict[str, float]:
     device = next(run.model.parameters()).device
     image = image.to(device, memory_format=torch.channels_last)
-    targets = DetectTargets(*(tensor.to(device) for tensor in targets))
+    targets = DetectTargets(*(tensor.to(device) for tensor in targets)).first(run.model.kind.lines)
     rate = learning_rate(fraction, config.lr, config.lr_end, config.warm_up)
     for group, scale in zip(run.optimizer.param_groups, (config.backbone_lr, 1.0), strict=True):
         group["lr"] = rate * scale

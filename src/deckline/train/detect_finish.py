@@ -60,13 +60,13 @@ def line_errors(points: LinePoints, line_px: NDArray[np.float64]) -> tuple[NDArr
 
 
 def score(detection: Detection, lines_px: NDArray[np.float64] | None) -> Score:
-    """Compare with true lines (2, N, 2) px; None: no runway."""
+    """Compare with true lines (3, N, 2) px, of which left and right count; None: no runway."""
     sides = (detection.left, detection.right)
     found = [len(points) > 0 for points in sides]
     empty = np.zeros(0)
     if lines_px is None:
         return Score(False, all(found), any(found), empty, empty)
-    pairs = [line_errors(points, line) for points, line in zip(sides, lines_px, strict=True)]
+    pairs = [line_errors(points, line) for points, line in zip(sides, lines_px[: len(sides)], strict=True)]
     errors, ratios = (np.concatenate(column) for column in zip(*pairs, strict=True))
     return Score(True, all(found), any(found), errors, ratios)
 
@@ -113,7 +113,8 @@ def _can_be_scored(view: LineView | LabelledView) -> bool:
     if view.lines_px is None:
         return True
     height, width = view.image_rgb.shape[:2]
-    inside = np.all((view.lines_px >= 0) & (view.lines_px <= [width - 1, height - 1]), axis=2)
+    edges = view.lines_px[:2]
+    inside = np.all((edges >= 0) & (edges <= [width - 1, height - 1]), axis=2)
     return bool((inside.mean(axis=1) > 0.1).all())
 
 

@@ -21,7 +21,7 @@ class LabelledView:
 
     file: str
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
-    lines_px: NDArray[np.float64] | None  # (2, N, 2) left and right in order along each, NaN one that is not there
+    lines_px: NDArray[np.float64] | None  # (3, N, 2) left, right, centre in order along each, NaN one that is not there
 
 
 class LabelledFolder:
@@ -64,7 +64,7 @@ def is_labelled_folder(path: Path) -> bool:
 def _lines(labels: Labels) -> NDArray[np.float64] | None:
     if all(line is None for line in labels.values()):
         return None
-    lines = np.full((2, LINE_POINTS, 2), np.nan)
+    lines = np.full((len(SIDES) + 1, LINE_POINTS, 2), np.nan)  # nobody labels the centre line
     for k, side in enumerate(SIDES):
         line = labels[side]
         if line is not None:

@@ -22,10 +22,15 @@ class UfldOutput(NamedTuple):
 class DetectTargets(NamedTuple):
     """Encoded truth of a batch."""
 
-    cell: Tensor  # (B, 2, rows) position in cells, NaN for "no line here"
+    cell: Tensor  # (B, lines, rows) position in cells, NaN for "no line here"
+    known: Tensor  # (B, lines) bool: whether the truth of the line is known
     region: Tensor  # (B, region cells + 1) shares
     box: Tensor  # (B, 4, region rows, region columns)
     box_weight: Tensor  # (B, region rows, region columns)
+
+    def first(self, lines: int) -> "DetectTargets":
+        """What a network of so many lines is taught: the left, the right, then the centre line."""
+        return self._replace(cell=self.cell[:, :lines], known=self.known[:, :lines])
 
 
 @dataclass(frozen=True)
@@ -122,18 +127,20 @@ def box_loss(box: Tensor, target: Tensor, weight: Tensor) -> Tensor:
 
 
 def segmentation_loss(logits: Tensor, cell: Tensor, cells: int) -> Tensor:
-    """Cross-entropy of background / left / right, on the rows and columns of the logits (B, 3, h, w)."""
+    """Cross-entropy of background and every line, on the rows and columns of the logits (B, lines + 1, h, w)."""
     batch, _, height, width = logits.shape
     rows = cell.shape[-1]
     cells_per_column = cells / width
     nearest = (torch.arange(height, device=cell.device) * rows + rows // 2) // height
-    line_cell = cell[..., nearest].nan_to_num(-1e4)  # (B, 2, height); far outside where there is no line
+    line_cell = cell[..., nearest].nan_to_num(-1e4)  # (B, lines, height); far outside where there is no line
     column_cell = (torch.arange(width, device=cell.device) + 0.5) * cells_per_column - 0.5
     distance = (column_cell - line_cell[..., None]).abs()
     label = torch.zeros(batch, height, width, dtype=torch.long, device=cell.device)
-    for line in (0, 1):
+    for line in range(cell.shape[1]):
         label[distance[:, line] <= cells_per_column] = line + 1
-    return F.cross_entropy(logits, label, weight=torch.tensor([0.2, 1.0, 1.0], device=logits.device))
+    weight = torch.ones(logits.shape[1], device=logits.device)
+    weight[0] = 0.2
+    return F.cross_entropy(logits, label, weight=weight)
 
 
 def _expected(logits: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ PAINT_CONTRAST = 100.0  # grey levels between white paint and a dark deck
 VISIBLE_CONTRAST = 1.5  # grey levels; paint with less of it left is "no line here"
 VISIBLE_SHARE = 0.15  # of both lines' points; with less there is no runway in the view
 CLOSE_MIN_PX = 4.0  # a box narrower than that in the frame gets no close look
+MIRRORED = [1, 0, 2]  # the left line is then the right one
 MARGIN_PX = 12  # kept around a window for blur and resampling
 
 
@@ -24,7 +25,8 @@ class Sample(NamedTuple):
     """One view and its encoded truth."""
 
     image: NDArray[np.float32]  # (3, height, width)
-    cell: NDArray[np.float32]  # (2, rows), NaN: no line
+    cell: NDArray[np.float32]  # (3, rows), NaN: no line
+    known: NDArray[np.bool_]  # (3,) lines whose truth is known
     region: NDArray[np.float32]  # (region cells + 1,)
     box: NDArray[np.float32]  # (4, region rows, region columns)
     box_weight: NDArray[np.float32]  # (region rows, region columns)
@@ -34,8 +36,9 @@ class _Scene(NamedTuple):
     """A hazy, flipped, turned view."""
 
     image: NDArray[np.float32]  # (H, W, 3) grey levels
-    lines_px: NDArray[np.float64]  # (2, N, 2); N is 0 where there is no runway
-    visible: NDArray[np.bool_]  # (2, N) not lost in haze
+    lines_px: NDArray[np.float64]  # (3, N, 2) left, right, centre; N is 0 where there is no runway
+    visible: NDArray[np.bool_]  # (3, N) painted and not lost in haze
+    known: NDArray[np.bool_]  # (3,) lines whose truth is known
 
 
 def make_sample(
@@ -48,7 +51,7 @@ def make_sample(
     seen = _as_taken(view) if isinstance(view, LabelledView) else _hazy(view, augment, rng)
     scene = _turned(_flipped(seen, augment, rng), augment, rng)
     height, width = scene.image.shape[:2]
-    box = visible_box(scene.lines_px, scene.visible, (0, 0, width - 1, height - 1))
+    box = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
     window = _window(box, (width, height), (grid.width, grid.height), augment, rng)
     u0, v0, u1, v1 = window.bounds(grid.width, grid.height)
     left, top = (int(np.clip(np.floor(edge) - MARGIN_PX, 0, None)) for edge in (u0, v0))
@@ -58,7 +61,8 @@ def make_sample(
     part = degraded(scene.image[top:bottom, left:right], size, augment, rng)
     inner = Window(window.left - left, window.top - top, window.step)
     image = normalise(look(part, inner, (grid.width, grid.height)))
-    return Sample(image, *encode_view(scene.lines_px, scene.visible, window, (width, height), grid))
+    cell, *region = encode_view(scene.lines_px, scene.visible, window, (width, height), grid)
+    return Sample(image, cell, scene.known, *region)
 
 
 def encode_view(
@@ -68,11 +72,11 @@ def encode_view(
     image_size: tuple[int, int],
     grid: RowGrid,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Targets of a look: cell (2, rows), region classes, box offsets, box weights.
+    """Targets of a look: cell (3, rows), region classes, box offsets, box weights; the edges say where the runway is.
 
     Args:
-        lines_px: (2, N, 2) left and right, image px.
-        visible: (2, N) which points haze leaves.
+        lines_px: (3, N, 2) left, right and centre, image px.
+        visible: (3, N) which points are painted and left by haze.
         window: where the network looks.
         image_size: width and height of the image.
         grid: the row anchors.
@@ -82,11 +86,11 @@ def encode_view(
     edges = window.to_network([[-0.5, -0.5], [image_size[0] - 0.5, image_size[1] - 0.5]])
     low, high = np.maximum(edges[0], 0), np.minimum(edges[1], [grid.width - 1, grid.height - 1])
     box = None
-    if visible.size and visible.mean() >= VISIBLE_SHARE:
-        box = visible_box(lines, visible, (*low, *high))
+    if visible.size and visible[:2].mean() >= VISIBLE_SHARE:
+        box = visible_box(lines[:2], visible[:2], (*low, *high))
     if box is None or box[2] - box[0] < 2 or box[3] - box[1] < 1:
-        return np.full((2, grid.rows), np.nan, dtype=np.float32), *encode_region(None, region_grid)
-    cell = np.stack([encode(lines[k], visible[k], grid) for k in (0, 1)])
+        return np.full((len(lines), grid.rows), np.nan, dtype=np.float32), *encode_region(None, region_grid)
+    cell = np.stack([encode(*line, grid) for line in zip(lines, visible, strict=True)])
     x = grid.x_from_cell(cell)
     inside = (x > edges[0, 0]) & (x < edges[1, 0]) & (grid.row_y > edges[0, 1]) & (grid.row_y < edges[1, 1])
     cell[~inside] = np.nan
@@ -107,16 +111,18 @@ def visible_box(
 
 def _as_taken(view: LabelledView) -> _Scene:
     """What a person labelled can be seen."""
-    lines = np.zeros((2, 0, 2)) if view.lines_px is None else view.lines_px
-    return _Scene(view.image_rgb.astype(np.float32), lines, np.asarray(np.isfinite(lines).all(axis=2)))
+    lines = np.zeros((3, 0, 2)) if view.lines_px is None else view.lines_px
+    seen = np.asarray(np.isfinite(lines).all(axis=2))
+    return _Scene(view.image_rgb.astype(np.float32), lines, seen, _known(view.lines_px is None))
 
 
 def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
     ranges = view.clear.range_m.astype(np.float32)
     image = view.clear.clear_rgb.astype(np.float32)
-    lines = np.zeros((2, 0, 2)) if view.lines_px is None else view.lines_px
-    line_ranges = np.zeros((2, 0)) if view.ranges_m is None else view.ranges_m
+    lines = np.zeros((3, 0, 2)) if view.lines_px is None else view.lines_px
+    line_ranges = np.zeros((3, 0)) if view.ranges_m is None else view.ranges_m
     contrast = np.full(line_ranges.shape, PAINT_CONTRAST)
+    contrast[2] *= bool(view.centre_painted)
     if rng.random() < augment.haze_share:
         finite = ranges[np.isfinite(ranges)]
         typical = float(np.median(finite)) if finite.size else 1000.0
@@ -129,16 +135,22 @@ def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator)
         fade = rng.uniform(0.2, 0.8)
         image = np.float32(rng.uniform(40, 220)) * np.float32(1 - fade) + image * np.float32(fade)
         contrast = contrast * fade
-    return _Scene(image, lines, contrast >= VISIBLE_CONTRAST)
+    return _Scene(
+        image, lines, contrast >= VISIBLE_CONTRAST, _known(view.lines_px is None or view.centre_painted is not None)
+    )
+
+
+def _known(centre: bool) -> NDArray[np.bool_]:
+    return np.array([True, True, centre])
 
 
 def _flipped(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
     """Mirrored left to right; the left line is then the right one."""
     if rng.random() >= augment.flip_share:
         return scene
-    lines = scene.lines_px[::-1].copy()
+    lines = scene.lines_px[MIRRORED]
     lines[..., 0] = scene.image.shape[1] - 1 - lines[..., 0]
-    return _Scene(scene.image[:, ::-1], lines, scene.visible[::-1])
+    return scene._replace(image=scene.image[:, ::-1], lines_px=lines, visible=scene.visible[MIRRORED])
 
 
 def _turned(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
@@ -146,7 +158,7 @@ def _turned(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator
         return scene
     angle = np.deg2rad(rng.uniform(-augment.rotate_max_deg, augment.rotate_max_deg))
     image, matrix, offset = rotated(scene.image, angle)
-    return _Scene(image, scene.lines_px @ matrix.T + offset, scene.visible)
+    return scene._replace(image=image, lines_px=scene.lines_px @ matrix.T + offset)
 
 
 def _window(

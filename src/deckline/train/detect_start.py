@@ -9,9 +9,10 @@ from torch import Tensor, nn
 
 from deckline.detect.outputs import ROW_OUTPUTS
 from deckline.runtime.session import load_session
+from deckline.train.detectors.hybrid import Hybrid
 from deckline.train.line_network import LineNetwork
 from deckline.train.start import start_with
-from deckline.train.ufld import Ufld
+from deckline.train.ufld import Ufld, UfldConfig
 
 BACKBONE = "/model/backbone/"
 NORM_OF = {"_expand_conv": "_bn0", "_depthwise_conv": "_bn1", "_project_conv": "_bn2", "0": "1"}  # by last name
@@ -23,7 +24,7 @@ def start_detector(model: LineNetwork, source: Path) -> None:
 
     Args:
         model: changed in place.
-        source: folder with a checkpoint, or an .onnx file of network `deckline`.
+        source: folder with a checkpoint, or an .onnx file of network `deckline`; `hybrid` takes what both have.
 
     Raises:
         ValueError: no weights there, or those of another network.
@@ -32,8 +33,12 @@ def start_detector(model: LineNetwork, source: Path) -> None:
         start_with(model, source)
     elif isinstance(model, Ufld):
         start_with_file(model, source)
+    elif isinstance(model, Hybrid):
+        _start_hybrid(model, source)
     else:
-        raise ValueError(f"{source}: only network deckline starts from an .onnx file; give a training's folder instead")
+        raise ValueError(
+            f"{source}: only networks deckline and hybrid start from an .onnx file; give a training's folder instead"
+        )
 
 
 def start_with_file(model: Ufld, path: Path) -> None:
@@ -69,6 +74,51 @@ def start_with_file(model: Ufld, path: Path) -> None:
         raise ValueError(f"{path} holds another network: {(wrong + lacking)[0]} does not fit")
     model.load_state_dict({**own, **taken})
     _check_same(model, session, path)
+
+
+def settle_norms(model: LineNetwork, views: Tensor) -> None:
+    """Give the batch norms that training uses the statistics of some views, and the weights that undo the difference.
+
+    What the model computes stays the same. In a file batch norms are folded away; without this the first training step
+    would scale every feature anew.
+
+    Args:
+        model: changed in place.
+        views: (B, 3, H, W) normalised views, on the model's device.
+    """
+    backbone = {id(part) for name, part in model.named_modules() if name.startswith("backbone.")}
+    norms = [part for part in model.modules() if isinstance(part, nn.BatchNorm2d) and id(part) not in backbone]
+    hooks = [norm.register_forward_pre_hook(_settle) for norm in norms]
+    was_training = model.training
+    model.eval()
+    with torch.no_grad():
+        model(views)
+    model.train(was_training)
+    for hook in hooks:
+        hook.remove()
+
+
+def _settle(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+    assert isinstance(norm, nn.BatchNorm2d) and norm.running_mean is not None and norm.running_var is not None
+    variance, mean = torch.var_mean(inputs[0], dim=(0, 2, 3))
+    scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
+    norm.bias.copy_(norm.bias + scale * (mean - norm.running_mean))
+    norm.weight.copy_(scale * torch.sqrt(variance + norm.eps))
+    norm.running_mean.copy_(mean)
+    norm.running_var.copy_(variance)
+
+
+def _start_hybrid(model: Hybrid, path: Path) -> None:
+    """Backbone, pyramid, region and row cells of network `deckline`; what it has not keeps its own weights."""
+    earlier = Ufld(UfldConfig(pretrained=False))
+    start_with_file(earlier, path)
+    renamed = {name.replace("rows.blocks.", "anchors."): value for name, value in earlier.state_dict().items()}
+    own = model.state_dict()
+    taken = {name: value for name, value in renamed.items() if name in own and own[name].shape == value.shape}
+    for part in ("weight", "bias"):
+        both = renamed[f"rows.cells.{part}"]
+        taken[f"row_cells.{part}"] = torch.cat([both, both.mean(0, keepdim=True)])  # the centre line lies between
+    model.load_state_dict({**own, **taken})
 
 
 def _convolutions(graph: Any, model: Ufld) -> list[tuple[Any, str]]:

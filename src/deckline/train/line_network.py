@@ -10,7 +10,7 @@ from deckline.detect.outputs import ROW_OUTPUTS
 from deckline.detect.row_anchors import DecodeConfig, RowGrid
 from deckline.train.detect_losses import DetectTargets, LossWeights
 
-LINES = 2  # left and right
+LINES = 2  # left and right; a third one is the centre line
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,7 @@ class NetworkKind:
     target_grid: RowGrid = field(default_factory=RowGrid)  # of the row anchors that the truth comes in
     output_names: tuple[str, ...] = ROW_OUTPUTS  # of the exported graph
     decode: DecodeConfig = field(default_factory=DecodeConfig)
+    lines: int = LINES
 
 
 class LineNetwork(nn.Module):
@@ -40,7 +41,7 @@ class LineNetwork(nn.Module):
 
         Args:
             output: of the network in training mode.
-            targets: truth on the row anchors of `kind.target_grid`.
+            targets: truth of `kind.lines` lines on the row anchors of `kind.target_grid`.
             weights: of the parts that all networks share.
             fraction: of the training that is done.
         """

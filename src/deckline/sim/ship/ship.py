@@ -33,6 +33,7 @@ class Ship:
     stern_half_m: float
     texels_per_m: float  # of the deck's paint
     runway: bool = True  # whether edge lines are painted on it
+    centre: bool = True  # whether a centre line is painted between them
     lights: Lamps = field(default_factory=lambda: np.zeros((0, 7), dtype=np.float32))  # ship frame
     background: Mesh = field(default_factory=lambda: join([]))  # other ships and coast, world frame, the ship at rest
 
@@ -58,4 +59,6 @@ def build_ship(preset: str, rng: np.random.Generator) -> Ship:
     texels = min(TRAIN_TEXELS_PER_M if spec is None else TEXELS_PER_M, LONGEST_TEXELS / layout.length_m)
     lights = deck_lights(layout, runway, structure.mesh, for_lights)
     background = background_mesh(layout, for_background, "random" if spec is None else "fair")
-    return Ship(layout, coat, surface, structure.mesh, structure.stern_half_m, texels, runway, lights, background)
+    centre = runway and plan.centre is not None
+    solids, stern_half_m = structure.mesh, structure.stern_half_m
+    return Ship(layout, coat, surface, solids, stern_half_m, texels, runway, centre, lights, background)

@@ -29,23 +29,25 @@ from deckline.train.line_network import LINES, LineNetwork, NetworkKind
 from deckline.train.ufld import RegionHead, conv_norm, separable
 
 WIDTH = 64  # channels of the feature pyramid
+ALL_LINES = LINES + 1  # the centre line too
 _GRID = RowGrid()
 KIND = NetworkKind(
     grid=_GRID,
     target_grid=RowGrid(_GRID.width, _GRID.height, _GRID.width, _GRID.height),  # anchors one pixel apart
     output_names=HYBRID_OUTPUTS,
     decode=DecodeConfig(min_line_share=0.5),
+    lines=ALL_LINES,
 )
 
 
 class HybridOutput(NamedTuple):
     """What the network says of a batch; the last class of an anchor is "the line does not cross here"."""
 
-    rows: Tensor  # (B, 2, rows, cells + 1) class logits
-    columns: Tensor  # (B, 2, cells, rows + 1) class logits
+    rows: Tensor  # (B, 3, rows, cells + 1) class logits of left, right and centre
+    columns: Tensor  # (B, 3, cells, rows + 1) class logits
     region: Tensor  # (B, region cells + 1) class logits
     box: Tensor  # (B, 4, region rows, region columns)
-    segmentation: Tensor | None  # (B, 3, H/8, W/8) logits of background, left, right; in training only
+    segmentation: Tensor | None  # (B, 4, H/8, W/8) logits of background and every line; in training only
 
 
 class Hybrid(LineNetwork):
@@ -63,12 +65,12 @@ class Hybrid(LineNetwork):
         self.lateral = nn.ModuleList(conv_norm(channels, WIDTH, 1) for channels in CHANNELS)
         self.smooth = nn.ModuleList(separable(WIDTH, WIDTH) for _ in CHANNELS)
         self.anchors = nn.Sequential(separable(WIDTH, WIDTH, 5), separable(WIDTH, WIDTH, 5))
-        self.row_cells = nn.Conv2d(WIDTH, LINES, 1)
-        self.column_cells = nn.Conv2d(WIDTH, LINES, 1)
+        self.row_cells = nn.Conv2d(WIDTH, ALL_LINES, 1)
+        self.column_cells = nn.Conv2d(WIDTH, ALL_LINES, 1)
         self.row_crossed = _Crossed()
         self.column_crossed = _Crossed()
         self.region = RegionHead(WIDTH)
-        self.segmentation = nn.Conv2d(WIDTH, LINES + 1, 1)
+        self.segmentation = nn.Conv2d(WIDTH, ALL_LINES + 1, 1)
 
     def forward(self, image: Tensor) -> HybridOutput:
         taps = self.backbone(image)
@@ -87,14 +89,15 @@ class Hybrid(LineNetwork):
     def loss(  # type: ignore[override]  # the output is its own
         self, output: HybridOutput, targets: DetectTargets, weights: LossWeights, fraction: float
     ) -> tuple[Tensor, dict[str, float]]:
-        rows, columns, unknown = anchor_targets(targets.cell, self.kind.grid)
+        rows, columns, between = anchor_targets(targets.cell, self.kind.grid)
+        hidden = ~targets.known[..., None]
         parts = {
             "region": region_loss(output.region.float(), targets.region),
             "box": box_loss(output.box.float(), targets.box, targets.box_weight),
         }
         for name, logits, position, ignored in (
-            ("rows", output.rows.float(), rows, torch.zeros_like(rows, dtype=torch.bool)),
-            ("columns", output.columns.float(), columns, unknown),
+            ("rows", output.rows.float(), rows, hidden.expand_as(rows)),
+            ("columns", output.columns.float(), columns, between | hidden),
         ):
             parts[name], parts[f"{name}_position"] = anchor_loss(logits, position, ignored)
         total = weights.region * parts["region"] + weights.box * parts["box"]
@@ -112,9 +115,9 @@ def anchor_loss(logits: Tensor, position: Tensor, ignored: Tensor) -> tuple[Tens
     Neither is focal nor weighted by class: what the network then says of an anchor is a probability.
 
     Args:
-        logits: (B, 2, anchors, cells + 1).
-        position: (B, 2, anchors) in cells, NaN for "not crossed here".
-        ignored: (B, 2, anchors) where it is not known which.
+        logits: (B, lines, anchors, cells + 1).
+        position: (B, lines, anchors) in cells, NaN for "not crossed here".
+        ignored: (B, lines, anchors) where it is not known which.
     """
     shares = row_targets(position, logits.shape[-1] - 1)
     log_p = logits.log_softmax(-1)
@@ -132,11 +135,11 @@ class _Crossed(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv1d(2 * WIDTH, WIDTH, 5, padding=2), nn.ReLU(), nn.Conv1d(WIDTH, LINES, 5, padding=2)
+            nn.Conv1d(2 * WIDTH, WIDTH, 5, padding=2), nn.ReLU(), nn.Conv1d(WIDTH, ALL_LINES, 5, padding=2)
         )
 
     def forward(self, features: Tensor, along: int) -> Tensor:
-        """(B, C, h, w) -> (B, 2, anchors) logits; `along` is the axis that is pooled."""
+        """(B, C, h, w) -> (B, 3, anchors) logits; `along` is the axis that is pooled."""
         return self.layers(torch.cat([features.mean(along), features.amax(along)], dim=1))
 
 
