@@ -38,6 +38,7 @@ class DetectTrainConfig:
     shape: UfldConfig = field(default_factory=UfldConfig)  # of `deckline`; the others' are fixed
     steps: int = 1_000_000
     minutes: float | None = 60.0  # stop after so much training time; the schedule follows whichever ends first
+    cpu_minutes: bool = False  # they are of this process's computing, on all cores: the same budget on a busy machine
     batch: int = 8
     lr: float = 1.5e-3  # of the heads
     backbone_lr: float = 0.3  # relative to the heads'
@@ -127,7 +128,8 @@ def _train(config: DetectTrainConfig, run: _Run, views: LineViews, out: Path, co
     recent: dict[str, float] = {}
     with stop_on_interrupt() as stopped, Progress(*columns, console=console) as progress:
         bar = progress.add_task("training", total=1.0)
-        last = time.monotonic()
+        clock = time.process_time if config.cpu_minutes else time.monotonic
+        last = clock()
         grid = run.model.kind.target_grid
         for image, targets in batches(views, config.batch, grid, config.augment, config.seed, run.step, config.steps):
             fraction = fraction_done(run.step, config.steps, run.seconds, config.minutes)
@@ -135,8 +137,8 @@ def _train(config: DetectTrainConfig, run: _Run, views: LineViews, out: Path, co
                 break
             losses = _step(config, run, image, targets, fraction)
             run.step += 1
-            run.seconds += time.monotonic() - last
-            last = time.monotonic()
+            run.seconds += clock() - last
+            last = clock()
             recent = {name: value + SMOOTHING * (recent.get(name, value) - value) for name, value in losses.items()}
             progress.update(bar, completed=fraction, description=f"step {run.step}, loss {recent['total']:.3f}")
             if run.step % config.checkpoint_every == 0:
@@ -212,7 +214,7 @@ def _save(config: DetectTrainConfig, run: _Run, out: Path) -> None:
 def _recipe(config: DetectTrainConfig) -> dict[str, Any]:
     """What must stay the same when a run goes on: all but budget, batch and machine; as JSON gives it back."""
     keys = asdict(config)
-    for name in ("steps", "minutes", "batch", "threads", "device", "bf16", "checkpoint_every"):
+    for name in ("steps", "minutes", "batch", "threads", "device", "bf16", "checkpoint_every", "cpu_minutes"):
         del keys[name]
     recipe: dict[str, Any] = json.loads(json.dumps(keys))
     return recipe
