@@ -209,6 +209,49 @@ class Value:
     sigma: float
 
 
+class TrackState(StrEnum):
+    """Whether the runway is followed over frames."""
+
+    TRACKING = "tracking"
+    COASTING = "coasting"  # no line now, but not for long
+    LOST = "lost"
+
+
+@dataclass(frozen=True)
+class Flag:
+    """Something that contradicts what the aircraft is told, and why."""
+
+    name: str  # one word, always the same for the same thing
+    reason: str  # for people
+
+
+@dataclass(frozen=True)
+class Protection:
+    """Errors larger than these, without a flag, are as rare as `risk` says."""
+
+    lateral_m: float  # of the lateral deviation
+    vertical_m: float  # of the height above deck
+    risk: float  # probability per frame and direction
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where the lines are, from all frames so far."""
+
+    time_s: float
+    state: TrackState
+    lines: dict[str, RunwayLine]  # "left", "right", "centre", world, as measured with the frame's pose; {} when lost
+    protection: Protection | None = None  # None when lost, or without a pose
+    flags: tuple[Flag, ...] = ()  # empty: nothing is known to be wrong
+    excluded: tuple[Flag, ...] = ()  # measurements of this frame that were left out: "left", "right", "height"
+    ramp_m: NDArray[np.float64] | None = None  # (3,) world: nearest end of the centre line
+    ramp_sigma_m: float | None = None  # 1-sigma along the deck
+    lateral_rate_m_s: Value | None = None  # + : the lateral deviation grows to the right
+    vertical_rate_m_s: Value | None = None  # + : the height above deck grows
+    closing_m_s: Value | None = None  # + : the aircraft comes nearer to the ramp
+    reason: str = ""  # why a frame was not used or the track began anew, for people
+
+
 @dataclass(frozen=True, eq=False)
 class Guidance:
     """Where the aircraft is relative to the centre line."""
