@@ -65,7 +65,7 @@ def _train_group() -> dict[str, Callable[..., int]]:
 
 
 def _eval_group() -> dict[str, Callable[..., int]]:
-    from deckline.app.evaluation import ablation, commands, dehazing, detection, flicker
+    from deckline.app.evaluation import ablation, commands, dehazing, detection, detectors, flicker
 
     return {
         "chain": commands.chain,
@@ -75,6 +75,7 @@ def _eval_group() -> dict[str, Callable[..., int]]:
         "ablation": ablation.ablation,
         "dehazing": dehazing.dehazing,
         "detection": detection.detection,
+        "detectors": detectors.detectors,
     }
 
 

@@ -1,4 +1,5 @@
 import json
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -8,15 +9,16 @@ from app_scene import CAMERA, chain, frame
 
 from deckline.app.cli import main
 from deckline.app.evaluation.detection_frames import Recorded, open_recorded
-from deckline.app.evaluation.detection_scores import SCORES_FILE, evaluate, open_book
+from deckline.app.evaluation.detection_scores import SCORES_FILE, Method, ScoreBook, evaluate, open_book
 from deckline.app.evaluation.detection_tables import detection_tables, flat_figures
 from deckline.app.evaluation.detection_worst import figures_line, worst_of, write_worst
 from deckline.evaluate.detection import Scene
 from deckline.labels import LabelledImage, write_labels
 from deckline.labels.truth import label_frame
+from deckline.pipeline import FrameResult
 from deckline.recording import RecordingWriter
 from deckline.recording.camera_file import camera_text
-from deckline.types import Detection, LinePoints
+from deckline.types import Detection, Frame, LinePoints
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +38,10 @@ def half_blind(at):
     return chain(at, ("left",) if at.time_s == 0.25 else ("left", "right"))
 
 
+def by(run: Callable[[Frame], FrameResult], book: ScoreBook) -> Method:
+    return Method(lambda at: run(at).detection, book)
+
+
 NONE = LinePoints.empty()
 
 
@@ -47,7 +53,7 @@ def error_of(capsys, *args) -> str:
 
 def test_figures_of_a_recording(recording):
     book = open_book(None, {})
-    evaluate([Recorded(recording)], half_blind, book)
+    evaluate([Recorded(recording)], [by(half_blind, book)])
     figures = flat_figures(list(book.scores.values()))
     assert figures["found_rate"] == figures["placed_rate"] == pytest.approx(2 / 3)
     assert figures["false_rate"] == 1.0
@@ -62,7 +68,7 @@ def test_figures_of_a_recording(recording):
 
 def test_tables_say_the_same_on_the_screen_and_in_markdown(recording):
     book = open_book(None, {})
-    evaluate([Recorded(recording)], half_blind, book)
+    evaluate([Recorded(recording)], [by(half_blind, book)])
     tables = detection_tables(list(book.scores.values()))
     first = tables[0]
     cells = dict(zip(first.columns, first.rows[0], strict=True))
@@ -87,15 +93,15 @@ def test_a_stopped_evaluation_goes_on_where_it_was(recording, tmp_path):
 
     sets, settings = [Recorded(recording)], {"detector": "exact"}
     with pytest.raises(KeyboardInterrupt):
-        evaluate(sets, counted, open_book(tmp_path, settings))
+        evaluate(sets, [by(counted, open_book(tmp_path, settings))])
     path = tmp_path / SCORES_FILE
     path.write_text(path.read_text() + '{"score": {"source"')  # a killed writer's half line
     again = open_book(tmp_path, settings)
     assert len(again.scores) == 2
-    evaluate(sets, counted, again)
+    evaluate(sets, [by(counted, again)])
     assert len(seen) == 5
     whole = open_book(None, {})
-    evaluate(sets, half_blind, whole)
+    evaluate(sets, [by(half_blind, whole)])
     kept = open_book(tmp_path, settings)
     assert detection_tables(list(kept.scores.values())) == detection_tables(list(whole.scores.values()))
     with pytest.raises(ValueError, match='holds an evaluation with detector "exact", not "other": choose another'):
@@ -110,7 +116,7 @@ def test_frames_that_cannot_be_used_are_named_once(recording, tmp_path):
     image = sorted((damaged / "images").iterdir())[0]
     image.write_bytes(image.read_bytes()[:100])
     book = open_book(tmp_path / "out", {})
-    evaluate([Recorded(damaged)], chain, book)
+    evaluate([Recorded(damaged)], [by(chain, book)])
     assert len(book.scores) == 1
     (reason,) = book.skipped.values()
     assert "PNG cut short" in reason
@@ -119,7 +125,7 @@ def test_frames_that_cannot_be_used_are_named_once(recording, tmp_path):
 
 def test_the_worst_frames_become_pictures_with_their_truth_and_a_line_of_figures(recording, tmp_path):
     book, item = open_book(None, {}), Recorded(recording)
-    evaluate([item], half_blind, book)
+    evaluate([item], [by(half_blind, book)])
     chosen = worst_of(list(book.scores.values()), 10)
     assert [score.index for score in chosen[:2]] == [1, 3]
     page = write_worst(tmp_path, {item.name: item}, chosen[:1], half_blind)

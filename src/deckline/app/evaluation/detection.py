@@ -8,7 +8,7 @@ import tyro
 
 from deckline.app.evaluation.commands import JsonFile, heading, write_json
 from deckline.app.evaluation.detection_frames import FrameSet, Rendered, open_recorded
-from deckline.app.evaluation.detection_scores import NOT_LABELLED, evaluate, open_book
+from deckline.app.evaluation.detection_scores import NOT_LABELLED, Method, evaluate, open_book
 from deckline.app.evaluation.detection_tables import NOTES, detection_tables, flat_figures
 from deckline.app.evaluation.detection_worst import worst_of, write_worst
 from deckline.app.extras import needs_extra
@@ -60,14 +60,10 @@ def detection(
         markdown_file: write the tables here as well.
     """
     _check(frames, deckless, worst, out)
-    sets = open_recorded(sources)
-    frames = frames if frames is not None else 0 if sources else FRAMES
-    deckless = deckless if deckless is not None else 0 if sources else DECKLESS
-    if frames or deckless:
-        sets += rendered_sets(frames, deckless, preset, seed, visibility, range_m, fov_deg)
+    sets = all_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
     pipeline = Pipeline(PipelineConfig(dehazer, detector))
     book = open_book(out, {**settings_of(pipeline), "frames": [item.settings for item in sets]})
-    evaluate(sets, pipeline, book)
+    evaluate(sets, [Method(lambda frame: pipeline(frame).detection, book)])
     title = f"{', '.join(item.name for item in sets)}; dehazer {dehazer}, detector {detector}"
     lengths = {item.name: len(item) for item in sets}  # an earlier command may have scored more frames
     scores = [score for score in book.scores.values() if score.index < lengths[score.source]]
@@ -85,6 +81,30 @@ def _check(frames: int | None, deckless: int | None, worst: int, out: Path | Non
             raise ValueError(f"{name} must not be negative, got {value}")
     if worst and out is None:
         raise ValueError("--worst needs --out FOLDER for its pictures")
+
+
+def all_sets(
+    sources: tuple[Path, ...],
+    frames: int | None,
+    deckless: int | None,
+    presets: tuple[str, ...],
+    seed: int,
+    visibility: str,
+    range_m: tuple[float, float] | None,
+    fov_deg: float,
+) -> list[FrameSet]:
+    """Recorded frames, and rendered ones where they are asked for or nothing is recorded.
+
+    Raises:
+        ValueError: a source that cannot be evaluated, an unknown preset, or a value that the simulator refuses.
+        ImportError: the sim extra is not installed.
+    """
+    sets = open_recorded(sources)
+    frames = frames if frames is not None else 0 if sources else FRAMES
+    deckless = deckless if deckless is not None else 0 if sources else DECKLESS
+    if frames or deckless:
+        sets += rendered_sets(frames, deckless, presets, seed, visibility, range_m, fov_deg)
+    return sets
 
 
 def rendered_sets(

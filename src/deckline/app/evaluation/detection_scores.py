@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,8 @@ from typing import Any
 from deckline.app.evaluation.detection_frames import FrameSet
 from deckline.app.progress import progress
 from deckline.evaluate.detection import DetectionScore, score_detection, score_from_mapping, score_to_mapping
-from deckline.pipeline import Pipeline
 from deckline.recording import FrameError
+from deckline.types import Detection, Frame
 
 SCORES_FILE = "scores.jsonl"
 NOT_LABELLED = "not labelled"  # why a frame is left out without a word
@@ -41,6 +41,14 @@ class ScoreBook:
         if self.path is not None:
             with self.path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row, allow_nan=False) + "\n")
+
+
+@dataclass(frozen=True, eq=False)
+class Method:
+    """A way to find lines, and how it did."""
+
+    find: Callable[[Frame], Detection]
+    book: ScoreBook
 
 
 def open_book(out: Path | None, settings: dict[str, Any]) -> ScoreBook:
@@ -96,27 +104,29 @@ def _check_same(out: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
             raise ValueError(f"{out} holds an evaluation with {key} {was}, not {wanted}: choose another folder")
 
 
-def evaluate(sets: Sequence[FrameSet], pipeline: Pipeline, book: ScoreBook) -> None:
-    """Score every frame that the book does not know yet."""
-    total = sum(map(len, sets))
-    known = sum(book.knows(item.name, index) for item in sets for index in range(len(item)))
-    with progress("evaluating", total, known) as advance:
-        for item in sets:
-            for index in range(len(item)):
-                if not book.knows(item.name, index):
-                    _score_one(item, index, pipeline, book)
-                    advance()
-            item.close()
+def evaluate(sets: Sequence[FrameSet], methods: Sequence[Method]) -> None:
+    """Score every frame by the methods whose books do not know it yet; each frame is loaded once."""
+    frames = [(item, index) for item in sets for index in range(len(item))]
+    waiting = [[m for m in methods if not m.book.knows(item.name, index)] for item, index in frames]
+    with progress("evaluating", len(frames), sum(not asked for asked in waiting)) as advance:
+        for (item, index), asked in zip(frames, waiting, strict=True):
+            if asked:
+                _score_one(item, index, asked)
+                advance()
+            if index + 1 == len(item):
+                item.close()
 
 
-def _score_one(item: FrameSet, index: int, pipeline: Pipeline, book: ScoreBook) -> None:
+def _score_one(item: FrameSet, index: int, methods: Sequence[Method]) -> None:
     try:
         question = item.load(index)
     except FrameError as error:
-        book.skip(item.name, index, str(error))
-        return
-    if question is None:
-        book.skip(item.name, index, NOT_LABELLED)
-        return
-    detection = pipeline(question.frame).detection
-    book.add(score_detection(question.frame, detection, question.expected, item.name, index, question.ship))
+        question, why = None, str(error)
+    else:
+        why = NOT_LABELLED
+    for method in methods:
+        if question is None:
+            method.book.skip(item.name, index, why)
+        else:
+            frame, found = question.frame, method.find(question.frame)
+            method.book.add(score_detection(frame, found, question.expected, item.name, index, question.ship))

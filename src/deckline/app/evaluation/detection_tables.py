@@ -68,13 +68,15 @@ def _figures_table(title: str, named: dict[str, list[DetectionScore]]) -> TableT
     for name, members in named.items():
         figures = summarise_detection(members)
         counts = (f"{figures['frames']:.0f}", f"{figures['decks']:.0f}", f"{figures['empty']:.0f}")
-        rows.append((name, *counts, *(_cell(figures, *column) for column in COLUMNS.values())))
+        rows.append((name, *counts, *(cell(figures, column) for column in COLUMNS)))
     columns = ("", "frames", "decks", "empty", *COLUMNS)
     told = [k for k in range(len(columns)) if any(row[k] != NONE for row in rows)]
     return TableText(title, tuple(columns[k] for k in told), tuple(tuple(row[k] for k in told) for row in rows))
 
 
-def _cell(figures: Figures, name: str, factor: float, digits: int) -> str:
+def cell(figures: Figures, column: str) -> str:
+    """One figure under its column's heading."""
+    name, factor, digits = COLUMNS[column]
     value = figures.get(name, math.nan)
     return f"{factor * value:.{digits}f}" if math.isfinite(value) else NONE
 
