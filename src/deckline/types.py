@@ -189,6 +189,20 @@ class RunwayLine:
 
 
 @dataclass(frozen=True, eq=False)
+class ExpectedRunway:
+    """Where the runway is believed to be before looking, world frame, and how wrong that may be."""
+
+    left_m: NDArray[np.float64]  # (2, 3) near and far end of the left line
+    right_m: NDArray[np.float64]  # (2, 3) the same of the right line
+    sigma_m: float  # 1-sigma of its position, on every axis, seen from the aircraft
+    azimuth_sigma_rad: float  # 1-sigma of its direction, seen from the aircraft
+
+    def __post_init__(self) -> None:
+        _check(self.left_m, (2, 3), "ExpectedRunway.left_m")
+        _check(self.right_m, (2, 3), "ExpectedRunway.right_m")
+
+
+@dataclass(frozen=True, eq=False)
 class RunwayEstimate:
     """Where the lines are, from one frame."""
 
