@@ -87,9 +87,11 @@ def test_a_pilot_s_errors_are_at_the_touchdown_point():
     assert np.linalg.norm(touchdown(centre) - centre.p0_m) == pytest.approx(TOUCHDOWN_M)
     turned = pilot_figures(frame(BODY), line(centre, turn_rad=0.01, down_m=0.25, at_m=20.0))
     assert turned["lateral_m"] == pytest.approx(50.0 * np.tan(0.01))
-    assert turned["ramp_lateral_m"] == pytest.approx(-20.0 * np.tan(0.01))
     assert turned["heading_deg"] == pytest.approx(np.rad2deg(0.01))
     assert turned["height_m"] == pytest.approx(0.25)
+    ahead = (BODY.translation - centre.p0_m) @ (centre.p1_m - centre.p0_m) / np.linalg.norm(centre.p1_m - centre.p0_m)
+    assert turned["deviation_m"] == pytest.approx((ahead - 20.0) * np.tan(0.01))
+    assert turned["deviation_sigma_m"] == pytest.approx(np.hypot(0.2, (ahead - 20.0) * np.deg2rad(0.1)), rel=1e-3)
     assert turned["lateral_sigma_m"] == pytest.approx(np.hypot(0.2, 50.0 * np.deg2rad(0.1)), rel=1e-4)
 
 
@@ -123,7 +125,12 @@ def test_all_figures_of_a_frame():
     figures = frame_figures(frame(BODY), {"left": line(LEFT), "centre": line(truth, 0.3)})
     assert figures["centre.lateral_m"] == pytest.approx(0.3)
     assert "slope.left" in figures
-    assert not any(name.endswith(".right") for name in figures)
+    assert {name for name in figures if name.endswith(".right")} == {
+        "true_slope.right",
+        "true_intercept_m.right",
+        "true_height_m.right",
+    }
+    assert figures["true_slope.right"] == pytest.approx(-0.15632)
 
 
 def test_frames_that_cannot_be_compared_are_refused():

@@ -58,8 +58,8 @@ def pilot_figures(frame: Frame, line: RunwayLine) -> Figures:
     """Errors of a centre line as seen from the aircraft: what its own position and heading are wrong by is taken out.
 
     `lateral_m` and `height_m` are at the touchdown point, 70 m past the ramp: how far right and how far below the true
-    one the estimate lies; `ramp_lateral_m` is at the ramp, `heading_deg` of the direction. `*_sigma*` is what the
-    estimate says of itself there, `ratio.*` an error of the line's own state over its 1-sigma.
+    one the estimate lies; `deviation_m` is the same sideways beside the aircraft, `heading_deg` of the direction.
+    `*_sigma*` is what the estimate says of itself there, `ratio.*` an error of the line's own state over its 1-sigma.
 
     Raises:
         ValueError: the frame has no pose, no true pose or no true lines.
@@ -72,15 +72,14 @@ def pilot_figures(frame: Frame, line: RunwayLine) -> Figures:
     covariance = line.covariance if line.relative_covariance is None else line.relative_covariance
     place = touchdown(centre)
     lateral, height = passing(seen, centre, place)
-    ahead = float((place - seen.point_m) @ seen.direction)
-    lever = np.array([1.0, ahead, 0.0])
     error = state_error(seen, centre)
     figures = {
-        "ramp_lateral_m": passing(seen, centre, centre.p0_m)[0],
         "lateral_m": lateral,
+        "deviation_m": passing(seen, centre, beside(centre, true.translation))[0],
         "height_m": height,
         "heading_deg": float(np.rad2deg(error[1])),
-        "lateral_sigma_m": float(np.sqrt(lever @ covariance @ lever)),
+        "lateral_sigma_m": offset_sigma(seen, covariance, place),
+        "deviation_sigma_m": offset_sigma(seen, covariance, true.translation),
         "height_sigma_m": float(np.sqrt(covariance[2, 2])),
         "heading_sigma_deg": float(np.rad2deg(np.sqrt(covariance[1, 1]))),
     }
@@ -144,6 +143,18 @@ def true_centre(truth: Truth) -> Segment | None:
     return Segment((truth.left.p0_m + truth.right.p0_m) / 2, (truth.left.p1_m + truth.right.p1_m) / 2)
 
 
+def beside(line: Segment, place_m: Array) -> Array:
+    """The point (3,) of a true line, continued, that is abreast of a place (3,)."""
+    along = line.p1_m - line.p0_m
+    return line.p0_m + float((place_m - line.p0_m)[:2] @ along[:2]) / float(along[:2] @ along[:2]) * along
+
+
+def offset_sigma(line: RunwayLine, covariance: Array, place_m: Array) -> float:
+    """1-sigma, m, of a line's offset abreast of a place (3,): an azimuth error counts with the way there."""
+    lever = np.array([1.0, float((place_m - line.point_m) @ line.direction), 0.0])
+    return float(np.sqrt(lever @ covariance @ lever))
+
+
 def touchdown(centre: Segment) -> Array:
     """The touchdown point (3,) on a true centre line, in the world."""
     along = centre.p1_m - centre.p0_m
@@ -159,6 +170,8 @@ def _rise(truth: Segment) -> float:
 def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine]) -> Figures:
     """All figures of the lines that were found: Table 6's of left and right, the pilot's of the centre line.
 
+    `true_slope`, `true_intercept_m` and `true_height_m` are given of both sides, found or not.
+
     Raises:
         ValueError: a frame without truth.
     """
@@ -168,6 +181,9 @@ def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine]) -> Figures:
     segments = {"left": truth.left, "right": truth.right}
     figures: Figures = {}
     for side in SIDES:
+        exact = true_line(segments[side])
+        truths = {"slope": exact.slope, "intercept_m": exact.intercept_m, "height_m": exact.height_m}
+        figures |= {f"true_{name}.{side}": value for name, value in truths.items()}
         if side in lines:
             figures |= line_figures(lines[side], segments[side], side)
     if "centre" in lines:
