@@ -102,6 +102,23 @@ def test_a_line_of_two_rows_is_not_returned():
     assert len(detection.right) == 0
 
 
+def three_lines(x: tuple[float, float, float]) -> NetworkOutput:
+    """What a network of three lines says of upright ones at x px."""
+    cells = [encode([(at, 40.0), (at, 240.0)], [True, True], GRID) for at in x]
+    classes, offsets, _ = encode_region([x[0], 40.0, x[1], 240.0], (32, 18))
+    return NetworkOutput(np.stack([_logits(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
+
+
+def test_a_centre_line_lies_between_the_edges_or_is_not_seen():
+    image = np.zeros((288, 512, 3), np.uint8)  # the network's own size: its pixels are the image's
+    detection = detect_lines(image, lambda view: three_lines((100.0, 400.0, 246.0)), DetectConfig(max_looks=1))
+    np.testing.assert_allclose(detection.centre.points_px[:, 0], 246.0, atol=0.1)
+    assert len(detection.centre) == len(detection.left) == len(detection.right) > 40
+    beside = detect_lines(image, lambda view: three_lines((100.0, 400.0, 446.0)), DetectConfig(max_looks=1))
+    assert len(beside.centre) == 0
+    assert len(beside.left) == len(beside.right) == len(detection.left)
+
+
 def flat_line(slope: float, sides: tuple[float, float] = (60.0, 140.0)) -> NetworkOutput:
     """What a hybrid network says of two lines v = side + slope u that only its columns see."""
     turned = GRID.transposed

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from deckline.detect.preprocess import Window, box_window, look, normalise, whole_window
 from deckline.detect.region import decode_region
@@ -17,16 +17,17 @@ from deckline.detect.row_anchors import DecodeConfig, RowGrid, RowPoints, decode
 from deckline.types import Detection, LinePoints
 
 FLATTEST_SLOPE = 0.01  # dv / du below which a line's sigma of u is not stretched further
+Box = tuple[float, float, float, float]  # u0, v0, u1, v1, image px
 MAX_SHIFT = 0.25  # of the view; training jitters a close look's centre by as much
 
 
 class NetworkOutput(NamedTuple):
     """What the network says of one view."""
 
-    rows: NDArray[np.float32]  # (2, rows, cells + 1) class logits of left and right
+    rows: NDArray[np.float32]  # (lines, rows, cells + 1) class logits of left, right and, where it has three, centre
     region: NDArray[np.float32]  # (region cells + 1,) class logits
     box: NDArray[np.float32]  # (4, region rows, region columns) box offsets
-    columns: NDArray[np.float32] | None = None  # (2, cells, rows + 1) class logits of column anchors, where it has them
+    columns: NDArray[np.float32] | None = None  # (lines, cells, rows + 1) of column anchors, where it has them
 
 
 Infer = Callable[[NDArray[np.float32]], NetworkOutput]  # (3, height, width) normalised view -> what is in it
@@ -43,6 +44,7 @@ class DetectConfig:
     # 94 to 98 % of runways give both lines (98 to 100 %).
     first_probability: float = 0.5  # of a runway in the whole image; below it: not seen
     close_probability: float = 0.9  # of a runway in the close look; below it: not seen
+    expected_probability: float = 0.5  # of a runway where one is expected, in every look; below it: not seen
     fill: float = 0.6  # share of the close look's limiting dimension that the runway takes
     min_width_px: float = 72.0  # image px; narrower windows only magnify blur
     max_looks: int = 3  # the whole image included
@@ -58,24 +60,79 @@ class DetectConfig:
             )
 
 
-def detect_lines(image_rgb: NDArray[np.uint8], infer: Infer, config: DetectConfig) -> Detection:
-    """Both runway lines in an image (H, W, 3) uint8, in its own pixels; a line that is not seen has no points."""
+def detect_lines(
+    image_rgb: NDArray[np.uint8], infer: Infer, config: DetectConfig, look_at: Box | None = None
+) -> Detection:
+    """Both runway lines in an image (H, W, 3) uint8, in its own pixels; a line that is not seen has no points.
+
+    The whole image is searched in any case, and what the search finds counts: an expectation that is wrong can hide
+    nothing and holds nobody. Where the search misses a line, the place where the runway is expected is looked at closely;
+    what is found there counts if its middle lies in the expected box and it shows more lines.
+
+    Args:
+        image_rgb: the image.
+        infer: the network.
+        config: thresholds and looks.
+        look_at: u0, v0, u1, v1 of where the runway is expected, image px.
+
+    Raises:
+        ValueError: anything but such an image, or a box that is empty or not finite.
+    """
     if image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.dtype != np.uint8:
         raise ValueError(f"expected an image (H, W, 3) of uint8, got {image_rgb.shape} of {image_rgb.dtype}")
-    network_size = (config.grid.width, config.grid.height)
     image_size = (image_rgb.shape[1], image_rgb.shape[0])
-    window = whole_window(image_size, network_size)
-    needed = config.first_probability
+    whole = whole_window(image_size, (config.grid.width, config.grid.height))
+    found = _look_closer(image_rgb, infer, config, whole, (config.first_probability, config.close_probability))
+    if look_at is None or _lines(found) == 2:
+        return found
+    window = _window(check_box(look_at), image_size, config)
+    needed = (config.expected_probability, config.expected_probability)
+    near = _look_closer(image_rgb, infer, config, window, needed)
+    return near if _lines(near) > _lines(found) and _middle_inside(near, look_at) else found
+
+
+def check_box(box: Box) -> Box:
+    """The box, if it is one.
+
+    Raises:
+        ValueError: it is not finite or has no width or height.
+    """
+    u0, v0, u1, v1 = box
+    if not (np.isfinite(box).all() and u1 > u0 and v1 > v0):
+        raise ValueError(f"a box to look at needs finite u0 < u1 and v0 < v1, px, got {box}")
+    return box
+
+
+def _look_closer(
+    image_rgb: NDArray[np.uint8],
+    infer: Infer,
+    config: DetectConfig,
+    window: Window,
+    needed: tuple[float, float],  # probability of a runway in the first look and in the others
+) -> Detection:
+    """From a window to the runway in it, ever closer."""
+    image_size, network_size = (image_rgb.shape[1], image_rgb.shape[0]), (config.grid.width, config.grid.height)
     for number in range(1, config.max_looks + 1):
         output = infer(normalise(look(image_rgb, window, network_size)))
         region = decode_region(output.region, output.box)
-        if region.probability < needed:
-            return Detection(LinePoints.empty(), LinePoints.empty())
+        if region.probability < needed[number > 1]:
+            break
         closer = _closer_window(region.box, window, image_size, config)
         if number == config.max_looks or _is_final(closer, window, config):
             return _detection(output, window, config)
-        window, needed = closer, config.close_probability
-    raise AssertionError("unreachable: the last look returns")
+        window = closer
+    return Detection(LinePoints.empty(), LinePoints.empty())
+
+
+def _lines(detection: Detection) -> int:
+    return sum(len(points) > 0 for points in (detection.left, detection.right))
+
+
+def _middle_inside(detection: Detection, box: Box) -> bool:
+    """Whether the middle of what was found lies in a box."""
+    points = np.concatenate([detection.left.points_px, detection.right.points_px])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    return bool((middle >= box[:2]).all() and (middle <= box[2:]).all())
 
 
 def _closer_window(
@@ -84,7 +141,11 @@ def _closer_window(
     corners = window.to_image(box.reshape(2, 2)).ravel()
     corners[:2] = np.clip(corners[:2], -0.5, np.array(image_size) - 2.5)
     corners[2:] = np.clip(corners[2:], corners[:2] + 1.0, np.array(image_size) - 0.5)
-    return box_window(corners, image_size, (config.grid.width, config.grid.height), config.fill, config.min_width_px)
+    return _window(corners, image_size, config)
+
+
+def _window(box: ArrayLike, image_size: tuple[int, int], config: DetectConfig) -> Window:
+    return box_window(box, image_size, (config.grid.width, config.grid.height), config.fill, config.min_width_px)
 
 
 def _is_final(closer: Window, window: Window, config: DetectConfig) -> bool:
@@ -97,17 +158,30 @@ def _is_final(closer: Window, window: Window, config: DetectConfig) -> bool:
 
 
 def _detection(output: NetworkOutput, window: Window, config: DetectConfig) -> Detection:
-    rows = [decode(output.rows[side], config.grid, config.decode) for side in (0, 1)]
-    both = np.isfinite(rows[0].x_px) & np.isfinite(rows[1].x_px)
+    rows = [decode(line, config.grid, config.decode) for line in output.rows]
     region = window.bounds(config.grid.width, config.grid.height)
-    if both.any() and np.median(rows[1].x_px[both] - rows[0].x_px[both]) <= 0:
+    if _is_right_of(rows[0], rows[1]):
         return Detection(LinePoints.empty(), LinePoints.empty(), region)  # left right of right: not a runway
-    left, right = (_line_points(side, window, config) for side in rows)
-    if output.columns is None:
-        return Detection(left, right, region)
-    columns = [decode(output.columns[side], config.grid.transposed, config.decode) for side in (0, 1)]
-    flat = [_column_points(side, window, config) for side in columns]
-    return Detection(_longer(left, flat[0]), _longer(right, flat[1]), region)
+    lines = [_line_points(line, window, config) for line in rows]
+    if output.columns is not None:
+        flat = [decode(line, config.grid.transposed, config.decode) for line in output.columns]
+        lines = [_longer(line, _column_points(other, window, config)) for line, other in zip(lines, flat, strict=True)]
+    left, right, *centre = lines
+    if (
+        not centre
+        or not len(left)
+        or not len(right)
+        or _is_right_of(rows[0], rows[2])
+        or _is_right_of(rows[2], rows[1])
+    ):
+        return Detection(left, right, region)  # a centre line lies between two edges
+    return Detection(left, right, region, centre[0])
+
+
+def _is_right_of(one: RowPoints, other: RowPoints) -> bool:
+    """Whether a line passes right of another on most rows that have both."""
+    both = np.isfinite(one.x_px) & np.isfinite(other.x_px)
+    return bool(both.any() and np.median(other.x_px[both] - one.x_px[both]) <= 0)
 
 
 def _line_points(rows: RowPoints, window: Window, config: DetectConfig) -> LinePoints:
