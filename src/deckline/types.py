@@ -130,7 +130,7 @@ class Detection:
     left: LinePoints
     right: LinePoints
     region_px: tuple[float, float, float, float] | None = None  # u0, v0, u1, v1 of the part looked at closely
-    centre: LinePoints = field(default_factory=lambda: LinePoints.empty())  # painted between them; many networks give none
+    centre: LinePoints = field(default_factory=lambda: LinePoints.empty())  # painted between them; few networks see it
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,14 +261,14 @@ class Track:
     ramp_m: NDArray[np.float64] | None = None  # (3,) world: nearest end of the centre line
     ramp_sigma_m: float | None = None  # 1-sigma along the deck
     lateral_rate_m_s: Value | None = None  # + : the lateral deviation grows to the right
-    vertical_rate_m_s: Value | None = None  # + : the height above deck grows
+    height_rate_m_s: Value | None = None  # + : the height above deck grows
     closing_m_s: Value | None = None  # + : the aircraft comes nearer to the ramp
     reason: str = ""  # why a frame was not used or the track began anew, for people
 
 
 @dataclass(frozen=True, eq=False)
 class Guidance:
-    """Where the aircraft is relative to the centre line."""
+    """Where the aircraft is relative to the centre line and the glideslope."""
 
     time_s: float
     status: Status
@@ -278,6 +278,17 @@ class Guidance:
     height_above_deck_m: Value | None = None  # + : above
     distance_to_ramp_m: Value | None = None  # + : the ramp is still ahead, along the centre line
     reason: str = ""
+    vertical_deviation_m: Value | None = None  # + : above the glideslope
+    lateral_deviation_rad: Value | None = None  # + : right; angle at the aim point, as a localizer shows it
+    vertical_deviation_rad: Value | None = None  # + : above; angle at the aim point
+    distance_to_touchdown_m: Value | None = None  # + : the aim point is still ahead, along the centre line
+    lateral_rate_m_s: Value | None = None  # + : the lateral deviation grows to the right
+    height_rate_m_s: Value | None = None  # + : the height above deck grows; negative in a descent
+    closing_m_s: Value | None = None  # + : the ramp comes nearer
+    protection: Protection | None = None  # bounds on errors of lateral deviation and height above deck
+    track: TrackState | None = None  # None: from this frame alone
+    flags: tuple[Flag, ...] = ()  # what integrity found wrong; empty: nothing is known to be wrong
+    glideslope_rad: float | None = None  # the wanted one
 
 
 def _check(array: NDArray, shape: tuple[int, ...], name: str) -> None:

@@ -5,8 +5,19 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, attitude
-from deckline.guide import guidance
-from deckline.types import DepthMode, Frame, RunwayEstimate, RunwayLine, Status
+from deckline.guide import GuideConfig, guidance
+from deckline.types import (
+    DepthMode,
+    Flag,
+    Frame,
+    Protection,
+    RunwayEstimate,
+    RunwayLine,
+    Status,
+    Track,
+    TrackState,
+    Value,
+)
 
 CAMERA = Camera(4, 3, 2.0, 2.0, 1.5, 1.0)
 NORTH = RunwayLine(np.array([0.0, 0.0, -20.0]), 0.0, np.diag([0.3, 0.01, 0.2]) ** 2)
@@ -91,3 +102,95 @@ def test_a_vertical_nose_has_no_heading():
     assert found.heading_error_rad is None
     assert found.lateral_deviation_m.value == pytest.approx(4.0)
     assert "nose points straight" in found.reason
+
+
+ON_SLOPE_M = np.tan(np.deg2rad(3.5)) * (40.0 + 70.0)
+RAMP = dict(ramp_m=np.array([-60.0, 0.0, -20.0]), ramp_sigma_m=1.5)
+
+
+def track(state=TrackState.TRACKING, **changes):
+    values = dict(lines={"centre": NORTH}, protection=Protection(2.0, 1.0, 1e-7), reason="")
+    return Track(2.5, state, **values | changes)
+
+
+def test_on_the_glideslope_there_is_no_vertical_deviation():
+    found = guidance(frame([-100.0, 0.0, -20.0 - ON_SLOPE_M]), estimate(**RAMP))
+    assert found.distance_to_touchdown_m.value == pytest.approx(110.0)
+    assert found.vertical_deviation_m.value == pytest.approx(0.0, abs=1e-9)
+    assert found.vertical_deviation_rad.value == pytest.approx(0.0, abs=1e-12)
+    assert found.glideslope_rad == pytest.approx(np.deg2rad(3.5))
+
+
+@pytest.mark.parametrize(("above", "right"), [(2.0, 3.0), (-2.0, -3.0)])
+def test_above_and_right_are_positive_in_metres_and_as_angles_at_the_aim_point(above, right):
+    found = guidance(frame([-100.0, right, -20.0 - ON_SLOPE_M - above]), estimate(**RAMP))
+    assert found.vertical_deviation_m.value == pytest.approx(above)
+    assert found.lateral_deviation_rad.value == pytest.approx(np.arctan(right / 110.0))
+    angle = np.arctan((ON_SLOPE_M + above) / 110.0) - np.deg2rad(3.5)
+    assert found.vertical_deviation_rad.value == pytest.approx(angle)
+
+
+def test_spread_of_the_deviations_is_that_of_drawn_measurements():
+    rng = np.random.default_rng(0)
+    rows = []
+    for _ in range(3000):
+        line = RunwayLine(NORTH.point_m + [0.0, 0.0, rng.normal(0, 0.2)], 0.0, NORTH.covariance)
+        ramp = np.array([-60.0 + rng.normal(0, 1.5), 0.0, -20.0])
+        found = guidance(frame([-100.0, 4.0, -29.0]), estimate(lines={"centre": line}, ramp_m=ramp, ramp_sigma_m=1.5))
+        rows.append([found.vertical_deviation_m.value, found.vertical_deviation_rad.value])
+    for spread, stated in zip(
+        np.std(rows, axis=0), (found.vertical_deviation_m, found.vertical_deviation_rad), strict=True
+    ):
+        assert spread == pytest.approx(stated.sigma, rel=0.06)
+
+
+def test_another_slope_aim_point_and_hook():
+    config = GuideConfig(glideslope_deg=4.0, touchdown_m=50.0, point_m=(-2.0, 0.5, 3.0))
+    found = guidance(frame([-100.0, 0.0, -29.0]), estimate(**RAMP), config=config)
+    assert found.height_above_deck_m.value == pytest.approx(6.0)  # the hook hangs 3 m lower
+    assert found.lateral_deviation_m.value == pytest.approx(0.5)
+    assert found.distance_to_touchdown_m.value == pytest.approx(42.0 + 50.0)
+    assert found.vertical_deviation_m.value == pytest.approx(6.0 - 92.0 * np.tan(np.deg2rad(4.0)))
+    for wrong in ({"glideslope_deg": 0.0}, {"touchdown_m": -1.0}, {"point_m": (0.0, np.nan, 0.0)}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            GuideConfig(**wrong)
+
+
+def test_over_the_aim_point_there_are_no_angles():
+    found = guidance(frame([5.0, 0.0, -22.0]), estimate(**RAMP))
+    assert found.vertical_deviation_m is not None
+    assert found.vertical_deviation_rad is None
+    assert found.lateral_deviation_rad is None
+
+
+def test_the_track_goes_before_the_frame_and_brings_rates_bounds_and_state():
+    ship = RunwayLine(np.array([0.0, 1.0, -21.0]), 0.0, NORTH.covariance)
+    rates = dict(lateral_rate_m_s=Value(0.5, 0.1), height_rate_m_s=Value(-3.9, 0.2), closing_m_s=Value(60.0, 0.5))
+    ramp = dict(ramp_m=np.array([-50.0, 1.0, -21.0]), ramp_sigma_m=0.5)
+    found = guidance(frame([-100.0, 4.0, -29.0]), estimate(**RAMP), track(lines={"centre": ship}, **ramp, **rates))
+    assert found.lateral_deviation_m.value == pytest.approx(3.0)
+    assert found.height_above_deck_m.value == pytest.approx(8.0)
+    assert found.distance_to_ramp_m.value == pytest.approx(50.0)
+    assert (found.height_rate_m_s.value, found.closing_m_s.value) == (-3.9, 60.0)
+    assert found.protection.lateral_m == 2.0
+    assert found.track is TrackState.TRACKING
+
+
+def test_a_lost_track_leaves_the_frame_unless_something_is_wrong():
+    here = frame([-100.0, 4.0, -29.0])
+    alone = guidance(here, estimate(), track(TrackState.LOST, lines={}, protection=None))
+    assert alone.lateral_deviation_m.value == pytest.approx(4.0)
+    assert (alone.track, alone.protection) == (TrackState.LOST, None)
+    wrong = Flag("spacing", "the lines are 9 m apart")
+    doubted = guidance(here, estimate(), track(TrackState.LOST, lines={}, protection=None, flags=(wrong,)))
+    assert doubted.lateral_deviation_m is None
+    assert doubted.flags == (wrong,)
+    assert "9 m apart" in doubted.reason
+
+
+def test_a_coasting_track_guides_where_the_frame_shows_nothing():
+    nothing = estimate(lines={}, status=Status.NOT_SEEN, reason="no line in the image")
+    found = guidance(frame([-100.0, 4.0, -29.0]), nothing, track(TrackState.COASTING))
+    assert found.lateral_deviation_m.value == pytest.approx(4.0)
+    assert (found.status, found.track) == (Status.NOT_SEEN, TrackState.COASTING)
+    assert found.reason == "no line in the image"

@@ -177,7 +177,7 @@ class Tracker:
             ramp_m=None if ramp is None else ramp.near_m,
             ramp_sigma_m=None if ramp is None else ramp.sigma_m,
             lateral_rate_m_s=lateral,
-            vertical_rate_m_s=vertical,
+            height_rate_m_s=vertical,
             closing_m_s=closing,
             reason=reason,
         )
