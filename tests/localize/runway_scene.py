@@ -80,7 +80,8 @@ def noisy(frame: Frame, exact: Detection, noise: NoiseConfig, rng: np.random.Gen
     measured_pose = RigidTransform.from_components(
         pose.translation + rng.normal(0, noise.position_m, 3), turn * pose.rotation
     )
-    lines, depth = [], None if frame.depth_m is None else frame.depth_m.copy()
+    scale = np.float32(1 + rng.normal(0, noise.depth_scale))
+    lines, depth = [], None if frame.depth_m is None else frame.depth_m * scale
     for points in (exact.left, exact.right):
         shift = np.column_stack([rng.normal(0, points.sigma_px), np.zeros(len(points))])
         lines.append(LinePoints(points.points_px + shift, points.confidence, points.sigma_px))
@@ -88,4 +89,7 @@ def noisy(frame: Frame, exact: Detection, noise: NoiseConfig, rng: np.random.Gen
             for u, v in np.rint(lines[-1].points_px).astype(int):
                 depth[v - 2 : v + 3, u - 2 : u + 3] *= 1 + rng.normal(0, noise.depth_fraction)
     deck = DECK_Z_M + rng.normal(0, noise.deck_z_m)
-    return replace(frame, world_from_body=measured_pose, depth_m=depth, deck_z_m=deck), Detection(*lines)
+    zoom = 1 + rng.normal(0, noise.focal_fraction)
+    camera = replace(frame.camera, fx=frame.camera.fx * zoom, fy=frame.camera.fy * zoom)
+    measured = replace(frame, world_from_body=measured_pose, depth_m=depth, deck_z_m=deck, camera=camera)
+    return measured, Detection(*lines)

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 
 Mode = Literal["auto", "fine", "coarse"]
+Method = Literal["joint", "paper"]
 
 
 @dataclass(frozen=True)
@@ -49,19 +50,24 @@ class RansacConfig:
 
 @dataclass(frozen=True)
 class NoiseConfig:
-    """1-sigma of what is measured. Pose and deck errors are common to all points: more points do not average them.
+    """1-sigma of what is measured. Pose, deck and calibration errors are common to all points: more points do not
+    average them.
 
-    The defaults are assumptions for a small aircraft with satellite-aided inertial navigation; state your own.
+    The defaults are assumptions for a small aircraft with satellite-aided inertial navigation and a calibrated camera;
+    state your own.
     """
 
     depth_fraction: float = 0.01  # of a depth sample, independent from point to point
     attitude_rad: float = float(np.deg2rad(0.1))  # about each axis, camera mounting included
     position_m: float = 0.1  # along each axis
-    deck_z_m: float = 0.1  # of the deck height that the ship reports; coarse mode only
+    deck_z_m: float = 0.1  # of the deck height that the ship reports; not used in fine mode
+    focal_fraction: float = 0.001  # of the focal length
+    depth_scale: float = 0.005  # of all depth samples together
     min_pixel: float = 0.1  # px, floor of a detected point's 1-sigma
 
     def __post_init__(self) -> None:
-        values = (self.depth_fraction, self.attitude_rad, self.position_m, self.deck_z_m)
+        lengths = (self.position_m, self.deck_z_m)
+        values = (self.depth_fraction, self.attitude_rad, *lengths, self.focal_fraction, self.depth_scale)
         if min(values) < 0 or not self.min_pixel > 0:
             raise ValueError(f"noise must not be negative and min_pixel must be positive, got {self}")
 
@@ -83,19 +89,40 @@ class AgreementConfig:
 
 
 @dataclass(frozen=True)
+class DeckConfig:
+    """What the joint method knows of the deck beforehand, beside `AgreementConfig.parallel_rad` and the width."""
+
+    angle_rad: float = 0.0  # azimuth of the right line less that of the left; its 1-sigma is parallel_rad
+    width_sigma_m: float = 0.3  # of runway_width_m
+    tilt_rad: float = 0.0  # 1-sigma of the deck's slope along and across the runway; 0: known to be level
+    centre_sigma_m: float = 0.1  # of a painted centre line's place midway between the edge lines
+    centre_sigma_rad: float = float(np.deg2rad(0.05))  # and of its direction
+
+    def __post_init__(self) -> None:
+        sigmas = (self.width_sigma_m, self.tilt_rad, self.centre_sigma_m, self.centre_sigma_rad)
+        if not np.isfinite(self.angle_rad) or not min(sigmas) >= 0:
+            raise ValueError(f"deck knowledge needs a finite angle and 1-sigmas that are not negative, got {self}")
+
+
+@dataclass(frozen=True)
 class LocalizeConfig:
     """Localization of the runway lines.
 
     Args:
-        mode: `fine` wants the depth camera, `coarse` the deck plane, `auto` chooses per frame.
+        method: `joint` fits all lines together in the image, by every measurement's noise; `paper` fits each line alone
+            in the world by stochastic gradient descent.
+        mode: `fine` wants the depth camera, `coarse` the deck plane. `auto`: the paper's method chooses one per frame,
+            the joint one uses both, and names the frame fine when most points have a depth.
         min_points: points that a line needs a distance for.
         min_depth_share: `auto` prefers coarse when fewer of a line's inliers than this have a depth.
-        runway_width_m: spacing of the lines where it is known: then one line is enough for a centre line.
+        runway_width_m: spacing of the lines where it is known: then one line is enough for a centre line, and two
+            lines are held to it.
 
     Raises:
-        ValueError: an unknown mode or a number out of range.
+        ValueError: an unknown method or mode, or a number out of range.
     """
 
+    method: Method = "joint"
     mode: Mode = "auto"
     min_points: int = 6
     min_depth_share: float = 0.5
@@ -103,8 +130,11 @@ class LocalizeConfig:
     ransac: RansacConfig = field(default_factory=RansacConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     agreement: AgreementConfig = field(default_factory=AgreementConfig)
+    deck: DeckConfig = field(default_factory=DeckConfig)
 
     def __post_init__(self) -> None:
+        if self.method not in get_args(Method):
+            raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {self.method!r}")
         if self.mode not in get_args(Mode):
             raise ValueError(f"mode must be one of {', '.join(get_args(Mode))}, got {self.mode!r}")
         if self.min_points < 3 or not 0 <= self.min_depth_share <= 1:

@@ -21,8 +21,8 @@ NO_DECK = "no depth and no deck height: give --deck-z-m"
 class DeckPoints:
     """Points of one line in the world, with what noise moves them.
 
-    Displacements are those of one standard deviation; K common sources are attitude about world x, y, z, position
-    along x, y, z, and deck height.
+    Displacements are those of one standard deviation; K = 9 common sources are attitude about world x, y, z, position
+    along x, y, z, deck height, focal length and depth scale.
     """
 
     index: NDArray[np.int64]  # (N,) which detected points
@@ -146,23 +146,36 @@ def deck_points(
     along = distance[:, None] * rays * noise.depth_fraction
     depth_step = along if mode is DepthMode.FINE else np.zeros_like(along)
     body = frame.world_from_body.translation
-    common, relative = _common(points, rays, body, mode, noise)
+    flat = frame.camera.rays(px) * [-noise.focal_fraction, -noise.focal_fraction, 0.0]
+    calibration = distance[:, None] * np.stack([turn.apply(flat), rays * noise.depth_scale])
+    common, relative = _common(points, rays, calibration, body, mode, noise)
     return DeckPoints(index[keep], points, pixel, depth_step, common, relative)
 
 
-def _common(points: Array, rays: Array, body: Array, mode: DepthMode, noise: NoiseConfig) -> tuple[Array, Array]:
-    """Displacements (7, N, 3) by attitude, position and deck height, in the world and as the aircraft sees them."""
+def _common(
+    points: Array, rays: Array, calibration: Array, body: Array, mode: DepthMode, noise: NoiseConfig
+) -> tuple[Array, Array]:
+    """Displacements (9, N, 3) by all that is common to the points, in the world and as the aircraft sees them.
+
+    Args:
+        points: (N, 3) world.
+        rays: (N, 3) world, any length.
+        calibration: (2, N, 3) displacements by focal length, at constant depth, and depth scale.
+        body: (3,) the aircraft.
+        mode: whether points lie on the reported deck (coarse) or where the depth camera says.
+        noise: 1-sigma of everything.
+    """
     axes = np.eye(3)
     turns = np.cross(axes[:, None, :], points - body) * noise.attitude_rad
     shifts = np.broadcast_to(axes[:, None, :] * noise.position_m, (3, *points.shape))
-    moved = np.concatenate([turns, shifts])
-    deck = np.zeros((1, *points.shape))
+    zero = np.zeros((1, *points.shape))
+    moved, deck = np.concatenate([turns, shifts]), zero
     if mode is DepthMode.COARSE:
-        moved = _on_plane(moved, rays)
+        moved, calibration = _on_plane(moved, rays), _on_plane(calibration, rays)
         deck = (rays / rays[:, 2:] * noise.deck_z_m)[None]
-    common = np.concatenate([moved, deck])
+    common = np.concatenate([moved, deck, calibration])
     # A wrong heading and position of the aircraft carry the line along: relative to the aircraft nothing changed.
-    carried = np.concatenate([np.zeros((2, *points.shape)), turns[2:], shifts, np.zeros((1, *points.shape))])
+    carried = np.concatenate([zero, zero, turns[2:], shifts, zero, zero, zero])
     return common, common - carried
 
 

@@ -1,9 +1,4 @@
-"""A horizontal line w0 + w1 x + w2 y = 0, z = w3 through points on the deck, with its covariance.
-
-Points are far from equally good: one pixel is centimetres near the ramp and a metre at the far end. Each point
-therefore counts by the inverse variance of its cross-track error, to which its pixel's and its depth's noise are
-propagated; near points decide the offset, the spread decides the direction.
-"""
+"""A horizontal line w0 + w1 x + w2 y = 0, z = w3 on the deck, what noise moves it, and the paper's way to fit it."""
 
 from dataclasses import dataclass
 
@@ -14,10 +9,9 @@ from deckline.geometry import wrap_angle
 from deckline.localize.depth import DeckPoints
 
 Array = NDArray[np.float64]
-REWEIGHTINGS = 6  # direction and weights depend on each other; they settle in three
-MIN_SIGMA_M = 1e-6  # keeps the weights of noiseless points finite
 MAX_CORRELATION = 0.9  # of neighbouring residuals that is still believed
-HEIGHT_OUTLIER = 4.0  # standard deviations
+MIN_SIGMA_M = 1e-6  # keeps residuals of noiseless points finite
+SIGNIFICANT = 2.5  # 1-sigma; what chance explains of spread and correlation is not counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +24,9 @@ class LineFit:
 
     point_m: Array  # (3,)
     azimuth_rad: float
-    own: Array  # (3, M) noise of the points
-    common: Array  # (3, K) pose and deck
-    relative: Array  # (3, K) pose and deck as seen from the aircraft
+    own: Array  # (3, M) noise of the points, and what is known of the lines' lie
+    common: Array  # (3, K) pose, calibration and deck
+    relative: Array  # (3, K) the same as seen from the aircraft
 
     @property
     def direction(self) -> Array:
@@ -51,28 +45,27 @@ class LineFit:
         return self.own @ self.own.T + self.relative @ self.relative.T
 
 
-def fit_lines(points: dict[str, DeckPoints], camera_m: Array, min_points: int) -> dict[str, LineFit]:
-    """Fit every line of one frame. The lines lie on one deck, so all points together decide its height.
+def fit_alone(
+    points: dict[str, DeckPoints], camera_m: Array, min_points: int, rng: np.random.Generator
+) -> dict[str, LineFit]:
+    """The paper's lines: each alone, all its points alike, by stochastic gradient descent in the world.
 
-    Points off the deck by more than four standard deviations are left out; a line with fewer than `min_points`
-    remaining is left out as well.
+    Sensitivities are those of the least-squares line that the descent goes to.
 
     Args:
-        points: the points of each line; at least one line.
+        points: the points of each line; a line with fewer than `min_points` is left out.
         camera_m: (3,) the camera in the world; lines point away from it, in the direction of landing.
         min_points: points a line needs.
+        rng: order of the points in the descent.
+
+    Source: paper, section on line fitting; SPEC section 4.4.
     """
-    points = _on_deck(points)
     points = {side: p for side, p in points.items() if len(p) >= max(min_points, 3)}
-    if not points:
-        return {}
-    merged = _merge(list(points.values()))
-    height, height_gradient, height_inflation = _height(merged)
+    total = sum(len(p) for p in points.values())
     fits, first = {}, 0
     for side, line in points.items():
-        mine = slice(first, first + len(line))
+        fits[side] = _fit(line, first, total, camera_m, rng)
         first += len(line)
-        fits[side] = _fit(line, merged, mine, camera_m, height, height_gradient, height_inflation)
     return fits
 
 
@@ -134,101 +127,52 @@ def fit_sgd(
     return np.array([w0, line[1], line[2], points_m[:, 2] @ w / w.sum()])
 
 
-def _on_deck(points: dict[str, DeckPoints]) -> dict[str, DeckPoints]:
-    """Leave out points whose height contradicts the deck's; in coarse mode all lie on it."""
-    heights = np.concatenate([p.points_m[:, 2] for p in points.values()])
-    if len(heights) == 0:
-        return points
-    middle = np.median(heights)
-    spread = 1.4826 * np.median(np.abs(heights - middle))
-    kept = {}
-    for side, p in points.items():
-        sigma = np.sqrt(p.depth_m[:, 2] ** 2 + (p.common_m[..., 2] ** 2).sum(axis=0))
-        limit = HEIGHT_OUTLIER * np.maximum(np.maximum(sigma, spread), MIN_SIGMA_M)
-        kept[side] = p.take(np.abs(p.points_m[:, 2] - middle) <= limit)
-    return kept
-
-
-def _height(points: DeckPoints) -> tuple[float, Array, float]:
-    """Deck z, its gradient (N, 3) by every point, and how much the scatter exceeds the assumed depth noise."""
-    own = points.depth_m[:, 2]
-    # Tilted by a wrong attitude, far points are worse than their depth noise says.
-    variance = own**2 + (points.common_m[:3, :, 2] ** 2).sum(axis=0) + MIN_SIGMA_M**2
-    share = 1 / variance / (1 / variance).sum()
-    z = points.points_m[:, 2]
-    height = float(share @ z)
-    gradient = np.column_stack([np.zeros((len(z), 2)), share])
-    if not own.any():
-        return height, gradient, 1.0
-    # The tilt is counted among the common errors; here only scatter about the tilted plane counts.
-    design = np.column_stack([np.ones(len(z)), points.points_m[:, :2] - points.points_m[:, :2].mean(axis=0)])
-    scale = 1 / np.hypot(own, MIN_SIGMA_M)
-    fitted = design @ np.linalg.lstsq(design * scale[:, None], z * scale, rcond=None)[0]
-    chi2 = (((z - fitted) * scale) ** 2).sum() / max(len(z) - 3, 1)
-    return height, gradient, float(np.sqrt(max(chi2, 1.0)))
-
-
-def _fit(
-    line: DeckPoints,
-    merged: DeckPoints,
-    mine: slice,
-    camera_m: Array,
-    height: float,
-    height_gradient: Array,
-    height_inflation: float,
-) -> LineFit:
-    xy = line.points_m[:, :2]
-    weights = np.ones(len(xy))
-    for _ in range(REWEIGHTINGS):
-        centre, azimuth = weighted_line(xy, weights)
-        right = np.array([-np.sin(azimuth), np.cos(azimuth)])
-        noise = np.stack([line.pixel_m[:, :2] @ right, line.depth_m[:, :2] @ right])
-        weights = 1 / ((noise**2).sum(axis=0) + MIN_SIGMA_M**2)
-    if (centre - camera_m[:2]) @ [np.cos(azimuth), np.sin(azimuth)] < 0:
-        azimuth, right = float(wrap_angle(azimuth + np.pi)), -right
-    along = (xy - centre) @ [np.cos(azimuth), np.sin(azimuth)]
-    across = (xy - centre) @ right
-    gradient = np.zeros((3, len(merged), 3))
-    gradient[0, mine, :2] = (weights / weights.sum())[:, None] * right
-    gradient[1, mine, :2] = (weights * along / (weights @ along**2))[:, None] * right
-    gradient[2] = height_gradient
-    own = np.concatenate(
-        [np.einsum("rnk,nk->rn", gradient, merged.pixel_m), np.einsum("rnk,nk->rn", gradient, merged.depth_m)], axis=1
-    )
-    own[:2] *= _inflation(across * np.sqrt(weights), along)
-    own[2] *= height_inflation
-    return LineFit(
-        np.array([*centre, height]),
-        float(wrap_angle(azimuth)),
-        own,
-        np.einsum("rnk,cnk->rc", gradient, merged.common_m),
-        np.einsum("rnk,cnk->rc", gradient, merged.relative_m),
-    )
-
-
-def _inflation(residuals: Array, along: Array) -> float:
+def inflation(residuals: Array, along: Array) -> float:
     """Factor on 1-sigma for residuals (N,), in expected 1-sigma, that are larger or less independent than assumed.
 
     Neighbouring rows of a detector err together; N points with correlation r between neighbours are worth
-    N (1 - r) / (1 + r). A correlation that chance explains is not counted.
+    N (1 - r) / (1 + r). Spread and correlation that chance explains are not counted, nor is a spread that is smaller.
+
+    Args:
+        residuals: (N,) of one line, less two fitted numbers.
+        along: (N,) orders them along the line.
     """
     ordered = residuals[np.argsort(along)]
     n = len(ordered)
-    energy = float(ordered @ ordered)
-    chi2 = energy / max(n - 2, 1)
-    correlation = float(ordered[1:] @ ordered[:-1]) / energy if energy > 0 else 0.0
-    if chi2 < 1e-6 or correlation < 2 / np.sqrt(n):
+    energy, degrees = float(ordered @ ordered), max(n - 2, 1)
+    chi2 = energy / degrees
+    if chi2 <= 1 + SIGNIFICANT * np.sqrt(2 / degrees):
+        chi2 = 1.0
+    correlation = float(ordered[1:] @ ordered[:-1]) / energy if energy > 1e-6 * n else 0.0
+    if correlation < SIGNIFICANT / np.sqrt(max(n, 1)):
         correlation = 0.0
     correlation = min(correlation, MAX_CORRELATION)
-    return float(np.sqrt(max(chi2, 1.0) * (1 + correlation) / (1 - correlation)))
+    return float(np.sqrt(chi2 * (1 + correlation) / (1 - correlation)))
 
 
-def _merge(lines: list[DeckPoints]) -> DeckPoints:
-    return DeckPoints(
-        np.concatenate([p.index for p in lines]),
-        np.concatenate([p.points_m for p in lines]),
-        np.concatenate([p.pixel_m for p in lines]),
-        np.concatenate([p.depth_m for p in lines]),
-        np.concatenate([p.common_m for p in lines], axis=1),
-        np.concatenate([p.relative_m for p in lines], axis=1),
+def _fit(line: DeckPoints, first: int, total: int, camera_m: Array, rng: np.random.Generator) -> LineFit:
+    w0, w1, w2, z = fit_sgd(line.points_m, rng)
+    xy, count = line.points_m[:, :2], len(line)
+    middle = xy.mean(axis=0)
+    middle = middle - (w0 + w1 * middle[0] + w2 * middle[1]) * np.array([w1, w2])
+    azimuth = float(np.arctan2(-w1, w2))
+    if (middle - camera_m[:2]) @ [np.cos(azimuth), np.sin(azimuth)] < 0:
+        azimuth = float(wrap_angle(azimuth + np.pi))
+    right = np.array([-np.sin(azimuth), np.cos(azimuth)])
+    along = (xy - middle) @ [np.cos(azimuth), np.sin(azimuth)]
+    gradient = np.zeros((3, count, 3))
+    gradient[0, :, :2] = right / count
+    gradient[1, :, :2] = (along / (along @ along))[:, None] * right
+    gradient[2, :, 2] = 1 / count
+    noise = np.stack([line.pixel_m, line.depth_m])
+    own = np.zeros((3, 2, total))
+    own[:, :, first : first + count] = np.einsum("rnk,snk->rsn", gradient, noise)
+    sigma = np.sqrt(((noise[..., :2] @ right) ** 2).sum(axis=0))
+    own[:2] *= inflation(((xy - middle) @ right) / np.maximum(sigma, MIN_SIGMA_M), along)
+    return LineFit(
+        np.array([*middle, z]),
+        azimuth,
+        own.reshape(3, -1),
+        np.einsum("rnk,cnk->rc", gradient, line.common_m),
+        np.einsum("rnk,cnk->rc", gradient, line.relative_m),
     )

@@ -1,21 +1,23 @@
 """One frame's detected points -> runway lines in the world, or why not."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from deckline.localize.config import LocalizeConfig
 from deckline.localize.depth import DeckPoints, choose_mode, deck_points
-from deckline.localize.line_fit import LineFit, fit_lines
+from deckline.localize.line_fit import LineFit, fit_alone
 from deckline.localize.ransac import fit_pixel_line
 from deckline.localize.runway import (
     centre_line,
     drop_contradictions,
+    drop_unsure,
     pixel_contradiction,
     ramp,
     runway_line,
     shifted_line,
 )
+from deckline.localize.together import fit_together
 from deckline.types import SIDES, DepthMode, Detection, Frame, LinePoints, PixelLine, RunwayEstimate, Status
 
 
@@ -23,8 +25,8 @@ from deckline.types import SIDES, DepthMode, Detection, Frame, LinePoints, Pixel
 class _World:
     """What could be placed in the world."""
 
-    fits: dict[str, LineFit]
-    located: dict[str, DeckPoints]
+    fits: dict[str, LineFit]  # of left and right, and of a painted centre line
+    located: dict[str, DeckPoints]  # the inliers of left and right
     reason: str
 
 
@@ -33,13 +35,14 @@ def localize(frame: Frame, detection: Detection, config: LocalizeConfig, rng: np
 
     Status OK means both lines were found and agree with each other. Lines that contradict each other are dropped:
     "not seen" is better than wrong. Without pose, depth or deck height the image lines are given alone, in mode NONE,
-    with the reason.
+    with the reason. Mode FINE means that at least `min_depth_share` of each line's points have a depth, COARSE that
+    fewer have; the joint method uses all that there is in both, unless one was asked for by name.
 
     Args:
         frame: camera, pose, and depth or deck height.
-        detection: points of both lines in the frame's image.
-        config: thresholds and assumed noise.
-        rng: RANSAC's draws.
+        detection: points of the lines in the frame's image.
+        config: method, thresholds and assumed noise.
+        rng: RANSAC's draws, and the paper's order of points.
 
     Source: SPEC section 4.
     """
@@ -56,30 +59,60 @@ def localize(frame: Frame, detection: Detection, config: LocalizeConfig, rng: np
     )
     if mode is DepthMode.NONE:
         return RunwayEstimate(_status(pixel_lines), mode, pixel_lines, {}, reason=reason)
-    world = _place(frame, points, pixel_lines, mode, config)
+    place = _place_alone if config.method == "paper" else _place_together
+    world = place(frame, detection, pixel_lines, mode, config, rng)
     pixel_lines = {side: line for side, line in pixel_lines.items() if side in world.fits}
     if not pixel_lines:
         return _nothing(world.reason)
     return _estimate(frame, detection, pixel_lines, world, mode, config)
 
 
-def _place(
+def _place_alone(
     frame: Frame,
-    points: dict[str, LinePoints],
+    detection: Detection,
     pixel_lines: dict[str, PixelLine],
     mode: DepthMode,
     config: LocalizeConfig,
+    rng: np.random.Generator,
 ) -> _World:
-    located = {}
-    for side, line in pixel_lines.items():
-        index = np.flatnonzero(line.inliers)
-        px, sigma = points[side].points_px[index], points[side].sigma_px[index]
-        located[side] = deck_points(frame, px, sigma, index, mode, config.noise)
+    """The paper's way: each inlier into the world, each line alone through them."""
+    located = {side: _located(frame, getattr(detection, side), pixel_lines[side], mode, config) for side in pixel_lines}
     pose = frame.world_from_camera
-    fits = {} if pose is None else fit_lines(located, pose.translation, config.min_points)
+    fits = {} if pose is None else fit_alone(located, pose.translation, config.min_points, rng)
     missing = [f"the {side} line has too few points on the deck" for side in pixel_lines if side not in fits]
-    kept, reason = drop_contradictions(fits, config.agreement)
-    return _World(kept, located, "; ".join([*missing, reason] if reason else missing))
+    sure, unsure = drop_unsure(fits, config.agreement)
+    kept, contradiction = drop_contradictions(sure, config.agreement)
+    return _World(kept, located, "; ".join(filter(None, [*missing, unsure, contradiction])))
+
+
+def _place_together(
+    frame: Frame,
+    detection: Detection,
+    pixel_lines: dict[str, PixelLine],
+    mode: DepthMode,
+    config: LocalizeConfig,
+    rng: np.random.Generator,
+) -> _World:
+    points = {"left": detection.left, "right": detection.right, "centre": detection.centre}
+    painted = fit_pixel_line(detection.centre, frame.camera, config.ransac, rng)
+    lines = pixel_lines if painted is None else {**pixel_lines, "centre": painted}
+    found = fit_together(frame, points, lines, mode, config)
+    kept, unsure = drop_unsure(found.fits, config.agreement)
+    # The ramp is looked for on the deck that was found.
+    located = {}
+    for side in SIDES:
+        if side in kept:
+            height, sigma = float(kept[side].point_m[2]), float(np.sqrt(kept[side].relative_covariance[2, 2]))
+            noise = replace(config.noise, deck_z_m=sigma)
+            on_deck = replace(frame, deck_z_m=height)
+            settings = replace(config, noise=noise)
+            located[side] = _located(on_deck, points[side], pixel_lines[side], DepthMode.COARSE, settings)
+    return _World(kept, located, "; ".join(filter(None, [found.reason, unsure])))
+
+
+def _located(frame: Frame, points: LinePoints, line: PixelLine, mode: DepthMode, config: LocalizeConfig) -> DeckPoints:
+    index = np.flatnonzero(line.inliers)
+    return deck_points(frame, points.points_px[index], points.sigma_px[index], index, mode, config.noise)
 
 
 def _estimate(
@@ -92,8 +125,8 @@ def _estimate(
 ) -> RunwayEstimate:
     fits, reasons = dict(world.fits), [world.reason] if world.reason else []
     ramp_m = ramp_sigma_m = None
-    if set(fits) == set(SIDES):
-        fits["centre"] = centre_line(fits["left"], fits["right"], config.agreement.parallel_rad)
+    if set(SIDES) <= set(fits):
+        fits["centre"] = centre_line(fits["left"], fits["right"])
         points = {"left": detection.left, "right": detection.right}
         found = ramp(
             frame,
@@ -108,13 +141,15 @@ def _estimate(
             reasons.append(f"no ramp: {found}")
         else:
             ramp_m, ramp_sigma_m = found
+    elif "centre" in fits:
+        fits["centre"] = shifted_line(fits["centre"], 0.0, config.deck.centre_sigma_m)  # painted, not the middle itself
     else:
         side = next(iter(fits))
         if config.runway_width_m is None:
             reasons.append(f"no centre line: only the {side} line and no runway_width_m")
         else:
             half = config.runway_width_m / 2
-            fits["centre"] = shifted_line(fits[side], half if side == "left" else -half)
+            fits["centre"] = shifted_line(fits[side], half if side == "left" else -half, config.deck.width_sigma_m / 2)
     lines = {side: runway_line(fit) for side, fit in fits.items()}
     return RunwayEstimate(_status(pixel_lines), mode, pixel_lines, lines, ramp_m, ramp_sigma_m, "; ".join(reasons))
 

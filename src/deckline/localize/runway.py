@@ -35,46 +35,45 @@ def pixel_contradiction(lines: dict[str, PixelLine]) -> str:
 
 
 def drop_contradictions(fits: dict[str, LineFit], config: AgreementConfig) -> tuple[dict[str, LineFit], str]:
-    """The fits that can be believed, and why others were dropped.
+    """The fits that do not contradict each other, and why others were dropped.
 
-    A line without a usable direction goes. Of two lines that contradict each other in spacing or direction, the
-    clearly surer one stays, or neither; of two whose order is wrong neither stays, as the names are in doubt.
+    Of two lines that contradict each other in spacing or direction, the clearly surer one stays, or neither; of two
+    whose order is wrong neither stays, as the names are in doubt. The fits must not know of each other.
     """
-    kept = {side: fit for side, fit in fits.items() if np.sqrt(fit.covariance[1, 1]) <= config.max_azimuth_sigma_rad}
-    reasons = [f"the direction of the {side} line is too uncertain" for side in fits if side not in kept]
-    if set(kept) != set(SIDES):
-        return kept, "; ".join(reasons)
-    left, right = kept["left"], kept["right"]
-    spacing = _spacing(left, right)
+    if not set(SIDES) <= set(fits):
+        return fits, ""
+    left, right = fits["left"], fits["right"]
+    spacing, spacing_sigma = _spacing(left, right)
     angle = abs(float(wrap_angle(left.azimuth_rad - right.azimuth_rad)))
     sigma = float(np.linalg.norm(left.own[1] - right.own[1]))
     if spacing <= 0:
         return {}, f"the left line lies {-spacing:.1f} m right of the right line"
-    if not config.min_spacing_m <= spacing <= config.max_spacing_m:
+    if not config.min_spacing_m - 2 * spacing_sigma <= spacing <= config.max_spacing_m + 2 * spacing_sigma:
         reason = f"the lines are {spacing:.1f} m apart, expected {config.min_spacing_m:g} to {config.max_spacing_m:g} m"
     elif angle > config.max_angle_rad + 2 * sigma:
         reason = f"the lines differ by {np.rad2deg(angle):.1f} degrees in direction"
     else:
-        return kept, ""
-    sure = {side: float(np.linalg.norm(fit.own[1])) for side, fit in kept.items()}
+        return fits, ""
+    sure = {side: float(np.linalg.norm(fits[side].own[1])) for side in SIDES}
     best = min(sure, key=lambda side: sure[side])
     if max(sure.values()) < config.clearly_better * sure[best]:
         return {}, f"{reason}; neither is clearly the better one"
-    return {best: kept[best]}, f"{reason}; only the surer one, {best}, is kept"
+    return {best: fits[best]}, f"{reason}; only the surer one, {best}, is kept"
 
 
-def centre_line(left: LineFit, right: LineFit, parallel_rad: float) -> LineFit:
-    """The line midway: direction averaged with weights by certainty, offsets averaged (SPEC section 4.5).
+def drop_unsure(fits: dict[str, LineFit], config: AgreementConfig) -> tuple[dict[str, LineFit], str]:
+    """The fits whose direction is of use, and which were dropped."""
+    kept = {side: fit for side, fit in fits.items() if np.sqrt(fit.covariance[1, 1]) <= config.max_azimuth_sigma_rad}
+    return kept, "; ".join(f"the direction of the {side} line is too uncertain" for side in fits if side not in kept)
 
-    True lines may not be parallel; `parallel_rad` is the 1-sigma of the angle between them. It pulls the weights
-    towards equal and is counted in the result.
+
+def centre_line(left: LineFit, right: LineFit) -> LineFit:
+    """The line midway: directions and offsets averaged (SPEC section 4.5).
+
+    What the lines know of each other they know already, so both count alike.
     """
     difference = float(wrap_angle(right.azimuth_rad - left.azimuth_rad))
-    var_left, var_right, var_angle = left.own[1] @ left.own[1], right.own[1] @ right.own[1], parallel_rad**2
-    share = 0.5  # of the left line; what minimises the variance of the bisector's direction
-    if var_left + var_right + var_angle > 0:
-        share = float((var_right + var_angle / 2) / (var_left + var_right + var_angle))
-    azimuth = float(wrap_angle(left.azimuth_rad + (1 - share) * difference))
+    azimuth = float(wrap_angle(left.azimuth_rad + difference / 2))
     direction = np.array([np.cos(azimuth), np.sin(azimuth)])
     middle = (left.point_m + right.point_m) / 2
     beside, levers = [], []
@@ -84,16 +83,15 @@ def centre_line(left: LineFit, right: LineFit, parallel_rad: float) -> LineFit:
         levers.append(along)
     point = np.array([*(beside[0] + beside[1]) / 2, middle[2]])
     own, common, relative = (
-        _mix(getattr(left, name), getattr(right, name), levers, share) for name in ("own", "common", "relative")
+        _mix(getattr(left, name), getattr(right, name), levers) for name in ("own", "common", "relative")
     )
-    angle = np.zeros((3, 1))
-    angle[1] = (0.5 - share) * parallel_rad
-    return LineFit(point, azimuth, np.hstack([own, angle]), common, relative)
+    return LineFit(point, azimuth, own, common, relative)
 
 
-def shifted_line(fit: LineFit, right_m: float) -> LineFit:
-    """The same line moved to its right, m."""
-    return replace(fit, point_m=fit.point_m + right_m * np.array([*fit.right, 0.0]))
+def shifted_line(fit: LineFit, right_m: float, sigma_m: float) -> LineFit:
+    """The same line moved to its right, m, give or take a 1-sigma."""
+    shift = np.array([[sigma_m], [0.0], [0.0]])
+    return replace(fit, point_m=fit.point_m + right_m * np.array([*fit.right, 0.0]), own=np.hstack([fit.own, shift]))
 
 
 def ramp(
@@ -141,22 +139,23 @@ def _u_at(line: PixelLine, row: float) -> float:
     return float(u0 + (row - v0) * (u1 - u0) / (v1 - v0)) if abs(v1 - v0) > 1e-9 else float(min(u0, u1))
 
 
-def _spacing(left: LineFit, right: LineFit) -> float:
-    """Distance from the left to the right line, positive to the right, across their mean direction, m."""
+def _spacing(left: LineFit, right: LineFit) -> tuple[float, float]:
+    """Distance from the left to the right line, positive to the right, across their mean direction, and 1-sigma, m."""
     across = left.right + right.right
     across /= np.linalg.norm(across)
     along = np.array([across[1], -across[0]])
     middle = (left.point_m[:2] + right.point_m[:2]) / 2
-    offsets = []
+    offsets, moved = [], []
     for fit in (left, right):
         step = (middle - fit.point_m[:2]) @ along / (fit.direction @ along)
         offsets.append((fit.point_m[:2] + step * fit.direction) @ across)
-    return float(offsets[1] - offsets[0])
+        moved.append(fit.own[0] + step * fit.own[1])
+    return float(offsets[1] - offsets[0]), float(np.linalg.norm(moved[1] - moved[0]))
 
 
-def _mix(left: Array, right: Array, levers: list[float], share: float) -> Array:
+def _mix(left: Array, right: Array, levers: list[float]) -> Array:
     offset = (left[0] + levers[0] * left[1] + right[0] + levers[1] * right[1]) / 2
-    return np.stack([offset, share * left[1] + (1 - share) * right[1], (left[2] + right[2]) / 2])
+    return np.stack([offset, (left[1] + right[1]) / 2, (left[2] + right[2]) / 2])
 
 
 def _row_step(seen_px: Array) -> float:

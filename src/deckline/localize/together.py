@@ -1,0 +1,162 @@
+"""The joint method: image lines in, line fits with what every noise source moves them by out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.geometry import wrap_angle
+from deckline.localize.config import LocalizeConfig, NoiseConfig
+from deckline.localize.joint import Solution, solve
+from deckline.localize.line_fit import LineFit
+from deckline.localize.model import NUISANCES, State, rights
+from deckline.localize.runway import drop_contradictions
+from deckline.localize.sight import Sight, first_height, first_line, sight
+from deckline.types import SIDES, DepthMode, Frame, LinePoints, PixelLine
+
+Array = NDArray[np.float64]
+CONTRADICTION = 4.0  # 1-sigma between the reported deck height and the depth camera
+CENTRE_CONTRADICTION = 4.0  # 1-sigma between a painted centre line and the middle of the edge lines
+SOURCES = 11  # attitude about x, y, z, position along x, y, z, deck height, focal length, depth scale, deck slopes
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """What came of it: fits of `left`, `right` and, where it was painted and seen, `centre`."""
+
+    fits: dict[str, LineFit]
+    reason: str
+
+
+def fit_together(
+    frame: Frame,
+    points: dict[str, LinePoints],
+    pixel_lines: dict[str, PixelLine],
+    mode: DepthMode,
+    config: LocalizeConfig,
+) -> Together:
+    """Fit what was seen of `left`, `right` and `centre`, first without what is known of how they lie, then with it.
+
+    The first fit shows whether they contradict each other and whether depth camera and reported deck height do. Of
+    the latter two the one that gives the frame its mode is then believed.
+
+    Args:
+        frame: camera and pose, depth image and deck height as far as there are.
+        points: the detected points of each line.
+        pixel_lines: the lines in the image.
+        mode: FINE when most points have a depth.
+        config: everything that is assumed.
+    """
+    view, missing = sight(frame, points, pixel_lines, config)
+    deck_z_m = None if config.mode == "fine" else frame.deck_z_m
+    view, start, lost = _start(frame, view, pixel_lines, deck_z_m, config)
+    reasons = [*missing, *lost]
+    if start is None:
+        return Together({}, "; ".join(reasons))
+    alone = solve(view, start, config, deck_z_m)
+    if abs(alone.height_score) > CONTRADICTION and np.isfinite(view.log_depth).any():
+        believed = "depth camera" if mode is DepthMode.FINE else "deck height"
+        reasons.append(f"depth camera and reported deck height contradict each other: the {believed} is believed")
+        if mode is DepthMode.FINE:
+            deck_z_m = None
+        else:
+            view = replace(view, log_depth=np.full(len(view.line), np.nan))
+        alone = solve(view, start, config, deck_z_m)
+    names, contradiction = _believed(line_fits(alone, view, config.noise), config)
+    reasons += [contradiction] if contradiction else []
+    if not set(SIDES) & set(names):
+        return Together({}, "; ".join(reasons))
+    numbers = [view.names.index(name) for name in names]
+    state = replace(alone.state, points_m=alone.state.points_m[numbers], azimuths_rad=alone.state.azimuths_rad[numbers])
+    solution = solve(view.take(names), state, config, deck_z_m, alone.spreads)
+    return Together(line_fits(solution, view, config.noise), "; ".join(reasons))
+
+
+def _believed(fits: dict[str, LineFit], config: LocalizeConfig) -> tuple[tuple[str, ...], str]:
+    """Names of the lines that agree with each other, and why others do not."""
+    kept, contradiction = drop_contradictions(fits, config.agreement)
+    if "centre" in kept and not (set(SIDES) & set(kept) and _is_between(kept, config)):
+        kept = {name: fit for name, fit in kept.items() if name != "centre"}
+    return tuple(kept), contradiction
+
+
+def line_fits(solution: Solution, view: Sight, noise: NoiseConfig) -> dict[str, LineFit]:
+    """Each line of a solution with its sensitivities, in the world and as the aircraft sees it."""
+    state, deck, fits = solution.state, solution.deck, {}
+    slopes = state.nuisances[4:] * deck.slopes
+    for k, name in enumerate(solution.names):
+        way = deck.axes @ (state.points_m[k] - deck.hub_m)
+        chosen = np.zeros((3, len(solution.points)))
+        chosen[0, 2 * k] = chosen[1, 2 * k + 1] = chosen[2, -NUISANCES - 1] = 1.0
+        chosen[2, -2:] = way * deck.slopes
+        relative = _relative(chosen @ solution.height, chosen @ solution.nuisances, noise)
+        point = np.array([*state.points_m[k], state.z_m + float(way @ slopes)])
+        carried = _carried(point - view.body_m, float(state.azimuths_rad[k]), noise)
+        azimuth = float(wrap_angle(state.azimuths_rad[k]))
+        fits[name] = LineFit(point, azimuth, chosen @ solution.points, relative + carried, relative)
+    return fits
+
+
+def _relative(height: Array, nuisances: Array, noise: NoiseConfig) -> Array:
+    """Columns of SOURCES as the aircraft sees them; an own height that is wrong acts through the reported one alone."""
+    columns = np.zeros((3, SOURCES))
+    columns[:, :2] = nuisances[:, :2]
+    both = max(float(np.hypot(noise.deck_z_m, noise.position_m)), 1e-12)
+    columns[:, 5] = -height * noise.position_m / both
+    columns[:, 6] = height * noise.deck_z_m / both
+    columns[:, 7:] = nuisances[:, 2:]
+    return columns
+
+
+def _carried(way_m: Array, azimuth_rad: float, noise: NoiseConfig) -> Array:
+    """Columns of SOURCES by which the aircraft's wrong heading and position carry along a line `way_m` from it."""
+    columns = np.zeros((3, SOURCES))
+    right = rights(np.array([azimuth_rad]))[0]
+    columns[:2, 2] = np.array([right @ [-way_m[1], way_m[0]], 1.0]) * noise.attitude_rad
+    columns[0, 3:5] = right * noise.position_m
+    columns[2, 5] = noise.position_m
+    return columns
+
+
+def _start(
+    frame: Frame, view: Sight, pixel_lines: dict[str, PixelLine], deck_z_m: float | None, config: LocalizeConfig
+) -> tuple[Sight, State | None, list[str]]:
+    """Where to begin, the sight of the lines that have a place there, and what has none."""
+    if not view.names:
+        return view, None, []
+    z_m = first_height(view, deck_z_m, config.mode == "fine")
+    if z_m is None:
+        return view, None, ["the deck is not below the camera"]
+    found = {}
+    for number, name in enumerate(view.names):
+        # The plane through the camera and an image line l has the normal K^T l in the optical frame.
+        normal = view.turn @ (frame.camera.matrix.T @ pixel_lines[name].coefficients)
+        first = first_line(view, number, normal, z_m)
+        if first is not None:
+            found[name] = first
+    lost = [f"the {name} line lies along the horizon" for name in view.names if name not in found]
+    if not found:
+        return view, None, lost
+    points = np.stack([point[:2] for point, _ in found.values()])
+    azimuths = np.array([azimuth for _, azimuth in found.values()])
+    return view.take(tuple(found)), State(points, azimuths, z_m, np.zeros(NUISANCES)), lost
+
+
+def _is_between(fits: dict[str, LineFit], config: LocalizeConfig) -> bool:
+    """Whether a painted centre line lies midway between both edge lines, or along the only one."""
+    centre = fits["centre"]
+    edges = [fits[side] for side in SIDES if side in fits]
+    turns = [float(wrap_angle(edge.azimuth_rad - centre.azimuth_rad)) for edge in edges]
+    parallel = config.agreement.parallel_rad
+    sigma = np.hypot(np.linalg.norm(centre.own[1] - sum(edge.own[1] for edge in edges) / len(edges)), parallel / 2)
+    if abs(sum(turns) / len(edges)) > CENTRE_CONTRADICTION * np.hypot(sigma, config.deck.centre_sigma_rad):
+        return False
+    if len(edges) < len(SIDES):
+        return True
+    gaps, moved = [], []
+    for edge in edges:
+        lever = (centre.point_m[:2] - edge.point_m[:2]) @ edge.direction
+        gaps.append(float((edge.point_m[:2] + lever * edge.direction - centre.point_m[:2]) @ centre.right))
+        moved.append(edge.own[0] + lever * edge.own[1])
+    spread = np.hypot(np.linalg.norm(centre.own[0] - (moved[0] + moved[1]) / 2), config.deck.centre_sigma_m)
+    return abs(gaps[0] + gaps[1]) / 2 <= CENTRE_CONTRADICTION * spread
