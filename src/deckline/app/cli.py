@@ -65,7 +65,7 @@ def _train_group() -> dict[str, Callable[..., int]]:
 
 
 def _eval_group() -> dict[str, Callable[..., int]]:
-    from deckline.app.evaluation import ablation, commands, dehazing, detection, detectors, flicker
+    from deckline.app.evaluation import ablation, commands, dehazing, detection, detectors, flicker, integrity
 
     return {
         "chain": commands.chain,
@@ -76,6 +76,7 @@ def _eval_group() -> dict[str, Callable[..., int]]:
         "dehazing": dehazing.dehazing,
         "detection": detection.detection,
         "detectors": detectors.detectors,
+        "integrity": integrity.integrity,
     }
 
 
