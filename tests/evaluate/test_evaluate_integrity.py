@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -55,6 +57,9 @@ def test_rows_add_up():
     row = fault_row(runs, alert_s=1.0)
     assert (row.runs, row.detected, row.harmless, row.misleading) == (3, 1, 1, 1)
     assert (row.frames, row.misleading_frames, row.flagged_frames, row.lost_frames) == (10, 5, 1, 1)
+    assert row.excluding_frames == 0
+    left_out = replace(moment(0.0), excluded=True)
+    assert fault_row([[left_out, moment(0.5), replace(left_out, faulty=False)]]).excluding_frames == 1
     assert row.good_share == pytest.approx(2 / 3)
     assert row.delay_s == pytest.approx(1.0)
     with pytest.raises(ValueError, match="no run"):

@@ -30,6 +30,7 @@ class Moment:
     height_m: float | None  # error of the height above the deck, at the touchdown point
     lateral_level_m: float | None  # protection levels; None: none was given
     height_level_m: float | None
+    excluded: bool = False  # a measurement contradicted the track and was left out of it
 
     @property
     def protected(self) -> bool:
@@ -58,6 +59,7 @@ class FaultRow:
     frames: int  # while the fault was there
     misleading_frames: int
     flagged_frames: int
+    excluding_frames: int
     lost_frames: int  # without a protected line, flagged or not
     delay_s: float  # median from the fault's beginning to the first flag; NaN without one
 
@@ -108,6 +110,7 @@ def fault_row(runs: Sequence[Sequence[Moment]], alert_s: float = ALERT_S) -> Fau
         frames=len(faulty),
         misleading_frames=sum(moment.misleading for moment in faulty),
         flagged_frames=sum(moment.flagged for moment in faulty),
+        excluding_frames=sum(moment.excluded for moment in faulty),
         lost_frames=sum(not moment.protected for moment in faulty),
         delay_s=float(np.median(delays)) if delays else float("nan"),
     )

@@ -30,7 +30,8 @@ GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames
 NOTES = """\
 A frame misleads when the lateral deviation or the height above the deck is farther off than its protection level and no
 flag is up. A run is detected when a flag came and no stretch misled for longer than the time to alert; harmless when no
-frame misled and no flag came; misleading otherwise. Not guided: frames with a flag, or without a protected centre line.
+frame misled and no flag came; misleading otherwise. Left out: frames of which a measurement contradicted the track and
+was not used. Not guided: frames with a flag, or without a protected centre line.
 Square brackets: 95 % intervals (Clopper and Pearson) of runs or frames taken as independent; frames of one run are not,
 and theirs are too narrow. The same flights carry every fault."""
 
@@ -147,25 +148,29 @@ def faults_table(rows: Mapping[str, FaultRow]) -> TableText:
     runs, good = sum(row.runs for row in rows.values()), sum(row.detected + row.harmless for row in rows.values())
     together = f"{_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
     columns = ("fault", "runs", "detected", "harmless", "misleading", "detected or harmless, %", "misleading frames, %",
-               "not guided, %", "flag after, s")  # fmt: skip
+               "left out, %", "not guided, %", "flag after, s")  # fmt: skip
     return TableText(f"faults: {together}", columns, tuple(cells))
 
 
 def _counts(row: FaultRow) -> tuple[str, ...]:
     good = row.detected + row.harmless
     counts = (str(count) for count in (row.runs, row.detected, row.harmless, row.misleading))
-    frames = (f"{100 * count / row.frames:.2f}" for count in (row.misleading_frames, row.lost_frames))
+    frames = (
+        f"{100 * count / row.frames:.2f}" for count in (row.misleading_frames, row.excluding_frames, row.lost_frames)
+    )
     return (*counts, _share(good, row.runs), *frames)
 
 
 def nominal_table(runs: Sequence[Sequence[Moment]]) -> TableText:
     """Flights without a fault."""
     moments = [moment for run in runs for moment in run]
-    alarms, beyond = (sum(getattr(m, name) for m in moments) for name in ("flagged", "misleading"))
-    alone = sum(not moment.protected for moment in moments)
+    counts = [sum(getattr(m, name) for m in moments) for name in ("flagged", "misleading", "excluded")]
+    counts.append(sum(not moment.protected for moment in moments))
     title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
-    cells = (str(len(runs)), str(len(moments)), *(_share(count, len(moments)) for count in (alarms, beyond, alone)))
-    return TableText(title, ("runs", "frames", "false alarms, %", "misleading, %", "not guided, %"), (cells,))
+    cells = (str(len(runs)), str(len(moments)), *(_share(count, len(moments)) for count in counts))
+    return TableText(
+        title, ("runs", "frames", "false alarms, %", "misleading, %", "left out, %", "not guided, %"), (cells,)
+    )
 
 
 def _share(hits: int, of: int) -> str:
@@ -184,7 +189,9 @@ def flat_figures(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s: fl
 
 def _nominal(runs: Sequence[Sequence[Moment]]) -> dict[str, int]:
     moments = [moment for run in runs for moment in run]
-    counts = {name: sum(getattr(m, name) for m in moments) for name in ("flagged", "misleading", "protected")}
+    counts = {
+        name: sum(getattr(m, name) for m in moments) for name in ("flagged", "misleading", "excluded", "protected")
+    }
     return {"runs": len(runs), "frames": len(moments), **counts}
 
 

@@ -93,4 +93,5 @@ def moment_of(frame: Frame, track: Track, faulty: bool) -> Moment:
         errors.get("height_m"),
         None if protection is None else protection.lateral_m,
         None if protection is None else protection.vertical_m,
+        bool(track.excluded),
     )
