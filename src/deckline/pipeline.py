@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector
+from deckline.detect.last_seen import LastSeen
+from deckline.detect.prior import Box, RunwaySurvey, expected_box, surveyed
 from deckline.guide import guidance
 from deckline.localize import LocalizeConfig, localize
-from deckline.types import Detection, Frame, Guidance, RunwayEstimate
+from deckline.types import Detection, ExpectedRunway, Frame, Guidance, RunwayEstimate
 
 T = TypeVar("T")
 
@@ -29,6 +31,8 @@ class PipelineConfig:
     dehazer: str = "coarse-t"
     detector: str = "ufld"
     localize: LocalizeConfig = field(default_factory=LocalizeConfig)
+    runway: RunwaySurvey = field(default_factory=RunwaySurvey)  # where the runway is, if known beforehand
+    follow: bool = False  # frames are one flight in order: look where the last good estimate was as well
     seed: int = 0  # of RANSAC's draws; every frame has its own generator, so order and resuming change nothing
 
 
@@ -55,17 +59,32 @@ class Pipeline:
         self.config = config or PipelineConfig()
         self.dehaze: Dehazer = _build(self.config.dehazer, DEHAZERS, OnnxDehazer, "dehazer")
         self.detect: Detector = _build(self.config.detector, DETECTORS, OnnxDetector, "detector")
+        self.survey = surveyed(self.config.runway)
+        self.last_seen = LastSeen() if self.config.follow else None
 
-    def __call__(self, frame: Frame) -> FrameResult:
+    def __call__(self, frame: Frame, expected: ExpectedRunway | None = None) -> FrameResult:
+        """One frame through the chain; `expected` says where its runway should be, as a tracker does before looking."""
         rng = np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         seconds: dict[str, float] = {}
+        look_at = self._look_at(frame, expected)
         restored = _timed(seconds, "dehaze", lambda: restore(self.dehaze, frame))
-        detection = _timed(seconds, "detect", lambda: self.detect(restored.image_rgb))
+        detection = _timed(seconds, "detect", lambda: self.detect(restored.image_rgb, look_at))
         estimate = _timed(seconds, "localize", lambda: localize(frame, detection, self.config.localize, rng))
+        if self.last_seen is not None:
+            self.last_seen.update(frame, detection, estimate)
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate))
         if restored.note:
             advice = replace(advice, reason="; ".join(filter(None, (restored.note, advice.reason))))
         return FrameResult(frame, restored.image_rgb, detection, estimate, advice, seconds)
+
+    def _look_at(self, frame: Frame, expected: ExpectedRunway | None) -> Box | None:
+        """Where the runway should be in the image: as the caller says, else the last estimate, else the survey."""
+        seen = None if self.last_seen is None else self.last_seen.expected(frame)
+        for known in (expected, seen, self.survey):
+            box = None if known is None else expected_box(frame, known)
+            if box is not None:
+                return box
+        return None if self.last_seen is None else self.last_seen.image_box(frame)
 
 
 def _build(name: str, builders: dict[str, Callable[[], T]], from_file: Callable[[Path], T], what: str) -> T:

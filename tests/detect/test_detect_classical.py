@@ -68,8 +68,8 @@ def test_what_is_as_bright_between_as_on_the_stripes_is_no_runway() -> None:
 
 def test_a_prior_rules_out_pairs_that_meet_elsewhere() -> None:
     image, detector = deck(LADDERS), ClassicalDetector()
-    assert seen(detector(image, RIGHT_PRIOR)) == (True, True)
-    assert seen(detector(image, VanishingPrior(np.array([500.0, 60.0]), 40.0))) == (False, False)
+    assert seen(detector(image, vanishing=RIGHT_PRIOR)) == (True, True)
+    assert seen(detector(image, vanishing=VanishingPrior(np.array([500.0, 60.0]), 40.0))) == (False, False)
 
 
 def test_a_prior_can_settle_what_the_picture_cannot() -> None:
@@ -78,7 +78,7 @@ def test_a_prior_can_settle_what_the_picture_cannot() -> None:
     both = np.full((480, 1600, 3), 70, np.uint8)
     both[:, :800], both[40:, 800:] = image, other[:440]
     assert seen(ClassicalDetector()(both)) == (False, False)
-    assert seen(ClassicalDetector()(both, RIGHT_PRIOR)) == (True, True)
+    assert seen(ClassicalDetector()(both, vanishing=RIGHT_PRIOR)) == (True, True)
 
 
 def test_a_pose_says_where_the_lines_meet() -> None:

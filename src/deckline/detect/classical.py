@@ -2,7 +2,8 @@
 
 What a runway's edges are to it: two bright stripes, or ladders of two stripes each, on something darker and even;
 straight, side by side, nearer to each other the farther away, of like contrast. Where no pair stands out it says "not
-seen".
+seen". Where the runway is expected in a part of the image, and the whole shows no such pair, that part is magnified and
+looked through for itself: less competes with the runway there, and a far one has more rows.
 """
 
 from dataclasses import dataclass, field
@@ -12,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from deckline.detect.looks import Box, check_box
 from deckline.detect.stripes import StripeConfig, StripeLine, middle_of, stripe_lines
 from deckline.geometry import Camera
 from deckline.types import Detection, LinePoints
 
 # Thresholds were set on 180 clear views of the simulator (presets paper, cvn, axial and random ships), so that most
 # pairs that come back are right; what they make of other views is measured by `deckline eval detection`.
+FEWEST_POINTS = 3  # of a line that is returned
 # Two pairs closer than this, side by side and as shares of their width, are one: the stripes of a ladder; lone stripes.
 SAME_LADDER, SAME_STRIPE = 0.2, 0.03  # of a pair's width, from side to side
 
@@ -40,6 +43,8 @@ class ClassicalConfig:
     halfway_factor: float = 1.4  # of the score, where a third line could be the centre line
     min_margin: float = 1.25  # score of the best pair over the best one elsewhere; below it: not seen
     sigma_floor_px: float = 0.35  # of a point that lies on its line
+    expected_width_px: float = 320.0  # to which the part is magnified in which the runway is expected
+    max_magnification: int = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,22 +77,25 @@ class ClassicalDetector:
     def __init__(self, config: ClassicalConfig | None = None) -> None:
         self.config = config or ClassicalConfig()
 
-    def __call__(self, image_rgb: NDArray[np.uint8], prior: VanishingPrior | None = None) -> Detection:
-        """Both lines in an image (H, W, 3) uint8 RGB; `prior` rules out pairs that meet elsewhere.
+    def __call__(
+        self, image_rgb: NDArray[np.uint8], look_at: Box | None = None, vanishing: VanishingPrior | None = None
+    ) -> Detection:
+        """Both lines in an image (H, W, 3) uint8 RGB.
+
+        Args:
+            image_rgb: the image.
+            look_at: u0, v0, u1, v1 of where the runway is expected, px; looked through if the whole shows no runway.
+            vanishing: rules out pairs that meet elsewhere.
 
         Raises:
-            ValueError: anything but such an image.
+            ValueError: anything but such an image, or a box that is empty or not finite.
         """
         if image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.dtype != np.uint8:
             raise ValueError(f"expected an image (H, W, 3) of uint8, got {image_rgb.shape} of {image_rgb.dtype}")
-        lines = stripe_lines(image_rgb, self.config.stripes)
-        pair = _standing_out(_markings(lines, self.config), image_rgb.min(axis=2), prior, self.config)
-        if pair is None:
-            return Detection(LinePoints.empty(), LinePoints.empty())
-        left, right = (_points(side.line, self.config) for side in (pair.left, pair.right))
-        corners = np.concatenate([left.points_px, right.points_px])
-        (u0, v0), (u1, v1) = corners.min(axis=0), corners.max(axis=0)
-        return Detection(left, right, (float(u0), float(v0), float(u1), float(v1)))
+        found = _found(image_rgb, vanishing, self.config)
+        if look_at is None or len(found.left):
+            return found
+        return _found_in(check_box(look_at), image_rgb, vanishing, self.config)
 
 
 class _Marking(NamedTuple):
@@ -103,6 +111,47 @@ class _Pair(NamedTuple):
     left: _Marking
     right: _Marking
     score: float
+
+
+def _found(image_rgb: NDArray[np.uint8], vanishing: VanishingPrior | None, config: ClassicalConfig) -> Detection:
+    lines = stripe_lines(image_rgb, config.stripes)
+    pair = _standing_out(_markings(lines, config), image_rgb.min(axis=2), vanishing, config)
+    if pair is None:
+        return Detection(LinePoints.empty(), LinePoints.empty())
+    left, right = (_points(side.line, config) for side in (pair.left, pair.right))
+    corners = np.concatenate([left.points_px, right.points_px])
+    (u0, v0), (u1, v1) = corners.min(axis=0), corners.max(axis=0)
+    return Detection(left, right, (float(u0), float(v0), float(u1), float(v1)))
+
+
+def _found_in(
+    box: Box, image_rgb: NDArray[np.uint8], vanishing: VanishingPrior | None, config: ClassicalConfig
+) -> Detection:
+    """What is found in a magnified part of the image, in the image's pixels; one point for each of its rows."""
+    import cv2  # here: training imports this package on machines without OpenCV
+
+    height, width = image_rgb.shape[:2]
+    u0, v0 = int(np.clip(np.floor(box[0]), 0, width - 1)), int(np.clip(np.floor(box[1]), 0, height - 1))
+    u1 = int(np.clip(np.ceil(box[2]) + 1, u0 + 1, width))
+    v1 = int(np.clip(np.ceil(box[3]) + 1, v0 + 1, height))
+    factor = int(np.clip(config.expected_width_px // (u1 - u0), 1, config.max_magnification))
+    part = cv2.resize(image_rgb[v0:v1, u0:u1], None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
+    corner = np.array([u0, v0])
+    if vanishing is not None:
+        point = (vanishing.point_px - corner + 0.5) * factor - 0.5
+        vanishing = VanishingPrior(point, vanishing.radius_px * factor)
+    found = _found(part, vanishing, config)
+    left, right = (_in_image(side, corner, factor) for side in (found.left, found.right))
+    if min(len(left), len(right)) < FEWEST_POINTS:
+        return Detection(LinePoints.empty(), LinePoints.empty())
+    return Detection(left, right, (float(u0), float(v0), float(u1 - 1), float(v1 - 1)))
+
+
+def _in_image(points: LinePoints, corner_px: NDArray, factor: int) -> LinePoints:
+    """Points found in a part of the image that was magnified by `factor`; of neighbouring rows one."""
+    kept = slice(factor // 2, None, factor)
+    pixels = (points.points_px[kept] + 0.5) / factor - 0.5 + corner_px
+    return LinePoints(pixels, points.confidence[kept], points.sigma_px[kept] / factor)
 
 
 def _markings(lines: list[StripeLine], config: ClassicalConfig) -> list[_Marking]:
@@ -122,10 +171,10 @@ def _markings(lines: list[StripeLine], config: ClassicalConfig) -> list[_Marking
 
 
 def _standing_out(
-    markings: list[_Marking], level: NDArray[np.uint8], prior: VanishingPrior | None, config: ClassicalConfig
+    markings: list[_Marking], level: NDArray[np.uint8], vanishing: VanishingPrior | None, config: ClassicalConfig
 ) -> _Pair | None:
     """The best pair, unless another one elsewhere is nearly as good."""
-    found = (_pair(left, right, markings, level, prior, config) for left in markings for right in markings)
+    found = (_pair(left, right, markings, level, vanishing, config) for left in markings for right in markings)
     pairs = sorted((pair for pair in found if pair is not None), key=lambda pair: -pair.score)
     if not pairs:
         return None
@@ -139,7 +188,7 @@ def _pair(
     right: _Marking,
     markings: list[_Marking],
     level: NDArray[np.uint8],
-    prior: VanishingPrior | None,
+    vanishing: VanishingPrior | None,
     config: ClassicalConfig,
 ) -> _Pair | None:
     """A pair with its score: how much it looks like a runway's edges. None where it cannot be."""
@@ -157,7 +206,7 @@ def _pair(
         return None
     if ladders and not _ladders_agree(left, right, (far + near) / 2, config):
         return None
-    if prior is not None and not _meet_near(prior, a, top, far / (near - far) * (bottom - top)):
+    if vanishing is not None and not _meet_near(vanishing, a, top, far / (near - far) * (bottom - top)):
         return None
     if not _even_between(a, b, (top, bottom), level, config.max_unevenness):
         return None
@@ -179,10 +228,10 @@ def _ladders_agree(left: _Marking, right: _Marking, width_px: float, config: Cla
     return fits and _ratio(left.spacing_px, right.spacing_px) >= config.ladder_ratio
 
 
-def _meet_near(prior: VanishingPrior, left: StripeLine, top: float, above: float) -> bool:
+def _meet_near(vanishing: VanishingPrior, left: StripeLine, top: float, above: float) -> bool:
     """Whether a pair whose lines meet so many rows above its top meets where the pose says."""
     meeting = np.array([left.x_at(top - above), top - above])
-    return bool(np.linalg.norm(meeting - prior.point_px) <= prior.radius_px)
+    return bool(np.linalg.norm(meeting - vanishing.point_px) <= vanishing.radius_px)
 
 
 def _even_between(

@@ -17,8 +17,10 @@ from deckline.detect.row_anchors import DecodeConfig, RowGrid, RowPoints, decode
 from deckline.types import Detection, LinePoints
 
 FLATTEST_SLOPE = 0.01  # dv / du below which a line's sigma of u is not stretched further
-Box = tuple[float, float, float, float]  # u0, v0, u1, v1, image px
+SAME_LINE_PX = 2.0  # median distance of one look's points from another look's line
 MAX_SHIFT = 0.25  # of the view; training jitters a close look's centre by as much
+
+Box = tuple[float, float, float, float]  # u0, v0, u1, v1, image px
 
 
 class NetworkOutput(NamedTuple):
@@ -66,8 +68,9 @@ def detect_lines(
     """Both runway lines in an image (H, W, 3) uint8, in its own pixels; a line that is not seen has no points.
 
     The whole image is searched in any case, and what the search finds counts: an expectation that is wrong can hide
-    nothing and holds nobody. Where the search misses a line, the place where the runway is expected is looked at closely;
-    what is found there counts if its middle lies in the expected box and it shows more lines.
+    nothing and holds nobody. Where the search misses a line, the place where the runway is expected is looked at
+    closely; what is found there counts if its middle lies in the expected box, and if it shows the line that the search
+    saw, if it saw one, and another one.
 
     Args:
         image_rgb: the image.
@@ -88,7 +91,7 @@ def detect_lines(
     window = _window(check_box(look_at), image_size, config)
     needed = (config.expected_probability, config.expected_probability)
     near = _look_closer(image_rgb, infer, config, window, needed)
-    return near if _lines(near) > _lines(found) and _middle_inside(near, look_at) else found
+    return near if _lines(near) > _lines(found) and _middle_inside(near, look_at) and _shows(near, found) else found
 
 
 def check_box(box: Box) -> Box:
@@ -133,6 +136,21 @@ def _middle_inside(detection: Detection, box: Box) -> bool:
     points = np.concatenate([detection.left.points_px, detection.right.points_px])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return bool((middle >= box[:2]).all() and (middle <= box[2:]).all())
+
+
+def _shows(near: Detection, found: Detection) -> bool:
+    """Whether every line of `found` is in `near` as well."""
+    pairs = ((found.left, near.left), (found.right, near.right))
+    return all(_same_line(one.points_px, other.points_px) for one, other in pairs if len(one))
+
+
+def _same_line(one_px: NDArray[np.float64], other_px: NDArray[np.float64]) -> bool:
+    """Whether points (N, 2) lie on the straight line through others (M, 2); none lie on no line."""
+    if len(other_px) < 2:
+        return False
+    middle = other_px.mean(axis=0)
+    _, _, axes = np.linalg.svd(other_px - middle)
+    return bool(np.median(np.abs((one_px - middle) @ axes[1])) <= SAME_LINE_PX)
 
 
 def _closer_window(

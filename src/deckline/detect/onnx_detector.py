@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
+from deckline.detect.looks import Box, DetectConfig, NetworkOutput, detect_lines
 from deckline.detect.outputs import KNOWN_OUTPUTS, ROW_OUTPUTS, network_output
 from deckline.detect.row_anchors import DecodeConfig, RowGrid
 from deckline.runtime.session import load_session
@@ -38,8 +38,8 @@ class OnnxDetector:
             config, grid=_grid(self.session.config, path), decode=_decode(self.session.config, config.decode, path)
         )
 
-    def __call__(self, image_rgb: NDArray[np.uint8]) -> Detection:
-        return detect_lines(image_rgb, self.infer, self.config)
+    def __call__(self, image_rgb: NDArray[np.uint8], look_at: Box | None = None) -> Detection:
+        return detect_lines(image_rgb, self.infer, self.config, look_at)
 
     def infer(self, view: NDArray[np.float32]) -> NetworkOutput:
         """One normalised view (3, height, width) through the network."""
