@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.evaluate.localization import (
     TOUCHDOWN_M,
+    bound_figures,
     carried,
     frame_figures,
     line_figures,
@@ -118,6 +119,11 @@ def test_the_relative_covariance_is_the_pilot_s():
 
 def test_where_two_lines_pass_each_other():
     assert passing(line(LEFT, 1.5, down_m=0.5), LEFT, LEFT.p1_m) == pytest.approx((1.5, 0.5))
+
+
+def test_a_bound_in_a_pilot_s_units():
+    found = bound_figures(COVARIANCE)
+    assert found == pytest.approx({"lateral_m": 0.2, "heading_deg": 0.1, "height_m": 0.3})
 
 
 def test_all_figures_of_a_frame():

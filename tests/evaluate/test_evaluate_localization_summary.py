@@ -64,7 +64,7 @@ def test_bands():
     assert {name: len(members) for name, members in by_range(scores).items()} == {
         "0 to 150 m": 2,
         "150 to 300 m": 1,
-        "800 m and more": 1,
+        "500 to 1000 m": 1,
     }
     assert list(by_visibility(scores)) == ["500 to 1000 m", "1000 to 2000 m", "2000 m and more"]
 

@@ -161,6 +161,16 @@ def touchdown(centre: Segment) -> Array:
     return centre.p0_m + TOUCHDOWN_M / float(np.hypot(along[0], along[1])) * along
 
 
+def bound_figures(covariance: Array) -> Figures:
+    """The least 1-sigma of a pilot's errors, of a bound on a centre line's offset beside the touchdown point.
+
+    Args:
+        covariance: (3, 3) of offset, m; azimuth, rad; z, m.
+    """
+    offset, azimuth, height = np.sqrt(np.diag(covariance))
+    return {"lateral_m": float(offset), "heading_deg": float(np.rad2deg(azimuth)), "height_m": float(height)}
+
+
 def _rise(truth: Segment) -> float:
     """Change of z per metre along the ground."""
     along = truth.p1_m - truth.p0_m

@@ -20,7 +20,7 @@ LINE_COLUMNS = (
     "lateral_error_m",
 )
 PILOT_COLUMNS = ("lateral_m", "height_m", "heading_deg")
-RANGE_BANDS_M = ((0.0, 150.0), (150.0, 300.0), (300.0, 500.0), (500.0, 800.0), (800.0, np.inf))
+RANGE_BANDS_M = ((0.0, 150.0), (150.0, 300.0), (300.0, 500.0), (500.0, 1000.0), (1000.0, np.inf))
 VISIBILITY_BANDS_M = ((0.0, 500.0), (500.0, 1000.0), (1000.0, 2000.0), (2000.0, np.inf))
 QUANTILES = (50.0, 95.0)  # percent
 CONFIDENCE = 0.95
