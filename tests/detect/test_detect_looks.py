@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
+from deckline.detect.preprocess import box_window, look, normalise
 from deckline.detect.region import encode_region
 from deckline.detect.row_anchors import RowGrid, encode
 
@@ -147,6 +148,122 @@ def test_flat_lines_come_from_columns():
         np.testing.assert_allclose(points.sigma_px, 0.12 * 4 / 0.1, rtol=0.02)
     rows_alone = detect_lines(image, lambda view: flat_line(0.1)._replace(columns=None), DetectConfig(max_looks=1))
     assert len(rows_alone.left) == len(rows_alone.right) == 0
+
+
+FAR = ((600.0, 340.0, 604.0, 330.0), (620.0, 340.0, 612.0, 330.0))  # a dozen pixels of 1280
+WRONG = [
+    (50.0, 60.0, 130.0, 100.0),
+    (560.0, 300.0, 660.0, 360.0),
+    (-30.0, -20.0, 1400.0, 900.0),
+    (595.0, 0.0, 603.0, 719.0),
+]
+
+
+class ShortSighted(Oracle):
+    """Sees no runway that is narrower than 40 px of its view."""
+
+    def __call__(self, view: np.ndarray) -> NetworkOutput:
+        coloured = np.flatnonzero(np.abs(view[:2] - view[2]).max(axis=(0, 1)) > 1.0)
+        if len(coloured) and np.ptp(coloured) >= 40:
+            return super().__call__(view)
+        self.views.append(view)
+        return NetworkOutput(*NONE)
+
+
+def black(size: tuple[int, int] = (1280, 720)) -> np.ndarray:
+    return np.zeros((size[1], size[0], 3), np.uint8)
+
+
+@pytest.mark.parametrize("box", WRONG)
+def test_an_expectation_changes_nothing_where_the_search_sees_both_lines(box):
+    image = draw((1280, 720), *FAR)
+    searched = detect_lines(image, Oracle(), DetectConfig())
+    expected = detect_lines(image, Oracle(), DetectConfig(), box)
+    assert len(searched.left) > 5
+    np.testing.assert_array_equal(searched.left.points_px, expected.left.points_px)
+    np.testing.assert_array_equal(searched.right.points_px, expected.right.points_px)
+    assert searched.region_px == expected.region_px
+
+
+@pytest.mark.parametrize("box", [(595.0, 325.0, 625.0, 345.0), (540.0, 300.0, 640.0, 380.0)])
+def test_where_the_search_is_too_short_sighted_the_expected_place_is_looked_at(box):
+    image = draw((1280, 720), *FAR)
+    assert len(detect_lines(image, ShortSighted(), DetectConfig()).left) == 0
+    network = ShortSighted()
+    detection = detect_lines(image, network, DetectConfig(), box)
+    for points, (u0, v0, u1, v1) in zip((detection.left, detection.right), FAR, strict=True):
+        assert len(points) >= 3
+        expected = u0 + (points.points_px[:, 1] - v0) * (u1 - u0) / (v1 - v0)
+        assert np.median(np.abs(points.points_px[:, 0] - expected)) < 0.2
+    assert len(network.views) <= 4
+
+
+@pytest.mark.parametrize("box", [*WRONG[:1], (700.0, 300.0, 760.0, 360.0)])
+def test_an_expectation_beside_the_runway_ends_not_seen(box):
+    detection = detect_lines(draw((1280, 720), *FAR), ShortSighted(), DetectConfig(), box)
+    assert len(detection.left) == len(detection.right) == 0
+
+
+def test_an_expectation_on_open_sea_ends_not_seen_after_two_looks():
+    looks = []
+
+    def infer(view):
+        looks.append(view)
+        return NetworkOutput(*NONE)
+
+    detection = detect_lines(black(), infer, DetectConfig(), (500.0, 300.0, 700.0, 400.0))
+    assert len(detection.left) == len(detection.right) == 0
+    assert len(looks) == 2
+
+
+def test_the_search_wins_over_something_plausible_where_the_runway_was_expected():
+    true = ((900.0, 500.0, 960.0, 400.0), (1060.0, 500.0, 1020.0, 400.0))
+    decoy = draw((1280, 720), (200.0, 500.0, 260.0, 400.0), (360.0, 500.0, 320.0, 400.0)) // 3
+    box = (190.0, 390.0, 370.0, 510.0)
+    alone = detect_lines(decoy, Oracle(), DetectConfig(), box)
+    assert alone.left.points_px[:, 0].max() < 300  # plausible it is
+    detection = detect_lines(decoy + draw((1280, 720), *true), Oracle(), DetectConfig(), box)
+    assert detection.left.points_px[:, 0].min() > 890
+
+
+def test_what_contradicts_the_one_line_that_the_search_saw_does_not_count():
+    """The search sees a left line alone; the close look sees a runway elsewhere, or the same line and its right one."""
+    left, right = (600.0, 400.0, 606.0, 370.0), (640.0, 400.0, 622.0, 370.0)
+
+    class OneEyed(Oracle):
+        def __call__(self, view):
+            output = super().__call__(view)
+            if len(self.views) > 1:
+                return output
+            rows = output.rows.copy()
+            rows[1] = -20.0
+            rows[1, :, -1] = 0.0
+            return output._replace(rows=rows)
+
+    box, once = (595.0, 365.0, 645.0, 405.0), DetectConfig(max_looks=1)
+    image = draw((1280, 720), left, right)
+    assert (len(detect_lines(image, OneEyed(), once).left) > 0, len(detect_lines(image, OneEyed(), once).right)) == (
+        True,
+        0,
+    )
+    both = detect_lines(image, OneEyed(), once, box)
+    assert len(both.left) > 0 and len(both.right) > 0
+    shifted = draw((1280, 720), (612.0, 400.0, 616.0, 370.0), right)
+
+    class Moving(OneEyed):
+        def __call__(self, view):
+            return super().__call__(view if len(self.views) == 0 else self.other)
+
+    network = Moving()
+    network.other = normalise(look(shifted, box_window(box, (1280, 720), (512, 288), 0.6, 72.0), (512, 288)))
+    one = detect_lines(image, network, once, box)
+    assert len(network.views) == 2 and len(one.left) > 0 and len(one.right) == 0
+
+
+@pytest.mark.parametrize("box", [(5.0, 5.0, 5.0, 9.0), (np.nan, 0.0, 5.0, 5.0), (9.0, 0.0, 5.0, 5.0)])
+def test_a_box_that_is_none_is_refused(box):
+    with pytest.raises(ValueError, match="a box to look at needs finite u0 < u1 and v0 < v1, px"):
+        detect_lines(black(), lambda view: NetworkOutput(*NONE), DetectConfig(), box)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 900), (333, 77), (720, 1280)])

@@ -135,7 +135,7 @@ def _found_in(
     u1 = int(np.clip(np.ceil(box[2]) + 1, u0 + 1, width))
     v1 = int(np.clip(np.ceil(box[3]) + 1, v0 + 1, height))
     factor = int(np.clip(config.expected_width_px // (u1 - u0), 1, config.max_magnification))
-    part = cv2.resize(image_rgb[v0:v1, u0:u1], None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
+    part = np.asarray(cv2.resize(image_rgb[v0:v1, u0:u1], None, fx=factor, fy=factor), dtype=np.uint8)  # bilinear
     corner = np.array([u0, v0])
     if vanishing is not None:
         point = (vanishing.point_px - corner + 0.5) * factor - 0.5
