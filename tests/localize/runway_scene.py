@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.geometry import Camera, attitude, camera_mount, intersect_plane
+from deckline.geometry import Camera, attitude, camera_mount, intersect_plane, wrap_angle
 from deckline.localize import NoiseConfig
-from deckline.types import Detection, Frame, LinePoints, Segment
+from deckline.types import Detection, Frame, LinePoints, RunwayLine, Segment
 
 DECK_Z_M = 6.08
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
@@ -22,6 +22,7 @@ def segment(slope: float, constant: float) -> Segment:
 
 LEFT, RIGHT = segment(0.16300, -35.788523), segment(0.15632, -20.889669)
 PARALLEL_RIGHT = segment(0.16300, -20.889669)
+PARALLEL_CENTRE = Segment((LEFT.p0_m + PARALLEL_RIGHT.p0_m) / 2, (LEFT.p1_m + PARALLEL_RIGHT.p1_m) / 2)
 
 
 def azimuth(line: Segment) -> float:
@@ -87,9 +88,28 @@ def noisy(frame: Frame, exact: Detection, noise: NoiseConfig, rng: np.random.Gen
         lines.append(LinePoints(points.points_px + shift, points.confidence, points.sigma_px))
         if depth is not None:
             for u, v in np.rint(lines[-1].points_px).astype(int):
-                depth[v - 2 : v + 3, u - 2 : u + 3] *= 1 + rng.normal(0, noise.depth_fraction)
+                depth[v - 1 : v + 2, u - 1 : u + 2] *= 1 + rng.normal(0, noise.depth_fraction)
     deck = DECK_Z_M + rng.normal(0, noise.deck_z_m)
     zoom = 1 + rng.normal(0, noise.focal_fraction)
     camera = replace(frame.camera, fx=frame.camera.fx * zoom, fy=frame.camera.fy * zoom)
     measured = replace(frame, world_from_body=measured_pose, depth_m=depth, deck_z_m=deck, camera=camera)
     return measured, Detection(*lines)
+
+
+def carried_back(line: RunwayLine, measured: Frame, true: Frame) -> tuple[np.ndarray, float]:
+    """Point (3,) and azimuth of a line after the aircraft's own wrong position and heading are taken out."""
+    turn = (measured.world_from_body.rotation * true.world_from_body.rotation.inv()).as_rotvec()[2]
+    way = line.point_m - measured.world_from_body.translation
+    back = Rotation.from_euler("z", -turn).apply(way)
+    return true.world_from_body.translation + back, line.azimuth_rad - turn
+
+
+def beside(point_m: np.ndarray, azimuth_rad: float, covariance: np.ndarray, truth: Segment, at_m: np.ndarray) -> tuple:
+    """Error (3,) of offset, azimuth and z of a line where it passes beside a point, and its covariance there."""
+    angle = azimuth(truth)
+    along, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+    turn = float(wrap_angle(azimuth_rad - angle))
+    lever = float((at_m - point_m) @ along)
+    off = float((point_m - truth.p0_m) @ right) + lever * np.tan(turn)
+    moved = np.array([[1.0, lever, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    return np.array([off, turn, point_m[2] - truth.p0_m[2]]), moved @ covariance @ moved.T

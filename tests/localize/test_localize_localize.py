@@ -7,25 +7,19 @@ from runway_scene import (
     DECK_Z_M,
     LEFT,
     LENS,
-    PARALLEL_RIGHT,
     RIGHT,
     approach,
     azimuth,
     detection,
     line_points,
-    noisy,
     with_depth,
 )
-from scipy.stats import chi2
 
 from deckline.geometry import wrap_angle
-from deckline.guide import guidance
 from deckline.localize import AgreementConfig, DeckConfig, LocalizeConfig, NoiseConfig, localize
 from deckline.types import DepthMode, Detection, LinePoints, Segment, Status
 
 CONFIG = LocalizeConfig()
-PARALLEL_CENTRE = Segment((LEFT.p0_m + PARALLEL_RIGHT.p0_m) / 2, (LEFT.p1_m + PARALLEL_RIGHT.p1_m) / 2)
-DRAWS = 300
 
 
 def rng():
@@ -66,59 +60,6 @@ def test_without_noise_the_papers_lines_come_back(method, mode, camera):
     np.testing.assert_allclose(centre.point_m, middle, atol=0.01)  # "midway" of lines 0.37 degrees apart is not sharp
     between = sorted([abs(wrap_angle(estimate.lines[side].azimuth_rad)) for side in ("left", "right")])
     assert between[0] <= abs(centre.azimuth_rad) <= between[1]
-
-
-@pytest.mark.parametrize(("mode", "range_m", "height_m"), [("coarse", 60, 8), ("coarse", 300, 22), ("fine", 30, 5)])
-def test_covariance_is_honest(mode, range_m, height_m):
-    """NEES of three numbers over 300 noisy measurements against its chi-square band, for lines and guidance."""
-    frame = approach(range_m, height_m, right=PARALLEL_RIGHT)
-    frame = with_depth(frame) if mode == "fine" else frame
-    exact = detection(frame, PARALLEL_RIGHT, count=20)
-    config = LocalizeConfig(mode=mode, agreement=AgreementConfig(parallel_rad=0.0))
-    truths = {"left": LEFT, "right": PARALLEL_RIGHT, "centre": PARALLEL_CENTRE}
-    nees = {name: [] for name in truths}
-    scores = []
-    generator = np.random.default_rng(11)
-    for _ in range(DRAWS):
-        measured_frame, measured = noisy(frame, exact, config.noise, generator)
-        estimate = localize(measured_frame, measured, config, generator)
-        assert estimate.status is Status.OK
-        for name, truth in truths.items():
-            nees[name].append(_nees(estimate.lines[name], truth))
-        scores.append(_guidance_scores(frame, guidance(measured_frame, estimate)))
-    # Residuals of 20 points scatter, and only those above expectation inflate: a few percent on the careful side.
-    low, high = chi2.ppf([1e-3, 1 - 1e-3], 3 * DRAWS) / DRAWS * [0.85, 1.0]
-    for name, values in nees.items():
-        assert low < np.mean(values) < high, name
-    for column in np.square(scores).T:
-        assert 0.7 < column.mean() < chi2.ppf(1 - 1e-3, DRAWS) / DRAWS
-
-
-def _nees(line, truth):
-    angle = azimuth(truth)
-    right = np.array([-np.sin(angle), np.cos(angle)])
-    error = np.array(
-        [
-            right @ (line.point_m - truth.p0_m)[:2],
-            float(wrap_angle(line.azimuth_rad - angle)),
-            line.point_m[2] - DECK_Z_M,
-        ]
-    )
-    return error @ np.linalg.solve(line.covariance, error)
-
-
-def _guidance_scores(frame, found):
-    """Errors of lateral, heading and height in units of their 1-sigma; `frame` has the true pose."""
-    angle, body = azimuth(PARALLEL_CENTRE), frame.world_from_body
-    right = np.array([-np.sin(angle), np.cos(angle), 0.0])
-    nose = body.rotation.apply([1.0, 0, 0])
-    return [
-        (found.lateral_deviation_m.value - right @ (body.translation - PARALLEL_CENTRE.p0_m))
-        / found.lateral_deviation_m.sigma,
-        (found.heading_error_rad.value - wrap_angle(np.arctan2(nose[1], nose[0]) - angle))
-        / found.heading_error_rad.sigma,
-        (found.height_above_deck_m.value - (DECK_Z_M - body.translation[2])) / found.height_above_deck_m.sigma,
-    ]
 
 
 def test_more_noise_means_larger_sigma():

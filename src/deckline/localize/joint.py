@@ -30,6 +30,7 @@ STEPS = 12  # Gauss-Newton; three or four are enough unless the reported height 
 SETTLED = 1e-2  # 1-sigma; the step after such a one is nothing
 HUBER = 2.5  # residuals beyond so many 1-sigma count by their size, not its square: 99 % efficient without outliers
 CUTOFF = 5.0  # residuals beyond so many are outliers and do not count
+LEAST_COMMON = 1e-6  # length of the lines' summed directions that still has a direction
 MEDIAN_TO_SIGMA = 1.4826  # of a normal distribution's sizes
 DAMPING = 10.0  # of a step that made things worse
 
@@ -88,9 +89,10 @@ def solve(
 def _deck(view: Sight, start: State, config: LocalizeConfig) -> Deck:
     along = np.array([np.cos(start.azimuths_rad).sum(), np.sin(start.azimuths_rad).sum()])
     length = float(np.linalg.norm(along))
-    forward = np.array([np.cos(start.azimuths_rad[0]), np.sin(start.azimuths_rad[0])])
-    slopes = np.full(2, config.deck.tilt_rad)
-    return Deck(start.points_m.mean(axis=0), along / length if length > 1e-6 else forward, slopes)
+    if length < LEAST_COMMON:  # lines in opposite directions
+        along, length = np.array([np.cos(start.azimuths_rad[0]), np.sin(start.azimuths_rad[0])]), 1.0
+    forward, right = along / length, np.array([-along[1], along[0]]) / length
+    return Deck(start.points_m.mean(axis=0), np.stack([forward, right]), np.full(2, config.deck.tilt_rad))
 
 
 def _blocks(view: Sight) -> NDArray[np.int64]:
@@ -108,7 +110,8 @@ def _minimum(
         cost = _cost(measured, known, weights)
         normal = _normal(measured, known, weights)
         right = measured.jacobian.T @ (weights * measured.residuals) + known.jacobian.T @ known.residuals
-        step: Array = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+        damped = normal + damping * np.diag(np.diag(normal))
+        step: Array = np.asarray(np.linalg.solve(damped, right), dtype=np.float64)
         trial = state.moved(step)
         after = terms(trial)
         if _cost(*after, weights) > cost * (1 + 1e-9) + 1e-9:

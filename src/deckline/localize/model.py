@@ -50,13 +50,8 @@ class Deck:
     """Where the deck's slopes are measured: heights are z at the hub plus slopes times the way from it."""
 
     hub_m: Array  # (2,) world
-    along: Array  # (2,) unit vector
+    axes: Array  # (2, 2) unit vectors along and across
     slopes: Array  # (2,) 1-sigma along and across, rad
-
-    @property
-    def axes(self) -> Array:
-        """(2, 2) unit vectors along and across."""
-        return np.stack([self.along, [-self.along[1], self.along[0]]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +156,8 @@ def _foot(seen: _Seen, optical: Array, residual: Array) -> tuple[Array, Array]:
 def _depth_terms(seen: _Seen) -> Terms:
     """Logarithm of the distance to the deck along each ray that has a depth, against the measured one."""
     has = np.isfinite(seen.view.log_depth)
+    if not has.any():
+        return Terms(np.zeros(0), np.zeros((0, 2 * len(seen.state.azimuths_rad) + 1 + NUISANCES)))
     ray, count, arm = seen.world[has], len(seen.state.azimuths_rad), seen.arm
     level = np.array([*-(seen.slopes @ seen.deck.axes), 1.0])  # the deck's normal
     down = np.array([*seen.deck.hub_m, seen.state.z_m]) - seen.camera_m
