@@ -134,7 +134,7 @@ def test_spread_of_the_deviations_is_that_of_drawn_measurements():
     rng = np.random.default_rng(0)
     rows = []
     for _ in range(3000):
-        line = RunwayLine(NORTH.point_m + [0.0, 0.0, rng.normal(0, 0.2)], 0.0, NORTH.covariance)
+        line = RunwayLine(np.array([0.0, 0.0, rng.normal(-20.0, 0.2)]), 0.0, NORTH.covariance)
         ramp = np.array([-60.0 + rng.normal(0, 1.5), 0.0, -20.0])
         found = guidance(frame([-100.0, 4.0, -29.0]), estimate(lines={"centre": line}, ramp_m=ramp, ramp_sigma_m=1.5))
         rows.append([found.vertical_deviation_m.value, found.vertical_deviation_rad.value])

@@ -92,6 +92,41 @@ class ErrorConfig:
 
 
 @dataclass(frozen=True)
+class IntegrityConfig:
+    """When something is called wrong, and what a protection level covers.
+
+    Args:
+        risk: that an error without a flag is beyond its protection level, per frame and direction.
+        alarm: standard deviations of a test from which there is a flag.
+        missed: standard deviations more that a fault needs to be noticed for sure; 3.3: 1 in 2000 is missed.
+        lasting_s: a measurement that was left out for so long is a flag.
+        window_s: over which residuals are judged.
+        excess: mean squared residual, of the expected one, from which there is a flag.
+        boresight_rad: the largest error of the camera's mounting that is thought possible, about each axis.
+        deck_z_m: the same of the reported deck height.
+        depth_scale: the same of all depths.
+        delay_s: the same of a pose behind its picture.
+        line_m: the same of a line: another marking beside it. The simulator's foul lines lie up to 6 m outside.
+    """
+
+    risk: float = 1e-7
+    alarm: float = 5.0
+    missed: float = 3.3
+    lasting_s: float = 0.4
+    window_s: float = 1.5
+    excess: float = 4.0
+    boresight_rad: float = float(np.deg2rad(1.0))
+    deck_z_m: float = 3.0
+    depth_scale: float = 0.03
+    delay_s: float = 0.2
+    line_m: float = 6.0
+
+    def __post_init__(self) -> None:
+        if min(vars(self).values()) <= 0 or self.risk >= 1:
+            raise ValueError(f"risk must lie between 0 and 1 and the others must be positive, got {self}")
+
+
+@dataclass(frozen=True)
 class TrackConfig:
     """The tracker.
 
@@ -104,6 +139,7 @@ class TrackConfig:
         reacquire_s: when what is seen contradicts the track for so long, the track begins anew.
         noise_correlation_s: how long a detector errs in the same way; 0: every frame errs for itself.
         gate: standard deviations beyond which a measurement is left out.
+        touchdown_m: where the height has to be right, beyond the ramp; 230 ft, SPEC section 7.
 
     Raises:
         ValueError: a number out of range.
@@ -117,8 +153,10 @@ class TrackConfig:
     reacquire_s: float = 1.0
     noise_correlation_s: float = 0.0
     gate: float = 5.0
+    touchdown_m: float = 70.0
     motion: MotionConfig = field(default_factory=MotionConfig)
     errors: ErrorConfig = field(default_factory=ErrorConfig)
+    integrity: IntegrityConfig = field(default_factory=IntegrityConfig)
 
     def __post_init__(self) -> None:
         positive = (self.runway_width_sigma_m, self.angle_sigma_rad, self.coast_s, self.reacquire_s, self.gate)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
 from deckline.track.state import State
-from deckline.types import Frame, RunwayEstimate
+from deckline.types import SIDES, ExpectedRunway, Frame, RunwayEstimate, RunwayLine
 
 Array = NDArray[np.float64]
 SHIP_M_S = 15.0  # 1-sigma of a ship's unknown speed; 29 knots
@@ -61,7 +61,7 @@ def extended(
         ramp: place (3,) and 1-sigma along the deck, where it was seen.
         ship_m_s: speed of the ship along the line, where it is known.
     """
-    moved = None if before is None else _moved(before, state, frame_s)
+    moved = None if before is None else sailed(before, state, frame_s)
     if ramp is not None:
         place, sigma_m = float(state.local(ramp[0])[0]), max(ramp[1], 0.1)
         if moved is None or not moved.is_ramp:
@@ -90,8 +90,8 @@ def _at(state: State, x_m: float) -> Array:
     return state.point_m + x_m * state.along
 
 
-def _moved(before: Extent, state: State, frame_s: float) -> Extent:
-    """Ahead in time, on the line as it is now believed."""
+def sailed(before: Extent, state: State, frame_s: float) -> Extent:
+    """The ends `frame_s` later, on the line as it is then believed."""
     move = np.array([[1.0, frame_s], [0.0, 1.0]])
     push = PUSH_M_S15**2 * np.array([[frame_s**3 / 3, frame_s**2 / 2], [frame_s**2 / 2, frame_s]])
     x = float(state.local(before.near_m)[0]) + frame_s * before.speed_m_s
@@ -107,4 +107,26 @@ def _measured(before: Extent, state: State, place_m: float, variance: float) -> 
         near_m=_at(state, x + gain[0] * (place_m - x)),
         speed_m_s=before.speed_m_s + gain[1] * (place_m - x),
         covariance=rest @ before.covariance @ rest.T + variance * np.outer(gain, gain),
+    )
+
+
+def expected_runway(state: State, extent: Extent, lines: dict[str, RunwayLine], unseen_s: float) -> ExpectedRunway:
+    """Ends of both edge lines where they should be now, and how wrong that may be, as seen from the aircraft.
+
+    Args:
+        state: predicted to now.
+        extent: as it was `unseen_s` ago.
+        lines: of `state`.
+    """
+    now = sailed(extent, state, unseen_s)
+    near = float(state.local(now.near_m)[0])
+    reach = near + (now.length_m or LENGTH_M)
+    ends = {}
+    for side in SIDES:
+        from_point = np.array([near, reach]) - float(state.local(lines[side].point_m)[0])
+        ends[side] = lines[side].point_m + from_point[:, None] * lines[side].direction
+    centre = lines["centre"]
+    known = centre.covariance if centre.relative_covariance is None else centre.relative_covariance
+    return ExpectedRunway(
+        ends["left"], ends["right"], float(np.sqrt(known[0, 0] + known[2, 2])), float(np.sqrt(known[1, 1]))
     )

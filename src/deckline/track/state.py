@@ -27,6 +27,7 @@ SPACING_M, SPACING_SIGMA_M = (
     20.0,
 )  # of a spacing of which nothing is known: between the paper's and SPEC section 7's
 KNOWN_DRIFT_M_S = 0.3  # 1-sigma of the lines' sideways speed when the ship's velocity is known
+RAMP_M = 20.0  # by which the ramp may be missed at first, far away
 START_M, START_RAD = 1000.0, 1.0  # 1-sigma of a line of which nothing is known
 
 
@@ -63,6 +64,11 @@ class State:
         return np.array([away @ self.along, away @ self.right, away[2]])
 
 
+def width_sigma_m(config: TrackConfig) -> float:
+    """1-sigma of a stated spacing: of itself, and of where along lines that are not parallel it is meant."""
+    return float(np.hypot(config.runway_width_sigma_m, config.angle_sigma_rad * RAMP_M))
+
+
 def error_sigmas(config: TrackConfig) -> Array:
     """1-sigma (7,) of the common errors, from ROLL on."""
     e = config.errors
@@ -70,21 +76,30 @@ def error_sigmas(config: TrackConfig) -> Array:
     return np.array([e.attitude_rad, e.attitude_rad, deck, e.depth_scale, e.delay_s, e.line_m, e.line_m])
 
 
-def initial_state(time_s: float, line: RunwayLine, config: TrackConfig) -> State:
-    """Nothing is known but that there is a runway near a measured line, whose point and direction count from now on."""
-    width, width_sigma = config.runway_width_m, config.runway_width_sigma_m
+def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config: TrackConfig) -> State:
+    """Nothing is known but that there is a runway near a measured line, whose point and direction count from now on.
+
+    Args:
+        ramp_m: (3,) world, about where the runway begins and has its stated spacing; None: at the line's point.
+    """
+    width = config.runway_width_m
     motion = config.motion
     mean = np.zeros(SIZE)
     mean[SPACING] = SPACING_M if width is None else width
     mean[ANGLE] = config.angle_rad
     sigma = np.zeros(SIZE)
     sigma[[OFFSET, AZIMUTH, HEIGHT]] = START_M, START_RAD, START_M
-    sigma[SPACING] = SPACING_SIGMA_M if width is None else width_sigma
+    sigma[SPACING] = SPACING_SIGMA_M if width is None else width_sigma_m(config)
     sigma[ANGLE] = config.angle_sigma_rad
     drift = motion.drift_m_s if motion.ship_velocity_m_s is None else min(motion.drift_m_s, KNOWN_DRIFT_M_S)
     sigma[[DRIFT, HEAVE]] = drift, motion.heave_m_s
     sigma[ROLL:] = error_sigmas(config)
-    return State(time_s, line.point_m, line.azimuth_rad, mean, np.diag(sigma**2))
+    state = State(time_s, line.point_m, line.azimuth_rad, mean, np.diag(sigma**2))
+    if ramp_m is None:
+        return state
+    beyond = np.eye(SIZE)
+    beyond[SPACING, ANGLE] = -float(state.local(ramp_m)[0])
+    return replace(state, mean=beyond @ mean, covariance=beyond @ state.covariance @ beyond.T)
 
 
 def predict(state: State, time_s: float, aircraft_m: Array | None, config: TrackConfig) -> State:
@@ -159,7 +174,7 @@ def lines(state: State, pose: Pose | None, config: TrackConfig) -> dict[str, Run
     """
     e = config.errors
     x = 0.0 if pose is None else float(state.local(pose.position_m)[0])
-    late = np.zeros(3) if pose is None else _carried(state, pose, -x)
+    late = np.zeros(3) if pose is None else delayed(state, pose, -x)
     turn, shift, rise = np.array([-x, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     moves = [np.outer(turn, turn), np.outer(shift, shift) + np.outer(rise, rise)]
     white = e.attitude_white_rad**2 * moves[0] + e.position_white_m**2 * moves[1]
@@ -186,7 +201,7 @@ def line_rows(sign: float, late: Array) -> Array:
     return take
 
 
-def _carried(state: State, pose: Pose, away_m: float) -> Array:
+def delayed(state: State, pose: Pose, away_m: float) -> Array:
     """How a second of delay moves what the aircraft sees, `away_m` ahead of it: offset, azimuth and z."""
     turning = float(pose.turning_rad_s[2])
     return -np.array([pose.velocity_m_s @ state.right + away_m * turning, turning, pose.velocity_m_s[2]])

@@ -3,20 +3,22 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deckline.track.aircraft import Aircraft, first_seen, flown, pose_of
 from deckline.track.config import TrackConfig
-from deckline.track.extent import Extent, extended, seen_extent
+from deckline.track.extent import Extent, expected_runway, extended, sailed, seen_extent
+from deckline.track.frozen import Look, looked
 from deckline.track.gate import Gated, gated
+from deckline.track.integrity import protection
 from deckline.track.measurement import measure
 from deckline.track.output import rates_of
 from deckline.track.state import Pose, State, initial_state, lines, predict, shifted, updated
-from deckline.types import SIDES, Flag, Frame, RunwayEstimate, RunwayLine, Track, TrackState
+from deckline.track.watch import Watch, alarms, confused
+from deckline.types import SIDES, ExpectedRunway, Flag, Frame, RunwayEstimate, RunwayLine, Track, TrackState
 
-Array = NDArray[np.float64]
 BACK_S = 2.0  # a time this far back is another flight, not a late frame
 ROUNDING_S = 1e-6  # of sums of times
+FROZEN = Flag("frozen", "the camera shows the same picture while the aircraft moves")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,11 +26,22 @@ class _Memory:
     """What is carried from frame to frame."""
 
     state: State
-    aircraft: Aircraft | None
+    aircraft: Aircraft
     extent: Extent | None
     seen_s: float  # when lines were last used
     agreed_s: float  # when lines were last used, or none were there to contradict
-    frames: int  # since the track began
+
+
+@dataclass(frozen=True, eq=False)
+class _Moment:
+    """One frame as the track sees it."""
+
+    frame: Frame
+    estimate: RunwayEstimate
+    found: dict[str, RunwayLine]  # the edge lines that may be used
+    step_s: float  # since the frame before; 0 at the beginning
+    flags: tuple[Flag, ...]  # found before any filtering
+    reason: str  # why the frame, or the track before it, is not used
 
 
 class Tracker:
@@ -37,11 +50,15 @@ class Tracker:
     Frames that cannot be used are ridden out and say why in `Track.reason`: without pose, without a line, with a time
     that is not a number, repeated, or a little earlier than one before. A time more than two seconds back, a gap longer
     than `coast_s`, or a pose that jumps begins a new track.
+
+    `Track.flags` names what lasts and would mislead; a single measurement that was left out is in `Track.excluded`.
     """
 
     def __init__(self, config: TrackConfig | None = None) -> None:
         self.config = config or TrackConfig()
         self._memory: _Memory | None = None
+        self._watch = Watch()
+        self._look: Look | None = None
         self._time_s: float | None = None
         self._last: Track | None = None
 
@@ -49,37 +66,50 @@ class Tracker:
         """The track after one more frame."""
         refused = self._refused(frame.time_s)
         if refused:
-            return self._ridden_out(frame, refused)
+            if self._last is None:
+                return Track(frame.time_s, TrackState.LOST, {}, reason=refused)
+            return replace(self._last, reason=refused, excluded=())
         before, self._time_s = self._time_s, frame.time_s
-        step_s = None if before is None else frame.time_s - before
-        self._last = self._advanced(frame, estimate, step_s)
+        self._last = self._advanced(frame, estimate, None if before is None else frame.time_s - before)
         return self._last
+
+    def expected(self, frame: Frame) -> ExpectedRunway | None:
+        """Where the runway should be in a frame that comes next, before it is looked at; None when it is lost."""
+        memory = self._memory
+        if memory is None or memory.extent is None or self._refused(frame.time_s):
+            return None
+        if not 0 <= frame.time_s - memory.seen_s <= self.config.coast_s + ROUNDING_S:
+            return None
+        camera = frame.world_from_camera
+        place = None if camera is None else camera.translation
+        state = predict(memory.state, frame.time_s, place, self.config)
+        pose = pose_of(memory.aircraft, frame)
+        return expected_runway(state, memory.extent, lines(state, pose, self.config), frame.time_s - memory.seen_s)
 
     def _refused(self, time_s: float) -> str:
         """Why a frame of this time cannot be used, or an empty text."""
         if not np.isfinite(time_s):
             return "the frame's time is not a number"
-        if self._time_s is None or time_s < self._time_s - BACK_S:
+        if self._time_s is None or time_s < self._time_s - BACK_S or time_s > self._time_s:
             return ""
         if time_s == self._time_s:
             return f"the frame's time {time_s:.3f} s was there before"
-        return f"the frame is {self._time_s - time_s:.3f} s older than the one before" if time_s < self._time_s else ""
-
-    def _ridden_out(self, frame: Frame, reason: str) -> Track:
-        if self._last is None:
-            return Track(frame.time_s, TrackState.LOST, {}, reason=reason)
-        return replace(self._last, reason=reason, excluded=())
+        return f"the frame is {self._time_s - time_s:.3f} s older than the one before"
 
     def _advanced(self, frame: Frame, estimate: RunwayEstimate, step_s: float | None) -> Track:
-        memory, why = self._predicted(frame, step_s)
-        pose = None if memory is None or memory.aircraft is None else pose_of(memory.aircraft, frame)
+        memory, reason = self._predicted(frame, step_s)
+        self._look, frozen = looked(self._look, frame, estimate)
         found = {side: estimate.lines[side] for side in SIDES if side in estimate.lines}
-        if pose is None and frame.world_from_body is None:
-            found = {}
-            why = why or "the frame has no pose"
-        if memory is None:
-            return self._begun(frame, estimate, found, why)
-        return self._followed(memory, frame, estimate, found, pose, step_s or 0.0, why)
+        if frame.world_from_body is None:
+            found, reason = {}, reason or "the frame has no pose"
+        crossed = confused(found)
+        if crossed or frozen:
+            found, reason = {}, "; ".join(filter(None, [reason, FROZEN.reason if frozen else crossed]))
+        flags = (FROZEN,) if frozen else (Flag("swapped", crossed),) if crossed else ()
+        moment = _Moment(frame, estimate, found, step_s or 0.0, flags, reason)
+        if memory is not None:
+            return self._followed(memory, moment)
+        return self._begun(replace(moment, step_s=0.0))
 
     def _predicted(self, frame: Frame, step_s: float | None) -> tuple[_Memory | None, str]:
         """The memory at the frame's time; None, and why, where the track ends."""
@@ -87,67 +117,56 @@ class Tracker:
         if memory is None or step_s is None:
             return None, ""
         if step_s < 0:
+            self._watch = Watch()
             return None, "began anew: the time went back"
         if step_s > self.config.coast_s + ROUNDING_S:
             return None, f"began anew: no frame for {step_s:.1f} s"
-        aircraft, jump_m = self._flown(memory.aircraft, frame)
+        aircraft, jump_m = flown(memory.aircraft, frame, self.config.errors.position_white_m)
         if jump_m:
             return None, f"began anew: the pose jumped by {jump_m:.0f} m"
         camera = frame.world_from_camera
         state = predict(memory.state, frame.time_s, None if camera is None else camera.translation, self.config)
         return replace(memory, state=state, aircraft=aircraft or memory.aircraft), ""
 
-    def _flown(self, before: Aircraft | None, frame: Frame) -> tuple[Aircraft | None, float]:
-        sigma_m = self.config.errors.position_white_m
-        if before is None:
-            return first_seen(frame, sigma_m), 0.0
-        return flown(before, frame, sigma_m)
-
-    def _begun(self, frame: Frame, estimate: RunwayEstimate, found: dict[str, RunwayLine], why: str) -> Track:
+    def _begun(self, moment: _Moment) -> Track:
         """A new track where there is enough to begin one."""
-        self._memory = None
-        enough = SIDES if self.config.runway_width_m is None else found
+        before, self._memory = self._memory, None
+        self._watch = self._watch.anew(None if before is None else before.state)
+        frame, found = moment.frame, moment.found
+        enough = all(side in found for side in SIDES) or (found and self.config.runway_width_m is not None)
         aircraft = first_seen(frame, self.config.errors.position_white_m)
-        if not found or any(side not in found for side in enough) or aircraft is None:
-            return Track(frame.time_s, TrackState.LOST, {}, reason=why or estimate.reason)
-        line = estimate.lines.get("centre") or next(iter(found.values()))
-        state = initial_state(frame.time_s, line, self.config)
-        memory = _Memory(state, aircraft, None, frame.time_s, frame.time_s, 0)
-        return self._followed(memory, frame, estimate, found, pose_of(aircraft, frame), 0.0, why)
+        if not enough or aircraft is None:
+            return self._lost(moment, None, moment.flags)
+        line = moment.estimate.lines.get("centre") or next(iter(found.values()))
+        bare = initial_state(frame.time_s, line, None, self.config)
+        seen = seen_extent(frame, moment.estimate, bare)
+        near = moment.estimate.ramp_m if seen is None else bare.point_m + seen[0] * bare.along
+        state = initial_state(frame.time_s, line, near, self.config)
+        return self._followed(_Memory(state, aircraft, None, -np.inf, frame.time_s), moment)
 
-    def _followed(
-        self,
-        memory: _Memory,
-        frame: Frame,
-        estimate: RunwayEstimate,
-        found: dict[str, RunwayLine],
-        pose: Pose | None,
-        step_s: float,
-        why: str,
-    ) -> Track:
+    def _followed(self, memory: _Memory, moment: _Moment) -> Track:
         """The predicted memory with the frame's lines, kept for the next frame."""
+        config, time_s = self.config, moment.frame.time_s
+        pose = pose_of(memory.aircraft, moment.frame)
         gate = None
-        if pose is not None and found:
-            measured = measure(memory.state, found, estimate.mode, pose, step_s, self.config)
-            gate = None if measured is None else gated(memory.state, measured, self.config.gate)
-        memory = self._taken(memory, gate, frame, estimate, step_s)
-        time_s, config = frame.time_s, self.config
-        unseen_s, against_s = time_s - memory.seen_s, time_s - memory.agreed_s
-        excluded = () if gate is None else tuple(Flag(name, reason) for name, reason in gate.left_out.items())
-        longest = (config.coast_s + ROUNDING_S, config.reacquire_s + ROUNDING_S)
-        if unseen_s > longest[0] or against_s > longest[1] or memory.frames == 0:
+        if pose is not None and moment.found:
+            measured = measure(memory.state, moment.found, moment.estimate.mode, pose, moment.step_s, config)
+            gate = None if measured is None else gated(memory.state, measured, config.gate)
+        self._watch = self._watch.after(gate, time_s, moment.step_s, config)
+        memory = self._taken(memory, gate, moment)
+        too_long = time_s - memory.seen_s > config.coast_s + ROUNDING_S
+        if too_long or time_s - memory.agreed_s > config.reacquire_s + ROUNDING_S:
             self._memory = None
-            reason = "; ".join(filter(None, [why, *(flag.reason for flag in excluded)])) or estimate.reason
-            return Track(time_s, TrackState.LOST, {}, excluded=excluded, reason=reason)
+            if np.isfinite(memory.seen_s):
+                self._watch = self._watch.anew(memory.state)
+            return self._lost(moment, gate, moment.flags + alarms(self._watch, gate, None, None, time_s, config))
         self._memory = memory
-        used = gate is not None and gate.kept is not None
-        return self._told(memory, frame, pose, used, excluded, why or ("" if used else estimate.reason))
+        flags = moment.flags + alarms(self._watch, gate, memory.state, memory.extent, time_s, config)
+        return self._told(memory, moment, pose, gate, flags)
 
-    def _taken(
-        self, memory: _Memory, gate: Gated | None, frame: Frame, estimate: RunwayEstimate, step_s: float
-    ) -> _Memory:
+    def _taken(self, memory: _Memory, gate: Gated | None, moment: _Moment) -> _Memory:
         """The memory after what the gate let through."""
-        time_s = frame.time_s
+        time_s = moment.frame.time_s
         if gate is None:
             return replace(memory, agreed_s=time_s)
         if gate.kept is None:
@@ -155,29 +174,47 @@ class Tracker:
         state = updated(memory.state, gate.kept.values, gate.kept.design, gate.kept.noise)
         state = shifted(state, gate.kept.x_m, self.config)
         ramp = None
-        if estimate.ramp_m is not None and estimate.ramp_sigma_m is not None:
-            ramp = estimate.ramp_m, estimate.ramp_sigma_m
+        if moment.estimate.ramp_m is not None and moment.estimate.ramp_sigma_m is not None:
+            ramp = moment.estimate.ramp_m, moment.estimate.ramp_sigma_m
         speed = self.config.motion.ship_velocity_m_s
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
-        extent = extended(memory.extent, state, seen_extent(frame, estimate, state), ramp, step_s, along)
-        return replace(memory, state=state, extent=extent, seen_s=time_s, agreed_s=time_s, frames=memory.frames + 1)
+        seen = seen_extent(moment.frame, moment.estimate, state)
+        since_s = 0.0 if memory.extent is None else time_s - memory.seen_s
+        extent = extended(memory.extent, state, seen, ramp, since_s, along)
+        return replace(memory, state=state, extent=extent, seen_s=time_s, agreed_s=time_s)
+
+    def _lost(self, moment: _Moment, gate: Gated | None, flags: tuple[Flag, ...]) -> Track:
+        excluded = _excluded(gate)
+        reason = "; ".join(filter(None, [moment.reason, *(flag.reason for flag in excluded)]))
+        time_s = moment.frame.time_s
+        return Track(time_s, TrackState.LOST, {}, flags=flags, excluded=excluded, reason=reason)
 
     def _told(
-        self, memory: _Memory, frame: Frame, pose: Pose | None, used: bool, excluded: tuple[Flag, ...], reason: str
+        self, memory: _Memory, moment: _Moment, pose: Pose | None, gate: Gated | None, flags: tuple[Flag, ...]
     ) -> Track:
         """What is said of the memory."""
-        extent = memory.extent
+        extent, state, config = memory.extent, memory.state, self.config
+        if extent is not None:
+            extent = sailed(extent, state, moment.frame.time_s - memory.seen_s)
         ramp = extent if extent is not None and extent.is_ramp else None
-        lateral, vertical, closing = rates_of(memory.state, memory.aircraft, pose, ramp, self.config)
+        touchdown = None if extent is None else float(state.local(extent.near_m)[0]) + config.touchdown_m
+        lateral, height, closing = rates_of(state, memory.aircraft, pose, ramp, config)
+        used = gate is not None and gate.kept is not None
         return Track(
-            frame.time_s,
+            moment.frame.time_s,
             TrackState.TRACKING if used else TrackState.COASTING,
-            lines(memory.state, pose, self.config),
-            excluded=excluded,
+            lines(state, pose, config),
+            protection=None if pose is None else protection(state, pose, touchdown, config),
+            flags=flags,
+            excluded=_excluded(gate),
             ramp_m=None if ramp is None else ramp.near_m,
             ramp_sigma_m=None if ramp is None else ramp.sigma_m,
             lateral_rate_m_s=lateral,
-            height_rate_m_s=vertical,
+            height_rate_m_s=height,
             closing_m_s=closing,
-            reason=reason,
+            reason=moment.reason,
         )
+
+
+def _excluded(gate: Gated | None) -> tuple[Flag, ...]:
+    return () if gate is None else tuple(Flag(name, reason) for name, reason in gate.left_out.items())
