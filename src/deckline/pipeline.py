@@ -31,9 +31,9 @@ class PipelineConfig:
     dehazer: str = "coarse-t"
     detector: str = "ufld"
     localize: LocalizeConfig = field(default_factory=LocalizeConfig)
+    seed: int = 0  # of RANSAC's draws; every frame has its own generator
     runway: RunwaySurvey = field(default_factory=RunwaySurvey)  # where the runway is, if known beforehand
     follow: bool = False  # frames are one flight in order: look where the last good estimate was as well
-    seed: int = 0  # of RANSAC's draws; every frame has its own generator, so order and resuming change nothing
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from deckline.app.provenance import settings_of
+from deckline.detect.prior import RunwaySurvey
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.runtime import sha256_of, shipped_weights
 
@@ -20,3 +21,11 @@ def test_a_file_is_named_as_given_and_a_method_without_weights_by_its_name() -> 
     settings = settings_of(Pipeline(PipelineConfig(dehazer=given, detector="classical")))
     assert settings["dehazer"] == f"{given} (SHA-256 {sha256_of(Path(given))})"
     assert settings["detector"] == "classical"
+
+
+def test_what_a_frame_is_expected_from_is_named() -> None:
+    plain = settings_of(Pipeline(PipelineConfig("none", "classical")))
+    survey = RunwaySurvey((1.0, 2.0, -20.0), heading_deg=30.0)
+    told = settings_of(Pipeline(PipelineConfig("none", "classical", runway=survey, follow=True)))
+    assert set(told) - set(plain) == {"surveyed runway", "follows"}
+    assert "ramp_m = (1.0, 2.0, -20.0), heading_deg = 30.0" in told["surveyed runway"]

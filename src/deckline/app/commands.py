@@ -9,11 +9,13 @@ from typing import Literal
 import tyro
 
 from deckline.app.extras import needs_extra
+from deckline.detect.prior import RunwaySurvey
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import Stream, open_source
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
+NO_SURVEY = RunwaySurvey()
 
 
 def demo(out: Path = Path("demo-out")) -> int:
@@ -40,6 +42,8 @@ def run(
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
     mode: Literal["auto", "fine", "coarse"] = "auto",
+    runway: RunwaySurvey = NO_SURVEY,
+    follow: bool = True,
     max_frames: int | None = None,
     resume: bool = False,
     seed: int = 0,
@@ -58,6 +62,8 @@ def run(
         dehazer: name (see `deckline info`) or an .onnx file.
         detector: name (see `deckline info`) or an .onnx file.
         mode: where distances come from: depth camera (fine), deck plane (coarse), or the better per frame (auto).
+        runway: where it is, if that is known: looked at closely where a search of the whole image misses it.
+        follow: frames are one flight in their order: look closely where the last ones saw the runway as well.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
         resume: go on after the last whole frame of an interrupted run in `out`.
         seed: of RANSAC's draws.
@@ -73,7 +79,7 @@ def run(
         opened = open_source(
             source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
         )
-    config = PipelineConfig(dehazer, detector, replace(LocalizeConfig(), mode=mode), seed)
+    config = PipelineConfig(dehazer, detector, replace(LocalizeConfig(), mode=mode), seed, runway, follow)
     return _run(opened, Pipeline(config), out, max_frames=max_frames, resume=resume)
 
 

@@ -27,6 +27,10 @@ def settings_of(pipeline: Callable[[Frame], FrameResult]) -> Settings:
         settings["dehazer"] = _model(config.dehazer, pipeline.dehaze)
         settings["detector"] = _model(config.detector, pipeline.detect)
         settings["localization"] = ", ".join(_options(config.localize))
+        if config.runway.ramp_m is not None:
+            settings["surveyed runway"] = ", ".join(_options(config.runway))
+        if config.follow:
+            settings["follows"] = "the last estimate"
         settings["seed"] = str(config.seed)
     return settings
 
