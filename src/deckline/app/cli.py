@@ -65,7 +65,16 @@ def _train_group() -> dict[str, Callable[..., int]]:
 
 
 def _eval_group() -> dict[str, Callable[..., int]]:
-    from deckline.app.evaluation import ablation, commands, dehazing, detection, detectors, flicker, integrity
+    from deckline.app.evaluation import (
+        ablation,
+        commands,
+        dehazing,
+        detection,
+        detectors,
+        flicker,
+        integrity,
+        localization,
+    )
 
     return {
         "chain": commands.chain,
@@ -77,6 +86,7 @@ def _eval_group() -> dict[str, Callable[..., int]]:
         "detection": detection.detection,
         "detectors": detectors.detectors,
         "integrity": integrity.integrity,
+        "localization": localization.localization,
     }
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,8 @@ from deckline.dehaze import Dehazer, restore
 from deckline.dehaze.base import Restored
 from deckline.detect import Detector
 from deckline.localize import LocalizeConfig
-from deckline.pipeline import Pipeline, PipelineConfig
-from deckline.types import Detection, Frame
+from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
+from deckline.types import Detection, ExpectedRunway, Frame
 
 NOT_DEHAZED = "none"
 Estimator = Literal["paper", "joint"]
@@ -95,11 +95,20 @@ class SharedDetector:
         self._known.clear()
 
 
+class Chain(Protocol):
+    """A pipeline, or what stands in for one."""
+
+    @property
+    def config(self) -> PipelineConfig: ...
+
+    def __call__(self, frame: Frame, expected: ExpectedRunway | None = None) -> FrameResult: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Bench:
     """Every method's chain, loaded once."""
 
-    pipelines: dict[str, Pipeline]  # by the method's name
+    pipelines: Mapping[str, Chain]  # by the method's name
     forget: Callable[[], None]  # between frames
     settings: dict[str, Any]  # what decides the numbers: plain values
 
