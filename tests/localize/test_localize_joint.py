@@ -117,9 +117,8 @@ def test_depth_that_scatters_more_than_assumed_is_noticed():
     for u, v in np.rint(np.concatenate([found.left.points_px, found.right.points_px])).astype(int):
         frame.depth_m[v - 1 : v + 2, u - 1 : u + 2] *= 1 + rng.normal(0, 0.05)  # 1 % is assumed
     solution = solved(frame, found, LocalizeConfig(mode="fine"))
-    for pixels, depths in solution.spreads.values():
-        assert pixels == 1.0
-        assert 2.5 < depths < 7.5
+    assert (solution.spreads["left"], solution.spreads["right"]) == (1.0, 1.0)
+    assert 3.5 < solution.spreads["depth"] < 6.5
 
 
 def test_the_reported_height_is_scored_against_the_depth_camera():

@@ -32,6 +32,7 @@ HUBER = 2.5  # residuals beyond so many 1-sigma count by their size, not its squ
 CUTOFF = 5.0  # residuals beyond so many are outliers and do not count
 LEAST_COMMON = 1e-6  # length of the lines' summed directions that still has a direction
 MEDIAN_TO_SIGMA = 1.4826  # of a normal distribution's sizes
+DEPTH = "depth"  # beside the lines' names
 DAMPING = 10.0  # of a step that made things worse
 
 
@@ -46,7 +47,7 @@ class Solution:
     height: Array  # (P,) by the error of the reported deck height against the own; 0 without
     nuisances: Array  # (P, 6)
     height_score: float  # reported deck height against what everything else says, 1-sigma
-    spreads: dict[str, tuple[float, float]]  # how much more than assumed each line's pixels and depths err
+    spreads: dict[str, float]  # how much more than assumed each line's points err, and DEPTH all depths
 
 
 def solve(
@@ -54,7 +55,7 @@ def solve(
     start: State,
     config: LocalizeConfig,
     deck_z_m: float | None,
-    spreads: dict[str, tuple[float, float]] | None = None,
+    spreads: dict[str, float] | None = None,
 ) -> Solution:
     """The most probable state.
 
@@ -74,16 +75,17 @@ def solve(
         known = _nothing(state) if spreads is None else deck_terms(view.names, state, config)
         return measured, _stacked(known, height_term(state, deck_z_m, config.noise), nuisance_terms(state))
 
-    state, scale = start, np.ones(2 * len(view.names))
+    state, keys = start, (*view.names, DEPTH)
+    scale = np.ones(len(keys))
     if spreads is None:
         state = _minimum(terms, start, blocks, scale)
         scale = _scales(terms(state)[0], blocks, view)
     else:
-        scale = np.array([value for name in view.names for value in spreads[name]])
+        scale = np.array([spreads[key] for key in keys])
     if spreads is not None or (scale > 1.0).any():
         state = _minimum(terms, state, blocks, scale)
-    pairs = {name: (float(scale[2 * k]), float(scale[2 * k + 1])) for k, name in enumerate(view.names)}
-    return _solution(pairs, state, deck, *terms(state), blocks, scale, deck_z_m is not None)
+    found = dict(zip(keys, scale.tolist(), strict=True))
+    return _solution(found, state, deck, *terms(state), blocks, scale, deck_z_m is not None)
 
 
 def _deck(view: Sight, start: State, config: LocalizeConfig) -> Deck:
@@ -96,8 +98,9 @@ def _deck(view: Sight, start: State, config: LocalizeConfig) -> Deck:
 
 
 def _blocks(view: Sight) -> NDArray[np.int64]:
-    """Which measurements err alike: (N + D,) numbers, one per line for its pixels and one for its depths."""
-    return np.concatenate([2 * view.line, 2 * view.line[np.isfinite(view.log_depth)] + 1])
+    """Which measurements err alike: (N + D,) numbers, one per line for its pixels and one for all depths."""
+    depths = int(np.isfinite(view.log_depth).sum())
+    return np.concatenate([view.line, np.full(depths, len(view.names), dtype=np.int64)])
 
 
 def _minimum(
@@ -144,11 +147,11 @@ def _weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
 
 
 def _scales(measured: Terms, blocks: NDArray[np.int64], view: Sight) -> Array:
-    """How much more than assumed the measurements of each block err, as 1-sigma, (2 L,)."""
+    """How much more than assumed the measurements of each block err, as 1-sigma, (L + 1,)."""
     weights = _weights(measured.residuals, blocks)
     nearness = view.world_rays[:, 2]
     along = np.concatenate([nearness, nearness[np.isfinite(view.log_depth)]])
-    scale = np.ones(2 * len(view.names))
+    scale = np.ones(len(view.names) + 1)
     for block in range(len(scale)):
         mine = (blocks == block) & (weights > 0)
         scale[block] = inflation(np.sqrt(weights[mine]) * measured.residuals[mine], along[mine])
@@ -156,7 +159,7 @@ def _scales(measured: Terms, blocks: NDArray[np.int64], view: Sight) -> Array:
 
 
 def _solution(
-    spreads: dict[str, tuple[float, float]],
+    spreads: dict[str, float],
     state: State,
     deck: Deck,
     measured: Terms,
@@ -175,7 +178,7 @@ def _solution(
         height, row = by_known[:, -NUISANCES - 1], known.jacobian[-NUISANCES - 1]
         score = float(known.residuals[-NUISANCES - 1] / np.sqrt(max(1 - row @ height, 1e-12)))
     moved = np.hstack([by_points, lie])
-    return Solution(tuple(spreads), state, deck, moved, height, by_known[:, -NUISANCES:], score, spreads)
+    return Solution(tuple(spreads)[:-1], state, deck, moved, height, by_known[:, -NUISANCES:], score, spreads)
 
 
 def _stacked(*terms: Terms) -> Terms:

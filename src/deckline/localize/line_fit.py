@@ -143,7 +143,8 @@ def inflation(residuals: Array, along: Array) -> float:
     chi2 = energy / degrees
     if chi2 <= 1 + SIGNIFICANT * np.sqrt(2 / degrees):
         chi2 = 1.0
-    correlation = float(ordered[1:] @ ordered[:-1]) / energy if energy > 1e-6 * n else 0.0
+    # Errors that are common but far smaller than assumed do no harm, however alike they are.
+    correlation = float(ordered[1:] @ ordered[:-1]) / max(energy, n, 1)
     if correlation < SIGNIFICANT / np.sqrt(max(n, 1)):
         correlation = 0.0
     correlation = min(correlation, MAX_CORRELATION)
