@@ -7,11 +7,13 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from deckline.evaluate.dehazing import (
     ImageScore,
     LineScore,
+    film_of,
     labelled_lines,
     restoration,
     score_lines,
     seen_length_px,
     summarise,
+    summarise_film,
     true_lines,
     worse_lines,
 )
@@ -25,6 +27,7 @@ CAMERA = Camera.from_fov(640, 360, np.pi / 2)
 LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
 RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
 GREY = np.full((360, 640, 3), 128, np.uint8)
+FILMED = {"a": "dry and sharp", "b": "rain", "c": "rain", "d": None}
 
 
 def frame_at(x_m: float = -100.0, **changes) -> Frame:
@@ -174,3 +177,34 @@ def test_higher_psnr_with_worse_lines_is_named_and_no_other():
         for i in range(12)
     ]
     assert worse_lines(summarise(scores, "none", "none")["all"], "none") == ["worse", "farther"]
+
+
+@pytest.mark.parametrize(
+    ("exposure", "film"),
+    [
+        ({"rain_mm_h": 0.0, "lens_drops": 0, "exposure_s": 0.0}, "dry and sharp"),
+        ({"rain_mm_h": 4.0, "lens_drops": 0, "exposure_s": 0.0}, "rain"),
+        ({"rain_mm_h": 0.0, "lens_drops": 3, "exposure_s": 0.0}, "rain"),
+        ({"rain_mm_h": 0.0, "lens_drops": 0, "exposure_s": 0.01}, "motion blur"),
+        ({"rain_mm_h": 9.0, "lens_drops": 0, "exposure_s": 0.01}, "rain and motion blur"),
+        ({"rain_mm_h": 9.0, "lens_drops": 0}, None),
+        ({"rain_mm_h": "much", "lens_drops": 0, "exposure_s": 0.01}, None),
+        ("long", None),
+    ],
+)
+def test_rain_and_blur_are_told_from_what_truth_holds(exposure, film):
+    assert film_of({"exposure": exposure}) == film
+    assert film_of({}) is None
+
+
+def test_rain_and_blur_are_summed_up_apart():
+    scores = [
+        *(score(key, "none", 10.0 + index, film=film) for index, (key, film) in enumerate(FILMED.items())),
+        *(score(key, "net", 20.0 + 2 * index, film=film) for index, (key, film) in enumerate(FILMED.items())),
+    ]
+    groups = summarise_film(scores, "none", "none")
+    assert list(groups) == ["dry and sharp", "rain"]
+    assert groups["rain"]["net"].means["psnr_db"] == pytest.approx(23.0)
+    assert groups["rain"]["net"].differences["psnr_db"].value == pytest.approx(11.5)
+    assert groups["dry and sharp"]["net"].images == 1
+    assert summarise_film([one for one in scores if one.film != "rain"], "none", "none") == {}

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,7 @@ from deckline.types import SIDES, Frame, Segment, Status
 MOST_PSNR_DB = 60.0  # what an untouched picture counts, so that means are finite
 BANDS_M = ((0.0, 150.0), (150.0, 300.0), (300.0, 500.0), (500.0, 1000.0), (1000.0, 3000.0), (3000.0, np.inf))
 ALL = "all"
+FILMS = ("dry and sharp", "rain", "motion blur", "rain and motion blur")
 LEAST_LINE_PX = 5.0  # of both lines inside the picture, end to end: shorter ones are not in view
 LINE_SAMPLES = 400  # points along a line that say which part of it is in view
 FIGURES = ("psnr_db", "psnr_db_surface", "ssim")
@@ -44,6 +46,7 @@ class ImageScore:
     figures: Mapping[str, float]  # of FIGURES those that exist
     note: str = ""  # why the image was left as it was
     lines: LineScore | None = None  # None: not asked for
+    film: str | None = None  # of FILMS; None: not known
 
 
 Scores = Mapping[tuple[str, str], ImageScore]  # of one dehazer, by image
@@ -143,6 +146,34 @@ def summarise(scores: Iterable[ImageScore], reference: str, hazy: str, seed: int
     for low, high in BANDS_M:
         groups[band_name(low, high)] = [score for score in everything if _within(score.visibility_m, low, high)]
     return {band: _summaries(members, reference, hazy, seed) for band, members in groups.items() if members}
+
+
+def summarise_film(
+    scores: Iterable[ImageScore], reference: str, hazy: str, seed: int = 0
+) -> dict[str, dict[str, Summary]]:
+    """The same by rain and motion blur: one of FILMS -> dehazer -> its summary; {} where no image is known to have any.
+
+    Args are those of `summarise`.
+    """
+    groups: dict[str, list[ImageScore]] = {film: [] for film in FILMS}
+    for score in scores:
+        if score.film is not None:
+            groups[score.film].append(score)
+    if not any(groups[film] for film in FILMS[1:]):
+        return {}
+    return {film: _summaries(members, reference, hazy, seed) for film, members in groups.items() if members}
+
+
+def film_of(conditions: Mapping[str, Any]) -> str | None:
+    """Which of FILMS a picture is, from what its truth says of exposure, rain and drops on the lens; None: nothing."""
+    exposure = conditions.get("exposure")
+    if not isinstance(exposure, Mapping):
+        return None
+    values = [exposure.get(name) for name in ("rain_mm_h", "lens_drops", "exposure_s")]
+    if not all(isinstance(value, int | float) for value in values):
+        return None
+    rain, drops, exposure_s = values
+    return FILMS[(rain > 0 or drops > 0) + 2 * (exposure_s > 0)]
 
 
 def band_name(low_m: float, high_m: float) -> str:

@@ -73,7 +73,9 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
     hazy = labels["frames"][1]
     for change, message in (
         ({"pair_of": "../x.png"}, "pair_of must name the clear image in this folder"),
+        ({"pair_of": "a_vis900.png"}, "pair_of must name another image than the hazy one itself"),
         ({"visibility_m": "thick"}, "visibility_m must be positive metres"),
+        ({"visibility_m": True}, "visibility_m must be positive metres"),
         ({"file": "b.png"}, "there is no image b.png"),
         ({"pair_of": "gone.png"}, "its clear picture gone.png"),
         ({"pair_of": None}, "zero frames: no hazy and clear pair"),
@@ -81,6 +83,9 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
         (folder / "labels.json").write_text(json.dumps({"frames": [labels["frames"][0], hazy | change]}))
         assert run(folder, "--detector", "none", "--dehazer", "none") == 2
         assert message in last_error(capsys)
+    (folder / "labels.json").write_text(json.dumps({"frames": [*labels["frames"], hazy]}))
+    assert run(folder, "--detector", "none", "--dehazer", "none") == 2
+    assert "a_vis900.png stands there twice" in last_error(capsys)
     (folder / "labels.json").write_text(json.dumps(labels))
     cv2.imwrite(str(folder / "a_clear.png"), np.zeros((30, 40, 3), np.uint8))
     assert run(folder, "--detector", "none", "--dehazer", "none") == 2
@@ -93,6 +98,18 @@ def test_dehazers_never_see_truth_and_see_depth_when_told(tmp_path):
         frame = open_pairs(recording, with_depth=with_depth).load("0").frame
         assert frame.truth is None
         assert (frame.depth_m is not None) is with_depth
+
+
+def test_a_pair_says_whether_it_is_in_rain(tmp_path):
+    recording = write_recording(tmp_path / "recording")
+    assert open_pairs(recording).load("0").film is None
+    scene = json.loads((recording / "scene.json").read_text())
+    for index, entry in enumerate(scene["frames"].values()):
+        exposure = {"rain_mm_h": 2.0 * index, "lens_drops": 0, "exposure_s": 0.0}
+        entry["truth"]["conditions"] = {"exposure": exposure}
+    (recording / "scene.json").write_text(json.dumps(scene))
+    pairs = open_pairs(recording)
+    assert [pairs.load(key).film for key in pairs.keys] == ["dry and sharp", "rain", "rain", "rain"]
 
 
 def test_heights_that_are_given_override_those_of_the_source(tmp_path):

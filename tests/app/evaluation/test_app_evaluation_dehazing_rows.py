@@ -7,15 +7,15 @@ from deckline.evaluate.dehazing import ImageScore, LineScore
 WITH = {"every": 1, "dehazers": {"none": "deckline 1"}}
 
 
-def score(key: str, visibility_m: float, lines: LineScore | None = None) -> ImageScore:
-    return ImageScore(("/a", key), "none", visibility_m, {"psnr_db": 12.345678901234, "ssim": 0.5}, "left", lines)
+def score(key: str, visibility_m: float, lines: LineScore | None = None, film: str | None = None) -> ImageScore:
+    return ImageScore(("/a", key), "none", visibility_m, {"psnr_db": 12.345678901234, "ssim": 0.5}, "left", lines, film)
 
 
 def test_what_is_written_comes_back(tmp_path):
     lines = LineScore(True, np.array([0.123456789, 1234.5678]))
     with Rows(tmp_path, WITH) as rows:
         rows.add(score("0", np.inf, lines), "0.png", 0.1)
-        rows.add(score("1", np.nan), "1.png", 0.1)
+        rows.add(score("1", np.nan, film="rain"), "1.png", 0.1)
         rows.add(score("2", 640.0, LineScore(False, np.zeros(0))), "2.png", 0.1)
     with Rows(tmp_path, WITH) as rows:
         first, second, third = rows.scores.values()
@@ -23,6 +23,7 @@ def test_what_is_written_comes_back(tmp_path):
     assert np.isinf(first.visibility_m) and np.isnan(second.visibility_m) and third.visibility_m == 640.0
     assert first.figures == {"psnr_db": 12.345678901234, "ssim": 0.5} and first.note == "left"
     np.testing.assert_allclose(first.lines.distances_px, lines.distances_px, rtol=1e-5)
+    assert first.film is None and second.film == "rain"
     assert first.lines.found and second.lines is None and len(third.lines.distances_px) == 0
 
 

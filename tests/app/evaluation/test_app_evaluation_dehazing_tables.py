@@ -7,7 +7,7 @@ from rich.console import Console
 
 from deckline.app.evaluation.dehazing_cost import Cost
 from deckline.app.evaluation.dehazing_tables import Results, json_of, markdown_of, print_results, sheets_of
-from deckline.evaluate.dehazing import ImageScore, LineScore, summarise
+from deckline.evaluate.dehazing import ImageScore, LineScore, summarise, summarise_film
 
 
 def scores(name: str, psnr_db: float, found: bool) -> list[ImageScore]:
@@ -22,6 +22,7 @@ def results(**changes) -> Results:
         about={"machine": "abacus with 2 rods"},
         reference="[net]",
         summaries=summarise(both, "[net]", "none"),
+        film={},
         sizes={"none": None, "[net]": (1_500_000, 2_340_000_000)},
         costs={},
         cost_size_px=(1280, 720),
@@ -44,6 +45,17 @@ def test_cells_of_known_numbers():
     assert "below horizon, dB" not in first.columns
     assert rows_of(lines)["[net]"]["difference, points"] == "-100.0 [-100.0, -100.0]"
     assert rows_of(lines)["none"]["points, median px"] == "2.00"
+
+
+def test_rain_has_a_table_of_its_own():
+    wet = [replace(one, film="rain") for one in scores("none", 10.0, True)]
+    measured = results(film=summarise_film(wet, "[net]", "none"))
+    first, _, film, _ = sheets_of(measured)
+    assert film.columns[0] == "rain and motion blur" and "rain and motion blur" not in first.columns
+    assert [row[:4] for row in film.rows] == [("rain", "none", "8", "13.50")]
+    assert json_of(measured)["film"]["rain"]["none"]["images"] == 8
+    assert "Restoration by rain and motion blur" in markdown_of(measured)
+    assert "rain" not in markdown_of(results())
 
 
 def test_a_higher_psnr_with_worse_lines_is_said():

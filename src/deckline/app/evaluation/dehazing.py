@@ -26,7 +26,7 @@ from deckline.app.evaluation.dehazing_tables import Results, json_of, markdown_o
 from deckline.app.progress import progress
 from deckline.app.provenance import settings_of
 from deckline.dehaze import Dehazer, restore
-from deckline.evaluate.dehazing import ImageScore, restoration, score_lines, summarise
+from deckline.evaluate.dehazing import ImageScore, restoration, score_lines, summarise, summarise_film
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import FrameError
 from deckline.recording.writer import write_atomic
@@ -40,9 +40,10 @@ PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime")  # whose version s
 class DehazingConfig:
     """Compare dehazers on pairs of a hazy and a clear picture.
 
-    Every image's PSNR and SSIM, by visibility, with the paired difference to a reference; whether the detector finds
-    the lines better or worse than without dehazing; and with --cost time and memory. Images count as independent: true
-    for random views, not for the frames of one flight, whose intervals come out too narrow.
+    Every image's PSNR and SSIM, by visibility and, where the truth tells of any, by rain and motion blur, with the
+    paired difference to a reference; whether the detector finds the lines better or worse than without dehazing; and
+    with --cost time and memory. Images count as independent: true for random views, not for the frames of one flight,
+    whose intervals come out too narrow.
 
     With --out the same command goes on where it was stopped, and a command with more dehazers adds theirs.
 
@@ -129,6 +130,7 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
         about=_about(),
         reference=bench.reference,
         summaries=summarise(scores, bench.reference, HAZY),
+        film=summarise_film(scores, bench.reference, HAZY),
         sizes={name: size_of(dehazer) for name, dehazer in bench.dehazers.items()},
         costs=costs,
         cost_size_px=config.cost_size,
@@ -205,7 +207,8 @@ def _score(rows: Rows, image: tuple[str, str], name: str, pair: Pair, bench: Ben
     if bench.pipeline is not None and pair.lines is not None:
         lines = score_lines(bench.pipeline(replace(pair.frame, image_rgb=restored.image_rgb)), pair.lines)
     figures = restoration(restored.image_rgb, pair.clear_rgb, pair.surface)
-    rows.add(ImageScore(image, name, pair.visibility_m, figures, restored.note, lines), pair.frame.file, seconds)
+    score = ImageScore(image, name, pair.visibility_m, figures, restored.note, lines, pair.film)
+    rows.add(score, pair.frame.file, seconds)
 
 
 def _costs(config: DehazingConfig, bench: Bench, score: ImageScore) -> tuple[dict[str, Cost], dict[str, str]]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.evaluate.dehazing import Distances, labelled_lines, true_lines
+from deckline.evaluate.dehazing import Distances, film_of, labelled_lines, true_lines
 from deckline.labels.own import LABELS_FILE, Labels, read_labels
 from deckline.recording import FrameError, Source, open_source
 from deckline.recording.folder import ImageFolder
@@ -33,6 +33,7 @@ class Pair:
     surface: NDArray[np.bool_] | None  # (H, W) sea and ship; None when there is no depth to know it from
     visibility_m: float  # 2 % contrast; NaN when unknown
     lines: Mapping[str, Distances] | None  # None: not both true lines are in view, or nobody knows them
+    film: str | None = None  # of FILMS; None: not known
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,8 @@ def _recorded(frame: Frame, with_depth: bool) -> Pair:
     if truth.clear_rgb is None:
         raise FrameError(frame.file, "it has no clear picture")
     visibility_m = math.nan if truth.visibility_m is None else truth.visibility_m
-    return _pair(frame, truth.clear_rgb, visibility_m, true_lines(frame), with_depth)
+    pair = _pair(frame, truth.clear_rgb, visibility_m, true_lines(frame), with_depth)
+    return replace(pair, film=film_of(truth.conditions))
 
 
 def _labelled(folder: Path, source: ImageFolder, every: int, with_depth: bool) -> PairSource:
@@ -153,7 +155,8 @@ def read_pairs(path: Path) -> dict[str, _Entry]:
     """Hazy image file -> its clear file and visibility, from a labels.json that `read_labels` takes.
 
     Raises:
-        ValueError: a `pair_of` that is no file name in the folder, or a visibility that is no positive number.
+        ValueError: an image named twice, a `pair_of` that is no other file's name in the folder, or a visibility that
+            is no positive number.
     """
     frames: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["frames"]
     entries = {}
@@ -164,7 +167,12 @@ def read_pairs(path: Path) -> dict[str, _Entry]:
         where = f"{path}: {entry['file']}"
         if not isinstance(clear, str) or not is_inside(clear):
             raise ValueError(f"{where}: pair_of must name the clear image in this folder, or be null, got {clear!r}")
-        if visibility is not None and (not isinstance(visibility, int | float) or not visibility > 0):
+        if clear == entry["file"]:
+            raise ValueError(f"{where}: pair_of must name another image than the hazy one itself")
+        if entry["file"] in entries:
+            raise ValueError(f"{where} stands there twice: give each hazy image one entry")
+        known = isinstance(visibility, int | float) and not isinstance(visibility, bool)
+        if visibility is not None and not (known and visibility > 0):
             raise ValueError(f"{where}: visibility_m must be positive metres, or left out, got {visibility!r}")
         entries[entry["file"]] = _Entry(clear, math.nan if visibility is None else float(visibility))
     return entries

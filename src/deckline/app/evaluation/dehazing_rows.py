@@ -114,6 +114,7 @@ def _row(score: ImageScore, file: str, seconds: float) -> dict[str, Any]:
         "file": file,
         "dehazer": score.dehazer,
         "visibility_m": None if math.isnan(score.visibility_m) else _finite(score.visibility_m),
+        "film": score.film,
         **score.figures,
         "note": score.note,
         "seconds": float(f"{seconds:.4g}"),
@@ -132,6 +133,7 @@ def _score(row: Mapping[str, Any]) -> ImageScore:
         figures={name: row[name] for name in FIGURES if name in row},
         note=row["note"],
         lines=None if found is None else LineScore(found, np.asarray(row["distances_px"], dtype=np.float64)),
+        film=row["film"],
     )
 
 

@@ -22,6 +22,7 @@ MEANING = (
     "PSNR and SSIM are means over images, an untouched image counting 60 dB; below the horizon: sea and ship alone, "
     "as haze hides the sky's true colours."
 )
+FILM = "Rain or drops on the lens, or an exposure that takes time: the clear picture is without them as without haze."
 LINES = (
     f"Differences to {HAZY}. Asked: images with both lines in view. Found: both lines, in agreement. Points: normal "
     f"distance of all detected points to the true lines; its difference: median over the images with points both ways."
@@ -39,6 +40,7 @@ class Results:
     about: Mapping[str, str]  # machine, versions, date
     reference: str
     summaries: Summaries
+    film: Summaries  # one of FILMS -> dehazer; {} without rain and motion blur
     sizes: Mapping[str, tuple[int, int] | None]  # dehazer -> parameters, MACs at 256x256
     costs: Mapping[str, Cost]
     cost_size_px: tuple[int, int]
@@ -57,11 +59,13 @@ class Sheet:
 
 
 def sheets_of(results: Results) -> list[Sheet]:
-    """Restoration with its cost, restoration by visibility, and the lines where they were asked for."""
+    """Restoration with its cost, by visibility and by rain and motion blur, and the lines where they were asked for."""
     sheets = [_restoration(results)]
     bands = {band: members for band, members in results.summaries.items() if band != ALL}
     if bands:
-        sheets.append(_by_visibility(results, bands))
+        sheets.append(_grouped(results, "visibility", bands))
+    if results.film:
+        sheets.append(_grouped(results, "rain and motion blur", results.film, (FILM,)))
     if any(summary.asked for summary in results.summaries[ALL].values()):
         sheets.append(_lines(results))
     return sheets
@@ -94,14 +98,14 @@ def _restoration(results: Results) -> Sheet:
     return Sheet("Restoration", tuple(columns), tuple(rows), tuple(captions))
 
 
-def _by_visibility(results: Results, bands: Summaries) -> Sheet:
+def _grouped(results: Results, by: str, groups: Summaries, captions: tuple[str, ...] = ()) -> Sheet:
     rows = [
-        (band, name, str(summary.images), *_restoration_cells(summary, results), str(summary.left_alone))
-        for band, members in bands.items()
+        (group, name, str(summary.images), *_restoration_cells(summary, results), str(summary.left_alone))
+        for group, members in groups.items()
         for name, summary in members.items()
     ]
-    columns = ("visibility", "dehazer", "images", *_restoration_columns(results), "left as is")
-    return Sheet("Restoration by visibility", columns, tuple(rows), ())
+    columns = (by, "dehazer", "images", *_restoration_columns(results), "left as is")
+    return Sheet(f"Restoration by {by}", columns, tuple(rows), captions)
 
 
 def _lines(results: Results) -> Sheet:
@@ -198,7 +202,7 @@ def print_results(console: Console, results: Results) -> None:
         table = Table(*map(escape, sheet.columns), title=sheet.title, title_justify="left", title_style="bold")
         previous = None
         for row in sheet.rows:
-            if previous is not None and row[0] != previous and sheet.columns[0] == "visibility":
+            if previous is not None and row[0] != previous and sheet.columns[0] != "dehazer":
                 table.add_section()
             table.add_row(*map(escape, row))
             previous = row[0]
@@ -218,17 +222,14 @@ def markdown_of(results: Results) -> str:
 
 def json_of(results: Results) -> dict[str, Any]:
     """The same numbers as plain JSON values; null for what does not exist."""
-    bands = {
-        band: {name: asdict(summary) for name, summary in members.items()}
-        for band, members in results.summaries.items()
-    }
     worse = {band: worse_lines(members, HAZY) for band, members in results.summaries.items()}
     return _plain(
         {
             "title": results.title,
             "about": dict(results.about),
             "reference": results.reference,
-            "visibility": bands,
+            "visibility": _numbers(results.summaries),
+            "film": _numbers(results.film),
             "higher_psnr_worse_lines": worse,
             "size": {
                 name: None if size is None else {"parameters": size[0], "macs_256": size[1]}
@@ -240,6 +241,10 @@ def json_of(results: Results) -> dict[str, Any]:
             "skipped": [list(item) for item in results.skipped],
         }
     )
+
+
+def _numbers(groups: Summaries) -> dict[str, Any]:
+    return {group: {name: asdict(one) for name, one in members.items()} for group, members in groups.items()}
 
 
 def _plain(value: Any) -> Any:
