@@ -169,8 +169,9 @@ def film_of(conditions: Mapping[str, Any]) -> str | None:
     exposure = conditions.get("exposure")
     if not isinstance(exposure, Mapping):
         return None
-    values = [exposure.get(name) for name in ("rain_mm_h", "lens_drops", "exposure_s")]
-    if not all(isinstance(value, int | float) for value in values):
+    found = [exposure.get(name) for name in ("rain_mm_h", "lens_drops", "exposure_s")]
+    values = [value for value in found if isinstance(value, int | float)]
+    if len(values) < len(found):
         return None
     rain, drops, exposure_s = values
     return FILMS[(rain > 0 or drops > 0) + 2 * (exposure_s > 0)]
