@@ -19,7 +19,7 @@ from deckline.detect.last_seen import LastSeen
 from deckline.detect.prior import Box, RunwaySurvey, expected_box, surveyed
 from deckline.guide import guidance
 from deckline.localize import LocalizeConfig, localize
-from deckline.types import Detection, ExpectedRunway, Frame, Guidance, RunwayEstimate
+from deckline.types import Detection, ExpectedRunway, Frame, Guidance, RunwayEstimate, Track
 
 T = TypeVar("T")
 
@@ -46,6 +46,7 @@ class FrameResult:
     estimate: RunwayEstimate
     guidance: Guidance
     seconds: dict[str, float]  # wall time of "dehaze", "detect", "localize", "guide"
+    track: Track | None = None  # of the frames so far; None: every frame for itself
 
 
 class Pipeline:

@@ -264,6 +264,7 @@ class Track:
     height_rate_m_s: Value | None = None  # + : the height above deck grows
     closing_m_s: Value | None = None  # + : the aircraft comes nearer to the ramp
     reason: str = ""  # why a frame was not used or the track began anew, for people
+    age_s: float = 0.0  # since the track began; 0: it knows no more than this frame
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -62,6 +62,7 @@ def test_correlation_and_relative_covariance_are_used():
     assert found.lateral_deviation_m.sigma == pytest.approx(0.2)
 
 
+@settings(deadline=None)
 @given(st.floats(-3.1, 3.1), st.floats(-50, 50), st.floats(-0.5, 0.5), st.floats(-500, -10))
 def test_deviations_do_not_depend_on_where_the_world_points(turn, lateral, heading, along):
     c, s = np.cos(turn), np.sin(turn)
@@ -109,7 +110,7 @@ RAMP = dict(ramp_m=np.array([-60.0, 0.0, -20.0]), ramp_sigma_m=1.5)
 
 
 def track(state=TrackState.TRACKING, **changes):
-    values = dict(lines={"centre": NORTH}, protection=Protection(2.0, 1.0, 1e-7), reason="")
+    values = dict(lines={"centre": NORTH}, protection=Protection(2.0, 1.0, 1e-7), age_s=1.0)
     return Track(2.5, state, **values | changes)
 
 

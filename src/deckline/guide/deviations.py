@@ -29,8 +29,8 @@ def guidance(
 
     Args:
         frame: the pose.
-        estimate: lines of this frame alone: what counts without a track, or when the track is lost and nothing
-            is known to be wrong.
+        estimate: lines of this frame alone: what counts without a track, in its first frame, or when it is lost and
+            nothing is known to be wrong.
         track: lines of all frames so far, with rates, protection levels and flags.
         config: the wanted approach, and the point of the aircraft that is meant.
     """
@@ -75,8 +75,9 @@ def _source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstimate:
     """Lines, ramp and reason that count: the track's where it lives; nothing where it is in doubt."""
     if track is None:
         return estimate
+    young = track.age_s == 0.0 and bool(estimate.lines)
     reason = "; ".join(dict.fromkeys(filter(None, [track.reason, estimate.reason])))
-    if not track.lines and not track.flags and not track.excluded:
+    if (not track.lines or young) and not track.flags and not track.excluded:
         return replace(estimate, reason=reason)
     return replace(estimate, lines=track.lines, ramp_m=track.ramp_m, ramp_sigma_m=track.ramp_sigma_m, reason=reason)
 

@@ -11,7 +11,7 @@ from deckline.types import Frame
 
 Array = NDArray[np.float64]
 PUSH_M_S15 = 2.0  # how fast an aircraft's velocity changes; 0.2 g for a second
-START_M_S = 100.0  # 1-sigma of a velocity of which nothing is known
+START_M_S = 30.0  # 1-sigma of a velocity of which nothing is known; aircraft that land fly 70 m/s at most
 TURN_S = 0.2  # over which the turning is averaged
 JUMP_M = 5.0  # a pose this far from where the aircraft was going has jumped, beside JUMP_SIGMAS
 JUMP_SIGMAS = 6.0

@@ -40,16 +40,16 @@ from deckline.types import Flag, Protection
 Array = NDArray[np.float64]
 OBSERVED = 0.1  # share of a prior's variance that must be gone before its estimate says anything
 WORDS = {
-    ROLL: ("boresight", "degrees", "the camera seems rolled by {:.1f} degrees more than its mounting says"),
-    PITCH: ("boresight", "degrees", "the camera seems pitched by {:.1f} degrees more than its mounting says"),
-    DECK: ("height", "m", "the deck's height or the aircraft's seems {:.1f} m wrong"),
-    SCALE: ("depth", "percent", "depths seem {:.1f} % too large"),
-    DELAY: ("delay", "s", "the pose seems {:.2f} s older than the picture"),
-    LEFT: ("left", "m", "the left line seems to be another marking, {:.1f} m beside it"),
-    RIGHT: ("right", "m", "the right line seems to be another marking, {:.1f} m beside it"),
-    SPACING: ("spacing", "m", "the lines are {:.1f} m farther apart than stated"),
-    ANGLE: ("angle", "degrees", "the right line is turned by {:.1f} degrees more against the left one than stated"),
-    DRIFT: ("drift", "m", "the lines drift to the right at {:.1f} m/s, which neither ship nor heading explain"),
+    ROLL: ("boresight", "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
+    PITCH: ("boresight", "degrees", "the camera seems pitched by {:+.2f} degrees against its mounting"),
+    DECK: ("height", "m", "the deck's height or the aircraft's seems {:+.1f} m wrong"),
+    SCALE: ("depth", "percent", "depths seem {:+.1f} % wrong"),
+    DELAY: ("delay", "s", "the pose seems {:+.2f} s older than the picture"),
+    LEFT: ("left", "m", "the left line seems to be another marking, {:+.1f} m beside it"),
+    RIGHT: ("right", "m", "the right line seems to be another marking, {:+.1f} m beside it"),
+    SPACING: ("spacing", "m", "the lines' spacing is {:+.1f} m off what was stated"),
+    ANGLE: ("angle", "degrees", "the angle between the lines is {:+.1f} degrees off what was stated"),
+    DRIFT: ("drift", "m", "the lines drift sideways at {:+.1f} m/s, which neither ship nor heading explain"),
 }
 SCALES = {"degrees": float(np.rad2deg(1.0)), "percent": 100.0, "m": 1.0, "s": 1.0}
 

@@ -30,6 +30,7 @@ class _Memory:
     extent: Extent | None
     seen_s: float  # when lines were last used
     agreed_s: float  # when lines were last used, or none were there to contradict
+    began_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,33 +117,33 @@ class Tracker:
         memory = self._memory
         if memory is None or step_s is None:
             return None, ""
+        young = frame.time_s - step_s == memory.began_s  # one frame is no track: unrelated frames lose nothing
         if step_s < 0:
             self._watch = Watch()
-            return None, "began anew: the time went back"
+            return None, "" if young else "began anew: the time went back"
         if step_s > self.config.coast_s + ROUNDING_S:
-            return None, f"began anew: no frame for {step_s:.1f} s"
+            return None, "" if young else f"began anew: no frame for {step_s:.1f} s"
         aircraft, jump_m = flown(memory.aircraft, frame, self.config.errors.position_white_m)
         if jump_m:
-            return None, f"began anew: the pose jumped by {jump_m:.0f} m"
+            return None, "" if young else f"began anew: the pose jumped by {jump_m:.0f} m"
         camera = frame.world_from_camera
         state = predict(memory.state, frame.time_s, None if camera is None else camera.translation, self.config)
         return replace(memory, state=state, aircraft=aircraft or memory.aircraft), ""
 
     def _begun(self, moment: _Moment) -> Track:
-        """A new track where there is enough to begin one."""
+        """A new track where both lines are seen: one alone may be any line of the deck."""
         before, self._memory = self._memory, None
         self._watch = self._watch.anew(None if before is None else before.state)
         frame, found = moment.frame, moment.found
-        enough = all(side in found for side in SIDES) or (found and self.config.runway_width_m is not None)
         aircraft = first_seen(frame, self.config.errors.position_white_m)
-        if not enough or aircraft is None:
+        if len(found) < len(SIDES) or aircraft is None:
             return self._lost(moment, None, moment.flags)
-        line = moment.estimate.lines.get("centre") or next(iter(found.values()))
+        line = moment.estimate.lines.get("centre") or found["left"]
         bare = initial_state(frame.time_s, line, None, self.config)
         seen = seen_extent(frame, moment.estimate, bare)
         near = moment.estimate.ramp_m if seen is None else bare.point_m + seen[0] * bare.along
         state = initial_state(frame.time_s, line, near, self.config)
-        return self._followed(_Memory(state, aircraft, None, -np.inf, frame.time_s), moment)
+        return self._followed(_Memory(state, aircraft, None, -np.inf, frame.time_s, frame.time_s), moment)
 
     def _followed(self, memory: _Memory, moment: _Moment) -> Track:
         """The predicted memory with the frame's lines, kept for the next frame."""
@@ -213,6 +214,7 @@ class Tracker:
             height_rate_m_s=height,
             closing_m_s=closing,
             reason=moment.reason,
+            age_s=moment.frame.time_s - memory.began_s,
         )
 
 
