@@ -4,14 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 import deckline
+from deckline.detect.prior import RunwaySurvey, surveyed
 from deckline.evaluate.chain import score_frame
+from deckline.geometry import Camera
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import open_source
 from deckline.sim import SimConfig, frames
-from deckline.types import DepthMode, Status
+from deckline.types import DepthMode, Detection, Frame, LinePoints, Status
 
 # Seeds from 1000 on are never trained on. 300 m to 40 m through 1200 m of visibility.
 APPROACH = SimConfig(
@@ -97,3 +100,79 @@ def test_the_shipped_sample_is_whole_and_its_lines_are_found(pipeline, tmp_path)
     result = pipeline(sample.load(22))
     assert result.guidance.status is Status.OK
     assert result.estimate.mode is DepthMode.FINE
+
+
+class Recorder:
+    """A detector that sees both lines exactly and remembers where it was told to look."""
+
+    name = "recorder"
+
+    def __init__(self, detection: Detection) -> None:
+        self.detection = detection
+        self.boxes: list[tuple[float, float, float, float] | None] = []
+
+    def __call__(self, image_rgb, look_at=None) -> Detection:
+        self.boxes.append(look_at)
+        return self.detection
+
+
+RUNWAY = RunwaySurvey((0.0, 0.0, -20.0), sigma_m=1.0, heading_sigma_deg=0.1)
+
+
+def level_frame(x_m: float, time_s: float, file: str = "f") -> Frame:
+    """`x_m` along the runway's direction from its ramp, 30 m above deck, looking ahead."""
+    camera = Camera.from_fov(320, 180, np.deg2rad(90))
+    pose = RigidTransform.from_translation([x_m, 0.0, -50.0])
+    image = np.zeros((180, 320, 3), np.uint8)
+    return Frame(file, time_s, image, camera, world_from_body=pose, deck_z_m=-20.0)
+
+
+def told(follow: bool, runway: RunwaySurvey | None = None) -> tuple[Pipeline, Recorder]:
+    expected, frame = surveyed(RUNWAY), level_frame(-300.0, 0.0)
+    lines = []
+    for near, far in (expected.left_m, expected.right_m):
+        points = frame.world_from_camera.inv().apply(np.linspace(near, far, 30))
+        lines.append(LinePoints(frame.camera.project(points), np.ones(30), np.full(30, 0.2)))
+    config = PipelineConfig("none", "classical", runway=runway or RunwaySurvey(), follow=follow)
+    pipeline = Pipeline(config)
+    pipeline.detect = Recorder(Detection(*lines))
+    return pipeline, pipeline.detect
+
+
+def test_unrelated_frames_carry_nothing_over():
+    pipeline, recorder = told(follow=False)
+    for time_s in (0.0, 0.2):
+        assert pipeline(level_frame(-300.0, time_s)).estimate.status is Status.OK
+    assert recorder.boxes == [None, None]
+
+
+def test_frames_in_order_are_looked_at_where_the_runway_was_seen():
+    pipeline, recorder = told(follow=True)
+    for time_s in (0.0, 0.2, 60.0):
+        pipeline(level_frame(-300.0, time_s))
+    first, second, long_after = recorder.boxes
+    assert first is None and long_after is None
+    points = np.concatenate([recorder.detection.left.points_px, recorder.detection.right.points_px])
+    assert np.all((points >= np.array(second[:2])) & (points <= np.array(second[2:])))
+    assert second[2] - second[0] < 100  # of 320
+
+
+def test_what_the_caller_expects_comes_before_the_last_estimate_and_that_before_the_survey():
+    survey = RunwaySurvey((0.0, -100.0, -20.0), sigma_m=1.0)
+    aside = surveyed(dataclasses.replace(RUNWAY, ramp_m=(0.0, 100.0, -20.0)))
+    pipeline, recorder = told(follow=True, runway=survey)
+    pipeline(level_frame(-300.0, 0.0))
+    pipeline(level_frame(-300.0, 0.2))
+    pipeline(level_frame(-300.0, 0.4), aside)
+    middles = [(box[0] + box[2]) / 2 for box in recorder.boxes]
+    assert middles[0] < 140 < 150 < middles[1] < 170 < 180 < middles[2]
+
+
+def test_an_expectation_that_says_nothing_leaves_the_next_one_to_say():
+    pipeline, recorder = told(follow=False, runway=RUNWAY)
+    frame = level_frame(-300.0, 0.0)
+    pipeline(frame)
+    for broken in (dataclasses.replace(surveyed(RUNWAY), sigma_m=np.nan), surveyed(RunwaySurvey((-900.0, 0.0, -20.0)))):
+        pipeline(frame, broken)  # not a number; behind the camera
+    assert recorder.boxes[0] is not None
+    assert recorder.boxes == [recorder.boxes[0]] * 3
