@@ -10,7 +10,7 @@ from deckline.localize.depth import deck_points
 from deckline.types import SIDES, DepthMode
 
 AT_M = PARALLEL_CENTRE.p0_m
-FREE = AgreementConfig(parallel_rad=np.inf)
+FREE, PARALLEL = AgreementConfig(parallel_rad=np.inf), AgreementConfig(parallel_rad=1e-3)
 ONLY_PIXELS = NoiseConfig(
     depth_fraction=0, attitude_rad=0, position_m=0, deck_z_m=0, focal_fraction=0, depth_scale=0, min_pixel=1e-3
 )
@@ -57,8 +57,9 @@ def test_knowing_more_is_never_worse():
     frame = with_depth(FRAME)
     points, sigma = pixels(frame)
 
-    def variances(mode, **settings):
-        bound = cramer_rao(frame, points, sigma, mode, LocalizeConfig(**settings), AT_M, relative=True)
+    def variances(mode, agreement=PARALLEL, **settings):
+        config = LocalizeConfig(agreement=agreement, **settings)
+        bound = cramer_rao(frame, points, sigma, mode, config, AT_M, relative=True)
         return np.concatenate([np.diag(bound.lines), np.diag(bound.centre)])
 
     base = variances("auto")

@@ -37,6 +37,15 @@ DAMPING = 10.0  # of a step that made things worse
 
 
 @dataclass(frozen=True, eq=False)
+class _Fit:
+    """A state with what follows from it."""
+
+    state: State
+    measured: Terms
+    known: Terms
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """A state and how it follows the measurements: columns of `gain` are 1-sigma of one source each."""
 
@@ -75,17 +84,17 @@ def solve(
         known = _nothing(state) if spreads is None else deck_terms(view.names, state, config)
         return measured, _stacked(known, height_term(state, deck_z_m, config.noise), nuisance_terms(state))
 
-    state, keys = start, (*view.names, DEPTH)
+    keys = (*view.names, DEPTH)
     scale = np.ones(len(keys))
     if spreads is None:
-        state = _minimum(terms, start, blocks, scale)
-        scale = _scales(terms(state)[0], blocks, view)
+        fit = _minimum(terms, start, blocks, scale)
+        scale = _scales(fit.measured, blocks, view)
+        fit = _minimum(terms, fit.state, blocks, scale) if (scale > 1.0).any() else fit
     else:
         scale = np.array([spreads[key] for key in keys])
-    if spreads is not None or (scale > 1.0).any():
-        state = _minimum(terms, state, blocks, scale)
+        fit = _minimum(terms, start, blocks, scale)
     found = dict(zip(keys, scale.tolist(), strict=True))
-    return _solution(found, state, deck, *terms(state), blocks, scale, deck_z_m is not None)
+    return _solution(found, fit, deck, blocks, scale, deck_z_m is not None)
 
 
 def _deck(view: Sight, start: State, config: LocalizeConfig) -> Deck:
@@ -105,7 +114,7 @@ def _blocks(view: Sight) -> NDArray[np.int64]:
 
 def _minimum(
     terms: Callable[[State], tuple[Terms, Terms]], start: State, blocks: NDArray[np.int64], scale: Array
-) -> State:
+) -> _Fit:
     state, damping = start, 0.0
     measured, known = terms(state)
     for _ in range(STEPS):
@@ -123,7 +132,7 @@ def _minimum(
         state, (measured, known), damping = trial, after, damping / DAMPING
         if float(step @ normal @ step) < SETTLED**2:
             break
-    return state
+    return _Fit(state, measured, known)
 
 
 def _cost(measured: Terms, known: Terms, weights: Array) -> float:
@@ -159,15 +168,9 @@ def _scales(measured: Terms, blocks: NDArray[np.int64], view: Sight) -> Array:
 
 
 def _solution(
-    spreads: dict[str, float],
-    state: State,
-    deck: Deck,
-    measured: Terms,
-    known: Terms,
-    blocks: NDArray[np.int64],
-    scale: Array,
-    reported: bool,
+    spreads: dict[str, float], fit: _Fit, deck: Deck, blocks: NDArray[np.int64], scale: Array, reported: bool
 ) -> Solution:
+    measured, known = fit.measured, fit.known
     weights = _weights(measured.residuals, blocks) / scale[blocks] ** 2
     inverse = np.linalg.inv(_normal(measured, known, weights))
     by_points = inverse @ measured.jacobian.T * (weights * scale[blocks])
@@ -178,7 +181,7 @@ def _solution(
         height, row = by_known[:, -NUISANCES - 1], known.jacobian[-NUISANCES - 1]
         score = float(known.residuals[-NUISANCES - 1] / np.sqrt(max(1 - row @ height, 1e-12)))
     moved = np.hstack([by_points, lie])
-    return Solution(tuple(spreads)[:-1], state, deck, moved, height, by_known[:, -NUISANCES:], score, spreads)
+    return Solution(tuple(spreads)[:-1], fit.state, deck, moved, height, by_known[:, -NUISANCES:], score, spreads)
 
 
 def _stacked(*terms: Terms) -> Terms:
