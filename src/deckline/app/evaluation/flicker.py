@@ -14,12 +14,13 @@ from rich.progress import track
 from rich.table import Table
 
 from deckline.app.evaluation.commands import JsonFile, heading, write_json
-from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
+from deckline.app.evaluation.dehazing_methods import HAZY, build_dehazer, by_name
+from deckline.dehaze import DEHAZERS, Dehazer, restore
 from deckline.evaluate.flicker import REGIONS, flicker_figures, sequence_errors
 from deckline.recording import BadFrame, open_source
 from deckline.types import Frame
 
-CLEAR, HAZY = "clear", "none"  # pictures that every table has: the truth without haze, and the input
+CLEAR = "clear"  # the truth without haze; every table has it, and HAZY, the input
 MEASURED = tuple(name for name in DEHAZERS if name != HAZY)
 COLUMNS = {
     "error, levels": "rmse",
@@ -58,7 +59,10 @@ def flicker(
     for name, value, least in (("every", every, 1), ("limit", limit, 2), ("camera-depth-m", camera_depth_m, 0)):
         if value is not None and not value >= least:
             raise ValueError(f"--{name} must be at least {least}, got {value}")
-    dehazers = {name: _dehazer(name) for name in dehazer if name != HAZY}
+    named = by_name(name for name in dehazer if name != HAZY)
+    if CLEAR in named:
+        raise ValueError(f"{named[CLEAR]} would be called {CLEAR}, as the truth is: rename the file or its folder")
+    dehazers = {name: build_dehazer(given) for name, given in named.items()}
     items = _chosen(source, every, limit)
     figures = flicker_figures(list(sequence_errors(_steps(items, dehazers, camera_depth_m))), truth=CLEAR)
     console = heading(
@@ -83,14 +87,6 @@ def _chosen(source: Path, every: int, limit: int | None) -> Iterable[Frame | Bad
         total=total,
         console=Console(stderr=True),
     )
-
-
-def _dehazer(name: str) -> Dehazer:
-    if name in DEHAZERS:
-        return DEHAZERS[name]()
-    if name.endswith(".onnx"):
-        return OnnxDehazer(Path(name))
-    raise ValueError(f"unknown dehazer {name!r}: use some of {', '.join(DEHAZERS)}, or paths of .onnx files")
 
 
 def _steps(
