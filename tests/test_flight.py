@@ -56,5 +56,5 @@ def test_unrelated_frames_are_answered_as_the_pipeline_answers_them():
         result, single = flight(shown).guidance, chain(shown).guidance
         for name in ("lateral_deviation_m", "distance_to_ramp_m", "vertical_deviation_rad"):
             one, other = getattr(result, name), getattr(single, name)
-            assert (one.value, one.sigma) == (other.value, other.sigma)
+            assert (one and (one.value, one.sigma)) == (other and (other.value, other.sigma))
         assert (result.reason, result.flags, result.protection) == (single.reason, (), None)

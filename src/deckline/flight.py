@@ -3,10 +3,12 @@
 import time
 from dataclasses import replace
 
-from deckline.guide import GuideConfig, guidance
+from deckline.guide import NO_LINE, GuideConfig, guidance
 from deckline.pipeline import FrameResult, Pipeline
 from deckline.track import TrackConfig, Tracker
 from deckline.types import Frame
+
+AS_USUAL = TrackConfig()
 
 
 class Flight:
@@ -16,24 +18,25 @@ class Flight:
 
     Args:
         pipeline: the chain.
-        track: what the tracker assumes.
+        track: what the tracker assumes; None: every frame is for itself.
         guide: the wanted approach.
     """
 
-    def __init__(self, pipeline: Pipeline, track: TrackConfig | None = None, guide: GuideConfig | None = None) -> None:
+    def __init__(
+        self, pipeline: Pipeline, track: TrackConfig | None = AS_USUAL, guide: GuideConfig | None = None
+    ) -> None:
         self.pipeline = pipeline
         self.guide = guide or GuideConfig()
-        self.tracker = Tracker(track)
+        self.tracker = None if track is None else Tracker(track)
 
     def __call__(self, frame: Frame) -> FrameResult:
         """The frame's result, with its track and the guidance that follows from it."""
-        result = self.pipeline(frame, self.tracker.expected(frame))
+        result = self.pipeline(frame, None if self.tracker is None else self.tracker.expected(frame))
         start = time.perf_counter()
-        track = self.tracker.update(frame, result.estimate)
+        track = None if self.tracker is None else self.tracker.update(frame, result.estimate)
         advice = guidance(frame, result.estimate, track, self.guide)
         seconds = result.seconds | {"track": time.perf_counter() - start}
         reasons = dict.fromkeys([*advice.reason.split("; "), *result.guidance.reason.split("; ")])
-        told = "; ".join(reason for reason in reasons if reason)
-        if advice.lateral_deviation_m is not None:
-            told = told.replace("no line was localized", "").strip("; ")
+        unplaced = advice.lateral_deviation_m is None
+        told = "; ".join(reason for reason in reasons if reason and (unplaced or reason != NO_LINE))
         return replace(result, track=track, guidance=replace(advice, reason=told), seconds=seconds)

@@ -1,6 +1,7 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,14 +19,16 @@ from deckline.app.records import (
     to_line,
     write_csv,
 )
+from deckline.flight import Flight
 from deckline.recording import BadFrame
+from deckline.types import Flag
 
 
 def test_numbers_are_those_of_the_scene_in_degrees_and_metres():
     record = frame_record(chain(frame()))
     assert record["status"] == "ok"
     assert record["mode"] == "coarse"
-    values = {name: entry["value"] for name, entry in record["guidance"].items()}
+    values = {name: entry["value"] for name, entry in record["guidance"].items() if entry is not None}
     assert values["lateral_deviation_m"] == pytest.approx(LATERAL_M, abs=1e-3)
     assert values["heading_error_deg"] == pytest.approx(math.degrees(0.02), abs=1e-3)
     assert values["height_above_deck_m"] == pytest.approx(HEIGHT_M, abs=1e-6)
@@ -115,12 +118,48 @@ def test_the_table_has_a_row_a_frame_and_empty_cells_for_what_is_missing(tmp_pat
     assert {value for name, value in bad.items() if name not in ("file", "skipped")} == {""}
 
 
+def tracked(blind=()):
+    """Results of four frames 15 m apart, followed; frames whose number is in `blind` show nothing."""
+    flight = Flight(lambda at, expected: chain(at, () if at.file in blind else ("left", "right")))
+    return [flight(frame(index, 150.0 - 15.0 * index)) for index in range(4)]
+
+
 def test_every_column_is_named_once_and_found_in_a_whole_record():
     names = [name for name, _ in COLUMNS]
     assert len(set(names)) == len(names)
-    record = frame_record(chain(frame()))
+    record = frame_record(tracked()[-1])
     empty = [name for name, keys in COLUMNS if lookup(record, keys) is None]
     assert empty == ["skipped"]
+
+
+def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):
+    result = tracked(blind=("frame_003.png",))[-1]
+    flag = Flag("height", "2 m off")
+    result = replace(result, track=replace(result.track, flags=(flag,)))
+    record = frame_record(result)
+    assert record["status"] == "not seen"
+    assert record["track"]["state"] == "coasting"
+    assert record["track"]["flags"] == [{"name": "height", "reason": "2 m off"}]
+    assert record["track"]["lines"]["centre"]["height_m"] == pytest.approx(-20.0, abs=0.2)
+    assert record["protection"]["lateral_m"] == pytest.approx(result.guidance.protection.lateral_m)
+    assert record["guidance"]["height_rate_m_s"]["value"] == pytest.approx(0.0, abs=0.5)
+    assert record["guidance"]["closing_m_s"]["value"] == pytest.approx(60.0, abs=5.0)
+    path = tmp_path / "guidance.csv"
+    write_csv(path, [record])
+    with path.open(newline="", encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["track_state"], row["track_flags"], row["track_excluded"]) == ("coasting", "height", "")
+    assert float(row["height_rate_sigma_m_s"]) > 0
+
+
+def test_the_glideslope_is_compared_with_truth():
+    record = frame_record(chain(frame()))
+    slope_m = (120.0 + 70.0) * math.tan(math.radians(3.5))
+    assert record["truth"]["vertical_deviation_m"] == pytest.approx(HEIGHT_M - slope_m)
+    measured = record["guidance"]["vertical_deviation_m"]["value"]
+    assert record["errors"]["guidance"]["vertical_deviation_m"] == pytest.approx(measured - (HEIGHT_M - slope_m))
+    angle = math.degrees(math.atan2(LATERAL_M, 190.0))
+    assert record["truth"]["lateral_deviation_deg"] == pytest.approx(angle)
 
 
 def test_the_record_can_be_read_by_any_json_reader():

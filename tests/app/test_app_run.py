@@ -10,6 +10,7 @@ from app_scene import Approach, chain
 
 from deckline.app.run import run
 from deckline.app.run_folder import UNFINISHED
+from deckline.flight import Flight
 
 OUTPUTS = ["guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html"]
 
@@ -35,7 +36,7 @@ def contents(out):
     return {name: (out / name).read_bytes() for name in OUTPUTS}
 
 
-def breaking(at: int, action):
+def breaking(at: int, action, chain=chain):
     """A chain that does something while it is at its frame number `at`, counted from 0."""
     seen = iter(range(10_000))
 
@@ -102,6 +103,15 @@ def test_ctrl_c_leaves_whole_files_and_resume_gives_the_whole_run(tmp_path, caps
     assert without_times(records(tmp_path / "a")) == without_times(records(tmp_path / "b"))
     assert pictures(tmp_path / "a") == 11
     assert not (tmp_path / "a" / UNFINISHED).exists()
+
+
+def test_a_resumed_run_says_where_its_track_began_anew(tmp_path):
+    first, second = (Flight(lambda at, expected: chain(at)) for _ in range(2))
+    run(Approach(8), breaking(3, press_ctrl_c, first), tmp_path, overlay=False, report=False)
+    run(Approach(8), breaking(8, kill, second), tmp_path, overlay=False, report=False, resume=True)
+    flags = [[flag["name"] for flag in record["track"]["flags"]] for record in records(tmp_path)]
+    assert flags == [[], [], [], [], ["resumed"], [], [], []]
+    assert [record["track"]["age_s"] for record in records(tmp_path)][3:6] == [0.75, 0.0, 0.25]
 
 
 def test_lines_can_be_read_while_the_run_goes_on(tmp_path):

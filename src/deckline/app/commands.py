@@ -10,12 +10,16 @@ import tyro
 
 from deckline.app.extras import needs_extra
 from deckline.detect.prior import RunwaySurvey
+from deckline.flight import Flight
+from deckline.guide import GuideConfig
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import Stream, open_source
+from deckline.track import TrackConfig
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 NO_SURVEY = RunwaySurvey()
+USUAL_APPROACH = GuideConfig()
 
 
 def demo(out: Path = Path("demo-out")) -> int:
@@ -27,7 +31,7 @@ def demo(out: Path = Path("demo-out")) -> int:
     recording = out / "approach"
     with zipfile.ZipFile(SAMPLE) as archive:
         archive.extractall(recording)
-    return _run(open_source(recording), Pipeline(), out)
+    return _run(open_source(recording), Flight(Pipeline()), out)
 
 
 def run(
@@ -44,6 +48,10 @@ def run(
     mode: Literal["auto", "fine", "coarse"] = "auto",
     runway: RunwaySurvey = NO_SURVEY,
     follow: bool = True,
+    track: bool = True,
+    sea_state: float | None = None,
+    runway_width_m: float | None = None,
+    guide: GuideConfig = USUAL_APPROACH,
     max_frames: int | None = None,
     resume: bool = False,
     seed: int = 0,
@@ -64,6 +72,12 @@ def run(
         mode: where distances come from: depth camera (fine), deck plane (coarse), or the better per frame (auto).
         runway: where it is, if that is known: looked at closely where a search of the whole image misses it.
         follow: frames are one flight in their order: look closely where the last ones saw the runway as well.
+        track: frames are one flight in their order: filter over them, bridge two seconds without lines, and watch for
+            faults. Unrelated frames are handled one by one all the same.
+        sea_state: 0 to 6: how much the deck moves, of which the ship reports only the mean height. Without it the
+            deck's motion is followed but its tilt is not counted.
+        runway_width_m: between the middles of both lines, known to 0.1 m; without it, it is learned.
+        guide: the wanted approach.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
         resume: go on after the last whole frame of an interrupted run in `out`.
         seed: of RANSAC's draws.
@@ -79,8 +93,14 @@ def run(
         opened = open_source(
             source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
         )
-    config = PipelineConfig(dehazer, detector, replace(LocalizeConfig(), mode=mode), seed, runway, follow)
-    return _run(opened, Pipeline(config), out, max_frames=max_frames, resume=resume)
+    # A tracker that is told the width must see what the lines say of it, not what localization was told as well.
+    lines = replace(LocalizeConfig(), mode=mode, runway_width_m=None if track else runway_width_m)
+    config = PipelineConfig(dehazer, detector, lines, seed, runway, follow)
+    assumed = TrackConfig(runway_width_m=runway_width_m)
+    if sea_state is not None:
+        assumed = assumed.at_sea_state(sea_state)
+    flight = Flight(Pipeline(config), assumed if track else None, guide)
+    return _run(opened, flight, out, max_frames=max_frames, resume=resume)
 
 
 def convert(
@@ -114,7 +134,7 @@ def convert(
     return 0
 
 
-def _run(source: Stream, pipeline: Pipeline, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
+def _run(source: Stream, pipeline: Flight, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
     from deckline.app.run import run as run_pipeline
 
     for note in source.notes:

@@ -12,6 +12,7 @@ from typing import Any
 from deckline import __version__
 from deckline.dehaze import OnnxDehazer
 from deckline.detect import OnnxDetector
+from deckline.flight import Flight
 from deckline.pipeline import FrameResult, Pipeline
 from deckline.runtime import sha256_of
 from deckline.types import Frame
@@ -21,6 +22,10 @@ Settings = dict[str, str]
 
 def settings_of(pipeline: Callable[[Frame], FrameResult]) -> Settings:
     """Everything that decides what the pipeline gives, label -> value: a run is resumed only with the same."""
+    if isinstance(pipeline, Flight):
+        tracker = pipeline.tracker
+        tracking = "off" if tracker is None else ", ".join(_options(tracker.config))
+        return settings_of(pipeline.pipeline) | {"track": tracking, "approach": ", ".join(_options(pipeline.guide))}
     settings = {"deckline": __version__}
     if isinstance(pipeline, Pipeline):
         config = pipeline.config

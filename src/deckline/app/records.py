@@ -16,12 +16,26 @@ from deckline.app.truth import errors_against, true_guidance
 from deckline.evaluate.chain import range_to_ramp_m
 from deckline.pipeline import FrameResult
 from deckline.recording import BadFrame
-from deckline.types import SIDES, Frame, Guidance, LinePoints, PixelLine, RunwayLine, Truth, Value
+from deckline.types import SIDES, Frame, Guidance, LinePoints, PixelLine, RunwayLine, Track, Truth, Value
 
 DIGITS = 9  # significant digits written
-GUIDANCE = ("lateral_deviation_m", "heading_error_deg", "height_above_deck_m", "distance_to_ramp_m")
+GUIDANCE = (
+    "lateral_deviation_m",
+    "heading_error_deg",
+    "height_above_deck_m",
+    "distance_to_ramp_m",
+    "vertical_deviation_m",
+    "lateral_deviation_deg",
+    "vertical_deviation_deg",
+    "distance_to_touchdown_m",
+    "lateral_rate_m_s",
+    "height_rate_m_s",
+    "closing_m_s",
+)
+KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith("_m_s"))  # one frame's truth has no rates
+UNITS = ("_m_s", "_deg", "_m")
 LINE_ERRORS = ("direction_error_deg", "lateral_error_at_ramp_m", "height_error_m")
-STAGES = ("dehaze", "detect", "localize", "guide")
+STAGES = ("dehaze", "detect", "localize", "guide", "track")
 
 Record = dict[str, Any]
 
@@ -47,7 +61,9 @@ def frame_record(result: FrameResult) -> Record:
             "reason": result.guidance.reason,
             "lines": lines,
             "ramp": ramp,
-            "guidance": _guidance(result.guidance),
+            "guidance": guidance_record(result.guidance),
+            "protection": None if result.guidance.protection is None else vars(result.guidance.protection),
+            "track": None if result.track is None else _track(result.track),
             "truth": None if frame.truth is None else _truth(frame, frame.truth, truth),
             "errors": None if frame.truth is None else errors_against(frame.truth, estimate, result.guidance, truth),
             "seconds": result.seconds,
@@ -130,14 +146,20 @@ def _columns() -> list[tuple[str, tuple[str | int, ...]]]:
         (name, (name,)) for name in ("file", "time_s", "status", "mode", "reason", "skipped")
     ]
     for name in GUIDANCE:
-        stem, unit = name.rsplit("_", 1)
-        columns += [(name, ("guidance", name, "value")), (f"{stem}_sigma_{unit}", ("guidance", name, "sigma"))]
+        unit = next(unit for unit in UNITS if name.endswith(unit))
+        sigma = f"{name.removesuffix(unit)}_sigma{unit}"
+        columns += [(name, ("guidance", name, "value")), (sigma, ("guidance", name, "sigma"))]
+    columns += [(f"{axis}_protection_m", ("protection", f"{axis}_m")) for axis in ("lateral", "vertical")]
+    columns += [
+        ("track_state", ("track", "state")),
+        *((f"track_{name}", ("track", name)) for name in ("flags", "excluded")),
+    ]
     for side in (*SIDES, "centre"):
         place: tuple[str, ...] = ("lines", side, "world")
         columns += [(f"{side}_{axis}_m", (*place, "point_m", i)) for i, axis in enumerate("xyz")]
         columns.append((f"{side}_azimuth_deg", (*place, "azimuth_deg")))
     columns += [(f"ramp_{axis}_m", ("ramp", "point_m", i)) for i, axis in enumerate("xyz")]
-    columns += [(f"true_{name}", ("truth", name)) for name in ("range_to_ramp_m", *GUIDANCE)]
+    columns += [(f"true_{name}", ("truth", name)) for name in ("range_to_ramp_m", *KNOWN_TRUE)]
     columns += [(f"{side}_{name}", ("errors", name, side)) for name in LINE_ERRORS for side in (*SIDES, "centre")]
     return columns + [(f"{stage}_s", ("seconds", stage)) for stage in STAGES]
 
@@ -146,6 +168,8 @@ COLUMNS = _columns()
 
 
 def _cell(value: Any) -> Any:
+    if isinstance(value, list):  # flags: their names
+        return " ".join(str(item["name"]) for item in value)
     return "" if value is None else value
 
 
@@ -178,25 +202,39 @@ def _world(line: RunwayLine | None) -> Record | None:
     }
 
 
-def _guidance(guidance: Guidance) -> Record:
-    heading = guidance.heading_error_rad
-    degrees = None if heading is None else Value(*np.rad2deg([heading.value, heading.sigma]))
-    values = (guidance.lateral_deviation_m, degrees, guidance.height_above_deck_m, guidance.distance_to_ramp_m)
+def guidance_record(guidance: Guidance) -> Record:
+    """Values with their 1-sigma, under the names of `GUIDANCE`, angles in degrees; None for what is not known."""
+    return {name: _value(guidance, name) for name in GUIDANCE}
+
+
+def _value(guidance: Guidance, name: str) -> Record | None:
+    in_degrees = name.endswith("_deg")
+    value: Value | None = getattr(guidance, name.removesuffix("_deg") + "_rad" if in_degrees else name)
+    if value is None:
+        return None
+    number, sigma = np.rad2deg([value.value, value.sigma]) if in_degrees else (value.value, value.sigma)
+    return {"value": number, "sigma": sigma}
+
+
+def _track(track: Track) -> Record:
     return {
-        name: None if value is None else {"value": value.value, "sigma": value.sigma}
-        for name, value in zip(GUIDANCE, values, strict=True)
+        "state": str(track.state),
+        "age_s": track.age_s,
+        "flags": [vars(flag) for flag in track.flags],
+        "excluded": [vars(flag) for flag in track.excluded],
+        "lines": {side: _world(track.lines.get(side)) for side in (*SIDES, "centre")},
     }
 
 
 def _truth(frame: Frame, truth: Truth, guidance: Guidance | None) -> Record:
     visibility = truth.visibility_m
-    values = {} if guidance is None else _guidance(guidance)
+    values = {} if guidance is None else guidance_record(guidance)
     return {
         "has_runway": truth.left is not None,
         "visibility_m": visibility,
         "clear_air": visibility is not None and math.isinf(visibility),
         "range_to_ramp_m": range_to_ramp_m(frame),
-        **{name: None if values.get(name) is None else values[name]["value"] for name in GUIDANCE},
+        **{name: None if values.get(name) is None else values[name]["value"] for name in KNOWN_TRUE},
     }
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deckline.app.records import GUIDANCE, STAGES, Record, lookup
+from deckline.app.records import STAGES, Record, lookup
 from deckline.evaluate.chain import RANGE_BANDS_M
 from deckline.types import SIDES
 
@@ -44,6 +44,10 @@ GUIDANCE_NAMES = {
     "heading_error_deg": "Heading error",
     "height_above_deck_m": "Height above deck",
     "distance_to_ramp_m": "Distance to ramp",
+    "vertical_deviation_m": "Deviation from glideslope",
+    "lateral_deviation_deg": "Lateral deviation, angle",
+    "vertical_deviation_deg": "Deviation from glideslope, angle",
+    "distance_to_touchdown_m": "Distance to touchdown",
 }
 LINE_ERRORS = (
     ("direction_error_deg", "direction", "°"),
@@ -59,7 +63,7 @@ def seen_frames(records: Iterable[Record]) -> list[Record]:
 
 def error_rows(records: list[Record]) -> list[ErrorRow]:
     """Errors of the guidance and of each line; empty without truth."""
-    rows = [_guidance_row(records, name) for name in GUIDANCE]
+    rows = [_guidance_row(records, name) for name in GUIDANCE_NAMES]
     for key, what, unit in LINE_ERRORS:
         for side in (*SIDES, "centre"):
             rows.append(_row(f"{side.capitalize()} line, {what}", unit, _values(records, "errors", key, side), None))

@@ -4,7 +4,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from types import FrameType
@@ -23,10 +23,11 @@ from deckline.app.run_report import report_text, run_info
 from deckline.app.video import VideoPiece, join
 from deckline.pipeline import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
-from deckline.types import Frame, Status
+from deckline.types import Flag, Frame, Status
 
 INTERRUPTED, NOTHING_USABLE = 130, 1  # exit codes
 PICTURES = "pictures"
+RESUMED = Flag("resumed", "the run was interrupted here: the track began anew")
 KINDS = (*map(str, Status), "skipped")
 
 Chain = Callable[[Frame], FrameResult]
@@ -59,6 +60,8 @@ def run(
     resume: bool = False,
 ) -> RunSummary:
     """Run `pipeline` over `source` and write guidance.jsonl, guidance.csv, overlay.mp4 and report.html into `out`.
+
+    A resumed run begins its track anew: the first record after the break carries the flag "resumed".
 
     Frames that cannot be used are named on stderr, counted and left out. Ctrl-C ends the run after the frame at hand:
     what was written is whole, and `resume` goes on from there. An earlier run in `out` is replaced at the end.
@@ -118,6 +121,7 @@ def _process(
             for index, item in enumerate(items, first):
                 outcome = _tried(pipeline, item)
                 if index >= folder.recorded:
+                    outcome = _resumed(outcome) if 0 < index == folder.recorded else outcome
                     counts[_record(lines, outcome)] += 1
                 if isinstance(outcome, BadFrame):
                     progress.console.print(
@@ -141,6 +145,16 @@ def _tried(pipeline: Chain, item: Frame | BadFrame) -> FrameResult | BadFrame:
         return pipeline(item)
     except ValueError as error:
         return BadFrame(item.file, " ".join(str(error).split()))
+
+
+def _resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
+    """The first result after a break of the run, whose track knows nothing of what was before."""
+    if isinstance(outcome, BadFrame) or outcome.track is None:
+        return outcome
+    flags = (*outcome.track.flags, RESUMED)
+    return replace(
+        outcome, track=replace(outcome.track, flags=flags), guidance=replace(outcome.guidance, flags=flags)
+    )  # fmt: skip
 
 
 def _record(lines: BinaryIO, outcome: FrameResult | BadFrame) -> str:

@@ -98,7 +98,7 @@ def resume_folder(out: Path, state: dict[str, Any]) -> RunFolder:
     except json.JSONDecodeError:
         raise ValueError(f"{out}: cannot be resumed: {UNFINISHED}/{STATE} is damaged") from None
     folder = RunFolder(out, jsonl, recorded, recorded)
-    if not state["overlay"]:
+    if state["overlay"] != str(True):
         return folder
     return RunFolder(out, jsonl, recorded, _first_unfilmed(folder))
 

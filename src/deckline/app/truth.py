@@ -19,6 +19,14 @@ from deckline.types import (
     Value,
 )
 
+METRES = (
+    "lateral_deviation_m",
+    "height_above_deck_m",
+    "distance_to_ramp_m",
+    "vertical_deviation_m",
+    "distance_to_touchdown_m",
+)
+ANGLES = ("heading_error", "lateral_deviation", "vertical_deviation")
 ACROSS_DEG = 89.0  # direction error from which a line counts as lying across the runway
 
 
@@ -72,12 +80,14 @@ def _lateral(line: RunwayLine, truth: Segment) -> float | None:
 
 
 def _guidance_errors(measured: Guidance, truth: Guidance | None) -> dict[str, float | None]:
-    heading = _difference(measured.heading_error_rad, None if truth is None else truth.heading_error_rad)
-    errors = {
-        name: _difference(getattr(measured, name), None if truth is None else getattr(truth, name))
-        for name in ("lateral_deviation_m", "height_above_deck_m", "distance_to_ramp_m")
-    }
-    return errors | {"heading_error_deg": None if heading is None else float(np.rad2deg(wrap_angle(heading)))}
+    errors: dict[str, float | None] = {}
+    for name in METRES:
+        errors[name] = _difference(getattr(measured, name), None if truth is None else getattr(truth, name))
+    for name in ANGLES:
+        angle = f"{name}_rad"
+        away = _difference(getattr(measured, angle), None if truth is None else getattr(truth, angle))
+        errors[f"{name}_deg"] = None if away is None else float(np.rad2deg(wrap_angle(away)))
+    return errors
 
 
 def _difference(measured: Value | None, truth: Value | None) -> float | None:

@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 STEEP = 0.1  # horizontal share of the nose's direction below which it has no heading
 MIN_BASE_M = 10.0  # closer to the aim point an angle says nothing
 AS_USUAL = GuideConfig()
+NO_LINE = "no line was localized"
 
 
 def guidance(
@@ -43,7 +44,7 @@ def guidance(
         base = replace(base, track=track.state, flags=track.flags)
     reason = "; ".join(filter(None, [source.reason, *(flag.reason for flag in base.flags)]))
     if body is None or not source.lines:
-        return replace(base, reason=reason or "no line was localized")
+        return replace(base, reason=reason or NO_LINE)
     place = body.apply(np.array(config.point_m))
     centre = source.lines.get("centre")
     height = _height(place, centre or next(iter(source.lines.values())))
