@@ -12,6 +12,7 @@ from deckline.app.evaluation.detection_frames import Recorded, open_recorded
 from deckline.app.evaluation.detection_scores import SCORES_FILE, Method, ScoreBook, evaluate, open_book
 from deckline.app.evaluation.detection_tables import detection_tables, flat_figures
 from deckline.app.evaluation.detection_worst import figures_line, worst_of, write_worst
+from deckline.detect import ClassicalDetector
 from deckline.evaluate.detection import Scene
 from deckline.labels import LabelledImage, write_labels
 from deckline.labels.truth import label_frame
@@ -179,9 +180,26 @@ def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_f
     assert "choose another folder" in error_of(capsys, folder, "--out", out)  # the dehazer is another one
 
 
+def test_the_chain_is_told_where_the_runway_is_when_asked_to(recording, capsys, monkeypatch):
+    boxes = []
+    nothing = Detection(NONE, NONE)
+    monkeypatch.setattr(
+        ClassicalDetector, "__call__", lambda self, image, look_at=None: boxes.append(look_at) or nothing
+    )
+    words = ["eval", "detection", str(recording), "--detector", "classical", "--dehazer", "none"]
+    assert main(words) == 0
+    assert boxes == [None] * 4
+    assert main([*words, "--told-within-m", "2"]) == 0
+    assert "told where the runway is within 2 m" in " ".join(capsys.readouterr().out.split())
+    assert all(box is not None for box in boxes[4:]) and len(boxes) == 8
+    pixels = chain(frame(0, 150.0)).detection.left.points_px
+    assert boxes[4][0] <= pixels[:, 0].min() and boxes[4][3] >= pixels[:, 1].max()
+
+
 def test_bad_input_is_one_line(recording, tmp_path, capsys):
     assert "--worst needs --out FOLDER" in error_of(capsys, recording, "--worst", "3")
     assert "--deckless must not be negative" in error_of(capsys, recording, "--deckless", "-1")
+    assert "--told-within-m must be a number of metres" in error_of(capsys, recording, "--told-within-m", "-1")
     assert "preset must be one of" in error_of(capsys, "--frames", "1", "--preset", "titanic")
     assert "given twice" in error_of(capsys, recording, recording)
     plain = tmp_path / "plain"

@@ -1,6 +1,8 @@
 """`deckline eval detection`: how well both lines are found, and how often where there are none."""
 
+import math
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -14,8 +16,10 @@ from deckline.app.evaluation.detection_worst import worst_of, write_worst
 from deckline.app.extras import needs_extra
 from deckline.app.provenance import settings_of
 from deckline.evaluate.detection import DetectionScore
+from deckline.evaluate.expectation import drawn_expectation
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording.writer import write_atomic
+from deckline.types import Detection, Frame
 
 FRAMES, DECKLESS = 200, 100  # rendered when no source is given
 SKIPPED_SHOWN = 5
@@ -33,6 +37,7 @@ def detection(
     fov_deg: float = 90.0,
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
+    told_within_m: float | None = None,
     out: Path | None = None,
     worst: int = 0,
     json_file: JsonFile = None,
@@ -54,17 +59,23 @@ def detection(
         fov_deg: horizontal field of view of the rendered frames; preset train draws its own.
         dehazer: name or .onnx file; none to skip dehazing.
         detector: name or .onnx file.
+        told_within_m: the chain is told beforehand where the runway is, wrong by draws of this 1-sigma and 2 degrees,
+            and of one somewhere in view where there is none.
         out: folder of the scores of every frame and of the worst frames' pictures.
         worst: so many of the worst frames become pictures in --out, with a line of figures each in worst.md.
         json_file: write the figures here as well.
         markdown_file: write the tables here as well.
     """
     _check(frames, deckless, worst, out)
+    if told_within_m is not None and not (math.isfinite(told_within_m) and told_within_m >= 0):
+        raise ValueError(f"--told-within-m must be a number of metres, 0 or more, got {told_within_m}")
     sets = all_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
     pipeline = Pipeline(PipelineConfig(dehazer, detector))
-    book = open_book(out, {**settings_of(pipeline), "frames": [item.settings for item in sets]})
-    evaluate(sets, [Method(lambda frame: pipeline(frame).detection, book)])
+    told = {} if told_within_m is None else {"told_within_m": told_within_m}
+    book = open_book(out, {**settings_of(pipeline), **told, "frames": [item.settings for item in sets]})
+    evaluate(sets, [Method(partial(_find, pipeline, told_within_m), book)])
     title = f"{', '.join(item.name for item in sets)}; dehazer {dehazer}, detector {detector}"
+    title += "" if told_within_m is None else f", told where the runway is within {told_within_m:g} m"
     lengths = {item.name: len(item) for item in sets}  # an earlier command may have scored more frames
     scores = [score for score in book.scores.values() if score.index < lengths[score.source]]
     _report(scores, [why for why in book.skipped.values() if why != NOT_LABELLED], title, json_file, markdown_file)
@@ -73,6 +84,11 @@ def detection(
     for item in sets:
         item.close()
     return 0
+
+
+def _find(pipeline: Pipeline, told_within_m: float | None, frame: Frame) -> Detection:
+    told = None if told_within_m is None else drawn_expectation(frame, told_within_m)
+    return pipeline(frame, told).detection
 
 
 def _check(frames: int | None, deckless: int | None, worst: int, out: Path | None) -> None:
