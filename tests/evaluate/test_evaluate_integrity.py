@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from deckline.evaluate.integrity import Moment, Outcome, detection_delay_s, fault_row, outcome, share_interval
+from deckline.evaluate.integrity import (
+    Moment,
+    Outcome,
+    detection_delay_s,
+    fault_row,
+    flags_raised,
+    outcome,
+    share_interval,
+)
 
 
 def moment(time_s, error_m=0.0, flagged=False, faulty=True, level_m=1.0, height_m=0.0) -> Moment:
@@ -64,6 +72,11 @@ def test_rows_add_up():
     assert row.delay_s == pytest.approx(1.0)
     with pytest.raises(ValueError, match="no run"):
         fault_row([])
+
+
+def test_flags_are_counted_by_name():
+    runs = [[replace(moment(0.0), flags=("left", "height")), moment(0.5)], [replace(moment(0.0), flags=("height",))]]
+    assert list(flags_raised(runs).items()) == [("height", 2), ("left", 1)]
 
 
 @given(st.lists(st.tuples(st.floats(-3, 3), st.booleans()), min_size=1, max_size=12), st.floats(0, 3))

@@ -1,6 +1,7 @@
 """Is a fault noticed, harmless, or does it mislead? Outcomes of runs, and how sure their shares are."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -31,6 +32,7 @@ class Moment:
     lateral_level_m: float | None  # protection levels; None: none was given
     height_level_m: float | None
     excluded: bool = False  # a measurement contradicted the track and was left out of it
+    flags: tuple[str, ...] = ()  # names of what is flagged
 
     @property
     def protected(self) -> bool:
@@ -114,6 +116,11 @@ def fault_row(runs: Sequence[Sequence[Moment]], alert_s: float = ALERT_S) -> Fau
         lost_frames=sum(not moment.protected for moment in faulty),
         delay_s=float(np.median(delays)) if delays else float("nan"),
     )
+
+
+def flags_raised(runs: Iterable[Sequence[Moment]]) -> dict[str, int]:
+    """How many frames raised each flag, the most frequent first."""
+    return dict(Counter(name for run in runs for moment in run for name in moment.flags).most_common())
 
 
 def detection_delay_s(run: Sequence[Moment]) -> float | None:

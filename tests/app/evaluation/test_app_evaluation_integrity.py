@@ -53,9 +53,13 @@ def run(*errors_m: float, faulty=True, flagged=False) -> list[Moment]:
 def test_tables_say_what_was_counted():
     by_fault = {
         "foul line": [run(0.0, 0.5), run(9.0, 9.0, 9.0, 9.0)],
-        NOMINAL: [run(0.1, 0.1, faulty=False), run(0.1, 1.5, faulty=False, flagged=False)],
+        NOMINAL: [
+            [*run(0.1, faulty=False), Moment(0.5, False, True, 0.1, 0.0, 1.0, 1.0, flags=("height",))],
+            run(0.1, 1.5, faulty=False),
+        ],
     }
-    faults, nominal = integrity_tables(by_fault, 1.0)
+    faults, nominal, flags = integrity_tables(by_fault, 1.0)
+    assert flags.rows == (("foul line", "-"), (NOMINAL, "height 1"))
     cells = dict(zip(faults.columns, faults.rows[0], strict=True))
     assert (cells["runs"], cells["harmless"], cells["misleading"]) == ("2", "1", "1")
     assert cells["detected or harmless, %"].startswith("50.00 [")
@@ -63,7 +67,7 @@ def test_tables_say_what_was_counted():
     assert cells["flag after, s"] == "-"
     assert "50.00 [1.26, 98.74]" in faults.title
     told = dict(zip(nominal.columns, nominal.rows[0], strict=True))
-    assert told["false alarms, %"].startswith("0.00 [0.00")
+    assert told["false alarms, %"].startswith("25.00 [")
     assert told["misleading, %"].startswith("25.00")
     figures = flat_figures(by_fault, 1.0)
     assert (figures["foul line.misleading_frames"], figures["nominal.frames"]) == (4.0, 4.0)

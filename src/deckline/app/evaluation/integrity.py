@@ -20,7 +20,7 @@ from deckline.app.evaluation.localization_flights import FlightsConfig
 from deckline.app.extras import needs_extra
 from deckline.app.progress import progress
 from deckline.app.provenance import settings_of
-from deckline.evaluate.integrity import ALERT_S, FaultRow, Moment, fault_row, share_interval
+from deckline.evaluate.integrity import ALERT_S, FaultRow, Moment, fault_row, flags_raised, share_interval
 from deckline.evaluate.integrity_faults import FAULTS
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording.writer import write_atomic
@@ -103,9 +103,14 @@ def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int
             advance()
     by_fault: dict[str, list[list[Moment]]] = {}
     for run in config.wanted:
-        by_fault.setdefault(run.fault, []).append([Moment(**values) for values in book.runs[run.name]])
+        by_fault.setdefault(run.fault, []).append([moment_from(row) for row in book.runs[run.name]])
     _report(by_fault, config)
     return 0
+
+
+def moment_from(row: dict[str, Any]) -> Moment:
+    """A frame as the book holds it."""
+    return Moment(**(row | {"flags": tuple(row["flags"])}))
 
 
 def flown(
@@ -137,7 +142,8 @@ def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s
     """Faults, then nominal flights."""
     rows = {name: fault_row(runs, alert_s) for name, runs in by_fault.items() if name != NOMINAL}
     tables = [faults_table(rows)] if rows else []
-    return tables + ([nominal_table(by_fault[NOMINAL])] if by_fault.get(NOMINAL) else [])
+    tables += [nominal_table(by_fault[NOMINAL])] if by_fault.get(NOMINAL) else []
+    return [*tables, flags_table(by_fault)]
 
 
 def faults_table(rows: Mapping[str, FaultRow]) -> TableText:
@@ -171,6 +177,15 @@ def nominal_table(runs: Sequence[Sequence[Moment]]) -> TableText:
     return TableText(
         title, ("runs", "frames", "false alarms, %", "misleading, %", "left out, %", "not guided, %"), (cells,)
     )
+
+
+def flags_table(by_fault: Mapping[str, Sequence[Sequence[Moment]]]) -> TableText:
+    """Which flags each fault raised, in how many frames; one frame may raise several."""
+    raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
+    rows = (
+        (name, ", ".join(f"{flag} {count}" for flag, count in each.items()) or NONE) for name, each in raised.items()
+    )
+    return TableText("frames by flag", ("fault", "flags"), tuple(rows))
 
 
 def _share(hits: int, of: int) -> str:

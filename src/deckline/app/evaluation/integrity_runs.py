@@ -94,4 +94,5 @@ def moment_of(frame: Frame, track: Track, faulty: bool) -> Moment:
         None if protection is None else protection.lateral_m,
         None if protection is None else protection.vertical_m,
         bool(track.excluded),
+        tuple(flag.name for flag in track.flags),
     )
