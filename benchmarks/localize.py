@@ -22,6 +22,7 @@ from scipy.stats import chi2
 from deckline.geometry import Camera, attitude, camera_mount, intersect_plane, wrap_angle
 from deckline.localize import AgreementConfig, LocalizeConfig, NoiseConfig, localize
 from deckline.localize.bound import cramer_rao
+from deckline.localize.depth import independent
 from deckline.types import SIDES, Detection, Frame, LinePoints, RunwayLine
 
 CAMERA = Camera.from_fov(1280, 720, float(np.deg2rad(90.0)))
@@ -81,7 +82,7 @@ def measured(
         px = points.points_px + np.column_stack([rng.normal(0, points.sigma_px), np.zeros(len(points))])
         lines.append(LinePoints(px, points.confidence, points.sigma_px))
         if depth is not None:
-            for u, v in np.rint(px).astype(int):
+            for u, v in np.rint(px[independent(px, np.ones(len(px), dtype=bool))]).astype(int):
                 patch = (slice(v - PATCH, v + PATCH + 1), slice(u - PATCH, u + PATCH + 1))
                 depth[patch] *= 1 + rng.normal(0, noise.depth_fraction)
     camera = replace(frame.camera, fx=frame.camera.fx * zoom, fy=frame.camera.fy * zoom)

@@ -7,7 +7,7 @@ from runway_scene import DECK_Z_M, LEFT, approach, detection, line_points, with_
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.localize.config import LocalizeConfig, NoiseConfig
-from deckline.localize.depth import choose_mode, deck_points, sample_depth
+from deckline.localize.depth import WINDOW, choose_mode, deck_points, independent, sample_depth
 from deckline.types import DepthMode
 
 BARE = approach(60.0, 8.0)
@@ -37,6 +37,17 @@ def test_a_window_survives_gaps_and_an_outlier_but_not_too_many():
     depth = sample_depth(image, np.array([[5.2, 4.8], [14.0, 14.0], [0.0, 0.0], [-5.0, 3.0]]))
     np.testing.assert_allclose(depth[0], 50.0, rtol=1e-6)
     assert np.isnan(depth[1:]).all()  # 5 of 9 left; a corner has 4; outside the image none
+
+
+def test_windows_that_share_pixels_are_not_counted_twice():
+    rows = np.column_stack([np.linspace(100, 110, 21), np.linspace(200, 220, 21)])  # a row apart
+    kept = independent(rows, np.ones(21, dtype=bool))
+    np.testing.assert_array_equal(np.flatnonzero(kept), [2, 5, 8, 11, 14, 17, 20])  # from the near end on
+    windows = (np.rint(rows[kept]).astype(int)[:, None] + WINDOW).reshape(-1, 2)
+    assert len(np.unique(windows, axis=0)) == len(windows)
+    flat = rows[:, ::-1] * [1.0, 0.1]
+    np.testing.assert_array_equal(np.flatnonzero(independent(flat, np.arange(21) < 7)), [0, 3, 6])
+    assert not independent(rows, np.zeros(21, dtype=bool)).any()
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,7 @@ def test_too_few_points_are_named():
         weighted_line(np.zeros((1, 2)), np.ones(1))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.floats(-3.1, 3.1), st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.integers(0, 2**31))
 def test_the_fit_turns_and_moves_with_the_world(turn, north, east, seed):
     rng = np.random.default_rng(seed)

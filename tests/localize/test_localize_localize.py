@@ -35,9 +35,12 @@ def shifted_left(metres, turn_rad=0.0):
     return Segment(start, start + 217 * along)
 
 
-@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "distorted"])
+@pytest.mark.parametrize(
+    ("method", "camera"),
+    [("joint", CAMERA), ("joint", LENS), ("paper", CAMERA)],
+    ids=["joint pinhole", "joint distorted", "paper pinhole"],
+)
 @pytest.mark.parametrize("mode", ["coarse", "fine"])
-@pytest.mark.parametrize("method", ["joint", "paper"])
 def test_without_noise_the_papers_lines_come_back(method, mode, camera):
     frame = approach(40.0, 6.0, camera=camera)
     frame = with_depth(frame) if mode == "fine" else frame

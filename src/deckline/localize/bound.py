@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, intersect_plane
 from deckline.localize.config import LocalizeConfig, Mode
-from deckline.localize.depth import sample_depth
+from deckline.localize.depth import independent, sample_depth
 from deckline.localize.line_fit import weighted_line
 from deckline.localize.model import MIN_DEPTH_FRACTION, MIN_SIGMA_M, MIN_SIGMA_RAD
 from deckline.localize.sight import ROW_SIGMA_PX
@@ -135,7 +135,7 @@ def _scene(frame: Frame, points_px: dict[str, Array], mode: Mode, beside_m: Arra
     height = frame.deck_z_m
     if mode != "coarse" and frame.depth_m is not None:
         depths = {side: sample_depth(frame.depth_m, px) for side, px in points_px.items()}
-        deep = {side: np.isfinite(depth) for side, depth in depths.items()}
+        deep = {side: independent(points_px[side], np.isfinite(depth)) for side, depth in depths.items()}
         if mode == "fine" or height is None:
             rays = np.concatenate([pose.rotation.apply(frame.camera.rays(px)) for px in points_px.values()])
             height = float(np.nanmedian(pose.translation[2] + np.concatenate(list(depths.values())) * rays[:, 2]))

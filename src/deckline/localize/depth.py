@@ -11,6 +11,7 @@ from deckline.types import DepthMode, Frame
 
 Array = NDArray[np.float64]
 WINDOW = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])  # px about a point
+WINDOW_PX = 3.0  # its side
 MIN_SAMPLES = 6  # of the window's 9: so many never lie on one image line, so a plane through them is determined
 MAX_STEP = 0.25  # of inverse depth against the window's median; a row of deck seen at 3 m height changes by 0.1
 NO_POSE = "no pose: give poses.csv"
@@ -72,6 +73,19 @@ def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
         value = np.linalg.solve(normal, right)[:, 0, 0]
         result[enough] = np.where(value > 0, 1.0 / np.where(value > 0, value, 1.0), np.nan)
     return result
+
+
+def independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of one line's usable points (N,) to take so that no two of their windows share a pixel, near end first."""
+    kept = np.zeros(len(points_px), dtype=bool)
+    if not usable.any():
+        return kept
+    axis = int(np.ptp(points_px[usable], axis=0).argmax())
+    last = np.full(2, np.inf)
+    for i in np.argsort(-points_px[:, axis], kind="stable"):
+        if usable[i] and np.abs(points_px[i] - last).max() >= WINDOW_PX:
+            kept[i], last = True, points_px[i]
+    return kept
 
 
 def choose_mode(frame: Frame, inliers_px: list[Array], config: LocalizeConfig) -> tuple[DepthMode, str]:

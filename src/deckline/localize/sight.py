@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
 from deckline.localize.config import LocalizeConfig
-from deckline.localize.depth import sample_depth
+from deckline.localize.depth import independent, sample_depth
 from deckline.types import Frame, LinePoints, PixelLine
 
 Array = NDArray[np.float64]
@@ -52,7 +52,8 @@ def sight(
     """Points of the lines that have enough of them on the deck, and what is missing, for people.
 
     A point that looks above the horizon is on no deck and is left out. One without a depth counts: it lies on the deck
-    that the others measure.
+    that the others measure. Of points so close together that they would share pixels of the depth image, one has a
+    depth.
 
     Args:
         frame: camera, pose and, unless coarse mode was asked for, the depth image.
@@ -90,7 +91,8 @@ def _line_rays(
     steps = (frame.camera.rays(px + step) - frame.camera.rays(px - step))[:, :2] / 2
     log_depth = np.full(len(px), np.nan)
     if config.mode != "coarse" and frame.depth_m is not None:
-        log_depth = np.log(sample_depth(frame.depth_m, px))
+        depth = sample_depth(frame.depth_m, px)
+        log_depth = np.log(np.where(independent(px, np.isfinite(depth)), depth, np.nan))
     keep = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ turn[2] > LEAST_DOWN)
     return rays[keep], steps[keep], log_depth[keep]
 
