@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from app_scene import CAMERA, chain, frame
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform
 
 from deckline.app.draw import FLAG, LEFT, NEEDLE, RIGHT, shortened, text_width, wrapped
 from deckline.app.instrument import (
@@ -15,22 +16,30 @@ from deckline.app.instrument import (
     glideslope_sigma_dots,
     instrument_band,
     lateral_dots,
+    lateral_limits_dots,
 )
 from deckline.app.overlay import OVERLAY_PX, overlay
 from deckline.app.panels import INSET_PX, PANEL_PX, View, centre_line_px, free_corner, panels
-from deckline.types import DepthMode, Guidance, Status, Value
+from deckline.guide import guidance
+from deckline.types import (
+    DepthMode,
+    Flag,
+    Guidance,
+    Protection,
+    RunwayEstimate,
+    RunwayLine,
+    Status,
+    TrackState,
+)
 
 
-def guide(lateral_m=0.0, height_m=20.0, distance_m=250.0) -> Guidance:
-    return Guidance(
-        0.0,
-        Status.OK,
-        DepthMode.FINE,
-        Value(lateral_m, 0.2),
-        Value(0.0, 0.01),
-        Value(height_m, 0.1),
-        Value(distance_m, 2.0),
-    )
+def guide(lateral_m=0.0, height_m=20.0, distance_m=250.0, **changes) -> Guidance:
+    """What the real guidance makes of such a place."""
+    covariance = np.diag([0.2**2, 0.01**2, 0.1**2])
+    line = RunwayLine(np.array([-distance_m, 0.0, 0.0]), 0.0, covariance)
+    ramp = RunwayEstimate(Status.OK, DepthMode.FINE, {}, {"centre": line}, np.zeros(3), 2.0)
+    at = replace(frame(), world_from_body=RigidTransform.from_translation([-distance_m, lateral_m, -height_m]))
+    return replace(guidance(at, ramp), **changes)
 
 
 def has(image, colour, tolerance=12) -> bool:
@@ -71,11 +80,28 @@ def test_unknown_is_a_flag_and_never_a_needle():
     assert not has(known, FLAG)
 
 
+def test_the_protection_level_stands_beside_the_needle_while_it_is_on_the_scale():
+    assert lateral_limits_dots(guide(lateral_m=2.0)) is None
+    near = guide(lateral_m=2.0, protection=Protection(5.0, 1.0, 1e-7))
+    assert lateral_limits_dots(near) == pytest.approx((-1.4, 0.6))
+    assert lateral_limits_dots(guide(lateral_m=2.0, protection=Protection(30.0, 1.0, 1e-7))) is None
+
+
+def test_a_flag_is_red_and_goes_before_the_tracks_state():
+    column = slice(FACE[0] + FACE[2], None)
+    tracked = instrument_band(guide(track=TrackState.TRACKING))[144:180, column]
+    flagged = instrument_band(guide(track=TrackState.TRACKING, flags=(Flag("height", "2 m off"),)))[144:180, column]
+    assert not has(tracked, FLAG)
+    assert has(flagged, FLAG)
+    assert (tracked != flagged).any()
+
+
 def test_over_the_touchdown_point_there_is_no_glideslope():
     assert glideslope_dots(guide(distance_m=-65.0)) is None
     assert glideslope_sigma_dots(guide(distance_m=-65.0)) == 0.0
 
 
+@settings(deadline=None)
 @given(lateral=st.floats(-1e4, 1e4), height=st.floats(-50, 1e3), distance=st.floats(-500, 1e5))
 def test_any_guidance_can_be_drawn(lateral, height, distance):
     band = instrument_band(guide(lateral, height, distance))

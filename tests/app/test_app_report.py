@@ -248,7 +248,7 @@ def test_wrong_use():
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
-@pytest.mark.parametrize(("with_pose", "plots"), [(True, 6), (False, 2)])
+@pytest.mark.parametrize(("with_pose", "plots"), [(True, 7), (False, 2)])
 def test_a_browser_draws_it(tmp_path, with_pose, plots):
     records = [record(0.1 * k, 300.0 - 20 * k, with_pose=with_pose) for k in range(10)]
     page = tmp_path / "report.html"

@@ -30,14 +30,11 @@ from deckline.app.draw import (
     text,
     wrapped,
 )
-from deckline.types import DepthMode, Guidance, Status, Value
+from deckline.types import DepthMode, Guidance, Status, TrackState, Value
 
 BAND = (1280, 248)  # width, height, px
 LATERAL_DOT_M = 5.0  # sideways per dot: two dots, 10 m, lie outside the edge lines of the decks in SPEC section 7
-GLIDESLOPE_DEG = 3.5  # SPEC section 7
 GLIDESLOPE_DOT_DEG = 0.35  # ICAO Annex 10: full scale is 0.7 degrees, two dots
-TOUCHDOWN_M = 70.0  # hook touchdown beyond the ramp (230 ft); SPEC section 7
-MIN_BASE_M = 10.0  # closer to the touchdown point an angle says nothing
 FULL_SCALE_DOTS = 2.4  # where a needle rests against its stop
 DOT_PX = 40
 SIGMA_OPACITY = 0.28  # of the band around a needle
@@ -47,6 +44,11 @@ STATUS_TAGS = {
     Status.OK: ("BOTH LINES", GOOD, (8, 20, 16)),
     Status.ONE_LINE: ("ONE LINE", CAUTION, (30, 28, 4)),
     Status.NOT_SEEN: ("NO LINES", FLAG, (255, 255, 255)),
+}
+TRACK_TAGS = {
+    TrackState.TRACKING: ("TRACKING", GOOD, (8, 20, 16)),
+    TrackState.COASTING: ("COASTING", CAUTION, (30, 28, 4)),
+    TrackState.LOST: ("NO TRACK", EDGE, INK),
 }
 MODES = {
     DepthMode.FINE: "fine: distances from the depth camera",
@@ -62,25 +64,24 @@ def lateral_dots(guidance: Guidance) -> float | None:
 
 
 def glideslope_dots(guidance: Guidance) -> float | None:
-    """Where the horizontal needle stands, dots, up positive; None: flag.
-
-    The angle is that of the aircraft's origin above the touchdown point, 70 m beyond the ramp, minus 3.5 degrees.
-    """
-    height, distance = guidance.height_above_deck_m, guidance.distance_to_ramp_m
-    if height is None or distance is None or distance.value + TOUCHDOWN_M < MIN_BASE_M:
-        return None
-    angle_deg = float(np.rad2deg(np.arctan2(height.value, distance.value + TOUCHDOWN_M)))
-    return _stopped((GLIDESLOPE_DEG - angle_deg) / GLIDESLOPE_DOT_DEG)
+    """Where the horizontal needle stands, dots, up positive; None: flag."""
+    above = guidance.vertical_deviation_rad
+    return None if above is None else _stopped(-float(np.rad2deg(above.value)) / GLIDESLOPE_DOT_DEG)
 
 
 def glideslope_sigma_dots(guidance: Guidance) -> float:
     """1-sigma of the horizontal needle, dots; 0 where it shows its flag."""
-    height, distance = guidance.height_above_deck_m, guidance.distance_to_ramp_m
-    if height is None or distance is None or glideslope_dots(guidance) is None:
-        return 0.0
-    base_m = distance.value + TOUCHDOWN_M
-    across = np.hypot(height.sigma * base_m, distance.sigma * height.value) / (base_m**2 + height.value**2)
-    return float(np.rad2deg(across)) / GLIDESLOPE_DOT_DEG
+    above = guidance.vertical_deviation_rad
+    return 0.0 if above is None else float(np.rad2deg(above.sigma)) / GLIDESLOPE_DOT_DEG
+
+
+def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
+    """Where the vertical needle could stand at the protection level, dots; None: not known, or off the scale."""
+    deviation, protection = guidance.lateral_deviation_m, guidance.protection
+    if deviation is None or protection is None:
+        return None
+    low, high = (-(deviation.value + side * protection.lateral_m) / LATERAL_DOT_M for side in (1, -1))
+    return (low, high) if max(abs(low), abs(high)) <= FULL_SCALE_DOTS else None
 
 
 def instrument_band(guidance: Guidance) -> Image:
@@ -90,7 +91,7 @@ def instrument_band(guidance: Guidance) -> Image:
     for column, tile in enumerate(_tiles(guidance)):
         _tile(image, column, *tile)
     _status(image, guidance)
-    _legend(image)
+    _legend(image, guidance.glideslope_rad)
     return image
 
 
@@ -114,6 +115,9 @@ def _indicator(image: Image, guidance: Guidance) -> None:
     if lateral is not None and guidance.lateral_deviation_m is not None:
         across = x + lateral * DOT_PX
         _sigma_band(image, (across, y), (guidance.lateral_deviation_m.sigma / LATERAL_DOT_M * DOT_PX, reach))
+    limits = lateral_limits_dots(guidance)
+    for limit in limits or ():
+        segment(image, [(x + limit * DOT_PX, y - 18), (x + limit * DOT_PX, y + 18)], CAUTION, 2)
     if glideslope is not None:
         segment(image, [(x - reach, level), (x + reach, level)], NEEDLE, 3)
     if lateral is not None:
@@ -147,18 +151,39 @@ def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
     """Title, value, unit, decimals and meaning of each readout."""
     lateral, heading = guidance.lateral_deviation_m, guidance.heading_error_rad
     degrees = None if heading is None else Value(*np.rad2deg([heading.value, heading.sigma]).tolist())
+    bounds = guidance.protection
+    beside = _side(lateral, "right of the line", "left of the line")
+    slope = _side(guidance.vertical_deviation_m, "above the slope", "below the slope", guidance.vertical_deviation_m)
     return [
-        ("LATERAL DEVIATION", lateral, "m", 1, _side(lateral, "right of the line", "left of the line")),
+        ("LATERAL DEVIATION", lateral, "m", 1, beside + _bound(None if bounds is None else bounds.lateral_m)),
         ("HEADING ERROR", degrees, "°", 1, _side(degrees, "nose to the right", "nose to the left")),
-        ("HEIGHT ABOVE DECK", guidance.height_above_deck_m, "m", 1, "of the aircraft's origin"),
-        ("DISTANCE TO RAMP", guidance.distance_to_ramp_m, "m", 0, "along the centre line"),
+        (
+            "HEIGHT ABOVE DECK",
+            guidance.height_above_deck_m,
+            "m",
+            1,
+            (slope or "of the aircraft") + _bound(None if bounds is None else bounds.vertical_m),
+        ),
+        ("DISTANCE TO RAMP", guidance.distance_to_ramp_m, "m", 0, _rates(guidance) or "along the centre line"),
     ]
 
 
-def _side(value: Value | None, positive: str, negative: str) -> str:
+def _bound(level_m: float | None) -> str:
+    return "" if level_m is None else f"  ·  within {level_m:.1f} m"
+
+
+def _rates(guidance: Guidance) -> str:
+    """Closing speed and climb in words, or an empty text."""
+    rates = ((guidance.closing_m_s, "closing {:.0f} m/s"), (guidance.height_rate_m_s, "height {:+.1f} m/s"))
+    return ", ".join(words.format(rate.value) for rate, words in rates if rate is not None)
+
+
+def _side(value: Value | None, positive: str, negative: str, size: Value | None = None) -> str:
+    """On which side of something, and by how many metres where `size` says it."""
     if value is None:
         return ""
-    return positive if value.value > 0 else negative
+    by = "" if size is None else f"{abs(size.value):.1f} m "
+    return by + (positive if value.value > 0 else negative)
 
 
 def _tile(image: Image, column: int, title: str, value: Value | None, unit: str, digits: int, meaning: str) -> None:
@@ -185,18 +210,23 @@ def _status(image: Image, guidance: Guidance) -> None:
     left, top = FACE[0] + FACE[2] + 16, 144
     words, colour, ink = STATUS_TAGS[guidance.status]
     left += tag(image, words, (left, top), 18, colour, ink) + 14
+    if guidance.flags:
+        left += tag(image, "DO NOT FOLLOW", (left, top), 18, FLAG, INK) + 14
+    elif guidance.track is not None:
+        left += tag(image, TRACK_TAGS[guidance.track][0], (left, top), 18, *TRACK_TAGS[guidance.track][1:]) + 14
     left += text(image, MODES[guidance.mode], (left, top + 22), 16, INK) + 18
     for row, line in enumerate(wrapped(guidance.reason, 14, BAND[0] - 16 - left, 2)):
         text(image, line, (left, top + (21 if row == 0 else 41)), 14, DIM)
 
 
-def _legend(image: Image) -> None:
+def _legend(image: Image, glideslope_rad: float | None) -> None:
     left, y = FACE[0] + FACE[2] + 16, 222
     for name, colour in (("left line", LEFT), ("right line", RIGHT), ("centre line", CENTRE)):
         box(image, (left, y - 8), (22, 6), colour, 2)
         left += 30 + text(image, name, (left + 30, y), 14, DIM) + 22
+    slope = "" if glideslope_rad is None else f" from the {np.rad2deg(glideslope_rad):.3g}° glideslope"
     notes = (
-        f"Fly to the needles.  Scale: {LATERAL_DOT_M:g} m a dot sideways, {GLIDESLOPE_DOT_DEG:g}° a dot from the "
-        f"{GLIDESLOPE_DEG:g}° glideslope.  ± is 1-sigma."
+        f"Fly to the needles.  Scale: {LATERAL_DOT_M:g} m a dot sideways, {GLIDESLOPE_DOT_DEG:g}° a dot{slope}.  "
+        "± is 1-sigma, within: the protection level."
     )
     text(image, shortened(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, DIM)

@@ -3,6 +3,7 @@
 import base64
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
@@ -95,6 +96,8 @@ def _row(record: Record) -> Record:
     for group, keys in (("truth", ("truth",)), ("errors", ("errors", "guidance"))):
         values = lookup(record, keys)
         row[group] = values and {name: values.get(name) for name in GUIDANCE}
+    row["protection"], row["track"] = record.get("protection"), lookup(record, ("track", "state"))
+    row["flags"] = [flag["reason"] for flag in lookup(record, ("track", "flags")) or []]
     for side in SIDES:
         row[side] = _line(lookup(record, ("lines", side)) or {})
     row["seconds"] = sum(record["seconds"].values()) if record.get("seconds") else None
@@ -150,6 +153,7 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
     sigma = figures.median_sigma(seen, "lateral_deviation_m")
     if not errors and sigma is not None:
         yield card("Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with")
+    yield from _track_cards(seen)
     wrong, empty = figures.false_lines(seen)
     if empty:
         yield card("False lines", f"{wrong}", f"in {empty} frames without a runway")
@@ -157,6 +161,20 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
     if times:
         parts = ", ".join(f"{stage} {1000 * t:.{0 if t > 0.001 else 1}f}" for stage, t in times.items())
         yield card("Time per frame", f"{1000 * sum(times.values()):.0f} ms", parts)
+
+
+def _track_cards(seen: list[Record]) -> Iterable[str]:
+    """How much of the run was guided by a track, and what its integrity said."""
+    tracks = [record["track"] for record in seen if record.get("track")]
+    if not tracks:
+        return
+    states = Counter(track["state"] for track in tracks)
+    detail = ", ".join(f"{states[name]} {name}" for name in ("coasting", "lost") if states[name]) or "without a break"
+    yield card("Tracked", percent((states["tracking"] + states["coasting"]) / len(tracks)), detail)
+    flagged = sum(bool(track["flags"]) for track in tracks)
+    missed = figures.beyond_protection(seen)
+    told = "" if missed is None else f"{missed[0]} of {missed[1]} beyond their protection level without a flag"
+    yield card("Flagged frames", f"{flagged}", told)
 
 
 def _plots_note(seen: list[Record], counts: Mapping[str, int]) -> str:
@@ -232,7 +250,10 @@ def _bands(seen: list[Record]) -> str:
 def _troubles(records: list[Record], counts: Mapping[str, int]) -> str:
     skipped = [(str(r["file"]), str(r["skipped"])) for r in records if "skipped" in r]
     missing = [(reason, str(times)) for reason, times in figures.reasons(figures.seen_frames(records))]
+    flags = figures.flags(figures.seen_frames(records))
     parts = []
+    if flags:
+        parts.append("<h2>Flags</h2>" + listed(("What contradicted the guidance", "Frames"), flags, len(flags)))
     if counts.get("skipped"):
         parts.append("<h2>Skipped frames</h2>" + listed(("File", "Why"), skipped, counts["skipped"]))
     if missing:

@@ -141,6 +141,32 @@ def reasons(records: list[Record], key: str = "reason") -> list[tuple[str, int]]
     return Counter(str(r[key]) for r in records if r.get(key)).most_common()
 
 
+def flags(records: list[Record]) -> list[tuple[str, str]]:
+    """What was flagged, with the reason first given, and in how many frames; most frequent first."""
+    first: dict[str, str] = {}
+    times: Counter[str] = Counter()
+    for record in records:
+        for flag in lookup(record, ("track", "flags")) or []:
+            first.setdefault(flag["name"], flag["reason"])
+            times[flag["name"]] += 1
+    return [(f"{name}: at first {first[name]}", str(count)) for name, count in times.most_common()]
+
+
+def beyond_protection(records: list[Record]) -> tuple[int, int] | None:
+    """Frames without a flag whose error is beyond its protection level, of those where both are known; None: none."""
+    beyond = known = 0
+    for record in records:
+        if not record.get("protection") or not record.get("errors") or record["track"]["flags"]:
+            continue
+        pairs = (("lateral_m", "lateral_deviation_m"), ("vertical_m", "height_above_deck_m"))
+        errors = [(record["protection"][level], lookup(record, ("errors", "guidance", name))) for level, name in pairs]
+        if any(error is None for _, error in errors):
+            continue
+        known += 1
+        beyond += any(abs(error) > level for level, error in errors)
+    return (beyond, known) if known else None
+
+
 def _values(records: list[Record], *keys: str) -> np.ndarray:
     values = (lookup(record, keys) for record in records)
     return np.array([value for value in values if value is not None], dtype=np.float64)

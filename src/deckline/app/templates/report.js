@@ -3,11 +3,16 @@
   const { rows, pictures } = JSON.parse(document.getElementById("data").textContent);
   const byId = (id) => document.getElementById(id);
   const GUIDANCE = [
-    { key: "lateral_deviation_m", title: "Lateral deviation", unit: "m", digits: 2, sides: ["right of", "left of"] },
+    { key: "lateral_deviation_m", title: "Lateral deviation", unit: "m", digits: 2, sides: ["right of", "left of"], level: "lateral_m" },
+    { key: "vertical_deviation_m", title: "Deviation from glideslope", unit: "m", digits: 2, sides: ["above", "below"] },
     { key: "heading_error_deg", title: "Heading error", unit: "°", digits: 2, sides: ["nose right", "nose left"] },
-    { key: "height_above_deck_m", title: "Height above deck", unit: "m", digits: 2 },
+    { key: "height_above_deck_m", title: "Height above deck", unit: "m", digits: 2, level: "vertical_m" },
     { key: "distance_to_ramp_m", title: "Distance to ramp", unit: "m", digits: 1 },
-  ];
+    { key: "lateral_rate_m_s", title: "Rate of the lateral deviation", unit: "m/s", digits: 2, sides: ["right", "left"] },
+    { key: "height_rate_m_s", title: "Rate of the height", unit: "m/s", digits: 2, sides: ["climbing", "sinking"] },
+    { key: "closing_m_s", title: "Closing speed", unit: "m/s", digits: 1 },
+  ].filter(({ key }) => rows.some((row) => row.guidance && row.guidance[key]));
+  const hasLevels = rows.some((row) => row.protection);
   const STATUSES = ["ok", "one-line", "not-seen", "skipped"];
   const MARGIN = { left: 52, right: 12, top: 8, bottom: 40 };
   const DOTS_UP_TO = 80; // points on the line stay readable up to so many frames
@@ -31,6 +36,7 @@
     node.textContent = text;
     return parent.appendChild(node);
   }
+  const flagged = (row) => Boolean(row.flags && row.flags.length);
   const statusClass = (row) => (row.skipped ? "skipped" : row.status.replace(" ", "-"));
 
   // --- what the plots show --------------------------------------------------------------------------------------
@@ -47,11 +53,12 @@
   };
   const state = { axis: hasTime ? "time" : "frame", errors: false, row: 0 };
 
-  function guidanceChart({ key, title, unit, digits, sides }) {
+  function guidanceChart({ key, title, unit, digits, sides, level }) {
     const measured = {
       name: "measured", style: "measured",
       value: (row) => (state.errors ? inside(row, "errors", key) : inside(row, "guidance", key, "value")),
       sigma: (row) => inside(row, "guidance", key, "sigma"),
+      level: level && ((row) => inside(row, "protection", level)),
     };
     const truth = { name: "true", style: "truth", value: (row) => (state.errors ? null : inside(row, "truth", key)) };
     const exists = rows.some((row) => known(inside(row, "guidance", key)));
@@ -134,9 +141,10 @@
     const size = Math.max(1.5, Math.min(10, ((plot.right - plot.left) / rows.length) * 0.8));
     rows.forEach((row, index) => {
       if (known(xs[index])) shape(svg, "rect", { class: `strip ${statusClass(row)}`, x: px(xs[index]) - size / 2, y: plot.bottom + 3, width: size, height: 5 });
+      if (known(xs[index]) && flagged(row)) shape(svg, "rect", { class: "strip flagged", x: px(xs[index]) - size / 2, y: plot.top, width: size, height: 5 });
     });
   }
-  function drawSeries(svg, { style, sigma }, ys, { xs, px, py, joined }) {
+  function drawSeries(svg, { style, sigma, level }, ys, { xs, px, py, joined }) {
     const at = (index) => known(xs[index]) && known(ys[index]);
     const spread = (index) => (sigma && known(sigma(rows[index])) ? sigma(rows[index]) : 0);
     const middle = (index) => (state.errors && sigma ? 0 : ys[index]); // an error is judged against the band about zero
@@ -148,6 +156,10 @@
     });
     const shown = runs.flat();
     const point = (index, y) => `${px(xs[index]).toFixed(1)},${py(y).toFixed(1)}`;
+    if (level)
+      for (const side of [-1, 1])
+        for (const run of runs.map((r) => r.filter((i) => known(level(rows[i])))).filter((r) => r.length && joined))
+          shape(svg, "path", { class: "limit", d: `M${run.map((i) => point(i, middle(i) + side * level(rows[i]))).join("L")}` });
     if (joined) {
       for (const run of runs.filter((r) => r.length > 1)) {
         const upper = run.map((i) => point(i, middle(i) + spread(i))), lower = run.map((i) => point(i, middle(i) - spread(i)));
@@ -232,7 +244,9 @@
     legend.hidden = false;
     const guided = charts.some((chart) => chart.errors);
     if (guided) legend.append(element("span", { class: "k-measured" }, "measured"), element("span", { class: "k-band" }, "± 1 sigma"));
+    if (hasLevels) legend.append(element("span", { class: "k-limit" }, "protection level"));
     if (hasErrors) legend.append(element("span", { class: "k-truth" }, "true"));
+    if (rows.some(flagged)) legend.append(element("span", { class: "flagged" }, "flagged"));
     for (const side of ["left", "right"]) legend.append(element("span", { class: `series-${side}` }, `${side} line`));
     const present = new Set(rows.map(statusClass));
     for (const name of STATUSES.filter((status) => present.has(status))) legend.append(element("span", { class: name }, name.replace("-", " ")));
@@ -255,14 +269,15 @@
     table.replaceChildren();
     if (!charts.some((chart) => chart.errors)) return; // nothing was placed in the whole run: four rows of dashes tell nothing
     const head = table.appendChild(element("thead")).appendChild(element("tr"));
-    const columns = ["", "measured", "± 1 sigma", ...(hasErrors ? ["true", "error"] : [])];
+    const columns = ["", "measured", "± 1 sigma", ...(hasLevels ? ["protection"] : []), ...(hasErrors ? ["true", "error"] : [])];
     for (const name of columns) head.append(element("th", { scope: "col" }, name));
     const body = table.appendChild(element("tbody"));
-    for (const { key, title, unit, digits, sides } of GUIDANCE) {
+    for (const { key, title, unit, digits, sides, level } of GUIDANCE) {
       const line = body.appendChild(element("tr"));
       const write = sides ? signed : fixed;
       line.append(element("th", { scope: "row" }, title), cell(inside(row, "guidance", key, "value"), digits, unit, write));
       line.append(cell(inside(row, "guidance", key, "sigma"), digits, unit, fixed));
+      if (hasLevels) line.append(cell(level && inside(row, "protection", level), digits, unit, fixed));
       if (hasErrors) line.append(cell(inside(row, "truth", key), digits, unit, write), cell(inside(row, "errors", key), digits, unit, signed));
     }
   }
@@ -278,8 +293,8 @@
     byId("frame-status").textContent = row.status;
     byId("frame-status").className = `pill ${statusClass(row)}`;
     const time = known(row.time_s) ? ` · ${fixed(row.time_s, 2)} s` : "";
-    byId("frame-name").textContent = `${row.file}${time} · mode ${row.mode} · picture ${number + 1} of ${pictures.length}`;
-    byId("frame-words").textContent = words(row);
+    byId("frame-name").textContent = `${row.file}${time} · mode ${row.mode}${row.track ? ` · ${row.track}` : ""} · picture ${number + 1} of ${pictures.length}`;
+    byId("frame-words").textContent = [flagged(row) ? `Flagged: ${row.flags.join("; ")}.` : "", words(row)].filter(Boolean).join(" ");
     numbers(row);
     const lines = ["left", "right"].map((side) => `${side} line: ${row[side].kept ?? 0} of ${row[side].points} points kept`);
     const speed = known(row.seconds) ? ` · computed in ${fixed(row.seconds * 1000, 0)} ms` : "";
