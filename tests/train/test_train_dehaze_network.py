@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from deckline.dehaze import OnnxDehazer
+from deckline.dehaze import GeometryDehazer, OnnxDehazer
+from deckline.dehaze.geometry import Solved
+from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.network_io import averaged_down, image_to_tensor, padded
+from deckline.geometry import Camera
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.train.dehaze_blocks import (
     DepthwiseSeparable,
@@ -31,6 +34,7 @@ from deckline.train.dehaze_network import (
 )
 from deckline.train.network_cost import count_parameters, network_cost
 from deckline.train.rivals import build
+from deckline.types import Frame
 
 PAPER_LIMITS = {"t": 484_000, "s": 905_000, "b": 1_774_000}  # SPEC section 1
 TINY = DehazeNetworkConfig(channels=8, depths=(1, 1, 1, 1, 1), vit_layers=(1, 1, 1))
@@ -213,6 +217,14 @@ def test_working_image_of_a_smooth_view_changes_little() -> None:
     assert difference.abs().mean() < 0.01 * (of_half - half).abs().mean()
 
 
+class Halved(GeometryDehazer):
+    """Stands for a geometry that knows the air of every frame: half as bright without it."""
+
+    def solve(self, frame: Frame) -> Solved | NotFitted:
+        haze = HazeFit(np.full(3, 200.0), 1e-3, 0.0, 0.0, np.zeros((2, 3)))
+        return Solved(frame.image_rgb // 2, haze, np.ones(frame.image_rgb.shape[:2], np.float32))
+
+
 def frame_like(height: int, width: int) -> np.ndarray:
     """Dark sea and a striped deck under haze, uint8."""
     rng = np.random.default_rng(0)
@@ -256,6 +268,26 @@ def test_torch_and_onnx_agree(config: DehazeNetworkConfig, tmp_path: Path) -> No
         expected = (255 * expected).clip(0, 255)
         assert np.abs(expected - image).max() > 20, "the network must do something for the comparison to mean anything"
         assert np.abs(dehazer(image) - expected).max() <= 1.0
+
+
+def test_torch_and_onnx_agree_on_a_picture_and_its_prior(tmp_path: Path) -> None:
+    config = replace(TINY, prior=True)
+    model = network(config)
+    path = export_dehaze(model, tmp_path / "net.onnx", network_metadata(config), 128, {"lr": 1.0}, 7)
+    dehazer = OnnxDehazer(path, threads=1, alone=True)
+    dehazer.geometry = Halved()
+    for height, width, factor in [(75, 131, 1), (144, 257, 2)]:
+        image = frame_like(height, width)
+        full, prior = (image_to_tensor(padded(picture, 4 * factor)) for picture in (image, image // 2))
+        both = np.concatenate([averaged_down(full, factor), averaged_down(prior, factor)], axis=1)
+        with torch.no_grad():
+            expected = model(torch.from_numpy(prior), torch.from_numpy(both))[0, :, :height, :width]
+        levels = (255 * expected.permute(1, 2, 0).numpy()).clip(0, 255)
+        assert np.abs(levels - image // 2).max() > 20, (
+            "the network must do something for the comparison to mean anything"
+        )
+        frame = Frame("a.png", 0.0, image, Camera.from_fov(width, height, 1.0))
+        assert np.abs(dehazer.restore(frame).image_rgb - levels).max() <= 1.0
 
 
 def test_luma_weights_sum_to_one() -> None:

@@ -20,7 +20,7 @@ DEHAZERS: dict[str, Callable[[], Dehazer]] = {
     "geometry": GeometryDehazer,
     "geometry-linear": lambda: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
     "coarse-t": lambda: OnnxDehazer(shipped_weights("dehaze"), name="coarse-t"),
-    "paper-scene": lambda: OnnxDehazer(shipped_weights("paper-scene"), name="paper-scene"),  # knows one scene only
+    "paper-scene": lambda: OnnxDehazer(shipped_weights("paper-scene"), name="paper-scene", alone=True),
     "fast": lambda: OnnxDehazer(shipped_weights("dehaze"), name="fast", working_long_side_px=FAST_PX),
 }
 

@@ -11,7 +11,7 @@ plain sea in the result does not mean that nothing is there.
 The air and what stands out are looked for in a picture of at most LOOK_PX; only the solution is made pixel by pixel.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,15 @@ NOISE_MEAN = 0.9297  # of a normal difference of sigma sqrt(2), in size, of that
 STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 
 
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A frame whose air could be told."""
+
+    image_rgb: NDArray[np.uint8]  # (H, W, 3) without its haze
+    haze: HazeFit
+    known: Image  # (H, W) how surely the range of what is seen is known, 0 (the sky, left as it is) to 1
+
+
 class GeometryDehazer:
     """Dehazes frames with a pose and the height of sea or deck; a note says why others come out as they are."""
 
@@ -46,28 +55,36 @@ class GeometryDehazer:
         return image_rgb.copy()  # an image alone says nothing about ranges
 
     def restore(self, frame: Frame) -> Restored:
+        solved = self.solve(frame)
+        if isinstance(solved, NotFitted):
+            return Restored(frame.image_rgb.copy(), f"not dehazed: {solved.reason}")
+        return Restored(solved.image_rgb)
+
+    def solve(self, frame: Frame) -> Solved | NotFitted:
+        """The frame without its haze and what its air is like, or why that cannot be told."""
         pose = frame.world_from_camera
         if pose is None:
-            return _left_alone(frame, "the frame has no pose; give poses or choose another dehazer")
+            return NotFitted("the frame has no pose; give poses or choose another dehazer")
         heights = self._heights(frame)
         if heights is None:
-            return _left_alone(frame, "no height is known; give --sea-z-m or --deck-z-m, or choose another dehazer")
+            return NotFitted("no height is known; give --sea-z-m or --deck-z-m, or choose another dehazer")
         sea_z_m, deck_z_m = heights
         if sea_z_m < deck_z_m:
-            return _left_alone(frame, f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
+            return NotFitted(f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
         small = smaller(frame, LOOK_PX)
         view = sea_view(small.camera, pose, sea_z_m)
         if view.height_m <= 0:
-            return _left_alone(frame, f"the camera is {-view.height_m:.1f} m below the sea")
+            return NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
         planes = level_table(self.config.light)[np.ascontiguousarray(np.moveaxis(small.image_rgb, 2, 0))]
         water = LIGHT_WATER if self.config.light == "linear" else DISPLAY_WATER
         seen, full = (noise_of_sky(picture, view, self.config.light) for picture in (small.image_rgb, frame.image_rgb))
         haze = fit_haze(np.moveaxis(planes, 0, 2), view, water, seen)
         if isinstance(haze, NotFitted):
-            return _left_alone(frame, haze.reason)
+            return haze
         deck = sea_view(small.camera, pose, deck_z_m)
         share, bound = nearer_things(planes, view, deck, haze, for_noise(self.config, seen))
-        return Restored(remove_haze(frame, sea_z_m, haze, share, bound, for_noise(self.config, full)))
+        clear, known = remove_haze(frame, sea_z_m, haze, share, bound, for_noise(self.config, full))
+        return Solved(clear, haze, known)
 
     def _heights(self, frame: Frame) -> tuple[float, float] | None:
         """World z of sea and deck; without a deck's height the sea's is taken for it, and raises nothing."""
@@ -75,10 +92,6 @@ class GeometryDehazer:
             deck_z_m = frame.deck_z_m
             return None if deck_z_m is None else (deck_z_m + self.config.sea_below_deck_m, deck_z_m)
         return frame.sea_z_m, frame.sea_z_m if frame.deck_z_m is None else frame.deck_z_m
-
-
-def _left_alone(frame: Frame, reason: str) -> Restored:
-    return Restored(frame.image_rgb.copy(), f"not dehazed: {reason}")
 
 
 def smaller(frame: Frame, long_side_px: int) -> Frame:
@@ -140,8 +153,8 @@ def nearer_things(
 
 def remove_haze(
     frame: Frame, sea_z_m: float, haze: HazeFit, share: Image, bound: Image, config: GeometryConfig
-) -> NDArray[np.uint8]:
-    """A frame's picture (H, W, 3) with its haze thinned to a clear day's.
+) -> tuple[NDArray[np.uint8], Image]:
+    """A frame's picture (H, W, 3) with its haze thinned to a clear day's, and how surely ranges are known (H, W).
 
     Args:
         frame: picture, camera, pose, and depth where a depth camera gives it.
@@ -162,18 +175,19 @@ def remove_haze(
     size, smooth = (width, height), cv2.INTER_LINEAR
     share, bound = (np.asarray(cv2.resize(a, size, interpolation=smooth), np.float32) for a in (share, bound))
     levels = level_table(config.light)
-    clear = np.empty_like(frame.image_rgb)
+    clear, known = np.empty_like(frame.image_rgb), share.copy()
     step = max(1, STRIP_PX // width)
     for top in range(0, height, step):
         rows = slice(top, top + step)
         view = sea_view(frame.camera, frame.world_from_camera, sea_z_m, rows)
         range_m = None if frame.depth_m is None else frame.depth_m[rows] * ray_lengths(frame.camera, rows)
+        known[rows][view.is_sea if range_m is None else view.is_sea | np.isfinite(range_m)] = 1
         t, kept = transmissions(view, share[rows], bound[rows], range_m, haze, config)
         planes = np.ascontiguousarray(np.moveaxis(frame.image_rgb[rows], 2, 0))
         solved = thinned(levels[planes], view, haze, t, kept, config)
         solved = np.clip(np.rint(solved), 0, 255).astype(np.uint8)
         clear[rows] = np.moveaxis(np.where(t == 1, planes, solved), 0, 2)
-    return clear
+    return clear, known
 
 
 def transmissions(

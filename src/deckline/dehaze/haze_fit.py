@@ -10,8 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from deckline.dehaze.sea_view import SeaView
+from deckline.haze import CONTRAST_THRESHOLD
 
 Float = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.float32]
@@ -71,6 +73,15 @@ class HazeFit:
         reach = np.minimum(range_m, np.float32(ENDLESS_M))
         even = np.asarray(np.float32(self.beta_per_m) * reach)
         return even if self.bank_per_m == 0 else even + np.square(np.square(np.float32(self.bank_per_m) * reach))
+
+    @property
+    def visibility_m(self) -> float:
+        """Range at which 2 % of a contrast are left: where the optical depth reaches that of Koschmieder's law."""
+        least = -np.log(CONTRAST_THRESHOLD)
+        if self.bank_per_m == 0:
+            return float(least / self.beta_per_m)
+        depth = np.poly1d([self.bank_per_m**4, 0.0, 0.0, self.beta_per_m, -least])
+        return float(brentq(depth, 0.0, least / self.beta_per_m))
 
     def clear_sea(self, down: NDArray[np.float32]) -> NDArray[np.float32]:
         """The sea without haze (3, H, W) at sines of the angle below the horizontal (H, W)."""

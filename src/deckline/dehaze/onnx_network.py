@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze.base import Restored, check_image
-from deckline.dehaze.geometry import GeometryDehazer
+from deckline.dehaze.geometry import GeometryDehazer, Solved
+from deckline.dehaze.joining import joined, kept
 from deckline.dehaze.network_io import (
     MIN_SIDE_PX,
     averaged_down,
@@ -33,13 +34,20 @@ class OnnxDehazer:
         name: for reports; the file's name when not given.
         threads: of ONNX Runtime; None lets it take every core.
         working_long_side_px: what larger images are averaged down to; None: the size that the network was trained on.
+        alone: give what the network gives. Otherwise the result of one with a prior is joined with geometry's picture,
+            and changes too small to be haze are not made: see `joining`.
 
     Raises:
         ValueError: no ONNX file, or one that is no dehazing network of deckline.
     """
 
     def __init__(
-        self, path: Path, name: str | None = None, threads: int | None = None, working_long_side_px: int | None = None
+        self,
+        path: Path,
+        name: str | None = None,
+        threads: int | None = None,
+        working_long_side_px: int | None = None,
+        alone: bool = False,
     ) -> None:
         self.name = name or Path(path).name
         self.session = load_session(path, threads)
@@ -48,6 +56,7 @@ class OnnxDehazer:
             raise ValueError(f"{path} is no dehazing network: its metadata says kind {kind!r}, expected 'dehaze'")
         self.coarse = "working" in self.session.input_names
         self.geometry = GeometryDehazer() if self.session.config["network"].get("prior") else None
+        self.alone = alone or self.geometry is None
         trained_px = int(self.session.config["working_long_side_px"])
         self.working_long_side_px = trained_px if working_long_side_px is None else working_long_side_px
         self.grid_px = int(self.session.config["network"]["unshuffle"])
@@ -60,11 +69,15 @@ class OnnxDehazer:
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         check_image(image_rgb)
-        return self._run(image_rgb, image_rgb)
+        clear = self._run(image_rgb, image_rgb)
+        return clear if self.alone else kept(image_rgb, clear)
 
     def restore(self, frame: Frame) -> Restored:
-        prior = frame.image_rgb if self.geometry is None else self.geometry.restore(frame).image_rgb
-        return Restored(self._run(frame.image_rgb, prior))
+        solved = None if self.geometry is None else self.geometry.solve(frame)
+        if not isinstance(solved, Solved):
+            return Restored(self(frame.image_rgb))
+        clear = self._run(frame.image_rgb, solved.image_rgb)
+        return Restored(clear if self.alone else joined(clear, solved))
 
     def _run(self, image_rgb: NDArray[np.uint8], prior_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         height, width = image_rgb.shape[:2]
