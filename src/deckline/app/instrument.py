@@ -153,7 +153,7 @@ def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
     degrees = None if heading is None else Value(*np.rad2deg([heading.value, heading.sigma]).tolist())
     bounds = guidance.protection
     beside = _side(lateral, "right of the line", "left of the line")
-    slope = _side(guidance.vertical_deviation_m, "above the slope", "below the slope", guidance.vertical_deviation_m)
+    slope = _side(guidance.vertical_deviation_m, "above slope", "below slope", guidance.vertical_deviation_m)
     return [
         ("LATERAL DEVIATION", lateral, "m", 1, beside + _bound(None if bounds is None else bounds.lateral_m)),
         ("HEADING ERROR", degrees, "°", 1, _side(degrees, "nose to the right", "nose to the left")),
@@ -226,7 +226,7 @@ def _legend(image: Image, glideslope_rad: float | None) -> None:
         left += 30 + text(image, name, (left + 30, y), 14, DIM) + 22
     slope = "" if glideslope_rad is None else f" from the {np.rad2deg(glideslope_rad):.3g}° glideslope"
     notes = (
-        f"Fly to the needles.  Scale: {LATERAL_DOT_M:g} m a dot sideways, {GLIDESLOPE_DOT_DEG:g}° a dot{slope}.  "
-        "± is 1-sigma, within: the protection level."
+        f"Fly to the needles.  A dot: {LATERAL_DOT_M:g} m sideways, {GLIDESLOPE_DOT_DEG:g}°{slope}.  "
+        "± 1-sigma, within: protection level."
     )
     text(image, shortened(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, DIM)

@@ -12,7 +12,7 @@ from deckline.types import SIDES, ExpectedRunway, Frame, RunwayEstimate, RunwayL
 Array = NDArray[np.float64]
 SHIP_M_S = 15.0  # 1-sigma of a ship's unknown speed; 29 knots
 PUSH_M_S15 = 0.1  # how fast it changes
-SAME_ERROR_S = 5.0  # a wrong attitude moves all ramps of so many seconds alike
+SAME_ERROR_S = 1.0  # a wrong attitude and the same row of points move all ramps of so many seconds alike
 LONGEST_M = 400.0  # a far end beyond this is a grazing ray, not a runway; decks are 333 m long, SPEC section 7
 LENGTH_M = 220.0  # of a runway whose far end was never seen; SPEC section 7: 218 to 239 m
 

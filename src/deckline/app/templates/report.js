@@ -112,8 +112,12 @@
     if (!(x1 > x0)) [x0, x1] = [x0 - 1, x1 + 1];
     const points = chart.series.map(({ value }) => rows.map(value));
     const all = points.flat().filter(known);
-    const spreads = chart.errors && state.errors ? rows.map(chart.series[0].sigma).filter(known) : [];
-    const [y0, y1] = domain([...all, ...spreads, ...spreads.map((s) => -s)], { fromZero: chart.fromZero, withZero: chart.errors && state.errors });
+    const sigmas = chart.errors ? rows.map(chart.series[0].sigma) : [];
+    const bands = sigmas.flatMap((s, i) => {
+      const middle = state.errors ? 0 : points[0][i];
+      return known(s) && known(middle) ? [middle - s, middle + s] : [];
+    });
+    const [y0, y1] = domain([...all, ...bands], { fromZero: chart.fromZero, withZero: chart.errors && state.errors });
     const plot = { left: MARGIN.left, right: width - MARGIN.right, top: MARGIN.top, bottom: height - MARGIN.bottom };
     const along = (x) => (axis.reversed ? x1 - x : x - x0) / (x1 - x0);
     const px = (x) => plot.left + along(x) * (plot.right - plot.left);
