@@ -105,7 +105,9 @@ def _line_rows(
     design[0, [OFFSET, AZIMUTH, SPACING, ANGLE]] = 1.0, x, sign / 2, sign / 2 * x
     design[1, [AZIMUTH, ANGLE]] = 1.0, sign / 2
     design[2, HEIGHT] = 1.0
-    away = np.array([(line.point_m - pose.position_m) @ axis for axis in (state.along, state.right, [0, 0, 1])])
+    # Effects are taken at the predicted line: at the measured one they would hang together with its noise.
+    place = state.point_m + x * state.along + expected * state.right
+    away = np.array([(place - pose.position_m) @ axis for axis in (state.along, state.right, [0.0, 0.0, 1.0])])
     away[2] = max(away[2], MIN_HEIGHT_M)
     effects = _effects(away, mode)
     design[:, ERRORS] = effects[:, :4]
