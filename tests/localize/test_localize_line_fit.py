@@ -67,24 +67,31 @@ def test_each_line_is_fitted_alone():
 
 
 def test_residuals_larger_than_assumed_inflate_and_smaller_do_not_shrink():
-    rng = np.random.default_rng(3)
-    along = np.linspace(0, 100, 200)
-    noise = rng.normal(0, 1, 200)
-    assert inflation(5.0 * noise, along) == pytest.approx(5.0, rel=0.15)
-    assert inflation(0.01 * noise, along) == 1.0
-    assert inflation(noise, along) == 1.0
-    assert inflation(np.full(200, 0.1), along) == 1.0  # all alike, but small
-    assert inflation(np.zeros(0), along[:0]) == 1.0
+    noise = np.random.default_rng(3).normal(0, 1, 200)
+    np.testing.assert_allclose(inflation([5.0 * noise, noise]), [5.0, 1.0], rtol=0.15)
+    assert inflation([noise, 0.01 * noise]).tolist() == [1.0, 1.0]
+    assert inflation([np.full(200, 0.1)]).tolist() == [1.0]  # all alike, but small
+    assert inflation([np.zeros(0)]).tolist() == [1.0]
+    assert inflation([np.zeros(6), np.zeros(6)]).tolist() == [1.0, 1.0]
 
 
-def test_neighbours_that_err_together_are_worth_less():
+@pytest.mark.parametrize(("correlation", "count", "within"), [(0.0, 40, 0.05), (0.5, 40, 0.2), (0.8, 200, 0.2)])
+def test_neighbours_that_err_together_are_worth_less(correlation, count, within):
+    """Two fitted lines of points in a row, whose errors decay along it: r neighbours make sqrt((1 + r) / (1 - r))."""
     rng = np.random.default_rng(4)
-    errors = [0.0]
-    for _ in range(399):
-        errors.append(0.8 * errors[-1] + rng.normal(0, 0.6))
-    along = rng.permutation(400)
-    found = inflation(np.array(errors)[along], along.astype(float))
-    assert 2.3 < found < 3.6  # sqrt((1 + 0.8) / (1 - 0.8)) = 3
+    x = np.linspace(-1, 1, count)
+    design = np.column_stack([np.ones(count), x])
+    lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    root = np.linalg.cholesky(correlation**lag)
+    found = []
+    for _ in range(200):
+        lines = []
+        for _ in range(2):
+            errors = root @ rng.normal(size=count)
+            lines.append(errors - design @ np.linalg.lstsq(design, errors, rcond=None)[0])
+        found.append(inflation(lines)[0])
+    expected = np.sqrt((1 + correlation) / (1 - correlation))
+    assert np.mean(found) == pytest.approx(expected, rel=within)
 
 
 def test_a_line_with_too_few_points_is_left_out():

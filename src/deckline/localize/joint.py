@@ -160,11 +160,12 @@ def _scales(measured: Terms, blocks: NDArray[np.int64], view: Sight) -> Array:
     weights = _weights(measured.residuals, blocks)
     nearness = view.world_rays[:, 2]
     along = np.concatenate([nearness, nearness[np.isfinite(view.log_depth)]])
-    scale = np.ones(len(view.names) + 1)
-    for block in range(len(scale)):
-        mine = (blocks == block) & (weights > 0)
-        scale[block] = inflation(np.sqrt(weights[mine]) * measured.residuals[mine], along[mine])
-    return scale
+    parts = []
+    for block in range(len(view.names) + 1):
+        mine = np.flatnonzero((blocks == block) & (weights > 0))
+        mine = mine[np.argsort(along[mine])]
+        parts.append(np.sqrt(weights[mine]) * measured.residuals[mine])
+    return np.concatenate([inflation(parts[:-1]), inflation(parts[-1:])])
 
 
 def _solution(

@@ -11,7 +11,8 @@ from deckline.localize.depth import DeckPoints
 Array = NDArray[np.float64]
 MAX_CORRELATION = 0.9  # of neighbouring residuals that is still believed
 MIN_SIGMA_M = 1e-6  # keeps residuals of noiseless points finite
-SIGNIFICANT = 2.5  # 1-sigma; what chance explains of spread and correlation is not counted
+SIGNIFICANT = 2.5  # 1-sigma; spread that chance explains is not counted
+ALIKE = 2.0  # the same of correlation, which costs more when it is missed
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,28 +128,33 @@ def fit_sgd(
     return np.array([w0, line[1], line[2], points_m[:, 2] @ w / w.sum()])
 
 
-def inflation(residuals: Array, along: Array) -> float:
-    """Factor on 1-sigma for residuals (N,), in expected 1-sigma, that are larger or less independent than assumed.
+def inflation(lines: list[Array]) -> Array:
+    """Factors on 1-sigma (L,) for residuals that are larger or less independent than assumed.
 
     Neighbouring rows of a detector err together; N points with correlation r between neighbours are worth
-    N (1 - r) / (1 + r). Spread and correlation that chance explains are not counted, nor is a spread that is smaller.
+    N (1 - r) / (1 + r). One detector saw all lines, so they show its correlation together. Spread and correlation that
+    chance explains are not counted, nor is a spread that is smaller.
 
     Args:
-        residuals: (N,) of one line, less two fitted numbers.
-        along: (N,) orders them along the line.
+        lines: residuals of each line (N,), in expected 1-sigma, in order along it, less two fitted numbers.
     """
-    ordered = residuals[np.argsort(along)]
-    n = len(ordered)
-    energy, degrees = float(ordered @ ordered), max(n - 2, 1)
-    chi2 = energy / degrees
-    if chi2 <= 1 + SIGNIFICANT * np.sqrt(2 / degrees):
-        chi2 = 1.0
+    spreads = np.array([_spread(residuals) for residuals in lines])
+    count, fitted = sum(len(r) for r in lines), 2 * len(lines)
+    energy = sum(float(r @ r) for r in lines)
     # Errors that are common but far smaller than assumed do no harm, however alike they are.
-    correlation = float(ordered[1:] @ ordered[:-1]) / max(energy, n, 1)
-    if correlation < SIGNIFICANT / np.sqrt(max(n, 1)):
+    correlation = sum(float(r[1:] @ r[:-1]) for r in lines) / max(energy, count, 1)
+    # A line that is fitted takes out of its residuals what varies slowly.
+    correlation = (count * correlation + fitted) / max(count - 2 * fitted, 4 * fitted, 1)
+    if correlation < ALIKE / np.sqrt(max(count, 1)):
         correlation = 0.0
     correlation = min(correlation, MAX_CORRELATION)
-    return float(np.sqrt(chi2 * (1 + correlation) / (1 - correlation)))
+    return spreads * np.sqrt((1 + correlation) / (1 - correlation))
+
+
+def _spread(residuals: Array) -> float:
+    degrees = max(len(residuals) - 2, 1)
+    chi2 = float(residuals @ residuals) / degrees
+    return float(np.sqrt(chi2)) if chi2 > 1 + SIGNIFICANT * np.sqrt(2 / degrees) else 1.0
 
 
 def _fit(line: DeckPoints, first: int, total: int, camera_m: Array, rng: np.random.Generator) -> LineFit:
@@ -169,7 +175,8 @@ def _fit(line: DeckPoints, first: int, total: int, camera_m: Array, rng: np.rand
     own = np.zeros((3, 2, total))
     own[:, :, first : first + count] = np.einsum("rnk,snk->rsn", gradient, noise)
     sigma = np.sqrt(((noise[..., :2] @ right) ** 2).sum(axis=0))
-    own[:2] *= inflation(((xy - middle) @ right) / np.maximum(sigma, MIN_SIGMA_M), along)
+    across = ((xy - middle) @ right) / np.maximum(sigma, MIN_SIGMA_M)
+    own[:2] *= inflation([across[np.argsort(along)]])[0]
     return LineFit(
         np.array([*middle, z]),
         azimuth,
