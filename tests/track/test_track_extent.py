@@ -1,0 +1,39 @@
+"""Where the runway begins and ends, and where it is expected in the next frame."""
+
+import numpy as np
+import pytest
+from point_flight import LENGTH_M, Flight, approach, true_lines
+
+from deckline.track import MotionConfig, TrackConfig, Tracker
+
+
+@pytest.mark.parametrize("ship", [(0.0, 0.0), (8.0, -3.0)])
+def test_the_runway_is_expected_where_it_is_in_the_next_frame(ship):
+    flight = Flight(start_m=400.0, seed=8, rate_hz=5.0, ship_m_s=ship, modes="both")
+    tracker, beside, along = Tracker(TrackConfig(motion=MotionConfig(ship_velocity_m_s=ship))), [], []
+    assert tracker.expected(next(iter(approach(flight)))[0]) is None
+    for frame, estimate, truth in approach(flight, end_m=100.0):
+        expected = tracker.expected(frame)
+        if expected is not None and frame.time_s > 1.0:
+            error = frame.world_from_body.translation - truth.translation
+            for side, ends in (("left", expected.left_m), ("right", expected.right_m)):
+                line = true_lines(flight, frame.time_s)[side]
+                right = np.array([-line.direction[1], line.direction[0], 0.0])
+                away = ends[0] - error - line.point_m
+                beside.append(abs(away @ right) / expected.sigma_m)
+                along.append(away @ line.direction)
+                assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(LENGTH_M, abs=40.0)
+        tracker.update(frame, estimate)
+    assert len(beside) > 30
+    assert np.percentile(beside, 95) < 3.0
+    assert np.abs(np.median(along)) < 2.0  # of one frame, the ramp is known within 1 m
+
+
+def test_a_lost_track_expects_nothing():
+    flight = Flight(start_m=400.0, seed=9, rate_hz=5.0)
+    tracker, shown = Tracker(), list(approach(flight, end_m=100.0))
+    for frame, estimate, _ in shown[:5]:
+        tracker.update(frame, estimate)
+    assert tracker.expected(shown[5][0]) is not None
+    assert tracker.expected(shown[2][0]) is None  # a frame that is older than what was seen
+    assert tracker.expected(shown[20][0]) is None  # more than two seconds later
