@@ -29,7 +29,7 @@ class PipelineConfig:
     """What the chain is made of. A dehazer or detector is a name of the shipped ones or the path of an ONNX file."""
 
     dehazer: str = "coarse-t"
-    detector: str = "ufld"
+    detector: str = "hybrid"
     localize: LocalizeConfig = field(default_factory=LocalizeConfig)
     seed: int = 0  # of RANSAC's draws; every frame has its own generator
     runway: RunwaySurvey = field(default_factory=RunwaySurvey)  # where the runway is, if known beforehand
