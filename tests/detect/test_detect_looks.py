@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
+from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines, in_one_line
 from deckline.detect.preprocess import box_window, look, normalise
 from deckline.detect.region import encode_region
 from deckline.detect.row_anchors import RowGrid, encode
@@ -118,6 +118,26 @@ def test_a_centre_line_lies_between_the_edges_or_is_not_seen():
     beside = detect_lines(image, lambda view: three_lines((100.0, 400.0, 446.0)), DetectConfig(max_looks=1))
     assert len(beside.centre) == 0
     assert len(beside.left) == len(beside.right) == len(detection.left)
+
+
+def test_points_on_another_marking_are_left_out_and_a_line_in_halves_is_not_seen():
+    y = GRID.row_y
+    line, other = 100.0 + 0.5 * y, 450.0 - 0.2 * y
+    even = np.ones(len(y))
+    seen = in_one_line(np.where(y < 180, line, other), y, even, 8.0)
+    np.testing.assert_array_equal(seen, y < 180)
+    bent = line + 6.0 * ((y - y.mean()) / np.ptp(y) * 2) ** 2  # as a lens does
+    assert in_one_line(bent, y, even, 8.0).all()
+    image = np.zeros((288, 512, 3), np.uint8)
+    for share, lines in ((0.7, 2), (0.35, 1)):
+        left = np.where(
+            np.arange(72) < share * 72, 30.0, np.where(np.arange(72) % 2, 60.0, 90.0) + np.arange(72) % 5 * 5
+        )
+        output = three_lines((120.0, 400.0, 246.0))
+        output.rows[0] = _logits(left.astype(np.float32))
+        found = detect_lines(image, lambda view, output=output: output, DetectConfig(max_looks=1))
+        assert (len(found.left) > 0) + (len(found.right) > 0) == lines
+    assert len(found.right) > 40
 
 
 def flat_line(slope: float, sides: tuple[float, float] = (60.0, 140.0)) -> NetworkOutput:

@@ -18,6 +18,7 @@ from deckline.types import Detection, LinePoints
 
 FLATTEST_SLOPE = 0.01  # dv / du below which a line's sigma of u is not stretched further
 SAME_LINE_PX = 2.0  # median distance of one look's points from another look's line
+LINES_THROUGH = 24  # points of which any two are tried as a straight line's
 MAX_SHIFT = 0.25  # of the view; training jitters a close look's centre by as much
 
 Box = tuple[float, float, float, float]  # u0, v0, u1, v1, image px
@@ -56,6 +57,9 @@ class DetectConfig:
     min_rows: int = 3  # a line on fewer rows is not returned
     min_confidence: float = 0.6  # of a row
     min_line_confidence: float = 0.75  # of a line, mean over its rows
+    # Runway edges are straight. Points this far from where most lie belong to another marking; a lens bends less.
+    straight_cells: float = 2.0
+    min_straight_share: float = 0.5  # of a line's points; a line that is split more evenly is not seen
 
     def __post_init__(self) -> None:
         if self.max_looks < 1 or self.min_rows < 1:
@@ -205,7 +209,7 @@ def _is_right_of(one: RowPoints, other: RowPoints) -> bool:
 
 
 def _line_points(rows: RowPoints, window: Window, config: DetectConfig) -> LinePoints:
-    keep = _kept(rows, config)
+    keep = _kept(rows, config.grid, config)
     if keep is None:
         return LinePoints.empty()
     points = window.to_image(np.stack([rows.x_px, config.grid.row_y], axis=1)[keep])
@@ -214,7 +218,7 @@ def _line_points(rows: RowPoints, window: Window, config: DetectConfig) -> LineP
 
 def _column_points(columns: RowPoints, window: Window, config: DetectConfig) -> LinePoints:
     """Points on column anchors; their sigma of v becomes one of u along the line's own slope."""
-    keep = _kept(columns, config)
+    keep = _kept(columns, config.grid.transposed, config)
     if keep is None:
         return LinePoints.empty()
     points = window.to_image(np.stack([config.grid.transposed.row_y, columns.x_px], axis=1)[keep])
@@ -228,9 +232,30 @@ def _longer(upright: LinePoints, flat: LinePoints) -> LinePoints:
     return flat if len(flat) > len(upright) else upright
 
 
-def _kept(points: RowPoints, config: DetectConfig) -> NDArray[np.bool_] | None:
+def _kept(points: RowPoints, grid: RowGrid, config: DetectConfig) -> NDArray[np.bool_] | None:
     """Which anchors count; None for a line that is not seen."""
-    keep = np.isfinite(points.x_px) & (points.confidence >= config.min_confidence)
+    sure = np.isfinite(points.x_px) & (points.confidence >= config.min_confidence)
+    keep = sure.copy()
+    v = (grid.row_y if grid == config.grid else points.x_px)[sure]
+    nearness = (v - v.min()) / max(float(np.ptp(v)), 1.0) if len(v) else v
+    weights = points.confidence[sure] * (1 + nearness)  # what is near is seen best and decides
+    keep[sure] = in_one_line(points.x_px[sure], grid.row_y[sure], weights, config.straight_cells * grid.cell_px)
+    if keep.sum() < config.min_straight_share * sure.sum():
+        return None
     if keep.sum() < config.min_rows or points.confidence[keep].mean() < config.min_line_confidence:
         return None
     return keep
+
+
+def in_one_line(
+    x: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64], tolerance: float
+) -> NDArray[np.bool_]:
+    """The points (N,) of most weight whose x lies within `tolerance` of one straight line x(y); y differ, in order."""
+    if len(x) < 3:
+        return np.ones(len(x), dtype=bool)
+    tried = np.unique(np.linspace(0, len(x) - 1, LINES_THROUGH).round().astype(int))
+    first, second = (tried[ends] for ends in np.triu_indices(len(tried), 1))
+    slope = (x[second] - x[first]) / (y[second] - y[first])
+    away = np.abs(x - x[first, None] - slope[:, None] * (y - y[first, None]))
+    near = away <= tolerance
+    return np.asarray(near[np.argmax((near * weights * (1 - 0.1 * away / tolerance)).sum(axis=1))])
