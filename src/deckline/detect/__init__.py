@@ -30,10 +30,8 @@ class Detector(Protocol):
     def __call__(self, image_rgb: NDArray[np.uint8], look_at: Box | None = None) -> Detection: ...
 
 
-UFLD = DetectConfig(min_confidence=0.5, min_line_confidence=0.65)  # its thresholds: 4 % false, 72 to 73 % of such decks
-
 DETECTORS: dict[str, Callable[[], Detector]] = {
     "hybrid": lambda: OnnxDetector(shipped_weights("hybrid")),
-    "ufld": lambda: OnnxDetector(shipped_weights("detect"), UFLD),
+    "ufld": lambda: OnnxDetector(shipped_weights("detect")),
     "classical": ClassicalDetector,
 }
