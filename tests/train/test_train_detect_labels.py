@@ -52,7 +52,8 @@ def test_views_hold_the_pictures_and_their_lines(folder):
     assert len(views) == 8
     both, one, none = views.view(0), views.view(6), views.view(7)
     np.testing.assert_array_equal(both.image_rgb, picture())
-    assert both.lines_px.shape == (2, 257, 2)
+    assert both.lines_px.shape == (3, 257, 2)
+    assert np.isnan(both.lines_px[2]).all()  # nobody labels the centre line
     np.testing.assert_allclose(both.lines_px[0, [0, -1]], LEFT[[0, -1]])
     assert np.isnan(one.lines_px[1]).all() and np.isfinite(one.lines_px[0]).all()
     assert none.lines_px is None

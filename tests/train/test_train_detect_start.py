@@ -43,6 +43,19 @@ def test_the_hybrid_takes_what_both_networks_have():
     )
 
 
+def test_the_hybrid_goes_on_from_its_own_file():
+    path = shipped_weights("hybrid")
+    model = Hybrid(pretrained=False).eval()
+    start_detector(model, path)
+    view = np.random.default_rng(1).standard_normal((3, 288, 512), dtype=np.float32)
+    session = load_session(path, threads=1)
+    theirs = dict(zip(session.output_names, session(image=view[None]), strict=True))
+    for name, ours in zip(
+        ("row_logits", "region_logits", "region_box", "column_logits"), torch_infer(model)(view), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs[name][0], atol=2e-2)
+
+
 def test_settled_norms_change_nothing_but_how_training_begins():
     model = Ufld(SMALL)
     images = torch.from_numpy(np.random.default_rng(2).standard_normal((2, 3, 288, 512), dtype=np.float32))

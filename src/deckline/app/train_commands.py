@@ -50,6 +50,7 @@ def detect(
             other data or another recipe; for pictures of your own lower --lr, 2e-4 say.
         config: the recipe.
     """
-    shipped = start_from is not None and str(start_from) == SHIPPED
-    train_detect(config, list(recordings), out, shipped_weights("detect") if shipped else start_from)
+    if start_from is not None and str(start_from) == SHIPPED:
+        start_from = shipped_weights("hybrid" if config.network == "hybrid" else "detect")
+    train_detect(config, list(recordings), out, start_from)
     return 0

@@ -7,7 +7,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from deckline.detect.outputs import ROW_OUTPUTS
 from deckline.runtime.session import load_session
 from deckline.train.detectors.hybrid import Hybrid
 from deckline.train.line_network import LineNetwork
@@ -24,24 +23,25 @@ def start_detector(model: LineNetwork, source: Path) -> None:
 
     Args:
         model: changed in place.
-        source: folder with a checkpoint, or an .onnx file of network `deckline`; `hybrid` takes what both have.
+        source: folder with a checkpoint, or an .onnx file of the same network; of one of `deckline`, `hybrid` takes
+            what both have.
 
     Raises:
         ValueError: no weights there, or those of another network.
     """
     if not source.is_file():
         start_with(model, source)
-    elif isinstance(model, Ufld):
-        start_with_file(model, source)
-    elif isinstance(model, Hybrid):
+    elif isinstance(model, Hybrid) and "column_logits" not in load_session(source, threads=1).output_names:
         _start_hybrid(model, source)
+    elif isinstance(model, Ufld | Hybrid):
+        start_with_file(model, source)
     else:
         raise ValueError(
             f"{source}: only networks deckline and hybrid start from an .onnx file; give a training's folder instead"
         )
 
 
-def start_with_file(model: Ufld, path: Path) -> None:
+def start_with_file(model: Ufld | Hybrid, path: Path) -> None:
     """Give a detector the weights of an exported one; its training-only branch keeps its own.
 
     A folded convolution's weights become the convolution's, its bias that of a batch norm which does nothing else: the
@@ -121,7 +121,7 @@ def _start_hybrid(model: Hybrid, path: Path) -> None:
     model.load_state_dict({**own, **taken})
 
 
-def _convolutions(graph: Any, model: Ufld) -> list[tuple[Any, str]]:
+def _convolutions(graph: Any, model: Ufld | Hybrid) -> list[tuple[Any, str]]:
     """Every convolution that a batch norm was folded into, and its module's name; the backbone's are in order."""
     in_order = [f"backbone.{name}" for name, part in model.backbone.named_modules() if isinstance(part, nn.Conv2d)]
     named, backbone = [], iter(in_order)
@@ -144,7 +144,7 @@ def _module_name(node_name: str) -> str:
     return ".".join(parts)
 
 
-def _unfolded(name: str, weight: Tensor, bias: Tensor, model: Ufld) -> dict[str, Tensor]:
+def _unfolded(name: str, weight: Tensor, bias: Tensor, model: LineNetwork) -> dict[str, Tensor]:
     """The convolution's weight, and statistics with which the batch norm after it adds the bias alone."""
     stem, _, last = name.rpartition(".")
     norm_name = f"{stem}.{NORM_OF.get(last, '')}"
@@ -156,17 +156,16 @@ def _unfolded(name: str, weight: Tensor, bias: Tensor, model: Ufld) -> dict[str,
     return {f"{name}.weight": weight} | {f"{norm_name}.{part}": value for part, value in values.items()}
 
 
-def _check_same(model: Ufld, session: Any, path: Path) -> None:
-    grid = model.config.grid
+def _check_same(model: LineNetwork, session: Any, path: Path) -> None:
+    grid, names = model.kind.grid, model.kind.output_names
     view = np.random.default_rng(0).standard_normal((1, 3, grid.height, grid.width), dtype=np.float32)
     was_training = model.training
     model.eval()
     with torch.no_grad():
-        ours = [
-            tensor.cpu().numpy() for tensor in model(torch.from_numpy(view).to(next(model.parameters()).device))[:3]
-        ]
+        outputs = model(torch.from_numpy(view).to(next(model.parameters()).device))
+        ours = [tensor.cpu().numpy() for tensor in outputs[: len(names)]]
     model.train(was_training)
     theirs = dict(zip(session.output_names, session(image=view), strict=True))
-    for name, value in zip(ROW_OUTPUTS, ours, strict=True):
+    for name, value in zip(names, ours, strict=True):
         if np.abs(value - theirs[name]).max() > SAME * max(float(np.abs(theirs[name]).max()), 1.0):
             raise ValueError(f"{path} holds another network: its {name} are not what this one computes")
