@@ -48,13 +48,13 @@ class Truth:
 
     left: Segment | None = None  # None with right None: there is no runway in this scene
     right: Segment | None = None
-    centre_painted: bool | None = None  # whether a line is painted midway between them; None: not known
     visibility_m: float | None = None  # 2 % contrast; inf is clear air
     airlight_rgb: tuple[float, float, float] | None = None  # 0..255
     clear_rgb: NDArray[np.uint8] | None = None  # (H, W, 3) the same view without haze
     world_from_body: RigidTransform | None = None  # where the aircraft is, if the frame's pose is a measured one
     world_from_ship: RigidTransform | None = None  # ship: x forward, y starboard, z down, origin on the deck's stern
     conditions: Mapping[str, Any] = field(default_factory=dict)  # plain values: what air, light and camera were like
+    centre_painted: bool | None = None  # whether a line is painted midway between left and right; None: not known
 
 
 @dataclass(frozen=True, eq=False)
