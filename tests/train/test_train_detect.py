@@ -66,12 +66,15 @@ def recording(tmp_path_factory) -> Path:
 def test_true_lines_are_projected_onto_the_paint():
     view = line_view(frame(1))
     assert view.lines_px is not None and view.ranges_m is not None
-    for points, ranges in zip(view.lines_px, view.ranges_m, strict=True):
+    for points, ranges in zip(view.lines_px[:2], view.ranges_m[:2], strict=True):
         inside = np.all((points > 1) & (points < [318, 178]), axis=1)
         u, v = np.rint(points[inside]).astype(int).T
         assert (view.clear.clear_rgb[v, u, 0] == 220).mean() > 0.9
         np.testing.assert_allclose(view.clear.range_m[v, u], ranges[inside], rtol=0.05)
-    assert view.lines_px[0, :, 0].mean() < view.lines_px[1, :, 0].mean()
+    left, right, centre = view.lines_px
+    assert left[:, 0].mean() < right[:, 0].mean()
+    np.testing.assert_allclose(centre[0, 0], (left[0, 0] + right[0, 0]) / 2, atol=1.0)  # seen from straight behind
+    assert view.centre_painted is None  # this recording does not say
 
 
 def test_a_frame_without_runway_has_no_lines():
@@ -138,7 +141,7 @@ def test_another_network_trains_the_same_way(recording, tmp_path):
     with pytest.raises(ValueError, match=r"checkpoint of another recipe \(network differ\)"):
         train_detect(DetectTrainConfig(**(vars(longer) | {"network": "deckline"})), [recording], tmp_path)
     detector = OnnxDetector(tmp_path / "detect.onnx")
-    assert detector.infer(np.zeros((3, 288, 512), np.float32)).columns.shape == (2, 128, 73)
+    assert detector.infer(np.zeros((3, 288, 512), np.float32)).columns.shape == (3, 128, 73)
 
 
 def test_onnx_says_what_torch_says(tmp_path):
