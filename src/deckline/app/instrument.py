@@ -224,9 +224,9 @@ def _legend(image: Image, glideslope_rad: float | None) -> None:
     for name, colour in (("left line", LEFT), ("right line", RIGHT), ("centre line", CENTRE)):
         box(image, (left, y - 8), (22, 6), colour, 2)
         left += 30 + text(image, name, (left + 30, y), 14, DIM) + 22
-    slope = "" if glideslope_rad is None else f" from the {np.rad2deg(glideslope_rad):.3g}° glideslope"
+    slope = "" if glideslope_rad is None else f" off the {np.rad2deg(glideslope_rad):.3g}° slope"
     notes = (
-        f"Fly to the needles.  A dot: {LATERAL_DOT_M:g} m sideways, {GLIDESLOPE_DOT_DEG:g}°{slope}.  "
-        "± 1-sigma, within: protection level."
+        f"Fly to the needles.  Dot: {LATERAL_DOT_M:g} m, {GLIDESLOPE_DOT_DEG:g}°{slope}.  "
+        "±: 1-sigma; within: protection level."
     )
     text(image, shortened(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, DIM)
