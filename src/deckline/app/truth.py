@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from deckline.evaluate.localization import true_centre
 from deckline.evaluate.metrics import direction_error_rad, height_error_m, lateral_error_m
 from deckline.geometry import wrap_angle
 from deckline.guide import guidance
@@ -39,13 +40,6 @@ def true_guidance(frame: Frame) -> Guidance | None:
     line = RunwayLine(centre.p0_m, float(np.arctan2(along[1], along[0])), np.zeros((3, 3)))
     exact = RunwayEstimate(Status.OK, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
     return guidance(replace(frame, world_from_body=frame.true_world_from_body), exact)
-
-
-def true_centre(truth: Truth) -> Segment | None:
-    """Between the two true lines; None where there is no runway."""
-    if truth.left is None or truth.right is None:
-        return None
-    return Segment((truth.left.p0_m + truth.right.p0_m) / 2, (truth.left.p1_m + truth.right.p1_m) / 2)
 
 
 def errors_against(

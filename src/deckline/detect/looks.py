@@ -209,7 +209,7 @@ def _is_right_of(one: RowPoints, other: RowPoints) -> bool:
 
 
 def _line_points(rows: RowPoints, window: Window, config: DetectConfig) -> LinePoints:
-    keep = _kept(rows, config.grid, config)
+    keep = _kept(rows, config.grid, config.grid.row_y, config)
     if keep is None:
         return LinePoints.empty()
     points = window.to_image(np.stack([rows.x_px, config.grid.row_y], axis=1)[keep])
@@ -218,7 +218,7 @@ def _line_points(rows: RowPoints, window: Window, config: DetectConfig) -> LineP
 
 def _column_points(columns: RowPoints, window: Window, config: DetectConfig) -> LinePoints:
     """Points on column anchors; their sigma of v becomes one of u along the line's own slope."""
-    keep = _kept(columns, config.grid.transposed, config)
+    keep = _kept(columns, config.grid.transposed, columns.x_px, config)
     if keep is None:
         return LinePoints.empty()
     points = window.to_image(np.stack([config.grid.transposed.row_y, columns.x_px], axis=1)[keep])
@@ -232,11 +232,13 @@ def _longer(upright: LinePoints, flat: LinePoints) -> LinePoints:
     return flat if len(flat) > len(upright) else upright
 
 
-def _kept(points: RowPoints, grid: RowGrid, config: DetectConfig) -> NDArray[np.bool_] | None:
-    """Which anchors count; None for a line that is not seen."""
+def _kept(
+    points: RowPoints, grid: RowGrid, v_px: NDArray[np.float64], config: DetectConfig
+) -> NDArray[np.bool_] | None:
+    """Which anchors (N,) of a grid count, v_px (N,) being where they lie up and down; None for a line not seen."""
     sure = np.isfinite(points.x_px) & (points.confidence >= config.min_confidence)
     keep = sure.copy()
-    v = (grid.row_y if grid == config.grid else points.x_px)[sure]
+    v = v_px[sure]
     nearness = (v - v.min()) / max(float(np.ptp(v)), 1.0) if len(v) else v
     weights = points.confidence[sure] * (1 + nearness)  # what is near is seen best and decides
     keep[sure] = in_one_line(points.x_px[sure], grid.row_y[sure], weights, config.straight_cells * grid.cell_px)

@@ -34,7 +34,9 @@ def test_differences_are_of_the_same_decks_and_bands_of_the_share_found():
     assert "by visibility" in tables[2].title
 
 
-def test_a_file_is_called_by_its_own_name_or_its_folder():
+def test_a_file_is_called_by_its_own_name_or_its_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert label("detect.onnx") == tmp_path.name
     assert label("ufld") == "ufld"
     assert label("runs/hybrid/detect.onnx") == "hybrid"
     assert label("weights/mine.onnx") == "mine"

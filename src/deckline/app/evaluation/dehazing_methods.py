@@ -9,7 +9,7 @@ from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
 from deckline.runtime import sha256_of
 
 HAZY = "none"  # the dehazer that does nothing
-USUAL_FILE = "dehaze.onnx"  # as `deckline train dehaze` calls it: its folder says more
+USUAL_FILES = ("dehaze.onnx", "detect.onnx")  # as `deckline train` calls them: their folder says more
 NO_REDUCTION_PX = 10**9  # a working size that no image exceeds
 
 
@@ -40,8 +40,12 @@ def shown_name(given: str) -> str:
             f"unknown dehazer {given!r}: use one of {', '.join(DEHAZERS)}, or the path of an .onnx file "
             f"(sources stand before --dehazer)"
         )
-    path = Path(given)
-    return path.resolve().parent.name if path.name == USUAL_FILE else path.stem
+    return file_label(Path(given))
+
+
+def file_label(path: Path) -> str:
+    """What a table calls a network's file: its name, or its folder's where all trainings give the same name."""
+    return path.resolve().parent.name if path.name in USUAL_FILES else path.stem
 
 
 def build_dehazer(given: str, full_size: bool = False) -> Dehazer:

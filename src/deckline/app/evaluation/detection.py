@@ -8,17 +8,16 @@ from typing import Annotated
 
 import tyro
 
-from deckline.app.evaluation.commands import JsonFile, heading, write_json
+from deckline.app.evaluation.commands import JsonFile
 from deckline.app.evaluation.detection_frames import FrameSet, Rendered, open_recorded
 from deckline.app.evaluation.detection_scores import NOT_LABELLED, Method, evaluate, open_book
-from deckline.app.evaluation.detection_tables import NOTES, detection_tables, flat_figures
+from deckline.app.evaluation.detection_tables import NOTES, detection_tables, flat_figures, report
 from deckline.app.evaluation.detection_worst import worst_of, write_worst
 from deckline.app.extras import needs_extra
 from deckline.app.provenance import settings_of
 from deckline.evaluate.detection import DetectionScore
 from deckline.evaluate.expectation import drawn_expectation
 from deckline.pipeline import Pipeline, PipelineConfig
-from deckline.recording.writer import write_atomic
 from deckline.types import Detection, Frame
 
 FRAMES, DECKLESS = 200, 100  # rendered when no source is given
@@ -167,16 +166,4 @@ def _report(
         print(f"skipped {reason}", file=sys.stderr)
     if len(skipped) > SKIPPED_SHOWN:
         print(f"skipped {len(skipped)} frames in all", file=sys.stderr)
-    figures = flat_figures(scores)
-    tables = detection_tables(scores)
-    console = heading(title)
-    for table in tables:
-        console.print(table.rich())
-    console.print(NOTES, highlight=False)
-    if markdown_file is not None:
-        text = "\n".join([title, "", *(table.markdown() for table in tables), NOTES, ""])
-        write_atomic(markdown_file, text.encode())
-        print(markdown_file)
-    if json_file is not None:
-        write_json(json_file, figures)
-        print(json_file)
+    report(title, detection_tables(scores), [NOTES], flat_figures(scores), json_file, markdown_file)

@@ -1,13 +1,16 @@
 """Tables of detection figures, on the screen and as Markdown."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from rich.table import Table
 
+from deckline.app.evaluation.commands import heading, write_json
 from deckline.evaluate.detection import DetectionScore
 from deckline.evaluate.detection_summary import Figures, Reliability, groups, reliability, summarise_detection
+from deckline.recording.writer import write_atomic
 
 COLUMNS = {  # heading: figure, factor, digits after the point
     "found %": ("found_rate", 100.0, 1),
@@ -51,6 +54,29 @@ class TableText:
         rule = tuple("---" if k == 0 else "---:" for k in range(len(self.columns)))
         lines = (f"| {' | '.join(row)} |" for row in (self.columns, rule, *self.rows))
         return f"**{self.title}**\n\n" + "\n".join(lines) + "\n"
+
+
+def report(
+    title: str,
+    tables: Sequence[TableText],
+    notes: Sequence[str],
+    figures: Mapping[str, float],
+    json_file: Path | None,
+    markdown_file: Path | None,
+) -> None:
+    """Print tables under a title, notes below them; write them and the figures where files are asked for."""
+    console = heading(title)
+    for table in tables:
+        console.print(table.rich())
+    for text in notes:
+        console.print(text, highlight=False, markup=False)
+    if markdown_file is not None:
+        parts = [title, "", *(table.markdown() for table in tables), *notes, ""]
+        write_atomic(markdown_file, "\n".join(parts).encode())
+        print(markdown_file)
+    if json_file is not None:
+        write_json(json_file, dict(figures))
+        print(json_file)
 
 
 def detection_tables(scores: Sequence[DetectionScore]) -> list[TableText]:

@@ -10,10 +10,11 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from deckline.app.evaluation.commands import JsonFile, heading, write_json
+from deckline.app.evaluation.commands import JsonFile
+from deckline.app.evaluation.dehazing_methods import file_label
 from deckline.app.evaluation.detection import MarkdownFile, all_sets
 from deckline.app.evaluation.detection_scores import Method, evaluate, open_book
-from deckline.app.evaluation.detection_tables import NOTES, TableText, cell
+from deckline.app.evaluation.detection_tables import NOTES, TableText, cell, report
 from deckline.app.provenance import settings_of
 from deckline.dehaze import Dehazer, restore
 from deckline.detect import Detector
@@ -21,7 +22,6 @@ from deckline.evaluate.detection import DetectionScore, Scene
 from deckline.evaluate.detection_summary import groups, summarise_detection
 from deckline.evaluate.paired import paired_difference
 from deckline.pipeline import Pipeline, PipelineConfig
-from deckline.recording.writer import write_atomic
 from deckline.types import Detection, Frame
 
 SHOWN = ("found %", "in 3 px %", "px", "95 % px", "false %", "ECE %")
@@ -76,19 +76,9 @@ def detectors(
         for key, method in methods.items()
     }
     title = f"{', '.join(item.name for item in sets)}, visibility of rendered frames {visibility} m"
-    tables = comparison_tables(scores)
-    console = heading(title)
-    for table in tables:
-        console.print(table.rich())
-    console.print(NOTES, COMPARED, sep="\n", highlight=False)
-    if markdown_file is not None:
-        text = "\n".join([title, "", *(table.markdown() for table in tables), NOTES, COMPARED, ""])
-        write_atomic(markdown_file, text.encode())
-        print(markdown_file)
-    if json_file is not None:
-        named = {f"{one}+{other}": summarise_detection(found) for (one, other), found in scores.items()}
-        write_json(json_file, {f"{name}.{key}": value for name, part in named.items() for key, value in part.items()})
-        print(json_file)
+    named = {"+".join(key): summarise_detection(found) for key, found in scores.items()}
+    figures = {f"{name}.{key}": value for name, part in named.items() for key, value in part.items()}
+    report(title, comparison_tables(scores), [NOTES, COMPARED], figures, json_file, markdown_file)
     return 0
 
 
@@ -127,11 +117,8 @@ def _find(restorer: _Restorer, detect: Detector, frame: Frame) -> Detection:
 
 
 def label(name: str) -> str:
-    """A method's name, or what an .onnx file is called; its folder's where the file has a network's usual name."""
-    path = Path(name)
-    if path.suffix != ".onnx":
-        return name
-    return path.parent.name if path.stem in ("detect", "dehaze") else path.stem
+    """A method's name, or what its .onnx file is called."""
+    return file_label(Path(name)) if name.endswith(".onnx") else name
 
 
 def comparison_tables(scores: dict[Key, list[DetectionScore]]) -> list[TableText]:

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from deckline.app.evaluation.commands import JsonFile, heading, write_json
-from deckline.app.evaluation.detection_tables import NONE, TableText
+from deckline.app.evaluation.commands import JsonFile
+from deckline.app.evaluation.detection_tables import NONE, TableText, report
 from deckline.app.evaluation.integrity_points import PointNoise
 from deckline.app.evaluation.integrity_runs import NOMINAL, Run, fly_points, fly_shots, seen_shots
 from deckline.app.evaluation.localization_book import Book
@@ -23,7 +23,6 @@ from deckline.app.provenance import settings_of
 from deckline.evaluate.integrity import ALERT_S, FaultRow, Moment, fault_row, flags_raised, share_interval
 from deckline.evaluate.integrity_faults import FAULTS
 from deckline.pipeline import Pipeline, PipelineConfig
-from deckline.recording.writer import write_atomic
 
 BOOK_FILE = "integrity.jsonl"
 GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames
@@ -219,18 +218,8 @@ def _report(by_fault: Mapping[str, Sequence[Sequence[Moment]]], config: Integrit
         f"navigation {flights.navigation}, sea state {flights.sea_state:g}, seed {flights.seed}; "
         f"time to alert {config.alert_s:g} s; {how}"
     )
-    tables = integrity_tables(by_fault, config.alert_s)
-    console = heading(title)
-    for table in tables:
-        console.print(table.rich())
-    console.print(NOTES, highlight=False, markup=False)
-    if config.markdown is not None:
-        text = "\n".join([title, "", *(table.markdown() for table in tables), NOTES, ""])
-        write_atomic(config.markdown, text.encode())
-        print(config.markdown)
-    if config.json_file is not None:
-        write_json(config.json_file, flat_figures(by_fault, config.alert_s))
-        print(config.json_file)
+    tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)
+    report(title, tables, [NOTES], figures, config.json_file, config.markdown)
 
 
 integrity.__doc__ = IntegrityConfig.__doc__

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from deckline.app.evaluation.commands import JsonFile, heading, write_json
+from deckline.app.evaluation.commands import JsonFile
+from deckline.app.evaluation.detection_tables import report
 from deckline.app.evaluation.integrity_points import PointNoise
 from deckline.app.evaluation.localization_book import Book
 from deckline.app.evaluation.localization_flights import FlightsConfig, fly
@@ -218,18 +219,7 @@ def _report(scores: dict[str, list[Score]], work: Work, config: LocalizationConf
         f"{flights.navigation}, sea state {flights.sea_state:g}, seed {flights.seed}; {seen_by}"
     )
     tables = localization_tables(scores, work.methods)
-    console = heading(title)
-    for table in tables:
-        console.print(table.rich())
-    for text in (*work.notes, NOTES):
-        console.print(text, highlight=False)
-    if config.markdown is not None:
-        text = "\n".join([title, "", *(table.markdown() for table in tables), *work.notes, NOTES, ""])
-        write_atomic(config.markdown, text.encode())
-        print(config.markdown)
-    if config.json_file is not None:
-        write_json(config.json_file, flat_figures(scores))
-        print(config.json_file)
+    report(title, tables, [*work.notes, NOTES], flat_figures(scores), config.json_file, config.markdown)
 
 
 def _write_csv(path: Path, scores: Sequence[Score]) -> None:
