@@ -47,6 +47,15 @@ def test_a_grey_image_without_poses_is_run_and_nothing_is_seen_in_it(images, tmp
     assert str(tmp_path / "out" / "report.html") in capsys.readouterr().out
 
 
+def test_localization_believes_the_deck_height_as_little_as_the_tracker_in_a_sea(images, tmp_path, monkeypatch):
+    flights = []
+    monkeypatch.setattr("deckline.app.commands._run", lambda source, flight, *rest, **more: flights.append(flight) or 0)
+    for options in ([], ["--sea-state", "5"]):
+        assert main(["run", images, "--out", str(tmp_path / "out"), "--dehazer", "none", *options]) == 0
+    calm, rough = (flight.pipeline.config.localize.noise.deck_z_m for flight in flights)
+    assert rough == flights[1].tracker.config.errors.deck_z_m > 10 * calm
+
+
 @pytest.mark.parametrize("group", ["eval", "train"])
 def test_a_group_without_its_command_names_those_there_are(group, capsys):
     with pytest.raises(SystemExit) as ended:

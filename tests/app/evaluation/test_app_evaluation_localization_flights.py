@@ -27,6 +27,8 @@ def test_localization_is_told_what_its_sensors_are_worth():
 def test_the_tracker_is_told_of_the_sea_and_the_runway():
     config = FlightsConfig(sea_state=5, runway_width_m=14.7)
     assert config.track.errors.deck_z_m > 10 * FlightsConfig().track.errors.deck_z_m
+    assert config.localize.noise.deck_z_m == config.track.errors.deck_z_m
+    assert FlightsConfig().localize.noise == FlightsConfig().noise
     assert config.track.runway_width_m == config.localize.runway_width_m == 14.7
     assert FlightsConfig(navigation="exact").track.errors.position_m < 0.01
 

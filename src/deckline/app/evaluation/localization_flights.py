@@ -107,8 +107,11 @@ class FlightsConfig:
 
     @property
     def localize(self) -> LocalizeConfig:
-        """Localization, told of its sensors."""
-        return LocalizeConfig(noise=self.noise, runway_width_m=self.runway_width_m)
+        """Localization, told of its sensors and of how far the deck moves about its reported height."""
+        noise = self.noise
+        if self.sea_state:
+            noise = replace(noise, deck_z_m=self.track.errors.deck_z_m)
+        return LocalizeConfig(noise=noise, runway_width_m=self.runway_width_m)
 
     @property
     def track(self) -> TrackConfig:
