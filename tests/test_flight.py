@@ -1,5 +1,7 @@
 """The pipeline and the track joined, with a pipeline that sees exact lines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from app_scene import chain, frame
@@ -12,10 +14,11 @@ class Exact:
     """Stands for the pipeline: localizes exact detections, and remembers what it was told to expect."""
 
     def __init__(self, blind=()):
-        self.expected, self.blind = [], blind
+        self.expected, self.seen_at, self.blind = [], [], blind
 
-    def __call__(self, at, expected=None):
+    def __call__(self, at, expected=None, seen_at=None):
         self.expected.append(expected)
+        self.seen_at.append(seen_at)
         return chain(at, () if at.file in self.blind else ("left", "right"))
 
 
@@ -58,3 +61,23 @@ def test_unrelated_frames_are_answered_as_the_pipeline_answers_them():
             one, other = getattr(result, name), getattr(single, name)
             assert (one and (one.value, one.sigma)) == (other and (other.value, other.sigma))
         assert (result.reason, result.flags, result.protection) == (single.reason, (), None)
+
+
+def test_without_a_pose_the_last_picture_says_where_to_look():
+    pipeline = Exact()
+    flight = Flight(pipeline)
+    for index in range(2):
+        shown = replace(frame(index, 150.0 - index), world_from_body=None)
+        flight(shown)
+    assert pipeline.expected == [None, None]
+    before, box = pipeline.seen_at
+    assert before is None
+    assert 0 < box[2] - box[0] < 2 * shown.camera.width and box[0] < shown.camera.width / 2 < box[2]
+
+
+def test_without_a_tracker_every_frame_is_for_itself():
+    pipeline = Exact()
+    flight = Flight(pipeline, None)
+    for shown in approach(2):
+        flight(shown)
+    assert pipeline.expected == pipeline.seen_at == [None, None]

@@ -127,49 +127,55 @@ def level_frame(x_m: float, time_s: float, file: str = "f") -> Frame:
     return Frame(file, time_s, image, camera, world_from_body=pose, deck_z_m=-20.0)
 
 
-def told(follow: bool, runway: RunwaySurvey | None = None) -> tuple[Pipeline, Recorder]:
+def told(runway: RunwaySurvey | None = None) -> tuple[Pipeline, Recorder]:
     expected, frame = surveyed(RUNWAY), level_frame(-300.0, 0.0)
     lines = []
     for near, far in (expected.left_m, expected.right_m):
         points = frame.world_from_camera.inv().apply(np.linspace(near, far, 30))
         lines.append(LinePoints(frame.camera.project(points), np.ones(30), np.full(30, 0.2)))
-    config = PipelineConfig("none", "classical", runway=runway or RunwaySurvey(), follow=follow)
-    pipeline = Pipeline(config)
+    pipeline = Pipeline(PipelineConfig("none", "classical", runway=runway or RunwaySurvey()))
     pipeline.detect = Recorder(Detection(*lines))
     return pipeline, pipeline.detect
 
 
-def test_unrelated_frames_carry_nothing_over():
-    pipeline, recorder = told(follow=False)
+def test_frames_carry_nothing_over():
+    pipeline, recorder = told()
     for time_s in (0.0, 0.2):
         assert pipeline(level_frame(-300.0, time_s)).estimate.status is Status.OK
     assert recorder.boxes == [None, None]
 
 
-def test_frames_in_order_are_looked_at_where_the_runway_was_seen():
-    pipeline, recorder = told(follow=True)
-    for time_s in (0.0, 0.2, 60.0):
-        pipeline(level_frame(-300.0, time_s))
-    first, second, long_after = recorder.boxes
-    assert first is None and long_after is None
-    points = np.concatenate([recorder.detection.left.points_px, recorder.detection.right.points_px])
-    assert np.all((points >= np.array(second[:2])) & (points <= np.array(second[2:])))
-    assert second[2] - second[0] < 100  # of 320
-
-
-def test_what_the_caller_expects_comes_before_the_last_estimate_and_that_before_the_survey():
-    survey = RunwaySurvey((0.0, -100.0, -20.0), sigma_m=1.0)
+def test_what_the_caller_expects_comes_before_the_survey_and_that_before_the_last_picture():
     aside = surveyed(dataclasses.replace(RUNWAY, ramp_m=(0.0, 100.0, -20.0)))
-    pipeline, recorder = told(follow=True, runway=survey)
-    pipeline(level_frame(-300.0, 0.0))
-    pipeline(level_frame(-300.0, 0.2))
-    pipeline(level_frame(-300.0, 0.4), aside)
+    frame, last = level_frame(-300.0, 0.0), (1.0, 2.0, 3.0, 4.0)
+    pipeline, recorder = told(RunwaySurvey((0.0, -100.0, -20.0), sigma_m=1.0))
+    pipeline(frame, aside, last)
+    pipeline(frame, None, last)
     middles = [(box[0] + box[2]) / 2 for box in recorder.boxes]
-    assert middles[0] < 140 < 150 < middles[1] < 170 < 180 < middles[2]
+    assert middles[1] < 140 and middles[0] > 180
+    unsurveyed, other = told()
+    unsurveyed(frame, None, last)
+    assert other.boxes == [last]
+
+
+@pytest.mark.parametrize(("detect_in", "grey"), [("hazy", 0), ("dehazed", 99)])
+def test_lines_are_looked_for_in_the_picture_that_is_asked_for(detect_in, grey):
+    pipeline = Pipeline(PipelineConfig("none", "classical", detect_in=detect_in))
+    pipeline.dehaze = lambda image_rgb: np.full_like(image_rgb, 99)
+    seen = []
+
+    def detect(image_rgb, look_at=None):
+        seen.append(np.unique(image_rgb))
+        return Detection(LinePoints.empty(), LinePoints.empty())
+
+    pipeline.detect = detect
+    result = pipeline(level_frame(-300.0, 0.0))
+    assert seen == [[grey]]
+    assert np.all(result.dehazed_rgb == 99)
 
 
 def test_an_expectation_that_says_nothing_leaves_the_next_one_to_say():
-    pipeline, recorder = told(follow=False, runway=RUNWAY)
+    pipeline, recorder = told(RUNWAY)
     frame = level_frame(-300.0, 0.0)
     pipeline(frame)
     for broken in (dataclasses.replace(surveyed(RUNWAY), sigma_m=np.nan), surveyed(RunwaySurvey((-900.0, 0.0, -20.0)))):

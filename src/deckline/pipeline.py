@@ -1,6 +1,7 @@
 """From frame to guidance: the only module that joins the stages.
 
-dehaze -> detect -> localize -> guide. Each stage is a plain callable; swap any of them.
+dehaze, detect -> localize -> guide. Each stage is a plain callable; swap any of them. A detector that was trained on
+haze finds more in the hazy picture; the dehazed one is for people, and for detectors that were not (`detect_in`).
 """
 
 import time
@@ -8,20 +9,21 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector
-from deckline.detect.last_seen import LastSeen
-from deckline.detect.prior import Box, RunwaySurvey, expected_box, surveyed
+from deckline.detect.looks import Box
+from deckline.detect.prior import RunwaySurvey, expected_box, surveyed
 from deckline.guide import guidance
 from deckline.localize import LocalizeConfig, localize
 from deckline.types import Detection, ExpectedRunway, Frame, Guidance, RunwayEstimate, Track
 
 T = TypeVar("T")
+Picture = Literal["hazy", "dehazed"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class PipelineConfig:
     localize: LocalizeConfig = field(default_factory=LocalizeConfig)
     seed: int = 0  # of RANSAC's draws; every frame has its own generator
     runway: RunwaySurvey = field(default_factory=RunwaySurvey)  # where the runway is, if known beforehand
-    follow: bool = False  # frames are one flight in order: look where the last good estimate was as well
+    detect_in: Picture = "hazy"  # the picture that lines are looked for in; the paper's way is the dehazed one
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,31 +63,33 @@ class Pipeline:
         self.dehaze: Dehazer = _build(self.config.dehazer, DEHAZERS, OnnxDehazer, "dehazer")
         self.detect: Detector = _build(self.config.detector, DETECTORS, OnnxDetector, "detector")
         self.survey = surveyed(self.config.runway)
-        self.last_seen = LastSeen() if self.config.follow else None
 
-    def __call__(self, frame: Frame, expected: ExpectedRunway | None = None) -> FrameResult:
-        """One frame through the chain; `expected` says where its runway should be, as a tracker does before looking."""
+    def __call__(self, frame: Frame, expected: ExpectedRunway | None = None, seen_at: Box | None = None) -> FrameResult:
+        """One frame through the chain.
+
+        Args:
+            expected: where its runway should be, as a tracker says before looking; goes before the survey.
+            seen_at: box around the runway in this image, for when neither says anything.
+        """
         rng = np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         seconds: dict[str, float] = {}
-        look_at = self._look_at(frame, expected)
+        look_at = self._look_at(frame, expected) or seen_at
         restored = _timed(seconds, "dehaze", lambda: restore(self.dehaze, frame))
-        detection = _timed(seconds, "detect", lambda: self.detect(restored.image_rgb, look_at))
+        picture = frame.image_rgb if self.config.detect_in == "hazy" else restored.image_rgb
+        detection = _timed(seconds, "detect", lambda: self.detect(picture, look_at))
         estimate = _timed(seconds, "localize", lambda: localize(frame, detection, self.config.localize, rng))
-        if self.last_seen is not None:
-            self.last_seen.update(frame, detection, estimate)
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate))
         if restored.note:
             advice = replace(advice, reason="; ".join(filter(None, (restored.note, advice.reason))))
         return FrameResult(frame, restored.image_rgb, detection, estimate, advice, seconds)
 
     def _look_at(self, frame: Frame, expected: ExpectedRunway | None) -> Box | None:
-        """Where the runway should be in the image: as the caller says, else the last estimate, else the survey."""
-        seen = None if self.last_seen is None else self.last_seen.expected(frame)
-        for known in (expected, seen, self.survey):
+        """Where the runway should be in the image: as the caller says, else the survey."""
+        for known in (expected, self.survey):
             box = None if known is None else expected_box(frame, known)
             if box is not None:
                 return box
-        return None if self.last_seen is None else self.last_seen.image_box(frame)
+        return None
 
 
 def _build(name: str, builders: dict[str, Callable[[], T]], from_file: Callable[[Path], T], what: str) -> T:

@@ -24,8 +24,9 @@ def test_a_file_is_named_as_given_and_a_method_without_weights_by_its_name() -> 
 
 
 def test_what_a_frame_is_expected_from_is_named() -> None:
-    plain = settings_of(Pipeline(PipelineConfig("none", "classical")))
+    plain = settings_of(Pipeline(PipelineConfig("none", "classical", detect_in="dehazed")))
     survey = RunwaySurvey((1.0, 2.0, -20.0), heading_deg=30.0)
-    told = settings_of(Pipeline(PipelineConfig("none", "classical", runway=survey, follow=True)))
-    assert set(told) - set(plain) == {"surveyed runway", "follows"}
+    told = settings_of(Pipeline(PipelineConfig("none", "classical", runway=survey)))
+    assert set(told) - set(plain) == {"surveyed runway"}
+    assert plain["looks for lines in"] == "the dehazed picture"
     assert "ramp_m = (1.0, 2.0, -20.0), heading_deg = 30.0" in told["surveyed runway"]

@@ -13,7 +13,7 @@ from deckline.detect.prior import RunwaySurvey
 from deckline.flight import Flight
 from deckline.guide import GuideConfig
 from deckline.localize import LocalizeConfig, NoiseConfig
-from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.pipeline import Picture, Pipeline, PipelineConfig
 from deckline.recording import Stream, open_source
 from deckline.track import TrackConfig
 
@@ -47,7 +47,7 @@ def run(
     detector: str = PipelineConfig.detector,
     mode: Literal["auto", "fine", "coarse"] = "auto",
     runway: RunwaySurvey = NO_SURVEY,
-    follow: bool = True,
+    detect_in: Picture = PipelineConfig.detect_in,
     track: bool = True,
     sea_state: float | None = None,
     runway_width_m: float | None = None,
@@ -71,9 +71,9 @@ def run(
         detector: name (see `deckline info`) or an .onnx file.
         mode: where distances come from: depth camera (fine), deck plane (coarse), or the better per frame (auto).
         runway: where it is, if that is known: looked at closely where a search of the whole image misses it.
-        follow: frames are one flight in their order: look closely where the last ones saw the runway as well.
-        track: frames are one flight in their order: filter over them, bridge two seconds without lines, and watch for
-            faults. Unrelated frames are handled one by one all the same.
+        detect_in: the picture that lines are looked for in; for a detector that never saw haze, dehazed.
+        track: frames are one flight in their order: filter over them, look closely where the last ones saw the runway,
+            bridge two seconds without lines, watch for faults. Unrelated frames are handled one by one all the same.
         sea_state: 0 to 6: how much the deck moves, of which the ship reports only the mean height. Without it the
             deck's motion is followed but its tilt is not counted.
         runway_width_m: between the middles of both lines, known to 0.1 m; without it, it is learned.
@@ -100,7 +100,7 @@ def run(
         noise = replace(noise, deck_z_m=assumed.errors.deck_z_m)  # the ship reports its deck's height at rest
     # A tracker that is told the width must see what the lines say of it, not what localization was told as well.
     lines = replace(LocalizeConfig(), mode=mode, runway_width_m=None if track else runway_width_m, noise=noise)
-    config = PipelineConfig(dehazer, detector, lines, seed, runway, follow)
+    config = PipelineConfig(dehazer, detector, lines, seed, runway, detect_in)
     flight = Flight(Pipeline(config), assumed if track else None, guide)
     return _run(opened, flight, out, max_frames=max_frames, resume=resume)
 

@@ -34,8 +34,7 @@ def settings_of(pipeline: Callable[[Frame], FrameResult]) -> Settings:
         settings["localization"] = ", ".join(_options(config.localize))
         if config.runway.ramp_m is not None:
             settings["surveyed runway"] = ", ".join(_options(config.runway))
-        if config.follow:
-            settings["follows"] = "the last estimate"
+        settings["looks for lines in"] = f"the {config.detect_in} picture"
         settings["seed"] = str(config.seed)
     return settings
 

@@ -27,11 +27,12 @@ from deckline.evaluate.chain import (
 )
 from deckline.evaluate.labels import LabelScore, score_labels, summarise_labels
 from deckline.labels import LABELS_FILE, read_labels
-from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.pipeline import Picture, Pipeline, PipelineConfig
 from deckline.recording import BadFrame, open_source
 from deckline.types import SIDES, Frame
 
 FILE_COLUMNS = 150  # of tables that go to a file or a pipe
+NOT_DEHAZED = "none"
 JsonFile = Annotated[Path | None, tyro.conf.arg(name="json")]
 
 
@@ -44,6 +45,7 @@ def chain(
     fov_deg: float = 90.0,
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
+    detect_in: Picture = PipelineConfig.detect_in,
     json_file: JsonFile = None,
 ) -> int:
     """Run the whole chain on freshly rendered frames with exact truth and print its errors.
@@ -57,6 +59,7 @@ def chain(
         fov_deg: horizontal field of view.
         dehazer: name or .onnx file; none to skip dehazing.
         detector: name or .onnx file.
+        detect_in: the picture that lines are looked for in.
         json_file: write the figures here as well.
     """
     from deckline.app.simulate import SimConfig, parse_visibility
@@ -75,13 +78,14 @@ def chain(
     title = (
         f"{frames} simulated frames, preset {preset}, seed {seed}, V {visibility} m, {range_m[0]:g}-{range_m[1]:g} m"
     )
-    return _evaluate(render(config), frames, title, PipelineConfig(dehazer, detector), json_file)
+    return _evaluate(render(config), frames, title, PipelineConfig(dehazer, detector, detect_in=detect_in), json_file)
 
 
 def recording(
     source: tyro.conf.Positional[Path],
     dehazer: str = PipelineConfig.dehazer,
     detector: str = PipelineConfig.detector,
+    detect_in: Picture = PipelineConfig.detect_in,
     json_file: JsonFile = None,
 ) -> int:
     """Run the whole chain on a recording that carries truth (scene.json) and print its errors.
@@ -90,16 +94,18 @@ def recording(
         source: recording folder.
         dehazer: name or .onnx file; none to skip dehazing.
         detector: name or .onnx file.
+        detect_in: the picture that lines are looked for in.
         json_file: write the figures here as well.
     """
     opened = open_source(source)
-    return _evaluate(opened, len(opened), str(source), PipelineConfig(dehazer, detector), json_file)
+    config = PipelineConfig(dehazer, detector, detect_in=detect_in)
+    return _evaluate(opened, len(opened), str(source), config, json_file)
 
 
 def labels(
     folders: tyro.conf.Positional[list[Path]],
     deck_z_m: float | None = None,
-    dehazer: str = PipelineConfig.dehazer,
+    dehazer: str = NOT_DEHAZED,
     detector: str = PipelineConfig.detector,
     json_file: JsonFile = None,
 ) -> int:
@@ -108,11 +114,11 @@ def labels(
     Args:
         folders: image folders with camera.toml and labels.json.
         deck_z_m: world z of the deck plane, for the status after localization.
-        dehazer: name or .onnx file; none to skip dehazing.
+        dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
         detector: name or .onnx file.
         json_file: write the figures here as well.
     """
-    pipeline = Pipeline(PipelineConfig(dehazer, detector))
+    pipeline = Pipeline(PipelineConfig(dehazer, detector, detect_in="dehazed"))
     scores = []
     for folder in folders:
         lines = read_labels(folder / LABELS_FILE)
@@ -148,7 +154,8 @@ def _evaluate(
         else:
             scores.append(score_frame(pipeline(item)))
     figures = summarise(scores)
-    _print_tables(scores, figures, f"{title}; dehazer {config.dehazer}, detector {config.detector}")
+    chain = f"dehazer {config.dehazer}, detector {config.detector} in the {config.detect_in} picture"
+    _print_tables(scores, figures, f"{title}; {chain}")
     return _finish(figures, json_file)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from deckline.app.evaluation.commands import JsonFile
+from deckline.app.evaluation.commands import NOT_DEHAZED, JsonFile
 from deckline.app.evaluation.detection_frames import FrameSet, Rendered, open_recorded
 from deckline.app.evaluation.detection_scores import NOT_LABELLED, Method, evaluate, open_book
 from deckline.app.evaluation.detection_tables import NOTES, detection_tables, flat_figures, report
@@ -34,7 +34,7 @@ def detection(
     visibility: str = "500..3000",
     range_m: tuple[float, float] | None = None,
     fov_deg: float = 90.0,
-    dehazer: str = PipelineConfig.dehazer,
+    dehazer: str = NOT_DEHAZED,
     detector: str = PipelineConfig.detector,
     told_within_m: float | None = None,
     out: Path | None = None,
@@ -56,7 +56,7 @@ def detection(
         visibility: of the rendered frames, metres at 2 % contrast, LOW..HIGH or clear.
         range_m: distance of the rendered frames from the ramp; 60 to 800 m, 30 to 1500 m for preset train.
         fov_deg: horizontal field of view of the rendered frames; preset train draws its own.
-        dehazer: name or .onnx file; none to skip dehazing.
+        dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
         detector: name or .onnx file.
         told_within_m: the chain is told beforehand where the runway is, wrong by draws of this 1-sigma and 2 degrees,
             and of one somewhere in view where there is none.
@@ -69,7 +69,7 @@ def detection(
     if told_within_m is not None and not (math.isfinite(told_within_m) and told_within_m >= 0):
         raise ValueError(f"--told-within-m must be a number of metres, 0 or more, got {told_within_m}")
     sets = all_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
-    pipeline = Pipeline(PipelineConfig(dehazer, detector))
+    pipeline = Pipeline(PipelineConfig(dehazer, detector, detect_in="dehazed"))
     told = {} if told_within_m is None else {"told_within_m": told_within_m}
     book = open_book(out, {**settings_of(pipeline), **told, "frames": [item.settings for item in sets]})
     evaluate(sets, [Method(partial(_find, pipeline, told_within_m), book)])

@@ -89,7 +89,7 @@ def _methods(
     restorers: dict[str, _Restorer] = {}
     for name in names:
         for dehazer in dehazers:
-            pipeline = Pipeline(PipelineConfig(dehazer, name))
+            pipeline = Pipeline(PipelineConfig(dehazer, name, detect_in="dehazed"))
             restorer = restorers.setdefault(dehazer, _Restorer(pipeline.dehaze))
             key = (label(name), label(dehazer))
             if key in methods:

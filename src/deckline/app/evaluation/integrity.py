@@ -50,7 +50,6 @@ class IntegrityConfig:
         rendered: render the flights and let the detector look at them; takes a second a frame.
         flights: what is flown.
         noise: of the points where nothing is rendered.
-        dehazer: name or .onnx file; none to skip dehazing. Of rendered flights.
         detector: name or .onnx file. Of rendered flights.
         alert_s: time to alert.
         jobs: processes, where nothing is rendered; 0: one for every core.
@@ -65,7 +64,6 @@ class IntegrityConfig:
     rendered: bool = False
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
     noise: PointNoise = field(default_factory=PointNoise)
-    dehazer: str = PipelineConfig.dehazer
     detector: str = PipelineConfig.detector
     alert_s: float = ALERT_S
     jobs: int = 1
@@ -91,7 +89,7 @@ class IntegrityConfig:
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    pipeline = Pipeline(PipelineConfig(config.dehazer, config.detector)) if config.rendered else None
+    pipeline = Pipeline(PipelineConfig("none", config.detector)) if config.rendered else None
     seen_by = {"points": asdict(config.noise)} if pipeline is None else settings_of(pipeline)
     made_with = {**asdict(config.flights), "localize": str(config.flights.localize), "track": str(config.flights.track)}
     book = Book(config.out, BOOK_FILE, {**made_with, "seen by": seen_by})
@@ -211,7 +209,7 @@ def _nominal(runs: Sequence[Sequence[Moment]]) -> dict[str, int]:
 
 def _report(by_fault: Mapping[str, Sequence[Sequence[Moment]]], config: IntegrityConfig) -> None:
     flights = config.flights
-    how = f"rendered, dehazer {config.dehazer}, detector {config.detector}" if config.rendered else f"{config.noise}"
+    how = f"rendered, detector {config.detector}" if config.rendered else f"{config.noise}"
     title = (
         f"{config.runs} runs of each fault, {config.nominal} without; preset {flights.preset}, "
         f"{flights.frames} frames, V {flights.visibility} m, {flights.range_m[0]:g} to {flights.range_m[1]:g} m, "

@@ -124,7 +124,8 @@ def load(methods: list[Method], localize: LocalizeConfig, seed: int = 0) -> Benc
     dehazers: dict[str, SharedDehazer] = {}
     detectors: dict[str, SharedDetector] = {}
     for method in methods:
-        config = PipelineConfig(method.dehazer, method.detector, replace(localize, method=method.estimator), seed=seed)
+        estimator = replace(localize, method=method.estimator)
+        config = PipelineConfig(method.dehazer, method.detector, estimator, seed=seed, detect_in="dehazed")
         pipeline = Pipeline(config)
         settings[method.name] = {**settings_of(pipeline), "tracked": method.tracked}
         pipeline.dehaze = dehazers.setdefault(method.dehazer, SharedDehazer(pipeline.dehaze))
