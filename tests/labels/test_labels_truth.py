@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from deckline.geometry import Camera, pose
+from deckline.haze import Atmosphere
 from deckline.labels.truth import SHORTEST_PX, image_line, label_frame, seen_line
 from deckline.types import Frame, Segment, Truth
 
@@ -43,6 +44,18 @@ def test_a_line_is_seen_as_far_as_the_visibility():
     seen = seen_line(frame_at(-100.0, visibility_m=150.0), LEFT)
     assert seen.ranges_m.max() == pytest.approx(150.0, abs=1.0)
     assert seen_line(frame_at(-100.0, visibility_m=90.0), LEFT) is None
+
+
+def test_in_recorded_air_a_line_is_seen_as_far_as_two_percent_of_its_light_come_through():
+    # 20 m above the water, which the line lies on; the air thins by e every 10 m:
+    # a ray of length d meets d (10 / 20) (1 - exp(-2)) m of the air at the water.
+    extinction, share = 0.03, 0.5 * (1 - np.exp(-2.0))
+    air = Atmosphere((extinction,) * 3, (0.5, 0.5, 0.5), base_z_m=0.0, scale_height_m=10.0)
+    conditions = {"air": air.to_mapping()}
+    seen = seen_line(frame_at(-100.0, visibility_m=3.912 / extinction, conditions=conditions), LEFT)
+    assert seen.ranges_m.max() == pytest.approx(3.912 / extinction / share, rel=5e-3)
+    with pytest.raises(ValueError, match="an atmosphere has"):
+        seen_line(frame_at(-100.0, conditions={"air": {"fog": 1}}), LEFT)
 
 
 def test_what_is_behind_or_beside_the_camera_is_not_seen():

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.geometry import Camera
+from deckline.haze import CONTRAST_THRESHOLD, air_path, atmosphere_from_mapping
 from deckline.labels.lines import LabelledImage
 from deckline.types import SIDES, Frame, Segment
 
@@ -44,19 +44,24 @@ def image_line(
 
 
 def seen_line(frame: Frame, segment: Segment, within_visibility: bool = True) -> SeenLine | None:
-    """The part of a true line that lies in the image and no farther than the visibility; None where there is none."""
+    """The part of a true line that lies in the image and shows through the air; None where there is none.
+
+    What is left of its contrast must be 2 % or more: the share of light that the air on the way lets through, where a
+    recording holds its air (`Truth.conditions`); else the range must not exceed the visibility.
+
+    Raises:
+        ValueError: the recorded air is none.
+    """
     ends = _ends_ahead(frame, segment)
     if ends is None:
         return None
-    visibility = frame.truth.visibility_m if frame.truth is not None and within_visibility else None
-    reach_m = np.inf if visibility is None else visibility
     shares = np.linspace(0.0, 1.0, SEARCH_POINTS)
-    seen = np.flatnonzero(_is_seen(_evenly(ends, shares), frame.camera, reach_m))
+    seen = np.flatnonzero(_is_seen(_evenly(ends, shares), frame, within_visibility))
     if not len(seen):
         return None
     low, high = shares[max(seen[0] - 1, 0)], shares[min(seen[-1] + 1, SEARCH_POINTS - 1)]
     points = _evenly(ends, np.linspace(low, high, LINE_POINTS))
-    points = points[_is_seen(points, frame.camera, reach_m)]
+    points = points[_is_seen(points, frame, within_visibility)]
     if len(points) < 2:
         return None
     length_m = np.linalg.norm(segment.p1_m - segment.p0_m)
@@ -107,11 +112,26 @@ def _evenly(ends: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[n
     return ends[0] + along[:, None] * (ends[1] - ends[0])
 
 
-def _is_seen(points_m: NDArray[np.float64], camera: Camera, reach_m: float) -> NDArray[np.bool_]:
+def _is_seen(points_m: NDArray[np.float64], frame: Frame, within_visibility: bool) -> NDArray[np.bool_]:
+    camera = frame.camera
     pixels = camera.project(points_m)
     inside = np.all((pixels >= 0) & (pixels <= [camera.width - 1, camera.height - 1]), axis=1)
     if camera.has_distortion and inside.any():
         straight = points_m[inside, :2] / points_m[inside, 2:]
         off = np.abs(camera.rays(pixels[inside])[:, :2] - straight).max(axis=1)
         inside[inside] = off < SAME_RAY
-    return inside & (np.linalg.norm(points_m, axis=1) <= reach_m)
+    return inside & _shows(points_m, frame) if within_visibility else inside
+
+
+def _shows(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.bool_]:
+    """Which points (N, 3) of the optical frame show through the air."""
+    truth, pose = frame.truth, frame.true_world_from_camera
+    ranges = np.linalg.norm(points_m, axis=1)
+    if truth is None:
+        return np.ones(len(ranges), dtype=bool)
+    if "air" not in truth.conditions or pose is None:
+        return ranges <= (np.inf if truth.visibility_m is None else truth.visibility_m)
+    air = atmosphere_from_mapping(truth.conditions["air"])
+    directions = pose.rotation.apply(points_m / ranges[:, None]).astype(np.float32)
+    path = air_path(ranges.astype(np.float32), directions, pose.translation, air)
+    return np.asarray(min(air.extinction_per_m) * path <= -np.log(CONTRAST_THRESHOLD))
