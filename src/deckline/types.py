@@ -148,6 +148,25 @@ class PixelLine:
 
 
 @dataclass(frozen=True, eq=False)
+class LineErrors:
+    """Where a line's error comes from, as seen from the aircraft; rows as in `RunwayLine.covariance`.
+
+    What frames have in common must not be averaged over them: a filter needs it apart from what is each frame's own.
+
+    Columns of `effects`: the pose's attitude turned about world x and y, per rad; the deck reported too low, per m;
+    focal length and depths too large, per share; the deck's z growing along the lines and to their right, per rad,
+    about the middle between the lines' points.
+    """
+
+    own: NDArray[np.float64]  # (3, 3) covariance of what is new in every frame
+    effects: NDArray[np.float64]  # (3, 7) what each common error adds to offset, azimuth, z
+
+    def __post_init__(self) -> None:
+        _check(self.own, (3, 3), "LineErrors.own")
+        _check(self.effects, (3, 7), "LineErrors.effects")
+
+
+@dataclass(frozen=True, eq=False)
 class RunwayLine:
     """A horizontal line in the world: through `point_m`, along `azimuth_rad`.
 
@@ -160,6 +179,7 @@ class RunwayLine:
     # (3, 3) the same numbers seen from the aircraft: what an error of its own position and heading moves along with
     # the aircraft is taken out. None: not known, `covariance` bounds it.
     relative_covariance: NDArray[np.float64] | None = None
+    errors: "LineErrors | None" = None  # what `relative_covariance` is made of; None: not known
 
     def __post_init__(self) -> None:
         _check(self.point_m, (3,), "RunwayLine.point_m")

@@ -28,6 +28,7 @@ class LineFit:
     own: Array  # (3, M) noise of the points, and what is known of the lines' lie
     common: Array  # (3, K) pose, calibration and deck
     relative: Array  # (3, K) the same as seen from the aircraft
+    effects: Array | None = None  # (3, 7) per unit, as `LineErrors` has them; None: not known
 
     @property
     def direction(self) -> Array:

@@ -9,7 +9,7 @@ from deckline.geometry import intersect_plane, wrap_angle
 from deckline.localize.config import AgreementConfig
 from deckline.localize.depth import DeckPoints
 from deckline.localize.line_fit import LineFit
-from deckline.types import SIDES, Frame, LinePoints, PixelLine, RunwayLine
+from deckline.types import SIDES, Frame, LineErrors, LinePoints, PixelLine, RunwayLine
 
 Array = NDArray[np.float64]
 Region = tuple[float, float, float, float]
@@ -17,7 +17,8 @@ RAMP_MARGIN_ROWS = 2.0  # of the detector's rows, between a line's near end and 
 
 
 def runway_line(fit: LineFit) -> RunwayLine:
-    return RunwayLine(fit.point_m, fit.azimuth_rad, fit.covariance, fit.relative_covariance)
+    errors = None if fit.effects is None else LineErrors(fit.own @ fit.own.T, fit.effects)
+    return RunwayLine(fit.point_m, fit.azimuth_rad, fit.covariance, fit.relative_covariance, errors)
 
 
 def pixel_contradiction(lines: dict[str, PixelLine]) -> str:

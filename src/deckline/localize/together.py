@@ -9,7 +9,7 @@ from deckline.geometry import wrap_angle
 from deckline.localize.config import LocalizeConfig, NoiseConfig
 from deckline.localize.joint import Solution, solve
 from deckline.localize.line_fit import LineFit
-from deckline.localize.model import NUISANCES, State, rights
+from deckline.localize.model import MIN_SIGMA_M, NUISANCES, Deck, State, rights
 from deckline.localize.runway import drop_contradictions
 from deckline.localize.sight import Sight, first_height, first_line, sight
 from deckline.types import SIDES, DepthMode, Frame, LinePoints, PixelLine
@@ -17,6 +17,7 @@ from deckline.types import SIDES, DepthMode, Frame, LinePoints, PixelLine
 Array = NDArray[np.float64]
 CONTRADICTION = 4.0  # 1-sigma between the reported deck height and the depth camera
 CENTRE_CONTRADICTION = 4.0  # 1-sigma between a painted centre line and the middle of the edge lines
+LEAST_SHARE, LEAST_RAD = 1e-7, 1e-7  # 1-sigma at least of a nuisance, so that its effect is known
 SOURCES = 11  # attitude about x, y, z, position along x, y, z, deck height, focal length, depth scale, deck slopes
 
 
@@ -47,6 +48,7 @@ def fit_together(
         mode: FINE when most points have a depth.
         config: everything that is assumed.
     """
+    config = _never_exact(config)
     view, missing = sight(frame, points, pixel_lines, config)
     deck_z_m = None if config.mode == "fine" else frame.deck_z_m
     view, start, lost = _start(frame, view, pixel_lines, deck_z_m, config)
@@ -93,8 +95,38 @@ def line_fits(solution: Solution, view: Sight, noise: NoiseConfig) -> dict[str, 
         point = np.array([*state.points_m[k], state.z_m + float(way @ slopes)])
         carried = _carried(point - view.body_m, float(state.azimuths_rad[k]), noise)
         azimuth = float(wrap_angle(state.azimuths_rad[k]))
-        fits[name] = LineFit(point, azimuth, chosen @ solution.points, relative + carried, relative)
+        effects = _effects(chosen @ solution.height, chosen @ solution.nuisances, solution.deck, noise)
+        fits[name] = LineFit(point, azimuth, chosen @ solution.points, relative + carried, relative, effects)
     return fits
+
+
+def _never_exact(config: LocalizeConfig) -> LocalizeConfig:
+    """The same with every nuisance a little unsure: what it would do can then be read off the fit."""
+    noise, deck = config.noise, config.deck
+    noise = replace(
+        noise,
+        attitude_rad=max(noise.attitude_rad, LEAST_RAD),
+        focal_fraction=max(noise.focal_fraction, LEAST_SHARE),
+        depth_scale=max(noise.depth_scale, LEAST_SHARE),
+    )
+    return replace(config, noise=noise, deck=replace(deck, tilt_rad=max(deck.tilt_rad, LEAST_RAD)))
+
+
+def _effects(height: Array, nuisances: Array, deck: Deck, noise: NoiseConfig) -> Array:
+    """What errors add to a line, (3, 7) per unit, as `LineErrors` has them.
+
+    A nuisance whose prior is wrong by so much moves the fit by its column. What is unknown of focal length and attitude
+    turns what was measured into what is true: its error is the opposite twice over. A depth's scale and the deck's
+    slopes are what is true themselves.
+
+    Args:
+        height: (3,) per 1-sigma of reported and own height together.
+        nuisances: (3, 6) per 1-sigma of each.
+    """
+    both = max(float(np.hypot(noise.deck_z_m, noise.position_m)), MIN_SIGMA_M)
+    turn, stretch, scale = noise.attitude_rad, noise.focal_fraction, noise.depth_scale
+    per_unit = nuisances / [turn, turn, stretch, -scale, -deck.slopes[0], -deck.slopes[1]]
+    return np.column_stack([per_unit[:, :2], height / both, per_unit[:, 2:]])
 
 
 def _relative(height: Array, nuisances: Array, noise: NoiseConfig) -> Array:
