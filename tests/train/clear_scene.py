@@ -72,11 +72,11 @@ def hazy_recording(folder: Path, frames: int, visibility_m: float = 700.0) -> Pa
     return folder
 
 
-def interrupting(step: Callable[..., float], at: int) -> Callable[..., float]:
+def interrupting(step: Callable[..., object], at: int) -> Callable[..., object]:
     """`step` during whose call number `at` a person presses Ctrl-C."""
     calls = []
 
-    def wrapped(*args: object) -> float:
+    def wrapped(*args: object) -> object:
         calls.append(1)
         if len(calls) == at:
             signal.raise_signal(signal.SIGINT)

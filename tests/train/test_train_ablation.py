@@ -12,7 +12,7 @@ import pytest
 from clear_scene import QUICK, clear_recording, hazy_recording, interrupting
 
 from deckline.dehaze import OnnxDehazer
-from deckline.train import ablation, dehaze
+from deckline.train import ablation, training
 from deckline.train.ablation import ROWS, check_pairs, is_finished, row_recipe, train_rows
 from deckline.train.checkpoint import read_progress
 from deckline.train.dehaze_data import ClearViews, training_batch
@@ -92,7 +92,7 @@ def test_rows_are_trained_once_each(pairs: Path, folder: Path, capsys: pytest.Ca
 def test_an_interrupted_row_goes_on(pairs: Path, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out, last = tmp_path / "rows", ROWS[-1].key
     shutil.copytree(folder, out, ignore=shutil.ignore_patterns(last))
-    monkeypatch.setattr(dehaze, "_step", interrupting(dehaze._step, at=1))
+    monkeypatch.setattr(training, "_step", interrupting(training._step, at=1))
     assert train_rows(TINY, pairs, out) is None
     monkeypatch.undo()
     progress = read_progress(out / last)

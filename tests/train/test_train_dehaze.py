@@ -13,7 +13,7 @@ from deckline.evaluate.metrics import psnr_db
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility, transmission
 from deckline.runtime import load_session
-from deckline.train import dehaze
+from deckline.train import training
 from deckline.train.checkpoint import read_progress
 from deckline.train.dehaze import DehazeTrainConfig, dehaze_loss, psnr_loss, train_dehaze
 from deckline.train.dehaze_data import (
@@ -160,7 +160,7 @@ def test_unreadable_frames_are_named_and_others_drawn(tmp_path: Path) -> None:
     assert list(views.skipped) == [images[1].name]
     for image in images:
         image.write_bytes(b"P6")
-    with pytest.raises(ValueError, match="20 frames in a row cannot be read"):
+    with pytest.raises(ValueError, match="20 frames in a row cannot be used"):
         ClearViews([tmp_path], 640, 0.0).draw(rng)
 
 
@@ -206,7 +206,7 @@ def test_interrupted_run_resumes_to_the_same_weights(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     train_dehaze(QUICK, [recording], tmp_path / "whole")
-    monkeypatch.setattr(dehaze, "_step", interrupting(dehaze._step, at=5))
+    monkeypatch.setattr(training, "_step", interrupting(training._step, at=5))
     assert train_dehaze(QUICK, [recording], tmp_path / "parts") == {}
     progress = read_progress(tmp_path / "parts")
     assert progress is not None
@@ -242,7 +242,7 @@ def test_another_recipe_does_not_go_on(recording: Path, tmp_path: Path) -> None:
 def test_a_loss_that_is_no_number_stops_the_run(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dehaze, "_step", lambda *args: float("nan"))
+    monkeypatch.setattr("deckline.train.dehaze.dehaze_loss", lambda *args: torch.tensor(float("nan")))
     with pytest.raises(FloatingPointError, match="loss is nan at step 0"):
         train_dehaze(QUICK, [recording], tmp_path)
 

@@ -13,7 +13,7 @@ from safetensors.torch import load_file, save_file
 
 from deckline.dehaze.network_io import image_to_tensor
 from deckline.pipeline import Pipeline, PipelineConfig
-from deckline.train import dehaze
+from deckline.train import training
 from deckline.train.checkpoint import CHECKPOINT_FILE, PROGRESS_KEY, load_checkpoint
 from deckline.train.dehaze import train_dehaze
 from deckline.train.rivals import build
@@ -49,7 +49,7 @@ def test_statistics_of_batch_norm_survive_an_interruption(
 ) -> None:
     config = replace(QUICK, network="g-unet-t", steps=4)
     train_dehaze(config, [recording], tmp_path / "whole")
-    monkeypatch.setattr(dehaze, "_step", interrupting(dehaze._step, at=2))
+    monkeypatch.setattr(training, "_step", interrupting(training._step, at=2))
     assert train_dehaze(config, [recording], tmp_path / "parts") == {}
     monkeypatch.undo()
     train_dehaze(config, [recording], tmp_path / "parts")

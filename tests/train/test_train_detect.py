@@ -1,5 +1,6 @@
 """The recipe on a few tiny frames: it runs, resumes, exports, and the export says what torch says."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -125,12 +126,23 @@ def test_training_learns_resumes_and_exports(recording, tmp_path, monkeypatch):
     assert 0 <= figures["both_found.clear"] <= 1
     assert (tmp_path / CHECKPOINT_FILE).exists()
     longer = DetectTrainConfig(**(vars(config) | {"steps": 3}))
-    monkeypatch.setattr("deckline.train.detect.read_progress", of_one_network)
+    monkeypatch.setattr("deckline.train.training.read_progress", of_one_network)
     assert train_detect(longer, [recording], tmp_path)["steps"] == 3
     monkeypatch.undo()
     with pytest.raises(ValueError, match=r"checkpoint of another recipe \(lr differ\)"):
         train_detect(DetectTrainConfig(**(vars(longer) | {"lr": 1.0})), [recording], tmp_path)
     assert OnnxDetector(tmp_path / "detect.onnx").config.grid == RowGrid()
+
+
+def test_a_frame_that_cannot_be_used_is_named_and_left_out(recording, tmp_path, capsys):
+    folder = tmp_path / "damaged"
+    shutil.copytree(recording, folder)
+    last = sorted((folder / "images").glob("*.ppm"))[-1]
+    last.write_bytes(last.read_bytes()[:100])
+    config = DetectTrainConfig(steps=1, minutes=None, batch=1, held_out=0.34, threads=1, shape=UfldConfig(channels=16))
+    figures = train_detect(config, [folder], tmp_path / "out")
+    assert figures["views"] == 2  # asked for
+    assert f"skipped {last.name}" in capsys.readouterr().out.replace("\n", "")
 
 
 def test_another_network_trains_the_same_way(recording, tmp_path):

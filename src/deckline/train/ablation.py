@@ -14,10 +14,10 @@ from deckline.train.dehaze import DehazeTrainConfig, train_dehaze
 from deckline.train.dehaze_network import Attention, DehazeNetwork, Transformer
 from deckline.train.network_cost import network_cost
 from deckline.train.schedule import fraction_done
+from deckline.train.training import MACHINE
 
 RECIPE_FILE = "recipe.json"
 WEIGHTS_FILE = "dehaze.onnx"
-MACHINE = ("threads", "device", "bf16", "checkpoint_every")  # may change between two calls
 
 
 @dataclass(frozen=True)

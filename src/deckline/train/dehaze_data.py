@@ -14,7 +14,7 @@ from deckline.dehaze.network_io import averaged_down, image_to_tensor, reduction
 from deckline.geometry import Camera
 from deckline.recording import FrameError, Source, open_source
 from deckline.train.dehaze_haze import HazeAugmentation, geometry_prior, lay_haze
-from deckline.train.split import split_views
+from deckline.train.views import Views
 from deckline.types import Frame
 
 MAX_BAD_DRAWS = 20
@@ -41,10 +41,10 @@ def clear_view(frame: Frame, long_side_px: int) -> ClearView:
     """What training needs of a frame, averaged down by a whole factor to about `long_side_px`.
 
     Raises:
-        ValueError: a frame without depth, or without a clear image.
+        FrameError: a frame without depth, or without a clear image.
     """
     if frame.depth_m is None:
-        raise ValueError(f"{frame.file}: no depth; haze is added from depth (record with --depth.range-m inf)")
+        raise FrameError(frame.file, "no depth; haze is added from depth (record with --depth.range-m inf)")
     clear, hazy = _pictures(frame)
     height, width = clear.shape[:2]
     factor = reduction_factor(height, width, long_side_px)
@@ -77,7 +77,7 @@ def _pictures(frame: Frame) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None
         return truth.clear_rgb, None if visibility_m is None or np.isinf(visibility_m) else frame.image_rgb
     if visibility_m is not None and np.isinf(visibility_m):
         return frame.image_rgb, None
-    raise ValueError(f"{frame.file}: no clear image, and the recording does not say that it was seen in clear air")
+    raise FrameError(frame.file, "no clear image, and the recording does not say that it was seen in clear air")
 
 
 def _reduced(image_rgb: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
@@ -114,17 +114,14 @@ def horizon_colour(clear_rgb: NDArray[np.uint8], range_m: NDArray[np.floating]) 
     return clear_rgb[rows[lowest], columns[lowest]].mean(axis=0, dtype=np.float32)
 
 
-class ClearViews:
-    """Views of several recordings, read when first asked for and kept in memory. Safe to share between threads.
+class ClearViews(Views[ClearView, Source]):
+    """Clear views of several recordings; see `Views`.
 
     Args:
-        recordings: folders that `deckline.recording` can open; one given twice is drawn twice as often.
+        recordings: folders that `deckline.recording` can open.
         long_side_px: larger images are averaged down to about this.
         held_out: share of every recording, at its end, that training does not see.
-        train: the training part; False gives the held-out part, of every recording once.
-
-    Attributes:
-        skipped: what was wrong with frames that could not be read, by file.
+        train: the training part.
 
     Raises:
         ValueError: no recordings, or no views.
@@ -132,34 +129,15 @@ class ClearViews:
 
     def __init__(self, recordings: list[Path], long_side_px: int, held_out: float, train: bool = True) -> None:
         self._long_side_px = long_side_px
-        self._sources: dict[Path, Source] = {path: open_source(path) for path in recordings}
-        self._items = split_views(recordings, self._sources, held_out, train)
-        self._cache: dict[tuple[Path, int], ClearView] = {}
-        self.skipped: dict[str, str] = {}
+        super().__init__({path: open_source(path) for path in recordings}, recordings, held_out, train)
 
-    def __len__(self) -> int:
-        return len(self._items)
-
-    def __getitem__(self, index: int) -> ClearView:
-        path, frame_index = item = self._items[index]
-        view = self._cache.get(item)
-        if view is None:  # two threads may both load a view; either result serves
-            view = clear_view(self._sources[path].load(frame_index), self._long_side_px)
-            self._cache[item] = view
-        return view
-
-    def draw(self, rng: np.random.Generator) -> ClearView:
-        """A random view; a frame that cannot be read is noted in `skipped` and another one drawn.
+    def load(self, source: Source, index: int) -> ClearView:
+        """View `index` of a recording.
 
         Raises:
-            ValueError: MAX_BAD_DRAWS frames in a row cannot be read.
+            FrameError: it cannot be read, or lacks what training needs.
         """
-        for _ in range(MAX_BAD_DRAWS):
-            try:
-                return self[int(rng.integers(0, len(self)))]
-            except FrameError as error:
-                self.skipped[error.file] = error.reason
-        raise ValueError(f"{MAX_BAD_DRAWS} frames in a row cannot be read; the last errors: {self.skipped}")
+        return clear_view(source.load(index), self._long_side_px)
 
 
 def hazy_pair(

@@ -11,7 +11,6 @@ from torch import nn
 from deckline.dehaze.network_io import image_to_tensor, tensor_to_image
 from deckline.evaluate.metrics import psnr_db, ssim
 from deckline.haze import add_haze, beta_from_visibility
-from deckline.recording import FrameError
 from deckline.train.dehaze_data import ClearView, ClearViews
 from deckline.train.dehaze_haze import geometry_prior, random_airlight
 from deckline.train.export import export_onnx
@@ -44,13 +43,12 @@ def validate(model: nn.Module, views: ClearViews, seed: int, prior: bool = False
     indices = np.linspace(0, len(views) - 1, min(len(views), VALIDATION_VIEWS)).round().astype(int)
     rows = []
     for index in indices.tolist():
-        try:
-            rows.append(_figures(model, views[index], np.random.default_rng([seed, index]), prior))
-        except FrameError as error:
-            views.skipped[error.file] = error.reason
+        view = views.usable(index)
+        if view is not None:
+            rows.append(_figures(model, view, np.random.default_rng([seed, index]), prior))
     model.train(was_training)
     if not rows:
-        raise ValueError(f"no held-out frame can be read: {views.skipped}")
+        raise ValueError(f"no held-out frame can be used: {views.skipped}")
     # A view that comes out untouched has infinite PSNR; 60 dB stands for it in the mean.
     means = np.minimum(rows, 60.0).mean(axis=0)
     names = FIGURES + (WITH_PRIOR if prior else ())

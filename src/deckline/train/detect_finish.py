@@ -85,8 +85,8 @@ def validate(model: LineNetwork, views: LineViews, augment: DetectAugmentation, 
         scores = []
         for index in chosen:
             rng = np.random.default_rng([seed, int(index)])
-            view = views[int(index)]
-            if _can_be_scored(view):
+            view = views.usable(int(index))
+            if view is not None and _can_be_scored(view):
                 image = _hazed(view, rng.uniform(*depths), augment, rng)
                 scores.append(score(detect_lines(image, infer, config), view.lines_px))
         figures |= {f"{key}.{name}": value for key, value in _summary(scores).items()}

@@ -11,7 +11,7 @@ from deckline.labels.own import LABELS_FILE, Labels, read_labels
 from deckline.labels.truth import LINE_POINTS
 from deckline.recording.airsim import RECORD_FILE
 from deckline.recording.images import read_image
-from deckline.recording.source import is_inside
+from deckline.recording.source import FrameError, is_inside
 from deckline.types import SIDES
 
 
@@ -46,13 +46,13 @@ class LabelledFolder:
         """View `index`, in the order of the labels.
 
         Raises:
-            ValueError: an image that cannot be read.
+            FrameError: an image that cannot be read.
         """
         file = self._files[index]
         try:
             image = read_image(self._path / file)
         except ValueError as error:
-            raise ValueError(f"{self._path / file}: {error}") from None
+            raise FrameError(str(self._path / file), str(error)) from None
         return LabelledView(file, image, _lines(self._labels[file]))
 
 
