@@ -65,7 +65,7 @@ def test_a_machine_without_opengl_ends_in_an_error_that_the_command_line_prints(
     def none(config: SimConfig) -> None:
         raise RendererError("cannot create an OpenGL context")
 
-    monkeypatch.setattr(parallel, "Simulator", none)
+    monkeypatch.setattr(parallel, "open_simulator", none)
     with pytest.raises(RenderingError, match="cannot create an OpenGL context"):
         list(map_frames(picture, [(SMALL, 0)]))
 

@@ -16,8 +16,8 @@ from deckline.app.extras import needs_extra
 from deckline.types import Frame
 
 with needs_extra("sim"):
-    from deckline.sim import RendererError, SimConfig
-    from deckline.sim.simulate import Simulator, block_of
+    from deckline.sim import RendererError, SimConfig, open_simulator
+    from deckline.sim.simulate import block_of
 
 CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs
 T = TypeVar("T")
@@ -75,7 +75,7 @@ class _Stage:
     def frame(self, config: SimConfig, index: int) -> Frame:
         if config != self._config:
             self._open.close()
-            self._config, self._simulator = config, self._open.enter_context(Simulator(config))
+            self._config, self._simulator = config, self._open.enter_context(open_simulator(config))
         return self._simulator.frame(index)
 
     def close(self) -> None:

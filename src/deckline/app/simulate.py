@@ -127,7 +127,7 @@ def what_decides_a_frame(config: SimConfig) -> dict[str, Any]:
     """Kept in scene.json: a recording made with other values is never continued. Infinity is written as text."""
     values = asdict(config)
     length = values.pop("frames")
-    if config.trajectory != "random":  # more frames of an approach are other frames
+    if config.trajectory in ("approach", "profile"):  # more frames of an approach are other frames
         values["length"] = length
     return {name: plain(value) for name, value in values.items()}
 

@@ -16,7 +16,7 @@ from deckline.sim.flight.motion import MotionConfig
 from deckline.sim.scene.weather import WeatherConfig
 
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train"]
-Trajectory = Literal["approach", "profile", "random"]
+Trajectory = Literal["approach", "profile", "random", "deckless"]
 CLEAR: tuple[float, float] = (float("inf"), float("inf"))
 LARGEST_PX = 8192  # of a picture's sides; graphics cards' buffers end at 16384
 FARTHEST_M = 10000.0  # from the ramp; the renderer's far plane lies at 20 km
@@ -31,7 +31,8 @@ class SimConfig:
             ship with a ski jump and an unangled deck; `small`: a short deck; `runway`: on land; `train`: another
             random ship every `frames_per_ship` frames, some without a runway, in any light, weather and camera.
         trajectory: `approach`: one final approach; `profile`: the paper's flight from 5 km; `random`: unrelated views
-            around the glide path.
+            around the glide path; `deckless`: views without a runway (preset `train`): in turn open sea or land, other
+            ships, a coast, past a ship, a bare deck.
         frames: how many.
         visibility_m: lowest and highest visibility (2 % contrast), drawn uniformly for every random view and
             once for a flight; both infinite: clear air.
@@ -82,6 +83,8 @@ class SimConfig:
         for name, kinds in (("preset", Preset), ("trajectory", Trajectory)):
             if getattr(self, name) not in get_args(kinds):
                 raise ValueError(f"{name} must be one of {get_args(kinds)}, got {getattr(self, name)!r}")
+        if self.trajectory == "deckless" and self.preset != "train":
+            raise ValueError(f"trajectory deckless shows ships of preset train, got preset {self.preset!r}")
         for name in ("frames", "width", "height", "frames_per_ship"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")

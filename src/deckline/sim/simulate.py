@@ -1,6 +1,5 @@
 """Frames of a simulated recording: the same configuration and index always give the same frame."""
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from types import TracebackType
 from typing import Self
@@ -196,21 +195,9 @@ class Simulator:
 
 def block_of(config: SimConfig, index: int) -> int:
     """Which ship a frame shows: an approach has one, random views share one by `frames_per_ship`."""
+    if config.trajectory == "deckless":
+        return index
     return index // config.frames_per_ship if config.trajectory == "random" else 0
-
-
-def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
-    """Frames `start`, `start + 1`, ... of a recording, before `stop` (None: all).
-
-    Raises:
-        RendererError: no OpenGL through EGL on this machine.
-        ValueError: a negative start.
-    """
-    if start < 0:
-        raise ValueError(f"start must not be negative, got {start}")
-    with Simulator(config) as simulator:
-        for index in range(start, config.frames if stop is None else min(stop, config.frames)):
-            yield simulator.frame(index)
 
 
 def draw_visibility(limits_m: tuple[float, float], rng: np.random.Generator) -> float:

@@ -142,7 +142,7 @@ def rendered_sets(
         from deckline.sim import SimConfig
     config = SimConfig(
         preset="train",
-        trajectory="random",
+        trajectory="deckless",
         frames=max(deckless, 1),
         visibility_m=parse_visibility(visibility),
         seed=seed,
@@ -154,9 +154,9 @@ def rendered_sets(
     sets: list[FrameSet] = []
     if frames:
         several = SimConfig.frames_per_ship
-        values = vars(config) | {"frames": frames, "frames_per_ship": several}
+        values = vars(config) | {"frames": frames, "frames_per_ship": several, "trajectory": "random"}
         sets += [Rendered(SimConfig(**(values | {"preset": preset}))) for preset in dict.fromkeys(presets)]
-    return [*sets, Rendered(config, deckless=True)] if deckless else sets
+    return [*sets, Rendered(config)] if deckless else sets
 
 
 def _report(

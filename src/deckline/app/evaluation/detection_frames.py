@@ -92,17 +92,16 @@ class Rendered(FrameSet):
     """Fresh frames of the simulator.
 
     Args:
-        config: a `deckline.sim.SimConfig` of random views.
-        deckless: views without a runway instead (preset train).
+        config: a `deckline.sim.SimConfig` of random views, or of views without a runway.
     """
 
-    def __init__(self, config: Any, deckless: bool = False) -> None:
+    def __init__(self, config: Any) -> None:
         from deckline.app.simulate import what_decides_a_frame
 
-        self._config, self._deckless = config, deckless
+        self._config, self._deckless = config, config.trajectory == "deckless"
         self._simulator: Any = None
-        self.name = "no runway" if deckless else f"rendered {config.preset}"
-        self.settings = {"deckless": deckless, **what_decides_a_frame(config)}
+        self.name = "no runway" if self._deckless else f"rendered {config.preset}"
+        self.settings = what_decides_a_frame(config)
 
     def __len__(self) -> int:
         return int(self._config.frames)
@@ -121,10 +120,9 @@ class Rendered(FrameSet):
 
     def _open(self) -> Any:
         if self._simulator is None:
-            from deckline.app.evaluation.detection_deckless import DecklessSimulator
-            from deckline.sim.simulate import Simulator
+            from deckline.sim import open_simulator
 
-            self._simulator = (DecklessSimulator if self._deckless else Simulator)(self._config)
+            self._simulator = open_simulator(self._config)
         return self._simulator
 
 

@@ -2,19 +2,19 @@ import numpy as np
 import pytest
 
 from deckline.app.evaluation.detection import rendered_sets
-from deckline.app.evaluation.detection_deckless import CYCLE, DecklessSimulator
 from deckline.app.evaluation.detection_frames import Rendered
 from deckline.evaluate.detection import Scene
 from deckline.sim import RendererError, SimConfig
+from deckline.sim.deckless import CYCLE
 
-SMALL = {"preset": "train", "trajectory": "random", "width": 96, "height": 54, "keep_clear": False}
+SMALL = {"preset": "train", "trajectory": "deckless", "width": 96, "height": 54, "keep_clear": False}
 SHOWN = {"open sea", "open land", "other ships", "coast", "past a ship", "past a runway", "bare deck"}
 
 
 @pytest.fixture(scope="module")
 def deckless():
     config = SimConfig(frames=5, visibility_m=(500.0, 3000.0), seed=1000, frames_per_ship=1, **SMALL)
-    item = Rendered(config, deckless=True)
+    item = Rendered(config)
     try:
         item.load(0)
     except RendererError as error:
@@ -41,8 +41,8 @@ def test_the_same_index_gives_the_same_frame_whatever_came_before(deckless):
 
 
 def test_other_presets_have_a_runway_in_every_view():
-    with pytest.raises(ValueError, match="random views of preset train, got paper"):
-        DecklessSimulator(SimConfig(preset="paper", trajectory="random"))
+    with pytest.raises(ValueError, match="shows ships of preset train, got preset 'paper'"):
+        SimConfig(preset="paper", trajectory="deckless")
 
 
 def test_sets_of_the_command():

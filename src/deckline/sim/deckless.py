@@ -5,22 +5,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.app.extras import needs_extra
+from deckline.geometry import Camera
+from deckline.sim.camera.lens import random_lens
+from deckline.sim.config import SimConfig
+from deckline.sim.flight.random_views import away_view, draw_fov, from_any_side, glide_view
+from deckline.sim.flight.viewpoint import Viewpoint, looking
+from deckline.sim.scene.quality import random_quality
+from deckline.sim.scene.weather import random_weather
+from deckline.sim.ship.background import Kind, background_mesh
+from deckline.sim.ship.layout import random_layout
+from deckline.sim.ship.mesh import join
+from deckline.sim.ship.ship import NO_RUNWAY
+from deckline.sim.simulate import SHIP, Scenery, Simulator, draw_visibility
 from deckline.types import Frame
-
-with needs_extra("sim"):
-    from deckline.geometry import Camera
-    from deckline.sim import SimConfig
-    from deckline.sim.camera.lens import random_lens
-    from deckline.sim.flight.random_views import away_view, draw_fov, from_any_side, glide_view
-    from deckline.sim.flight.viewpoint import Viewpoint, looking
-    from deckline.sim.scene.quality import random_quality
-    from deckline.sim.scene.weather import random_weather
-    from deckline.sim.ship.background import Kind, background_mesh
-    from deckline.sim.ship.layout import random_layout
-    from deckline.sim.ship.mesh import join
-    from deckline.sim.ship.ship import NO_RUNWAY
-    from deckline.sim.simulate import SHIP, Scenery, Simulator, draw_visibility
 
 OPEN, SHIPS, COAST, PAST, BARE = "open", "ships", "coast", "past", "bare"
 CYCLE = (OPEN, SHIPS, COAST, PAST, BARE)  # one frame of each in turn
@@ -33,20 +30,7 @@ CANDIDATES = 400  # ships that are looked through for one without a runway; one 
 
 
 class DecklessSimulator(Simulator):
-    """Frames without a runway, of preset `train`: the same configuration and index always give the same frame.
-
-    Args:
-        config: preset `train`, random views; a ship, its sea and its light are drawn anew for every frame.
-
-    Raises:
-        RendererError: no OpenGL through EGL on this machine.
-        ValueError: another preset.
-    """
-
-    def __init__(self, config: SimConfig) -> None:
-        if config.preset != "train" or config.trajectory != "random":
-            raise ValueError(f"views without a runway are random views of preset train, got {config.preset}")
-        super().__init__(config)
+    """Frames of trajectory `deckless`; a ship, its sea and its light are drawn anew for every one."""
 
     def frame(self, index: int) -> Frame:
         """Frame `index`; its truth's conditions say under "deckless" what it shows."""
