@@ -177,7 +177,8 @@ def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_f
     assert (out / "worst" / "001.png").exists() and not (out / "worst" / "002.png").exists()
     shown = capsys.readouterr()
     assert "by ship" in shown.out and "skipped" not in shown.err
-    assert "choose another folder" in error_of(capsys, folder, "--out", out)  # the dehazer is another one
+    # the dehazer is another one
+    assert "choose another folder" in error_of(capsys, folder, "--dehazer", "dark-channel", "--out", out)
 
 
 def test_the_chain_is_told_where_the_runway_is_when_asked_to(recording, capsys, monkeypatch):
