@@ -1,4 +1,7 @@
 import json
+import os
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -16,6 +19,15 @@ def error_line(capsys) -> str:
 def test_a_source_that_does_not_exist_is_one_line_and_exit_code_2(tmp_path, capsys):
     assert main(["run", str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 2
     assert "nothing" in error_line(capsys)
+
+
+def test_an_output_that_nobody_reads_ends_without_a_word():
+    code = "from deckline.app.cli import main; raise SystemExit(main(['info']))"
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run([sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, b"")
 
 
 @pytest.fixture

@@ -17,16 +17,22 @@ COMMANDS: dict[str, Callable[..., int]] = {
 }
 DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
 INTERRUPTED = 130  # the shell's code for a program ended by Ctrl-C
+UNREAD = 141  # and for one whose output nobody reads any more, as behind `| head`
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns the exit code. Bad input ends with one line and code 2, Ctrl-C with 130."""
     args = sys.argv[1:] if argv is None else argv
     try:
-        return int(_dispatch(args) or 0)
+        code = int(_dispatch(args) or 0)
+        sys.stdout.flush()
+        return code
     except KeyboardInterrupt:
         print("deckline: stopped; what was written is whole", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python would complain when it ends
+        return UNREAD
     except (ValueError, OSError, ImportError) as error:
         if os.environ.get("DECKLINE_TRACEBACK"):
             raise
