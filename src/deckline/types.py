@@ -158,11 +158,12 @@ class LineErrors:
     about the middle between the lines' points.
     """
 
-    own: NDArray[np.float64]  # (3, 3) covariance of what is new in every frame
+    # (3, M) what is new in every frame: columns are independent and of 1-sigma, the same ones for all lines of a frame
+    own: NDArray[np.float64]
     effects: NDArray[np.float64]  # (3, 7) what each common error adds to offset, azimuth, z
 
     def __post_init__(self) -> None:
-        _check(self.own, (3, 3), "LineErrors.own")
+        _check(self.own, (3, self.own.shape[-1]), "LineErrors.own")
         _check(self.effects, (3, 7), "LineErrors.effects")
 
 

@@ -24,22 +24,20 @@ def test_what_cannot_be_is_refused(build, message):
         build()
 
 
-def test_a_sea_state_is_that_of_single_sines_at_the_ramp():
-    height, tilt, push = deck_sway(5.0)
-    times = np.linspace(0.0, 36.0, 3600, endpoint=False)  # three pitch periods and two of heave
+def test_a_sea_state_is_that_of_single_sines_between_ramp_and_touchdown():
+    sway = deck_sway(5.0)
+    times = np.linspace(0.0, 396.0, 39600, endpoint=False)  # whole periods of roll, pitch and heave
     pitch = np.deg2rad(0.82) * np.sin(2 * np.pi * times / 12.0)
-    rise = 166.0 * pitch + 1.09 * np.sin(2 * np.pi * times / 18.0)
-    assert np.std(rise) == pytest.approx(height, rel=1e-6)
-    assert np.std(pitch) == pytest.approx(tilt, rel=1e-6)
-    step = times[1]
-    acceleration = (np.roll(rise, -1) - 2 * rise + np.roll(rise, 1)) / step**2
-    assert np.std(acceleration) * np.sqrt(6.0) == pytest.approx(push, rel=1e-3)
+    rise = (166.0 + 96.0) / 2 * pitch + 1.09 * np.sin(2 * np.pi * times / 18.0)
+    assert np.std(rise) == pytest.approx(sway.rise_m, rel=0.01)
+    assert np.std(pitch) == pytest.approx(sway.tilt_rad, rel=1e-6)
+    assert np.std(np.deg2rad(0.98) * np.sin(2 * np.pi * times / 22.0)) == pytest.approx(sway.bank_rad, rel=1e-6)
 
 
-def test_a_rough_sea_makes_the_reported_deck_height_worth_less():
+def test_a_rough_sea_makes_the_reported_deck_height_worth_less_but_not_the_height_at_rest():
     calm, rough = TrackConfig().at_sea_state(0.0), TrackConfig().at_sea_state(5.0)
-    assert calm.errors.deck_z_m == TrackConfig().errors.deck_z_m
-    assert np.isinf(calm.errors.deck_z_s)
-    assert rough.errors.deck_z_m == pytest.approx(np.hypot(0.1, deck_sway(5.0)[0]))
-    assert rough.errors.deck_z_s == 3.0
+    assert calm.errors.deck_z_m == pytest.approx(TrackConfig().errors.deck_z_m)
+    assert rough.errors.deck_z_m == pytest.approx(np.hypot(0.1, deck_sway(5.0).rise_m), rel=1e-3)
+    assert rough.rest_z_m == pytest.approx(calm.rest_z_m)
+    assert rough.at_sea_state(0.0).errors.deck_z_m == pytest.approx(calm.errors.deck_z_m)
     assert rough.motion.tilt_rad > 10 * calm.motion.tilt_rad

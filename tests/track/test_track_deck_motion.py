@@ -17,7 +17,7 @@ def deck_z(time_s):
 
 
 def test_a_pitching_deck_is_followed_within_a_fifth_of_a_second_and_smoothed():
-    rng, tracker = np.random.default_rng(1), Tracker(TrackConfig(runway_width_m=15.0))
+    rng, tracker = np.random.default_rng(1), Tracker(TrackConfig(runway_width_m=15.0).at_sea_state(5.0))
     times = np.arange(0.0, 40.0, 1 / RATE_HZ)
     found, rates, flags = [], [], 0
     for time_s in times:

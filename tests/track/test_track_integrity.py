@@ -10,7 +10,7 @@ from test_track_tracker import deviations
 
 from deckline.track import IntegrityConfig, TrackConfig, Tracker
 from deckline.track.integrity import biased, protection
-from deckline.track.state import DECK, Pose, initial_state, updated
+from deckline.track.state import DECK, SIZE, Pose, initial_state, updated
 from deckline.types import RunwayLine, TrackState
 
 SLOW = Flight(modes="both", rate_hz=4.0, start_m=500.0)
@@ -108,7 +108,7 @@ def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two(
     line = RunwayLine(np.zeros(3), 0.0, np.eye(3))
     state = initial_state(0.0, line, None, KNOWN)
     prior, noise, found = state.covariance[DECK, DECK], 0.02**2, 1.2
-    design = np.zeros((1, 14))
+    design = np.zeros((1, SIZE))
     design[0, DECK] = 1.0
     state = updated(state, np.array([found]), design, np.array([[noise]]))
     assert state.mean[DECK] == pytest.approx(found * prior / (prior + noise))
@@ -121,14 +121,14 @@ def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two(
 def test_the_protection_level_is_that_of_chance_plus_the_worst_fault_that_nobody_sees():
     line = RunwayLine(np.zeros(3), 0.0, np.eye(3))
     state = initial_state(0.0, line, None, KNOWN)
-    covariance = np.zeros((14, 14))
+    covariance = np.zeros((SIZE, SIZE))
     covariance[4, 4] = 0.3**2
     covariance[4, DECK] = covariance[DECK, 4] = -0.02  # z moves with the deck height, which is as unsure as at first
     covariance[DECK, DECK] = state.covariance[DECK, DECK]
     state = replace(state, covariance=covariance)
     pose = Pose(np.array([-100.0, 0.0, -10.0]), np.zeros(3), np.zeros(3))
     level = protection(state, pose, None, KNOWN)
-    sigma = np.hypot(0.3, KNOWN.errors.position_white_m)
-    assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / 0.02 * KNOWN.integrity.deck_z_m, rel=1e-3)
+    sigma, prior = np.hypot(0.3, KNOWN.errors.position_white_m), state.covariance[DECK, DECK]
+    assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / prior * KNOWN.integrity.deck_z_m, rel=1e-3)
     rarer = protection(state, pose, None, replace(KNOWN, integrity=IntegrityConfig(risk=1e-3)))
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)

@@ -55,7 +55,8 @@ def test_errors_are_as_large_as_the_track_says(modes):
 def test_two_seconds_without_lines_are_bridged_with_growing_and_honest_uncertainty():
     flight = Flight(start_m=600.0, seed=3)
     sigmas, states, misses = [], [], []
-    for frame, truth, track in followed(flight, TrackConfig(runway_width_m=15.0), without=[(3.0, 4.95)]):
+    config = TrackConfig(runway_width_m=15.0).at_sea_state(3.0)
+    for frame, truth, track in followed(flight, config, without=[(3.0, 4.95)]):
         if 2.5 < frame.time_s < 5.5:
             states.append(track.state)
             error, covariance = errors_of(flight, frame, truth, track.lines["centre"])
@@ -65,7 +66,7 @@ def test_two_seconds_without_lines_are_bridged_with_growing_and_honest_uncertain
     gone = np.array(sigmas)[hidden]
     assert len(gone) == 20
     assert np.all(np.diff(gone[:, 0]) > 0)
-    assert np.all(np.diff(gone[:, 2]) > 0)
+    assert gone[-1, 2] > 1.1 * gone[0, 2]  # of a deck that swings, not all the way
     assert np.max(misses) < 4.0
     after = states[hidden.index(True) + 20 :]
     assert set(after) == {TrackState.TRACKING}
@@ -154,4 +155,5 @@ def test_a_pose_that_jumps_a_gap_and_a_new_flight_begin_a_new_track():
         track = tracker.update(replace(frame, **change), estimate)
         assert reason in track.reason
         assert track.state is TrackState.TRACKING
-        assert np.allclose(track.lines["left"].point_m[:2], estimate.lines["left"].point_m[:2], atol=0.5)
+        right = np.array([-np.sin(track.lines["left"].azimuth_rad), np.cos(track.lines["left"].azimuth_rad), 0.0])
+        assert abs((track.lines["left"].point_m - estimate.lines["left"].point_m) @ right) < 0.5

@@ -17,7 +17,7 @@ RAMP_MARGIN_ROWS = 2.0  # of the detector's rows, between a line's near end and 
 
 
 def runway_line(fit: LineFit) -> RunwayLine:
-    errors = None if fit.effects is None else LineErrors(fit.own @ fit.own.T, fit.effects)
+    errors = None if fit.effects is None else LineErrors(fit.own, fit.effects)
     return RunwayLine(fit.point_m, fit.azimuth_rad, fit.covariance, fit.relative_covariance, errors)
 
 

@@ -4,59 +4,60 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-# Deck motion of sea states 4, 5 and 6, amplitudes of single sines: pitch, rad, heave, m; SPEC section 7.
+# Deck motion of sea states 4, 5 and 6, amplitudes of single sines: roll, pitch, rad, heave, m; SPEC section 7.
 SEA_STATES = (0.0, 4.0, 5.0, 6.0)
+ROLL_RAD = np.deg2rad([0.0, 0.62, 0.98, 1.44])
 PITCH_RAD = np.deg2rad([0.0, 0.52, 0.82, 1.24])
 HEAVE_M = (0.0, 0.68, 1.09, 1.63)
-PITCH_S, HEAVE_S = 12.0, 18.0  # periods; SPEC section 7
-RAMP_ARM_M = 166.0  # from the middle of the ship, about which it pitches, to the ramp: half of 332.85 m, SPEC section 7
-CALM_M_S15 = 0.05  # of a deck that hardly moves
+ARM_M = 130.0  # from the middle of the ship, about which it pitches, to what is seen of its lines: 166 m to the ramp of
+# 332.85 m of ship, 96 m to where aircraft touch down; SPEC section 7
 
 
-def deck_sway(sea_state: float) -> tuple[float, float, float]:
-    """How the deck near the ramp moves: rms height, m; rms tilt, rad; spectral height of its acceleration, m/s^1.5.
+@dataclass(frozen=True)
+class Sway:
+    """1-sigma of a deck's motion about its rest, where aircraft touch down."""
 
-    An acceleration of rms a that keeps its sign for about a quarter of the pitch's period T drives the rate like
-    white noise of density a sqrt(T / 2).
-    """
-    pitch, heave = (float(np.interp(sea_state, SEA_STATES, table)) for table in (PITCH_RAD, HEAVE_M))
-    ramp = pitch * RAMP_ARM_M
-    height = np.hypot(ramp, heave) / np.sqrt(2)
-    pitching, heaving = ramp * (2 * np.pi / PITCH_S) ** 2, heave * (2 * np.pi / HEAVE_S) ** 2
-    acceleration = np.hypot(pitching, heaving) / np.sqrt(2)
-    return float(height), pitch / np.sqrt(2), float(acceleration * np.sqrt(PITCH_S / 2))
+    rise_m: float
+    tilt_rad: float  # along the lines
+    bank_rad: float
+
+
+def deck_sway(sea_state: float) -> Sway:
+    """How the deck of a large carrier moves."""
+    tables = (ROLL_RAD, PITCH_RAD, HEAVE_M)
+    roll, pitch, heave = (float(np.interp(sea_state, SEA_STATES, table) / np.sqrt(2)) for table in tables)
+    return Sway(float(np.hypot(pitch * ARM_M, heave)), pitch, roll)
 
 
 @dataclass(frozen=True)
 class MotionConfig:
-    """How lines, deck and pose may move between frames; random walks, in units per square root of a second.
+    """How lines, deck and pose may move between frames.
 
-    The defaults follow a deck in sea state 5; `at_sea_state` gives others.
+    The defaults are for a deck that hardly moves; `TrackConfig.at_sea_state` gives others.
 
     Args:
         ship_velocity_m_s: of the ship in the world (north, east), where it is known.
         drift_m_s: 1-sigma of the lines' unknown sideways speed. 2 covers 25 knots along a ship whose lines are angled.
         drift_m_s15: how fast that speed changes.
-        heave_m_s15: how fast the deck's vertical speed changes.
-        heave_m_s: 1-sigma of the deck's vertical speed at first.
-        turn_rad_s05: how fast the lines turn: the ship's yaw.
-        tilt_rad: 1-sigma of the deck's slope along the lines; the deck's height is known where points were seen.
+        rise_m: 1-sigma of the deck's height about its height at rest.
+        tilt_rad, bank_rad: 1-sigma of the deck's slope along the lines and across.
+        turn_rad_s05: how fast the lines turn, as a random walk: the ship's yaw.
         spacing_m_s05: lets a spacing that was learned wrongly be unlearned.
     """
 
     ship_velocity_m_s: tuple[float, float] | None = None
     drift_m_s: float = 2.0
     drift_m_s15: float = 0.05
-    heave_m_s15: float = deck_sway(5.0)[2]
-    heave_m_s: float = 1.0
-    turn_rad_s05: float = float(np.deg2rad(0.02))
+    rise_m: float = 0.02
     tilt_rad: float = float(np.deg2rad(0.05))
+    bank_rad: float = float(np.deg2rad(0.05))
+    turn_rad_s05: float = float(np.deg2rad(0.02))
     spacing_m_s05: float = 0.005
 
     def __post_init__(self) -> None:
         numbers = [value for value in vars(self).values() if isinstance(value, float)]
-        if min(numbers) < 0 or not self.heave_m_s > 0 or not self.drift_m_s > 0:
-            raise ValueError(f"motion must not be negative, heave_m_s and drift_m_s must be positive, got {self}")
+        if min(numbers) < 0 or not self.drift_m_s > 0:
+            raise ValueError(f"motion must not be negative and drift_m_s must be positive, got {self}")
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,8 @@ class ErrorConfig:
         position_m: of the pose along each axis.
         attitude_white_rad, position_white_m: the part of these that is new in every frame.
         drift_s: time constant with which the rest of them changes.
-        deck_z_m: of the deck height that the ship reports.
-        deck_z_s: time constant with which that error changes; infinite for a deck that lies still.
-        depth_scale: of all depths, as a share.
+        deck_z_m: of the deck height that the ship reports, with what `MotionConfig.rise_m` says of the deck's motion.
+        depth_scale, focal_fraction: of all depths and of the focal length, as a share.
         delay_s: of the pose against the picture.
         line_m: of a line that the detector sets beside its middle, all the time.
     """
@@ -81,8 +81,8 @@ class ErrorConfig:
     position_white_m: float = 0.05
     drift_s: float = 60.0
     deck_z_m: float = 0.1
-    deck_z_s: float = float("inf")
     depth_scale: float = 0.005
+    focal_fraction: float = 0.001
     delay_s: float = 0.02
     line_m: float = 0.05
 
@@ -104,7 +104,7 @@ class IntegrityConfig:
         excess: mean squared residual, of the expected one, from which there is a flag.
         boresight_rad: the largest error of the camera's mounting that is thought possible, about each axis.
         deck_z_m: the same of the reported deck height.
-        depth_scale: the same of all depths.
+        depth_scale, focal_fraction: the same of all depths and of the focal length.
         delay_s: the same of a pose behind its picture.
         line_m: the same of a line: another marking beside it. The simulator's foul lines lie up to 6 m outside.
     """
@@ -118,6 +118,7 @@ class IntegrityConfig:
     boresight_rad: float = float(np.deg2rad(1.0))
     deck_z_m: float = 3.0
     depth_scale: float = 0.03
+    focal_fraction: float = 0.005
     delay_s: float = 0.2
     line_m: float = 6.0
 
@@ -173,10 +174,18 @@ class TrackConfig:
         """
         if not 0 <= sea_state <= SEA_STATES[-1]:
             raise ValueError(f"sea_state must lie between 0 and {SEA_STATES[-1]:g}, got {sea_state}")
-        height, tilt, push = deck_sway(sea_state)
+        sway, still = deck_sway(sea_state), MotionConfig()
         motion = replace(
-            self.motion, heave_m_s15=max(push, CALM_M_S15), tilt_rad=float(np.hypot(self.motion.tilt_rad, tilt))
+            self.motion,
+            rise_m=float(np.hypot(still.rise_m, sway.rise_m)),
+            tilt_rad=float(np.hypot(still.tilt_rad, sway.tilt_rad)),
+            bank_rad=float(np.hypot(still.bank_rad, sway.bank_rad)),
         )
-        deck_s = PITCH_S / 4 if height > 0 else self.errors.deck_z_s
-        errors = replace(self.errors, deck_z_m=float(np.hypot(self.errors.deck_z_m, height)), deck_z_s=deck_s)
-        return replace(self, motion=motion, errors=errors)
+        reported = float(np.hypot(self.rest_z_m, motion.rise_m))
+        return replace(self, motion=motion, errors=replace(self.errors, deck_z_m=reported))
+
+    @property
+    def rest_z_m(self) -> float:
+        """1-sigma of the reported deck height against the deck at rest."""
+        total, rise = self.errors.deck_z_m, self.motion.rise_m
+        return float(np.sqrt(total**2 - rise**2)) if total > rise else total

@@ -38,7 +38,7 @@ def seen_extent(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[f
     if pose is None or not estimate.pixel_lines:
         return None
     ends = np.concatenate([line.ends_px for line in estimate.pixel_lines.values()])
-    on_deck = intersect_plane(pose.translation, pose.rotation.apply(frame.camera.rays(ends)), float(state.point_m[2]))
+    on_deck = intersect_plane(pose.translation, pose.rotation.apply(frame.camera.rays(ends)), state.deck_z_m)
     x = (on_deck - state.point_m) @ state.along
     x = x[np.isfinite(x)]
     return (float(x.min()), float(x.max())) if len(x) > 1 else None

@@ -15,11 +15,13 @@ from scipy.stats import norm
 
 from deckline.track.config import TrackConfig
 from deckline.track.gate import Gated
+from deckline.track.output import delayed, line_rows
 from deckline.track.state import (
     ANGLE,
     DECK,
     DELAY,
     DRIFT,
+    FOCAL,
     KNOWN_DRIFT_M_S,
     LEFT,
     PITCH,
@@ -30,9 +32,7 @@ from deckline.track.state import (
     SPACING,
     Pose,
     State,
-    delayed,
     error_sigmas,
-    line_rows,
     width_sigma_m,
 )
 from deckline.types import Flag, Protection
@@ -44,6 +44,7 @@ WORDS = {
     PITCH: ("boresight", "degrees", "the camera seems pitched by {:+.2f} degrees against its mounting"),
     DECK: ("height", "m", "the deck's height or the aircraft's seems {:+.1f} m wrong"),
     SCALE: ("depth", "percent", "depths seem {:+.1f} % wrong"),
+    FOCAL: ("focal", "percent", "the focal length seems {:+.2f} % wrong"),
     DELAY: ("delay", "s", "the pose seems {:+.2f} s older than the picture"),
     LEFT: ("left", "m", "the left line seems to be another marking, {:+.1f} m beside it"),
     RIGHT: ("right", "m", "the right line seems to be another marking, {:+.1f} m beside it"),
@@ -79,7 +80,7 @@ def prior_variances(config: TrackConfig) -> dict[int, float]:
 
 
 def stated(config: TrackConfig) -> Array:
-    """What the states are expected to be, (14,)."""
+    """What the states are expected to be, (20,)."""
     expected = np.zeros(SIZE)
     expected[ANGLE] = config.angle_rad
     expected[SPACING] = config.runway_width_m or 0.0
@@ -129,11 +130,11 @@ def protection(state: State, pose: Pose, touchdown_m: float | None, config: Trac
         touchdown_m: touchdown point, m along the line from the state's point; None: not known, the point itself.
     """
     x = float(state.local(pose.position_m)[0])
-    rows = line_rows(0.0, delayed(state, pose, -x))
-    tilt = config.motion.tilt_rad * (touchdown_m or 0.0)
+    beside = line_rows(state, 0.0, x, delayed(state, pose, 0.0))[0]
+    below = line_rows(state, 0.0, touchdown_m or 0.0, delayed(state, pose, 0.0))[2]
     bounds = []
-    for row, extra in ((rows[0] + x * rows[1], 0.0), (rows[2], tilt)):
-        variance = float(row @ state.covariance @ row + config.errors.position_white_m**2 + extra**2)
+    for row in (beside, below):
+        variance = float(row @ state.covariance @ row + config.errors.position_white_m**2)
         chance = float(norm.isf(config.integrity.risk / 2) * np.sqrt(variance))
         bounds.append(chance + _unnoticed(state, row, config))
     return Protection(bounds[0], bounds[1], config.integrity.risk)
@@ -142,8 +143,8 @@ def protection(state: State, pose: Pose, touchdown_m: float | None, config: Trac
 def _unnoticed(state: State, row: Array, config: TrackConfig) -> float:
     """The largest error of `row` @ state by one fault that need not be noticed."""
     test = config.integrity
-    largest = [test.boresight_rad, test.boresight_rad, test.deck_z_m, test.depth_scale, test.delay_s]
-    largest += [test.line_m, test.line_m]
+    largest = [test.boresight_rad, test.boresight_rad, test.deck_z_m, test.depth_scale, test.focal_fraction]
+    largest += [test.delay_s, test.line_m, test.line_m]
     variances = error_sigmas(config) ** 2
     gone = np.maximum(variances - np.diag(state.covariance)[ROLL:], 0.0)
     seen = gone > OBSERVED * variances

@@ -1,7 +1,8 @@
 """One frame's lines as the filter takes them: what was measured, what the state does to it, and its noise.
 
-Errors that all frames have in common - attitude, deck height, depth scale, a late pose - are states of the filter.
-What they add to a line's covariance is taken out of it again, so that only the rest is averaged over frames.
+Errors that all frames have in common - attitude, deck height, depth scale, focal length, a late pose - and the deck's
+motion are states of the filter; only the rest is averaged over frames. A line says itself what such errors do to it.
+Where it does not, it is taken for one through points that were each placed in the world alone.
 """
 
 from dataclasses import dataclass
@@ -14,15 +15,22 @@ from deckline.track.config import TrackConfig
 from deckline.track.state import (
     ANGLE,
     AZIMUTH,
+    BANK,
+    DECK,
     DELAY,
+    FOCAL,
     HEIGHT,
     LEFT,
     OFFSET,
+    PITCH,
     RIGHT,
+    RISE,
     ROLL,
+    SCALE,
     SIGN,
     SIZE,
     SPACING,
+    TILT,
     Pose,
     State,
     error_sigmas,
@@ -31,8 +39,9 @@ from deckline.types import SIDES, DepthMode, RunwayLine
 
 Array = NDArray[np.float64]
 OWN_SHARE = 0.02  # of a measurement's variance, at least, that is its own and not common to all frames
+OWN_SIGMA = 1e-5  # m, rad; a line that states no noise at all is taken for this sure
 MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which sensitivities are not believed
-ERRORS = slice(ROLL, DELAY)  # the common errors that localization knows and counts
+DOWN = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +50,7 @@ class Measurement:
 
     sides: tuple[str, ...]
     values: Array  # (m,) measured minus predicted: offset, m, and azimuth, rad, of every side; z, m
-    design: Array  # (m, 14)
+    design: Array  # (m, 20)
     noise: Array  # (m, m)
     x_m: float  # mean place along the line where it was measured
 
@@ -56,6 +65,16 @@ class Measurement:
         )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class _Row:
+    """One line: residual (3,), design (3, 20), the pose's white noise (3, 5), its own noise (3, M)."""
+
+    residual: Array
+    design: Array
+    white: Array
+    own: Array
+
+
 def measure(
     state: State, lines: dict[str, RunwayLine], mode: DepthMode, pose: Pose, frame_s: float, config: TrackConfig
 ) -> Measurement | None:
@@ -64,103 +83,108 @@ def measure(
     Args:
         state: predicted to the frame's time.
         lines: world, as localization gives them.
-        mode: FINE or COARSE: decides how common errors act.
+        mode: FINE or COARSE: decides how common errors act on lines that do not say so themselves.
         pose: of the aircraft in this frame.
         frame_s: time between frames: an error that lasts longer than that is averaged less.
     """
     sides = tuple(side for side in SIDES if side in lines)
     if not sides:
         return None
-    parts = [_line_rows(state, lines[side], side, mode, pose, config) for side in sides]
-    n = len(sides)
-    values, design, own = np.zeros(2 * n + 1), np.zeros((2 * n + 1, SIZE)), np.zeros((2 * n + 1, 2 * n + 1))
-    white = np.zeros((2 * n + 1, 6))
+    hub = np.mean([state.local(lines[side].point_m) for side in sides], axis=0)
+    parts = [_line_row(state, lines[side], side, mode, pose, hub, config) for side in sides]
     slower = max(1.0, 2 * config.noise_correlation_s / max(frame_s, 1e-3))
-    for i, (value, rows, noise, moved) in enumerate(parts):
-        mine = slice(2 * i, 2 * i + 2)
-        values[mine], design[mine], white[mine] = value[:2], rows[:2], moved[:2]
-        own[mine, mine] = slower * noise[:2, :2]
-        own[mine, -1] = own[-1, mine] = slower * noise[:2, 2] / n
-        values[-1] += value[2] / n
-        design[-1] += rows[2] / n
-        white[-1] += moved[2] / n
-        own[-1, -1] += (
-            slower * noise[2, 2] / n
-        )  # all points of a frame decide one height: not better by the second line
-    x_m = float(np.mean([state.local(lines[side].point_m)[0] for side in sides]))
-    return Measurement(sides, values, design, _positive(own) + white @ white.T, x_m)
+    own = _stacked([part.own for part in parts])
+    white = _stacked([part.white for part in parts])
+    noise = slower * _positive(own @ own.T) + white @ white.T
+    values = _stacked([part.residual[:, None] for part in parts])[:, 0]
+    return Measurement(sides, values, _stacked([part.design for part in parts]), noise, float(hub[0]))
 
 
-def _line_rows(
-    state: State, line: RunwayLine, side: str, mode: DepthMode, pose: Pose, config: TrackConfig
-) -> tuple[Array, Array, Array, Array]:
-    """Residual (3,), design (3, 14), own noise (3, 3) and the pose's white noise (3, 6) of one line."""
+def _stacked(parts: list[Array]) -> Array:
+    """Offset and azimuth of every line (3, K), then the mean of their z: (2 n + 1, K). A frame's height is one."""
+    return np.concatenate([*(part[:2] for part in parts), np.mean([part[2:] for part in parts], axis=0)])
+
+
+def _line_row(
+    state: State, line: RunwayLine, side: str, mode: DepthMode, pose: Pose, hub: Array, config: TrackConfig
+) -> _Row:
     sign = SIGN[side]
     x, y, z = state.local(line.point_m)
     expected = sign / 2 * (state.mean[SPACING] + state.mean[ANGLE] * x)
     residual = np.array(
         [y - expected, float(wrap_angle(line.azimuth_rad - state.azimuth_rad - sign / 2 * state.mean[ANGLE])), z]
     )
+    away = state.local(pose.position_m)
+    away = np.array([x - away[0], expected - away[1], max(z - away[2], MIN_HEIGHT_M)])
+    effects, own = _effects_and_own(state, line, side, away, mode, config)
+    # A turn about z carries the line along; so does a shift to the side, and one down unless the deck's height is
+    # believed more than the aircraft's.
+    carried = np.column_stack([effects[:, :2], [away[0], 1.0, 0.0], [1.0, 0.0, 0.0], DOWN - effects[:, 2]])
     design = np.zeros((3, SIZE))
     design[0, [OFFSET, AZIMUTH, SPACING, ANGLE]] = 1.0, x, sign / 2, sign / 2 * x
     design[1, [AZIMUTH, ANGLE]] = 1.0, sign / 2
     design[2, HEIGHT] = 1.0
-    # Effects are taken at the predicted line: at the measured one they would hang together with its noise.
-    place = state.point_m + x * state.along + expected * state.right
-    away = np.array([(place - pose.position_m) @ axis for axis in (state.along, state.right, [0.0, 0.0, 1.0])])
-    away[2] = max(away[2], MIN_HEIGHT_M)
-    effects = _effects(away, mode)
-    design[:, ERRORS] = effects[:, :4]
-    design[:, DELAY] = _late(state, effects, pose)
+    design[:, [ROLL, PITCH, DECK, FOCAL, SCALE]] = effects[:, :5]
+    rises = np.array([[1.0, x, expected], [1.0, hub[0], hub[1]]])  # by rise, tilt, bank: at the line, and midway
+    design[:, [RISE, TILT, BANK]] = np.outer(DOWN, rises[0]) - np.outer(effects[:, 2], rises[1])
+    design[:, [TILT, BANK]] += effects[:, 5:]
+    design[:, DELAY] = -carried @ _per_second(state, pose)
     design[0, LEFT if side == "left" else RIGHT] = 1.0
-    residual = residual - design[:, ROLL:] @ state.mean[ROLL:]
-    known = line.covariance if line.relative_covariance is None else line.relative_covariance
-    shared = effects[:, :4] * error_sigmas(config)[:4]
     e = config.errors
-    # Turns about x, y, z and shifts along y, z; a shift along x moves no line.
-    white = np.column_stack([effects[:, [0, 1, 4]] * e.attitude_white_rad, effects[:, 5:7] * e.position_white_m])
-    return residual, design, _own(known, shared), np.column_stack([white, np.zeros(3)])
+    turn, shift = e.attitude_white_rad, e.position_white_m
+    return _Row(
+        residual - design[:, RISE:] @ state.mean[RISE:],
+        design,
+        carried * np.array([turn, turn, turn, shift, shift]),
+        own,
+    )
 
 
-def _effects(away_m: Array, mode: DepthMode) -> Array:
-    """What errors add to a measured line: (3, 7), rows offset, azimuth, z.
-
-    Columns: attitude about x and y, rad; deck z, m; depth, share; attitude about z, rad; position along y and z, m.
+def _effects_and_own(
+    state: State, line: RunwayLine, side: str, away_m: Array, mode: DepthMode, config: TrackConfig
+) -> tuple[Array, Array]:
+    """What common errors do to a line, (3, 7) as in `LineErrors` but turned to its own axes, and its own noise (3, M).
 
     Args:
         away_m: (3,) from the camera to the line's measured point, along, right, down.
     """
+    if line.errors is not None:
+        cos, sin = state.along[:2]
+        effects = line.errors.effects.copy()
+        effects[:, :2] = effects[:, :2] @ [[cos, -sin], [sin, cos]]
+        return effects, np.hstack([line.errors.own, OWN_SIGMA * np.eye(3)])
+    effects = _alone(away_m, mode)
+    known = line.covariance if line.relative_covariance is None else line.relative_covariance
+    roll, pitch, deck, scale, focal = error_sigmas(config)[:5]
+    rest = _rest(known, effects[:, :5] * [roll, pitch, deck, focal, scale])
+    # Square root with one column for z, which both lines share: a frame's height is not better by the second line.
+    root = np.linalg.cholesky(rest[::-1, ::-1])[::-1, ::-1]
+    own = np.zeros((3, 5))
+    own[:, [0, 1, 4] if side == "left" else [2, 3, 4]] = root
+    return effects, own
+
+
+def _alone(away_m: Array, mode: DepthMode) -> Array:
+    """What errors do to a line through points that were each placed in the world alone, (3, 7)."""
     x, y, h = away_m
+    effects = np.zeros((3, 7))
     if mode is DepthMode.FINE:
-        return np.array(
-            [
-                [-h, 0.0, 0.0, y, x, 1.0, 0.0],
-                [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
-                [y, -x, 0.0, h, 0.0, 0.0, 1.0],
-            ]
-        )
-    # On the plane every displaced point is continued along its ray back to the deck.
-    return np.array(
-        [
-            [-(h + y * y / h), x * y / h, y / h, 0.0, x, 1.0, -y / h],
-            [0.0, y / h, 0.0, 0.0, 1.0, 0.0, 0.0],
-            [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-        ]
-    )
+        effects[:, [0, 1, 4]] = [[-h, 0.0, y], [0.0, 0.0, 0.0], [y, -x, h]]
+    else:  # every displaced point is continued along its ray back to the deck
+        effects[:, [0, 1, 2]] = [[-(h + y * y / h), x * y / h, y / h], [0.0, y / h, 0.0], [0.0, 0.0, 1.0]]
+        effects[1, 5] = -y / h
+    return effects
 
 
-def _late(state: State, effects: Array, pose: Pose) -> Array:
-    """What one second of delay of the pose adds to a measured line, (3,)."""
-    _, v_right, v_down = (pose.velocity_m_s @ axis for axis in (state.along, state.right, np.array([0.0, 0.0, 1.0])))
-    turn_x, turn_y, turn_z = (
-        pose.turning_rad_s @ axis for axis in (state.along, state.right, np.array([0.0, 0.0, 1.0]))
-    )
-    return -(effects[:, [0, 1, 4, 5, 6]] @ np.array([turn_x, turn_y, turn_z, v_right, v_down]))
+def _per_second(state: State, pose: Pose) -> Array:
+    """How the aircraft turns about x, y, z and moves along y, z, (5,)."""
+    axes = np.stack([state.along, state.right, DOWN])
+    return np.concatenate([axes @ pose.turning_rad_s, axes[1:] @ pose.velocity_m_s])
 
 
-def _own(covariance: Array, shared: Array) -> Array:
-    """What is left of a covariance (3, 3) when the common part, 1-sigma effects (3, 4), is taken out of it."""
-    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(3))
+def _rest(covariance: Array, shared: Array) -> Array:
+    """What is left of a covariance (3, 3) when the common part, effects (3, K), is taken out of it."""
+    root = np.linalg.cholesky(covariance + OWN_SIGMA**2 * np.eye(3))
     whitened = np.linalg.solve(root, shared)
     values, vectors = np.linalg.eigh(np.eye(3) - whitened @ whitened.T)
     kept = root @ vectors
@@ -168,7 +192,7 @@ def _own(covariance: Array, shared: Array) -> Array:
 
 
 def _positive(matrix: Array) -> Array:
-    """The nearest covariance: the parts of two lines, put together, may contradict each other."""
+    """The nearest covariance that can be inverted."""
     scale = np.sqrt(np.diag(matrix))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    return (vectors * np.maximum(values, OWN_SHARE)) @ vectors.T * np.outer(scale, scale)
+    return (vectors * np.maximum(values, 1e-6)) @ vectors.T * np.outer(scale, scale)

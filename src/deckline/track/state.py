@@ -1,4 +1,4 @@
-"""What the tracker believes: a centre line, a spacing, a deck height, and errors that all frames have in common.
+"""What the tracker believes: a centre line, a spacing, a deck that swings, and errors that all frames have in common.
 
 Coordinates: x along the centre line in the direction of landing, y to its right, z down, from a point on the centre
 line. The line stands in the world as the aircraft's own pose has it: an error of its position or heading moves the
@@ -12,15 +12,20 @@ from numpy.typing import NDArray
 
 from deckline.geometry import wrap_angle
 from deckline.track.config import TrackConfig
+from deckline.track.swing import PITCH_S, ROLL_S, stationary, swing
 from deckline.types import RunwayLine
 
 Array = NDArray[np.float64]
 # The state. Of the line: y of the centre line at the point, m; its azimuth, rad; spacing of the lines there, m; right
-# line's azimuth minus left line's, rad; deck z, m; the centre line's speed to the right, deck z's rate, m/s.
-OFFSET, AZIMUTH, SPACING, ANGLE, HEIGHT, DRIFT, HEAVE = range(7)
-# Common errors: attitude about x and y, rad; reported deck z, m; depth, share; pose behind the picture, s; lines, m.
-ROLL, PITCH, DECK, SCALE, DELAY, LEFT, RIGHT = range(7, 14)
-SIZE = 14
+# line's azimuth minus left line's, rad; deck z at rest, m; the centre line's speed to the right, m/s.
+OFFSET, AZIMUTH, SPACING, ANGLE, HEIGHT, DRIFT = range(6)
+# Of the deck about its rest, each with its rate: z at the point, m; z per metre along and to the right, rad.
+RISE, RISE_RATE, TILT, TILT_RATE, BANK, BANK_RATE = range(6, 12)
+# Common errors: attitude about x and y, rad; reported deck z at rest, m; depth, focal length, share; pose behind the
+# picture, s; lines, m.
+ROLL, PITCH, DECK, SCALE, FOCAL, DELAY, LEFT, RIGHT = range(12, 20)
+SIZE = 20
+SWINGS = ((RISE, PITCH_S), (TILT, PITCH_S), (BANK, ROLL_S))
 SIGN = {"left": -1.0, "right": 1.0, "centre": 0.0}
 SPACING_M, SPACING_SIGMA_M = (
     20.0,
@@ -45,10 +50,10 @@ class State:
     """Mean and covariance. OFFSET, AZIMUTH and HEIGHT of the mean are folded into point and azimuth, so they are 0."""
 
     time_s: float
-    point_m: Array  # (3,) world, on the centre line
+    point_m: Array  # (3,) world, on the centre line; z of the deck at rest
     azimuth_rad: float
-    mean: Array  # (14,)
-    covariance: Array  # (14, 14)
+    mean: Array  # (20,)
+    covariance: Array  # (20, 20)
 
     @property
     def along(self) -> Array:
@@ -57,6 +62,11 @@ class State:
     @property
     def right(self) -> Array:
         return np.array([-np.sin(self.azimuth_rad), np.cos(self.azimuth_rad), 0.0])
+
+    @property
+    def deck_z_m(self) -> float:
+        """World z of the deck at the point, as it lies now."""
+        return float(self.point_m[2] + self.mean[RISE])
 
     def local(self, point_m: Array) -> Array:
         """World point (3,) -> x, y, z from the state's point."""
@@ -70,10 +80,16 @@ def width_sigma_m(config: TrackConfig) -> float:
 
 
 def error_sigmas(config: TrackConfig) -> Array:
-    """1-sigma (7,) of the common errors, from ROLL on."""
+    """1-sigma (8,) of the common errors, from ROLL on."""
     e = config.errors
-    deck = float(np.hypot(e.deck_z_m, e.position_m))  # the pose's own height is as wrong as the deck's
-    return np.array([e.attitude_rad, e.attitude_rad, deck, e.depth_scale, e.delay_s, e.line_m, e.line_m])
+    deck = float(np.hypot(config.rest_z_m, e.position_m))  # the pose's own height is as wrong as the deck's
+    attitude = (e.attitude_rad, e.attitude_rad)
+    return np.array([*attitude, deck, e.depth_scale, e.focal_fraction, e.delay_s, e.line_m, e.line_m])
+
+
+def swing_sigmas(config: TrackConfig) -> Array:
+    """1-sigma (3,) of rise, tilt and bank."""
+    return np.array([config.motion.rise_m, config.motion.tilt_rad, config.motion.bank_rad])
 
 
 def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config: TrackConfig) -> State:
@@ -82,8 +98,7 @@ def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config:
     Args:
         ramp_m: (3,) world, about where the runway begins and has its stated spacing; None: at the line's point.
     """
-    width = config.runway_width_m
-    motion = config.motion
+    width, motion = config.runway_width_m, config.motion
     mean = np.zeros(SIZE)
     mean[SPACING] = SPACING_M if width is None else width
     mean[ANGLE] = config.angle_rad
@@ -91,10 +106,12 @@ def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config:
     sigma[[OFFSET, AZIMUTH, HEIGHT]] = START_M, START_RAD, START_M
     sigma[SPACING] = SPACING_SIGMA_M if width is None else width_sigma_m(config)
     sigma[ANGLE] = config.angle_sigma_rad
-    drift = motion.drift_m_s if motion.ship_velocity_m_s is None else min(motion.drift_m_s, KNOWN_DRIFT_M_S)
-    sigma[[DRIFT, HEAVE]] = drift, motion.heave_m_s
+    sigma[DRIFT] = motion.drift_m_s if motion.ship_velocity_m_s is None else min(motion.drift_m_s, KNOWN_DRIFT_M_S)
     sigma[ROLL:] = error_sigmas(config)
-    state = State(time_s, line.point_m, line.azimuth_rad, mean, np.diag(sigma**2))
+    covariance = np.diag(sigma**2)
+    for (place, period_s), size in zip(SWINGS, swing_sigmas(config), strict=True):
+        covariance[place : place + 2, place : place + 2] = size**2 * stationary(period_s)
+    state = State(time_s, line.point_m, line.azimuth_rad, mean, covariance)
     if ramp_m is None:
         return state
     beyond = np.eye(SIZE)
@@ -110,17 +127,19 @@ def predict(state: State, time_s: float, aircraft_m: Array | None, config: Track
     """
     dt = time_s - state.time_s
     motion, errors = config.motion, config.errors
-    move = np.eye(SIZE)
-    move[OFFSET, DRIFT] = move[HEIGHT, HEAVE] = dt
-    constants = np.array([errors.drift_s, errors.drift_s, errors.deck_z_s])
-    keep = np.exp(-dt / constants)
-    move[[ROLL, PITCH, DECK], [ROLL, PITCH, DECK]] = keep
-    noise = np.zeros((SIZE, SIZE))
-    for place, rate, push in ((OFFSET, DRIFT, motion.drift_m_s15), (HEIGHT, HEAVE, motion.heave_m_s15)):
-        noise[np.ix_([place, rate], [place, rate])] = push**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    move, noise = np.eye(SIZE), np.zeros((SIZE, SIZE))
+    move[OFFSET, DRIFT] = dt
+    drift = motion.drift_m_s15**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    noise[np.ix_([OFFSET, DRIFT], [OFFSET, DRIFT])] = drift
+    for (place, period_s), size in zip(SWINGS, swing_sigmas(config), strict=True):
+        both = slice(place, place + 2)
+        move[both, both], driven = swing(dt, period_s)
+        noise[both, both] = size**2 * driven
+    keep = float(np.exp(-dt / errors.drift_s))
+    move[[ROLL, PITCH], [ROLL, PITCH]] = keep
+    noise[[ROLL, PITCH], [ROLL, PITCH]] = errors.attitude_rad**2 * (1 - keep**2)
     noise[SPACING, SPACING] = motion.spacing_m_s05**2 * dt
     noise[AZIMUTH, AZIMUTH] = motion.turn_rad_s05**2 * dt
-    noise[[ROLL, PITCH, DECK], [ROLL, PITCH, DECK]] = error_sigmas(config)[:3] ** 2 * (1 - keep**2)
     fresh = 2 * dt / errors.drift_s  # of a drifting error's variance
     noise[[OFFSET, HEIGHT], [OFFSET, HEIGHT]] += errors.position_m**2 * fresh
     x = 0.0 if aircraft_m is None else float(state.local(aircraft_m)[0])
@@ -141,12 +160,12 @@ def folded(state: State) -> State:
     return replace(state, point_m=point, azimuth_rad=azimuth, mean=mean)
 
 
-def shifted(state: State, x_m: float, config: TrackConfig) -> State:
-    """The same belief, told at a point `x_m` farther along the line; the deck's slope makes its height less sure."""
+def shifted(state: State, x_m: float) -> State:
+    """The same belief, told at a point `x_m` farther along the line."""
     move = np.eye(SIZE)
-    move[OFFSET, AZIMUTH] = move[SPACING, ANGLE] = x_m
+    for place, rate in ((OFFSET, AZIMUTH), (SPACING, ANGLE), (RISE, TILT), (RISE_RATE, TILT_RATE)):
+        move[place, rate] = x_m
     covariance = move @ state.covariance @ move.T
-    covariance[HEIGHT, HEIGHT] += (config.motion.tilt_rad * x_m) ** 2
     return replace(state, point_m=state.point_m + x_m * state.along, mean=move @ state.mean, covariance=covariance)
 
 
@@ -155,7 +174,7 @@ def updated(state: State, values: Array, design: Array, noise: Array) -> State:
 
     Args:
         values: (m,) measured minus predicted.
-        design: (m, 14) what a state's component does to a measurement.
+        design: (m, 20) what a state's component does to a measurement.
         noise: (m, m).
     """
     spread = design @ state.covariance @ design.T + noise
@@ -164,44 +183,3 @@ def updated(state: State, values: Array, design: Array, noise: Array) -> State:
     covariance = rest @ state.covariance @ rest.T + gain @ noise @ gain.T
     mean = state.mean + gain @ values
     return folded(replace(state, mean=mean, covariance=(covariance + covariance.T) / 2))
-
-
-def lines(state: State, pose: Pose | None, config: TrackConfig) -> dict[str, RunwayLine]:
-    """The three lines in the world, as measured with the aircraft's pose.
-
-    Args:
-        pose: of the aircraft; None: not known, the line's own point is taken, which leaves the heading's part out.
-    """
-    e = config.errors
-    x = 0.0 if pose is None else float(state.local(pose.position_m)[0])
-    late = np.zeros(3) if pose is None else delayed(state, pose, -x)
-    turn, shift, rise = np.array([-x, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    moves = [np.outer(turn, turn), np.outer(shift, shift) + np.outer(rise, rise)]
-    white = e.attitude_white_rad**2 * moves[0] + e.position_white_m**2 * moves[1]
-    whole = e.attitude_rad**2 * moves[0] + e.position_m**2 * moves[1]
-    found = {}
-    for side, sign in SIGN.items():
-        take = line_rows(sign, late)
-        y, turned, down = take @ state.mean
-        covariance = take @ state.covariance @ take.T + white
-        point = state.point_m + y * state.right + np.array([0.0, 0.0, down])
-        found[side] = RunwayLine(
-            point, float(wrap_angle(state.azimuth_rad + turned)), covariance + whole, covariance
-        )  # fmt: skip
-    return found
-
-
-def line_rows(sign: float, late: Array) -> Array:
-    """Rows (3, 14) that give a line's offset, azimuth and z; `late` (3,): what a late pose adds to them per second."""
-    take = np.zeros((3, SIZE))
-    take[0, [OFFSET, SPACING]] = 1.0, sign / 2
-    take[1, [AZIMUTH, ANGLE]] = 1.0, sign / 2
-    take[2, HEIGHT] = 1.0
-    take[:, DELAY] = late
-    return take
-
-
-def delayed(state: State, pose: Pose, away_m: float) -> Array:
-    """How a second of delay moves what the aircraft sees, `away_m` ahead of it: offset, azimuth and z."""
-    turning = float(pose.turning_rad_s[2])
-    return -np.array([pose.velocity_m_s @ state.right + away_m * turning, turning, pose.velocity_m_s[2]])

@@ -11,8 +11,8 @@ from deckline.track.frozen import Look, looked
 from deckline.track.gate import Gated, gated
 from deckline.track.integrity import protection
 from deckline.track.measurement import measure
-from deckline.track.output import rates_of
-from deckline.track.state import Pose, State, initial_state, lines, predict, shifted, updated
+from deckline.track.output import lines, rates_of
+from deckline.track.state import Pose, State, initial_state, predict, shifted, updated
 from deckline.track.watch import Watch, alarms, confused
 from deckline.types import SIDES, ExpectedRunway, Flag, Frame, RunwayEstimate, RunwayLine, Track, TrackState
 
@@ -85,7 +85,7 @@ class Tracker:
         place = None if camera is None else camera.translation
         state = predict(memory.state, frame.time_s, place, self.config)
         pose = pose_of(memory.aircraft, frame)
-        return expected_runway(state, memory.extent, lines(state, pose, self.config), frame.time_s - memory.seen_s)
+        return expected_runway(state, memory.extent, lines(state, pose, 0.0, self.config), frame.time_s - memory.seen_s)
 
     def _refused(self, time_s: float) -> str:
         """Why a frame of this time cannot be used, or an empty text."""
@@ -173,7 +173,7 @@ class Tracker:
         if gate.kept is None:
             return memory
         state = updated(memory.state, gate.kept.values, gate.kept.design, gate.kept.noise)
-        state = shifted(state, gate.kept.x_m, self.config)
+        state = shifted(state, gate.kept.x_m)
         ramp = None
         if moment.estimate.ramp_m is not None and moment.estimate.ramp_sigma_m is not None:
             ramp = moment.estimate.ramp_m, moment.estimate.ramp_sigma_m
@@ -199,12 +199,13 @@ class Tracker:
             extent = sailed(extent, state, moment.frame.time_s - memory.seen_s)
         ramp = extent if extent is not None and extent.is_ramp else None
         touchdown = None if extent is None else float(state.local(extent.near_m)[0]) + config.touchdown_m
-        lateral, height, closing = rates_of(state, memory.aircraft, pose, ramp, config)
+        at_m = touchdown or 0.0
+        lateral, height, closing = rates_of(state, memory.aircraft, pose, ramp, at_m, config)
         used = gate is not None and gate.kept is not None
         return Track(
             moment.frame.time_s,
             TrackState.TRACKING if used else TrackState.COASTING,
-            lines(state, pose, config),
+            lines(state, pose, at_m, config),
             protection=None if pose is None else protection(state, pose, touchdown, config),
             flags=flags,
             excluded=_excluded(gate),
