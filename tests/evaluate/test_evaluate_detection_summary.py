@@ -96,8 +96,8 @@ def test_confidences_that_are_none_are_refused():
 
 def test_groups_hold_every_frame_that_has_the_value_once():
     scores = [
-        deck(range_m=50.0, visibility_m=150.0, ship="cvn"),
-        deck(range_m=100.0, visibility_m=np.inf),
+        deck(range_m=50.0, visibility_m=150.0, ship="cvn", light=0.25),
+        deck(range_m=100.0, visibility_m=np.inf, light=1.0),
         deck(range_m=np.nan, visibility_m=np.nan),
     ]
     found = groups(scores)
@@ -106,6 +106,7 @@ def test_groups_hold_every_frame_that_has_the_value_once():
         "100 to 200 m": 1,
     }
     assert list(found["visibility"]) == ["0 to 200 m", "2000 m and more"]
+    assert list(found["light through the air"]) == ["10 to 30 %", "60 % and more"]
     assert {name: len(members) for name, members in found["ship"].items()} == {"cvn": 1, "paper": 2}
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from deckline.geometry import Camera, pose
 from deckline.haze import Atmosphere
-from deckline.labels.truth import SHORTEST_PX, image_line, label_frame, seen_line
+from deckline.labels.truth import SHORTEST_PX, image_line, label_frame, seen_line, through_air
 from deckline.types import Frame, Segment, Truth
 
 CAMERA = Camera.from_fov(320, 180, np.pi / 2)  # focal length 160 px
@@ -44,6 +44,10 @@ def test_a_line_is_seen_as_far_as_the_visibility():
     seen = seen_line(frame_at(-100.0, visibility_m=150.0), LEFT)
     assert seen.ranges_m.max() == pytest.approx(150.0, abs=1.0)
     assert seen_line(frame_at(-100.0, visibility_m=90.0), LEFT) is None
+    np.testing.assert_allclose(
+        through_air(np.array([[0.0, 0.0, 150.0], [0.0, 75.0, 0.0]]), frame_at(0.0, visibility_m=150.0)),
+        [0.02, 0.02**0.5],
+    )
 
 
 def test_in_recorded_air_a_line_is_seen_as_far_as_two_percent_of_its_light_come_through():
@@ -54,6 +58,9 @@ def test_in_recorded_air_a_line_is_seen_as_far_as_two_percent_of_its_light_come_
     conditions = {"air": air.to_mapping()}
     seen = seen_line(frame_at(-100.0, visibility_m=3.912 / extinction, conditions=conditions), LEFT)
     assert seen.ranges_m.max() == pytest.approx(3.912 / extinction / share, rel=5e-3)
+    assert through_air(np.array([[0.0, 20.0, 0.0]]), frame_at(0.0, conditions=conditions)) == pytest.approx(
+        np.exp(-20 * extinction * share)
+    )  # straight down to the water
     with pytest.raises(ValueError, match="an atmosphere has"):
         seen_line(frame_at(-100.0, conditions={"air": {"fog": 1}}), LEFT)
 

@@ -13,8 +13,8 @@ from deckline.evaluate.detection_lanes import CuLane, TuSimple, culane, tusimple
 from deckline.evaluate.labels import distance_px
 from deckline.labels.lines import Line, at_rows
 from deckline.labels.own import Labels
-from deckline.labels.truth import SeenLine, seen_line
-from deckline.types import SIDES, Detection, Frame
+from deckline.labels.truth import SeenLine, seen_line, through_air
+from deckline.types import SIDES, Detection, Frame, Segment
 
 SEEN_SHARE = 0.1  # of each line's length that must be in the image and within the visibility for it to count
 SEEN_PX = 4.0  # length of each line in the image, at least
@@ -41,6 +41,7 @@ class Expected:
     lines_px: Mapping[str, Line | None]  # by side; the part that can be seen
     range_m: float = float("nan")  # aircraft to the ramp; NaN when unknown
     visibility_m: float = float("nan")  # 2 % contrast; NaN when unknown
+    light: float = float("nan")  # share of the ramp's light that comes through the air; NaN when unknown
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class DetectionScore:
     confidence: dict[str, list[float]]  # by side: of the same points
     tusimple: TuSimple | None  # of a deck
     culane: CuLane | None
+    light: float = float("nan")  # share of the ramp's light that comes through the air
 
     @property
     def found(self) -> int:
@@ -99,7 +101,14 @@ def expected_from_truth(frame: Frame) -> Expected:
     else:
         in_image = any(seen_line(frame, segment, within_visibility=False) is not None for segment in segments)
         scene = Scene.UNRATED if in_image else Scene.EMPTY
-    return Expected(scene, lines, range_to_ramp_m(frame), visibility)
+    return Expected(scene, lines, range_to_ramp_m(frame), visibility, _light(frame, segments))
+
+
+def _light(frame: Frame, segments: tuple[Segment, Segment]) -> float:
+    pose = frame.true_world_from_camera
+    if pose is None:
+        return float("nan")
+    return float(through_air(pose.inv().apply(np.stack([line.p0_m for line in segments])), frame).mean())
 
 
 def expected_from_labels(labels: Labels) -> Expected:
@@ -154,6 +163,7 @@ def score_detection(
         confidence,
         _tusimple(predicted, true, size[0]) if deck else None,
         culane(predicted, true if deck else [], size) if rated else None,
+        expected.light,
     )
 
 
@@ -184,6 +194,7 @@ def score_from_mapping(values: Mapping[str, Any]) -> DetectionScore:
             "scene": Scene(values["scene"]),
             "range_m": float(values["range_m"]),
             "visibility_m": float(values["visibility_m"]),
+            "light": float(values.get("light", "nan")),
             "errors_px": {side: [float(value) for value in errors] for side, errors in values["errors_px"].items()},
             "tusimple": None if lanes[0] is None else TuSimple(**lanes[0]),
             "culane": None if lanes[1] is None else CuLane(**lanes[1]),

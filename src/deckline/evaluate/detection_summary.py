@@ -12,6 +12,7 @@ from deckline.evaluate.detection_lanes import CuLane
 from deckline.types import SIDES
 
 VISIBILITY_BANDS_M = ((0.0, 200.0), (200.0, 500.0), (500.0, 1000.0), (1000.0, 2000.0), (2000.0, np.inf))
+LIGHT_BANDS = ((0.0, 10.0), (10.0, 30.0), (30.0, 60.0), (60.0, np.inf))  # % of the ramp's
 BINS = 10  # of confidence, evenly from 0 to 1
 
 Figures = dict[str, float]
@@ -121,22 +122,26 @@ def calibration(confidence: ArrayLike, right: ArrayLike, bins: int = BINS) -> Re
 
 
 def groups(scores: Sequence[DetectionScore]) -> dict[str, dict[str, list[DetectionScore]]]:
-    """Scores by range to the ramp, by visibility and by ship; groups without frames are left out."""
+    """Scores by range, visibility, the ramp's light that arrives, and ship; groups without frames are left out."""
     return {
         "range to the ramp": _banded(scores, lambda score: score.range_m, RANGE_BANDS_M),
         "visibility": _banded(scores, lambda score: score.visibility_m, VISIBILITY_BANDS_M),
+        "light through the air": _banded(scores, lambda score: 100 * score.light, LIGHT_BANDS, "%"),
         "ship": {ship: [s for s in scores if s.ship == ship] for ship in sorted({s.ship for s in scores})},
     }
 
 
 def _banded(
-    scores: Sequence[DetectionScore], value: Callable[[DetectionScore], float], bands: Sequence[tuple[float, float]]
+    scores: Sequence[DetectionScore],
+    value: Callable[[DetectionScore], float],
+    bands: Sequence[tuple[float, float]],
+    unit: str = "m",
 ) -> dict[str, list[DetectionScore]]:
     named = {}
     for low, high in bands:
         members = [score for score in scores if low <= value(score) < high or value(score) == high == np.inf]
         if members:
-            named[f"{low:g} m and more" if np.isinf(high) else f"{low:g} to {high:g} m"] = members
+            named[f"{low:g} {unit} and more" if np.isinf(high) else f"{low:g} to {high:g} {unit}"] = members
     return named
 
 

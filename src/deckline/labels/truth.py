@@ -125,13 +125,22 @@ def _is_seen(points_m: NDArray[np.float64], frame: Frame, within_visibility: boo
 
 def _shows(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.bool_]:
     """Which points (N, 3) of the optical frame show through the air."""
+    return through_air(points_m, frame) >= CONTRAST_THRESHOLD
+
+
+def through_air(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
+    """Share (N,) of the light of points (N, 3) of the optical frame that the air lets through; 1 if nothing is known.
+
+    Raises:
+        ValueError: the recorded air is none.
+    """
     truth, pose = frame.truth, frame.true_world_from_camera
     ranges = np.linalg.norm(points_m, axis=1)
     if truth is None:
-        return np.ones(len(ranges), dtype=bool)
+        return np.ones(len(ranges))
     if "air" not in truth.conditions or pose is None:
-        return ranges <= (np.inf if truth.visibility_m is None else truth.visibility_m)
+        return CONTRAST_THRESHOLD ** (ranges / (np.inf if truth.visibility_m is None else truth.visibility_m))
     air = atmosphere_from_mapping(truth.conditions["air"])
     directions = pose.rotation.apply(points_m / ranges[:, None]).astype(np.float32)
     path = air_path(ranges.astype(np.float32), directions, pose.translation, air)
-    return np.asarray(min(air.extinction_per_m) * path <= -np.log(CONTRAST_THRESHOLD))
+    return np.asarray(np.exp(-min(air.extinction_per_m) * path), dtype=np.float64)
