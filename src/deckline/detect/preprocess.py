@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
 
 CONTRAST_FLOOR = 3.0  # grey levels; a window with less contrast than that is not stretched further (it is noise)
 
@@ -88,27 +89,31 @@ def look(image_rgb: NDArray, window: Window, network_size: tuple[int, int]) -> N
     height, width = image_rgb.shape[:2]
     rows, first_row, valid_row = _weights(window.top, window.step, net_height, height)
     columns, first_column, valid_column = _weights(window.left, window.step, net_width, width)
-    part = image_rgb[first_row : first_row + rows.shape[1], first_column : first_column + columns.shape[1]].astype(
-        np.float32
-    )
-    tall = (rows @ part.reshape(part.shape[0], -1)).reshape(net_height, part.shape[1], 3)
-    seen = np.matmul(columns, tall)
+    part = image_rgb[first_row : first_row + rows.shape[1], first_column : first_column + columns.shape[1]]
+    tall = rows @ part.astype(np.float32).reshape(len(part), -1)
+    wide = columns @ tall.reshape(-1, columns.shape[1], 3).transpose(1, 0, 2).reshape(columns.shape[1], -1)
+    seen = wide.reshape(net_width, net_height, 3).transpose(1, 0, 2)
     seen[~valid_row] = np.nan
     seen[:, ~valid_column] = np.nan
-    return seen
+    return np.ascontiguousarray(seen)
 
 
-def _weights(start: float, step: float, count: int, size: int) -> tuple[NDArray[np.float32], int, NDArray[np.bool_]]:
+def _weights(start: float, step: float, count: int, size: int) -> tuple[csr_array, int, NDArray[np.bool_]]:
     """Resampling weights along one axis: (count, part), the first pixel of the part, which outputs lie in the image."""
     centres = start + (np.arange(count) + 0.5) * step - 0.5
     reach = max(step, 1.0)
     first = int(np.clip(np.floor(centres[0] - reach), 0, size - 1))
     last = int(np.clip(np.ceil(centres[-1] + reach), 0, size - 1))
-    distance = np.abs(np.arange(first, last + 1) - np.clip(centres, 0, size - 1)[:, None])
-    weights = np.maximum(1.0 - distance / reach, 0.0)
+    inside = np.clip(centres, 0, size - 1)[:, None]
+    pixels = np.ceil(inside - reach) + np.arange(int(2 * reach) + 2)  # all that a triangle can reach
+    weights = np.maximum(1.0 - np.abs(pixels - inside) / reach, 0.0)
+    weights[(pixels < first) | (pixels > last)] = 0.0
     weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-9)
+    place = np.clip(pixels, first, last).astype(np.int32) - first
+    ends = np.arange(count + 1, dtype=np.int32) * pixels.shape[1]
     valid = (centres > -0.5) & (centres < size - 0.5)
-    return weights.astype(np.float32), first, valid
+    sparse = csr_array((weights.astype(np.float32).ravel(), place.ravel(), ends), shape=(count, last - first + 1))
+    return sparse, first, valid
 
 
 def normalise(seen_rgb: NDArray[np.float32]) -> NDArray[np.float32]:
