@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.localize.config import LocalizeConfig
-from deckline.localize.line_fit import inflation
+from deckline.localize.config import LocalizeConfig, NoiseConfig
 from deckline.localize.model import (
     NUISANCES,
     Deck,
@@ -24,6 +23,7 @@ from deckline.localize.model import (
     nuisance_terms,
 )
 from deckline.localize.sight import Sight
+from deckline.localize.spread import inflation
 
 Array = NDArray[np.float64]
 STEPS = 12  # Gauss-Newton; three or four are enough unless the reported height is far off
@@ -88,7 +88,7 @@ def solve(
     scale = np.ones(len(keys))
     if spreads is None:
         fit = _minimum(terms, start, blocks, scale)
-        scale = _scales(fit.measured, blocks, view)
+        scale = _scales(fit.measured, blocks, view, config.noise)
         fit = _minimum(terms, fit.state, blocks, scale) if (scale > 1.0).any() else fit
     else:
         scale = np.array([spreads[key] for key in keys])
@@ -155,7 +155,7 @@ def _weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
     return np.where(size > CUTOFF, 0.0, np.minimum(1.0, HUBER / np.maximum(size, HUBER)))
 
 
-def _scales(measured: Terms, blocks: NDArray[np.int64], view: Sight) -> Array:
+def _scales(measured: Terms, blocks: NDArray[np.int64], view: Sight, noise: NoiseConfig) -> Array:
     """How much more than assumed the measurements of each block err, as 1-sigma, (L + 1,)."""
     weights = _weights(measured.residuals, blocks)
     nearness = view.world_rays[:, 2]
@@ -165,7 +165,9 @@ def _scales(measured: Terms, blocks: NDArray[np.int64], view: Sight) -> Array:
         mine = np.flatnonzero((blocks == block) & (weights > 0))
         mine = mine[np.argsort(along[mine])]
         parts.append(np.sqrt(weights[mine]) * measured.residuals[mine])
-    return np.concatenate([inflation(parts[:-1]), inflation(parts[-1:])])
+    sigma = noise.point_correlation_sigma
+    pixels, depths = inflation(parts[:-1], noise.point_correlation, sigma), inflation(parts[-1:], 0.0, sigma)
+    return np.concatenate([pixels, depths])
 
 
 def _solution(

@@ -78,7 +78,7 @@ def _place_alone(
     """The paper's way: each inlier into the world, each line alone through them."""
     located = {side: _located(frame, getattr(detection, side), pixel_lines[side], mode, config) for side in pixel_lines}
     pose = frame.world_from_camera
-    fits = {} if pose is None else fit_alone(located, pose.translation, config.min_points, rng)
+    fits = {} if pose is None else fit_alone(located, pose.translation, config.min_points, config.noise, rng)
     missing = [f"the {side} line has too few points on the deck" for side in pixel_lines if side not in fits]
     sure, unsure = drop_unsure(fits, config.agreement)
     kept, contradiction = drop_contradictions(sure, config.agreement)
