@@ -149,7 +149,7 @@ class PixelLine:
 
 @dataclass(frozen=True, eq=False)
 class LineErrors:
-    """Where a line's error comes from, as seen from the aircraft; rows as in `RunwayLine.covariance`.
+    """Where a line's error comes from, as seen from the aircraft; rows as in `RunwayLine.covariance`, then the slopes.
 
     What frames have in common must not be averaged over them: a filter needs it apart from what is each frame's own.
 
@@ -158,13 +158,15 @@ class LineErrors:
     about the middle between the lines' points.
     """
 
-    # (3, M) what is new in every frame: columns are independent and of 1-sigma, the same ones for all lines of a frame
+    slopes_rad: NDArray[np.float64]  # (2,) how the deck's z was found to grow along the lines and to their right
+    # (5, M) what is new in every frame: columns are independent and of 1-sigma, the same ones for all lines of a frame
     own: NDArray[np.float64]
-    effects: NDArray[np.float64]  # (3, 7) what each common error adds to offset, azimuth, z
+    effects: NDArray[np.float64]  # (5, 7) what each common error adds to offset, azimuth, z and slopes
 
     def __post_init__(self) -> None:
-        _check(self.own, (3, self.own.shape[-1]), "LineErrors.own")
-        _check(self.effects, (3, 7), "LineErrors.effects")
+        _check(self.slopes_rad, (2,), "LineErrors.slopes_rad")
+        _check(self.own, (5, self.own.shape[-1]), "LineErrors.own")
+        _check(self.effects, (5, 7), "LineErrors.effects")
 
 
 @dataclass(frozen=True, eq=False)

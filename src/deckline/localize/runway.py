@@ -9,7 +9,7 @@ from deckline.geometry import intersect_plane, wrap_angle
 from deckline.localize.config import AgreementConfig
 from deckline.localize.depth import DeckPoints
 from deckline.localize.line_fit import LineFit
-from deckline.types import SIDES, Frame, LineErrors, LinePoints, PixelLine, RunwayLine
+from deckline.types import SIDES, Frame, LinePoints, PixelLine, RunwayLine
 
 Array = NDArray[np.float64]
 Region = tuple[float, float, float, float]
@@ -17,8 +17,7 @@ RAMP_MARGIN_ROWS = 2.0  # of the detector's rows, between a line's near end and 
 
 
 def runway_line(fit: LineFit) -> RunwayLine:
-    errors = None if fit.effects is None else LineErrors(fit.own, fit.effects)
-    return RunwayLine(fit.point_m, fit.azimuth_rad, fit.covariance, fit.relative_covariance, errors)
+    return RunwayLine(fit.point_m, fit.azimuth_rad, fit.covariance, fit.relative_covariance, fit.errors)
 
 
 def pixel_contradiction(lines: dict[str, PixelLine]) -> str:
@@ -92,7 +91,8 @@ def centre_line(left: LineFit, right: LineFit) -> LineFit:
 def shifted_line(fit: LineFit, right_m: float, sigma_m: float) -> LineFit:
     """The same line moved to its right, m, give or take a 1-sigma."""
     shift = np.array([[sigma_m], [0.0], [0.0]])
-    return replace(fit, point_m=fit.point_m + right_m * np.array([*fit.right, 0.0]), own=np.hstack([fit.own, shift]))
+    point = fit.point_m + right_m * np.array([*fit.right, 0.0])
+    return replace(fit, point_m=point, own=np.hstack([fit.own, shift]), errors=None)
 
 
 def ramp(

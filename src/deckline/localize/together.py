@@ -9,10 +9,10 @@ from deckline.geometry import wrap_angle
 from deckline.localize.config import LocalizeConfig, NoiseConfig
 from deckline.localize.joint import Solution, solve
 from deckline.localize.line_fit import LineFit
-from deckline.localize.model import MIN_SIGMA_M, NUISANCES, Deck, State, rights
+from deckline.localize.model import MIN_SIGMA_M, NUISANCES, State, rights
 from deckline.localize.runway import drop_contradictions
 from deckline.localize.sight import Sight, first_height, first_line, sight
-from deckline.types import SIDES, DepthMode, Frame, LinePoints, PixelLine
+from deckline.types import SIDES, DepthMode, Frame, LineErrors, LinePoints, PixelLine
 
 Array = NDArray[np.float64]
 CONTRADICTION = 4.0  # 1-sigma between the reported deck height and the depth camera
@@ -95,8 +95,8 @@ def line_fits(solution: Solution, view: Sight, noise: NoiseConfig) -> dict[str, 
         point = np.array([*state.points_m[k], state.z_m + float(way @ slopes)])
         carried = _carried(point - view.body_m, float(state.azimuths_rad[k]), noise)
         azimuth = float(wrap_angle(state.azimuths_rad[k]))
-        effects = _effects(chosen @ solution.height, chosen @ solution.nuisances, solution.deck, noise)
-        fits[name] = LineFit(point, azimuth, chosen @ solution.points, relative + carried, relative, effects)
+        own = chosen @ solution.points
+        fits[name] = LineFit(point, azimuth, own, relative + carried, relative, _errors(solution, chosen, noise))
     return fits
 
 
@@ -112,21 +112,23 @@ def _never_exact(config: LocalizeConfig) -> LocalizeConfig:
     return replace(config, noise=noise, deck=replace(deck, tilt_rad=max(deck.tilt_rad, LEAST_RAD)))
 
 
-def _effects(height: Array, nuisances: Array, deck: Deck, noise: NoiseConfig) -> Array:
-    """What errors add to a line, (3, 7) per unit, as `LineErrors` has them.
+def _errors(solution: Solution, chosen: Array, noise: NoiseConfig) -> LineErrors:
+    """What errors add to a line and to the slopes, and what of them is new in every frame.
 
-    A nuisance whose prior is wrong by so much moves the fit by its column. What is unknown of focal length and attitude
-    turns what was measured into what is true: its error is the opposite twice over. A depth's scale and the deck's
-    slopes are what is true themselves.
+    A nuisance whose prior is wrong by so much moves the fit by its column. What is unknown of attitude and focal length
+    turns what was measured into what is true: their error is the opposite. Depth scale and slopes are true ones.
 
     Args:
-        height: (3,) per 1-sigma of reported and own height together.
-        nuisances: (3, 6) per 1-sigma of each.
+        chosen: (3, P) the line's offset, azimuth and z, of the solution's unknowns.
     """
+    slopes = solution.deck.slopes
     both = max(float(np.hypot(noise.deck_z_m, noise.position_m)), MIN_SIGMA_M)
+    chosen = np.vstack([chosen, np.zeros((2, chosen.shape[1]))])
+    chosen[3:, -2:] = np.diag(slopes)
     turn, stretch, scale = noise.attitude_rad, noise.focal_fraction, noise.depth_scale
-    per_unit = nuisances / [turn, turn, stretch, -scale, -deck.slopes[0], -deck.slopes[1]]
-    return np.column_stack([per_unit[:, :2], height / both, per_unit[:, 2:]])
+    nuisances = chosen @ solution.nuisances / [turn, turn, stretch, -scale, -slopes[0], -slopes[1]]
+    effects = np.column_stack([nuisances[:, :2], chosen @ solution.height / both, nuisances[:, 2:]])
+    return LineErrors(solution.state.nuisances[4:] * slopes, chosen @ solution.points, effects)
 
 
 def _relative(height: Array, nuisances: Array, noise: NoiseConfig) -> Array:

@@ -41,22 +41,25 @@ Array = NDArray[np.float64]
 OWN_SHARE = 0.02  # of a measurement's variance, at least, that is its own and not common to all frames
 OWN_SIGMA = 1e-5  # m, rad; a line that states no noise at all is taken for this sure
 MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which sensitivities are not believed
-DOWN = np.array([0.0, 0.0, 1.0])
+SLOPE_SEEN = 0.05  # share of a slope that a frame must show for its slope to be used
+DOWN = np.array([0.0, 0.0, 1.0, 0.0, 0.0])  # of offset, azimuth, z and slopes
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Rows of a filter update: offset and azimuth of each line that was seen, and the height of the deck once."""
+    """Rows of a filter update: offset and azimuth of each line that was seen, the deck's height and slopes once."""
 
     sides: tuple[str, ...]
-    values: Array  # (m,) measured minus predicted: offset, m, and azimuth, rad, of every side; z, m
+    values: Array  # (m,) measured minus predicted: offset, m, and azimuth, rad, of every side; z, m; slopes, rad
     design: Array  # (m, 20)
     noise: Array  # (m, m)
     x_m: float  # mean place along the line where it was measured
 
     def rows(self, name: str) -> list[int]:
         """Rows of "left", "right" or "height"."""
-        return [2 * len(self.sides)] if name == "height" else [2 * self.sides.index(name) + i for i in (0, 1)]
+        if name == "height":
+            return list(range(2 * len(self.sides), len(self.values)))
+        return [2 * self.sides.index(name) + i for i in (0, 1)]
 
     def take(self, rows: list[int]) -> "Measurement":
         """The measurement without the rows that are not named; `sides` stay as they were."""
@@ -67,7 +70,10 @@ class Measurement:
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """One line: residual (3,), design (3, 20), the pose's white noise (3, 5), its own noise (3, M)."""
+    """One line: residual (K,), design (K, 20), the pose's white noise (K, 5), its own noise (K, M).
+
+    K rows: offset, azimuth, z, and slopes where they were measured.
+    """
 
     residual: Array
     design: Array
@@ -101,7 +107,7 @@ def measure(
 
 
 def _stacked(parts: list[Array]) -> Array:
-    """Offset and azimuth of every line (3, K), then the mean of their z: (2 n + 1, K). A frame's height is one."""
+    """Offset and azimuth of every line, then the mean of all else: a frame's height and slopes are one."""
     return np.concatenate([*(part[:2] for part in parts), np.mean([part[2:] for part in parts], axis=0)])
 
 
@@ -111,16 +117,16 @@ def _line_row(
     sign = SIGN[side]
     x, y, z = state.local(line.point_m)
     expected = sign / 2 * (state.mean[SPACING] + state.mean[ANGLE] * x)
-    residual = np.array(
-        [y - expected, float(wrap_angle(line.azimuth_rad - state.azimuth_rad - sign / 2 * state.mean[ANGLE])), z]
-    )
+    turned = float(wrap_angle(line.azimuth_rad - state.azimuth_rad - sign / 2 * state.mean[ANGLE]))
+    slopes = np.zeros(2) if line.errors is None else line.errors.slopes_rad
+    residual = np.array([y - expected, turned, z, *slopes])
     away = state.local(pose.position_m)
     away = np.array([x - away[0], expected - away[1], max(z - away[2], MIN_HEIGHT_M)])
     effects, own = _effects_and_own(state, line, side, away, mode, config)
     # A turn about z carries the line along; so does a shift to the side, and one down unless the deck's height is
     # believed more than the aircraft's.
-    carried = np.column_stack([effects[:, :2], [away[0], 1.0, 0.0], [1.0, 0.0, 0.0], DOWN - effects[:, 2]])
-    design = np.zeros((3, SIZE))
+    carried = np.column_stack([effects[:, :2], [away[0], 1.0, 0, 0, 0], [1.0, 0, 0, 0, 0], DOWN - effects[:, 2]])
+    design = np.zeros((5, SIZE))
     design[0, [OFFSET, AZIMUTH, SPACING, ANGLE]] = 1.0, x, sign / 2, sign / 2 * x
     design[1, [AZIMUTH, ANGLE]] = 1.0, sign / 2
     design[2, HEIGHT] = 1.0
@@ -128,22 +134,21 @@ def _line_row(
     rises = np.array([[1.0, x, expected], [1.0, hub[0], hub[1]]])  # by rise, tilt, bank: at the line, and midway
     design[:, [RISE, TILT, BANK]] = np.outer(DOWN, rises[0]) - np.outer(effects[:, 2], rises[1])
     design[:, [TILT, BANK]] += effects[:, 5:]
+    design[[3, 4], [TILT, BANK]] += 1.0
     design[:, DELAY] = -carried @ _per_second(state, pose)
     design[0, LEFT if side == "left" else RIGHT] = 1.0
+    residual -= design[:, RISE:] @ state.mean[RISE:]
     e = config.errors
-    turn, shift = e.attitude_white_rad, e.position_white_m
-    return _Row(
-        residual - design[:, RISE:] @ state.mean[RISE:],
-        design,
-        carried * np.array([turn, turn, turn, shift, shift]),
-        own,
-    )
+    white = carried * np.array([e.attitude_white_rad] * 3 + [e.position_white_m] * 2)
+    # Only a depth camera sees slopes themselves; without it they are guessed from the lines' directions.
+    keep = [0, 1, 2, *(k for k in (3, 4) if mode is DepthMode.FINE and 1 + effects[k, 2 + k] > SLOPE_SEEN)]
+    return _Row(residual[keep], design[keep], white[keep], own[keep])
 
 
 def _effects_and_own(
     state: State, line: RunwayLine, side: str, away_m: Array, mode: DepthMode, config: TrackConfig
 ) -> tuple[Array, Array]:
-    """What common errors do to a line, (3, 7) as in `LineErrors` but turned to its own axes, and its own noise (3, M).
+    """What common errors do to a line, (5, 7) as in `LineErrors` but turned to its own axes, and its own noise (5, M).
 
     Args:
         away_m: (3,) from the camera to the line's measured point, along, right, down.
@@ -152,33 +157,34 @@ def _effects_and_own(
         cos, sin = state.along[:2]
         effects = line.errors.effects.copy()
         effects[:, :2] = effects[:, :2] @ [[cos, -sin], [sin, cos]]
-        return effects, np.hstack([line.errors.own, OWN_SIGMA * np.eye(3)])
+        return effects, np.hstack([line.errors.own, OWN_SIGMA * np.eye(5)])
     effects = _alone(away_m, mode)
     known = line.covariance if line.relative_covariance is None else line.relative_covariance
     roll, pitch, deck, scale, focal = error_sigmas(config)[:5]
-    rest = _rest(known, effects[:, :5] * [roll, pitch, deck, focal, scale])
+    rest = _rest(known, effects[:3, :5] * [roll, pitch, deck, focal, scale])
     # Square root with one column for z, which both lines share: a frame's height is not better by the second line.
     root = np.linalg.cholesky(rest[::-1, ::-1])[::-1, ::-1]
-    own = np.zeros((3, 5))
-    own[:, [0, 1, 4] if side == "left" else [2, 3, 4]] = root
+    own = np.zeros((5, 5))
+    own[:3, [0, 1, 4] if side == "left" else [2, 3, 4]] = root
     return effects, own
 
 
 def _alone(away_m: Array, mode: DepthMode) -> Array:
-    """What errors do to a line through points that were each placed in the world alone, (3, 7)."""
+    """What errors do to a line through points that were each placed in the world alone, (5, 7); slopes are not seen."""
     x, y, h = away_m
-    effects = np.zeros((3, 7))
+    effects = np.zeros((5, 7))
+    effects[[3, 4], [5, 6]] = -1.0
     if mode is DepthMode.FINE:
-        effects[:, [0, 1, 4]] = [[-h, 0.0, y], [0.0, 0.0, 0.0], [y, -x, h]]
+        effects[:3, [0, 1, 4]] = [[-h, 0.0, y], [0.0, 0.0, 0.0], [y, -x, h]]
     else:  # every displaced point is continued along its ray back to the deck
-        effects[:, [0, 1, 2]] = [[-(h + y * y / h), x * y / h, y / h], [0.0, y / h, 0.0], [0.0, 0.0, 1.0]]
+        effects[:3, [0, 1, 2]] = [[-(h + y * y / h), x * y / h, y / h], [0.0, y / h, 0.0], [0.0, 0.0, 1.0]]
         effects[1, 5] = -y / h
     return effects
 
 
 def _per_second(state: State, pose: Pose) -> Array:
     """How the aircraft turns about x, y, z and moves along y, z, (5,)."""
-    axes = np.stack([state.along, state.right, DOWN])
+    axes = np.stack([state.along, state.right, DOWN[:3]])
     return np.concatenate([axes @ pose.turning_rad_s, axes[1:] @ pose.velocity_m_s])
 
 
