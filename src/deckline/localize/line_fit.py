@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import wrap_angle
+from deckline.localize.config import NoiseConfig
 from deckline.localize.depth import DeckPoints
+from deckline.localize.spread import inflation
 from deckline.types import LineErrors
 
 Array = NDArray[np.float64]
-MAX_CORRELATION = 0.9  # of neighbouring residuals that is still believed
 MIN_SIGMA_M = 1e-6  # keeps residuals of noiseless points finite
-SIGNIFICANT = 2.5  # 1-sigma; spread that chance explains is not counted
-ALIKE = 2.0  # the same of correlation, which costs more when it is missed
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +48,7 @@ class LineFit:
 
 
 def fit_alone(
-    points: dict[str, DeckPoints], camera_m: Array, min_points: int, rng: np.random.Generator
+    points: dict[str, DeckPoints], camera_m: Array, min_points: int, noise: NoiseConfig, rng: np.random.Generator
 ) -> dict[str, LineFit]:
     """The paper's lines: each alone, all its points alike, by stochastic gradient descent in the world.
 
@@ -59,6 +58,7 @@ def fit_alone(
         points: the points of each line; a line with fewer than `min_points` is left out.
         camera_m: (3,) the camera in the world; lines point away from it, in the direction of landing.
         min_points: points a line needs.
+        noise: how far neighbouring points are expected to err alike.
         rng: order of the points in the descent.
 
     Source: paper, section on line fitting; SPEC section 4.4.
@@ -67,7 +67,7 @@ def fit_alone(
     total = sum(len(p) for p in points.values())
     fits, first = {}, 0
     for side, line in points.items():
-        fits[side] = _fit(line, first, total, camera_m, rng)
+        fits[side] = _fit(line, first, total, camera_m, noise, rng)
         first += len(line)
     return fits
 
@@ -130,36 +130,9 @@ def fit_sgd(
     return np.array([w0, line[1], line[2], points_m[:, 2] @ w / w.sum()])
 
 
-def inflation(lines: list[Array]) -> Array:
-    """Factors on 1-sigma (L,) for residuals that are larger or less independent than assumed.
-
-    Neighbouring rows of a detector err together; N points with correlation r between neighbours are worth
-    N (1 - r) / (1 + r). One detector saw all lines, so they show its correlation together. Spread and correlation that
-    chance explains are not counted, nor is a spread that is smaller.
-
-    Args:
-        lines: residuals of each line (N,), in expected 1-sigma, in order along it, less two fitted numbers.
-    """
-    spreads = np.array([_spread(residuals) for residuals in lines])
-    count, fitted = sum(len(r) for r in lines), 2 * len(lines)
-    energy = sum(float(r @ r) for r in lines)
-    # Errors that are common but far smaller than assumed do no harm, however alike they are.
-    correlation = sum(float(r[1:] @ r[:-1]) for r in lines) / max(energy, count, 1)
-    # A line that is fitted takes out of its residuals what varies slowly.
-    correlation = (count * correlation + fitted) / max(count - 2 * fitted, 4 * fitted, 1)
-    if correlation < ALIKE / np.sqrt(max(count, 1)):
-        correlation = 0.0
-    correlation = min(correlation, MAX_CORRELATION)
-    return spreads * np.sqrt((1 + correlation) / (1 - correlation))
-
-
-def _spread(residuals: Array) -> float:
-    degrees = max(len(residuals) - 2, 1)
-    chi2 = float(residuals @ residuals) / degrees
-    return float(np.sqrt(chi2)) if chi2 > 1 + SIGNIFICANT * np.sqrt(2 / degrees) else 1.0
-
-
-def _fit(line: DeckPoints, first: int, total: int, camera_m: Array, rng: np.random.Generator) -> LineFit:
+def _fit(
+    line: DeckPoints, first: int, total: int, camera_m: Array, noise: NoiseConfig, rng: np.random.Generator
+) -> LineFit:
     w0, w1, w2, z = fit_sgd(line.points_m, rng)
     xy, count = line.points_m[:, :2], len(line)
     middle = xy.mean(axis=0)
@@ -173,12 +146,13 @@ def _fit(line: DeckPoints, first: int, total: int, camera_m: Array, rng: np.rand
     gradient[0, :, :2] = right / count
     gradient[1, :, :2] = (along / (along @ along))[:, None] * right
     gradient[2, :, 2] = 1 / count
-    noise = np.stack([line.pixel_m, line.depth_m])
+    moved = np.stack([line.pixel_m, line.depth_m])
     own = np.zeros((3, 2, total))
-    own[:, :, first : first + count] = np.einsum("rnk,snk->rsn", gradient, noise)
-    sigma = np.sqrt(((noise[..., :2] @ right) ** 2).sum(axis=0))
+    own[:, :, first : first + count] = np.einsum("rnk,snk->rsn", gradient, moved)
+    sigma = np.sqrt(((moved[..., :2] @ right) ** 2).sum(axis=0))
     across = ((xy - middle) @ right) / np.maximum(sigma, MIN_SIGMA_M)
-    own[:2] *= inflation([across[np.argsort(along)]])[0]
+    in_order = across[np.argsort(along)]
+    own[:2] *= inflation([in_order], noise.point_correlation, noise.point_correlation_sigma)[0]
     return LineFit(
         np.array([*middle, z]),
         azimuth,
