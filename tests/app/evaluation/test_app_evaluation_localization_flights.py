@@ -14,6 +14,8 @@ from deckline.app.evaluation.localization_flights import (
     patchy,
 )
 
+OF_POINTS = ("min_pixel", "point_correlation", "point_correlation_sigma")
+
 
 def test_localization_is_told_what_its_sensors_are_worth():
     noise = FlightsConfig(navigation="tactical").noise
@@ -21,13 +23,14 @@ def test_localization_is_told_what_its_sensors_are_worth():
     assert noise.attitude_rad == pytest.approx(np.deg2rad(np.hypot(0.1, 0.02)))
     assert (noise.depth_fraction, noise.deck_z_m) == (ERRORS.depth_fraction, ERRORS.deck_z_m)
     exact = FlightsConfig(navigation="exact").noise
-    assert {value for name, value in vars(exact).items() if name != "min_pixel"} == {0.0}
+    assert {value for name, value in vars(exact).items() if name not in OF_POINTS} == {0.0}
 
 
 def test_the_tracker_is_told_of_the_sea_and_the_runway():
     config = FlightsConfig(sea_state=5, runway_width_m=14.7)
     assert config.track.errors.deck_z_m > 10 * FlightsConfig().track.errors.deck_z_m
     assert config.localize.noise.deck_z_m == config.track.errors.deck_z_m
+    assert config.localize.deck.tilt_rad == config.track.motion.tilt_rad > FlightsConfig().localize.deck.tilt_rad == 0.0
     assert FlightsConfig().localize.noise == FlightsConfig().noise
     assert config.track.runway_width_m == config.localize.runway_width_m == 14.7
     assert FlightsConfig(navigation="exact").track.errors.position_m < 0.01
