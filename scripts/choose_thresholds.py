@@ -8,7 +8,6 @@ lines the combination that finds most is printed, after the detector's own.
 """
 
 import argparse
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -20,27 +19,32 @@ from rich.progress import track
 from deckline.app.evaluation.detection import rendered_sets
 from deckline.app.evaluation.detection_frames import FrameSet, open_recorded
 from deckline.detect import DETECTORS, OnnxDetector
-from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
+from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines, read_lines
+from deckline.detect.preprocess import Window
 from deckline.detect.region import decode_region
-from deckline.evaluate.detection import DetectionScore, Expected, Scene, score_detection
+from deckline.evaluate.detection import Expected, Scene
+from deckline.evaluate.labels import distance_px
+from deckline.geometry import Camera
 from deckline.recording import FrameError
-from deckline.types import Frame
+from deckline.types import SIDES
 
 FIRST = (0.3, 0.5, 0.7, 0.85, 0.9, 0.95, 0.98)  # of a runway in the whole image
 CLOSE = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)  # of a runway in a close look
 ROW = (0.3, 0.4, 0.5, 0.6, 0.7)  # of a row
 LINE = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85)  # of a line, mean over its rows
 FALSE_SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)  # of the views without a runway
+WRONG_PX = 10.0  # median distance of a line's points from which it is another line
 OPEN = {"first_probability": 0.0, "close_probability": 0.0}
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A view without its pixels: what is in it, and what the network said of each look."""
+    """What is in a view, and what the network said of it."""
 
-    frame: Frame
+    camera: Camera
     expected: Expected
-    outputs: list[NetworkOutput]
+    output: NetworkOutput  # of the last look
+    window: Window  # where that was
     first: float  # probability of a runway in the first look
     close: float  # least of the others; 1 without any
 
@@ -64,22 +68,25 @@ def looked_at(sets: list[FrameSet], detector: OnnxDetector) -> list[Seen]:
             kept.append(detector.infer(view))
             return kept[-1]
 
-        detect_lines(question.frame.image_rgb, infer, config)
+        u0, v0, u1, _ = detect_lines(question.frame.image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
+        window = Window(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
         sure = [decode_region(output.region, output.box).probability for output in outputs]
-        blank = np.broadcast_to(np.uint8(0), question.frame.image_rgb.shape)
-        bare = replace(question.frame, image_rgb=blank, depth_m=None)
-        seen.append(Seen(bare, question.expected, outputs, sure[0], min(sure[1:], default=1.0)))
+        seen.append(
+            Seen(question.frame.camera, question.expected, outputs[-1], window, sure[0], min(sure[1:], default=1.0))
+        )
     return seen
 
 
-def scored(seen: list[Seen], config: DetectConfig) -> list[DetectionScore]:
-    """What the detector would have said with these thresholds of rows and lines."""
-    scores = []
-    for one in seen:
-        said: Iterator[NetworkOutput] = iter(one.outputs)
-        detection = detect_lines(one.frame.image_rgb, lambda view, said=said: next(said), config)
-        scores.append(score_detection(one.frame, detection, one.expected))
-    return scores
+def errors_of(one: Seen, config: DetectConfig) -> dict[str, NDArray[np.float64]]:
+    """Distances of the points, px, by the sides on which these thresholds of rows and lines leave a line."""
+    detection = read_lines(one.output, one.window, config)
+    errors = {}
+    for side in SIDES:
+        points, line = getattr(detection, side).points_px, one.expected.lines_px[side]
+        if len(points):
+            far = np.full(len(points), np.inf)
+            errors[side] = far if line is None else distance_px(points, line, one.camera)
+    return errors
 
 
 def main() -> None:
@@ -101,25 +108,33 @@ def main() -> None:
     first, close = np.array([one.first for one in seen]), np.array([one.close for one in seen])
     rows = []
     for row, line in track(list(product(ROW, LINE)), "trying"):
-        scores = scored(seen, replace(detector.config, **OPEN, min_confidence=row, min_line_confidence=line))
-        both, some = np.array([s.found == 2 for s in scores]), np.array([s.found > 0 for s in scores])
-        errors = [np.concatenate(list(s.errors_px.values())) for s in scores]
+        config = replace(detector.config, **OPEN, min_confidence=row, min_line_confidence=line)
+        by_side = [errors_of(one, config) for one in seen]
+        lines = np.array([len(errors) for errors in by_side])
+        both, some = lines == 2, lines > 0
+        errors = [np.concatenate([*errors.values(), []]) for errors in by_side]
+        wrong = np.array([len(e) > 0 and not np.median(e) <= WRONG_PX for e in errors])
         for needed in product(FIRST, CLOSE):
             on = (first >= needed[0]) & (close >= needed[1])
             found, false = both & on, some & on
             px = np.concatenate([e for e, good in zip(errors, found & is_deck, strict=True) if good] or [[np.inf]])
             rates = [found[is_deck & ~thick].mean(), found[is_deck & thick].mean(), found[is_deck].mean()]
-            rows.append((false[~is_deck].mean(), rates, np.percentile(px, (50, 95)), (*needed, row, line)))
+            alone = on & (lines == 1) & is_deck
+            rows.append(
+                (false[~is_deck].mean(), rates, np.percentile(px, (50, 95)), (*needed, row, line), alone, wrong)
+            )
     print(f"{is_deck.sum()} decks, {(is_deck & thick).sum()} at V < 500 m; {(~is_deck).sum()} views without a runway")
-    print("false %   found % V >= 500   < 500   all   px median   95 %   first, close, row, line")
+    print("false %   found % V >= 500   < 500   all   px median   95 %   one line, wrong   first, close, row, line")
     usual = detector.config
     mine = usual.first_probability, usual.close_probability, usual.min_confidence, usual.min_line_confidence
     chosen = [r for r in rows if r[3] == mine]
     for share in FALSE_SHARES:
         chosen.append(max((r for r in rows if r[0] <= share), key=lambda r: r[1][2]))
-    for false_share, rates, px, thresholds in chosen:
+    for false_share, rates, px, thresholds, alone, wrong in chosen:
         words = "  ".join(f"{100 * rate:.1f}" for rate in rates)
-        print(f"{100 * false_share:.2f}   {words}   {px[0]:.2f}  {px[1]:.2f}   {thresholds}")
+        print(
+            f"{100 * false_share:.2f}   {words}   {px[0]:.2f}  {px[1]:.2f}   {alone.sum()}, {(alone & wrong).sum()}   {thresholds}"
+        )
 
 
 if __name__ == "__main__":

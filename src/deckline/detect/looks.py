@@ -128,7 +128,7 @@ def _look_closer(
             break
         closer = _closer_window(region.box, window, image_size, config)
         if number == config.max_looks or _is_final(closer, window, config):
-            return _detection(output, window, config)
+            return read_lines(output, window, config)
         window = closer
     return Detection(LinePoints.empty(), LinePoints.empty())
 
@@ -181,7 +181,8 @@ def _is_final(closer: Window, window: Window, config: DetectConfig) -> bool:
     return centred and low <= config.fill * closer.step / window.step <= high
 
 
-def _detection(output: NetworkOutput, window: Window, config: DetectConfig) -> Detection:
+def read_lines(output: NetworkOutput, window: Window, config: DetectConfig) -> Detection:
+    """The lines that the network says it sees through a window, in image px; its region is the window's."""
     rows = [decode(line, config.grid, config.decode) for line in output.rows]
     region = window.bounds(config.grid.width, config.grid.height)
     if _is_right_of(rows[0], rows[1]):
