@@ -17,6 +17,7 @@ from deckline.evaluate.localization import (
     state_error,
     touchdown,
     true_centre,
+    unit_figures,
 )
 from deckline.geometry import Camera, attitude
 from deckline.types import Frame, RunwayLine, Segment, Truth
@@ -110,6 +111,23 @@ def test_an_aircraft_wrong_about_itself_sees_the_runway_where_it_is(shift, turn)
     np.testing.assert_allclose(carried(seen, measured, BODY).point_m, true.point_m, atol=1e-9)
 
 
+def test_a_navigation_unit_alone_moves_lines_by_its_own_errors():
+    """Turned about the aircraft, a ramp 300 m ahead moves by the turn times the way to it, abreast of the line."""
+    turn, shift = np.deg2rad(0.05), np.array([3.0, 0.4, 2.0])
+    rotation = Rotation.from_rotvec([0.0, 0.0, turn])
+    measured = RigidTransform.from_components(BODY.translation + shift, rotation * BODY.rotation)
+    figures = unit_figures(frame(BODY, measured))
+    for side, segment in (("left", LEFT), ("right", RIGHT)):
+        along = segment.p1_m - segment.p0_m
+        right = np.array([-along[1], along[0], 0.0]) / np.linalg.norm(along)
+        ahead = float((segment.p0_m - BODY.translation) @ along) / np.linalg.norm(along)
+        expected = abs(shift @ right + ahead * turn)
+        assert figures[f"unit.direction_error_deg.{side}"] == pytest.approx(0.05, rel=1e-6)
+        assert figures[f"unit.lateral_error_m.{side}"] == pytest.approx(expected, abs=0.01)
+    assert max(unit_figures(frame(BODY)).values()) < 1e-9
+    assert unit_figures(dataclasses.replace(frame(BODY), world_from_body=None)) == {}
+
+
 def test_the_relative_covariance_is_the_pilot_s():
     centre = dataclasses.replace(
         line(true_centre(Truth(LEFT, RIGHT)), at_m=TOUCHDOWN_M), relative_covariance=COVARIANCE / 4
@@ -135,6 +153,8 @@ def test_all_figures_of_a_frame():
         "true_slope.right",
         "true_intercept_m.right",
         "true_height_m.right",
+        "unit.lateral_error_m.right",
+        "unit.direction_error_deg.right",
     }
     assert figures["true_slope.right"] == pytest.approx(-0.15632)
 

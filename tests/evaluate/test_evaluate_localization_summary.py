@@ -14,10 +14,16 @@ from deckline.evaluate.localization_summary import (
     measured,
     quantiles,
     run_mean,
+    unit_measured,
+    unusable_improvement,
+    usable_share,
 )
 
 # Table 6: errors of direction, degrees, of the lines without dehazing and with it.
 PRINTED = {"left": (8.5456, 1.3347), "right": (3.9949, 0.0559)}
+
+
+LIMITS = {"direction_error_deg": 0.3, "lateral_error_m": 1.0}  # of a frame that is of use
 
 
 def score(approach=0, range_m=100.0, visibility_m=800.0, **figures) -> Score:
@@ -57,6 +63,22 @@ def test_a_mark_looks_at_its_band_and_at_both_lines():
     far = score(range_m=150.0, direction_error_deg__left=9.0)
     assert measured([near, far], mark) == pytest.approx(0.48)
     assert np.isnan(measured([far], mark))
+
+
+def test_usable_frames_have_both_lines_and_none_is_left_out():
+    good = {f"{name}__{side}": value for side in ("left", "right") for name, value in LIMITS.items()}
+    wrong = {**good, "direction_error_deg__right": 0.31}
+    one = {name: value for name, value in good.items() if name.endswith("left")}
+    plain = [score(**good), score(**wrong), score(**one), score()]
+    assert usable_share(plain) == pytest.approx(1 / 4)
+    assert unusable_improvement([score(**good)] * 9 + [score()], plain) == pytest.approx(1 - 0.1 / 0.75)
+    assert np.isnan(unusable_improvement(plain, [score(**good)]))
+
+
+def test_what_the_unit_alone_gives_is_compared_with_the_same_mark():
+    scores = [score(unit__direction_error_deg__left=0.1, unit__direction_error_deg__right=0.5)]
+    assert unit_measured(scores, MARKS[1]) == pytest.approx(0.48)
+    assert np.isnan(unit_measured(scores, MARKS[3]))
 
 
 def test_bands():
@@ -104,3 +126,5 @@ def test_efficiency_is_the_bound_over_the_mean_square():
 def test_no_scores_are_refused():
     with pytest.raises(ValueError, match="no frame"):
         line_row([], "left")
+    with pytest.raises(ValueError, match="no frame could be evaluated"):
+        usable_share([])

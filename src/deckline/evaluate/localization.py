@@ -161,6 +161,22 @@ def touchdown(centre: Segment) -> Array:
     return centre.p0_m + TOUCHDOWN_M / float(np.hypot(along[0], along[1])) * along
 
 
+def unit_figures(frame: Frame) -> Figures:
+    """World errors of lines that are seen exactly and placed where the measured pose puts them, by `unit.` and side.
+
+    What the navigation unit is wrong by about its own position and heading; nothing for a frame without such a pose.
+    """
+    truth, measured, true = frame.truth, frame.world_from_body, frame.true_world_from_body
+    if truth is None or truth.left is None or truth.right is None or measured is None or true is None:
+        return {}
+    figures: Figures = {}
+    for side, segment in zip(SIDES, (truth.left, truth.right), strict=True):
+        line = carried(true_line(segment), true, measured)
+        figures[f"unit.lateral_error_m.{side}"] = abs(lateral_error_m(line, segment))
+        figures[f"unit.direction_error_deg.{side}"] = float(np.rad2deg(direction_error_rad(line, segment)))
+    return figures
+
+
 def bound_figures(covariance: Array) -> Figures:
     """The least 1-sigma of a pilot's errors, of a bound on a centre line's offset beside the touchdown point.
 
@@ -180,7 +196,7 @@ def _rise(truth: Segment) -> float:
 def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine]) -> Figures:
     """All figures of the lines that were found: Table 6's of left and right, the pilot's of the centre line.
 
-    `true_slope`, `true_intercept_m` and `true_height_m` are given of both sides, found or not.
+    `true_slope`, `true_intercept_m`, `true_height_m` and `unit_figures` are given of both sides, found or not.
 
     Raises:
         ValueError: a frame without truth.
@@ -189,7 +205,7 @@ def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine]) -> Figures:
     if truth is None or truth.left is None or truth.right is None:
         raise ValueError(f"{frame.file} has no true lines to compare with")
     segments = {"left": truth.left, "right": truth.right}
-    figures: Figures = {}
+    figures = unit_figures(frame)
     for side in SIDES:
         exact = true_line(segments[side])
         truths = {"slope": exact.slope, "intercept_m": exact.intercept_m, "height_m": exact.height_m}

@@ -1,7 +1,7 @@
 """Tables of localization scores: the paper's Table 6, the improvement, a pilot's percentiles, honesty, efficiency."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -23,6 +23,7 @@ PILOT_COLUMNS = ("lateral_m", "height_m", "heading_deg")
 RANGE_BANDS_M = ((0.0, 150.0), (150.0, 300.0), (300.0, 500.0), (500.0, 1000.0), (1000.0, np.inf))
 VISIBILITY_BANDS_M = ((0.0, 500.0), (500.0, 1000.0), (1000.0, 2000.0), (2000.0, np.inf))
 QUANTILES = (50.0, 95.0)  # percent
+USABLE_DEG, USABLE_M = 0.3, 1.0  # of direction and lateral at the ramp: our marks, of the near and of the far range
 CONFIDENCE = 0.95
 RESAMPLES = 5000
 
@@ -118,6 +119,35 @@ def improvement(rows: Sequence[LineRow], reference: Sequence[LineRow], name: str
     """
     ours, theirs = (sum(row.means.get(name, np.nan) for row in each) for each in (rows, reference))
     return float(1.0 - ours / theirs) if theirs else float("nan")
+
+
+def usable_share(scores: Sequence[Score]) -> float:
+    """Share of the frames with both lines, each within USABLE_DEG and USABLE_M of the true one.
+
+    Every frame counts: one without a line, or with a wrong one, is of no use.
+
+    Raises:
+        ValueError: no scores.
+    """
+    if not scores:
+        raise ValueError("no frame could be evaluated")
+    return sum(_usable(score) for score in scores) / len(scores)
+
+
+def _usable(score: Score) -> bool:
+    limits = {"direction_error_deg": USABLE_DEG, "lateral_error_m": USABLE_M}
+    return all(score.figures.get(f"{name}.{side}", np.inf) <= most for name, most in limits.items() for side in SIDES)
+
+
+def unusable_improvement(scores: Sequence[Score], reference: Sequence[Score]) -> float:
+    """1 - share of frames that are not usable / the reference's share; NaN where all of the reference's are usable."""
+    theirs = 1 - usable_share(reference)
+    return 1 - (1 - usable_share(scores)) / theirs if theirs else float("nan")
+
+
+def unit_measured(scores: Iterable[Score], mark: Mark) -> float:
+    """What the navigation unit alone would have, lines seen exactly; NaN where it has no such error."""
+    return measured(scores, replace(mark, figures=tuple(f"unit.{name}" for name in mark.figures)))
 
 
 def quantiles(scores: Iterable[Score], names: Iterable[str]) -> Quantiles:

@@ -88,6 +88,31 @@ def test_marks_are_starred_where_reached():
     assert wide[0]["ufld, hazy, paper's"] == "0.200"
 
 
+def test_frames_without_a_line_are_of_no_use():
+    given = scores()
+    given["ufld, hazy, paper's"] = [
+        Score(**(vars(score) | {"figures": dict(TRUE) if k < 4 else score.figures}))
+        for k, score in enumerate(given["ufld, hazy, paper's"])
+    ]
+    given["ours"] = [*given["ours"][:5], Score(**(vars(given["ours"][5]) | {"figures": dict(TRUE)}))]
+    rows = {row["method"]: row for row in cells("both lines within 0.3 deg and 1 m", given)}
+    assert [row["usable %"] for row in rows.values()] == ["33.3", "83.3", "100.0"]
+    assert rows["ours"]["fewer not usable than ufld, hazy, paper's, %"] == "75.0"
+    assert flat_figures(given)["ours.improvement.not_usable"] == pytest.approx(0.75)
+
+
+def test_the_unit_alone_stands_beside_the_marks():
+    given = scores()
+    given["ufld, hazy, paper's"] = [
+        Score(**(vars(score) | {"figures": score.figures | {"unit.lateral_error_m.left": 0.35}}))
+        for score in given["ufld, hazy, paper's"]
+    ]
+    alone = {(row["error"], row["range"]): row["unit alone"] for row in cells("accuracy asked for", given)}
+    assert alone["lateral at the ramp, 95 %", "150-800 m"] == "0.350 *"
+    assert alone["lateral at the ramp, 95 %", "0-150 m"] == "0.350"
+    assert alone["height, 95 %", "0-150 m"] == "-"
+
+
 def test_efficiency_is_of_the_untracked_joint_method():
     rows = cells("efficiency, ours")
     assert [row["lateral"] for row in rows] == ["0.25", "0.25", "0.25"]
