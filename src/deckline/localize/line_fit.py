@@ -1,5 +1,6 @@
 """A horizontal line w0 + w1 x + w2 y = 0, z = w3 on the deck, what noise moves it, and the paper's way to fit it."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,13 +120,18 @@ def fit_sgd(
     scale = float(np.abs(offsets).max())
     scaled = offsets / scale
     along = scaled[-1] - scaled[0]
-    line = np.array([0.0, -along[1], along[0]]) / np.hypot(*along)
+    length = math.hypot(*along)
+    constant, across, down = 0.0, -float(along[1]) / length, float(along[0]) / length
+    points, shares = scaled.tolist(), (w / w.max()).tolist()  # plain numbers: a tenth of the time of arrays of three
     for epoch in range(epochs):
-        rate = learning_rate / (1.0 + epoch) / w.max()
-        for i in rng.permutation(len(scaled)):
-            row = np.array([1.0, *scaled[i]])
-            line = line - rate * w[i] * (line @ row) * row
-            line[1:] /= np.hypot(line[1], line[2])
+        rate = learning_rate / (1.0 + epoch)
+        for i in rng.permutation(len(points)).tolist():
+            x, y = points[i]
+            step = rate * shares[i] * (constant + across * x + down * y)
+            constant, across, down = constant - step, across - step * x, down - step * y
+            length = math.hypot(across, down)
+            across, down = across / length, down / length
+    line = np.array([constant, across, down])
     w0 = line[0] * scale - line[1:] @ centre
     return np.array([w0, line[1], line[2], points_m[:, 2] @ w / w.sum()])
 
