@@ -33,8 +33,9 @@ CLOSE = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)  # of a runway in a close lo
 ROW = (0.3, 0.4, 0.5, 0.6, 0.7)  # of a row
 LINE = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85)  # of a line, mean over its rows
 FALSE_SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)  # of the views without a runway
+THICK_M = 500.0  # visibility below which haze is thick
 WRONG_PX = 10.0  # median distance of a line's points from which it is another line
-OPEN = {"first_probability": 0.0, "close_probability": 0.0}
+Thresholds = tuple[float, float, float, float]  # first, close, row, line
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +50,26 @@ class Seen:
     close: float  # least of the others; 1 without any
 
 
+@dataclass(frozen=True)
+class Trial:
+    """What a combination gives."""
+
+    thresholds: Thresholds
+    false_share: float  # of the views without a runway that give a line
+    found: tuple[float, float, float]  # share of decks with both lines: V >= 500 m, less, all
+    error_px: tuple[float, float]  # of their points, median and 95th percentile
+    alone: tuple[int, int]  # decks with one line, and those where it is another line
+
+
+def with_thresholds(config: DetectConfig, thresholds: Thresholds) -> DetectConfig:
+    first, close, row, line = thresholds
+    return replace(
+        config, first_probability=first, close_probability=close, min_confidence=row, min_line_confidence=line
+    )
+
+
 def looked_at(sets: list[FrameSet], detector: OnnxDetector) -> list[Seen]:
     """Every view of the sets that has a clear answer."""
-    config = replace(detector.config, **OPEN)
     places = [(item, index) for item in sets for index in range(len(item))]
     seen = []
     for item, index in track(places, "looking"):
@@ -60,33 +78,56 @@ def looked_at(sets: list[FrameSet], detector: OnnxDetector) -> list[Seen]:
         except FrameError as error:
             print(f"skipped {error}")
             continue
-        if question is None or question.expected.scene is Scene.UNRATED:
-            continue
-        outputs: list[NetworkOutput] = []
-
-        def infer(view: NDArray[np.float32], kept: list[NetworkOutput] = outputs) -> NetworkOutput:
-            kept.append(detector.infer(view))
-            return kept[-1]
-
-        u0, v0, u1, _ = detect_lines(question.frame.image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
-        window = Window(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
-        sure = [decode_region(output.region, output.box).probability for output in outputs]
-        seen.append(
-            Seen(question.frame.camera, question.expected, outputs[-1], window, sure[0], min(sure[1:], default=1.0))
-        )
+        if question is not None and question.expected.scene is not Scene.UNRATED:
+            seen.append(seen_in(question.frame.image_rgb, question.frame.camera, question.expected, detector))
     return seen
 
 
-def errors_of(one: Seen, config: DetectConfig) -> dict[str, NDArray[np.float64]]:
-    """Distances of the points, px, by the sides on which these thresholds of rows and lines leave a line."""
+def seen_in(image_rgb: NDArray[np.uint8], camera: Camera, expected: Expected, detector: OnnxDetector) -> Seen:
+    outputs: list[NetworkOutput] = []
+
+    def infer(view: NDArray[np.float32]) -> NetworkOutput:
+        outputs.append(detector.infer(view))
+        return outputs[-1]
+
+    config = with_thresholds(detector.config, (0.0, 0.0, 0.0, 0.0))
+    u0, v0, u1, _ = detect_lines(image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
+    window = Window(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
+    sure = [decode_region(output.region, output.box).probability for output in outputs]
+    return Seen(camera, expected, outputs[-1], window, sure[0], min(sure[1:], default=1.0))
+
+
+def errors_of(one: Seen, config: DetectConfig) -> list[NDArray[np.float64]]:
+    """Distances of the points, px, of each line that these thresholds of rows and lines leave."""
     detection = read_lines(one.output, one.window, config)
-    errors = {}
+    errors = []
     for side in SIDES:
         points, line = getattr(detection, side).points_px, one.expected.lines_px[side]
         if len(points):
-            far = np.full(len(points), np.inf)
-            errors[side] = far if line is None else distance_px(points, line, one.camera)
+            none = np.full(len(points), np.inf)
+            errors.append(none if line is None else distance_px(points, line, one.camera))
     return errors
+
+
+def trials(seen: list[Seen], config: DetectConfig, row: float, line: float) -> list[Trial]:
+    """Every pair of thresholds of a runway, with these of rows and lines."""
+    errors = [errors_of(one, with_thresholds(config, (0.0, 0.0, row, line))) for one in seen]
+    lines = np.array([len(sides) for sides in errors])
+    wrong = np.array([len(sides) == 1 and not np.median(sides[0]) <= WRONG_PX for sides in errors])
+    deck = np.array([one.expected.scene is Scene.DECK for one in seen])
+    thick = np.array([one.expected.visibility_m < THICK_M for one in seen])
+    first, close = (np.array([getattr(one, name) for one in seen]) for name in ("first", "close"))
+    tried = []
+    for needed in product(FIRST, CLOSE):
+        on = (first >= needed[0]) & (close >= needed[1])
+        found, alone = on & (lines == 2), on & (lines == 1) & deck
+        px = [np.concatenate(sides) for sides, good in zip(errors, found & deck, strict=True) if good]
+        median, most = np.percentile(np.concatenate(px), (50, 95)) if px else (np.inf, np.inf)
+        shares = float(found[deck & ~thick].mean()), float(found[deck & thick].mean()), float(found[deck].mean())
+        false = float((on & (lines > 0))[~deck].mean())
+        counts = int(alone.sum()), int((alone & wrong).sum())
+        tried.append(Trial((*needed, row, line), false, shares, (float(median), float(most)), counts))
+    return tried
 
 
 def main() -> None:
@@ -103,38 +144,19 @@ def main() -> None:
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")
     seen = looked_at(sets, detector)
-    is_deck = np.array([one.expected.scene is Scene.DECK for one in seen])
-    thick = np.array([one.expected.visibility_m < 500 for one in seen])
-    first, close = np.array([one.first for one in seen]), np.array([one.close for one in seen])
-    rows = []
-    for row, line in track(list(product(ROW, LINE)), "trying"):
-        config = replace(detector.config, **OPEN, min_confidence=row, min_line_confidence=line)
-        by_side = [errors_of(one, config) for one in seen]
-        lines = np.array([len(errors) for errors in by_side])
-        both, some = lines == 2, lines > 0
-        errors = [np.concatenate([*errors.values(), []]) for errors in by_side]
-        wrong = np.array([len(e) > 0 and not np.median(e) <= WRONG_PX for e in errors])
-        for needed in product(FIRST, CLOSE):
-            on = (first >= needed[0]) & (close >= needed[1])
-            found, false = both & on, some & on
-            px = np.concatenate([e for e, good in zip(errors, found & is_deck, strict=True) if good] or [[np.inf]])
-            rates = [found[is_deck & ~thick].mean(), found[is_deck & thick].mean(), found[is_deck].mean()]
-            alone = on & (lines == 1) & is_deck
-            rows.append(
-                (false[~is_deck].mean(), rates, np.percentile(px, (50, 95)), (*needed, row, line), alone, wrong)
-            )
-    print(f"{is_deck.sum()} decks, {(is_deck & thick).sum()} at V < 500 m; {(~is_deck).sum()} views without a runway")
-    print("false %   found % V >= 500   < 500   all   px median   95 %   one line, wrong   first, close, row, line")
-    usual = detector.config
-    mine = usual.first_probability, usual.close_probability, usual.min_confidence, usual.min_line_confidence
-    chosen = [r for r in rows if r[3] == mine]
-    for share in FALSE_SHARES:
-        chosen.append(max((r for r in rows if r[0] <= share), key=lambda r: r[1][2]))
-    for false_share, rates, px, thresholds, alone, wrong in chosen:
-        words = "  ".join(f"{100 * rate:.1f}" for rate in rates)
-        print(
-            f"{100 * false_share:.2f}   {words}   {px[0]:.2f}  {px[1]:.2f}   {alone.sum()}, {(alone & wrong).sum()}   {thresholds}"
-        )
+    tried = [
+        trial for pair in track(list(product(ROW, LINE)), "trying") for trial in trials(seen, detector.config, *pair)
+    ]
+    mine = detector.config
+    usual = mine.first_probability, mine.close_probability, mine.min_confidence, mine.min_line_confidence
+    best = [max((t for t in tried if t.false_share <= share), key=lambda t: t.found[2]) for share in FALSE_SHARES]
+    decks = sum(one.expected.scene is Scene.DECK for one in seen)
+    print(f"{decks} decks, {len(seen) - decks} views without a runway")
+    print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; first, close, row, line")
+    for trial in [*(t for t in tried if t.thresholds == usual), *best]:
+        found = ", ".join(f"{100 * share:.1f}" for share in trial.found)
+        px = ", ".join(f"{value:.2f}" for value in trial.error_px)
+        print(f"{100 * trial.false_share:.2f}; {found}; {px}; {trial.alone}; {trial.thresholds}")
 
 
 if __name__ == "__main__":
