@@ -70,6 +70,15 @@ def test_only_tracked_rows_ride_out_blind_frames_and_look_where_they_expect():
         assert any(expected is not None for expected in of.pipelines[method.name].expected) is method.tracked
 
 
+def test_a_track_takes_what_its_chain_made_of_a_frame_unless_a_line_is_missing():
+    of = bench(blind=(4,))
+    flown(of)
+    asked = {name: len(pipeline.expected) for name, pipeline in of.pipelines.items()}
+    tracked = {"dehazed, ours, tracked": 1, "hazy, ours, tracked": 1}  # both without a dehazer here
+    assert asked == dict.fromkeys(asked, FRAMES) | tracked
+    assert all(of.pipelines[name].expected[0] is not None for name in tracked)
+
+
 def test_only_the_joint_estimator_alone_is_held_to_the_bound():
     scores = flown(bench())
     bounded = {score.method for score in scores if "bound.lateral_m" in score.figures}
@@ -135,10 +144,19 @@ def test_without_pictures_the_estimators_are_compared(tmp_path, capsys):
     assert figures["ours, tracked.pilot.lateral_m.p95"] < 0.5
 
 
+def test_processes_change_nothing(tmp_path):
+    words = ["--points", "--approaches", "2", "--frames", "4", "--range-m", "150", "60", "--visibility", "clear"]
+    for jobs in ("1", "2"):
+        assert main(["eval", "localization", *words, "--jobs", jobs, "--out", str(tmp_path / jobs)]) == 0
+    one, two = ((tmp_path / jobs / "localization.jsonl").read_text() for jobs in ("1", "2"))
+    assert one == two
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
         (("--approaches", "0"), "--approaches must be at least 1, got 0"),
+        (("--jobs", "-1"), "--jobs must not be negative, got -1"),
         (("--detector", "nobody"), "unknown detector 'nobody'"),
         (
             ("--visibility", "thick", "--dehazer", "none", "--detector", "classical", "--ufld", "classical"),

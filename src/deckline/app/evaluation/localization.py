@@ -5,6 +5,7 @@ import io
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,7 @@ from deckline.app.evaluation.detection_tables import report
 from deckline.app.evaluation.integrity_points import PointNoise
 from deckline.app.evaluation.localization_book import Book
 from deckline.app.evaluation.localization_flights import FlightsConfig, fly
+from deckline.app.evaluation.localization_jobs import in_processes, process_count
 from deckline.app.evaluation.localization_methods import Bench, Method, load, methods_of
 from deckline.app.evaluation.localization_points import POINT_METHODS, fly_points, modelled_bench
 from deckline.app.evaluation.localization_tables import NOTES, flat_figures, localization_tables
@@ -51,6 +53,8 @@ class LocalizationConfig:
         points: render nothing: project the true lines and draw points with a stated noise; only estimators and the
             tracker are compared then, in seconds an approach.
         noise: of these points.
+        jobs: processes, each with a share of the cores; 0: one for every core. They say how far they are after every
+            approach, one process after every frame.
         out: folder of the scores of every frame, as CSV too, and of pictures of our rows.
         json_file: write the tables' numbers here as well.
         markdown: write the tables here as well.
@@ -65,6 +69,7 @@ class LocalizationConfig:
     enet_sad: Path | None = None
     points: bool = False
     noise: PointNoise = field(default_factory=PointNoise)
+    jobs: int = 1
     out: Path | None = None
     json_file: JsonFile = None
     markdown: Path | None = None
@@ -76,6 +81,7 @@ class LocalizationConfig:
 
 def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
+    process_count(config.jobs)
     work = _prepare(config)
     if config.out is not None:
         from deckline.app.evaluation.localization_figures import write_figure  # likewise
@@ -117,16 +123,35 @@ def _prepare(config: LocalizationConfig) -> Work:
 
 def _fly_all(book: Book, config: LocalizationConfig, work: Work) -> None:
     """Fly every approach that the book does not know yet."""
-    flights = config.flights
+    flights, count = config.flights, process_count(config.jobs)
     missing = [number for number in range(config.approaches) if _run_name(number) not in book.runs]
-    total, left = (count * flights.frames for count in (config.approaches, len(missing)))
+    total, left = (flown * flights.frames for flown in (config.approaches, len(missing)))
     with progress("flying", total, total - left) as advance:
+        if count > 1:
+            for number, rows in in_processes(partial(_flown, config=config), missing, count):
+                book.add(_run_name(number), rows)
+                for _ in range(flights.frames):
+                    advance()
+            return
         for number in missing:
             scores: list[Score] = []
             for of_frame in score_approach(work.fly(number), number, work.methods, work.bench, flights.track):
                 scores += of_frame
                 advance()
             book.add(_run_name(number), [_row(score) for score in scores])
+
+
+@lru_cache(maxsize=1)
+def _prepared(config: LocalizationConfig) -> Work:
+    """What a process needs, loaded once for all of its approaches."""
+    return _prepare(config)
+
+
+def _flown(number: int, config: LocalizationConfig) -> list[dict[str, Any]]:
+    """One approach in a process of its own."""
+    work = _prepared(config)
+    frames = score_approach(work.fly(number), number, work.methods, work.bench, config.flights.track)
+    return [_row(score) for scores in frames for score in scores]
 
 
 def _run_name(approach: int) -> str:
@@ -147,17 +172,23 @@ def score_from(row: dict[str, Any]) -> Score:
 def score_approach(
     frames: Iterator[Frame], approach: int, methods: Sequence[Method], bench: Bench, track_config: TrackConfig
 ) -> Iterator[list[Score]]:
-    """All methods' scores of each frame of one approach, frames in order of time."""
+    """All methods' scores of each frame of one approach, frames in order of time.
+
+    A detector that sees both lines by itself looks nowhere else: then a track takes what its chain made of the frame.
+    """
     trackers = {method.name: Tracker(track_config) for method in methods if method.tracked}
     for index, frame in enumerate(frames):
         scores = []
+        alone: dict[tuple[str, str, str], FrameResult] = {}
         for method in methods:
             pipeline, tracker = bench.pipelines[method.name], trackers.get(method.name)
+            chain = (method.dehazer, method.detector, method.estimator)
             if tracker is None:
-                result = pipeline(frame)
+                result = alone[chain] = pipeline(frame)
                 lines, extra = result.estimate.lines, bound_of(result, pipeline.config.localize)
             else:
-                result = pipeline(frame, tracker.expected(frame))
+                expected, known = tracker.expected(frame), alone.get(chain)
+                result = known if known is not None and _sees_both(known) else pipeline(frame, expected)
                 track = tracker.update(frame, result.estimate)
                 lines, extra = track.lines, track_figures(track)
             visibility = frame.truth.visibility_m if frame.truth else None
@@ -174,6 +205,10 @@ def score_approach(
             )
         bench.forget()
         yield scores
+
+
+def _sees_both(result: FrameResult) -> bool:
+    return min(len(result.detection.left), len(result.detection.right)) > 0
 
 
 def track_figures(track: Track) -> Figures:
