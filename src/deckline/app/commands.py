@@ -12,7 +12,7 @@ from deckline.app.extras import needs_extra
 from deckline.detect.prior import RunwaySurvey
 from deckline.flight import Flight
 from deckline.guide import GuideConfig
-from deckline.localize import LocalizeConfig, NoiseConfig
+from deckline.localize import LocalizeConfig
 from deckline.pipeline import Picture, Pipeline, PipelineConfig
 from deckline.recording import Stream, open_source
 from deckline.track import TrackConfig
@@ -94,12 +94,13 @@ def run(
             source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
         )
     assumed = TrackConfig(runway_width_m=runway_width_m)
-    noise = NoiseConfig()
-    if sea_state is not None:
+    lines = replace(LocalizeConfig(), mode=mode)
+    if sea_state is not None:  # the ship reports its deck as it lies at rest
         assumed = assumed.at_sea_state(sea_state)
-        noise = replace(noise, deck_z_m=assumed.errors.deck_z_m)  # the ship reports its deck's height at rest
+        noise = replace(lines.noise, deck_z_m=assumed.errors.deck_z_m)
+        lines = replace(lines, noise=noise, deck=replace(lines.deck, tilt_rad=assumed.motion.tilt_rad))
     # A tracker that is told the width must see what the lines say of it, not what localization was told as well.
-    lines = replace(LocalizeConfig(), mode=mode, runway_width_m=None if track else runway_width_m, noise=noise)
+    lines = replace(lines, runway_width_m=None if track else runway_width_m)
     config = PipelineConfig(dehazer, detector, lines, seed, runway, detect_in)
     flight = Flight(Pipeline(config), assumed if track else None, guide)
     return _run(opened, flight, out, max_frames=max_frames, resume=resume)
