@@ -43,6 +43,28 @@ def test_with_pixel_noise_alone_it_is_a_weighted_regression_on_the_deck():
     )  # what is known exactly is known to a tenth of a millimetre
 
 
+@pytest.mark.parametrize("correlation", [0.5, -0.3])
+def test_points_that_err_alike_are_a_generalised_regression(correlation):
+    """With the whole covariance of the points, of which the bound knows only each point's neighbour."""
+    config = LocalizeConfig(noise=ONLY_PIXELS, agreement=FREE)
+    points, sigma = pixels(FRAME)
+    shuffled = np.random.default_rng(0).permutation(20)
+    mixed = {**points, "right": points["right"][shuffled]}, {**sigma, "right": sigma["right"][shuffled]}
+    bound = cramer_rao(FRAME, *mixed, "coarse", config, AT_M, correlation=correlation)
+    lag = np.abs(np.subtract.outer(np.arange(20), np.arange(20)))
+    for side, first in (("left", 0), ("right", 3)):
+        truth = {"left": LEFT, "right": PARALLEL_RIGHT}[side]
+        angle = np.arctan2(*(truth.p1_m - truth.p0_m)[1::-1])
+        along, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+        ground = deck_points(FRAME, points[side], sigma[side], np.arange(20), DepthMode.COARSE, ONLY_PIXELS)
+        design = np.column_stack([np.ones(20), (ground.points_m - AT_M) @ along])
+        across = ground.pixel_m @ right
+        noise = np.outer(across, across) * correlation**lag
+        expected = np.linalg.inv(design.T @ np.linalg.solve(noise, design))
+        found = bound.lines[first : first + 2, first : first + 2]
+        np.testing.assert_allclose(found, expected, rtol=0.05, atol=1e-9)
+
+
 def test_it_falls_with_the_noise_and_with_more_points():
     config = LocalizeConfig(noise=ONLY_PIXELS, agreement=FREE)
     points, sigma = pixels(FRAME)

@@ -77,6 +77,7 @@ def cramer_rao(
     config: LocalizeConfig,
     beside_m: Array | None = None,
     relative: bool = False,
+    correlation: float = 0.0,
 ) -> Bound:
     """Bound for given points and `config.noise`, with nuisances (pose, calibration, deck) under their priors.
 
@@ -90,6 +91,7 @@ def cramer_rao(
             what was measured.
         relative: bound what counts as seen from the aircraft, without what its own wrong position and heading carry
             along; else the lines in the world.
+        correlation: of the errors of neighbouring points of one line, a first-order autoregression along it.
 
     Raises:
         ValueError: not both lines, or a frame without pose, deck height or depth.
@@ -105,7 +107,8 @@ def cramer_rao(
     for k, step in enumerate(np.diag(unknowns.steps)):
         change = _seen(scene, unknowns, step, directions) - _seen(scene, unknowns, -step, directions)
         jacobian[:, k] = change / (2 * step[k])
-    information = (jacobian.T * weights) @ jacobian + _knowledge(unknowns, mode, config, relative, frame.deck_z_m)
+    white = _decorrelated(jacobian * np.sqrt(weights)[:, None], scene, unknowns, correlation)
+    information = white.T @ white + _knowledge(unknowns, mode, config, relative, frame.deck_z_m)
     nuisances = slice(unknowns.size - len(unknowns.nuisances), unknowns.size)
     information[nuisances, nuisances] += np.diag([sigmas[name] ** -2 for name in unknowns.nuisances])
     return _bounds(np.asarray(np.linalg.inv(information), dtype=np.float64), unknowns, scene)
@@ -224,6 +227,17 @@ def _weights(
     count = sum(int(deep.sum()) for deep in scene.deep.values())
     variances.append(np.full(count, max(noise.depth_fraction, MIN_DEPTH_FRACTION) ** 2))
     return 1 / np.concatenate(variances), directions
+
+
+def _decorrelated(rows: Array, scene: _Scene, unknowns: _Unknowns, correlation: float) -> Array:
+    """Rows of unit variance without what each point has from its neighbour in its line; depths stay as they are."""
+    result, first = rows.copy(), 0
+    for side in unknowns.sides:
+        mine = first + np.argsort(scene.pixels[side][:, 1], kind="stable")
+        result[mine[1:]] -= correlation * rows[mine[:-1]]
+        result[mine[1:]] /= np.sqrt(1 - correlation**2)
+        first += len(mine)
+    return result
 
 
 def _knowledge(

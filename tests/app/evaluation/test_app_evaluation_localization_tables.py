@@ -113,6 +113,17 @@ def test_the_unit_alone_stands_beside_the_marks():
     assert alone["height, 95 %", "0-150 m"] == "-"
 
 
+def test_honesty_of_the_centre_line_is_told_by_mode():
+    rows = [row for row in cells("honesty") if row["method"] == "ours"]
+    assert [(row["line"], row["frames"], row["mean, 3 is honest"][:4]) for row in rows] == [
+        ("left", "6", "3.00"),
+        ("right", "6", "3.00"),
+        ("centre, from the aircraft", "6", "2.50"),
+        ("centre, from the aircraft, fine", "2", "2.50"),
+        ("centre, from the aircraft, coarse", "4", "2.50"),
+    ]
+
+
 def test_efficiency_is_of_the_untracked_joint_method():
     rows = cells("efficiency, ours")
     assert [row["lateral"] for row in rows] == ["0.25", "0.25", "0.25"]

@@ -185,7 +185,7 @@ def score_approach(
             chain = (method.dehazer, method.detector, method.estimator)
             if tracker is None:
                 result = alone[chain] = pipeline(frame)
-                lines, extra = result.estimate.lines, bound_of(result, pipeline.config.localize)
+                lines, extra = result.estimate.lines, bound_of(result, pipeline.config.localize, bench.correlation)
             else:
                 expected, known = tracker.expected(frame), alone.get(chain)
                 result = known if known is not None and _sees_both(known) else pipeline(frame, expected)
@@ -220,10 +220,10 @@ def track_figures(track: Track) -> Figures:
     return figures
 
 
-def bound_of(result: FrameResult, config: LocalizeConfig) -> Figures:
-    """The least errors that the points of a frame allow its centre line, as seen from the aircraft.
+def bound_of(result: FrameResult, config: LocalizeConfig, correlation: float) -> Figures:
+    """The least errors that the points of a frame, whose neighbours err alike by so much, allow its centre line.
 
-    Nothing where the joint estimator is not used, or gave no centre line.
+    As seen from the aircraft. Nothing where the joint estimator is not used, or gave no centre line.
     """
     frame, estimate, seen = result.frame, result.estimate, result.detection
     centre = None if frame.truth is None else true_centre(frame.truth)
@@ -241,6 +241,7 @@ def bound_of(result: FrameResult, config: LocalizeConfig) -> Figures:
         config,
         beside_m=touchdown(centre),
         relative=True,
+        correlation=correlation,
     )
     return {f"bound.{name}": value for name, value in bound_figures(bound.centre).items()}
 

@@ -111,6 +111,7 @@ class Bench:
     pipelines: Mapping[str, Chain]  # by the method's name
     forget: Callable[[], None]  # between frames
     settings: dict[str, Any]  # what decides the numbers: plain values
+    correlation: float = 0.0  # of neighbouring points' errors, where they are drawn: what the bound counts
 
 
 def load(methods: list[Method], localize: LocalizeConfig, seed: int = 0) -> Bench:

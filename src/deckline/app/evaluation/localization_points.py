@@ -43,7 +43,7 @@ def modelled_bench(config: LocalizeConfig, noise: PointNoise) -> tuple[Bench, di
     configs = {m.name: PipelineConfig(localize=replace(config, method=m.estimator)) for m in POINT_METHODS}
     chains = {name: ModelledChain(chosen, seen) for name, chosen in configs.items()}
     settings = {"points": asdict(noise)} | {name: str(chosen.localize) for name, chosen in configs.items()}
-    return Bench(chains, lambda: None, settings), seen
+    return Bench(chains, lambda: None, settings, noise.correlation), seen
 
 
 def fly_points(flights: FlightsConfig, number: int, noise: PointNoise, seen: dict[str, Detection]) -> Iterator[Frame]:

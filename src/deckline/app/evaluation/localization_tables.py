@@ -147,13 +147,17 @@ def _against(mark: Mark, value: float) -> str:
 
 
 def honesty_table(scores: Scores) -> TableText:
-    """Squared errors over their covariance."""
+    """Squared errors over their covariance, those of the centre line also by where the distances came from."""
     rng = np.random.default_rng(SEED)
-    names = {side: f"normalised.{side}" for side in SIDES} | {"centre, from the aircraft": "centre.normalised"}
+    centre = "centre, from the aircraft"
+    names = {side: f"normalised.{side}" for side in SIDES} | {centre: "centre.normalised"}
     cells = []
     for method, members in scores.items():
-        for line, figure in names.items():
-            found = honesty(members, figure, rng)
+        groups = {line: (figure, members) for line, figure in names.items()}
+        for mode in ("fine", "coarse"):
+            groups[f"{centre}, {mode}"] = names[centre], [score for score in members if score.mode == mode]
+        for line, (figure, inside) in groups.items():
+            found = honesty(inside, figure, rng)
             if found.frames:
                 cells.append((method, line, str(found.frames), *_honest_cells(found)))
     return TableText("honesty", ("method", "line", "frames", "mean, 3 is honest", "in 95 %, %"), tuple(cells))
