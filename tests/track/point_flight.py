@@ -141,6 +141,7 @@ def one_frame(
     lines_found = {s: replace(line, point_m=np.array([*line.point_m[:2], height])) for s, line in found.items()}
     mode = DepthMode.FINE if fine else DepthMode.COARSE
     ramp = lines["centre"].point_m + rng.normal(0, 1.0) * ALONG
+    ramp[2] = height
     estimate = RunwayEstimate(Status.OK, mode, pixel_lines, lines_found, ramp, 1.0)
     return frame, estimate, truth
 

@@ -1,10 +1,17 @@
-"""A deck in sea state 5: followed without lag, and smoother than measured."""
+"""A deck in sea state 5: followed without lag, smoother than measured, and as sure as it is right."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
+import pytest
 from steady_view import HEIGHT_M, seen, view
 
+from deckline.app.evaluation.integrity_flights import point_flight
+from deckline.app.evaluation.integrity_points import PointNoise
+from deckline.app.evaluation.localization_flights import FlightsConfig
+from deckline.evaluate.localization import pilot_figures, touchdown, true_centre
+from deckline.localize import localize
 from deckline.track import TrackConfig, Tracker
 
 RATE_HZ = 10.0
@@ -43,3 +50,53 @@ def test_memory_does_not_grow_with_the_flight():
         if index in (40, 239):
             sizes.append(len(pickle.dumps(vars(tracker))))
     assert abs(sizes[1] - sizes[0]) < 50  # digits of a frame's name, no more
+
+
+def tracked(flights, told):
+    """Every frame of an approach with its track; localization and tracker are told of the same sea."""
+    tracker, localization = Tracker(told.track), told.localize
+    for index, shot in enumerate(point_flight(flights.approach(0), PointNoise())):
+        estimate = localize(shot.frame, shot.detection, localization, np.random.default_rng(index))
+        yield shot.frame, tracker.update(shot.frame, estimate)
+
+
+@pytest.mark.parametrize(("told", "most"), [(4.0, 3.0), (5.0, 2.4)])
+def test_on_a_deck_that_heaves_pitches_and_rolls_errors_are_as_large_as_stated(told, most):
+    """The simulator's ship, of which the tracker knows neither turning point nor periods; also told of a calmer sea."""
+    ratios, misses = [], []
+    for seed in range(7100, 7104):
+        flights = FlightsConfig(seed=seed, preset="cvn", sea_state=5.0)
+        for frame, track in tracked(flights, FlightsConfig(seed=seed, preset="cvn", sea_state=told)):
+            assert track.flags == ()
+            if "centre" not in track.lines:
+                continue
+            found = pilot_figures(frame, track.lines["centre"])
+            ratios.append([found[name + "_m"] / found[name + "_sigma_m"] for name in ("lateral", "height")])
+            assert abs(found["deviation_m"]) < track.protection.lateral_m
+            assert abs(found["height_m"]) < track.protection.vertical_m
+            if frame.depth_m is not None and np.isfinite(frame.depth_m).sum() > 1000:
+                misses.append(abs(found["height_m"]))
+    assert len(ratios) > 140
+    assert np.all(np.median(np.abs(ratios), axis=0) < 0.9)
+    assert np.all(np.percentile(np.abs(ratios), 95, axis=0) < most)
+    assert len(misses) > 10
+    assert np.percentile(misses, 95) < 0.3  # of a deck that moves by 1.6 m where aircraft touch down
+
+
+def test_the_simulated_decks_height_is_told_without_lag():
+    """Two swings of the deck within reach of the depth camera: an aircraft that comes at a tenth of its speed."""
+    flights = FlightsConfig(frames=150, seed=7110, preset="cvn", sea_state=5.0, range_m=(150.0, 50.0))
+    slow = replace(flights.approach(0), flight=replace(flights.approach(0).flight, speed_m_s=10.0))
+    tracker, times, told, true = Tracker(flights.track), [], [], []
+    for index, shot in enumerate(point_flight(slow, PointNoise())):
+        estimate = localize(shot.frame, shot.detection, flights.localize, np.random.default_rng(index))
+        track = tracker.update(shot.frame, estimate)
+        if shot.frame.time_s > 2.0 and "centre" in track.lines:
+            times.append(shot.frame.time_s)
+            told.append(track.lines["centre"].height_m)
+            true.append(touchdown(true_centre(shot.frame.truth))[2])
+    shifts = np.arange(-0.6, 0.61, 0.02)
+    inside = (np.array(times) > times[0] + 0.6) & (np.array(times) < times[-1] - 0.6)
+    at = np.array(times)[inside]
+    misses = [np.std(np.array(told)[inside] - np.interp(at - shift, times, true)) for shift in shifts]
+    assert abs(shifts[int(np.argmin(misses))]) <= 0.2

@@ -1,10 +1,15 @@
 """Where the runway begins and ends, and where it is expected in the next frame."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from point_flight import LENGTH_M, Flight, approach, true_lines
+from steady_view import seen, view
 
 from deckline.track import MotionConfig, TrackConfig, Tracker
+from deckline.track.extent import seen_ramp
+from deckline.track.state import HEIGHT, RISE, SIZE, TILT, initial_state
 
 
 @pytest.mark.parametrize("ship", [(0.0, 0.0), (8.0, -3.0)])
@@ -37,3 +42,23 @@ def test_a_lost_track_expects_nothing():
     assert tracker.expected(shown[5][0]) is not None
     assert tracker.expected(shown[2][0]) is None  # a frame that is older than what was seen
     assert tracker.expected(shown[20][0]) is None  # more than two seconds later
+
+
+def test_a_ramp_is_placed_on_the_deck_that_the_track_knows():
+    """A camera 15 m above the reported deck and 100 m before the ramp; the deck has risen by 3 m and slopes."""
+    frame, estimate = view(0.0), seen(np.random.default_rng(0))
+    line = estimate.lines["left"]
+    sigma_alone, sigma_track = float(np.sqrt(line.relative_covariance[2, 2])), 0.2
+    measured = np.array([0.0, 0.0, -20.0])  # on the reported deck; the camera stands at (-100, 0, -35)
+    estimate = replace(estimate, ramp_m=measured, ramp_sigma_m=float(np.hypot(1.5, 100.0 / 15.0 * sigma_alone)))
+    state = initial_state(
+        0.0, replace(line, point_m=np.array([50.0, 0.0, -20.0]), azimuth_rad=0.0), None, TrackConfig()
+    )
+    mean, covariance = np.zeros(SIZE), np.zeros((SIZE, SIZE))
+    mean[[RISE, TILT]] = -2.5, 0.01
+    covariance[HEIGHT, HEIGHT] = sigma_track**2
+    place, sigma_m = seen_ramp(frame, estimate, replace(state, mean=mean, covariance=covariance))
+    down = 15.0 - 2.5 - 0.01 * 50.0
+    np.testing.assert_allclose(place, [-100.0 + 100.0 * down / 15.0, 0.0, -35.0 + down])
+    assert sigma_m == pytest.approx(np.hypot(1.5, 100.0 / 15.0 * sigma_track))
+    assert seen_ramp(frame, replace(estimate, ramp_m=None), state) is None

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deckline.evaluate.localization import true_centre
+from deckline.evaluate.localization import touchdown, true_centre
 from deckline.evaluate.metrics import direction_error_rad, height_error_m, lateral_error_m
 from deckline.geometry import wrap_angle
 from deckline.guide import guidance
@@ -32,12 +32,15 @@ ACROSS_DEG = 89.0  # direction error from which a line counts as lying across th
 
 
 def true_guidance(frame: Frame) -> Guidance | None:
-    """Guidance from the true lines and the true pose; None without truth, runway or pose."""
+    """Guidance from the true lines and the true pose, the deck's height that of the touchdown point.
+
+    None without truth, runway or pose.
+    """
     centre = None if frame.truth is None else true_centre(frame.truth)
     if centre is None or frame.true_world_from_body is None:
         return None
     along = centre.p1_m - centre.p0_m
-    line = RunwayLine(centre.p0_m, float(np.arctan2(along[1], along[0])), np.zeros((3, 3)))
+    line = RunwayLine(touchdown(centre), float(np.arctan2(along[1], along[0])), np.zeros((3, 3)))
     exact = RunwayEstimate(Status.OK, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
     return guidance(replace(frame, world_from_body=frame.true_world_from_body), exact)
 

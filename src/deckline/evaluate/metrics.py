@@ -84,8 +84,10 @@ def lateral_error_m(line: RunwayLine, truth: Segment) -> float:
 
 
 def height_error_m(line: RunwayLine, truth: Segment) -> float:
-    """Estimated minus true world z at the line's ramp end, m; positive is too low, as z points down."""
-    return float(line.height_m - truth.p0_m[2])
+    """Estimated minus true world z where the estimate stands, m; positive is too low, as z points down."""
+    along = truth.p1_m - truth.p0_m
+    share = float((line.point_m - truth.p0_m)[:2] @ along[:2]) / float(along[:2] @ along[:2])
+    return float(line.height_m - truth.p0_m[2] - share * along[2])
 
 
 def below_horizon(camera: Camera, world_from_camera: RigidTransform) -> NDArray[np.bool_]:

@@ -6,13 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
-from deckline.track.state import State
+from deckline.track.state import HEIGHT, RISE, SIZE, TILT, State
 from deckline.types import SIDES, ExpectedRunway, Frame, RunwayEstimate, RunwayLine
 
 Array = NDArray[np.float64]
 SHIP_M_S = 15.0  # 1-sigma of a ship's unknown speed; 29 knots
 PUSH_M_S15 = 0.1  # how fast it changes
 SAME_ERROR_S = 1.0  # a wrong attitude and the same row of points move all ramps of so many seconds alike
+MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which nothing is placed on it anew
+LEAST_OWN = 0.1  # of a ramp's 1-sigma, what does not come from the deck's height
 LONGEST_M = 400.0  # a far end beyond this is a grazing ray, not a runway; decks are 333 m long, SPEC section 7
 LENGTH_M = 220.0  # of a runway whose far end was never seen; SPEC section 7: 218 to 239 m
 
@@ -42,6 +44,28 @@ def seen_extent(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[f
     x = (on_deck - state.point_m) @ state.along
     x = x[np.isfinite(x)]
     return (float(x.min()), float(x.max())) if len(x) > 1 else None
+
+
+def seen_ramp(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[Array, float] | None:
+    """The near end (3,) of the lines where the camera saw it, on the deck as the track has it, and its 1-sigma along.
+
+    One frame alone may know the deck's height by its mean only, and on a higher deck a ramp far ahead is nearer.
+    """
+    pose, ramp, sigma_m = frame.world_from_camera, estimate.ramp_m, estimate.ramp_sigma_m
+    if pose is None or ramp is None or sigma_m is None or not estimate.lines:
+        return None
+    way = ramp - pose.translation
+    row = np.zeros(SIZE)
+    row[[HEIGHT, RISE, TILT]] = 1.0, 1.0, float(state.local(ramp)[0])
+    down = float(state.point_m[2] + row @ state.mean - pose.translation[2])
+    if min(way[2], down) < MIN_HEIGHT_M:
+        return ramp, sigma_m
+    line = next(iter(estimate.lines.values()))
+    alone = line.covariance if line.relative_covariance is None else line.relative_covariance
+    per_metre = float(np.hypot(way[0], way[1])) / way[2]
+    own = max(sigma_m**2 - per_metre**2 * float(alone[2, 2]), (LEAST_OWN * sigma_m) ** 2)
+    spread = own + per_metre**2 * float(row @ state.covariance @ row)
+    return pose.translation + down / way[2] * way, float(np.sqrt(spread))
 
 
 def extended(

@@ -6,7 +6,7 @@ import numpy as np
 
 from deckline.track.aircraft import Aircraft, first_seen, flown, pose_of
 from deckline.track.config import TrackConfig
-from deckline.track.extent import Extent, expected_runway, extended, sailed, seen_extent
+from deckline.track.extent import Extent, expected_runway, extended, sailed, seen_extent, seen_ramp
 from deckline.track.frozen import Look, looked
 from deckline.track.gate import Gated, gated
 from deckline.track.integrity import protection
@@ -174,9 +174,7 @@ class Tracker:
             return memory
         state = updated(memory.state, gate.kept.values, gate.kept.design, gate.kept.noise)
         state = shifted(state, gate.kept.x_m)
-        ramp = None
-        if moment.estimate.ramp_m is not None and moment.estimate.ramp_sigma_m is not None:
-            ramp = moment.estimate.ramp_m, moment.estimate.ramp_sigma_m
+        ramp = seen_ramp(moment.frame, moment.estimate, state)
         speed = self.config.motion.ship_velocity_m_s
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
         seen = seen_extent(moment.frame, moment.estimate, state)
