@@ -277,7 +277,8 @@ class Track:
 
     time_s: float
     state: TrackState
-    lines: dict[str, RunwayLine]  # "left", "right", "centre", world, as measured with the frame's pose; {} when lost
+    # "left", "right", "centre", world, as measured with the frame's pose, at the touchdown point; {} when lost
+    lines: dict[str, RunwayLine]
     protection: Protection | None = None  # None when lost, or without a pose
     flags: tuple[Flag, ...] = ()  # empty: nothing is known to be wrong
     excluded: tuple[Flag, ...] = ()  # measurements of this frame that were left out: "left", "right", "height"
@@ -299,7 +300,7 @@ class Guidance:
     mode: DepthMode
     lateral_deviation_m: Value | None = None  # + : aircraft is right of the centre line, looking along the landing
     heading_error_rad: Value | None = None  # + : nose points right of the centre line
-    height_above_deck_m: Value | None = None  # + : above
+    height_above_deck_m: Value | None = None  # + : above; over the touchdown point in a track, else over what was seen
     distance_to_ramp_m: Value | None = None  # + : the ramp is still ahead, along the centre line
     reason: str = ""
     vertical_deviation_m: Value | None = None  # + : above the glideslope

@@ -26,6 +26,9 @@ def guidance(
     line was measured. Errors of the aircraft's own position and heading move the measured line along with the
     aircraft and cancel; where the line has a `relative_covariance` they are therefore not counted.
 
+    The height is that over the deck where the centre line is told: a track tells it at the touchdown point, where a
+    deck that pitches has another height than at the ramp or below the aircraft; one frame where it saw the lines.
+
     What is impossible is None, and `reason` says why.
 
     Args:
