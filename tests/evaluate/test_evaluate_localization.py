@@ -124,6 +124,9 @@ def test_a_navigation_unit_alone_moves_lines_by_its_own_errors():
         expected = abs(shift @ right + ahead * turn)
         assert figures[f"unit.direction_error_deg.{side}"] == pytest.approx(0.05, rel=1e-6)
         assert figures[f"unit.lateral_error_m.{side}"] == pytest.approx(expected, abs=0.01)
+        # A line that is moved by some lateral at x = 0, its ramp end, meets x = 0 farther off by 1 / cos.
+        cosine = abs(along[0]) / np.linalg.norm(along)
+        assert figures[f"unit.intercept_error_m.{side}"] == pytest.approx(expected / cosine, abs=0.01)
     assert max(unit_figures(frame(BODY)).values()) < 1e-9
     assert unit_figures(dataclasses.replace(frame(BODY), world_from_body=None)) == {}
 
@@ -155,6 +158,7 @@ def test_all_figures_of_a_frame():
         "true_height_m.right",
         "unit.lateral_error_m.right",
         "unit.direction_error_deg.right",
+        "unit.intercept_error_m.right",
     }
     assert figures["true_slope.right"] == pytest.approx(-0.15632)
 

@@ -15,6 +15,7 @@ from deckline.evaluate.localization_summary import (
     quantiles,
     run_mean,
     unit_measured,
+    unit_row,
     unusable_improvement,
     usable_share,
 )
@@ -79,6 +80,12 @@ def test_what_the_unit_alone_gives_is_compared_with_the_same_mark():
     scores = [score(unit__direction_error_deg__left=0.1, unit__direction_error_deg__right=0.5)]
     assert unit_measured(scores, MARKS[1]) == pytest.approx(0.48)
     assert np.isnan(unit_measured(scores, MARKS[3]))
+
+
+def test_the_unit_alone_has_a_row_of_its_own():
+    scores = [score(0, unit__direction_error_deg__left=0.1), score(1, unit__direction_error_deg__left=0.3), score(1)]
+    assert unit_row(scores, "left") == LineRow({"direction_error_deg": pytest.approx(0.2)}, 1.0)
+    assert unit_row(scores, "right").means == {}
 
 
 def test_bands():

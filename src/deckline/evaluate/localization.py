@@ -174,6 +174,7 @@ def unit_figures(frame: Frame) -> Figures:
         line = carried(true_line(segment), true, measured)
         figures[f"unit.lateral_error_m.{side}"] = abs(lateral_error_m(line, segment))
         figures[f"unit.direction_error_deg.{side}"] = float(np.rad2deg(direction_error_rad(line, segment)))
+        figures[f"unit.intercept_error_m.{side}"] = abs(line.intercept_m - true_line(segment).intercept_m)
     return figures
 
 

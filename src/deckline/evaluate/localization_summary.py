@@ -103,6 +103,13 @@ def line_row(scores: Sequence[Score], side: str) -> LineRow:
     return LineRow({name: value for name, value in means.items() if np.isfinite(value)}, found)
 
 
+def unit_row(scores: Iterable[Score], side: str) -> LineRow:
+    """The same of the navigation unit alone, lines seen exactly in every frame."""
+    members = list(scores)
+    means = {name: run_mean(members, f"unit.{name}.{side}") for name in LINE_COLUMNS}
+    return LineRow({name: value for name, value in means.items() if np.isfinite(value)}, 1.0)
+
+
 def run_mean(scores: Iterable[Score], name: str) -> float:
     """Mean over approaches of each one's mean over the frames that have the figure; NaN where none has."""
     runs: dict[int, list[float]] = {}

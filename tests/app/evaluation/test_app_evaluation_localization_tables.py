@@ -67,6 +67,12 @@ def test_the_improvement_is_over_the_first_row():
     rows = {row["method"]: row for row in cells("improvement over ufld, hazy, paper's")}
     assert rows["ufld, hazy, paper's"]["direction both"] == "0.0"
     assert rows["ours"]["direction both"] == rows["ours"]["intercept left"] == "90.0"
+    assert rows["unit alone"]["direction both"] == "-"
+    given = scores()
+    for score in given["ufld, hazy, paper's"]:
+        score.figures.update({"unit.direction_error_deg.left": 0.004, "unit.direction_error_deg.right": 0.002})
+    alone = next(row for row in cells("improvement", given) if row["method"] == "unit alone")
+    assert [alone[f"direction {which}"] for which in ("left", "right", "both")] == ["96.0", "98.0", "97.0"]
 
 
 def test_frames_without_a_line_lower_the_found_share_alone():

@@ -26,6 +26,7 @@ from deckline.evaluate.localization_summary import (
     quantiles,
     run_mean,
     unit_measured,
+    unit_row,
     unusable_improvement,
     usable_share,
 )
@@ -43,6 +44,7 @@ LINE_CELLS = {  # heading: figure, digits after the point
 }
 IMPROVED = {"direction": "direction_error_deg", "intercept": "intercept_error_m"}
 PILOT_CELLS = {"lateral": ("lateral_m", "m"), "height": ("height_m", "m"), "heading": ("heading_deg", "deg")}
+UNIT = "unit alone"
 SEED = 0  # of the intervals' resampling
 NOTES = """\
 Table 6: a line is y = slope x + intercept at world z = height (down); the first three columns are means of the
@@ -63,7 +65,7 @@ def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table
     tracked = [m.name for m in methods if m.tracked]
     tables = [
         table_6(scores, rows),
-        improvements(rows),
+        improvements(scores, rows),
         usable_table(scores),
         _pilot_table("pilot, all frames", scores),
     ]
@@ -91,9 +93,10 @@ def table_6(scores: Scores, rows: Mapping[str, Mapping[str, LineRow]]) -> TableT
     return TableText("Table 6", ("method", "line", "found %", *LINE_CELLS), tuple(cells))
 
 
-def improvements(rows: Mapping[str, Mapping[str, LineRow]]) -> TableText:
-    """Improvement of every row over the first."""
-    reference = next(iter(rows))
+def improvements(scores: Scores, rows: Mapping[str, Mapping[str, LineRow]]) -> TableText:
+    """Improvement of every row over the first, and of lines seen exactly: no row can do better in the world."""
+    reference, every = next(iter(rows)), next(iter(scores.values()))
+    rows = {**rows, UNIT: {side: unit_row(every, side) for side in SIDES}}
     columns = [(what, group) for what in IMPROVED for group in (("left",), ("right",), SIDES)]
     cells = []
     for name, sides in rows.items():
@@ -139,7 +142,7 @@ def marks_table(scores: Scores) -> TableText:
         asked = (mark.name, f"{low:g}-{high:g} m", f"{mark.limit:.3g} {mark.unit}", mark.source)
         found = (unit_measured(every, mark), *(measured(members, mark) for members in scores.values()))
         cells.append((*asked, *(_against(mark, value) for value in found)))
-    return TableText("accuracy asked for", ("error", "range", "limit", "from", "unit alone", *scores), tuple(cells))
+    return TableText("accuracy asked for", ("error", "range", "limit", "from", UNIT, *scores), tuple(cells))
 
 
 def _against(mark: Mark, value: float) -> str:
