@@ -20,6 +20,7 @@ from deckline.track import TrackConfig
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 NO_SURVEY = RunwaySurvey()
 USUAL_APPROACH = GuideConfig()
+USUAL_SEA_STATE = 4.0  # believing too much of a deck's stillness misleads; believing too little costs a little precision
 
 
 def demo(out: Path = Path("demo-out")) -> int:
@@ -49,7 +50,7 @@ def run(
     runway: RunwaySurvey = NO_SURVEY,
     detect_in: Picture = PipelineConfig.detect_in,
     track: bool = True,
-    sea_state: float | None = None,
+    sea_state: float = USUAL_SEA_STATE,
     runway_width_m: float | None = None,
     guide: GuideConfig = USUAL_APPROACH,
     max_frames: int | None = None,
@@ -74,8 +75,8 @@ def run(
         detect_in: the picture that lines are looked for in; for a detector that never saw haze, dehazed.
         track: frames are one flight in their order: filter over them, look closely where the last ones saw the runway,
             bridge two seconds without lines, watch for faults. Unrelated frames are handled one by one all the same.
-        sea_state: 0 to 6: how much the deck moves, of which the ship reports only the mean height. Without it the
-            deck's motion is followed but its tilt is not counted.
+        sea_state: 0 to 6: how much the deck moves, of which the ship reports only its height at rest; 0 for a runway
+            on land.
         runway_width_m: between the middles of both lines, known to 0.1 m; without it, it is learned.
         guide: the wanted approach.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
@@ -93,14 +94,16 @@ def run(
         opened = open_source(
             source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
         )
-    assumed = TrackConfig(runway_width_m=runway_width_m)
-    lines = replace(LocalizeConfig(), mode=mode)
-    if sea_state is not None:  # the ship reports its deck as it lies at rest
-        assumed = assumed.at_sea_state(sea_state)
-        noise = replace(lines.noise, deck_z_m=assumed.errors.deck_z_m)
-        lines = replace(lines, noise=noise, deck=replace(lines.deck, tilt_rad=assumed.motion.tilt_rad))
-    # A tracker that is told the width must see what the lines say of it, not what localization was told as well.
-    lines = replace(lines, runway_width_m=None if track else runway_width_m)
+    assumed = TrackConfig(runway_width_m=runway_width_m).at_sea_state(sea_state)
+    usual = LocalizeConfig()
+    lines = replace(
+        usual,
+        mode=mode,
+        # A tracker that is told the width must see what the lines say of it, not what localization was told as well.
+        runway_width_m=None if track else runway_width_m,
+        noise=replace(usual.noise, deck_z_m=assumed.errors.deck_z_m),
+        deck=replace(usual.deck, tilt_rad=assumed.motion.tilt_rad),
+    )
     config = PipelineConfig(dehazer, detector, lines, seed, runway, detect_in)
     flight = Flight(Pipeline(config), assumed if track else None, guide)
     return _run(opened, flight, out, max_frames=max_frames, resume=resume)
