@@ -62,10 +62,13 @@ def test_a_grey_image_without_poses_is_run_and_nothing_is_seen_in_it(images, tmp
 def test_localization_believes_the_deck_height_as_little_as_the_tracker_in_a_sea(images, tmp_path, monkeypatch):
     flights = []
     monkeypatch.setattr("deckline.app.commands._run", lambda source, flight, *rest, **more: flights.append(flight) or 0)
-    for options in ([], ["--sea-state", "5"]):
+    for options in (["--sea-state", "0"], [], ["--sea-state", "5"]):
         assert main(["run", images, "--out", str(tmp_path / "out"), "--dehazer", "none", *options]) == 0
-    calm, rough = (flight.pipeline.config.localize.noise.deck_z_m for flight in flights)
-    assert rough == flights[1].tracker.config.errors.deck_z_m > 10 * calm
+    told = [flight.pipeline.config.localize for flight in flights]
+    calm, usual, rough = (localize.noise.deck_z_m for localize in told)
+    assert rough == flights[2].tracker.config.errors.deck_z_m > 10 * calm
+    assert rough > usual > 5 * calm  # a ship's deck moves unless it is said not to
+    assert told[2].deck.tilt_rad > told[1].deck.tilt_rad > told[0].deck.tilt_rad
 
 
 @pytest.mark.parametrize("group", ["eval", "train"])

@@ -20,7 +20,7 @@ from deckline.track import TrackConfig
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 NO_SURVEY = RunwaySurvey()
 USUAL_APPROACH = GuideConfig()
-USUAL_SEA_STATE = 4.0  # believing too much of a deck's stillness misleads; believing too little costs a little precision
+USUAL_SEA_STATE = 4.0  # to believe too much in a still deck misleads; too little costs some precision
 
 
 def demo(out: Path = Path("demo-out")) -> int:
