@@ -42,9 +42,9 @@ class DetectConfig:
 
     grid: RowGrid = field(default_factory=RowGrid)
     decode: DecodeConfig = field(default_factory=DecodeConfig)
-    # Thresholds for `hybrid`, chosen by scripts/choose_thresholds.py on 174 decks of random ships in any light, V 200 to
-    # 3000 m, and 888 views without a runway (simulator, seeds 900 and 901): 75 % of the decks give both lines and 0.45 %
-    # of the others a point. At 0.5, 0.9, 0.5 and 0.5 it is 85 % and 3.6 %.
+    # Thresholds for `hybrid`, chosen by scripts/choose_thresholds.py on 174 decks of random ships in any light, V 200
+    # to 3000 m, and 888 views without a runway (simulator, seeds 900 and 901): 75 % of the decks give both lines and
+    # 0.45 % of the others a point. At 0.5, 0.9, 0.5 and 0.5 it is 85 % and 3.6 %.
     first_probability: float = 0.85  # of a runway in the whole image; below it: not seen
     close_probability: float = 0.95  # of a runway in the close look; below it: not seen
     # Told wrongly, lines come back in at most 9 of 100 random views without a runway, in 7 untold, at any value from
