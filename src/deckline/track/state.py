@@ -27,10 +27,8 @@ ROLL, PITCH, DECK, SCALE, FOCAL, DELAY, LEFT, RIGHT = range(12, 20)
 SIZE = 20
 SWINGS = ((RISE, PITCH_S), (TILT, PITCH_S), (BANK, ROLL_S))
 SIGN = {"left": -1.0, "right": 1.0, "centre": 0.0}
-SPACING_M, SPACING_SIGMA_M = (
-    20.0,
-    20.0,
-)  # of a spacing of which nothing is known: between the paper's and SPEC section 7's
+# Of a spacing of which nothing is known: between the paper's and SPEC section 7's.
+SPACING_M, SPACING_SIGMA_M = 20.0, 20.0
 KNOWN_DRIFT_M_S = 0.3  # 1-sigma of the lines' sideways speed when the ship's velocity is known
 RAMP_M = 20.0  # by which the ramp may be missed at first, far away
 START_M, START_RAD = 1000.0, 1.0  # 1-sigma of a line of which nothing is known
