@@ -45,6 +45,10 @@ def test_missed_and_invented_lanes_are_shares():
     assert tusimple([left] * 4, [left], ROWS, 1280) == TuSimple(0.0, 0.0, 1.0)
 
 
+def test_one_line_that_matches_two_close_ones_is_not_invented_less_than_never():
+    assert tusimple([UPRIGHT], [UPRIGHT - 5, UPRIGHT + 5], ROWS, 1280) == TuSimple(1.0, 0.0, 0.0)
+
+
 def test_the_worst_of_five_lanes_is_forgiven():
     lanes = [UPRIGHT + 100 * k for k in range(5)]
     assert tusimple(lanes[:4], lanes, ROWS, 1280) == TuSimple(1.0, 0.0, 0.0)
