@@ -30,12 +30,13 @@ from deckline.types import SIDES
 
 FIRST = (0.3, 0.5, 0.7, 0.85, 0.9, 0.95, 0.98)  # of a runway in the whole image
 CLOSE = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)  # of a runway in a close look
-ROW = (0.3, 0.4, 0.5, 0.6, 0.7)  # of a row
-LINE = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85)  # of a line, mean over its rows
+ROW = (0.3, 0.4, 0.5, 0.6)  # of a row
+LINE = (0.5, 0.6, 0.7, 0.75, 0.8)  # of a line, mean over its rows
+LONE = (0.0, 0.8, 0.85, 0.9, 0.95)  # of a line without the other one
 FALSE_SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)  # of the views without a runway
 THICK_M = 500.0  # visibility below which haze is thick
 WRONG_PX = 10.0  # median distance of a line's points from which it is another line
-Thresholds = tuple[float, float, float, float]  # first, close, row, line
+Thresholds = tuple[float, float, float, float, float]  # first, close, row, line, lone
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +63,8 @@ class Trial:
 
 
 def with_thresholds(config: DetectConfig, thresholds: Thresholds) -> DetectConfig:
-    first, close, row, line = thresholds
-    return replace(
-        config, first_probability=first, close_probability=close, min_confidence=row, min_line_confidence=line
-    )
+    names = "first_probability", "close_probability", "min_confidence", "min_line_confidence", "min_lone_confidence"
+    return replace(config, **dict(zip(names, thresholds, strict=True)))  # type: ignore[arg-type]
 
 
 def looked_at(sets: list[FrameSet], detector: OnnxDetector) -> list[Seen]:
@@ -90,7 +89,7 @@ def seen_in(image_rgb: NDArray[np.uint8], camera: Camera, expected: Expected, de
         outputs.append(detector.infer(view))
         return outputs[-1]
 
-    config = with_thresholds(detector.config, (0.0, 0.0, 0.0, 0.0))
+    config = with_thresholds(detector.config, (0.0, 0.0, 0.0, 0.0, 0.0))
     u0, v0, u1, _ = detect_lines(image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
     window = Window(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
     sure = [decode_region(output.region, output.box).probability for output in outputs]
@@ -109,9 +108,9 @@ def errors_of(one: Seen, config: DetectConfig) -> list[NDArray[np.float64]]:
     return errors
 
 
-def trials(seen: list[Seen], config: DetectConfig, row: float, line: float) -> list[Trial]:
+def trials(seen: list[Seen], config: DetectConfig, row: float, line: float, lone: float) -> list[Trial]:
     """Every pair of thresholds of a runway, with these of rows and lines."""
-    errors = [errors_of(one, with_thresholds(config, (0.0, 0.0, row, line))) for one in seen]
+    errors = [errors_of(one, with_thresholds(config, (0.0, 0.0, row, line, lone))) for one in seen]
     lines = np.array([len(sides) for sides in errors])
     wrong = np.array([len(sides) == 1 and not np.median(sides[0]) <= WRONG_PX for sides in errors])
     deck = np.array([one.expected.scene is Scene.DECK for one in seen])
@@ -126,7 +125,7 @@ def trials(seen: list[Seen], config: DetectConfig, row: float, line: float) -> l
         shares = float(found[deck & ~thick].mean()), float(found[deck & thick].mean()), float(found[deck].mean())
         false = float((on & (lines > 0))[~deck].mean())
         counts = int(alone.sum()), int((alone & wrong).sum())
-        tried.append(Trial((*needed, row, line), false, shares, (float(median), float(most)), counts))
+        tried.append(Trial((*needed, row, line, lone), false, shares, (float(median), float(most)), counts))
     return tried
 
 
@@ -145,14 +144,22 @@ def main() -> None:
         raise SystemExit(f"{given.detector} has no network")
     seen = looked_at(sets, detector)
     tried = [
-        trial for pair in track(list(product(ROW, LINE)), "trying") for trial in trials(seen, detector.config, *pair)
+        trial
+        for pair in track(list(product(ROW, LINE, LONE)), "trying")
+        for trial in trials(seen, detector.config, *pair)
     ]
     mine = detector.config
-    usual = mine.first_probability, mine.close_probability, mine.min_confidence, mine.min_line_confidence
+    usual = (
+        mine.first_probability,
+        mine.close_probability,
+        mine.min_confidence,
+        mine.min_line_confidence,
+        mine.min_lone_confidence,
+    )
     best = [max((t for t in tried if t.false_share <= share), key=lambda t: t.found[2]) for share in FALSE_SHARES]
     decks = sum(one.expected.scene is Scene.DECK for one in seen)
     print(f"{decks} decks, {len(seen) - decks} views without a runway")
-    print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; first, close, row, line")
+    print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; first, close, row, line, lone")
     for trial in [*(t for t in tried if t.thresholds == usual), *best]:
         found = ", ".join(f"{100 * share:.1f}" for share in trial.found)
         px = ", ".join(f"{value:.2f}" for value in trial.error_px)

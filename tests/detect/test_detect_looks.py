@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines, in_one_line
-from deckline.detect.preprocess import box_window, look, normalise
+from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines, in_one_line, read_lines
+from deckline.detect.preprocess import Window, box_window, look, normalise
 from deckline.detect.region import encode_region
 from deckline.detect.row_anchors import RowGrid, encode
 
@@ -94,6 +94,19 @@ def test_left_right_of_right_is_not_seen():
     assert len(detect_lines(image, Oracle(), DetectConfig()).left) > 10
     detection = detect_lines(swapped, Oracle(), DetectConfig())
     assert len(detection.left) == len(detection.right) == 0
+
+
+@pytest.mark.parametrize(("chance", "seen"), [(0.8, False), (0.95, True)])
+def test_a_line_without_the_other_one_must_be_surer(chance, seen):
+    rows = np.full((2, 72, 129), -20.0, dtype=np.float32)
+    rows[:, :, -1] = 0.0  # no line on any row
+    rows[1, 20:50, 60] = np.log(chance / (1 - chance))  # but the right one, on thirty
+    output = NetworkOutput(rows, NO_REGION, np.zeros((4, 18, 32), dtype=np.float32))
+    window = Window(0.0, 0.0, 1.0)
+    assert (len(read_lines(output, window, DetectConfig()).right) == 30) == seen
+    rows[0, 20:50, 40] = np.log(chance / (1 - chance))
+    both = read_lines(output, window, DetectConfig())
+    assert (len(both.left), len(both.right)) == (30, 30)
 
 
 def test_a_line_of_two_rows_is_not_returned():

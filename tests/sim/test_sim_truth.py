@@ -13,6 +13,7 @@ from deckline.sim.camera.sensor import DISPLAY_GAMMA
 from deckline.sim.config import Preset, SimConfig
 from deckline.sim.flight.motion import Motion, ship_pose
 from deckline.sim.flight.viewpoint import looking
+from deckline.sim.opening import frames
 from deckline.sim.scene.weather import random_weather
 from deckline.sim.ship.markings import edge_coat, random_edge
 from deckline.sim.ship.mesh import box
@@ -20,7 +21,6 @@ from deckline.sim.ship.paint import layers
 from deckline.sim.ship.plan import DeckSurface
 from deckline.sim.ship.ship import build_ship
 from deckline.sim.ship.ship_class import SHIP_CLASSES, load_class
-from deckline.sim.simulate import frames
 
 SUN = np.array([0.6, 0.0, 0.8])
 CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0)

@@ -43,10 +43,10 @@ class DetectConfig:
     grid: RowGrid = field(default_factory=RowGrid)
     decode: DecodeConfig = field(default_factory=DecodeConfig)
     # Thresholds for `hybrid`, chosen by scripts/choose_thresholds.py on 174 decks of random ships in any light, V 200
-    # to 3000 m, and 888 views without a runway (simulator, seeds 900 and 901): 75 % of the decks give both lines and
-    # 0.45 % of the others a point. At 0.5, 0.9, 0.5 and 0.5 it is 85 % and 3.6 %.
-    first_probability: float = 0.85  # of a runway in the whole image; below it: not seen
-    close_probability: float = 0.95  # of a runway in the close look; below it: not seen
+    # to 3000 m, and 888 views without a runway (simulator, seeds 900 and 901): 79 % of the decks give both lines and
+    # 0.45 % of the others a point.
+    first_probability: float = 0.5  # of a runway in the whole image; below it: not seen
+    close_probability: float = 0.9  # of a runway in the close look; below it: not seen
     # Told wrongly, lines come back in at most 9 of 100 random views without a runway, in 7 untold, at any value from
     # 0.3 to 0.9 (13 if one line sufficed there); asking less of a line or looking at second choices added more.
     expected_probability: float = 0.5  # of a runway where one is expected, in every look; below it: not seen
@@ -55,8 +55,9 @@ class DetectConfig:
     max_looks: int = 3  # the whole image included
     good_fill: tuple[float, float] = (0.42, 0.85)  # a close look whose runway fills this much is final
     min_rows: int = 3  # a line on fewer rows is not returned
-    min_confidence: float = 0.5  # of a row
+    min_confidence: float = 0.4  # of a row
     min_line_confidence: float = 0.6  # of a line, mean over its rows
+    min_lone_confidence: float = 0.9  # of the only line that is seen: any marking may look like one edge
     # Runway edges are straight. Points this far from where most lie belong to another marking; a lens bends less.
     straight_cells: float = 2.0
     min_straight_share: float = 0.5  # of a line's points; a line that is split more evenly is not seen
@@ -192,15 +193,17 @@ def read_lines(output: NetworkOutput, window: Window, config: DetectConfig) -> D
         flat = [decode(line, config.grid.transposed, config.decode) for line in output.columns]
         lines = [_longer(line, _column_points(other, window, config)) for line, other in zip(lines, flat, strict=True)]
     left, right, *centre = lines
-    if (
-        not centre
-        or not len(left)
-        or not len(right)
-        or _is_right_of(rows[0], rows[2])
-        or _is_right_of(rows[2], rows[1])
-    ):
+    if len(left) == 0 or len(right) == 0:
+        return Detection(_lone(left, config), _lone(right, config), region)
+    if not centre or _is_right_of(rows[0], rows[2]) or _is_right_of(rows[2], rows[1]):
         return Detection(left, right, region)  # a centre line lies between two edges
     return Detection(left, right, region, centre[0])
+
+
+def _lone(line: LinePoints, config: DetectConfig) -> LinePoints:
+    """A line without the other one, if it is sure enough."""
+    sure = len(line) and float(line.confidence.mean()) >= config.min_lone_confidence
+    return line if sure else LinePoints.empty()
 
 
 def _is_right_of(one: RowPoints, other: RowPoints) -> bool:
