@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from deckline.types import Frame
 with needs_extra("sim"):
     from deckline.sim import SimConfig
     from deckline.sim.camera.depth_camera import DepthConfig
-    from deckline.sim.config import Trajectory
+    from deckline.sim.config import FLIGHTS
     from deckline.sim.scene.weather import WeatherConfig
 
 SPLITS = ("train", "test")
@@ -144,12 +144,11 @@ def dataset_items(config: DatasetConfig) -> list[Item]:
         weather=WeatherConfig(seed=config.seed if config.one_scene else None),
     )
     recordings = [base]
-    flown = [kind for kind in get_args(Trajectory) if kind != "random"]
     left = config.frames - base.frames
     length = max(FLIGHT_FRAMES, -(-left // (SEEDS - 1)))
     while left > 0:
         k = len(recordings)
-        frames, kind = min(length, left), flown[(k - 1) % len(flown)]
+        frames, kind = min(length, left), FLIGHTS[(k - 1) % len(FLIGHTS)]
         recordings.append(replace(base, trajectory=kind, frames=frames, seed=base.seed + k))
         left -= frames
     return [(recording, index) for recording in recordings for index in range(recording.frames)]

@@ -19,6 +19,7 @@ from deckline.recording.writer import ImageFormat, encode_frame
 
 with needs_extra("sim"):
     from deckline.sim import SimConfig
+    from deckline.sim.config import FLIGHTS
     from deckline.sim.sheet import join_tiles, sheet_tile
 
 NOT_DECIDING = ("--out", "--jobs")  # options of a command that do not change what it makes
@@ -127,7 +128,7 @@ def what_decides_a_frame(config: SimConfig) -> dict[str, Any]:
     """Kept in scene.json: a recording made with other values is never continued. Infinity is written as text."""
     values = asdict(config)
     length = values.pop("frames")
-    if config.trajectory in ("approach", "profile"):  # more frames of an approach are other frames
+    if config.trajectory in FLIGHTS:  # more frames of an approach are other frames
         values["length"] = length
     return {name: plain(value) for name, value in values.items()}
 

@@ -17,6 +17,7 @@ from deckline.sim.scene.weather import WeatherConfig
 
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train"]
 Trajectory = Literal["approach", "profile", "random", "deckless"]
+FLIGHTS: tuple[Trajectory, ...] = ("approach", "profile")  # whose frames are one flight; the others' are unrelated
 CLEAR: tuple[float, float] = (float("inf"), float("inf"))
 LARGEST_PX = 8192  # of a picture's sides; graphics cards' buffers end at 16384
 FARTHEST_M = 10000.0  # from the ramp; the renderer's far plane lies at 20 km
