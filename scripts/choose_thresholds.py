@@ -11,6 +11,7 @@ import argparse
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,8 @@ LONE = (0.0, 0.8, 0.85, 0.9, 0.95)  # of a line without the other one
 FALSE_SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)  # of the views without a runway
 THICK_M = 500.0  # visibility below which haze is thick
 WRONG_PX = 10.0  # median distance of a line's points from which it is another line
-Thresholds = tuple[float, float, float, float, float]  # first, close, row, line, lone
+Thresholds = tuple[float, ...]  # of NAMES
+NAMES = ("first_probability", "close_probability", "min_confidence", "min_line_confidence", "min_lone_confidence")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +65,8 @@ class Trial:
 
 
 def with_thresholds(config: DetectConfig, thresholds: Thresholds) -> DetectConfig:
-    names = "first_probability", "close_probability", "min_confidence", "min_line_confidence", "min_lone_confidence"
-    return replace(config, **dict(zip(names, thresholds, strict=True)))  # type: ignore[arg-type]
+    named: dict[str, Any] = dict(zip(NAMES, thresholds, strict=True))
+    return replace(config, **named)
 
 
 def looked_at(sets: list[FrameSet], detector: OnnxDetector) -> list[Seen]:
@@ -148,14 +150,7 @@ def main() -> None:
         for pair in track(list(product(ROW, LINE, LONE)), "trying")
         for trial in trials(seen, detector.config, *pair)
     ]
-    mine = detector.config
-    usual = (
-        mine.first_probability,
-        mine.close_probability,
-        mine.min_confidence,
-        mine.min_line_confidence,
-        mine.min_lone_confidence,
-    )
+    usual = tuple(getattr(detector.config, name) for name in NAMES)
     best = [max((t for t in tried if t.false_share <= share), key=lambda t: t.found[2]) for share in FALSE_SHARES]
     decks = sum(one.expected.scene is Scene.DECK for one in seen)
     print(f"{decks} decks, {len(seen) - decks} views without a runway")

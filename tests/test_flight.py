@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from app_scene import chain, frame
 
-from deckline.flight import Flight
+from deckline.flight import Flight, open_flight
+from deckline.pipeline import PipelineConfig
 from deckline.types import TrackState
 
 
@@ -81,3 +82,19 @@ def test_without_a_tracker_every_frame_is_for_itself():
     for shown in approach(2):
         flight(shown)
     assert pipeline.expected == pipeline.seen_at == [None, None]
+
+
+def test_tracker_and_localization_are_told_of_the_same_sea():
+    still, usual = (
+        open_flight(PipelineConfig("none", "classical"), sea_state=0.0),
+        open_flight(PipelineConfig("none", "classical")),
+    )
+    for flight in (still, usual):
+        lines, track = flight.pipeline.config.localize, flight.tracker.config
+        assert (lines.noise.deck_z_m, lines.deck.tilt_rad) == (track.errors.deck_z_m, track.motion.tilt_rad)
+    assert usual.tracker.config.motion.rise_m > 10 * still.tracker.config.motion.rise_m
+    alone = open_flight(PipelineConfig("none", "classical"), track=None)
+    assert alone.tracker is None
+    assert alone.pipeline.config.localize == usual.pipeline.config.localize
+    with pytest.raises(ValueError, match="sea_state must lie between 0 and 6, got 7"):
+        open_flight(sea_state=7)

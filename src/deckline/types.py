@@ -182,7 +182,7 @@ class RunwayLine:
     # (3, 3) the same numbers seen from the aircraft: what an error of its own position and heading moves along with
     # the aircraft is taken out. None: not known, `covariance` bounds it.
     relative_covariance: NDArray[np.float64] | None = None
-    errors: "LineErrors | None" = None  # what `relative_covariance` is made of; None: not known
+    errors: LineErrors | None = None  # what `relative_covariance` is made of; None: not known
 
     def __post_init__(self) -> None:
         _check(self.point_m, (3,), "RunwayLine.point_m")

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from deckline.app import cli
 from deckline.app.cli import main
 
 
@@ -28,6 +29,15 @@ def test_an_output_that_nobody_reads_ends_without_a_word():
     done = subprocess.run([sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, check=False)
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_any_other_pipe_that_breaks_is_an_error(monkeypatch, capsys):
+    def lost() -> int:
+        raise BrokenPipeError("the simulator went away")
+
+    monkeypatch.setitem(cli.COMMANDS, "info", lost)
+    assert main(["info"]) == 2
+    assert "the simulator went away" in error_line(capsys)
 
 
 @pytest.fixture

@@ -13,6 +13,8 @@ class Letters(Views[str, str]):
     """Views of texts, in which a dash is a damaged frame."""
 
     def load(self, source: str, index: int) -> str:
+        if source[index] == "?":
+            raise ValueError("no depth")
         if source[index] == "-":
             raise FrameError(f"{index}.png", "damaged")
         return source[index]
@@ -36,6 +38,12 @@ def test_damaged_frames_are_noted_and_others_drawn() -> None:
     assert views.usable(1) is None and views.usable(2) == "b"
     with pytest.raises(ValueError, match=r"20 frames in a row cannot be used, 0\.png as damaged"):
         Letters({A: "-"}, [A], 0.0, True).draw(rng)
+
+
+def test_a_recording_that_lacks_what_training_needs_ends_it() -> None:
+    views = Letters({A: "abc", B: "?"}, [A, B], 0.0, True)
+    with pytest.raises(ValueError, match="no depth"):
+        [views.draw(np.random.default_rng(seed)) for seed in range(20)]
 
 
 def test_batches_come_in_the_order_of_their_steps() -> None:

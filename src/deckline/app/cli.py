@@ -1,6 +1,7 @@
 """The `deckline` command."""
 
 import os
+import select
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -18,6 +19,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
 DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
 INTERRUPTED = 130  # the shell's code for a program ended by Ctrl-C
 UNREAD = 141  # and for one whose output nobody reads any more, as behind `| head`
+STDOUT = 1  # its descriptor
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -30,14 +32,23 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("deckline: stopped; what was written is whole", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python would complain when it ends
-        return UNREAD
     except (ValueError, OSError, ImportError) as error:
+        if isinstance(error, BrokenPipeError) and _is_unread():
+            return UNREAD
         if os.environ.get("DECKLINE_TRACEBACK"):
             raise
         print(f"deckline: error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
+
+
+def _is_unread() -> bool:
+    """Whether nobody reads our output any more: any other pipe that breaks is an error."""
+    output = select.poll()
+    output.register(STDOUT, 0)
+    if not any(event & select.POLLERR for _, event in output.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), STDOUT)  # or Python would complain when it ends
+    return True
 
 
 def _dispatch(args: list[str]) -> Any:

@@ -10,7 +10,7 @@ import tyro
 
 from deckline.app.extras import needs_extra
 from deckline.detect.prior import RunwaySurvey
-from deckline.flight import Flight
+from deckline.flight import USUAL_SEA_STATE, Flight, open_flight
 from deckline.guide import GuideConfig
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Picture, Pipeline, PipelineConfig
@@ -20,7 +20,6 @@ from deckline.track import TrackConfig
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 NO_SURVEY = RunwaySurvey()
 USUAL_APPROACH = GuideConfig()
-USUAL_SEA_STATE = 4.0  # to believe too much in a still deck misleads; too little costs some precision
 
 
 def demo(out: Path = Path("demo-out")) -> int:
@@ -94,18 +93,10 @@ def run(
         opened = open_source(
             source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
         )
-    assumed = TrackConfig(runway_width_m=runway_width_m).at_sea_state(sea_state)
-    usual = LocalizeConfig()
-    lines = replace(
-        usual,
-        mode=mode,
-        # A tracker that is told the width must see what the lines say of it, not what localization was told as well.
-        runway_width_m=None if track else runway_width_m,
-        noise=replace(usual.noise, deck_z_m=assumed.errors.deck_z_m),
-        deck=replace(usual.deck, tilt_rad=assumed.motion.tilt_rad),
-    )
+    # A tracker that is told the width must see what the lines say of it, not what localization was told as well.
+    lines = replace(LocalizeConfig(), mode=mode, runway_width_m=None if track else runway_width_m)
     config = PipelineConfig(dehazer, detector, lines, seed, runway, detect_in)
-    flight = Flight(Pipeline(config), assumed if track else None, guide)
+    flight = open_flight(config, TrackConfig(runway_width_m=runway_width_m) if track else None, guide, sea_state)
     return _run(opened, flight, out, max_frames=max_frames, resume=resume)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from deckline.app.extras import needs_extra
-from deckline.app.parallel import process_count
+from deckline.app.processes import process_count
 from deckline.app.progress import progress
 from deckline.recording.writer import write_atomic
 from deckline.runtime import sha256_of

@@ -13,6 +13,7 @@ from itertools import groupby
 from typing import TypeVar
 
 from deckline.app.extras import needs_extra
+from deckline.app.processes import process_count
 from deckline.types import Frame
 
 with needs_extra("sim"):
@@ -52,17 +53,6 @@ def map_frames(task: Callable[[Frame], T], items: Sequence[Item], jobs: int = 1)
         raise RenderingError(str(error)) from error
     except BrokenProcessPool as error:
         raise RenderingError("a rendering process died (out of memory?): give the command again to go on") from error
-
-
-def process_count(jobs: int) -> int:
-    """Processes that `jobs` asks for, 0 meaning one for every core that this process may use.
-
-    Raises:
-        ValueError: negative jobs.
-    """
-    if jobs < 0:
-        raise ValueError(f"jobs must not be negative, got {jobs}")
-    return jobs or len(os.sched_getaffinity(0))
 
 
 class _Stage:

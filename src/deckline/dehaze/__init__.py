@@ -14,8 +14,10 @@ from deckline.runtime import shipped_weights
 
 FAST_PX = 320  # working size of the fast path: a quarter of the network's work, and larger structures
 
+NOT_DEHAZED = IdentityDehazer.name
+
 DEHAZERS: dict[str, Callable[[], Dehazer]] = {
-    "none": IdentityDehazer,
+    NOT_DEHAZED: IdentityDehazer,
     "dark-channel": DarkChannelDehazer,
     "geometry": GeometryDehazer,
     "geometry-linear": lambda: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
@@ -26,6 +28,7 @@ DEHAZERS: dict[str, Callable[[], Dehazer]] = {
 
 __all__ = [
     "DEHAZERS",
+    "NOT_DEHAZED",
     "DarkChannelConfig",
     "DarkChannelDehazer",
     "Dehazer",

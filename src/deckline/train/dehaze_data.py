@@ -12,7 +12,7 @@ from torch import Tensor
 
 from deckline.dehaze.network_io import averaged_down, image_to_tensor, reduction_factor, tensor_to_image
 from deckline.geometry import Camera
-from deckline.recording import FrameError, Source, open_source
+from deckline.recording import Source, open_source
 from deckline.train.dehaze_haze import HazeAugmentation, geometry_prior, lay_haze
 from deckline.train.views import Views
 from deckline.types import Frame
@@ -41,10 +41,10 @@ def clear_view(frame: Frame, long_side_px: int) -> ClearView:
     """What training needs of a frame, averaged down by a whole factor to about `long_side_px`.
 
     Raises:
-        FrameError: a frame without depth, or without a clear image.
+        ValueError: a frame without depth, or without a clear image.
     """
     if frame.depth_m is None:
-        raise FrameError(frame.file, "no depth; haze is added from depth (record with --depth.range-m inf)")
+        raise ValueError(f"{frame.file}: no depth; haze is added from depth (record with --depth.range-m inf)")
     clear, hazy = _pictures(frame)
     height, width = clear.shape[:2]
     factor = reduction_factor(height, width, long_side_px)
@@ -77,7 +77,7 @@ def _pictures(frame: Frame) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None
         return truth.clear_rgb, None if visibility_m is None or np.isinf(visibility_m) else frame.image_rgb
     if visibility_m is not None and np.isinf(visibility_m):
         return frame.image_rgb, None
-    raise FrameError(frame.file, "no clear image, and the recording does not say that it was seen in clear air")
+    raise ValueError(f"{frame.file}: no clear image, and the recording does not say that it was seen in clear air")
 
 
 def _reduced(image_rgb: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
@@ -135,7 +135,8 @@ class ClearViews(Views[ClearView, Source]):
         """View `index` of a recording.
 
         Raises:
-            FrameError: it cannot be read, or lacks what training needs.
+            FrameError: it cannot be read; others can.
+            ValueError: it lacks what training needs, as all of its recording will.
         """
         return clear_view(source.load(index), self._long_side_px)
 

@@ -37,7 +37,8 @@ class LineViews(Views[LineView | LabelledView, Source | LabelledFolder]):
         """View `index` of a recording.
 
         Raises:
-            FrameError: it cannot be read, or lacks what training needs.
+            FrameError: it cannot be read; others can.
+            ValueError: it lacks what training needs, as all of its recording will.
         """
         return source.view(index) if isinstance(source, LabelledFolder) else line_view(source.load(index))
 

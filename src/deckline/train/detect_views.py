@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.labels.truth import image_line
-from deckline.recording import FrameError
 from deckline.train.dehaze_data import ClearView, clear_view
 from deckline.types import Frame, Segment
 
@@ -31,14 +30,14 @@ def line_view(frame: Frame) -> LineView:
     """What training needs of a frame.
 
     Raises:
-        FrameError: no depth, no clear image, or no truth and pose to know the lines from.
+        ValueError: no depth, no clear image, or no truth and pose to know the lines from.
     """
     clear = clear_view(frame, long_side_px=max(frame.image_rgb.shape))  # at its own size
     truth = frame.truth
     if truth is None or truth.left is None or truth.right is None:
         return LineView(frame.file, clear, None, None)
     if frame.true_world_from_camera is None:
-        raise FrameError(frame.file, "no pose; true lines cannot be brought into the image")
+        raise ValueError(f"{frame.file}: no pose; true lines cannot be brought into the image")
     ends = [(a + b) / 2 for a, b in ((truth.left.p0_m, truth.right.p0_m), (truth.left.p1_m, truth.right.p1_m))]
     lines = [image_line(frame, segment) for segment in (truth.left, truth.right, Segment(*ends))]
     if any(line is None for line in lines):

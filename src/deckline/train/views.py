@@ -56,7 +56,8 @@ class Views(ABC, Generic[View, Opened]):
         """View `index` of a recording.
 
         Raises:
-            FrameError: it cannot be read, or lacks what training needs.
+            FrameError: it cannot be read; others can.
+            ValueError: it lacks what training needs, as all of its recording will.
         """
 
     def draw(self, rng: np.random.Generator) -> View:

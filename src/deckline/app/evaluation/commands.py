@@ -17,6 +17,7 @@ from rich.progress import track
 from rich.table import Table
 
 from deckline import __version__
+from deckline.dehaze import NOT_DEHAZED
 from deckline.evaluate.chain import (
     RANGE_BANDS_M,
     VISIBILITY_BANDS_M,
@@ -32,7 +33,6 @@ from deckline.recording import BadFrame, open_source
 from deckline.types import SIDES, Frame
 
 FILE_COLUMNS = 150  # of tables that go to a file or a pipe
-NOT_DEHAZED = "none"
 JsonFile = Annotated[Path | None, tyro.conf.arg(name="json")]
 
 

@@ -8,13 +8,14 @@ from typing import Annotated
 
 import tyro
 
-from deckline.app.evaluation.commands import NOT_DEHAZED, JsonFile
+from deckline.app.evaluation.commands import JsonFile
 from deckline.app.evaluation.detection_frames import FrameSet, Rendered, open_recorded
 from deckline.app.evaluation.detection_scores import NOT_LABELLED, Method, evaluate, open_book
 from deckline.app.evaluation.detection_tables import NOTES, detection_tables, flat_figures, report
 from deckline.app.evaluation.detection_worst import worst_of, write_worst
 from deckline.app.extras import needs_extra
 from deckline.app.provenance import settings_of
+from deckline.dehaze import NOT_DEHAZED
 from deckline.evaluate.detection import DetectionScore
 from deckline.evaluate.expectation import drawn_expectation
 from deckline.pipeline import Pipeline, PipelineConfig

@@ -16,7 +16,7 @@ from deckline.app.evaluation.detection import MarkdownFile, all_sets
 from deckline.app.evaluation.detection_scores import Method, evaluate, open_book
 from deckline.app.evaluation.detection_tables import NOTES, TableText, cell, report
 from deckline.app.provenance import settings_of
-from deckline.dehaze import Dehazer, restore
+from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.detect import Detector
 from deckline.evaluate.detection import DetectionScore, Scene
 from deckline.evaluate.detection_summary import groups, summarise_detection
@@ -34,7 +34,7 @@ Key = tuple[str, str]  # detector, dehazer
 def detectors(
     sources: tyro.conf.Positional[tuple[Path, ...]] = (),
     detector: tuple[str, ...] = (PipelineConfig.detector,),
-    dehazer: tuple[str, ...] = ("none", PipelineConfig.dehazer),
+    dehazer: tuple[str, ...] = (NOT_DEHAZED, PipelineConfig.dehazer),
     frames: int | None = None,
     deckless: int | None = None,
     preset: tuple[str, ...] = ("paper",),

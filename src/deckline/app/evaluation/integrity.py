@@ -17,9 +17,10 @@ from deckline.app.evaluation.integrity_points import PointNoise
 from deckline.app.evaluation.integrity_runs import NOMINAL, Run, fly_points, fly_shots, seen_shots
 from deckline.app.evaluation.localization_book import Book
 from deckline.app.evaluation.localization_flights import FlightsConfig
-from deckline.app.extras import needs_extra
+from deckline.app.processes import process_count
 from deckline.app.progress import progress
 from deckline.app.provenance import settings_of
+from deckline.dehaze import NOT_DEHAZED
 from deckline.evaluate.integrity import ALERT_S, FaultRow, Moment, fault_row, flags_raised, share_interval
 from deckline.evaluate.integrity_faults import FAULTS
 from deckline.pipeline import Pipeline, PipelineConfig
@@ -89,7 +90,7 @@ class IntegrityConfig:
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    pipeline = Pipeline(PipelineConfig("none", config.detector)) if config.rendered else None
+    pipeline = Pipeline(PipelineConfig(NOT_DEHAZED, config.detector)) if config.rendered else None
     seen_by = {"points": asdict(config.noise)} if pipeline is None else settings_of(pipeline)
     made_with = {**asdict(config.flights), "localize": str(config.flights.localize), "track": str(config.flights.track)}
     book = Book(config.out, BOOK_FILE, {**made_with, "seen by": seen_by})
@@ -121,8 +122,6 @@ def flown(
                 if run.number == number:
                     yield run, fly_shots(shots, run, config.flights)
         return
-    with needs_extra("sim"):
-        from deckline.app.parallel import process_count
     work = partial(fly_points, flights=config.flights, noise=config.noise)
     count = process_count(config.jobs)
     if count == 1:

@@ -16,10 +16,10 @@ from deckline.app.evaluation.detection_tables import report
 from deckline.app.evaluation.integrity_points import PointNoise
 from deckline.app.evaluation.localization_book import Book
 from deckline.app.evaluation.localization_flights import FlightsConfig, fly
-from deckline.app.evaluation.localization_jobs import in_processes, process_count
 from deckline.app.evaluation.localization_methods import Bench, Method, load, methods_of
 from deckline.app.evaluation.localization_points import POINT_METHODS, fly_points, modelled_bench
 from deckline.app.evaluation.localization_tables import NOTES, flat_figures, localization_tables
+from deckline.app.processes import in_processes, process_count
 from deckline.app.progress import progress
 from deckline.evaluate.chain import range_to_ramp_m
 from deckline.evaluate.localization import Figures, Score, bound_figures, frame_figures, touchdown, true_centre

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.app.extras import needs_extra
-from deckline.localize import DeckConfig, LocalizeConfig, NoiseConfig
+from deckline.flight import on_moving_deck
+from deckline.localize import LocalizeConfig, NoiseConfig
 from deckline.track import ErrorConfig, TrackConfig
 from deckline.types import Frame
 
@@ -108,11 +109,8 @@ class FlightsConfig:
     @property
     def localize(self) -> LocalizeConfig:
         """Localization, told of its sensors and of how far the deck moves about its reported height and slopes."""
-        noise, deck = self.noise, DeckConfig()
-        if self.sea_state:
-            noise = replace(noise, deck_z_m=self.track.errors.deck_z_m)
-            deck = replace(deck, tilt_rad=self.track.motion.tilt_rad)
-        return LocalizeConfig(noise=noise, deck=deck, runway_width_m=self.runway_width_m)
+        lines = LocalizeConfig(noise=self.noise, runway_width_m=self.runway_width_m)
+        return on_moving_deck(lines, self.track) if self.sea_state else lines
 
     @property
     def track(self) -> TrackConfig:

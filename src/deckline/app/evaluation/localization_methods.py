@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.app.provenance import settings_of
-from deckline.dehaze import Dehazer, restore
+from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.dehaze.base import Restored
 from deckline.detect import Detector
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
 from deckline.types import Detection, ExpectedRunway, Frame
 
-NOT_DEHAZED = "none"
 Estimator = Literal["paper", "joint"]
 Box = tuple[float, float, float, float]
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from deckline.app.evaluation.integrity_points import PointNoise
 from deckline.app.evaluation.localization_flights import FlightsConfig
-from deckline.app.evaluation.localization_methods import NOT_DEHAZED, Bench, Method
+from deckline.app.evaluation.localization_methods import Bench, Method
 from deckline.app.extras import needs_extra
+from deckline.dehaze import NOT_DEHAZED
 from deckline.guide import guidance
 from deckline.localize import LocalizeConfig, localize
 from deckline.pipeline import FrameResult, PipelineConfig

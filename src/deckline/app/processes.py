@@ -1,4 +1,4 @@
-"""Approaches over several processes, each on cores of its own, their results in order."""
+"""Numbered tasks over several processes, each on cores of its own, their results in order."""
 
 import multiprocessing
 import os
@@ -27,7 +27,7 @@ def in_processes(task: Callable[[int], T], numbers: Sequence[int], count: int) -
 
     Args:
         task: picklable.
-        numbers: of the approaches.
+        numbers: of the tasks.
         count: processes.
 
     Raises:

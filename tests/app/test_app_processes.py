@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from deckline.app.evaluation.localization_jobs import in_processes, process_count
+from deckline.app.processes import in_processes, process_count
 
 
 def square(number):
