@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distortion at the corner
+UNDISTORT_ENOUGH = 1e-12  # of normalised image coordinates; smaller steps change nothing
 UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; what has not settled so far never will
 # Axes of the optical frame (right, down, forward) written in a forward-right-down frame.
 BODY_FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -100,7 +101,10 @@ class Camera:
         if self.has_distortion:
             with np.errstate(over="ignore", invalid="ignore"):  # steps run away where there is no ray
                 for _ in range(UNDISTORT_STEPS):
-                    xy = xy + distorted - self._distort(xy)
+                    step = distorted - self._distort(xy)
+                    xy = xy + step
+                    if np.abs(step).max(initial=0.0) < UNDISTORT_ENOUGH:
+                        break
                 reached = np.abs(self._distort(xy) - distorted).max(axis=1, keepdims=True) < UNDISTORT_TOLERANCE
             xy = np.where(reached, xy, np.nan)
         return np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
