@@ -21,6 +21,7 @@ from deckline.sim.camera.atmosphere import AirConfig
         ({"width": 8193}, "width and height must be at most 8192 px, got 8193x720"),
         ({"start_m": 5.0}, "start_m must exceed end_m > 0, got 5.0 and 12.0"),
         ({"start_m": float("inf")}, "ships are drawn up to 10000 m away, got a distance of inf m"),
+        ({"elevation_deg": (5.0, 3.0)}, r"elevation_deg must be .* got \(5.0, 3.0\)"),
         ({"range_m": (100.0, 10001.0)}, "ships are drawn up to 10000 m away, got a distance of 10001 m"),
         ({"air": AirConfig(patchiness=0.5)}, "physical knows patchiness, and preset paper uses model paper"),
     ],

@@ -44,6 +44,8 @@ class SimConfig:
             the visibility is infinite.
         range_m: nearest and farthest distance to the ramp of a random view, up to 10 km; None: 60 to 800 m, and 30 to
             1500 m for preset `train`.
+        elevation_deg: least and greatest glide angle to the touchdown point of a random view before the ramp, degrees;
+            None: 2 to 8, and at times 1.5 to 12 for preset `train`.
         fixed_fov: keep `fov_deg` for the random views of preset `train`.
         start_m, end_m: distance to the ramp where an approach begins, up to 10 km, and ends; the profile begins
             at 5 km.
@@ -66,6 +68,7 @@ class SimConfig:
     fov_deg: float = 90.0
     keep_clear: bool = True
     range_m: tuple[float, float] | None = None
+    elevation_deg: tuple[float, float] | None = None
     fixed_fov: bool = False
     start_m: float = 800.0
     end_m: float = 12.0
@@ -99,6 +102,8 @@ class SimConfig:
             limits = getattr(self, name)
             if limits is not None and not 0 < limits[0] <= limits[1]:
                 raise ValueError(f"{name} must be (low, high) with 0 < low <= high, got {limits}")
+        if self.elevation_deg is not None and not 0 < self.elevation_deg[0] <= self.elevation_deg[1] <= 45:
+            raise ValueError(f"elevation_deg must be (low, high) with 0 < low <= high <= 45, got {self.elevation_deg}")
         if isinf(self.visibility_m[1]) and not isinf(self.visibility_m[0]):
             raise ValueError(f"visibility_m must be finite on both sides or on none, got {self.visibility_m}")
         if not 0 < self.end_m < self.start_m:

@@ -54,6 +54,16 @@ def test_training_sees_ships_from_everywhere_but_mostly_from_the_glide_path():
     assert height.min() >= 3.05 - 1e-9
 
 
+def test_views_come_down_the_glide_angle_that_is_asked_for():
+    config = SimConfig(preset="axial", trajectory="random", elevation_deg=(3.0, 4.0))
+    layout = class_layout(load_class("axial"))
+    views = [random_view(config, layout, k, np.random.default_rng(k)) for k in range(40)]
+    range_m, _, height = np.array([over_deck(layout, view) for view in views]).T
+    elevation = np.rad2deg(np.arctan(height / (range_m + 70.0)))
+    assert ((elevation > 2.99) & (elevation < 4.01)).all()
+    assert np.ptp(elevation) > 0.5
+
+
 def test_no_view_is_inside_the_ship_or_the_sea():
     for seed in range(150):
         rng = np.random.default_rng(seed)

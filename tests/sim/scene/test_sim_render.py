@@ -84,7 +84,7 @@ def ships():
         yield name, class_layout(ship_class), ship_class.plan.edge
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        yield f"train {seed}", random_layout(rng), random_edge(rng)
+        yield f"train {seed}", random_layout(rng), replace(random_edge(rng), opacity=1.0, smear=0.0)
 
 
 @pytest.mark.parametrize(("layout", "style"), [pytest.param(x, y, id=name) for name, x, y in ships()])
@@ -301,6 +301,8 @@ def test_light_is_not_clipped(renderer):
     view = renderer.render(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=30.0))
     assert view.radiance.max() > 5.0
     assert np.isnan(view.depth_m).all()
+    blinding = renderer.render(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=1e9))
+    assert np.isfinite(blinding.radiance).all()
 
 
 def test_noise_is_tileable_and_centred():

@@ -73,7 +73,8 @@ def draw_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Vi
     wide = config.preset == "train"
     range_m, fov_rad = draw_range(config, layout, rng)
     length = axes(*layout.centre_m)[2]
-    low, high = (1.5, 12.0) if wide and rng.random() < 0.3 else (2.0, 8.0)
+    usual = (1.5, 12.0) if wide and rng.random() < 0.3 else (2.0, 8.0)
+    low, high = config.elevation_deg or usual
     height = max((range_m + TOUCHDOWN_M) * np.tan(np.deg2rad(rng.uniform(low, high))), RAMP_CLEARANCE_M)
     reach = 0.25 if wide else 0.2
     position = runway_point(layout, -range_m, range_m * rng.uniform(-reach, reach), height)

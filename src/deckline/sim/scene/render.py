@@ -28,6 +28,7 @@ from deckline.sim.ship.structure import deck_mesh
 SHADERS = Path(__file__).parent / "shaders"
 INCLUDES = ("light.glsl", "sky.glsl", "backdrop.glsl")
 CLIP_DISTANCE0 = 0x3000  # OpenGL's name
+BRIGHTEST = np.finfo(np.float16).max
 KEPT_TARGETS = 4  # sizes of frame buffers; every distorting lens has a pinhole of its own size
 VERTEX = ("3f 3f 3f", "position", "normal", "colour")
 LAMP = ("3f 3f 1f", "position", "colour", "strength")
@@ -198,6 +199,7 @@ class Renderer:
         if drawn is sampled:
             self.context.copy_framebuffer(resolved, sampled)
         radiance = np.frombuffer(resolved.read(components=4, alignment=1, dtype="f2"), dtype=np.float16)
+        radiance = np.minimum(radiance, BRIGHTEST)  # the sun's glitter may be more
         depth = self._measure(camera, ship, world, with_ship)
         shape = (camera.height, camera.width)
         rgb = radiance.reshape(*shape, 4)[..., :3].astype(np.float32)
