@@ -19,7 +19,7 @@ from deckline.train.detect_data import LineViews
 from deckline.train.detect_finish import export_detect, score, torch_infer
 from deckline.train.detect_views import line_view
 from deckline.train.network_cost import count_parameters
-from deckline.train.ufld import Ufld, UfldConfig
+from deckline.train.ufld import DepthwiseConv2d, Ufld, UfldConfig
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(320, 180, np.deg2rad(60))
@@ -93,6 +93,18 @@ def test_backbone_taps_and_frozen_parts():
     assert not any(m.training for m in backbone.modules() if isinstance(m, torch.nn.BatchNorm2d))
     with pytest.raises(ValueError, match=r"frozen_blocks must lie in 0\.\.2, got 3"):
         Lite0Backbone(pretrained=False, frozen_blocks=3)
+
+
+@pytest.mark.parametrize(("kernel", "dtype"), [(3, torch.bfloat16), (5, torch.float32)])
+def test_wide_depthwise_convolutions_stay_exact_under_autocast(kernel, dtype):
+    layer = DepthwiseConv2d(4, kernel)
+    image = torch.rand(1, 4, 16, 24)
+    with torch.autocast("cpu", torch.bfloat16):
+        half = layer(image)
+    assert half.dtype == dtype
+    plain = torch.nn.functional.conv2d(image, layer.weight, padding=kernel // 2, groups=4)
+    torch.testing.assert_close(layer(image), plain)
+    torch.testing.assert_close(half.float(), plain, rtol=0.0, atol=0.0 if kernel == 5 else 0.02)
 
 
 def test_published_head_gives_the_same_classes():

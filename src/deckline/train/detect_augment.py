@@ -10,6 +10,7 @@ from scipy.fft import dctn, idctn
 from scipy.ndimage import gaussian_filter1d
 
 JPEG_BLOCK = 8  # px
+LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)  # of red, green, blue
 JPEG_SLOPE = 0.35  # a quantisation step grows by so much of the base step per frequency; about JPEG's own tables
 
 
@@ -34,9 +35,10 @@ class DetectAugmentation:
     grey_share: float = 0.1
     blur_share: float = 0.25
     vertical_blur_share: float = 0.25
-    noise_share: float = 0.5
-    noise_max: float = 4.0  # grey levels, 1-sigma
-    jpeg_share: float = 0.15
+    noise_share: float = 0.6
+    noise_max: float = 8.0  # grey levels, 1-sigma; most views get much less
+    jpeg_share: float = 0.3
+    jpeg_step: tuple[float, float] = (1.5, 32.0)  # grey levels, evenly in its logarithm; from quality 95 to 25
     patch_share: float = 0.2
 
     def __post_init__(self) -> None:
@@ -85,16 +87,31 @@ def blurred(image: NDArray[np.float32], sigma_v_px: float, sigma_u_px: float) ->
 
 
 def block_compressed(image: NDArray[np.float32], step: float) -> NDArray[np.float32]:
-    """What an 8x8 transform code leaves: DCT coefficients rounded to steps that grow with frequency."""
+    """What JPEG leaves: colour at half the resolution, 8x8 DCT coefficients rounded to steps that grow with frequency.
+
+    A step of 32 grey levels is about quality 25, 16 quality 50, 3 quality 90.
+    """
     height, width = image.shape[:2]
-    padded = np.pad(image, ((0, -height % JPEG_BLOCK), (0, -width % JPEG_BLOCK), (0, 0)), mode="edge")
-    rows, columns = padded.shape[0] // JPEG_BLOCK, padded.shape[1] // JPEG_BLOCK
-    blocks = padded.reshape(rows, JPEG_BLOCK, columns, JPEG_BLOCK, 3)
-    frequency = np.add.outer(np.arange(JPEG_BLOCK), np.arange(JPEG_BLOCK))[None, :, None, :, None]
+    padded = np.pad(image, ((0, -height % (2 * JPEG_BLOCK)), (0, -width % (2 * JPEG_BLOCK)), (0, 0)), mode="edge")
+    grey = padded @ LUMA
+    colour = padded[..., [0, 2]] - grey[..., None]  # red and blue
+    colour = colour.reshape(grey.shape[0] // 2, 2, grey.shape[1] // 2, 2, 2).mean(axis=(1, 3))
+    colour = np.stack([_rounded_blocks(part, step) for part in (colour[..., 0], colour[..., 1])], axis=-1)
+    red_blue = colour.repeat(2, axis=0).repeat(2, axis=1)
+    grey = _rounded_blocks(grey, step)
+    green = grey - red_blue @ LUMA[[0, 2]] / LUMA[1]
+    decoded = np.stack([grey + red_blue[..., 0], green, grey + red_blue[..., 1]], axis=-1)
+    return decoded[:height, :width].astype(np.float32)
+
+
+def _rounded_blocks(plane: NDArray[np.float32], step: float) -> NDArray[np.float32]:
+    """A plane (H, W), whole blocks on both sides."""
+    blocks = plane.reshape(plane.shape[0] // JPEG_BLOCK, JPEG_BLOCK, plane.shape[1] // JPEG_BLOCK, JPEG_BLOCK)
+    frequency = np.add.outer(np.arange(JPEG_BLOCK), np.arange(JPEG_BLOCK))[None, :, None, :]
     steps = np.float32(step) * (1 + JPEG_SLOPE * frequency).astype(np.float32)
     coefficients = dctn(blocks, axes=(1, 3), norm="ortho")
-    decoded = idctn(np.rint(coefficients / steps) * steps, axes=(1, 3), norm="ortho")
-    return decoded.reshape(padded.shape)[:height, :width].astype(np.float32)
+    decoded: NDArray[np.float32] = idctn(np.rint(coefficients / steps) * steps, axes=(1, 3), norm="ortho")
+    return decoded.reshape(plane.shape)
 
 
 def degraded(
@@ -116,7 +133,7 @@ def degraded(
         noise = rng.standard_normal(image.shape, dtype=np.float32)
         image = image + noise * np.float32(augment.noise_max * rng.random() ** 2)
     if rng.random() < augment.jpeg_share:
-        image = block_compressed(image, rng.uniform(2.0, 10.0))
+        image = block_compressed(image, float(np.exp(rng.uniform(*np.log(augment.jpeg_step)))))
     return np.clip(np.rint(image), 0, 255)
 
 

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from deckline.detect.region import STRIDE
 from deckline.detect.row_anchors import RowGrid
-from deckline.train.backbone import CHANNELS, Lite0Backbone
+from deckline.train.backbone import CHANNELS, Lite0Backbone, depthwise
 from deckline.train.detect_losses import DetectTargets, LossWeights, UfldOutput, detect_loss
 from deckline.train.line_network import LINES, LineNetwork, NetworkKind
 
@@ -124,16 +124,26 @@ class RegionHead(nn.Module):
         return torch.cat([cells[:, 0].flatten(1), none], dim=1), cells[:, 1:]
 
 
-def conv_norm(channels_in: int, channels_out: int, kernel: int, groups: int = 1) -> nn.Sequential:
+class DepthwiseConv2d(nn.Conv2d):
+    """Each channel with its own kernel; the size is kept."""
+
+    def __init__(self, channels: int, kernel: int) -> None:
+        super().__init__(channels, channels, kernel, padding=kernel // 2, groups=channels, bias=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return depthwise(x, self.weight, None, padding=(self.kernel_size[0] // 2, self.kernel_size[1] // 2))
+
+
+def conv_norm(channels_in: int, channels_out: int, kernel: int) -> nn.Sequential:
     """Convolution that keeps the size, and batch norm."""
-    conv = nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, groups=groups, bias=False)
+    conv = nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, bias=False)
     return nn.Sequential(conv, nn.BatchNorm2d(channels_out))
 
 
 def separable(channels_in: int, channels_out: int, kernel: int = 3) -> nn.Sequential:
     """Depthwise convolution that keeps the size, then one over channels, each with batch norm and ReLU."""
     return nn.Sequential(
-        conv_norm(channels_in, channels_in, kernel, groups=channels_in),
+        nn.Sequential(DepthwiseConv2d(channels_in, kernel), nn.BatchNorm2d(channels_in)),
         nn.ReLU(),
         conv_norm(channels_in, channels_out, 1),
         nn.ReLU(),
