@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -24,7 +24,7 @@ from deckline.train.dehaze_network import (
 from deckline.train.network_cost import count_parameters
 from deckline.train.rivals import build
 from deckline.train.start import start_with
-from deckline.train.training import BUDGET, MACHINE, Loss, check_budget, mixed, open_run, set_up, train
+from deckline.train.training import Loss, Recipe, mixed, open_run, set_up, train
 from deckline.train.views import made_ahead
 
 # What checkpoints do not say that are older than the choice: the one network that there was.
@@ -40,8 +40,10 @@ Batch = tuple[Tensor, Tensor, Tensor, Tensor]  # hazy, clear, transmission, prio
 
 
 @dataclass(frozen=True)
-class DehazeTrainConfig:
+class DehazeTrainConfig(Recipe):
     """Recipe. The paper's: 600 k steps, batch 16, crops of 512x512, AdamW, lr 5e-4 cosine to 1e-7, PSNRLoss."""
+
+    COUNTS = (*Recipe.COUNTS, "crop_height", "crop_width", "unshuffle")
 
     network: Network = "deckline"  # ours, or one to compare it with; those work at full resolution
     size: Literal["t", "s", "b"] = "t"  # of ours
@@ -49,31 +51,20 @@ class DehazeTrainConfig:
     attention: Attention = "mix"  # of ours; depthwise is for the ablation
     transformer: Transformer = "mobilevit"  # of ours; plain is for the ablation
     prior: bool = False  # ours, coarse: starts from the geometry dehazer's picture where there is one
-    steps: int = 600_000
-    minutes: float | None = None  # stop after so much training time; the schedule follows whichever ends first
-    cpu_minutes: bool = False  # they are of this process's computing, on all cores: the same budget on a busy machine
-    batch: int = 4
     crop_height: int = 288  # px
     crop_width: int = 512  # px
-    lr: float = 5e-4
-    lr_end: float = 1e-7
-    warm_up: float = 0.02  # of the run
-    weight_decay: float = 4e-3
     visible_share: float = 0.5  # of the loss is PSNRLoss weighted by transmission; the paper's is 0
     best_psnr_db: float = 50.0  # better than that earns nothing, or the clear images would outweigh the hazy ones
-    clip_norm: float = 1.0  # of the gradient
-    ema_decay: float = 0.999  # of the averaged weights, which are the ones exported
-    held_out: float = 0.05  # of every recording, for validation
     working_long_side_px: int = 640  # a coarse network sees larger images averaged down to about this
-    checkpoint_every: int = 500  # steps
-    bf16: bool | None = None  # half of the arithmetic in bfloat16; None: on CUDA only (a CPU needs AVX512-BF16 or AMX)
-    threads: int = 0  # of torch on a CPU; 0 leaves torch's own choice
-    device: Literal["auto", "cpu", "cuda"] = "auto"
-    seed: int = 0
     haze: HazeAugmentation = field(default_factory=HazeAugmentation)
+    steps: int = 600_000
+    batch: int = 4
+    lr: float = 5e-4
+    lr_end: float = 1e-7
+    weight_decay: float = 4e-3
 
     def __post_init__(self) -> None:
-        check_budget(self, "batch", "crop_height", "crop_width", "unshuffle")
+        super().__post_init__()
         if self.network not in get_args(Network):
             raise ValueError(f"network must be one of {', '.join(get_args(Network))}, got {self.network!r}")
         if self.size not in SIZES:
@@ -148,7 +139,7 @@ def train_dehaze(
     optimizer = torch.optim.AdamW(model.parameters(), config.lr, (0.9, 0.999), weight_decay=config.weight_decay)
     if start_from is not None:
         start_with(model, start_from)
-    run = open_run(model, optimizer, out, _recipe(config), _of_today)
+    run = open_run(model, optimizer, out, config.kept(), _of_today)
     views = ClearViews(recordings, config.working_long_side_px, config.held_out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
 
@@ -201,12 +192,3 @@ def _of_today(stored: dict[str, Any]) -> dict[str, Any]:
     """A stored recipe with what older ones do not say."""
     haze = {"physical_share": 0.0, "recorded_share": 0.0, "prior_share": 0.5} | stored["haze"]
     return OLDER_RECIPE | stored | {"haze": haze}
-
-
-def _recipe(config: DehazeTrainConfig) -> dict[str, Any]:
-    """What must stay the same when a run goes on: all but budget and machine; tuples as JSON gives them back."""
-    keys = asdict(config)
-    for name in (*BUDGET, *MACHINE):
-        del keys[name]
-    keys["haze"] = {name: list(v) if isinstance(v, tuple) else v for name, v in keys["haze"].items()}
-    return keys

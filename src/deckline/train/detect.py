@@ -1,7 +1,6 @@
 """Train the line detector: `train_detect`."""
 
-import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -17,7 +16,7 @@ from deckline.train.detect_start import settle_norms, start_detector
 from deckline.train.detectors import DETECTORS_TO_TRAIN
 from deckline.train.line_network import LineNetwork
 from deckline.train.network_cost import count_parameters
-from deckline.train.training import BUDGET, MACHINE, RATE, Loss, check_budget, mixed, open_run, set_up, train
+from deckline.train.training import RATE, Loss, Recipe, mixed, open_run, set_up, train
 from deckline.train.ufld import Ufld, UfldConfig
 
 START_VIEWS = 24  # whose statistics the batch norms of another training's weights are given
@@ -25,35 +24,29 @@ Network = Literal["deckline", "hybrid", "ufld-r18", "enet-sad", "resa-r18"]
 
 
 @dataclass(frozen=True)
-class DetectTrainConfig:
+class DetectTrainConfig(Recipe):
     """Recipe; its defaults are made for an hour of two CPU cores."""
 
     network: Network = "deckline"  # the shipped one, its successor, or one to compare it with
     shape: UfldConfig = field(default_factory=UfldConfig)  # of `deckline`; the others' are fixed
-    steps: int = 1_000_000
-    minutes: float | None = 60.0  # stop after so much training time; the schedule follows whichever ends first
-    cpu_minutes: bool = False  # they are of this process's computing, on all cores: the same budget on a busy machine
-    batch: int = 8
-    lr: float = 1.5e-3  # of the heads
     backbone_lr: float = 0.3  # relative to the heads'
-    lr_end: float = 1e-6
-    warm_up: float = 0.03  # of the run
-    weight_decay: float = 1e-3
-    clip_norm: float = 5.0  # of the gradient
-    ema_decay: float = 0.995  # of the averaged weights, which are the ones exported
-    held_out: float = 0.05  # of every recording, for validation
-    checkpoint_every: int = 200  # steps
-    threads: int = 0  # of torch on a CPU; 0 leaves torch's own choice
-    device: Literal["auto", "cpu", "cuda"] = "auto"
-    bf16: bool | None = None  # half of the arithmetic in bfloat16; None: on CUDA only (a CPU needs AVX512-BF16 or AMX)
-    seed: int = 0
     augment: DetectAugmentation = field(default_factory=DetectAugmentation)
     losses: LossWeights = field(default_factory=LossWeights)
+    minutes: float | None = 60.0  # stop after so much training time; the schedule follows whichever ends first
+    lr: float = 1.5e-3  # of the heads
+    warm_up: float = 0.03  # of the run
+    clip_norm: float = 5.0  # of the gradient
+    ema_decay: float = 0.995  # of the averaged weights, which are the ones exported
+    checkpoint_every: int = 200  # steps
 
     def __post_init__(self) -> None:
-        check_budget(self, "batch")
+        super().__post_init__()
         if self.network not in get_args(Network):
             raise ValueError(f"network must be one of {', '.join(get_args(Network))}, got {self.network!r}")
+
+    def kept(self) -> dict[str, Any]:
+        """As of every recipe, but the batch may change."""
+        return {name: value for name, value in super().kept().items() if name != "batch"}
 
 
 def train_detect(
@@ -83,7 +76,7 @@ def train_detect(
         settle_norms(model, make_batch(views, START_VIEWS, model.kind.target_grid, config.augment, [config.seed])[0])
     model.to(device)
     model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs lack this form
-    run = open_run(model, _optimizer(config, model), out, _recipe(config), _of_today)
+    run = open_run(model, _optimizer(config, model), out, config.kept(), _of_today)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
 
     def loss(batch: tuple[Tensor, DetectTargets], fraction: float) -> Loss:
@@ -130,12 +123,3 @@ def _of_today(stored: dict[str, Any]) -> dict[str, Any]:
     if isinstance(stored["network"], dict):
         return stored | {"network": "deckline", "shape": stored["network"]}
     return stored
-
-
-def _recipe(config: DetectTrainConfig) -> dict[str, Any]:
-    """What must stay the same when a run goes on: all but budget, batch and machine; as JSON gives it back."""
-    keys = asdict(config)
-    for name in (*BUDGET, *MACHINE, "batch"):
-        del keys[name]
-    recipe: dict[str, Any] = json.loads(json.dumps(keys))
-    return recipe

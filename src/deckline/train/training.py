@@ -1,11 +1,12 @@
 """What the trainings share: a plain loop under a budget that resumes from its own checkpoint."""
 
+import json
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 import torch
@@ -25,35 +26,45 @@ Batch = TypeVar("Batch")
 Loss = tuple[Tensor, Mapping[str, float]]  # and its parts by name
 
 
-class Recipe(Protocol):
-    """What the loop needs to know of a training's configuration."""
+@dataclass(frozen=True)
+class Recipe:
+    """What every training's configuration says.
 
-    @property
-    def steps(self) -> int: ...
-    @property
-    def minutes(self) -> float | None: ...
-    @property
-    def cpu_minutes(self) -> bool: ...
-    @property
-    def checkpoint_every(self) -> int: ...
-    @property
-    def lr(self) -> float: ...
-    @property
-    def lr_end(self) -> float: ...
-    @property
-    def warm_up(self) -> float: ...
-    @property
-    def clip_norm(self) -> float: ...
-    @property
-    def ema_decay(self) -> float: ...
-    @property
-    def threads(self) -> int: ...
-    @property
-    def device(self) -> Literal["auto", "cpu", "cuda"]: ...
-    @property
-    def bf16(self) -> bool | None: ...
-    @property
-    def seed(self) -> int: ...
+    Raises:
+        ValueError: a budget that is none, or a count below 1.
+    """
+
+    COUNTS: ClassVar[tuple[str, ...]] = ("steps", "batch", "checkpoint_every")
+
+    steps: int = 1_000_000
+    minutes: float | None = None  # stop after so much training time; the schedule follows whichever ends first
+    cpu_minutes: bool = False  # they are of this process's computing, on all cores: the same budget on a busy machine
+    batch: int = 8
+    lr: float = 1e-3
+    lr_end: float = 1e-6
+    warm_up: float = 0.02  # of the run
+    weight_decay: float = 1e-3
+    clip_norm: float = 1.0  # of the gradient
+    ema_decay: float = 0.999  # of the averaged weights, which are the ones exported
+    held_out: float = 0.05  # of every recording, for validation
+    checkpoint_every: int = 500  # steps
+    threads: int = 0  # of torch on a CPU; 0 leaves torch's own choice
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    bf16: bool | None = None  # half of the arithmetic in bfloat16; None: on CUDA only (a CPU needs AVX512-BF16 or AMX)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in self.COUNTS:
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.minutes is not None and self.minutes <= 0:
+            raise ValueError(f"minutes must be positive, got {self.minutes}")
+
+    def kept(self) -> dict[str, Any]:
+        """What must stay the same when a run goes on: all but budget and machine; as JSON gives it back."""
+        keys = {name: value for name, value in asdict(self).items() if name not in (*BUDGET, *MACHINE)}
+        recipe: dict[str, Any] = json.loads(json.dumps(keys))
+        return recipe
 
 
 @dataclass(eq=False)
@@ -78,19 +89,6 @@ class Run:
     def save(self) -> None:
         progress = {"recipe": self.recipe, "step": self.step, "seconds": self.seconds}
         save_checkpoint(self.out, self.model, self.optimizer, self.ema, progress)
-
-
-def check_budget(config: Recipe, *counts: str) -> None:
-    """Refuse a budget that is none, and counts below 1.
-
-    Raises:
-        ValueError: naming the option.
-    """
-    for name in ("steps", "checkpoint_every", *counts):
-        if getattr(config, name) < 1:
-            raise ValueError(f"{name} must be at least 1, got {getattr(config, name)}")
-    if config.minutes is not None and config.minutes <= 0:
-        raise ValueError(f"minutes must be positive, got {config.minutes}")
 
 
 def set_up(config: Recipe) -> torch.device:
