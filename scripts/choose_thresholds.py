@@ -20,7 +20,14 @@ from rich.progress import track
 from deckline.app.evaluation.detection import rendered_sets
 from deckline.app.evaluation.detection_frames import FrameSet, open_recorded
 from deckline.detect import DETECTORS, OnnxDetector
-from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines, read_lines
+from deckline.detect.looks import (
+    DetectConfig,
+    NetworkOutput,
+    detect_lines,
+    lines_probability,
+    read_lines,
+    runway_probability,
+)
 from deckline.detect.preprocess import Window
 from deckline.detect.region import decode_region
 from deckline.evaluate.detection import Expected, Scene
@@ -29,16 +36,14 @@ from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import SIDES
 
-FIRST = (0.3, 0.5, 0.7, 0.85, 0.9, 0.95, 0.98)  # of a runway in the whole image
-CLOSE = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)  # of a runway in a close look
 ROW = (0.3, 0.4, 0.5, 0.6)  # of a row
-LINE = (0.5, 0.6, 0.7, 0.75, 0.8)  # of a line, mean over its rows
-LONE = (0.0, 0.8, 0.85, 0.9, 0.95)  # of a line without the other one
+BOTH = tuple(np.arange(0.05, 1.0, 0.05).round(2))  # of both lines
+LONE = (*np.arange(0.3, 1.0, 0.05).round(2), 1.1)  # of a line without the other one; 1.1: none
 FALSE_SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)  # of the views without a runway
 THICK_M = 500.0  # visibility below which haze is thick
 WRONG_PX = 10.0  # median distance of a line's points from which it is another line
-Thresholds = tuple[float, ...]  # of NAMES
-NAMES = ("first_probability", "close_probability", "min_confidence", "min_line_confidence", "min_lone_confidence")
+Thresholds = tuple[float, float, float]  # of NAMES
+NAMES = ("min_confidence", "min_probability", "min_lone_probability")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +54,7 @@ class Seen:
     expected: Expected
     output: NetworkOutput  # of the last look
     window: Window  # where that was
-    first: float  # probability of a runway in the first look
-    close: float  # least of the others; 1 without any
+    runway: float  # probability of a runway
 
 
 @dataclass(frozen=True)
@@ -91,44 +95,48 @@ def seen_in(image_rgb: NDArray[np.uint8], camera: Camera, expected: Expected, de
         outputs.append(detector.infer(view))
         return outputs[-1]
 
-    config = with_thresholds(detector.config, (0.0, 0.0, 0.0, 0.0, 0.0))
+    config = with_thresholds(detector.config, (0.0, 0.0, 0.0))
     u0, v0, u1, _ = detect_lines(image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
     window = Window(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
-    sure = [decode_region(output.region, output.box).probability for output in outputs]
-    return Seen(camera, expected, outputs[-1], window, sure[0], min(sure[1:], default=1.0))
+    runway = runway_probability([decode_region(output.region, output.box).probability for output in outputs])
+    return Seen(camera, expected, outputs[-1], window, runway)
 
 
-def errors_of(one: Seen, config: DetectConfig) -> list[NDArray[np.float64]]:
-    """Distances of the points, px, of each line that these thresholds of rows and lines leave."""
+def lines_of(one: Seen, config: DetectConfig) -> tuple[list[NDArray[np.float64]], float]:
+    """Distances of the points, px, of each line whose rows are sure enough, and the probability of the lines."""
     detection = read_lines(one.output, one.window, config)
     errors = []
     for side in SIDES:
-        points, line = getattr(detection, side).points_px, one.expected.lines_px[side]
+        points, line = getattr(detection, side), one.expected.lines_px[side]
         if len(points):
             none = np.full(len(points), np.inf)
-            errors.append(none if line is None else distance_px(points, line, one.camera))
-    return errors
+            errors.append(none if line is None else distance_px(points.points_px, line, one.camera))
+    return errors, lines_probability(detection, one.runway)
 
 
-def trials(seen: list[Seen], config: DetectConfig, row: float, line: float, lone: float) -> list[Trial]:
-    """Every pair of thresholds of a runway, with these of rows and lines."""
-    errors = [errors_of(one, with_thresholds(config, (0.0, 0.0, row, line, lone))) for one in seen]
+def trials(seen: list[Seen], config: DetectConfig, row: float) -> list[Trial]:
+    """Every pair of thresholds of lines, with this one of rows."""
+    found_lines = [lines_of(one, with_thresholds(config, (row, 0.0, 0.0))) for one in seen]
+    errors, sure = [each for each, _ in found_lines], np.array([probability for _, probability in found_lines])
     lines = np.array([len(sides) for sides in errors])
     wrong = np.array([len(sides) == 1 and not np.median(sides[0]) <= WRONG_PX for sides in errors])
     deck = np.array([one.expected.scene is Scene.DECK for one in seen])
     thick = np.array([one.expected.visibility_m < THICK_M for one in seen])
-    first, close = (np.array([getattr(one, name) for one in seen]) for name in ("first", "close"))
     tried = []
-    for needed in product(FIRST, CLOSE):
-        on = (first >= needed[0]) & (close >= needed[1])
-        found, alone = on & (lines == 2), on & (lines == 1) & deck
+    for both, lone in product(BOTH, LONE):
+        found, alone = (lines == 2) & (sure >= both), (lines == 1) & (sure >= lone)
         px = [np.concatenate(sides) for sides, good in zip(errors, found & deck, strict=True) if good]
         median, most = np.percentile(np.concatenate(px), (50, 95)) if px else (np.inf, np.inf)
         shares = float(found[deck & ~thick].mean()), float(found[deck & thick].mean()), float(found[deck].mean())
-        false = float((on & (lines > 0))[~deck].mean())
-        counts = int(alone.sum()), int((alone & wrong).sum())
-        tried.append(Trial((*needed, row, line, lone), false, shares, (float(median), float(most)), counts))
+        false = float((found | alone)[~deck].mean())
+        counts = int((alone & deck).sum()), int((alone & deck & wrong).sum())
+        tried.append(Trial((row, float(both), float(lone)), false, shares, (float(median), float(most)), counts))
     return tried
+
+
+def order(trial: Trial) -> tuple[float, int, float]:
+    """What is better is larger: both lines on more decks, then one line on more, then fewer false ones."""
+    return trial.found[2], trial.alone[0] - trial.alone[1], -trial.false_share
 
 
 def main() -> None:
@@ -145,16 +153,12 @@ def main() -> None:
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")
     seen = looked_at(sets, detector)
-    tried = [
-        trial
-        for pair in track(list(product(ROW, LINE, LONE)), "trying")
-        for trial in trials(seen, detector.config, *pair)
-    ]
+    tried = [trial for row in track(ROW, "trying") for trial in trials(seen, detector.config, row)]
     usual = tuple(getattr(detector.config, name) for name in NAMES)
-    best = [max((t for t in tried if t.false_share <= share), key=lambda t: t.found[2]) for share in FALSE_SHARES]
+    best = [max((t for t in tried if t.false_share <= share), key=order) for share in FALSE_SHARES]
     decks = sum(one.expected.scene is Scene.DECK for one in seen)
     print(f"{decks} decks, {len(seen) - decks} views without a runway")
-    print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; first, close, row, line, lone")
+    print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; row, both, lone")
     for trial in [*(t for t in tried if t.thresholds == usual), *best]:
         found = ", ".join(f"{100 * share:.1f}" for share in trial.found)
         px = ", ".join(f"{value:.2f}" for value in trial.error_px)

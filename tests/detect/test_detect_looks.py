@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines, in_one_line, read_lines
-from deckline.detect.preprocess import Window, box_window, look, normalise
+from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines, in_one_line
+from deckline.detect.preprocess import box_window, look, normalise
 from deckline.detect.region import encode_region
 from deckline.detect.row_anchors import RowGrid, encode
 
@@ -96,17 +96,31 @@ def test_left_right_of_right_is_not_seen():
     assert len(detection.left) == len(detection.right) == 0
 
 
-@pytest.mark.parametrize(("chance", "seen"), [(0.8, False), (0.95, True)])
-def test_a_line_without_the_other_one_must_be_surer(chance, seen):
+def runway_seen(sure: float, left: float, right: float) -> tuple[bool, bool]:
+    """Which lines are returned of a network that is so sure of a runway, and of rows that the lines cross."""
     rows = np.full((2, 72, 129), -20.0, dtype=np.float32)
     rows[:, :, -1] = 0.0  # no line on any row
-    rows[1, 20:50, 60] = np.log(chance / (1 - chance))  # but the right one, on thirty
-    output = NetworkOutput(rows, NO_REGION, np.zeros((4, 18, 32), dtype=np.float32))
-    window = Window(0.0, 0.0, 1.0)
-    assert (len(read_lines(output, window, DetectConfig()).right) == 30) == seen
-    rows[0, 20:50, 40] = np.log(chance / (1 - chance))
-    both = read_lines(output, window, DetectConfig())
-    assert (len(both.left), len(both.right)) == (30, 30)
+    for k, (chance, cell) in enumerate(((left, 40), (right, 60))):
+        rows[k, 20:50, cell] = np.log((chance + 1e-9) / (1 - chance))  # but on thirty
+    classes, offsets, _ = encode_region([110.0, 60.0, 400.0, 230.0], (32, 18))
+    region = np.log(np.append(sure * classes[:-1], 1 - sure) + 1e-12).astype(np.float32)
+    output = NetworkOutput(rows, region, offsets)
+    found = detect_lines(np.zeros((720, 1280, 3), np.uint8), lambda view: output, DetectConfig())
+    assert {len(found.left), len(found.right)} <= {0, 30}
+    return len(found.left) > 0, len(found.right) > 0
+
+
+def test_lines_are_seen_where_runway_and_rows_are_probable_together():
+    assert runway_seen(0.99, 0.8, 0.8) == (True, True)
+    assert runway_seen(0.7, 0.9, 0.9) == (True, True)
+    assert runway_seen(0.5, 0.7, 0.7) == (False, False)
+    assert runway_seen(0.3, 0.99, 0.99) == (False, False)
+
+
+def test_a_line_without_the_other_one_must_be_surer():
+    assert runway_seen(0.99, 0.0, 0.75) == (False, False)
+    assert runway_seen(0.99, 0.0, 0.98) == (False, True)
+    assert runway_seen(0.99, 0.98, 0.0) == (True, False)
 
 
 def test_a_line_of_two_rows_is_not_returned():

@@ -45,7 +45,7 @@ def network() -> OnnxDetector:
 @pytest.fixture(scope="module")
 def blind(network):
     """The same network, whose search of the whole image never sees anything."""
-    config = replace(network.config, first_probability=1.1)
+    config = replace(network.config, min_probability=1.1)
     return lambda image, box=None: detect_lines(image, network.infer, config, box)
 
 

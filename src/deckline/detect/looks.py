@@ -42,22 +42,17 @@ class DetectConfig:
 
     grid: RowGrid = field(default_factory=RowGrid)
     decode: DecodeConfig = field(default_factory=DecodeConfig)
-    # Thresholds for `hybrid`, chosen by scripts/choose_thresholds.py on 174 decks of random ships in any light, V 200
-    # to 3000 m, and 888 views without a runway (simulator, seeds 900 and 901): 79 % of the decks give both lines and
-    # 0.45 % of the others a point.
-    first_probability: float = 0.5  # of a runway in the whole image; below it: not seen
-    close_probability: float = 0.9  # of a runway in the close look; below it: not seen
-    # Told wrongly, lines come back in at most 9 of 100 random views without a runway, in 7 untold, at any value from
-    # 0.3 to 0.9 (13 if one line sufficed there); asking less of a line or looking at second choices added more.
-    expected_probability: float = 0.5  # of a runway where one is expected, in every look; below it: not seen
+    # Thresholds of `hybrid`, chosen by scripts/choose_thresholds.py (docs/detection.md). They are compared with the
+    # probability of a runway, in the first look times the least of the others, times the lines' mean confidence.
+    min_probability: float = 0.45  # of both lines; below it: not seen
+    min_lone_probability: float = 0.8  # of a line without the other one: any marking may look like one edge
+    min_expected_probability: float = 0.25  # of both lines where a runway is expected
     fill: float = 0.6  # share of the close look's limiting dimension that the runway takes
     min_width_px: float = 72.0  # image px; narrower windows only magnify blur
     max_looks: int = 3  # the whole image included
     good_fill: tuple[float, float] = (0.42, 0.85)  # a close look whose runway fills this much is final
     min_rows: int = 3  # a line on fewer rows is not returned
     min_confidence: float = 0.4  # of a row
-    min_line_confidence: float = 0.6  # of a line, mean over its rows
-    min_lone_confidence: float = 0.9  # of the only line that is seen: any marking may look like one edge
     # Runway edges are straight. Points this far from where most lie belong to another marking; a lens bends less.
     straight_cells: float = 2.0
     min_straight_share: float = 0.5  # of a line's points; a line that is split more evenly is not seen
@@ -92,12 +87,11 @@ def detect_lines(
         raise ValueError(f"expected an image (H, W, 3) of uint8, got {image_rgb.shape} of {image_rgb.dtype}")
     image_size = (image_rgb.shape[1], image_rgb.shape[0])
     whole = whole_window(image_size, (config.grid.width, config.grid.height))
-    found = _look_closer(image_rgb, infer, config, whole, (config.first_probability, config.close_probability))
+    found = _look_closer(image_rgb, infer, config, whole, config.min_probability)
     if look_at is None or _lines(found) == 2:
         return found
     window = _window(check_box(look_at), image_size, config)
-    needed = (config.expected_probability, config.expected_probability)
-    near = _look_closer(image_rgb, infer, config, window, needed)
+    near = _look_closer(image_rgb, infer, config, window, config.min_expected_probability)
     return near if _lines(near) == 2 and _middle_inside(near, look_at) and _shows(near, found) else found
 
 
@@ -114,24 +108,42 @@ def check_box(box: Box) -> Box:
 
 
 def _look_closer(
-    image_rgb: NDArray[np.uint8],
-    infer: Infer,
-    config: DetectConfig,
-    window: Window,
-    needed: tuple[float, float],  # probability of a runway in the first look and in the others
+    image_rgb: NDArray[np.uint8], infer: Infer, config: DetectConfig, window: Window, needed: float
 ) -> Detection:
-    """From a window to the runway in it, ever closer."""
+    """From a window to the runway in it, ever closer; `needed` is the least probability of both lines."""
     image_size, network_size = (image_rgb.shape[1], image_rgb.shape[0]), (config.grid.width, config.grid.height)
+    sure: list[float] = []  # of a runway, by look
     for number in range(1, config.max_looks + 1):
         output = infer(normalise(look(image_rgb, window, network_size)))
         region = decode_region(output.region, output.box)
-        if region.probability < needed[number > 1]:
+        sure.append(region.probability)
+        runway = runway_probability(sure)
+        if runway < needed:
             break
         closer = _closer_window(region.box, window, image_size, config)
         if number == config.max_looks or _is_final(closer, window, config):
-            return read_lines(output, window, config)
+            return _probable(read_lines(output, window, config), runway, needed, config)
         window = closer
     return Detection(LinePoints.empty(), LinePoints.empty())
+
+
+def runway_probability(looks: list[float]) -> float:
+    """Of a runway, from its probability in each look: the first one's times the least of the others."""
+    return looks[0] * min(looks[1:], default=1.0)
+
+
+def lines_probability(found: Detection, runway: float) -> float:
+    """Of the edge lines that were found, from a runway's: times their confidence; 0 without any."""
+    confidence = [line.confidence.mean() for line in (found.left, found.right) if len(line)]
+    return runway * float(np.mean(confidence)) if confidence else 0.0
+
+
+def _probable(found: Detection, runway: float, needed: float, config: DetectConfig) -> Detection:
+    """What was found, if both lines, or the only one, are probable enough."""
+    least = needed if _lines(found) == 2 else config.min_lone_probability
+    if lines_probability(found, runway) >= least:
+        return found
+    return Detection(LinePoints.empty(), LinePoints.empty(), found.region_px)
 
 
 def _lines(detection: Detection) -> int:
@@ -193,17 +205,15 @@ def read_lines(output: NetworkOutput, window: Window, config: DetectConfig) -> D
         flat = [decode(line, config.grid.transposed, config.decode) for line in output.columns]
         lines = [_longer(line, _column_points(other, window, config)) for line, other in zip(lines, flat, strict=True)]
     left, right, *centre = lines
-    if len(left) == 0 or len(right) == 0:
-        return Detection(_lone(left, config), _lone(right, config), region)
-    if not centre or _is_right_of(rows[0], rows[2]) or _is_right_of(rows[2], rows[1]):
+    if (
+        not centre
+        or not len(left)
+        or not len(right)
+        or _is_right_of(rows[0], rows[2])
+        or _is_right_of(rows[2], rows[1])
+    ):
         return Detection(left, right, region)  # a centre line lies between two edges
     return Detection(left, right, region, centre[0])
-
-
-def _lone(line: LinePoints, config: DetectConfig) -> LinePoints:
-    """A line without the other one, if it is sure enough."""
-    sure = len(line) and float(line.confidence.mean()) >= config.min_lone_confidence
-    return line if sure else LinePoints.empty()
 
 
 def _is_right_of(one: RowPoints, other: RowPoints) -> bool:
@@ -246,11 +256,8 @@ def _kept(
     nearness = (v - v.min()) / max(float(np.ptp(v)), 1.0) if len(v) else v
     weights = points.confidence[sure] * (1 + nearness)  # what is near is seen best and decides
     keep[sure] = in_one_line(points.x_px[sure], grid.row_y[sure], weights, config.straight_cells * grid.cell_px)
-    if keep.sum() < config.min_straight_share * sure.sum():
-        return None
-    if keep.sum() < config.min_rows or points.confidence[keep].mean() < config.min_line_confidence:
-        return None
-    return keep
+    enough = keep.sum() >= max(config.min_rows, config.min_straight_share * sure.sum())
+    return keep if enough else None
 
 
 def in_one_line(

@@ -13,9 +13,8 @@ from deckline.detect.row_anchors import DecodeConfig, RowGrid
 from deckline.runtime.session import load_session
 from deckline.types import Detection
 
-# Networks of row anchors alone are taught with a focal loss and are less sure of what they see. With these thresholds
-# `ufld` finds 72 to 73 % of the decks that those of `hybrid` were chosen on, and 4 % of the other views have a point.
-ROWS_ALONE = DetectConfig(min_confidence=0.5, min_line_confidence=0.65, min_lone_confidence=0.65)
+# Networks of row anchors alone are taught with a focal loss and are less sure of what they see.
+ROWS_ALONE = DetectConfig(min_confidence=0.5, min_probability=0.45, min_lone_probability=0.6)
 
 
 class OnnxDetector:
