@@ -8,7 +8,7 @@ import pytest
 from app_scene import CAMERA, chain, frame
 
 from deckline.app.cli import main
-from deckline.app.evaluation.detection_frames import Recorded, open_recorded
+from deckline.app.evaluation.detection_frames import Recorded, named, open_recorded
 from deckline.app.evaluation.detection_scores import SCORES_FILE, Method, ScoreBook, evaluate, open_book
 from deckline.app.evaluation.detection_tables import detection_tables, flat_figures
 from deckline.app.evaluation.detection_worst import figures_line, worst_of, write_worst
@@ -208,3 +208,13 @@ def test_bad_input_is_one_line(recording, tmp_path, capsys):
         writer.add(frame())
     (plain / "scene.json").unlink()
     assert "neither truth (scene.json) nor labels.json" in error_of(capsys, plain)
+
+
+def test_many_sources_are_named_by_the_first_and_the_last(tmp_path):
+    paths = [tmp_path / str(k) for k in range(9)]
+    for path in paths:
+        with RecordingWriter(path) as writer:
+            writer.add(frame())
+    sets = open_recorded(paths)
+    assert named(sets[:2]) == f"{paths[0]}, {paths[1]}"
+    assert named(sets) == f"9 sources, {paths[0]} to {paths[8]}"

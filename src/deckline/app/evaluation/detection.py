@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from deckline.app.evaluation.commands import JsonFile
-from deckline.app.evaluation.detection_frames import FrameSet, Rendered, open_recorded
+from deckline.app.evaluation.detection_frames import FrameSet, Rendered, named, open_recorded
 from deckline.app.evaluation.detection_scores import NOT_LABELLED, Method, evaluate, open_book
 from deckline.app.evaluation.detection_tables import NOTES, detection_tables, flat_figures, report
 from deckline.app.evaluation.detection_worst import worst_of, write_worst
@@ -74,7 +74,7 @@ def detection(
     told = {} if told_within_m is None else {"told_within_m": told_within_m}
     book = open_book(out, {**settings_of(pipeline), **told, "frames": [item.settings for item in sets]})
     evaluate(sets, [Method(partial(_find, pipeline, told_within_m), book)])
-    title = f"{', '.join(item.name for item in sets)}; dehazer {dehazer}, detector {detector}"
+    title = f"{named(sets)}; dehazer {dehazer}, detector {detector}"
     title += "" if told_within_m is None else f", told where the runway is within {told_within_m:g} m"
     lengths = {item.name: len(item) for item in sets}  # an earlier command may have scored more frames
     scores = [score for score in book.scores.values() if score.index < lengths[score.source]]

@@ -1,6 +1,7 @@
 """Where the frames of `deckline eval detection` come from: recordings, labelled folders, the simulator."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from deckline.types import Frame
 
 UNKNOWN = "unknown"
 LABELLED = "labelled"
+NAMED = 6  # sets whose names are all printed
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,3 +145,9 @@ def open_recorded(paths: tuple[Path, ...]) -> list[FrameSet]:
     if len(set(names)) < len(names):
         raise RecordingError(f"a source is given twice: {', '.join(names)}")
     return sets
+
+
+def named(sets: Sequence[FrameSet]) -> str:
+    """The sets' names; of many the first and the last."""
+    names = [item.name for item in sets]
+    return ", ".join(names) if len(names) <= NAMED else f"{len(names)} sources, {names[0]} to {names[-1]}"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from deckline.app.evaluation.commands import JsonFile
 from deckline.app.evaluation.dehazing_methods import file_label
 from deckline.app.evaluation.detection import MarkdownFile, all_sets
+from deckline.app.evaluation.detection_frames import named
 from deckline.app.evaluation.detection_scores import Method, evaluate, open_book
 from deckline.app.evaluation.detection_tables import NOTES, TableText, cell, report
 from deckline.app.provenance import settings_of
@@ -75,9 +76,9 @@ def detectors(
         key: [score for score in method.book.scores.values() if score.index < lengths[score.source]]
         for key, method in methods.items()
     }
-    title = f"{', '.join(item.name for item in sets)}, visibility of rendered frames {visibility} m"
-    named = {"+".join(key): summarise_detection(found) for key, found in scores.items()}
-    figures = {f"{name}.{key}": value for name, part in named.items() for key, value in part.items()}
+    title = f"{named(sets)}, visibility of rendered frames {visibility} m"
+    summaries = {"+".join(key): summarise_detection(found) for key, found in scores.items()}
+    figures = {f"{name}.{key}": value for name, part in summaries.items() for key, value in part.items()}
     report(title, comparison_tables(scores), [NOTES, COMPARED], figures, json_file, markdown_file)
     return 0
 
