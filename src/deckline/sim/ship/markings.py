@@ -13,7 +13,7 @@ from deckline.sim.ship.plan import EdgeKind, EdgeStyle, LineStyle, Plan
 EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
 EDGE_ODDS = (0.55, 0.23, 0.11, 0.11)  # of the kinds on random ships
 YELLOW = (0.78, 0.62, 0.10)
-SMEARED = 0.25  # part of the random edges whose paint has run together
+SMEARED = 0.35  # part of the random edges whose paint has run together
 FADED = 0.25  # part of the others whose paint is worn thin
 WIRE_SHADE = 0.05  # bare steel, greased
 
@@ -33,7 +33,7 @@ def random_edge(rng: np.random.Generator) -> EdgeStyle:
     if rng.random() >= SMEARED:
         opacity = rng.uniform(0.35, 0.9) if rng.random() < FADED else 1.0
         return EdgeStyle(kind, width, rail, bar, pitch, rgb, opacity)
-    smear, reach = rng.uniform(0.25, 0.8), rng.uniform(0.5, 6.0)
+    smear, reach = rng.uniform(0.25, 0.8), rng.uniform(0.5, 9.0)
     return EdgeStyle(kind, width, rail, bar, pitch, rgb, rng.uniform(0.0, 0.7), smear, reach)
 
 

@@ -158,7 +158,7 @@ def _catapults(layout: Layout, rgb: Rgb, rng: np.random.Generator) -> tuple[Cata
         middle, apart = sum(layout.edges_at(x1)) / 2, rng.uniform(5.0, 11.0)
         for side in (-1.0, 1.0)[: rng.integers(1, 3)]:
             ends.append(((x0, middle + side * (apart + rng.uniform(0, 6))), (x1, middle + side * apart * 0.7)))
-    if rng.random() < 0.65:
+    if rng.random() < 0.75:
         start, end = layout.centre_m
         along, right, reach = axes(start, end)
         turn = rng.uniform(-0.1, 0.1)  # to the left of the runway's direction
@@ -170,7 +170,7 @@ def _catapults(layout: Layout, rgb: Rgb, rng: np.random.Generator) -> tuple[Cata
             b = a + run * along - run * np.tan(turn + 0.02 * k) * right
             ends.append(((float(a[0]), float(a[1])), (float(b[0]), float(b[1]))))
     width, border = rng.uniform(0.4, 1.9), rng.uniform(1.2, 4.0) if rng.random() < 0.3 else 0.0
-    tone = rgb if rng.random() < 0.6 else _grey(rng.uniform(0.05, 0.65))
+    tone = rgb if rng.random() < 0.7 else _grey(rng.uniform(0.05, 0.65))
     slot = 0.0 if rng.random() < 0.3 else rng.uniform(0.15, 0.5)
     deflector = rng.uniform(7.0, 12.0) if rng.random() < 0.6 else 0.0
     return tuple(Catapult(a, b, width, tone, slot, border, deflector) for a, b in ends)
