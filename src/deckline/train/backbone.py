@@ -97,7 +97,7 @@ def depthwise(
 ) -> Tensor:
     """A convolution of each channel (B, C, H, W) with its own kernel (C, 1, h, w).
 
-    A CPU computes wide ones in float32 under autocast too: bfloat16 takes four times as long backward (measured on AMD
+    A CPU computes wide ones in float32 under autocast too: bfloat16 takes three times as long backward (measured on AMD
     EPYC with AVX512-BF16, torch 2.13.0), three fifths of a training step's time.
     """
     slow = x.device.type == "cpu" and weight.shape[-1] > 3 and torch.is_autocast_enabled("cpu")
