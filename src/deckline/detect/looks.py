@@ -18,6 +18,7 @@ from deckline.types import Detection, LinePoints
 
 FLATTEST_SLOPE = 0.01  # dv / du below which a line's sigma of u is not stretched further
 SAME_LINE_PX = 2.0  # median distance of one look's points from another look's line
+NEAREST_COUNTS = 4.0  # times as much as the farthest point; chosen with FlightGear's nine frames in view
 LINES_THROUGH = 24  # points of which any two are tried as a straight line's
 MAX_SHIFT = 0.25  # of the view; training jitters a close look's centre by as much
 
@@ -254,7 +255,7 @@ def _kept(
     keep = sure.copy()
     v = v_px[sure]
     nearness = (v - v.min()) / max(float(np.ptp(v)), 1.0) if len(v) else v
-    weights = points.confidence[sure] * (1 + 3 * nearness)  # what is near is seen best and decides
+    weights = points.confidence[sure] * (1 + (NEAREST_COUNTS - 1) * nearness)  # what is near is seen best
     keep[sure] = in_one_line(points.x_px[sure], grid.row_y[sure], weights, config.straight_cells * grid.cell_px)
     enough = keep.sum() >= max(config.min_rows, config.min_straight_share * sure.sum())
     return keep if enough else None
