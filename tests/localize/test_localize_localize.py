@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -100,15 +101,17 @@ def test_the_ramp_is_not_believed_at_the_edge_of_the_region_looked_at():
     assert "not in view" in estimate.reason
 
 
-def test_lines_that_begin_far_apart_make_no_ramp():
+def test_lines_that_begin_far_apart_are_no_runway():
     frame = approach(60.0, 8.0)
     found = detection(frame)
     far = found.left.points_px[:, 1] < np.percentile(found.left.points_px[:, 1], 40)
     left = LinePoints(found.left.points_px[far], found.left.confidence[far], found.left.sigma_px[far])
     estimate = localize(frame, Detection(left, found.right), CONFIG, rng())
-    assert estimate.status is Status.OK
-    assert estimate.ramp_m is None
-    assert "begin" in estimate.reason
+    assert estimate.status is Status.NOT_SEEN
+    assert estimate.lines == {}
+    assert re.fullmatch(r"the lines begin \d\d m apart along the runway", estimate.reason)
+    not_asked = replace(CONFIG, agreement=AgreementConfig(max_step_m=1000.0))
+    assert localize(frame, Detection(left, found.right), not_asked, rng()).status is Status.OK
 
 
 def test_nothing_detected_is_not_seen():

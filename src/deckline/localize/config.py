@@ -94,9 +94,7 @@ class AgreementConfig:
     clearly_better: float = 3.0  # of two contradicting lines, one is kept when its azimuth is this much surer
     # 1-sigma of the true angle between the lines: painted lines are not exactly parallel (the paper's: 0.37 degrees).
     parallel_rad: float = float(np.deg2rad(0.6))
-    max_ramp_step_m: float = (
-        10.0  # between the near ends of the lines, along the runway, beside three times its 1-sigma
-    )
+    max_step_m: float = 10.0  # between the near ends of the lines along the runway, beside three times its 1-sigma
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,11 @@ from deckline.localize.depth import DeckPoints, choose_mode, deck_points
 from deckline.localize.line_fit import LineFit, fit_alone
 from deckline.localize.ransac import fit_pixel_line
 from deckline.localize.runway import (
+    begin_apart,
     centre_line,
     drop_contradictions,
     drop_unsure,
+    near_ends,
     pixel_contradiction,
     ramp,
     runway_line,
@@ -33,10 +35,11 @@ class _World:
 def localize(frame: Frame, detection: Detection, config: LocalizeConfig, rng: np.random.Generator) -> RunwayEstimate:
     """Where the runway lines are.
 
-    Status OK means both lines were found and agree with each other. Lines that contradict each other are dropped:
-    "not seen" is better than wrong. Without pose, depth or deck height the image lines are given alone, in mode NONE,
-    with the reason. Mode FINE means that at least `min_depth_share` of each line's points have a depth, COARSE that
-    fewer have; the joint method uses all that there is in both, unless one was asked for by name.
+    Status OK means both lines were found and agree with each other: in order, spacing, direction and in where they
+    begin, if that is in view. Lines that contradict each other are dropped: "not seen" is better than wrong. Without
+    pose, depth or deck height the image lines are given alone, in mode NONE, with the reason. Mode FINE means that at
+    least `min_depth_share` of each line's points have a depth, COARSE that fewer have; the joint method uses all that
+    there is in both, unless one was asked for by name.
 
     Args:
         frame: camera, pose, and depth or deck height.
@@ -128,19 +131,13 @@ def _estimate(
     if set(SIDES) <= set(fits):
         fits["centre"] = centre_line(fits["left"], fits["right"])
         points = {"left": detection.left, "right": detection.right}
-        found = ramp(
-            frame,
-            points,
-            pixel_lines,
-            world.located,
-            fits["centre"],
-            detection.region_px,
-            config.agreement.max_ramp_step_m,
-        )
-        if isinstance(found, str):
-            reasons.append(f"no ramp: {found}")
+        ends = near_ends(frame, points, world.located, fits["centre"], detection.region_px)
+        if isinstance(ends, str):
+            reasons.append(f"no ramp: {ends}")
+        elif contradiction := begin_apart(ends, config.agreement):
+            return _nothing(contradiction)
         else:
-            ramp_m, ramp_sigma_m = found
+            ramp_m, ramp_sigma_m = ramp(ends, fits["centre"])
     elif "centre" in fits:
         fits["centre"] = shifted_line(fits["centre"], 0.0, config.deck.centre_sigma_m)  # painted, not the middle itself
     else:

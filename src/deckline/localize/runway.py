@@ -1,6 +1,6 @@
 """From single lines to a runway: do they agree, the centre line, the ramp."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,22 @@ from deckline.types import SIDES, Frame, LinePoints, PixelLine, RunwayLine
 
 Array = NDArray[np.float64]
 Region = tuple[float, float, float, float]
-RAMP_MARGIN_ROWS = 2.0  # of the detector's rows, between a line's near end and the edge of what was looked at
+# Between a line's near end and the edge of what was looked at: detectors lose the last of a line that runs out of view.
+MARGIN_STEPS = 2.0  # from point to point
+MARGIN_SHARE = 0.15  # of the line's seen length
+
+
+@dataclass(frozen=True, eq=False)
+class NearEnds:
+    """Where the left and the right line begin, along the centre line from its point."""
+
+    along_m: Array  # (2,)
+    variance: Array  # (2,) m2, of each alone
+    common_m: Array  # (K,) what common sources of 1-sigma move their mean by
+
+    @property
+    def apart_m(self) -> float:
+        return float(abs(self.along_m[0] - self.along_m[1]))
 
 
 def runway_line(fit: LineFit) -> RunwayLine:
@@ -95,43 +110,49 @@ def shifted_line(fit: LineFit, right_m: float, sigma_m: float) -> LineFit:
     return replace(fit, point_m=point, own=np.hstack([fit.own, shift]), errors=None)
 
 
-def ramp(
+def near_ends(
     frame: Frame,
     points: dict[str, LinePoints],
-    pixel_lines: dict[str, PixelLine],
     located: dict[str, DeckPoints],
     centre: LineFit,
     region_px: Region | None,
-    max_step_m: float,
-) -> tuple[Array, float] | str:
-    """Where the centre line begins, (3,) world, and its 1-sigma along the deck; or why it is not known.
+) -> NearEnds | str:
+    """Where both lines begin, or why it is not known: both must end inside what the detector looked at.
 
-    Both lines must end inside what the detector looked at. Points come row by row, so a true end lies anywhere
-    between the last row with the line and the next one: the middle of that gap is taken, and the whole gap on the
-    ground is its 1-sigma, as a detector may lose the last row.
+    Points come row by row or column by column, so a true end lies anywhere between the last one with the line and the
+    next: the middle of that gap is taken, and the whole gap on the ground is its 1-sigma, as a detector may lose it.
     """
     ends, variances, shared = [], [], []
     for side in SIDES:
-        seen = points[side].points_px[pixel_lines[side].inliers]
-        step = _row_step(seen)
-        beyond = _beyond(pixel_lines[side], step)
-        if not _inside(beyond, frame, region_px):
-            return f"the near end of the {side} line is not in view"
         line = located[side]
-        nearest = int(np.argmax(points[side].points_px[line.index, 1]))
-        gap = _row_gap(frame, points[side].points_px[line.index[nearest]], step, line.points_m[nearest], centre)
+        along_m = (line.points_m[:, :2] - centre.point_m[:2]) @ centre.direction
+        nearest, farthest = int(np.argmin(along_m)), int(np.argmax(along_m))
+        seen = points[side].points_px[line.index]
+        nearer = seen[nearest] - seen[farthest]
+        step = _step(seen, nearer)
+        margin = max(MARGIN_STEPS * step, MARGIN_SHARE * nearer, key=np.linalg.norm)
+        if not _inside(seen[nearest] + margin, frame, region_px):
+            return f"the near end of the {side} line is not in view"
+        gap = _gap(frame, seen[nearest], step, line.points_m[nearest], centre)
         if not np.isfinite(gap):
             return f"the near end of the {side} line cannot be placed on the deck"
-        ends.append(float((line.points_m[nearest, :2] - centre.point_m[:2]) @ centre.direction) - gap / 2)
+        ends.append(float(along_m[nearest]) - gap / 2)
         variances.append(gap**2 + float((line.depth_m[nearest, :2] @ centre.direction) ** 2))
         shared.append(line.common_m[:, nearest, :2] @ centre.direction)
-    apart = abs(ends[0] - ends[1])
-    if apart > max_step_m + 3 * np.sqrt(sum(variances)):
-        return f"the lines begin {apart:.0f} m apart"
-    along = (ends[0] + ends[1]) / 2
-    common = (shared[0] + shared[1]) / 2
-    variance = sum(variances) / 4 + (apart / 2) ** 2 + common @ common
-    point = centre.point_m + along * np.array([*centre.direction, 0.0])
+    return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2)
+
+
+def begin_apart(ends: NearEnds, config: AgreementConfig) -> str:
+    """Why lines that begin there are not both edges of one runway, or an empty string."""
+    if ends.apart_m <= config.max_step_m + 3 * np.sqrt(ends.variance.sum()):
+        return ""
+    return f"the lines begin {ends.apart_m:.0f} m apart along the runway"
+
+
+def ramp(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:
+    """Where the centre line begins, (3,) world, and its 1-sigma along the deck."""
+    variance = ends.variance.sum() / 4 + (ends.apart_m / 2) ** 2 + ends.common_m @ ends.common_m
+    point = centre.point_m + ends.along_m.mean() * np.array([*centre.direction, 0.0])
     return point, float(np.sqrt(variance))
 
 
@@ -159,17 +180,11 @@ def _mix(left: Array, right: Array, levers: list[float]) -> Array:
     return np.stack([offset, (left[1] + right[1]) / 2, (left[2] + right[2]) / 2])
 
 
-def _row_step(seen_px: Array) -> float:
-    """Typical distance between neighbouring rows with a point, px."""
-    rows = np.unique(seen_px[:, 1])
-    return float(np.median(np.diff(rows))) if len(rows) > 1 else 1.0
-
-
-def _beyond(line: PixelLine, step: float) -> Array:
-    """Where the line would be some rows below its near end, (2,) px."""
-    near, far = line.ends_px
-    row = near[1] + RAMP_MARGIN_ROWS * step
-    return np.array([near[0] + (row - near[1]) * (near[0] - far[0]) / max(near[1] - far[1], 1e-9), row])
+def _step(seen_px: Array, nearer_px: Array) -> Array:
+    """From one point (N, 2) to the next one nearer to the aircraft, typically, (2,) px; `nearer_px` points there."""
+    towards = nearer_px / max(float(np.linalg.norm(nearer_px)), 1e-9)
+    steps = np.diff(np.unique(seen_px @ towards))
+    return towards * (float(np.median(steps)) if len(steps) else 1.0)
 
 
 def _inside(pixel: Array, frame: Frame, region_px: Region | None) -> bool:
@@ -180,11 +195,11 @@ def _inside(pixel: Array, frame: Frame, region_px: Region | None) -> bool:
     )
 
 
-def _row_gap(frame: Frame, pixel: Array, step: float, point_m: Array, centre: LineFit) -> float:
-    """Ground covered along the centre line by the next row towards the aircraft, m; NaN off the deck plane."""
+def _gap(frame: Frame, pixel: Array, step: Array, point_m: Array, centre: LineFit) -> float:
+    """Ground covered along the centre line by the next step towards the aircraft, m; NaN off the deck plane."""
     pose = frame.world_from_camera
     if pose is None:
         return float("nan")
-    rays = pose.rotation.apply(frame.camera.rays(np.stack([pixel, pixel + np.array([0.0, step])])))
+    rays = pose.rotation.apply(frame.camera.rays(np.stack([pixel, pixel + step])))
     ground = intersect_plane(pose.translation, rays, float(point_m[2]))
     return float(abs((ground[0, :2] - ground[1, :2]) @ centre.direction))
