@@ -14,6 +14,7 @@ EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
 EDGE_ODDS = (0.55, 0.23, 0.11, 0.11)  # of the kinds on random ships
 YELLOW = (0.78, 0.62, 0.10)
 SMEARED = 0.35  # part of the random edges whose paint has run together
+WIDENED = 0.2  # of how far it bleeds inwards, a marking whose paint has run together is wider
 FADED = 0.25  # part of the others whose paint is worn thin
 WIRE_SHADE = 0.05  # bare steel, greased
 
@@ -34,6 +35,7 @@ def random_edge(rng: np.random.Generator) -> EdgeStyle:
         opacity = rng.uniform(0.35, 0.9) if rng.random() < FADED else 1.0
         return EdgeStyle(kind, width, rail, bar, pitch, rgb, opacity)
     smear, reach = rng.uniform(0.25, 0.8), rng.uniform(0.5, 9.0)
+    width += WIDENED * reach
     return EdgeStyle(kind, width, rail, bar, pitch, rgb, rng.uniform(0.0, 0.7), smear, reach)
 
 
