@@ -18,14 +18,14 @@ from rich.console import Console
 from deckline import __version__
 from deckline.app.draw import check_picture_name, write_picture
 from deckline.app.evaluation.dehazing_cost import Cost, CostTask, measure_costs
-from deckline.app.evaluation.dehazing_methods import HAZY, build_dehazer, by_name, model_of, shown_name, size_of
+from deckline.app.evaluation.dehazing_methods import build_dehazer, by_name, model_of, shown_name, size_of
 from deckline.app.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
 from deckline.app.evaluation.dehazing_rows import DEHAZERS_KEY, Rows
 from deckline.app.evaluation.dehazing_sheet import sheet
 from deckline.app.evaluation.dehazing_tables import Results, json_of, markdown_of, print_results
 from deckline.app.progress import progress
 from deckline.app.provenance import settings_of
-from deckline.dehaze import Dehazer, restore
+from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.evaluate.dehazing import ImageScore, restoration, score_lines, summarise, summarise_film
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.recording import FrameError
@@ -72,8 +72,8 @@ class DehazingConfig:
     """
 
     sources: tyro.conf.Positional[tuple[Path, ...]]
-    dehazer: tuple[str, ...] = (HAZY, "dark-channel", "geometry", PipelineConfig.dehazer)
-    reference: str = HAZY
+    dehazer: tuple[str, ...] = (NOT_DEHAZED, "dark-channel", "geometry", PipelineConfig.dehazer)
+    reference: str = NOT_DEHAZED
     detector: str = PipelineConfig.detector
     every: int = 1
     deck_z_m: float | None = None
@@ -129,8 +129,8 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
         title=_title(config, len({score.image for score in scores})),
         about=_about(),
         reference=bench.reference,
-        summaries=summarise(scores, bench.reference, HAZY),
-        film=summarise_film(scores, bench.reference, HAZY),
+        summaries=summarise(scores, bench.reference, NOT_DEHAZED),
+        film=summarise_film(scores, bench.reference, NOT_DEHAZED),
         sizes={name: size_of(dehazer) for name, dehazer in bench.dehazers.items()},
         costs=costs,
         cost_size_px=config.cost_size,
@@ -147,12 +147,12 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
 
 
 def _load(config: DehazingConfig) -> Bench:
-    named = by_name((HAZY, *config.dehazer))
+    named = by_name((NOT_DEHAZED, *config.dehazer))
     reference = config.reference if config.reference in named else shown_name(config.reference)
     named = by_name((*named.values(), named.get(reference, config.reference)))
     dehazers = {name: build_dehazer(given, config.full_size) for name, given in named.items()}
     lines = config.detector != NO_DETECTOR
-    pipeline = Pipeline(PipelineConfig(dehazer=HAZY, detector=config.detector)) if lines else None
+    pipeline = Pipeline(PipelineConfig(dehazer=NOT_DEHAZED, detector=config.detector)) if lines else None
     heights = config.deck_z_m, config.sea_z_m
     sources = tuple(open_pairs(path, config.every, *heights, config.with_depth) for path in config.sources)
     if not any(source.keys for source in sources):

@@ -5,10 +5,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import deckline.dehaze
-from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, OnnxDehazer
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
 from deckline.runtime import sha256_of
 
-HAZY = NOT_DEHAZED
 USUAL_FILES = ("dehaze.onnx", "detect.onnx")  # as `deckline train` calls them: their folder says more
 NO_REDUCTION_PX = 10**9  # a working size that no image exceeds
 

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from deckline.app.evaluation.dehazing_cost import Cost
-from deckline.app.evaluation.dehazing_methods import HAZY
+from deckline.dehaze import NOT_DEHAZED
 from deckline.evaluate.dehazing import ALL, Summary, worse_lines
 from deckline.evaluate.paired import Difference
 
@@ -24,7 +24,7 @@ MEANING = (
 )
 FILM = "Rain or drops on the lens, or an exposure that takes time: the clear picture is without them as without haze."
 LINES = (
-    f"Differences to {HAZY}. Asked: images with both lines in view. Found: both lines, in agreement. Points: normal "
+    f"Differences to {NOT_DEHAZED}. Asked: images with both lines in view. Found: both lines, in agreement. Points: normal "
     f"distance of all detected points to the true lines; its difference: median over the images with points both ways."
 )
 MIB, MS = 2.0**20, 1e3
@@ -115,7 +115,9 @@ def _lines(results: Results) -> Sheet:
         for name, summary in members.items():
             if summary.asked:
                 rows.append((band, name, str(summary.asked), *_line_cells(summary)))
-    worse = [f"{name} ({band})" for band, members in results.summaries.items() for name in worse_lines(members, HAZY)]
+    worse = [
+        f"{name} ({band})" for band, members in results.summaries.items() for name in worse_lines(members, NOT_DEHAZED)
+    ]
     verdict = f"Higher PSNR, worse lines: {', '.join(worse)}." if worse else ""
     captions = tuple(filter(None, (LINES, verdict)))
     return Sheet("Lines by visibility", (*columns, "95 % px", "difference of medians, px"), tuple(rows), captions)
@@ -171,7 +173,7 @@ def _cost_cells(name: str, results: Results) -> tuple[str, str]:
 
 def _has_ratio(results: Results) -> bool:
     """Nothing is compared with the cost of doing nothing."""
-    return results.reference != HAZY
+    return results.reference != NOT_DEHAZED
 
 
 def _number(value: float | None, form: str) -> str:
@@ -222,7 +224,7 @@ def markdown_of(results: Results) -> str:
 
 def json_of(results: Results) -> dict[str, Any]:
     """The same numbers as plain JSON values; null for what does not exist."""
-    worse = {band: worse_lines(members, HAZY) for band, members in results.summaries.items()}
+    worse = {band: worse_lines(members, NOT_DEHAZED) for band, members in results.summaries.items()}
     return _plain(
         {
             "title": results.title,

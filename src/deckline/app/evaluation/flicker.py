@@ -14,14 +14,14 @@ from rich.progress import track
 from rich.table import Table
 
 from deckline.app.evaluation.commands import JsonFile, heading, write_json
-from deckline.app.evaluation.dehazing_methods import HAZY, build_dehazer, by_name
-from deckline.dehaze import DEHAZERS, Dehazer, restore
+from deckline.app.evaluation.dehazing_methods import build_dehazer, by_name
+from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, restore
 from deckline.evaluate.flicker import REGIONS, flicker_figures, sequence_errors
 from deckline.recording import BadFrame, open_source
 from deckline.types import Frame
 
-CLEAR = "clear"  # the truth without haze; every table has it, and HAZY, the input
-MEASURED = tuple(name for name in DEHAZERS if name != HAZY)
+CLEAR = "clear"  # the truth without haze; every table has it, and NOT_DEHAZED, the input
+MEASURED = tuple(name for name in DEHAZERS if name != NOT_DEHAZED)
 COLUMNS = {
     "error, levels": "rmse",
     "temporal PSNR, dB": "psnr_db",
@@ -59,7 +59,7 @@ def flicker(
     for name, value, least in (("every", every, 1), ("limit", limit, 2), ("camera-depth-m", camera_depth_m, 0)):
         if value is not None and not value >= least:
             raise ValueError(f"--{name} must be at least {least}, got {value}")
-    named = by_name(name for name in dehazer if name != HAZY)
+    named = by_name(name for name in dehazer if name != NOT_DEHAZED)
     if CLEAR in named:
         raise ValueError(f"{named[CLEAR]} would be called {CLEAR}, as the truth is: rename the file or its folder")
     dehazers = {name: build_dehazer(given) for name, given in named.items()}
@@ -69,7 +69,7 @@ def flicker(
         f"{source}: pairs of frames: {figures['pairs']:.0f}, every {every}, depth up to {camera_depth_m:g} m"
     )
     for region in REGIONS:
-        console.print(_table(region, [CLEAR, HAZY, *dehazers], figures))
+        console.print(_table(region, [CLEAR, NOT_DEHAZED, *dehazers], figures))
     if json_file is not None:
         write_json(json_file, figures)
         print(json_file)
@@ -100,7 +100,7 @@ def _steps(
             yield None
             continue
         seen = as_flown(item, camera_depth_m)
-        pictures = {CLEAR: clear_picture(item), HAZY: item.image_rgb}
+        pictures = {CLEAR: clear_picture(item), NOT_DEHAZED: item.image_rgb}
         for name, dehazer in dehazers.items():
             restored = restore(dehazer, seen)
             pictures[name] = restored.image_rgb
