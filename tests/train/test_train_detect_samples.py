@@ -180,3 +180,19 @@ def test_blur_keeps_the_mean_and_its_axis():
 def test_shares_are_probabilities():
     with pytest.raises(ValueError, match=r"haze_share must lie in 0\.\.1, got 1\.5"):
         DetectAugmentation(haze_share=1.5)
+
+
+def test_without_a_runway_close_looks_are_at_things(view):
+    """A white box, nearer than all around it, is seen in most close looks, which are as many as with a runway."""
+    image, ranges = view.clear.clear_rgb.copy(), view.clear.range_m.copy()
+    image[:] = 0
+    image[200:216, 100:120], ranges[200:216, 100:120] = 255, 100.0
+    clear = replace(view.clear, clear_rgb=image, range_m=ranges)
+    augment = DetectAugmentation(**(PLAIN | {"close_share": 1.0, "thing_share": 1.0, "flip_share": 0.5}))
+    samples = [
+        make_sample(LineView("box", clear, None, None), GRID, augment, np.random.default_rng(seed))
+        for seed in range(30)
+    ]
+    seen = [np.ptp(sample.image) > 1.0 for sample in samples]
+    assert np.mean(seen) > 0.8
+    assert all(sample.region[-1] == 1.0 for sample in samples)

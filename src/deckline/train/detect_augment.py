@@ -24,6 +24,7 @@ class DetectAugmentation:
     fade_share: float = 0.25  # contrast taken off without haze
     close_share: float = 0.55  # of close looks, around the runway; the others see most of the image
     empty_share: float = 0.06  # of close looks beside the runway
+    thing_share: float = 0.8  # of those, and of close looks without a runway, at something: a ship, a coast
     flip_share: float = 0.5
     rotate_share: float = 0.35
     rotate_max_deg: float = 5.0

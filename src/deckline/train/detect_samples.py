@@ -19,6 +19,9 @@ VISIBLE_SHARE = 0.15  # of both lines' points; with less there is no runway in t
 CLOSE_MIN_PX = 4.0  # a box narrower than that in the frame gets no close look
 MIRRORED = [1, 0, 2]  # the left line is then the right one
 MARGIN_PX = 12  # kept around a window for blur and resampling
+THING_M = 5000.0  # farthest range that counts: the horizon is no thing
+THING_STEP = 0.1  # of a range's logarithm from one column to the next; the sea has none
+BESIDE = 0.35  # of a close look's size: how far a thing may lie from its middle
 
 
 class Sample(NamedTuple):
@@ -39,6 +42,7 @@ class _Scene(NamedTuple):
     lines_px: NDArray[np.float64]  # (3, N, 2) left, right, centre; N is 0 where there is no runway
     visible: NDArray[np.bool_]  # (3, N) painted and not lost in haze
     known: NDArray[np.bool_]  # (3,) lines whose truth is known
+    things_px: NDArray[np.float64]  # (0 or 1, 2) where something stands out: a ship, a coast
 
 
 def make_sample(
@@ -52,7 +56,7 @@ def make_sample(
     scene = _turned(_flipped(seen, augment, rng), augment, rng)
     height, width = scene.image.shape[:2]
     box = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
-    window = _window(box, (width, height), (grid.width, grid.height), augment, rng)
+    window = _window(box, scene.things_px, (width, height), (grid.width, grid.height), augment, rng)
     u0, v0, u1, v1 = window.bounds(grid.width, grid.height)
     left, top = (int(np.clip(np.floor(edge) - MARGIN_PX, 0, None)) for edge in (u0, v0))
     left, top = min(left, width - 1), min(top, height - 1)
@@ -113,7 +117,7 @@ def _as_taken(view: LabelledView) -> _Scene:
     """What a person labelled can be seen."""
     lines = np.zeros((3, 0, 2)) if view.lines_px is None else view.lines_px
     seen = np.asarray(np.isfinite(lines).all(axis=2))
-    return _Scene(view.image_rgb.astype(np.float32), lines, seen, _known(view.lines_px is None))
+    return _Scene(view.image_rgb.astype(np.float32), lines, seen, _known(view.lines_px is None), np.zeros((0, 2)))
 
 
 def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
@@ -123,11 +127,10 @@ def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator)
     line_ranges = np.zeros((3, 0)) if view.ranges_m is None else view.ranges_m
     contrast = np.full(line_ranges.shape, PAINT_CONTRAST)
     contrast[2] *= bool(view.centre_painted)
+    thing, thing_m = _thing(ranges, rng)
     if rng.random() < augment.haze_share:
-        finite = ranges[np.isfinite(ranges)]
-        typical = float(np.median(finite)) if finite.size else 1000.0
-        ramp_m = max(float(line_ranges.min()), 20.0) if line_ranges.size else max(typical, 20.0)
-        beta = rng.uniform(0, augment.optical_depth_max) / ramp_m
+        ramp_m = float(line_ranges.min()) if line_ranges.size else thing_m
+        beta = rng.uniform(0, augment.optical_depth_max) / max(ramp_m, 20.0)
         airlight = random_airlight(view.clear.horizon_rgb, augment.horizon_share, rng).astype(np.float32)
         image = airlight + (image - airlight) * np.exp(-np.float32(beta) * ranges)[..., None]
         contrast = contrast * np.exp(-beta * line_ranges)
@@ -135,9 +138,22 @@ def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator)
         fade = rng.uniform(0.2, 0.8)
         image = np.float32(rng.uniform(40, 220)) * np.float32(1 - fade) + image * np.float32(fade)
         contrast = contrast * fade
-    return _Scene(
-        image, lines, contrast >= VISIBLE_CONTRAST, _known(view.lines_px is None or view.centre_painted is not None)
-    )
+    known = _known(view.lines_px is None or view.centre_painted is not None)
+    return _Scene(image, lines, contrast >= VISIBLE_CONTRAST, known, thing)
+
+
+def _thing(ranges_m: NDArray[np.float32], rng: np.random.Generator) -> tuple[NDArray[np.float64], float]:
+    """A pixel (1, 2) at which the range (H, W) jumps from one column to the next, and how far the nearer side is, m.
+
+    Where nothing stands out: no pixel (0, 2), and the median range.
+    """
+    near = np.minimum(ranges_m, THING_M)
+    depth = np.log(np.maximum(near, 1.0))
+    jumps = np.flatnonzero(np.abs(np.diff(depth, axis=1)) > THING_STEP)
+    if not len(jumps):
+        return np.zeros((0, 2)), float(np.median(near))
+    row, column = divmod(int(rng.choice(jumps)), ranges_m.shape[1] - 1)
+    return np.array([[column + 0.5, row]]), float(near[row, column : column + 2].min())
 
 
 def _known(centre: bool) -> NDArray[np.bool_]:
@@ -149,8 +165,10 @@ def _flipped(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generato
     if rng.random() >= augment.flip_share:
         return scene
     lines = scene.lines_px[MIRRORED]
-    lines[..., 0] = scene.image.shape[1] - 1 - lines[..., 0]
-    return scene._replace(image=scene.image[:, ::-1], lines_px=lines, visible=scene.visible[MIRRORED])
+    things = scene.things_px.copy()
+    for points in (lines, things):
+        points[..., 0] = scene.image.shape[1] - 1 - points[..., 0]
+    return scene._replace(image=scene.image[:, ::-1], lines_px=lines, visible=scene.visible[MIRRORED], things_px=things)
 
 
 def _turned(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
@@ -158,29 +176,38 @@ def _turned(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator
         return scene
     angle = np.deg2rad(rng.uniform(-augment.rotate_max_deg, augment.rotate_max_deg))
     image, matrix, offset = rotated(scene.image, angle)
-    return scene._replace(image=image, lines_px=scene.lines_px @ matrix.T + offset)
+    lines, things = (points @ matrix.T + offset for points in (scene.lines_px, scene.things_px))
+    return scene._replace(image=image, lines_px=lines, things_px=things)
 
 
 def _window(
     box: NDArray[np.float64] | None,
+    things_px: NDArray[np.float64],
     image_size: tuple[int, int],
     network_size: tuple[int, int],
     augment: DetectAugmentation,
     rng: np.random.Generator,
 ) -> Window:
-    """Where to look: close around the runway, beside it, or at most of the image."""
+    """Where to look: close around the runway, at something else or anywhere, or at most of the image.
+
+    Without a runway as many looks are close as with one: what a detector takes for a runway it looks at closely.
+    """
     net = np.array(network_size, dtype=np.float64)
     size = np.array(image_size, dtype=np.float64)
     whole = whole_window(image_size, network_size)
     narrowest = rng.uniform(*augment.min_width_px) / net[0]
-    if rng.random() < augment.close_share and box is not None and box[2] - box[0] >= CLOSE_MIN_PX:
+    close = rng.random() < augment.close_share
+    if close and box is not None and box[2] - box[0] >= CLOSE_MIN_PX:
         extent = box[2:] - box[:2]
         step = float(max(np.max(extent / net) / rng.uniform(*augment.fill), narrowest))
         middle = (box[:2] + box[2:]) / 2 + rng.uniform(-1, 1, 2) * augment.centre_jitter * extent
         step = min(step, whole.step * augment.wide_scale[1])
-    elif rng.random() < augment.empty_share / max(1 - augment.close_share, 1e-6):
+    elif (close and box is None) or rng.random() < augment.empty_share / max(1 - augment.close_share, 1e-6):
         step = float(np.exp(rng.uniform(np.log(narrowest), np.log(whole.step))))
-        middle = rng.uniform(0, 1, 2) * (size - 1)
+        if len(things_px) and rng.random() < augment.thing_share:
+            middle = things_px[0] + rng.uniform(-BESIDE, BESIDE, 2) * net * step
+        else:
+            middle = rng.uniform(0, 1, 2) * (size - 1)
     elif rng.random() < 0.4:
         return whole
     else:

@@ -24,8 +24,9 @@ MEANING = (
 )
 FILM = "Rain or drops on the lens, or an exposure that takes time: the clear picture is without them as without haze."
 LINES = (
-    f"Differences to {NOT_DEHAZED}. Asked: images with both lines in view. Found: both lines, in agreement. Points: normal "
-    f"distance of all detected points to the true lines; its difference: median over the images with points both ways."
+    f"Differences to {NOT_DEHAZED}. Asked: images with both lines in view. Found: both lines, in agreement. Points: "
+    "normal distance of all detected points to the true lines; its difference: median over the images with points both "
+    "ways."
 )
 MIB, MS = 2.0**20, 1e3
 
