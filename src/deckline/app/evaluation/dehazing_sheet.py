@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 
 from deckline.app.draw import Image, tag
-from deckline.app.evaluation.dehazing_methods import HAZY
 from deckline.app.evaluation.dehazing_pairs import Pair, PairSource
-from deckline.dehaze import Dehazer, restore
+from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.evaluate.dehazing import ImageScore, restoration
 
 TILE_PX = 360  # width
@@ -54,7 +53,7 @@ def nearest(scores: Sequence[ImageScore], visibility_m: float) -> tuple[str, str
 
 def _column(pair: Pair, dehazers: Mapping[str, Dehazer]) -> Image:
     pictures = {f"hazy, {pair.visibility_m:.0f} m": pair.frame.image_rgb}
-    pictures |= {name: restore(dehazer, pair.frame).image_rgb for name, dehazer in dehazers.items() if name != HAZY}
+    pictures |= {name: restore(dehazer, pair.frame).image_rgb for name, dehazer in dehazers.items() if name != NOT_DEHAZED}
     tiles = []
     for name, image in pictures.items():
         psnr_db = restoration(image, pair.clear_rgb, None)["psnr_db"]
