@@ -53,7 +53,9 @@ def nearest(scores: Sequence[ImageScore], visibility_m: float) -> tuple[str, str
 
 def _column(pair: Pair, dehazers: Mapping[str, Dehazer]) -> Image:
     pictures = {f"hazy, {pair.visibility_m:.0f} m": pair.frame.image_rgb}
-    pictures |= {name: restore(dehazer, pair.frame).image_rgb for name, dehazer in dehazers.items() if name != NOT_DEHAZED}
+    pictures |= {
+        name: restore(dehazer, pair.frame).image_rgb for name, dehazer in dehazers.items() if name != NOT_DEHAZED
+    }
     tiles = []
     for name, image in pictures.items():
         psnr_db = restoration(image, pair.clear_rgb, None)["psnr_db"]
