@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from deckline.sim.ship.clearance import runway_distance
 from deckline.sim.ship.layout import class_layout
-from deckline.sim.ship.markings import edge_coat, line_coat, random_edge, runway_coat, smear_coat
+from deckline.sim.ship.markings import WIDENED, edge_coat, line_coat, random_edge, runway_coat, smear_coat
 from deckline.sim.ship.paint import axes, layers
 from deckline.sim.ship.plan import LineStyle
 from deckline.sim.ship.random_plan import random_surface
@@ -37,7 +37,7 @@ def test_every_kind_of_edge_has_its_middle_on_the_line(kind):
 def test_random_edges_are_narrow_and_lighter_than_their_deck(seed):
     rng = np.random.default_rng(seed)
     style, surface = random_edge(rng), random_surface(rng)
-    assert 0.5 <= style.width_m <= 3.8
+    assert 0.5 <= style.width_m - WIDENED * style.smear_m <= 3.8
     assert style.pitch_m > style.bar_m
     assert np.mean(style.rgb) > np.mean(surface.rgb)
 
