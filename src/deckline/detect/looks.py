@@ -45,7 +45,7 @@ class DetectConfig:
     decode: DecodeConfig = field(default_factory=DecodeConfig)
     # Thresholds of `hybrid`, chosen by scripts/choose_thresholds.py (docs/detection.md). They are compared with the
     # probability of a runway, in the first look times the least of the others, times the lines' mean confidence.
-    min_probability: float = 0.5  # of both lines; below it: not seen
+    min_probability: float = 0.55  # of both lines; below it: not seen
     min_lone_probability: float = 0.8  # of a line without the other one: any marking may look like one edge
     min_expected_probability: float = 0.25  # of both lines where a runway is expected
     fill: float = 0.6  # share of the close look's limiting dimension that the runway takes
@@ -53,7 +53,7 @@ class DetectConfig:
     max_looks: int = 3  # the whole image included
     good_fill: tuple[float, float] = (0.42, 0.85)  # a close look whose runway fills this much is final
     min_rows: int = 3  # a line on fewer rows is not returned
-    min_confidence: float = 0.6  # of a row
+    min_confidence: float = 0.5  # of a row
     # Runway edges are straight. Points this far from where most lie belong to another marking; a lens bends less.
     straight_cells: float = 2.0
     min_straight_share: float = 0.5  # of a line's points; a line that is split more evenly is not seen
