@@ -8,6 +8,7 @@ from runway_scene import (
     DECK_Z_M,
     LEFT,
     LENS,
+    PARALLEL_RIGHT,
     RIGHT,
     approach,
     azimuth,
@@ -112,6 +113,18 @@ def test_lines_that_begin_far_apart_are_no_runway():
     assert re.fullmatch(r"the lines begin \d\d m apart along the runway", estimate.reason)
     not_asked = replace(CONFIG, agreement=AgreementConfig(max_step_m=1000.0))
     assert localize(frame, Detection(left, found.right), not_asked, rng()).status is Status.OK
+
+
+def test_lines_of_a_banked_deck_may_begin_apart_as_far_as_banking_is_expected():
+    """5 degrees of bank, projected onto a level deck from 6 m above it, move the near ends 16 m apart."""
+    frame = approach(60.0, 6.0, right=PARALLEL_RIGHT)
+    rise = np.array([0.0, 0.0, 7.45 * np.sin(np.deg2rad(5.0))])
+    lines = [Segment(line.p0_m + up, line.p1_m + up) for line, up in ((LEFT, -rise), (PARALLEL_RIGHT, rise))]
+    banked = Detection(*(line_points(frame, line) for line in lines))
+    level = localize(frame, banked, CONFIG, rng())
+    assert (level.status, level.reason) == (Status.NOT_SEEN, "the lines begin 16 m apart along the runway")
+    expected = replace(CONFIG, deck=DeckConfig(tilt_rad=np.deg2rad(3.0)))
+    assert localize(frame, banked, expected, rng()).status is Status.OK
 
 
 def test_nothing_detected_is_not_seen():

@@ -134,8 +134,8 @@ def _estimate(
         ends = near_ends(frame, points, world.located, fits["centre"], detection.region_px)
         if isinstance(ends, str):
             reasons.append(f"no ramp: {ends}")
-        elif contradiction := begin_apart(ends, config.agreement):
-            return _nothing(contradiction)
+        elif contradiction := begin_apart(ends, fits["left"], fits["right"], config.agreement):
+            return _nothing("; ".join([*reasons, contradiction]))
         else:
             ramp_m, ramp_sigma_m = ramp(ends, fits["centre"])
     elif "centre" in fits:

@@ -25,6 +25,7 @@ class NearEnds:
     along_m: Array  # (2,)
     variance: Array  # (2,) m2, of each alone
     common_m: Array  # (K,) what common sources of 1-sigma move their mean by
+    reach: float  # distance along the deck per height above it: what a line taken for too low ends nearer by
 
     @property
     def apart_m(self) -> float:
@@ -122,7 +123,10 @@ def near_ends(
     Points come row by row or column by column, so a true end lies anywhere between the last one with the line and the
     next: the middle of that gap is taken, and the whole gap on the ground is its 1-sigma, as a detector may lose it.
     """
-    ends, variances, shared = [], [], []
+    pose = frame.world_from_camera
+    if pose is None:
+        return "no pose"
+    ends, variances, shared, reaches = [], [], [], []
     for side in SIDES:
         line = located[side]
         along_m = (line.points_m[:, :2] - centre.point_m[:2]) @ centre.direction
@@ -133,18 +137,27 @@ def near_ends(
         margin = max(MARGIN_STEPS * step, MARGIN_SHARE * nearer, key=np.linalg.norm)
         if not _inside(seen[nearest] + margin, frame, region_px):
             return f"the near end of the {side} line is not in view"
-        gap = _gap(frame, seen[nearest], step, line.points_m[nearest], centre)
+        rays = pose.rotation.apply(frame.camera.rays(np.stack([seen[nearest], seen[nearest] + step])))
+        ground = intersect_plane(pose.translation, rays, float(line.points_m[nearest, 2]))
+        gap = float(abs((ground[0, :2] - ground[1, :2]) @ centre.direction))
         if not np.isfinite(gap):
             return f"the near end of the {side} line cannot be placed on the deck"
         ends.append(float(along_m[nearest]) - gap / 2)
         variances.append(gap**2 + float((line.depth_m[nearest, :2] @ centre.direction) ** 2))
         shared.append(line.common_m[:, nearest, :2] @ centre.direction)
-    return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2)
+        way = line.points_m[nearest] - pose.translation
+        reaches.append(float(way[:2] @ centre.direction / way[2]))
+    return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2, float(np.mean(reaches)))
 
 
-def begin_apart(ends: NearEnds, config: AgreementConfig) -> str:
-    """Why lines that begin there are not both edges of one runway, or an empty string."""
-    if ends.apart_m <= config.max_step_m + 3 * np.sqrt(ends.variance.sum()):
+def begin_apart(ends: NearEnds, left: LineFit, right: LineFit, config: AgreementConfig) -> str:
+    """Why lines that begin there are not both edges of one runway, or an empty string.
+
+    On a deck that banks one line lies higher than it is taken to be; what the fits say of that is allowed for.
+    """
+    higher = np.concatenate([left.own[2] - right.own[2], left.relative[2] - right.relative[2]])
+    variance = ends.variance.sum() + ends.reach**2 * (higher @ higher)
+    if ends.apart_m <= config.max_step_m + 3 * np.sqrt(variance):
         return ""
     return f"the lines begin {ends.apart_m:.0f} m apart along the runway"
 
@@ -193,13 +206,3 @@ def _inside(pixel: Array, frame: Frame, region_px: Region | None) -> bool:
         max(u0, 0) <= pixel[0] <= min(u1, frame.camera.width - 1)
         and max(v0, 0) <= pixel[1] <= min(v1, frame.camera.height - 1)
     )
-
-
-def _gap(frame: Frame, pixel: Array, step: Array, point_m: Array, centre: LineFit) -> float:
-    """Ground covered along the centre line by the next step towards the aircraft, m; NaN off the deck plane."""
-    pose = frame.world_from_camera
-    if pose is None:
-        return float("nan")
-    rays = pose.rotation.apply(frame.camera.rays(np.stack([pixel, pixel + step])))
-    ground = intersect_plane(pose.translation, rays, float(point_m[2]))
-    return float(abs((ground[0, :2] - ground[1, :2]) @ centre.direction))
