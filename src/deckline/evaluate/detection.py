@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from deckline.evaluate.chain import range_to_ramp_m
 from deckline.evaluate.detection_lanes import CuLane, TuSimple, culane, tusimple
 from deckline.evaluate.labels import distance_px
+from deckline.labels.contrast import line_contrast
 from deckline.labels.lines import Line, at_rows
 from deckline.labels.own import Labels
 from deckline.labels.truth import SeenLine, seen_line, through_air
@@ -22,6 +23,7 @@ RIGHT_PX = 3.0  # a point this near to its line, in an image of 1280 px, is righ
 FULL_WIDTH_PX = 1280
 LANE_ROWS = 56  # rows that a line is compared on in TuSimple's score; as many as its own files have
 LOST_PX = 1e4  # error of a point that no ray of the lens reaches
+CONTRAST_STEP = 4  # points of a line for one at which its contrast is taken
 DIGITS = 5  # significant digits kept of a point's error and confidence
 
 
@@ -62,6 +64,7 @@ class DetectionScore:
     tusimple: TuSimple | None  # of a deck
     culane: CuLane | None
     light: float = float("nan")  # share of the ramp's light that comes through the air
+    contrast: float = float("nan")  # of the fainter line in the image, grey levels; NaN without both
 
     @property
     def found(self) -> int:
@@ -164,7 +167,15 @@ def score_detection(
         _tusimple(predicted, true, size[0]) if deck else None,
         culane(predicted, true if deck else [], size) if rated else None,
         expected.light,
+        _contrast(frame, expected.lines_px),
     )
+
+
+def _contrast(frame: Frame, lines_px: Mapping[str, Line | None]) -> float:
+    lines = [line[::CONTRAST_STEP] for line in (lines_px[side] for side in SIDES) if line is not None]
+    if len(lines) < len(SIDES):
+        return float("nan")
+    return min(float(np.median(line_contrast(frame.image_rgb, *pair))) for pair in (lines, lines[::-1]))
 
 
 def _tusimple(predicted: list[Line], true: list[Line], width_px: int) -> TuSimple:
@@ -195,6 +206,7 @@ def score_from_mapping(values: Mapping[str, Any]) -> DetectionScore:
             "range_m": float(values["range_m"]),
             "visibility_m": float(values["visibility_m"]),
             "light": float(values.get("light", "nan")),
+            "contrast": float(values.get("contrast", "nan")),
             "errors_px": {side: [float(value) for value in errors] for side, errors in values["errors_px"].items()},
             "tusimple": None if lanes[0] is None else TuSimple(**lanes[0]),
             "culane": None if lanes[1] is None else CuLane(**lanes[1]),

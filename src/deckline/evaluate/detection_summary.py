@@ -13,6 +13,7 @@ from deckline.types import SIDES
 
 VISIBILITY_BANDS_M = ((0.0, 200.0), (200.0, 500.0), (500.0, 1000.0), (1000.0, 2000.0), (2000.0, np.inf))
 LIGHT_BANDS = ((0.0, 10.0), (10.0, 30.0), (30.0, 60.0), (60.0, np.inf))  # % of the ramp's
+CONTRAST_BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 5.0), (5.0, 15.0), (15.0, np.inf))  # grey levels
 BINS = 10  # of confidence, evenly from 0 to 1
 
 Figures = dict[str, float]
@@ -122,11 +123,15 @@ def calibration(confidence: ArrayLike, right: ArrayLike, bins: int = BINS) -> Re
 
 
 def groups(scores: Sequence[DetectionScore]) -> dict[str, dict[str, list[DetectionScore]]]:
-    """Scores by range, visibility, the ramp's light that arrives, and ship; groups without frames are left out."""
+    """Scores by range, visibility, the ramp's light that arrives, the lines' contrast, and ship.
+
+    Groups without frames are left out.
+    """
     return {
         "range to the ramp": _banded(scores, lambda score: score.range_m, RANGE_BANDS_M),
         "visibility": _banded(scores, lambda score: score.visibility_m, VISIBILITY_BANDS_M),
         "light through the air": _banded(scores, lambda score: 100 * score.light, LIGHT_BANDS, "%"),
+        "contrast of the fainter line": _banded(scores, lambda score: score.contrast, CONTRAST_BANDS, "grey levels"),
         "ship": {ship: [s for s in scores if s.ship == ship] for ship in sorted({s.ship for s in scores})},
     }
 

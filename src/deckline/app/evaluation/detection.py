@@ -45,8 +45,8 @@ def detection(
 ) -> int:
     """Find the lines in frames whose lines are known: found-rate, false lines, errors, lane scores, calibration.
 
-    Prints figures of all frames, then by range, visibility, light and ship. With --out, a stopped command goes on where
-    it was when it is given again.
+    Prints figures of all frames, then by range, visibility, light, contrast and ship. With --out, a stopped command
+    goes on where it was when it is given again.
 
     Args:
         sources: recordings with truth, folders with labels.json, or folders of recordings.

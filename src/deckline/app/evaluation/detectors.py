@@ -123,7 +123,7 @@ def label(name: str) -> str:
 
 
 def comparison_tables(scores: dict[Key, list[DetectionScore]]) -> list[TableText]:
-    """All frames, then the share of decks found by range, visibility and the ramp's light that arrives."""
+    """All frames, then the share of decks found by range, visibility, light that arrives and contrast."""
     keys = list(scores)
     figures = {key: summarise_detection(found) for key, found in scores.items()}
     rows = [
@@ -137,7 +137,7 @@ def comparison_tables(scores: dict[Key, list[DetectionScore]]) -> list[TableText
             tuple(rows),
         )
     ]
-    for what in ("range to the ramp", "visibility", "light through the air"):
+    for what in ("range to the ramp", "visibility", "light through the air", "contrast of the fainter line"):
         bands = [name for name, members in groups(scores[keys[0]])[what].items() if _decks(members)]
         found = tuple(
             (*key, *(f"{100 * _found(groups(scores[key])[what][band]):.1f}" for band in bands)) for key in keys
