@@ -251,13 +251,17 @@ def test_a_painted_centre_line_sharpens_the_middle_and_stands_in_for_a_line():
     np.testing.assert_allclose(error_at_ramp(alone.lines["centre"], PARALLEL_CENTRE), 0, atol=1e-5)
 
 
-def test_a_centre_line_that_is_not_between_the_others_is_left_out():
+@pytest.mark.parametrize(("aside_m", "believed"), [(1.0, True), (-1.5, True), (4.0, False), (-4.0, False)])
+def test_a_centre_line_off_the_middle_is_left_out_and_far_off_it_the_edges_are_not_believed(aside_m, believed):
     frame = approach(120.0, 10.0, right=PARALLEL_RIGHT)
     exact = detection(frame, PARALLEL_RIGHT, 20, 0.5)
-    aside = Segment(*(p + np.array([0.0, 2.5, 0.0]) for p in (PARALLEL_CENTRE.p0_m, PARALLEL_CENTRE.p1_m)))
+    aside = Segment(*(p + np.array([0.0, aside_m, 0.0]) for p in (PARALLEL_CENTRE.p0_m, PARALLEL_CENTRE.p1_m)))
     wrong = replace(exact, centre=line_points(frame, aside, 20, 0.5))
-    one, other = (localize(frame, found, CONFIG, rng()).lines["centre"] for found in (exact, wrong))
-    np.testing.assert_allclose(one.point_m, other.point_m, atol=1e-9)
+    one, other = (localize(frame, found, CONFIG, rng()) for found in (exact, wrong))
+    assert other.status is (Status.OK if believed else Status.NOT_SEEN)
+    assert "m off where the lines are 14.7 m apart" in other.reason
+    if believed:
+        np.testing.assert_allclose(one.lines["centre"].point_m, other.lines["centre"].point_m, atol=1e-9)
 
 
 @settings(max_examples=15, deadline=None)

@@ -95,6 +95,7 @@ class AgreementConfig:
     # 1-sigma of the true angle between the lines: painted lines are not exactly parallel (the paper's: 0.37 degrees).
     parallel_rad: float = float(np.deg2rad(0.6))
     max_step_m: float = 10.0  # between the near ends of the lines along the runway, beside three times its 1-sigma
+    max_centre_share: float = 0.15  # of the spacing, that a centre line may lie off the middle of two lines of a runway
 
 
 @dataclass(frozen=True)

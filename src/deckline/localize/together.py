@@ -75,11 +75,23 @@ def fit_together(
 
 
 def _believed(fits: dict[str, LineFit], config: LocalizeConfig) -> tuple[tuple[str, ...], str]:
-    """Names of the lines that agree with each other, and why others do not."""
+    """Names of the lines that agree with each other, and why others do not.
+
+    A centre line near one of two edge lines says that another marking was taken for an edge: none is then believed.
+    """
     kept, contradiction = drop_contradictions(fits, config.agreement)
-    if "centre" in kept and not (set(SIDES) & set(kept) and _is_between(kept, config)):
-        kept = {name: fit for name, fit in kept.items() if name != "centre"}
-    return tuple(kept), contradiction
+    edges = tuple(name for name in kept if name in SIDES)
+    if "centre" not in kept or not edges:
+        return edges, contradiction
+    if _is_between(kept, config):
+        return tuple(kept), contradiction
+    if len(edges) == len(SIDES):
+        gaps_m = _gaps(kept["centre"], [kept[side] for side in edges])
+        off_m, spacing_m = abs(sum(gaps_m)) / 2, abs(gaps_m[1] - gaps_m[0])
+        contradiction = f"the centre line is not midway: {off_m:.1f} m off where the lines are {spacing_m:.1f} m apart"
+        if off_m > config.agreement.max_centre_share * spacing_m:
+            return (), contradiction
+    return edges, contradiction
 
 
 def line_fits(solution: Solution, view: Sight, noise: NoiseConfig) -> dict[str, LineFit]:
@@ -187,10 +199,16 @@ def _is_between(fits: dict[str, LineFit], config: LocalizeConfig) -> bool:
         return False
     if len(edges) < len(SIDES):
         return True
-    gaps, moved = [], []
-    for edge in edges:
-        lever = (centre.point_m[:2] - edge.point_m[:2]) @ edge.direction
-        gaps.append(float((edge.point_m[:2] + lever * edge.direction - centre.point_m[:2]) @ centre.right))
-        moved.append(edge.own[0] + lever * edge.own[1])
+    levers = [(centre.point_m[:2] - edge.point_m[:2]) @ edge.direction for edge in edges]
+    moved = [edge.own[0] + lever * edge.own[1] for edge, lever in zip(edges, levers, strict=True)]
     spread = np.hypot(np.linalg.norm(centre.own[0] - (moved[0] + moved[1]) / 2), config.deck.centre_sigma_m)
-    return abs(gaps[0] + gaps[1]) / 2 <= CENTRE_CONTRADICTION * spread
+    return abs(sum(_gaps(centre, edges))) / 2 <= CENTRE_CONTRADICTION * spread
+
+
+def _gaps(centre: LineFit, edges: list[LineFit]) -> list[float]:
+    """How far right of a centre line's point each edge line passes, m."""
+    ways = [edge.point_m[:2] - centre.point_m[:2] for edge in edges]
+    return [
+        float((way - (way @ edge.direction) * edge.direction) @ centre.right)
+        for way, edge in zip(ways, edges, strict=True)
+    ]
