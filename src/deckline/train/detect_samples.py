@@ -13,8 +13,8 @@ from deckline.train.detect_augment import DetectAugmentation, degraded, rotated
 from deckline.train.detect_labels import LabelledView
 from deckline.train.detect_views import LineView
 
-BARE_CONTRAST = 1.0  # grey levels that a clear view of a deck shows without any marking
-VISIBLE_CONTRAST = 0.35  # grey levels; a marking with less than that beyond it left is "no line here"
+PAINT_CONTRAST = 100.0  # grey levels between white paint and a dark deck
+VISIBLE_CONTRAST = 1.5  # grey levels; paint with less of it left is "no line here"
 VISIBLE_SHARE = 0.15  # of both lines' points; with less there is no runway in the view
 CLOSE_MIN_PX = 4.0  # a box narrower than that in the frame gets no close look
 MIRRORED = [1, 0, 2]  # the left line is then the right one
@@ -125,7 +125,7 @@ def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator)
     image = view.clear.clear_rgb.astype(np.float32)
     lines = np.zeros((3, 0, 2)) if view.lines_px is None else view.lines_px
     line_ranges = np.zeros((3, 0)) if view.ranges_m is None else view.ranges_m
-    contrast = np.zeros((3, 0)) if view.contrast is None else np.maximum(view.contrast - BARE_CONTRAST, 0.0)
+    contrast = np.full(line_ranges.shape, PAINT_CONTRAST)
     contrast[2] *= bool(view.centre_painted)
     thing, thing_m = _thing(ranges, rng)
     if rng.random() < augment.haze_share:
