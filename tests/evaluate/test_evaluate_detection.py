@@ -14,6 +14,7 @@ from deckline.evaluate.detection import (
 )
 from deckline.evaluate.detection_lanes import CuLane, TuSimple
 from deckline.geometry import Camera, attitude, pose
+from deckline.labels.lines import resampled
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(640, 360, np.pi / 2)
@@ -52,6 +53,19 @@ def test_labels_say_it_too():
     line = np.array([[1.0, 2.0], [3.0, 4.0]])
     for left, right, scene in ((line, line, Scene.DECK), (line, None, Scene.UNRATED), (None, None, Scene.EMPTY)):
         assert expected_from_labels({"left": left, "right": right}).scene is scene
+
+
+def test_contrast_is_the_fainter_lines_however_many_points_say_where_it_is():
+    image = np.full((360, 640, 3), 40, np.uint8)
+    image[:, 192:209] = 140  # a twelfth of the way to the other line
+    image[:, 392:409] = 60
+    frame = dataclasses.replace(frame_at(-100.0), image_rgb=image)
+    left, right = (np.array([[u, 300.0], [u, 100.0]]) for u in (200.0, 400.0))
+    nothing = Detection(points([]), points([]))
+    for lines in ((left, right), (resampled(left, 40), resampled(right, 300))):
+        expected = expected_from_labels(dict(zip(("left", "right"), lines, strict=True)))
+        assert score_detection(frame, nothing, expected).contrast == pytest.approx(20.0, rel=0.2)
+    assert np.isnan(score_detection(frame, nothing, expected_from_labels({"left": left, "right": None})).contrast)
 
 
 @pytest.mark.parametrize("distortion", [(0.0,) * 5, (-0.05, 0.01, 0.0, 0.0, 0.0)])

@@ -49,7 +49,7 @@ class DetectConfig:
     min_lone_probability: float = 0.8  # of a line without the other one: any marking may look like one edge
     min_expected_probability: float = 0.25  # of both lines where a runway is expected
     fill: float = 0.6  # share of the close look's limiting dimension that the runway takes
-    min_width_px: float = 48.0  # image px; narrower windows only magnify blur
+    min_width_px: float = 48.0  # image px of a close look; chosen on approaches from 800 m (docs/detection.md)
     max_looks: int = 3  # the whole image included
     good_fill: tuple[float, float] = (0.42, 0.85)  # a close look whose runway fills this much is final
     min_rows: int = 3  # a line on fewer rows is not returned

@@ -12,7 +12,7 @@ from deckline.evaluate.chain import range_to_ramp_m
 from deckline.evaluate.detection_lanes import CuLane, TuSimple, culane, tusimple
 from deckline.evaluate.labels import distance_px
 from deckline.labels.contrast import line_contrast
-from deckline.labels.lines import Line, at_rows
+from deckline.labels.lines import Line, at_rows, resampled
 from deckline.labels.own import Labels
 from deckline.labels.truth import SeenLine, seen_line, through_air
 from deckline.types import SIDES, Detection, Frame, Segment
@@ -23,7 +23,7 @@ RIGHT_PX = 3.0  # a point this near to its line, in an image of 1280 px, is righ
 FULL_WIDTH_PX = 1280
 LANE_ROWS = 56  # rows that a line is compared on in TuSimple's score; as many as its own files have
 LOST_PX = 1e4  # error of a point that no ray of the lens reaches
-CONTRAST_STEP = 4  # points of a line for one at which its contrast is taken
+CONTRAST_POINTS = 65  # along a line, at which its contrast is taken
 DIGITS = 5  # significant digits kept of a point's error and confidence
 
 
@@ -172,7 +172,7 @@ def score_detection(
 
 
 def _contrast(frame: Frame, lines_px: Mapping[str, Line | None]) -> float:
-    lines = [line[::CONTRAST_STEP] for line in (lines_px[side] for side in SIDES) if line is not None]
+    lines = [resampled(line, CONTRAST_POINTS) for line in (lines_px[side] for side in SIDES) if line is not None]
     if len(lines) < len(SIDES):
         return float("nan")
     return min(float(np.median(line_contrast(frame.image_rgb, *pair))) for pair in (lines, lines[::-1]))
