@@ -52,7 +52,7 @@ def test_what_there_is_to_find():
 def test_labels_say_it_too():
     line = np.array([[1.0, 2.0], [3.0, 4.0]])
     for left, right, scene in ((line, line, Scene.DECK), (line, None, Scene.UNRATED), (None, None, Scene.EMPTY)):
-        assert expected_from_labels({"left": left, "right": right}).scene is scene
+        assert expected_from_labels({"left": left, "right": right}, frame_at(-100.0).image_rgb).scene is scene
 
 
 def test_contrast_is_the_fainter_lines_however_many_points_say_where_it_is():
@@ -63,9 +63,10 @@ def test_contrast_is_the_fainter_lines_however_many_points_say_where_it_is():
     left, right = (np.array([[u, 300.0], [u, 100.0]]) for u in (200.0, 400.0))
     nothing = Detection(points([]), points([]))
     for lines in ((left, right), (resampled(left, 40), resampled(right, 300))):
-        expected = expected_from_labels(dict(zip(("left", "right"), lines, strict=True)))
+        expected = expected_from_labels(dict(zip(("left", "right"), lines, strict=True)), image)
         assert score_detection(frame, nothing, expected).contrast == pytest.approx(20.0, rel=0.2)
-    assert np.isnan(score_detection(frame, nothing, expected_from_labels({"left": left, "right": None})).contrast)
+    alone = expected_from_labels({"left": left, "right": None}, image)
+    assert np.isnan(score_detection(frame, nothing, alone).contrast)
 
 
 @pytest.mark.parametrize("distortion", [(0.0,) * 5, (-0.05, 0.01, 0.0, 0.0, 0.0)])

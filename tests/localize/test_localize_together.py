@@ -259,7 +259,7 @@ def test_a_centre_line_off_the_middle_is_left_out_and_far_off_it_the_edges_are_n
     wrong = replace(exact, centre=line_points(frame, aside, 20, 0.5))
     one, other = (localize(frame, found, CONFIG, rng()) for found in (exact, wrong))
     assert other.status is (Status.OK if believed else Status.NOT_SEEN)
-    assert "m off where the lines are 14.7 m apart" in other.reason
+    assert "m off where the lines are 14.7 m apart, turned by 0.0 degrees" in other.reason
     if believed:
         np.testing.assert_allclose(one.lines["centre"].point_m, other.lines["centre"].point_m, atol=1e-9)
 

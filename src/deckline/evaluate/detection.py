@@ -44,6 +44,7 @@ class Expected:
     range_m: float = float("nan")  # aircraft to the ramp; NaN when unknown
     visibility_m: float = float("nan")  # 2 % contrast; NaN when unknown
     light: float = float("nan")  # share of the ramp's light that comes through the air; NaN when unknown
+    contrast: float = float("nan")  # of the fainter line in the image, grey levels; NaN without both
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,8 @@ def expected_from_truth(frame: Frame) -> Expected:
     else:
         in_image = any(seen_line(frame, segment, within_visibility=False) is not None for segment in segments)
         scene = Scene.UNRATED if in_image else Scene.EMPTY
-    return Expected(scene, lines, range_to_ramp_m(frame), visibility, _light(frame, segments))
+    light, contrast = _light(frame, segments), _contrast(frame.image_rgb, lines)
+    return Expected(scene, lines, range_to_ramp_m(frame), visibility, light, contrast)
 
 
 def _light(frame: Frame, segments: tuple[Segment, Segment]) -> float:
@@ -114,10 +116,17 @@ def _light(frame: Frame, segments: tuple[Segment, Segment]) -> float:
     return float(through_air(pose.inv().apply(np.stack([line.p0_m for line in segments])), frame).mean())
 
 
-def expected_from_labels(labels: Labels) -> Expected:
-    """What a person labelled in a frame."""
+def _contrast(image_rgb: NDArray[np.uint8], lines_px: Mapping[str, Line | None]) -> float:
+    lines = [resampled(line, CONTRAST_POINTS) for line in (lines_px[side] for side in SIDES) if line is not None]
+    if len(lines) < len(SIDES):
+        return float("nan")
+    return min(float(np.median(line_contrast(image_rgb, *pair))) for pair in (lines, lines[::-1]))
+
+
+def expected_from_labels(labels: Labels, image_rgb: NDArray[np.uint8]) -> Expected:
+    """What a person labelled in an image (H, W, 3)."""
     there = sum(labels[side] is not None for side in SIDES)
-    return Expected((Scene.EMPTY, Scene.UNRATED, Scene.DECK)[there], labels)
+    return Expected((Scene.EMPTY, Scene.UNRATED, Scene.DECK)[there], labels, contrast=_contrast(image_rgb, labels))
 
 
 def _counts(line: SeenLine | None) -> bool:
@@ -167,15 +176,8 @@ def score_detection(
         _tusimple(predicted, true, size[0]) if deck else None,
         culane(predicted, true if deck else [], size) if rated else None,
         expected.light,
-        _contrast(frame, expected.lines_px),
+        expected.contrast,
     )
-
-
-def _contrast(frame: Frame, lines_px: Mapping[str, Line | None]) -> float:
-    lines = [resampled(line, CONTRAST_POINTS) for line in (lines_px[side] for side in SIDES) if line is not None]
-    if len(lines) < len(SIDES):
-        return float("nan")
-    return min(float(np.median(line_contrast(frame.image_rgb, *pair))) for pair in (lines, lines[::-1]))
 
 
 def _tusimple(predicted: list[Line], true: list[Line], width_px: int) -> TuSimple:

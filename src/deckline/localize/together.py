@@ -86,9 +86,12 @@ def _believed(fits: dict[str, LineFit], config: LocalizeConfig) -> tuple[tuple[s
     if _is_between(kept, config):
         return tuple(kept), contradiction
     if len(edges) == len(SIDES):
-        gaps_m = _gaps(kept["centre"], [kept[side] for side in edges])
-        off_m, spacing_m = abs(sum(gaps_m)) / 2, abs(gaps_m[1] - gaps_m[0])
-        contradiction = f"the centre line is not midway: {off_m:.1f} m off where the lines are {spacing_m:.1f} m apart"
+        left_m, right_m = (_beside(kept["centre"], kept[side])[0] for side in edges)
+        off_m, spacing_m = abs(left_m + right_m) / 2, abs(right_m - left_m)
+        contradiction = (
+            f"the centre line is not midway: {off_m:.1f} m off where the lines are {spacing_m:.1f} m apart, turned by "
+            f"{abs(np.rad2deg(_turned(kept['centre'], [kept[side] for side in edges]))):.1f} degrees"
+        )
         if off_m > config.agreement.max_centre_share * spacing_m:
             return (), contradiction
     return edges, contradiction
@@ -192,23 +195,25 @@ def _is_between(fits: dict[str, LineFit], config: LocalizeConfig) -> bool:
     """Whether a painted centre line lies midway between both edge lines, or along the only one."""
     centre = fits["centre"]
     edges = [fits[side] for side in SIDES if side in fits]
-    turns = [float(wrap_angle(edge.azimuth_rad - centre.azimuth_rad)) for edge in edges]
     parallel = config.agreement.parallel_rad
     sigma = np.hypot(np.linalg.norm(centre.own[1] - sum(edge.own[1] for edge in edges) / len(edges)), parallel / 2)
-    if abs(sum(turns) / len(edges)) > CENTRE_CONTRADICTION * np.hypot(sigma, config.deck.centre_sigma_rad):
+    if abs(_turned(centre, edges)) > CENTRE_CONTRADICTION * np.hypot(sigma, config.deck.centre_sigma_rad):
         return False
     if len(edges) < len(SIDES):
         return True
-    levers = [(centre.point_m[:2] - edge.point_m[:2]) @ edge.direction for edge in edges]
+    gaps, levers = zip(*(_beside(centre, edge) for edge in edges), strict=True)
     moved = [edge.own[0] + lever * edge.own[1] for edge, lever in zip(edges, levers, strict=True)]
     spread = np.hypot(np.linalg.norm(centre.own[0] - (moved[0] + moved[1]) / 2), config.deck.centre_sigma_m)
-    return abs(sum(_gaps(centre, edges))) / 2 <= CENTRE_CONTRADICTION * spread
+    return abs(sum(gaps)) / 2 <= CENTRE_CONTRADICTION * spread
 
 
-def _gaps(centre: LineFit, edges: list[LineFit]) -> list[float]:
-    """How far right of a centre line's point each edge line passes, m."""
-    ways = [edge.point_m[:2] - centre.point_m[:2] for edge in edges]
-    return [
-        float((way - (way @ edge.direction) * edge.direction) @ centre.right)
-        for way, edge in zip(ways, edges, strict=True)
-    ]
+def _turned(centre: LineFit, edges: list[LineFit]) -> float:
+    """Mean azimuth of edge lines less a centre line's, rad."""
+    return sum(float(wrap_angle(edge.azimuth_rad - centre.azimuth_rad)) for edge in edges) / len(edges)
+
+
+def _beside(centre: LineFit, edge: LineFit) -> tuple[float, float]:
+    """How far right of a centre line's point an edge line passes, and how far along the edge from its own point, m."""
+    lever = (centre.point_m[:2] - edge.point_m[:2]) @ edge.direction
+    foot = edge.point_m[:2] + lever * edge.direction
+    return float((foot - centre.point_m[:2]) @ centre.right), float(lever)

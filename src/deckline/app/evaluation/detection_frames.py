@@ -87,7 +87,7 @@ class Recorded(FrameSet):
                 raise FrameError(frame.file, str(error)) from None
         if frame.file not in self._labels:
             return None
-        return Question(frame, expected_from_labels(self._labels[frame.file]), self._ship)
+        return Question(frame, expected_from_labels(self._labels[frame.file], frame.image_rgb), self._ship)
 
 
 class Rendered(FrameSet):

@@ -27,7 +27,7 @@ COLUMNS = {  # heading: figure, factor, digits after the point
 NOTES = """\
 decks: frames with both lines in view, 10 % of each, whose light comes through the air to 2 % or more (bands: of the
 ramp's); empty: without anything of a runway in the image; the others are not rated. contrast: what sets the lines
-apart from the deck in the picture; below one grey level there is hardly anything to be seen. found: points on both
+apart from the deck in the picture; below one grey level it takes a clean camera to see them. found: points on both
 lines; in 3 px: and half of each line's points or more within 3 px of 1280. px: error of all points of decks, normal to
 the line, median and 95th percentile. acc, FP, FN: TuSimple's, on 56 rows that the lines have, 20 px of 1280. F1:
 CULane's, lines drawn 30 px of 1640 wide, IoU over 0.5. ECE: expected calibration error of the points' confidence.
