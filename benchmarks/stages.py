@@ -19,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from deckline.app.commands import SAMPLE
-from deckline.app.evaluation.dehazing_methods import file_label
+from deckline.cli.run import SAMPLE
 from deckline.dehaze import DEHAZERS
 from deckline.detect import DETECTORS, Detector, OnnxDetector
 from deckline.detect.preprocess import look, normalise, whole_window
+from deckline.evaluation.dehazing_methods import file_label
 from deckline.recording import open_source
 
 PEER = "dehaze dark-channel"

@@ -17,8 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
-from deckline.app.evaluation.detection import rendered_sets
-from deckline.app.evaluation.detection_frames import FrameSet, open_recorded
 from deckline.detect import DETECTORS, OnnxDetector
 from deckline.detect.looks import (
     DetectConfig,
@@ -30,8 +28,10 @@ from deckline.detect.looks import (
 )
 from deckline.detect.preprocess import Window
 from deckline.detect.region import decode_region
-from deckline.evaluate.detection import Expected, Scene
-from deckline.evaluate.labels import distance_px
+from deckline.evaluation.detection import rendered_sets
+from deckline.evaluation.detection_frames import FrameSet, open_recorded
+from deckline.evaluation.detection_measure import Expected, Scene
+from deckline.evaluation.labels import distance_px
 from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import SIDES

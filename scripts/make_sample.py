@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deckline.evaluate.chain import range_to_ramp_m
+from deckline.evaluation.chain import range_to_ramp_m
 from deckline.recording import RecordingWriter
 from deckline.sim import SimConfig, frames
 from deckline.sim.camera.depth_camera import DepthConfig

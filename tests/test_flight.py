@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from app_scene import chain, frame
 
+from approach_scene import chain, frame
 from deckline.flight import Flight, open_flight
 from deckline.pipeline import PipelineConfig
 from deckline.types import TrackState

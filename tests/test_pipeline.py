@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform
 
 import deckline
 from deckline.detect.prior import RunwaySurvey, surveyed
-from deckline.evaluate.chain import score_frame
+from deckline.evaluation.chain import score_frame
 from deckline.geometry import Camera
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Pipeline, PipelineConfig

@@ -12,7 +12,7 @@ from airsim_serving import CONFIG, running_server
 
 from deckline.adapters.airsim.client import Connection
 from deckline.adapters.airsim.source import open_live
-from deckline.app.cli import main
+from deckline.cli.main import main
 from deckline.geometry import attitude
 from deckline.recording import open_source
 from deckline.sim import frames

@@ -9,7 +9,7 @@ import pytest
 from airsim_stand_in import BGR, HALF, StandIn, pose, response, vector
 
 from deckline.adapters.airsim.source import LiveConfig, LiveSource, Pace, open_live
-from deckline.app.cli import main
+from deckline.cli.main import main
 from deckline.recording import BadFrame, RecordingError
 from deckline.types import Frame
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
-from deckline.app.cli import main
+from deckline.cli.main import main
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
-from deckline.evaluate.metrics import psnr_db
+from deckline.evaluation.metrics import psnr_db
 from deckline.haze import beta_from_visibility
 from deckline.recording.images import read_image
 from deckline.runtime import shipped_weights

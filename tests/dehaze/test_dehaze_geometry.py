@@ -15,7 +15,7 @@ from deckline.dehaze.geometry import (
     smaller,
 )
 from deckline.dehaze.sea_view import sea_view
-from deckline.evaluate.metrics import below_horizon, psnr_db
+from deckline.evaluation.metrics import below_horizon, psnr_db
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
 from deckline.sim import SimConfig, frames

@@ -6,7 +6,7 @@ from deckline.dehaze import OnnxDehazer
 from deckline.dehaze.geometry import GeometryDehazer, Solved
 from deckline.dehaze.haze_fit import HazeFit
 from deckline.dehaze.joining import CLEAR_M, clear_air, joined, kept, mixed
-from deckline.evaluate.metrics import psnr_db
+from deckline.evaluation.metrics import psnr_db
 from deckline.haze import beta_from_visibility
 from deckline.runtime import shipped_weights
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from deckline.app.evaluation.detection import rendered_sets
-from deckline.app.evaluation.detection_frames import Rendered
-from deckline.evaluate.detection import Scene
+from deckline.evaluation.detection import rendered_sets
+from deckline.evaluation.detection_frames import Rendered
+from deckline.evaluation.detection_measure import Scene
 from deckline.sim import RendererError, SimConfig
 from deckline.sim.deckless import CYCLE
 

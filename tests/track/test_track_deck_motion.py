@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from steady_view import HEIGHT_M, seen, view
 
-from deckline.app.evaluation.integrity_flights import point_flight
-from deckline.app.evaluation.integrity_points import PointNoise
-from deckline.app.evaluation.localization_flights import FlightsConfig
-from deckline.evaluate.localization import pilot_figures, touchdown, true_centre
+from deckline.evaluation.integrity_flights import point_flight
+from deckline.evaluation.integrity_points import PointNoise
+from deckline.evaluation.localization_flights import FlightsConfig
+from deckline.evaluation.localization_measure import pilot_figures, touchdown, true_centre
 from deckline.localize import localize
 from deckline.track import TrackConfig, Tracker
 

@@ -9,7 +9,7 @@ import torch
 from clear_scene import CAMERA, QUICK, clear_frame, clear_recording, interrupting
 
 from deckline.dehaze import OnnxDehazer
-from deckline.evaluate.metrics import psnr_db
+from deckline.evaluation.metrics import psnr_db
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility, transmission
 from deckline.runtime import load_session

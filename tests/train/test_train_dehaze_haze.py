@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from deckline.dehaze.geometry import linear_levels
-from deckline.evaluate.metrics import psnr_db
+from deckline.evaluation.metrics import psnr_db
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.haze import transmission
 from deckline.train.dehaze_data import ClearView, lowest_z

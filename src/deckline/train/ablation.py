@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from deckline.evaluate.ablation import TrainedRow
+from deckline.evaluation.ablation_measure import TrainedRow
 from deckline.recording import BadFrame, open_source
 from deckline.recording.writer import write_atomic
 from deckline.train.checkpoint import read_progress

@@ -1,0 +1,5 @@
+"""`python -m deckline`: the `deckline` command."""
+
+from deckline.cli.main import main
+
+raise SystemExit(main())

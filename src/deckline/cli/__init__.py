@@ -1,0 +1,1 @@
+"""The `deckline` command: thin files that read options and call the rest."""

@@ -1,0 +1,70 @@
+"""`deckline labels`: runway lines in the formats that people label in."""
+
+import sys
+from pathlib import Path
+
+import tyro
+
+from deckline.labels import LABELS_FILE, LabelledImage
+from deckline.labels.export import Format, export_labels
+from deckline.labels.import_ import import_labels
+from deckline.recording import open_source
+
+
+def export(
+    source: tyro.conf.Positional[Path],
+    out: Path,
+    format: Format,
+    camera: Path | None = None,
+    fov_deg: float = 90.0,
+    row_step_px: int = 1,
+    line_points: int = 9,
+) -> int:
+    """Write images and their runway lines as TuSimple, CULane or COCO keypoints, for labelling tools and trainers.
+
+    Args:
+        source: recording with truth (scene.json), or a folder of images with labels.json.
+        out: new folder.
+        format: tusimple, culane or coco.
+        camera: camera.toml, when it does not lie beside the images.
+        fov_deg: horizontal field of view of an AirSim recording without a camera file.
+        row_step_px: rows between points, of TuSimple and CULane; TuSimple's own is 10, too coarse for a far runway.
+        line_points: keypoints of a line, of COCO.
+    """
+    if row_step_px < 1:
+        raise ValueError(f"--row-step-px must be at least 1, got {row_step_px}")
+    opened = open_source(source, camera_file=camera, fov_deg=fov_deg)
+    images, notes = export_labels(opened, source, out, format, row_step_px, line_points)
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+    print(f"{out}: {_counted(images)}")
+    return 0
+
+
+def import_(
+    source: tyro.conf.Positional[Path],
+    out: Path,
+    format: Format,
+    images: Path | None = None,
+    camera: Path | None = None,
+    fov_deg: float | None = None,
+) -> int:
+    """Bring TuSimple, CULane or COCO keypoint labels into a folder that deckline evaluates and trains on.
+
+    Args:
+        source: label file, or the data set's folder.
+        out: new folder: the images, labels.json and camera.toml.
+        format: tusimple, culane or coco.
+        images: folder that the images' names are relative to, when it is not the labels' own.
+        camera: camera.toml of the camera that took the images, when it does not lie beside the labels.
+        fov_deg: horizontal field of view of a camera without distortion, where there is no camera.toml.
+    """
+    imported = import_labels(source, format, out, images, camera, fov_deg)
+    print(f"{out / LABELS_FILE}: {_counted(imported)}")
+    return 0
+
+
+def _counted(images: list[LabelledImage]) -> str:
+    both = sum(all(line is not None for line in image.lines.values()) for image in images)
+    none = sum(all(line is None for line in image.lines.values()) for image in images)
+    return f"{len(images)} images: {both} with both lines, {len(images) - both - none} with one, {none} with none"

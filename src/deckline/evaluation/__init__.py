@@ -1,0 +1,1 @@
+"""Measures the chain and its parts against truth."""

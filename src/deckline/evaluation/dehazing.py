@@ -1,0 +1,255 @@
+"""`deckline eval dehazing`: dehazers against clear pictures, what they do to the lines, and what they cost."""
+
+import json
+import os
+import platform
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from deckline import __version__
+from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
+from deckline.evaluation.dehazing_cost import Cost, CostTask, measure_costs
+from deckline.evaluation.dehazing_measure import ImageScore, restoration, score_lines, summarise, summarise_film
+from deckline.evaluation.dehazing_methods import build_dehazer, by_name, model_of, shown_name, size_of
+from deckline.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
+from deckline.evaluation.dehazing_rows import DEHAZERS_KEY, Rows
+from deckline.evaluation.dehazing_sheet import sheet
+from deckline.evaluation.dehazing_tables import Results, json_of, markdown_of, print_results
+from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.progress import progress
+from deckline.recording import FrameError
+from deckline.recording.writer import write_atomic
+from deckline.report.draw import check_picture_name, write_picture
+from deckline.report.provenance import settings_of
+
+NO_DETECTOR = "none"
+FILE_COLUMNS = 190  # of tables that go to a file or a pipe
+PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime")  # whose version speed depends on
+
+
+@dataclass(frozen=True)
+class DehazingConfig:
+    """Compare dehazers on pairs of a hazy and a clear picture.
+
+    Every image's PSNR and SSIM, by visibility and, where the truth tells of any, by rain and motion blur, with the
+    paired difference to a reference; whether the detector finds the lines better or worse than without dehazing; and
+    with --cost time and memory. Images count as independent: true for random views, not for the frames of one flight,
+    whose intervals come out too narrow.
+
+    With --out the same command goes on where it was stopped, and a command with more dehazers adds theirs.
+
+    Args:
+        sources: recordings with clear pictures (`deckline dataset`, `deckline sim`), or folders of images whose
+            labels.json names the clear image of a hazy one as pair_of, with camera.toml and poses.csv beside them.
+        dehazer: names and .onnx files; none, doing nothing, is always measured as well.
+        reference: name of the dehazer that the others' PSNR and cost are compared with.
+        detector: name or .onnx file; none leaves the lines out.
+        every: take every so many of a source's pairs.
+        deck_z_m: world z of the deck plane; overrides what the sources say.
+        sea_z_m: world z of the water; overrides what the sources say.
+        with_depth: give the dehazers the recorded depth, which in a dataset is the truth.
+        full_size: networks without a coarse grid work on the whole picture, not on one averaged down.
+        cost: measure latency and peak memory as well, each run in a process of its own.
+        cost_size: width and height of the picture for that, px.
+        cost_runs: of each dehazer, interleaved.
+        json_file: write the numbers here as well.
+        markdown: write the tables here as well.
+        sheet: write one picture with what every dehazer makes of a few pairs (.png or .jpg).
+        sheet_visibility: of those pairs, m: for each the pair that comes nearest.
+        out: folder for a row per image and dehazer.
+
+    Raises:
+        ValueError: no source, a sheet that is no picture, or an `every`, `cost_runs` or `cost_size` below 1.
+    """
+
+    sources: tyro.conf.Positional[tuple[Path, ...]]
+    dehazer: tuple[str, ...] = (NOT_DEHAZED, "dark-channel", "geometry", PipelineConfig.dehazer)
+    reference: str = NOT_DEHAZED
+    detector: str = PipelineConfig.detector
+    every: int = 1
+    deck_z_m: float | None = None
+    sea_z_m: float | None = None
+    with_depth: bool = False
+    full_size: bool = False
+    cost: bool = False
+    cost_size: tuple[int, int] = (1280, 720)
+    cost_runs: int = 5
+    json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None
+    markdown: Path | None = None
+    sheet: Path | None = None
+    sheet_visibility: tuple[float, ...] = (400.0, 1000.0, 2500.0)
+    out: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not self.sources:
+            raise ValueError("give at least one recording with clear pictures, or folder with hazy and clear pairs")
+        if self.sheet is not None:
+            check_picture_name(self.sheet, "a sheet")
+        for name, value in (("every", self.every), ("cost_runs", self.cost_runs), ("cost_size", min(self.cost_size))):
+            if value < 1:
+                raise ValueError(f"{name} must be 1 or more, got {value}")
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Everything loaded."""
+
+    named: Mapping[str, str]  # name -> as given
+    dehazers: Mapping[str, Dehazer]
+    pipeline: Pipeline | None  # detector and what follows, without a dehazer of its own; None: no lines
+    reference: str
+    sources: tuple[PairSource, ...]
+
+    @property
+    def pairs(self) -> Iterator[tuple[PairSource, str]]:
+        return ((source, key) for source in self.sources for key in source.keys)
+
+
+def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
+    bench = _load(config)
+    with Rows(config.out, _settings(config, bench)) as rows:
+        skipped = _score_all(bench, rows)
+        wanted = {(source.name, key, name) for source, key in bench.pairs for name in bench.dehazers}
+        scores = [score for key, score in rows.scores.items() if key in wanted]
+    if not scores:
+        raise ValueError(f"zero frames: none of {len(skipped)} could be used; the first: {': '.join(skipped[0])}")
+    order = {name: index for index, name in enumerate(bench.named)}
+    scores.sort(key=lambda score: order[score.dehazer])
+    costs, failed = _costs(config, bench, scores[0]) if config.cost else ({}, {})
+    results = Results(
+        title=_title(config, len({score.image for score in scores})),
+        about=_about(),
+        reference=bench.reference,
+        summaries=summarise(scores, bench.reference, NOT_DEHAZED),
+        film=summarise_film(scores, bench.reference, NOT_DEHAZED),
+        sizes={name: size_of(dehazer) for name, dehazer in bench.dehazers.items()},
+        costs=costs,
+        cost_size_px=config.cost_size,
+        failed=failed,
+        skipped=tuple(skipped),
+    )
+    print_results(Console(width=None if sys.stdout.isatty() else FILE_COLUMNS), results)
+    _write(config, results)
+    if config.sheet is not None:
+        picture = sheet(bench.sources, bench.dehazers, scores, config.sheet_visibility)
+        write_picture(config.sheet, picture)
+        print(config.sheet)
+    return 0
+
+
+def _load(config: DehazingConfig) -> Bench:
+    named = by_name((NOT_DEHAZED, *config.dehazer))
+    reference = config.reference if config.reference in named else shown_name(config.reference)
+    named = by_name((*named.values(), named.get(reference, config.reference)))
+    dehazers = {name: build_dehazer(given, config.full_size) for name, given in named.items()}
+    lines = config.detector != NO_DETECTOR
+    pipeline = Pipeline(PipelineConfig(dehazer=NOT_DEHAZED, detector=config.detector)) if lines else None
+    heights = config.deck_z_m, config.sea_z_m
+    sources = tuple(open_pairs(path, config.every, *heights, config.with_depth) for path in config.sources)
+    if not any(source.keys for source in sources):
+        raise ValueError(f"zero frames: no hazy and clear pair in {', '.join(map(str, config.sources))}")
+    return Bench(named, dehazers, pipeline, reference, sources)
+
+
+def _settings(config: DehazingConfig, bench: Bench) -> dict[str, Any]:
+    """What decides a row's numbers."""
+    chain = {} if bench.pipeline is None else settings_of(bench.pipeline)
+    return {
+        "deckline": __version__,
+        "sources": [source.name for source in bench.sources],
+        "every": config.every,
+        "deck_z_m": config.deck_z_m,
+        "sea_z_m": config.sea_z_m,
+        "with_depth": config.with_depth,
+        "full_size": config.full_size,
+        "detector": chain.get("detector", NO_DETECTOR),
+        "localization": chain.get("localization", ""),
+        DEHAZERS_KEY: {name: model_of(dehazer) for name, dehazer in bench.dehazers.items()},
+    }
+
+
+def _score_all(bench: Bench, rows: Rows) -> list[tuple[str, str]]:
+    """Fill in the rows that are missing; returns the images that cannot be used, and why."""
+    total = len(list(bench.pairs)) * len(bench.dehazers)
+    skipped = []
+    with progress("evaluating", total) as step:
+        for source, key in bench.pairs:
+            missing = [name for name in bench.dehazers if (source.name, key, name) not in rows.scores]
+            for _ in range(len(bench.dehazers) - len(missing)):
+                step()
+            if not missing:
+                continue
+            try:
+                pair = source.load(key)
+            except FrameError as error:
+                skipped.append((f"{source.name}: {error.file}", error.reason))
+                continue
+            for name in missing:
+                _score(rows, (source.name, key), name, pair, bench)
+                step()
+    return skipped
+
+
+def _score(rows: Rows, image: tuple[str, str], name: str, pair: Pair, bench: Bench) -> None:
+    start = time.perf_counter()
+    restored = restore(bench.dehazers[name], pair.frame)
+    seconds = time.perf_counter() - start
+    lines = None
+    if bench.pipeline is not None and pair.lines is not None:
+        lines = score_lines(bench.pipeline(replace(pair.frame, image_rgb=restored.image_rgb)), pair.lines)
+    figures = restoration(restored.image_rgb, pair.clear_rgb, pair.surface)
+    score = ImageScore(image, name, pair.visibility_m, figures, restored.note, lines, pair.film)
+    rows.add(score, pair.frame.file, seconds)
+
+
+def _costs(config: DehazingConfig, bench: Bench, score: ImageScore) -> tuple[dict[str, Cost], dict[str, str]]:
+    """Costs on the hazy picture of one score."""
+    source, key = score.image
+    tasks = {}
+    for name, given in bench.named.items():
+        absolute = str(Path(given).resolve()) if given.endswith(".onnx") else given
+        tasks[name] = CostTask(
+            absolute, source, key, config.cost_size, config.full_size, config.deck_z_m, config.sea_z_m
+        )
+    with progress("measuring cost", config.cost_runs * len(tasks)) as step:
+        return measure_costs(tasks, config.cost_runs, step)
+
+
+def _title(config: DehazingConfig, images: int) -> str:
+    sources = " ".join(map(str, config.sources))
+    what = [f"{images} pairs of {sources}", f"detector {config.detector}"]
+    what += [f"one of {config.every} taken"] if config.every > 1 else []
+    what += ["dehazers given the recorded depth"] if config.with_depth else []
+    what += ["full-resolution networks at full size"] if config.full_size else []
+    return "; ".join(what)
+
+
+def _about() -> dict[str, str]:
+    return {
+        "deckline": f"deckline {__version__}",
+        "machine": f"{platform.machine()} with {os.cpu_count()} cores",
+        "python": f"Python {platform.python_version()}",
+        **{name: f"{name} {version(name)}" for name in PACKAGES},
+        "date": str(date.today()),
+    }
+
+
+def _write(config: DehazingConfig, results: Results) -> None:
+    if config.json_file is not None:
+        write_atomic(config.json_file, (json.dumps(json_of(results), indent=1, allow_nan=False) + "\n").encode())
+        print(config.json_file)
+    if config.markdown is not None:
+        write_atomic(config.markdown, markdown_of(results).encode())
+        print(config.markdown)
+
+
+dehazing.__doc__ = DehazingConfig.__doc__

@@ -1,0 +1,178 @@
+"""Pairs of a hazy and a clear picture, from recordings with clear truth and from labelled folders.
+
+A labelled folder's labels.json names for a hazy image the clear one of the same pose as `pair_of`, and may give its
+`visibility_m`: {"frames": [{"file": "a_hazy.png", "pair_of": "a.png", "visibility_m": 900, ...}]}.
+"""
+
+import json
+import math
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.evaluation.dehazing_measure import Distances, film_of, labelled_lines, true_lines
+from deckline.labels.own import LABELS_FILE, Labels, read_labels
+from deckline.recording import FrameError, Source, open_source
+from deckline.recording.folder import ImageFolder
+from deckline.recording.images import read_image
+from deckline.recording.source import is_inside
+from deckline.types import Frame, Truth
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A hazy picture with what it should look like."""
+
+    frame: Frame  # hazy, without truth: dehazers never see it
+    clear_rgb: NDArray[np.uint8]  # (H, W, 3)
+    surface: NDArray[np.bool_] | None  # (H, W) sea and ship; None when there is no depth to know it from
+    visibility_m: float  # 2 % contrast; NaN when unknown
+    lines: Mapping[str, Distances] | None  # None: not both true lines are in view, or nobody knows them
+    film: str | None = None  # of FILMS; None: not known
+
+
+@dataclass(frozen=True)
+class PairSource:
+    """Where pairs come from. A pair is loaded when asked for, and nothing keeps it.
+
+    `load` takes one of the keys; it raises FrameError for a pair that cannot be used.
+    """
+
+    name: str  # absolute path
+    keys: tuple[str, ...]
+    load: Callable[[str], Pair]
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """What labels.json says of a hazy image."""
+
+    clear_file: str
+    visibility_m: float
+
+
+def open_pairs(
+    path: Path,
+    every: int = 1,
+    deck_z_m: float | None = None,
+    sea_z_m: float | None = None,
+    with_depth: bool = False,
+) -> PairSource:
+    """A recording with clear truth, or a labelled folder.
+
+    Args:
+        path: of either.
+        every: take every so many of its pairs, from the first on.
+        deck_z_m, sea_z_m: world z (down) of the deck plane and of the water; override what files say.
+        with_depth: give dehazers the recorded depth. A dataset's is exact and reaches everywhere, as no camera's does.
+
+    Raises:
+        ValueError: no such source, or one without a single pair; says how to get them.
+    """
+    if every < 1:
+        raise ValueError(f"every must be 1 or more, got {every}")
+    source = open_source(path, deck_z_m=deck_z_m, sea_z_m=sea_z_m)
+    if isinstance(source, ImageFolder) and (path / LABELS_FILE).is_file():
+        return _labelled(path, source, every, with_depth)
+
+    def load(key: str) -> Pair:
+        return _recorded(source.load(int(key)), with_depth)
+
+    keys = tuple(str(index) for index in range(0, len(source), every))
+    _check_clear(path, source)
+    return PairSource(str(path.resolve()), keys, load)
+
+
+def _check_clear(path: Path, source: Source) -> None:
+    """Recordings keep the clear picture of every frame or of none: the first readable frame says which."""
+    for index in range(len(source)):
+        try:
+            truth = source.load(index).truth
+        except FrameError:
+            continue
+        if truth is None or truth.clear_rgb is None:
+            raise ValueError(
+                f"{path}: no clear pictures to compare with: record it with `deckline sim` or `deckline dataset` "
+                f'(which keep them), or write {LABELS_FILE} with "pair_of" beside a folder\'s images'
+            )
+        return
+
+
+def _recorded(frame: Frame, with_depth: bool) -> Pair:
+    truth = frame.truth or Truth()
+    if truth.clear_rgb is None:
+        raise FrameError(frame.file, "it has no clear picture")
+    visibility_m = math.nan if truth.visibility_m is None else truth.visibility_m
+    pair = _pair(frame, truth.clear_rgb, visibility_m, true_lines(frame), with_depth)
+    return replace(pair, film=film_of(truth.conditions))
+
+
+def _labelled(folder: Path, source: ImageFolder, every: int, with_depth: bool) -> PairSource:
+    entries = read_pairs(folder / LABELS_FILE)
+    labels = read_labels(folder / LABELS_FILE)
+    missing = [file for file in entries if file not in source.files]
+    if missing:
+        raise ValueError(f"{folder / LABELS_FILE}: there is no image {missing[0]} in {folder}")
+    if not entries:
+        print(f'{folder}: no hazy pair: no frame in {LABELS_FILE} has "pair_of"', file=sys.stderr)
+
+    def load(key: str) -> Pair:
+        return _labelled_pair(source.load(source.files.index(key)), folder, entries[key], labels[key], with_depth)
+
+    keys = tuple(file for file in source.files if file in entries)[::every]
+    return PairSource(str(folder.resolve()), keys, load)
+
+
+def _labelled_pair(frame: Frame, folder: Path, entry: _Entry, labels: Labels, with_depth: bool) -> Pair:
+    try:
+        clear = read_image(folder / entry.clear_file)
+    except ValueError as error:
+        raise FrameError(frame.file, f"its clear picture {entry.clear_file}: {error}") from None
+    return _pair(frame, clear, entry.visibility_m, labelled_lines(labels, frame.camera), with_depth)
+
+
+def _pair(
+    frame: Frame,
+    clear_rgb: NDArray[np.uint8],
+    visibility_m: float,
+    lines: Mapping[str, Distances] | None,
+    with_depth: bool,
+) -> Pair:
+    if clear_rgb.shape != frame.image_rgb.shape:
+        sizes = [f"{image.shape[1]}x{image.shape[0]} px" for image in (clear_rgb, frame.image_rgb)]
+        raise FrameError(frame.file, f"its clear picture is {sizes[0]}, the hazy one {sizes[1]}")
+    surface = None if frame.depth_m is None else np.isfinite(frame.depth_m)
+    depth_m = frame.depth_m if with_depth else None
+    return Pair(replace(frame, truth=None, depth_m=depth_m), clear_rgb, surface, visibility_m, lines)
+
+
+def read_pairs(path: Path) -> dict[str, _Entry]:
+    """Hazy image file -> its clear file and visibility, from a labels.json that `read_labels` takes.
+
+    Raises:
+        ValueError: an image named twice, a `pair_of` that is no other file's name in the folder, or a visibility that
+            is no positive number.
+    """
+    frames: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["frames"]
+    entries = {}
+    for entry in frames:
+        clear, visibility = entry.get("pair_of"), entry.get("visibility_m")
+        if clear is None:
+            continue
+        where = f"{path}: {entry['file']}"
+        if not isinstance(clear, str) or not is_inside(clear):
+            raise ValueError(f"{where}: pair_of must name the clear image in this folder, or be null, got {clear!r}")
+        if clear == entry["file"]:
+            raise ValueError(f"{where}: pair_of must name another image than the hazy one itself")
+        if entry["file"] in entries:
+            raise ValueError(f"{where} stands there twice: give each hazy image one entry")
+        known = isinstance(visibility, int | float) and not isinstance(visibility, bool)
+        if visibility is not None and not (known and visibility > 0):
+            raise ValueError(f"{where}: visibility_m must be positive metres, or left out, got {visibility!r}")
+        entries[entry["file"]] = _Entry(clear, math.nan if visibility is None else float(visibility))
+    return entries

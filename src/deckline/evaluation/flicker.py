@@ -1,0 +1,140 @@
+"""`deckline eval flicker`: how steady each dehazer's pictures are along a recording."""
+
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, restore
+from deckline.evaluation.commands import JsonFile, heading, write_json
+from deckline.evaluation.dehazing_methods import build_dehazer, by_name
+from deckline.evaluation.flicker_measure import REGIONS, flicker_figures, sequence_errors
+from deckline.recording import BadFrame, open_source
+from deckline.types import Frame
+
+CLEAR = "clear"  # the truth without haze; every table has it, and NOT_DEHAZED, the input
+MEASURED = tuple(name for name in DEHAZERS if name != NOT_DEHAZED)
+COLUMNS = {
+    "error, levels": "rmse",
+    "temporal PSNR, dB": "psnr_db",
+    "flicker, levels": "flicker",
+    "jump, levels": "jump",
+    "pump, levels": "pump",
+}
+
+
+def flicker(
+    source: tyro.conf.Positional[Path],
+    dehazer: tuple[str, ...] = MEASURED,
+    every: int = 1,
+    limit: int | None = None,
+    camera_depth_m: float = 200.0,
+    json_file: JsonFile = None,
+) -> int:
+    """Measure how steady dehazed pictures are along a recording with poses, depth and clear truth.
+
+    Each picture is moved onto the next one by the true depth and poses, and what differs is printed: for the deck and
+    what stands as high, for the water below, and for the sky. flicker is how far patches a fortieth of the picture
+    wide differ beyond the clear truth's own; jump how much more than the truth's the mean colour changes from frame to
+    frame; pump the part of the jump that is no steady drift.
+
+    Record with deckline sim --trajectory approach --depth.range-m inf.
+
+    Args:
+        source: recording folder.
+        dehazer: names or .onnx files; the hazy input ("none") and the clear truth are always measured.
+        every: take every so many-th frame.
+        limit: stop after so many frames.
+        camera_depth_m: the dehazers see the recorded depth up to here, as a depth camera would; 0 hides it.
+        json_file: write the figures here as well.
+    """
+    for name, value, least in (("every", every, 1), ("limit", limit, 2), ("camera-depth-m", camera_depth_m, 0)):
+        if value is not None and not value >= least:
+            raise ValueError(f"--{name} must be at least {least}, got {value}")
+    named = by_name(name for name in dehazer if name != NOT_DEHAZED)
+    if CLEAR in named:
+        raise ValueError(f"{named[CLEAR]} would be called {CLEAR}, as the truth is: rename the file or its folder")
+    dehazers = {name: build_dehazer(given) for name, given in named.items()}
+    items = _chosen(source, every, limit)
+    figures = flicker_figures(list(sequence_errors(_steps(items, dehazers, camera_depth_m))), truth=CLEAR)
+    console = heading(
+        f"{source}: pairs of frames: {figures['pairs']:.0f}, every {every}, depth up to {camera_depth_m:g} m"
+    )
+    for region in REGIONS:
+        console.print(_table(region, [CLEAR, NOT_DEHAZED, *dehazers], figures))
+    if json_file is not None:
+        write_json(json_file, figures)
+        print(json_file)
+    return 0
+
+
+def _chosen(source: Path, every: int, limit: int | None) -> Iterable[Frame | BadFrame]:
+    """Every so many-th item of a recording, so many at most, with a progress bar."""
+    opened = open_source(source)
+    total = -(-len(opened) // every)
+    total = total if limit is None else min(limit, total)
+    return track(
+        islice(opened, 0, max(0, (total - 1) * every + 1), every),
+        "evaluating",
+        total=total,
+        console=Console(stderr=True),
+    )
+
+
+def _steps(
+    items: Iterable[Frame | BadFrame], dehazers: Mapping[str, Dehazer], camera_depth_m: float
+) -> Iterator[tuple[Frame, dict[str, NDArray[np.uint8]]] | None]:
+    """Each frame with its pictures; None for one that cannot be read."""
+    said = set()
+    for item in items:
+        if isinstance(item, BadFrame):
+            print(f"skipped {item.file}: {item.reason}", file=sys.stderr)
+            yield None
+            continue
+        seen = as_flown(item, camera_depth_m)
+        pictures = {CLEAR: clear_picture(item), NOT_DEHAZED: item.image_rgb}
+        for name, dehazer in dehazers.items():
+            restored = restore(dehazer, seen)
+            pictures[name] = restored.image_rgb
+            if restored.note and (name, restored.note) not in said:
+                said.add((name, restored.note))
+                print(f"{item.file}: {name}: {restored.note}", file=sys.stderr)
+        yield item, pictures
+
+
+def as_flown(frame: Frame, camera_depth_m: float) -> Frame:
+    """What a dehazer may see of a frame: no truth, and depth only as far as a depth camera reaches; 0: none."""
+    depth = None
+    if frame.depth_m is not None and camera_depth_m > 0:
+        with np.errstate(invalid="ignore"):
+            depth = np.where(frame.depth_m <= camera_depth_m, frame.depth_m, np.float32(np.nan))
+    return replace(frame, depth_m=depth, truth=None)
+
+
+def clear_picture(frame: Frame) -> NDArray[np.uint8]:
+    """The frame without its haze (H, W, 3).
+
+    Raises:
+        ValueError: there is none.
+    """
+    if frame.truth is not None and frame.truth.clear_rgb is not None:
+        return frame.truth.clear_rgb
+    if frame.truth is not None and frame.truth.visibility_m == np.inf:
+        return frame.image_rgb
+    raise ValueError(f"{frame.file}: no picture without haze to compare with; record with deckline sim, which keeps it")
+
+
+def _table(region: str, names: list[str], figures: Mapping[str, float]) -> Table:
+    table = Table(region, *COLUMNS)
+    for name in names:
+        values = [figures.get(f"{name}.{region}.{key}") for key in COLUMNS.values()]
+        table.add_row(name, *("-" if value is None else f"{value:.2f}" for value in values))
+    return table

@@ -1,0 +1,225 @@
+"""Steadiness over time: each picture is moved onto the next one by true depth and poses, and compared with it.
+
+What differs is the warping error. Resampling and moving waves are in it too, most of all where a far deck's details are
+smaller than a pixel. Flicker is therefore taken from the difference's mean over patches, which they hardly move, and is
+what a dehazer has beyond the truth without haze.
+Source: Lai et al., "Learning blind video temporal consistency", 2018, section 4.3; truth in place of optical flow.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.spatial.transform import RigidTransform
+
+from deckline.evaluation.metrics import PEAK
+from deckline.geometry import Camera
+from deckline.types import Frame
+
+DECK, WATER, SKY = "deck", "water", "sky"
+REGIONS = (DECK, WATER, SKY)
+HULL_M = 5.0  # of the hull under the deck's height that count as deck; below lies what the water moves in front of
+DEPTH_TOLERANCE = 0.01  # of the depth: more is another surface, or one seen too flat to be sampled
+MIN_REGION_PX = 100  # a smaller part of a picture is left out
+PATCHES = 40  # across a picture's width
+
+Image = NDArray[np.uint8] | NDArray[np.float32]
+PairErrors = dict[str, dict[str, "PairError"]]  # by the pictures' name, then by region
+
+
+@dataclass(frozen=True, eq=False)
+class Warp:
+    """Where the pixels of a frame lie in the frame before it."""
+
+    before_px: NDArray[np.float32]  # (H, W, 2) u, v there; -1 where there is nothing to compare
+    regions: dict[str, NDArray[np.bool_]]  # (H, W) by region: in view of both frames
+
+
+@dataclass(frozen=True, eq=False)
+class PairError:
+    """How a picture differs from the one before it, moved onto it."""
+
+    mse: float  # squared levels
+    patch_mse: float  # squared levels, of the difference's mean over the patch about each pixel
+    jump: NDArray[np.float64]  # (3,) mean of red, green and blue, levels: after minus before
+
+
+def warp_between(before: Frame, after: Frame) -> Warp:
+    """Where each pixel of `after` lies in `before`, by true poses and depth.
+
+    What is as high as the deck moves with the ship, the rest stays. Above the horizon, unknown depth is the sky, which
+    is endlessly far; depth must therefore reach as far as the ship. Inverse depth is what is sampled: along a plane it
+    runs straight in the image.
+
+    A ship whose pose is not known in both counts as still.
+
+    Raises:
+        ValueError: a frame without pose, depth or deck height; pictures of different size.
+    """
+    if before.image_rgb.shape != after.image_rgb.shape:
+        raise ValueError(f"{after.file}: {after.image_rgb.shape} px follow {before.image_rgb.shape} of {before.file}")
+    (pose_before, _, _), (pose, _, deck_z_m) = known(before), known(after)
+    inverse, rays, world = inverse_depth(after)
+    shape = inverse.shape
+    height_z = np.full(shape, np.inf)
+    finite = inverse > 0
+    height_z[finite] = world[finite, 2] / inverse[finite] + pose.translation[2]
+    is_deck = height_z < deck_z_m + HULL_M
+    px = np.full((*shape, 2), -1, np.float32)
+    expected = np.full(shape, np.nan)
+    for part, moved in ((is_deck, ship_motion(before, after)), (~is_deck, RigidTransform.identity())):
+        change = pose_before.inv() * moved * pose
+        px[part], expected[part] = _seen_before(before.camera, change, rays[part], inverse[part])
+    there = sampled(inverse_depth(before)[0].astype(np.float32), px)
+    with np.errstate(invalid="ignore"):
+        visible = np.abs(there - expected) <= DEPTH_TOLERANCE * expected
+    visible &= (px >= 0).all(axis=2) & (px[..., 0] <= shape[1] - 1) & (px[..., 1] <= shape[0] - 1)
+    px[~visible] = -1
+    water = finite & ~is_deck
+    return Warp(px, {DECK: visible & is_deck, WATER: visible & water, SKY: visible & (inverse == 0)})
+
+
+def known(frame: Frame) -> tuple[RigidTransform, NDArray[np.float32], float]:
+    """A frame's true world_from_camera, depth (H, W), m, and world z of its deck, m.
+
+    Raises:
+        ValueError: one of them is missing.
+    """
+    pose, depth_m, deck_z_m = frame.true_world_from_camera, frame.depth_m, frame.deck_z_m
+    if pose is None or depth_m is None or deck_z_m is None:
+        values = {"pose": pose, "depth": depth_m, "deck height": deck_z_m}
+        missing = " and no ".join(name for name, value in values.items() if value is None)
+        raise ValueError(
+            f"{frame.file}: no {missing}; record with deckline sim --trajectory approach --depth.range-m inf"
+        )
+    return pose, depth_m, deck_z_m
+
+
+def inverse_depth(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """1 / depth (H, W), 1/m, 0 in the sky, NaN where unknown; rays with z = 1 (H, W, 3) in optical and world axes."""
+    pose, depth_m, _ = known(frame)
+    camera = frame.camera
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
+    world = pose.rotation.apply(np.nan_to_num(rays))
+    depth = depth_m.astype(np.float64).ravel()
+    measured = np.isfinite(depth) & (depth > 0)
+    inverse = np.where(measured, 1 / np.where(measured, depth, 1), np.where(world[:, 2] < 0, 0, np.nan))
+    inverse[np.isnan(rays).any(axis=1)] = np.nan
+    shape = (camera.height, camera.width)
+    return inverse.reshape(shape), np.nan_to_num(rays).reshape(*shape, 3), world.reshape(*shape, 3)
+
+
+def ship_motion(before: Frame, after: Frame) -> RigidTransform:
+    """Where a point of the ship was in the world at `before`, from where it is at `after`."""
+    ships = [None if frame.truth is None else frame.truth.world_from_ship for frame in (before, after)]
+    if ships[0] is None or ships[1] is None:
+        return RigidTransform.identity()
+    return ships[0] * ships[1].inv()
+
+
+def _seen_before(
+    camera: Camera, change: RigidTransform, rays: NDArray[np.float64], inverse: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pixels (N, 2) and inverse depths (N,) before of rays (N, 3) and inverse depths (N,) after.
+
+    Args:
+        change: camera before from camera after.
+    """
+    points = rays @ change.rotation.as_matrix().T + np.nan_to_num(inverse)[:, None] * change.translation
+    pixels = camera.project(points)
+    ahead = np.isfinite(pixels).all(axis=1) & np.isfinite(inverse)
+    expected = np.where(ahead, inverse / np.where(ahead, points[:, 2], 1), np.nan)
+    return np.where(ahead[:, None], pixels, -1), expected
+
+
+def sampled(picture: Image, before_px: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A picture (H, W) or (H, W, 3) at pixels (H, W, 2), between four neighbours; NaN beside NaN."""
+    source = np.asarray(picture, dtype=np.float32)
+    where = np.moveaxis(before_px, 2, 0)[::-1]
+    if source.ndim == 2:
+        return np.asarray(map_coordinates(source, where, order=1, mode="nearest"))
+    return np.stack([sampled(source[..., k], before_px) for k in range(source.shape[2])], axis=2)
+
+
+def pair_errors(before: Image, after: Image, warp: Warp) -> dict[str, PairError]:
+    """By region, how the picture `after` (H, W, 3), levels, differs from `before` (H, W, 3) moved onto it."""
+    difference = np.asarray(after, dtype=np.float32) - sampled(before, warp.before_px)
+    errors = {}
+    for name, region in warp.regions.items():
+        if np.count_nonzero(region) >= MIN_REGION_PX:
+            inside = difference[region].astype(np.float64)
+            patches = patch_means(difference, region)[region].astype(np.float64)
+            errors[name] = PairError(float(np.mean(inside**2)), float(np.mean(patches**2)), inside.mean(axis=0))
+    return errors
+
+
+def patch_means(values: NDArray[np.float32], region: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Mean (H, W, 3) of values (H, W, 3) over that part of the square patch about each pixel that is in the region."""
+    import cv2
+
+    side = max(1, round(values.shape[1] / PATCHES)) // 2 * 2 + 1
+    inside = region.astype(np.float32)
+    sums = cv2.blur(values * inside[..., None], (side, side), borderType=cv2.BORDER_CONSTANT)
+    counts = cv2.blur(inside, (side, side), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(sums / np.maximum(counts, np.float32(1e-6))[..., None], dtype=np.float32)
+
+
+def sequence_errors(steps: Iterable[tuple[Frame, Mapping[str, Image]] | None]) -> Iterator[PairErrors]:
+    """Errors of each two frames that follow each other.
+
+    Args:
+        steps: a frame, and by name the pictures (H, W, 3) to measure; None for a frame that is missing, so that its
+            neighbours are not compared.
+    """
+    last: tuple[Frame, Mapping[str, Image]] | None = None
+    for step in steps:
+        if last is not None and step is not None:
+            warp = warp_between(last[0], step[0])
+            yield {name: pair_errors(last[1][name], picture, warp) for name, picture in step[1].items()}
+        last = step
+
+
+def flicker_figures(pairs: list[PairErrors], truth: str) -> dict[str, float]:
+    """Figures of a sequence under the dotted names picture.region.figure.
+
+    rmse: warping error, levels; psnr_db: the same as temporal PSNR; flicker: the warping error of patches beyond the
+    truth's own, by squares, levels, 0 when it has less; jump: how much more than the truth's the mean colour changes
+    from frame to frame, rms, levels; pump: the part of that which does not go on in the same way in the next frame, for
+    a slow drift is no flicker.
+
+    Args:
+        pairs: of `sequence_errors`, in order.
+        truth: the pictures' name that the others are measured against; for itself, jump and pump are its own.
+
+    Raises:
+        ValueError: no pairs.
+    """
+    if not pairs:
+        raise ValueError("no two frames follow each other: nothing to compare")
+    figures = {"pairs": float(len(pairs))}
+    for name in pairs[0]:
+        for region in REGIONS:
+            own = [(pair[name][region], pair[truth][region]) for pair in pairs if region in pair[name]]
+            if own:
+                values = _region_figures(own, is_truth=name == truth)
+                figures |= {f"{name}.{region}.{key}": value for key, value in values.items()}
+    return figures
+
+
+def _region_figures(own: list[tuple[PairError, PairError]], is_truth: bool) -> dict[str, float]:
+    """Figures of one region from its errors and those of the truth, pair by pair."""
+    mse = float(np.mean([error.mse for error, _ in own]))
+    patches, floor = (float(np.mean([errors[k].patch_mse for errors in own])) for k in (0, 1))
+    jumps = np.array([error.jump - (0 if is_truth else true.jump) for error, true in own])
+    figures = {
+        "rmse": float(np.sqrt(mse)),
+        "psnr_db": float(10 * np.log10(PEAK**2 / mse)) if mse > 0 else float("inf"),
+        "flicker": float(np.sqrt(max(patches - floor, 0.0))),
+        "jump": float(np.sqrt(np.mean(jumps**2))),
+    }
+    if len(jumps) > 1:
+        figures["pump"] = float(np.sqrt(np.mean((np.diff(jumps, axis=0) / 2) ** 2)))
+    return figures

@@ -1,0 +1,232 @@
+"""A course and glideslope indicator as pilots know it, and the numbers beside it.
+
+The needles are fly-to: they show where the centre line and the glideslope are. An aircraft right of the line has its
+vertical needle on the left; one above the glideslope has its horizontal needle below the middle. What is not known
+shows a red flag, never a centred needle.
+"""
+
+import numpy as np
+
+from deckline.report.draw import (
+    BACKGROUND,
+    CAUTION,
+    CENTRE,
+    DIM,
+    EDGE,
+    FLAG,
+    GOOD,
+    INK,
+    LEFT,
+    NEEDLE,
+    PANEL,
+    RIGHT,
+    Image,
+    box,
+    centred,
+    dot,
+    segment,
+    shortened,
+    tag,
+    text,
+    wrapped,
+)
+from deckline.types import DepthMode, Guidance, Status, TrackState, Value
+
+BAND = (1280, 248)  # width, height, px
+LATERAL_DOT_M = 5.0  # sideways per dot: two dots, 10 m, lie outside the edge lines of the decks in SPEC section 7
+GLIDESLOPE_DOT_DEG = 0.35  # ICAO Annex 10: full scale is 0.7 degrees, two dots
+FULL_SCALE_DOTS = 2.4  # where a needle rests against its stop
+DOT_PX = 40
+SIGMA_OPACITY = 0.28  # of the band around a needle
+FACE = (16, 12, 224)  # left, top, side
+
+STATUS_TAGS = {
+    Status.OK: ("BOTH LINES", GOOD, (8, 20, 16)),
+    Status.ONE_LINE: ("ONE LINE", CAUTION, (30, 28, 4)),
+    Status.NOT_SEEN: ("NO LINES", FLAG, (255, 255, 255)),
+}
+TRACK_TAGS = {
+    TrackState.TRACKING: ("TRACKING", GOOD, (8, 20, 16)),
+    TrackState.COASTING: ("COASTING", CAUTION, (30, 28, 4)),
+    TrackState.LOST: ("NO TRACK", EDGE, INK),
+}
+MODES = {
+    DepthMode.FINE: "fine: distances from the depth camera",
+    DepthMode.COARSE: "coarse: distances from pose and deck height",
+    DepthMode.NONE: "no distances",
+}
+
+
+def lateral_dots(guidance: Guidance) -> float | None:
+    """Where the vertical needle stands, dots, right positive; None: flag."""
+    deviation = guidance.lateral_deviation_m
+    return None if deviation is None else _stopped(-deviation.value / LATERAL_DOT_M)
+
+
+def glideslope_dots(guidance: Guidance) -> float | None:
+    """Where the horizontal needle stands, dots, up positive; None: flag."""
+    above = guidance.vertical_deviation_rad
+    return None if above is None else _stopped(-float(np.rad2deg(above.value)) / GLIDESLOPE_DOT_DEG)
+
+
+def glideslope_sigma_dots(guidance: Guidance) -> float:
+    """1-sigma of the horizontal needle, dots; 0 where it shows its flag."""
+    above = guidance.vertical_deviation_rad
+    return 0.0 if above is None else float(np.rad2deg(above.sigma)) / GLIDESLOPE_DOT_DEG
+
+
+def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
+    """Where the vertical needle could stand at the protection level, dots; None: not known, or off the scale."""
+    deviation, protection = guidance.lateral_deviation_m, guidance.protection
+    if deviation is None or protection is None:
+        return None
+    low, high = (-(deviation.value + side * protection.lateral_m) / LATERAL_DOT_M for side in (1, -1))
+    return (low, high) if max(abs(low), abs(high)) <= FULL_SCALE_DOTS else None
+
+
+def instrument_band(guidance: Guidance) -> Image:
+    """The band (248, 1280, 3) below the pictures: indicator, numbers, status."""
+    image = np.full((BAND[1], BAND[0], 3), BACKGROUND, dtype=np.uint8)
+    _indicator(image, guidance)
+    for column, tile in enumerate(_tiles(guidance)):
+        _tile(image, column, *tile)
+    _status(image, guidance)
+    _legend(image, guidance.glideslope_rad)
+    return image
+
+
+def _stopped(dots: float) -> float:
+    return float(np.clip(dots, -FULL_SCALE_DOTS, FULL_SCALE_DOTS))
+
+
+def _indicator(image: Image, guidance: Guidance) -> None:
+    left, top, side = FACE
+    x, y = left + side // 2, top + side // 2
+    box(image, (left, top), (side, side), EDGE, 14)
+    box(image, (left + 2, top + 2), (side - 4, side - 4), (10, 13, 17), 12)
+    for step in (-2, -1, 1, 2):
+        dot(image, (x + step * DOT_PX, y), 4, DIM, filled=False)
+        dot(image, (x, y + step * DOT_PX), 4, DIM, filled=False)
+    lateral, glideslope = lateral_dots(guidance), glideslope_dots(guidance)
+    reach = side // 2 - 10
+    if glideslope is not None:
+        level = y - glideslope * DOT_PX
+        _sigma_band(image, (x, level), (reach, glideslope_sigma_dots(guidance) * DOT_PX))
+    if lateral is not None and guidance.lateral_deviation_m is not None:
+        across = x + lateral * DOT_PX
+        _sigma_band(image, (across, y), (guidance.lateral_deviation_m.sigma / LATERAL_DOT_M * DOT_PX, reach))
+    limits = lateral_limits_dots(guidance)
+    for limit in limits or ():
+        segment(image, [(x + limit * DOT_PX, y - 18), (x + limit * DOT_PX, y + 18)], CAUTION, 2)
+    if glideslope is not None:
+        segment(image, [(x - reach, level), (x + reach, level)], NEEDLE, 3)
+    if lateral is not None:
+        segment(image, [(across, y - reach), (across, y + reach)], NEEDLE, 3)
+    # The aircraft: the fixed mark in the middle.
+    segment(image, [(x - 16, y), (x - 6, y)], CENTRE, 2)
+    segment(image, [(x + 6, y), (x + 16, y)], CENTRE, 2)
+    dot(image, (x, y), 3, CENTRE)
+    if lateral is None:
+        tag(image, "LOC", (left + 12, top + 12), 15, FLAG, INK)
+    if glideslope is None:
+        tag(image, "GS", (left + side - 48, top + 12), 15, FLAG, INK)
+    if guidance.status is Status.NOT_SEEN:
+        box(image, (x - 70, y - 21), (140, 42), FLAG, 5)
+        centred(image, "NO LINES", (x, y + 8), 22, INK, 700)
+    text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, DIM)
+    slope = f"dot {GLIDESLOPE_DOT_DEG:g}°"
+    text(image, slope, (left + side - 62, top + side - 12), 12, DIM)
+
+
+def _sigma_band(image: Image, middle: tuple[float, float], half: tuple[float, float]) -> None:
+    """Brighten what lies within 1-sigma of a needle, as far as the face reaches."""
+    left, top, side = FACE
+    x0, x1 = (round(float(np.clip(middle[0] + s * half[0], left + 10, left + side - 10))) for s in (-1, 1))
+    y0, y1 = (round(float(np.clip(middle[1] + s * half[1], top + 10, top + side - 10))) for s in (-1, 1))
+    part = image[y0:y1, x0:x1]
+    part[:] = np.rint(part + SIGMA_OPACITY * (np.array(NEEDLE) - part.astype(np.float64))).astype(np.uint8)
+
+
+def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
+    """Title, value, unit, decimals and meaning of each readout."""
+    lateral, heading = guidance.lateral_deviation_m, guidance.heading_error_rad
+    degrees = None if heading is None else Value(*np.rad2deg([heading.value, heading.sigma]).tolist())
+    bounds = guidance.protection
+    beside = _side(lateral, "right of the line", "left of the line")
+    slope = _side(guidance.vertical_deviation_m, "above slope", "below slope", guidance.vertical_deviation_m)
+    return [
+        ("LATERAL DEVIATION", lateral, "m", 1, beside + _bound(None if bounds is None else bounds.lateral_m)),
+        ("HEADING ERROR", degrees, "°", 1, _side(degrees, "nose to the right", "nose to the left")),
+        (
+            "HEIGHT ABOVE DECK",
+            guidance.height_above_deck_m,
+            "m",
+            1,
+            (slope or "of the aircraft") + _bound(None if bounds is None else bounds.vertical_m),
+        ),
+        ("DISTANCE TO RAMP", guidance.distance_to_ramp_m, "m", 0, _rates(guidance) or "along the centre line"),
+    ]
+
+
+def _bound(level_m: float | None) -> str:
+    return "" if level_m is None else f"  ·  within {level_m:.1f} m"
+
+
+def _rates(guidance: Guidance) -> str:
+    """Closing speed and climb in words, or an empty text."""
+    rates = ((guidance.closing_m_s, "closing {:.0f} m/s"), (guidance.height_rate_m_s, "height {:+.1f} m/s"))
+    return ", ".join(words.format(rate.value) for rate, words in rates if rate is not None)
+
+
+def _side(value: Value | None, positive: str, negative: str, size: Value | None = None) -> str:
+    """On which side of something, and by how many metres where `size` says it."""
+    if value is None:
+        return ""
+    by = "" if size is None else f"{abs(size.value):.1f} m "
+    return by + (positive if value.value > 0 else negative)
+
+
+def _tile(image: Image, column: int, title: str, value: Value | None, unit: str, digits: int, meaning: str) -> None:
+    width, gap, top = 245, 9, 12
+    left = FACE[0] + FACE[2] + 16 + column * (width + gap)
+    box(image, (left, top), (width, 118), PANEL, 10)
+    text(image, title, (left + 14, top + 24), 13, DIM, 500)
+    if value is None:
+        text(image, "- - -", (left + 14, top + 66), 34, EDGE, 600)
+        text(image, "not known", (left + 14, top + 100), 14, DIM)
+        return
+    sign = "+" if column < 2 else ""
+    space = "" if unit == "°" else " "
+    number = f"{value.value:{sign}.{digits}f}"
+    used = text(image, number, (left + 14, top + 66), 36, INK, 600)
+    used += text(image, f"{space}{unit}", (left + 16 + used, top + 66), 20, INK)
+    # One more digit where a small 1-sigma would read as zero.
+    decimals = digits if value.sigma >= 0.95 * 10**-digits else digits + 1
+    text(image, f"± {value.sigma:.{decimals}f}{space}{unit}", (left + 26 + used, top + 66), 16, DIM)
+    text(image, meaning, (left + 14, top + 100), 14, DIM)
+
+
+def _status(image: Image, guidance: Guidance) -> None:
+    left, top = FACE[0] + FACE[2] + 16, 144
+    words, colour, ink = STATUS_TAGS[guidance.status]
+    left += tag(image, words, (left, top), 18, colour, ink) + 14
+    if guidance.flags:
+        left += tag(image, "DO NOT FOLLOW", (left, top), 18, FLAG, INK) + 14
+    elif guidance.track is not None:
+        left += tag(image, TRACK_TAGS[guidance.track][0], (left, top), 18, *TRACK_TAGS[guidance.track][1:]) + 14
+    left += text(image, MODES[guidance.mode], (left, top + 22), 16, INK) + 18
+    for row, line in enumerate(wrapped(guidance.reason, 14, BAND[0] - 16 - left, 2)):
+        text(image, line, (left, top + (21 if row == 0 else 41)), 14, DIM)
+
+
+def _legend(image: Image, glideslope_rad: float | None) -> None:
+    left, y = FACE[0] + FACE[2] + 16, 222
+    for name, colour in (("left line", LEFT), ("right line", RIGHT), ("centre line", CENTRE)):
+        box(image, (left, y - 8), (22, 6), colour, 2)
+        left += 30 + text(image, name, (left + 30, y), 14, DIM) + 22
+    slope = "" if glideslope_rad is None else f" off the {np.rad2deg(glideslope_rad):.3g}° slope"
+    notes = (
+        f"Fly to the needles.  Dot: {LATERAL_DOT_M:g} m, {GLIDESLOPE_DOT_DEG:g}°{slope}.  "
+        "±: 1-sigma; within: protection level."
+    )
+    text(image, shortened(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, DIM)

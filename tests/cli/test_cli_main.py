@@ -1,0 +1,112 @@
+import json
+import os
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from deckline.cli import main as cli
+from deckline.cli.main import main
+
+
+def error_line(capsys) -> str:
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_a_source_that_does_not_exist_is_one_line_and_exit_code_2(tmp_path, capsys):
+    assert main(["run", str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 2
+    assert "nothing" in error_line(capsys)
+
+
+def test_an_output_that_nobody_reads_ends_without_a_word():
+    code = "from deckline.cli.main import main; raise SystemExit(main(['info']))"
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run([sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_any_other_pipe_that_breaks_is_an_error(monkeypatch, capsys):
+    def lost() -> int:
+        raise BrokenPipeError("the simulator went away")
+
+    monkeypatch.setitem(cli.COMMANDS, "info", lost)
+    assert main(["info"]) == 2
+    assert "the simulator went away" in error_line(capsys)
+
+
+@pytest.fixture
+def images(tmp_path) -> str:
+    """A folder with one grey image and its camera."""
+    folder = tmp_path / "images"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "a.png"), np.full((90, 160, 3), 90, np.uint8))
+    (folder / "camera.toml").write_text("width=160\nheight=90\nfx=100.0\nfy=100.0\ncx=79.5\ncy=44.5\n")
+    return str(folder)
+
+
+def test_a_model_that_is_no_onnx_is_one_line_naming_the_file(images, tmp_path, capsys):
+    model = tmp_path / "model.onnx"
+    model.write_bytes(b"this is no network")
+    assert main(["run", images, "--out", str(tmp_path / "out"), "--detector", str(model)]) == 2
+    assert "model.onnx is not a usable ONNX model" in error_line(capsys)
+
+
+def test_an_unknown_dehazer_is_answered_with_the_known_ones(images, tmp_path, capsys):
+    assert main(["run", images, "--out", str(tmp_path / "out"), "--dehazer", "magic"]) == 2
+    assert "unknown dehazer 'magic': use one of" in error_line(capsys)
+
+
+def test_a_grey_image_without_poses_is_run_and_nothing_is_seen_in_it(images, tmp_path, capsys):
+    assert main(["run", images, "--out", str(tmp_path / "out")]) == 0
+    record = json.loads((tmp_path / "out" / "guidance.jsonl").read_text())
+    assert record["status"] == "not seen"
+    assert str(tmp_path / "out" / "report.html") in capsys.readouterr().out
+
+
+def test_localization_believes_the_deck_height_as_little_as_the_tracker_in_a_sea(images, tmp_path, monkeypatch):
+    flights = []
+    monkeypatch.setattr("deckline.cli.run._run", lambda source, flight, *rest, **more: flights.append(flight) or 0)
+    for options in (["--sea-state", "0"], [], ["--sea-state", "5"]):
+        assert main(["run", images, "--out", str(tmp_path / "out"), "--dehazer", "none", *options]) == 0
+    told = [flight.pipeline.config.localize for flight in flights]
+    calm, usual, rough = (localize.noise.deck_z_m for localize in told)
+    assert rough == flights[2].tracker.config.errors.deck_z_m > 10 * calm
+    assert rough > usual > 5 * calm  # a ship's deck moves unless it is said not to
+    assert told[2].deck.tilt_rad > told[1].deck.tilt_rad > told[0].deck.tilt_rad
+
+
+@pytest.mark.parametrize("group", ["eval", "train"])
+def test_a_group_without_its_command_names_those_there_are(group, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([group])
+    assert ended.value.code == 2
+
+
+def test_info_lists_the_checked_weights(capsys):
+    assert main(["info"]) == 0
+    text = capsys.readouterr().out
+    assert "(checked)" in text
+    assert "CPUExecutionProvider" in text
+
+
+def test_ctrl_c_ends_with_130_and_one_line(monkeypatch, capsys):
+    def interrupted(*_args: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("deckline.cli.main._dispatch", interrupted)
+    assert main(["info"]) == 130
+    assert error_line(capsys) == "deckline: stopped; what was written is whole"
+
+
+@pytest.mark.parametrize("command", ["demo", "run", "sim", "dataset", "info"])
+def test_every_command_has_help(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    assert command in capsys.readouterr().out

@@ -1,0 +1,112 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from deckline.evaluation.chain import RANGE_BANDS_M, by_band, range_to_ramp_m, score_frame, summarise
+from deckline.geometry import Camera, pose
+from deckline.guide import guidance
+from deckline.localize import LocalizeConfig, localize
+from deckline.pipeline import FrameResult
+from deckline.types import DepthMode, Detection, Frame, LinePoints, Segment, Status, Truth
+
+LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
+RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
+CAMERA = Camera.from_fov(640, 360, np.pi / 2)
+GREY = np.full((360, 640, 3), 128, np.uint8)
+
+
+def frame_at(x_m: float = -100.0, **truth) -> Frame:
+    return Frame(
+        file="a.png",
+        time_s=0.0,
+        image_rgb=GREY,
+        camera=CAMERA,
+        world_from_body=pose([x_m, 0.0, -20.0], [1.0, 0.0, 0.0, 0.0]),
+        deck_z_m=0.0,
+        truth=Truth(**({"left": LEFT, "right": RIGHT, "visibility_m": 800.0} | truth)),
+    )
+
+
+def seen(frame: Frame, segment: Segment, shift_m: float = 0.0) -> LinePoints:
+    steps = np.linspace(0.05, 0.95, 30)[:, None]
+    world = segment.p0_m + steps * (segment.p1_m - segment.p0_m) + [0.0, shift_m, 0.0]
+    points = frame.camera.project(frame.world_from_camera.inv().apply(world))
+    return LinePoints(points, np.ones(len(points)), np.full(len(points), 0.3))
+
+
+def result_of(frame: Frame, left: LinePoints, right: LinePoints) -> FrameResult:
+    detection = Detection(left, right)
+    estimate = localize(frame, detection, LocalizeConfig(), np.random.default_rng(0))
+    return FrameResult(frame, GREY, detection, estimate, guidance(frame, estimate), {"detect": 0.5})
+
+
+def test_perfect_points_have_no_error():
+    frame = frame_at()
+    score = score_frame(result_of(frame, seen(frame, LEFT), seen(frame, RIGHT)))
+    assert score.status is Status.OK
+    assert score.mode is DepthMode.COARSE
+    assert score.range_m == pytest.approx(100.0)
+    for name in ("direction_error_deg.left", "lateral_error_at_ramp_m.right", "height_error_m.centre"):
+        assert score.errors[name] == pytest.approx(0.0, abs=1e-4)
+    assert score.errors["point_error_px.left"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_line_seen_half_a_metre_aside_is_half_a_metre_wrong():
+    frame = frame_at()
+    score = score_frame(result_of(frame, seen(frame, LEFT, 0.5), seen(frame, RIGHT)))
+    assert score.errors["lateral_error_at_ramp_m.left"] == pytest.approx(0.5, abs=0.01)
+    assert score.errors["lateral_error_at_ramp_m.centre"] == pytest.approx(0.25, abs=0.15)
+
+
+def test_nothing_seen_counts_as_not_found_and_leaves_no_errors():
+    frame = frame_at()
+    blind = score_frame(result_of(frame, LinePoints.empty(), LinePoints.empty()))
+    found = score_frame(result_of(frame, seen(frame, LEFT), seen(frame, RIGHT)))
+    figures = summarise([blind, found])
+    assert not [name for name in blind.errors if "error" in name]
+    assert figures["found_rate"] == 0.5
+    assert figures["not_seen_rate"] == 0.5
+    assert figures["mode_rate.coarse"] == 0.5
+    assert figures["coarse.direction_error_deg.left.median"] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_lines_in_an_empty_scene_are_false_lines():
+    empty = frame_at(left=None, right=None)
+    points = seen(frame_at(), LEFT), seen(frame_at(), RIGHT)
+    figures = summarise([score_frame(result_of(empty, *points))])
+    assert figures["false_line_rate"] == 1.0
+    assert "found_rate" not in figures
+
+
+def test_restoration_is_compared_with_the_clear_view():
+    clear = np.full_like(GREY, 128 + 16)
+    frame = frame_at(clear_rgb=clear)
+    score = score_frame(result_of(frame, LinePoints.empty(), LinePoints.empty()))
+    assert score.errors["psnr_db"] == pytest.approx(20 * np.log10(255 / 16))
+    assert score.errors["psnr_db_hazy"] == score.errors["psnr_db"]
+
+
+def test_a_frame_without_truth_is_refused_by_name():
+    frame = dataclasses.replace(frame_at(), truth=None)
+    result = result_of(frame, LinePoints.empty(), LinePoints.empty())
+    with pytest.raises(ValueError, match=r"a\.png has no truth"):
+        score_frame(result)
+
+
+def test_no_frames_at_all_is_an_error():
+    with pytest.raises(ValueError, match="no frame could be evaluated"):
+        summarise([])
+
+
+def test_bands_hold_every_frame_once():
+    scores = [
+        score_frame(result_of(frame_at(-x), LinePoints.empty(), LinePoints.empty())) for x in (50.0, 150.0, 900.0)
+    ]
+    groups = by_band(scores, "range_m", RANGE_BANDS_M)
+    assert list(groups) == ["0-100 m", "100-200 m", "800+ m"]
+    assert sum(map(len, groups.values())) == 3
+
+
+def test_range_is_unknown_without_a_pose():
+    assert np.isnan(range_to_ramp_m(dataclasses.replace(frame_at(), world_from_body=None)))

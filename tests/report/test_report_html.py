@@ -1,0 +1,264 @@
+"""The report: figures against hand-made truth, escaping, nothing from outside, and that a browser draws it."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera
+from deckline.guide import guidance
+from deckline.pipeline import FrameResult
+from deckline.recording import BadFrame
+from deckline.report.figures import band_rows, error_rows, false_lines, found_rate, reasons, stage_seconds
+from deckline.report.html import Picture, report_html
+from deckline.report.parts import number, percent
+from deckline.report.records import frame_record, skipped_record
+from deckline.types import (
+    DepthMode,
+    Detection,
+    Frame,
+    LinePoints,
+    PixelLine,
+    RunwayEstimate,
+    RunwayLine,
+    Segment,
+    Status,
+    Truth,
+)
+
+CHROMIUM = shutil.which("chromium")
+SIGMA_M = 0.4
+INFO = {"source": "flights/first", "command": "deckline run flights/first --out out", "date": "2024-06-24"}
+JPEG = b"\xff\xd8 not a real picture \xff\xd9"
+
+
+def record(offset_m=0.0, range_m=200.0, status=Status.OK, with_truth=True, with_pose=True, file="a.png"):
+    """A frame that lands along +x between y = -8 and y = +8 and measures the centre line `offset_m` to the right."""
+    camera = Camera(width=64, height=36, fx=32.0, fy=32.0, cx=31.5, cy=17.5)
+    left, right = (Segment(np.array([0.0, y, 0.0]), np.array([200.0, y, 0.0])) for y in (-8.0, 8.0))
+    frame = Frame(
+        file,
+        range_m / 65.0,
+        np.zeros((36, 64, 3), dtype=np.uint8),
+        camera,
+        world_from_body=RigidTransform.from_translation([-range_m, 3.0, -12.0]) if with_pose else None,
+        truth=Truth(left, right, 900.0) if with_truth else None,
+    )
+    return frame_record(_result(frame, offset_m, status))
+
+
+def _result(frame, offset_m, status):
+    covariance = np.diag([SIGMA_M**2, 0.0, 0.01])
+    seen = {Status.OK: ("left", "right"), Status.ONE_LINE: ("left",), Status.NOT_SEEN: ()}[status]
+    middles = {"left": -8.0, "right": 8.0, "centre": 0.0}
+    names = (*seen, "centre") if status is Status.OK else seen
+    lines = {n: RunwayLine(np.array([50.0, middles[n] + offset_m, 0.0]), 0.0, covariance) for n in names}
+    points = LinePoints(np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]), np.array([0.5, 0.7, 0.9]), np.ones(3))
+    found = {side: points if side in seen else LinePoints.empty() for side in ("left", "right")}
+    ends = np.array([[5.0, 6.0], [1.0, 2.0]])
+    kept = {side: PixelLine(np.array([0.6, 0.8, 1.0]), np.array([True, True, False]), ends, 0.5) for side in seen}
+    located = lines if frame.world_from_body is not None else {}
+    estimate = RunwayEstimate(
+        status,
+        DepthMode.COARSE if located else DepthMode.NONE,
+        kept,
+        located,
+        np.array([0.0, offset_m, 0.0]) if "centre" in located else None,
+        2.0 if "centre" in located else None,
+        "" if located else "no pose",
+    )
+    seconds = {"dehaze": 0.1, "detect": 0.05, "localize": 0.01, "guide": 0.001}
+    return FrameResult(frame, frame.image_rgb, Detection(**found), estimate, guidance(frame, estimate), seconds)
+
+
+def report(records, pictures=(), **info):
+    counts = {}
+    for one in records:
+        kind = "skipped" if "skipped" in one else one["status"]
+        counts[kind] = counts.get(kind, 0) + 1
+    return report_html(INFO | info, records, list(pictures), counts)
+
+
+def embedded(html):
+    """The data behind plots and slider."""
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.S)[1])
+
+
+class Tags(HTMLParser):
+    """Elements, addresses and visible text of a page."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.tags, self.addresses, self.texts = [], [], []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [value for name, value in attrs if name in ("src", "href", "srcset", "action", "data")]
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+def test_errors_are_those_put_in():
+    offsets = [0.1, -0.2, 0.3, -0.4, 1.0]
+    rows = {row.name: row for row in error_rows([record(offset) for offset in offsets])}
+    lateral = rows["Lateral deviation"]  # a centre line measured too far right makes the aircraft seem too far left
+    assert lateral.frames == 5
+    assert lateral.median == pytest.approx(0.3)
+    assert lateral.p95 == pytest.approx(np.percentile(np.abs(offsets), 95))
+    assert lateral.bias == pytest.approx(-np.mean(offsets))
+    assert (lateral.within_1_sigma, lateral.within_2_sigma) == (pytest.approx(0.8), pytest.approx(0.8))
+    assert rows["Left line, sideways at the ramp"].median == pytest.approx(0.3)
+    assert rows["Left line, sideways at the ramp"].bias is None
+    assert rows["Centre line, direction"].p95 == pytest.approx(0.0, abs=1e-9)
+
+
+def test_no_truth_no_errors():
+    records = [record(with_truth=False)]
+    assert error_rows(records) == []
+    assert band_rows(records) == []
+    assert found_rate(records) is None
+    assert "Against truth" not in report(records)
+
+
+def test_bands_hold_the_frames_of_their_distance():
+    bands = band_rows([record(0.2, 150.0), record(0.4, 120.0), record(range_m=900.0, status=Status.NOT_SEEN)])
+    assert [(b.low_m, b.frames, b.found_rate) for b in bands] == [(100.0, 2, 1.0), (800.0, 1, 0.0)]
+    assert bands[0].lateral_median_m == pytest.approx(0.3)
+    assert bands[1].lateral_median_m is None
+
+
+def test_found_rate_counts_only_frames_with_a_runway():
+    empty = record(status=Status.ONE_LINE) | {"truth": {"has_runway": False}, "errors": None}
+    records = [record(), record(status=Status.ONE_LINE), record(), record(status=Status.NOT_SEEN), empty]
+    assert found_rate(records) == 0.5
+    assert false_lines(records) == (1, 1)
+
+
+def test_times_and_reasons():
+    records = [record(with_pose=False), record(with_pose=False), record()]
+    assert stage_seconds(records) == {"dehaze": 0.1, "detect": 0.05, "localize": 0.01, "guide": 0.001}
+    assert reasons(records) == [("no pose", 2)]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "sign", "text"),
+    [
+        (0.123, "m", False, "0.12 m"),
+        (-12.34, "m", True, "−12.3 m"),
+        (0.5, "°", True, "+0.50°"),
+        (-0.001, "m", True, "0.00 m"),
+        (345.6, "m", False, "346 m"),
+        (None, "m", False, "–"),
+    ],
+)
+def test_numbers_as_people_read_them(value, unit, sign, text):
+    assert number(value, unit, sign) == text
+
+
+def test_percent():
+    assert [percent(share) for share in (0.0, 1.0, 0.125)] == ["0 %", "100 %", "12.5 %"]
+
+
+def test_summary_tells_counts_and_errors():
+    records = [record(0.25), record(-0.25), record(status=Status.NOT_SEEN), skipped_record(BadFrame("b.png", "cut"))]
+    text = " ".join(Tags(report(records)).texts)
+    for part in ("ok (both lines)", "66.7 %", "0.25 m", "1 skipped", "cut", "Against truth", INFO["command"]):
+        assert part in text
+
+
+def test_notes_stand_above_everything():
+    html = report([record()], **{"note 1": "two cameras of different size", "frames": "1 of 9, stopped"})
+    assert html.index("two cameras of different size") < html.index("Lines found")
+    assert "1 of 9, stopped; none skipped" in html
+
+
+def test_data_behind_the_plots():
+    rows = embedded(report([record(0.5), skipped_record(BadFrame("b.png", "cut"))]))["rows"]
+    assert rows[0]["guidance"]["lateral_deviation_m"]["value"] == pytest.approx(2.5)
+    assert rows[0]["truth"]["lateral_deviation_m"] == pytest.approx(3.0)
+    assert rows[0]["errors"]["lateral_deviation_m"] == pytest.approx(-0.5)
+    assert rows[0]["left"] == {"points": 3, "kept": 2, "confidence": pytest.approx(0.7)}
+    assert rows[0]["seconds"] == pytest.approx(0.161)
+    assert rows[1] == {"file": "b.png", "skipped": True}
+
+
+def test_pictures_are_inside():
+    (picture,) = embedded(report([record()], [Picture(0, JPEG, JPEG + b"2")]))["pictures"]
+    assert base64.b64decode(picture["hazy"]) == JPEG
+    assert base64.b64decode(picture["result"]) == JPEG + b"2"
+
+
+def test_nothing_comes_from_outside():
+    html = report([record()], [Picture(0, JPEG, JPEG)])
+    page = Tags(html)
+    assert page.addresses == []
+    assert not {"link", "iframe", "object", "embed"} & set(page.tags)
+    assert "default-src 'none'" in html
+    assert "@import" not in html and "url(" not in html and "fetch(" not in html
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30))
+def test_texts_from_outside_stay_texts(text):
+    plain = Tags(report([record(), skipped_record(BadFrame("b", "c"))], source="plain", **{"note 1": "n"}))
+    text = f"{text}</script><img src=x>$heading"
+    records = [record(file=text) | {"reason": ""}, skipped_record(BadFrame(text, text))]
+    html = report(records, source=text, **{"note 1": text})
+    page = Tags(html)
+    assert page.tags == plain.tags
+    assert page.addresses == []
+    assert embedded(html)["rows"][0]["file"] == text
+    assert page.texts.count(text) >= 4  # source, note twice, and the skipped frame's file or reason
+
+
+def test_thinned_records_are_told():
+    html = report_html(INFO, [record(), record()], [], {"ok": 5000})
+    assert "2 of 5000 frames" in html
+
+
+def test_long_lists_are_cut_and_say_so():
+    records = [skipped_record(BadFrame(f"{k}.png", "cut")) for k in range(45)]
+    html = report_html(INFO, records, [], {"skipped": 70})
+    assert "39.png" in html.split("application/json")[0]
+    assert "40.png" not in html.split("application/json")[0]
+    assert "30 more are not listed" in html
+
+
+def test_empty_run():
+    assert "no frames" in report_html({}, [], [], {})
+
+
+def test_wrong_use():
+    with pytest.raises(ValueError, match="record 3, but there are 1 records"):
+        report([record()], [Picture(3, JPEG, JPEG)])
+    with pytest.raises(ValueError, match="record 0, whose frame was skipped"):
+        report([skipped_record(BadFrame("b", "c"))], [Picture(0, JPEG, JPEG)])
+    with pytest.raises(ValueError, match="ok, one line, not seen, skipped, got found"):
+        report_html(INFO, [], [], {"found": 1})
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+@pytest.mark.parametrize(("with_pose", "plots"), [(True, 7), (False, 2)])
+def test_a_browser_draws_it(tmp_path, with_pose, plots):
+    records = [record(0.1 * k, 300.0 - 20 * k, with_pose=with_pose) for k in range(10)]
+    page = tmp_path / "report.html"
+    page.write_text(report(records, [Picture(k, JPEG, JPEG) for k in (0, 5)]), encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
+    done = subprocess.run([CHROMIUM, *options, page.as_uri()], capture_output=True, text=True, timeout=60, check=True)
+    drawn = done.stdout.split("<script")[0]
+    assert drawn.count("<svg") == plots
+    assert drawn.count('class="line') >= plots
+    assert "NaN" not in drawn and "undefined" not in drawn
+    assert "picture 2 of 2" in drawn
+    assert ("2.5 m right of the centre line" in drawn) == with_pose
+    assert ("No deviation (no pose)" in drawn) == (not with_pose)

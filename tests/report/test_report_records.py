@@ -1,0 +1,168 @@
+import csv
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from approach_scene import HEIGHT_M, LATERAL_M, chain, frame
+from deckline.flight import Flight
+from deckline.recording import BadFrame
+from deckline.report.records import (
+    COLUMNS,
+    frame_record,
+    keep_whole_lines,
+    lookup,
+    read_records,
+    skipped_record,
+    to_line,
+    write_csv,
+)
+from deckline.types import Flag
+
+
+def test_numbers_are_those_of_the_scene_in_degrees_and_metres():
+    record = frame_record(chain(frame()))
+    assert record["status"] == "ok"
+    assert record["mode"] == "coarse"
+    values = {name: entry["value"] for name, entry in record["guidance"].items() if entry is not None}
+    assert values["lateral_deviation_m"] == pytest.approx(LATERAL_M, abs=1e-3)
+    assert values["heading_error_deg"] == pytest.approx(math.degrees(0.02), abs=1e-3)
+    assert values["height_above_deck_m"] == pytest.approx(HEIGHT_M, abs=1e-6)
+    ramp = record["guidance"]["distance_to_ramp_m"]
+    assert abs(ramp["value"] - 120.0) < 2 * ramp["sigma"]  # the ramp lies somewhere before the nearest row
+    assert record["lines"]["left"]["world"]["height_m"] == pytest.approx(-20.0)
+    assert record["lines"]["left"]["world"]["azimuth_deg"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_truth_and_errors_stand_beside_the_estimate():
+    record = frame_record(chain(frame()))
+    truth, errors = record["truth"], record["errors"]
+    assert truth["lateral_deviation_m"] == pytest.approx(LATERAL_M)
+    assert truth["range_to_ramp_m"] == pytest.approx(math.hypot(120.0, LATERAL_M))
+    assert truth["visibility_m"] is None
+    assert truth["clear_air"] is True
+    assert set(errors["direction_error_deg"]) == {"left", "right", "centre"}
+    assert errors["lateral_error_at_ramp_m"]["centre"] == pytest.approx(0.0, abs=1e-3)
+    ramp_m = record["guidance"]["distance_to_ramp_m"]["value"]
+    assert errors["guidance"]["distance_to_ramp_m"] == pytest.approx(ramp_m - 120.0)
+
+
+def test_points_lie_under_the_documented_keys():
+    result = chain(frame())
+    left = frame_record(result)["lines"]["left"]
+    assert np.allclose(left["points_px"], result.detection.left.points_px)
+    assert len(left["confidence"]) == len(left["sigma_px"]) == len(left["pixel_line"]["inliers"]) == 20
+    assert np.shape(left["world"]["covariance"]) == (3, 3)
+
+
+def test_what_does_not_exist_is_null_and_never_zero():
+    record = frame_record(chain(frame(pose=False)))
+    assert record["mode"] == "none"
+    assert set(record["guidance"].values()) == {None}
+    assert record["truth"] is None
+    assert record["errors"] is None
+    unseen = frame_record(chain(frame(), sides=()))
+    assert unseen["status"] == "not seen"
+    assert unseen["lines"]["left"]["points_px"] == []
+    assert unseen["lines"]["left"]["world"] is None
+    assert unseen["errors"]["direction_error_deg"] == {"left": None, "right": None, "centre": None}
+
+
+def test_a_scene_without_runway_has_truth_but_no_errors():
+    record = frame_record(chain(frame(runway=False), sides=()))
+    assert record["truth"]["has_runway"] is False
+    assert record["truth"]["range_to_ramp_m"] is None
+    assert record["errors"] is None
+
+
+@pytest.mark.parametrize("sides", [(), ("left",), ("left", "right")])
+def test_a_line_is_strict_json_and_comes_back_equal(sides, tmp_path):
+    records = [frame_record(chain(frame(), sides)), skipped_record(BadFrame('odd "name"\n.png', "cut short"))]
+    path = tmp_path / "guidance.jsonl"
+    path.write_text("".join(map(to_line, records)), encoding="utf-8")
+    assert len(path.read_text(encoding="utf-8").splitlines()) == 2
+    assert list(read_records(path)) == records
+
+
+def test_a_number_that_is_not_finite_is_refused():
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        to_line({"file": "a", "time_s": math.nan})
+
+
+@given(cut=st.integers(min_value=0, max_value=400))
+def test_a_file_cut_anywhere_keeps_exactly_its_whole_lines(cut, tmp_path_factory):
+    lines = [to_line({"file": f"{i}.png", "skipped": "x" * i}).encode() for i in range(10)]
+    whole = b"".join(lines)
+    path = tmp_path_factory.mktemp("cut") / "guidance.jsonl"
+    path.write_bytes(whole[:cut])
+    expected = sum(len(b"".join(lines[: i + 1])) <= cut for i in range(10))
+    assert keep_whole_lines(path) == expected
+    assert path.read_bytes() == b"".join(lines[:expected])
+
+
+def test_the_table_has_a_row_a_frame_and_empty_cells_for_what_is_missing(tmp_path):
+    records = [frame_record(chain(frame())), skipped_record(BadFrame("b.png", "cut short"))]
+    path = tmp_path / "guidance.csv"
+    write_csv(path, records)
+    with path.open(newline="", encoding="utf-8") as file:
+        good, bad = csv.DictReader(file)
+    assert float(good["lateral_deviation_m"]) == records[0]["guidance"]["lateral_deviation_m"]["value"]
+    assert float(good["lateral_deviation_sigma_m"]) > 0
+    assert float(good["left_y_m"]) == pytest.approx(-8.0, abs=1e-3)
+    assert float(good["centre_direction_error_deg"]) == records[0]["errors"]["direction_error_deg"]["centre"]
+    assert bad["skipped"] == "cut short"
+    assert {value for name, value in bad.items() if name not in ("file", "skipped")} == {""}
+
+
+def tracked(blind=()):
+    """Results of four frames 15 m apart, followed; frames whose number is in `blind` show nothing."""
+    flight = Flight(lambda at, expected, seen_at: chain(at, () if at.file in blind else ("left", "right")))
+    return [flight(frame(index, 150.0 - 15.0 * index)) for index in range(4)]
+
+
+def test_every_column_is_named_once_and_found_in_a_whole_record():
+    names = [name for name, _ in COLUMNS]
+    assert len(set(names)) == len(names)
+    record = frame_record(tracked()[-1])
+    empty = [name for name, keys in COLUMNS if lookup(record, keys) is None]
+    assert empty == ["skipped"]
+
+
+def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):
+    result = tracked(blind=("frame_003.png",))[-1]
+    flag = Flag("height", "2 m off")
+    result = replace(result, track=replace(result.track, flags=(flag,)))
+    record = frame_record(result)
+    assert record["status"] == "not seen"
+    assert record["track"]["state"] == "coasting"
+    assert record["track"]["flags"] == [{"name": "height", "reason": "2 m off"}]
+    assert record["track"]["lines"]["centre"]["height_m"] == pytest.approx(-20.0, abs=0.2)
+    assert record["protection"]["lateral_m"] == pytest.approx(result.guidance.protection.lateral_m)
+    assert record["guidance"]["height_rate_m_s"]["value"] == pytest.approx(0.0, abs=0.5)
+    assert record["guidance"]["closing_m_s"]["value"] == pytest.approx(60.0, abs=5.0)
+    path = tmp_path / "guidance.csv"
+    write_csv(path, [record])
+    with path.open(newline="", encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["track_state"], row["track_flags"], row["track_excluded"]) == ("coasting", "height", "")
+    assert float(row["height_rate_sigma_m_s"]) > 0
+
+
+def test_the_glideslope_is_compared_with_truth():
+    record = frame_record(chain(frame()))
+    slope_m = (120.0 + 70.0) * math.tan(math.radians(3.5))
+    assert record["truth"]["vertical_deviation_m"] == pytest.approx(HEIGHT_M - slope_m)
+    measured = record["guidance"]["vertical_deviation_m"]["value"]
+    assert record["errors"]["guidance"]["vertical_deviation_m"] == pytest.approx(measured - (HEIGHT_M - slope_m))
+    angle = math.degrees(math.atan2(LATERAL_M, 190.0))
+    assert record["truth"]["lateral_deviation_deg"] == pytest.approx(angle)
+
+
+def test_the_record_can_be_read_by_any_json_reader():
+    text = to_line(frame_record(chain(frame())))
+    assert "NaN" not in text
+    assert json.loads(text)["file"] == "frame_000.png"
