@@ -1,0 +1,147 @@
+"""Nested frozen dataclasses as TOML files: one table a dataclass, one key a field."""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+T = TypeVar("T")
+NONE = "none"  # TOML has no null
+LEAST_LIKENESS = 0.5  # of a wrong key and the key that its error names, 0..1; difflib's own default is 0.6
+
+
+def read_config(cls: type[T], path: Path, base: T | None = None) -> T:
+    """A configuration from a TOML file; keys that the file leaves out keep the values of `base`.
+
+    Args:
+        cls: a dataclass. Its fields are float, int, str, bool, Path, tuples, Literals, dataclasses, or one of these or
+            None; the text "none" stands for None.
+        path: the file.
+        base: None: the defaults of `cls`.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is no TOML, or a key is unknown, missing, of a wrong type or out of its range; the message
+            names file, key and value.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:  # of TOML or of UTF-8
+        raise ValueError(f"{path}: not a TOML file: {error}") from None
+    return config_from_table(cls, table, base, str(path))
+
+
+def config_from_table(cls: type[T], table: Mapping[str, Any], base: T | None = None, source: str = "config") -> T:
+    """As `read_config`, from a table that is already parsed.
+
+    Args:
+        source: name of the table's origin in errors.
+    """
+    return _build(cls, table, base, source, "")
+
+
+def to_toml_text(config: Any) -> str:
+    """Every field of a configuration as TOML that `read_config` reads back."""
+    return "\n".join(_table_lines(config, "")).lstrip("\n") + "\n"
+
+
+def _build(cls: type[T], table: Mapping[str, Any], base: T | None, source: str, prefix: str) -> T:
+    hints = get_type_hints(cls)
+    known: dict[str, Field[Any]] = {item.name: item for item in fields(cls) if item.init}  # type: ignore[arg-type]
+    values = {}
+    for key, value in table.items():
+        if key not in known:
+            raise ValueError(f"{source}: unknown key {prefix}{key}{_nearest(key, known)}")
+        values[key] = _convert(hints[key], value, getattr(base, key, None), source, prefix + key)
+    required = (name for name, item in known.items() if item.default is item.default_factory is MISSING)
+    missing = [prefix + name for name in required if base is None and name not in values]
+    if missing:
+        raise ValueError(f"{source}: missing key {', '.join(missing)}")
+    try:
+        return cls(**values) if base is None else replace(base, **values)  # type: ignore[type-var]
+    except ValueError as error:  # a value out of its range
+        raise ValueError(f"{source}: {f'[{prefix[:-1]}] ' if prefix else ''}{error}") from None
+
+
+def _nearest(key: str, known: Mapping[str, Any]) -> str:
+    near = get_close_matches(key, known, 1, LEAST_LIKENESS)
+    return f"; did you mean {near[0]}?" if near else f"; known keys: {', '.join(known)}"
+
+
+def _convert(hint: Any, value: Any, base: Any, source: str, key: str) -> Any:
+    """The value as its field holds it; `base` is the field's value so far."""
+    if isinstance(value, dict):
+        kinds: list[Any] = [kind for kind in _members(hint) if is_dataclass(kind)]
+        if kinds:
+            kind = type(base) if type(base) in kinds else kinds[0]
+            return _build(kind, value, base if isinstance(base, kind) else None, source, f"{key}.")
+    if isinstance(value, list):
+        for kind in _members(hint):
+            items = get_args(kind)
+            if get_origin(kind) is tuple and (items[-1] is ... or len(items) == len(value)):
+                hints = [items[0]] * len(value) if items[-1] is ... else items
+                pairs = enumerate(zip(hints, value, strict=True))
+                return tuple(_convert(item, part, None, source, f"{key}[{k}]") for k, (item, part) in pairs)
+    for kind in _members(hint):
+        if kind is float and type(value) is int:
+            return float(value)
+        if kind is Path and isinstance(value, str) and value != NONE:
+            return Path(value)
+        if type(value) is kind or (get_origin(kind) is Literal and value in get_args(kind)):
+            return None if value == NONE and NoneType in _members(hint) else value
+    if value == NONE and NoneType in _members(hint):
+        return None
+    raise ValueError(f"{source}: {key} must be {_describe(hint)}, got {value!r}")
+
+
+def _members(hint: Any) -> tuple[Any, ...]:
+    """The alternatives of a union; any other hint by itself."""
+    if get_origin(hint) is Annotated:
+        return _members(get_args(hint)[0])
+    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+
+
+def _describe(hint: Any) -> str:
+    texts = []
+    for kind in _members(hint):
+        if get_origin(kind) is Literal:
+            texts.append(f"one of {', '.join(map(repr, get_args(kind)))}")
+        elif get_origin(kind) is tuple:
+            texts.append(f"a list [{', '.join('...' if item is ... else _describe(item) for item in get_args(kind))}]")
+        elif is_dataclass(kind):
+            texts.append("a table")
+        else:
+            texts.append(f'"{NONE}"' if kind is NoneType else "str" if kind is Path else kind.__name__)
+    return " or ".join(texts)
+
+
+def _table_lines(config: Any, name: str) -> list[str]:
+    """Plain keys first, as TOML needs them, then the tables of nested dataclasses."""
+    items = {item.name: getattr(config, item.name) for item in fields(config) if item.init}
+    tables = {key: value for key, value in items.items() if is_dataclass(value)}
+    lines = [f"{key} = {_value_text(value)}" for key, value in items.items() if key not in tables]
+    if name and lines:
+        lines = ["", f"[{name}]", *lines]
+    for key, value in tables.items():
+        lines += _table_lines(value, f"{name}.{key}" if name else key)
+    return lines
+
+
+def _value_text(value: Any) -> str:
+    if is_dataclass(value):
+        pairs = (f"{item.name} = {_value_text(getattr(value, item.name))}" for item in fields(value) if item.init)
+        return f"{{ {', '.join(pairs)} }}"
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(_value_text, value))}]"
+    if value is None or isinstance(value, str | Path):
+        text = NONE if value is None else str(value)
+        return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    raise ValueError(f"TOML has no {type(value).__name__}, got {value!r}")
