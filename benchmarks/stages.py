@@ -24,7 +24,7 @@ from deckline.dehaze import DEHAZERS
 from deckline.detect import DETECTORS, Detector, OnnxDetector
 from deckline.detect.preprocess import look, normalise, whole_window
 from deckline.evaluation.dehazing_methods import file_label
-from deckline.recording import open_source
+from deckline.recording import open_recording
 
 PEER = "dehaze dark-channel"
 FRAME = 22  # of the shipped approach: the ship near, in haze
@@ -34,7 +34,7 @@ def sample_image() -> np.ndarray:
     """A frame of the shipped approach, (720, 1280, 3)."""
     with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(SAMPLE) as archive:
         archive.extractall(folder)
-        image = open_source(folder).load(FRAME).image_rgb
+        image = open_recording(folder).load(FRAME).image_rgb
     resized = look(image, whole_window((image.shape[1], image.shape[0]), (1280, 720)), (1280, 720))
     return np.rint(resized).astype(np.uint8)
 

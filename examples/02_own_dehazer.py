@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.pipeline import Pipeline
-from deckline.recording import BadFrame, open_source
+from deckline.recording import open_recording
 
 
 class Clahe:
@@ -29,9 +29,8 @@ class Clahe:
 def main(recording: str) -> None:
     shipped, own = Pipeline(), Pipeline()
     own.dehaze = Clahe()
-    for frame in open_source(recording):
-        if not isinstance(frame, BadFrame):
-            print(frame.file, *(f"{p.dehaze.name}: {p(frame).guidance.status}" for p in (shipped, own)), sep="  ")
+    for frame in open_recording(recording):
+        print(frame.file, *(f"{p.dehaze.name}: {p(frame).guidance.status}" for p in (shipped, own)), sep="  ")
 
 
 if __name__ == "__main__":

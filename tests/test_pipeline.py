@@ -12,7 +12,7 @@ from deckline.evaluation.chain import score_frame
 from deckline.geometry import Camera
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Pipeline, PipelineConfig
-from deckline.recording import open_source
+from deckline.recording import open_recording
 from deckline.sim import SimConfig, frames
 from deckline.types import DepthMode, Detection, Frame, LinePoints, Status
 
@@ -95,7 +95,7 @@ def test_an_unknown_method_is_answered_with_the_known_ones(field):
 def test_the_shipped_sample_is_whole_and_its_lines_are_found(pipeline, tmp_path):
     with zipfile.ZipFile(Path(deckline.__file__).parent / "sample" / "approach.zip") as archive:
         archive.extractall(tmp_path)
-    sample = open_source(tmp_path)
+    sample = open_recording(tmp_path)
     assert len(sample) == 24
     result = pipeline(sample.load(22))
     assert result.guidance.status is Status.OK

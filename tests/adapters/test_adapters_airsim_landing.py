@@ -14,7 +14,7 @@ from deckline.adapters.airsim.client import Connection
 from deckline.adapters.airsim.source import open_live
 from deckline.cli.main import main
 from deckline.geometry import attitude
-from deckline.recording import open_source
+from deckline.recording import open_recording
 from deckline.sim import frames
 
 pytest.importorskip("cosysairsim")
@@ -57,7 +57,7 @@ def set_pose(connection, method, name, position, turn):
 
 
 def test_the_script_flies_the_profile_and_its_recording_is_read(flown):
-    recorded = list(open_source(flown))
+    recorded = list(open_recording(flown))
     assert len(recorded) >= 5
     for frame in recorded:
         north, east, down = frame.world_from_body.translation - RAMP_M

@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform
 from deckline.adapters.airsim.recorder import Recorder, moved
 from deckline.adapters.airsim.settings import Capture, default_settings
 from deckline.geometry import Camera
-from deckline.recording import open_source
+from deckline.recording import open_recording
 from deckline.types import Frame
 
 SETTINGS = replace(default_settings(Capture(8, 6, 90.0)), interval_s=0.01)
@@ -47,7 +47,7 @@ def recorded(out, settings, take, enough):
 def test_frames_are_whole_when_it_stops(tmp_path):
     on, lines = recorded(tmp_path, SETTINGS, lambda number: frame_at(number, float(number)), 5)
     (folder,) = tmp_path.iterdir()
-    source = open_source(folder)
+    source = open_recording(folder)
     assert on and len(source) >= 4
     for index in range(len(source)):
         loaded = source.load(index)
@@ -60,7 +60,7 @@ def test_only_moves_count_when_they_shall(tmp_path):
     still = replace(SETTINGS, on_move=True)
     recorded(tmp_path, still, lambda number: frame_at(number, float(number // 4)), 9)
     (folder,) = tmp_path.iterdir()
-    source = open_source(folder)
+    source = open_recording(folder)
     assert [source.load(index).world_from_body.translation[0] for index in range(2)] == [0.0, 1.0]
     assert len(source) <= 3
 
@@ -80,7 +80,7 @@ def test_a_picture_that_cannot_be_taken_ends_it_with_a_line(tmp_path):
     on, lines = recorded(tmp_path, SETTINGS, take, 5)
     (folder,) = tmp_path.iterdir()
     assert not on and lines[-1] == f"recording into {folder} ended: the camera must be above the sea"
-    assert len(open_source(folder)) == 2
+    assert len(open_recording(folder)) == 2
 
 
 def test_a_folder_that_cannot_be_written_is_an_error_of_the_call(tmp_path):

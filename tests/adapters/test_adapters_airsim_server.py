@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from deckline.adapters.airsim import server as airsim_server
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.protocol import encode_request
-from deckline.recording import open_source
+from deckline.recording import open_recording
 from deckline.recording.images import read_image
 from deckline.sim import frames
 from deckline.sim.simulate import Simulator
@@ -152,7 +152,7 @@ def test_recordings_are_read_by_deckline(client, server):
     (folder,) = server.out.iterdir()
     rows = (folder / "airsim_rec.txt").read_text().splitlines()
     assert rows[0].split("\t")[:2] == ["VehicleName", "TimeStamp"] and rows[1].startswith("SimpleFlight\t")
-    source = open_source(folder)
+    source = open_recording(folder)
     loaded = [source.load(index) for index in range(len(source))]
     assert {frame.world_from_body.translation[2] for frame in loaded} >= {-60.0, -50.0}
     assert all(frame.image_rgb.shape == (HEIGHT, WIDTH, 3) and frame.depth_m is not None for frame in loaded)

@@ -62,7 +62,7 @@ def test_a_broken_frame_is_passed_on_as_such_and_the_next_is_asked_for():
     )
     with StandIn(simGetImages=lambda *_params: next(answers)) as server:
         source, _ = live(server)
-        items = list(islice(source, 4))
+        items = list(islice(source.items(), 4))
     assert [type(item) for item in items] == [Frame, BadFrame, BadFrame, Frame]
     assert "got 5 bytes" in items[1].reason
     assert items[1].file == "0#1700000000250000000"

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from deckline.cli.main import main
-from deckline.recording import open_source
+from deckline.recording import open_recording
 
 HEADER = "VehicleName\tTimeStamp\tPOS_X\tPOS_Y\tPOS_Z\tQ_W\tQ_X\tQ_Y\tQ_Z\tImageFile\n"
 
@@ -21,7 +21,7 @@ def test_options_of_the_camera_arrive_in_the_converted_recording(folder, tmp_pat
     options = ["--fov-deg", "60", "--mount-m", "0.5", "0", "0.1", "--mount-deg", "0", "-10", "0", "--deck-z-m", "-18"]
     assert main(["convert", str(folder), "--out", str(tmp_path / "b"), *options]) == 0
     assert "b: 1 rows, 1 image files" in capsys.readouterr().out
-    frame = open_source(tmp_path / "b").load(0)
+    frame = open_recording(tmp_path / "b").load(0)
     assert frame.camera.fx == pytest.approx(8 / np.tan(np.pi / 6))
     assert frame.deck_z_m == -18.0
     assert frame.body_from_camera.translation.tolist() == [0.5, 0.0, 0.1]

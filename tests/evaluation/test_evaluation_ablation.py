@@ -15,7 +15,7 @@ from deckline.evaluation.ablation import HAZY, Measured, measure
 from deckline.evaluation.metrics import psnr_db, ssim
 from deckline.geometry import Camera
 from deckline.haze import add_haze, beta_from_visibility
-from deckline.recording import RecordingWriter, open_source
+from deckline.recording import RecordingWriter, open_recording
 from deckline.types import Frame, Truth
 
 CAMERA = Camera.from_fov(96, 64, 1.2)
@@ -53,7 +53,7 @@ def test_rows_are_trained_measured_and_reported(dataset: Path, tmp_path: Path, c
     assert "3 test images; 2 steps for each row" in printed
     table = json.loads((tmp_path / "ablation.json").read_text())
     assert [row["row"] for row in table["rows"]] == [HAZY, *ROWS]
-    test, above = open_source(dataset / "test"), None
+    test, above = open_recording(dataset / "test"), None
     for row in table["rows"]:
         dehazer = None if row["row"] == HAZY else OnnxDehazer(tmp_path / row["row"] / "dehaze.onnx", threads=1)
         images = [test.load(k) for k in range(3)]
@@ -80,7 +80,7 @@ def test_rows_are_trained_measured_and_reported(dataset: Path, tmp_path: Path, c
 
 
 def test_measuring_goes_on_where_it_was_stopped(dataset: Path, tmp_path: Path) -> None:
-    source, file = open_source(dataset / "test"), tmp_path / "images.jsonl"
+    source, file = open_recording(dataset / "test"), tmp_path / "images.jsonl"
     calls = []
 
     def dehazer(image: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ def test_damaged_test_frames_are_skipped(dataset: Path, tmp_path: Path, capsys: 
     shutil.copytree(dataset / "test", tmp_path / "test")
     images = sorted((tmp_path / "test" / "images").glob("*.ppm"))
     images[1].write_bytes(b"P6")
-    scores = measure([Measured(HAZY)], open_source(tmp_path / "test"), range(3), tmp_path / "images.jsonl")
+    scores = measure([Measured(HAZY)], open_recording(tmp_path / "test"), range(3), tmp_path / "images.jsonl")
     assert list(scores[HAZY]) == [0, 2]
     assert f"skipped {images[1].name}" in capsys.readouterr().err
 
@@ -139,4 +139,4 @@ def test_a_file_of_something_else_is_refused(dataset: Path, tmp_path: Path) -> N
     file = tmp_path / "images.jsonl"
     file.write_text('{"file": "a.png", "dehazer": "none"}\n')
     with pytest.raises(ValueError, match=r"images\.jsonl: a line is no figure of an image"):
-        measure([Measured(HAZY)], open_source(dataset / "test"), range(1), file)
+        measure([Measured(HAZY)], open_recording(dataset / "test"), range(1), file)

@@ -12,7 +12,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 import deckline
 from deckline.evaluation.dehazing_pairs import open_pairs
-from deckline.recording import open_source
+from deckline.recording import open_recording
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def pair_folder(tmp_path_factory) -> Path:
     sample = folder / "sample"
     with zipfile.ZipFile(Path(deckline.__file__).parent / "sample" / "approach.zip") as file:
         file.extractall(sample)
-    source = open_source(sample)
+    source = open_recording(sample)
     frame = source.load(len(source) - 1)
     hazy = np.clip(0.7 * frame.image_rgb + 0.3 * 190.0, 0, 255).astype(np.uint8)
     for name, image in (("a_clear.png", frame.image_rgb), ("a_vis900.png", hazy)):

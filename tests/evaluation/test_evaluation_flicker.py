@@ -8,7 +8,7 @@ import pytest
 from deckline.cli.main import main
 from deckline.evaluation.flicker import as_flown, clear_picture
 from deckline.evaluation.flicker_measure import flicker_figures, sequence_errors
-from deckline.recording import RecordingWriter, open_source
+from deckline.recording import RecordingWriter, open_recording
 from deckline.sim import SimConfig, frames
 from deckline.sim.camera.depth_camera import DepthConfig
 from deckline.types import Frame
@@ -35,7 +35,7 @@ def approach(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def first_frame(folder: Path) -> Frame:
-    frame = open_source(folder).load(0)
+    frame = open_recording(folder).load(0)
     assert isinstance(frame, Frame)
     return frame
 
@@ -45,7 +45,7 @@ def test_the_table_and_the_file_say_what_the_functions_do(approach, tmp_path, ca
     assert main(["eval", "flicker", str(approach), "--dehazer", "none", "dark-channel", "--json", str(file)]) == 0
     figures = json.loads(file.read_text())
     expected = flicker_figures(
-        list(sequence_errors((f, {"clear": f.truth.clear_rgb, "none": f.image_rgb}) for f in open_source(approach))),
+        list(sequence_errors((f, {"clear": f.truth.clear_rgb, "none": f.image_rgb}) for f in open_recording(approach))),
         truth="clear",
     )
     assert figures["pairs"] == COUNT - 1
@@ -73,7 +73,7 @@ def test_a_frame_that_cannot_be_read_parts_its_neighbours(approach, tmp_path, ca
             target = broken / path.relative_to(approach)
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(path.read_bytes())
-    name = open_source(broken).load(1).file
+    name = open_recording(broken).load(1).file
     (broken / "images" / name).write_bytes(b"cut")
     assert main(["eval", "flicker", str(broken), "--dehazer", "none"]) == 0
     said = capsys.readouterr()

@@ -10,7 +10,7 @@ from deckline.cli.main import main
 from deckline.geometry import Camera
 from deckline.labels import read_labels
 from deckline.labels.truth import label_frame
-from deckline.recording import RecordingWriter, open_source
+from deckline.recording import RecordingWriter, open_recording
 
 FORMATS = ("tusimple", "culane", "coco")
 
@@ -39,9 +39,9 @@ def test_truth_goes_out_and_comes_back_beside_its_images(recording, tmp_path, fo
     assert main(["labels", "import", str(out), "--format", form, "--out", str(back)]) == 0
     assert "3 images: 2 with both lines, 0 with one, 1 with none" in capsys.readouterr().out
     labels = read_labels(back / "labels.json")
-    source = open_source(back)
+    source = open_recording(back)
     assert len(source) == len(labels) == 3
-    for original, copy in zip(open_source(recording), source, strict=True):
+    for original, copy in zip(open_recording(recording), source, strict=True):
         np.testing.assert_array_equal(copy.image_rgb, original.image_rgb)
         assert (copy.camera.fx, copy.camera.cy) == (original.camera.fx, original.camera.cy)
         truth = label_frame(original, "x")
@@ -86,7 +86,7 @@ def test_own_labels_can_be_exported_and_images_named_elsewhere_imported(recordin
     command = [*command[:-1], tmp_path / "y", "--images", moved]
     assert "give --camera FILE, or --fov-deg" in error_of(capsys, *command)
     assert main([*map(str, command[:-3]), str(tmp_path / "z"), "--images", str(moved), "--fov-deg", "60"]) == 0
-    assert open_source(tmp_path / "z").load(0).camera.fx == pytest.approx(CAMERA.fx)
+    assert open_recording(tmp_path / "z").load(0).camera.fx == pytest.approx(CAMERA.fx)
 
 
 def test_a_recording_of_several_cameras_is_exported_with_a_note(tmp_path, capsys):

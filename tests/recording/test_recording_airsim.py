@@ -5,7 +5,7 @@ import pytest
 from recording_bytes import CAMERA, HEADER, PIXELS, pfm, png, recording, row
 
 from deckline.geometry import Camera
-from deckline.recording import BadFrame, FrameError, RecordingError, open_source
+from deckline.recording import BadFrame, FrameError, RecordingError, open_recording
 
 IMAGE, OTHER = "img_Drone_0_0_1000000.png", "img_Drone_0_0_2000000.png"
 DEPTH = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
@@ -13,12 +13,12 @@ DEPTH = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 
 def only(tmp_path, line, files, **options):
     """The frame of a recording of one row."""
-    return open_source(recording(tmp_path / "rec", [line], files), **options).load(0)
+    return open_recording(recording(tmp_path / "rec", [line], files), **options).load(0)
 
 
 def reason(tmp_path, line, files, **options):
     """Why the one row of a recording is skipped."""
-    items = list(open_source(recording(tmp_path / "rec", [line], files), **options))
+    items = list(open_recording(recording(tmp_path / "rec", [line], files), **options).items())
     assert len(items) == 1
     assert isinstance(items[0], BadFrame)
     assert "\n" not in items[0].reason
@@ -59,7 +59,7 @@ def test_pose_is_the_vehicles_and_the_camera_sits_elsewhere(tmp_path):
 def test_columns_are_found_by_their_names(tmp_path):
     header = "ImageFile\tQ_Z\tQ_Y\tQ_X\tQ_W\tPOS_Z\tPOS_Y\tPOS_X\tTimeStamp"  # no VehicleName, all turned round
     line = f"{IMAGE}\t0\t0\t0\t1\t-3\t2\t1\t1500"
-    source = open_source(recording(tmp_path / "rec", [line], {IMAGE: png(PIXELS)}, header))
+    source = open_recording(recording(tmp_path / "rec", [line], {IMAGE: png(PIXELS)}, header))
     frame = source.load(0)
     assert source.notes == ()
     assert frame.time_s == 1.5
@@ -70,7 +70,7 @@ def test_columns_of_a_car_stand_before_imagefile(tmp_path):
     car = "Throttle\tSteering\tBrake\tGear\tHandbrake\tRPM\tSpeed"
     header = HEADER.replace("ImageFile", car + "\tImageFile")
     line = row(1_000_000).replace("img_", "0.5\t0\t0\t1\t0\t3000\t12\timg_", 1)
-    source = open_source(recording(tmp_path / "rec", [line], {IMAGE: png(PIXELS)}, header))
+    source = open_recording(recording(tmp_path / "rec", [line], {IMAGE: png(PIXELS)}, header))
     assert source.notes == ()
     assert source.load(0).file == IMAGE
 
@@ -78,7 +78,7 @@ def test_columns_of_a_car_stand_before_imagefile(tmp_path):
 def test_unknown_column_is_named_and_reading_goes_on(tmp_path):
     header = HEADER.replace("POS_X", "Wind\tPOS_X")
     line = row(1_000_000).replace("\t1\t2\t-3", "\t99\t1\t2\t-3")
-    source = open_source(recording(tmp_path / "rec", [line], {IMAGE: png(PIXELS)}, header))
+    source = open_recording(recording(tmp_path / "rec", [line], {IMAGE: png(PIXELS)}, header))
     assert len(source.notes) == 1
     assert "airsim_rec.txt line 1: unknown column Wind ignored" in source.notes[0]
     np.testing.assert_allclose(source.load(0).world_from_body.translation, [1.0, 2.0, -3.0])
@@ -87,7 +87,7 @@ def test_unknown_column_is_named_and_reading_goes_on(tmp_path):
 def test_windows_line_ends_and_blank_lines(tmp_path):
     folder = recording(tmp_path / "rec", [], {IMAGE: png(PIXELS)})
     (folder / "airsim_rec.txt").write_bytes(f"{HEADER}\t\r\n\r\n{row(1_000_000)}\r\n".encode())
-    assert [frame.file for frame in open_source(folder)] == [IMAGE]
+    assert [frame.file for frame in open_recording(folder)] == [IMAGE]
 
 
 def test_joined_names_give_image_and_depth_of_the_same_camera(tmp_path):
@@ -160,7 +160,7 @@ def test_cut_png_in_the_middle_is_skipped_and_named(tmp_path):
     whole = png(PIXELS)
     third = "img_Drone_0_0_3000000.png"
     files = {IMAGE: whole, OTHER: whole[:-20], third: whole}
-    items = list(open_source(recording(tmp_path / "rec", [row(n * 1_000_000) for n in (1, 2, 3)], files)))
+    items = list(open_recording(recording(tmp_path / "rec", [row(n * 1_000_000) for n in (1, 2, 3)], files)).items())
     assert [item.file for item in items] == [IMAGE, OTHER, third]
     assert [isinstance(item, BadFrame) for item in items] == [False, True, False]
     assert "PNG cut short" in items[1].reason
@@ -168,7 +168,7 @@ def test_cut_png_in_the_middle_is_skipped_and_named(tmp_path):
 
 
 def test_load_raises_what_iterating_skips(tmp_path):
-    source = open_source(recording(tmp_path / "rec", [row(1_000_000)], {}))
+    source = open_recording(recording(tmp_path / "rec", [row(1_000_000)], {}))
     with pytest.raises(FrameError, match="image is missing") as error:
         source.load(0)
     assert error.value.file == IMAGE
@@ -232,13 +232,13 @@ def test_intrinsics_for_another_resolution(tmp_path):
 def test_record_file_that_cannot_be_read(tmp_path, content, text):
     (tmp_path / "airsim_rec.txt").write_text(content)
     with pytest.raises(RecordingError, match=text) as error:
-        open_source(tmp_path)
+        open_recording(tmp_path)
     assert "airsim_rec.txt" in str(error.value)
 
 
 def test_second_vehicle_is_left_out_and_said(tmp_path):
     rows = [row(1_000_000), row(2_000_000).replace("Drone\t", "Boat\t", 1)]
-    source = open_source(recording(tmp_path / "rec", rows, {IMAGE: png(PIXELS)}))
+    source = open_recording(recording(tmp_path / "rec", rows, {IMAGE: png(PIXELS)}))
     assert len(source) == 1
     assert "1 rows of vehicles other than 'Drone' are left out" in source.notes[0]
 
@@ -250,28 +250,28 @@ def scene(**values):
 
 def test_camera_is_the_given_one_else_the_scenes_else_the_one_beside_else_90_degrees(tmp_path):
     folder = recording(tmp_path / "rec", [row(1_000_000)], {IMAGE: png(PIXELS)})
-    assert open_source(folder, fov_deg=2 * np.degrees(np.arctan(0.5))).load(0).camera.fx == pytest.approx(3.0)
+    assert open_recording(folder, fov_deg=2 * np.degrees(np.arctan(0.5))).load(0).camera.fx == pytest.approx(3.0)
     (folder / "camera.toml").write_text(CAMERA)
-    assert open_source(folder).load(0).camera.fx == 4.0
+    assert open_recording(folder).load(0).camera.fx == 4.0
     (folder / "scene.json").write_text(scene())
-    assert open_source(folder).load(0).camera.fx == 7.0
+    assert open_recording(folder).load(0).camera.fx == 7.0
     own = {"width": 3, "height": 2, "fx": 8.0, "fy": 8.0, "cx": 1.0, "cy": 0.5}
     (folder / "scene.json").write_text(scene(frames={IMAGE: {"camera": own}}))
-    assert open_source(folder).load(0).camera.fx == 8.0
+    assert open_recording(folder).load(0).camera.fx == 8.0
     (tmp_path / "given.toml").write_text(CAMERA.replace("4.0", "9.0"))
-    assert open_source(folder, camera_file=tmp_path / "given.toml").load(0).camera.fx == 9.0
+    assert open_recording(folder, camera_file=tmp_path / "given.toml").load(0).camera.fx == 9.0
 
 
 def test_scene_gives_deck_and_truth_and_the_caller_may_overrule_the_deck(tmp_path):
     truth = {"left": {"p0_m": [1, 2, 3], "p1_m": [4, 5, 6]}, "right": None, "visibility_m": 900}
     folder = recording(tmp_path / "rec", [row(1_000_000)], {IMAGE: png(PIXELS)})
     (folder / "scene.json").write_text(scene(frames={IMAGE: {"deck_z_m": -17.5, "sea_z_m": 2.5, "truth": truth}}))
-    frame = open_source(folder).load(0)
+    frame = open_recording(folder).load(0)
     assert (frame.deck_z_m, frame.sea_z_m) == (-17.5, 2.5)
     assert frame.truth.left.p1_m.tolist() == [4.0, 5.0, 6.0]
     assert frame.truth.right is None
     assert frame.truth.visibility_m == 900.0
-    overruled = open_source(folder, deck_z_m=-20.0, sea_z_m=0.0).load(0)
+    overruled = open_recording(folder, deck_z_m=-20.0, sea_z_m=0.0).load(0)
     assert (overruled.deck_z_m, overruled.sea_z_m) == (-20.0, 0.0)
 
 
@@ -289,12 +289,12 @@ def test_scene_gives_deck_and_truth_and_the_caller_may_overrule_the_deck(tmp_pat
 def test_bad_scene_entry_costs_one_frame(tmp_path, entry, text):
     folder = recording(tmp_path / "rec", [row(1_000_000)], {IMAGE: png(PIXELS)})
     (folder / "scene.json").write_text(scene(frames={IMAGE: entry}))
-    (item,) = open_source(folder)
+    (item,) = open_recording(folder).items()
     assert text in item.reason
 
 
 def test_frame_that_the_scene_does_not_know_is_skipped(tmp_path):
     folder = recording(tmp_path / "rec", [row(1_000_000)], {IMAGE: png(PIXELS)})
     (folder / "scene.json").write_text(scene(frames={}))
-    (item,) = open_source(folder)
+    (item,) = open_recording(folder).items()
     assert "scene.json has no entry for it" in item.reason

@@ -3,7 +3,7 @@ import pytest
 from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
 
 from deckline.geometry import Camera, attitude, camera_mount
-from deckline.recording import BadFrame, RecordingError, RecordingWriter, open_source
+from deckline.recording import BadFrame, RecordingError, RecordingWriter, open_recording
 from deckline.recording.airsim import AirSimOptions
 from deckline.recording.camera_file import read_camera_file
 from deckline.recording.convert import add_scene, drop_scene
@@ -27,7 +27,7 @@ def test_camera_mount_and_deck_are_laid_beside_and_found_again(tmp_path):
     options = AirSimOptions(fov_deg=2 * np.degrees(np.arctan(0.5)), deck_z_m=-18.5)
     done = add_scene(plain(tmp_path / "a"), tmp_path / "b", options, mount)
     assert (done.rows, done.files, done.notes) == (2, 4, ())
-    frames = list(open_source(tmp_path / "b"))
+    frames = list(open_recording(tmp_path / "b"))
     assert [frame.time_s for frame in frames] == [0.1, 0.35]
     for frame in frames:
         assert frame.camera.__dict__ == Camera(3, 2, 3.0, 3.0, 1.0, 0.5).__dict__ | {
@@ -58,7 +58,7 @@ def test_a_camera_file_gives_intrinsics_mount_and_deck(tmp_path):
     )
     options = AirSimOptions(camera=read_camera_file(tmp_path / "c.toml"))
     add_scene(plain(tmp_path / "a"), tmp_path / "b", options)
-    frame = open_source(tmp_path / "b").load(0)
+    frame = open_recording(tmp_path / "b").load(0)
     assert (frame.camera.fx, frame.camera.fy, frame.deck_z_m, frame.sea_z_m) == (4.0, 5.0, -7.0, 3.0)
     assert frame.body_from_camera.translation.tolist() == [5.0, 0.0, 1.0]
 
@@ -70,7 +70,7 @@ def test_damaged_rows_stay_what_they_are_and_missing_files_are_named(tmp_path):
     done = add_scene(folder, tmp_path / "b", AirSimOptions())
     assert done.files == 3
     assert done.notes == ("1 files named in airsim_rec.txt are missing, such as img_Drone_0_0_9.png",)
-    items = list(open_source(tmp_path / "b"))
+    items = list(open_recording(tmp_path / "b").items())
     assert [isinstance(item, BadFrame) for item in items] == [True, False, True]
     assert "PNG cut short" in items[0].reason
     assert "image is missing" in items[2].reason

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from recording_bytes import CAMERA, PIXELS, pfm, png
 
-from deckline.recording import BadFrame, RecordingError, open_source
+from deckline.recording import BadFrame, RecordingError, open_recording
 from deckline.recording.folder import natural_key
 
 POSES = "file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\n"
@@ -21,7 +21,7 @@ def images(tmp_path, names, camera=CAMERA, **texts):
 def test_images_come_in_natural_order_one_second_apart(tmp_path):
     images(tmp_path, ["f10.png", "f9.png", "F1.PNG", ".hidden.png"])
     (tmp_path / "notes.txt").write_text("")
-    source = open_source(tmp_path)
+    source = open_recording(tmp_path)
     assert [(item.file, item.time_s) for item in source] == [("F1.PNG", 0.0), ("f9.png", 1.0), ("f10.png", 2.0)]
     assert source.load(0).world_from_body is None
     assert "no poses.csv" in source.notes[0]
@@ -34,7 +34,7 @@ def test_natural_key_orders_numbers_and_keeps_names_apart():
 
 def test_poses_are_read_by_header_in_any_order(tmp_path):
     poses = "qz,qy,qx,qw,z_m,y_m,x_m,file,time_s,wind\n0,0,0,1,-3,2,1,a.png,12.5,9\n"
-    source = open_source(images(tmp_path, ["a.png"], poses=poses))
+    source = open_recording(images(tmp_path, ["a.png"], poses=poses))
     frame = source.load(0)
     assert frame.time_s == 12.5
     np.testing.assert_allclose(frame.world_from_body.translation, [1.0, 2.0, -3.0])
@@ -45,7 +45,7 @@ def test_given_files_replace_those_beside(tmp_path):
     folder = images(tmp_path, ["a.png"], poses=POSES + "a.png,1,0,0,0,1,0,0,0\n")
     (tmp_path / "other.csv").write_text(POSES + "a.png,2,0,0,0,1,0,0,0\n")
     (tmp_path / "other.toml").write_text(CAMERA.replace("4.0", "6.0"))
-    frame = open_source(folder, poses_file=tmp_path / "other.csv", camera_file=tmp_path / "other.toml").load(0)
+    frame = open_recording(folder, poses_file=tmp_path / "other.csv", camera_file=tmp_path / "other.toml").load(0)
     assert (frame.time_s, frame.camera.fx) == (2.0, 6.0)
 
 
@@ -53,17 +53,17 @@ def test_depth_lies_beside_by_stem(tmp_path):
     images(tmp_path, ["a.png", "b.png"])
     (tmp_path / "depth").mkdir()
     (tmp_path / "depth" / "b.pfm").write_bytes(pfm([[1, 2, 65504], [3, 4, 5]]))
-    without, frame = open_source(tmp_path)
+    without, frame = open_recording(tmp_path)
     assert without.depth_m is None
     np.testing.assert_array_equal(frame.depth_m, [[1, 2, np.nan], [3, 4, 5]])
 
 
 def test_deck_height_comes_from_the_caller_or_the_camera_file(tmp_path):
     images(tmp_path, ["a.png"], camera=CAMERA + "deck_z_m = -20\nsea_z_m = 0.5\n")
-    as_written, given = open_source(tmp_path).load(0), open_source(tmp_path, deck_z_m=-17.0).load(0)
+    as_written, given = open_recording(tmp_path).load(0), open_recording(tmp_path, deck_z_m=-17.0).load(0)
     assert (as_written.deck_z_m, as_written.sea_z_m) == (-20.0, 0.5)
     assert (given.deck_z_m, given.sea_z_m) == (-17.0, 0.5)
-    assert open_source(tmp_path, sea_z_m=1.0).load(0).sea_z_m == 1.0
+    assert open_recording(tmp_path, sea_z_m=1.0).load(0).sea_z_m == 1.0
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_deck_height_comes_from_the_caller_or_the_camera_file(tmp_path):
     ],
 )
 def test_one_bad_image_or_row_costs_one_frame(tmp_path, poses, file, text):
-    items = list(open_source(images(tmp_path, ["a.png", "b.png"], poses=POSES + poses)))
+    items = list(open_recording(images(tmp_path, ["a.png", "b.png"], poses=POSES + poses)).items())
     (bad,) = (item for item in items if isinstance(item, BadFrame))
     assert bad.file == file
     assert text in bad.reason
@@ -90,7 +90,7 @@ def test_sizes_must_agree(tmp_path):
     (tmp_path / "b.png").write_bytes(png(PIXELS[:1]))
     (tmp_path / "depth").mkdir()
     (tmp_path / "depth" / "a.pfm").write_bytes(pfm([[1, 2]]))
-    depth, size = open_source(tmp_path)
+    depth, size = open_recording(tmp_path).items()
     assert "depth depth/a.pfm is 2x1 px but the image is 3x2 px" in depth.reason
     assert "the intrinsics are for 3x2 px but the image is 3x1 px" in size.reason
 
@@ -107,12 +107,12 @@ def test_sizes_must_agree(tmp_path):
 )
 def test_poses_file_that_cannot_be_used(tmp_path, poses, text):
     with pytest.raises(RecordingError, match=text):
-        open_source(images(tmp_path, ["a.png"], poses=poses))
+        open_recording(images(tmp_path, ["a.png"], poses=poses))
 
 
 def test_no_camera_file_says_where_to_write_one(tmp_path):
     with pytest.raises(
         RecordingError, match=r"no camera file: write .*camera\.toml, or give one; it holds width"
     ) as error:
-        open_source(images(tmp_path, ["a.png"], camera=None))
+        open_recording(images(tmp_path, ["a.png"], camera=None))
     assert "\n" not in str(error.value)

@@ -99,12 +99,12 @@ sys.modules.update(cv2=None, av=None, onnxruntime=None)
 import numpy as np
 from pathlib import Path
 from deckline.geometry import Camera, pose
-from deckline.recording import RecordingWriter, open_source
+from deckline.recording import RecordingWriter, open_recording
 from deckline.types import Frame
 with RecordingWriter(Path({str(tmp_path / "r")!r}), image_format="ppm") as writer:
     image = np.full((2, 3, 3), 9, np.uint8)
     writer.add(Frame("a", 0.0, image, Camera.from_fov(3, 2, 1.0), world_from_body=pose([0, 0, 0], [1, 0, 0, 0])))
-print(open_source({str(tmp_path / "r")!r}).load(0).image_rgb.sum())
+print(open_recording({str(tmp_path / "r")!r}).load(0).image_rgb.sum())
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(9 * 18)

@@ -4,7 +4,7 @@ import av
 import numpy as np
 import pytest
 
-from deckline.recording import BadFrame, FrameError, RecordingError, open_source
+from deckline.recording import BadFrame, FrameError, RecordingError, open_recording
 
 WIDTH, HEIGHT, COUNT = 64, 48, 12
 CAMERA = f"width = {WIDTH}\nheight = {HEIGHT}\nfx = 50\nfy = 50\ncx = 31.5\ncy = 23.5\n"
@@ -37,7 +37,7 @@ def beside(film, **files):
 
 
 def test_frames_come_in_order_with_the_films_clock(film):
-    source = open_source(beside(film, camera__toml=CAMERA))
+    source = open_recording(beside(film, camera__toml=CAMERA))
     frames = list(source)
     assert len(source) == len(frames) == COUNT
     assert [frame.file for frame in frames] == [f"approach.mp4#{index}" for index in range(COUNT)]
@@ -50,7 +50,7 @@ def test_frames_come_in_order_with_the_films_clock(film):
 
 
 def test_any_frame_can_be_loaded(film):
-    source = open_source(beside(film, camera__toml=CAMERA))
+    source = open_recording(beside(film, camera__toml=CAMERA))
     for index in (7, 8, 2, 11, 0):
         frame = source.load(index)
         assert frame.file == f"approach.mp4#{index}"
@@ -61,8 +61,8 @@ def test_any_frame_can_be_loaded(film):
 
 def test_poses_go_by_frame_number(film):
     rows = "".join(f"{name},{10 + n},{n},2,3,1,0,0,0\n" for n, name in [(1, "0001"), (0, "approach.mp4#0")])
-    source = open_source(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows))
-    items = list(source)
+    source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows))
+    items = list(source.items())
     assert [item.time_s for item in items[:2]] == [10.0, 11.0]
     np.testing.assert_allclose(items[1].world_from_body.translation, [1.0, 2.0, 3.0])
     assert all(isinstance(item, BadFrame) and "has no row for it" in item.reason for item in items[2:])
@@ -79,21 +79,21 @@ def test_poses_go_by_frame_number(film):
 )
 def test_poses_without_frame_numbers_are_refused(film, row, text):
     with pytest.raises(RecordingError, match=text):
-        open_source(beside(film, camera__toml=CAMERA, poses__csv=POSES + row))
+        open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + row))
 
 
 def test_files_named_after_the_film_go_first(film):
     beside(film, camera__toml=CAMERA, approach__mp4__camera__toml=CAMERA.replace("fx = 50", "fx = 70"))
-    assert open_source(film).load(0).camera.fx == 70.0
+    assert open_recording(film).load(0).camera.fx == 70.0
 
 
 def test_film_without_camera_file_says_where_to_write_one(film):
     with pytest.raises(RecordingError, match=r"no camera file: write .*approach\.mp4\.camera\.toml or .*camera\.toml"):
-        open_source(film)
+        open_recording(film)
 
 
 def test_intrinsics_for_another_resolution(film):
-    items = list(open_source(beside(film, camera__toml=CAMERA.replace("64", "1280"))))
+    items = list(open_recording(beside(film, camera__toml=CAMERA.replace("64", "1280"))).items())
     assert len(items) == COUNT
     assert "the intrinsics are for 1280x48 px but the image is 64x48 px" in items[0].reason
 
@@ -120,7 +120,7 @@ def test_damaged_picture_is_skipped_and_named(motion_jpeg):
     film, data, starts = motion_jpeg
     size = starts[6] - starts[5] - 16  # up to the header of the next picture's chunk
     film.write_bytes(data[: starts[5]] + bytes(size) + data[starts[5] + size :])
-    items = list(open_source(film))
+    items = list(open_recording(film).items())
     assert [item.file for item in items] == [f"film.avi#{index}" for index in range(COUNT)]
     assert [index for index, item in enumerate(items) if isinstance(item, BadFrame)] == [5]
     np.testing.assert_allclose([item.time_s for item in items[6:]], np.arange(6, COUNT) / 25, atol=1e-6)
@@ -129,8 +129,8 @@ def test_damaged_picture_is_skipped_and_named(motion_jpeg):
 def test_film_cut_short_gives_what_is_whole(motion_jpeg):
     film, data, starts = motion_jpeg
     film.write_bytes(data[: starts[7] + 300])
-    source = open_source(film)
-    items = list(source)
+    source = open_recording(film)
+    items = list(source.items())
     assert not any(isinstance(item, BadFrame) for item in items[:7])
     assert all(isinstance(item, BadFrame) for item in items[7:])
     assert len(items) == len(source)
@@ -140,10 +140,10 @@ def test_what_is_no_film_says_so(tmp_path):
     path = tmp_path / "approach.mp4"
     path.write_text("hello")
     with pytest.raises(RecordingError, match=r"approach\.mp4: not a video, or cut short: Invalid data"):
-        open_source(path)
+        open_recording(path)
     path.write_bytes(b"")
     with pytest.raises(RecordingError, match="not a video"):
-        open_source(path)
+        open_recording(path)
 
 
 def test_sound_is_no_film(tmp_path):
@@ -155,4 +155,4 @@ def test_sound_is_no_film(tmp_path):
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
     with pytest.raises(RecordingError, match="no picture stream"):
-        open_source(path)
+        open_recording(path)

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_bytes import HEADER, PIXELS, png, recording, row
 
+from deckline.atomic import write_atomic
 from deckline.geometry import Camera, camera_mount, pose
-from deckline.recording import BadFrame, RecordingError, RecordingWriter, open_source
-from deckline.recording.writer import encode_frame, write_atomic
+from deckline.recording import BadFrame, RecordingError, RecordingWriter, open_recording
+from deckline.recording.writer import encode_frame
 from deckline.types import Frame, Segment, Truth
 
 CAMERA = Camera(3, 2, 4.0, 5.0, 1.0, 0.5)
@@ -65,7 +66,7 @@ def test_what_is_written_reads_back(tmp_path, image_format):
     frames = [frame(index) for index in range(3)]
     frames.append(frame(3, camera=Camera(3, 2, 9.0, 9.0, 1.0, 0.5, (0.1, 0.0, 0.0, 0.0, 0.0))))
     write(tmp_path / "rec", frames, image_format=image_format, scene={"seed": 4})
-    for read, written in zip(open_source(tmp_path / "rec"), frames, strict=True):
+    for read, written in zip(open_recording(tmp_path / "rec"), frames, strict=True):
         check_same(read, written)
 
 
@@ -102,7 +103,7 @@ def test_scene_holds_the_camera_once_and_no_infinity(tmp_path):
     assert "camera" not in first
     assert second["truth"] == {"left": None, "right": None, "visibility_m": None, "clear_air": True}
     assert third == {"time_s": 0.1}
-    read = list(open_source(tmp_path))
+    read = list(open_recording(tmp_path))
     assert read[1].truth.visibility_m == math.inf
     assert read[2].truth is None
 
@@ -110,7 +111,7 @@ def test_scene_holds_the_camera_once_and_no_infinity(tmp_path):
 def test_frames_of_one_time_keep_apart(tmp_path):
     frames = [frame(index, time_s=0.0) for index in range(3)]
     write(tmp_path, frames)
-    for read, written in zip(open_source(tmp_path), frames, strict=True):
+    for read, written in zip(open_recording(tmp_path), frames, strict=True):
         check_same(read, written)
 
 
@@ -125,7 +126,7 @@ def test_pose_and_time_round_trip(tmp_path_factory, position, quaternion, time_s
     out = tmp_path_factory.mktemp("rec")
     written = frame(0, world_from_body=pose(position, quaternion), time_s=time_s)
     write(out, [written], image_format="ppm")
-    check_same(open_source(out).load(0), written)
+    check_same(open_recording(out).load(0), written)
 
 
 def folder_bytes(folder: Path) -> dict[str, bytes]:
@@ -162,14 +163,14 @@ def test_killed_and_resumed_is_the_same_as_written_at_once(tmp_path):
     writer = RecordingWriter(tmp_path / "twice", scene={"seed": 1})
     assert writer.count == 25  # scene.json is written every 25 frames
     writer.close()
-    assert len(open_source(tmp_path / "twice")) == 25
+    assert len(open_recording(tmp_path / "twice")) == 25
     write(tmp_path / "twice", frames, scene={"seed": 1})
     assert folder_bytes(tmp_path / "twice") == folder_bytes(tmp_path / "once")
 
 
 def test_killed_before_the_first_scene_starts_anew(tmp_path):
     killed(tmp_path, [frame(index) for index in range(3)])
-    items = list(open_source(tmp_path))
+    items = list(open_recording(tmp_path).items())
     assert [isinstance(item, BadFrame) for item in items] == [True] * 3  # never with a guessed camera
     writer = RecordingWriter(tmp_path, scene={"seed": 1})
     assert writer.count == 0
@@ -202,7 +203,7 @@ def test_closed_by_an_error_the_frames_so_far_are_whole(tmp_path):
     with pytest.raises(KeyboardInterrupt), RecordingWriter(tmp_path) as writer:
         writer.add(frame(0))
         raise KeyboardInterrupt
-    check_same(open_source(tmp_path).load(0), frame(0))
+    check_same(open_recording(tmp_path).load(0), frame(0))
 
 
 def test_other_settings_are_refused_and_the_command_may_differ(tmp_path):
@@ -210,7 +211,7 @@ def test_other_settings_are_refused_and_the_command_may_differ(tmp_path):
     write(tmp_path, [frame(0), frame(1)], scene={"seed": 1, "command": "b"})
     with pytest.raises(RecordingError, match=r"made with seed = 1, not 2: choose another folder"):
         RecordingWriter(tmp_path, scene={"seed": 2})
-    assert len(open_source(tmp_path)) == 2
+    assert len(open_recording(tmp_path)) == 2
 
 
 def test_somebody_elses_recording_is_left_alone(tmp_path):

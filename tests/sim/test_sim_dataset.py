@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from deckline.cli.main import main
-from deckline.recording import open_source
+from deckline.recording import open_recording
 from deckline.recording.images import read_image
 from deckline.sim.dataset import DatasetConfig, dataset_items, split_frames, tile_corners
 
@@ -73,7 +73,7 @@ def test_what_is_written_is_as_the_manifest_counts(dataset):
 
 def test_tiles_are_cut_from_their_frames(dataset):
     members = json.loads((dataset / "manifest.json").read_text())["frames"]
-    frames = list(open_source(dataset / "test"))
+    frames = list(open_recording(dataset / "test"))
     times = [frame.time_s for frame in frames]
     assert times == sorted(times)
     for number, frame in zip(members["test"], frames, strict=True):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deckline.recording import open_source
+from deckline.recording import open_recording
 from deckline.sim import RendererError, SimConfig, frames, parallel
 from deckline.sim.parallel import RenderingError, map_frames, process_count
 from deckline.types import Frame
@@ -129,7 +129,7 @@ def test_a_stopped_command_leaves_no_process_and_goes_on_to_the_same_bytes(tmp_p
         assert command.returncode == 130
         assert "Traceback" not in said
         assert said.strip().splitlines()[-1] == "deckline: stopped; what was written is whole"
-        assert 0 < len(open_source(tmp_path / "stopped")) < 40
+        assert 0 < len(open_recording(tmp_path / "stopped")) < 40
     sim(tmp_path / "stopped", 40, 2)
     sim(tmp_path / "once", 40, 1)
     assert folder_bytes(tmp_path / "stopped") == folder_bytes(tmp_path / "once")

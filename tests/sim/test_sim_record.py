@@ -8,7 +8,7 @@ import pytest
 
 from deckline.cli.main import main
 from deckline.cli.sim import RECORDING, SHEET, SimOptions
-from deckline.recording import open_source
+from deckline.recording import open_recording
 from deckline.recording.images import read_image
 from deckline.sim import SimConfig
 from deckline.sim.record import (
@@ -40,7 +40,7 @@ def test_other_visibilities_are_refused_by_name(text):
 def test_sim_writes_a_recording_with_poses_depth_and_truth(tmp_path):
     out = tmp_path / "a"
     assert main([*SIM, "--out", str(out), "--seed", "3"]) == 0
-    recording = open_source(out)
+    recording = open_recording(out)
     assert len(recording) == 3
     for frame in recording:
         assert frame.world_from_body is not None

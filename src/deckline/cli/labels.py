@@ -8,7 +8,7 @@ import tyro
 from deckline.labels import LABELS_FILE, LabelledImage
 from deckline.labels.export import Format, export_labels
 from deckline.labels.import_ import import_labels
-from deckline.recording import open_source
+from deckline.recording import open_recording
 
 
 def export(
@@ -33,7 +33,7 @@ def export(
     """
     if row_step_px < 1:
         raise ValueError(f"--row-step-px must be at least 1, got {row_step_px}")
-    opened = open_source(source, camera_file=camera, fov_deg=fov_deg)
+    opened = open_recording(source, camera_file=camera, fov_deg=fov_deg)
     images, notes = export_labels(opened, source, out, format, row_step_px, line_points)
     for note in notes:
         print(f"note: {note}", file=sys.stderr)

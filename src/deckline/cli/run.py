@@ -14,7 +14,7 @@ from deckline.flight import USUAL_SEA_STATE, Flight, open_flight
 from deckline.guide import GuideConfig
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import Picture, Pipeline, PipelineConfig
-from deckline.recording import Stream, open_source
+from deckline.recording import Stream, open_recording
 from deckline.track import TrackConfig
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
@@ -31,7 +31,7 @@ def demo(out: Path = Path("demo-out")) -> int:
     recording = out / "approach"
     with zipfile.ZipFile(SAMPLE) as archive:
         archive.extractall(recording)
-    return _run(open_source(recording), Flight(Pipeline()), out)
+    return _run(open_recording(recording), Flight(Pipeline()), out)
 
 
 def run(
@@ -90,7 +90,7 @@ def run(
             from deckline.adapters.airsim.source import open_live
         opened = open_live(source, camera or "0", rate, deck_z_m, sea_z_m)
     else:
-        opened = open_source(
+        opened = open_recording(
             source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
         )
     # A tracker that is told the width must see what the lines say of it, not what localization was told as well.

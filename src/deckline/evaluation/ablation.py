@@ -19,6 +19,7 @@ import tyro
 from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
+from deckline.atomic import write_atomic
 from deckline.dehaze import Dehazer, OnnxDehazer
 from deckline.evaluation.ablation_measure import Figures, RowSummary, TrainedRow, summarise_rows
 from deckline.evaluation.commands import heading
@@ -26,8 +27,7 @@ from deckline.evaluation.dehazing_measure import FIGURES, restoration
 from deckline.evaluation.paired import Difference
 from deckline.extras import needs_extra
 from deckline.progress import progress
-from deckline.recording import FrameError, Source, open_source
-from deckline.recording.writer import write_atomic
+from deckline.recording import FrameError, Source, open_recording
 from deckline.report.records import keep_whole_lines, read_records
 from deckline.runtime.weights import sha256_of
 from deckline.types import Frame
@@ -119,7 +119,7 @@ def ablation(
     if every < 1:
         raise ValueError(f"--every must be at least 1, got {every}")
     base = _base_recipe(config)
-    test = open_source(dataset / "test")
+    test = open_recording(dataset / "test")
     rows = train_rows(base, dataset / "train", out)
     if rows is None:
         return INTERRUPTED

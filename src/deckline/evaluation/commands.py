@@ -29,7 +29,7 @@ from deckline.evaluation.chain import (
 from deckline.evaluation.labels import LabelScore, score_labels, summarise_labels
 from deckline.labels import LABELS_FILE, read_labels
 from deckline.pipeline import Picture, Pipeline, PipelineConfig
-from deckline.recording import BadFrame, open_source
+from deckline.recording import open_recording
 from deckline.types import SIDES, Frame
 
 FILE_COLUMNS = 150  # of tables that go to a file or a pipe
@@ -97,7 +97,7 @@ def recording(
         detect_in: the picture that lines are looked for in.
         json_file: write the figures here as well.
     """
-    opened = open_source(source)
+    opened = open_recording(source)
     config = PipelineConfig(dehazer, detector, detect_in=detect_in)
     return _evaluate(opened, len(opened), str(source), config, json_file)
 
@@ -122,11 +122,9 @@ def labels(
     scores = []
     for folder in folders:
         lines = read_labels(folder / LABELS_FILE)
-        for item in open_source(folder, deck_z_m=deck_z_m):
-            if isinstance(item, BadFrame):
-                print(f"skipped {item.file}: {item.reason}", file=sys.stderr)
-            elif item.file in lines:
-                scores.append(score_labels(pipeline(item), lines[item.file]))
+        for frame in open_recording(folder, deck_z_m=deck_z_m):
+            if frame.file in lines:
+                scores.append(score_labels(pipeline(frame), lines[frame.file]))
     figures = summarise_labels(scores)
     console = heading(f"{len(scores)} labelled frames; dehazer {dehazer}, detector {detector}")
     table = Table("frame", "status", *(f"{side} {what}, px" for side in SIDES for what in ("median", "95 %")))
@@ -143,16 +141,11 @@ def _quantile_cells(score: LabelScore, side: str) -> list[str]:
     return [f"{np.percentile(score.errors_px[side], percent):.2f}" for percent in (50, 95)]
 
 
-def _evaluate(
-    items: Iterable[Frame | BadFrame], total: int, title: str, config: PipelineConfig, json_file: Path | None
-) -> int:
+def _evaluate(frames: Iterable[Frame], total: int, title: str, config: PipelineConfig, json_file: Path | None) -> int:
     pipeline = Pipeline(config)
     scores = []
-    for item in track(items, "evaluating", total=total, console=Console(stderr=True)):
-        if isinstance(item, BadFrame):
-            print(f"skipped {item.file}: {item.reason}", file=sys.stderr)
-        else:
-            scores.append(score_frame(pipeline(item)))
+    for frame in track(frames, "evaluating", total=total, console=Console(stderr=True)):
+        scores.append(score_frame(pipeline(frame)))
     figures = summarise(scores)
     chain = f"dehazer {config.dehazer}, detector {config.detector} in the {config.detect_in} picture"
     _print_tables(scores, figures, f"{title}; {chain}")

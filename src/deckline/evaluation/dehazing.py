@@ -16,6 +16,7 @@ import tyro
 from rich.console import Console
 
 from deckline import __version__
+from deckline.atomic import write_atomic
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.dehazing_cost import Cost, CostTask, measure_costs
 from deckline.evaluation.dehazing_measure import ImageScore, restoration, score_lines, summarise, summarise_film
@@ -27,7 +28,6 @@ from deckline.evaluation.dehazing_tables import Results, json_of, markdown_of, p
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.progress import progress
 from deckline.recording import FrameError
-from deckline.recording.writer import write_atomic
 from deckline.report.draw import check_picture_name, write_picture
 from deckline.report.provenance import settings_of
 

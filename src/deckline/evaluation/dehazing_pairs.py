@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deckline.evaluation.dehazing_measure import Distances, film_of, labelled_lines, true_lines
 from deckline.labels.own import LABELS_FILE, Labels, read_labels
-from deckline.recording import FrameError, Source, open_source
+from deckline.recording import FrameError, Source, open_recording
 from deckline.recording.folder import ImageFolder
 from deckline.recording.images import read_image
 from deckline.recording.source import is_inside
@@ -76,7 +76,7 @@ def open_pairs(
     """
     if every < 1:
         raise ValueError(f"every must be 1 or more, got {every}")
-    source = open_source(path, deck_z_m=deck_z_m, sea_z_m=sea_z_m)
+    source = open_recording(path, deck_z_m=deck_z_m, sea_z_m=sea_z_m)
     if isinstance(source, ImageFolder) and (path / LABELS_FILE).is_file():
         return _labelled(path, source, every, with_depth)
 

@@ -12,8 +12,8 @@ from typing import Any, Self, TextIO
 
 import numpy as np
 
+from deckline.atomic import write_atomic
 from deckline.evaluation.dehazing_measure import FIGURES, ImageScore, LineScore
-from deckline.recording.writer import write_atomic
 from deckline.report.records import keep_whole_lines, read_records
 
 ROWS, SETTINGS = "dehazing.jsonl", "dehazing.settings.json"

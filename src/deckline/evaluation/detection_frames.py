@@ -9,7 +9,7 @@ from typing import Any
 
 from deckline.evaluation.detection_measure import Expected, expected_from_labels, expected_from_truth
 from deckline.labels import LABELS_FILE, read_labels
-from deckline.recording import open_source
+from deckline.recording import open_recording
 from deckline.recording.airsim import RECORD_FILE
 from deckline.recording.scene import SCENE_FILE, read_scene
 from deckline.recording.source import FrameError, RecordingError
@@ -64,7 +64,7 @@ class Recorded(FrameSet):
 
     def __init__(self, path: Path) -> None:
         self.name = str(path)
-        self._source = open_source(path)
+        self._source = open_recording(path)
         labelled = not (path / RECORD_FILE).exists() and (path / LABELS_FILE).exists()
         self._labels = read_labels(path / LABELS_FILE) if labelled else None
         scene = path / SCENE_FILE

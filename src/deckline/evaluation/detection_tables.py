@@ -7,10 +7,10 @@ from pathlib import Path
 
 from rich.table import Table
 
+from deckline.atomic import write_atomic
 from deckline.evaluation.commands import heading, write_json
 from deckline.evaluation.detection_measure import DetectionScore
 from deckline.evaluation.detection_summary import Figures, Reliability, groups, reliability, summarise_detection
-from deckline.recording.writer import write_atomic
 
 COLUMNS = {  # heading: figure, factor, digits after the point
     "found %": ("found_rate", 100.0, 1),

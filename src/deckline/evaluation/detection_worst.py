@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from deckline.atomic import write_atomic
 from deckline.evaluation.detection_frames import FrameSet
 from deckline.evaluation.detection_measure import DetectionScore, Expected, Scene
 from deckline.evaluation.detection_summary import badness
 from deckline.geometry import Camera
 from deckline.pipeline import Pipeline
-from deckline.recording.writer import write_atomic
 from deckline.report.draw import CENTRE, Image, dashed, write_picture
 from deckline.report.overlay import overlay
 from deckline.report.panels import panels

@@ -17,7 +17,7 @@ from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.commands import JsonFile, heading, write_json
 from deckline.evaluation.dehazing_methods import build_dehazer, by_name
 from deckline.evaluation.flicker_measure import REGIONS, flicker_figures, sequence_errors
-from deckline.recording import BadFrame, open_source
+from deckline.recording import BadFrame, open_recording
 from deckline.types import Frame
 
 CLEAR = "clear"  # the truth without haze; every table has it, and NOT_DEHAZED, the input
@@ -78,11 +78,11 @@ def flicker(
 
 def _chosen(source: Path, every: int, limit: int | None) -> Iterable[Frame | BadFrame]:
     """Every so many-th item of a recording, so many at most, with a progress bar."""
-    opened = open_source(source)
+    opened = open_recording(source)
     total = -(-len(opened) // every)
     total = total if limit is None else min(limit, total)
     return track(
-        islice(opened, 0, max(0, (total - 1) * every + 1), every),
+        islice(opened.items(), 0, max(0, (total - 1) * every + 1), every),
         "evaluating",
         total=total,
         console=Console(stderr=True),

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from deckline.atomic import write_atomic
 from deckline.evaluation.chain import range_to_ramp_m
 from deckline.evaluation.commands import JsonFile
 from deckline.evaluation.detection_tables import report
@@ -33,7 +34,6 @@ from deckline.localize.bound import cramer_rao
 from deckline.pipeline import FrameResult, PipelineConfig
 from deckline.processes import in_processes, process_count
 from deckline.progress import progress
-from deckline.recording.writer import write_atomic
 from deckline.track import TrackConfig, Tracker
 from deckline.types import SIDES, Frame, Track
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from deckline.atomic import write_atomic
 from deckline.evaluation.localization_measure import STATES, Score
 from deckline.extras import needs_extra
-from deckline.recording.writer import write_atomic
 
 with needs_extra("viz"):
     from matplotlib.backends.backend_agg import FigureCanvasAgg

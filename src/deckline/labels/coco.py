@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from deckline.atomic import write_atomic
 from deckline.labels.lines import LabelledImage, LabelSet, Line, parsed, points, read_text, resampled, sized
-from deckline.recording.writer import write_atomic
 from deckline.types import SIDES
 
 CATEGORY = "runway"

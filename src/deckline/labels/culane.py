@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from deckline.atomic import write_atomic
 from deckline.labels.lines import (
     LabelledImage,
     LabelSet,
@@ -20,7 +21,6 @@ from deckline.labels.lines import (
     sized,
 )
 from deckline.recording.images import IMAGE_SUFFIXES
-from deckline.recording.writer import write_atomic
 
 LINES_SUFFIX = ".lines.txt"
 LIST_FOLDER = "list"

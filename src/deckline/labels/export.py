@@ -8,6 +8,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from deckline.atomic import write_atomic
 from deckline.labels import LABELS_FILE, LabelledImage, Labels, read_labels, write_coco, write_culane, write_tusimple
 from deckline.labels.culane import MASK_FOLDER, mask_name
 from deckline.labels.truth import label_frame
@@ -15,7 +16,6 @@ from deckline.progress import progress
 from deckline.recording import BadFrame, Source
 from deckline.recording.camera_file import CAMERA_FILE, camera_text
 from deckline.recording.images import encode_image
-from deckline.recording.writer import write_atomic
 from deckline.types import Frame
 
 Format = Literal["tusimple", "culane", "coco"]
@@ -47,7 +47,7 @@ def export_labels(
     labels = read_labels(folder / LABELS_FILE) if (folder / LABELS_FILE).exists() else None
     images, notes, cameras = [], [], set()
     with progress("exporting", len(source)) as advance:
-        for item in source:
+        for item in source.items():
             advance()
             if isinstance(item, BadFrame):
                 notes.append(f"skipped {item.file}: {item.reason}")

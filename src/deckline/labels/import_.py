@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from deckline.atomic import write_atomic
 from deckline.geometry import Camera, camera_mount
 from deckline.labels import LABELS_FILE, LabelledImage, LabelSet, read_coco, read_culane, read_tusimple, write_labels
 from deckline.labels.export import Format, check_new
@@ -13,7 +14,6 @@ from deckline.progress import progress
 from deckline.recording.camera_file import CAMERA_FILE, MountedCamera, camera_text, read_camera_file
 from deckline.recording.images import read_bytes, read_image
 from deckline.recording.source import is_inside
-from deckline.recording.writer import write_atomic
 
 READERS: dict[Format, Callable[[Path], LabelSet]] = {
     "tusimple": read_tusimple,

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from deckline.atomic import write_atomic
 from deckline.labels.lines import LabelledImage, Line, parsed, points, read_text
-from deckline.recording.writer import write_atomic
 from deckline.types import SIDES
 
 LABELS_FILE = "labels.json"

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from deckline.atomic import write_atomic
 from deckline.labels.lines import (
     LabelledImage,
     LabelSet,
@@ -22,7 +23,6 @@ from deckline.labels.lines import (
     read_text,
     sized,
 )
-from deckline.recording.writer import write_atomic
 
 ABSENT = -2  # u of a row that a lane does not reach
 DECIMALS = 2  # of u, px

@@ -1,7 +1,7 @@
 """Recordings: AirSim-layout folders (read and write), image folders and video files."""
 
-from deckline.recording.opening import open_source
+from deckline.recording.opening import open_recording
 from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, Stream
 from deckline.recording.writer import RecordingWriter
 
-__all__ = ["BadFrame", "FrameError", "RecordingError", "RecordingWriter", "Source", "Stream", "open_source"]
+__all__ = ["BadFrame", "FrameError", "RecordingError", "RecordingWriter", "Source", "Stream", "open_recording"]

@@ -1,7 +1,7 @@
-"""open_source: from a path to frames."""
+"""open_recording: from a path to frames."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +12,10 @@ from deckline.recording.images import IMAGE_SUFFIXES
 from deckline.recording.netpbm import FAR_DEPTH_M, PfmRows
 from deckline.recording.poses_file import POSES_FILE, Poses, read_poses
 from deckline.recording.scene import SCENE_FILE, read_scene
-from deckline.recording.source import RecordingError, Source
+from deckline.recording.source import BadFrame, RecordingError, Source
 
 
-def open_source(
+def open_recording(
     path: Path | str,
     *,
     camera_file: Path | str | None = None,
@@ -25,6 +25,7 @@ def open_source(
     sea_z_m: float | None = None,
     pfm_rows: PfmRows = "top-to-bottom",
     far_m: float = FAR_DEPTH_M,
+    on_skip: Callable[[BadFrame], None] | None = None,
 ) -> Source:
     """Open a recording in AirSim's layout, a folder of images, or a video file.
 
@@ -40,6 +41,7 @@ def open_source(
         sea_z_m: world z (down) of the water; overrides what files say.
         pfm_rows: order of the rows in PFM depth files; AirSim's is "top-to-bottom", the PFM definition's the other.
         far_m: depths stored at or beyond this mean "nothing seen"; the default is AirSim's half-precision limit.
+        on_skip: takes each damaged frame while somebody iterates; None prints its file and the reason on stderr.
 
     Raises:
         RecordingError: the source cannot be opened; one line that says what, where, and how to mend it.
@@ -58,18 +60,22 @@ def open_source(
     given_poses = None if poses_file is None else read_poses(Path(poses_file))
     if path.name == RECORD_FILE:
         path = path.parent
+    source: Source
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
     if (path / RECORD_FILE).exists():
         if given_poses is not None:
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
-        return _airsim(path, AirSimOptions(fov_deg, given_camera, None, deck_z_m, pfm_rows, far_m, sea_z_m))
-    if path.is_dir():
+        source = _airsim(path, AirSimOptions(fov_deg, given_camera, None, deck_z_m, pfm_rows, far_m, sea_z_m))
+    elif path.is_dir():
         _check_known(path)
         camera = (given_camera or _find_camera([path / CAMERA_FILE], path)).at(deck_z_m, sea_z_m)
         poses = given_poses or _find_poses([path / POSES_FILE])
-        return ImageFolder(path, camera, poses, pfm_rows, far_m)
-    return _video(path, given_camera, given_poses, deck_z_m, sea_z_m)
+        source = ImageFolder(path, camera, poses, pfm_rows, far_m)
+    else:
+        source = _video(path, given_camera, given_poses, deck_z_m, sea_z_m)
+    source.on_skip = on_skip
+    return source
 
 
 def _video(

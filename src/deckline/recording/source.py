@@ -1,8 +1,9 @@
 """What every source of frames has in common: its errors, and how a run walks over good and bad frames."""
 
 import math
+import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -39,16 +40,23 @@ class BadFrame:
     reason: str
 
 
+def print_skipped(bad: BadFrame) -> None:
+    """Say on stderr which frame is skipped, and why."""
+    print(f"skipped {bad.file}: {bad.reason}", file=sys.stderr)
+
+
 class Stream(ABC):
-    """Frames as they come, good and bad.
+    """Frames as they come. Iterating gives the good ones and calls `on_skip` for each damaged one.
 
     Attributes:
         name: what a report calls it.
         notes: what is odd about it but did not stop it, one line each, for people.
+        on_skip: takes a damaged frame; None prints its file and the reason on stderr.
     """
 
     name: str
     notes: tuple[str, ...] = ()
+    on_skip: Callable[[BadFrame], None] | None = None
 
     @property
     def length(self) -> int | None:
@@ -56,8 +64,15 @@ class Stream(ABC):
         return None
 
     @abstractmethod
-    def __iter__(self) -> Iterator[Frame | BadFrame]:
-        """The frames, once through."""
+    def items(self) -> Iterator[Frame | BadFrame]:
+        """All frames in their order, damaged ones too, once through."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        for item in self.items():
+            if isinstance(item, BadFrame):
+                (self.on_skip or print_skipped)(item)
+            else:
+                yield item
 
     def stop(self) -> None:  # noqa: B027 (files need no stopping)
         """End a wait for the next frame; may be called from a signal handler or another thread."""
@@ -83,7 +98,7 @@ class Source(Stream):
             IndexError: there is no such frame.
         """
 
-    def __iter__(self) -> Iterator[Frame | BadFrame]:
+    def items(self) -> Iterator[Frame | BadFrame]:
         for index in range(len(self)):
             try:
                 yield self.load(index)

@@ -42,7 +42,7 @@ class Video(Source):
     def load(self, index: int) -> Frame:
         check_index(index, len(self), self.name)
         if not 0 <= self._next <= index:
-            self._cursor = enumerate(iter(self))
+            self._cursor = enumerate(self.items())
         for number, item in self._cursor:
             self._next = number + 1
             if number == index:
@@ -52,7 +52,7 @@ class Video(Source):
         self._next = -1
         raise FrameError(self._file(index), "the film ends before this frame")
 
-    def __iter__(self) -> Iterator[Frame | BadFrame]:
+    def items(self) -> Iterator[Frame | BadFrame]:
         count = 0
         for count, decoded in enumerate(_decode(self.path), 1):
             if isinstance(decoded, str):

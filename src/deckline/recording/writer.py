@@ -2,8 +2,6 @@
 
 import json
 import math
-import os
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -12,6 +10,7 @@ from typing import Any, Literal, Self, TextIO
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from deckline.atomic import write_atomic
 from deckline.recording.airsim import (
     HEADER,
     IMAGE_FOLDER,
@@ -256,19 +255,3 @@ def _pose_numbers(world_from_body: RigidTransform, file: str) -> tuple[float, ..
     if not all(math.isfinite(value) for value in numbers):
         raise ValueError(f"{file}: pose is not finite: {list(numbers)}")
     return numbers
-
-
-def write_atomic(path: Path, data: bytes) -> None:
-    """Write a whole file or leave the old one: temporary name, then rename.
-
-    Raises:
-        OSError: the disk refuses; names the file.
-    """
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        temporary.write_bytes(data)
-        os.replace(temporary, path)  # noqa: PTH105 (the same as Path.replace, named for what it is)
-    except OSError as error:
-        with suppress(OSError):
-            temporary.unlink()
-        raise OSError(error.errno, error.strerror, str(path)) from None

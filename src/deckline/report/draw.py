@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deckline.recording.writer import write_atomic
+from deckline.atomic import write_atomic
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]

@@ -192,7 +192,7 @@ def _publish(
 def _items(source: Stream, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
     """Items `first` to `total` of the source. From the beginning it is iterated, as films are read best that way."""
     if first == 0 or not isinstance(source, Source):
-        yield from islice(source, total)
+        yield from islice(source.items(), total)
         return
     for index in range(first, len(source) if total is None else total):
         try:

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline import __version__
+from deckline.atomic import write_atomic
 from deckline.extras import needs_extra
 from deckline.progress import progress
 from deckline.recording import RecordingWriter
 from deckline.recording.images import encode_image
-from deckline.recording.writer import EncodedFrame, encode_frame, write_atomic
+from deckline.recording.writer import EncodedFrame, encode_frame
 from deckline.sim.manifest import MANIFEST, write_manifest
 from deckline.sim.parallel import Item, map_frames
 from deckline.sim.record import plain, visibility_text

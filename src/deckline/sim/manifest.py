@@ -8,10 +8,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from deckline.atomic import write_atomic
 from deckline.extras import needs_extra
 from deckline.processes import process_count
 from deckline.progress import progress
-from deckline.recording.writer import write_atomic
 from deckline.runtime import sha256_of
 
 with needs_extra("sim"):

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from deckline.atomic import write_atomic
 from deckline.evaluation.ablation_measure import TrainedRow
-from deckline.recording import BadFrame, open_source
-from deckline.recording.writer import write_atomic
+from deckline.recording import open_recording
 from deckline.train.checkpoint import read_progress
 from deckline.train.dehaze import DehazeTrainConfig, train_dehaze
 from deckline.train.dehaze_network import Attention, DehazeNetwork, Transformer
@@ -101,12 +101,10 @@ def is_finished(recipe: DehazeTrainConfig, folder: Path) -> bool:
 
 def check_pairs(recording: Path, held_out: float) -> None:
     """Raise ValueError unless there are pairs, recorded in haze and in clear air, to train on and to hold out."""
-    source = open_source(recording)
+    source = open_recording(recording)
     if round(held_out * len(source)) < 1:
         raise ValueError(f"{recording}: {len(source)} pairs are too few to keep {100 * held_out:g} % out of training")
     for frame in source:
-        if isinstance(frame, BadFrame):
-            continue
         truth = frame.truth
         visibility_m = math.inf if truth is None or truth.visibility_m is None else truth.visibility_m
         if truth is None or truth.clear_rgb is None or math.isinf(visibility_m):

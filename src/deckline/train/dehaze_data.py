@@ -12,7 +12,7 @@ from torch import Tensor
 
 from deckline.dehaze.network_io import averaged_down, image_to_tensor, reduction_factor, tensor_to_image
 from deckline.geometry import Camera
-from deckline.recording import Source, open_source
+from deckline.recording import Source, open_recording
 from deckline.train.dehaze_haze import HazeAugmentation, geometry_prior, lay_haze
 from deckline.train.views import Views
 from deckline.types import Frame
@@ -129,7 +129,7 @@ class ClearViews(Views[ClearView, Source]):
 
     def __init__(self, recordings: list[Path], long_side_px: int, held_out: float, train: bool = True) -> None:
         self._long_side_px = long_side_px
-        super().__init__({path: open_source(path) for path in recordings}, recordings, held_out, train)
+        super().__init__({path: open_recording(path) for path in recordings}, recordings, held_out, train)
 
     def load(self, source: Source, index: int) -> ClearView:
         """View `index` of a recording.

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from deckline.detect.row_anchors import RowGrid
-from deckline.recording import Source, open_source
+from deckline.recording import Source, open_recording
 from deckline.train.detect_augment import DetectAugmentation
 from deckline.train.detect_labels import LabelledFolder, LabelledView, is_labelled_folder
 from deckline.train.detect_losses import DetectTargets
@@ -30,7 +30,9 @@ class LineViews(Views[LineView | LabelledView, Source | LabelledFolder]):
     """
 
     def __init__(self, recordings: list[Path], held_out: float, train: bool = True) -> None:
-        sources = {path: LabelledFolder(path) if is_labelled_folder(path) else open_source(path) for path in recordings}
+        sources = {
+            path: LabelledFolder(path) if is_labelled_folder(path) else open_recording(path) for path in recordings
+        }
         super().__init__(sources, recordings, held_out, train)
 
     def load(self, source: Source | LabelledFolder, index: int) -> LineView | LabelledView:

@@ -76,7 +76,7 @@ class LiveSource(Stream):
     def stop(self) -> None:
         self._stopped.set()
 
-    def __iter__(self) -> Iterator[Frame | BadFrame]:
+    def items(self) -> Iterator[Frame | BadFrame]:
         pace = Pace(self.config.rate_hz)
         try:
             while not self._stops_within(pace.wait_s(time.monotonic())):
