@@ -19,9 +19,9 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
+from deckline.evaluation.cramer_rao import cramer_rao
 from deckline.geometry import Camera, attitude, camera_mount, intersect_plane, wrap_angle
 from deckline.localize import AgreementConfig, LocalizeConfig, NoiseConfig, localize
-from deckline.localize.bound import cramer_rao
 from deckline.localize.depth import independent
 from deckline.types import SIDES, Detection, Frame, LinePoints, RunwayLine
 

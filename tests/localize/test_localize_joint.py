@@ -4,6 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
+
+from deckline.evaluation.cramer_rao import cramer_rao
+from deckline.localize import AgreementConfig, LocalizeConfig, NoiseConfig, localize
+from deckline.localize.joint import solve
+from deckline.localize.model import NUISANCES, State
+from deckline.localize.ransac import fit_pixel_line
+from deckline.localize.sight import sight
+from deckline.types import SIDES, DepthMode, Status
 from runway_scene import (
     LEFT,
     PARALLEL_CENTRE,
@@ -16,15 +25,6 @@ from runway_scene import (
     noisy,
     with_depth,
 )
-from scipy.stats import chi2
-
-from deckline.localize import AgreementConfig, LocalizeConfig, NoiseConfig, localize
-from deckline.localize.bound import cramer_rao
-from deckline.localize.joint import solve
-from deckline.localize.model import NUISANCES, State
-from deckline.localize.ransac import fit_pixel_line
-from deckline.localize.sight import sight
-from deckline.types import SIDES, DepthMode, Status
 
 DRAWS = 500
 TRUTHS = {"left": LEFT, "right": PARALLEL_RIGHT, "centre": PARALLEL_CENTRE}

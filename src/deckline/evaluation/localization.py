@@ -14,6 +14,7 @@ import tyro
 from deckline.atomic import write_atomic
 from deckline.evaluation.chain import range_to_ramp_m
 from deckline.evaluation.commands import JsonFile
+from deckline.evaluation.cramer_rao import cramer_rao
 from deckline.evaluation.detection_tables import report
 from deckline.evaluation.integrity_points import PointNoise
 from deckline.evaluation.localization_book import Book
@@ -30,7 +31,6 @@ from deckline.evaluation.localization_methods import Bench, Method, load, method
 from deckline.evaluation.localization_points import POINT_METHODS, fly_points, modelled_bench
 from deckline.evaluation.localization_tables import NOTES, flat_figures, localization_tables
 from deckline.localize import LocalizeConfig
-from deckline.localize.bound import cramer_rao
 from deckline.pipeline import FrameResult, PipelineConfig
 from deckline.processes import in_processes, process_count
 from deckline.progress import progress

@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runway_scene import LEFT, PARALLEL_CENTRE, PARALLEL_RIGHT, approach, detection, line_points, with_depth
 
+from deckline.evaluation.cramer_rao import cramer_rao
 from deckline.localize import AgreementConfig, DeckConfig, LocalizeConfig, NoiseConfig
-from deckline.localize.bound import cramer_rao
 from deckline.localize.depth import deck_points
 from deckline.types import SIDES, DepthMode
+from runway_scene import LEFT, PARALLEL_CENTRE, PARALLEL_RIGHT, approach, detection, line_points, with_depth
 
 AT_M = PARALLEL_CENTRE.p0_m
 FREE, PARALLEL = AgreementConfig(parallel_rad=np.inf), AgreementConfig(parallel_rad=1e-3)
