@@ -129,7 +129,7 @@ def test_a_killed_run_leaves_the_earlier_one_whole_and_can_be_resumed(tmp_path):
     run(Approach(3), chain, tmp_path)
     before = contents(tmp_path)
     with pytest.raises(Killed):
-        run(Approach(8), breaking(5, kill), tmp_path)
+        run(Approach(8), breaking(5, kill), tmp_path, overwrite=True)
     assert contents(tmp_path) == before
     with (tmp_path / UNFINISHED / "guidance.jsonl").open("a") as file:
         file.write('{"file":"frame_005.png","sta')
@@ -151,7 +151,7 @@ def test_frames_whose_pictures_were_lost_are_shown_again_but_recorded_once(tmp_p
 
 def test_a_new_run_never_leaves_outputs_of_the_old_one(tmp_path):
     run(Approach(3), chain, tmp_path)
-    summary = run(Approach(2), chain, tmp_path, overlay=False, report=False)
+    summary = run(Approach(2), chain, tmp_path, overlay=False, report=False, overwrite=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["guidance.csv", "guidance.jsonl"]
     assert sorted(path.name for path in summary.written) == ["guidance.csv", "guidance.jsonl"]
     assert len(records(tmp_path)) == 2
@@ -164,6 +164,19 @@ def test_resuming_another_source_or_a_whole_run_is_refused(tmp_path):
     run(Approach(4), chain, tmp_path, resume=True)
     with pytest.raises(ValueError, match="nothing to resume: the run there is whole"):
         run(Approach(4), chain, tmp_path, resume=True)
+
+
+def test_an_older_result_is_replaced_only_when_asked_for(tmp_path):
+    run(Approach(3), chain, tmp_path)
+    before = contents(tmp_path)
+    with pytest.raises(ValueError, match=rf"{tmp_path}.*--overwrite"):
+        run(Approach(2), chain, tmp_path)
+    assert contents(tmp_path) == before
+    run(Approach(2), breaking(0, press_ctrl_c), tmp_path, overwrite=True)
+    with pytest.raises(ValueError, match=rf"{tmp_path}.*--resume.*--overwrite"):
+        run(Approach(2), chain, tmp_path)
+    assert run(Approach(2), chain, tmp_path, overwrite=True).frames == 2
+    assert not (tmp_path / UNFINISHED).exists()
 
 
 def test_max_frames_counts_bad_frames_as_well(tmp_path):

@@ -29,9 +29,10 @@ def demo(out: Path = Path("demo-out")) -> int:
         out: folder for the results.
     """
     recording = out / "approach"
+    own = recording.exists()  # only an earlier demo has unpacked its recording there
     with zipfile.ZipFile(SAMPLE) as archive:
         archive.extractall(recording)
-    return _run(open_recording(recording), Flight(Pipeline()), out)
+    return _run(open_recording(recording), Flight(Pipeline()), out, overwrite=own)
 
 
 def run(
@@ -54,6 +55,7 @@ def run(
     guide: GuideConfig = USUAL_APPROACH,
     max_frames: int | None = None,
     resume: bool = False,
+    overwrite: bool = False,
     seed: int = 0,
 ) -> int:
     """Find the runway lines in a recording, an image folder, a video, or live in a simulator.
@@ -80,6 +82,7 @@ def run(
         guide: the wanted approach.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
         resume: go on after the last whole frame of an interrupted run in `out`.
+        overwrite: replace the results of an older run in `out`.
         seed: of RANSAC's draws.
     """
     opened: Stream
@@ -97,7 +100,7 @@ def run(
     lines = replace(LocalizeConfig(), mode=mode, runway_width_m=None if track else runway_width_m)
     config = PipelineConfig(dehazer, detector, lines, seed, runway, detect_in)
     flight = open_flight(config, TrackConfig(runway_width_m=runway_width_m) if track else None, guide, sea_state)
-    return _run(opened, flight, out, max_frames=max_frames, resume=resume)
+    return _run(opened, flight, out, max_frames, resume, overwrite)
 
 
 def convert(
@@ -131,12 +134,19 @@ def convert(
     return 0
 
 
-def _run(source: Stream, pipeline: Flight, out: Path, max_frames: int | None = None, resume: bool = False) -> int:
+def _run(
+    source: Stream,
+    pipeline: Flight,
+    out: Path,
+    max_frames: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+) -> int:
     from deckline.report.run import run as run_pipeline
 
     for note in source.notes:
         print(f"note: {note}", file=sys.stderr)
-    summary = run_pipeline(source, pipeline, out, max_frames=max_frames, resume=resume)
+    summary = run_pipeline(source, pipeline, out, max_frames=max_frames, resume=resume, overwrite=overwrite)
     for path in summary.written:
         print(path)
     return summary.exit_code

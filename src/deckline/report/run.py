@@ -58,13 +58,15 @@ def run(
     report: bool = True,
     max_frames: int | None = None,
     resume: bool = False,
+    overwrite: bool = False,
 ) -> RunSummary:
     """Run `pipeline` over `source` and write guidance.jsonl, guidance.csv, overlay.mp4 and report.html into `out`.
 
     A resumed run begins its track anew: the first record after the break carries the flag "resumed".
 
     Frames that cannot be used are named on stderr, counted and left out. Ctrl-C ends the run after the frame at hand:
-    what was written is whole, and `resume` goes on from there. An earlier run in `out` is replaced at the end.
+    what was written is whole, and `resume` goes on from there. With `overwrite`, an earlier run in `out` is replaced at
+    the end.
     A source without an end is run until Ctrl-C or `max_frames`, and cannot be resumed.
 
     Args:
@@ -75,9 +77,10 @@ def run(
         report: write report.html.
         max_frames: stop after so many frames of the source, unusable ones included.
         resume: go on after the last whole line of an interrupted run in `out`.
+        overwrite: replace the results of an older run in `out`.
 
     Raises:
-        ValueError: `out` cannot be written, there is nothing to resume, or not with these settings.
+        ValueError: `out` holds results or cannot be written, there is nothing to resume, or not with these settings.
     """
     if max_frames is not None and max_frames < 1:
         raise ValueError(f"max_frames must be at least 1, got {max_frames}")
@@ -86,7 +89,7 @@ def run(
     total = min((limit for limit in (source.length, max_frames) if limit is not None), default=None)
     settings = settings_of(pipeline)
     state = {"source": source.name, "frames": str(source.length), "overlay": str(overlay)} | settings
-    folder = (resume_folder if resume else start_folder)(out, state)
+    folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
     sample = PictureSample(folder.work / PICTURES) if report else None
     counts, interrupted = _process(source, pipeline, folder, sample, total, overlay)
     frames = sum(counts.values())

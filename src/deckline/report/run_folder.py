@@ -18,6 +18,7 @@ from deckline.report.video import count_pictures
 JSONL, CSV, VIDEO, REPORT = "guidance.jsonl", "guidance.csv", "overlay.mp4", "report.html"
 UNFINISHED = ".unfinished"
 STATE = "run.json"
+OTHER = "choose another folder"
 
 
 @dataclass(frozen=True)
@@ -57,13 +58,22 @@ class RunFolder:
         shutil.rmtree(self.work)
 
 
-def start_folder(out: Path, state: dict[str, Any]) -> RunFolder:
-    """A new run in `out`. A run that was left unfinished there is given up.
+def start_folder(out: Path, state: dict[str, Any], overwrite: bool = False) -> RunFolder:
+    """Start a new run in `out`.
+
+    Args:
+        out: folder, made when missing.
+        state: what decides the results, label to value: a run is resumed only with the same.
+        overwrite: replace an older result in `out`, give up an unfinished run there.
 
     Raises:
-        ValueError: `out` cannot be written.
+        ValueError: `out` holds results already, or cannot be written.
     """
     work = out / UNFINISHED
+    if not overwrite and work.exists():
+        raise ValueError(f"{out} holds an unfinished run: go on with --resume, replace it with --overwrite, or {OTHER}")
+    if not overwrite and any((out / name).exists() for name in (REPORT, VIDEO, CSV, JSONL)):
+        raise ValueError(f"{out} holds the results of another run: replace them with --overwrite, or {OTHER}")
     try:
         out.mkdir(parents=True, exist_ok=True)
         if work.exists():
@@ -87,7 +97,7 @@ def resume_folder(out: Path, state: dict[str, Any]) -> RunFolder:
     if not (work / STATE).exists():
         if (out / JSONL).exists() and not work.exists():
             raise ValueError(f"{out}: nothing to resume: the run there is whole")
-        return start_folder(out, state)
+        return start_folder(out, state, overwrite=True)
     try:
         before = json.loads((work / STATE).read_text(encoding="utf-8"))
         jsonl = (work if (work / JSONL).exists() else out) / JSONL
