@@ -3,12 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runway_scene import DECK_Z_M, LEFT, approach, detection, line_points, with_depth
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.localize.config import LocalizeConfig, NoiseConfig
 from deckline.localize.depth import WINDOW, choose_mode, deck_points, independent, sample_depth
 from deckline.types import DepthMode
+from runway_scene import DECK_Z_M, LEFT, approach, detection, line_points, with_depth
 
 BARE = approach(60.0, 8.0)
 DEEP = with_depth(BARE)

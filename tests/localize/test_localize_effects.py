@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runway_scene import CAMERA, DECK_Z_M, LEFT, PARALLEL_RIGHT, approach, azimuth, line_points
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import wrap_angle
 from deckline.localize import DeckConfig, LocalizeConfig, NoiseConfig, localize
 from deckline.types import DepthMode, Detection, Segment
+from runway_scene import CAMERA, DECK_Z_M, LEFT, PARALLEL_RIGHT, approach, azimuth, line_points
 
 TURN_X, TURN_Y, REPORTED, FOCAL, SCALE, ALONG, ACROSS = range(7)
 STEPS = np.array([1e-4, 1e-4, 1e-2, 1e-4, 1e-3, 1e-4, 1e-4])

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from runway_scene import LEFT, azimuth
 
 from deckline.localize import NoiseConfig, fit_sgd
 from deckline.localize.depth import DeckPoints
 from deckline.localize.line_fit import fit_alone, weighted_line
+from runway_scene import LEFT, azimuth
 
 WHITE = NoiseConfig(point_correlation=0.0, point_correlation_sigma=0.0)
 CAMERA_M = np.array([100.0, 20.0, -10.0])

@@ -3,6 +3,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
+from deckline.geometry import wrap_angle
+from deckline.localize import AgreementConfig, DeckConfig, LocalizeConfig, NoiseConfig, localize
+from deckline.types import DepthMode, Detection, LinePoints, Segment, Status
 from runway_scene import (
     CAMERA,
     DECK_Z_M,
@@ -16,10 +20,6 @@ from runway_scene import (
     line_points,
     with_depth,
 )
-
-from deckline.geometry import wrap_angle
-from deckline.localize import AgreementConfig, DeckConfig, LocalizeConfig, NoiseConfig, localize
-from deckline.types import DepthMode, Detection, LinePoints, Segment, Status
 
 CONFIG = LocalizeConfig()
 

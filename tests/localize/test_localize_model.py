@@ -1,8 +1,5 @@
 import numpy as np
 import pytest
-from runway_scene import LEFT as LEFT_LINE
-from runway_scene import LENS, approach, azimuth, detection, with_depth
-from runway_scene import PARALLEL_RIGHT as RIGHT_LINE
 
 from deckline.localize import DeckConfig, LocalizeConfig, NoiseConfig
 from deckline.localize.model import (
@@ -17,6 +14,9 @@ from deckline.localize.model import (
 from deckline.localize.ransac import fit_pixel_line
 from deckline.localize.sight import sight
 from deckline.types import SIDES
+from runway_scene import LEFT as LEFT_LINE
+from runway_scene import LENS, approach, azimuth, detection, with_depth
+from runway_scene import PARALLEL_RIGHT as RIGHT_LINE
 
 NOISE = NoiseConfig()
 ALONG = np.array([np.cos(azimuth(LEFT_LINE)), np.sin(azimuth(LEFT_LINE))])

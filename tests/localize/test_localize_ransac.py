@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from runway_scene import CAMERA, LEFT, LENS, approach, line_points
 
 from deckline.localize.config import RansacConfig
 from deckline.localize.ransac import fit_pixel_line, ideal_pixels, least_squares_line
 from deckline.types import LinePoints
+from runway_scene import CAMERA, LEFT, LENS, approach, line_points
 
 CONFIG = RansacConfig()
 

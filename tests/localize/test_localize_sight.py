@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runway_scene import DECK_Z_M, LEFT, LENS, approach, azimuth, detection, with_depth
 
 from deckline.localize import LocalizeConfig
 from deckline.localize.ransac import fit_pixel_line
 from deckline.localize.sight import first_height, first_line, sight
 from deckline.types import SIDES
+from runway_scene import DECK_Z_M, LEFT, LENS, approach, azimuth, detection, with_depth
 
 CONFIG = LocalizeConfig()
 

@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from deckline.geometry import wrap_angle
+from deckline.localize import AgreementConfig, DeckConfig, LocalizeConfig, localize
+from deckline.types import DepthMode, Detection, LinePoints, Segment, Status
 from runway_scene import (
     DECK_Z_M,
     LEFT,
@@ -19,11 +24,6 @@ from runway_scene import (
     line_points,
     with_depth,
 )
-from scipy.spatial.transform import RigidTransform, Rotation
-
-from deckline.geometry import wrap_angle
-from deckline.localize import AgreementConfig, DeckConfig, LocalizeConfig, localize
-from deckline.types import DepthMode, Detection, LinePoints, Segment, Status
 
 CONFIG = LocalizeConfig()
 WIDTH_M = float(np.linalg.norm((PARALLEL_RIGHT.p0_m - LEFT.p0_m) @ [np.sin(azimuth(LEFT)), -np.cos(azimuth(LEFT)), 0]))
