@@ -1,38 +1,50 @@
+"""One process pool: order, cores, errors."""
+
 import os
 
 import pytest
 
-from deckline.processes import in_processes, process_count
+from deckline.processes import map_ordered, process_count
 
 
-def square(number):
+def square(number: int) -> tuple[int, list[int], int]:
     return number**2, sorted(os.sched_getaffinity(0)), os.getpid()
 
 
-def die(number):
+def die(number: int) -> None:
     os._exit(1)
+
+
+def refuse(number: int) -> None:
+    raise ValueError(f"no use for {number}")
 
 
 def test_results_come_in_order_from_processes_on_their_own_cores():
     cores = process_count(0)
-    found = list(in_processes(square, [3, 1, 2], 2))
-    assert [(number, result[0]) for number, result in found] == [(3, 9), (1, 1), (2, 4)]
-    for _, (_, own, pid) in found:
-        assert pid != os.getpid()
-        assert len(own) in {max(1, cores // 2), (cores + 1) // 2}
-    by_process = {pid: set(own) for _, (_, own, pid) in found}
+    results = list(map_ordered(square, [3, 1, 2, 5, 4, 6], 2))
+    assert [value for value, _, _ in results] == [9, 1, 4, 25, 16, 36]
+    by_process = {pid: set(share) for _, share, pid in results}
+    assert os.getpid() not in by_process
+    assert {len(share) for share in by_process.values()} <= {max(1, cores // 2), (cores + 1) // 2}
     if cores > 1 and len(by_process) == 2:
         first, second = by_process.values()
         assert not first & second
 
 
-def test_a_process_that_dies_is_named():
-    with pytest.raises(OSError, match="a process died"):
-        list(in_processes(die, [1], 1))
+def test_one_job_is_done_here():
+    assert [pid for _, _, pid in map_ordered(square, range(2))] == 2 * [os.getpid()]
+
+
+@pytest.mark.parametrize(
+    ("task", "kind", "named"), [(die, OSError, "a process died"), (refuse, ValueError, "no use for 7")]
+)
+def test_an_error_in_a_process_is_the_error_here(task, kind, named):
+    with pytest.raises(kind, match=named):
+        list(map_ordered(task, [7], 2))
 
 
 def test_how_many():
     assert process_count(3) == 3
     assert process_count(0) == len(os.sched_getaffinity(0))
-    with pytest.raises(ValueError, match="--jobs must not be negative, got -2"):
+    with pytest.raises(ValueError, match="jobs.*-2"):
         process_count(-2)

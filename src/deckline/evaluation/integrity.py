@@ -1,8 +1,7 @@
 """`deckline eval integrity`: faults put into flights, and whether they are noticed."""
 
-import multiprocessing
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -21,7 +20,7 @@ from deckline.evaluation.integrity_runs import NOMINAL, Run, fly_points, fly_sho
 from deckline.evaluation.localization_book import Book
 from deckline.evaluation.localization_flights import FlightsConfig
 from deckline.pipeline import Pipeline, PipelineConfig
-from deckline.processes import process_count
+from deckline.processes import map_ordered
 from deckline.progress import progress
 from deckline.report.provenance import settings_of
 
@@ -123,15 +122,8 @@ def flown(
                     yield run, fly_shots(shots, run, config.flights)
         return
     work = partial(fly_points, flights=config.flights, noise=config.noise)
-    count = process_count(config.jobs)
-    if count == 1:
-        yield from ((run, work(run)) for run in runs)
-        return
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"))
-    try:
-        yield from zip(runs, pool.map(work, runs, chunksize=1 + len(config.fault)), strict=True)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    with closing(map_ordered(work, runs, config.jobs)) as results:
+        yield from zip(runs, results, strict=True)
 
 
 def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s: float) -> list[TableText]:

@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
@@ -32,7 +33,7 @@ from deckline.evaluation.localization_points import POINT_METHODS, fly_points, m
 from deckline.evaluation.localization_tables import NOTES, flat_figures, localization_tables
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import FrameResult, PipelineConfig
-from deckline.processes import in_processes, process_count
+from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
 from deckline.track import TrackConfig, Tracker
 from deckline.types import SIDES, Frame, Track
@@ -135,10 +136,11 @@ def _fly_all(book: Book, config: LocalizationConfig, work: Work) -> None:
     total, left = (flown * flights.frames for flown in (config.approaches, len(missing)))
     with progress("flying", total, total - left) as advance:
         if count > 1:
-            for number, rows in in_processes(partial(_flown, config=config), missing, count):
-                book.add(_run_name(number), rows)
-                for _ in range(flights.frames):
-                    advance()
+            with closing(map_ordered(partial(_flown, config=config), missing, count)) as results:
+                for number, rows in zip(missing, results, strict=True):
+                    book.add(_run_name(number), rows)
+                    for _ in range(flights.frames):
+                        advance()
             return
         for number in missing:
             scores: list[Score] = []

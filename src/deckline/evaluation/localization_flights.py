@@ -147,17 +147,13 @@ def fly(config: FlightsConfig, approach: int) -> Iterator[Frame]:
         OSError: no OpenGL through EGL on this machine.
     """
     with needs_extra("sim"):
-        from deckline.sim import RendererError
         from deckline.sim.simulate import Simulator
     rendered = config.approach(approach)
-    try:
-        with Simulator(rendered) as simulator:
-            for index in range(config.frames):
-                frame = simulator.frame(index)
-                exact = config.navigation == "exact"
-                yield frame if exact else miscalibrated(noisy_depth(frame, rendered.seed, index), rendered.seed)
-    except RendererError as error:
-        raise OSError(str(error)) from error
+    with Simulator(rendered) as simulator:
+        for index in range(config.frames):
+            frame = simulator.frame(index)
+            exact = config.navigation == "exact"
+            yield frame if exact else miscalibrated(noisy_depth(frame, rendered.seed, index), rendered.seed)
 
 
 def miscalibrated(frame: Frame, seed: int) -> Frame:

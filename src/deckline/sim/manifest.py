@@ -3,14 +3,14 @@
 import json
 import platform
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from deckline.atomic import write_atomic
 from deckline.extras import needs_extra
-from deckline.processes import process_count
+from deckline.processes import map_ordered
 from deckline.progress import progress
 from deckline.runtime import sha256_of
 
@@ -28,7 +28,7 @@ def write_manifest(out: Path, values: Mapping[str, Any], jobs: int = 1) -> None:
     """Write manifest.json of a complete dataset: the given values, versions, counts and hashes; no dates, no paths.
 
     Args:
-        jobs: threads that read files; 0: one for every core.
+        jobs: processes that read files; 0: one for every core.
     """
     files = file_hashes(out, jobs)
     content = {
@@ -73,8 +73,9 @@ def file_hashes(out: Path, jobs: int = 1) -> dict[str, str]:
     names = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
     names = [name for name in names if name != MANIFEST]
     hashes = {}
-    with progress("hashing", len(names)) as advance, ThreadPoolExecutor(process_count(jobs)) as pool:
-        for name, digest in zip(names, pool.map(lambda name: sha256_of(out / name), names), strict=True):
+    paths = [out / name for name in names]
+    with progress("hashing", len(names)) as advance, closing(map_ordered(sha256_of, paths, jobs)) as digests:
+        for name, digest in zip(names, digests, strict=True):
             hashes[name] = digest
             advance()
     return hashes

@@ -10,7 +10,7 @@ from deckline.extras import needs_extra
 from deckline.sim.record import repeatable_command, what_decides_a_frame
 
 with needs_extra("sim"):
-    from deckline.sim import RendererError, SimConfig
+    from deckline.sim import SimConfig
 
 RECORDINGS = Path("recordings")
 
@@ -55,10 +55,7 @@ def serve_sim(config: SimConfig, server: ServeConfig, out: Path | None) -> None:
     if not is_loopback(server.host):
         to_stderr(f"listening on {server.host}: whoever reaches this machine can steer the simulator")
     made = {"generator": f"deckline {__version__}", "command": repeatable_command(), **what_decides_a_frame(config)}
-    try:
-        serve(config, settings, ServerConfig(server.host, server.port, out or RECORDINGS, scene=made))
-    except RendererError as error:
-        raise OSError(str(error)) from None
+    serve(config, settings, ServerConfig(server.host, server.port, out or RECORDINGS, scene=made))
 
 
 def is_loopback(host: str) -> bool:

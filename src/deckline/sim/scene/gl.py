@@ -13,7 +13,7 @@ NO_EGL = (
 __all__ = ["RendererError", "moderngl", "open_context"]
 
 
-class RendererError(RuntimeError):
+class RendererError(OSError):
     """No OpenGL context can be had on this machine."""
 
 
