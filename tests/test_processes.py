@@ -46,5 +46,5 @@ def test_an_error_in_a_process_is_the_error_here(task, kind, named):
 def test_how_many():
     assert process_count(3) == 3
     assert process_count(0) == len(os.sched_getaffinity(0))
-    with pytest.raises(ValueError, match="jobs.*-2"):
+    with pytest.raises(ValueError, match=r"jobs.*-2"):
         process_count(-2)

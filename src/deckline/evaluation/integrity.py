@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -121,9 +122,16 @@ def flown(
                 if run.number == number:
                     yield run, fly_shots(shots, run, config.flights)
         return
-    work = partial(fly_points, flights=config.flights, noise=config.noise)
-    with closing(map_ordered(work, runs, config.jobs)) as results:
-        yield from zip(runs, results, strict=True)
+    by_flight = [list(group) for _, group in groupby(runs, key=lambda run: run.number)]  # a process caches its flight
+    work = partial(_fly_together, flights=config.flights, noise=config.noise)
+    with closing(map_ordered(work, by_flight, config.jobs)) as results:
+        for group, moments in zip(by_flight, results, strict=True):
+            yield from zip(group, moments, strict=True)
+
+
+def _fly_together(runs: list[Run], flights: FlightsConfig, noise: PointNoise) -> list[list[Moment]]:
+    """The frames of runs that share a flight."""
+    return [fly_points(run, flights, noise) for run in runs]
 
 
 def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s: float) -> list[TableText]:
