@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -7,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deckline.cli import main as cli
+from deckline import __version__
 from deckline.cli.main import main
 
 
@@ -32,10 +33,10 @@ def test_an_output_that_nobody_reads_ends_without_a_word():
 
 
 def test_any_other_pipe_that_breaks_is_an_error(monkeypatch, capsys):
-    def lost() -> int:
+    def break_pipe(*_args: object) -> int:
         raise BrokenPipeError("the simulator went away")
 
-    monkeypatch.setitem(cli.COMMANDS, "info", lost)
+    monkeypatch.setattr("deckline.cli.main._run_command", break_pipe)
     assert main(["info"]) == 2
     assert "the simulator went away" in error_line(capsys)
 
@@ -81,11 +82,36 @@ def test_localization_believes_the_deck_height_as_little_as_the_tracker_in_a_sea
     assert told[2].deck.tilt_rad > told[1].deck.tilt_rad > told[0].deck.tilt_rad
 
 
-@pytest.mark.parametrize("group", ["eval", "train"])
+@pytest.mark.parametrize("group", [[], ["eval"], ["train"]])
 def test_a_group_without_its_command_names_those_there_are(group, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main([group])
-    assert ended.value.code == 2
+    with pytest.raises(SystemExit) as end:
+        main(group)
+    assert end.value.code == 2
+    assert "--help" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "name", "near"), [(["rnu"], "rnu", "run"), (["eval", "chian"], "chian", "chain")])
+def test_an_unknown_command_is_one_line_with_the_nearest_name(words, name, near, capsys):
+    assert main(words) == 2
+    assert re.search(rf"'{name}'.*'{near}'", error_line(capsys))
+
+
+def test_the_version_is_printed(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"deckline {__version__}\n"
+
+
+@pytest.mark.parametrize(("command", "rows"), [([], 24), (["run"], 100)])
+def test_help_begins_with_two_examples_and_is_short(command, rows, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "100")
+    with pytest.raises(SystemExit) as end:
+        main([*command, "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert end.value.code == 0
+    assert len(lines) <= rows
+    first = lines.index("examples:")
+    assert first <= 3
+    assert all(line.startswith("  deckline ") for line in lines[first + 1 : first + 3])
 
 
 def test_info_lists_the_checked_weights(capsys):
@@ -95,13 +121,14 @@ def test_info_lists_the_checked_weights(capsys):
     assert "CPUExecutionProvider" in text
 
 
-def test_ctrl_c_ends_with_130_and_one_line(monkeypatch, capsys):
-    def interrupted(*_args: object) -> None:
-        raise KeyboardInterrupt
+@pytest.mark.parametrize(("said", "line"), [("", "deckline: stopped"), ("3 rows", "deckline: stopped: 3 rows")])
+def test_ctrl_c_ends_with_130_and_what_the_command_says(said, line, monkeypatch, capsys):
+    def interrupt(*_args: object) -> None:
+        raise KeyboardInterrupt(*filter(None, [said]))
 
-    monkeypatch.setattr("deckline.cli.main._dispatch", interrupted)
+    monkeypatch.setattr("deckline.cli.main._run_command", interrupt)
     assert main(["info"]) == 130
-    assert error_line(capsys) == "deckline: stopped; what was written is whole"
+    assert error_line(capsys) == line
 
 
 @pytest.mark.parametrize("command", ["demo", "run", "sim", "dataset", "info"])

@@ -1,36 +1,56 @@
 """The `deckline` command."""
 
+import inspect
 import os
 import select
 import sys
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from typing import Any
 
 import tyro
 
-from deckline.cli import run as commands
+from deckline import __version__
 
-COMMANDS: dict[str, Callable[..., int]] = {
-    "demo": commands.demo,
-    "run": commands.run,
-    "convert": commands.convert,
-    "info": commands.info,
+SUMMARIES = {
+    "demo": "Fly the shipped sample approach through haze: report, film and guidance in demo-out.",
+    "run": "Find the runway in a recording, an image folder, a video, or live in a simulator.",
+    "convert": "Copy an AirSim recording into deckline's layout, or back.",
+    "info": "Print versions, inference providers and the shipped weights.",
+    "sim": "Render a recording of a deck, or serve AirSim's clients.",
+    "dataset": "Render the paper's dataset of clear and hazy pairs, or check one.",
+    "train": "Train a network.",
+    "eval": "Measure the chain against truth.",
+    "labels": "Write runway labels as TuSimple, CULane or COCO keypoints, and read them.",
+}
+EXAMPLES = {
+    "deckline": ("deckline demo", "deckline run flights/first --out out --deck-z-m -18"),
+    "deckline run": (
+        "deckline run flights/first --out out --deck-z-m -18",
+        "deckline run approach.mp4 --out out --camera camera.toml --poses poses.csv",
+    ),
 }
 DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
+HELP = ("-h", "--help")
+HELP_COLUMNS = 100
 INTERRUPTED = 130  # the shell's code for a program ended by Ctrl-C
 UNREAD = 141  # and for one whose output nobody reads any more, as behind `| head`
 STDOUT = 1  # its descriptor
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command; returns the exit code. Bad input ends with one line and code 2, Ctrl-C with 130."""
+    """Run one command; returns the exit code. Bad input ends with one line and code 2, Ctrl-C with 130.
+
+    A command that is interrupted says what it wrote in the text of its KeyboardInterrupt.
+    """
     args = sys.argv[1:] if argv is None else argv
     try:
-        code = int(_dispatch(args) or 0)
+        code = int(_run_command(args) or 0)
         sys.stdout.flush()
         return code
-    except KeyboardInterrupt:
-        print("deckline: stopped; what was written is whole", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(": ".join(filter(None, ("deckline: stopped", str(interrupt)))), file=sys.stderr)
         return INTERRUPTED
     except (ValueError, OSError, ImportError) as error:
         if isinstance(error, BrokenPipeError) and _is_unread():
@@ -51,28 +71,75 @@ def _is_unread() -> bool:
     return True
 
 
-def _dispatch(args: list[str]) -> Any:
-    alone = ALONE.get(args[0]) if args else None
-    if alone is not None:
-        return alone(args[1:])
-    group = GROUPS.get(args[0]) if args else None
-    if group is not None:
-        return tyro.extras.subcommand_cli_from_dict(group(), prog=f"deckline {args[0]}", args=args[1:])
-    listed = {"sim": _sim, "dataset": _dataset, "train": _train, "eval": _eval, "labels": _labels}  # in the help only
-    top = COMMANDS | listed
-    return tyro.extras.subcommand_cli_from_dict(top, prog="deckline", description=DESCRIPTION, args=args)
+def _run_command(args: list[str]) -> Any:
+    if args == ["--version"]:
+        print(f"deckline {__version__}")
+        return 0
+    name, rest = _choose("deckline", DESCRIPTION, SUMMARIES, args)
+    prog = f"deckline {name}"
+    if name in ("sim", "dataset"):  # they parse their arguments themselves
+        from deckline.cli import sim as sim_commands
+
+        return sim_commands.sim(rest) if name == "sim" else sim_commands.dataset(rest)
+    if name in GROUPS:
+        commands = GROUPS[name]()
+        summaries = {key: " ".join(_description(f).partition("\n\n")[0].split()) for key, f in commands.items()}
+        sub_name, rest = _choose(prog, SUMMARIES[name], summaries, rest)
+        return _call(f"{prog} {sub_name}", commands[sub_name], rest)
+    return _call(prog, _single_commands()[name], rest)
 
 
-def _run_sim(args: list[str]) -> int:
-    from deckline.cli import sim as sim_commands
+def _call(prog: str, command: Callable[..., int], args: list[str]) -> int:
+    """Parse the arguments of one command and run it. Its help begins with its examples."""
+    return tyro.cli(command, prog=prog, description=_examples(prog) + _description(command), args=args)
 
-    return sim_commands.sim(args)
+
+def _choose(prog: str, description: str, summaries: Mapping[str, str], args: list[str]) -> tuple[str, list[str]]:
+    """The command that the arguments begin with, and the arguments after it.
+
+    Raises:
+        ValueError: an unknown command.
+        SystemExit: help was asked for, or no command was given; the help is printed.
+    """
+    if args and args[0] in summaries:
+        return args[0], args[1:]
+    if args and args[0] not in HELP:
+        near = get_close_matches(args[0], summaries, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"{prog} has no command {args[0]!r}, only {', '.join(summaries)}{hint}")
+    width = max(map(len, summaries)) + 4
+    rows = [
+        textwrap.fill(text, HELP_COLUMNS, initial_indent=f"  {key:{width - 2}}", subsequent_indent=" " * width)
+        for key, text in summaries.items()
+    ]
+    parts = (
+        f"usage: {prog} [-h] {{{','.join(summaries)}}} ...",
+        _examples(prog) + description,
+        "commands:\n" + "\n".join(rows),
+    )
+    print("\n\n".join((*parts, f"{prog} COMMAND --help lists its options.")), file=sys.stdout if args else sys.stderr)
+    raise SystemExit(0 if args else 2)
 
 
-def _run_dataset(args: list[str]) -> int:
-    from deckline.cli import sim as sim_commands
+def _examples(prog: str) -> str:
+    lines = "".join(f"\n  {line}" for line in EXAMPLES.get(prog, ()))
+    return f"examples:{lines}\n\n" if lines else ""
 
-    return sim_commands.dataset(args)
+
+def _description(command: Callable[..., int]) -> str:
+    """The docstring of a command up to its arguments."""
+    return (inspect.getdoc(command) or "").partition("\n\nArgs:")[0]
+
+
+def _single_commands() -> dict[str, Callable[..., int]]:
+    from deckline.cli import run as run_commands
+
+    return {
+        "demo": run_commands.demo,
+        "run": run_commands.run,
+        "convert": run_commands.convert,
+        "info": run_commands.info,
+    }
 
 
 def _train_group() -> dict[str, Callable[..., int]]:
@@ -113,35 +180,5 @@ def _labels_group() -> dict[str, Callable[..., int]]:
     return {"export": label_commands.export, "import": label_commands.import_}
 
 
-def _sim() -> int:
-    """Render a recording of a deck, or a contact sheet: see deckline sim --help."""
-    return main(["sim", "--help"])
-
-
-def _dataset() -> int:
-    """Render the paper's dataset of clear and hazy pairs, or check one: see deckline dataset --help."""
-    return main(["dataset", "--help"])
-
-
-def _train() -> int:
-    """Train a network: see deckline train --help."""
-    return main(["train", "--help"])
-
-
-def _eval() -> int:
-    """Measure the chain against truth: see deckline eval --help."""
-    return main(["eval", "--help"])
-
-
-def _labels() -> int:
-    """Runway labels as TuSimple, CULane or COCO keypoints, and back: see deckline labels --help."""
-    return main(["labels", "--help"])
-
-
 # Imported only when asked for: they need extras.
 GROUPS = {"train": _train_group, "eval": _eval_group, "labels": _labels_group}
-ALONE = {"sim": _run_sim, "dataset": _run_dataset}
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
