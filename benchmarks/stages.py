@@ -22,7 +22,7 @@ import numpy as np
 from deckline.cli.run import SAMPLE
 from deckline.dehaze import DEHAZERS
 from deckline.detect import DETECTORS, Detector, OnnxDetector
-from deckline.detect.preprocess import look, normalise, whole_window
+from deckline.detect.crop import full_crop, normalise, sample_crop
 from deckline.evaluation.dehazing_methods import file_label
 from deckline.recording import open_recording
 
@@ -35,7 +35,7 @@ def sample_image() -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(SAMPLE) as archive:
         archive.extractall(folder)
         image = open_recording(folder).load(FRAME).image_rgb
-    resized = look(image, whole_window((image.shape[1], image.shape[0]), (1280, 720)), (1280, 720))
+    resized = sample_crop(image, full_crop((image.shape[1], image.shape[0]), (1280, 720)), (1280, 720))
     return np.rint(resized).astype(np.uint8)
 
 
@@ -49,7 +49,7 @@ def stages_of(image: np.ndarray, detectors: list[Path]) -> dict[str, Callable[[n
         stages[f"detect {name}"] = detector
         if isinstance(detector, OnnxDetector):
             size = (detector.config.grid.width, detector.config.grid.height)
-            view = normalise(look(image, whole_window((1280, 720), size), size))
+            view = normalise(sample_crop(image, full_crop((1280, 720), size), size))
             stages[f"look {name}"] = lambda _, infer=detector.infer, view=view: infer(view)
     return stages
 

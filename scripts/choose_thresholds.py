@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from deckline.detect import DETECTORS, OnnxDetector
-from deckline.detect.looks import (
+from deckline.detect.anchors import decode_region
+from deckline.detect.coarse_to_fine import (
     DetectConfig,
     NetworkOutput,
+    decode_lines,
     detect_lines,
     lines_probability,
-    read_lines,
     runway_probability,
 )
-from deckline.detect.preprocess import Window
-from deckline.detect.region import decode_region
+from deckline.detect.crop import Crop
 from deckline.evaluation.detection import rendered_sets
 from deckline.evaluation.detection_frames import FrameSet, open_recorded
 from deckline.evaluation.detection_measure import Expected, Scene
@@ -53,7 +53,7 @@ class Seen:
     camera: Camera
     expected: Expected
     output: NetworkOutput  # of the last look
-    window: Window  # where that was
+    window: Crop  # where that was
     runway: float  # probability of a runway
 
 
@@ -97,14 +97,14 @@ def seen_in(image_rgb: NDArray[np.uint8], camera: Camera, expected: Expected, de
 
     config = with_thresholds(detector.config, (0.0, 0.0, 0.0))
     u0, v0, u1, _ = detect_lines(image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
-    window = Window(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
+    window = Crop(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
     runway = runway_probability([decode_region(output.region, output.box).probability for output in outputs])
     return Seen(camera, expected, outputs[-1], window, runway)
 
 
 def lines_of(one: Seen, config: DetectConfig) -> tuple[list[NDArray[np.float64]], float]:
     """Distances of the points, px, of each line whose rows are sure enough, and the probability of the lines."""
-    detection = read_lines(one.output, one.window, config)
+    detection = decode_lines(one.output, one.window, config)
     errors = []
     for side in SIDES:
         points, line = getattr(detection, side), one.expected.lines_px[side]

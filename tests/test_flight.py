@@ -15,11 +15,11 @@ class Exact:
     """Stands for the pipeline: localizes exact detections, and remembers what it was told to expect."""
 
     def __init__(self, blind=()):
-        self.expected, self.seen_at, self.blind = [], [], blind
+        self.expected, self.prior_box, self.blind = [], [], blind
 
-    def __call__(self, at, expected=None, seen_at=None):
+    def __call__(self, at, expected=None, prior_box=None):
         self.expected.append(expected)
-        self.seen_at.append(seen_at)
+        self.prior_box.append(prior_box)
         return chain(at, () if at.file in self.blind else ("left", "right"))
 
 
@@ -71,7 +71,7 @@ def test_without_a_pose_the_last_picture_says_where_to_look():
         shown = replace(frame(index, 150.0 - index), world_from_body=None)
         flight(shown)
     assert pipeline.expected == [None, None]
-    before, box = pipeline.seen_at
+    before, box = pipeline.prior_box
     assert before is None
     assert 0 < box[2] - box[0] < 2 * shown.camera.width and box[0] < shown.camera.width / 2 < box[2]
 
@@ -81,7 +81,7 @@ def test_without_a_tracker_every_frame_is_for_itself():
     flight = Flight(pipeline, None)
     for shown in approach(2):
         flight(shown)
-    assert pipeline.expected == pipeline.seen_at == [None, None]
+    assert pipeline.expected == pipeline.prior_box == [None, None]
 
 
 def test_tracker_and_localization_are_told_of_the_same_sea():

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 import deckline
-from deckline.detect.prior import RunwaySurvey, surveyed
+from deckline.detect.prior import RunwaySurvey, prior_from_survey
 from deckline.evaluation.chain import score_frame
 from deckline.geometry import Camera
 from deckline.localize import LocalizeConfig
@@ -111,8 +111,8 @@ class Recorder:
         self.detection = detection
         self.boxes: list[tuple[float, float, float, float] | None] = []
 
-    def __call__(self, image_rgb, look_at=None) -> Detection:
-        self.boxes.append(look_at)
+    def __call__(self, image_rgb, prior_box=None) -> Detection:
+        self.boxes.append(prior_box)
         return self.detection
 
 
@@ -128,7 +128,7 @@ def level_frame(x_m: float, time_s: float, file: str = "f") -> Frame:
 
 
 def told(runway: RunwaySurvey | None = None) -> tuple[Pipeline, Recorder]:
-    expected, frame = surveyed(RUNWAY), level_frame(-300.0, 0.0)
+    expected, frame = prior_from_survey(RUNWAY), level_frame(-300.0, 0.0)
     lines = []
     for near, far in (expected.left_m, expected.right_m):
         points = frame.world_from_camera.inv().apply(np.linspace(near, far, 30))
@@ -146,7 +146,7 @@ def test_frames_carry_nothing_over():
 
 
 def test_what_the_caller_expects_comes_before_the_survey_and_that_before_the_last_picture():
-    aside = surveyed(dataclasses.replace(RUNWAY, ramp_m=(0.0, 100.0, -20.0)))
+    aside = prior_from_survey(dataclasses.replace(RUNWAY, ramp_m=(0.0, 100.0, -20.0)))
     frame, last = level_frame(-300.0, 0.0), (1.0, 2.0, 3.0, 4.0)
     pipeline, recorder = told(RunwaySurvey((0.0, -100.0, -20.0), sigma_m=1.0))
     pipeline(frame, aside, last)
@@ -164,7 +164,7 @@ def test_lines_are_looked_for_in_the_picture_that_is_asked_for(detect_in, grey):
     pipeline.dehaze = lambda image_rgb: np.full_like(image_rgb, 99)
     seen = []
 
-    def detect(image_rgb, look_at=None):
+    def detect(image_rgb, prior_box=None):
         seen.append(np.unique(image_rgb))
         return Detection(LinePoints.empty(), LinePoints.empty())
 
@@ -178,7 +178,10 @@ def test_an_expectation_that_says_nothing_leaves_the_next_one_to_say():
     pipeline, recorder = told(RUNWAY)
     frame = level_frame(-300.0, 0.0)
     pipeline(frame)
-    for broken in (dataclasses.replace(surveyed(RUNWAY), sigma_m=np.nan), surveyed(RunwaySurvey((-900.0, 0.0, -20.0)))):
+    for broken in (
+        dataclasses.replace(prior_from_survey(RUNWAY), sigma_m=np.nan),
+        prior_from_survey(RunwaySurvey((-900.0, 0.0, -20.0))),
+    ):
         pipeline(frame, broken)  # not a number; behind the camera
     assert recorder.boxes[0] is not None
     assert recorder.boxes == [recorder.boxes[0]] * 3

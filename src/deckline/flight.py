@@ -3,7 +3,7 @@
 import time
 from dataclasses import replace
 
-from deckline.detect.last_seen import LastSeen
+from deckline.detect.prior import ImagePrior
 from deckline.guide import NO_LINE, GuideConfig, guidance
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
@@ -33,17 +33,17 @@ class Flight:
         self.pipeline = pipeline
         self.guide = guide or GuideConfig()
         self.tracker = None if track is None else Tracker(track)
-        self.last_seen = LastSeen()
+        self.image_prior = ImagePrior()
 
     def __call__(self, frame: Frame) -> FrameResult:
         """The frame's result, with its track and the guidance that follows from it."""
         if self.tracker is None:
             result, track, start = self.pipeline(frame), None, time.perf_counter()
         else:
-            result = self.pipeline(frame, self.tracker.expected(frame), self.last_seen.image_box(frame))
+            result = self.pipeline(frame, self.tracker.runway_prior(frame), self.image_prior.predict(frame))
             start = time.perf_counter()
             track = self.tracker.update(frame, result.estimate)
-            self.last_seen.update(frame, result.detection, result.estimate)
+            self.image_prior.update(frame, result.detection, result.estimate)
         advice = guidance(frame, result.estimate, track, self.guide)
         seconds = result.seconds | {"track": time.perf_counter() - start}
         reasons = dict.fromkeys([*advice.reason.split("; "), *result.guidance.reason.split("; ")])

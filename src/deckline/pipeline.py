@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector
-from deckline.detect.looks import Box
-from deckline.detect.prior import RunwaySurvey, expected_box, surveyed
+from deckline.detect.crop import Box
+from deckline.detect.prior import RunwaySurvey, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import LocalizeConfig, localize
-from deckline.types import Detection, ExpectedRunway, Frame, Guidance, RunwayEstimate, Track
+from deckline.types import Detection, Frame, Guidance, RunwayEstimate, RunwayPrior, Track
 
 T = TypeVar("T")
 Picture = Literal["hazy", "dehazed"]
@@ -62,31 +62,31 @@ class Pipeline:
         self.config = config or PipelineConfig()
         self.dehaze: Dehazer = _build(self.config.dehazer, DEHAZERS, OnnxDehazer, "dehazer")
         self.detect: Detector = _build(self.config.detector, DETECTORS, OnnxDetector, "detector")
-        self.survey = surveyed(self.config.runway)
+        self.survey = prior_from_survey(self.config.runway)
 
-    def __call__(self, frame: Frame, expected: ExpectedRunway | None = None, seen_at: Box | None = None) -> FrameResult:
+    def __call__(self, frame: Frame, prior: RunwayPrior | None = None, prior_box: Box | None = None) -> FrameResult:
         """One frame through the chain.
 
         Args:
-            expected: where its runway should be, as a tracker says before looking; goes before the survey.
-            seen_at: box around the runway in this image, for when neither says anything.
+            prior: where the runway should be, as a tracker predicts it; used before the survey.
+            prior_box: box in this image where the runway should be, for when neither prior nor survey has one.
         """
         rng = np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         seconds: dict[str, float] = {}
-        look_at = self._look_at(frame, expected) or seen_at
+        prior_box = self._prior_box(frame, prior) or prior_box
         restored = _timed(seconds, "dehaze", lambda: restore(self.dehaze, frame))
         picture = frame.image_rgb if self.config.detect_in == "hazy" else restored.image_rgb
-        detection = _timed(seconds, "detect", lambda: self.detect(picture, look_at))
+        detection = _timed(seconds, "detect", lambda: self.detect(picture, prior_box))
         estimate = _timed(seconds, "localize", lambda: localize(frame, detection, self.config.localize, rng))
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate))
         if restored.note:
             advice = replace(advice, reason="; ".join(filter(None, (restored.note, advice.reason))))
         return FrameResult(frame, restored.image_rgb, detection, estimate, advice, seconds)
 
-    def _look_at(self, frame: Frame, expected: ExpectedRunway | None) -> Box | None:
+    def _prior_box(self, frame: Frame, prior: RunwayPrior | None) -> Box | None:
         """Where the runway should be in the image: as the caller says, else the survey."""
-        for known in (expected, self.survey):
-            box = None if known is None else expected_box(frame, known)
+        for known in (prior, self.survey):
+            box = None if known is None else project_prior(frame, known)
             if box is not None:
                 return box
         return None

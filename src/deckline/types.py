@@ -212,7 +212,7 @@ class RunwayLine:
 
 
 @dataclass(frozen=True, eq=False)
-class ExpectedRunway:
+class RunwayPrior:
     """Where the runway is believed to be before looking, world frame, and how wrong that may be."""
 
     left_m: NDArray[np.float64]  # (2, 3) near and far end of the left line
@@ -221,8 +221,8 @@ class ExpectedRunway:
     azimuth_sigma_rad: float  # 1-sigma of its direction, seen from the aircraft
 
     def __post_init__(self) -> None:
-        _check(self.left_m, (2, 3), "ExpectedRunway.left_m")
-        _check(self.right_m, (2, 3), "ExpectedRunway.right_m")
+        _check(self.left_m, (2, 3), "RunwayPrior.left_m")
+        _check(self.right_m, (2, 3), "RunwayPrior.right_m")
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deckline.detect.last_seen import LastSeen
+from deckline.detect.prior import ImagePrior
 from deckline.geometry import Camera
 from deckline.types import DepthMode, Detection, Frame, LinePoints, RunwayEstimate, Status
 
@@ -20,27 +20,27 @@ def frame_at(time_s: float) -> Frame:
 
 
 def test_the_last_box_is_carried_with_half_its_longer_side_around_it():
-    memory = LastSeen()
-    assert memory.image_box(frame_at(0.0)) is None
+    memory = ImagePrior()
+    assert memory.predict(frame_at(0.0)) is None
     memory.update(frame_at(0.0), DETECTION, SEEN)
     later = frame_at(0.2)
-    assert memory.image_box(later) == (560.0 - 70, 400.0 - 70, 700.0 + 70, 510.0 + 70)
+    assert memory.predict(later) == (560.0 - 70, 400.0 - 70, 700.0 + 70, 510.0 + 70)
     smaller = replace(later, camera=CAMERA.resized(640, 360), image_rgb=later.image_rgb[::2, ::2])
-    assert memory.image_box(smaller) is None
+    assert memory.predict(smaller) is None
 
 
 @pytest.mark.parametrize("time_s", [9.9, 15.1, np.nan])
 def test_what_is_old_or_of_another_flight_is_forgotten(time_s):
-    memory = LastSeen()
+    memory = ImagePrior()
     memory.update(frame_at(10.0), DETECTION, SEEN)
-    assert memory.image_box(frame_at(time_s)) is None
-    assert memory.image_box(frame_at(10.0)) is None
+    assert memory.predict(frame_at(time_s)) is None
+    assert memory.predict(frame_at(10.0)) is None
 
 
 @pytest.mark.parametrize("status", [Status.ONE_LINE, Status.NOT_SEEN])
 def test_what_was_not_seen_whole_replaces_nothing(status):
-    memory, later = LastSeen(), frame_at(1.0)
+    memory, later = ImagePrior(), frame_at(1.0)
     memory.update(frame_at(0.0), DETECTION, SEEN)
-    before = memory.image_box(later)
+    before = memory.predict(later)
     memory.update(frame_at(0.5), Detection(DETECTION.left, LinePoints.empty()), replace(SEEN, status=status))
-    assert memory.image_box(later) == before
+    assert memory.predict(later) == before

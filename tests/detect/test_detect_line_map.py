@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from deckline.detect.line_map import rows_from_map
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.anchors import RowGrid, rows_from_map
 
 GRID = RowGrid(width=8, height=4, cells=4, rows=2)
 

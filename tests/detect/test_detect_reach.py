@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.detect import ClassicalDetector, OnnxDetector
-from deckline.detect.looks import NetworkOutput, detect_lines
-from deckline.detect.prior import expected_box
+from deckline.detect.coarse_to_fine import NetworkOutput, detect_lines
+from deckline.detect.prior import project_prior
 from deckline.runtime import shipped_weights
 from deckline.sim import SimConfig, frames
-from deckline.types import Detection, ExpectedRunway, Frame
+from deckline.types import Detection, Frame, RunwayPrior
 
 APPROACH = SimConfig(
     preset="cvn", trajectory="approach", frames=3, visibility_m=(5000.0, 5000.0), seed=1005, start_m=900.0, end_m=250.0
@@ -49,9 +49,9 @@ def blind(network):
     return lambda image, box=None: detect_lines(image, network.infer, config, box)
 
 
-def true_runway(frame: Frame, sigma_m: float, sigma_deg: float) -> ExpectedRunway:
+def true_runway(frame: Frame, sigma_m: float, sigma_deg: float) -> RunwayPrior:
     lines = (np.stack([line.p0_m, line.p1_m]) for line in (frame.truth.left, frame.truth.right))
-    return ExpectedRunway(*lines, sigma_m, np.deg2rad(sigma_deg))
+    return RunwayPrior(*lines, sigma_m, np.deg2rad(sigma_deg))
 
 
 def wrong_box(frame: Frame, error: tuple[float, float, float], sigma_m: float, sigma_deg: float):
@@ -60,7 +60,7 @@ def wrong_box(frame: Frame, error: tuple[float, float, float], sigma_m: float, s
     pose = frame.world_from_body
     turned = Rotation.from_euler("z", heading, degrees=True) * pose.rotation
     moved = RigidTransform.from_components(pose.translation + np.array([north, east, 0.0]), turned)
-    return expected_box(replace(frame, world_from_body=moved), true_runway(frame, sigma_m, sigma_deg))
+    return project_prior(replace(frame, world_from_body=moved), true_runway(frame, sigma_m, sigma_deg))
 
 
 def from_truth_px(frame: Frame, detection: Detection) -> list[float]:
@@ -91,7 +91,7 @@ def test_wrong_expectations_end_in_the_searchs_own_lines(network, approach, erro
 def test_an_expectation_replaces_a_search_that_sees_nothing(blind, approach):
     for frame in approach:
         assert not both(blind(frame.image_rgb))
-        told = blind(frame.image_rgb, expected_box(frame, true_runway(frame, 5.0, 1.0)))
+        told = blind(frame.image_rgb, project_prior(frame, true_runway(frame, 5.0, 1.0)))
         assert both(told)
         assert max(from_truth_px(frame, told)) < SAME_PX
 
@@ -127,7 +127,7 @@ def test_an_expectation_that_covers_the_image_is_a_search(blind, network, approa
 def test_the_classical_finder_looks_where_it_is_told(approach):
     """A bright pair elsewhere makes it doubt what is the runway, until it is told where to look."""
     detector, frame = ClassicalDetector(), approach[2]
-    box = expected_box(frame, true_runway(frame, 1.0, 0.2))
+    box = project_prior(frame, true_runway(frame, 1.0, 0.2))
     assert not both(detector(frame.image_rgb))
     told = detector(frame.image_rgb, box)
     assert both(told)

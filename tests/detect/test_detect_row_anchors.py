@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.row_anchors import DecodeConfig, RowGrid, decode, encode
+from deckline.detect.anchors import DecodeConfig, RowGrid, decode, encode
 
 GRID = RowGrid()
 

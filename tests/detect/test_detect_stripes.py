@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from drawn_deck import BOTTOM, TOP, at, deck
 
-from deckline.detect.stripes import StripeConfig, middle_of, stripe_lines, stripe_response
+from deckline.detect.stripes import StripeConfig, find_stripes, midline, stripe_response
 
 
 def test_response_is_the_contrast_of_a_matching_stripe() -> None:
@@ -27,7 +27,7 @@ def test_coloured_paint_is_no_stripe() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.37, 1.0])
 def test_a_stripe_is_found_where_it_was_drawn(share: float) -> None:
-    (line,) = stripe_lines(deck([share]), StripeConfig())
+    (line,) = find_stripes(deck([share]), StripeConfig())
     assert abs(line.top - TOP) <= 2 and abs(line.bottom - BOTTOM) <= 2
     for v in (TOP, 300, BOTTOM):
         assert line.x_at(v) == pytest.approx(at(v, share), abs=0.3)
@@ -35,9 +35,9 @@ def test_a_stripe_is_found_where_it_was_drawn(share: float) -> None:
     assert line.fill > 0.98 and 120 < line.contrast < 145
 
 
-def test_the_middle_of_two_lines_is_halfway() -> None:
-    left, right = sorted(stripe_lines(deck([0.2, 0.5]), StripeConfig()), key=lambda line: line.at_top)
-    middle = middle_of(left, right)
+def test_the_midline_two_lines_is_halfway() -> None:
+    left, right = sorted(find_stripes(deck([0.2, 0.5]), StripeConfig()), key=lambda line: line.at_top)
+    middle = midline(left, right)
     for v in (200, 400):
         assert middle.x_at(v) == pytest.approx(at(v, 0.35), abs=0.3)
     assert np.abs(middle.points_px[:, 0] - at(middle.points_px[:, 1], 0.35)).mean() < 0.3
@@ -46,8 +46,8 @@ def test_the_middle_of_two_lines_is_halfway() -> None:
 def test_short_broken_and_flat_things_are_no_lines() -> None:
     dashes = deck([0.3])
     dashes[np.arange(480) % 24 < 12] = 70  # gaps of twelve rows
-    assert stripe_lines(dashes, StripeConfig()) == []
+    assert find_stripes(dashes, StripeConfig()) == []
     flat = np.full((200, 300, 3), 70, np.uint8)
     flat[100:103] = 210
-    assert stripe_lines(flat, StripeConfig()) == []
-    assert stripe_lines(np.zeros((5, 5, 3), np.uint8), StripeConfig()) == []
+    assert find_stripes(flat, StripeConfig()) == []
+    assert find_stripes(np.zeros((5, 5, 3), np.uint8), StripeConfig()) == []

@@ -185,7 +185,7 @@ def test_the_chain_is_told_where_the_runway_is_when_asked_to(recording, capsys, 
     boxes = []
     nothing = Detection(NONE, NONE)
     monkeypatch.setattr(
-        ClassicalDetector, "__call__", lambda self, image, look_at=None: boxes.append(look_at) or nothing
+        ClassicalDetector, "__call__", lambda self, image, prior_box=None: boxes.append(prior_box) or nothing
     )
     words = ["eval", "detection", str(recording), "--detector", "classical", "--dehazer", "none"]
     assert main(words) == 0

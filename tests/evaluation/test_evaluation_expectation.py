@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from deckline.detect.prior import expected_box
+from deckline.detect.prior import project_prior
 from deckline.evaluation.expectation import AZIMUTH_SIGMA_RAD, drawn_expectation
 from deckline.geometry import Camera, attitude
 from deckline.types import Frame, Segment, Truth
@@ -46,7 +46,7 @@ def test_where_there_is_no_runway_one_is_told_of_in_view():
     for number in range(50):
         empty = frame(f"{number}", Truth())
         told = drawn_expectation(empty, 10.0)
-        assert expected_box(empty, told) is not None
+        assert project_prior(empty, told) is not None
         assert np.linalg.norm(told.left_m[0] - told.right_m[0]) == pytest.approx(24.0)
 
 

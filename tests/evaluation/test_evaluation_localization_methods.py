@@ -22,9 +22,9 @@ class Counting:
         self.calls.append(at.file)
         return Restored(at.image_rgb + np.uint8(1))
 
-    def __call__(self, image_rgb, look_at=None):
-        self.calls.append(look_at)
-        return Detection(LinePoints.empty(), LinePoints.empty(), look_at)
+    def __call__(self, image_rgb, prior_box=None):
+        self.calls.append(prior_box)
+        return Detection(LinePoints.empty(), LinePoints.empty(), prior_box)
 
 
 def test_a_frame_is_dehazed_once():

@@ -120,7 +120,7 @@ def test_the_table_has_a_row_a_frame_and_empty_cells_for_what_is_missing(tmp_pat
 
 def tracked(blind=()):
     """Results of four frames 15 m apart, followed; frames whose number is in `blind` show nothing."""
-    flight = Flight(lambda at, expected, seen_at: chain(at, () if at.file in blind else ("left", "right")))
+    flight = Flight(lambda at, expected, prior_box: chain(at, () if at.file in blind else ("left", "right")))
     return [flight(frame(index, 150.0 - 15.0 * index)) for index in range(4)]
 
 

@@ -106,7 +106,7 @@ def test_ctrl_c_leaves_whole_files_and_resume_gives_the_whole_run(tmp_path, caps
 
 
 def test_a_resumed_run_says_where_its_track_began_anew(tmp_path):
-    first, second = (Flight(lambda at, expected, seen_at: chain(at)) for _ in range(2))
+    first, second = (Flight(lambda at, expected, prior_box: chain(at)) for _ in range(2))
     run(Approach(8), breaking(3, press_ctrl_c, first), tmp_path, overlay=False, report=False)
     run(Approach(8), breaking(8, kill, second), tmp_path, overlay=False, report=False, resume=True)
     flags = [[flag["name"] for flag in record["track"]["flags"]] for record in records(tmp_path)]

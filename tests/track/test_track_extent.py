@@ -16,9 +16,9 @@ from deckline.track.state import HEIGHT, RISE, SIZE, TILT, initial_state
 def test_the_runway_is_expected_where_it_is_in_the_next_frame(ship):
     flight = Flight(start_m=400.0, seed=8, rate_hz=5.0, ship_m_s=ship, modes="both")
     tracker, beside, along = Tracker(TrackConfig(motion=MotionConfig(ship_velocity_m_s=ship))), [], []
-    assert tracker.expected(next(iter(approach(flight)))[0]) is None
+    assert tracker.runway_prior(next(iter(approach(flight)))[0]) is None
     for frame, estimate, truth in approach(flight, end_m=100.0):
-        expected = tracker.expected(frame)
+        expected = tracker.runway_prior(frame)
         if expected is not None and frame.time_s > 1.0:
             error = frame.world_from_body.translation - truth.translation
             for side, ends in (("left", expected.left_m), ("right", expected.right_m)):
@@ -39,9 +39,9 @@ def test_a_lost_track_expects_nothing():
     tracker, shown = Tracker(), list(approach(flight, end_m=100.0))
     for frame, estimate, _ in shown[:5]:
         tracker.update(frame, estimate)
-    assert tracker.expected(shown[5][0]) is not None
-    assert tracker.expected(shown[2][0]) is None  # a frame that is older than what was seen
-    assert tracker.expected(shown[20][0]) is None  # more than two seconds later
+    assert tracker.runway_prior(shown[5][0]) is not None
+    assert tracker.runway_prior(shown[2][0]) is None  # a frame that is older than what was seen
+    assert tracker.runway_prior(shown[20][0]) is None  # more than two seconds later
 
 
 def test_a_ramp_is_placed_on_the_deck_that_the_track_knows():

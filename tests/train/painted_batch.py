@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from deckline.detect.region import encode_region
+from deckline.detect.anchors import encode_region
 from deckline.train.detect_losses import DetectTargets
 
 

@@ -9,7 +9,7 @@ import torch
 from scipy.spatial.transform import RigidTransform
 
 from deckline.detect import OnnxDetector
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.anchors import RowGrid
 from deckline.geometry import Camera, attitude
 from deckline.recording import RecordingWriter
 from deckline.train.backbone import CHANNELS, Lite0Backbone

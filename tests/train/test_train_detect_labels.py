@@ -6,8 +6,7 @@ import pytest
 from clear_scene import clear_recording
 
 from deckline.detect import OnnxDetector
-from deckline.detect.region import decode_region
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.anchors import RowGrid, decode_region
 from deckline.labels import LabelledImage, write_labels
 from deckline.train.detect import DetectTrainConfig, train_detect
 from deckline.train.detect_augment import DetectAugmentation

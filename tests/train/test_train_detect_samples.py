@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deckline.detect.region import decode_region
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.anchors import RowGrid, decode_region
 from deckline.geometry import Camera
 from deckline.sim.camera.sensor import jpeg
 from deckline.train.dehaze_data import ClearView

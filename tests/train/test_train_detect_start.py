@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from deckline.detect.outputs import ROW_OUTPUTS
+from deckline.detect.anchors import ROW_OUTPUTS
 from deckline.runtime import shipped_weights
 from deckline.runtime.session import load_session
 from deckline.train.checkpoint import save_checkpoint

@@ -9,8 +9,7 @@ import pytest
 import torch
 
 from deckline.detect import OnnxDetector
-from deckline.detect.region import encode_region
-from deckline.detect.row_anchors import RowGrid, encode
+from deckline.detect.anchors import RowGrid, encode, encode_region
 from deckline.train.detect import DetectTrainConfig, Network
 from deckline.train.detect_finish import export_detect, runtime_parameters, torch_infer
 from deckline.train.detect_losses import DetectTargets, LossWeights

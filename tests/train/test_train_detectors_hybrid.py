@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from deckline.detect.row_anchors import RowGrid, decode
+from deckline.detect.anchors import RowGrid, decode
 from deckline.train.detectors.hybrid import KIND, _classes, anchor_loss
 from deckline.train.detectors.hybrid_targets import anchor_targets, line_anchors
 

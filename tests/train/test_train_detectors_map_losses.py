@@ -5,8 +5,7 @@ import pytest
 import torch
 from painted_batch import painted_batch
 
-from deckline.detect.line_map import rows_from_map
-from deckline.detect.row_anchors import decode
+from deckline.detect.anchors import decode, rows_from_map
 from deckline.train.detect_losses import LossWeights
 from deckline.train.detectors.map_losses import MAP_KIND, STRIPE_PX, MapOutput, map_loss, overlap_loss, painted
 

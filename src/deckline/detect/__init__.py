@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.detect.classical import ClassicalDetector
-from deckline.detect.looks import Box, DetectConfig
-from deckline.detect.onnx_detector import OnnxDetector
+from deckline.detect.coarse_to_fine import DetectConfig
+from deckline.detect.crop import Box
+from deckline.detect.network import OnnxDetector
 from deckline.runtime.weights import shipped_weights
 from deckline.types import Detection
 
@@ -20,14 +21,14 @@ class Detector(Protocol):
 
     Takes an image (H, W, 3) uint8 RGB of any size and leaves it untouched; gives the points of both lines in that
     image's pixels. A line that is not seen has no points; a line is never returned with fewer than three.
-    `look_at` is a box (u0, v0, u1, v1), px, in which the runway is expected: it is looked at closely where a search of
-    the whole image leaves a line unseen, and changes nothing where the search sees both.
+    `prior_box` is a box (u0, v0, u1, v1), px, in which the runway should be. It is searched only where a search of the
+    whole image misses a line.
     """
 
     @property
     def name(self) -> str: ...
 
-    def __call__(self, image_rgb: NDArray[np.uint8], look_at: Box | None = None) -> Detection: ...
+    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection: ...
 
 
 DETECTORS: dict[str, Callable[[], Detector]] = {

@@ -1,19 +1,20 @@
-"""Where in the image a runway is to be expected: from a survey or an earlier estimate, and the aircraft's pose."""
+"""Where in the image the runway should be: from a prior in the world and a pose, or from the last image."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.detect.looks import Box
+from deckline.detect.crop import Box
 from deckline.geometry import Camera
-from deckline.types import ExpectedRunway, Frame
+from deckline.types import SIDES, Detection, Frame, RunwayEstimate, RunwayPrior, Status
 
 Array = NDArray[np.float64]
 
-MARGIN_SIGMAS = 2.0  # around the expected lines; a runway farther off is the search's to find
-NEAREST_M = 1.0  # depth at which an expected line that passes the camera is cut
+MARGIN_SIGMAS = 2.0  # around the prior's lines; a runway farther off is left to the search of the whole image
+MIN_DEPTH_M = 1.0  # at which a line that passes the camera is cut
 EDGE_POINTS = 9  # along each edge of a box that goes through a lens
+IMAGE_MARGIN = 0.5  # of the last image's box on every side: what an aircraft turns between frames
 
 
 @dataclass(frozen=True)
@@ -34,64 +35,65 @@ class RunwaySurvey:
             raise ValueError(f"a survey needs finite numbers, width and length above 0, no sigma below: {self}")
 
 
-def surveyed(survey: RunwaySurvey) -> ExpectedRunway | None:
-    """What a survey lets expect; None without a survey."""
+def prior_from_survey(survey: RunwaySurvey) -> RunwayPrior | None:
+    """The runway that a survey describes; None without a survey."""
     if survey.ramp_m is None:
         return None
     azimuth = np.deg2rad(survey.heading_deg)
     along = survey.length_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    aside = survey.width_m / 2 * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    left, right = (np.array(survey.ramp_m) + side * aside + np.outer([0.0, 1.0], along) for side in (-1, 1))
-    return ExpectedRunway(left, right, survey.sigma_m, float(np.deg2rad(survey.heading_sigma_deg)))
+    to_right = survey.width_m / 2 * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    left, right = (np.array(survey.ramp_m) + side * to_right + np.outer([0.0, 1.0], along) for side in (-1, 1))
+    return RunwayPrior(left, right, survey.sigma_m, float(np.deg2rad(survey.heading_sigma_deg)))
 
 
-def expected_box(frame: Frame, expected: ExpectedRunway, sigmas: float = MARGIN_SIGMAS) -> Box | None:
-    """The part of the image in which the expected lines lie, with a margin of so many sigmas.
+def project_prior(frame: Frame, prior: RunwayPrior, sigmas: float = MARGIN_SIGMAS) -> Box | None:
+    """The part of the image in which the prior's lines lie, with a margin of so many sigmas.
 
-    None where no part of them is in view, without a pose, and for an expectation that is not finite.
+    None where no part of them is in view, without a pose, and for a prior that is not finite.
     """
     pose = frame.world_from_camera
-    numbers = [*expected.left_m.ravel(), *expected.right_m.ravel(), expected.sigma_m, expected.azimuth_sigma_rad]
+    numbers = [*prior.left_m.ravel(), *prior.right_m.ravel(), prior.sigma_m, prior.azimuth_sigma_rad]
     if pose is None or not np.isfinite(numbers).all():
         return None
-    turn = sigmas * expected.azimuth_sigma_rad
+    angle = sigmas * prior.azimuth_sigma_rad
     camera_from_world = pose.inv()
-    cut = [_ahead(camera_from_world.apply(line)) for angle in (-turn, 0.0, turn) for line in _turned(expected, angle)]
-    points = np.concatenate(cut)  # a straight line's picture is straight: its ends bound it, and so do its margins'
+    parts = [_cut_ahead(camera_from_world.apply(line)) for a in (-angle, 0.0, angle) for line in _turn(prior, a)]
+    points = np.concatenate(parts)  # a straight line's picture is straight: its ends bound it, and so do its margins'
     if not len(points):
         return None
-    margin = sigmas * expected.sigma_m / points[:, 2:]
-    flat = points[:, :2] / points[:, 2:]
-    return _through_lens((flat - margin).min(axis=0), (flat + margin).max(axis=0), frame.camera)
+    margin = sigmas * prior.sigma_m / points[:, 2:]
+    normalised = points[:, :2] / points[:, 2:]
+    return _box_through_lens((normalised - margin).min(axis=0), (normalised + margin).max(axis=0), frame.camera)
 
 
-def _turned(expected: ExpectedRunway, angle_rad: float) -> list[Array]:
+def _turn(prior: RunwayPrior, angle_rad: float) -> list[Array]:
     """Both lines (2, 3), turned about the middle of their near ends."""
-    pivot = (expected.left_m[0] + expected.right_m[0]) / 2
+    pivot = (prior.left_m[0] + prior.right_m[0]) / 2
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return [pivot + (line - pivot) @ turn for line in (expected.left_m, expected.right_m)]
+    rotation = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return [pivot + (line - pivot) @ rotation for line in (prior.left_m, prior.right_m)]
 
 
-def _ahead(ends_m: Array) -> Array:
+def _cut_ahead(ends_m: Array) -> Array:
     """Of a line's ends (2, 3) in the optical frame, those of the part ahead of the camera; (0, 3) if there is none."""
     depth = ends_m[:, 2]
-    if depth.max() <= NEAREST_M:
+    if depth.max() <= MIN_DEPTH_M:
         return np.zeros((0, 3))
-    if depth.min() >= NEAREST_M:
+    if depth.min() >= MIN_DEPTH_M:
         return ends_m
-    share = (NEAREST_M - depth[0]) / (depth[1] - depth[0])
+    share = (MIN_DEPTH_M - depth[0]) / (depth[1] - depth[0])
     cut = ends_m[0] + share * (ends_m[1] - ends_m[0])
     return np.stack([cut, ends_m[int(depth.argmax())]])
 
 
-def _through_lens(low: Array, high: Array, camera: Camera) -> Box | None:
+def _box_through_lens(low: Array, high: Array, camera: Camera) -> Box | None:
     """A box in normalised image coordinates without distortion -> the box of what of it is in the image.
 
     It is cut to what the lens reaches first: distortion coefficients bend what is far outside back into the image.
     """
-    reach_low, reach_high = _reach(camera)
-    low, high = np.maximum(low, reach_low), np.minimum(high, reach_high)
+    u, v = np.linspace(0.0, camera.width - 1, EDGE_POINTS), np.linspace(0.0, camera.height - 1, EDGE_POINTS)
+    rays = camera.rays(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))[:, :2]
+    low, high = np.maximum(low, np.nanmin(rays, axis=0)), np.minimum(high, np.nanmax(rays, axis=0))
     if not (low < high).all():
         return None
     share = np.linspace(0.0, 1.0, EDGE_POINTS)
@@ -103,9 +105,34 @@ def _through_lens(low: Array, high: Array, camera: Camera) -> Box | None:
     return float(u0), float(v0), float(u1), float(v1)
 
 
-def _reach(camera: Camera) -> tuple[Array, Array]:
-    """Smallest and largest x and y, normalised and without distortion, that are in the image."""
-    u, v = np.linspace(0.0, camera.width - 1, EDGE_POINTS), np.linspace(0.0, camera.height - 1, EDGE_POINTS)
-    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-    rays = camera.rays(pixels)[:, :2]
-    return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
+class ImagePrior:
+    """Carries the last image's lines forward, for frames of one flight in their order that no tracker can follow.
+
+    Without a pose nothing better is known; with one a tracker says more. Constant memory.
+
+    Args:
+        max_age_s: an older image is forgotten; so is one from the future, when time runs backwards.
+    """
+
+    def __init__(self, max_age_s: float = 5.0) -> None:
+        self.max_age_s = max_age_s
+        self._last: tuple[float, tuple[int, int], Box] | None = None  # time, s; image size, px; box around both lines
+
+    def predict(self, frame: Frame) -> Box | None:
+        """Where the runway was in the last image, with a margin; None when it was not seen lately."""
+        if self._last is not None and not 0 <= frame.time_s - self._last[0] <= self.max_age_s:
+            self._last = None
+        if self._last is None or self._last[1] != (frame.camera.width, frame.camera.height):
+            return None
+        u0, v0, u1, v1 = self._last[2]
+        margin = IMAGE_MARGIN * max(u1 - u0, v1 - v0)
+        return u0 - margin, v0 - margin, u1 + margin, v1 + margin
+
+    def update(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> None:
+        """Remember what was seen in a frame, if both lines were and agree."""
+        if estimate.status is not Status.OK:
+            return
+        points = np.concatenate([getattr(detection, side).points_px for side in SIDES])
+        (u0, v0), (u1, v1) = points.min(axis=0), points.max(axis=0)
+        box = (float(u0), float(v0), float(u1), float(v1))
+        self._last = frame.time_s, (frame.camera.width, frame.camera.height), box

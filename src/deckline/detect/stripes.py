@@ -1,16 +1,15 @@
 """Bright stripes on darker ground, and the straight lines they make. No weights, no randomness."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 Array = NDArray[np.float64]
-ECHO, ECHO_PX = (
-    0.5,
-    17,
-)  # beside a stripe, within a window of so many px, wider windows answer with less than this share
+# Beside a stripe the wider windows respond too. A response below this share of the largest in this window is ignored.
+ECHO_SHARE, ECHO_PX = 0.5, 17
 
 
 @dataclass(frozen=True)
@@ -19,14 +18,14 @@ class StripeConfig:
 
     widths_px: tuple[int, ...] = (1, 3, 7, 15)  # of stripes along a row
     min_contrast: float = 6.0  # grey levels of a stripe over the brighter of its sides
-    noise_factor: float = 3.0  # and so many times the picture's usual response
+    noise_factor: float = 3.0  # least response over the median response of the image
     min_rows: int = 14  # of a line
     min_fill: float = 0.7  # of a line's rows that show the stripe
     max_spread_px: float = 0.9  # 1-sigma of the stripe about its straight line, along u
     near_px: float = 2.0  # a row's stripe this close to a line belongs to it, along u
     max_gap_rows: int = 6  # a line ends where its stripe is missing on more rows
     steepness: float = 0.35  # smallest |dv / du| of a line; flatter ones have no profile along a row
-    max_segments: int = 300  # of the Hough transform that are looked at, the longest first
+    max_segments: int = 300  # of the Hough transform that are fitted, the longest first
     max_lines: int = 40
 
 
@@ -53,14 +52,15 @@ class StripeLine:
 
     @property
     def support(self) -> float:
-        """Rows that show the stripe, weighed by how gapless it is."""
+        """Rows that show the stripe, weighted by the share of its rows that do."""
         return len(self.points_px) * self.fill
 
-    def x_at(self, v: float) -> float:
+    def x_at(self, v: Any) -> Any:
+        """u at a row or at rows v."""
         return self.at_top + self.slope * (v - self.top)
 
 
-def stripe_lines(image_rgb: NDArray[np.uint8], config: StripeConfig) -> list[StripeLine]:
+def find_stripes(image_rgb: NDArray[np.uint8], config: StripeConfig) -> list[StripeLine]:
     """Straight bright stripes in an image (H, W, 3), the best supported first."""
     import cv2  # here: training imports this package on machines without OpenCV
 
@@ -81,13 +81,13 @@ def stripe_lines(image_rgb: NDArray[np.uint8], config: StripeConfig) -> list[Str
     for u0, v0, u1, v1 in ends[order[: config.max_segments]]:
         if abs(v1 - v0) < config.steepness * abs(u1 - u0):
             continue
-        line = _refined(index, v0, u0, (u1 - u0) / (v1 - v0), (min(v0, v1), max(v0, v1)), config)
+        line = _fit_stripe(index, v0, u0, (u1 - u0) / (v1 - v0), (min(v0, v1), max(v0, v1)), config)
         if line is not None and not any(_covers(known, line) for known in lines):
             lines.append(line)
     return sorted(lines, key=lambda line: -line.support)[: config.max_lines]
 
 
-def middle_of(left: StripeLine, right: StripeLine) -> StripeLine:
+def midline(left: StripeLine, right: StripeLine) -> StripeLine:
     """The line halfway between two, with points on the rows on which both were seen."""
     top, bottom = max(left.top, right.top), min(left.bottom, right.bottom)
     _, at_left, at_right = np.intersect1d(left.points_px[:, 1], right.points_px[:, 1], return_indices=True)
@@ -98,9 +98,9 @@ def middle_of(left: StripeLine, right: StripeLine) -> StripeLine:
 
 
 def stripe_response(image_rgb: NDArray[np.uint8], widths_px: tuple[int, ...]) -> NDArray[np.float32]:
-    """By how much, in grey levels, every pixel's surroundings along its row are brighter than both their sides.
+    """How many grey levels every pixel's neighbourhood along its row is brighter than both its sides, (H, W).
 
-    The darkest colour counts, as paint is white; the best of the widths counts. Negative where there is no stripe.
+    The darkest colour counts, as paint is white, and the best of the widths. Negative where there is no stripe.
     """
     level = image_rgb.min(axis=2).astype(np.float32)
     best = np.full(level.shape, -255.0, dtype=np.float32)
@@ -115,15 +115,15 @@ def stripe_response(image_rgb: NDArray[np.uint8], widths_px: tuple[int, ...]) ->
 
 
 def _peaks(response: NDArray[np.float32], threshold: float) -> NDArray[np.bool_]:
-    """Where the response is the largest of its neighbours along the row, large enough, and not a stripe's echo."""
+    """Where the response is a maximum along the row, large enough, and not a stripe's echo."""
     peaks = np.zeros(response.shape, dtype=bool)
     middle = response[:, 1:-1]
     peaks[:, 1:-1] = (middle > response[:, :-2]) & (middle >= response[:, 2:]) & (middle >= threshold)
-    return peaks & (response >= ECHO * maximum_filter1d(response, ECHO_PX, axis=1))
+    return peaks & (response >= ECHO_SHARE * maximum_filter1d(response, ECHO_PX, axis=1))
 
 
 class _PeakIndex:
-    """Peaks by row, with their places between the pixels."""
+    """Peaks by row, with sub-pixel positions."""
 
     def __init__(self, response: NDArray[np.float32], peaks: NDArray[np.bool_]) -> None:
         v, u = np.nonzero(peaks)
@@ -148,17 +148,17 @@ class _PeakIndex:
         return np.array(found, dtype=np.int64)
 
 
-def _refined(
+def _fit_stripe(
     index: _PeakIndex, v_from: float, u_from: float, slope: float, extent: tuple[float, float], config: StripeConfig
 ) -> StripeLine | None:
-    """The line through a segment's peaks, as far as they go on; None where it is no line."""
+    """The line through a segment's peaks, extended as far as they go; None where it is no line."""
     height = len(index.first) - 1
     low, high = extent
     for _ in range(3):
         reach = config.max_gap_rows + 0.25 * (high - low)
         rows = np.arange(int(max(low - reach, 0)), int(min(high + reach, height - 1)) + 1)
         found = index.near(u_from + slope * (rows - v_from), rows, config.near_px)
-        found = _unbroken(found, index.v, (low + high) / 2, config.max_gap_rows)
+        found = _longest_run(found, index.v, (low + high) / 2, config.max_gap_rows)
         if len(found) < config.min_rows:
             return None
         v, u = index.v[found], index.u[found]
@@ -171,7 +171,7 @@ def _refined(
     return line if spread <= config.max_spread_px and line.fill >= config.min_fill else None
 
 
-def _unbroken(found: NDArray[np.int64], v: Array, middle: float, max_gap: int) -> NDArray[np.int64]:
+def _longest_run(found: NDArray[np.int64], v: Array, middle: float, max_gap: int) -> NDArray[np.int64]:
     """Of peaks in order of rows, the run around `middle` without gaps of more rows than `max_gap`."""
     if len(found) == 0:
         return found

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.types import ExpectedRunway, Frame
+from deckline.types import Frame, RunwayPrior
 
 AZIMUTH_SIGMA_RAD = np.deg2rad(2.0)  # of what is told
 FALSE_RANGE_M = (300.0, 2000.0)  # at which a runway is told of in frames that have none
@@ -17,7 +17,7 @@ FALSE_BELOW_M = 50.0  # of it below the camera, where the frame knows no deck
 Array = NDArray[np.float64]
 
 
-def drawn_expectation(frame: Frame, sigma_m: float, seed: int = 0) -> ExpectedRunway | None:
+def drawn_expectation(frame: Frame, sigma_m: float, seed: int = 0) -> RunwayPrior | None:
     """The true runway, moved and turned by errors of the sigmas that it states; elsewhere one that is not there.
 
     In a frame without a runway one is told of at a random place in view. A frame draws the same whatever others do.
@@ -40,7 +40,7 @@ def drawn_expectation(frame: Frame, sigma_m: float, seed: int = 0) -> ExpectedRu
     turn = Rotation.from_euler("z", rng.normal(0.0, AZIMUTH_SIGMA_RAD))
     pivot = (left[0] + right[0]) / 2
     moved = [pivot + turn.apply(line - pivot) + shift for line in (left, right)]
-    return ExpectedRunway(moved[0], moved[1], sigma_m, AZIMUTH_SIGMA_RAD)
+    return RunwayPrior(moved[0], moved[1], sigma_m, AZIMUTH_SIGMA_RAD)
 
 
 def _false_runway(pose: RigidTransform, frame: Frame, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -196,7 +196,7 @@ def score_approach(
                 result = alone[chain] = pipeline(frame)
                 lines, extra = result.estimate.lines, bound_of(result, pipeline.config.localize, bench.correlation)
             else:
-                expected, known = tracker.expected(frame), alone.get(chain)
+                expected, known = tracker.runway_prior(frame), alone.get(chain)
                 result = known if known is not None and _sees_both(known) else pipeline(frame, expected)
                 track = tracker.update(frame, result.estimate)
                 lines, extra = track.lines, track_figures(track)

@@ -14,7 +14,7 @@ from deckline.detect import Detector
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
 from deckline.report.provenance import settings_of
-from deckline.types import Detection, ExpectedRunway, Frame
+from deckline.types import Detection, Frame, RunwayPrior
 
 Estimator = Literal["paper", "joint"]
 Box = tuple[float, float, float, float]
@@ -81,12 +81,12 @@ class SharedDetector:
         self._detector = detector
         self._known: list[tuple[NDArray[np.uint8], Box | None, Detection]] = []
 
-    def __call__(self, image_rgb: NDArray[np.uint8], look_at: Box | None = None) -> Detection:
+    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
         for image, box, detection in self._known:
-            if image is image_rgb and box == look_at:
+            if image is image_rgb and box == prior_box:
                 return detection
-        found = self._detector(image_rgb, look_at)
-        self._known.append((image_rgb, look_at, found))
+        found = self._detector(image_rgb, prior_box)
+        self._known.append((image_rgb, prior_box, found))
         return found
 
     def forget(self) -> None:
@@ -100,7 +100,7 @@ class Chain(Protocol):
     @property
     def config(self) -> PipelineConfig: ...
 
-    def __call__(self, frame: Frame, expected: ExpectedRunway | None = None) -> FrameResult: ...
+    def __call__(self, frame: Frame, prior: RunwayPrior | None = None) -> FrameResult: ...
 
 
 @dataclass(frozen=True, eq=False)

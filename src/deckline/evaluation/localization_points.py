@@ -14,7 +14,7 @@ from deckline.extras import needs_extra
 from deckline.guide import guidance
 from deckline.localize import LocalizeConfig, localize
 from deckline.pipeline import FrameResult, PipelineConfig
-from deckline.types import Detection, ExpectedRunway, Frame
+from deckline.types import Detection, Frame, RunwayPrior
 
 MODELLED = "modelled"
 POINT_METHODS = [
@@ -31,7 +31,7 @@ class ModelledChain:
     config: PipelineConfig
     seen: dict[str, Detection]  # by the frame's name
 
-    def __call__(self, frame: Frame, expected: ExpectedRunway | None = None) -> FrameResult:
+    def __call__(self, frame: Frame, prior: RunwayPrior | None = None) -> FrameResult:
         detection = self.seen[frame.file]
         rng = np.random.default_rng(zlib.crc32(frame.file.encode()))
         estimate = localize(frame, detection, self.config.localize, rng)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
 from deckline.track.state import HEIGHT, RISE, SIZE, TILT, State
-from deckline.types import SIDES, ExpectedRunway, Frame, RunwayEstimate, RunwayLine
+from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior
 
 Array = NDArray[np.float64]
 SHIP_M_S = 15.0  # 1-sigma of a ship's unknown speed; 29 knots
@@ -134,7 +134,7 @@ def _measured(before: Extent, state: State, place_m: float, variance: float) -> 
     )
 
 
-def expected_runway(state: State, extent: Extent, lines: dict[str, RunwayLine], unseen_s: float) -> ExpectedRunway:
+def runway_prior(state: State, extent: Extent, lines: dict[str, RunwayLine], unseen_s: float) -> RunwayPrior:
     """Ends of both edge lines where they should be now, and how wrong that may be, as seen from the aircraft.
 
     Args:
@@ -151,6 +151,6 @@ def expected_runway(state: State, extent: Extent, lines: dict[str, RunwayLine], 
         ends[side] = lines[side].point_m + from_point[:, None] * lines[side].direction
     centre = lines["centre"]
     known = centre.covariance if centre.relative_covariance is None else centre.relative_covariance
-    return ExpectedRunway(
+    return RunwayPrior(
         ends["left"], ends["right"], float(np.sqrt(known[0, 0] + known[2, 2])), float(np.sqrt(known[1, 1]))
     )

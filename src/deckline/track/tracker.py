@@ -6,7 +6,7 @@ import numpy as np
 
 from deckline.track.aircraft import Aircraft, first_seen, flown, pose_of
 from deckline.track.config import TrackConfig
-from deckline.track.extent import Extent, expected_runway, extended, sailed, seen_extent, seen_ramp
+from deckline.track.extent import Extent, extended, runway_prior, sailed, seen_extent, seen_ramp
 from deckline.track.frozen import Look, looked
 from deckline.track.gate import Gated, gated
 from deckline.track.integrity import protection
@@ -14,7 +14,7 @@ from deckline.track.measurement import measure
 from deckline.track.output import lines, rates_of
 from deckline.track.state import Pose, State, initial_state, predict, shifted, updated
 from deckline.track.watch import Watch, alarms, confused
-from deckline.types import SIDES, ExpectedRunway, Flag, Frame, RunwayEstimate, RunwayLine, Track, TrackState
+from deckline.types import SIDES, Flag, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Track, TrackState
 
 BACK_S = 2.0  # a time this far back is another flight, not a late frame
 ROUNDING_S = 1e-6  # of sums of times
@@ -74,7 +74,7 @@ class Tracker:
         self._last = self._advanced(frame, estimate, None if before is None else frame.time_s - before)
         return self._last
 
-    def expected(self, frame: Frame) -> ExpectedRunway | None:
+    def runway_prior(self, frame: Frame) -> RunwayPrior | None:
         """Where the runway should be in a frame that comes next, before it is looked at; None when it is lost."""
         memory = self._memory
         if memory is None or memory.extent is None or self._refused(frame.time_s):
@@ -85,7 +85,7 @@ class Tracker:
         place = None if camera is None else camera.translation
         state = predict(memory.state, frame.time_s, place, self.config)
         pose = pose_of(memory.aircraft, frame)
-        return expected_runway(state, memory.extent, lines(state, pose, 0.0, self.config), frame.time_s - memory.seen_s)
+        return runway_prior(state, memory.extent, lines(state, pose, 0.0, self.config), frame.time_s - memory.seen_s)
 
     def _refused(self, time_s: float) -> str:
         """Why a frame of this time cannot be used, or an empty text."""

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.anchors import RowGrid
 from deckline.recording import Source, open_recording
 from deckline.train.detect_augment import DetectAugmentation
 from deckline.train.detect_labels import LabelledFolder, LabelledView, is_labelled_folder

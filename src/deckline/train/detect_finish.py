@@ -9,9 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from deckline.detect.looks import DetectConfig, NetworkOutput, detect_lines
-from deckline.detect.outputs import network_output
-from deckline.detect.row_anchors import DecodeConfig
+from deckline.detect.anchors import DecodeConfig, network_output
+from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput, detect_lines
 from deckline.haze import add_haze
 from deckline.train.dehaze_haze import random_airlight
 from deckline.train.detect_augment import DetectAugmentation

@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.detect.preprocess import Window, look, normalise, whole_window
-from deckline.detect.region import STRIDE, encode_region
-from deckline.detect.row_anchors import RowGrid, encode
+from deckline.detect.anchors import STRIDE, RowGrid, encode, encode_region
+from deckline.detect.crop import Crop, full_crop, normalise, sample_crop
 from deckline.train.dehaze_haze import random_airlight
 from deckline.train.detect_augment import DetectAugmentation, degraded, rotated
 from deckline.train.detect_labels import LabelledView
@@ -63,8 +62,8 @@ def make_sample(
     right, bottom = int(max(np.ceil(u1) + MARGIN_PX, left + 1)), int(max(np.ceil(v1) + MARGIN_PX, top + 1))
     size = (1e3, 1e3) if box is None else (box[2] - box[0], box[3] - box[1])
     part = degraded(scene.image[top:bottom, left:right], size, augment, rng)
-    inner = Window(window.left - left, window.top - top, window.step)
-    image = normalise(look(part, inner, (grid.width, grid.height)))
+    inner = Crop(window.left - left, window.top - top, window.step)
+    image = normalise(sample_crop(part, inner, (grid.width, grid.height)))
     cell, *region = encode_view(scene.lines_px, scene.visible, window, (width, height), grid)
     return Sample(image, cell, scene.known, *region)
 
@@ -72,7 +71,7 @@ def make_sample(
 def encode_view(
     lines_px: NDArray[np.float64],
     visible: NDArray[np.bool_],
-    window: Window,
+    window: Crop,
     image_size: tuple[int, int],
     grid: RowGrid,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
@@ -187,14 +186,14 @@ def _window(
     network_size: tuple[int, int],
     augment: DetectAugmentation,
     rng: np.random.Generator,
-) -> Window:
+) -> Crop:
     """Where to look: close around the runway, at something else or anywhere, or at most of the image.
 
     Without a runway as many looks are close as with one: what a detector takes for a runway it looks at closely.
     """
     net = np.array(network_size, dtype=np.float64)
     size = np.array(image_size, dtype=np.float64)
-    whole = whole_window(image_size, network_size)
+    whole = full_crop(image_size, network_size)
     narrowest = rng.uniform(*augment.min_width_px) / net[0]
     close = rng.random() < augment.close_share
     if close and box is not None and box[2] - box[0] >= CLOSE_MIN_PX:
@@ -218,4 +217,4 @@ def _window(
             centre = (box[:2] + box[2:]) / 2
             middle = np.clip(middle, centre - reach, centre + reach)
     left, top = middle + 0.5 - net * step / 2
-    return Window(float(left), float(top), step)
+    return Crop(float(left), float(top), step)

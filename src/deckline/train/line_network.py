@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 from torch import Tensor, nn
 
-from deckline.detect.outputs import ROW_OUTPUTS
-from deckline.detect.row_anchors import DecodeConfig, RowGrid
+from deckline.detect.anchors import ROW_OUTPUTS, DecodeConfig, RowGrid
 from deckline.train.detect_losses import DetectTargets, LossWeights
 
 LINES = 2  # left and right; a third one is the centre line

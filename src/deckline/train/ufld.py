@@ -12,8 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.detect.region import STRIDE
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.anchors import STRIDE, RowGrid
 from deckline.train.backbone import CHANNELS, Lite0Backbone, depthwise
 from deckline.train.detect_losses import DetectTargets, LossWeights, UfldOutput, detect_loss
 from deckline.train.line_network import LINES, LineNetwork, NetworkKind

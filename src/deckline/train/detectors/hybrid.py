@@ -12,8 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.detect.outputs import HYBRID_OUTPUTS
-from deckline.detect.row_anchors import DecodeConfig, RowGrid
+from deckline.detect.anchors import HYBRID_OUTPUTS, DecodeConfig, RowGrid
 from deckline.train.backbone import CHANNELS, Lite0Backbone
 from deckline.train.detect_losses import (
     DetectTargets,

@@ -5,7 +5,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.anchors import RowGrid
 
 FLATTEST, STEEPEST = 4.0, 4.0  # |dx/dy| and |dy/dx| beyond which rows, or columns, are not asked: cells per anchor
 

@@ -6,8 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from deckline.detect.outputs import MAP_OUTPUTS
-from deckline.detect.row_anchors import DecodeConfig, RowGrid
+from deckline.detect.anchors import MAP_OUTPUTS, DecodeConfig, RowGrid
 from deckline.train.detect_losses import DetectTargets, LossWeights, box_loss, region_loss
 from deckline.train.line_network import NetworkKind
 

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.detect.row_anchors import RowGrid
+from deckline.detect.anchors import RowGrid
 from deckline.train.detect_losses import DetectTargets, LossWeights, UfldOutput, detect_loss
 from deckline.train.detectors.common import RegionBranch
 from deckline.train.detectors.resnet import WIDTHS, ResNet

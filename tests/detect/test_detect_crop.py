@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.preprocess import Window, box_window, look, normalise, whole_window
+from deckline.detect.crop import Crop, crop_around, full_crop, normalise, sample_crop
 
 NET = (512, 288)
 
@@ -25,15 +25,15 @@ def centroid(image: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     "window",
     [
-        whole_window((1280, 720), NET),
-        Window(300.0, 200.0, 0.25),
-        Window(250.3, 120.7, 0.8),
-        Window(-100.0, -60.0, 3.1),
+        full_crop((1280, 720), NET),
+        Crop(300.0, 200.0, 0.25),
+        Crop(250.3, 120.7, 0.8),
+        Crop(-100.0, -60.0, 3.1),
     ],
 )
 def test_a_spot_is_seen_where_the_window_says(window):
     u, v = 371.3, 236.8
-    seen = look(spot(1280, 720, u, v, 6.0), window, NET)
+    seen = sample_crop(spot(1280, 720, u, v, 6.0), window, NET)
     np.testing.assert_allclose(centroid(seen), window.to_network([[u, v]])[0], atol=0.02)
     np.testing.assert_allclose(window.to_image(centroid(seen)[None])[0], [u, v], atol=0.02)
 
@@ -41,14 +41,14 @@ def test_a_spot_is_seen_where_the_window_says(window):
 def test_whole_window_shrinks_by_areas_as_opencv_does():
     rng = np.random.default_rng(1)
     image = cv2.GaussianBlur(rng.integers(0, 256, (576, 1024, 3), dtype=np.uint8), (0, 0), 3)
-    seen = look(image, whole_window((1024, 576), NET), NET)
+    seen = sample_crop(image, full_crop((1024, 576), NET), NET)
     assert np.abs(seen - cv2.resize(image, NET, interpolation=cv2.INTER_AREA)).max() < 2.0
 
 
 def test_magnifying_is_bilinear():
     image = np.random.default_rng(2).integers(0, 256, (100, 120, 3)).astype(np.float32)
-    window = Window(20.0, 30.0, 0.1)
-    seen = look(image, window, NET)
+    window = Crop(20.0, 30.0, 0.1)
+    seen = sample_crop(image, window, NET)
     u, v = window.to_image([[100, 50]])[0]
     i, j = int(v), int(u)
     a, b = v - i, u - j
@@ -59,7 +59,7 @@ def test_magnifying_is_bilinear():
 
 def test_outside_the_image_is_nan_and_becomes_zero():
     image = np.full((480, 640, 3), 90, dtype=np.uint8)
-    seen = look(image, whole_window((640, 480), NET), NET)
+    seen = sample_crop(image, full_crop((640, 480), NET), NET)
     assert np.isnan(seen[:, :64]).all()
     assert np.isnan(seen[:, -64:]).all()
     np.testing.assert_allclose(seen[:, 64:-64], 90, atol=1e-3)
@@ -69,7 +69,7 @@ def test_outside_the_image_is_nan_and_becomes_zero():
 @settings(deadline=None)
 @given(st.floats(-500, 2000), st.floats(-500, 2000), st.floats(0.05, 5), st.floats(-100, 600), st.floats(-100, 400))
 def test_window_maps_are_inverse(left, top, step, x, y):
-    window = Window(left, top, step)
+    window = Crop(left, top, step)
     np.testing.assert_allclose(window.to_network(window.to_image([[x, y]])), [[x, y]], atol=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_window_maps_are_inverse(left, top, step, x, y):
 @given(st.floats(0, 1200), st.floats(0, 650), st.floats(1, 900), st.floats(1, 700))
 def test_box_window_holds_the_box_inside_the_image(u0, v0, width, height):
     box = (u0, v0, min(u0 + width, 1279.5), min(v0 + height, 719.5))
-    window = box_window(box, (1280, 720), NET, 0.6, 72.0)
+    window = crop_around(box, (1280, 720), NET, 0.6, 72.0)
     a, b, c, d = window.bounds(*NET)
     assert a >= -0.5 - 1e-6 and b >= -0.5 - 1e-6 and c <= 1279.5 + 1e-6 and d <= 719.5 + 1e-6
     assert a <= box[0] + 1e-6 and b <= box[1] + 1e-6 and c >= box[2] - 1e-6 and d >= box[3] - 1e-6
@@ -99,7 +99,7 @@ def test_normalise_does_not_stretch_noise_without_contrast():
 
 
 def test_wrong_use_is_refused():
-    with pytest.raises(ValueError, match="box needs u0 < u1 and v0 < v1"):
-        box_window((5, 5, 5, 9), (1280, 720), NET, 0.6, 72.0)
-    with pytest.raises(ValueError, match="positive step"):
-        Window(0.0, 0.0, 0.0)
+    with pytest.raises(ValueError, match=r"box .*\(5\.0, 5\.0, 5\.0, 9\.0\)"):
+        crop_around((5, 5, 5, 9), (1280, 720), NET, 0.6, 72.0)
+    with pytest.raises(ValueError, match=r"step.*0\.0"):
+        Crop(0.0, 0.0, 0.0)

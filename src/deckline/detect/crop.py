@@ -1,7 +1,7 @@
-"""From a window of an image to the network's input, once for training and runtime.
+"""From a crop of an image to the network's input, once for training and runtime.
 
-A window is an upright part of the image, possibly reaching beyond it, seen through the network's pixel grid. Pixel
-centres are kept exact: network pixel (x, y) looks at image pixel u = left + (x + 0.5) step - 0.5.
+A crop is an upright part of the image, possibly reaching beyond it, resampled to the network's pixel grid. Pixel
+centres are exact: network pixel (x, y) shows image pixel u = left + (x + 0.5) step - 0.5.
 """
 
 from dataclasses import dataclass
@@ -10,20 +10,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-CONTRAST_FLOOR = 3.0  # grey levels; a window with less contrast than that is not stretched further (it is noise)
+CONTRAST_FLOOR = 3.0  # grey levels; less contrast than that in a crop is noise, and is not amplified further
+
+Box = tuple[float, float, float, float]  # u0, v0, u1, v1, image px
 
 
 @dataclass(frozen=True)
-class Window:
-    """Where the network looks."""
+class Crop:
+    """Which part of the image the network sees."""
 
-    left: float  # image u of the window's left edge, px; -0.5 + 0.5 = 0 is the outer edge of the first pixel
+    left: float  # image u of the crop's left edge, px; -0.5 + 0.5 = 0 is the outer edge of the first pixel
     top: float  # the same for v
     step: float  # image pixels per network pixel
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.left, self.top]).all() and self.step > 0 and np.isfinite(self.step)):
-            raise ValueError(f"window needs finite edges and a positive step, got {self}")
+            raise ValueError(f"a crop needs finite edges and a positive step, got {self}")
 
     def to_image(self, points_px: ArrayLike) -> NDArray[np.float64]:
         """Network pixels (N, 2) -> image pixels (N, 2)."""
@@ -33,53 +35,60 @@ class Window:
         """Image pixels (N, 2) -> network pixels (N, 2)."""
         return (np.asarray(points_px, dtype=np.float64) + 0.5 - [self.left, self.top]) / self.step - 0.5
 
-    def bounds(self, width: int, height: int) -> tuple[float, float, float, float]:
-        """u0, v0, u1, v1 of the window's edges in image pixels, for a network image of this size."""
+    def bounds(self, width: int, height: int) -> Box:
+        """u0, v0, u1, v1 of the crop's edges in image pixels, for a network image of this size."""
         u0, v0 = self.left - 0.5, self.top - 0.5
         return (u0, v0, u0 + width * self.step, v0 + height * self.step)
 
 
-def whole_window(image_size: tuple[int, int], network_size: tuple[int, int]) -> Window:
+def check_image(image_rgb: NDArray[np.uint8]) -> None:
+    """Raise ValueError unless this is an image (H, W, 3) of uint8."""
+    if image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.dtype != np.uint8:
+        raise ValueError(f"expected an image (H, W, 3) of uint8, got {image_rgb.shape} of {image_rgb.dtype}")
+
+
+def check_box(box_px: ArrayLike) -> Box:
+    """The box as four floats; raise ValueError unless it is finite and has width and height."""
+    u0, v0, u1, v1 = (float(value) for value in np.asarray(box_px, dtype=np.float64))
+    if not (np.isfinite([u0, v0, u1, v1]).all() and u1 > u0 and v1 > v0):
+        raise ValueError(f"a box needs finite u0 < u1 and v0 < v1, px, got {(u0, v0, u1, v1)}")
+    return u0, v0, u1, v1
+
+
+def full_crop(image_size: tuple[int, int], network_size: tuple[int, int]) -> Crop:
     """The whole image (width, height), centred in the network's image (width, height), sides padded as needed."""
     (width, height), (net_width, net_height) = image_size, network_size
     step = max(width / net_width, height / net_height)
-    return Window((width - net_width * step) / 2, (height - net_height * step) / 2, step)
+    return Crop((width - net_width * step) / 2, (height - net_height * step) / 2, step)
 
 
-def box_window(
-    box_px: ArrayLike,
-    image_size: tuple[int, int],
-    network_size: tuple[int, int],
-    fill: float,
-    min_width_px: float,
-) -> Window:
-    """A window around a box (u0, v0, u1, v1), image px, that takes `fill` of the window's limiting dimension.
+def crop_around(
+    box_px: ArrayLike, image_size: tuple[int, int], network_size: tuple[int, int], fill: float, min_width_px: float
+) -> Crop:
+    """A crop around a box (u0, v0, u1, v1), image px, in which the box takes `fill` of the limiting dimension.
 
-    The window is at least `min_width_px` wide, never larger than the whole image's, and is moved into the image as far
+    The crop is at least `min_width_px` wide, never larger than the whole image's, and is moved into the image as far
     as it fits.
     """
-    u0, v0, u1, v1 = (float(value) for value in np.asarray(box_px, dtype=np.float64))
-    if not (u1 > u0 and v1 > v0):
-        raise ValueError(f"box needs u0 < u1 and v0 < v1, got {(u0, v0, u1, v1)}")
+    u0, v0, u1, v1 = check_box(box_px)
     net_width, net_height = network_size
-    whole = whole_window(image_size, network_size)
     step = max((u1 - u0) / (fill * net_width), (v1 - v0) / (fill * net_height), min_width_px / net_width)
-    step = min(step, whole.step)
-    left = _moved_inside((u0 + u1 + 1) / 2 - net_width * step / 2, net_width * step, image_size[0])
-    top = _moved_inside((v0 + v1 + 1) / 2 - net_height * step / 2, net_height * step, image_size[1])
-    return Window(left, top, step)
+    step = min(step, full_crop(image_size, network_size).step)
+    left = _shift_inside((u0 + u1 + 1) / 2 - net_width * step / 2, net_width * step, image_size[0])
+    top = _shift_inside((v0 + v1 + 1) / 2 - net_height * step / 2, net_height * step, image_size[1])
+    return Crop(left, top, step)
 
 
-def _moved_inside(start: float, length: float, limit: float) -> float:
+def _shift_inside(start: float, length: float, limit: float) -> float:
     if length >= limit:
         return (limit - length) / 2
     return min(max(start, 0.0), limit - length)
 
 
-def look(image_rgb: NDArray, window: Window, network_size: tuple[int, int]) -> NDArray[np.float32]:
-    """What the network sees of an image (H, W, 3), uint8 or float grey levels, through a window.
+def sample_crop(image_rgb: NDArray, crop: Crop, network_size: tuple[int, int]) -> NDArray[np.float32]:
+    """What the network sees of an image (H, W, 3), uint8 or float grey levels, through a crop.
 
-    Bilinear where the window magnifies, area-weighted (a triangle as wide as two network pixels) where it shrinks.
+    Bilinear where the crop magnifies, area-weighted (a triangle as wide as two network pixels) where it shrinks.
     Outside the image is NaN.
 
     Returns:
@@ -87,8 +96,8 @@ def look(image_rgb: NDArray, window: Window, network_size: tuple[int, int]) -> N
     """
     net_width, net_height = network_size
     height, width = image_rgb.shape[:2]
-    rows, first_row, valid_row = _weights(window.top, window.step, net_height, height)
-    columns, first_column, valid_column = _weights(window.left, window.step, net_width, width)
+    rows, first_row, valid_row = _weights(crop.top, crop.step, net_height, height)
+    columns, first_column, valid_column = _weights(crop.left, crop.step, net_width, width)
     part = image_rgb[first_row : first_row + rows.shape[1], first_column : first_column + columns.shape[1]]
     tall = rows @ part.astype(np.float32).reshape(len(part), -1)
     wide = columns @ tall.reshape(-1, columns.shape[1], 3).transpose(1, 0, 2).reshape(columns.shape[1], -1)
@@ -119,8 +128,8 @@ def _weights(start: float, step: float, count: int, size: int) -> tuple[csr_arra
 def normalise(seen_rgb: NDArray[np.float32]) -> NDArray[np.float32]:
     """Grey levels (H, W, 3), NaN outside the image -> the network's input (3, H, W).
 
-    Each colour's mean is taken off and all are divided by one common contrast: airlight's colour and most of haze's
-    fading vanish before the network, so it need not learn them. Outside the image is 0.
+    Each colour's mean is subtracted and all are divided by one common contrast. This removes airlight's colour and
+    most of haze's fading, so that the network need not learn them. Outside the image is 0.
     """
     inside = np.isfinite(seen_rgb[..., 0])
     if not inside.any():
