@@ -17,9 +17,8 @@ from deckline.geometry import Camera
 from deckline.guide import guidance
 from deckline.pipeline import FrameResult
 from deckline.recording import BadFrame
-from deckline.report.figures import band_rows, error_rows, false_lines, found_rate, reasons, stage_seconds
-from deckline.report.html import Picture, report_html
-from deckline.report.parts import number, percent
+from deckline.report.figures import band_rows, count_reasons, error_rows, false_lines, found_rate, stage_seconds
+from deckline.report.html import Picture, number, percent, report_html
 from deckline.report.records import frame_record, skipped_record
 from deckline.types import (
     DepthMode,
@@ -40,13 +39,13 @@ INFO = {"source": "flights/first", "command": "deckline run flights/first --out 
 JPEG = b"\xff\xd8 not a real picture \xff\xd9"
 
 
-def record(offset_m=0.0, range_m=200.0, status=Status.OK, with_truth=True, with_pose=True, file="a.png"):
+def record(offset_m=0.0, range_m=200.0, status=Status.OK, with_truth=True, with_pose=True, file="a.png", since_s=0.0):
     """A frame that lands along +x between y = -8 and y = +8 and measures the centre line `offset_m` to the right."""
     camera = Camera(width=64, height=36, fx=32.0, fy=32.0, cx=31.5, cy=17.5)
     left, right = (Segment(np.array([0.0, y, 0.0]), np.array([200.0, y, 0.0])) for y in (-8.0, 8.0))
     frame = Frame(
         file,
-        range_m / 65.0,
+        since_s + range_m / 65.0,
         np.zeros((36, 64, 3), dtype=np.uint8),
         camera,
         world_from_body=RigidTransform.from_translation([-range_m, 3.0, -12.0]) if with_pose else None,
@@ -147,7 +146,7 @@ def test_found_rate_counts_only_frames_with_a_runway():
 def test_times_and_reasons():
     records = [record(with_pose=False), record(with_pose=False), record()]
     assert stage_seconds(records) == {"dehaze": 0.1, "detect": 0.05, "localize": 0.01, "guide": 0.001}
-    assert reasons(records) == [("no pose", 2)]
+    assert count_reasons(records) == [("no pose", 2)]
 
 
 @pytest.mark.parametrize(
@@ -183,11 +182,12 @@ def test_notes_stand_above_everything():
 
 
 def test_data_behind_the_plots():
-    rows = embedded(report([record(0.5), skipped_record(BadFrame("b.png", "cut"))]))["rows"]
+    rows = embedded(report([record(0.5, since_s=1.7e9), skipped_record(BadFrame("b.png", "cut"))]))["rows"]
     assert rows[0]["guidance"]["lateral_deviation_m"]["value"] == pytest.approx(2.5)
     assert rows[0]["truth"]["lateral_deviation_m"] == pytest.approx(3.0)
     assert rows[0]["errors"]["lateral_deviation_m"] == pytest.approx(-0.5)
     assert rows[0]["left"] == {"points": 3, "kept": 2, "confidence": pytest.approx(0.7)}
+    assert rows[0]["time_s"] == 1_700_000_003.076923
     assert rows[0]["seconds"] == pytest.approx(0.161)
     assert rows[1] == {"file": "b.png", "skipped": True}
 
@@ -195,7 +195,7 @@ def test_data_behind_the_plots():
 def test_pictures_are_inside():
     (picture,) = embedded(report([record()], [Picture(0, JPEG, JPEG + b"2")]))["pictures"]
     assert base64.b64decode(picture["hazy"]) == JPEG
-    assert base64.b64decode(picture["result"]) == JPEG + b"2"
+    assert base64.b64decode(picture["marked"]) == JPEG + b"2"
 
 
 def test_nothing_comes_from_outside():
@@ -250,7 +250,7 @@ def test_wrong_use():
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 @pytest.mark.parametrize(("with_pose", "plots"), [(True, 7), (False, 2)])
 def test_a_browser_draws_it(tmp_path, with_pose, plots):
-    records = [record(0.1 * k, 300.0 - 20 * k, with_pose=with_pose) for k in range(10)]
+    records = [record(0.1 * k, 300.0 - 20 * k, with_pose=with_pose, since_s=1.7e9) for k in range(10)]
     page = tmp_path / "report.html"
     page.write_text(report(records, [Picture(k, JPEG, JPEG) for k in (0, 5)]), encoding="utf-8")
     options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
@@ -260,5 +260,6 @@ def test_a_browser_draws_it(tmp_path, with_pose, plots):
     assert drawn.count('class="line') >= plots
     assert "NaN" not in drawn and "undefined" not in drawn
     assert "picture 2 of 2" in drawn
+    assert "· 1700000003.846154 s ·" in drawn and ">1700000" not in drawn  # the axis begins at the first frame
     assert ("2.5 m right of the centre line" in drawn) == with_pose
     assert ("No deviation (no pose)" in drawn) == (not with_pose)

@@ -5,10 +5,26 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deckline.evaluation.chain import RANGE_BANDS_M
-from deckline.report.records import STAGES, Record, lookup
-from deckline.types import SIDES
+from deckline.report.records import LINES, STAGES, Record, lookup
+
+GUIDANCE_NAMES = {
+    "lateral_deviation_m": "Lateral deviation",
+    "heading_error_deg": "Heading error",
+    "height_above_deck_m": "Height above deck",
+    "distance_to_ramp_m": "Distance to ramp",
+    "vertical_deviation_m": "Deviation from glideslope",
+    "lateral_deviation_deg": "Lateral deviation, angle",
+    "vertical_deviation_deg": "Deviation from glideslope, angle",
+    "distance_to_touchdown_m": "Distance to touchdown",
+}
+LINE_ERRORS = (
+    ("direction_error_deg", "direction"),
+    ("lateral_error_at_ramp_m", "sideways at the ramp"),
+    ("height_error_m", "height"),
+)
 
 
 @dataclass(frozen=True)
@@ -39,23 +55,6 @@ class BandRow:
     height_median_m: float | None
 
 
-GUIDANCE_NAMES = {
-    "lateral_deviation_m": "Lateral deviation",
-    "heading_error_deg": "Heading error",
-    "height_above_deck_m": "Height above deck",
-    "distance_to_ramp_m": "Distance to ramp",
-    "vertical_deviation_m": "Deviation from glideslope",
-    "lateral_deviation_deg": "Lateral deviation, angle",
-    "vertical_deviation_deg": "Deviation from glideslope, angle",
-    "distance_to_touchdown_m": "Distance to touchdown",
-}
-LINE_ERRORS = (
-    ("direction_error_deg", "direction", "°"),
-    ("lateral_error_at_ramp_m", "sideways at the ramp", "m"),
-    ("height_error_m", "height", "m"),
-)
-
-
 def seen_frames(records: Iterable[Record]) -> list[Record]:
     """Records of frames that went through the chain: all but the skipped ones."""
     return [record for record in records if "skipped" not in record]
@@ -63,54 +62,42 @@ def seen_frames(records: Iterable[Record]) -> list[Record]:
 
 def error_rows(records: list[Record]) -> list[ErrorRow]:
     """Errors of the guidance and of each line; empty without truth."""
-    rows = [_guidance_row(records, name) for name in GUIDANCE_NAMES]
-    for key, what, unit in LINE_ERRORS:
-        for side in (*SIDES, "centre"):
-            rows.append(_row(f"{side.capitalize()} line, {what}", unit, _values(records, "errors", key, side), None))
-    return [row for row in rows if row is not None]
+    rows = []
+    for key, name in GUIDANCE_NAMES.items():
+        errors, sigmas = _gather(records, ("errors", "guidance", key), ("guidance", key, "sigma"))
+        rows.append(_error_row(name, key, errors, sigmas))
+    for key, what in LINE_ERRORS:
+        for line in LINES:
+            (errors,) = _gather(records, ("errors", key, line))
+            rows.append(_error_row(f"{line.capitalize()} line, {what}", key, errors))
+    return [row for row in rows if row.frames]
 
 
-def _guidance_row(records: list[Record], name: str) -> ErrorRow | None:
-    both = [
-        (error, sigma)
-        for record in records
-        if (error := lookup(record, ("errors", "guidance", name))) is not None
-        and (sigma := lookup(record, ("guidance", name, "sigma"))) is not None
-    ]
-    errors, sigmas = np.array(both).reshape(-1, 2).T
-    return _row(GUIDANCE_NAMES[name], "°" if name.endswith("_deg") else "m", errors, sigmas)
-
-
-def _row(name: str, unit: str, errors: np.ndarray, sigmas: np.ndarray | None) -> ErrorRow | None:
+def _error_row(name: str, key: str, errors: NDArray[np.float64], sigmas: NDArray[np.float64] | None = None) -> ErrorRow:
+    unit = "°" if key.endswith("_deg") else "m"
     if not len(errors):
-        return None
+        return ErrorRow(name, unit, 0, np.nan, np.nan, None, None, None)
     size = np.abs(errors)
-    median, p95 = (float(value) for value in np.percentile(size, [50, 95]))
+    row = (name, unit, len(size), float(np.median(size)), float(np.percentile(size, 95)))
     if sigmas is None:
-        return ErrorRow(name, unit, len(size), median, p95, None, None, None)
-    within = (float(np.mean(size <= k * sigmas)) for k in (1, 2))
-    return ErrorRow(name, unit, len(size), median, p95, float(np.mean(errors)), *within)
+        return ErrorRow(*row, None, None, None)
+    return ErrorRow(*row, float(np.mean(errors)), *(float(np.mean(size <= k * sigmas)) for k in (1, 2)))
 
 
 def band_rows(records: list[Record]) -> list[BandRow]:
     """Found-rate and errors by true distance to the ramp; empty without truth. Bands without frames are left out."""
     rows = []
+    ranges = [(lookup(record, ("truth", "distance_to_ramp_m")), record) for record in records]
     for low, high in RANGE_BANDS_M:
-        members = [r for r in records if low <= _true_range_m(r) < high]
+        members = [record for range_m, record in ranges if range_m is not None and low <= range_m < high]
         if members:
-            lateral = np.abs(_values(members, "errors", "guidance", "lateral_deviation_m"))
-            heading = np.abs(_values(members, "errors", "guidance", "heading_error_deg"))
-            height = np.abs(_values(members, "errors", "guidance", "height_above_deck_m"))
-            found = sum(r["status"] == "ok" for r in members) / len(members)
+            names = ("lateral_deviation_m", "heading_error_deg", "height_above_deck_m")
+            lateral, heading, height = (np.abs(_gather(members, ("errors", "guidance", name))[0]) for name in names)
             quantiles = (_percentile(lateral, 50), _percentile(lateral, 95))
             medians = (_percentile(heading, 50), _percentile(height, 50))
+            found = sum(r["status"] == "ok" for r in members) / len(members)
             rows.append(BandRow(low, high, len(members), found, *quantiles, *medians))
     return rows
-
-
-def _true_range_m(record: Record) -> float:
-    value = lookup(record, ("truth", "distance_to_ramp_m"))
-    return float("nan") if value is None else float(value)
 
 
 def found_rate(records: list[Record]) -> float | None:
@@ -127,21 +114,21 @@ def false_lines(records: list[Record]) -> tuple[int, int]:
 
 def stage_seconds(records: list[Record]) -> dict[str, float]:
     """Median wall time of each stage, s."""
-    times = {stage: _values(records, "seconds", stage) for stage in STAGES}
-    return {stage: float(np.median(values)) for stage, values in times.items() if len(values)}
+    medians = {stage: _percentile(_gather(records, ("seconds", stage))[0], 50) for stage in STAGES}
+    return {stage: median for stage, median in medians.items() if median is not None}
 
 
 def median_sigma(records: list[Record], name: str) -> float | None:
     """Median 1-sigma of a guidance value, in its unit."""
-    return _percentile(_values(records, "guidance", name, "sigma"), 50)
+    return _percentile(_gather(records, ("guidance", name, "sigma"))[0], 50)
 
 
-def reasons(records: list[Record], key: str = "reason") -> list[tuple[str, int]]:
-    """Texts under `key` and how many records carry each, most frequent first."""
-    return Counter(str(r[key]) for r in records if r.get(key)).most_common()
+def count_reasons(records: Iterable[Record]) -> list[tuple[str, int]]:
+    """Why something is missing and in how many frames, most frequent first."""
+    return Counter(str(record["reason"]) for record in records if record.get("reason")).most_common()
 
 
-def flags(records: list[Record]) -> list[tuple[str, str]]:
+def count_flags(records: Iterable[Record]) -> list[tuple[str, int]]:
     """What was flagged, with the reason first given, and in how many frames; most frequent first."""
     first: dict[str, str] = {}
     times: Counter[str] = Counter()
@@ -149,28 +136,23 @@ def flags(records: list[Record]) -> list[tuple[str, str]]:
         for flag in lookup(record, ("track", "flags")) or []:
             first.setdefault(flag["name"], flag["reason"])
             times[flag["name"]] += 1
-    return [(f"{name}: at first {first[name]}", str(count)) for name, count in times.most_common()]
+    return [(f"{name}: at first {first[name]}", count) for name, count in times.most_common()]
 
 
 def beyond_protection(records: list[Record]) -> tuple[int, int] | None:
     """Frames without a flag whose error is beyond its protection level, of those where both are known; None: none."""
-    beyond = known = 0
-    for record in records:
-        if not record.get("protection") or not record.get("errors") or record["track"]["flags"]:
-            continue
-        pairs = (("lateral_m", "lateral_deviation_m"), ("vertical_m", "height_above_deck_m"))
-        errors = [(record["protection"][level], lookup(record, ("errors", "guidance", name))) for level, name in pairs]
-        if any(error is None for _, error in errors):
-            continue
-        known += 1
-        beyond += any(abs(error) > level for level, error in errors)
-    return (beyond, known) if known else None
+    bounded = [record for record in records if lookup(record, ("track", "flags")) == []]
+    paths = (("errors", "guidance", "lateral_deviation_m"), ("errors", "guidance", "height_above_deck_m"))
+    across, above, *levels = _gather(bounded, *paths, ("protection", "lateral_m"), ("protection", "vertical_m"))
+    beyond = (np.abs(across) > levels[0]) | (np.abs(above) > levels[1])
+    return (int(beyond.sum()), len(beyond)) if len(beyond) else None
 
 
-def _values(records: list[Record], *keys: str) -> np.ndarray:
-    values = (lookup(record, keys) for record in records)
-    return np.array([value for value in values if value is not None], dtype=np.float64)
+def _gather(records: Iterable[Record], *paths: tuple[str, ...]) -> NDArray[np.float64]:
+    """Values under each path, a row each, of the records that have all of them."""
+    rows = ([lookup(record, path) for path in paths] for record in records)
+    return np.array([row for row in rows if None not in row], dtype=np.float64).reshape(-1, len(paths)).T
 
 
-def _percentile(values: np.ndarray, percent: float) -> float | None:
+def _percentile(values: NDArray[np.float64], percent: float) -> float | None:
     return float(np.percentile(values, percent)) if len(values) else None

@@ -1,27 +1,24 @@
 """report.html of a run: one file that needs no network and no server."""
 
 import base64
-import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
-from string import Template
-from typing import Any
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from deckline.report import figures
-from deckline.report.parts import bar, card, info_table, listed, number, percent, table
 from deckline.report.records import GUIDANCE, Record, lookup
 from deckline.types import SIDES
 
 TEMPLATES = Path(__file__).parent / "templates"
 STATUSES = ("ok", "one line", "not seen", "skipped")
-MODES = ("fine", "coarse", "none")
-DIGITS = 6  # significant digits of the numbers behind the plots
+MODES = {"fine": "depth camera", "coarse": "deck plane", "none": "no distance"}
+LISTED = 40  # rows of a list at most
 
 
 @dataclass(frozen=True)
@@ -30,7 +27,7 @@ class Picture:
 
     record: int  # index of the frame's record
     hazy_jpeg: bytes  # as the camera saw it
-    result_jpeg: bytes  # dehazed, with the lines found
+    marked_jpeg: bytes  # dehazed, with the lines found
 
 
 def report_html(
@@ -52,19 +49,45 @@ def report_html(
     _check(records, pictures, counts)
     seen = figures.seen_frames(records)
     source = info.get("source", "recording")
-    return Template(_template("report.html")).substitute(
-        title=escape(f"{Path(source).name} - deckline"),
-        heading=escape(Path(source).name or source),
-        subtitle=escape(" · ".join([info[key] for key in ("date", "version") if key in info])),
-        style=_template("report.css"),
-        script=_template("report.js"),
-        summary=_summary(info, seen, counts),
-        plots_note=_plots_note(seen, counts),
-        accuracy=_accuracy(seen),
-        troubles=_troubles(records, counts),
-        info=info_table(info),
-        data=_script_json({"rows": [_row(r) for r in records], "pictures": [_picture(p) for p in pictures]}),
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    environment.filters["percent"] = percent
+    return environment.get_template("report.html").render(
+        heading=Path(source).name or source,
+        info=info,
+        style=Markup(_read_template("report.css")),
+        script=Markup(_read_template("report.js")),
+        cards=list(_cards(info, seen, counts)),
+        bars=_bars(seen, counts),
+        plots_note=_plots_note(seen, counts),
+        errors=[_error_cells(row) for row in figures.error_rows(seen)],
+        bands=[_band_cells(row) for row in figures.band_rows(seen)],
+        flags=figures.count_flags(seen),
+        skipped=[(record["file"], record["skipped"]) for record in records if "skipped" in record],
+        skipped_frames=counts.get("skipped", 0),
+        reasons=figures.count_reasons(seen),
+        listed=LISTED,
+        data={"rows": [_row(record) for record in records], "pictures": [_picture(picture) for picture in pictures]},
+    )
+
+
+def number(value: float | None, unit: str, sign: bool = False) -> str:
+    """A figure to three digits with a true minus sign; a dash where there is none."""
+    if value is None:
+        return "–"
+    places = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
+    text = f"{value:{'+' if sign else ''}.{places}f}".replace("-", "−")
+    text = text.lstrip("+−") if not float(f"{value:.{places}f}") else text
+    return f"{text}{'' if unit == '°' else ' '}{unit}"
+
+
+def percent(share: float | None) -> str:
+    """A share 0..1 as text; a dash where there is none."""
+    if share is None:
+        return "–"
+    return f"{100 * share:.1f} %" if 0 < share < 1 else f"{100 * share:.0f} %"
 
 
 def _check(records: list[Record], pictures: list[Picture], counts: Mapping[str, int]) -> None:
@@ -78,103 +101,94 @@ def _check(records: list[Record], pictures: list[Picture], counts: Mapping[str, 
             raise ValueError(f"a picture belongs to record {picture.record}, whose frame was skipped")
 
 
-def _template(name: str) -> str:
+def _read_template(name: str) -> str:
     return (TEMPLATES / name).read_text(encoding="utf-8")
-
-
-def _script_json(value: Any) -> str:
-    """JSON that cannot end the script element it stands in."""
-    text = json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c")
 
 
 def _row(record: Record) -> Record:
     """What plots and numbers need of a record."""
     if "skipped" in record:
         return {"file": record["file"], "skipped": True}
-    row = {key: record.get(key) for key in ("file", "time_s", "status", "mode", "reason", "guidance")}
+    row = {key: record.get(key) for key in ("file", "time_s", "status", "mode", "reason", "guidance", "protection")}
     for group, keys in (("truth", ("truth",)), ("errors", ("errors", "guidance"))):
         values = lookup(record, keys)
         row[group] = values and {name: values.get(name) for name in GUIDANCE}
-    row["protection"], row["track"] = record.get("protection"), lookup(record, ("track", "state"))
+    row["track"] = lookup(record, ("track", "state"))
     row["flags"] = [flag["reason"] for flag in lookup(record, ("track", "flags")) or []]
     for side in SIDES:
-        row[side] = _line(lookup(record, ("lines", side)) or {})
-    row["seconds"] = sum(record["seconds"].values()) if record.get("seconds") else None
-    rounded: Record = _rounded(row)
-    return rounded
-
-
-def _line(line: Record) -> Record:
-    confidence = line.get("confidence") or []
-    inliers = lookup(line, ("pixel_line", "inliers"))
-    return {
-        "points": len(confidence),
-        "kept": None if inliers is None else sum(inliers),
-        "confidence": float(np.mean(confidence)) if confidence else None,
-    }
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+        confidence = lookup(record, ("lines", side, "confidence")) or []
+        inliers = lookup(record, ("lines", side, "pixel_line", "inliers"))
+        row[side] = {
+            "points": len(confidence),
+            "kept": None if inliers is None else sum(inliers),
+            "confidence": float(np.mean(confidence)) if confidence else None,
+        }
+    return row | {"seconds": sum(record["seconds"].values()) if record.get("seconds") else None}
 
 
 def _picture(picture: Picture) -> Record:
-    encoded = (base64.b64encode(jpeg).decode("ascii") for jpeg in (picture.hazy_jpeg, picture.result_jpeg))
-    return {"record": picture.record, **dict(zip(("hazy", "result"), encoded, strict=True))}
+    hazy, marked = (base64.b64encode(jpeg).decode("ascii") for jpeg in (picture.hazy_jpeg, picture.marked_jpeg))
+    return {"record": picture.record, "hazy": hazy, "marked": marked}
 
 
-def _summary(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int]) -> str:
-    shown = [(name, counts.get(name, 0)) for name in STATUSES]
-    modes = [(name, sum(record["mode"] == name for record in seen)) for name in MODES]
-    bars = bar("Lines found", shown) + bar("Where distances came from", modes)
-    notes = "".join(f"<p>{escape(value)}</p>" for label, value in info.items() if label.startswith("note"))
-    notice = f'<div class="panel notice">{notes}</div>' if notes else ""
-    return f'{notice}<div class="cards">{"".join(_cards(info, seen, counts))}</div><div class="bars">{bars}</div>'
+def _bars(seen: list[Record], counts: Mapping[str, int]) -> list[tuple[str, list[tuple[str, str, int]]]]:
+    """Title of each bar and its parts: name, meaning, frames."""
+    found = [(name, "both lines" if name == "ok" else "", counts.get(name, 0)) for name in STATUSES]
+    modes = [(name, words, sum(record["mode"] == name for record in seen)) for name, words in MODES.items()]
+    return [("Lines found", found), ("Where distances came from", modes)]
 
 
-def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int]) -> Iterable[str]:
+def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int]) -> Iterator[tuple[str, str, str]]:
+    """What a figure is, the figure, and what else to know."""
     total, skipped = sum(counts.values()), counts.get("skipped", 0)
-    used = total - skipped
     detail = [info["frames"]] if "frames" in info else []
-    yield card("Frames", f"{total:,}", "; ".join([*detail, f"{skipped:,} skipped" if skipped else "none skipped"]))
+    yield "Frames", f"{total:,}", "; ".join([*detail, f"{skipped:,} skipped" if skipped else "none skipped"])
     rate = figures.found_rate(seen)
     if rate is not None:
-        yield card("Both lines found", percent(rate), "of the frames that truly show a runway")
-    elif used:
-        yield card("Both lines found", percent(counts.get("ok", 0) / used), "of the frames used")
+        yield "Both lines found", percent(rate), "of the frames that truly show a runway"
+    elif total > skipped:
+        yield "Both lines found", percent(counts.get("ok", 0) / (total - skipped)), "of the frames used"
     errors = {row.name: row for row in figures.error_rows(seen)}
     for name, label in (("Lateral deviation", "Lateral error"), ("Centre line, direction", "Direction error")):
         if name in errors:
             row = errors[name]
-            yield card(f"{label}, median", number(row.median, row.unit), f"95 %: {number(row.p95, row.unit)}")
+            yield f"{label}, median", number(row.median, row.unit), f"95 %: {number(row.p95, row.unit)}"
     sigma = figures.median_sigma(seen, "lateral_deviation_m")
     if not errors and sigma is not None:
-        yield card("Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with")
+        yield "Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with"
     yield from _track_cards(seen)
     wrong, empty = figures.false_lines(seen)
     if empty:
-        yield card("False lines", f"{wrong}", f"in {empty} frames without a runway")
+        yield "False lines", f"{wrong}", f"in {empty} frames without a runway"
     times = figures.stage_seconds(seen)
     if times:
         parts = ", ".join(f"{stage} {1000 * t:.{0 if t > 0.001 else 1}f}" for stage, t in times.items())
-        yield card("Time per frame", f"{1000 * sum(times.values()):.0f} ms", parts)
+        yield "Time per frame", f"{1000 * sum(times.values()):.0f} ms", parts
 
 
-def _track_cards(seen: list[Record]) -> Iterable[str]:
+def _track_cards(seen: list[Record]) -> Iterator[tuple[str, str, str]]:
     """How much of the run was guided by a track, and what its integrity said."""
     tracks = [record["track"] for record in seen if record.get("track")]
     if not tracks:
         return
     states = Counter(track["state"] for track in tracks)
     detail = ", ".join(f"{states[name]} {name}" for name in ("coasting", "lost") if states[name]) or "without a break"
-    yield card("Tracked", percent((states["tracking"] + states["coasting"]) / len(tracks)), detail)
-    flagged = sum(bool(track["flags"]) for track in tracks)
+    yield "Tracked", percent((states["tracking"] + states["coasting"]) / len(tracks)), detail
     missed = figures.beyond_protection(seen)
-    told = "" if missed is None else f"{missed[0]} of {missed[1]} beyond their protection level without a flag"
-    yield card("Flagged frames", f"{flagged}", told)
+    words = "" if missed is None else f"{missed[0]} of {missed[1]} beyond their protection level without a flag"
+    yield "Flagged frames", f"{sum(bool(track['flags']) for track in tracks)}", words
+
+
+def _error_cells(row: figures.ErrorRow) -> tuple[str, ...]:
+    sizes = (number(row.median, row.unit), number(row.p95, row.unit), number(row.bias, row.unit, sign=True))
+    return row.name, f"{row.frames}", *sizes, percent(row.within_1_sigma), percent(row.within_2_sigma)
+
+
+def _band_cells(row: figures.BandRow) -> tuple[str, ...]:
+    band = f"{row.low_m:.0f} m and more" if math.isinf(row.high_m) else f"{row.low_m:.0f} to {row.high_m:.0f} m"
+    lateral = number(row.lateral_median_m, "m"), number(row.lateral_p95_m, "m")
+    others = number(row.heading_median_deg, "°"), number(row.height_median_m, "m")
+    return band, f"{row.frames}", percent(row.found_rate), *lateral, *others
 
 
 def _plots_note(seen: list[Record], counts: Mapping[str, int]) -> str:
@@ -183,79 +197,7 @@ def _plots_note(seen: list[Record], counts: Mapping[str, int]) -> str:
     if len(seen) < used:
         notes.append(f"Plots, pictures and figures are made of {len(seen)} of {used} frames, evenly chosen.")
     if not any(lookup(record, ("guidance", name)) for record in seen for name in GUIDANCE):
-        common = figures.reasons(seen)
-        why = f" Most often: {common[0][0]}." if common else ""
+        reasons = figures.count_reasons(seen)
+        why = f" Most often: {reasons[0][0]}." if reasons else ""
         notes.append(f"No frame could be placed relative to the deck, so there are no deviations to plot.{why}")
-    return f'<p class="quiet">{escape(" ".join(notes))}</p>' if notes else ""
-
-
-def _accuracy(seen: list[Record]) -> str:
-    rows = figures.error_rows(seen)
-    if not rows:
-        return ""
-    body = [
-        (
-            row.name,
-            str(row.frames),
-            number(row.median, row.unit),
-            number(row.p95, row.unit),
-            "–" if row.bias is None else number(row.bias, row.unit, sign=True),
-            *("–" if share is None else percent(share) for share in (row.within_1_sigma, row.within_2_sigma)),
-        )
-        for row in rows
-    ]
-    head = ("Error against truth", "frames", "median", "95 %", "mean, signed", "within 1 σ", "within 2 σ")
-    note = (
-        "Median and 95 % are of the absolute error. Where 1 sigma is honest and errors are normal, "
-        "68 % lie within 1 σ and 95 % within 2 σ."
-    )
-    return (
-        '<section aria-labelledby="accuracy-title"><h2 id="accuracy-title">Against truth</h2>'
-        f'<div class="panel"><div class="scroll">{table(head, body)}</div><p class="quiet">{note}</p></div></section>'
-        f"{_bands(seen)}"
-    )
-
-
-def _bands(seen: list[Record]) -> str:
-    bands = figures.band_rows(seen)
-    if not bands:
-        return ""
-    body = [
-        (
-            f"{b.low_m:.0f} m and more" if math.isinf(b.high_m) else f"{b.low_m:.0f} to {b.high_m:.0f} m",
-            str(b.frames),
-            percent(b.found_rate),
-            number(b.lateral_median_m, "m"),
-            number(b.lateral_p95_m, "m"),
-            number(b.heading_median_deg, "°"),
-            number(b.height_median_m, "m"),
-        )
-        for b in bands
-    ]
-    head = (
-        "True distance to ramp",
-        "frames",
-        "both lines",
-        "lateral, median",
-        "95 %",
-        "heading, median",
-        "height, median",
-    )
-    return (
-        '<section aria-labelledby="bands-title"><h2 id="bands-title">Error by distance</h2>'
-        f'<div class="panel scroll">{table(head, body)}</div></section>'
-    )
-
-
-def _troubles(records: list[Record], counts: Mapping[str, int]) -> str:
-    skipped = [(str(r["file"]), str(r["skipped"])) for r in records if "skipped" in r]
-    missing = [(reason, str(times)) for reason, times in figures.reasons(figures.seen_frames(records))]
-    flags = figures.flags(figures.seen_frames(records))
-    parts = []
-    if flags:
-        parts.append("<h2>Flags</h2>" + listed(("What contradicted the guidance", "Frames"), flags, len(flags)))
-    if counts.get("skipped"):
-        parts.append("<h2>Skipped frames</h2>" + listed(("File", "Why"), skipped, counts["skipped"]))
-    if missing:
-        parts.append("<h2>Why numbers are missing</h2>" + listed(("Reason", "Frames"), missing, len(missing)))
-    return "".join(f"<section>{part}</section>" for part in parts)
+    return " ".join(notes)

@@ -30,6 +30,6 @@ def _header(image: Image, frame: Frame) -> None:
     text(image, "as the camera saw it", (68, 26), 14, DIM)
     text(image, "DEHAZED", (PANEL_PX[0] + 16, 26), 15, INK, 600)
     text(image, "with the lines found", (PANEL_PX[0] + 100, 26), 14, DIM)
-    time = f"  ·  {frame.time_s:.2f} s"
+    time = f"  ·  {frame.time_s:.6f} s"
     name = shortened(frame.file, 14, 380 - text_width(time, 14)) + time
     text(image, name, (OVERLAY_PX[0] - 16 - text_width(name, 14), 26), 14, DIM)

@@ -16,9 +16,10 @@ from deckline.evaluation.chain import range_to_ramp_m
 from deckline.pipeline import FrameResult
 from deckline.recording import BadFrame
 from deckline.truth import errors_against, true_guidance
-from deckline.types import SIDES, Frame, Guidance, LinePoints, PixelLine, RunwayLine, Track, Truth, Value
+from deckline.types import SIDES, Guidance, RunwayLine, Track, Value
 
-DIGITS = 9  # significant digits written
+DIGITS = 9  # significant digits written,
+DECIMALS = 6  # but never fewer decimals than these: microseconds of a Unix time, micrometres of a far origin
 GUIDANCE = (
     "lateral_deviation_m",
     "heading_error_deg",
@@ -34,6 +35,7 @@ GUIDANCE = (
 )
 KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith("_m_s"))  # one frame's truth has no rates
 UNITS = ("_m_s", "_deg", "_m")
+LINES = (*SIDES, "centre")
 LINE_ERRORS = ("direction_error_deg", "lateral_error_at_ramp_m", "height_error_m")
 STAGES = ("dehaze", "detect", "localize", "guide", "track")
 
@@ -42,38 +44,39 @@ Record = dict[str, Any]
 
 def frame_record(result: FrameResult) -> Record:
     """What is written about one frame; plain JSON values only."""
-    frame, estimate = result.frame, result.estimate
-    points = {"left": result.detection.left, "right": result.detection.right}
-    lines: Record = {
-        side: _points(points[side])
-        | {"pixel_line": _pixel_line(estimate.pixel_lines.get(side)), "world": _world(estimate.lines.get(side))}
-        for side in SIDES
-    }
+    frame, estimate, detection = result.frame, result.estimate, result.detection
+    lines: Record = {}
+    for side, points in (("left", detection.left), ("right", detection.right)):
+        line = estimate.pixel_lines.get(side)
+        lines[side] = _pick(points, "points_px", "confidence", "sigma_px")
+        lines[side]["pixel_line"] = line and _pick(line, "coefficients", "ends_px", "sigma_px", "inliers")
+        lines[side]["world"] = _world(estimate.lines.get(side))
     lines["centre"] = {"world": _world(estimate.lines.get("centre"))}
-    ramp = None if estimate.ramp_m is None else {"point_m": estimate.ramp_m, "sigma_m": estimate.ramp_sigma_m}
-    truth = true_guidance(frame)
-    return _plain(
-        {
-            "file": frame.file,
-            "time_s": frame.time_s,
-            "status": str(estimate.status),
-            "mode": str(estimate.mode),
-            "reason": result.guidance.reason,
-            "lines": lines,
-            "ramp": ramp,
-            "guidance": guidance_record(result.guidance),
-            "protection": None if result.guidance.protection is None else vars(result.guidance.protection),
-            "track": None if result.track is None else _track(result.track),
-            "truth": None if frame.truth is None else _truth(frame, frame.truth, truth),
-            "errors": None if frame.truth is None else errors_against(frame.truth, estimate, result.guidance, truth),
-            "seconds": result.seconds,
-        }
-    )
+    record = {
+        "file": frame.file,
+        "time_s": frame.time_s,
+        "status": str(estimate.status),
+        "mode": str(estimate.mode),
+        "reason": result.guidance.reason,
+        "lines": lines,
+        "ramp": None if estimate.ramp_m is None else {"point_m": estimate.ramp_m, "sigma_m": estimate.ramp_sigma_m},
+        "guidance": guidance_record(result.guidance),
+        "protection": result.guidance.protection and vars(result.guidance.protection),
+        "track": result.track and _track(result.track),
+        **_truth(result),
+        "seconds": result.seconds,
+    }
+    return {key: _plain(value) for key, value in record.items()}
 
 
 def skipped_record(bad: BadFrame) -> Record:
     """What is written about a frame that could not be used."""
     return {"file": bad.file, "skipped": bad.reason}
+
+
+def guidance_record(guidance: Guidance) -> Record:
+    """Values with their 1-sigma, under the names of `GUIDANCE`, angles in degrees; None for what is not known."""
+    return {name: _value(guidance, name) for name in GUIDANCE}
 
 
 def to_line(record: Record) -> str:
@@ -87,8 +90,7 @@ def to_line(record: Record) -> str:
 
 def read_records(path: Path) -> Iterator[Record]:
     """Records of a JSONL file, one at a time, up to the first line that is not whole."""
-    for _, record in _whole_lines(path):
-        yield record
+    return (record for _, record in _read_lines(path))
 
 
 def keep_whole_lines(path: Path) -> int:
@@ -97,23 +99,21 @@ def keep_whole_lines(path: Path) -> int:
     Returns: the number of lines kept.
     """
     end = count = 0
-    for line_end, _ in _whole_lines(path):
+    for line_end, _ in _read_lines(path):
         end, count = line_end, count + 1
     with path.open("r+b") as file:
         file.truncate(end)
     return count
 
 
-def _whole_lines(path: Path) -> Iterator[tuple[int, Record]]:
-    """Records and the byte where each one's line ends."""
+def _read_lines(path: Path) -> Iterator[tuple[int, Record]]:
+    """Whole lines: the byte where each one ends, and its record."""
     end = 0
     with path.open("rb") as file:
         for line in file:
             end += len(line)
-            if not line.endswith(b"\n"):
-                return
             try:
-                record = json.loads(line)
+                record = json.loads(line) if line.endswith(b"\n") else None
             except ValueError:
                 return
             if not isinstance(record, dict) or "file" not in record:
@@ -125,9 +125,9 @@ def write_csv(path: Path, records: Iterable[Record]) -> None:
     """The records as a table, one row each; empty cells for what does not exist."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(column for column, _ in COLUMNS)
+        writer.writerow(COLUMNS)
         for record in records:
-            writer.writerow(_cell(lookup(record, keys)) for _, keys in COLUMNS)
+            writer.writerow(_cell(lookup(record, keys)) for keys in COLUMNS.values())
 
 
 def lookup(record: Record, keys: Iterable[str | int]) -> Any:
@@ -140,28 +140,27 @@ def lookup(record: Record, keys: Iterable[str | int]) -> Any:
     return value
 
 
-def _columns() -> list[tuple[str, tuple[str | int, ...]]]:
-    """Column names with units, and where each value lies in a record."""
-    columns: list[tuple[str, tuple[str | int, ...]]] = [
-        (name, (name,)) for name in ("file", "time_s", "status", "mode", "reason", "skipped")
-    ]
+def _columns() -> dict[str, tuple[str | int, ...]]:
+    """Column names with units -> where each value lies in a record."""
+    columns: dict[str, tuple[str | int, ...]] = {
+        name: (name,) for name in ("file", "time_s", "status", "mode", "reason", "skipped")
+    }
     for name in GUIDANCE:
         unit = next(unit for unit in UNITS if name.endswith(unit))
-        sigma = f"{name.removesuffix(unit)}_sigma{unit}"
-        columns += [(name, ("guidance", name, "value")), (sigma, ("guidance", name, "sigma"))]
-    columns += [(f"{axis}_protection_m", ("protection", f"{axis}_m")) for axis in ("lateral", "vertical")]
-    columns += [
-        ("track_state", ("track", "state")),
-        *((f"track_{name}", ("track", name)) for name in ("flags", "excluded")),
-    ]
-    for side in (*SIDES, "centre"):
-        place: tuple[str, ...] = ("lines", side, "world")
-        columns += [(f"{side}_{axis}_m", (*place, "point_m", i)) for i, axis in enumerate("xyz")]
-        columns.append((f"{side}_azimuth_deg", (*place, "azimuth_deg")))
-    columns += [(f"ramp_{axis}_m", ("ramp", "point_m", i)) for i, axis in enumerate("xyz")]
-    columns += [(f"true_{name}", ("truth", name)) for name in ("range_to_ramp_m", *KNOWN_TRUE)]
-    columns += [(f"{side}_{name}", ("errors", name, side)) for name in LINE_ERRORS for side in (*SIDES, "centre")]
-    return columns + [(f"{stage}_s", ("seconds", stage)) for stage in STAGES]
+        columns[name] = ("guidance", name, "value")
+        columns[f"{name.removesuffix(unit)}_sigma{unit}"] = ("guidance", name, "sigma")
+    columns |= {f"{axis}_protection_m": ("protection", f"{axis}_m") for axis in ("lateral", "vertical")}
+    columns |= {f"track_{name}": ("track", name) for name in ("state", "flags", "excluded")}
+    for line in LINES:
+        columns |= {f"{line}_{axis}_m": ("lines", line, "world", "point_m", i) for i, axis in enumerate("xyz")}
+        columns[f"{line}_azimuth_deg"] = ("lines", line, "world", "azimuth_deg")
+    for side in SIDES:
+        ends = ((end, i, axis) for end in (0, 1) for i, axis in enumerate("uv"))
+        columns |= {f"{side}_{axis}{end}_px": ("lines", side, "pixel_line", "ends_px", end, i) for end, i, axis in ends}
+    columns |= {f"ramp_{axis}_m": ("ramp", "point_m", i) for i, axis in enumerate("xyz")}
+    columns |= {f"true_{name}": ("truth", name) for name in ("range_to_ramp_m", *KNOWN_TRUE)}
+    columns |= {f"{line}_{name}": ("errors", name, line) for name in LINE_ERRORS for line in LINES}
+    return columns | {f"{stage}_s": ("seconds", stage) for stage in STAGES}
 
 
 COLUMNS = _columns()
@@ -173,38 +172,15 @@ def _cell(value: Any) -> Any:
     return "" if value is None else value
 
 
-def _points(points: LinePoints) -> Record:
-    return {"points_px": points.points_px, "confidence": points.confidence, "sigma_px": points.sigma_px}
-
-
-def _pixel_line(line: PixelLine | None) -> Record | None:
-    if line is None:
-        return None
-    return {
-        "coefficients": line.coefficients,
-        "ends_px": line.ends_px,
-        "sigma_px": line.sigma_px,
-        "inliers": line.inliers,
-    }
+def _pick(values: object, *names: str) -> Record:
+    return {name: getattr(values, name) for name in names}
 
 
 def _world(line: RunwayLine | None) -> Record | None:
     if line is None:
         return None
-    return {
-        "point_m": line.point_m,
-        "azimuth_deg": np.rad2deg(line.azimuth_rad),
-        "slope": line.slope,
-        "intercept_m": line.intercept_m,
-        "height_m": line.height_m,
-        "covariance": line.covariance,
-        "relative_covariance": line.relative_covariance,
-    }
-
-
-def guidance_record(guidance: Guidance) -> Record:
-    """Values with their 1-sigma, under the names of `GUIDANCE`, angles in degrees; None for what is not known."""
-    return {name: _value(guidance, name) for name in GUIDANCE}
+    names = ("point_m", "slope", "intercept_m", "height_m", "covariance", "relative_covariance")
+    return {"azimuth_deg": np.rad2deg(line.azimuth_rad), **_pick(line, *names)}
 
 
 def _value(guidance: Guidance, name: str) -> Record | None:
@@ -212,8 +188,7 @@ def _value(guidance: Guidance, name: str) -> Record | None:
     value: Value | None = getattr(guidance, name.removesuffix("_deg") + "_rad" if in_degrees else name)
     if value is None:
         return None
-    number, sigma = np.rad2deg([value.value, value.sigma]) if in_degrees else (value.value, value.sigma)
-    return {"value": number, "sigma": sigma}
+    return {key: np.rad2deg(number) if in_degrees else number for key, number in vars(value).items()}
 
 
 def _track(track: Track) -> Record:
@@ -222,20 +197,25 @@ def _track(track: Track) -> Record:
         "age_s": track.age_s,
         "flags": [vars(flag) for flag in track.flags],
         "excluded": [vars(flag) for flag in track.excluded],
-        "lines": {side: _world(track.lines.get(side)) for side in (*SIDES, "centre")},
+        "lines": {line: _world(track.lines.get(line)) for line in LINES},
     }
 
 
-def _truth(frame: Frame, truth: Truth, guidance: Guidance | None) -> Record:
-    visibility = truth.visibility_m
-    values = {} if guidance is None else guidance_record(guidance)
-    return {
+def _truth(result: FrameResult) -> Record:
+    """Truth and errors of a frame; None where it carries no truth."""
+    frame, truth = result.frame, result.frame.truth
+    if truth is None:
+        return {"truth": None, "errors": None}
+    exact = true_guidance(frame)
+    values = {} if exact is None else guidance_record(exact)
+    known = {
         "has_runway": truth.left is not None,
-        "visibility_m": visibility,
-        "clear_air": visibility is not None and math.isinf(visibility),
+        "visibility_m": truth.visibility_m,
+        "clear_air": truth.visibility_m is not None and math.isinf(truth.visibility_m),
         "range_to_ramp_m": range_to_ramp_m(frame),
-        **{name: None if values.get(name) is None else values[name]["value"] for name in KNOWN_TRUE},
+        **{name: lookup(values, (name, "value")) for name in KNOWN_TRUE},
     }
+    return {"truth": known, "errors": errors_against(truth, result.estimate, result.guidance, exact)}
 
 
 def _plain(value: Any) -> Any:
@@ -249,5 +229,10 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, float | np.floating):
-        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+        return _cut(float(value)) if math.isfinite(value) else None
     return value
+
+
+def _cut(number: float) -> float:
+    whole_digits = DIGITS - DECIMALS
+    return round(number, DECIMALS) if abs(number) >= 10**whole_digits else float(f"{number:.{DIGITS}g}")

@@ -41,13 +41,14 @@
 
   // --- what the plots show --------------------------------------------------------------------------------------
   const times = rows.map((row) => row.time_s).filter(known);
-  const hasTime = times.length > 1 && Math.max(...times) > Math.min(...times);
+  const start = Math.min(...times); // Unix times are too long to be read along an axis
+  const hasTime = times.some((time) => time > start);
   const range = (row) => inside(row, "truth", "distance_to_ramp_m") ?? inside(row, "guidance", "distance_to_ramp_m", "value");
   const hasTrueRange = rows.some((row) => known(inside(row, "truth", "distance_to_ramp_m")));
   const hasRange = rows.filter((row) => known(range(row))).length > 1;
   const hasErrors = rows.some((row) => GUIDANCE.some(({ key }) => known(inside(row, "errors", key))));
   const AXES = {
-    time: { name: "Time", label: "time, s", of: (row) => row.time_s },
+    time: { name: "Time", label: "time since the first frame, s", of: (row) => (known(row.time_s) ? row.time_s - start : null) },
     frame: { name: "Frame", label: "frame", of: (row, index) => index },
     range: { name: "Range", label: `${hasTrueRange ? "true" : "measured"} distance to the ramp, m`, of: range, reversed: true },
   };
@@ -292,11 +293,11 @@
     byId("slider").setAttribute("aria-valuetext", row.file);
     byId("hazy").src = `data:image/jpeg;base64,${picture.hazy}`;
     byId("hazy").alt = `Camera image ${row.file}`;
-    byId("result").src = `data:image/jpeg;base64,${picture.result}`;
-    byId("result").alt = `Dehazed ${row.file} with the lines found`;
+    byId("marked").src = `data:image/jpeg;base64,${picture.marked}`;
+    byId("marked").alt = `Dehazed ${row.file} with the lines found`;
     byId("frame-status").textContent = row.status;
     byId("frame-status").className = `pill ${statusClass(row)}`;
-    const time = known(row.time_s) ? ` · ${fixed(row.time_s, 2)} s` : "";
+    const time = known(row.time_s) ? ` · ${row.time_s} s` : "";
     byId("frame-name").textContent = `${row.file}${time} · mode ${row.mode}${row.track ? ` · ${row.track}` : ""} · picture ${number + 1} of ${pictures.length}`;
     byId("frame-words").textContent = [flagged(row) ? `Flagged: ${row.flags.join("; ")}.` : "", words(row)].filter(Boolean).join(" ");
     numbers(row);
