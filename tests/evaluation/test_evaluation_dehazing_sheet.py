@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from deckline.dehaze.identity import IdentityDehazer
+from deckline.dehaze.base import IdentityDehazer
 from deckline.evaluation.dehazing_measure import ImageScore, LineScore
 from deckline.evaluation.dehazing_pairs import Pair, PairSource
 from deckline.evaluation.dehazing_sheet import TILE_PX, nearest, sheet

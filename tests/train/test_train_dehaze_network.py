@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from deckline.dehaze import GeometryDehazer, OnnxDehazer
-from deckline.dehaze.geometry import Solved
+from deckline.dehaze.geometry import GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
-from deckline.dehaze.network_io import averaged_down, image_to_tensor, padded
+from deckline.dehaze.network import average_down, image_to_tensor, pad
 from deckline.geometry import Camera
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.train.dehaze_blocks import (
@@ -220,9 +220,9 @@ def test_working_image_of_a_smooth_view_changes_little() -> None:
 class Halved(GeometryDehazer):
     """Stands for a geometry that knows the air of every frame: half as bright without it."""
 
-    def solve(self, frame: Frame) -> Solved | NotFitted:
+    def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
         haze = HazeFit(np.full(3, 200.0), 1e-3, 0.0, 0.0, np.zeros((2, 3)))
-        return Solved(frame.image_rgb // 2, haze, np.ones(frame.image_rgb.shape[:2], np.float32))
+        return GeometrySolution(frame.image_rgb // 2, haze, np.ones(frame.image_rgb.shape[:2], np.float32))
 
 
 def frame_like(height: int, width: int) -> np.ndarray:
@@ -261,8 +261,8 @@ def test_torch_and_onnx_agree(config: DehazeNetworkConfig, tmp_path: Path) -> No
     assert (stored["recipe"], stored["step"]) == ({"lr": 1.0}, 7)
     for height, width, factor in [(72, 128, 1), (75, 131, 1), (144, 257, 2), (201, 380, 3)]:
         image = frame_like(height, width)
-        full = image_to_tensor(padded(image, 4 * factor if dehazer.coarse else 1))
-        inputs = (full, averaged_down(full, factor)) if dehazer.coarse else (full,)
+        full = image_to_tensor(pad(image, 4 * factor if dehazer.coarse else 1))
+        inputs = (full, average_down(full, factor)) if dehazer.coarse else (full,)
         with torch.no_grad():
             expected = model(*map(torch.from_numpy, inputs))[0, :, :height, :width].permute(1, 2, 0).numpy()
         expected = (255 * expected).clip(0, 255)
@@ -274,12 +274,12 @@ def test_torch_and_onnx_agree_on_a_picture_and_its_prior(tmp_path: Path) -> None
     config = replace(TINY, prior=True)
     model = network(config)
     path = export_dehaze(model, tmp_path / "net.onnx", network_metadata(config), 128, {"lr": 1.0}, 7)
-    dehazer = OnnxDehazer(path, threads=1, alone=True)
+    dehazer = OnnxDehazer(path, threads=1, network_only=True)
     dehazer.geometry = Halved()
     for height, width, factor in [(75, 131, 1), (144, 257, 2)]:
         image = frame_like(height, width)
-        full, prior = (image_to_tensor(padded(picture, 4 * factor)) for picture in (image, image // 2))
-        both = np.concatenate([averaged_down(full, factor), averaged_down(prior, factor)], axis=1)
+        full, prior = (image_to_tensor(pad(picture, 4 * factor)) for picture in (image, image // 2))
+        both = np.concatenate([average_down(full, factor), average_down(prior, factor)], axis=1)
         with torch.no_grad():
             expected = model(torch.from_numpy(prior), torch.from_numpy(both))[0, :, :height, :width]
         levels = (255 * expected.permute(1, 2, 0).numpy()).clip(0, 255)

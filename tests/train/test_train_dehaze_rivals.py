@@ -11,7 +11,7 @@ from clear_scene import QUICK, clear_frame, clear_recording, interrupting
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
-from deckline.dehaze.network_io import image_to_tensor
+from deckline.dehaze.network import image_to_tensor
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.train import training
 from deckline.train.checkpoint import CHECKPOINT_FILE, PROGRESS_KEY, load_checkpoint

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from deckline.dehaze import OnnxDehazer
-from deckline.dehaze.network_io import image_to_tensor, padded
+from deckline.dehaze.network import image_to_tensor, pad
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.train.dehaze import DehazeTrainConfig, Network, dehaze_loss
 from deckline.train.dehaze_finish import export_dehaze
@@ -124,7 +124,7 @@ def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     for height, width in [(5, 40), (75, 131)]:
         image, _ = hazy_and_clear(height, width)
         with torch.no_grad():
-            expected = model(torch.from_numpy(image_to_tensor(padded(image, 1))))[0, :, :height, :width]
+            expected = model(torch.from_numpy(image_to_tensor(pad(image, 1))))[0, :, :height, :width]
         expected = (255 * expected.permute(1, 2, 0).numpy()).clip(0, 255)
         assert np.abs(expected - image).max() > 3, "the network must do something for the comparison to mean anything"
         assert np.abs(dehazer(image) - expected).max() <= 1.0

@@ -5,14 +5,14 @@ cv2 and onnxruntime are imported only when a method that needs them is built or 
 
 from collections.abc import Callable
 
-from deckline.dehaze.base import Dehazer, FrameDehazer, Restored, check_image, restore
+from deckline.dehaze.base import Dehazer, FrameDehazer, IdentityDehazer, Restored, check_image, restore
 from deckline.dehaze.dark_channel import DarkChannelConfig, DarkChannelDehazer
-from deckline.dehaze.geometry import GeometryConfig, GeometryDehazer
-from deckline.dehaze.identity import IdentityDehazer
-from deckline.dehaze.onnx_network import OnnxDehazer
+from deckline.dehaze.geometry import GeometryDehazer
+from deckline.dehaze.network import OnnxDehazer
+from deckline.dehaze.transmission import GeometryConfig
 from deckline.runtime import shipped_weights
 
-FAST_PX = 320  # working size of the fast path: a quarter of the network's work, and larger structures
+FAST_PX = 320  # working size of the fast path: a quarter of the network's work; fine structures are lost
 
 NOT_DEHAZED = IdentityDehazer.name
 
@@ -22,7 +22,7 @@ DEHAZERS: dict[str, Callable[[], Dehazer]] = {
     "geometry": GeometryDehazer,
     "geometry-linear": lambda: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
     "coarse-t": lambda: OnnxDehazer(shipped_weights("dehaze"), name="coarse-t"),
-    "paper-scene": lambda: OnnxDehazer(shipped_weights("paper-scene"), name="paper-scene", alone=True),
+    "paper-scene": lambda: OnnxDehazer(shipped_weights("paper-scene"), name="paper-scene", network_only=True),
     "fast": lambda: OnnxDehazer(shipped_weights("dehaze"), name="fast", working_long_side_px=FAST_PX),
 }
 

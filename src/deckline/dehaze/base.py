@@ -1,4 +1,4 @@
-"""What every dehazer is."""
+"""What every dehazer is, and the one that does nothing."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -31,9 +31,19 @@ class Restored:
 
 @runtime_checkable
 class FrameDehazer(Dehazer, Protocol):
-    """A dehazer that also looks at the frame's camera, pose and depth."""
+    """A dehazer that uses the frame's camera, pose and depth too."""
 
     def restore(self, frame: Frame) -> Restored: ...
+
+
+class IdentityDehazer:
+    """Returns a copy of its input: what the chain does when haze is left in."""
+
+    name = "none"
+
+    def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        check_image(image_rgb)
+        return image_rgb.copy()
 
 
 def restore(dehazer: Dehazer, frame: Frame) -> Restored:

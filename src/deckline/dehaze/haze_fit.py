@@ -1,22 +1,31 @@
-"""Airlight and extinction of one picture, from how the sea fades into the haze towards the horizon.
+"""Airlight and extinction of one image, from how the sea fades into the haze towards the horizon.
 
-In the band above the horizon the air is endless and shows the airlight A alone. Below it the water at range r shows
-A + (S - A) exp(-tau(r)), where S is the sea without haze: brighter at grazing angles, because it mirrors more of the
-sky there. tau = beta r, or beta r + (k beta r)^4 where the picture insists that the air thickens with range.
+The pose gives the range of the sea in every pixel. In the band above the horizon the air is endless and shows the
+airlight A alone. Below it the water at range r shows A + (S - A) exp(-tau(r)), where S is the sea without haze, which
+mirrors more of the sky at grazing angles. tau = beta r, or beta r + (k beta r)^4 where the air thickens with range.
 Source: Koschmieder's law; Schlick's (1 - sin)^5 for the mirroring water.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+from scipy.spatial.transform import RigidTransform
 
-from deckline.dehaze.sea_view import SeaView
+from deckline.geometry import Camera
 from deckline.haze import CONTRAST_THRESHOLD
 
-Float = NDArray[np.float64]
-Image = NDArray[np.uint8] | NDArray[np.float32]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Image = NDArray[np.uint8] | Float32
+
+# Mean Earth radius times 6/5 for refraction near the horizon. Source: the sailors' dip of 1.76' sqrt(height / m).
+EARTH_RADIUS_M = 6.371e6 * 6 / 5
+CACHED_CAMERAS = 4  # whose rays are cached; 66 MB each for a 4K lens with distortion, next to nothing for a pinhole
+LENS_STEP = 1 / 80  # of the focal length between rays that are traced through a lens; with k1 = -0.1 wrong by 1e-5
+ALL_ROWS = slice(None)
 
 AIRLIGHT_BAND_RAD = 0.026  # 1.5 degrees of sky above the horizon
 MIN_BAND_PX = 100  # of that band in view
@@ -26,7 +35,7 @@ MAX_RANGE_M = 5000.0  # of sea that is fitted; farther, clear air itself hides i
 ENDLESS_M = 1e6  # tau of 100 and more in any haze
 BINS = 40  # of equal ratio in range
 MIN_BIN_PX = 60
-MAX_BIN_PX = 1000  # that are looked at, evenly chosen
+MAX_BIN_PX = 1000  # that are read, evenly chosen
 MIN_BINS = 8
 QUANTILES = (0.3, 0.5)  # of a bin's levels, between which the mean is taken; foam is bright and on the other side
 QUANTILES_BELOW = 0.2562  # sigmas of normal noise that this mean lies below the median
@@ -34,41 +43,115 @@ BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
 BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
 BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
 DARKER_SIGMA = 0.1  # of A: grazing water mirrors more sky and is hardly darker; fits at a misplaced horizon make it so
-LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin counts less and less
+LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin's weight falls
 NEAR_LEVELS = 4.0  # between a bin and the law that explains it
 MIN_EXPLAINED = 0.6  # of the bins; seen on preset paper: 0.75 and more with a sea, 0.4 and less with a deck for a sea
 SIDES_FROM = 0.56  # of the way from the middle column to the outermost
 MAX_RELATIVE_SIGMA = 0.5  # of the extinction; vaguer fits are not used
 STEPS = 8  # of reweighting
-CORRELATED_BINS = 4.0  # neighbouring bins err alike: the figures count as one in so many
+CORRELATED_BINS = 4.0  # neighbouring bins err alike: one in so many is independent
+
+
+@dataclass(frozen=True, eq=False)
+class SeaView:
+    """The sea as a camera sees it."""
+
+    down: Float32  # (H, W) sine of the ray's angle below the horizontal
+    range_m: Float32  # (H, W) ray length to the water; infinite in the sky
+    height_m: float  # of the camera above the water
+
+    @property
+    def is_sea(self) -> NDArray[np.bool_]:
+        """(H, W), the pixels below the horizon."""
+        return np.isfinite(self.range_m)
+
+
+def view_sea(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float, rows: slice = ALL_ROWS) -> SeaView:
+    """The sea seen by a camera; on a round Earth, so that the horizon lies a little below the horizontal.
+
+    Args:
+        camera: intrinsics; pixels that no ray reaches count as sky.
+        world_from_camera: pose of the optical frame, world z down.
+        sea_z_m: world z of the water.
+        rows: of the image, the only ones to compute.
+
+    A ray that falls by sine s from height h meets a sphere of radius R after 2 h / (s + sqrt(s^2 - 2 h / R)), and
+    nowhere when the root is not real; terms of h / R beside 1 are left out.
+    """
+    height = float(sea_z_m - world_from_camera.translation[2])
+    x, y = _slopes_of_rows(camera, rows)
+    right, below, ahead = world_from_camera.rotation.as_matrix()[2].astype(np.float32)
+    down = (right * x + (below * y + ahead)) / np.sqrt(x * x + (y * y + 1))
+    np.nan_to_num(down, copy=False, nan=-1.0)
+    root = down * down - np.float32(2 * max(height, 0.0) / EARTH_RADIUS_M)
+    seen = (down > 0) & (root > 0) & (height > 0)
+    reach = down + np.sqrt(np.maximum(root, 0))
+    ranges = np.full_like(down, np.inf)
+    return SeaView(down, np.divide(np.float32(2 * height), reach, out=ranges, where=seen), height)
+
+
+def ray_lengths(camera: Camera, rows: slice = ALL_ROWS) -> Float32:
+    """Length of the z = 1 ray of every pixel (H, W) of these rows, as `Camera.ray_lengths`."""
+    x, y = _slopes_of_rows(camera, rows)
+    return np.sqrt(x * x + (y * y + 1))
+
+
+def _slopes_of_rows(camera: Camera, rows: slice) -> tuple[Float32, Float32]:
+    x, y = _slopes(astuple(camera))
+    return (x if len(x) == 1 else x[rows]), y[rows]
+
+
+@lru_cache(maxsize=CACHED_CAMERAS)
+def _slopes(intrinsics: tuple) -> tuple[Float32, Float32]:
+    """Every pixel's ray, right and down for each step ahead: (1, W) and (H, 1) of a pinhole, else (H, W) each."""
+    camera = Camera(*intrinsics)
+    if not camera.has_distortion:
+        x = (np.arange(camera.width) - camera.cx) / camera.fx
+        y = (np.arange(camera.height) - camera.cy) / camera.fy
+        return x[None].astype(np.float32), y[:, None].astype(np.float32)
+    u, left, toward_right = _interpolation_nodes(camera.width, camera.fx)
+    v, upper, toward_lower = _interpolation_nodes(camera.height, camera.fy)
+    rays = camera.rays(np.stack([grid.ravel() for grid in np.meshgrid(u, v)], axis=1)).astype(np.float32)
+    slopes = rays[:, :2].reshape(len(v), len(u), 2)
+    rows = slopes[upper] + toward_lower[:, None, None] * (slopes[upper + 1] - slopes[upper])
+    x, y = np.moveaxis(rows[:, left] + toward_right[None, :, None] * (rows[:, left + 1] - rows[:, left]), 2, 0)
+    return np.ascontiguousarray(x), np.ascontiguousarray(y)
+
+
+def _interpolation_nodes(count: int, focal_px: float) -> tuple[Float64, NDArray[np.intp], Float32]:
+    """Evenly spread pixels (N,) whose rays are traced; the one before each of `count` pixels, and how far past it."""
+    nodes = np.linspace(0, count - 1, 1 + max(1, int(np.ceil((count - 1) / max(1.0, focal_px * LENS_STEP)))))
+    place = np.arange(count) * ((len(nodes) - 1) / max(1, count - 1))
+    before = np.minimum(place.astype(np.intp), len(nodes) - 2)
+    return nodes, before, (place - before).astype(np.float32)
 
 
 @dataclass(frozen=True)
-class UsualWater:
-    """What a sea's colour is held near, as shares of the airlight A, with 1-sigma."""
+class WaterPrior:
+    """What colour a sea has without haze, as shares of the airlight A, with 1-sigma."""
 
     dark: float  # how far water from straight above is below A
     dark_sigma: float
-    mirror: float  # how much of that grazing water makes up for
+    mirror: float  # the part of `dark` that mirrored sky adds back at grazing angles
     mirror_sigma: float
 
 
 # Tuned on both training sets of preset paper, checked on FlightGear's sea; and the same brought to sRGB's light.
-DISPLAY_WATER = UsualWater(0.75, 0.07, 0.6, 0.45)
-LIGHT_WATER = UsualWater(0.95, 0.03, 0.43, 0.45)
+DISPLAY_WATER = WaterPrior(0.75, 0.07, 0.6, 0.45)
+LIGHT_WATER = WaterPrior(0.95, 0.03, 0.43, 0.45)
 
 
 @dataclass(frozen=True, eq=False)
 class HazeFit:
-    """What the air and the sea of one picture are like, in levels 0..255."""
+    """What the air and the sea of one image are like, in levels 0..255."""
 
-    airlight: Float  # (3,)
+    airlight: Float64  # (3,)
     beta_per_m: float
     beta_sigma_per_m: float  # 1-sigma of the fit; the law itself may be wrong
     bank_per_m: float  # k beta of the fourth-power term; 0: air of one density
-    sea: Float  # (2, 3) S - A from straight above, and what grazing angles add to it
+    sea: Float64  # (2, 3) S - A from straight above, and what grazing angles add to it
 
-    def optical_depth(self, range_m: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
+    def optical_depth(self, range_m: Float32 | np.float32) -> Float32:
         """tau of ray lengths, m; endless ones count as ENDLESS_M."""
         reach = np.minimum(range_m, np.float32(ENDLESS_M))
         even = np.asarray(np.float32(self.beta_per_m) * reach)
@@ -83,15 +166,15 @@ class HazeFit:
         depth = np.poly1d([self.bank_per_m**4, 0.0, 0.0, self.beta_per_m, -least])
         return float(brentq(depth, 0.0, least / self.beta_per_m))
 
-    def clear_sea(self, down: NDArray[np.float32]) -> NDArray[np.float32]:
+    def clear_sea(self, down: Float32) -> Float32:
         """The sea without haze (3, H, W) at sines of the angle below the horizontal (H, W)."""
         straight, grazing = np.stack([self.airlight + self.sea[0], self.sea[1]]).astype(np.float32)[..., None, None]
-        return np.clip(straight + _mirroring(down) * grazing, 0, 255)
+        return np.clip(straight + _schlick(down) * grazing, 0, 255)
 
 
 @dataclass(frozen=True)
 class NotFitted:
-    """Why a picture does not tell its haze."""
+    """Why an image does not tell its haze."""
 
     reason: str
 
@@ -100,22 +183,26 @@ class NotFitted:
 class SeaProfile:
     """The sea by range, near to far."""
 
-    range_m: Float  # (N,)
-    down: Float  # (N,) sine of the angle below the horizontal
-    levels: Float  # (N, 3)
+    range_m: Float64  # (N,)
+    down: Float64  # (N,) sine of the angle below the horizontal
+    levels: Float64  # (N, 3)
 
 
 def fit_haze(
-    image: Image, view: SeaView, water: UsualWater = DISPLAY_WATER, noise_sigma: float = 0.0
+    image: Image, view: SeaView, water: WaterPrior = DISPLAY_WATER, noise_sigma: float = 0.0
 ) -> HazeFit | NotFitted:
-    """Airlight, extinction and sea colour of a picture (H, W, 3) of levels 0..255, or why they cannot be told.
+    """Airlight, extinction and sea colour of an image (H, W, 3) of levels 0..255, or why they cannot be told.
 
-    `noise_sigma` is that of a pixel, in levels: a quantile below the median is too dark by a part of it.
+    Where what lies below the horizon does not fade as a sea does, the sides of the image are tried: a deck just ahead
+    hides the sea in its middle.
 
-    Where what lies below the horizon does not fade as a sea does, the sides of the picture are tried: a deck just
-    ahead hides the sea in its middle.
+    Args:
+        image: (H, W, 3) levels, of the display or of light.
+        view: the sea in this image.
+        water: what colour a sea has, in the same levels.
+        noise_sigma: of a pixel, levels; it shifts the quantile below the median.
     """
-    airlight = band_airlight(image, view)
+    airlight = _band_airlight(image, view)
     if airlight is None:
         return NotFitted("the horizon is not in view")
     if airlight.max() < MIN_AIRLIGHT:
@@ -124,34 +211,34 @@ def fit_haze(
     sides = sides[np.abs(sides - sides.mean()) > SIDES_FROM * len(sides) / 2]
     for columns in (slice(None), sides):
         part = SeaView(view.down[:, columns], view.range_m[:, columns], view.height_m)
-        profile = sea_profile(image[:, columns], part)
+        profile = measure_profile(image[:, columns], part)
         profile = replace(profile, levels=profile.levels + QUANTILES_BELOW * noise_sigma)
         if len(profile.range_m) < MIN_BINS:
             return NotFitted("too little sea in view")
         if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
             return NotFitted("the sea cannot be told from the haze")
-        fit = fit_profile(profile, airlight, water)
-        if explained(fit, profile) >= MIN_EXPLAINED:
+        fit = _fit_profile(profile, airlight, water)
+        if explained_share(fit, profile) >= MIN_EXPLAINED:
             vague = fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m
             return NotFitted("the sea does not tell how thick the haze is") if vague else fit
     return NotFitted("what lies below the horizon does not fade as a sea in haze does")
 
 
-def explained(fit: HazeFit, profile: SeaProfile) -> float:
+def explained_share(fit: HazeFit, profile: SeaProfile) -> float:
     """Share of a profile's bins that the law comes near to."""
     t = np.exp(-fit.optical_depth(profile.range_m.astype(np.float32)))
-    sea = fit.sea[0] + _mirroring(profile.down)[:, None] * fit.sea[1]
-    off = np.linalg.norm(profile.levels - fit.airlight - t[:, None] * sea, axis=1)
-    return float(np.mean(off < NEAR_LEVELS))
+    sea = fit.sea[0] + _schlick(profile.down)[:, None] * fit.sea[1]
+    residual = np.linalg.norm(profile.levels - fit.airlight - t[:, None] * sea, axis=1)
+    return float(np.mean(residual < NEAR_LEVELS))
 
 
-def band_airlight(image: Image, view: SeaView) -> Float | None:
+def _band_airlight(image: Image, view: SeaView) -> Float64 | None:
     """Median colour (3,) of the sky just above the horizon; None when there is too little of it."""
     band = ~view.is_sea & (view.down > -AIRLIGHT_BAND_RAD)
     return np.median(image[band], axis=0) if np.count_nonzero(band) >= MIN_BAND_PX else None
 
 
-def sea_profile(image: Image, view: SeaView) -> SeaProfile:
+def measure_profile(image: Image, view: SeaView) -> SeaProfile:
     """Quantiles of the sea's levels in bins of range up to MAX_RANGE_M; bins with few pixels are left out."""
     near = view.range_m < MAX_RANGE_M
     ranges, downs, levels = view.range_m[near], view.down[near], image[near]
@@ -164,62 +251,65 @@ def sea_profile(image: Image, view: SeaView) -> SeaProfile:
     return SeaProfile(
         np.array([np.median(ranges[group]) for group in groups], dtype=np.float64),
         np.array([np.median(downs[group]) for group in groups], dtype=np.float64),
-        np.array([between_quantiles(levels[group]) for group in groups]).reshape(-1, 3),
+        np.array([_mean_between_quantiles(levels[group]) for group in groups]).reshape(-1, 3),
     )
 
 
-def between_quantiles(levels: NDArray) -> Float:
+def _mean_between_quantiles(levels: NDArray) -> Float64:
     """Mean (3,) of levels (N, 3) between two quantiles: unlike one quantile, it moves by less than a whole level."""
     low, high = (int(share * len(levels)) for share in QUANTILES)
     return np.asarray(np.sort(levels, axis=0)[low : max(high, low + 1)].mean(axis=0, dtype=np.float64))
 
 
-def fit_profile(profile: SeaProfile, airlight: Float, water: UsualWater) -> HazeFit:
-    """The law through a profile: every extinction is tried, with the best sea colour for each.
+def _fit_profile(profile: SeaProfile, airlight: Float64, water: WaterPrior) -> HazeFit:
+    """The law through a profile: every extinction of a grid, with the best sea colour for each.
 
-    The extinction is the likelihood's mean: the best of those tried would jump from one to the next between two frames.
+    The extinction is the posterior mean: the best of the grid would jump from one value to the next between frames.
     """
     beta, bank = (grid.ravel() for grid in np.meshgrid(BETAS_PER_M, BANKS, indexing="ij"))
-    _, cost = best_seas(profile, airlight, water, beta, bank)
+    _, cost = _solve_sea_colours(profile, airlight, water, beta, bank)
     best = int(cost.argmin())
-    likely = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))
-    sigma = float(np.sqrt(np.average((beta - np.average(beta, weights=likely)) ** 2, weights=likely)))
+    likelihood = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))
+    sigma = float(np.sqrt(np.average((beta - np.average(beta, weights=likelihood)) ** 2, weights=likelihood)))
     alike = bank == bank[best]
-    mean = np.exp(np.average(np.log(beta[alike]), weights=likely[alike] ** CORRELATED_BINS, keepdims=True))
-    sea, _ = best_seas(profile, airlight, water, mean, bank[best : best + 1])
+    weights = likelihood[alike] ** CORRELATED_BINS
+    mean = np.exp(np.average(np.log(beta[alike]), weights=weights, keepdims=True))
+    sea, _ = _solve_sea_colours(profile, airlight, water, mean, bank[best : best + 1])
     return HazeFit(airlight, float(mean[0]), sigma, float(bank[best] * mean[0]), sea[0])
 
 
-def best_seas(profile: SeaProfile, airlight: Float, water: UsualWater, beta: Float, bank: Float) -> tuple[Float, Float]:
-    """The sea's colour (T, 2, 3) that suits each of T extinctions, 1/m, and banks best, and what is left over (T,).
+def _solve_sea_colours(
+    profile: SeaProfile, airlight: Float64, water: WaterPrior, beta: Float64, bank: Float64
+) -> tuple[Float64, Float64]:
+    """The best sea colour (T, 2, 3) for each of T extinctions, 1/m, and banks, and its cost (T,).
 
-    The sea's colour is linear in the law, so that it is solved for, with outlying bins weighted down (Cauchy) and held
-    near what water is usually like; without that, bright distant water and haze look alike.
+    The sea's colour is linear in the law: iteratively reweighted least squares (Cauchy) with the water's prior, without
+    which bright distant water and haze look alike.
     """
     contrast = profile.levels - airlight
     depth = beta[:, None] * profile.range_m
     t = np.exp(-depth - np.square(np.square(bank[:, None] * depth)))
-    design = np.stack([t, t * _mirroring(profile.down)], axis=2)  # (T, N, 2)
-    pulls, usual = pulled_to(water, airlight)
+    design = np.stack([t, t * _schlick(profile.down)], axis=2)  # (T, N, 2)
+    rows, usual = prior_equations(water, airlight)
     weights = np.ones_like(t)
     for _ in range(STEPS):
         weighted = (design * weights[..., None]).transpose(0, 2, 1) / LEVEL_SIGMA**2
-        sea = np.linalg.solve(weighted @ design + pulls.T @ pulls, weighted @ contrast + pulls.T @ usual)
+        sea = np.linalg.solve(weighted @ design + rows.T @ rows, weighted @ contrast + rows.T @ usual)
         squares = ((contrast - design @ sea) ** 2).sum(axis=2) / LEVEL_SIGMA**2
         weights = 1 / (1 + squares / 4)
-    unusual = ((pulls @ sea - usual) ** 2).sum(axis=(1, 2))
+    unusual = ((rows @ sea - usual) ** 2).sum(axis=(1, 2))
     darker = np.minimum(sea[:, 1].mean(axis=1), 0) / (DARKER_SIGMA * airlight.mean())
     return sea, 4 * np.log1p(squares / 4).sum(axis=1) + unusual + darker**2 + BANK_PENALTY * (bank > 0)
 
 
-def pulled_to(water: UsualWater, airlight: Float) -> tuple[Float, Float]:
-    """`water` as equations of a sea's colour (2, 3), each in its sigmas: pulls (2, 2) @ sea = usual (2, 3)."""
+def prior_equations(water: WaterPrior, airlight: Float64) -> tuple[Float64, Float64]:
+    """A water prior as equations of a sea's colour (2, 3), each in its sigmas: rows (2, 2) @ sea = usual (2, 3)."""
     level = airlight.mean()
     mirror = np.array([water.mirror, 1.0]) / (water.mirror_sigma * water.dark * level)
     dark = np.array([1.0, 0.0]) / (water.dark_sigma * level)
     return np.stack([mirror, dark]), np.stack([np.zeros(3), -water.dark / water.dark_sigma * airlight / level])
 
 
-def _mirroring(down: NDArray) -> NDArray:
+def _schlick(down: NDArray) -> NDArray:
     rest = 1 - np.clip(down, 0, 1)
     return np.square(np.square(rest)) * rest  # numpy's own fifth power takes ten times as long

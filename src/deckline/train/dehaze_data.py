@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 from torch import Tensor
 
-from deckline.dehaze.network_io import averaged_down, image_to_tensor, reduction_factor, tensor_to_image
+from deckline.dehaze.network import average_down, image_to_tensor, reduction_factor, tensor_to_image
 from deckline.geometry import Camera
 from deckline.recording import Source, open_recording
 from deckline.train.dehaze_haze import HazeAugmentation, geometry_prior, lay_haze
@@ -85,7 +85,7 @@ def _reduced(image_rgb: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     height, width = (side // factor * factor for side in image_rgb.shape[:2])
     if factor == 1:
         return image_rgb
-    return tensor_to_image(averaged_down(image_to_tensor(image_rgb[:height, :width]), factor))
+    return tensor_to_image(average_down(image_to_tensor(image_rgb[:height, :width]), factor))
 
 
 def lowest_z(range_m: NDArray[np.floating], camera: Camera, world_from_camera: RigidTransform) -> float:

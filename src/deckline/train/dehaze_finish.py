@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from deckline.dehaze.network_io import image_to_tensor, tensor_to_image
+from deckline.dehaze.network import image_to_tensor, tensor_to_image
 from deckline.evaluation.metrics import psnr_db, ssim
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.train.dehaze_data import ClearView, ClearViews

@@ -3,7 +3,7 @@ import pytest
 from sea_scene import AIRLIGHT
 
 from deckline.dehaze import GeometryConfig
-from deckline.dehaze.objects import bounded_t, darker_than_sky, raised_to_deck, scaled_px, strongest
+from deckline.dehaze.transmission import bound_transmission, max_channel, raise_to_deck, scale_length, sky_contrast
 
 AIR = AIRLIGHT.astype(np.float32)[:, None, None]
 
@@ -13,7 +13,7 @@ def test_the_bound_never_exceeds_the_true_transmission():
     rng = np.random.default_rng(2)
     scene = rng.uniform(0.2 * AIRLIGHT.max(), 255, (3, 40, 60))
     hazy = (AIR + 0.4 * (scene - AIR)).astype(np.float32)
-    bound = bounded_t(hazy, AIR, GeometryConfig())
+    bound = bound_transmission(hazy, AIR, GeometryConfig())
     assert bound.max() < 0.4 + 1e-3
     assert np.median(bound) > 0.27  # with many details it comes near
 
@@ -21,7 +21,7 @@ def test_the_bound_never_exceeds_the_true_transmission():
 def test_the_deck_plane_lifts_only_what_stands_out():
     bound = np.array([[0.5, 0.5, 0.5, 0.9]], np.float32)
     sea_t = np.array([[0.5, 0.4, 0.2, 0.2]], np.float32)
-    raised = raised_to_deck(bound, sea_t, np.full_like(bound, 0.8), GeometryConfig(standing_out=(1.1, 1.5)))
+    raised = raise_to_deck(bound, sea_t, np.full_like(bound, 0.8), GeometryConfig(nearer_ratio=(1.1, 1.5)))
     np.testing.assert_allclose(raised, [[0.5, 0.5 + 0.375 * 0.3, 0.8, 0.9]], atol=1e-6)
 
 
@@ -33,26 +33,26 @@ def test_darker_than_the_sky_as_high():
     levels = np.stack([sky, sky + 10, sky + 20]).astype(np.float32)
     block = (down > -0.2) & (rng.random(down.size) < 0.2)
     levels[:, block] -= np.array([[30.0], [50.0], [40.0]], np.float32)
-    darker = darker_than_sky(levels, down)
+    darker = sky_contrast(levels, down)
     np.testing.assert_allclose(darker[block], 50, atol=1.5)
     assert np.abs(darker[~block]).max() < 1.5
 
 
 @pytest.mark.parametrize("count", [0, 1, 59])
 def test_too_little_sky_tells_nothing(count):
-    assert (darker_than_sky(np.zeros((3, count), np.float32), np.full(count, -0.1, np.float32)) == 0).all()
+    assert (sky_contrast(np.zeros((3, count), np.float32), np.full(count, -0.1, np.float32)) == 0).all()
 
 
 def test_a_sky_of_one_height_is_no_fault():
     levels = np.full((3, 100), 90, np.float32)
     levels[:, :5] = 50
-    np.testing.assert_array_equal(darker_than_sky(levels, np.full(100, -0.1, np.float32)), [40] * 5 + [0] * 95)
+    np.testing.assert_array_equal(sky_contrast(levels, np.full(100, -0.1, np.float32)), [40] * 5 + [0] * 95)
 
 
 def test_strongest_is_the_largest_channel():
     levels = np.random.default_rng(4).normal(size=(3, 5, 7)).astype(np.float32)
-    np.testing.assert_array_equal(strongest(levels), levels.max(axis=0))
+    np.testing.assert_array_equal(max_channel(levels), levels.max(axis=0))
 
 
 def test_lengths_are_odd_and_scale_with_the_width():
-    assert [scaled_px(15, width) for width in (1280, 640, 2560, 1)] == [15, 9, 31, 1]
+    assert [scale_length(15, width) for width in (1280, 640, 2560, 1)] == [15, 9, 31, 1]

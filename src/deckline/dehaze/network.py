@@ -1,0 +1,224 @@
+"""The trained dehazing network as an ONNX file: image to tensor and back, inference, blending with geometry.
+
+A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: in clear
+air the geometry dehazer's result is used, whatever the network says. In haze both are estimates with errors of their
+own, so that their mean is better than either where they agree; where they do not, geometry is more often far off.
+Without a pose a change that is no larger than what the network does to clear images is not made.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.dehaze.base import Restored, check_image
+from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
+from deckline.dehaze.haze_fit import HazeFit
+from deckline.runtime import load_session
+from deckline.types import Frame
+
+Image = NDArray[np.uint8]
+Tensor = NDArray[np.float32]
+
+GUIDE_RADIUS, GUIDE_RIDGE = 4, 1e-4  # of the guided filter: window, px of the small image; on the variance, range 0..1
+MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the network needs more pixels than it adds
+
+# Chosen on 40 views of preset paper and 60 of train, 300 to 3000 m, and on 60 in 4 to 20 km; docs/dehazing.md.
+CLEAR_M = (4000.0, 8000.0)  # visibility: from here on geometry weighs more, and from here on alone
+HORIZON_SEA = (0.9, 1.0)  # of the airlight: water that far away mirrors the sky; a fit that has it brighter is wrong
+SKY_CLEAR = 2.0  # times that in the sky, which geometry leaves as it is
+MEAN_SHARE = 0.6  # of geometry where both agree
+AGREE_LEVELS = 10.0  # apart: geometry counts half of that
+AGREE_PX = 31  # side of the window in which they are compared, for images REFERENCE_PX wide
+REFERENCE_PX = 640
+CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
+CHANGE_STEP = 4  # every so many-th pixel, along rows and columns, is compared for the change
+
+
+class OnnxDehazer:
+    """Runs an exported network on images of any size.
+
+    Every network sees an image averaged down to about the size that it was trained on. A coarse network takes both
+    sizes and brings its K and B to full size itself; another network's result is upsampled along the image's edges.
+    A network with a prior starts from the geometry dehazer's result of a frame with a pose, and from the image itself
+    where there is none.
+
+    Args:
+        path: file made by `deckline train dehaze`.
+        name: for reports; the file's name when not given.
+        threads: of ONNX Runtime; None lets it take every core.
+        working_long_side_px: what larger images are averaged down to; None: the size that the network was trained on.
+        network_only: give what the network gives. Otherwise the result of one with a prior is blended with geometry's,
+            and changes too small to be haze are not made.
+
+    Raises:
+        ValueError: no ONNX file, or one that is no dehazing network of deckline.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        name: str | None = None,
+        threads: int | None = None,
+        working_long_side_px: int | None = None,
+        network_only: bool = False,
+    ) -> None:
+        self.name = name or Path(path).name
+        self.session = load_session(path, threads)
+        config = self.session.config
+        if config.get("kind") != "dehaze":
+            raise ValueError(
+                f"{path} is no dehazing network: its metadata says kind {config.get('kind')!r}, expected 'dehaze'"
+            )
+        self.coarse = "working" in self.session.input_names
+        self.geometry = GeometryDehazer() if config["network"].get("prior") else None
+        self.network_only = network_only or self.geometry is None
+        trained_px = int(config["working_long_side_px"])
+        self.working_long_side_px = trained_px if working_long_side_px is None else working_long_side_px
+        self.grid_px = int(config["network"]["unshuffle"])
+
+    @property
+    def cost(self) -> tuple[int, int] | None:
+        """Parameters, and multiply-accumulates at 256x256; None for a file that does not say."""
+        config = self.session.config
+        return (config["parameters"], config["macs_256"]) if "macs_256" in config else None
+
+    def __call__(self, image_rgb: Image) -> Image:
+        check_image(image_rgb)
+        clear = self._run(image_rgb, image_rgb)
+        return clear if self.network_only else suppress_small_change(image_rgb, clear)
+
+    def restore(self, frame: Frame) -> Restored:
+        solution = None if self.geometry is None else self.geometry.solve(frame)
+        if not isinstance(solution, GeometrySolution):
+            return Restored(self(frame.image_rgb))
+        clear = self._run(frame.image_rgb, solution.image_rgb)
+        return Restored(clear if self.network_only else blend_with_geometry(clear, solution))
+
+    def _run(self, image_rgb: Image, prior_rgb: Image) -> Image:
+        height, width = image_rgb.shape[:2]
+        factor = reduction_factor(height, width, self.working_long_side_px)
+        image = self._tensor(image_rgb, factor)
+        working = average_down(image, factor)
+        if not self.coarse:
+            (clear,) = self.session(image=working)
+            clear = upsample_guided(image, working, clear, factor)
+        elif self.geometry is None:
+            (clear,) = self.session(image=image, working=working)
+        else:
+            prior = image if prior_rgb is image_rgb else self._tensor(prior_rgb, factor)
+            both = np.concatenate([working, average_down(prior, factor)], axis=1)
+            (clear,) = self.session(image=prior, working=both)
+        return tensor_to_image(clear[:, :, :height, :width])
+
+    def _tensor(self, image_rgb: Image, factor: int) -> Tensor:
+        return image_to_tensor(pad(image_rgb, factor * self.grid_px, factor * MIN_SIDE_PX))
+
+
+def image_to_tensor(image_rgb: Image) -> Tensor:
+    """(H, W, 3) uint8 -> (1, 3, H, W) float32 in 0..1, contiguous."""
+    check_image(image_rgb)
+    return np.ascontiguousarray(image_rgb.transpose(2, 0, 1)[None], dtype=np.float32) / np.float32(255)
+
+
+def tensor_to_image(tensor: Tensor) -> Image:
+    """(1, 3, H, W) -> (H, W, 3) uint8; values outside 0..1 are clipped, never wrapped, and NaN becomes 0."""
+    scaled = np.nan_to_num(tensor[0] * np.float32(255), nan=0.0)
+    return np.ascontiguousarray(np.clip(np.rint(scaled), 0, 255).astype(np.uint8).transpose(1, 2, 0))
+
+
+def reduction_factor(height: int, width: int, working_long_side_px: int) -> int:
+    """Whole factor by which an image is averaged down so that its long side comes near the working size."""
+    if working_long_side_px < MIN_SIDE_PX:
+        raise ValueError(f"working_long_side_px must be at least {MIN_SIDE_PX}, got {working_long_side_px}")
+    return max(1, round(max(height, width) / working_long_side_px))
+
+
+def pad(image_rgb: Image, multiple: int, min_side_px: int = MIN_SIDE_PX) -> Image:
+    """The image continued below and right by its edge pixels, to sides that are a multiple and not too short, px."""
+    height, width = image_rgb.shape[:2]
+    least = -(-min_side_px // multiple) * multiple
+    bottom, right = (max(-side % multiple, least - side) for side in (height, width))
+    return np.pad(image_rgb, ((0, bottom), (0, right), (0, 0)), mode="edge") if bottom or right else image_rgb
+
+
+def average_down(tensor: Tensor, factor: int) -> Tensor:
+    """(1, 3, H, W) -> (1, 3, H / factor, W / factor), the mean of every block.
+
+    Raises:
+        ValueError: a size that is no multiple of the factor.
+    """
+    height, width = tensor.shape[2:]
+    if height % factor or width % factor:
+        raise ValueError(f"size {width}x{height} px is no multiple of {factor}")
+    total = sum(tensor[:, :, i::factor, j::factor] for i in range(factor) for j in range(factor))
+    return np.ascontiguousarray(total / np.float32(factor * factor), dtype=np.float32)
+
+
+def upsample_guided(image: Tensor, small: Tensor, result: Tensor, factor: int) -> Tensor:
+    """A small image's result at full size, with the edges of the full image.
+
+    In every window and channel the result is taken as linear in the image; slope and offset are upsampled.
+    Source: fast guided filter (He and Sun 2015).
+
+    Args:
+        image: (1, C, H, W) in 0..1.
+        small: (1, C, H / factor, W / factor), the image averaged down.
+        result: of its shape.
+        factor: 1 gives the result as it is.
+    """
+    if factor == 1:
+        return result
+    import cv2
+
+    side = (2 * GUIDE_RADIUS + 1,) * 2
+    size = (image.shape[3], image.shape[2])
+    full = np.empty_like(image)
+    for k in range(image.shape[1]):
+        guide, wanted = small[0, k], np.ascontiguousarray(result[0, k], dtype=np.float32)
+        mean_guide, mean_wanted = cv2.blur(guide, side), cv2.blur(wanted, side)
+        variance = np.maximum(cv2.blur(guide * guide, side) - mean_guide * mean_guide, 0)
+        slope = (cv2.blur(guide * wanted, side) - mean_guide * mean_wanted) / (variance + GUIDE_RIDGE)
+        offset = cv2.blur(mean_wanted - slope * mean_guide, side)
+        full[0, k] = cv2.resize(cv2.blur(slope, side), size) * image[0, k] + cv2.resize(offset, size)
+    return full
+
+
+def blend_with_geometry(network_rgb: Image, solution: GeometrySolution) -> Image:
+    """The network's image (H, W, 3) blended with geometry's."""
+    import cv2
+
+    red, green, blue = cv2.split(cv2.absdiff(network_rgb, solution.image_rgb))
+    apart = cv2.max(cv2.max(red, green), blue).astype(np.float32)
+    side = max(1, round(AGREE_PX * apart.shape[1] / REFERENCE_PX)) // 2 * 2 + 1
+    share = MEAN_SHARE / (1 + np.square(cv2.blur(apart, (side, side)) / np.float32(AGREE_LEVELS)))
+    below, sky = (clear_air_certainty(solution.haze, times) for times in (1.0, SKY_CLEAR))
+    share = solution.known * (below + (1 - below) * share) + (1 - solution.known) * np.float32(sky)
+    return blend(network_rgb, solution.image_rgb, share.astype(np.float32))
+
+
+def clear_air_certainty(haze: HazeFit, times: float) -> float:
+    """How surely the air is `times` as clear as CLEAR_M, 0 to 1."""
+    clear = _ramp(float(np.log(haze.visibility_m / times)), *np.log(CLEAR_M))
+    horizon = float((haze.airlight + haze.sea.sum(axis=0)).mean() / haze.airlight.mean())
+    return clear * (1 - _ramp(horizon, *HORIZON_SEA))
+
+
+def _ramp(value: float, low: float, high: float) -> float:
+    """0 up to `low`, 1 from `high` on."""
+    return float(np.clip((value - low) / (high - low), 0, 1))
+
+
+def suppress_small_change(image_rgb: Image, network_rgb: Image) -> Image:
+    """The network's image (H, W, 3), blended with its input where it hardly differs from it."""
+    step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
+    change = np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step])))
+    share = 1 - _ramp(float(change), *CHANGE_LEVELS)
+    return blend(network_rgb, image_rgb, np.full(image_rgb.shape[:2], share, np.float32)) if share else network_rgb
+
+
+def blend(first_rgb: Image, second_rgb: Image, share: NDArray[np.float32]) -> Image:
+    """Two images (H, W, 3); `share` (H, W), 0 to 1, of the second."""
+    import cv2
+
+    return np.asarray(cv2.blendLinear(first_rgb, second_rgb, 1 - share, share), dtype=np.uint8)

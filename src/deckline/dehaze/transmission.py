@@ -1,0 +1,196 @@
+"""Transmission of every pixel of a hazy image, and the most likely scene behind the haze.
+
+Two lower bounds of the transmission are at hand: of the sea's range, and of a dark or bright detail, since no light is
+negative or beyond full scale. What stands out of the sea, as a ship does, is nearer than the sea behind it; there the
+second bound applies, or the deck plane's transmission where it is larger.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.dehaze.haze_fit import HazeFit, SeaView
+from deckline.haze import transmission
+
+Image = NDArray[np.float32]
+
+REFERENCE_PX = 1280  # image width that lengths in pixels are meant for
+OBJECT_SIGMAS = (1.0, 2.5)  # of noise off the airlight where haze hides the sea: as object_levels
+SKY_BINS = 40  # of equal width in the sine of the elevation
+SKY_STEPS = 16  # between the middles of two bins
+MIN_SKY_BIN_PX = 60
+
+
+@dataclass(frozen=True)
+class GeometryConfig:
+    """Settings of the geometry dehazer. Lengths in pixels are meant for images 1280 px wide and scaled for others."""
+
+    light: Literal["display", "linear"] = "display"  # what haze adds to: the image's levels, or sRGB's light
+    sea_below_deck_m: float = 20.0  # where the frame does not know the sea's height; Nimitz class
+    clear_beta_per_m: float = 1e-4  # what is left in the image: a clear day's air, visibility 39 km
+    level_sigma: float = 2.0  # of a pixel's noise, levels 0..255, at least; a sky that shows more raises it
+    airlight_sigma: float = 0.02  # of the airlight's share in a pixel, as a fraction of it
+    scene_sigma: float = 40.0  # of ship and waves about the sea's mean colour, levels
+    object_levels: tuple[float, float] = (12.0, 30.0)  # off the hazy sea or sky: surely not an object, surely one
+    nearer_ratio: tuple[float, float] = (1.1, 1.5)  # bound over the sea's transmission: surely sea, surely nearer
+    window_px: int = 15  # over which one dark detail bounds its neighbours
+    object_range_m: float = 1500.0  # ships farther away count as being here; keeps clear images as they are
+    darkest: float = 0.2  # of the airlight: what light a ship's darkest detail still sends
+    min_object_t: float = 0.2  # above the horizon; fainter objects are left in the haze
+
+    def __post_init__(self) -> None:
+        if self.light not in ("display", "linear"):
+            raise ValueError(f'light must be "display" or "linear", got {self.light!r}')
+        for name in ("level_sigma", "scene_sigma", "window_px", "min_object_t"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+
+def find_objects(
+    image: Image, view: SeaView, deck: SeaView, haze: HazeFit, config: GeometryConfig
+) -> tuple[Image, Image]:
+    """What is nearer than the sea: how surely (H, W), 0 to 1, and the least transmission (H, W) that it then has.
+
+    Args:
+        image: (3, H, W) levels 0..255, of the display or of light, as `haze` was fitted.
+        view: the sea in this image.
+        deck: the deck's plane, seen as if it were endless.
+        haze: its air.
+        config: the rest.
+    """
+    airlight = haze.airlight.astype(np.float32)[:, None, None]
+    sea_t = np.exp(-haze.optical_depth(view.range_m))
+    farthest = np.exp(-haze.optical_depth(np.float32(config.object_range_m)))
+    bound = np.maximum(bound_transmission(image, airlight, config), farthest)
+    bound = raise_to_deck(bound, sea_t, np.exp(-haze.optical_depth(deck.range_m)), config)
+    hazy_sea = airlight + sea_t * (haze.clear_sea(view.down) - airlight)
+    return _object_certainty(image, hazy_sea, sea_t, bound, view, config), bound
+
+
+def bound_transmission(image: Image, airlight: Image, config: GeometryConfig) -> Image:
+    """Least transmission (H, W) that the darkest or brightest detail about a pixel allows.
+
+    J <= 255 gives t >= (I - A) / (255 - A). J >= 0 gives t >= (A - I) / A, and a little more, as ships are not black.
+    Source: He, Sun and Tang 2011 for the dark side.
+    """
+    import cv2
+
+    contrast = image - airlight
+    below: Image = np.maximum(np.float32(1 - config.darkest) * airlight, np.float32(1))
+    above: Image = np.maximum(255 - airlight, np.float32(1))
+    bound = np.maximum(max_channel(-contrast / below), max_channel(contrast / above))
+    window = scale_length(config.window_px, image.shape[2])
+    spread = np.asarray(cv2.dilate(bound, np.ones((window, window), np.uint8)), dtype=np.float32)
+    return np.asarray(np.clip(cv2.blur(spread, (window, window)), 0, 1), dtype=np.float32)
+
+
+def raise_to_deck(bound: Image, sea_t: Image, deck_t: Image, config: GeometryConfig) -> Image:
+    """The bound (H, W), raised to the deck plane's transmission where the image shows that the sea is too far.
+
+    What stands out of the sea and lies on the deck is exactly there; of what is lower, too little haze is removed.
+    """
+    low, high = config.nearer_ratio
+    certainty = np.clip((bound / np.maximum(sea_t, np.float32(1e-6)) - low) / (high - low), 0, 1)
+    return bound + certainty * np.maximum(deck_t - bound, 0)
+
+
+def _object_certainty(
+    image: Image, hazy_sea: Image, sea_t: Image, bound: Image, view: SeaView, config: GeometryConfig
+) -> Image:
+    """How surely each pixel (H, W) shows something nearer than sea and sky, 0 to 1.
+
+    On the sea: what differs from hazy water, where haze flattens waves with everything else. In the sky: what is
+    darker than the sky at its height, reaches down to the sea, and shows through clearly enough. Gaps are closed:
+    paint on a deck may be as bright as the haze.
+    """
+    import cv2
+
+    is_sea = view.is_sea
+    contrast = max_channel(np.abs(image - hazy_sea))
+    contrast[~is_sea] = sky_contrast(image[:, ~is_sea], view.down[~is_sea])
+    waves = np.where(is_sea, sea_t, np.float32(1))
+    low, high = (
+        config.level_sigma * sigmas * (1 - waves) + level * waves
+        for sigmas, level in zip(OBJECT_SIGMAS, config.object_levels, strict=True)
+    )
+    certainty = np.clip((contrast - low) / (high - low), 0, 1)
+    certainty *= np.where(is_sea, 1, np.clip(bound / config.min_object_t - 1, 0, 1))
+    count, labels = cv2.connectedComponents((certainty > 0.5).astype(np.uint8))
+    stands = np.zeros(count, dtype=bool)
+    stands[labels[is_sea]] = True
+    certainty *= is_sea | stands[labels]
+    window = scale_length(config.window_px, image.shape[2])
+    closed = cv2.morphologyEx(certainty.astype(np.float32), cv2.MORPH_CLOSE, np.ones((window, window), np.uint8))
+    edge = scale_length(config.window_px // 3, image.shape[2])
+    return np.asarray(cv2.blur(closed, (edge, edge)), dtype=np.float32)
+
+
+def sky_contrast(levels: Image, down: Image) -> Image:
+    """How many levels pixels of the sky (3, N) are darker than the median at their height (N,), in any channel.
+
+    Zero where there is too little sky to tell.
+    """
+    nothing = np.zeros(len(down), dtype=np.float32)
+    if len(down) < MIN_SKY_BIN_PX:
+        return nothing
+    low = down.min()
+    bin_height = np.float32(max(float(down.max() - low), 1e-6) / SKY_BINS)
+    place = (down - low) * (1 / bin_height)
+    which = np.minimum(place.astype(np.uint8), SKY_BINS - 1)
+    counts = np.bincount(which, minlength=SKY_BINS)
+    filled = np.flatnonzero(counts >= MIN_SKY_BIN_PX)
+    if not len(filled):
+        return nothing
+    bins = np.split(levels[:, np.argsort(which, kind="stable")], np.cumsum(counts)[:-1], axis=1)
+    medians = np.stack([np.median(bins[k], axis=1) for k in filled], axis=1)
+    steps = (np.arange(SKY_BINS * SKY_STEPS) + 0.5) / SKY_STEPS
+    usual = np.stack([np.interp(steps, filled + 0.5, channel) for channel in medians]).astype(np.float32)
+    return max_channel(usual[:, np.minimum((place * SKY_STEPS).astype(np.int32), len(steps) - 1)] - levels)
+
+
+def max_channel(levels: Image) -> Image:
+    """Largest of three channels, (3, ...) -> (...)."""
+    return np.maximum(np.maximum(levels[0], levels[1]), levels[2])
+
+
+def scale_length(length_px: int, width_px: int) -> int:
+    """An odd length for an image of this width."""
+    return max(1, round(length_px * width_px / REFERENCE_PX)) // 2 * 2 + 1
+
+
+def transmissions(
+    view: SeaView, certainty: Image, bound: Image, range_m: Image | None, haze: HazeFit, config: GeometryConfig
+) -> tuple[Image, Image]:
+    """Transmission of the haze and of the clear day's air that replaces it, (H, W) each; 1 in a plain sky.
+
+    Args:
+        view: the sea.
+        certainty: (H, W) how surely something is nearer than the sea.
+        bound: (H, W) its least transmission.
+        range_m: (H, W) measured ray lengths, NaN where unknown; None without a depth camera.
+        haze: the air.
+        config: the rest.
+    """
+    sea_t = np.exp(-haze.optical_depth(view.range_m))
+    clear_sea_t = certainty + (1 - certainty) * transmission(view.range_m, config.clear_beta_per_m)
+    t = np.where(view.is_sea, np.maximum(sea_t, certainty * bound), 1 - certainty * (1 - bound))
+    clear_t = np.where(view.is_sea, clear_sea_t, 1)
+    if range_m is not None:
+        measured = np.isfinite(range_m)
+        t = np.where(measured, np.exp(-haze.optical_depth(np.where(measured, range_m, 0))), t)
+        clear_t = np.where(measured, 1, clear_t)
+    return t, clear_t
+
+
+def estimate_scene(image: Image, usual: Image, airlight: Image, t: Image, config: GeometryConfig) -> Image:
+    """The most likely scene J (3, H, W) of I = J t + A (1 - t) + noise, with J normal about a usual colour (3, H, W).
+
+    J is the usual colour plus a gain times what is unexpected in I. The gain is near 1 / t in thin haze and falls to 0
+    where nothing but noise comes through. The noise includes a part of the airlight's error.
+    """
+    hidden = config.airlight_sigma * (1 - t) * airlight.mean()
+    noise = np.float32(config.level_sigma**2) + hidden * hidden
+    gain = t / (t * t + noise / np.float32(config.scene_sigma**2))
+    return np.asarray(usual + gain * (image - airlight - t * (usual - airlight)))

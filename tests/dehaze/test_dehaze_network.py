@@ -1,0 +1,182 @@
+"""Images to tensors and back, and the network's image blended with geometry's."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sea_scene import frame_of, sea_pair
+
+from deckline.dehaze import OnnxDehazer
+from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
+from deckline.dehaze.haze_fit import HazeFit
+from deckline.dehaze.network import (
+    CLEAR_M,
+    MIN_SIDE_PX,
+    average_down,
+    blend,
+    blend_with_geometry,
+    clear_air_certainty,
+    image_to_tensor,
+    pad,
+    reduction_factor,
+    suppress_small_change,
+    tensor_to_image,
+    upsample_guided,
+)
+from deckline.evaluation.metrics import psnr_db
+from deckline.haze import beta_from_visibility
+from deckline.runtime import shipped_weights
+
+
+def fitted(visibility_m: float, horizon_sea: float = 0.5) -> HazeFit:
+    """`horizon_sea`: how bright the water at the horizon is, of the airlight."""
+    sea = np.stack([np.full(3, -100.0), np.full(3, 150.0 * horizon_sea - 50.0)])
+    return HazeFit(np.full(3, 150.0), beta_from_visibility(visibility_m), 0.0, 0.0, sea)
+
+
+def solution(level: int, visibility_m: float, known: float) -> GeometrySolution:
+    haze = fitted(visibility_m)
+    return GeometrySolution(np.full((40, 64, 3), level, np.uint8), haze, np.full((40, 64), known, np.float32))
+
+
+def network(level: int) -> np.ndarray:
+    return np.full((40, 64, 3), level, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("visibility_m", "known", "expected"),
+    [
+        (1000.0, 1.0, 103),  # as many levels apart as halve geometry's share
+        (1000.0, 0.0, 100),
+        (CLEAR_M[1], 1.0, 110),
+        (CLEAR_M[1], 0.0, 100),  # the sky must be twice as clear
+        (2 * CLEAR_M[1], 0.0, 110),
+        (1e6, 0.5, 110),
+    ],
+)
+def test_in_haze_both_count_and_in_clear_air_geometry(visibility_m: float, known: float, expected: float) -> None:
+    result = blend_with_geometry(network(100), solution(110, visibility_m, known))
+    assert result.dtype == np.uint8
+    np.testing.assert_allclose(result, expected, atol=0.5)
+
+
+def test_what_geometry_gets_far_wrong_hardly_counts() -> None:
+    assert blend_with_geometry(network(100), solution(250, 1000.0, 1.0)).max() <= 102
+
+
+def test_neither_picture_is_changed() -> None:
+    ours, theirs = network(100), solution(110, 1000.0, 1.0)
+    blend_with_geometry(ours, theirs)
+    assert (ours == 100).all()
+    assert (theirs.image_rgb == 110).all()
+
+
+def test_clear_air_begins_and_ends_where_it_is_said() -> None:
+    low, high = CLEAR_M
+    assert clear_air_certainty(fitted(low), 1.0) == pytest.approx(0, abs=1e-6)
+    assert clear_air_certainty(fitted(float(np.sqrt(low * high))), 1.0) == pytest.approx(0.5)
+    assert clear_air_certainty(fitted(high), 1.0) == pytest.approx(1)
+    assert clear_air_certainty(fitted(high), 2.0) == pytest.approx(0, abs=1e-6)
+
+
+def test_air_is_not_called_clear_over_water_brighter_than_itself() -> None:
+    certain = [clear_air_certainty(fitted(30_000.0, horizon_sea), 1.0) for horizon_sea in (0.8, 0.95, 1.1)]
+    np.testing.assert_allclose(certain, [1, 0.5, 0])
+
+
+@pytest.mark.parametrize(("change", "done"), [(5, 0), (6, 0), (7, 7 / 3), (8, 8 * 2 / 3), (9, 9), (60, 60)])
+def test_a_small_change_is_not_made(change: int, done: float) -> None:
+    image = network(100)
+    np.testing.assert_allclose(suppress_small_change(image, image + np.uint8(change)), 100 + done, atol=0.5)
+    np.testing.assert_allclose(suppress_small_change(image, image - np.uint8(change)), 100 - done, atol=0.5)
+
+
+def test_mixing_is_exact_and_never_wraps() -> None:
+    rng = np.random.default_rng(3)
+    first, second = rng.integers(0, 256, (2, 41, 67, 3), dtype=np.uint8)
+    first[:5], second[:5] = 0, 255
+    share = rng.uniform(0, 1, (41, 67)).astype(np.float32)
+    exact = first + share[..., None] * (second.astype(float) - first)
+    assert np.abs(blend(first, second, share) - exact).max() <= 0.51
+    np.testing.assert_array_equal(blend(first, second, np.zeros_like(share)), first)
+    np.testing.assert_array_equal(blend(first, second, np.ones_like(share)), second)
+
+
+def test_visibility_is_where_two_percent_are_left() -> None:
+    fit = solution(0, 1200.0, 1.0).haze
+    assert fit.visibility_m == pytest.approx(1200.0, rel=1e-3)
+    banked = HazeFit(fit.airlight, 4e-4, 0.0, 4e-4, fit.sea)
+    assert banked.visibility_m < 0.5 * 3.912 / 4e-4
+    depth = float(banked.optical_depth(np.float32(banked.visibility_m)))
+    assert np.exp(-depth) == pytest.approx(0.02, rel=1e-3)
+
+
+def test_a_clear_sea_is_kept_that_the_network_alone_takes_for_a_hazy_one() -> None:
+    """Bright grey water under a sky like it: only the pose tells that it does not fade."""
+    _, clear = sea_pair(beta_from_visibility(1200.0))
+    image = np.rint(0.35 * clear + 0.65 * np.array([150.0, 165.0, 180.0])).astype(np.uint8)
+    frame = frame_of(image)
+    assert isinstance(GeometryDehazer().solve(frame), GeometrySolution)
+    results = [
+        OnnxDehazer(shipped_weights("dehaze"), threads=1, network_only=alone).restore(frame) for alone in (True, False)
+    ]
+    alone, both = (psnr_db(result.image_rgb, image) for result in results)
+    assert alone < 28
+    assert both > 32
+
+
+def test_every_level_survives_the_round_trip() -> None:
+    image = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
+    tensor = image_to_tensor(image)
+    assert tensor.shape == (1, 3, 16, 16)
+    assert tensor.dtype == np.float32
+    assert (tensor.min(), tensor.max()) == (0.0, 1.0)
+    np.testing.assert_array_equal(tensor_to_image(tensor), image)
+
+
+def test_values_outside_the_range_are_clipped() -> None:
+    values = np.array([-np.inf, -0.4, 1.2, 300.0, np.inf, np.nan], dtype=np.float32)
+    image = tensor_to_image(np.broadcast_to(values, (1, 3, 1, 6)))
+    np.testing.assert_array_equal(image[0, :, 0], [0, 0, 255, 255, 255, 0])
+
+
+@pytest.mark.parametrize(
+    ("size", "factor"), [((720, 1280), 2), ((360, 640), 1), ((1080, 1920), 3), ((100, 100), 1), ((640, 480), 1)]
+)
+def test_reduction_factor(size: tuple[int, int], factor: int) -> None:
+    assert reduction_factor(*size, working_long_side_px=640) == factor
+
+
+def test_averaging_is_the_mean_of_blocks() -> None:
+    tensor = np.arange(24, dtype=np.float32).reshape(1, 1, 4, 6)
+    np.testing.assert_allclose(average_down(tensor, 2)[0, 0], [[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]])
+
+
+@given(st.integers(1, 150), st.integers(1, 150), st.integers(1, 12))
+def test_padding_reaches_the_multiple_and_keeps_the_image(height: int, width: int, multiple: int) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    for least in (MIN_SIDE_PX, 70):
+        out = pad(image, multiple, least)
+        assert out.shape[0] % multiple == out.shape[1] % multiple == 0
+        assert least <= out.shape[0] < max(height, least) + multiple
+    np.testing.assert_array_equal(out[:height, :width], image)
+    np.testing.assert_array_equal(out[-1, :width], out[height - 1, :width])
+
+
+def test_errors() -> None:
+    with pytest.raises(ValueError, match="5x4 px is no multiple of 2"):
+        average_down(np.zeros((1, 3, 4, 5), dtype=np.float32), 2)
+    with pytest.raises(ValueError, match="working_long_side_px must be at least 32, got 3"):
+        reduction_factor(10, 10, 3)
+    with pytest.raises(ValueError, match="must be uint8"):
+        image_to_tensor(np.zeros((2, 2, 3)))
+
+
+def test_a_linear_change_is_brought_up_exactly() -> None:
+    """Where the result is a brightness times the picture plus an offset, full size shows it at every pixel."""
+    blocks = np.random.default_rng(0).random((1, 3, 16, 24), dtype=np.float32)
+    image = np.kron(blocks, np.ones((1, 1, 4, 4), np.float32))
+    small = average_down(image, 4)
+    # The ridge, 1e-4 on a variance of 1 / 12, takes 0.12 % off the slope.
+    np.testing.assert_allclose(upsample_guided(image, small, 1.7 * small - 0.3, 4), 1.7 * image - 0.3, atol=0.003)
+    assert upsample_guided(small, small, small, 1) is small
