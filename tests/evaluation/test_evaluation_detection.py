@@ -120,7 +120,7 @@ def test_frames_that_cannot_be_used_are_named_once(recording, tmp_path):
     evaluate([Recorded(damaged)], [by(chain, book)])
     assert len(book.scores) == 1
     (reason,) = book.skipped.values()
-    assert "PNG cut short" in reason
+    assert "cut short" in reason
     assert open_book(tmp_path / "out", {}).skipped == book.skipped
 
 

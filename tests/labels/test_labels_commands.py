@@ -115,7 +115,7 @@ def test_bad_input_is_one_line(recording, tmp_path, capsys):
     [
         ({"file_name": "../a.png"}, "must be a path inside the data set"),
         ({"file_name": "b.png"}, "image b.png is not in"),
-        ({"file_name": "cut.png"}, "cut.png: PNG cut short"),
+        ({"file_name": "cut.png"}, "cut.png: damaged or cut short"),
         ({"file_name": "small.png"}, "small.png is 20x10 px, the camera 40x30"),
     ],
 )

@@ -41,6 +41,17 @@ def test_time_stamp_is_milliseconds(tmp_path):
     assert frame.time_s == 1720000000.123
 
 
+@pytest.mark.parametrize("ms", ["1720000000123.456", "1720000000123.457"])
+def test_fractions_of_milliseconds_are_kept(tmp_path, ms):
+    line = row(1_000_000, ms=ms)
+    assert only(tmp_path, line, {IMAGE: png(PIXELS)}).time_s == pytest.approx(float(ms) / 1000, abs=5e-7)
+
+
+def test_nearly_unit_quaternion_is_normalised(tmp_path):
+    frame = only(tmp_path, row(1_000_000, pose="0\t0\t0\t0.991\t0\t0\t0"), {IMAGE: png(PIXELS)})
+    np.testing.assert_array_equal(frame.world_from_body.as_matrix(), np.eye(4))
+
+
 def test_quaternion_is_scalar_first_and_position_north_east_down(tmp_path):
     half = 0.5**0.5
     pose = f"1\t2\t-3\t{half}\t0\t0\t{half}"  # nose turned to the east
@@ -163,7 +174,7 @@ def test_cut_png_in_the_middle_is_skipped_and_named(tmp_path):
     items = list(open_recording(recording(tmp_path / "rec", [row(n * 1_000_000) for n in (1, 2, 3)], files)).items())
     assert [item.file for item in items] == [IMAGE, OTHER, third]
     assert [isinstance(item, BadFrame) for item in items] == [False, True, False]
-    assert "PNG cut short" in items[1].reason
+    assert "cut short" in items[1].reason
     assert "airsim_rec.txt line 3" in items[1].reason
 
 
@@ -181,6 +192,7 @@ def test_load_raises_what_iterating_skips(tmp_path):
     [
         ("1\t2\t3\t0\t0\t0\t0", "quaternion has zero length"),
         ("1\t2\t3\tnan\t0\t0\t0", "quaternion is not finite"),
+        ("1\t2\t3\t0.3\t0.3\t0.3\t0", "has norm 0.52"),
         ("1\tinf\t3\t1\t0\t0\t0", "position is not finite"),
         ("1\ttwo\t3\t1\t0\t0\t0", "column POS_Y is no number: 'two'"),
     ],
@@ -225,7 +237,7 @@ def test_intrinsics_for_another_resolution(tmp_path):
         ("\n \n", "the file is empty"),
         (HEADER + "\n", "zero frames: there is a header but no row"),
         (HEADER.replace("Q_W", "QW") + "\n", "line 1: column Q_W missing"),
-        (HEADER.replace("\t", " ") + "\n", "missing; expected tab-separated"),
+        (HEADER.replace("\t", " ") + "\n", "TimeStamp, POS_X"),
         (HEADER + "\tQ_W\n", "column Q_W stands there more than once"),
     ],
 )

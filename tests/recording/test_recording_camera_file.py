@@ -50,11 +50,11 @@ def test_mount_without_quaternion_looks_forward(tmp_path):
     [
         (CAMERA + "focal = 3\n", "unknown key focal; known are width, height"),
         (CAMERA + "[body_from_camera]\nroll = 3\n", "body_from_camera: unknown key roll"),
-        (CAMERA.replace("fy = 5.0\n", ""), "fy missing; a camera file holds width"),
+        (CAMERA.replace("fy = 5.0\n", ""), "fy missing"),
         (CAMERA.replace("4.0", "nan"), "fx must be a finite number, got nan"),
         (CAMERA.replace("4.0", "-4.0"), "camera needs finite fx, fy > 0"),
         (CAMERA.replace("= 3", "= 3.5"), "width must be a whole number of px, got 3.5"),
-        (CAMERA + "distortion = [1, 2]\n", "distortion .* must be 5 numbers"),
+        (CAMERA + "distortion = [1, 2]\n", "distortion .*5.*1, 2"),
         (CAMERA + "deck_z_m = '12'\n", "deck_z_m must be a finite number"),
         (CAMERA + "sea_z_m = inf\n", "sea_z_m must be a finite number"),
         (CAMERA + "[body_from_camera]\nquaternion_wxyz = [0, 0, 0, 0]\n", "zero length"),

@@ -72,7 +72,7 @@ def test_damaged_rows_stay_what_they_are_and_missing_files_are_named(tmp_path):
     assert done.notes == ("1 files named in airsim_rec.txt are missing, such as img_Drone_0_0_9.png",)
     items = list(open_recording(tmp_path / "b").items())
     assert [isinstance(item, BadFrame) for item in items] == [True, False, True]
-    assert "PNG cut short" in items[0].reason
+    assert "cut short" in items[0].reason
     assert "image is missing" in items[2].reason
 
 
@@ -105,7 +105,11 @@ def test_names_that_leave_the_folder_are_not_copied(tmp_path):
     [
         (lambda a, b: (a / "scene.json").write_text("{}"), add_scene, "has scene.json already"),
         (lambda a, b: b.mkdir() or (b / "x").touch(), add_scene, "b is there already: choose another folder"),
-        (lambda a, b: [path.unlink() for path in (a / "images").iterdir()], add_scene, "zero usable frames; the first"),
+        (
+            lambda a, b: [path.unlink() for path in (a / "images").iterdir()],
+            add_scene,
+            "zero usable.*_7.png",
+        ),
         (lambda a, b: (a / "airsim_rec.txt").unlink(), add_scene, "airsim_rec.txt"),
         (lambda a, b: None, drop_scene, "has no scene.json: it is in AirSim's own layout already"),
         (lambda a, b: (a / "scene.json").write_text("{}"), drop_scene, "not a deckline scene"),

@@ -19,10 +19,10 @@ def images(tmp_path, names, camera=CAMERA, **texts):
 
 
 def test_images_come_in_natural_order_one_second_apart(tmp_path):
-    images(tmp_path, ["f10.png", "f9.png", "F1.PNG", ".hidden.png"])
+    images(tmp_path, ["f10.webp", "f9.png", "F1.PNG", ".hidden.png"])
     (tmp_path / "notes.txt").write_text("")
     source = open_recording(tmp_path)
-    assert [(item.file, item.time_s) for item in source] == [("F1.PNG", 0.0), ("f9.png", 1.0), ("f10.png", 2.0)]
+    assert [(item.file, item.time_s) for item in source] == [("F1.PNG", 0.0), ("f9.png", 1.0), ("f10.webp", 2.0)]
     assert source.load(0).world_from_body is None
     assert "no poses.csv" in source.notes[0]
 
@@ -39,6 +39,25 @@ def test_poses_are_read_by_header_in_any_order(tmp_path):
     assert frame.time_s == 12.5
     np.testing.assert_allclose(frame.world_from_body.translation, [1.0, 2.0, -3.0])
     assert "unknown column wind ignored" in source.notes[0]
+
+
+def test_unix_times_keep_their_microseconds(tmp_path):
+    times = [1720000000.000001, 1720000000.000002]
+    rows = "".join(f"{name},{time_s:.6f},0,0,0,1,0,0,0\n" for name, time_s in zip("ab", times, strict=True))
+    folder = images(tmp_path, ["a.png", "b.png"], poses=POSES + rows.replace(",1720", ".png,1720"))
+    assert [frame.time_s for frame in open_recording(folder)] == times
+
+
+def test_single_image(tmp_path):
+    folder = images(tmp_path, ["a.png", "b.png"], poses=POSES + "a.png,1,0,0,0,1,0,0,0\nb.png,2,7,0,0,1,0,0,0\n")
+    source = open_recording(folder / "b.png", deck_z_m=-17.0)
+    (frame,) = source
+    assert (frame.file, frame.time_s, frame.deck_z_m, source.name) == ("b.png", 2.0, -17.0, str(folder / "b.png"))
+    np.testing.assert_array_equal(frame.world_from_body.translation, [7.0, 0.0, 0.0])
+    (tmp_path / "c.toml").write_text(CAMERA.replace("4.0", "6.0"))
+    assert open_recording(folder / "b.png", camera_file=tmp_path / "c.toml").load(0).camera.fx == 6.0
+    (folder / "b.png.camera.toml").write_text(CAMERA.replace("4.0", "8.0"))
+    assert open_recording(folder / "b.png").load(0).camera.fx == 8.0
 
 
 def test_given_files_replace_those_beside(tmp_path):
@@ -72,8 +91,9 @@ def test_deck_height_comes_from_the_caller_or_the_camera_file(tmp_path):
         ("a.png,0,0,0,0,1,0,0,0\n", "b.png", "poses.csv has no row for it"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,0,0,0,0\n", "b.png", "line 3: quaternion has zero length"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,nan,0,0,0\n", "b.png", "line 3: quaternion is not finite"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,.3,.3,.3,0\n", "b.png", "poses.csv line 3: quaternion [0.3, 0.3"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,nan,0,0,0,1,0,0,0\n", "b.png", "line 3: time_s must be a finite number"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0\n", "b.png", "line 3: y_m is no number: ''"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0\n", "b.png", "line 3: column y_m is no number: ''"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,1,0,0,0\nc.png,0,0,0,0,1,0,0,0\n", "c.png", "image is missing"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,1,0,0,0\n../c.png,0,0,0,0,1,0,0,0\n", "../c.png", "inside the folder"),
     ],
@@ -98,9 +118,9 @@ def test_sizes_must_agree(tmp_path):
 @pytest.mark.parametrize(
     ("poses", "text"),
     [
-        ("", "line 1: column file, time_s, .* missing"),
-        (POSES, "zero poses"),
-        (POSES.replace("qw", "w"), "line 1: column qw missing; expected file,time_s"),
+        ("", "line 1: the file is empty"),
+        (POSES, "zero frames"),
+        (POSES.replace("qw", "w"), "line 1: column qw missing"),
         (POSES + "a.png,0,0,0,0,1,0,0,0\na.png,0,0,0,0,1,0,0,0\n", "lines 2 and 3: 'a.png' stands there twice"),
         (POSES.replace("qz", "qz,qz"), "column qz stands there more than once"),
     ],

@@ -78,7 +78,7 @@ def test_visibility_that_nobody_knows_is_none():
         ({"visibility_m": -5}, "truth.visibility_m must be metres > 0, got -5"),
         ({"airlight_rgb": "grey"}, "truth.airlight_rgb must be 3 finite numbers"),
         ({"conditions": []}, "truth.conditions must be an object"),
-        ({"world_from_ship": {"translation_m": [0, 0, 0]}}, "truth.world_from_ship: must be a table with"),
+        ({"world_from_ship": {"translation_m": [0, 0, 0]}}, "truth.world_from_ship: quaternion_wxyz missing"),
         (
             {"world_from_body": {"translation_m": [0, 0, 0], "quaternion_wxyz": [0, 0, 0, 0]}},
             "truth.world_from_body: quaternion has zero length",

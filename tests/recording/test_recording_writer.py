@@ -115,6 +115,12 @@ def test_frames_of_one_time_keep_apart(tmp_path):
         check_same(read, written)
 
 
+def test_without_scene_json_times_keep_their_microseconds(tmp_path):
+    write(tmp_path, [frame(0, time_s=1720000000.000001), frame(1, time_s=1720000000.000002)])
+    (tmp_path / "scene.json").unlink()
+    assert [read.time_s for read in open_recording(tmp_path)] == [1720000000.000001, 1720000000.000002]
+
+
 numbers = st.floats(-1e7, 1e7)
 
 

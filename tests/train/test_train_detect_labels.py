@@ -125,7 +125,7 @@ def test_held_out_pictures_are_measured_as_they_are(folder):
 
 def test_a_label_without_its_picture_and_a_damaged_picture_are_named(folder):
     (folder / "3.png").write_bytes((folder / "3.png").read_bytes()[:200])
-    with pytest.raises(ValueError, match=r"mine/3\.png: PNG cut short"):
+    with pytest.raises(ValueError, match=r"mine/3\.png: damaged or cut short"):
         LabelledFolder(folder).view(3)
     (folder / "3.png").unlink()
     with pytest.raises(ValueError, match=r"labels\.json: there is no image 3\.png in "):

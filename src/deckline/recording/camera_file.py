@@ -1,21 +1,24 @@
 """camera.toml: intrinsics and mounting of a camera, and the same as a JSON object in scene.json."""
 
-import math
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import BODY_FROM_OPTICAL, Camera, camera_mount, pose
-from deckline.recording.source import RecordingError, read_text
+from deckline.geometry import BODY_FROM_OPTICAL, Camera
+from deckline.recording.source import RecordingError, number, numbers, read_text, unit_pose
+from deckline.types import Frame
 
 CAMERA_FILE = "camera.toml"
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 HEIGHTS = ("deck_z_m", "sea_z_m")
+TRANSFORM = ("translation_m", "quaternion_wxyz")
+FORWARD = BODY_FROM_OPTICAL.as_quat(scalar_first=True).tolist()
 EXAMPLE = "width, height, fx, fy, cx, cy in px, one a line, such as fx = 1000.0"
 
 
@@ -30,9 +33,28 @@ class MountedCamera:
 
     def at(self, deck_z_m: float | None, sea_z_m: float | None) -> "MountedCamera":
         """The same with other heights; None keeps what the file says."""
-        given = {"deck_z_m": deck_z_m, "sea_z_m": sea_z_m}
-        heights = {name: getattr(self, name) if value is None else value for name, value in given.items()}
-        return MountedCamera(self.camera, self.body_from_camera, **heights)
+        deck_z_m = self.deck_z_m if deck_z_m is None else deck_z_m
+        return replace(self, deck_z_m=deck_z_m, sea_z_m=self.sea_z_m if sea_z_m is None else sea_z_m)
+
+    def frame(self, file: str, time_s: float, image_rgb: NDArray[np.uint8], **values: Any) -> Frame:
+        """A frame that this camera took.
+
+        Args:
+            file, time_s, image_rgb: see `Frame`.
+            values: other fields of `Frame`, such as depth_m, world_from_body, truth.
+
+        Raises:
+            ValueError: intrinsics made for another image size.
+        """
+        camera, (height, width) = self.camera, image_rgb.shape[:2]
+        if (camera.height, camera.width) != (height, width):
+            raise ValueError(
+                f"the intrinsics are for {camera.width}x{camera.height} px but the image is {width}x{height} px; "
+                f"give a camera file made for this size"
+            )
+        heights = {"deck_z_m": self.deck_z_m, "sea_z_m": self.sea_z_m}
+        mounted = {"camera": camera, "body_from_camera": self.body_from_camera, **heights}
+        return Frame(file=file, time_s=time_s, image_rgb=image_rgb, **{**mounted, **values})
 
 
 def read_camera_file(path: Path) -> MountedCamera:
@@ -59,23 +81,17 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
     Raises:
         RecordingError: an unknown or missing key, or values that make no camera.
     """
-    if not isinstance(values, Mapping):
-        raise RecordingError(f"{where}: a camera must be a table with {', '.join(INTRINSICS)}, got {values!r}")
-    known = (*INTRINSICS, "distortion", "body_from_camera", *(HEIGHTS if allow_heights else ()))
-    _check_keys(values, known, where)
-    missing = [key for key in INTRINSICS if key not in values]
-    if missing:
-        raise RecordingError(f"{where}: {', '.join(missing)} missing; a camera file holds {EXAMPLE}")
-    width, height = (_size(values[key], f"{where}: {key}") for key in INTRINSICS[:2])
-    fx, fy, cx, cy = (_number(values[key], f"{where}: {key}") for key in INTRINSICS[2:])
-    k1, k2, p1, p2, k3 = _numbers(values.get("distortion", [0.0] * 5), 5, f"{where}: distortion (k1, k2, p1, p2, k3)")
-    heights = {key: _number(values[key], f"{where}: {key}") for key in HEIGHTS if key in values}
+    heights = HEIGHTS if allow_heights else ()
     try:
+        _check_keys(values, INTRINSICS, ("distortion", "body_from_camera", *heights))
+        width, height = (_whole(values[key], key) for key in INTRINSICS[:2])
+        fx, fy, cx, cy = (number(values[key], key) for key in INTRINSICS[2:])
+        k1, k2, p1, p2, k3 = numbers(values.get("distortion", [0.0] * 5), 5, "distortion (k1, k2, p1, p2, k3)")
         camera = Camera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+        mount = _mount(values.get("body_from_camera", {}))
+        return MountedCamera(camera, mount, **{key: number(values[key], key) for key in heights if key in values})
     except ValueError as error:
         raise RecordingError(f"{where}: {error}") from None
-    mount = _mount(values.get("body_from_camera", {}), f"{where}: body_from_camera")
-    return MountedCamera(camera, mount, **heights)
 
 
 def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[str, Any]:
@@ -100,61 +116,42 @@ def camera_text(camera: Camera, body_from_camera: RigidTransform) -> str:
 def transform_to_mapping(transform: RigidTransform) -> dict[str, list[float]]:
     """The JSON object that `transform_from_mapping` reads back."""
     translation, rotation = transform.as_components()
-    return {
-        "translation_m": np.asarray(translation).tolist(),
-        "quaternion_wxyz": rotation.as_quat(scalar_first=True).tolist(),
-    }
+    quaternion = rotation.as_quat(scalar_first=True)
+    return {"translation_m": np.asarray(translation).tolist(), "quaternion_wxyz": quaternion.tolist()}
 
 
-def transform_from_mapping(values: Any, where: str) -> RigidTransform:
-    """Rigid transform from parsed TOML or JSON with translation_m and quaternion_wxyz.
+def transform_from_mapping(values: Any, name: str) -> RigidTransform:
+    """Rigid transform from parsed TOML or JSON with translation_m and quaternion_wxyz; `name` begins error lines.
 
     Raises:
-        RecordingError: an unknown or missing key, or numbers that make no pose.
+        ValueError: an unknown or missing key, or numbers that make no pose.
     """
-    if not isinstance(values, Mapping) or not {"translation_m", "quaternion_wxyz"} <= set(values):
-        raise RecordingError(f"{where}: must be a table with translation_m and quaternion_wxyz, got {values!r}")
-    _check_keys(values, ("translation_m", "quaternion_wxyz"), where)
-    translation = _numbers(values["translation_m"], 3, f"{where}.translation_m")
-    quaternion = _numbers(values["quaternion_wxyz"], 4, f"{where}.quaternion_wxyz")
     try:
-        return pose(translation, quaternion)
+        _check_keys(values, TRANSFORM)
+        translation_m, quaternion = (numbers(values[key], n, key) for key, n in zip(TRANSFORM, (3, 4), strict=True))
+        return unit_pose(translation_m, quaternion)
     except ValueError as error:
-        raise RecordingError(f"{where}: {error}") from None
+        raise ValueError(f"{name}: {error}") from None
 
 
-def _mount(values: Any, where: str) -> RigidTransform:
+def _mount(values: Any) -> RigidTransform:
+    if isinstance(values, Mapping):
+        values = {"translation_m": [0.0] * 3, "quaternion_wxyz": FORWARD, **values}
+    return transform_from_mapping(values, "body_from_camera")
+
+
+def _check_keys(values: Any, required: Collection[str], optional: Collection[str] = ()) -> None:
     if not isinstance(values, Mapping):
-        raise RecordingError(f"{where}: must be a table with translation_m and quaternion_wxyz, got {values!r}")
-    _check_keys(values, ("translation_m", "quaternion_wxyz"), where)
-    if "quaternion_wxyz" not in values:
-        return camera_mount(_numbers(values.get("translation_m", [0.0] * 3), 3, f"{where}.translation_m"))
-    try:
-        return transform_from_mapping({"translation_m": [0.0] * 3, **values}, where)
-    except RecordingError as error:
-        straight = BODY_FROM_OPTICAL.as_quat(scalar_first=True).tolist()
-        raise RecordingError(f"{error}; a camera that looks forward has {straight}") from None
-
-
-def _check_keys(values: Mapping, known: tuple[str, ...], where: str) -> None:
-    unknown = [str(key) for key in values if key not in known]
+        raise ValueError(f"must be a table with {', '.join(required)}, got {values!r}")
+    unknown = [str(key) for key in values if key not in (*required, *optional)]
     if unknown:
-        raise RecordingError(f"{where}: unknown key {', '.join(unknown)}; known are {', '.join(known)}")
+        raise ValueError(f"unknown key {', '.join(unknown)}; known are {', '.join((*required, *optional))}")
+    missing = [key for key in required if key not in values]
+    if missing:
+        raise ValueError(f"{', '.join(missing)} missing from {', '.join(required)}")
 
 
-def _size(value: Any, where: str) -> int:
+def _whole(value: Any, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
-        raise RecordingError(f"{where} must be a whole number of px, got {value!r}")
+        raise ValueError(f"{name} must be a whole number of px, got {value!r}")
     return value
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise RecordingError(f"{where} must be a finite number, got {value!r}")
-    return float(value)
-
-
-def _numbers(values: Any, count: int, where: str) -> list[float]:
-    if not isinstance(values, list) or len(values) != count:
-        raise RecordingError(f"{where} must be {count} numbers, got {values!r}")
-    return [_number(value, where) for value in values]

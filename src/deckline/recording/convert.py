@@ -4,7 +4,7 @@ Rows and image files are copied byte for byte: both ways together give back the 
 """
 
 import shutil
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,8 +21,7 @@ from deckline.recording.airsim import (
 )
 from deckline.recording.camera_file import camera_to_mapping
 from deckline.recording.scene import SCENE_FILE, entry_text, known_heights, read_scene, scene_text
-from deckline.recording.source import FrameError, RecordingError, is_inside
-from deckline.types import Frame
+from deckline.recording.source import BadFrame, RecordingError, is_inside
 
 GENERATOR = "deckline convert"
 
@@ -53,10 +52,17 @@ def add_scene(
     if (recording / SCENE_FILE).exists():
         raise RecordingError(f"{recording} has {SCENE_FILE} already: nothing to add")
     rows, notes = read_rows(recording / RECORD_FILE)
-    frame = _first_usable(AirSimRecording(recording, None, options))
+    source, skipped = AirSimRecording(recording, None, options), list[BadFrame]()
+    source.on_skip = skipped.append
+    frame = next(iter(source), None)
+    if frame is None:
+        raise RecordingError(f"{recording}: zero usable frames; {skipped[0].file}: {skipped[0].reason}")
     mount = frame.body_from_camera if body_from_camera is None else body_from_camera
     entry = entry_text(known_heights(frame))
-    entries = {name: entry for row in rows for name in _scene_image(row)}
+    entries = {}
+    for row in rows:
+        with suppress(ValueError):  # a row without a picture
+            entries[choose_images(row.images)[0]] = entry
     scene = scene_text(camera_to_mapping(frame.camera, mount), entries, {"generator": GENERATOR})
     return _copy(recording, out, rows, notes, scene)
 
@@ -76,24 +82,6 @@ def drop_scene(recording: Path, out: Path) -> Converted:
     read_scene(recording / SCENE_FILE)
     rows, notes = read_rows(recording / RECORD_FILE)
     return _copy(recording, out, rows, notes, None)
-
-
-def _first_usable(source: AirSimRecording) -> Frame:
-    reason = ""
-    for index in range(len(source)):
-        try:
-            return source.load(index)
-        except FrameError as error:
-            reason = reason or str(error)
-    raise RecordingError(f"{source.name}: zero usable frames; the first: {reason}")
-
-
-def _scene_image(row: Row) -> Iterator[str]:
-    """The row's picture, as reading chooses it; none where it names none."""
-    try:
-        yield choose_images(row.images)[0]
-    except ValueError:
-        return
 
 
 def _copy(recording: Path, out: Path, rows: list[Row], notes: list[str], scene: str | None) -> Converted:

@@ -1,13 +1,13 @@
-"""A folder of images with camera.toml, optional poses.csv, and optional depth/<stem>.pfm."""
+"""A folder of images, or a single one, with camera.toml, optional poses.csv, and optional depth/<stem>.pfm."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from deckline.recording.camera_file import MountedCamera
-from deckline.recording.depth import DEPTH_PLANAR, along_axis, check_depth_size, check_size
-from deckline.recording.images import IMAGE_SUFFIXES, read_depth_pfm, read_image
-from deckline.recording.netpbm import PfmRows
-from deckline.recording.poses_file import Poses
+from deckline.recording.depth import DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth
+from deckline.recording.images import IMAGE_SUFFIXES, read_image
+from deckline.recording.poses import Poses
 from deckline.recording.source import FrameError, Source, check_index, is_inside
 from deckline.types import Frame
 
@@ -16,6 +16,9 @@ DEPTH_FOLDER = "depth"  # PFM files, metres along the optical axis
 
 class ImageFolder(Source):
     """Images in natural order of their names. Without poses.csv they are taken to be one second apart.
+
+    Args:
+        files: names of images in the folder; None: all that are there or have a row in `poses`.
 
     Attributes:
         files: names of the images, in order.
@@ -26,17 +29,17 @@ class ImageFolder(Source):
         folder: Path,
         mounted: MountedCamera,
         poses: Poses | None,
-        pfm_rows: PfmRows,
-        far_m: float,
+        pfm_rows: PfmRows = "top-to-bottom",
+        far_m: float = FAR_DEPTH_M,
+        files: Sequence[str] | None = None,
     ) -> None:
         self.folder = folder
-        self.name = str(folder)
+        self.name = str(folder if files is None else folder / files[0])
         self._mounted = mounted
         self._poses = poses
-        self._pfm_rows: PfmRows = pfm_rows
-        self._far_m = far_m
-        found = list_images(folder)
-        self.files = sorted({*found, *(poses.rows if poses else ())}, key=natural_key)
+        self._depth_options = (DEPTH_PLANAR, pfm_rows, far_m)
+        found = {*list_images(folder), *(poses.rows if poses else ())} if files is None else files
+        self.files = sorted(found, key=natural_key)
         no_poses = (f"{folder}: no poses.csv: no positions, and the images are taken to be 1 s apart",)
         self.notes = poses.notes if poses else no_poses
 
@@ -56,25 +59,10 @@ class ImageFolder(Source):
             raise ValueError("poses.csv must name files inside the folder")
         time_s, world_from_body = (float(index), None) if self._poses is None else self._poses.at(file)
         image = read_image(self.folder / file)
-        camera = self._mounted.camera
-        check_size(camera, image.shape[:2])
-        depth = None
-        depth_path = self.folder / DEPTH_FOLDER / f"{Path(file).stem}.pfm"
-        if depth_path.exists():
-            stored = read_depth_pfm(depth_path, self._pfm_rows)
-            check_depth_size(stored.shape, camera, f"{DEPTH_FOLDER}/{depth_path.name}")
-            depth = along_axis(stored, camera, DEPTH_PLANAR, self._far_m)
-        return Frame(
-            file=file,
-            time_s=time_s,
-            image_rgb=image,
-            camera=camera,
-            body_from_camera=self._mounted.body_from_camera,
-            depth_m=depth,
-            world_from_body=world_from_body,
-            deck_z_m=self._mounted.deck_z_m,
-            sea_z_m=self._mounted.sea_z_m,
-        )
+        depth, name = None, f"{DEPTH_FOLDER}/{Path(file).stem}.pfm"
+        if (self.folder / name).exists():
+            depth = read_depth(self.folder / name, name, self._mounted.camera, *self._depth_options)
+        return self._mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
 
 
 def list_images(folder: Path) -> list[str]:

@@ -1,56 +1,79 @@
-"""Image files to RGB uint8 and back. A file that is cut short is an error, never a half-grey image.
+"""Image files to RGB uint8 and back. A file that is cut short is an error, never a half-grey image."""
 
-Image files hold R, G, B; only the raw bytes of AirSim's RPC are B, G, R, and OpenCV's arrays are: both orders are
-turned at the edge. OpenCV is imported only for formats other than PPM, so that recordings in PPM need numpy alone.
-"""
-
-import re
+import io
 import struct
-import zlib
+import warnings
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageOps
 
-from deckline.recording.netpbm import PfmRows, read_pfm, read_ppm, write_ppm
-
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff")
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# In JPEG's compressed data 0xff is followed by 0 (a data byte) or 0xd0..0xd7 (restart); anything else is a marker.
-_JPEG_MARKER = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
+FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
+LOW_BITS = 12  # of camera pixels that a 16-bit file holds unscaled, when the file does not say how many there are
+# What Pillow raises for damaged files
+_DAMAGED = (OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, OverflowError, struct.error)
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:
     """Any supported image file -> RGB uint8 (H, W, 3).
 
-    Grey images are repeated over the channels, 16-bit ones scaled from 0..65535 to 0..255, transparency is dropped,
-    and an orientation tag is ignored: intrinsics belong to the pixels as the camera stored them.
+    An EXIF orientation is applied, so intrinsics belong to the upright image. Grey images are repeated over the
+    channels, transparency is dropped. 16-bit PNG and TIFF files are scaled from 0..65535 to 0..255. Many cameras store
+    12-bit pixels without scaling them: a file whose largest value is below 4096 is scaled from 0..4095 instead. A PNG
+    may state another number of significant bits in its sBIT chunk; sBIT 16 always means 0..65535.
 
     Raises:
         ValueError: missing, cut short, damaged, or no image; says which.
     """
     data = read_bytes(path, "image")
-    if data[:2] in (b"P5", b"P6"):
-        return read_ppm(data)
-    _check_whole(data)
-    return _decode(data)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # odd metadata do not harm the pixels
+            return _decode(data)
+    except Image.UnidentifiedImageError:
+        raise ValueError(f"not an image of a known format ({', '.join(FORMATS)}), or cut short") from None
+    except (*_DAMAGED, Image.DecompressionBombError, cv2.error) as error:
+        raise ValueError(f"damaged or cut short: {' '.join(str(error).split())}") from None
 
 
-def read_depth_pfm(path: Path, rows: PfmRows) -> NDArray[np.float32]:
-    """PFM depth file -> float32 (H, W), as stored.
+def _decode(data: bytes) -> NDArray[np.uint8]:
+    image = Image.open(io.BytesIO(data), formats=FORMATS)
+    if image.format == "PNG":
+        image.verify()  # checksums of all chunks; the image must be opened again after it
+        image = Image.open(io.BytesIO(data), formats=FORMATS)
+    sixteen_bits = image.format in ("PNG", "TIFF") and ";16" in str(image.tile[0].args)  # such as "RGB;16B"
+    image.load()
+    if sixteen_bits:
+        return _scale_16_bits(data)
+    if image.mode == "F":
+        raise ValueError("an image must have 8 or 16 bits a channel, got 32-bit numbers")
+    if image.mode.startswith("I"):  # a PGM with more than 8 bits, scaled by Pillow to 0..65535
+        grey = np.rint(np.asarray(image) / 257.0).astype(np.uint8)
+        return np.repeat(grey[:, :, None], 3, axis=2)
+    ImageOps.exif_transpose(image, in_place=True)
+    return np.array(image.convert("RGB"))
 
-    Raises:
-        ValueError: missing, cut short, or no one-channel PFM; says which.
-    """
-    return read_pfm(read_bytes(path, "depth map"), rows)
+
+def _scale_16_bits(data: bytes) -> NDArray[np.uint8]:
+    """Pillow keeps only the upper 8 bits of 16-bit colours, so OpenCV decodes them; it applies the orientation too."""
+    values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    if values is None:
+        raise ValueError("OpenCV cannot decode it")
+    chunk = data.find(b"sBIT", 0, max(data.find(b"IDAT"), 0))
+    bits = LOW_BITS if chunk < 0 else max(data[chunk + 4 : chunk + 4 + int.from_bytes(data[chunk - 4 : chunk])])
+    largest = (1 << bits) - 1
+    scale = 65535.0 if values.max() > largest else float(largest)
+    return np.rint(values[:, :, ::-1] * (255.0 / scale)).astype(np.uint8)
 
 
 def encode_image(image_rgb: NDArray[np.uint8], image_format: str) -> bytes:
     """RGB uint8 (H, W, 3) -> bytes of a "png" or "ppm" file."""
     if image_format == "ppm":
-        return write_ppm(image_rgb)
-    import cv2
-
+        height, width = image_rgb.shape[:2]
+        return b"P6\n%d %d\n255\n" % (width, height) + np.ascontiguousarray(image_rgb).tobytes()
     done, buffer = cv2.imencode(".png", image_rgb[:, :, ::-1])
     if not done:
         raise ValueError(f"OpenCV could not encode an image of shape {image_rgb.shape}")
@@ -72,72 +95,3 @@ def read_bytes(path: Path, what: str) -> bytes:
     if not data:
         raise ValueError(f"{what} is an empty file: {path}")
     return data
-
-
-def _check_whole(data: bytes) -> None:
-    """Raises ValueError unless the file ends where its format says."""
-    if data.startswith(PNG_SIGNATURE):
-        _check_png(data)
-    elif data.startswith(b"\xff\xd8"):
-        _check_jpeg(data)
-    elif data.startswith(b"BM"):
-        size = struct.unpack_from("<I", data, 2)[0] if len(data) >= 6 else 6
-        if len(data) < size:
-            raise ValueError(f"BMP cut short: {len(data)} of {size} bytes are there")
-    elif not data.startswith((b"II*\x00", b"MM\x00*")):
-        raise ValueError("not an image of a known format (PNG, JPEG, PPM, PGM, BMP, TIFF)")
-
-
-def _check_png(data: bytes) -> None:
-    position = len(PNG_SIGNATURE)
-    while position + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, position)
-        end = position + 12 + length
-        if end > len(data):
-            break
-        stored = struct.unpack_from(">I", data, end - 4)[0]
-        if zlib.crc32(memoryview(data)[position + 4 : end - 4]) != stored:
-            raise ValueError(f"damaged PNG: wrong checksum in its {kind.decode('latin-1')!r} chunk at byte {position}")
-        if kind == b"IEND":
-            return
-        position = end
-    raise ValueError(f"PNG cut short: it ends after {len(data)} bytes without its closing IEND chunk")
-
-
-def _check_jpeg(data: bytes) -> None:
-    position = 2
-    while position + 4 <= len(data) and data[position] == 0xFF:
-        marker = data[position + 1]
-        if marker == 0xD9:
-            return
-        if marker == 0xFF:  # fill byte
-            position += 1
-            continue
-        position += 2 + struct.unpack_from(">H", data, position + 2)[0]
-        if marker == 0xDA:  # start of scan: compressed data follows
-            found = _JPEG_MARKER.search(data, position)
-            if found is None:
-                break
-            position = found.start()
-    if data[position : position + 2] == b"\xff\xd9":
-        return
-    raise ValueError(f"JPEG cut short: it ends after {len(data)} bytes without its end marker")
-
-
-def _decode(data: bytes) -> NDArray[np.uint8]:
-    import cv2
-
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise ValueError(f"image cannot be decoded: {error.err}") from None
-    if image is None:
-        raise ValueError("image cannot be decoded: its data are damaged or of an unsupported kind")
-    if image.dtype == np.uint16:
-        image = np.rint(image / 257.0).astype(np.uint8)
-    if image.dtype != np.uint8:
-        raise ValueError(f"image must have 8 or 16 bits a channel, got {image.dtype}")
-    if image.ndim == 2 or image.shape[2] < 3:  # grey, or grey with transparency
-        grey = image.reshape(*image.shape[:2], -1)[:, :, :1]
-        return np.repeat(grey, 3, axis=2)
-    return np.ascontiguousarray(image[:, :, 2::-1])

@@ -1,18 +1,18 @@
 """open_recording: from a path to frames."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 
 from deckline.recording.airsim import RECORD_FILE, AirSimOptions, AirSimRecording
-from deckline.recording.camera_file import CAMERA_FILE, EXAMPLE, MountedCamera, read_camera_file
+from deckline.recording.camera_file import CAMERA_FILE, EXAMPLE, read_camera_file
+from deckline.recording.depth import FAR_DEPTH_M, PfmRows
 from deckline.recording.folder import ImageFolder, list_images
 from deckline.recording.images import IMAGE_SUFFIXES
-from deckline.recording.netpbm import FAR_DEPTH_M, PfmRows
-from deckline.recording.poses_file import POSES_FILE, Poses, read_poses
+from deckline.recording.poses import POSES_FILE, read_poses
 from deckline.recording.scene import SCENE_FILE, read_scene
 from deckline.recording.source import BadFrame, RecordingError, Source
+from deckline.recording.video import Video, count_frames
 
 
 def open_recording(
@@ -27,15 +27,15 @@ def open_recording(
     far_m: float = FAR_DEPTH_M,
     on_skip: Callable[[BadFrame], None] | None = None,
 ) -> Source:
-    """Open a recording in AirSim's layout, a folder of images, or a video file.
+    """Open a recording in AirSim's layout, a folder of images, a single image, or a video file.
 
     Args:
-        path: folder with airsim_rec.txt, folder of images, or video file.
+        path: folder with airsim_rec.txt, folder of images, image or video file.
         camera_file: camera.toml. When not given: an AirSim recording takes scene.json's camera, else camera.toml in
-            its folder, else a pinhole of `fov_deg`; a folder takes its camera.toml; a video <video>.camera.toml, else
-            camera.toml beside it.
-        poses_file: poses.csv of a folder or video. When not given: poses.csv in the folder; <video>.poses.csv, else
-            poses.csv beside the video, when it is there.
+            its folder, else a pinhole of `fov_deg`; a folder takes its camera.toml; an image or video file takes
+            <file>.camera.toml, else camera.toml beside it.
+        poses_file: poses.csv of images or a video. When not given: poses.csv in the folder; <file>.poses.csv, else
+            poses.csv beside the file, when it is there.
         fov_deg: horizontal field of view of an AirSim recording that has no camera; 90 is AirSim's default.
         deck_z_m: world z (down) of the deck plane; overrides what files say.
         sea_z_m: world z (down) of the water; overrides what files say.
@@ -56,48 +56,50 @@ def open_recording(
             raise RecordingError(f"{name} must be a finite number of metres, got {value}")
     if not far_m > 0:
         raise RecordingError(f"far_m must be > 0 m, got {far_m}")
-    given_camera = None if camera_file is None else read_camera_file(Path(camera_file))
-    given_poses = None if poses_file is None else read_poses(Path(poses_file))
     if path.name == RECORD_FILE:
         path = path.parent
-    source: Source
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
     if (path / RECORD_FILE).exists():
-        if given_poses is not None:
+        if poses_file is not None:
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
-        source = _airsim(path, AirSimOptions(fov_deg, given_camera, None, deck_z_m, pfm_rows, far_m, sea_z_m))
-    elif path.is_dir():
-        _check_known(path)
-        camera = (given_camera or _find_camera([path / CAMERA_FILE], path)).at(deck_z_m, sea_z_m)
-        poses = given_poses or _find_poses([path / POSES_FILE])
-        source = ImageFolder(path, camera, poses, pfm_rows, far_m)
+        scene = read_scene(path / SCENE_FILE) if (path / SCENE_FILE).exists() else None
+        camera = None if camera_file is None else read_camera_file(Path(camera_file))
+        fallback = read_camera_file(path / CAMERA_FILE) if (path / CAMERA_FILE).exists() else None
+        options = AirSimOptions(fov_deg, camera, fallback, deck_z_m, pfm_rows, far_m, sea_z_m)
+        source: Source = AirSimRecording(path, scene, options)
     else:
-        source = _video(path, given_camera, given_poses, deck_z_m, sea_z_m)
+        source = _open_images(path, camera_file, poses_file, (deck_z_m, sea_z_m), (pfm_rows, far_m))
     source.on_skip = on_skip
     return source
 
 
-def _video(
-    path: Path, camera: MountedCamera | None, poses: Poses | None, deck_z_m: float | None, sea_z_m: float | None
-) -> Source:
-    from deckline.recording.video import Video, check_video  # PyAV is needed for videos only
+def _open_images(
+    path: Path,
+    camera_file: Path | str | None,
+    poses_file: Path | str | None,
+    heights: tuple[float | None, float | None],
+    depth_options: tuple[PfmRows, float],
+) -> ImageFolder | Video:
+    """A folder, a single image or a video, with the camera and the poses given or found beside them."""
+    is_video = path.is_file() and path.suffix.lower() not in IMAGE_SUFFIXES
+    frames = count_frames(path) if is_video else 0
+    if path.is_dir():
+        _check_has_images(path)
+    camera_file = camera_file or _find(path, CAMERA_FILE)
+    if camera_file is None:
+        places = " or ".join(str(place) for place in _beside(path, CAMERA_FILE))
+        raise RecordingError(f"{path}: no camera file: write {places}, or give one; it holds {EXAMPLE}")
+    mounted = read_camera_file(Path(camera_file)).at(*heights)
+    poses_file = poses_file or _find(path, POSES_FILE)
+    poses = None if poses_file is None else read_poses(Path(poses_file), is_video)
+    if is_video:
+        return Video(path, mounted, poses, frames)
+    folder, files = (path, None) if path.is_dir() else (path.parent, [path.name])
+    return ImageFolder(folder, mounted, poses, *depth_options, files)
 
-    check_video(path)
-    beside = [path.with_name(f"{path.name}.{CAMERA_FILE}"), path.with_name(CAMERA_FILE)]
-    pose_files = [path.with_name(f"{path.name}.{POSES_FILE}"), path.with_name(POSES_FILE)]
-    mounted = (camera or _find_camera(beside, path)).at(deck_z_m, sea_z_m)
-    return Video(path, mounted, poses or _find_poses(pose_files))
 
-
-def _airsim(folder: Path, options: AirSimOptions) -> AirSimRecording:
-    scene = read_scene(folder / SCENE_FILE) if (folder / SCENE_FILE).exists() else None
-    if (folder / CAMERA_FILE).exists():
-        options = replace(options, fallback_camera=read_camera_file(folder / CAMERA_FILE))
-    return AirSimRecording(folder, scene, options)
-
-
-def _check_known(folder: Path) -> None:
+def _check_has_images(folder: Path) -> None:
     if list_images(folder):
         return
     inside = [f"{child.name}/" for child in sorted(folder.iterdir()) if (child / RECORD_FILE).exists()]
@@ -107,16 +109,10 @@ def _check_known(folder: Path) -> None:
     )
 
 
-def _find_camera(candidates: Sequence[Path], source: Path) -> MountedCamera:
-    for candidate in candidates:
-        if candidate.exists():
-            return read_camera_file(candidate)
-    looked = " or ".join(str(candidate) for candidate in candidates)
-    raise RecordingError(f"{source}: no camera file: write {looked}, or give one; it holds {EXAMPLE}")
+def _beside(path: Path, name: str) -> list[Path]:
+    """Where a camera or poses file of a source may lie."""
+    return [path / name] if path.is_dir() else [path.with_name(f"{path.name}.{name}"), path.with_name(name)]
 
 
-def _find_poses(candidates: Sequence[Path]) -> Poses | None:
-    for candidate in candidates:
-        if candidate.exists():
-            return read_poses(candidate)
-    return None
+def _find(path: Path, name: str) -> Path | None:
+    return next((place for place in _beside(path, name) if place.exists()), None)

@@ -25,7 +25,7 @@ from deckline.recording.camera_file import (
     transform_from_mapping,
     transform_to_mapping,
 )
-from deckline.recording.source import RecordingError, is_inside, read_text
+from deckline.recording.source import RecordingError, is_inside, number, numbers, parse_json, read_text
 from deckline.types import Frame, Segment, Truth
 
 SCENE_FILE = "scene.json"
@@ -50,10 +50,7 @@ def read_scene(path: Path) -> Scene:
     Raises:
         RecordingError: not JSON, another format or version, or a camera that is none.
     """
-    try:
-        values = json.loads(read_text(path))
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise RecordingError(f"{path}: not valid JSON: {error}") from None
+    values = parse_json(read_text(path), str(path))
     if not isinstance(values, dict) or values.get("format") != FORMAT:
         raise RecordingError(f'{path}: not a deckline scene (it must hold "format": "{FORMAT}")')
     if values.get("version") != VERSION:
@@ -71,14 +68,14 @@ def known_heights(frame: Frame) -> dict[str, float]:
     return {name: float(getattr(frame, name)) for name in HEIGHTS if getattr(frame, name) is not None}
 
 
-def entry_text(entry: Mapping[str, Any]) -> str:
-    """A frame's entry as one line of JSON.
+def entry_text(entry: Mapping[str, Any], indent: int | None = None) -> str:
+    """A frame's entry as JSON, by default in one line.
 
     Raises:
         RecordingError: a value that JSON cannot hold, NaN or infinity.
     """
     try:
-        return json.dumps(entry, allow_nan=False)
+        return json.dumps(entry, indent=indent, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise RecordingError(f"scene values must be plain finite JSON values: {error}") from None
 
@@ -92,36 +89,25 @@ def scene_text(camera: Mapping | None, entries: Mapping[str, str], extra: Mappin
     Raises:
         RecordingError: a free key that JSON cannot hold.
     """
-    head = {"format": FORMAT, "version": VERSION, **extra, "camera": camera}
-    try:
-        opened = json.dumps(head, indent=1, allow_nan=False)[:-2]
-    except (TypeError, ValueError) as error:
-        raise RecordingError(f"scene values must be plain finite JSON values: {error}") from None
+    head = entry_text({"format": FORMAT, "version": VERSION, **extra, "camera": camera}, indent=1)
     lines = ",".join(f"\n  {json.dumps(name)}: {text}" for name, text in entries.items())
-    return opened + ',\n "frames": {' + lines + "\n }\n}\n"
+    return head[:-2] + ',\n "frames": {' + lines + "\n }\n}\n"
 
 
 def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:
     """The JSON object that `truth_from_mapping` reads back."""
-    values: dict[str, Any] = {"left": _segment_to(truth.left), "right": _segment_to(truth.right)}
-    if truth.centre_painted is not None:
-        values["centre_painted"] = truth.centre_painted
-    if truth.visibility_m is not None:
-        clear_air = math.isinf(truth.visibility_m)
-        values["visibility_m"] = None if clear_air else float(truth.visibility_m)
-        if clear_air:
-            values["clear_air"] = True
-    if truth.airlight_rgb is not None:
-        values["airlight_rgb"] = [float(value) for value in truth.airlight_rgb]
-    if clear_image is not None:
-        values["clear_image"] = clear_image
-    for name in POSES:
-        transform = getattr(truth, name)
-        if transform is not None:
-            values[name] = transform_to_mapping(transform)
-    if truth.conditions:
-        values["conditions"] = dict(truth.conditions)
-    return values
+    clear_air = truth.visibility_m is not None and math.isinf(truth.visibility_m)
+    known = {
+        "centre_painted": truth.centre_painted,
+        "visibility_m": None if truth.visibility_m is None or clear_air else float(truth.visibility_m),
+        "clear_air": clear_air or None,
+        "airlight_rgb": None if truth.airlight_rgb is None else [float(value) for value in truth.airlight_rgb],
+        "clear_image": clear_image,
+        **{name: transform_to_mapping(to) for name in POSES if (to := getattr(truth, name)) is not None},
+        "conditions": dict(truth.conditions) or None,
+    }
+    kept = {name: value for name, value in known.items() if value is not None or (clear_air and name == "visibility_m")}
+    return {"left": _segment_to(truth.left), "right": _segment_to(truth.right), **kept}
 
 
 def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Truth:
@@ -132,24 +118,28 @@ def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Trut
     """
     if not isinstance(values, dict):
         raise ValueError(f"truth must be an object, got {values!r}")
-    visibility = math.inf if values.get("clear_air") is True else values.get("visibility_m")
-    airlight = values.get("airlight_rgb")
     conditions = values.get("conditions", {})
     if not isinstance(conditions, dict):
         raise ValueError(f"truth.conditions must be an object, got {conditions!r}")
     centre = values.get("centre_painted")
     if centre is not None and not isinstance(centre, bool):
         raise ValueError(f"truth.centre_painted must be true or false, got {centre!r}")
-    poses = {name: transform_from_mapping(values[name], f"truth.{name}") for name in POSES if name in values}
+    visibility = values.get("visibility_m")
+    if visibility is not None and (visibility := number(visibility, "truth.visibility_m")) <= 0:
+        raise ValueError(f"truth.visibility_m must be metres > 0, got {visibility!r}")
+    airlight = values.get("airlight_rgb")
+    if airlight is not None:
+        red, green, blue = numbers(airlight, 3, "truth.airlight_rgb")
+        airlight = red, green, blue
     return Truth(
         left=_segment_from(values.get("left"), "truth.left"),
         right=_segment_from(values.get("right"), "truth.right"),
         centre_painted=centre,
-        visibility_m=None if visibility is None else _positive(visibility, "truth.visibility_m"),
-        airlight_rgb=None if airlight is None else _triple(airlight, "truth.airlight_rgb"),
+        visibility_m=math.inf if values.get("clear_air") is True else visibility,
+        airlight_rgb=airlight,
         clear_rgb=clear_rgb,
         conditions=conditions,
-        **poses,
+        **{name: transform_from_mapping(values[name], f"truth.{name}") for name in POSES if name in values},
     )
 
 
@@ -160,9 +150,7 @@ def clear_image_path(values: Any) -> str | None:
         ValueError: a path that leaves the recording's folder.
     """
     name = values.get("clear_image") if isinstance(values, dict) else None
-    if name is None:
-        return None
-    if not isinstance(name, str) or not is_inside(name):
+    if name is not None and (not isinstance(name, str) or not is_inside(name)):
         raise ValueError(f"truth.clear_image must be a path inside the recording, got {name!r}")
     return name
 
@@ -178,17 +166,4 @@ def _segment_from(values: Any, where: str) -> Segment | None:
         return None
     if not isinstance(values, dict) or not {"p0_m", "p1_m"} <= set(values):
         raise ValueError(f"{where} must hold p0_m and p1_m, got {values!r}")
-    return Segment(*(np.array(_triple(values[key], f"{where}.{key}")) for key in ("p0_m", "p1_m")))
-
-
-def _triple(values: Any, where: str) -> tuple[float, float, float]:
-    numbers = isinstance(values, list) and all(isinstance(value, int | float) for value in values)
-    if not numbers or len(values) != 3 or not all(math.isfinite(value) for value in values):
-        raise ValueError(f"{where} must be 3 finite numbers, got {values!r}")
-    return float(values[0]), float(values[1]), float(values[2])
-
-
-def _positive(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
-        raise ValueError(f"{where} must be metres > 0, got {value!r}")
-    return float(value)
+    return Segment(*(np.array(numbers(values[key], 3, f"{where}.{key}")) for key in ("p0_m", "p1_m")))

@@ -1,14 +1,21 @@
-"""What every source of frames has in common: its errors, and how a run walks over good and bad frames."""
+"""What every source of frames has in common: its errors, how to iterate, and checks of what its files hold."""
 
+import json
 import math
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import pose
 from deckline.types import Frame
+
+NORM_TOLERANCE = 0.01  # of a quaternion's length from 1: rounded digits pass, a wrong column does not
 
 
 class RecordingError(ValueError):
@@ -34,7 +41,7 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True)
 class BadFrame:
-    """A frame that was skipped, and why."""
+    """A damaged frame, and why it is skipped."""
 
     file: str
     reason: str
@@ -46,11 +53,11 @@ def print_skipped(bad: BadFrame) -> None:
 
 
 class Stream(ABC):
-    """Frames as they come. Iterating gives the good ones and calls `on_skip` for each damaged one.
+    """Frames as they come. Iterating yields the good ones and calls `on_skip` for each damaged one.
 
     Attributes:
         name: what a report calls it.
-        notes: what is odd about it but did not stop it, one line each, for people.
+        notes: what is odd about it but does not stop it, one line each, for people.
         on_skip: takes a damaged frame; None prints its file and the reason on stderr.
     """
 
@@ -60,7 +67,7 @@ class Stream(ABC):
 
     @property
     def length(self) -> int | None:
-        """Number of frames, bad ones included; None where they come until `stop`."""
+        """Number of frames, damaged ones included; None where they come until `stop`."""
         return None
 
     @abstractmethod
@@ -87,7 +94,7 @@ class Source(Stream):
 
     @abstractmethod
     def __len__(self) -> int:
-        """Number of frames, bad ones included."""
+        """Number of frames, damaged ones included."""
 
     @abstractmethod
     def load(self, index: int) -> Frame:
@@ -116,8 +123,20 @@ def read_text(path: Path) -> str:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def parse_json(text: str, where: str) -> Any:
+    """Values of a JSON text.
+
+    Raises:
+        RecordingError: it is none; begins with `where`.
+    """
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{where}: not valid JSON: {error}") from None
 
 
 def check_index(index: int, count: int, name: str) -> None:
@@ -140,3 +159,27 @@ def number(value: Any, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{name} must be a finite number, got {value!r}")
     return float(value)
+
+
+def numbers(values: Any, count: int, name: str) -> tuple[float, ...]:
+    """So many finite numbers.
+
+    Raises:
+        ValueError: anything else.
+    """
+    if not isinstance(values, list) or len(values) != count:
+        raise ValueError(f"{name} must be {count} finite numbers, got {values!r}")
+    return tuple(number(value, name) for value in values)
+
+
+def unit_pose(translation_m: Sequence[float], quaternion_wxyz: Sequence[float]) -> RigidTransform:
+    """A pose (see `geometry.pose`) from a file; a quaternion of nearly unit length is normalised.
+
+    Raises:
+        ValueError: numbers that are not finite, or a quaternion whose norm is not 1 within 1 %.
+    """
+    transform = pose(translation_m, quaternion_wxyz)
+    norm = float(np.linalg.norm(quaternion_wxyz))
+    if abs(norm - 1.0) > NORM_TOLERANCE:
+        raise ValueError(f"quaternion {list(quaternion_wxyz)} has norm {norm:.3g}, expected 1 within 1 %")
+    return transform

@@ -10,8 +10,7 @@ from typing import Any
 import av
 
 from deckline.recording.camera_file import MountedCamera
-from deckline.recording.depth import check_size
-from deckline.recording.poses_file import Poses
+from deckline.recording.poses import Poses
 from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, check_index
 from deckline.types import Frame
 
@@ -21,16 +20,19 @@ class Video(Source):
 
     Iterating streams. `load` decodes from the last frame it gave, or from the beginning: going backwards is slow.
 
-    Raises:
-        RecordingError: no video, or one without frames.
+    Args:
+        path: the film.
+        mounted: camera, its mounting, heights of deck and sea.
+        poses: rows by frame number; None: positions are not known.
+        count: number of frames (`count_frames`).
     """
 
-    def __init__(self, path: Path, mounted: MountedCamera, poses: Poses | None) -> None:
+    def __init__(self, path: Path, mounted: MountedCamera, poses: Poses | None, count: int) -> None:
         self.path = path
         self.name = str(path)
         self._mounted = mounted
-        self._poses = None if poses is None else poses.by_frame_number()
-        self._count = count_frames(path)
+        self._poses = poses
+        self._count = count
         self._cursor: Iterator[tuple[int, Frame | BadFrame]] = iter(())
         self._next = -1
         no_poses = (f"{path}: no poses.csv: no positions of the aircraft",)
@@ -76,29 +78,15 @@ class Video(Source):
             raise ValueError("the film gives this frame no time; write poses.csv with its time_s")
         else:
             time_s = float(decoded.time)
-        check_size(self._mounted.camera, (decoded.height, decoded.width))
-        return Frame(
-            file=self._file(index),
-            time_s=time_s,
-            image_rgb=decoded.to_ndarray(format="rgb24"),
-            camera=self._mounted.camera,
-            body_from_camera=self._mounted.body_from_camera,
-            world_from_body=world_from_body,
-            deck_z_m=self._mounted.deck_z_m,
-            sea_z_m=self._mounted.sea_z_m,
-        )
-
-
-def check_video(path: Path) -> None:
-    """Raises RecordingError unless the file is a video that can be opened."""
-    _open(path).close()
+        image = decoded.to_ndarray(format="rgb24")
+        return self._mounted.frame(self._file(index), time_s, image, world_from_body=world_from_body)
 
 
 def count_frames(path: Path) -> int:
     """Number of coded frames, by reading the file's packets without decoding them.
 
     Raises:
-        RecordingError: none.
+        RecordingError: no video that can be opened, or one without frames.
     """
     with _open(path) as container:
         count = sum(1 for packet in _packets(container) if packet is not None and packet.size)

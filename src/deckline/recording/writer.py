@@ -1,27 +1,18 @@
 """Writes recordings in AirSim's layout with scene.json beside them; a killed writer can be resumed."""
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self, TextIO
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from deckline.atomic import write_atomic
-from deckline.recording.airsim import (
-    HEADER,
-    IMAGE_FOLDER,
-    RECORD_FILE,
-    SCENE,
-    choose_images,
-)
+from deckline.recording.airsim import HEADER, IMAGE_FOLDER, MS_PER_S, RECORD_FILE, SCENE, choose_images
 from deckline.recording.camera_file import camera_to_mapping
-from deckline.recording.depth import DEPTH_PLANAR
+from deckline.recording.depth import DEPTH_PLANAR, FAR_DEPTH_M, write_pfm
 from deckline.recording.images import encode_image
-from deckline.recording.netpbm import FAR_DEPTH_M, write_pfm
 from deckline.recording.scene import (
     RESERVED,
     SCENE_FILE,
@@ -39,7 +30,6 @@ CLEAR_FOLDER = "clear"
 SCENE_EVERY = 25  # frames between two writings of scene.json; a killed writer loses fewer than these ...
 LONG = 1000  # ... for each so many frames of a recording, so that long ones do not write it all the time
 MAY_CHANGE = ("command", "generator")  # free scene keys that may differ when a recording is resumed
-_HEADER_LINE = "\t".join(HEADER) + "\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,20 +54,21 @@ def encode_frame(frame: Frame, image_format: ImageFormat = "png") -> EncodedFram
     """
     if frame.world_from_body is None:
         raise ValueError(f"{frame.file}: a recording needs the pose world_from_body of every frame")
-    clear = None if frame.truth is None else frame.truth.clear_rgb
-    depth = None
+    translation, rotation = frame.world_from_body.as_components()
+    pose = (*np.asarray(translation).tolist(), *rotation.as_quat(scalar_first=True).tolist())
+    if not np.all(np.isfinite(pose)):
+        raise ValueError(f"{frame.file}: pose is not finite: {list(pose)}")
+    entry: dict[str, Any] = dict(known_heights(frame))
+    depth = clear = None
     if frame.depth_m is not None:
         depth = write_pfm(np.nan_to_num(frame.depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M))
-    return EncodedFrame(
-        time_s=float(frame.time_s),
-        image=encode_image(frame.image_rgb, image_format),
-        image_format=image_format,
-        depth=depth,
-        clear=None if clear is None else encode_image(clear, image_format),
-        pose=_pose_numbers(frame.world_from_body, frame.file),
-        camera=camera_to_mapping(frame.camera, frame.body_from_camera),
-        entry=_entry(frame),
-    )
+    if frame.truth is not None:
+        entry["truth"] = truth_to_mapping(frame.truth, None if frame.truth.clear_rgb is None else CLEAR_FOLDER)
+        if frame.truth.clear_rgb is not None:
+            clear = encode_image(frame.truth.clear_rgb, image_format)
+    image = encode_image(frame.image_rgb, image_format)
+    camera = camera_to_mapping(frame.camera, frame.body_from_camera)
+    return EncodedFrame(float(frame.time_s), image, image_format, depth, clear, pose, camera, entry)
 
 
 class RecordingWriter:
@@ -88,7 +79,7 @@ class RecordingWriter:
 
     Args:
         out: folder, made when missing.
-        image_format: "png", or "ppm" (needs numpy alone).
+        image_format: "png", or "ppm": large, but quick to write.
         scene: free keys of scene.json (preset, seed, ...), plain JSON values.
         vehicle, camera_name: parts of the image files' names.
 
@@ -120,7 +111,11 @@ class RecordingWriter:
         if reserved:
             raise RecordingError(f"scene keys {', '.join(reserved)} are the writer's own")
         try:
-            self._open()
+            (self.out / IMAGE_FOLDER).mkdir(parents=True, exist_ok=True)
+            rows = self._whole_rows() if (self.out / RECORD_FILE).exists() else []
+            self._write_scene()
+            write_atomic(self.out / RECORD_FILE, ("\t".join(HEADER) + "\n" + "".join(rows)).encode())
+            self._rows = (self.out / RECORD_FILE).open("a", encoding="utf-8", newline="\n")
         except OSError as error:
             raise RecordingError(f"{self.out}: cannot be written: {error.strerror or error}") from None
 
@@ -161,7 +156,9 @@ class RecordingWriter:
             write_atomic(self.out / CLEAR_FOLDER / name, encoded.clear)
         self._frames[name] = entry_text(self._named_entry(encoded, name))
         self._last_ns = ns
-        self._rows.write(self._row(encoded, names))
+        time_ms = f"{encoded.time_s * MS_PER_S:.3f}".rstrip("0").rstrip(".")  # AirSim writes whole ms; we keep us
+        cells = (self._vehicle, time_ms, *map(repr, encoded.pose), ";".join(names))
+        self._rows.write("\t".join(cells) + "\n")
         self._rows.flush()
         if self.count % (SCENE_EVERY * max(1, self.count // LONG)) == 0:
             self._write_scene()
@@ -180,13 +177,6 @@ class RecordingWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    def _open(self) -> None:
-        (self.out / IMAGE_FOLDER).mkdir(parents=True, exist_ok=True)
-        rows = self._whole_rows() if (self.out / RECORD_FILE).exists() else []
-        self._write_scene()
-        write_atomic(self.out / RECORD_FILE, (_HEADER_LINE + "".join(rows)).encode())
-        self._rows = (self.out / RECORD_FILE).open("a", encoding="utf-8", newline="\n")
 
     def _whole_rows(self) -> list[str]:
         """Rows of an earlier writer up to the first that is not whole; takes over their scene entries."""
@@ -233,25 +223,5 @@ class RecordingWriter:
             entry["truth"] = {**entry["truth"], "clear_image": f"{CLEAR_FOLDER}/{name}"}
         return entry
 
-    def _row(self, encoded: EncodedFrame, names: list[str]) -> str:
-        numbers = (repr(value) for value in encoded.pose)
-        return "\t".join([self._vehicle, str(round(encoded.time_s * 1000)), *numbers, ";".join(names)]) + "\n"
-
     def _write_scene(self) -> None:
         write_atomic(self.out / SCENE_FILE, scene_text(self._camera, self._frames, self._extra).encode())
-
-
-def _entry(frame: Frame) -> dict[str, Any]:
-    entry: dict[str, Any] = dict(known_heights(frame))
-    if frame.truth is not None:
-        unnamed = None if frame.truth.clear_rgb is None else CLEAR_FOLDER
-        entry["truth"] = truth_to_mapping(frame.truth, unnamed)
-    return entry
-
-
-def _pose_numbers(world_from_body: RigidTransform, file: str) -> tuple[float, ...]:
-    translation, rotation = world_from_body.as_components()
-    numbers = (*np.asarray(translation).tolist(), *rotation.as_quat(scalar_first=True).tolist())
-    if not all(math.isfinite(value) for value in numbers):
-        raise ValueError(f"{file}: pose is not finite: {list(numbers)}")
-    return numbers

@@ -15,8 +15,7 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.client import DEPTH_PLANAR, pose_of
 from deckline.geometry import Camera, camera_mount
-from deckline.recording.depth import along_axis, check_depth_size
-from deckline.recording.netpbm import FAR_DEPTH_M
+from deckline.recording.depth import FAR_DEPTH_M, along_axis, check_depth_size
 from deckline.types import Frame
 
 NS_PER_S = 10**9  # whole, so that division by it keeps all of the time stamp

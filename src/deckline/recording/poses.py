@@ -1,0 +1,116 @@
+"""Rows of poses: poses.csv beside images or a video, and the table of an AirSim recording.
+
+poses.csv has the columns file, time_s, x_m, y_m, z_m, qw, qx, qy, qz in any order: world_from_body, the world
+North-East-Down or any right-handed forward-right-down frame. `file` is the image's name; for a video it is the number
+of the frame, counted from 0 (bare, or as <video>#<number>). Poses are never interpolated: a row belongs to one image.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from scipy.spatial.transform import RigidTransform
+
+from deckline.recording.source import RecordingError, number, read_text, unit_pose
+
+POSES_FILE = "poses.csv"
+NUMBERS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+COLUMNS = ("file", *NUMBERS)
+Cells = Mapping[str, str]  # a row's texts by column
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Rows of poses.csv. The numbers of a row are checked when it is asked for."""
+
+    path: Path
+    rows: Mapping[str, tuple[int, Cells]]  # file -> line number, cells
+    notes: tuple[str, ...] = ()
+
+    def at(self, file: str) -> tuple[float, RigidTransform]:
+        """Time in s and world_from_body of an image.
+
+        Raises:
+            ValueError: no row for it, a cell that is no number, or a quaternion that is none.
+        """
+        if file not in self.rows:
+            raise ValueError(f"{self.path} has no row for it; add one, or take the image away")
+        line, cells = self.rows[file]
+        try:
+            return parse_pose(cells, NUMBERS)
+        except ValueError as error:
+            raise ValueError(f"{self.path} line {line}: {error}") from None
+
+
+def read_poses(path: Path, for_video: bool = False) -> Poses:
+    """Read poses.csv by its header.
+
+    Args:
+        for_video: rows go under plain frame numbers.
+
+    Raises:
+        RecordingError: missing, empty or unreadable file, a missing column, no rows, a file named twice, or for a video
+            one that is no frame number.
+    """
+    table, notes = read_table(path, ",", COLUMNS)
+    rows: dict[str, tuple[int, Cells]] = {}
+    for line, cells in table:
+        file = cells.get("file", "")
+        if for_video:
+            digits = file.rpartition("#")[2].strip()
+            if not (digits.isascii() and digits.isdigit()):
+                raise RecordingError(f"{path} line {line}: file must be the frame's number from 0, got {file!r}")
+            file = str(int(digits))
+        if file in rows:
+            raise RecordingError(f"{path} lines {rows[file][0]} and {line}: {file!r} stands there twice; keep one")
+        rows[file] = line, cells
+    return Poses(path, rows, tuple(notes))
+
+
+def read_table(
+    path: Path, delimiter: str, required: Sequence[str], optional: Sequence[str] = ()
+) -> tuple[list[tuple[int, Cells]], list[str]]:
+    """Line number and cells of each row of a text table with a header, and notes about unknown columns.
+
+    Raises:
+        RecordingError: missing or empty file, a missing or repeated column, no rows.
+    """
+    reader = csv.reader(read_text(path).splitlines(), delimiter=delimiter)
+    try:
+        header = [cell.strip() for cell in next(reader, [])]
+        rows: list[tuple[int, Cells]] = [
+            (reader.line_num, dict(zip(header, (cell.strip() for cell in cells), strict=False)))
+            for cells in reader
+            if any(cell.strip() for cell in cells)
+        ]
+    except csv.Error as error:
+        raise RecordingError(f"{path} line {reader.line_num}: {error}") from None
+    named = [column for column in header if column]
+    missing = [column for column in required if column not in named]
+    if missing:
+        what = f"column {', '.join(missing)} missing" if named or rows else "the file is empty"
+        raise RecordingError(f"{path} line 1: {what}; expected the columns {delimiter.join(required)}")
+    repeated = sorted({column for column in named if named.count(column) > 1})
+    if repeated:
+        raise RecordingError(f"{path} line 1: column {', '.join(repeated)} stands there more than once")
+    if not rows:
+        raise RecordingError(f"{path}: zero frames: there is a header but no row below it")
+    unknown = [column for column in named if column not in (*required, *optional)]
+    return rows, [f"{path} line 1: unknown column {', '.join(unknown)} ignored"] if unknown else []
+
+
+def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransform]:
+    """Time in the column's unit and world_from_body, from the columns of time, position and quaternion w, x, y, z.
+
+    Raises:
+        ValueError: a cell that is no finite number, or a quaternion whose norm is not 1 within 1 %.
+    """
+    values = []
+    for column in columns:
+        text = cells.get(column, "")
+        try:
+            values.append(float(text))
+        except ValueError:
+            raise ValueError(f"column {column} is no number: {text!r}") from None
+    return number(values[0], columns[0]), unit_pose(values[1:4], values[4:8])
