@@ -8,19 +8,27 @@ from scipy.spatial.transform import RigidTransform
 
 from approach_scene import CAMERA, chain, frame
 from deckline.guide import guidance
-from deckline.report.draw import FLAG, LEFT, NEEDLE, RIGHT, shortened, text_width, wrapped
+from deckline.report.draw import FLAG, LEFT, NEEDLE, RIGHT, measure_text, shorten, wrap
 from deckline.report.instrument import (
     BAND,
     FACE,
     FULL_SCALE_DOTS,
+    draw_instrument,
     glideslope_dots,
     glideslope_sigma_dots,
-    instrument_band,
     lateral_dots,
     lateral_limits_dots,
 )
-from deckline.report.overlay import OVERLAY_PX, overlay
-from deckline.report.panels import INSET_PX, PANEL_PX, View, centre_line_px, free_corner, panels
+from deckline.report.overlay import (
+    INSET_PX,
+    OVERLAY_PX,
+    PANEL_PX,
+    View,
+    centre_line_px,
+    draw_overlay,
+    draw_panels,
+    find_corner,
+)
 from deckline.types import (
     DepthMode,
     Flag,
@@ -72,10 +80,10 @@ def test_unknown_is_a_flag_and_never_a_needle():
     assert lateral_dots(nothing) is None
     assert glideslope_dots(nothing) is None
     left, top, side = FACE
-    face = instrument_band(nothing)[top : top + side, left : left + side]
+    face = draw_instrument(nothing)[top : top + side, left : left + side]
     assert has(face, FLAG)
     assert not has(face, NEEDLE)
-    known = instrument_band(guide())[top : top + side, left : left + side]
+    known = draw_instrument(guide())[top : top + side, left : left + side]
     assert has(known, NEEDLE)
     assert not has(known, FLAG)
 
@@ -89,8 +97,8 @@ def test_the_protection_level_stands_beside_the_needle_while_it_is_on_the_scale(
 
 def test_a_flag_is_red_and_goes_before_the_tracks_state():
     column = slice(FACE[0] + FACE[2], None)
-    tracked = instrument_band(guide(track=TrackState.TRACKING))[144:180, column]
-    flagged = instrument_band(guide(track=TrackState.TRACKING, flags=(Flag("height", "2 m off"),)))[144:180, column]
+    tracked = draw_instrument(guide(track=TrackState.TRACKING))[144:180, column]
+    flagged = draw_instrument(guide(track=TrackState.TRACKING, flags=(Flag("height", "2 m off"),)))[144:180, column]
     assert not has(tracked, FLAG)
     assert has(flagged, FLAG)
     assert (tracked != flagged).any()
@@ -104,7 +112,7 @@ def test_over_the_touchdown_point_there_is_no_glideslope():
 @settings(deadline=None)
 @given(lateral=st.floats(-1e4, 1e4), height=st.floats(-50, 1e3), distance=st.floats(-500, 1e5))
 def test_any_guidance_can_be_drawn(lateral, height, distance):
-    band = instrument_band(guide(lateral, height, distance))
+    band = draw_instrument(guide(lateral, height, distance))
     assert band.shape == (BAND[1], BAND[0], 3)
 
 
@@ -113,7 +121,7 @@ def test_any_guidance_can_be_drawn(lateral, height, distance):
 def test_the_overlay_has_one_even_size_and_leaves_the_result_alone(sides, pose):
     result = chain(frame(pose=pose), sides)
     before = result.frame.image_rgb.copy(), result.dehazed_rgb.copy()
-    image = overlay(result.frame, result.guidance, panels(result))
+    image = draw_overlay(result.frame, result.guidance, draw_panels(result))
     assert image.shape == (OVERLAY_PX[1], OVERLAY_PX[0], 3)
     assert image.dtype == np.uint8
     assert not OVERLAY_PX[0] % 2
@@ -123,11 +131,11 @@ def test_the_overlay_has_one_even_size_and_leaves_the_result_alone(sides, pose):
 
 
 def test_lines_are_drawn_where_they_were_seen_in_their_colours():
-    both = panels(chain(frame()))
+    both = draw_panels(chain(frame()))
     assert both.marked.shape == both.hazy.shape == (PANEL_PX[1], PANEL_PX[0], 3)
     assert has(both.marked, LEFT)
     assert has(both.marked, RIGHT)
-    left_only = panels(chain(frame(), ("left",)))
+    left_only = draw_panels(chain(frame(), ("left",)))
     assert has(left_only.marked, LEFT)
     assert not has(left_only.marked, RIGHT)
 
@@ -137,10 +145,10 @@ def test_pictures_of_any_shape_fit_into_their_panel(size):
     camera = CAMERA.resized(*size)
     shown = replace(frame(), camera=camera, image_rgb=np.zeros((size[1], size[0], 3), dtype=np.uint8))
     result = chain(shown, ())
-    pictures = panels(result)
+    pictures = draw_panels(result)
     assert pictures.hazy.shape[0] <= PANEL_PX[1]
     assert pictures.hazy.shape[1] <= PANEL_PX[0]
-    overlay(shown, result.guidance, pictures)
+    draw_overlay(shown, result.guidance, pictures)
 
 
 def test_the_centre_line_is_projected_between_its_edge_lines():
@@ -157,7 +165,7 @@ def test_the_centre_line_is_projected_between_its_edge_lines():
 @given(u=st.integers(0, 600), v=st.integers(0, 330), width=st.integers(4, 200))
 def test_the_magnified_view_never_hides_what_it_magnifies(u, v, width):
     window = (u, v, u + width, v + width // 2)
-    corner = free_corner(PANEL_PX, View(0.0, 0.0, 1.0, 1.0), window)
+    corner = find_corner(PANEL_PX, View(0.0, 0.0, 1.0, 1.0), window)
     if corner is None:
         return
     left, top = corner
@@ -169,11 +177,11 @@ def test_the_magnified_view_never_hides_what_it_magnifies(u, v, width):
 
 
 def test_a_far_runway_is_magnified_and_a_small_panel_has_no_room():
-    assert free_corner(PANEL_PX, View(0.0, 0.0, 1.0, 1.0), (300, 170, 340, 190)) is not None
-    assert free_corner((200, 100), View(0.0, 0.0, 1.0, 1.0), (90, 40, 110, 50)) is None
+    assert find_corner(PANEL_PX, View(0.0, 0.0, 1.0, 1.0), (300, 170, 340, 190)) is not None
+    assert find_corner((200, 100), View(0.0, 0.0, 1.0, 1.0), (90, 40, 110, 50)) is None
 
 
 @given(words=st.text(alphabet="abc xyz", max_size=60), width=st.integers(40, 300))
 def test_text_is_cut_to_its_room(words, width):
-    assert text_width(shortened(words, 14, width), 14) <= width
-    assert all(text_width(row, 14) <= width for row in wrapped(words, 14, width, 2))
+    assert measure_text(shorten(words, 14, width), 14) <= width
+    assert all(measure_text(row, 14) <= width for row in wrap(words, 14, width, 2))

@@ -1,8 +1,10 @@
 import csv
 import json
 import os
+import re
 import signal
 import threading
+from dataclasses import replace
 
 import av
 import pytest
@@ -177,6 +179,24 @@ def test_an_older_result_is_replaced_only_when_asked_for(tmp_path):
         run(Approach(2), chain, tmp_path)
     assert run(Approach(2), chain, tmp_path, overwrite=True).frames == 2
     assert not (tmp_path / UNFINISHED).exists()
+
+
+@pytest.mark.parametrize(("placed", "said"), [(4, []), (2, ["4 of 6"])])
+def test_the_terminal_says_why_most_frames_have_no_distances(tmp_path, capsys, placed, said):
+    def blind_from(at):
+        return chain(at if at.time_s < 0.25 * placed else replace(at, deck_z_m=None))
+
+    run(Approach(6), blind_from, tmp_path)
+    lines = [line for line in capsys.readouterr().err.splitlines() if "no distances" in line]
+    assert [re.search(r"(\d of \d) frames.*--deck-z-m", line)[1] for line in lines] == said
+
+
+def test_ctrl_c_while_files_are_made_says_what_is_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr("deckline.report.run.write_csv", lambda *_: press_ctrl_c())
+    with pytest.raises(KeyboardInterrupt, match=r"guidance\.jsonl is whole"):
+        run(Approach(3), chain, tmp_path)
+    monkeypatch.undo()
+    assert run(Approach(3), chain, tmp_path, resume=True).counts["ok"] == 3
 
 
 def test_max_frames_counts_bad_frames_as_well(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.dehazing_measure import ImageScore, restoration
 from deckline.evaluation.dehazing_pairs import Pair, PairSource
-from deckline.report.draw import Image, tag
+from deckline.report.draw import Image, draw_tag
 
 TILE_PX = 360  # width
 TEXT_PX = 15
@@ -66,5 +66,5 @@ def _column(pair: Pair, dehazers: Mapping[str, Dehazer]) -> Image:
 def _tile(image: Image, words: str) -> Image:
     height = round(TILE_PX * image.shape[0] / image.shape[1])
     tile = np.ascontiguousarray(cv2.resize(image, (TILE_PX, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    tag(tile, words, (6, 6), TEXT_PX, PAPER, INK)
+    draw_tag(tile, words, (6, 6), TEXT_PX, PAPER, INK)
     return tile

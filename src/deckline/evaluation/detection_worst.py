@@ -11,9 +11,8 @@ from deckline.evaluation.detection_measure import DetectionScore, Expected, Scen
 from deckline.evaluation.detection_summary import badness
 from deckline.geometry import Camera
 from deckline.pipeline import Pipeline
-from deckline.report.draw import CENTRE, Image, dashed, write_picture
-from deckline.report.overlay import overlay
-from deckline.report.panels import panels
+from deckline.report.draw import CENTRE, Image, draw_dashes, write_picture
+from deckline.report.overlay import draw_overlay, draw_panels
 from deckline.types import SIDES
 
 PAGE = "worst.md"
@@ -33,9 +32,9 @@ def write_worst(out: Path, sets: Mapping[str, FrameSet], scores: Sequence[Detect
             continue
         name = f"{FOLDER}/{rank:03d}.png"
         result = pipeline(question.frame)
-        pictures = panels(result)
+        pictures = draw_panels(result)
         _draw_truth(pictures.hazy, question.expected, question.frame.camera)
-        write_picture(out / name, overlay(question.frame, result.guidance, pictures))
+        write_picture(out / name, draw_overlay(question.frame, result.guidance, pictures))
         parts += [f"## {rank}. {score.file}", figures_line(score), f"\n![{score.file}]({name})\n"]
     page = out / PAGE
     write_atomic(page, "\n".join(parts).encode())
@@ -75,4 +74,4 @@ def _draw_truth(picture: Image, expected: Expected, camera: Camera) -> None:
     for line in expected.lines_px.values():
         if line is not None:
             ends = (line[[0, -1]] + 0.5) * scale - 0.5
-            dashed(picture, ends, CENTRE, 1, dash_px=5.0)
+            draw_dashes(picture, ends, CENTRE, 1, dash_px=5.0)

@@ -11,6 +11,7 @@ from deckline.atomic import write_atomic
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
+Point = tuple[float, float]
 
 # Okabe & Ito's colour-blind safe palette, red for flags alone.
 LEFT: Colour = (86, 180, 233)
@@ -28,6 +29,8 @@ EDGE: Colour = (62, 74, 90)
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 SHIFT = 3  # coordinates are passed in 1/8 px
+# OpenCV 5 has an outline font, OpenCV 4 stroke fonts only.
+OUTLINE_FONT: Any = cv2.FontFace("sans") if hasattr(cv2, "FontFace") else None
 HERSHEY_PX = 30.0  # height that OpenCV's stroke font has at scale 1, about
 ASCII = {"±": "+/-", "°": " deg", "·": "-", "–": "-", "…": "..."}
 
@@ -46,61 +49,62 @@ def write_picture(path: Path, image: Image) -> None:
         OSError: the disk refuses.
     """
     check_picture_name(path, "a picture")
-    done, data = cv2.imencode(path.suffix.lower(), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    write_atomic(path, encode_picture(image, path.suffix.lower()))
+
+
+def encode_picture(image: Image, suffix: str, jpeg_quality: int = 95) -> bytes:
+    """An RGB image (H, W, 3) as a file with this suffix holds it.
+
+    Raises:
+        ValueError: an image that cannot be encoded.
+    """
+    done, data = cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
     if not done:
-        raise ValueError(f"{path}: a picture of shape {image.shape} could not be encoded")
-    write_atomic(path, data.tobytes())
+        raise ValueError(f"a picture of shape {image.shape} cannot be encoded as {suffix}")
+    return data.tobytes()
 
 
-def text(image: Image, words: str, at: tuple[float, float], size: int, colour: Colour = INK, weight: int = 400) -> int:
+def draw_text(image: Image, words: str, at: Point, size: int, colour: Colour = INK, weight: int = 400) -> int:
     """Write a line of text whose baseline starts at `at`; returns its width, px."""
     origin = (round(at[0]), round(at[1]))
-    face = _face()
-    if face is None:
-        plain, scale = _ascii(words), size / HERSHEY_PX
-        thickness = 2 if weight > 500 else 1
-        cv2.putText(image, plain, origin, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, thickness, cv2.LINE_AA)
+    if OUTLINE_FONT is not None:
+        cv2.putText(image, words, origin, colour, OUTLINE_FONT, size, weight)
     else:
-        cv2.putText(image, words, origin, colour, face, size, weight)
-    return text_width(words, size, weight)
+        stroke = (size / HERSHEY_PX, colour, 2 if weight > 500 else 1, cv2.LINE_AA)
+        cv2.putText(image, _to_ascii(words), origin, cv2.FONT_HERSHEY_SIMPLEX, *stroke)
+    return measure_text(words, size, weight)
 
 
-def text_width(words: str, size: int, weight: int = 400) -> int:
+def measure_text(words: str, size: int, weight: int = 400) -> int:
     """Width of a line of text, px."""
-    face = _face()
-    if face is None:
-        thickness = 2 if weight > 500 else 1
-        return int(cv2.getTextSize(_ascii(words), cv2.FONT_HERSHEY_SIMPLEX, size / HERSHEY_PX, thickness)[0][0])
-    return int(cv2.getTextSize((0, 0), words, (0, 0), face, size, weight)[2])
+    if OUTLINE_FONT is not None:
+        return int(cv2.getTextSize((0, 0), words, (0, 0), OUTLINE_FONT, size, weight)[2])
+    stroke = (size / HERSHEY_PX, 2 if weight > 500 else 1)
+    return int(cv2.getTextSize(_to_ascii(words), cv2.FONT_HERSHEY_SIMPLEX, *stroke)[0][0])
 
 
-def centred(image: Image, words: str, at: tuple[float, float], size: int, colour: Colour, weight: int = 400) -> None:
-    """Write a line of text whose baseline's middle is `at`."""
-    text(image, words, (at[0] - text_width(words, size, weight) / 2, at[1]), size, colour, weight)
-
-
-def shortened(words: str, size: int, width: int, weight: int = 400) -> str:
+def shorten(words: str, size: int, width: int, weight: int = 400) -> str:
     """The text, its end replaced by an ellipsis where it is wider than `width` px."""
-    if text_width(words, size, weight) <= width:
+    if measure_text(words, size, weight) <= width:
         return words
-    while words and text_width(f"{words}…", size, weight) > width:
+    while words and measure_text(f"{words}…", size, weight) > width:
         words = words[:-1]
     return f"{words.rstrip()}…"
 
 
-def wrapped(words: str, size: int, width: int, lines: int) -> list[str]:
+def wrap(words: str, size: int, width: int, lines: int) -> list[str]:
     """The text broken between words into at most `lines` lines of `width` px; what does not fit ends in an ellipsis."""
     rows = [""]
     for word in words.split():
         longer = f"{rows[-1]} {word}".strip()
-        if not rows[-1] or text_width(longer, size) <= width or len(rows) == lines:
+        if not rows[-1] or measure_text(longer, size) <= width or len(rows) == lines:
             rows[-1] = longer
         else:
             rows.append(word)
-    return [shortened(row, size, width) for row in rows]
+    return [shorten(row, size, width) for row in rows]
 
 
-def segment(image: Image, ends: ArrayLike, colour: Colour, width: int, halo: int = 2) -> None:
+def draw_segment(image: Image, ends: ArrayLike, colour: Colour, width: int, halo: int = 2) -> None:
     """A line between two points (2, 2) px, on a dark halo that keeps it visible on bright haze."""
     start, end = _fixed(ends)
     if halo:
@@ -108,16 +112,16 @@ def segment(image: Image, ends: ArrayLike, colour: Colour, width: int, halo: int
     cv2.line(image, start, end, colour, width, cv2.LINE_AA, SHIFT)
 
 
-def dashed(image: Image, ends: ArrayLike, colour: Colour, width: int, dash_px: float = 12.0) -> None:
+def draw_dashes(image: Image, ends: ArrayLike, colour: Colour, width: int, dash_px: float = 12.0) -> None:
     """A dashed line between two points (2, 2) px; the gaps are two thirds of a dash."""
     start, end = np.asarray(ends, dtype=np.float64)
     length = float(np.linalg.norm(end - start))
     for from_px in np.arange(0.0, length, dash_px * 5 / 3):
         to_px = min(from_px + dash_px, length)
-        segment(image, [start + (end - start) * s / length for s in (from_px, to_px)], colour, width)
+        draw_segment(image, [start + (end - start) * s / length for s in (from_px, to_px)], colour, width)
 
 
-def dot(image: Image, at: ArrayLike, radius: float, colour: Colour, filled: bool = True, rim: bool = True) -> None:
+def draw_dot(image: Image, at: ArrayLike, radius: float, colour: Colour, filled: bool = True, rim: bool = True) -> None:
     """A round point, with a dark rim that keeps it visible on bright haze; or a thin ring."""
     (centre,) = _fixed(np.asarray(at)[None])
     scaled = round(radius * (1 << SHIFT))
@@ -126,7 +130,7 @@ def dot(image: Image, at: ArrayLike, radius: float, colour: Colour, filled: bool
     cv2.circle(image, centre, scaled, colour, -1 if filled else 1, cv2.LINE_AA, SHIFT)
 
 
-def box(image: Image, corner: tuple[int, int], size: tuple[int, int], colour: Colour, radius: int = 6) -> None:
+def draw_box(image: Image, corner: tuple[int, int], size: tuple[int, int], colour: Colour, radius: int = 6) -> None:
     """A filled rectangle with round corners."""
     (x0, y0), (x1, y1) = corner, (corner[0] + size[0] - 1, corner[1] + size[1] - 1)
     cv2.rectangle(image, (x0 + radius, y0), (x1 - radius, y1), colour, -1)
@@ -136,11 +140,11 @@ def box(image: Image, corner: tuple[int, int], size: tuple[int, int], colour: Co
             cv2.circle(image, (x, y), radius, colour, -1, cv2.LINE_AA)
 
 
-def tag(image: Image, words: str, corner: tuple[int, int], size: int, colour: Colour, ink: Colour) -> int:
+def draw_tag(image: Image, words: str, corner: tuple[int, int], size: int, colour: Colour, ink: Colour) -> int:
     """A small label: text on a filled box whose top left corner is given; returns its width, px."""
-    width = text_width(words, size, 600) + size
-    box(image, corner, (width, round(size * 1.7)), colour, 4)
-    text(image, words, (corner[0] + size / 2, corner[1] + size * 1.2), size, ink, 600)
+    width = measure_text(words, size, 600) + size
+    draw_box(image, corner, (width, round(size * 1.7)), colour, 4)
+    draw_text(image, words, (corner[0] + size / 2, corner[1] + size * 1.2), size, ink, 600)
     return width
 
 
@@ -150,12 +154,7 @@ def _fixed(points: ArrayLike) -> list[tuple[int, int]]:
     return [(int(u), int(v)) for u, v in np.rint(scaled)]
 
 
-def _face() -> Any:
-    """OpenCV 5's outline font; None with OpenCV 4, which has stroke fonts only."""
-    return cv2.FontFace("sans") if hasattr(cv2, "FontFace") else None
-
-
-def _ascii(words: str) -> str:
+def _to_ascii(words: str) -> str:
     for sign, plain in ASCII.items():
         words = words.replace(sign, plain)
     return words.encode("ascii", "replace").decode()

@@ -21,14 +21,14 @@ from deckline.report.draw import (
     PANEL,
     RIGHT,
     Image,
-    box,
-    centred,
-    dot,
-    segment,
-    shortened,
-    tag,
-    text,
-    wrapped,
+    draw_box,
+    draw_dot,
+    draw_segment,
+    draw_tag,
+    draw_text,
+    measure_text,
+    shorten,
+    wrap,
 )
 from deckline.types import DepthMode, Guidance, Status, TrackState, Value
 
@@ -84,7 +84,7 @@ def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
     return (low, high) if max(abs(low), abs(high)) <= FULL_SCALE_DOTS else None
 
 
-def instrument_band(guidance: Guidance) -> Image:
+def draw_instrument(guidance: Guidance) -> Image:
     """The band (248, 1280, 3) below the pictures: indicator, numbers, status."""
     image = np.full((BAND[1], BAND[0], 3), BACKGROUND, dtype=np.uint8)
     _indicator(image, guidance)
@@ -102,11 +102,11 @@ def _stopped(dots: float) -> float:
 def _indicator(image: Image, guidance: Guidance) -> None:
     left, top, side = FACE
     x, y = left + side // 2, top + side // 2
-    box(image, (left, top), (side, side), EDGE, 14)
-    box(image, (left + 2, top + 2), (side - 4, side - 4), (10, 13, 17), 12)
+    draw_box(image, (left, top), (side, side), EDGE, 14)
+    draw_box(image, (left + 2, top + 2), (side - 4, side - 4), (10, 13, 17), 12)
     for step in (-2, -1, 1, 2):
-        dot(image, (x + step * DOT_PX, y), 4, DIM, filled=False)
-        dot(image, (x, y + step * DOT_PX), 4, DIM, filled=False)
+        draw_dot(image, (x + step * DOT_PX, y), 4, DIM, filled=False)
+        draw_dot(image, (x, y + step * DOT_PX), 4, DIM, filled=False)
     lateral, glideslope = lateral_dots(guidance), glideslope_dots(guidance)
     reach = side // 2 - 10
     if glideslope is not None:
@@ -117,25 +117,25 @@ def _indicator(image: Image, guidance: Guidance) -> None:
         _sigma_band(image, (across, y), (guidance.lateral_deviation_m.sigma / LATERAL_DOT_M * DOT_PX, reach))
     limits = lateral_limits_dots(guidance)
     for limit in limits or ():
-        segment(image, [(x + limit * DOT_PX, y - 18), (x + limit * DOT_PX, y + 18)], CAUTION, 2)
+        draw_segment(image, [(x + limit * DOT_PX, y - 18), (x + limit * DOT_PX, y + 18)], CAUTION, 2)
     if glideslope is not None:
-        segment(image, [(x - reach, level), (x + reach, level)], NEEDLE, 3)
+        draw_segment(image, [(x - reach, level), (x + reach, level)], NEEDLE, 3)
     if lateral is not None:
-        segment(image, [(across, y - reach), (across, y + reach)], NEEDLE, 3)
+        draw_segment(image, [(across, y - reach), (across, y + reach)], NEEDLE, 3)
     # The aircraft: the fixed mark in the middle.
-    segment(image, [(x - 16, y), (x - 6, y)], CENTRE, 2)
-    segment(image, [(x + 6, y), (x + 16, y)], CENTRE, 2)
-    dot(image, (x, y), 3, CENTRE)
+    draw_segment(image, [(x - 16, y), (x - 6, y)], CENTRE, 2)
+    draw_segment(image, [(x + 6, y), (x + 16, y)], CENTRE, 2)
+    draw_dot(image, (x, y), 3, CENTRE)
     if lateral is None:
-        tag(image, "LOC", (left + 12, top + 12), 15, FLAG, INK)
+        draw_tag(image, "LOC", (left + 12, top + 12), 15, FLAG, INK)
     if glideslope is None:
-        tag(image, "GS", (left + side - 48, top + 12), 15, FLAG, INK)
+        draw_tag(image, "GS", (left + side - 48, top + 12), 15, FLAG, INK)
     if guidance.status is Status.NOT_SEEN:
-        box(image, (x - 70, y - 21), (140, 42), FLAG, 5)
-        centred(image, "NO LINES", (x, y + 8), 22, INK, 700)
-    text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, DIM)
+        draw_box(image, (x - 70, y - 21), (140, 42), FLAG, 5)
+        draw_text(image, "NO LINES", (x - measure_text("NO LINES", 22, 700) / 2, y + 8), 22, INK, 700)
+    draw_text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, DIM)
     slope = f"dot {GLIDESLOPE_DOT_DEG:g}°"
-    text(image, slope, (left + side - 62, top + side - 12), 12, DIM)
+    draw_text(image, slope, (left + side - 62, top + side - 12), 12, DIM)
 
 
 def _sigma_band(image: Image, middle: tuple[float, float], half: tuple[float, float]) -> None:
@@ -189,44 +189,44 @@ def _side(value: Value | None, positive: str, negative: str, size: Value | None 
 def _tile(image: Image, column: int, title: str, value: Value | None, unit: str, digits: int, meaning: str) -> None:
     width, gap, top = 245, 9, 12
     left = FACE[0] + FACE[2] + 16 + column * (width + gap)
-    box(image, (left, top), (width, 118), PANEL, 10)
-    text(image, title, (left + 14, top + 24), 13, DIM, 500)
+    draw_box(image, (left, top), (width, 118), PANEL, 10)
+    draw_text(image, title, (left + 14, top + 24), 13, DIM, 500)
     if value is None:
-        text(image, "- - -", (left + 14, top + 66), 34, EDGE, 600)
-        text(image, "not known", (left + 14, top + 100), 14, DIM)
+        draw_text(image, "- - -", (left + 14, top + 66), 34, EDGE, 600)
+        draw_text(image, "not known", (left + 14, top + 100), 14, DIM)
         return
     sign = "+" if column < 2 else ""
     space = "" if unit == "°" else " "
     number = f"{value.value:{sign}.{digits}f}"
-    used = text(image, number, (left + 14, top + 66), 36, INK, 600)
-    used += text(image, f"{space}{unit}", (left + 16 + used, top + 66), 20, INK)
+    used = draw_text(image, number, (left + 14, top + 66), 36, INK, 600)
+    used += draw_text(image, f"{space}{unit}", (left + 16 + used, top + 66), 20, INK)
     # One more digit where a small 1-sigma would read as zero.
     decimals = digits if value.sigma >= 0.95 * 10**-digits else digits + 1
-    text(image, f"± {value.sigma:.{decimals}f}{space}{unit}", (left + 26 + used, top + 66), 16, DIM)
-    text(image, meaning, (left + 14, top + 100), 14, DIM)
+    draw_text(image, f"± {value.sigma:.{decimals}f}{space}{unit}", (left + 26 + used, top + 66), 16, DIM)
+    draw_text(image, meaning, (left + 14, top + 100), 14, DIM)
 
 
 def _status(image: Image, guidance: Guidance) -> None:
     left, top = FACE[0] + FACE[2] + 16, 144
     words, colour, ink = STATUS_TAGS[guidance.status]
-    left += tag(image, words, (left, top), 18, colour, ink) + 14
+    left += draw_tag(image, words, (left, top), 18, colour, ink) + 14
     if guidance.flags:
-        left += tag(image, "DO NOT FOLLOW", (left, top), 18, FLAG, INK) + 14
+        left += draw_tag(image, "DO NOT FOLLOW", (left, top), 18, FLAG, INK) + 14
     elif guidance.track is not None:
-        left += tag(image, TRACK_TAGS[guidance.track][0], (left, top), 18, *TRACK_TAGS[guidance.track][1:]) + 14
-    left += text(image, MODES[guidance.mode], (left, top + 22), 16, INK) + 18
-    for row, line in enumerate(wrapped(guidance.reason, 14, BAND[0] - 16 - left, 2)):
-        text(image, line, (left, top + (21 if row == 0 else 41)), 14, DIM)
+        left += draw_tag(image, TRACK_TAGS[guidance.track][0], (left, top), 18, *TRACK_TAGS[guidance.track][1:]) + 14
+    left += draw_text(image, MODES[guidance.mode], (left, top + 22), 16, INK) + 18
+    for row, line in enumerate(wrap(guidance.reason, 14, BAND[0] - 16 - left, 2)):
+        draw_text(image, line, (left, top + (21 if row == 0 else 41)), 14, DIM)
 
 
 def _legend(image: Image, glideslope_rad: float | None) -> None:
     left, y = FACE[0] + FACE[2] + 16, 222
     for name, colour in (("left line", LEFT), ("right line", RIGHT), ("centre line", CENTRE)):
-        box(image, (left, y - 8), (22, 6), colour, 2)
-        left += 30 + text(image, name, (left + 30, y), 14, DIM) + 22
+        draw_box(image, (left, y - 8), (22, 6), colour, 2)
+        left += 30 + draw_text(image, name, (left + 30, y), 14, DIM) + 22
     slope = "" if glideslope_rad is None else f" off the {np.rad2deg(glideslope_rad):.3g}° slope"
     notes = (
         f"Fly to the needles.  Dot: {LATERAL_DOT_M:g} m, {GLIDESLOPE_DOT_DEG:g}°{slope}.  "
         "±: 1-sigma; within: protection level."
     )
-    text(image, shortened(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, DIM)
+    draw_text(image, shorten(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, DIM)

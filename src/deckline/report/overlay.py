@@ -1,17 +1,144 @@
-"""What one frame looks like to people: hazy and dehazed picture side by side, instrument below."""
+"""What people see of a frame: hazy and dehazed picture side by side, a far deck magnified, the instrument below."""
 
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from deckline.report.draw import BACKGROUND, DIM, INK, Image, shortened, text, text_width
-from deckline.report.instrument import BAND, instrument_band
-from deckline.report.panels import PANEL_PX, Panels
-from deckline.types import Frame, Guidance
+from deckline.geometry import Camera, intersect_plane
+from deckline.pipeline import FrameResult
+from deckline.report.draw import (
+    BACKGROUND,
+    CENTRE,
+    DIM,
+    INK,
+    LEFT,
+    RIGHT,
+    Colour,
+    Image,
+    draw_dashes,
+    draw_dot,
+    draw_segment,
+    draw_text,
+    measure_text,
+    shorten,
+)
+from deckline.report.instrument import BAND, draw_instrument
+from deckline.types import SIDES, Frame, Guidance, LinePoints, PixelLine, RunwayEstimate
 
+PANEL_PX = (640, 360)  # width, height of each picture at most
+INSET_PX = (272, 153)  # width, height of the magnified view
+INSET_MARGIN_PX = 10
+MIN_MAGNIFICATION = 2.0  # a smaller gain is not worth hiding a corner for
+WINDOW_SHARE = 0.6  # of the magnified view's width or height that the lines fill
+MIN_WINDOW_PX = 48  # width of the magnified part of the image, at least
+DOT_PX = (1.5, 4.0)  # radius of a point of no and of full confidence, where points lie apart
+RIM_PX = 2.2  # smaller points have no dark rim: they would be all rim
+COLOURS = {"left": LEFT, "right": RIGHT}
+NEAR_M = 1.0  # the centre line is drawn from this far in front of the camera
 HEADER_PX = 40
 OVERLAY_PX = (2 * PANEL_PX[0], HEADER_PX + PANEL_PX[1] + BAND[1])  # width, height; both even, as H.264 wants
 
 
-def overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
+@dataclass(frozen=True, eq=False)
+class Panels:
+    """The two pictures of a frame, each at most 640x360 px, in the image's proportions."""
+
+    hazy: Image  # (h, w, 3)
+    marked: Image  # (h, w, 3) dehazed, with what was found
+
+
+@dataclass(frozen=True)
+class View:
+    """A part of the full image shown at another size; (0, 0) is a pixel's centre in both."""
+
+    left_px: float
+    top_px: float
+    x: float  # shown pixels per image pixel
+    y: float
+
+    def __call__(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (points_px + 0.5 - [self.left_px, self.top_px]) * [self.x, self.y] - 0.5
+
+
+def draw_panels(result: FrameResult) -> Panels:
+    """The small pictures of one result."""
+    camera = result.frame.camera
+    size = _fitting(camera)
+    view = View(0.0, 0.0, size[0] / camera.width, size[1] / camera.height)
+    hazy, marked = _resized(result.frame.image_rgb, size), _resized(result.dehazed_rgb, size)
+    window = find_window(result, view.x)
+    corner = None if window is None else find_corner(size, view, window)
+    _mark(marked, view, result, with_points=corner is None)
+    if window is not None and corner is not None:
+        close = _inset(result.dehazed_rgb, window)
+        u0, v0, u1, v1 = window
+        _mark(close, View(u0, v0, INSET_PX[0] / (u1 - u0), INSET_PX[1] / (v1 - v0)), result, with_points=True)
+        for picture, inset in ((hazy, _inset(result.frame.image_rgb, window)), (marked, close)):
+            _place_inset(picture, inset, corner, view, window)
+    return Panels(hazy, marked)
+
+
+def find_window(result: FrameResult, scale: float) -> tuple[int, int, int, int] | None:
+    """u0, v0, u1, v1 (ends excluded) of the image part to magnify; None when the lines are large enough, or none.
+
+    Args:
+        result: what was found.
+        scale: panel pixels per image pixel.
+    """
+    lines = result.estimate.pixel_lines.values()
+    camera = result.frame.camera
+    if not lines:
+        return None
+    ends = np.concatenate([line.ends_px for line in lines])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    aspect = INSET_PX[0] / INSET_PX[1]
+    width = max(high[0] - low[0], (high[1] - low[1]) * aspect, MIN_WINDOW_PX * WINDOW_SHARE) / WINDOW_SHARE
+    height = width / aspect
+    if INSET_PX[0] / (width * scale) < MIN_MAGNIFICATION or width > camera.width or height > camera.height:
+        return None
+    corner = (low + high - [width, height]) / 2
+    u0 = int(np.clip(corner[0], 0, camera.width - width))
+    v0 = int(np.clip(corner[1], 0, camera.height - height))
+    return u0, v0, min(u0 + round(width), camera.width), min(v0 + round(height), camera.height)
+
+
+def find_corner(size: tuple[int, int], view: View, window: tuple[int, int, int, int]) -> tuple[int, int] | None:
+    """Left and top of the magnified view in a panel of that size, where it leaves the window free.
+
+    The upper left corner is the first choice, so that the view stays in place during an approach. None: no room.
+    """
+    (u0, v0), (u1, v1) = _edges(view, window)
+    far_left, far_top = (size[i] - INSET_PX[i] - INSET_MARGIN_PX for i in (0, 1))
+    for top in (INSET_MARGIN_PX, far_top):
+        for left in (INSET_MARGIN_PX, far_left):
+            beside = left + INSET_PX[0] < u0 or left > u1 or top + INSET_PX[1] < v0 or top > v1
+            if beside and far_left >= 0 and far_top >= 0:
+                return left, top
+    return None
+
+
+def centre_line_px(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.float64] | None:
+    """Ends (2, 2), px, of the measured centre line in the image, as long as the lines beside it were seen.
+
+    None without a pose or a centre line, or when it lies behind the camera.
+    """
+    pose, line = frame.world_from_camera, estimate.lines.get("centre")
+    if pose is None or line is None or not estimate.pixel_lines:
+        return None
+    ends = np.concatenate([pixel_line.ends_px for pixel_line in estimate.pixel_lines.values()])
+    directions = pose.rotation.apply(frame.camera.rays(ends))
+    on_deck = intersect_plane(pose.translation, directions, line.height_m)
+    along_m = (on_deck - line.point_m) @ line.direction
+    along_m = along_m[np.isfinite(along_m)]
+    if len(along_m) < 2:
+        return None
+    from_to = line.point_m + np.array([along_m.min(), along_m.max()])[:, None] * line.direction
+    return _projected(pose.inv().apply(from_to), frame.camera)
+
+
+def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
     """The whole overlay picture, (648, 1280, 3)."""
     image = np.full((OVERLAY_PX[1], OVERLAY_PX[0], 3), BACKGROUND, dtype=np.uint8)
     for column, picture in enumerate((pictures.hazy, pictures.marked)):
@@ -21,15 +148,100 @@ def overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
         image[top : top + height, left : left + width] = picture
     image[HEADER_PX : HEADER_PX + PANEL_PX[1], PANEL_PX[0] - 1 : PANEL_PX[0] + 1] = BACKGROUND
     _header(image, frame)
-    image[HEADER_PX + PANEL_PX[1] :] = instrument_band(guidance)
+    image[HEADER_PX + PANEL_PX[1] :] = draw_instrument(guidance)
     return image
 
 
 def _header(image: Image, frame: Frame) -> None:
-    text(image, "HAZY", (16, 26), 15, INK, 600)
-    text(image, "as the camera saw it", (68, 26), 14, DIM)
-    text(image, "DEHAZED", (PANEL_PX[0] + 16, 26), 15, INK, 600)
-    text(image, "with the lines found", (PANEL_PX[0] + 100, 26), 14, DIM)
+    draw_text(image, "HAZY", (16, 26), 15, INK, 600)
+    draw_text(image, "as the camera saw it", (68, 26), 14, DIM)
+    draw_text(image, "DEHAZED", (PANEL_PX[0] + 16, 26), 15, INK, 600)
+    draw_text(image, "with the lines found", (PANEL_PX[0] + 100, 26), 14, DIM)
     time = f"  ·  {frame.time_s:.6f} s"
-    name = shortened(frame.file, 14, 380 - text_width(time, 14)) + time
-    text(image, name, (OVERLAY_PX[0] - 16 - text_width(name, 14), 26), 14, DIM)
+    name = shorten(frame.file, 14, 380 - measure_text(time, 14)) + time
+    draw_text(image, name, (OVERLAY_PX[0] - 16 - measure_text(name, 14), 26), 14, DIM)
+
+
+def _projected(optical: NDArray[np.float64], camera: Camera) -> NDArray[np.float64] | None:
+    """Ends of a line in the optical frame -> pixels, cut where it passes behind the camera."""
+    first, last = optical if optical[0, 2] < optical[1, 2] else optical[::-1]
+    if last[2] <= NEAR_M:
+        return None
+    if first[2] < NEAR_M:
+        first = first + (last - first) * (NEAR_M - first[2]) / (last[2] - first[2])
+    return camera.project(np.stack([first, last]))
+
+
+def _fitting(camera: Camera) -> tuple[int, int]:
+    scale = min(PANEL_PX[0] / camera.width, PANEL_PX[1] / camera.height)
+    return max(round(camera.width * scale), 2), max(round(camera.height * scale), 2)
+
+
+def _mark(image: Image, view: View, result: FrameResult, with_points: bool) -> None:
+    centre = centre_line_px(result.frame, result.estimate)
+    if centre is not None:
+        _centre_line(image, view(centre))
+    detected = {"left": result.detection.left, "right": result.detection.right}
+    for side in SIDES:
+        line = result.estimate.pixel_lines.get(side)
+        if with_points:
+            _points(image, view, detected[side], line, COLOURS[side])
+        if line is not None:
+            colour = _tint(COLOURS[side]) if with_points else COLOURS[side]
+            draw_segment(image, view(line.ends_px), colour, 1 if with_points else 2, halo=0)
+
+
+def _tint(colour: Colour) -> Colour:
+    """The colour mixed with white, to be seen on points of that colour."""
+    red, green, blue = (round(c + 0.65 * (255 - c)) for c in colour)
+    return red, green, blue
+
+
+def _points(image: Image, view: View, points: LinePoints, line: PixelLine | None, colour: Colour) -> None:
+    """Points sized by their confidence; those that RANSAC left out are rings."""
+    shown = view(points.points_px)
+    kept = np.zeros(len(points), dtype=bool) if line is None else line.inliers
+    rows = np.sort(shown[:, 1])
+    spacing = float(np.median(np.diff(rows))) if len(rows) > 1 else DOT_PX[1]
+    largest = float(np.clip(1.2 * spacing, RIM_PX, DOT_PX[1]))
+    for at, confidence, inlier in zip(shown, points.confidence, kept, strict=True):
+        radius = DOT_PX[0] + (largest - DOT_PX[0]) * float(np.clip(confidence, 0.0, 1.0))
+        draw_dot(image, at, radius, colour, filled=bool(inlier), rim=radius > RIM_PX)
+
+
+def _centre_line(image: Image, ends: NDArray[np.float64]) -> None:
+    """Dashes, only where they are inside the picture: a near end may lie far outside."""
+    height, width = image.shape[:2]
+    whole = np.rint(np.clip(ends, -1e6, 1e6)).astype(int)
+    inside, start, end = cv2.clipLine((0, 0, width, height), whole[0].tolist(), whole[1].tolist())
+    if inside:
+        draw_dashes(image, [start, end], CENTRE, 1)
+
+
+def _inset(image: Image, window: tuple[int, int, int, int]) -> Image:
+    u0, v0, u1, v1 = window
+    return _resized(image[v0:v1, u0:u1], INSET_PX)
+
+
+def _place_inset(
+    panel: Image, inset: Image, corner: tuple[int, int], view: View, window: tuple[int, int, int, int]
+) -> None:
+    """Frame the window and put its magnified view into a corner."""
+    left, top = corner
+    (u0, v0), (u1, v1) = _edges(view, window)
+    corners = [(u0, v0), (u1, v0), (u1, v1), (u0, v1)]
+    for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+        draw_segment(panel, [start, end], INK, 1, halo=1)
+    cv2.rectangle(panel, (left - 2, top - 2), (left + INSET_PX[0] + 1, top + INSET_PX[1] + 1), INK, -1)
+    panel[top : top + INSET_PX[1], left : left + INSET_PX[0]] = inset
+
+
+def _edges(view: View, window: tuple[int, int, int, int]) -> NDArray[np.float64]:
+    """Upper left and lower right corner of a window in the panel, (2, 2)."""
+    return view(np.array([window[:2], window[2:]], dtype=np.float64))
+
+
+def _resized(image: Image, size: tuple[int, int]) -> Image:
+    shrinks = size[0] < image.shape[1]
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
+    return np.ascontiguousarray(small, dtype=np.uint8)

@@ -14,6 +14,7 @@ from deckline.dehaze import OnnxDehazer
 from deckline.detect import OnnxDetector
 from deckline.flight import Flight
 from deckline.pipeline import FrameResult, Pipeline
+from deckline.recording import Stream
 from deckline.runtime import sha256_of
 from deckline.types import Frame
 
@@ -39,19 +40,18 @@ def settings_of(pipeline: Callable[[Frame], FrameResult]) -> Settings:
     return settings
 
 
-def command_line() -> str:
-    """The command as it could be typed again."""
-    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
-
-
-def software() -> str:
-    """This program's version and what it runs on."""
-    return f"deckline {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-
-
-def now() -> str:
-    """Local date and time with its offset from UTC."""
-    return datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
+def run_info(source: Stream, frames: int, total: int | None, stopped: bool) -> Settings:
+    """Where results come from, label -> value, in the order in which the report shows them."""
+    machine = f"{platform.system()} {platform.machine()}"
+    count = f"{frames}" if total is None else f"{frames} of {total}"
+    return {
+        "source": source.name,
+        "frames": f"{count}, stopped before the end" if stopped else count,
+        "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
+        "version": f"deckline {__version__}, Python {platform.python_version()}, {machine}",
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        **{f"note {number}": note for number, note in enumerate(source.notes, 1)},
+    }
 
 
 def _model(name: str, stage: object) -> str:

@@ -1,36 +1,37 @@
-"""Run the chain over a source and write what a user sees: records, film, report."""
+"""Run the chain over a recording and write what a user sees: records, film, report."""
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from types import FrameType
-from typing import Any, BinaryIO
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from deckline.pipeline import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
-from deckline.report.overlay import OVERLAY_PX, overlay
-from deckline.report.panels import panels
-from deckline.report.pictures import PictureSample
-from deckline.report.provenance import settings_of
-from deckline.report.records import Record, frame_record, read_records, skipped_record, to_line, write_csv
-from deckline.report.run_folder import CSV, REPORT, VIDEO, RunFolder, resume_folder, start_folder
-from deckline.report.run_report import report_text, run_info
+from deckline.report.html import Picture, report_html
+from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
+from deckline.report.provenance import run_info, settings_of
+from deckline.report.records import Record, frame_record, lookup, read_records, skipped_record, to_line, write_csv
+from deckline.report.run_folder import CSV, JSONL, REPORT, VIDEO, PictureSample, RunFolder, resume_folder, start_folder
 from deckline.report.video import VideoPiece, join
 from deckline.types import Flag, Frame, Status
 
 INTERRUPTED, NOTHING_USABLE = 130, 1  # exit codes
-PICTURES = "pictures"
 RESUMED = Flag("resumed", "the run was interrupted here: the track began anew")
 KINDS = (*map(str, Status), "skipped")
+REPORT_RECORDS = 2000  # records that plots are made of, at most, besides those with pictures
+REPORT_SKIPPED = 200  # skipped frames always among them, at most
 
 Chain = Callable[[Frame], FrameResult]
+Counts = dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class RunSummary:
     """What a run came to."""
 
     frames: int  # records written, skipped frames included
-    counts: dict[str, int]  # by status, and "skipped"
+    counts: Counts  # by status, and "skipped"
     written: list[Path]
     interrupted: bool
 
@@ -51,7 +52,7 @@ class RunSummary:
 
 def run(
     source: Stream,
-    pipeline: Chain,
+    chain: Chain,
     out: Path,
     *,
     overlay: bool = True,
@@ -60,24 +61,22 @@ def run(
     resume: bool = False,
     overwrite: bool = False,
 ) -> RunSummary:
-    """Run `pipeline` over `source` and write guidance.jsonl, guidance.csv, overlay.mp4 and report.html into `out`.
+    """Run `chain` over `source` and write guidance.jsonl, guidance.csv, overlay.mp4 and report.html into `out`.
 
-    A resumed run begins its track anew: the first record after the break carries the flag "resumed".
-
-    Frames that cannot be used are named on stderr, counted and left out. Ctrl-C ends the run after the frame at hand:
-    what was written is whole, and `resume` goes on from there. With `overwrite`, an earlier run in `out` is replaced at
-    the end.
-    A source without an end is run until Ctrl-C or `max_frames`, and cannot be resumed.
+    Frames that cannot be used are named on stderr, counted and left out. Ctrl-C ends the run after the current frame:
+    what is written is whole, and `resume` goes on from there. A resumed run begins its track anew: the first record
+    after the break carries the flag "resumed". A source without an end is run until Ctrl-C or `max_frames`, and cannot
+    be resumed.
 
     Args:
         source: frames in their order.
-        pipeline: the chain.
+        chain: the stages.
         out: folder, made when missing.
         overlay: write overlay.mp4.
         report: write report.html.
         max_frames: stop after so many frames of the source, unusable ones included.
         resume: go on after the last whole line of an interrupted run in `out`.
-        overwrite: replace the results of an older run in `out`.
+        overwrite: replace the results of an older run in `out`, at the end.
 
     Raises:
         ValueError: `out` holds results or cannot be written, there is nothing to resume, or not with these settings.
@@ -85,30 +84,51 @@ def run(
     if max_frames is not None and max_frames < 1:
         raise ValueError(f"max_frames must be at least 1, got {max_frames}")
     if resume and not isinstance(source, Source):
-        raise ValueError(f"{source.name}: what was not seen live is gone: leave resume out, or choose another folder")
+        raise ValueError(f"{source.name}: frames missed live are gone: leave resume out, or choose another folder")
     total = min((limit for limit in (source.length, max_frames) if limit is not None), default=None)
-    settings = settings_of(pipeline)
+    settings = settings_of(chain)
     state = {"source": source.name, "frames": str(source.length), "overlay": str(overlay)} | settings
     folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
-    sample = PictureSample(folder.work / PICTURES) if report else None
-    counts, interrupted = _process(source, pipeline, folder, sample, total, overlay)
+    sample = PictureSample(folder.pictures) if report else None
+    counts, stopped = _process(source, chain, folder, sample, total, overlay)
     frames = sum(counts.values())
-    interrupted = interrupted and total is not None
-    info = run_info(source, settings, frames, total, interrupted)
-    written = _publish(folder, sample if report else None, info, counts)
-    console = Console(stderr=True, highlight=False, markup=False)
-    console.print(f"{frames}{'' if total is None else f' of {total}'} frames: {_counts_text(counts)}")
-    if interrupted and isinstance(source, Source):
+    info = run_info(source, frames, total, stopped and total is not None) | settings
+    try:
+        written = _publish(folder, sample, info, counts)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"{folder.jsonl} is whole, film and report are not") from None
+    console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    console.print(f"{info['frames'].partition(',')[0]} frames: {_counts_text(counts)}")
+    if reason := explain_missing(read_records(out / JSONL)):
+        console.print(reason)
+    if stopped and isinstance(source, Source):
         console.print("stopped; what was written is whole, and --resume goes on from there")
     else:
         folder.finish()
-    return RunSummary(frames, counts, written, interrupted)
+    return RunSummary(frames, counts, written, stopped and total is not None)
+
+
+def explain_missing(records: Iterable[Record]) -> str:
+    """One line that says why most frames have no distances; empty where most have."""
+    used = [0, 0]  # frames without distances, frames
+    reasons: Counter[str] = Counter()
+    for record in records:
+        if "skipped" not in record:
+            missing = lookup(record, ("guidance", "height_above_deck_m")) is None
+            used = [used[0] + missing, used[1] + 1]
+            reasons.update([record["reason"]] if missing else [])
+    if 2 * used[0] <= used[1]:
+        return ""
+    return f"no distances in {used[0]} of {used[1]} frames; most often: {reasons.most_common(1)[0][0]}"
 
 
 def _process(
-    source: Stream, pipeline: Chain, folder: RunFolder, sample: PictureSample | None, total: int | None, film: bool
-) -> tuple[dict[str, int], bool]:
-    """Every frame that is still to be done; counts of all records, and whether Ctrl-C ended it."""
+    source: Stream, chain: Chain, folder: RunFolder, sample: PictureSample | None, total: int | None, film: bool
+) -> tuple[Counts, bool]:
+    """Process every frame that is still missing.
+
+    Returns: counts of all records, and whether Ctrl-C ended it too early.
+    """
     counts = dict.fromkeys(KINDS, 0)
     for record in read_records(folder.jsonl):
         counts[_kind(record)] += 1
@@ -119,17 +139,17 @@ def _process(
         lines = stack.enter_context(folder.jsonl.open("ab", buffering=0))
         piece = stack.enter_context(VideoPiece(folder.next_piece(), OVERLAY_PX)) if film else None
         task = progress.add_task("frames", total=total, completed=first, counts=_counts_text(counts))
-        items = _items(source, first, total)
         try:
-            for index, item in enumerate(items, first):
-                outcome = _tried(pipeline, item)
+            for index, item in enumerate(_items(source, first, total), first):
+                outcome = _apply(chain, item)
                 if index >= folder.recorded:
-                    outcome = _resumed(outcome) if 0 < index == folder.recorded else outcome
-                    counts[_record(lines, outcome)] += 1
+                    outcome = _flag_resumed(outcome) if 0 < index == folder.recorded else outcome
+                    record = skipped_record(outcome) if isinstance(outcome, BadFrame) else frame_record(outcome)
+                    lines.write(to_line(record).encode())  # in a single write: a kill cuts off one line at most
+                    counts[_kind(record)] += 1
                 if isinstance(outcome, BadFrame):
-                    progress.console.print(
-                        f"skipped {outcome.file}: {outcome.reason}", markup=False, highlight=False, soft_wrap=True
-                    )
+                    words = f"skipped {outcome.file}: {outcome.reason}"
+                    progress.console.print(words, markup=False, highlight=False, soft_wrap=True)
                 else:
                     _show(outcome, index, sample, piece)
                 progress.update(task, completed=index + 1, counts=_counts_text(counts))
@@ -138,58 +158,6 @@ def _process(
         except KeyboardInterrupt:
             return counts, True
     return counts, stopped.is_set() and sum(counts.values()) != total
-
-
-def _tried(pipeline: Chain, item: Frame | BadFrame) -> FrameResult | BadFrame:
-    """One frame through the chain; a frame that a stage refuses is a bad frame, and the run goes on."""
-    if isinstance(item, BadFrame):
-        return item
-    try:
-        return pipeline(item)
-    except ValueError as error:
-        return BadFrame(item.file, " ".join(str(error).split()))
-
-
-def _resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
-    """The first result after a break of the run, whose track knows nothing of what was before."""
-    if isinstance(outcome, BadFrame) or outcome.track is None:
-        return outcome
-    flags = (*outcome.track.flags, RESUMED)
-    return replace(
-        outcome, track=replace(outcome.track, flags=flags), guidance=replace(outcome.guidance, flags=flags)
-    )  # fmt: skip
-
-
-def _record(lines: BinaryIO, outcome: FrameResult | BadFrame) -> str:
-    """Append one line in a single write; returns what it counts as."""
-    record = skipped_record(outcome) if isinstance(outcome, BadFrame) else frame_record(outcome)
-    lines.write(to_line(record).encode())
-    return _kind(record)
-
-
-def _show(result: FrameResult, index: int, sample: PictureSample | None, piece: VideoPiece | None) -> None:
-    if sample is None and piece is None:
-        return
-    pictures = panels(result)
-    if sample is not None:
-        sample.add(index, pictures)
-    if piece is not None:
-        piece.add(overlay(result.frame, result.guidance, pictures), result.frame.time_s)
-
-
-def _publish(
-    folder: RunFolder, sample: PictureSample | None, info: dict[str, str], counts: dict[str, int]
-) -> list[Path]:
-    """Make the files that need the whole run, then rename them to where they belong."""
-    names = [CSV]
-    write_csv(folder.work / CSV, read_records(folder.jsonl))
-    if join(folder.pieces(), folder.work / VIDEO):
-        names.append(VIDEO)
-    if sample is not None:
-        text = report_text(folder.jsonl, sample, info, counts)
-        (folder.work / REPORT).write_text(text, encoding="utf-8")
-        names.append(REPORT)
-    return folder.publish(names)
 
 
 def _items(source: Stream, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
@@ -204,28 +172,83 @@ def _items(source: Stream, first: int, total: int | None) -> Iterator[Frame | Ba
             yield BadFrame(error.file, error.reason)
 
 
+def _apply(chain: Chain, item: Frame | BadFrame) -> FrameResult | BadFrame:
+    """One frame through the chain; a frame that a stage refuses is a bad frame, and the run goes on."""
+    if isinstance(item, BadFrame):
+        return item
+    try:
+        return chain(item)
+    except ValueError as error:
+        return BadFrame(item.file, " ".join(str(error).split()))
+
+
+def _flag_resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
+    """The first result after a break of the run, whose track knows nothing of the frames before it."""
+    if isinstance(outcome, BadFrame) or outcome.track is None:
+        return outcome
+    flags = (*outcome.track.flags, RESUMED)
+    track, guidance = replace(outcome.track, flags=flags), replace(outcome.guidance, flags=flags)
+    return replace(outcome, track=track, guidance=guidance)
+
+
+def _show(result: FrameResult, index: int, sample: PictureSample | None, piece: VideoPiece | None) -> None:
+    if sample is None and piece is None:
+        return
+    panels = draw_panels(result)
+    if sample is not None:
+        sample.add(index, panels)
+    if piece is not None:
+        piece.add(draw_overlay(result.frame, result.guidance, panels), result.frame.time_s)
+
+
+def _publish(folder: RunFolder, sample: PictureSample | None, info: dict[str, str], counts: Counts) -> list[Path]:
+    """Make the files that need the whole run, then rename them to where they belong."""
+    names = [CSV]
+    write_csv(folder.work / CSV, read_records(folder.jsonl))
+    if join(folder.pieces(), folder.work / VIDEO):
+        names.append(VIDEO)
+    if sample is not None:
+        records, pictures = _choose_records(folder.jsonl, sample, sum(counts.values()))
+        (folder.work / REPORT).write_text(report_html(info, records, pictures, counts), encoding="utf-8")
+        names.append(REPORT)
+    return folder.publish(names)
+
+
+def _choose_records(jsonl: Path, sample: PictureSample, count: int) -> tuple[list[Record], list[Picture]]:
+    """Records for the report, whose number does not grow with the run, and the pictures that belong to them."""
+    kept = set(sample.kept())
+    step = max(-(-count // REPORT_RECORDS), 1)
+    records: list[Record] = []
+    pictures: list[Picture] = []
+    skipped = 0
+    for index, record in enumerate(read_records(jsonl)):
+        skipped += "skipped" in record
+        listed = "skipped" in record and skipped <= REPORT_SKIPPED
+        if index in kept:
+            pictures.append(Picture(len(records), *sample.read(index)))
+        if index % step == 0 or index in kept or listed:
+            records.append(record)
+    return records, pictures
+
+
 def _kind(record: Record) -> str:
     return "skipped" if "skipped" in record else str(record["status"])
 
 
-def _counts_text(counts: dict[str, int]) -> str:
+def _counts_text(counts: Counts) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts.items())
 
 
 def _progress() -> Progress:
+    words, counts = TextColumn("{task.description}"), TextColumn("{task.fields[counts]}", markup=False)
     return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[counts]}", markup=False),
-        console=Console(stderr=True),
+        words, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), counts, console=Console(stderr=True)
     )
 
 
 @contextmanager
 def _noticing_ctrl_c(source: Stream) -> Iterator[threading.Event]:
-    """An event that the first Ctrl-C sets, so that the frame at hand is finished; the second one interrupts.
+    """An event that the first Ctrl-C sets, so that the current frame is finished; the second one interrupts.
 
     A source that waits for its next frame is told to end the wait.
     """

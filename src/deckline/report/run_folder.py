@@ -3,15 +3,17 @@
 OUT/guidance.jsonl grows by whole lines while the run goes on. Everything that a stopped run needs to go on lies in
 OUT/.unfinished: the settings, the pieces of the film, the pictures for the report. When the run ends, guidance.csv,
 overlay.mp4 and report.html are made there and renamed into OUT, and .unfinished goes away. Where OUT already holds a
-run, the new guidance.jsonl grows in .unfinished as well: until the new run ends, the old one stays as it was.
+run, the new guidance.jsonl grows in .unfinished too: until the new run ends, the old one stays as it was.
 """
 
 import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from deckline.atomic import write_atomic
+from deckline.report.draw import encode_picture
+from deckline.report.overlay import Panels
 from deckline.report.records import keep_whole_lines, read_records
 from deckline.report.video import count_pictures
 
@@ -19,6 +21,10 @@ JSONL, CSV, VIDEO, REPORT = "guidance.jsonl", "guidance.csv", "overlay.mp4", "re
 UNFINISHED = ".unfinished"
 STATE = "run.json"
 OTHER = "choose another folder"
+MOST_PICTURES = 60
+JPEG_QUALITY = 78
+
+State = dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -27,12 +33,17 @@ class RunFolder:
 
     out: Path
     jsonl: Path  # in `out`, or in `work` while an older run is still in `out`
-    recorded: int  # whole lines that were there when the folder was opened
-    filmed: int  # records that need no film any more: all before this one
+    recorded: int = 0  # whole lines that were there when the folder was opened
+    filmed: int = 0  # records that need no film any more: all before this one
 
     @property
     def work(self) -> Path:
         return self.out / UNFINISHED
+
+    @property
+    def pictures(self) -> Path:
+        """Folder of the pictures for the report."""
+        return self.work / "pictures"
 
     def next_piece(self) -> Path:
         """File for the next piece of the film."""
@@ -44,8 +55,7 @@ class RunFolder:
 
     def publish(self, names: list[str]) -> list[Path]:
         """Rename finished files from `work` into `out`; outputs of an older run that have no successor go away."""
-        if self.jsonl.parent == self.work and self.jsonl.exists():
-            self.jsonl.replace(self.out / JSONL)
+        self.jsonl.replace(self.out / JSONL)
         for name in (CSV, VIDEO, REPORT):
             if name in names:
                 (self.work / name).replace(self.out / name)
@@ -54,11 +64,11 @@ class RunFolder:
         return [self.out / name for name in (REPORT, VIDEO, CSV) if name in names] + [self.out / JSONL]
 
     def finish(self) -> None:
-        """The run is whole: what it needed to go on is removed."""
+        """Remove what the run needed to go on: it is complete."""
         shutil.rmtree(self.work)
 
 
-def start_folder(out: Path, state: dict[str, Any], overwrite: bool = False) -> RunFolder:
+def start_folder(out: Path, state: State, overwrite: bool = False) -> RunFolder:
     """Start a new run in `out`.
 
     Args:
@@ -81,14 +91,14 @@ def start_folder(out: Path, state: dict[str, Any], overwrite: bool = False) -> R
         work.mkdir()
         jsonl = (work if (out / JSONL).exists() else out) / JSONL
         jsonl.touch()
-        _write_state(work, state)
+        write_atomic(work / STATE, json.dumps(state, indent=1).encode())
     except OSError as error:
         raise ValueError(f"{out}: cannot be written: {error.strerror or error}") from None
-    return RunFolder(out, jsonl, 0, 0)
+    return RunFolder(out, jsonl)
 
 
-def resume_folder(out: Path, state: dict[str, Any]) -> RunFolder:
-    """Go on with the run that was left unfinished in `out`; start one where `out` holds none at all.
+def resume_folder(out: Path, state: State) -> RunFolder:
+    """Go on with the unfinished run in `out`; start one where `out` holds none at all.
 
     Raises:
         ValueError: the run there is whole, was made from another source or with other settings, or cannot be read.
@@ -99,18 +109,15 @@ def resume_folder(out: Path, state: dict[str, Any]) -> RunFolder:
             raise ValueError(f"{out}: nothing to resume: the run there is whole")
         return start_folder(out, state, overwrite=True)
     try:
-        before = json.loads((work / STATE).read_text(encoding="utf-8"))
+        _check_same(out, json.loads((work / STATE).read_text(encoding="utf-8")), state)
         jsonl = (work if (work / JSONL).exists() else out) / JSONL
-        _check_same(out, before, json.loads(json.dumps(state)))
         recorded = keep_whole_lines(jsonl)
-    except OSError as error:
-        raise ValueError(f"{out}: cannot be resumed: {error.strerror or error}") from None
     except json.JSONDecodeError:
         raise ValueError(f"{out}: cannot be resumed: {UNFINISHED}/{STATE} is damaged") from None
+    except OSError as error:
+        raise ValueError(f"{out}: cannot be resumed: {error.strerror or error}") from None
     folder = RunFolder(out, jsonl, recorded, recorded)
-    if state["overlay"] != str(True):
-        return folder
-    return RunFolder(out, jsonl, recorded, _first_unfilmed(folder))
+    return RunFolder(out, jsonl, recorded, _first_unfilmed(folder)) if state["overlay"] == str(True) else folder
 
 
 def _first_unfilmed(folder: RunFolder) -> int:
@@ -125,21 +132,59 @@ def _first_unfilmed(folder: RunFolder) -> int:
     return folder.recorded
 
 
-def _check_same(out: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
+def _check_same(out: Path, before: State, now: State) -> None:
     for key in sorted({*before, *now}):
-        if before.get(key) != now.get(key):
+        old, new = (json.dumps(state.get(key)) for state in (before, now))
+        if old != new:
             raise ValueError(
-                f"{out}: the unfinished run there has {key} {_short(before.get(key))}, not {_short(now.get(key))}: "
-                f"give the same to resume, or leave resume out to start again"
+                f"{out}: the unfinished run there has {key} {old}, not {new}: "
+                f"give the same to resume, or start again with --overwrite"
             )
 
 
-def _short(value: Any) -> str:
-    words = json.dumps(value)
-    return words if len(words) <= 200 else f"{words[:197]}..."
+class PictureSample:
+    """Small pictures for the report: keeps every n-th frame's; n doubles whenever there are too many.
 
+    So any run length is spread evenly, and pictures need not stay in memory.
 
-def _write_state(work: Path, state: dict[str, Any]) -> None:
-    temporary = work / f"{STATE}.tmp"
-    temporary.write_text(json.dumps(state, indent=1) + "\n", encoding="utf-8")
-    temporary.replace(work / STATE)
+    Args:
+        folder: where the pictures lie; those of an interrupted run are taken over.
+        most: pictures kept, at least 2.
+    """
+
+    def __init__(self, folder: Path, most: int = MOST_PICTURES) -> None:
+        if most < 2:
+            raise ValueError(f"at least 2 pictures must be kept, got {most}")
+        folder.mkdir(exist_ok=True)
+        self._folder = folder
+        self._most = most
+        self._every = 1
+        self._kept = {int(path.stem) for path in folder.glob("*.marked") if path.stem.isdigit()}
+        while len(self._kept) > 1 and all(index % (2 * self._every) == 0 for index in self._kept):
+            self._every *= 2
+
+    def add(self, index: int, panels: Panels) -> None:
+        """Offer the pictures of record `index`; a record offered before is written again."""
+        if index % self._every:
+            return
+        for path, image in zip(self._files(index), (panels.hazy, panels.marked), strict=True):
+            path.write_bytes(encode_picture(image, ".jpg", JPEG_QUALITY))
+        self._kept.add(index)
+        while len(self._kept) > self._most:
+            self._every *= 2
+            for dropped in [kept for kept in self._kept if kept % self._every]:
+                self._kept.remove(dropped)
+                for path in self._files(dropped):
+                    path.unlink(missing_ok=True)
+
+    def kept(self) -> list[int]:
+        """Indices of the records whose pictures are kept, in order."""
+        return sorted(self._kept)
+
+    def read(self, index: int) -> tuple[bytes, bytes]:
+        """JPEG files of a kept record: hazy, and dehazed with the lines."""
+        hazy, marked = self._files(index)
+        return hazy.read_bytes(), marked.read_bytes()
+
+    def _files(self, index: int) -> tuple[Path, Path]:
+        return self._folder / f"{index:09d}.hazy", self._folder / f"{index:09d}.marked"

@@ -297,7 +297,7 @@
     byId("marked").alt = `Dehazed ${row.file} with the lines found`;
     byId("frame-status").textContent = row.status;
     byId("frame-status").className = `pill ${statusClass(row)}`;
-    const time = known(row.time_s) ? ` · ${row.time_s} s` : "";
+    const time = known(row.time_s) ? ` · ${Number(row.time_s.toFixed(6))} s` : "";
     byId("frame-name").textContent = `${row.file}${time} · mode ${row.mode}${row.track ? ` · ${row.track}` : ""} · picture ${number + 1} of ${pictures.length}`;
     byId("frame-words").textContent = [flagged(row) ? `Flagged: ${row.flags.join("; ")}.` : "", words(row)].filter(Boolean).join(" ");
     numbers(row);
