@@ -98,6 +98,7 @@ def test_impossible_calls_are_named():
 
 
 quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
+quaternions = quaternions.map(lambda q: np.array(q) / np.linalg.norm(q))
 poses = st.builds(pose, st.tuples(finite, finite, finite), quaternions)
 
 
@@ -121,7 +122,8 @@ def test_pose_reads_a_scalar_first_quaternion():
         ([0, 0], [1, 0, 0, 0], r"got shapes \(2,\) and \(4,\)"),
         ([0, 0, np.nan], [1, 0, 0, 0], "position is not finite"),
         ([0, 0, 0], [1, 0, 0, np.inf], "quaternion is not finite"),
-        ([0, 0, 0], [0, 0, 0, 0], "zero length"),
+        ([0, 0, 0], [0, 0, 0, 0], "quaternion.*length 0,"),
+        ([0, 0, 0], [0.52, 0, 0, 0], "quaternion.*0.52"),
     ],
 )
 def test_impossible_poses_are_named(translation, quaternion, message):

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distortion at the corner
-UNDISTORT_ENOUGH = 1e-12  # of normalised image coordinates; smaller steps change nothing
-UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; what has not settled so far never will
+UNDISTORT_MIN_STEP = 1e-12  # of normalised image coordinates; smaller steps change nothing
+UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; a larger residual does not converge
+QUATERNION_TOLERANCE = 0.02  # of its length; four components rounded to two decimals are off by at most 0.01
 # Axes of the optical frame (right, down, forward) written in a forward-right-down frame.
 BODY_FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
@@ -58,7 +59,7 @@ class Camera:
 
         AirSim writes the middle as cx = width / 2 because it counts from the outer corner of the first pixel;
         counted from that pixel's centre, as everywhere here, the same ray is at (width - 1) / 2.
-        Source: SPEC section 5 (AirSim's projection matrix); horizontal field of view.
+        Source: AirSim's projection matrix, for a horizontal field of view.
         """
         if not 0.0 < fov_rad < np.pi:
             raise ValueError(f"field of view must lie between 0 and pi rad, got {fov_rad}")
@@ -103,7 +104,7 @@ class Camera:
                 for _ in range(UNDISTORT_STEPS):
                     step = distorted - self._distort(xy)
                     xy = xy + step
-                    if np.abs(step).max(initial=0.0) < UNDISTORT_ENOUGH:
+                    if np.abs(step).max(initial=0.0) < UNDISTORT_MIN_STEP:
                         break
                 reached = np.abs(self._distort(xy) - distorted).max(axis=1, keepdims=True) < UNDISTORT_TOLERANCE
             xy = np.where(reached, xy, np.nan)
@@ -133,7 +134,7 @@ def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform
     """Rigid transform a_from_b from b's origin in a (3,), metres, and a scalar-first quaternion (4,).
 
     Raises:
-        ValueError: NaN or infinite numbers, or a quaternion of zero length.
+        ValueError: NaN or infinite numbers, or a quaternion whose length is not near 1.
     """
     translation = np.asarray(translation_m, dtype=np.float64)
     quaternion = np.asarray(quaternion_wxyz, dtype=np.float64)
@@ -145,8 +146,9 @@ def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform
         raise ValueError(f"position is not finite: {translation.tolist()}")
     if not np.all(np.isfinite(quaternion)):
         raise ValueError(f"quaternion is not finite: {quaternion.tolist()}")
-    if np.linalg.norm(quaternion) < 1e-6:
-        raise ValueError(f"quaternion has zero length: {quaternion.tolist()}")
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1) > QUATERNION_TOLERANCE:
+        raise ValueError(f"quaternion has length {length:.3g}, expected 1: {quaternion.tolist()}")
     return RigidTransform.from_components(translation, Rotation.from_quat(quaternion, scalar_first=True))
 
 

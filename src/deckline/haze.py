@@ -2,7 +2,7 @@
 
 `add_haze` is the paper's model, on 8-bit levels. `scatter` does it in linear light, in air that may be denser near
 the water, in patches, coloured, and brighter towards the sun.
-Source: Koschmieder's law; SPEC section 6. Visibility is quoted at 2 % contrast: V = 3.912 / beta.
+Source: Koschmieder's law. Visibility is quoted at 2 % contrast: V = 3.912 / beta.
 """
 
 import math
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Triple = tuple[float, float, float]
 Wave = tuple[float, float, float, float]
-MOST_FALL = 60.0  # scale heights; patches look no farther than 100 km anyway, and exp of it is a float32
+MAX_FALL = 60.0  # scale heights; its exponential is a float32, and patches end at 100 km
 CONTRAST_THRESHOLD = 0.02  # Koschmieder's 2 %; the meteorological optical range uses 5 %
 
 
@@ -167,11 +167,11 @@ def air_path(
         path = np.where(climb > 0, np.float32(math.exp(level)) * np.where(climb > 0, reach, 0), np.float32(np.inf))
         seen = np.isfinite(ranges)
         rise = np.where(seen, climb * np.where(seen, ranges, 0), 0)
-        # Counted from a ray's lower end, where the air is thickest: from far above the water its growth would overflow.
+        # From a ray's lower end, where the air is thickest: from far above the water the exponential would overflow.
         size, fall = np.abs(rise), np.maximum(-rise, 0)
         share = np.where(size < 1e-4, 1 - size / 2, -np.expm1(-size) / np.maximum(size, np.float32(1e-4)))
         path = np.where(seen, ranges * share * np.exp(np.float32(level) + fall), path)
-        reach = np.where(seen, ranges * share * np.exp(np.minimum(fall, MOST_FALL)), reach)
+        reach = np.where(seen, ranges * share * np.exp(np.minimum(fall, MAX_FALL)), reach)
     if atmosphere.waves:
         path = path * patches(reach, directions, eye, atmosphere.waves)
     return np.asarray(path, dtype=np.float32)

@@ -62,7 +62,7 @@ def test_depth_that_came_as_a_grey_picture_is_refused():
         ({"width": -4}, "Scene came empty"),
         ({"time_stamp": None}, "no time stamp in ns, got None"),
         ({"camera_position": vector(float("nan"), 0, 0)}, "Scene: position is not finite"),
-        ({"camera_orientation": quaternion(0, 0, 0, 0)}, "Scene: quaternion has zero length"),
+        ({"camera_orientation": quaternion(0, 0, 0, 0)}, "Scene: quaternion has length 0"),
         ({"camera_orientation": None}, "Scene has no pose"),
     ],
 )

@@ -37,7 +37,7 @@ def test_nan_keeps_each_part():
         ({"position": {"x_val": math.inf, "y_val": 0, "z_val": 0}}, "position is not finite"),
         ({"position": {"x_val": "1", "y_val": 0, "z_val": 0}}, "position.x_val must be a number, got str"),
         ({"position": [1, 2, 3]}, "a pose needs position with x_val, y_val, z_val"),
-        ({"orientation": dict.fromkeys(("w_val", "x_val", "y_val", "z_val"), 0)}, "zero length"),
+        ({"orientation": dict.fromkeys(("w_val", "x_val", "y_val", "z_val"), 0)}, "length 0"),
     ],
 )
 def test_what_is_no_pose_is_named(change, says):

@@ -11,7 +11,8 @@ import pytest
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.cli.main import main
-from deckline.dehaze import DEHAZERS, Dehazer, FrameDehazer, OnnxDehazer, restore
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
+from deckline.dehaze.base import FrameDehazer
 from deckline.evaluation.metrics import psnr_db
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.recording.images import read_image

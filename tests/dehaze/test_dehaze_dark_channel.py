@@ -66,10 +66,9 @@ def test_uniform_haze_is_removed_as_the_model_says() -> None:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"patch_px": 4}, "patch_px must be odd and positive, got 4"),
-        ({"guide_radius_px": 0}, "guide_radius_px must be >= 1"),
-        ({"omega": 1.5}, r"omega must lie in \(0, 1\], got 1.5"),
-        ({"min_transmission": 0.0}, "min_transmission must lie"),
+        ({"patch_px": 4}, "patch_px.*4"),
+        ({"omega": 1.5}, r"omega.*1\.5"),
+        ({"min_transmission": 0.0}, r"min_transmission.*0\.0"),
     ],
 )
 def test_config_errors(keys: dict, message: str) -> None:

@@ -2,8 +2,14 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT
 
-from deckline.dehaze import GeometryConfig
-from deckline.dehaze.transmission import bound_transmission, max_channel, raise_to_deck, scale_length, sky_contrast
+from deckline.dehaze.transmission import (
+    GeometryConfig,
+    bound_transmission,
+    max_channel,
+    raise_to_deck,
+    scale_length,
+    sky_contrast,
+)
 
 AIR = AIRLIGHT.astype(np.float32)[:, None, None]
 

@@ -57,7 +57,7 @@ def test_mount_without_quaternion_looks_forward(tmp_path):
         (CAMERA + "distortion = [1, 2]\n", "distortion .*5.*1, 2"),
         (CAMERA + "deck_z_m = '12'\n", "deck_z_m must be a finite number"),
         (CAMERA + "sea_z_m = inf\n", "sea_z_m must be a finite number"),
-        (CAMERA + "[body_from_camera]\nquaternion_wxyz = [0, 0, 0, 0]\n", "zero length"),
+        (CAMERA + "[body_from_camera]\nquaternion_wxyz = [0, 0, 0, 0]\n", "length 0"),
         ("width = ", "not valid TOML"),
     ],
 )

@@ -57,7 +57,7 @@ def test_clear_air_is_null_in_the_file():
 
 
 def test_poses_and_conditions_round_trip():
-    rolled = pose([1.0, -2.0, 3.5], [0.9, 0.1, -0.2, 0.3])
+    rolled = pose([1.0, -2.0, 3.5], [0.5, 0.1, -0.7, 0.5])
     truth = Truth(world_from_ship=rolled, world_from_body=rolled.inv(), conditions={"air": {"rain_mm_h": 3.0}})
     back = truth_from_mapping(json.loads(json.dumps(truth_to_mapping(truth, None), allow_nan=False)))
     np.testing.assert_allclose(back.world_from_ship.as_matrix(), rolled.as_matrix(), atol=1e-12)
@@ -81,7 +81,7 @@ def test_visibility_that_nobody_knows_is_none():
         ({"world_from_ship": {"translation_m": [0, 0, 0]}}, "truth.world_from_ship: quaternion_wxyz missing"),
         (
             {"world_from_body": {"translation_m": [0, 0, 0], "quaternion_wxyz": [0, 0, 0, 0]}},
-            "truth.world_from_body: quaternion has zero length",
+            "truth.world_from_body: quaternion has length 0",
         ),
     ],
 )

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_bytes import HEADER, PIXELS, png, recording, row
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.atomic import write_atomic
 from deckline.geometry import Camera, camera_mount, pose
@@ -31,7 +32,7 @@ def frame(index: int, **changes) -> Frame:
         "camera": CAMERA,
         "body_from_camera": camera_mount([1.0, 0.0, 0.25]),
         "depth_m": depth,
-        "world_from_body": pose(rng.normal(0, 100, 3), rng.normal(0, 1, 4)),
+        "world_from_body": RigidTransform.from_components(rng.normal(0, 100, 3), Rotation.random(rng=rng)),
         "deck_z_m": -17.0,
         "sea_z_m": 2.0,
         "truth": Truth(LINE, LINE, 800.0, (200.0, 205.0, 210.0), PIXELS),
@@ -130,7 +131,8 @@ def test_pose_and_time_round_trip(tmp_path_factory, position, quaternion, time_s
     if np.linalg.norm(quaternion) < 1e-3:
         quaternion = (1.0, 0.0, 0.0, 0.0)
     out = tmp_path_factory.mktemp("rec")
-    written = frame(0, world_from_body=pose(position, quaternion), time_s=time_s)
+    unit = np.array(quaternion) / np.linalg.norm(quaternion)
+    written = frame(0, world_from_body=pose(position, unit), time_s=time_s)
     write(out, [written], image_format="ppm")
     check_same(open_recording(out).load(0), written)
 

@@ -5,12 +5,14 @@ cv2 and onnxruntime are imported only when a method that needs them is built or 
 
 from collections.abc import Callable
 
-from deckline.dehaze.base import Dehazer, FrameDehazer, IdentityDehazer, Restored, check_image, restore
-from deckline.dehaze.dark_channel import DarkChannelConfig, DarkChannelDehazer
+from deckline.dehaze.base import Dehazer, IdentityDehazer, restore
+from deckline.dehaze.dark_channel import DarkChannelDehazer
 from deckline.dehaze.geometry import GeometryDehazer
 from deckline.dehaze.network import OnnxDehazer
 from deckline.dehaze.transmission import GeometryConfig
 from deckline.runtime import shipped_weights
+
+__all__ = ["DEHAZERS", "NOT_DEHAZED", "DarkChannelDehazer", "Dehazer", "GeometryDehazer", "OnnxDehazer", "restore"]
 
 FAST_PX = 320  # working size of the fast path: a quarter of the network's work; fine structures are lost
 
@@ -25,19 +27,3 @@ DEHAZERS: dict[str, Callable[[], Dehazer]] = {
     "paper-scene": lambda: OnnxDehazer(shipped_weights("paper-scene"), name="paper-scene", network_only=True),
     "fast": lambda: OnnxDehazer(shipped_weights("dehaze"), name="fast", working_long_side_px=FAST_PX),
 }
-
-__all__ = [
-    "DEHAZERS",
-    "NOT_DEHAZED",
-    "DarkChannelConfig",
-    "DarkChannelDehazer",
-    "Dehazer",
-    "FrameDehazer",
-    "GeometryConfig",
-    "GeometryDehazer",
-    "IdentityDehazer",
-    "OnnxDehazer",
-    "Restored",
-    "check_image",
-    "restore",
-]

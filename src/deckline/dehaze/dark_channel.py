@@ -28,10 +28,6 @@ class DarkChannelConfig:
     def __post_init__(self) -> None:
         if self.patch_px < 1 or self.patch_px % 2 == 0:
             raise ValueError(f"patch_px must be odd and positive, got {self.patch_px}")
-        if self.guide_radius_px < 1 or self.guide_eps <= 0:
-            raise ValueError(
-                f"guide_radius_px must be >= 1 and guide_eps > 0, got {self.guide_radius_px} and {self.guide_eps}"
-            )
         for name in ("omega", "airlight_fraction", "min_transmission"):
             if not 0 < getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie in (0, 1], got {getattr(self, name)}")

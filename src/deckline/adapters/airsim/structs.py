@@ -45,7 +45,7 @@ def read_pose(value: Any, kept: RigidTransform) -> RigidTransform:
     """A Pose. A position or an orientation with NaN is taken from `kept`.
 
     Raises:
-        ValueError: no Pose, infinite numbers, a quaternion of zero length, or a position too far away.
+        ValueError: no Pose, infinite numbers, a quaternion whose length is not near 1, or a position too far away.
     """
     position = _numbers(value, "position", "xyz")
     orientation = _numbers(value, "orientation", "wxyz")
