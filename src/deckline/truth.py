@@ -1,11 +1,10 @@
-"""What the guidance should have said, where the frame carries truth."""
+"""What the estimates should have been, where a frame carries truth."""
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deckline.evaluation.localization_measure import touchdown, true_centre
-from deckline.evaluation.metrics import direction_error_rad, height_error_m, lateral_error_m
 from deckline.geometry import wrap_angle
 from deckline.guide import guidance
 from deckline.types import (
@@ -20,6 +19,8 @@ from deckline.types import (
     Value,
 )
 
+TOUCHDOWN_M = 70.0  # past the ramp, where the hook meets the deck (Li et al. 2024, section 3.5)
+ACROSS_DEG = 89.0  # direction error from which a line lies across the runway and passes nothing of it
 METRES = (
     "lateral_deviation_m",
     "height_above_deck_m",
@@ -28,7 +29,82 @@ METRES = (
     "distance_to_touchdown_m",
 )
 ANGLES = ("heading_error", "lateral_deviation", "vertical_deviation")
-ACROSS_DEG = 89.0  # direction error from which a line counts as lying across the runway
+
+Array = NDArray[np.float64]
+
+
+def true_line(truth: Segment) -> RunwayLine:
+    """A true line as an estimate without error, at its ramp end."""
+    along = truth.p1_m - truth.p0_m
+    return RunwayLine(truth.p0_m, float(np.arctan2(along[1], along[0])), np.zeros((3, 3)))
+
+
+def true_centre(truth: Truth | None) -> Segment | None:
+    """The centre line between both true lines; None where there is no runway."""
+    if truth is None or truth.left is None or truth.right is None:
+        return None
+    return Segment((truth.left.p0_m + truth.right.p0_m) / 2, (truth.left.p1_m + truth.right.p1_m) / 2)
+
+
+def true_segments(truth: Truth | None) -> dict[str, Segment]:
+    """The true left, right and centre lines by name; empty where there is no runway."""
+    centre = true_centre(truth)
+    if truth is None or truth.left is None or truth.right is None or centre is None:
+        return {}
+    return {"left": truth.left, "right": truth.right, "centre": centre}
+
+
+def touchdown(centre: Segment) -> Array:
+    """The touchdown point (3,) on a true centre line, in the world."""
+    along = centre.p1_m - centre.p0_m
+    return centre.p0_m + TOUCHDOWN_M / float(np.hypot(along[0], along[1])) * along
+
+
+def range_to_ramp_m(frame: Frame) -> float:
+    """Horizontal distance from the aircraft to the true ramp (middle of both lines' near ends), m; NaN if unknown."""
+    centre = true_centre(frame.truth)
+    if centre is None or frame.true_world_from_body is None:
+        return float("nan")
+    return float(np.linalg.norm((frame.true_world_from_body.translation - centre.p0_m)[:2]))
+
+
+def state_error(line: RunwayLine, truth: Segment) -> Array:
+    """Estimated minus true (3,) in the terms of a line's covariance: offset to the right, m; azimuth, rad; z, m.
+
+    Taken at the line's own point, against the true line continued. Azimuths differ by a quarter turn at most: a line
+    has two directions.
+    """
+    exact = true_line(truth)
+    along = truth.p1_m - truth.p0_m
+    delta = line.point_m - truth.p0_m
+    turn = float(wrap_angle(line.azimuth_rad - exact.azimuth_rad))
+    if abs(turn) > np.pi / 2:
+        turn -= np.sign(turn) * np.pi
+    slope = float(along[2] / np.hypot(along[0], along[1]))
+    return np.array([delta @ _right(exact), turn, delta[2] - slope * (delta @ exact.direction)])
+
+
+def passing_distance_m(line: RunwayLine, truth: Segment, place_m: Array) -> tuple[float, float]:
+    """How far right of and how far below (+) a point (3,) of the true line an estimated one passes, m."""
+    exact = true_line(truth)
+    delta = line.point_m - place_m
+    back = float(delta @ exact.direction) / float(line.direction @ exact.direction)
+    return float((delta - back * line.direction) @ _right(exact)), float(delta[2])
+
+
+def compare_line(line: RunwayLine, truth: Segment) -> dict[str, float]:
+    """Sizes of the errors of one line against the true one.
+
+    Returns:
+        `direction_error_deg` (0 to 90; the paper's delta-theta of Table 6), `lateral_error_m` at the true line's ramp
+        end, left out for a line across the runway, and `height_error_m` where the estimate stands. The lateral error
+        stands in for the paper's intercept difference, which depends on the world's origin.
+    """
+    _, turn, height = state_error(line, truth)
+    errors = {"direction_error_deg": abs(float(np.rad2deg(turn))), "height_error_m": abs(float(height))}
+    if errors["direction_error_deg"] < ACROSS_DEG:
+        errors["lateral_error_m"] = abs(passing_distance_m(line, truth, truth.p0_m)[0])
+    return errors
 
 
 def true_guidance(frame: Frame) -> Guidance | None:
@@ -36,11 +112,10 @@ def true_guidance(frame: Frame) -> Guidance | None:
 
     None without truth, runway or pose.
     """
-    centre = None if frame.truth is None else true_centre(frame.truth)
+    centre = true_centre(frame.truth)
     if centre is None or frame.true_world_from_body is None:
         return None
-    along = centre.p1_m - centre.p0_m
-    line = RunwayLine(touchdown(centre), float(np.arctan2(along[1], along[0])), np.zeros((3, 3)))
+    line = replace(true_line(centre), point_m=touchdown(centre))
     exact = RunwayEstimate(Status.OK, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
     return guidance(replace(frame, world_from_body=frame.true_world_from_body), exact)
 
@@ -50,30 +125,25 @@ def errors_against(
 ) -> dict[str, dict[str, float | None]] | None:
     """How far a frame's estimate is from its truth; None where the scene has no runway.
 
-    The line errors have the names and meanings of `deckline eval`: sizes without a sign, of each of the lines.
-    "guidance" is measured minus true, with sign, under the names that records use.
+    The line errors are those of `compare_line`, of each of the lines. "guidance" is measured minus true, with sign,
+    under the names that records use.
     """
-    centre = true_centre(truth)
-    if truth.left is None or truth.right is None or centre is None:
+    segments = true_segments(truth)
+    if not segments:
         return None
-    segments = {"left": truth.left, "right": truth.right, "centre": centre}
-    found = {side: (estimate.lines[side], segments[side]) for side in segments if side in estimate.lines}
-    missing: dict[str, float | None] = dict.fromkeys(segments)
-    return {
-        "direction_error_deg": missing | {side: _direction_deg(*pair) for side, pair in found.items()},
-        "lateral_error_at_ramp_m": missing | {side: _lateral(*pair) for side, pair in found.items()},
-        "height_error_m": missing | {side: abs(height_error_m(*pair)) for side, pair in found.items()},
-        "guidance": _guidance_errors(measured, exact),
+    found = {side: compare_line(estimate.lines[side], line) for side, line in segments.items() if side in estimate.lines}
+    names = ("direction_error_deg", "lateral_error_m", "height_error_m")
+    errors: dict[str, dict[str, float | None]] = {
+        name.replace("lateral_error_m", "lateral_error_at_ramp_m"): {
+            side: found.get(side, {}).get(name) for side in segments
+        }
+        for name in names
     }
+    return errors | {"guidance": _guidance_errors(measured, exact)}
 
 
-def _direction_deg(line: RunwayLine, truth: Segment) -> float:
-    return float(np.rad2deg(direction_error_rad(line, truth)))
-
-
-def _lateral(line: RunwayLine, truth: Segment) -> float | None:
-    """None for a line across the runway, which never passes beside its ramp end."""
-    return None if _direction_deg(line, truth) > ACROSS_DEG else abs(lateral_error_m(line, truth))
+def _right(line: RunwayLine) -> Array:
+    return np.array([-line.direction[1], line.direction[0], 0.0])
 
 
 def _guidance_errors(measured: Guidance, truth: Guidance | None) -> dict[str, float | None]:
@@ -82,8 +152,8 @@ def _guidance_errors(measured: Guidance, truth: Guidance | None) -> dict[str, fl
         errors[name] = _difference(getattr(measured, name), None if truth is None else getattr(truth, name))
     for name in ANGLES:
         angle = f"{name}_rad"
-        away = _difference(getattr(measured, angle), None if truth is None else getattr(truth, angle))
-        errors[f"{name}_deg"] = None if away is None else float(np.rad2deg(wrap_angle(away)))
+        error = _difference(getattr(measured, angle), None if truth is None else getattr(truth, angle))
+        errors[f"{name}_deg"] = None if error is None else float(np.rad2deg(wrap_angle(error)))
     return errors
 
 

@@ -1,5 +1,4 @@
 import json
-from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -9,17 +8,25 @@ import pytest
 from approach_scene import CAMERA, chain, frame
 from deckline.cli.main import main
 from deckline.detect import ClassicalDetector
-from deckline.evaluation.detection_frames import Recorded, named, open_recorded
-from deckline.evaluation.detection_measure import Scene
-from deckline.evaluation.detection_scores import SCORES_FILE, Method, ScoreBook, evaluate, open_book
-from deckline.evaluation.detection_tables import detection_tables, flat_figures
-from deckline.evaluation.detection_worst import figures_line, worst_of, write_worst
+from deckline.evaluation.detection import (
+    SCORES_FILE,
+    comparison_tables,
+    detection_tables,
+    flat_figures,
+    label,
+    score_detections,
+)
+from deckline.evaluation.detection_score import DetectionScore
+from deckline.evaluation.detection_truth import Scene
+from deckline.evaluation.detection_worst import figures_line, write_worst
+from deckline.evaluation.frames import Recorded, name_sets, open_recorded
+from deckline.evaluation.lane_scores import TuSimple
+from deckline.evaluation.tables import markdown
 from deckline.labels import LabelledImage, write_labels
 from deckline.labels.truth import label_frame
-from deckline.pipeline import FrameResult
 from deckline.recording import RecordingWriter
 from deckline.recording.camera_file import camera_text
-from deckline.types import Detection, Frame, LinePoints
+from deckline.types import Detection, LinePoints
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +46,9 @@ def half_blind(at):
     return chain(at, ("left",) if at.time_s == 0.25 else ("left", "right"))
 
 
-def by(run: Callable[[Frame], FrameResult], book: ScoreBook) -> Method:
-    return Method(lambda at: run(at).detection, book)
+def scores_of(folder, out=None, run=half_blind, settings=None) -> list[DetectionScore]:
+    [scores] = score_detections([Recorded(folder)], [(out, settings or {}, lambda sample: run(sample.frame).detection)])
+    return scores
 
 
 NONE = LinePoints.empty()
@@ -53,9 +61,7 @@ def error_of(capsys, *args) -> str:
 
 
 def test_figures_of_a_recording(recording):
-    book = open_book(None, {})
-    evaluate([Recorded(recording)], [by(half_blind, book)])
-    figures = flat_figures(list(book.scores.values()))
+    figures = flat_figures(scores_of(recording))
     assert figures["found_rate"] == figures["placed_rate"] == pytest.approx(2 / 3)
     assert figures["false_rate"] == 1.0
     assert figures["error_px.p95"] < 1e-3
@@ -67,23 +73,18 @@ def test_figures_of_a_recording(recording):
     assert sum(value for name, value in figures.items() if name.endswith(".points")) == 5 * 20 + 20
 
 
-def test_tables_say_the_same_on_the_screen_and_in_markdown(recording):
-    book = open_book(None, {})
-    evaluate([Recorded(recording)], [by(half_blind, book)])
-    tables = detection_tables(list(book.scores.values()))
+def test_tables_of_a_recording(recording):
+    tables = detection_tables(scores_of(recording))
     first = tables[0]
     cells = dict(zip(first.columns, first.rows[0], strict=True))
     assert (cells["frames"], cells["decks"], cells["empty"]) == ("4", "3", "1")
     assert (cells["found %"], cells["false %"], cells["F1 %"]) == ("66.7", "100.0", "90.9")
-    markdown = first.markdown().splitlines()
-    assert markdown[2].startswith("|  | frames | decks | empty | found % |")
-    assert markdown[4].startswith("| all | 4 | 3 | 1 | 66.7 | 66.7 |")
-    assert first.rich().row_count == 1
+    assert markdown(first).splitlines()[4].startswith("| all | 4 | 3 | 1 | 66.7 | 66.7 |")
     by_ship = next(table for table in tables if table.title == "by ship")
     assert [row[0] for row in by_ship.rows] == ["cvn"]
 
 
-def test_a_stopped_evaluation_goes_on_where_it_was(recording, tmp_path):
+def test_a_stopped_evaluation_resumes(recording, tmp_path):
     seen = []
 
     def counted(at):
@@ -92,45 +93,30 @@ def test_a_stopped_evaluation_goes_on_where_it_was(recording, tmp_path):
             raise KeyboardInterrupt
         return half_blind(at)
 
-    sets, settings = [Recorded(recording)], {"detector": "exact"}
-    with pytest.raises(KeyboardInterrupt):
-        evaluate(sets, [by(counted, open_book(tmp_path, settings))])
-    path = tmp_path / SCORES_FILE
-    path.write_text(path.read_text() + '{"score": {"source"')  # a killed writer's half line
-    again = open_book(tmp_path, settings)
-    assert len(again.scores) == 2
-    evaluate(sets, [by(counted, again)])
+    with pytest.raises(KeyboardInterrupt, match=SCORES_FILE):
+        scores_of(recording, tmp_path, counted)
+    resumed = scores_of(recording, tmp_path, counted)
     assert len(seen) == 5
-    whole = open_book(None, {})
-    evaluate(sets, [by(half_blind, whole)])
-    kept = open_book(tmp_path, settings)
-    assert detection_tables(list(kept.scores.values())) == detection_tables(list(whole.scores.values()))
-    with pytest.raises(ValueError, match='holds an evaluation with detector "exact", not "other": choose another'):
-        open_book(tmp_path, {"detector": "other"})
+    assert detection_tables(resumed) == detection_tables(scores_of(recording))
+    with pytest.raises(ValueError, match="detector"):
+        scores_of(recording, tmp_path, settings={"detector": "other"})
 
 
-def test_frames_that_cannot_be_used_are_named_once(recording, tmp_path):
+def test_frames_that_cannot_be_used_are_named(tmp_path, capsys):
     damaged = tmp_path / "damaged"
     with RecordingWriter(damaged) as writer:
         for index in range(2):
             writer.add(frame(index))
     image = sorted((damaged / "images").iterdir())[0]
     image.write_bytes(image.read_bytes()[:100])
-    book = open_book(tmp_path / "out", {})
-    evaluate([Recorded(damaged)], [by(chain, book)])
-    assert len(book.scores) == 1
-    (reason,) = book.skipped.values()
-    assert "cut short" in reason
-    assert open_book(tmp_path / "out", {}).skipped == book.skipped
+    for _ in range(2):  # also when the command is given again
+        assert len(scores_of(damaged, tmp_path / "out", chain)) == 1
+        assert image.name in capsys.readouterr().err
 
 
 def test_the_worst_frames_become_pictures_with_their_truth_and_a_line_of_figures(recording, tmp_path):
-    book, item = open_book(None, {}), Recorded(recording)
-    evaluate([item], [by(half_blind, book)])
-    chosen = worst_of(list(book.scores.values()), 10)
-    assert [score.index for score in chosen[:2]] == [1, 3]
-    page = write_worst(tmp_path, {item.name: item}, chosen[:1], half_blind)
-    text = page.read_text()
+    item, scores = Recorded(recording), scores_of(recording)
+    text = write_worst(tmp_path, {item.name: item}, scores, 1, half_blind).read_text()
     assert "100 m to the ramp; clear air" in text
     assert "left: 0.0 px median" in text and "right: not found" in text
     picture = cv2.imread(str(tmp_path / "worst" / "001.png"))[:, :, ::-1]
@@ -139,7 +125,9 @@ def test_the_worst_frames_become_pictures_with_their_truth_and_a_line_of_figures
     u, v = label.left_px.mean(axis=0) * 2  # the left panel shows the 320 px wide image twice as large, 40 px down
     around = picture[int(v) + 30 : int(v) + 50, int(u) - 10 : int(u) + 10].reshape(-1, 3)
     assert (around.min(axis=1) > 220).any() and (around.max(axis=1) < 40).any()  # white dashes on a dark halo
-    assert "20 false points, confidence 0.75" in figures_line(chosen[1])
+    assert "20 false points, confidence 0.75" in figures_line(scores[3])
+    text = write_worst(tmp_path, {item.name: item}, scores, 10, half_blind).read_text()
+    assert text.count("![") == 2 and text.index(scores[1].file) < text.index(scores[3].file)
 
 
 def labelled_folder(folder):
@@ -181,7 +169,7 @@ def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_f
     assert "choose another folder" in error_of(capsys, folder, "--dehazer", "dark-channel", "--out", out)
 
 
-def test_the_chain_is_told_where_the_runway_is_when_asked_to(recording, capsys, monkeypatch):
+def test_the_chain_gets_a_runway_prior_when_asked_to(recording, capsys, monkeypatch):
     boxes = []
     nothing = Detection(NONE, NONE)
     monkeypatch.setattr(
@@ -190,24 +178,24 @@ def test_the_chain_is_told_where_the_runway_is_when_asked_to(recording, capsys, 
     words = ["eval", "detection", str(recording), "--detector", "classical", "--dehazer", "none"]
     assert main(words) == 0
     assert boxes == [None] * 4
-    assert main([*words, "--told-within-m", "2"]) == 0
-    assert "told where the runway is within 2 m" in " ".join(capsys.readouterr().out.split())
+    assert main([*words, "--prior-sigma-m", "2"]) == 0
+    assert "prior with 1-sigma of 2 m" in " ".join(capsys.readouterr().out.split())
     assert all(box is not None for box in boxes[4:]) and len(boxes) == 8
     pixels = chain(frame(0, 150.0)).detection.left.points_px
     assert boxes[4][0] <= pixels[:, 0].min() and boxes[4][3] >= pixels[:, 1].max()
 
 
 def test_bad_input_is_one_line(recording, tmp_path, capsys):
-    assert "--worst needs --out FOLDER" in error_of(capsys, recording, "--worst", "3")
-    assert "--deckless must not be negative" in error_of(capsys, recording, "--deckless", "-1")
-    assert "--told-within-m must be a number of metres" in error_of(capsys, recording, "--told-within-m", "-1")
-    assert "preset must be one of" in error_of(capsys, "--frames", "1", "--preset", "titanic")
-    assert "given twice" in error_of(capsys, recording, recording)
+    assert "--worst" in error_of(capsys, recording, "--worst", "3")
+    assert "--deckless" in error_of(capsys, recording, "--deckless", "-1")
+    assert "--prior-sigma-m" in error_of(capsys, recording, "--prior-sigma-m", "-1")
+    assert "titanic" in error_of(capsys, "--frames", "1", "--preset", "titanic")
+    assert str(recording) in error_of(capsys, recording, recording)
     plain = tmp_path / "plain"
     with RecordingWriter(plain) as writer:
         writer.add(frame())
     (plain / "scene.json").unlink()
-    assert "neither truth (scene.json) nor labels.json" in error_of(capsys, plain)
+    assert "scene.json" in error_of(capsys, plain)
 
 
 def test_many_sources_are_named_by_the_first_and_the_last(tmp_path):
@@ -216,5 +204,54 @@ def test_many_sources_are_named_by_the_first_and_the_last(tmp_path):
         with RecordingWriter(path) as writer:
             writer.add(frame())
     sets = open_recorded(paths)
-    assert named(sets[:2]) == f"{paths[0]}, {paths[1]}"
-    assert named(sets) == f"9 sources, {paths[0]} to {paths[8]}"
+    assert name_sets(sets[:2]) == f"{paths[0]}, {paths[1]}"
+    assert name_sets(sets) == f"9 sources, {paths[0]} to {paths[8]}"
+
+
+def score_of(index: int, found: int, range_m: float = 150.0, scene: Scene = Scene.DECK) -> DetectionScore:
+    errors = {"left": [1.0] * (found > 0), "right": [2.0] * (found > 1)}
+    sure = {side: [0.9] * len(values) for side, values in errors.items()}
+    return DetectionScore(
+        "a", index, "", "cvn", scene, range_m, 800.0, 1280, 50.0, errors, sure, TuSimple(1.0, 0.0, 0.0), (2, 0, 0), np.nan, np.nan
+    )
+
+
+def test_differences_are_of_the_same_decks_and_bands_of_the_share_found():
+    first = [score_of(k, 2 if k < 10 else 0) for k in range(20)] + [score_of(20, 1, scene=Scene.EMPTY)]
+    other = [score_of(k, 2, 150.0 if k < 19 else 500.0) for k in range(20)] + [score_of(20, 0, scene=Scene.EMPTY)]
+    tables = comparison_tables({("one", "none"): first, ("two", "none"): other})
+    rows = [dict(zip(tables[0].columns, row, strict=True)) for row in tables[0].rows]
+    assert tables[0].title == "20 decks, 1 frames without a runway"
+    assert [row["found %"] for row in rows] == ["50.0", "100.0"]
+    assert [row["false %"] for row in rows] == ["100.0", "0.0"]
+    assert rows[0]["found, to the first"] == "-"
+    value, low, high = (float(part.strip("[],")) for part in rows[1]["found, to the first"].split())
+    exact = 1.96 * 100 * np.sqrt(0.5 * 0.5 / 20)  # of a share of a half
+    assert value == 50.0
+    assert high - value == pytest.approx(exact, abs=6)
+    assert value - low == pytest.approx(exact, abs=6)
+    assert "by visibility" in tables[2].title
+
+
+def test_a_file_is_called_by_its_own_name_or_its_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert label("detect.onnx") == tmp_path.name
+    assert label("ufld") == "ufld"
+    assert label("runs/hybrid/detect.onnx") == "hybrid"
+    assert label("weights/mine.onnx") == "mine"
+
+
+def test_detectors_and_dehazers_on_one_recording(tmp_path, capsys):
+    with RecordingWriter(tmp_path / "approach", scene={"preset": "cvn"}) as writer:
+        for index in range(2):
+            writer.add(frame(index, 120.0))
+    command = ["eval", "detectors", str(tmp_path / "approach"), "--detector", "classical", "--out", str(tmp_path / "out")]
+    assert main([*command, "--dehazer", "none"]) == 0
+    capsys.readouterr()
+    assert main([*command, "--dehazer", "none", "dark-channel", "--markdown", str(tmp_path / "t.md")]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["classical+dark-channel", "classical+none"]
+    lines = (tmp_path / "t.md").read_text().splitlines()
+    assert [line.split(" | ")[:2] for line in lines if line.startswith("| classical")][:2] == [
+        ["| classical", "none"],
+        ["| classical", "dark-channel"],
+    ]

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deckline.evaluation.labels import distance_px, score_labels, summarise_labels
+from deckline.evaluation.labels import score_labels, summarise_labels
 from deckline.geometry import Camera
 from deckline.types import Detection, LinePoints, Status
 
@@ -26,20 +26,6 @@ def result(left, right, status=Status.OK):
 
 def labels_of(left=LEFT, right=RIGHT):
     return {"left": left, "right": right}
-
-
-def test_distance_is_normal_to_the_line_and_ignores_where_along_it():
-    found = distance_px([[200.0, 200.0], [203.0, 203.0], [0.0, 400.0]], LEFT, CAMERA)
-    np.testing.assert_allclose(found, [0.0, 3.0 * np.sqrt(2), 0.0], atol=1e-9)
-
-
-def test_distance_is_taken_without_the_lens():
-    lens = Camera(640, 360, 500.0, 500.0, 319.5, 179.5, (-0.2, 0.03, 0.0, 0.0, 0.0))
-    ends = np.array([[-3.0, 2.0, 6.0], [6.0, 2.0, 12.0]])
-    straight = ends[0] + np.linspace(0, 1, 12)[:, None] * (ends[1] - ends[0])
-    bent = lens.project(straight)
-    assert distance_px(bent[1:-1], bent, lens).max() < 1e-5
-    assert distance_px(bent[1:-1], bent, Camera(640, 360, 500.0, 500.0, 319.5, 179.5)).max() > 0.5
 
 
 def test_figures_of_known_errors():

@@ -1,33 +1,21 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from deckline.evaluation.metrics import (
     below_horizon,
-    direction_error_rad,
-    height_error_m,
-    lateral_error_m,
+    distance_px,
     normal_pixel_error,
     psnr_db,
     ssim,
 )
 from deckline.geometry import Camera, attitude, camera_mount
-from deckline.types import RunwayLine, Segment
-
-TRUTH = Segment(np.array([10.0, 2.0, -20.0]), np.array([110.0, 2.0, -20.0]))
-
 
 def images(shape=(48, 61, 3)):
     rng = np.random.default_rng(0)
     clear = rng.integers(0, 256, shape).astype(np.uint8)
     return clear, np.clip(clear * 0.7 + rng.normal(40, 15, shape), 0, 255).astype(np.uint8)
-
-
-def line(point, azimuth):
-    return RunwayLine(np.array(point, dtype=float), azimuth, np.eye(3))
 
 
 def test_psnr_agrees_with_scikit_image_and_a_closed_form():
@@ -67,31 +55,6 @@ def test_images_that_cannot_be_compared_are_named():
             metric(clear.astype(float), hazy)
     with pytest.raises(ValueError, match="at least 11 px"):
         ssim(clear[:8], hazy[:8])
-
-
-def test_line_errors_have_the_documented_signs():
-    estimate = line([60.0, 3.5, -19.4], 0.0)
-    assert lateral_error_m(estimate, TRUTH) == pytest.approx(1.5)
-    assert height_error_m(estimate, TRUTH) == pytest.approx(0.6)
-    turned = line([60.0, 2.0, -20.0], 0.02)
-    assert direction_error_rad(turned, TRUTH) == pytest.approx(0.02)
-    assert lateral_error_m(turned, TRUTH) == pytest.approx(-50 * np.tan(0.02))
-
-
-@given(st.floats(-3.1, 3.1), st.floats(-300, 300))
-def test_errors_do_not_depend_on_direction_of_travel_or_the_point_on_the_line(angle, along):
-    if abs(np.cos(angle)) < 1e-3:
-        return
-    base = line([60.0, 4.0, -20.0], angle)
-    same = line(base.point_m + along * base.direction, angle + np.pi)
-    assert direction_error_rad(same, TRUTH) == pytest.approx(direction_error_rad(base, TRUTH), abs=1e-9)
-    assert 0 <= direction_error_rad(base, TRUTH) <= np.pi / 2
-    assert lateral_error_m(same, TRUTH) == pytest.approx(lateral_error_m(base, TRUTH), abs=1e-6, rel=1e-6)
-
-
-def test_a_line_across_has_no_lateral_error():
-    with pytest.raises(ValueError, match="right angles"):
-        lateral_error_m(line([60.0, 4.0, -20.0], np.pi / 2), TRUTH)
 
 
 @pytest.mark.parametrize("distortion", [(0.0,) * 5, (-0.2, 0.05, 0.001, -0.001, 0.0)])
@@ -134,3 +97,19 @@ def test_a_level_camera_sees_the_horizon_at_its_middle():
     assert level[3:].all()
     banked = RigidTransform.from_rotation(attitude(np.pi, 0.0, 0.0)) * camera_mount()
     assert below_horizon(camera, banked)[:3].all()
+
+
+def test_distance_is_normal_to_the_line_and_ignores_where_along_it():
+    camera = Camera.from_fov(640, 360, np.deg2rad(60.0))
+    line = np.array([[100.0, 300.0], [250.0, 150.0], [300.0, 100.0]])  # u + v = 400
+    found = distance_px([[200.0, 200.0], [203.0, 203.0], [0.0, 400.0]], line, camera)
+    np.testing.assert_allclose(found, [0.0, 3.0 * np.sqrt(2), 0.0], atol=1e-9)
+
+
+def test_distance_is_taken_without_the_lens():
+    lens = Camera(640, 360, 500.0, 500.0, 319.5, 179.5, (-0.2, 0.03, 0.0, 0.0, 0.0))
+    ends = np.array([[-3.0, 2.0, 6.0], [6.0, 2.0, 12.0]])
+    straight = ends[0] + np.linspace(0, 1, 12)[:, None] * (ends[1] - ends[0])
+    bent = lens.project(straight)
+    assert distance_px(bent[1:-1], bent, lens).max() < 1e-5
+    assert distance_px(bent[1:-1], bent, Camera(640, 360, 500.0, 500.0, 319.5, 179.5)).max() > 0.5

@@ -1,39 +1,138 @@
-"""The whole chain against truth: found-rate, line errors, restoration, per frame and summed up."""
+"""`deckline eval chain` and `deckline eval recording`: the whole chain against truth, frame by frame."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
-from deckline.evaluation.metrics import (
-    below_horizon,
-    direction_error_rad,
-    height_error_m,
-    lateral_error_m,
-    normal_pixel_error,
-    psnr_db,
-    ssim,
-)
-from deckline.pipeline import FrameResult
-from deckline.types import DepthMode, Frame, Segment, Status
+from deckline.evaluation.frames import FrameSet, Recorded, Sample, rendered_sets, score_frames
+from deckline.evaluation.metrics import below_horizon, normal_pixel_error, psnr_db, ssim
+from deckline.evaluation.statistics import RANGE_M, VISIBILITY_M, by_band, share
+from deckline.evaluation.store import Store
+from deckline.evaluation.tables import Figures, JsonFile, MarkdownFile, Table, number, publish
+from deckline.pipeline import FrameResult, Picture, Pipeline, PipelineConfig
+from deckline.report.provenance import settings_of
+from deckline.truth import compare_line, range_to_ramp_m, true_segments
+from deckline.types import SIDES, DepthMode, Status
 
-RANGE_BANDS_M = ((0.0, 100.0), (100.0, 200.0), (200.0, 400.0), (400.0, 800.0), (800.0, np.inf))
-VISIBILITY_BANDS_M = ((0.0, 500.0), (500.0, 1000.0), (1000.0, 2000.0), (2000.0, np.inf))
-PAIRED_QUANTILES = (("median", 50.0), ("p95", 95.0))
+SCORES_FILE = "chain.jsonl"
+MEANS = ("psnr", "ssim", "seconds")  # figures that are averaged; of the others median and 95 % are given
+BAND_COLUMNS = {
+    "found": "found_rate",
+    "direction left, deg": "direction_error_deg.left.median",
+    "right, deg": "direction_error_deg.right.median",
+    "lateral left, m": "lateral_error_at_ramp_m.left.median",
+    "right, m": "lateral_error_at_ramp_m.right.median",
+    "points left, px": "point_error_px.left.median",
+    "right, px": "point_error_px.right.median",
+    "hazy, dB": "psnr_db_hazy.mean",
+    "dehazed, dB": "psnr_db.mean",
+    "without sky, dB": "psnr_db_surface.mean",
+}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class FrameScore:
-    """One frame's errors. Values that do not exist are left out of `errors`."""
+    """One frame's errors. Plain values: a score is a line of JSON."""
 
     file: str
-    status: Status
-    mode: DepthMode
+    status: str
+    mode: str
     has_runway: bool
     range_m: float  # aircraft to the ramp, horizontal; NaN without pose or runway
     visibility_m: float  # NaN when unknown
-    errors: dict[str, float]  # dotted name -> value
+    errors: Figures  # by dotted name; those that do not exist are left out
+
+
+def chain(
+    frames: int = 200,
+    seed: int = 1000,
+    preset: Literal["paper", "cvn", "train"] = "paper",
+    visibility: str = "500..3000",
+    range_m: tuple[float, float] = (60.0, 800.0),
+    fov_deg: float = 90.0,
+    dehazer: str = PipelineConfig.dehazer,
+    detector: str = PipelineConfig.detector,
+    detect_in: Picture = PipelineConfig.detect_in,
+    out: Path | None = None,
+    json_file: JsonFile = None,
+    markdown_file: MarkdownFile = None,
+) -> int:
+    """Run the whole chain on freshly rendered frames with exact truth and print its errors.
+
+    Args:
+        frames: how many, from random viewpoints.
+        seed: of the simulator; the shipped weights never saw seeds from 1000 on.
+        preset: the ship.
+        visibility: metres at 2 % contrast, LOW..HIGH.
+        range_m: distance from the ramp, nearest and farthest.
+        fov_deg: horizontal field of view.
+        dehazer: name or .onnx file; none to skip dehazing.
+        detector: name or .onnx file.
+        detect_in: the picture that lines are looked for in.
+        out: folder of every frame's errors; a stopped command resumes from it.
+        json_file: write the figures here as well.
+        markdown_file: write the tables here as well.
+    """
+    sets = rendered_sets(frames, 0, (preset,), seed, visibility, range_m, fov_deg, keep_clear=True)
+    title = (
+        f"{frames} simulated frames, preset {preset}, seed {seed}, V {visibility} m, {range_m[0]:g}-{range_m[1]:g} m"
+    )
+    return _evaluate(sets, title, PipelineConfig(dehazer, detector, detect_in=detect_in), out, json_file, markdown_file)
+
+
+def recording(
+    source: tyro.conf.Positional[Path],
+    dehazer: str = PipelineConfig.dehazer,
+    detector: str = PipelineConfig.detector,
+    detect_in: Picture = PipelineConfig.detect_in,
+    out: Path | None = None,
+    json_file: JsonFile = None,
+    markdown_file: MarkdownFile = None,
+) -> int:
+    """Run the whole chain on a recording that carries truth (scene.json) and print its errors.
+
+    Args:
+        source: recording folder.
+        dehazer: name or .onnx file; none to skip dehazing.
+        detector: name or .onnx file.
+        detect_in: the picture that lines are looked for in.
+        out: folder of every frame's errors; a stopped command resumes from it.
+        json_file: write the figures here as well.
+        markdown_file: write the tables here as well.
+    """
+    config = PipelineConfig(dehazer, detector, detect_in=detect_in)
+    return _evaluate([Recorded(source)], str(source), config, out, json_file, markdown_file)
+
+
+def _evaluate(
+    sets: Sequence[FrameSet],
+    title: str,
+    config: PipelineConfig,
+    out: Path | None,
+    json_file: Path | None,
+    markdown_file: Path | None,
+) -> int:
+    pipeline = Pipeline(config)
+    store = Store(out, SCORES_FILE, {**settings_of(pipeline), "frames": [item.settings for item in sets]})
+
+    def score(sample: Sample) -> dict[str, Any]:
+        return asdict(score_frame(pipeline(sample.frame)))
+
+    [rows] = score_frames(sets, [(store, score)])
+    scores = [FrameScore(**row) for row in rows]
+    figures = summarise(scores)
+    title += f"; dehazer {config.dehazer}, detector {config.detector} in the {config.detect_in} picture"
+    tables = [Table("all frames", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()])]
+    tables.append(_band_table("range to the ramp", by_band(scores, lambda score: score.range_m, RANGE_M, short=True)))
+    by_visibility = by_band(scores, lambda score: score.visibility_m, VISIBILITY_M, short=True)
+    tables.append(_band_table("visibility", by_visibility))
+    publish(title, tables, figures, json_file, markdown_file)
+    return 0
 
 
 def score_frame(result: FrameResult) -> FrameScore:
@@ -45,71 +144,32 @@ def score_frame(result: FrameResult) -> FrameScore:
     frame, truth = result.frame, result.frame.truth
     if truth is None:
         raise ValueError(f"{frame.file} has no truth to compare with: evaluate a recording with a scene.json")
-    errors: dict[str, float] = {}
-    if truth.left is not None and truth.right is not None:
-        for side, segment in (("left", truth.left), ("right", truth.right)):
-            errors |= _line_errors(result, side, segment)
-        errors |= _guidance_errors(result, truth.left, truth.right)
+    errors: Figures = {}
+    for side, segment in true_segments(truth).items():
+        if side in result.estimate.lines:
+            for name, value in compare_line(result.estimate.lines[side], segment).items():
+                errors[f"{name.replace('lateral_error_m', 'lateral_error_at_ramp_m')}.{side}"] = value
+        world_from_camera = frame.true_world_from_camera
+        if side in SIDES and world_from_camera is not None:
+            points = getattr(result.detection, side).points_px
+            ends = world_from_camera.inv().apply(np.stack([segment.p0_m, segment.p1_m]))
+            if len(points):
+                errors[f"point_error_px.{side}"] = float(np.median(normal_pixel_error(points, ends, frame.camera)))
     if truth.clear_rgb is not None:
         errors |= _restoration(result, truth.clear_rgb)
     errors |= {f"seconds.{stage}": seconds for stage, seconds in result.seconds.items()}
     visibility = np.nan if truth.visibility_m is None else truth.visibility_m
-    return FrameScore(
-        frame.file,
-        result.estimate.status,
-        result.estimate.mode,
-        truth.left is not None,
-        range_to_ramp_m(frame),
-        visibility,
-        errors,
-    )
+    status, mode = result.estimate.status, result.estimate.mode
+    return FrameScore(frame.file, status, mode, truth.left is not None, range_to_ramp_m(frame), visibility, errors)
 
 
-def range_to_ramp_m(frame: Frame) -> float:
-    """Horizontal distance from the aircraft to the true ramp (middle of both lines' near ends), m; NaN if unknown."""
-    truth = frame.truth
-    if truth is None or truth.left is None or truth.right is None or frame.true_world_from_body is None:
-        return float("nan")
-    ramp = (truth.left.p0_m + truth.right.p0_m) / 2
-    return float(np.linalg.norm((frame.true_world_from_body.translation - ramp)[:2]))
-
-
-def _line_errors(result: FrameResult, side: str, truth: Segment) -> dict[str, float]:
-    errors = {}
-    line = result.estimate.lines.get(side)
-    if line is not None:
-        errors[f"direction_error_deg.{side}"] = float(np.rad2deg(direction_error_rad(line, truth)))
-        errors[f"lateral_error_at_ramp_m.{side}"] = abs(lateral_error_m(line, truth))
-        errors[f"height_error_m.{side}"] = abs(height_error_m(line, truth))
-    points = getattr(result.detection, side).points_px
-    world_from_camera = result.frame.true_world_from_camera
-    if len(points) and world_from_camera is not None:
-        ends = world_from_camera.inv().apply(np.stack([truth.p0_m, truth.p1_m]))
-        errors[f"point_error_px.{side}"] = float(np.median(normal_pixel_error(points, ends, result.frame.camera)))
-    return errors
-
-
-def _guidance_errors(result: FrameResult, left: Segment, right: Segment) -> dict[str, float]:
-    """Lateral error of the centre line at the ramp, and height above deck, against truth."""
-    centre = result.estimate.lines.get("centre")
-    if centre is None:
-        return {}
-    truth = Segment((left.p0_m + right.p0_m) / 2, (left.p1_m + right.p1_m) / 2)
-    return {
-        "direction_error_deg.centre": float(np.rad2deg(direction_error_rad(centre, truth))),
-        "lateral_error_at_ramp_m.centre": abs(lateral_error_m(centre, truth)),
-        "height_error_m.centre": abs(height_error_m(centre, truth)),
-    }
-
-
-def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> dict[str, float]:
+def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> Figures:
     """PSNR and SSIM before and after dehazing; PSNR also without the sky, which haze hides completely."""
     frame = result.frame
     figures = {}
-    pictures = {"": result.dehazed_rgb, "_hazy": frame.image_rgb}
     pose = frame.true_world_from_camera
     surface = None if pose is None else below_horizon(frame.camera, pose)
-    for name, picture in pictures.items():
+    for name, picture in {"": result.dehazed_rgb, "_hazy": frame.image_rgb}.items():
         figures[f"psnr_db{name}"] = psnr_db(picture, clear_rgb)
         figures[f"ssim{name}"] = ssim(picture, clear_rgb)
         if surface is not None and surface.any():
@@ -117,7 +177,7 @@ def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> dict[str,
     return figures
 
 
-def summarise(scores: list[FrameScore]) -> dict[str, float]:
+def summarise(scores: Sequence[FrameScore]) -> Figures:
     """Flat figures under dotted names: rates, and median / p95 / mean of every error.
 
     Raises:
@@ -126,46 +186,38 @@ def summarise(scores: list[FrameScore]) -> dict[str, float]:
     if not scores:
         raise ValueError("no frame could be evaluated")
     figures = {"frames": float(len(scores))}
-    decks = [s for s in scores if s.has_runway]
-    empty = [s for s in scores if not s.has_runway]
+    decks = [score for score in scores if score.has_runway]
+    empty = [score for score in scores if not score.has_runway]
     if decks:
-        figures["found_rate"] = _share(decks, lambda s: s.status is Status.OK)
-        figures["one_line_rate"] = _share(decks, lambda s: s.status is Status.ONE_LINE)
-        figures["not_seen_rate"] = _share(decks, lambda s: s.status is Status.NOT_SEEN)
+        rates = {"found_rate": Status.OK, "one_line_rate": Status.ONE_LINE, "not_seen_rate": Status.NOT_SEEN}
+        for name, status in rates.items():
+            figures[name] = sum(score.status == status for score in decks) / len(decks)
     if empty:
-        figures["false_line_rate"] = _share(empty, lambda s: s.status is not Status.NOT_SEEN)
+        figures["false_line_rate"] = share(empty, lambda score: score.status != Status.NOT_SEEN)
     for mode in (DepthMode.FINE, DepthMode.COARSE, DepthMode.NONE):
-        figures[f"mode_rate.{mode}"] = sum(s.mode is mode for s in scores) / len(scores)
-    figures |= _quantiles(scores)
+        figures[f"mode_rate.{mode}"] = sum(score.mode == mode for score in scores) / len(scores)
+    figures |= _error_figures(scores)
     for mode in (DepthMode.FINE, DepthMode.COARSE):
-        subset = [s for s in scores if s.mode is mode]
-        figures |= {f"{mode}.{name}": value for name, value in _quantiles(subset, lines_only=True).items()}
+        of_mode = _error_figures([score for score in scores if score.mode == mode])
+        figures |= {f"{mode}.{name}": value for name, value in of_mode.items() if not name.startswith(MEANS)}
     return figures
 
 
-def _quantiles(scores: list[FrameScore], lines_only: bool = False) -> dict[str, float]:
-    names = sorted({name for score in scores for name in score.errors})
+def _error_figures(scores: Sequence[FrameScore]) -> Figures:
     figures = {}
-    for name in names:
-        values = np.array([s.errors[name] for s in scores if name in s.errors])
-        if name.startswith(("psnr", "ssim", "seconds")):
-            if not lines_only:
-                figures[f"{name}.mean"] = float(values.mean())
-            continue
-        for label, percent in PAIRED_QUANTILES:
-            figures[f"{name}.{label}"] = float(np.percentile(values, percent))
+    for name in sorted({name for score in scores for name in score.errors}):
+        values = np.array([score.errors[name] for score in scores if name in score.errors])
+        if name.startswith(MEANS):
+            figures[f"{name}.mean"] = float(values.mean())
+        else:
+            figures[f"{name}.median"], figures[f"{name}.p95"] = np.percentile(values, (50, 95)).tolist()
     return figures
 
 
-def by_band(scores: list[FrameScore], key: str, bands: Iterable[tuple[float, float]]) -> dict[str, list[FrameScore]]:
-    """Scores grouped by `range_m` or `visibility_m`; empty bands are left out."""
-    groups = {}
-    for low, high in bands:
-        members = [s for s in scores if low <= getattr(s, key) < high or (np.isinf(high) and getattr(s, key) == high)]
-        if members:
-            groups[f"{low:.0f}+ m" if np.isinf(high) else f"{low:.0f}-{high:.0f} m"] = members
-    return groups
-
-
-def _share(scores: list[FrameScore], test: Callable[[FrameScore], bool]) -> float:
-    return sum(map(test, scores)) / len(scores)
+def _band_table(by: str, groups: dict[str, list[FrameScore]]) -> Table:
+    rows = []
+    for band, members in groups.items():
+        figures = summarise(members)
+        cells = (number(figures.get(name), ".3g") for name in BAND_COLUMNS.values())
+        rows.append((band, str(len(members)), *cells))
+    return Table(f"by {by}", (by, "frames", *BAND_COLUMNS), rows)

@@ -4,9 +4,14 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 import deckline.dehaze
-from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
+from deckline.dehaze.base import Restored
 from deckline.runtime import sha256_of
+from deckline.types import Frame
 
 USUAL_FILES = ("dehaze.onnx", "detect.onnx")  # as `deckline train` calls them: their folder says more
 NO_REDUCTION_PX = 10**9  # a working size that no image exceeds
@@ -81,3 +86,20 @@ def _code() -> str:
 def size_of(dehazer: Dehazer) -> tuple[int, int] | None:
     """Parameters and multiply-accumulates at 256x256; None where there are none, or nobody counted."""
     return dehazer.cost if isinstance(dehazer, OnnxDehazer) else None
+
+
+class SharedDehazer:
+    """A dehazer that keeps the last frame's picture, for the next method that shares it."""
+
+    def __init__(self, dehazer: Dehazer) -> None:
+        self.name = dehazer.name
+        self._dehazer = dehazer
+        self._last: tuple[Frame, Restored] | None = None
+
+    def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        return self._dehazer(image_rgb)
+
+    def restore(self, frame: Frame) -> Restored:
+        if self._last is None or self._last[0] is not frame:
+            self._last = frame, restore(self._dehazer, frame)
+        return self._last[1]

@@ -1,29 +1,62 @@
-"""`deckline eval detection`: how well both lines are found, and how often where there are none."""
+"""`deckline eval detection` and `deckline eval detectors`: how well both lines are found, and false ones without."""
 
 import math
-import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
+import numpy as np
 import tyro
 
 from deckline.dehaze import NOT_DEHAZED
-from deckline.evaluation.commands import JsonFile
-from deckline.evaluation.detection_frames import FrameSet, Rendered, named, open_recorded
-from deckline.evaluation.detection_measure import DetectionScore
-from deckline.evaluation.detection_scores import NOT_LABELLED, Method, evaluate, open_book
-from deckline.evaluation.detection_tables import NOTES, detection_tables, flat_figures, report
-from deckline.evaluation.detection_worst import worst_of, write_worst
-from deckline.evaluation.expectation import drawn_expectation
-from deckline.extras import needs_extra
+from deckline.evaluation.dehazing_methods import SharedDehazer, file_label
+from deckline.evaluation.detection_score import (
+    DetectionScore,
+    groups,
+    reliability,
+    score_detection,
+    summarise,
+    with_scene,
+)
+from deckline.evaluation.detection_truth import Scene, draw_runway_prior
+from deckline.evaluation.detection_worst import write_worst
+from deckline.evaluation.frames import FrameSet, Sample, name_sets, open_sets, score_frames
+from deckline.evaluation.statistics import paired_difference, share
+from deckline.evaluation.store import Store
+from deckline.evaluation.tables import MISSING, Figures, JsonFile, MarkdownFile, Table, number, publish
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.report.provenance import settings_of
-from deckline.types import Detection, Frame
+from deckline.types import Detection
 
-FRAMES, DECKLESS = 200, 100  # rendered when no source is given
-SKIPPED_SHOWN = 5
-MarkdownFile = Annotated[Path | None, tyro.conf.arg(name="markdown")]
+SCORES_FILE = "scores.jsonl"
+COLUMNS = {  # heading: figure, factor, format
+    "found %": ("found_rate", 100.0, ".1f"),
+    "in 3 px %": ("placed_rate", 100.0, ".1f"),
+    "px": ("error_px.median", 1.0, ".2f"),
+    "95 % px": ("error_px.p95", 1.0, ".2f"),
+    "acc %": ("tusimple.accuracy", 100.0, ".1f"),
+    "FP %": ("tusimple.false_positive", 100.0, ".1f"),
+    "FN %": ("tusimple.false_negative", 100.0, ".1f"),
+    "F1 %": ("culane.f1", 100.0, ".1f"),
+    "ECE %": ("expected_calibration_error", 100.0, ".1f"),
+    "false %": ("false_rate", 100.0, ".1f"),
+}
+COMPARED_COLUMNS = ("found %", "in 3 px %", "px", "95 % px", "false %", "ECE %")
+NOTES = """\
+decks: frames with both lines in view, 10 % of each, whose light comes through the air to 2 % or more (bands: of the
+ramp's); empty: without anything of a runway in the image; the others are not rated. contrast: what sets the lines
+apart from the deck in the picture; below one grey level it takes a clean camera to see them. found: points on both
+lines; in 3 px: and half of each line's points or more within 3 px of 1280. px: error of all points of decks, normal to
+the line, median and 95th percentile. acc, FP, FN: TuSimple's, on 56 rows that the lines have, 20 px of 1280. F1:
+CULane's, lines drawn 30 px of 1640 wide, IoU over 0.5. ECE: expected calibration error of the points' confidence.
+false: empty frames with any point."""
+COMPARISON_NOTES = """\
+to the first: found, percentage points against the first row on the same decks, with the 95 % interval (bootstrap over
+decks); frames of one flight resemble each other, so that their interval is too narrow."""
+Key = tuple[str, str]  # detector, dehazer
+Find = Callable[[Sample], Detection]
 
 
 def detection(
@@ -37,21 +70,19 @@ def detection(
     fov_deg: float = 90.0,
     dehazer: str = NOT_DEHAZED,
     detector: str = PipelineConfig.detector,
-    told_within_m: float | None = None,
+    prior_sigma_m: float | None = None,
     out: Path | None = None,
     worst: int = 0,
     json_file: JsonFile = None,
     markdown_file: MarkdownFile = None,
 ) -> int:
-    """Find the lines in frames whose lines are known: found-rate, false lines, errors, lane scores, calibration.
-
-    Prints figures of all frames, then by range, visibility, light, contrast and ship. With --out, a stopped command
-    goes on where it was when it is given again.
+    """Finds the lines in frames whose lines are known: found-rate, false lines, errors, lane scores, calibration; of all
+    frames, then by range, visibility, light, contrast and ship. With --out, a stopped command resumes.
 
     Args:
         sources: recordings with truth, folders with labels.json, or folders of recordings.
-        frames: rendered afresh of each preset, from random viewpoints; 200 when no source is given.
-        deckless: rendered afresh without a runway in the image; 100 when no source is given.
+        frames: rendered of each preset, from random viewpoints; 200 when no source is given.
+        deckless: rendered without a runway in the image; 100 when no source is given.
         preset: ships of the rendered frames: paper, cvn, axial, small, runway, train.
         seed: of the simulator; the shipped weights never saw seeds from 1000 on.
         visibility: of the rendered frames, metres at 2 % contrast, LOW..HIGH or clear.
@@ -59,112 +90,182 @@ def detection(
         fov_deg: horizontal field of view of the rendered frames; preset train draws its own.
         dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
         detector: name or .onnx file.
-        told_within_m: the chain is told beforehand where the runway is, wrong by draws of this 1-sigma and 2 degrees,
-            and of one somewhere in view where there is none.
+        prior_sigma_m: give the chain a runway prior with drawn errors of this 1-sigma and 2 degrees, and in frames
+            without a runway a false one in view.
         out: folder of the scores of every frame and of the worst frames' pictures.
         worst: so many of the worst frames become pictures in --out, with a line of figures each in worst.md.
         json_file: write the figures here as well.
         markdown_file: write the tables here as well.
     """
-    _check(frames, deckless, worst, out)
-    if told_within_m is not None and not (math.isfinite(told_within_m) and told_within_m >= 0):
-        raise ValueError(f"--told-within-m must be a number of metres, 0 or more, got {told_within_m}")
-    sets = all_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
+    if worst < 0 or (worst and out is None):
+        raise ValueError(f"--worst must not be negative and needs --out FOLDER for its pictures, got {worst}")
+    if prior_sigma_m is not None and not (math.isfinite(prior_sigma_m) and prior_sigma_m >= 0):
+        raise ValueError(f"--prior-sigma-m must be a number of metres, 0 or more, got {prior_sigma_m}")
+    sets = open_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
     pipeline = Pipeline(PipelineConfig(dehazer, detector, detect_in="dehazed"))
-    told = {} if told_within_m is None else {"told_within_m": told_within_m}
-    book = open_book(out, {**settings_of(pipeline), **told, "frames": [item.settings for item in sets]})
-    evaluate(sets, [Method(partial(_find, pipeline, told_within_m), book)])
-    title = f"{named(sets)}; dehazer {dehazer}, detector {detector}"
-    title += "" if told_within_m is None else f", told where the runway is within {told_within_m:g} m"
-    lengths = {item.name: len(item) for item in sets}  # an earlier command may have scored more frames
-    scores = [score for score in book.scores.values() if score.index < lengths[score.source]]
-    _report(scores, [why for why in book.skipped.values() if why != NOT_LABELLED], title, json_file, markdown_file)
+    settings = {**settings_of(pipeline), "prior_sigma_m": prior_sigma_m}
+
+    def find(sample: Sample) -> Detection:
+        prior = None if prior_sigma_m is None else draw_runway_prior(sample.frame, prior_sigma_m)
+        return pipeline(sample.frame, prior).detection
+
+    [scores] = score_detections(sets, [(out, settings, find)])
+    title = f"{name_sets(sets)}; dehazer {dehazer}, detector {detector}"
+    title += "" if prior_sigma_m is None else f"; runway prior with 1-sigma of {prior_sigma_m:g} m"
+    publish(title, detection_tables(scores), flat_figures(scores), json_file, markdown_file, [NOTES])
     if out is not None and worst:
-        print(write_worst(out, {item.name: item for item in sets}, worst_of(scores, worst), pipeline))
-    for item in sets:
-        item.close()
+        print(write_worst(out, {item.name: item for item in sets}, scores, worst, pipeline))
     return 0
 
 
-def _find(pipeline: Pipeline, told_within_m: float | None, frame: Frame) -> Detection:
-    told = None if told_within_m is None else drawn_expectation(frame, told_within_m)
-    return pipeline(frame, told).detection
+def detectors(
+    sources: tyro.conf.Positional[tuple[Path, ...]] = (),
+    detector: tuple[str, ...] = (PipelineConfig.detector,),
+    dehazer: tuple[str, ...] = (NOT_DEHAZED, PipelineConfig.dehazer),
+    frames: int | None = None,
+    deckless: int | None = None,
+    preset: tuple[str, ...] = ("paper",),
+    seed: int = 1000,
+    visibility: str = "200..3000",
+    range_m: tuple[float, float] | None = None,
+    fov_deg: float = 90.0,
+    out: Path | None = None,
+    json_file: JsonFile = None,
+    markdown_file: MarkdownFile = None,
+) -> int:
+    """Compares detectors, each behind every dehazer, on the same frames: does dehazing help to find the lines? With --out,
+    a stopped command resumes, and one with more detectors or dehazers adds theirs.
 
-
-def _check(frames: int | None, deckless: int | None, worst: int, out: Path | None) -> None:
-    for name, value in (("--frames", frames), ("--deckless", deckless), ("--worst", worst)):
-        if value is not None and value < 0:
-            raise ValueError(f"{name} must not be negative, got {value}")
-    if worst and out is None:
-        raise ValueError("--worst needs --out FOLDER for its pictures")
-
-
-def all_sets(
-    sources: tuple[Path, ...],
-    frames: int | None,
-    deckless: int | None,
-    presets: tuple[str, ...],
-    seed: int,
-    visibility: str,
-    range_m: tuple[float, float] | None,
-    fov_deg: float,
-) -> list[FrameSet]:
-    """Recorded frames, and rendered ones where they are asked for or nothing is recorded.
-
-    Raises:
-        ValueError: a source that cannot be evaluated, an unknown preset, or a value that the simulator refuses.
-        ImportError: the sim extra is not installed.
+    Args:
+        sources: recordings with truth, folders with labels.json, or folders of recordings.
+        detector: names or .onnx files, each behind every dehazer.
+        dehazer: names or .onnx files; none does nothing.
+        frames: rendered of each preset, from random viewpoints; 200 when no source is given.
+        deckless: rendered without a runway in the image; 100 when no source is given.
+        preset: ships of the rendered frames: paper, cvn, axial, small, runway, train.
+        seed: of the simulator; the shipped weights never saw seeds from 1000 on.
+        visibility: of the rendered frames, metres at 2 % contrast, LOW..HIGH or clear.
+        range_m: distance of the rendered frames from the ramp; 60 to 800 m, 30 to 1500 m for preset train.
+        fov_deg: horizontal field of view of the rendered frames; preset train draws its own.
+        out: folder of the scores of every frame.
+        json_file: write the figures here as well.
+        markdown_file: write the tables here as well.
     """
-    sets = open_recorded(sources)
-    frames = frames if frames is not None else 0 if sources else FRAMES
-    deckless = deckless if deckless is not None else 0 if sources else DECKLESS
-    if frames or deckless:
-        sets += rendered_sets(frames, deckless, presets, seed, visibility, range_m, fov_deg)
-    return sets
+    sets = open_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
+    restorers: dict[str, SharedDehazer] = {}
+    methods: dict[Key, tuple[Path | None, dict[str, str], Find]] = {}
+    for each in dict.fromkeys(detector):
+        for before in dict.fromkeys(dehazer):
+            pipeline = Pipeline(PipelineConfig(before, each, detect_in="dehazed"))
+            restorer = restorers.setdefault(before, SharedDehazer(pipeline.dehaze))
+            key = (label(each), label(before))
+            if key in methods:
+                raise ValueError(f"two methods would be called {' behind '.join(key)}: give their files other names")
+            find = partial(_find_restored, restorer, pipeline.detect)
+            methods[key] = (None if out is None else out / "+".join(key), settings_of(pipeline), find)
+    scores = dict(zip(methods, score_detections(sets, list(methods.values())), strict=True))
+    title = f"{name_sets(sets)}, visibility of rendered frames {visibility} m"
+    summaries = {"+".join(key): summarise(found) for key, found in scores.items()}
+    figures = {f"{name}.{key}": value for name, part in summaries.items() for key, value in part.items()}
+    publish(title, comparison_tables(scores), figures, json_file, markdown_file, [NOTES, COMPARISON_NOTES])
+    return 0
 
 
-def rendered_sets(
-    frames: int,
-    deckless: int,
-    presets: tuple[str, ...],
-    seed: int,
-    visibility: str,
-    range_m: tuple[float, float] | None,
-    fov_deg: float,
-) -> list[FrameSet]:
-    """Fresh frames of every preset, and some without a runway.
-
-    Raises:
-        ValueError: an unknown preset, or a value that the simulator refuses.
-        ImportError: the sim extra is not installed.
-    """
-    with needs_extra("sim"):
-        from deckline.sim import SimConfig
-        from deckline.sim.record import parse_visibility
-    config = SimConfig(
-        preset="train",
-        trajectory="deckless",
-        frames=max(deckless, 1),
-        visibility_m=parse_visibility(visibility),
-        seed=seed,
-        fov_deg=fov_deg,
-        keep_clear=False,
-        range_m=range_m,
-        frames_per_ship=1,
-    )
-    sets: list[FrameSet] = []
-    if frames:
-        several = SimConfig.frames_per_ship
-        values = vars(config) | {"frames": frames, "frames_per_ship": several, "trajectory": "random"}
-        sets += [Rendered(SimConfig(**(values | {"preset": preset}))) for preset in dict.fromkeys(presets)]
-    return [*sets, Rendered(config)] if deckless else sets
+def _find_restored(restorer: SharedDehazer, detector: Callable[..., Detection], sample: Sample) -> Detection:
+    return detector(restorer.restore(sample.frame).image_rgb)
 
 
-def _report(
-    scores: list[DetectionScore], skipped: list[str], title: str, json_file: Path | None, markdown_file: Path | None
-) -> None:
-    for reason in skipped[:SKIPPED_SHOWN]:
-        print(f"skipped {reason}", file=sys.stderr)
-    if len(skipped) > SKIPPED_SHOWN:
-        print(f"skipped {len(skipped)} frames in all", file=sys.stderr)
-    report(title, detection_tables(scores), [NOTES], flat_figures(scores), json_file, markdown_file)
+def label(name: str) -> str:
+    """A method's name, or what its .onnx file is called."""
+    return file_label(Path(name)) if name.endswith(".onnx") else name
+
+
+def score_detections(
+    sets: Sequence[FrameSet], methods: Sequence[tuple[Path | None, Mapping[str, Any], Find]]
+) -> list[list[DetectionScore]]:
+    """Scores of every method, given as its folder, its settings and how it finds lines."""
+    frames = [item.settings for item in sets]
+
+    def score(find: Find, sample: Sample) -> dict[str, Any]:
+        return asdict(score_detection(sample, find(sample)))
+
+    tasks = [
+        (Store(folder, SCORES_FILE, {**settings, "frames": frames}), partial(score, find))
+        for folder, settings, find in methods
+    ]
+    return [[DetectionScore(**row) for row in rows] for rows in score_frames(sets, tasks)]
+
+
+def detection_tables(scores: Sequence[DetectionScore]) -> list[Table]:
+    """All frames, then by range, visibility, light, contrast and ship, then how far confidence can be trusted."""
+    found = reliability(scores)
+    points = [
+        (f"{b.low:.1f} to {b.high:.1f}", str(b.points), f"{100 * b.confidence:.1f}", f"{100 * b.right:.1f}")
+        for b in found.bins
+        if b.points
+    ]
+    error = 100 * found.expected_calibration_error
+    title = f"points by confidence; expected calibration error {error:.1f} %" if points else "no points"
+    return [
+        _figures_table("all frames", {"all": list(scores)}),
+        *(_figures_table(f"by {what}", members) for what, members in groups(scores).items() if members),
+        Table(title, ("confidence", "points", "mean, %", "within 3 px, %"), points),
+    ]
+
+
+def _figures_table(title: str, named: Mapping[str, Sequence[DetectionScore]]) -> Table:
+    """A row a group; columns that are empty in every row are left out."""
+    rows = []
+    for name, members in named.items():
+        figures = summarise(members)
+        counts = (f"{figures[count]:.0f}" for count in ("frames", "decks", "empty"))
+        rows.append((name, *counts, *(cell(figures, column) for column in COLUMNS)))
+    columns = ("", "frames", "decks", "empty", *COLUMNS)
+    full = [k for k in range(len(columns)) if any(row[k] != MISSING for row in rows)]
+    return Table(title, [columns[k] for k in full], [[row[k] for k in full] for row in rows])
+
+
+def cell(figures: Figures, column: str) -> str:
+    """One figure under its column's heading."""
+    name, factor, form = COLUMNS[column]
+    return number(factor * figures.get(name, math.nan), form)
+
+
+def flat_figures(scores: Sequence[DetectionScore]) -> Figures:
+    """Every number of the tables under dotted names."""
+    figures = dict(summarise(scores))
+    for what, named in groups(scores).items():
+        for name, members in named.items():
+            figures |= {f"{what}.{name}.{key}": value for key, value in summarise(members).items()}
+    for b in reliability(scores).bins:
+        values = {"points": float(b.points), "confidence": b.confidence, "right": b.right}
+        figures |= {f"reliability.{b.low:.1f}-{b.high:.1f}.{key}": value for key, value in values.items()}
+    return figures
+
+
+def comparison_tables(scores: Mapping[Key, list[DetectionScore]]) -> list[Table]:
+    """All frames, then the share of decks found by range, visibility, light that arrives and contrast."""
+    first = next(iter(scores))
+    figures = {key: summarise(found) for key, found in scores.items()}
+    rows = []
+    for key, found in scores.items():
+        cells = (cell(figures[key], name) for name in COMPARED_COLUMNS)
+        rows.append((*key, *cells, MISSING if key == first else _found_difference(found, scores[first])))
+    title = f"{figures[first]['decks']:.0f} decks, {figures[first]['empty']:.0f} frames without a runway"
+    tables = [Table(title, ("detector", "dehazer", *COMPARED_COLUMNS, "found, to the first"), rows)]
+    decks = {key: groups(with_scene(found, Scene.DECK)) for key, found in scores.items()}
+    for what in ("range to the ramp", "visibility", "light through the air", "contrast of the fainter line"):
+        rows = [
+            (*key, *(f"{100 * share(members, lambda score: score.found == 2):.1f}" for members in named[what].values()))
+            for key, named in decks.items()
+        ]
+        tables.append(Table(f"found %, by {what}", ("detector", "dehazer", *decks[first][what]), rows))
+    return tables
+
+
+def _found_difference(scores: Sequence[DetectionScore], first: Sequence[DetectionScore]) -> str:
+    before = {(score.source, score.index): score.found == 2 for score in with_scene(first, Scene.DECK)}
+    pairs = [(score.found == 2) - before[score.source, score.index] for score in with_scene(scores, Scene.DECK)]
+    if not pairs:
+        return MISSING
+    return paired_difference(100.0 * np.array(pairs), np.random.default_rng(0)).text("+.1f")

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from deckline.atomic import write_atomic
-from deckline.evaluation.detection_frames import FrameSet
-from deckline.evaluation.detection_measure import DetectionScore, Expected, Scene
-from deckline.evaluation.detection_summary import badness
+from deckline.evaluation.detection_score import DetectionScore
+from deckline.evaluation.detection_truth import ExpectedLines, Scene
+from deckline.evaluation.frames import FrameSet
 from deckline.geometry import Camera
 from deckline.pipeline import Pipeline
 from deckline.report.draw import CENTRE, Image, draw_dashes, write_picture
@@ -19,32 +19,32 @@ PAGE = "worst.md"
 FOLDER = "worst"
 
 
-def write_worst(out: Path, sets: Mapping[str, FrameSet], scores: Sequence[DetectionScore], pipeline: Pipeline) -> Path:
-    """Write `out`/worst.md and a PNG of each of the given frames, the worst first; returns the page.
+def write_worst(
+    out: Path, sets: Mapping[str, FrameSet], scores: Sequence[DetectionScore], count: int, pipeline: Pipeline
+) -> Path:
+    """Write `out`/worst.md and a PNG of each of the `count` worst frames, the worst first; returns the page.
 
-    The left picture shows the true lines dashed, the right one what was found.
+    The left picture shows the true lines dashed, the right one what was found. Frames that nothing is wrong with are
+    left out.
     """
     (out / FOLDER).mkdir(parents=True, exist_ok=True)
     parts = ["# Worst detections", "Left: as the camera saw it, true lines dashed. Right: what was found.", ""]
-    for rank, score in enumerate(scores, 1):
-        question = sets[score.source].load(score.index)
-        if question is None:
+    ranked = sorted(scores, key=lambda score: score.badness, reverse=True)[:count]
+    for rank, score in enumerate((score for score in ranked if score.badness[0] > 0), 1):
+        sample = sets[score.source].load(score.index)
+        if sample is None:
             continue
         name = f"{FOLDER}/{rank:03d}.png"
-        result = pipeline(question.frame)
+        result = pipeline(sample.frame)
         pictures = draw_panels(result)
-        _draw_truth(pictures.hazy, question.expected, question.frame.camera)
-        write_picture(out / name, draw_overlay(question.frame, result.guidance, pictures))
+        _draw_truth(pictures.hazy, sample.expected, sample.frame.camera)
+        write_picture(out / name, draw_overlay(sample.frame, result.guidance, pictures))
         parts += [f"## {rank}. {score.file}", figures_line(score), f"\n![{score.file}]({name})\n"]
+    for item in sets.values():
+        item.close()
     page = out / PAGE
     write_atomic(page, "\n".join(parts).encode())
     return page
-
-
-def worst_of(scores: Sequence[DetectionScore], count: int) -> list[DetectionScore]:
-    """The `count` worst frames, the worst first; frames that nothing is wrong with are left out."""
-    ranked = sorted(scores, key=badness, reverse=True)
-    return [score for score in ranked[:count] if badness(score)[0] > 0]
 
 
 def figures_line(score: DetectionScore) -> str:
@@ -54,7 +54,7 @@ def figures_line(score: DetectionScore) -> str:
         parts.append(f"{score.range_m:.0f} m to the ramp")
     if not np.isnan(score.visibility_m):
         parts.append("clear air" if np.isinf(score.visibility_m) else f"visibility {score.visibility_m:.0f} m")
-    if score.scene is Scene.DECK:
+    if score.scene == Scene.DECK:
         parts.append(f"lines {score.extent_px:.0f} px across")
     return "; ".join([*parts, *(_side(score, side) for side in SIDES)])
 
@@ -62,14 +62,14 @@ def figures_line(score: DetectionScore) -> str:
 def _side(score: DetectionScore, side: str) -> str:
     errors, confidence = score.errors_px[side], score.confidence[side]
     if not errors:
-        return f"{side}: {'not found' if score.scene is Scene.DECK else 'none'}"
+        return f"{side}: {'not found' if score.scene == Scene.DECK else 'none'}"
     sure = f"confidence {np.mean(confidence):.2f}"
-    if score.scene is not Scene.DECK:
+    if score.scene != Scene.DECK:
         return f"{side}: {len(errors)} false points, {sure}"
     return f"{side}: {np.median(errors):.1f} px median, {np.percentile(errors, 95):.1f} px 95 %, {sure}"
 
 
-def _draw_truth(picture: Image, expected: Expected, camera: Camera) -> None:
+def _draw_truth(picture: Image, expected: ExpectedLines, camera: Camera) -> None:
     scale = [picture.shape[1] / camera.width, picture.shape[0] / camera.height]
     for line in expected.lines_px.values():
         if line is not None:

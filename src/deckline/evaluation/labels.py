@@ -1,29 +1,81 @@
-"""Detected points against lines labelled in the images: for pictures that nobody here rendered."""
+"""`deckline eval labels`: detected points against lines labelled in images that nobody here rendered."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import tyro
 
-from deckline.geometry import Camera
-from deckline.labels.own import Labels
-from deckline.pipeline import FrameResult
+from deckline.dehaze import NOT_DEHAZED
+from deckline.evaluation.frames import Recorded, Sample, score_frames
+from deckline.evaluation.metrics import distance_px
+from deckline.evaluation.statistics import median_and_p95, share
+from deckline.evaluation.store import Store
+from deckline.evaluation.tables import MISSING, Figures, JsonFile, MarkdownFile, Table, publish
+from deckline.labels import Labels
+from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
+from deckline.report.provenance import settings_of
 from deckline.types import SIDES, Status
 
+SCORES_FILE = "labels.jsonl"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True)
 class LabelScore:
-    """One labelled frame's errors."""
+    """One labelled frame's errors. Plain values: a score is a line of JSON."""
 
     file: str
-    status: Status
+    status: str
     labelled: bool  # both lines are labelled
-    errors_px: dict[str, NDArray[np.float64]]  # side -> (N,) normal distance of every detected point; found lines only
+    errors_px: dict[str, list[float]]  # by side: normal distance of every detected point; found lines only
 
     @property
     def found(self) -> bool:
         """Points on both lines."""
         return all(side in self.errors_px for side in SIDES)
+
+
+def labels(
+    folders: tyro.conf.Positional[tuple[Path, ...]],
+    deck_z_m: float | None = None,
+    dehazer: str = NOT_DEHAZED,
+    detector: str = PipelineConfig.detector,
+    out: Path | None = None,
+    json_file: JsonFile = None,
+    markdown_file: MarkdownFile = None,
+) -> int:
+    """Find the lines in images that carry labels (labels.json beside them) and print the distance to them in pixels.
+
+    Args:
+        folders: image folders with camera.toml and labels.json.
+        deck_z_m: world z of the deck plane, for the status after localization.
+        dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
+        detector: name or .onnx file.
+        out: folder of every frame's errors; a stopped command resumes from it.
+        json_file: write the figures here as well.
+        markdown_file: write the tables here as well.
+    """
+    pipeline = Pipeline(PipelineConfig(dehazer, detector, detect_in="dehazed"))
+    sets = [Recorded(folder, deck_z_m) for folder in folders]
+    store = Store(out, SCORES_FILE, {**settings_of(pipeline), "frames": [item.settings for item in sets]})
+
+    def score(sample: Sample) -> dict[str, Any]:
+        if sample.labels is None:
+            raise ValueError(f"{sample.source}: no labels.json: nothing to compare with")
+        return asdict(score_labels(pipeline(sample.frame), sample.labels))
+
+    [rows] = score_frames(sets, [(store, score)])
+    scores = [LabelScore(**row) for row in rows]
+    figures = summarise_labels(scores)
+    title = f"{len(scores)} labelled frames; dehazer {dehazer}, detector {detector}"
+    tables = [
+        _frames_table(scores),
+        Table("all frames", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
+    ]
+    publish(title, tables, figures, json_file, markdown_file)
+    return 0
 
 
 def score_labels(result: FrameResult, labels: Labels) -> LabelScore:
@@ -32,25 +84,13 @@ def score_labels(result: FrameResult, labels: Labels) -> LabelScore:
     for side in SIDES:
         points, line = getattr(result.detection, side).points_px, labels[side]
         if len(points):
-            errors[side] = (
-                np.full(len(points), np.inf) if line is None else distance_px(points, line, result.frame.camera)
-            )
+            far = np.full(len(points), np.inf)
+            errors[side] = (far if line is None else distance_px(points, line, result.frame.camera)).tolist()
     labelled = all(labels[side] is not None for side in SIDES)
     return LabelScore(result.frame.file, result.estimate.status, labelled, errors)
 
 
-def distance_px(points_px: ArrayLike, line_px: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
-    """Distance (N,), px, of points (N, 2) to the unbounded straight line that fits labelled points (M, 2) best.
-
-    Both are compared with the lens distortion removed.
-    """
-    points, line = (camera.rays(pixels)[:, :2] * [camera.fx, camera.fy] for pixels in (points_px, line_px))
-    middle = line.mean(axis=0)
-    normal = np.linalg.svd(line - middle)[2][1]
-    return np.abs((points - middle) @ normal)
-
-
-def summarise_labels(scores: list[LabelScore]) -> dict[str, float]:
+def summarise_labels(scores: Sequence[LabelScore]) -> Figures:
     """Found-rate, false lines and pixel errors under dotted names.
 
     Raises:
@@ -62,13 +102,22 @@ def summarise_labels(scores: list[LabelScore]) -> dict[str, float]:
     runway = [score for score in scores if score.labelled]
     empty = [score for score in scores if not score.labelled]
     if runway:
-        figures["found_rate"] = sum(score.found for score in runway) / len(runway)
-        figures["ok_rate"] = sum(score.status is Status.OK for score in runway) / len(runway)
-        pooled = [score.errors_px[side] for score in runway for side in SIDES if side in score.errors_px]
-        if pooled:
-            errors = np.concatenate(pooled)
-            figures |= {"error_px.median": float(np.median(errors)), "error_px.p95": float(np.percentile(errors, 95))}
-            figures["worst_line_median_px"] = max(float(np.median(line)) for line in pooled)
+        figures["found_rate"] = share(runway, lambda score: score.found)
+        figures["ok_rate"] = share(runway, lambda score: score.status == Status.OK)
+        lines = [score.errors_px[side] for score in runway for side in SIDES if side in score.errors_px]
+        if lines:
+            figures |= median_and_p95(np.concatenate(lines), "error_px")
+            figures["worst_line_median_px"] = max(float(np.median(line)) for line in lines)
     if empty:
-        figures["false_line_rate"] = sum(bool(score.errors_px) for score in empty) / len(empty)
+        figures["false_line_rate"] = share(empty, lambda score: bool(score.errors_px))
     return figures
+
+
+def _frames_table(scores: Sequence[LabelScore]) -> Table:
+    rows = []
+    for score in scores:
+        lines = (score.errors_px.get(side) for side in SIDES)
+        cells = ([f"{q:.2f}" for q in np.percentile(line, (50, 95))] if line else [MISSING] * 2 for line in lines)
+        rows.append((score.file, score.status, *(text for pair in cells for text in pair)))
+    columns = ("frame", "status", *(f"{side} {what}, px" for side in SIDES for what in ("median", "95 %")))
+    return Table("by frame", columns, rows)

@@ -1,14 +1,13 @@
-"""Figures of merit, as pure functions of an estimate and the truth."""
+"""Measures of a picture and of detected points against the truth."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import Camera, wrap_angle
-from deckline.types import RunwayLine, Segment
+from deckline.geometry import Camera
 
 PEAK = 255.0  # of 8-bit images
-SSIM_WINDOW_PX = 11  # this and the next three: Wang et al. 2004; SPEC section 2
+SSIM_WINDOW_PX = 11  # this and the next three: Wang et al. 2004
 SSIM_SIGMA_PX = 1.5
 SSIM_K1 = 0.01
 SSIM_K2 = 0.03
@@ -59,37 +58,6 @@ def ssim(image_rgb: NDArray[np.uint8], reference_rgb: NDArray[np.uint8]) -> floa
     return float(np.mean((luminance * structure)[border:-border, border:-border]))
 
 
-def direction_error_rad(line: RunwayLine, truth: Segment) -> float:
-    """Angle between an estimated and a true line, 0..pi/2: lines have no head. Paper: delta-theta of Table 6."""
-    difference = abs(float(wrap_angle(line.azimuth_rad - _azimuth(truth))))
-    return min(difference, np.pi - difference)
-
-
-def lateral_error_m(line: RunwayLine, truth: Segment) -> float:
-    """How far the estimated line passes to the right (+) of the true line's ramp end, m, across the true line.
-
-    Stands in for the paper's intercept difference, which depends on where the world's origin happens to be.
-
-    Raises:
-        ValueError: an estimated line at right angles to the true one, which never passes beside its ramp end.
-    """
-    azimuth = _azimuth(truth)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth)])
-    along = np.array([np.cos(azimuth), np.sin(azimuth)])
-    direction = line.direction[:2]
-    if abs(along @ direction) < 1e-9:
-        raise ValueError("the estimated line runs at right angles to the true one: no lateral error at the ramp")
-    offset = line.point_m[:2] - truth.p0_m[:2]
-    return float(right @ (offset - direction * (along @ offset) / (along @ direction)))
-
-
-def height_error_m(line: RunwayLine, truth: Segment) -> float:
-    """Estimated minus true world z where the estimate stands, m; positive is too low, as z points down."""
-    along = truth.p1_m - truth.p0_m
-    share = float((line.point_m - truth.p0_m)[:2] @ along[:2]) / float(along[:2] @ along[:2])
-    return float(line.height_m - truth.p0_m[2] - share * along[2])
-
-
 def below_horizon(camera: Camera, world_from_camera: RigidTransform) -> NDArray[np.bool_]:
     """Which pixels (H, W) look down, at sea and ship rather than at the sky, whatever stands above the horizon."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
@@ -122,9 +90,15 @@ def normal_pixel_error(points_px: ArrayLike, ends_optical_m: ArrayLike, camera: 
     return np.abs(camera.rays(points_px) @ camera.matrix.T @ normal) / scale
 
 
-def _azimuth(truth: Segment) -> float:
-    along = truth.p1_m - truth.p0_m
-    return float(np.arctan2(along[1], along[0]))
+def distance_px(points_px: ArrayLike, line_px: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """Distance (N,), px, of points (N, 2) to the unbounded straight line that fits labelled points (M, 2) best.
+
+    Both are compared with the lens distortion removed.
+    """
+    points, line = (camera.rays(pixels)[:, :2] * [camera.fx, camera.fy] for pixels in (points_px, line_px))
+    middle = line.mean(axis=0)
+    normal = np.linalg.svd(line - middle)[2][1]
+    return np.abs((points - middle) @ normal)
 
 
 def _window_mean(image: NDArray[np.float64]) -> NDArray[np.float64]:

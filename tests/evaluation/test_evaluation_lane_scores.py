@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deckline.evaluation.detection_lanes import CuLane, TuSimple, culane, tusimple
+from deckline.evaluation.lane_scores import CuLane, TuSimple, culane, f1, tusimple
 
 ROWS = np.arange(0.0, 100.0, 10.0)
 UPRIGHT = np.full(10, 100.0)
@@ -89,9 +89,6 @@ def test_pairs_are_chosen_together():
     assert culane([between, before], [first, second], (1640, 590)) == CuLane(2, 0, 0)
 
 
-def test_f1_is_taken_over_all_lines_of_all_images():
-    total = CuLane(1, 1, 0) + CuLane(2, 0, 2)
-    assert total == CuLane(3, 1, 2)
-    assert total.f1 == pytest.approx(6 / 9)
-    assert CuLane(0, 0, 4).f1 == 0.0
-    assert np.isnan(CuLane(0, 0, 0).f1)
+@pytest.mark.parametrize(("counts", "expected"), [((3, 1, 2), 6 / 9), ((0, 0, 4), 0.0), ((0, 0, 0), np.nan)])
+def test_f1_of_all_lines(counts, expected):
+    assert f1(*counts) == pytest.approx(expected, nan_ok=True)

@@ -1,7 +1,14 @@
 import numpy as np
 import pytest
 
-from deckline.evaluation.paired import paired_difference
+from deckline.evaluation.statistics import (
+    RANGE_M,
+    by_band,
+    median_and_p95,
+    paired_difference,
+    share,
+    share_interval,
+)
 
 
 def test_the_interval_of_normal_differences_is_that_of_the_mean():
@@ -26,14 +33,14 @@ def test_the_interval_holds_the_truth_about_19_times_in_20():
 def test_equal_differences_are_known_exactly():
     found = paired_difference([-0.5] * 8, np.random.default_rng(0))
     assert (found.value, found.low, found.high) == (-0.5, -0.5, -0.5)
-    assert found.below and not found.above
+    assert found.text('+.1f') == '-0.5 [-0.5, -0.5]'
 
 
 def test_a_median_is_not_moved_by_one_wild_image():
     calm = [0.1, 0.2, 0.3, 0.2, 0.1, 0.3, 0.2, 0.2, 0.1, 0.3, 0.2]
     found = paired_difference([*calm, 500.0], np.random.default_rng(0), "median")
     assert found.value == pytest.approx(0.2)
-    assert found.above and found.high < 1.0
+    assert 0 < found.low < found.high < 1.0
     assert paired_difference([*calm, 500.0], np.random.default_rng(0)).value > 40.0
 
 
@@ -46,6 +53,30 @@ def test_the_same_seed_gives_the_same_interval():
 def test_one_image_has_no_interval_and_none_is_refused():
     found = paired_difference([1.5], np.random.default_rng(0))
     assert found.value == 1.5 and np.isnan(found.low) and np.isnan(found.high)
-    assert not found.above and not found.below
-    with pytest.raises(ValueError, match="at least one image"):
+    assert found.text('+.0f', 100) == '+150'
+    with pytest.raises(ValueError, match=r"\(0,\)"):
         paired_difference([], np.random.default_rng(0))
+
+
+def test_bands_hold_every_item_that_has_the_value_once():
+    values = [50.0, 150.0, 900.0, np.inf, np.nan, -1.0]
+    found = by_band(values, lambda value: value, RANGE_M)
+    assert found == {"0 to 100 m": [50.0], "100 to 200 m": [150.0], "800 m and more": [900.0, np.inf]}
+    assert list(by_band(values, lambda value: value, RANGE_M, short=True)) == ["0-100 m", "100-200 m", "800+ m"]
+    assert by_band([20.0], lambda value: value, (0.0, 10.0, 30.0), "%") == {"10 to 30 %": [20.0]}
+
+
+def test_median_and_95_percent():
+    assert median_and_p95(np.arange(101.0), "px") == {"px.median": 50.0, "px.p95": 95.0}
+    assert median_and_p95([], "px") == {}
+
+
+def test_intervals_of_shares_against_closed_forms():
+    assert share([1, 2, 3, 4], lambda item: item > 3) == 0.25
+    # Without a hit the upper end solves (1 - p)^n = 0.025.
+    low, high = share_interval(0, 30)
+    assert low == 0.0 and high == pytest.approx(1 - 0.025 ** (1 / 30))
+    assert share_interval(30, 30) == pytest.approx((1 - high, 1.0))
+    for hits, trials in ((1, 0), (3, 2), (-1, 2)):
+        with pytest.raises(ValueError, match=f"{hits} of {trials}"):
+            share_interval(hits, trials)

@@ -4,7 +4,7 @@ Sources: the TuSimple lane detection challenge, 2017; CULane, Pan et al., "Spati
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -24,8 +24,7 @@ Rows = NDArray[np.float64]  # (rows,) u of a line on every row, NaN where it is 
 Line = NDArray[np.float64]  # (N, 2) u, v, N >= 2
 
 
-@dataclass(frozen=True)
-class TuSimple:
+class TuSimple(NamedTuple):
     """Shares of one image: points that are right, predicted lines that match none, true lines that none matches."""
 
     accuracy: float
@@ -33,22 +32,18 @@ class TuSimple:
     false_negative: float
 
 
-@dataclass(frozen=True)
-class CuLane:
-    """Lines of one image: matched, predicted in vain, missed."""
+class CuLane(NamedTuple):
+    """Lines of one image: matched, predicted without a match, missed."""
 
     tp: int
     fp: int
     fn: int
 
-    def __add__(self, other: "CuLane") -> "CuLane":
-        return CuLane(self.tp + other.tp, self.fp + other.fp, self.fn + other.fn)
 
-    @property
-    def f1(self) -> float:
-        """2 TP / (2 TP + FP + FN); NaN where there is nothing to find and nothing was found."""
-        lines = 2 * self.tp + self.fp + self.fn
-        return 2 * self.tp / lines if lines else float("nan")
+def f1(tp: int, fp: int, fn: int) -> float:
+    """2 TP / (2 TP + FP + FN); NaN where there is nothing to find and nothing was found."""
+    lines = 2 * tp + fp + fn
+    return 2 * tp / lines if lines else float("nan")
 
 
 def tusimple(predicted: Sequence[Rows], true: Sequence[Rows], rows_v: Rows, width_px: int) -> TuSimple:
@@ -70,8 +65,8 @@ def tusimple(predicted: Sequence[Rows], true: Sequence[Rows], rows_v: Rows, widt
     if len(true) > TUSIMPLE_MOST:  # the worst of too many lanes is left out
         missed, total = max(missed - 1, 0), total - min(best)
     # One predicted line may match two true ones that lie close together; the benchmark's own count is then below 0.
-    in_vain = max(len(predicted) - matched, 0) / len(predicted) if predicted else 0.0
-    return TuSimple(total / counted, in_vain, missed / counted)
+    unmatched = max(len(predicted) - matched, 0) / len(predicted) if predicted else 0.0
+    return TuSimple(total / counted, unmatched, missed / counted)
 
 
 def _slope(line: Rows, rows_v: Rows) -> float:
@@ -96,14 +91,14 @@ def culane(predicted: Sequence[Line], true: Sequence[Line], size: tuple[int, int
     """
     if not predicted or not true:
         return CuLane(0, len(predicted), len(true))
-    drawn = [[_drawn(line, size) for line in lines] for lines in (predicted, true)]
-    iou = np.array([[_iou(one, other) for other in drawn[1]] for one in drawn[0]])
+    masks = [[_draw(line, size) for line in lines] for lines in (predicted, true)]
+    iou = np.array([[_iou(one, other) for other in masks[1]] for one in masks[0]])
     pairs = linear_sum_assignment(-iou)
     matched = int((iou[pairs] > CULANE_IOU).sum())
     return CuLane(matched, len(predicted) - matched, len(true) - matched)
 
 
-def _drawn(line: Line, size: tuple[int, int]) -> NDArray[np.bool_]:
+def _draw(line: Line, size: tuple[int, int]) -> NDArray[np.bool_]:
     width_px = max(round(CULANE_PX * size[0] / CULANE_WIDTH), 1)
     picture = np.zeros((size[1], size[0]), dtype=np.uint8)
     corners = np.rint(np.clip(line, -4 * max(size), 5 * max(size))).astype(np.int32)

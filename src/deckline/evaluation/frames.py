@@ -1,0 +1,290 @@
+"""The frames that evaluations measure: recordings, labelled folders, the simulator; and the loop over them."""
+
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from deckline.evaluation.detection_truth import ExpectedLines, expected_from_labels, expected_from_truth
+from deckline.evaluation.store import Store
+from deckline.extras import needs_extra
+from deckline.labels import LABELS_FILE, Labels, read_labels
+from deckline.progress import progress
+from deckline.recording import open_recording
+from deckline.recording.airsim import RECORD_FILE
+from deckline.recording.scene import SCENE_FILE, read_scene
+from deckline.recording.source import FrameError
+from deckline.types import Frame
+
+FRAMES, DECKLESS = 200, 100  # rendered when no source is given
+NAMED = 6  # sets whose names are all printed
+SKIPPED_SHOWN = 5
+RANDOM_SHIPS = "random ships"
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A frame and what is known of it."""
+
+    frame: Frame
+    source: str  # name of its set
+    index: int  # in it
+    ship: str  # or view, for people
+    labels: Labels | None = None  # None: the frame carries truth
+
+    @cached_property
+    def expected(self) -> ExpectedLines:
+        """What should be found in it.
+
+        Raises:
+            FrameError: neither labels nor truth, or true lines without a pose.
+        """
+        if self.labels is not None:
+            return expected_from_labels(self.labels, self.frame.image_rgb)
+        try:
+            return expected_from_truth(self.frame)
+        except ValueError as error:
+            raise FrameError(self.frame.file, str(error)) from None
+
+
+class FrameSet(ABC):
+    """Frames that can be loaded in any order.
+
+    Attributes:
+        name: what tables and files call it.
+        settings: plain values; a stopped evaluation resumes only with the same.
+    """
+
+    name: str
+    settings: dict[str, Any]
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    @abstractmethod
+    def load(self, index: int) -> Sample | None:
+        """Frame `index`; None where nobody labelled it.
+
+        Raises:
+            FrameError: this frame cannot be used.
+        """
+
+    def close(self) -> None:  # noqa: B027 (files need no closing)
+        """Let go of what it holds."""
+
+
+class Recorded(FrameSet):
+    """A recording with truth, or images with labels.json.
+
+    Args:
+        path: of either.
+        deck_z_m: world z of the deck plane; None: as the files say.
+
+    Raises:
+        ValueError: it cannot be opened, or has neither truth nor labels.
+    """
+
+    def __init__(self, path: Path, deck_z_m: float | None = None) -> None:
+        self.name = str(path)
+        self._recording = open_recording(path, deck_z_m=deck_z_m)
+        labelled = not (path / RECORD_FILE).exists() and (path / LABELS_FILE).exists()
+        self._labels = read_labels(path / LABELS_FILE) if labelled else None
+        scene = path / SCENE_FILE
+        if self._labels is None and not scene.exists():
+            raise ValueError(f"{path}: neither truth ({SCENE_FILE}) nor {LABELS_FILE}: nothing to compare with")
+        self._ship = "labelled" if labelled else str(read_scene(scene).extra.get("preset", "unknown"))
+        if self._ship == "train":
+            self._ship = RANDOM_SHIPS
+        self.settings = {"source": str(path.resolve()), "frames": len(self), "deck_z_m": deck_z_m}
+
+    def __len__(self) -> int:
+        return len(self._recording)
+
+    def load(self, index: int) -> Sample | None:
+        frame = self._recording.load(index)
+        if self._labels is None:
+            return Sample(frame, self.name, index, self._ship)
+        if frame.file not in self._labels:
+            return None
+        return Sample(frame, self.name, index, self._ship, self._labels[frame.file])
+
+
+class Rendered(FrameSet):
+    """Fresh frames of the simulator.
+
+    Args:
+        config: a `deckline.sim.SimConfig` of random views, or of views without a runway.
+    """
+
+    def __init__(self, config: Any) -> None:
+        from deckline.sim.record import what_decides_a_frame
+
+        self._config, self._deckless = config, config.trajectory == "deckless"
+        self._simulator: Any = None
+        self.name = "no runway" if self._deckless else f"rendered {config.preset}"
+        self.settings = what_decides_a_frame(config)
+
+    def __len__(self) -> int:
+        return int(self._config.frames)
+
+    def load(self, index: int) -> Sample:
+        if self._simulator is None:
+            from deckline.sim import open_simulator
+
+            self._simulator = open_simulator(self._config)
+        frame = self._simulator.frame(index)
+        ship = RANDOM_SHIPS if self._config.preset == "train" else self._config.preset
+        ship = f"no runway: {frame.truth.conditions['deckless']}" if self._deckless else ship
+        return Sample(frame, self.name, index, ship)
+
+    def close(self) -> None:
+        if self._simulator is not None:
+            self._simulator.__exit__(None, None, None)
+            self._simulator = None
+
+
+def open_sets(
+    sources: Sequence[Path],
+    frames: int | None,
+    deckless: int | None,
+    presets: Sequence[str],
+    seed: int,
+    visibility: str,
+    range_m: tuple[float, float] | None,
+    fov_deg: float,
+) -> list[FrameSet]:
+    """Recorded frames, and rendered ones where they are asked for or nothing is recorded.
+
+    Raises:
+        ValueError: a source that cannot be evaluated, a negative number, an unknown preset, or a value that the
+            simulator refuses.
+        ImportError: the sim extra is not installed.
+    """
+    for name, value in (("--frames", frames), ("--deckless", deckless)):
+        if value is not None and value < 0:
+            raise ValueError(f"{name} must not be negative, got {value}")
+    sets = open_recorded(sources)
+    frames = frames if frames is not None else 0 if sources else FRAMES
+    deckless = deckless if deckless is not None else 0 if sources else DECKLESS
+    return sets + rendered_sets(frames, deckless, presets, seed, visibility, range_m, fov_deg)
+
+
+def open_recorded(paths: Sequence[Path]) -> list[FrameSet]:
+    """Every source, a dataset's folder standing for the recordings in it.
+
+    Raises:
+        ValueError: a source that cannot be evaluated, or one that is given twice.
+    """
+    sets: list[FrameSet] = []
+    for path in paths:
+        inside = []
+        with suppress(OSError):
+            inside = [child for child in sorted(path.iterdir()) if (child / RECORD_FILE).exists()]
+        direct = (path / RECORD_FILE).exists() or (path / LABELS_FILE).exists()
+        sets += [Recorded(child) for child in (inside if inside and not direct else [path])]
+    names = [item.name for item in sets]
+    if len(set(names)) < len(names):
+        raise ValueError(f"a source is given twice: {', '.join(names)}")
+    return sets
+
+
+def rendered_sets(
+    frames: int,
+    deckless: int,
+    presets: Sequence[str],
+    seed: int,
+    visibility: str,
+    range_m: tuple[float, float] | None,
+    fov_deg: float,
+    keep_clear: bool = False,
+) -> list[FrameSet]:
+    """Fresh frames of every preset from random viewpoints, and some without a runway.
+
+    Raises:
+        ValueError: an unknown preset, or a value that the simulator refuses.
+        ImportError: the sim extra is not installed.
+    """
+    if not frames and not deckless:
+        return []
+    with needs_extra("sim"):
+        from deckline.sim import SimConfig
+        from deckline.sim.record import parse_visibility
+    shared: dict[str, Any] = {
+        "visibility_m": parse_visibility(visibility),
+        "seed": seed,
+        "fov_deg": fov_deg,
+        "range_m": range_m,
+        "keep_clear": keep_clear,
+    }
+    sets: list[FrameSet] = []
+    if frames:
+        random = shared | {"trajectory": "random", "frames": frames}
+        sets += [Rendered(SimConfig(preset=preset, **random)) for preset in dict.fromkeys(presets)]  # type: ignore[arg-type]
+    if deckless:
+        views = shared | {"trajectory": "deckless", "frames": deckless, "frames_per_ship": 1}
+        sets.append(Rendered(SimConfig(preset="train", **views)))
+    return sets
+
+
+def name_sets(sets: Sequence[FrameSet]) -> str:
+    """The sets' names; of many the first and the last."""
+    names = [item.name for item in sets]
+    return ", ".join(names) if len(names) <= NAMED else f"{len(names)} sources, {names[0]} to {names[-1]}"
+
+
+def score_frames(
+    sets: Sequence[FrameSet], tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]
+) -> list[list[dict[str, Any]]]:
+    """Score every frame by every task whose store lacks it; each frame is loaded once.
+
+    A frame that cannot be used is skipped, counted and named on stderr.
+
+    Args:
+        sets: where the frames are.
+        tasks: a store and what makes its rows.
+
+    Returns:
+        For each task the rows of these frames.
+    """
+    places = [(item, index) for item in sets for index in range(len(item))]
+    lacking = [[task for task in tasks if (item.name, index) not in task[0].rows] for item, index in places]
+    with ExitStack() as stack:
+        for store, _ in tasks:
+            stack.enter_context(store)
+        advance = stack.enter_context(progress("evaluating", len(places), sum(not missing for missing in lacking)))
+        for item in sets:
+            stack.callback(item.close)
+        for (item, index), missing in zip(places, lacking, strict=True):
+            if missing:
+                _score_frame(item, index, missing)
+                advance()
+            if index + 1 == len(item):
+                item.close()
+    rows = [[store.rows[item.name, index] for item, index in places] for store, _ in tasks]
+    _report_skipped([row["skipped"] for row in rows[0] if row.get("skipped")])
+    return [[row for row in each if "skipped" not in row] for each in rows]
+
+
+def _score_frame(
+    item: FrameSet, index: int, tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]
+) -> None:
+    reason = ""  # of a frame without labels, which is left out silently
+    sample = None
+    try:
+        sample = item.load(index)
+        rows = [] if sample is None else [score(sample) for _, score in tasks]
+    except FrameError as error:
+        sample, reason = None, str(error)
+    for k, (store, _) in enumerate(tasks):
+        store.add((item.name, index), {"skipped": reason} if sample is None else rows[k])
+
+
+def _report_skipped(reasons: Sequence[str]) -> None:
+    for reason in reasons[:SKIPPED_SHOWN]:
+        print(f"skipped {reason}", file=sys.stderr)
+    if len(reasons) > SKIPPED_SHOWN:
+        print(f"skipped {len(reasons)} frames in all", file=sys.stderr)

@@ -1,0 +1,118 @@
+"""Statistics that every evaluation shares: bands, quantiles, paired differences, intervals of shares."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import binomtest, bootstrap
+
+CONFIDENCE = 0.95
+RESAMPLES = 5000  # the ends of an interval then move by about 2 % of its width from seed to seed
+STATISTICS: dict[str, Callable[..., Any]] = {"mean": np.mean, "median": np.median}
+
+# Edges of the bands that results are grouped by.
+RANGE_M = (0.0, 100.0, 200.0, 400.0, 800.0, np.inf)  # to the ramp, of unrelated frames
+APPROACH_RANGE_M = (0.0, 150.0, 300.0, 500.0, 1000.0, np.inf)  # of approaches: 150 m is where our accuracy marks change
+VISIBILITY_M = (0.0, 500.0, 1000.0, 2000.0, np.inf)
+DETECTION_VISIBILITY_M = (0.0, 200.0, 500.0, 1000.0, 2000.0, np.inf)
+DEHAZING_VISIBILITY_M = (0.0, 150.0, 300.0, 500.0, 1000.0, 3000.0, np.inf)
+LIGHT_PERCENT = (0.0, 10.0, 30.0, 60.0, np.inf)  # of the ramp's light that comes through the air
+CONTRAST = (0.0, 1.0, 2.0, 5.0, 15.0, np.inf)  # grey levels
+
+T = TypeVar("T")
+
+
+def by_band(
+    items: Iterable[T], value: Callable[[T], float], edges: Sequence[float], unit: str = "m", short: bool = False
+) -> dict[str, list[T]]:
+    """Items by the band that their value lies in; bands without items are left out.
+
+    Args:
+        items: what to group.
+        value: of an item; one that is NaN is in no band.
+        edges: of the bands, in order. Infinity is in the last band when that is open.
+        unit: of the value.
+        short: name bands `0-100 m` instead of `0 to 100 m`.
+    """
+    valued = [(value(item), item) for item in items]
+    groups = {}
+    for low, high in pairwise(edges):
+        members = [item for number, item in valued if low <= number < high or number == high == np.inf]
+        if members and short:
+            groups[f"{low:g}+ {unit}" if np.isinf(high) else f"{low:g}-{high:g} {unit}"] = members
+        elif members:
+            groups[f"{low:g} {unit} and more" if np.isinf(high) else f"{low:g} to {high:g} {unit}"] = members
+    return groups
+
+
+def share(items: Sequence[T], test: Callable[[T], bool]) -> float:
+    """Part of the items, 0..1, that pass a test."""
+    return sum(map(test, items)) / len(items)
+
+
+def median_and_p95(values: ArrayLike, name: str) -> dict[str, float]:
+    """`name.median` and `name.p95` of values (N,); empty without values."""
+    numbers = np.asarray(values, dtype=np.float64)
+    if not len(numbers):
+        return {}
+    return {f"{name}.median": float(np.median(numbers)), f"{name}.p95": float(np.percentile(numbers, 95))}
+
+
+def share_interval(hits: int, trials: int) -> tuple[float, float]:
+    """95 % interval of a share, never too narrow for independent trials.
+
+    Raises:
+        ValueError: no trial, or more hits than trials.
+    Source: Clopper and Pearson, "The use of confidence or fiducial limits", 1934.
+    """
+    if not 0 <= hits <= trials or trials < 1:
+        raise ValueError(f"expected 0 <= hits <= trials and at least 1 trial, got {hits} of {trials}")
+    interval = binomtest(hits, trials).proportion_ci(CONFIDENCE, method="exact")
+    return float(interval.low), float(interval.high)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A method minus its reference, in the unit of what was measured."""
+
+    value: float
+    low: float  # ends of the 95 % interval; NaN with fewer than two images
+    high: float
+    images: int  # measured with both
+
+    def text(self, form: str, scale: float = 1.0) -> str:
+        """Value and interval for a table, such as `+1.2 [+0.3, +2.1]`."""
+        value, low, high = (format(scale * number, form) for number in (self.value, self.low, self.high))
+        return value if np.isnan(self.low) else f"{value} [{low}, {high}]"
+
+
+def paired_difference(
+    differences: ArrayLike, rng: np.random.Generator, statistic: Literal["mean", "median"] = "mean"
+) -> Difference:
+    """Mean or median of per-image differences with its 95 % percentile bootstrap interval over the images.
+
+    The images count as independent. Those of one flight resemble each other: their interval is too narrow.
+
+    Args:
+        differences: (N,), one for each image.
+        rng: draws the images of each resample.
+        statistic: of the differences.
+
+    Raises:
+        ValueError: no image.
+    Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+    """
+    values = np.asarray(differences, dtype=np.float64)
+    if values.ndim != 1 or len(values) == 0:
+        raise ValueError(f"expected the differences (N,) of at least one image, got shape {values.shape}")
+    compute = STATISTICS[statistic]
+    value = float(compute(values))
+    if len(values) == 1:
+        return Difference(value, np.nan, np.nan, 1)
+    interval = bootstrap(
+        (values,), compute, n_resamples=RESAMPLES, confidence_level=CONFIDENCE, method="percentile", batch=500, rng=rng
+    ).confidence_interval
+    return Difference(value, float(interval.low), float(interval.high), len(values))

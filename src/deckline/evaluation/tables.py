@@ -1,0 +1,123 @@
+"""The tables of every evaluation: on the terminal, as Markdown, and with their figures as JSON."""
+
+import json
+import math
+import os
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich import table as rich_table
+from rich.console import Console
+from rich.markup import escape
+
+from deckline import __version__
+from deckline.atomic import write_atomic
+from deckline.report.provenance import command_line
+
+FILE_COLUMNS = 190  # of tables that go to a file or a pipe
+PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime")  # whose version speed depends on
+MISSING = "-"
+
+Figures = dict[str, float]
+JsonFile = Annotated[Path | None, tyro.conf.arg(name="json")]
+MarkdownFile = Annotated[Path | None, tyro.conf.arg(name="markdown")]
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of words."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    notes: Sequence[str] = ()  # below it
+
+
+def number(value: float | None, form: str) -> str:
+    """A number in a table; a dash where there is none."""
+    return MISSING if value is None or not math.isfinite(value) else format(value, form)
+
+
+def made_with() -> dict[str, str]:
+    """Software, machine and date of a result."""
+    return {
+        "deckline": f"deckline {__version__}",
+        "machine": f"{platform.machine()} with {os.cpu_count()} cores",
+        "python": f"Python {platform.python_version()}",
+        **{name: f"{name} {version(name)}" for name in PACKAGES},
+        "date": str(date.today()),
+    }
+
+
+def publish(
+    title: str,
+    tables: Sequence[Table],
+    figures: Mapping[str, Any],
+    json_file: Path | None = None,
+    markdown_file: Path | None = None,
+    notes: Sequence[str] = (),
+) -> None:
+    """Print tables under a title, notes below them; write them where files are asked for.
+
+    Args:
+        title: what was measured, with which settings.
+        tables: in order.
+        figures: JSON values; numbers that are not finite are written as null.
+        json_file: gets the figures and, under names with an underscore, the command, what it ran on and the tables.
+        markdown_file: gets the tables.
+        notes: below the last table.
+    """
+    made = made_with()
+    console = Console(width=None if sys.stdout.isatty() else FILE_COLUMNS)
+    console.print(title, style="bold", markup=False)
+    console.print(", ".join(made.values()), highlight=False, markup=False)
+    for table in tables:
+        console.print(_rich(table))
+        for note in table.notes:
+            console.print(note, highlight=False, markup=False)
+    for note in notes:
+        console.print(note, highlight=False, markup=False)
+    if markdown_file is not None:
+        parts = [f"{title}\n{', '.join(made.values())}", *map(markdown, tables), *notes]
+        write_atomic(markdown_file, ("\n\n".join(parts) + "\n").encode())
+        print(markdown_file)
+    if json_file is not None:
+        about = {"_title": title, "_command": command_line(), "_made_with": made, "_notes": list(notes)}
+        content = {**figures, **about, "_tables": [asdict(table) for table in tables]}
+        write_atomic(json_file, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
+        print(json_file)
+
+
+def markdown(table: Table) -> str:
+    """A table under its title in bold, its notes below it."""
+    rule = ("---", *("---:" for _ in table.columns[1:]))
+    rows = "\n".join(f"| {' | '.join(row)} |" for row in (table.columns, rule, *table.rows))
+    return "\n\n".join([f"**{table.title}**", rows, *table.notes])
+
+
+def _rich(table: Table) -> rich_table.Table:
+    """The table for a terminal, with a rule where the first column changes after repeating itself."""
+    drawn = rich_table.Table(title=table.title, title_justify="left", title_style="bold")
+    for k, column in enumerate(table.columns):
+        drawn.add_column(column, justify="left" if k == 0 else "right", no_wrap=k == 0)
+    first = [row[0] for row in table.rows]
+    grouped = len(set(first)) < len(first)
+    for k, row in enumerate(table.rows):
+        last_of_group = grouped and k + 1 < len(first) and first[k + 1] != first[k]
+        drawn.add_row(*map(escape, row), end_section=last_of_group)
+    return drawn
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

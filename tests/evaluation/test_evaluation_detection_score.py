@@ -1,0 +1,221 @@
+import dataclasses
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deckline.evaluation.detection_score import (
+    DetectionScore,
+    calibration,
+    groups,
+    reliability,
+    score_detection,
+    summarise,
+)
+from deckline.evaluation.detection_truth import Scene
+from deckline.evaluation.frames import Sample
+from deckline.evaluation.lane_scores import CuLane, TuSimple
+from deckline.geometry import Camera, pose
+from deckline.labels.lines import resampled
+from deckline.types import Detection, Frame, LinePoints, Segment, Truth
+
+CAMERA = Camera.from_fov(640, 360, np.pi / 2)
+LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
+RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
+
+
+def sample_at(x_m: float, camera: Camera = CAMERA, **truth) -> Sample:
+    """20 m above the lines' plane, `-x_m` before the ramp."""
+    image = np.zeros((camera.height, camera.width, 3), np.uint8)
+    known = Truth(**({"left": LEFT, "right": RIGHT, "visibility_m": 800.0} | truth))
+    at = pose([x_m, 0.0, -20.0], [1.0, 0.0, 0.0, 0.0])
+    return Sample(Frame("a.png", 0.0, image, camera, world_from_body=at, truth=known), "data", 7, "paper")
+
+
+def points(pixels, confidence=0.9) -> LinePoints:
+    pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
+    return LinePoints(pixels, np.full(len(pixels), confidence), np.ones(len(pixels)))
+
+
+def deck(left=(1.0,), right=(1.0,), confidence=0.9, **changes) -> DetectionScore:
+    score = DetectionScore(
+        "data",
+        0,
+        "a.png",
+        "paper",
+        Scene.DECK,
+        150.0,
+        800.0,
+        1280,
+        100.0,
+        {"left": list(left), "right": list(right)},
+        {"left": [confidence] * len(left), "right": [confidence] * len(right)},
+        TuSimple(0.9, 0.0, 0.0),
+        CuLane(2, 0, 0),
+        light=np.nan,
+        contrast=np.nan,
+    )
+    return replace(score, **changes)
+
+
+def sea(points: int, confidence=0.9) -> DetectionScore:
+    return deck([np.inf] * points, [], confidence, scene=Scene.EMPTY, tusimple=None, culane=CuLane(0, points > 0, 0))
+
+
+def test_rates_and_errors_of_known_frames():
+    missed = deck([], [4.0], tusimple=TuSimple(0.5, 0.0, 0.5), culane=CuLane(1, 0, 1))
+    astray = deck([1.0, 2.0], [50.0])
+    hidden = deck([7.0], [7.0], scene=Scene.UNRATED)
+    figures = summarise([deck(), missed, astray, hidden, sea(0), sea(2), sea(0), sea(0)])
+    assert figures["frames"] == 8 and figures["decks"] == 3 and figures["empty"] == 4
+    assert figures["found_rate"] == pytest.approx(2 / 3)
+    assert figures["placed_rate"] == pytest.approx(1 / 3)
+    assert figures["one_line_rate"] == pytest.approx(1 / 3)
+    assert figures["error_px.median"] == np.median([1, 1, 4, 1, 2, 50])
+    assert figures["error_px.p95"] == np.percentile([1, 1, 4, 1, 2, 50], 95)
+    assert figures["worst_line_px"] == 50.0
+    assert figures["tusimple.accuracy"] == pytest.approx((0.9 + 0.5 + 0.9) / 3)
+    assert figures["tusimple.false_negative"] == pytest.approx(0.5 / 3)
+    assert figures["culane.f1"] == pytest.approx(2 * 5 / (2 * 5 + 1))
+    assert figures["false_rate"] == 0.25
+
+
+def test_what_cannot_be_said_is_left_out():
+    figures = summarise([sea(0)])
+    assert figures == {"frames": 1.0, "decks": 0.0, "empty": 1.0, "false_rate": 0.0}
+    assert "error_px.median" not in summarise([deck([], [])])
+    with pytest.raises(ValueError, match="no frame"):
+        summarise([])
+
+
+def test_calibration_error_in_closed_form():
+    # Ten points at 0.95, nine right; ten at 0.55, five right: |0.95 - 0.9| and |0.55 - 0.5|, half of all each.
+    confidence = [0.95] * 10 + [0.55] * 10
+    result = calibration(confidence, [True] * 9 + [False] + [True] * 5 + [False] * 5)
+    assert result.expected_calibration_error == pytest.approx(0.05)
+    assert [b.points for b in result.bins] == [0, 0, 0, 0, 0, 10, 0, 0, 0, 10]
+    assert result.bins[9].right == pytest.approx(0.9)
+    assert result.bins[5].confidence == pytest.approx(0.55)
+    assert np.isnan(result.bins[0].right)
+    assert np.isnan(calibration([], []).expected_calibration_error)
+
+
+@given(st.lists(st.tuples(st.floats(0, 1), st.booleans()), min_size=1, max_size=50))
+def test_calibration_error_is_between_the_overall_gap_and_one(pairs):
+    confidence, right = zip(*pairs, strict=True)
+    result = calibration(confidence, right)
+    overall = abs(np.mean(confidence) - np.mean(right))
+    assert overall - 1e-9 <= result.expected_calibration_error <= 1 + 1e-9
+    assert sum(b.points for b in result.bins) == len(pairs)
+    assert calibration(confidence, right, 1).expected_calibration_error == pytest.approx(overall)
+
+
+def test_points_on_the_open_sea_count_as_wrong_and_unrated_frames_not_at_all():
+    result = reliability([deck([1.0], [9.0], 0.75), sea(2, 0.75), deck([0.0], [0.0], scene=Scene.UNRATED)])
+    assert result.bins[7].points == 4
+    assert result.bins[7].right == 0.25
+
+
+def test_confidences_that_are_none_are_refused():
+    with pytest.raises(ValueError, match=r"confidence.*1\.5"):
+        calibration([0.5, 1.5], [True, True])
+    with pytest.raises(ValueError, match=r"\(1,\) and \(2,\)"):
+        calibration([0.5], [True, True])
+
+
+def test_groups_hold_every_frame_that_has_the_value_once():
+    scores = [
+        deck(range_m=50.0, visibility_m=150.0, ship="cvn", light=0.25),
+        deck(range_m=100.0, visibility_m=np.inf, light=1.0),
+        deck(range_m=np.nan, visibility_m=np.nan),
+    ]
+    found = groups(scores)
+    assert {name: len(members) for name, members in found["range to the ramp"].items()} == {
+        "0 to 100 m": 1,
+        "100 to 200 m": 1,
+    }
+    assert list(found["visibility"]) == ["0 to 200 m", "2000 m and more"]
+    assert list(found["light through the air"]) == ["10 to 30 %", "60 % and more"]
+    assert {name: len(members) for name, members in found["ship"].items()} == {"cvn": 1, "paper": 2}
+
+
+def test_the_worst_frames_are_lost_and_invented_lines_then_errors_then_larger_decks():
+    order = [
+        deck(scene=Scene.UNRATED, left=[900.0]),
+        sea(0),
+        deck([1.0], [1.0]),
+        deck([1.0], [30.0]),
+        sea(3),
+        deck([], [1.0], extent_px=200.0),
+        deck([], [], extent_px=20.0),
+        deck([], [], extent_px=200.0),
+    ]
+    ranks = [score.badness for score in order]
+    assert ranks == sorted(ranks)
+
+
+def test_contrast_is_the_fainter_lines_however_many_points_say_where_it_is():
+    image = np.full((360, 640, 3), 40, np.uint8)
+    image[:, 192:209] = 140  # a twelfth of the way to the other line
+    image[:, 392:409] = 60
+    frame = dataclasses.replace(sample_at(-100.0).frame, image_rgb=image)
+    left, right = (np.array([[u, 300.0], [u, 100.0]]) for u in (200.0, 400.0))
+    nothing = Detection(points([]), points([]))
+    for lines in ((left, right), (resampled(left, 40), resampled(right, 300))):
+        sample = Sample(frame, "data", 0, "labelled", dict(zip(("left", "right"), lines, strict=True)))
+        assert score_detection(sample, nothing).contrast == pytest.approx(20.0, rel=0.2)
+    alone = Sample(frame, "data", 0, "labelled", {"left": left, "right": None})
+    assert np.isnan(score_detection(alone, nothing).contrast)
+
+
+@pytest.mark.parametrize("distortion", [(0.0,) * 5, (-0.05, 0.01, 0.0, 0.0, 0.0)])
+def test_errors_are_normal_distances_to_the_true_line(distortion):
+    camera = Camera(640, 360, 320.0, 320.0, 319.5, 179.5, distortion)
+    sample = sample_at(-100.0, camera=camera)
+    expected = sample.expected
+    exact = score_detection(sample, Detection(*(points(expected.lines_px[s][::8]) for s in ("left", "right"))))
+    assert max(exact.errors_px["left"] + exact.errors_px["right"]) < 1e-3
+    assert exact.found == 2 and exact.placed
+    assert exact.tusimple.accuracy > 0.95
+    assert exact.culane == CuLane(2, 0, 0)
+    if not any(distortion):
+        # The left line runs 10 m aside and 20 m below: its image has the slope du/dv = -1/2.
+        normal = np.array([2.0, 1.0]) / np.sqrt(5)
+        moved = points(expected.lines_px["left"][::8] + 1.4 * normal)
+        score = score_detection(sample, Detection(moved, points([])))
+        np.testing.assert_allclose(score.errors_px["left"], 1.4, atol=1e-3)
+        assert score.right_px == 1.5  # 3 px of 1280
+        assert score.found == 1 and not score.placed
+        assert score.tusimple == TuSimple(pytest.approx(0.5, abs=0.03), 0.0, 0.5)
+        assert score.culane == CuLane(1, 0, 1)
+
+
+def test_half_the_points_far_off_are_found_but_not_placed():
+    sample = sample_at(-100.0)
+    expected = sample.expected
+    left, right = (expected.lines_px[side][::8] for side in ("left", "right"))
+    score = score_detection(sample, Detection(points(left + np.array([9.0, 0.0])), points(right)))
+    assert score.found == 2 and not score.placed
+
+
+def test_points_where_there_is_nothing_are_infinitely_wrong():
+    sample = sample_at(-100.0, left=None, right=None)
+    seen = Detection(points([[10, 10], [20, 50], [30, 90]]), points([]))
+    score = score_detection(sample, seen)
+    assert score.errors_px == {"left": [np.inf] * 3, "right": []}
+    assert score.found == 1
+    assert score.tusimple is None
+    assert score.culane == CuLane(0, 1, 0)
+    assert score.extent_px == 0.0
+
+
+def test_a_score_survives_a_line_of_json():
+    for sample in (sample_at(-100.0), sample_at(-100.0, left=None, right=None, visibility_m=np.inf)):
+        seen = Detection(points([[10, 10], [20, 50]]), points([[1.0, 2.0]], 0.123456789))
+        score = score_detection(sample, seen)
+        again = DetectionScore(**json.loads(json.dumps(dataclasses.asdict(score))))
+        assert json.dumps(dataclasses.asdict(again)) == json.dumps(dataclasses.asdict(score))
+        assert summarise([again]) == summarise([score])
