@@ -28,10 +28,9 @@ from deckline.detect.coarse_to_fine import (
     runway_probability,
 )
 from deckline.detect.crop import Crop
-from deckline.evaluation.detection import rendered_sets
-from deckline.evaluation.detection_frames import FrameSet, open_recorded
-from deckline.evaluation.detection_measure import Expected, Scene
-from deckline.evaluation.labels import distance_px
+from deckline.evaluation.detection_truth import ExpectedLines, Scene
+from deckline.evaluation.frames import FrameSet, open_recorded, rendered_sets
+from deckline.evaluation.metrics import distance_px
 from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import SIDES
@@ -51,7 +50,7 @@ class Seen:
     """What is in a view, and what the network said of it."""
 
     camera: Camera
-    expected: Expected
+    expected: ExpectedLines
     output: NetworkOutput  # of the last look
     window: Crop  # where that was
     runway: float  # probability of a runway
@@ -79,16 +78,16 @@ def looked_at(sets: list[FrameSet], detector: OnnxDetector) -> list[Seen]:
     seen = []
     for item, index in track(places, "looking"):
         try:
-            question = item.load(index)
+            sample = item.load(index)
         except FrameError as error:
             print(f"skipped {error}")
             continue
-        if question is not None and question.expected.scene is not Scene.UNRATED:
-            seen.append(seen_in(question.frame.image_rgb, question.frame.camera, question.expected, detector))
+        if sample is not None and sample.expected.scene is not Scene.UNRATED:
+            seen.append(seen_in(sample.frame.image_rgb, sample.frame.camera, sample.expected, detector))
     return seen
 
 
-def seen_in(image_rgb: NDArray[np.uint8], camera: Camera, expected: Expected, detector: OnnxDetector) -> Seen:
+def seen_in(image_rgb: NDArray[np.uint8], camera: Camera, expected: ExpectedLines, detector: OnnxDetector) -> Seen:
     outputs: list[NetworkOutput] = []
 
     def infer(view: NDArray[np.float32]) -> NetworkOutput:

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from deckline.evaluation.chain import range_to_ramp_m
 from deckline.recording import RecordingWriter
 from deckline.sim import SimConfig, frames
 from deckline.sim.camera.depth_camera import DepthConfig
+from deckline.truth import range_to_ramp_m
 from deckline.types import Frame
 
 CONFIG = SimConfig(

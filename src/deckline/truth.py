@@ -131,7 +131,9 @@ def errors_against(
     segments = true_segments(truth)
     if not segments:
         return None
-    found = {side: compare_line(estimate.lines[side], line) for side, line in segments.items() if side in estimate.lines}
+    found = {
+        side: compare_line(estimate.lines[side], line) for side, line in segments.items() if side in estimate.lines
+    }
     names = ("direction_error_deg", "lateral_error_m", "height_error_m")
     errors: dict[str, dict[str, float | None]] = {
         name.replace("lateral_error_m", "lateral_error_at_ramp_m"): {

@@ -71,9 +71,9 @@ def test_rows_are_trained_measured_and_reported(dataset: Path, tmp_path: Path, c
             assert row["steps"] == 2
         above = psnr
     markdown = (tmp_path / "ablation.md").read_text().splitlines()
-    assert markdown[0].startswith("| row | PSNR, dB | gain [95 %] |")
-    assert f"{table['rows'][1]['psnr_db']:.2f}" in markdown[3]
-    assert f"{table['rows'][1]['parameters'] / 1e6:.3f}" in markdown[3]
+    assert markdown[5].startswith("| row | PSNR, dB | gain [95 %] |")
+    assert f"{table['rows'][1]['psnr_db']:.2f}" in markdown[8]
+    assert f"{table['rows'][1]['parameters'] / 1e6:.3f}" in markdown[8]
     lines = (tmp_path / "images.jsonl").read_text()
     assert main(command) == 0
     assert (tmp_path / "images.jsonl").read_text() == lines, "nothing is measured twice"

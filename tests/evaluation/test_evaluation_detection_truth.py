@@ -1,5 +1,4 @@
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -62,7 +61,7 @@ def named(file: str, **truth) -> Frame:
 
 def test_prior_errors_have_the_stated_sigmas():
     drawn = [draw_runway_prior(named(f"{i}"), 30.0) for i in range(400)]
-    middles = np.array([(prior.left_m[0] + prior.right_m[0]) / 2 for prior in drawn]) 
+    middles = np.array([(prior.left_m[0] + prior.right_m[0]) / 2 for prior in drawn])
     along = np.array([prior.left_m[1] - prior.left_m[0] for prior in drawn])
     # 400 draws: 1-sigma of a standard deviation is 3.5 % of it.
     np.testing.assert_allclose(middles.std(axis=0), [30.0, 30.0, 7.5], rtol=0.12)

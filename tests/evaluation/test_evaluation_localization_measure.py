@@ -7,19 +7,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.evaluation.localization_measure import (
-    TOUCHDOWN_M,
     bound_figures,
     carried,
     frame_figures,
     line_figures,
-    passing,
     pilot_figures,
-    state_error,
-    touchdown,
-    true_centre,
     unit_figures,
 )
 from deckline.geometry import Camera, attitude
+from deckline.truth import TOUCHDOWN_M, passing_distance_m, state_error, touchdown, true_centre
 from deckline.types import Frame, RunwayLine, Segment, Truth
 
 LEFT = Segment(np.array([0.0, 35.788523, 6.08]), np.array([-200.0, 35.788523 + 0.163 * 200, 6.08]))
@@ -139,7 +135,7 @@ def test_the_relative_covariance_is_the_pilot_s():
 
 
 def test_where_two_lines_pass_each_other():
-    assert passing(line(LEFT, 1.5, down_m=0.5), LEFT, LEFT.p1_m) == pytest.approx((1.5, 0.5))
+    assert passing_distance_m(line(LEFT, 1.5, down_m=0.5), LEFT, LEFT.p1_m) == pytest.approx((1.5, 0.5))
 
 
 def test_a_bound_in_a_pilot_s_units():

@@ -12,6 +12,7 @@ from deckline.evaluation.metrics import (
 )
 from deckline.geometry import Camera, attitude, camera_mount
 
+
 def images(shape=(48, 61, 3)):
     rng = np.random.default_rng(0)
     clear = rng.integers(0, 256, shape).astype(np.uint8)

@@ -33,7 +33,7 @@ def test_the_interval_holds_the_truth_about_19_times_in_20():
 def test_equal_differences_are_known_exactly():
     found = paired_difference([-0.5] * 8, np.random.default_rng(0))
     assert (found.value, found.low, found.high) == (-0.5, -0.5, -0.5)
-    assert found.text('+.1f') == '-0.5 [-0.5, -0.5]'
+    assert found.text("+.1f") == "-0.5 [-0.5, -0.5]"
 
 
 def test_a_median_is_not_moved_by_one_wild_image():
@@ -53,7 +53,7 @@ def test_the_same_seed_gives_the_same_interval():
 def test_one_image_has_no_interval_and_none_is_refused():
     found = paired_difference([1.5], np.random.default_rng(0))
     assert found.value == 1.5 and np.isnan(found.low) and np.isnan(found.high)
-    assert found.text('+.0f', 100) == '+150'
+    assert found.text("+.0f", 100) == "+150"
     with pytest.raises(ValueError, match=r"\(0,\)"):
         paired_difference([], np.random.default_rng(0))
 

@@ -52,7 +52,7 @@ def test_without_a_folder_rows_are_in_memory_alone_and_an_interruption_says_so(t
     store = open_store(None)
     store.add(("a", 0), [1.0])
     assert store.rows == {("a", 0): [1.0]}
-    with pytest.raises(KeyboardInterrupt, match="nothing was written.*--out"), store:
+    with pytest.raises(KeyboardInterrupt, match=r"nothing was written.*--out"), store:
         raise KeyboardInterrupt
     with pytest.raises(KeyboardInterrupt, match=NAME), open_store(tmp_path):
         raise KeyboardInterrupt

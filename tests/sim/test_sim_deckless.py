@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from deckline.evaluation.detection import rendered_sets
-from deckline.evaluation.detection_frames import Rendered
-from deckline.evaluation.detection_measure import Scene
+from deckline.evaluation.detection_truth import Scene
+from deckline.evaluation.frames import Rendered, rendered_sets
 from deckline.sim import RendererError, SimConfig
 from deckline.sim.deckless import CYCLE
 
@@ -24,14 +23,14 @@ def deckless():
 
 
 def test_nothing_of_a_runway_is_in_the_image_and_each_kind_has_its_turn(deckless):
-    questions = [deckless.load(index) for index in range(len(CYCLE))]
-    assert [question.expected.scene for question in questions] == [Scene.EMPTY] * len(CYCLE)
-    names = [question.ship.removeprefix("no runway: ") for question in questions]
+    samples = [deckless.load(index) for index in range(len(CYCLE))]
+    assert [sample.expected.scene for sample in samples] == [Scene.EMPTY] * len(CYCLE)
+    names = [sample.ship.removeprefix("no runway: ") for sample in samples]
     assert set(names) <= SHOWN
     assert names[0].startswith("open") and names[3].startswith("past") and names[4] == "bare deck"
-    for question in questions:
-        assert question.frame.image_rgb.std() > 0
-        assert 500.0 <= question.expected.visibility_m <= 3000.0
+    for sample in samples:
+        assert sample.frame.image_rgb.std() > 0
+        assert 500.0 <= sample.expected.visibility_m <= 3000.0
 
 
 def test_the_same_index_gives_the_same_frame_whatever_came_before(deckless):

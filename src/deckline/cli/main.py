@@ -151,24 +151,24 @@ def _train_group() -> dict[str, Callable[..., int]]:
 def _eval_group() -> dict[str, Callable[..., int]]:
     from deckline.evaluation import (
         ablation,
-        commands,
+        chain,
         dehazing,
         detection,
-        detectors,
         flicker,
         integrity,
+        labels,
         localization,
     )
 
     return {
-        "chain": commands.chain,
-        "recording": commands.recording,
-        "labels": commands.labels,
+        "chain": chain.chain,
+        "recording": chain.recording,
+        "labels": labels.labels,
         "flicker": flicker.flicker,
         "ablation": ablation.ablation,
         "dehazing": dehazing.dehazing,
         "detection": detection.detection,
-        "detectors": detectors.detectors,
+        "detectors": detection.detectors,
         "integrity": integrity.integrity,
         "localization": localization.localization,
     }

@@ -16,15 +16,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from rich.box import SIMPLE_HEAD
-from rich.table import Column, Table
 
-from deckline.atomic import write_atomic
 from deckline.dehaze import Dehazer, OnnxDehazer
 from deckline.evaluation.ablation_measure import Figures, RowSummary, TrainedRow, summarise_rows
-from deckline.evaluation.commands import heading
 from deckline.evaluation.dehazing_measure import FIGURES, restoration
-from deckline.evaluation.paired import Difference
+from deckline.evaluation.statistics import Difference
+from deckline.evaluation.tables import Table, number, publish
 from deckline.extras import needs_extra
 from deckline.progress import progress
 from deckline.recording import FrameError, Source, open_recording
@@ -226,18 +223,10 @@ def _score(frame: Frame, dehazer: Dehazer | None) -> Figures:
 def _report(lines: list[Line], made_with: dict[str, Any], out: Path) -> None:
     """The table on the screen, as JSON and as Markdown."""
     budget = " or ".join(f"{made_with[name]:g} {name}" for name in ("minutes", "steps") if made_with[name] is not None)
-    console = heading(f"{made_with['dataset']}: {lines[0].summary.images} test images; {budget} for each row")
-    table = Table(*(Column(name, no_wrap=name in (COLUMNS[0], COLUMNS[2])) for name in COLUMNS), box=SIMPLE_HEAD)
-    for line in lines:
-        table.add_row(*_cells(line))
-    console.print(table)
-    console.print(CAPTION)
-    bars = [list(COLUMNS), ["---"] * len(COLUMNS), *(_cells(line) for line in lines)]
-    markdown = "\n".join(f"| {' | '.join(cells)} |" for cells in bars)
-    figures = json.dumps({**made_with, "rows": [_figures(line) for line in lines]}, indent=1)
-    for name, text in (("ablation.json", figures), ("ablation.md", f"{markdown}\n\n{CAPTION}")):
-        write_atomic(out / name, (text + "\n").encode())
-        print(out / name)
+    title = f"{made_with['dataset']}: {lines[0].summary.images} test images; {budget} for each row"
+    table = Table("the paper's Table 5", COLUMNS, [_cells(line) for line in lines], (CAPTION,))
+    figures = {**made_with, "rows": [_figures(line) for line in lines]}
+    publish(title, [table], figures, out / "ablation.json", out / "ablation.md")
 
 
 def _cells(line: Line) -> list[str]:
@@ -245,10 +234,10 @@ def _cells(line: Line) -> list[str]:
     took = line.trained
     return [
         line.name,
-        _number(means.get("psnr_db"), 2),
+        number(means.get("psnr_db"), ".2f"),
         _gain(gains.get("psnr_db")),
-        _number(means.get("ssim"), 4),
-        _number(means.get("psnr_db_surface"), 2),
+        number(means.get("ssim"), ".4f"),
+        number(means.get("psnr_db_surface"), ".2f"),
         _gain(gains.get("psnr_db_surface")),
         "-" if took is None else f"{took.parameters / 1e6:.3f}",
         "-" if took is None else f"{took.macs_256 / 1e9:.3f}",
@@ -258,15 +247,8 @@ def _cells(line: Line) -> list[str]:
     ]
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
 def _gain(gain: Difference | None) -> str:
-    if gain is None:
-        return "-"
-    interval = "" if math.isnan(gain.low) else f" [{gain.low:+.2f}, {gain.high:+.2f}]"
-    return f"{gain.value:+.2f}{interval}"
+    return "-" if gain is None else gain.text("+.2f")
 
 
 def _figures(line: Line) -> dict[str, Any]:

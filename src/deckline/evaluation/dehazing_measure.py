@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deckline.evaluation.labels import distance_px
-from deckline.evaluation.metrics import SSIM_WINDOW_PX, normal_pixel_error, psnr_db, ssim
-from deckline.evaluation.paired import Difference, paired_difference
+from deckline.evaluation.metrics import SSIM_WINDOW_PX, distance_px, normal_pixel_error, psnr_db, ssim
+from deckline.evaluation.statistics import Difference, paired_difference
 from deckline.geometry import Camera
 from deckline.labels.own import Labels
 from deckline.pipeline import FrameResult
@@ -270,7 +269,7 @@ def worse_lines(summaries: Mapping[str, Summary], hazy: str) -> list[str]:
 
 def _lines_are_worse(differences: Mapping[str, Difference]) -> bool:
     fewer, farther = differences.get("found_rate"), differences.get("point_error_px")
-    return (fewer is not None and fewer.below) or (farther is not None and farther.above)
+    return (fewer is not None and fewer.high < 0) or (farther is not None and farther.low > 0)
 
 
 def _along(segment: Segment) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from rich.table import Table
 from deckline.dehaze import NOT_DEHAZED
 from deckline.evaluation.dehazing_cost import Cost
 from deckline.evaluation.dehazing_measure import ALL, Summary, worse_lines
-from deckline.evaluation.paired import Difference
+from deckline.evaluation.statistics import Difference
 
 INTERVALS = (
     "[low, high]: 95 % paired bootstrap interval over images, taken as independent; frames of one flight are not, "

@@ -76,8 +76,10 @@ def detection(
     json_file: JsonFile = None,
     markdown_file: MarkdownFile = None,
 ) -> int:
-    """Finds the lines in frames whose lines are known: found-rate, false lines, errors, lane scores, calibration; of all
-    frames, then by range, visibility, light, contrast and ship. With --out, a stopped command resumes.
+    """Measure how well the lines are found in frames whose lines are known, and false lines in frames without.
+
+    Prints found-rate, errors, lane scores and calibration of all frames, then by range, visibility, light, contrast and
+    ship. With --out, a stopped command resumes.
 
     Args:
         sources: recordings with truth, folders with labels.json, or folders of recordings.
@@ -133,8 +135,9 @@ def detectors(
     json_file: JsonFile = None,
     markdown_file: MarkdownFile = None,
 ) -> int:
-    """Compares detectors, each behind every dehazer, on the same frames: does dehazing help to find the lines? With --out,
-    a stopped command resumes, and one with more detectors or dehazers adds theirs.
+    """Compare detectors, each behind every dehazer, on the same frames: does dehazing help to find the lines?
+
+    With --out, a stopped command resumes, and one with more detectors or dehazers adds theirs.
 
     Args:
         sources: recordings with truth, folders with labels.json, or folders of recordings.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deckline.evaluation.detection_truth import ExpectedLines, Scene
+from deckline.evaluation.detection_truth import Scene
 from deckline.evaluation.frames import Sample
 from deckline.evaluation.lane_scores import CuLane, TuSimple, culane, f1, tusimple
 from deckline.evaluation.metrics import distance_px

@@ -14,7 +14,7 @@ from deckline.labels.lines import Line, at_rows, resampled
 from deckline.labels.own import Labels
 from deckline.labels.truth import SeenLine, seen_line, through_air
 from deckline.truth import range_to_ramp_m
-from deckline.types import SIDES, RunwayPrior, Frame, Segment
+from deckline.types import SIDES, Frame, RunwayPrior, Segment
 
 SEEN_SHARE = 0.1  # of each line's length that must be in the image and within the visibility for it to count
 SEEN_PX = 4.0  # length of each line in the image, at least

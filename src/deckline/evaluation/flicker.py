@@ -11,12 +11,11 @@ import tyro
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, restore
-from deckline.evaluation.commands import JsonFile, heading, write_json
 from deckline.evaluation.dehazing_methods import build_dehazer, by_name
 from deckline.evaluation.flicker_measure import REGIONS, flicker_figures, sequence_errors
+from deckline.evaluation.tables import JsonFile, Table, number, publish
 from deckline.recording import BadFrame, open_recording
 from deckline.types import Frame
 
@@ -65,14 +64,9 @@ def flicker(
     dehazers = {name: build_dehazer(given) for name, given in named.items()}
     items = _chosen(source, every, limit)
     figures = flicker_figures(list(sequence_errors(_steps(items, dehazers, camera_depth_m))), truth=CLEAR)
-    console = heading(
-        f"{source}: pairs of frames: {figures['pairs']:.0f}, every {every}, depth up to {camera_depth_m:g} m"
-    )
-    for region in REGIONS:
-        console.print(_table(region, [CLEAR, NOT_DEHAZED, *dehazers], figures))
-    if json_file is not None:
-        write_json(json_file, figures)
-        print(json_file)
+    title = f"{source}: pairs of frames: {figures['pairs']:.0f}, every {every}, depth up to {camera_depth_m:g} m"
+    tables = [_table(region, [CLEAR, NOT_DEHAZED, *dehazers], figures) for region in REGIONS]
+    publish(title, tables, figures, json_file)
     return 0
 
 
@@ -133,8 +127,7 @@ def clear_picture(frame: Frame) -> NDArray[np.uint8]:
 
 
 def _table(region: str, names: list[str], figures: Mapping[str, float]) -> Table:
-    table = Table(region, *COLUMNS)
-    for name in names:
-        values = [figures.get(f"{name}.{region}.{key}") for key in COLUMNS.values()]
-        table.add_row(name, *("-" if value is None else f"{value:.2f}" for value in values))
-    return table
+    rows = [
+        (name, *(number(figures.get(f"{name}.{region}.{key}"), ".2f") for key in COLUMNS.values())) for name in names
+    ]
+    return Table(region, ("dehazer", *COLUMNS), rows)

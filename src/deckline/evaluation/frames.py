@@ -269,9 +269,7 @@ def score_frames(
     return [[row for row in each if "skipped" not in row] for each in rows]
 
 
-def _score_frame(
-    item: FrameSet, index: int, tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]
-) -> None:
+def _score_frame(item: FrameSet, index: int, tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]) -> None:
     reason = ""  # of a frame without labels, which is left out silently
     sample = None
     try:

@@ -12,14 +12,14 @@ import numpy as np
 import tyro
 
 from deckline.dehaze import NOT_DEHAZED
-from deckline.evaluation.commands import JsonFile
-from deckline.evaluation.detection_tables import NONE, TableText, report
 from deckline.evaluation.integrity_faults import FAULTS
 from deckline.evaluation.integrity_measure import ALERT_S, FaultRow, Moment, fault_row, flags_raised, share_interval
 from deckline.evaluation.integrity_points import PointNoise
 from deckline.evaluation.integrity_runs import NOMINAL, Run, fly_points, fly_shots, seen_shots
 from deckline.evaluation.localization_book import Book
 from deckline.evaluation.localization_flights import FlightsConfig
+from deckline.evaluation.tables import MISSING as NONE
+from deckline.evaluation.tables import JsonFile, Table, publish
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.processes import map_ordered
 from deckline.progress import progress
@@ -134,7 +134,7 @@ def _fly_together(runs: list[Run], flights: FlightsConfig, noise: PointNoise) ->
     return [fly_points(run, flights, noise) for run in runs]
 
 
-def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s: float) -> list[TableText]:
+def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s: float) -> list[Table]:
     """Faults, then nominal flights."""
     rows = {name: fault_row(runs, alert_s) for name, runs in by_fault.items() if name != NOMINAL}
     tables = [faults_table(rows)] if rows else []
@@ -142,7 +142,7 @@ def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s
     return [*tables, flags_table(by_fault)]
 
 
-def faults_table(rows: Mapping[str, FaultRow]) -> TableText:
+def faults_table(rows: Mapping[str, FaultRow]) -> Table:
     """One row a fault, and all of them together."""
     cells = []
     for name, row in rows.items():
@@ -151,7 +151,7 @@ def faults_table(rows: Mapping[str, FaultRow]) -> TableText:
     together = f"{_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
     columns = ("fault", "runs", "detected", "harmless", "misleading", "detected or harmless, %", "misleading frames, %",
                "left out, %", "not guided, %", "flag after, s")  # fmt: skip
-    return TableText(f"faults: {together}", columns, tuple(cells))
+    return Table(f"faults: {together}", columns, tuple(cells))
 
 
 def _counts(row: FaultRow) -> tuple[str, ...]:
@@ -163,25 +163,25 @@ def _counts(row: FaultRow) -> tuple[str, ...]:
     return (*counts, _share(good, row.runs), *frames)
 
 
-def nominal_table(runs: Sequence[Sequence[Moment]]) -> TableText:
+def nominal_table(runs: Sequence[Sequence[Moment]]) -> Table:
     """Flights without a fault."""
     moments = [moment for run in runs for moment in run]
     counts = [sum(getattr(m, name) for m in moments) for name in ("flagged", "misleading", "excluded")]
     counts.append(sum(not moment.protected for moment in moments))
     title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
     cells = (str(len(runs)), str(len(moments)), *(_share(count, len(moments)) for count in counts))
-    return TableText(
+    return Table(
         title, ("runs", "frames", "false alarms, %", "misleading, %", "left out, %", "not guided, %"), (cells,)
     )
 
 
-def flags_table(by_fault: Mapping[str, Sequence[Sequence[Moment]]]) -> TableText:
+def flags_table(by_fault: Mapping[str, Sequence[Sequence[Moment]]]) -> Table:
     """Which flags each fault raised, in how many frames; one frame may raise several."""
     raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
     rows = (
         (name, ", ".join(f"{flag} {count}" for flag, count in each.items()) or NONE) for name, each in raised.items()
     )
-    return TableText("frames by flag", ("fault", "flags"), tuple(rows))
+    return Table("frames by flag", ("fault", "flags"), tuple(rows))
 
 
 def _share(hits: int, of: int) -> str:
@@ -216,7 +216,7 @@ def _report(by_fault: Mapping[str, Sequence[Sequence[Moment]]], config: Integrit
         f"time to alert {config.alert_s:g} s; {how}"
     )
     tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)
-    report(title, tables, [NOTES], figures, config.json_file, config.markdown)
+    publish(title, tables, figures, config.json_file, config.markdown, [NOTES])
 
 
 integrity.__doc__ = IntegrityConfig.__doc__

@@ -13,10 +13,7 @@ from typing import Annotated, Any
 import tyro
 
 from deckline.atomic import write_atomic
-from deckline.evaluation.chain import range_to_ramp_m
-from deckline.evaluation.commands import JsonFile
 from deckline.evaluation.cramer_rao import cramer_rao
-from deckline.evaluation.detection_tables import report
 from deckline.evaluation.integrity_points import PointNoise
 from deckline.evaluation.localization_book import Book
 from deckline.evaluation.localization_flights import FlightsConfig, fly
@@ -25,17 +22,17 @@ from deckline.evaluation.localization_measure import (
     Score,
     bound_figures,
     frame_figures,
-    touchdown,
-    true_centre,
 )
 from deckline.evaluation.localization_methods import Bench, Method, load, methods_of
 from deckline.evaluation.localization_points import POINT_METHODS, fly_points, modelled_bench
 from deckline.evaluation.localization_tables import NOTES, flat_figures, localization_tables
+from deckline.evaluation.tables import JsonFile, publish
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import FrameResult, PipelineConfig
 from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
 from deckline.track import TrackConfig, Tracker
+from deckline.truth import range_to_ramp_m, touchdown, true_centre
 from deckline.types import SIDES, Frame, Track
 
 BOOK_FILE, CSV_FILE, FIGURES = "localization.jsonl", "localization.csv", "figures"
@@ -235,7 +232,7 @@ def bound_of(result: FrameResult, config: LocalizeConfig, correlation: float) ->
     As seen from the aircraft. Nothing where the joint estimator is not used, or gave no centre line.
     """
     frame, estimate, seen = result.frame, result.estimate, result.detection
-    centre = None if frame.truth is None else true_centre(frame.truth)
+    centre = true_centre(frame.truth)
     if config.method != "joint" or centre is None or "centre" not in estimate.lines:
         return {}
     lines = {"left": seen.left, "right": seen.right, "centre": seen.centre}
@@ -264,7 +261,7 @@ def _report(scores: dict[str, list[Score]], work: Work, config: LocalizationConf
         f"{flights.navigation}, sea state {flights.sea_state:g}, seed {flights.seed}; {seen_by}"
     )
     tables = localization_tables(scores, work.methods)
-    report(title, tables, [*work.notes, NOTES], flat_figures(scores), config.json_file, config.markdown)
+    publish(title, tables, flat_figures(scores), config.json_file, config.markdown, [*work.notes, NOTES])
 
 
 def _write_csv(path: Path, scores: Sequence[Score]) -> None:

@@ -7,13 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.evaluation.metrics import direction_error_rad, height_error_m, lateral_error_m
 from deckline.geometry import wrap_angle
-from deckline.types import SIDES, Frame, RunwayLine, Segment, Truth
+from deckline.truth import compare_line, passing_distance_m, state_error, touchdown, true_centre, true_line
+from deckline.types import SIDES, Frame, RunwayLine, Segment
 
-TOUCHDOWN_M = 70.0  # past the ramp, where the hook meets the deck: SPEC section 7
 STATES = ("offset", "azimuth", "height")  # of a line; m, rad, m
-ACROSS_RAD = float(np.deg2rad(89.0))  # direction error from which a line lies across the runway and passes nothing
 
 Array = NDArray[np.float64]
 Figures = dict[str, float]
@@ -45,11 +43,8 @@ def line_figures(line: RunwayLine, truth: Segment, side: str) -> Figures:
         "height_m": line.height_m,
         "slope_error": abs(line.slope - exact.slope),
         "intercept_error_m": abs(line.intercept_m - exact.intercept_m),
-        "height_error_m": abs(height_error_m(line, truth)),
-        "direction_error_deg": float(np.rad2deg(direction_error_rad(line, truth))),
+        **compare_line(line, truth),
     }
-    if direction_error_rad(line, truth) < ACROSS_RAD:
-        figures["lateral_error_m"] = abs(lateral_error_m(line, truth))
     figures |= _normalised(state_error(line, truth), line.covariance)
     return {f"{name}.{side}": value for name, value in figures.items()}
 
@@ -64,18 +59,18 @@ def pilot_figures(frame: Frame, line: RunwayLine) -> Figures:
     Raises:
         ValueError: the frame has no pose, no true pose or no true lines.
     """
-    centre = None if frame.truth is None else true_centre(frame.truth)
+    centre = true_centre(frame.truth)
     measured, true = frame.world_from_body, frame.true_world_from_body
     if centre is None or measured is None or true is None:
         raise ValueError(f"{frame.file}: a pilot's errors need the pose and the true lines")
     seen = carried(line, measured, true)
     covariance = line.covariance if line.relative_covariance is None else line.relative_covariance
     place = touchdown(centre)
-    lateral, height = passing(seen, centre, place)
+    lateral, height = passing_distance_m(seen, centre, place)
     error = state_error(seen, centre)
     figures = {
         "lateral_m": lateral,
-        "deviation_m": passing(seen, centre, beside(centre, true.translation))[0],
+        "deviation_m": passing_distance_m(seen, centre, beside(centre, true.translation))[0],
         "height_m": height,
         "heading_deg": float(np.rad2deg(error[1])),
         "lateral_sigma_m": offset_sigma(seen, covariance, place),
@@ -95,29 +90,6 @@ def _normalised(error: Array, covariance: Array) -> Figures:
     return {"normalised": float(error @ np.linalg.solve(covariance, error)), **ratios}
 
 
-def state_error(line: RunwayLine, truth: Segment) -> Array:
-    """Estimated minus true (3,) in the terms of a line's covariance: offset to the right, m; azimuth, rad; z, m.
-
-    Taken at the line's own point, against the true line continued. Lines have no head.
-    """
-    exact = true_line(truth)
-    right = np.array([-exact.direction[1], exact.direction[0], 0.0])
-    delta = line.point_m - truth.p0_m
-    turned = float(wrap_angle(line.azimuth_rad - exact.azimuth_rad))
-    if abs(turned) > np.pi / 2:
-        turned -= np.sign(turned) * np.pi
-    return np.array([delta @ right, turned, delta[2] - _rise(truth) * (delta @ exact.direction)])
-
-
-def passing(line: RunwayLine, truth: Segment, place_m: Array) -> tuple[float, float]:
-    """How far right of and how far below (+) a point (3,) of the true line an estimated one passes, m."""
-    exact = true_line(truth)
-    right = np.array([-exact.direction[1], exact.direction[0], 0.0])
-    delta = line.point_m - place_m
-    back = float(delta @ exact.direction) / float(line.direction @ exact.direction)
-    return float((delta - back * line.direction) @ right), float(delta[2])
-
-
 def carried(line: RunwayLine, measured: RigidTransform, true: RigidTransform) -> RunwayLine:
     """The line where an aircraft at its true place would draw it: moved by the error of position and heading alone.
 
@@ -128,19 +100,6 @@ def carried(line: RunwayLine, measured: RigidTransform, true: RigidTransform) ->
     point = Rotation.from_rotvec([0.0, 0.0, turn]).apply(line.point_m - measured.translation) + true.translation
     azimuth = float(wrap_angle(line.azimuth_rad + turn))
     return RunwayLine(point, azimuth, line.covariance, line.relative_covariance)
-
-
-def true_line(truth: Segment) -> RunwayLine:
-    """A true line in the estimate's terms, at its ramp end."""
-    along = truth.p1_m - truth.p0_m
-    return RunwayLine(truth.p0_m, float(np.arctan2(along[1], along[0])), np.zeros((3, 3)))
-
-
-def true_centre(truth: Truth) -> Segment | None:
-    """Midway between the two true lines; None where there is no runway."""
-    if truth.left is None or truth.right is None:
-        return None
-    return Segment((truth.left.p0_m + truth.right.p0_m) / 2, (truth.left.p1_m + truth.right.p1_m) / 2)
 
 
 def beside(line: Segment, place_m: Array) -> Array:
@@ -155,12 +114,6 @@ def offset_sigma(line: RunwayLine, covariance: Array, place_m: Array) -> float:
     return float(np.sqrt(lever @ covariance @ lever))
 
 
-def touchdown(centre: Segment) -> Array:
-    """The touchdown point (3,) on a true centre line, in the world."""
-    along = centre.p1_m - centre.p0_m
-    return centre.p0_m + TOUCHDOWN_M / float(np.hypot(along[0], along[1])) * along
-
-
 def unit_figures(frame: Frame) -> Figures:
     """World errors of lines that are seen exactly and placed where the measured pose puts them, by `unit.` and side.
 
@@ -172,8 +125,9 @@ def unit_figures(frame: Frame) -> Figures:
     figures: Figures = {}
     for side, segment in zip(SIDES, (truth.left, truth.right), strict=True):
         line = carried(true_line(segment), true, measured)
-        figures[f"unit.lateral_error_m.{side}"] = abs(lateral_error_m(line, segment))
-        figures[f"unit.direction_error_deg.{side}"] = float(np.rad2deg(direction_error_rad(line, segment)))
+        errors = compare_line(line, segment)
+        figures[f"unit.lateral_error_m.{side}"] = errors["lateral_error_m"]
+        figures[f"unit.direction_error_deg.{side}"] = errors["direction_error_deg"]
         figures[f"unit.intercept_error_m.{side}"] = abs(line.intercept_m - true_line(segment).intercept_m)
     return figures
 
@@ -186,12 +140,6 @@ def bound_figures(covariance: Array) -> Figures:
     """
     offset, azimuth, height = np.sqrt(np.diag(covariance))
     return {"lateral_m": float(offset), "heading_deg": float(np.rad2deg(azimuth)), "height_m": float(height)}
-
-
-def _rise(truth: Segment) -> float:
-    """Change of z per metre along the ground."""
-    along = truth.p1_m - truth.p0_m
-    return float(along[2] / np.hypot(along[0], along[1]))
 
 
 def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine]) -> Figures:

@@ -8,9 +8,9 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
-from deckline.dehaze.base import Restored
+from deckline.dehaze import NOT_DEHAZED
 from deckline.detect import Detector
+from deckline.evaluation.dehazing_methods import SharedDehazer
 from deckline.localize import LocalizeConfig
 from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
 from deckline.report.provenance import settings_of
@@ -54,23 +54,6 @@ def methods_of(
         Method("hazy, ours, tracked", NOT_DEHAZED, detector, "joint", tracked=True),
     ]
     return [Method("ufld, hazy, paper's", NOT_DEHAZED, ufld, "paper"), *rivals, *ours], notes
-
-
-class SharedDehazer:
-    """A dehazer that gives the same frame's picture again without working for it twice."""
-
-    def __init__(self, dehazer: Dehazer) -> None:
-        self.name = dehazer.name
-        self._dehazer = dehazer
-        self._last: tuple[Frame, Restored] | None = None
-
-    def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        return self._dehazer(image_rgb)
-
-    def restore(self, frame: Frame) -> Restored:
-        if self._last is None or self._last[0] is not frame:
-            self._last = frame, restore(self._dehazer, frame)
-        return self._last[1]
 
 
 class SharedDetector:

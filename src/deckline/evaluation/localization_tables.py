@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from deckline.evaluation.detection_tables import NONE, TableText
 from deckline.evaluation.localization_measure import Figures, Score
 from deckline.evaluation.localization_methods import Method
 from deckline.evaluation.localization_summary import (
@@ -30,6 +29,8 @@ from deckline.evaluation.localization_summary import (
     unusable_improvement,
     usable_share,
 )
+from deckline.evaluation.tables import MISSING as NONE
+from deckline.evaluation.tables import Table
 from deckline.types import SIDES
 
 Scores = Mapping[str, Sequence[Score]]  # method -> its frames
@@ -59,7 +60,7 @@ offset, azimuth and height, with its 95 % interval over approaches; 3 is expecte
 Cramer-Rao bound's variance for the detected points and their stated noise, over the mean squared error."""
 
 
-def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[TableText]:
+def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table]:
     """Every table, of the methods in their order."""
     rows = {m.name: {side: line_row(scores[m.name], side) for side in SIDES} for m in methods}
     tracked = [m.name for m in methods if m.tracked]
@@ -79,7 +80,7 @@ def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table
     return tables + ([protection_table(scores, tracked)] if tracked else [])
 
 
-def table_6(scores: Scores, rows: Mapping[str, Mapping[str, LineRow]]) -> TableText:
+def table_6(scores: Scores, rows: Mapping[str, Mapping[str, LineRow]]) -> Table:
     """The paper's columns, left and right."""
     first = next(iter(scores.values()))
     cells = []
@@ -90,10 +91,10 @@ def table_6(scores: Scores, rows: Mapping[str, Mapping[str, LineRow]]) -> TableT
         for side, row in sides.items():
             means = (_number(row.means.get(figure), digits) for figure, digits in LINE_CELLS.values())
             cells.append((name, side, f"{100 * row.found:.1f}", *means))
-    return TableText("Table 6", ("method", "line", "found %", *LINE_CELLS), tuple(cells))
+    return Table("Table 6", ("method", "line", "found %", *LINE_CELLS), tuple(cells))
 
 
-def improvements(scores: Scores, rows: Mapping[str, Mapping[str, LineRow]]) -> TableText:
+def improvements(scores: Scores, rows: Mapping[str, Mapping[str, LineRow]]) -> Table:
     """Improvement of every row over the first, and of lines seen exactly: no row can do better in the world."""
     reference, every = next(iter(rows)), next(iter(scores.values()))
     rows = {**rows, UNIT: {side: unit_row(every, side) for side in SIDES}}
@@ -106,10 +107,10 @@ def improvements(scores: Scores, rows: Mapping[str, Mapping[str, LineRow]]) -> T
         )
         cells.append((name, *(_number(100 * value, 1) for value in values)))
     headings = (f"{what} {'both' if group == SIDES else group[0]}" for what, group in columns)
-    return TableText(f"improvement over {reference}, %", ("method", *headings), tuple(cells))
+    return Table(f"improvement over {reference}, %", ("method", *headings), tuple(cells))
 
 
-def usable_table(scores: Scores) -> TableText:
+def usable_table(scores: Scores) -> Table:
     """Share of frames that are of use, those without a line counted as what they are."""
     reference = next(iter(scores))
     cells = []
@@ -117,10 +118,10 @@ def usable_table(scores: Scores) -> TableText:
         less = unusable_improvement(members, scores[reference])
         cells.append((name, str(len(members)), _number(100 * usable_share(members), 1), _number(100 * less, 1)))
     title = f"both lines within {USABLE_DEG:g} deg and {USABLE_M:g} m at the ramp, in the world"
-    return TableText(title, ("method", "frames", "usable %", f"fewer not usable than {reference}, %"), tuple(cells))
+    return Table(title, ("method", "frames", "usable %", f"fewer not usable than {reference}, %"), tuple(cells))
 
 
-def _pilot_table(title: str, groups: Mapping[str, Sequence[Score]]) -> TableText:
+def _pilot_table(title: str, groups: Mapping[str, Sequence[Score]]) -> Table:
     cells = []
     for name, members in groups.items():
         given = sum("centre.lateral_m" in score.figures for score in members) / len(members)
@@ -131,10 +132,10 @@ def _pilot_table(title: str, groups: Mapping[str, Sequence[Score]]) -> TableText
             row += [_number(found.p50, 3), _number(found.p95, 3)]
         cells.append(tuple(row))
     headings = (f"{what} {q}, {unit}" for what, (_, unit) in PILOT_CELLS.items() for q in ("50 %", "95 %"))
-    return TableText(title, ("", "frames", "given %", "fine %", *headings), tuple(cells))
+    return Table(title, ("", "frames", "given %", "fine %", *headings), tuple(cells))
 
 
-def marks_table(scores: Scores) -> TableText:
+def marks_table(scores: Scores) -> Table:
     """What is asked for, what the navigation unit alone would give and what each method does; a star where reached."""
     cells, every = [], next(iter(scores.values()))
     for mark in MARKS:
@@ -142,14 +143,14 @@ def marks_table(scores: Scores) -> TableText:
         asked = (mark.name, f"{low:g}-{high:g} m", f"{mark.limit:.3g} {mark.unit}", mark.source)
         found = (unit_measured(every, mark), *(measured(members, mark) for members in scores.values()))
         cells.append((*asked, *(_against(mark, value) for value in found)))
-    return TableText("accuracy asked for", ("error", "range", "limit", "from", UNIT, *scores), tuple(cells))
+    return Table("accuracy asked for", ("error", "range", "limit", "from", UNIT, *scores), tuple(cells))
 
 
 def _against(mark: Mark, value: float) -> str:
     return NONE if math.isnan(value) else f"{value:.3f}{' *' if value <= mark.limit else ''}"
 
 
-def honesty_table(scores: Scores) -> TableText:
+def honesty_table(scores: Scores) -> Table:
     """Squared errors over their covariance, those of the centre line also by where the distances came from."""
     rng = np.random.default_rng(SEED)
     centre = "centre, from the aircraft"
@@ -163,7 +164,7 @@ def honesty_table(scores: Scores) -> TableText:
             found = honesty(inside, figure, rng)
             if found.frames:
                 cells.append((method, line, str(found.frames), *_honest_cells(found)))
-    return TableText("honesty", ("method", "line", "frames", "mean, 3 is honest", "in 95 %, %"), tuple(cells))
+    return Table("honesty", ("method", "line", "frames", "mean, 3 is honest", "in 95 %, %"), tuple(cells))
 
 
 def _honest_cells(found: Honesty) -> tuple[str, str]:
@@ -171,16 +172,16 @@ def _honest_cells(found: Honesty) -> tuple[str, str]:
     return f"{found.mean:.2f}{interval}", f"{100 * found.inside:.1f}"
 
 
-def efficiency_table(method: str, scores: Sequence[Score]) -> TableText:
+def efficiency_table(method: str, scores: Sequence[Score]) -> Table:
     """Bound over mean squared error of the centre line, by range."""
     cells = []
     for band, members in by_range(scores).items():
         found = [efficiency(members, f"centre.{name}", f"bound.{name}") for name in PILOT_COLUMNS]
         cells.append((band, str(max(frames for _, frames in found)), *(_number(value, 2) for value, _ in found)))
-    return TableText(f"efficiency, {method}", ("range to the ramp", "frames", *PILOT_CELLS), tuple(cells))
+    return Table(f"efficiency, {method}", ("range to the ramp", "frames", *PILOT_CELLS), tuple(cells))
 
 
-def protection_table(scores: Scores, tracked: Sequence[str]) -> TableText:
+def protection_table(scores: Scores, tracked: Sequence[str]) -> Table:
     """What the tracker promised, and whether it kept it."""
     cells = []
     for name in tracked:
@@ -192,7 +193,7 @@ def protection_table(scores: Scores, tracked: Sequence[str]) -> TableText:
         counts = (str(len(members)), str(len(promised)), str(flagged), str(len(beyond)))
         cells.append((name, *counts, *(_number(value, 2) for value in medians)))
     columns = ("method", "frames", "protected", "flagged", "misleading", "lateral level, m", "height level, m")
-    return TableText("protection", columns, tuple(cells))
+    return Table("protection", columns, tuple(cells))
 
 
 def misleading(figures: Figures) -> bool:

@@ -33,7 +33,7 @@ class Store:
         self.rows: dict[Key, Any] = {}
         self.path = None if out is None else out / name
         self._extendable = extendable
-        settings = json.loads(json.dumps(settings))
+        plain = json.loads(json.dumps(settings))
         if self.path is None:
             return
         known: dict[str, Any] | None = None
@@ -49,7 +49,7 @@ class Store:
             raise ValueError(f"{out}: cannot be written: {error.strerror or error}") from None
         except (ValueError, KeyError, TypeError):
             raise ValueError(f"{self.path} holds something else: choose another folder") from None
-        merged = settings if known is None else self._merge(known, settings)
+        merged = plain if known is None else self._merge(known, plain)
         if merged != known:
             self._append({"settings": merged})
 

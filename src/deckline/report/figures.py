@@ -3,11 +3,12 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.evaluation.chain import RANGE_BANDS_M
+from deckline.evaluation.statistics import RANGE_M
 from deckline.report.records import LINES, STAGES, Record, lookup
 
 GUIDANCE_NAMES = {
@@ -88,7 +89,7 @@ def band_rows(records: list[Record]) -> list[BandRow]:
     """Found-rate and errors by true distance to the ramp; empty without truth. Bands without frames are left out."""
     rows = []
     ranges = [(lookup(record, ("truth", "distance_to_ramp_m")), record) for record in records]
-    for low, high in RANGE_BANDS_M:
+    for low, high in pairwise(RANGE_M):
         members = [record for range_m, record in ranges if range_m is not None and low <= range_m < high]
         if members:
             names = ("lateral_deviation_m", "heading_error_deg", "height_above_deck_m")

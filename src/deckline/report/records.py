@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from deckline.evaluation.chain import range_to_ramp_m
 from deckline.pipeline import FrameResult
 from deckline.recording import BadFrame
-from deckline.truth import errors_against, true_guidance
+from deckline.truth import errors_against, range_to_ramp_m, true_guidance
 from deckline.types import SIDES, Guidance, RunwayLine, Track, Value
 
 DIGITS = 9  # significant digits written,
