@@ -4,6 +4,7 @@ import json
 import math
 import os
 import platform
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -19,7 +20,6 @@ from rich.markup import escape
 
 from deckline import __version__
 from deckline.atomic import write_atomic
-from deckline.report.provenance import command_line
 
 FILE_COLUMNS = 190  # of tables that go to a file or a pipe
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime")  # whose version speed depends on
@@ -89,7 +89,12 @@ def publish(
         write_atomic(markdown_file, ("\n\n".join(parts) + "\n").encode())
         print(markdown_file)
     if json_file is not None:
-        about = {"_title": title, "_command": command_line(), "_made_with": made, "_notes": list(notes)}
+        about = {
+            "_title": title,
+            "_command": shlex.join(["deckline", *sys.argv[1:]]),
+            "_made_with": made,
+            "_notes": list(notes),
+        }
         content = {**figures, **about, "_tables": [asdict(table) for table in tables]}
         write_atomic(json_file, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
         print(json_file)
