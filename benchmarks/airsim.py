@@ -7,15 +7,12 @@ byte sent to its last byte received; nothing is decoded, so that the server's ti
 """
 
 import argparse
-import asyncio
 import os
 import platform
 import socket
 import statistics
 import tempfile
-import threading
 import time
-from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -23,7 +20,7 @@ from typing import Any
 import msgpack
 
 from deckline.adapters.airsim.protocol import encode_request
-from deckline.adapters.airsim.server import ServerConfig, serving
+from deckline.adapters.airsim.server import serving_in_thread
 from deckline.adapters.airsim.settings import PLANAR, SCENE, SEGMENTATION, Capture, default_settings
 from deckline.sim.camera.depth_camera import DepthConfig
 from deckline.sim.config import SimConfig
@@ -34,18 +31,19 @@ READ_BYTES = 1 << 20
 
 def main(repeats: int, width: int, height: int) -> None:
     config = SimConfig(width=width, height=height, keep_clear=False, depth=DepthConfig(range_m=float("inf")))
-    port, stop = start_server(config)
-    with socket.create_connection(("127.0.0.1", port)) as connection:
-        seconds: dict[str, list[float]] = {name: [] for name in CALLS}
-        received: dict[str, int] = {}
-        for name, call in CALLS.items():
-            received[name] = exchange(connection, *call)
+    settings = default_settings(Capture(config.width, config.height, config.fov_deg))
+    seconds: dict[str, list[float]] = {name: [] for name in CALLS}
+    with (
+        tempfile.TemporaryDirectory() as out,
+        serving_in_thread(config, settings, port=0, out=Path(out)) as port,
+        socket.create_connection(("127.0.0.1", port)) as connection,
+    ):
+        received = {name: exchange(connection, *call) for name, call in CALLS.items()}
         for _ in range(repeats):
             for name, call in CALLS.items():
                 start = time.perf_counter()
                 exchange(connection, *call)
                 seconds[name].append(time.perf_counter() - start)
-    stop()
     peer = statistics.median(seconds[PEER])
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {date.today()}")
     print(f"{f'request, {width}x{height}':34} {'bytes':>9} {'ms':>8} {'per s':>8} {'ratio to ' + PEER:>15}")
@@ -92,38 +90,6 @@ def exchange(connection: socket.socket, method: str, params: tuple[Any, ...]) ->
             continue
         return size
     raise ConnectionError("the server closed the connection")
-
-
-def start_server(config: SimConfig) -> tuple[int, Callable[[], None]]:
-    """Serve on a thread; returns the port and what ends it."""
-    ready, ended = threading.Event(), asyncio.Event()
-    found: list[Any] = []
-
-    async def run(out: Path) -> None:
-        settings = default_settings(Capture(config.width, config.height, config.fov_deg))
-        async with serving(config, settings, ServerConfig(port=0, out=out)) as port:
-            found.extend((port, asyncio.get_running_loop()))
-            ready.set()
-            await ended.wait()
-
-    def serve() -> None:
-        try:
-            with tempfile.TemporaryDirectory() as out:
-                asyncio.run(run(Path(out)))
-        finally:
-            ready.set()
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    ready.wait()
-    if not found:
-        raise SystemExit("the server did not start")
-
-    def stop() -> None:
-        found[1].call_soon_threadsafe(ended.set)
-        thread.join()
-
-    return found[0], stop
 
 
 if __name__ == "__main__":

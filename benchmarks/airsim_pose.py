@@ -17,8 +17,9 @@ from datetime import date
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from deckline.adapters.airsim.client import Connection, parse_address, pose_of, take_images, vehicle_pose
-from deckline.adapters.airsim.mount import best_look
+from deckline.adapters.airsim.client import Connection, get_images, get_vehicle_pose, parse_address
+from deckline.adapters.airsim.frames import measure_still_mount, read_image_pose
+from deckline.adapters.airsim.protocol import pose_struct
 from deckline.geometry import camera_mount
 
 STEP_S = 0.002  # between two poses of the moving vehicle
@@ -28,20 +29,20 @@ CAMERA = "0"
 def main(address: str, frames: int, speed_m_s: float) -> None:
     host, port, vehicle = parse_address(address)
     with Connection(host, port) as mover, Connection(host, port) as watcher:
-        mount = best_look(watcher, CAMERA, vehicle).body_from_camera
-        start, ended = vehicle_pose(watcher, vehicle), threading.Event()
-        moving = threading.Thread(target=fly, args=(mover, vehicle, start, speed_m_s, ended))
+        mount = measure_still_mount(watcher, CAMERA, vehicle).body_from_camera
+        start, stop = get_vehicle_pose(watcher, vehicle), threading.Event()
+        moving = threading.Thread(target=fly, args=(mover, vehicle, start, speed_m_s, stop))
         moving.start()
         try:
-            late_m, ping_s, size = measure(watcher, vehicle, mount, start, frames)
+            delays_m, ping_s, size = measure(watcher, vehicle, mount, start, frames)
         finally:
-            ended.set()
+            stop.set()
             moving.join()
     print(
         f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {date.today()}, {size} px"
     )
-    late_s = np.percentile(late_m, [50, 95]) / speed_m_s
-    print(f"at {speed_m_s:g} m/s the vehicle's pose lies {statistics.median(late_m):.2f} m ahead of the picture's")
+    late_s = np.percentile(delays_m, [50, 95]) / speed_m_s
+    print(f"at {speed_m_s:g} m/s the vehicle's pose lies {statistics.median(delays_m):.2f} m ahead of the picture's")
     print(f"which is {1e3 * late_s[0]:.1f} ms (95 %: {1e3 * late_s[1]:.1f} ms), {late_s[0] / ping_s:.0f} pings")
 
 
@@ -49,32 +50,30 @@ def measure(
     watcher: Connection, vehicle: str, mount: RigidTransform, start: RigidTransform, frames: int
 ) -> tuple[list[float], float, str]:
     """Metres ahead for each picture, the median ping in s, and the picture's size."""
-    late_m, pings_s, size = [], [], ""
+    delays_m, pings_s, size = [], [], ""
     for _ in range(frames):
-        scene, _ = take_images(watcher, CAMERA, vehicle)
-        after = vehicle_pose(watcher, vehicle)
-        taken = pose_of(scene["camera_position"], scene["camera_orientation"], "Scene") * camera_mount() * mount.inv()
-        late_m.append(float((start.inv() * after).translation[0] - (start.inv() * taken).translation[0]))
+        scene, _ = get_images(watcher, CAMERA, vehicle)
+        after = get_vehicle_pose(watcher, vehicle)
+        image = read_image_pose(scene, "Scene") * camera_mount() * mount.inv()
+        delays_m.append(float((start.inv() * after).translation[0] - (start.inv() * image).translation[0]))
         size = f"{scene['width']}x{scene['height']}"
-        begun_s = time.perf_counter()
+        start_s = time.perf_counter()
         watcher.call("ping")
-        pings_s.append(time.perf_counter() - begun_s)
-    return late_m, statistics.median(pings_s), size
+        pings_s.append(time.perf_counter() - start_s)
+    return delays_m, statistics.median(pings_s), size
 
 
-def fly(mover: Connection, vehicle: str, start: RigidTransform, speed_m_s: float, ended: threading.Event) -> None:
-    """Set the vehicle forward in time with the clock until it is ended, then back to its start."""
-    begun_s = time.perf_counter()
-    while not ended.wait(STEP_S):
-        set_pose(mover, vehicle, start, (time.perf_counter() - begun_s) * speed_m_s)
+def fly(mover: Connection, vehicle: str, start: RigidTransform, speed_m_s: float, stop: threading.Event) -> None:
+    """Set the vehicle forward in time with the clock until it is stop, then back to its start."""
+    start_s = time.perf_counter()
+    while not stop.wait(STEP_S):
+        set_pose(mover, vehicle, start, (time.perf_counter() - start_s) * speed_m_s)
     set_pose(mover, vehicle, start, 0.0)
 
 
 def set_pose(mover: Connection, vehicle: str, start: RigidTransform, ahead_m: float) -> None:
-    place = dict(zip(("x_val", "y_val", "z_val"), start.apply([ahead_m, 0.0, 0.0]).tolist(), strict=True))
-    numbers = start.rotation.as_quat(scalar_first=True).tolist()
-    turn = dict(zip(("w_val", "x_val", "y_val", "z_val"), numbers, strict=True))
-    mover.call("simSetVehiclePose", {"position": place, "orientation": turn}, True, vehicle)
+    pose = start * RigidTransform.from_translation([ahead_m, 0.0, 0.0])
+    mover.call("simSetVehiclePose", pose_struct(pose), True, vehicle)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 import asyncio
 import socket
-import threading
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +10,12 @@ import pytest
 
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.protocol import Decoder, encode_request
-from deckline.adapters.airsim.server import ServerConfig, serving
+from deckline.adapters.airsim.server import serving_in_thread
 from deckline.adapters.airsim.settings import Capture, default_settings
+from deckline.sim import RendererError
 from deckline.sim.camera.depth_camera import DepthConfig
 from deckline.sim.camera.sensor import SensorConfig
 from deckline.sim.config import SimConfig
-from deckline.sim.scene.gl import RendererError
 
 WIDTH, HEIGHT, FOV_DEG = 96, 54, 90.0
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -29,6 +28,7 @@ CONFIG = SimConfig(
     depth=DepthConfig(range_m=float("inf")),
     sensor=SensorConfig(noise=0.0, electrons=0.0),
 )
+WORLD_SETTINGS = default_settings(Capture(WIDTH, HEIGHT, FOV_DEG))
 
 
 @dataclass
@@ -42,42 +42,17 @@ class Running:
 
 
 @contextmanager
-def running_server(out, config=CONFIG, settings=None, **options):
+def running_server(out, config=CONFIG, **options):
     """A server until the block ends; an error in it is raised here."""
-    known = settings or default_settings(Capture(config.width, config.height, config.fov_deg))
-    running, ready, begun, failed = Running(0, [], out, [0.0]), threading.Event(), [], []
-
-    async def main():
-        stop = asyncio.Event()
-        begun.append((asyncio.get_running_loop(), stop))
-        server = ServerConfig(port=0, out=out, log=running.lines.append, **options)
-        async with serving(config, known, server, Clock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)) as port:
-            running.port = port
-            ready.set()
-            await stop.wait()
-
-    def run():
-        try:
-            asyncio.run(main())
-        except BaseException as error:
-            failed.append(error)
-        ready.set()
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    ready.wait()
+    running = Running(0, [], out, [0.0])
+    clock = Clock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)
+    settings = default_settings(Capture(config.width, config.height, config.fov_deg))
+    options |= {"port": 0, "out": out, "log": running.lines.append, "clock": clock}
     try:
-        if not failed:
+        with serving_in_thread(config, settings, **options) as running.port:
             yield running
-    finally:
-        loop, stop = begun[0]
-        if thread.is_alive():
-            loop.call_soon_threadsafe(stop.set)
-        thread.join()
-    if failed and isinstance(failed[0], RendererError):
-        pytest.skip(f"no OpenGL on this machine: {failed[0]}")
-    if failed:
-        raise failed[0]
+    except RendererError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")
 
 
 @contextmanager
@@ -112,7 +87,7 @@ def connected(port):
 def asked(peer, method, *params):
     """(error, result) of a call over a plain socket."""
     peer.sendall(encode_request(7, method, params))
-    decoder = Decoder(items_limit=None)
+    decoder = Decoder(limit=1 << 28)
     while data := peer.recv(1 << 16):
         for answer in decoder.feed(data):
             return answer.error, answer.result

@@ -1,9 +1,9 @@
 """A server that answers msgpack-rpc calls with what a test puts there, on an ephemeral loopback port."""
 
 import socket
+import socketserver
 import threading
 from contextlib import suppress
-from typing import Self
 
 import msgpack
 import numpy as np
@@ -46,67 +46,49 @@ def response(image_type, **changes):
     } | changes
 
 
-class StandIn:
+class StandIn(socketserver.ThreadingTCPServer):
     """Answers each method by its function of the params; a ValueError becomes the call's error. A context manager.
 
-    `calls` holds every call as (method, params).
+    `calls` holds every call as (method, params). A function that returns bytes sends them and hangs up.
     """
 
+    allow_reuse_address = True
+
     def __init__(self, port=0, **methods):
+        super().__init__(("127.0.0.1", port), Conversation)
         self.methods = {
             "simGetCameraInfo": lambda *params: {"pose": pose(), "fov": 90.0},
             "simGetVehiclePose": lambda *params: pose(),
             "simGetImages": lambda *params: [response(0), response(1)],
         } | methods
         self.calls = []
-        self._listening = socket.create_server(("127.0.0.1", port))
-        self._open = []
-        self.port = self._listening.getsockname()[1]
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-
-    def __enter__(self) -> Self:
-        return self
+        self.sockets = []
+        self.port = self.server_address[1]
+        threading.Thread(target=self.serve_forever, args=(0.01,), daemon=True).start()
 
     def __exit__(self, *_error):
-        self._listening.shutdown(socket.SHUT_RDWR)
-        self._thread.join()
-        self._listening.close()
-
-    def _serve(self):
-        while True:
-            try:
-                talk, _ = self._listening.accept()
-            except OSError:
-                break
-            self._open.append((talk, threading.Thread(target=self._talk, args=(talk,), daemon=True)))
-            self._open[-1][1].start()
-        for talk, thread in self._open:
+        self.shutdown()
+        for talk in self.sockets:
             with suppress(OSError):  # the client may have gone, and its thread may have closed it, at this moment
                 talk.shutdown(socket.SHUT_RDWR)
-            thread.join()
+        self.server_close()
 
-    def _talk(self, talk):
+
+class Conversation(socketserver.BaseRequestHandler):
+    def handle(self):
+        self.server.sockets.append(self.request)
         unpacker = msgpack.Unpacker()
-        with talk:
-            while True:
-                try:
-                    data = talk.recv(65536)
-                except OSError:
-                    return
-                if not data:
-                    return
+        with suppress(OSError):
+            while data := self.request.recv(65536):
                 unpacker.feed(data)
                 for _, number, method, params in unpacker:
-                    self.calls.append((method, params))
+                    self.server.calls.append((method, params))
                     error, result = None, None
                     try:
-                        result = self.methods[method](*params)
+                        result = self.server.methods[method](*params)
                     except ValueError as refused:
                         error = str(refused)
-                    try:
-                        talk.sendall(result if isinstance(result, bytes) else msgpack.packb([1, number, error, result]))
-                    except OSError:
+                    if isinstance(result, bytes):
+                        self.request.sendall(result)
                         return
-                    if isinstance(result, bytes):  # a test's own bytes, then the line goes dead
-                        return
+                    self.request.sendall(msgpack.packb([1, number, error, result]))

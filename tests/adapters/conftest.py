@@ -1,5 +1,9 @@
 import pytest
-from airsim_serving import published_client, running_server
+from airsim_serving import CONFIG, WORLD_SETTINGS, published_client, running_server
+
+from deckline.adapters.airsim.clock import Clock
+from deckline.adapters.airsim.world import World
+from deckline.sim import RendererError
 
 
 @pytest.fixture(scope="session")
@@ -16,3 +20,12 @@ def client(server):
         server.ticks[0] = 0.0
         server.lines.clear()
         yield made
+
+
+@pytest.fixture(scope="module")
+def world():
+    try:
+        with World(CONFIG, WORLD_SETTINGS, Clock(lambda: 0.0, epoch_ns=0)) as made:
+            yield made
+    except RendererError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")

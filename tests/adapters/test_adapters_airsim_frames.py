@@ -1,23 +1,38 @@
 import numpy as np
 import pytest
-from airsim_stand_in import BGR, DEPTH, HALF, pose, quaternion, response, vector
+from airsim_stand_in import BGR, DEPTH, HALF, StandIn, pose, quaternion, response, vector
+from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.adapters.airsim.client import pose_from
-from deckline.adapters.airsim.frames import View, float_image, live_frame, raw_image
+from deckline.adapters.airsim.client import Connection
+from deckline.adapters.airsim.frames import (
+    MountMeasurement,
+    interpolate_middle,
+    measure_still_mount,
+    name_frame,
+    read_depth,
+    read_frame,
+    read_image,
+    update_mount,
+)
+from deckline.adapters.airsim.protocol import read_pose
 from deckline.geometry import Camera, attitude, camera_mount
 
-VIEW = View("front", camera_mount(), np.pi / 2, deck_z_m=-18.0, sea_z_m=2.0)
+LEVEL = camera_mount()
+
+
+def read(scene, depth, mount=LEVEL):
+    return read_frame(name_frame("front", scene), scene, depth, mount, np.pi / 2, -18.0, 2.0)
 
 
 def test_raw_bytes_are_blue_green_red_with_the_top_row_first():
     data = bytes([255, 0, 0, 0, 255, 0, 0, 0, 255, 0, 0, 0, 9, 9, 9, 255, 255, 255])  # blue, green, red / ...
-    image = raw_image(response(0, image_data_uint8=data, width=3, height=2))
+    image = read_image(response(0, image_data_uint8=data, width=3, height=2))
     assert image.tolist() == [[[0, 0, 255], [0, 255, 0], [255, 0, 0]], [[0, 0, 0], [9, 9, 9], [255, 255, 255]]]
     assert image.dtype == np.uint8
 
 
 def test_a_frame_is_picture_depth_camera_and_pose_of_its_image():
-    frame = live_frame(response(0), response(1), VIEW)
+    frame = read(response(0), response(1))
     assert frame.file == "front#1700000000250000000"
     assert frame.time_s == 1_700_000_000.25
     np.testing.assert_array_equal(frame.image_rgb, BGR[:, :, ::-1])
@@ -32,7 +47,7 @@ def test_a_frame_is_picture_depth_camera_and_pose_of_its_image():
 def test_the_body_stands_where_the_mount_says_while_the_camera_is_where_the_image_was_taken():
     mount = camera_mount([2.0, 0.0, 0.5], attitude(0.0, -0.2, 0.0))
     east = {"camera_position": vector(10, 20, -30), "camera_orientation": quaternion(HALF, 0, 0, HALF)}
-    frame = live_frame(response(0, **east), response(1, **east), View("0", mount, 1.0))
+    frame = read(response(0, **east), response(1, **east), mount)
     np.testing.assert_allclose(frame.world_from_camera.translation, [10.0, 20.0, -30.0], atol=1e-9)
     np.testing.assert_allclose(frame.world_from_camera.apply([0.0, 0.0, 1.0]), [10.0, 21.0, -30.0], atol=1e-9)
     np.testing.assert_allclose(frame.world_from_body.apply([2.0, 0.0, 0.5]), [10.0, 20.0, -30.0], atol=1e-9)
@@ -43,14 +58,14 @@ def test_the_body_stands_where_the_mount_says_while_the_camera_is_where_the_imag
 def test_half_precision_far_depth_and_no_distance_are_unknown():
     numbers = DEPTH.ravel().tolist()
     numbers[:4] = [65504.0, float("inf"), 0.0, float("nan")]
-    frame = live_frame(response(0), response(1, image_data_float=numbers), VIEW)
+    frame = read(response(0), response(1, image_data_float=numbers))
     np.testing.assert_array_equal(np.isnan(frame.depth_m), [[True] * 4, [False] * 4, [False] * 4])
 
 
 def test_depth_that_came_as_a_grey_picture_is_refused():
     grey = response(1, image_data_uint8=BGR.tobytes(), image_data_float=[0.0], pixels_as_float=False)
-    with pytest.raises(ValueError, match="came without numbers: its grey levels are no metres"):
-        float_image(grey)
+    with pytest.raises(ValueError, match="DepthPlanar of 4x3"):
+        read_depth(grey)
 
 
 @pytest.mark.parametrize(
@@ -58,31 +73,31 @@ def test_depth_that_came_as_a_grey_picture_is_refused():
     [
         ({"image_data_uint8": BGR.tobytes()[:-1]}, r"4x3 px must have 36 bytes \(B, G, R\), got 35 bytes"),
         ({"image_data_uint8": "text"}, "got str"),
-        ({"width": 0, "height": 0, "message": "camera is not set"}, r"Scene came empty \(camera is not set\)"),
-        ({"width": -4}, "Scene came empty"),
-        ({"time_stamp": None}, "no time stamp in ns, got None"),
-        ({"camera_position": vector(float("nan"), 0, 0)}, "Scene: position is not finite"),
-        ({"camera_orientation": quaternion(0, 0, 0, 0)}, "Scene: quaternion has length 0"),
-        ({"camera_orientation": None}, "Scene has no pose"),
+        ({"width": 0, "height": 0, "message": "camera is not set"}, r"Scene.*\(camera is not set\)"),
+        ({"width": -4}, "Scene"),
+        ({"time_stamp": None}, "time stamp.*None"),
+        ({"camera_position": vector(float("nan"), 0, 0)}, "Scene: position.*nan"),
+        ({"camera_orientation": quaternion(0, 0, 0, 0)}, r"Scene: quaternion.*0\.0"),
+        ({"camera_orientation": None}, "Scene: orientation.*None"),
     ],
 )
 def test_a_broken_picture_says_what_is_broken(changes, text):
     with pytest.raises(ValueError, match=text):
-        live_frame(response(0, **changes), response(1), VIEW)
+        read(response(0, **changes), response(1))
 
 
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"image_data_float": [1.0] * 11}, "must have 12 numbers, got 11"),
-        ({"image_data_float": ["x"] * 12}, "holds what is no number"),
-        ({"width": 3, "height": 4}, "depth DepthPlanar is 3x4 px but the image is 4x3 px"),
-        ({"width": 0}, "DepthPlanar came empty"),
+        ({"image_data_float": [1.0] * 11}, "12.*11"),
+        ({"image_data_float": ["x"] * 12}, "DepthPlanar"),
+        ({"width": 3, "height": 4}, "DepthPlanar.*3x4.*4x3"),
+        ({"width": 0}, "DepthPlanar"),
     ],
 )
 def test_broken_depth_says_what_is_broken(changes, text):
     with pytest.raises(ValueError, match=text):
-        live_frame(response(0), response(1, **changes), VIEW)
+        read(response(0), response(1, **changes))
 
 
 @pytest.mark.parametrize(
@@ -92,11 +107,66 @@ def test_broken_depth_says_what_is_broken(changes, text):
 def test_picture_and_depth_of_two_instants_are_refused(turn, position, apart):
     later = {"camera_position": vector(*position), "camera_orientation": quaternion(*turn)}
     with pytest.raises(ValueError, match=f"picture and depth were taken {apart} apart"):
-        live_frame(response(0), response(1, **later), VIEW)
+        read(response(0), response(1, **later))
 
 
 def test_single_precision_of_a_pose_far_from_the_origin_is_no_difference():
     at = {"camera_position": vector(5000.0001, 2, -3), "camera_orientation": quaternion(1, 1e-7, 0, 0)}
     near = response(0, camera_position=vector(5000, 2, -3))
-    assert live_frame(near, response(1, **at), VIEW).world_from_body is not None
-    assert pose_from(pose((5000, 2, -3)), "").translation.tolist() == [5000.0, 2.0, -3.0]
+    assert read(near, response(1, **at)).world_from_body is not None
+
+
+def measure(**methods):
+    with StandIn(**methods) as server, Connection("127.0.0.1", server.port) as connection:
+        return measure_still_mount(connection, "0", ""), len(server.calls)
+
+
+def test_the_mount_of_a_vehicle_that_stands_still_is_exact_at_once():
+    turned = (HALF, 0.0, 0.0, HALF)  # vehicle and camera look east; the camera sits 2 m ahead and 0.5 m below
+    found, calls = measure(
+        simGetVehiclePose=lambda *_params: pose((10, 20, -30), turned),
+        simGetCameraInfo=lambda *_params: {"pose": pose((10, 22, -29.5), turned), "fov": 60.0},
+    )
+    assert calls == 3
+    assert (found.motion_m, found.rotation_rad) == (0.0, 0.0)
+    np.testing.assert_allclose(found.fov_rad, np.pi / 3)
+    np.testing.assert_allclose(found.body_from_camera.translation, [2.0, 0.0, 0.5], atol=1e-9)
+    np.testing.assert_allclose(found.body_from_camera.rotation.apply([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_of_a_moving_vehicle_the_calmest_measurement_counts_half_way():
+    steps = [0.4] * 6 + [0.1] * 3 + [0.4] * 90  # metres between two questions
+    place = iter(np.cumsum(steps))
+    found, calls = measure(
+        simGetVehiclePose=lambda *_params: pose((next(place), 0, 0)),
+        simGetCameraInfo=lambda *_params: {"pose": pose((next(place) + 1.5, 0, 0)), "fov": 90.0},
+    )
+    assert calls == 60
+    np.testing.assert_allclose(found.motion_m, 0.2)
+    np.testing.assert_allclose(found.body_from_camera.translation, [1.5, 0.0, 0.0], atol=1e-9)
+
+
+def test_only_a_sharp_enough_part_of_a_new_measurement_is_taken():
+    before = camera_mount([1.0, 0.0, 0.0])
+    after = camera_mount([1.2, 0.0, 0.0], attitude(0.0, -0.3, 0.0))
+    still = update_mount(before, MountMeasurement(after, 1.0, 0.0, 0.0))
+    np.testing.assert_allclose(still.as_matrix(), after.as_matrix(), atol=1e-12)
+    fast = update_mount(before, MountMeasurement(after, 1.0, 0.3, 0.0))
+    np.testing.assert_allclose(fast.translation, [1.0, 0.0, 0.0])
+    assert (fast.rotation.inv() * after.rotation).magnitude() < 1e-12
+    turning = update_mount(before, MountMeasurement(after, 1.0, 0.3, 0.01))
+    np.testing.assert_allclose(turning.as_matrix(), before.as_matrix())
+
+
+def test_half_way_between_two_poses():
+    first = read_pose(pose((0, 0, 0)), "")
+    half = interpolate_middle(first, read_pose(pose((2, 4, 6), (HALF, 0, 0, HALF)), ""))
+    assert half.translation.tolist() == [1.0, 2.0, 3.0]
+    np.testing.assert_allclose(half.rotation.as_euler("ZYX", degrees=True), [45.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_half_way_does_not_depend_on_a_quaternions_sign():
+    turn = Rotation.from_rotvec([0.1, 0.2, 0.3])
+    first = RigidTransform.from_components([0.0, 0.0, 0.0], turn)
+    second = RigidTransform.from_components([0.0, 0.0, 0.0], Rotation.from_quat(-turn.as_quat()))
+    assert (interpolate_middle(first, second).rotation.inv() * turn).magnitude() < 1e-9

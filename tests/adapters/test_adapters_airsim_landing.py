@@ -11,7 +11,7 @@ import pytest
 from airsim_serving import CONFIG, running_server
 
 from deckline.adapters.airsim.client import Connection
-from deckline.adapters.airsim.source import open_live
+from deckline.adapters.airsim.source import LiveSource
 from deckline.cli.main import main
 from deckline.geometry import attitude
 from deckline.recording import open_recording
@@ -89,7 +89,7 @@ def test_live_frames_are_where_the_vehicle_was_put_and_show_what_is_there(runnin
     with Connection("127.0.0.1", running.port) as connection:
         set_pose(connection, "simSetVehiclePose", "", place, body)
         set_pose(connection, "simSetCameraPose", "front_center", offset, tilt)
-        source = open_live(f"airsim://127.0.0.1:{running.port}", "front_center", rate_hz=100.0, deck_z_m=6.08)
+        source = LiveSource(f"airsim://127.0.0.1:{running.port}", "front_center", rate_hz=100.0, deck_z_m=6.08)
         (frame,) = islice(source, 1)
         connection.call("reset")
     assert source.notes == ()

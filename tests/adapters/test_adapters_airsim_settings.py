@@ -43,7 +43,7 @@ GIVEN = {
 def test_cameras_have_airsims_names_and_numbers():
     settings = default_settings(USUAL)
     names = ["front_center", "front_right", "front_left", "bottom_center", "back_center"]
-    assert [settings.camera(str(number)) for number in range(5)] == names == list(settings.cameras)
+    assert [settings.find_camera(str(number)) for number in range(5)] == names == list(settings.cameras)
     ahead = {name: setting.mount.rotation.apply([1.0, 0.0, 0.0]) for name, setting in settings.cameras.items()}
     np.testing.assert_allclose(ahead["bottom_center"], [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(ahead["back_center"], [-1, 0, 0], atol=1e-12)
@@ -52,7 +52,7 @@ def test_cameras_have_airsims_names_and_numbers():
         settings.cameras["front_left"].mount.translation[1] < 0 < settings.cameras["front_right"].mount.translation[1]
     )
     with pytest.raises(ValueError, match=r"no camera 'x'; there are front_center"):
-        settings.camera("x")
+        settings.find_camera("x")
 
 
 def test_a_settings_file_is_read_as_airsim_does(tmp_path):

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from airsim_stand_in import BGR, HALF, StandIn, pose, response, vector
 
-from deckline.adapters.airsim.source import LiveConfig, LiveSource, Pace, open_live
+from deckline.adapters.airsim.source import LiveSource, Pace
 from deckline.cli.main import main
 from deckline.recording import BadFrame, RecordingError
 from deckline.types import Frame
 
 
-def live(server, **options):
-    """A source as fast as the server answers, and what it says."""
-    said = []
-    config = LiveConfig("127.0.0.1", server.port, **({"rate_hz": 1000.0} | options))
-    return LiveSource(config, said.append), said
+def live(server, vehicle="", **options):
+    """A source as fast as the server answers, and its log."""
+    log = []
+    address = f"airsim://127.0.0.1:{server.port}/{vehicle}"
+    return LiveSource(address, **({"rate_hz": 1000.0, "log": log.append} | options)), log
 
 
 def numbered():
@@ -34,7 +34,7 @@ def numbered():
 
 def test_frames_come_until_the_source_is_stopped():
     with StandIn(simGetImages=numbered()) as server:
-        source, said = live(server, camera="front", vehicle="Drone1", deck_z_m=-18.0, sea_z_m=2.0)
+        source, log = live(server, camera="front", vehicle="Drone1", deck_z_m=-18.0, sea_z_m=2.0)
         assert source.length is None
         assert source.name == f"airsim://127.0.0.1:{server.port}/Drone1 camera front"
         frames = []
@@ -48,7 +48,7 @@ def test_frames_come_until_the_source_is_stopped():
     assert all((frame.deck_z_m, frame.sea_z_m) == (-18.0, 2.0) for frame in frames)
     assert asked["simGetCameraInfo"] == ["front", "Drone1"]
     assert asked["simGetVehiclePose"] == ["Drone1"]
-    assert said == []
+    assert log == []
 
 
 def test_a_broken_frame_is_passed_on_as_such_and_the_next_is_asked_for():
@@ -82,7 +82,7 @@ def test_the_field_of_view_is_followed_while_it_changes():
 
 def test_a_simulator_that_goes_away_is_waited_for_and_said_once():
     with StandIn() as server:
-        source, said = live(server)
+        source, log = live(server)
         port = server.port
         frames = iter(source)
         assert isinstance(next(frames), Frame)
@@ -94,9 +94,9 @@ def test_a_simulator_that_goes_away_is_waited_for_and_said_once():
     timer.join()
     with revived[0]:
         pass
-    assert len(said) == 2
-    assert said[0].startswith(f"lost the simulator (127.0.0.1:{port}:")
-    assert said[1] == "the simulator is back"
+    assert len(log) == 2
+    assert log[0].startswith(f"lost the simulator (127.0.0.1:{port}:")
+    assert log[1] == "the simulator is back"
 
 
 def test_a_stop_ends_the_wait_for_a_simulator_and_for_the_next_frame():
@@ -120,16 +120,16 @@ def test_a_stop_ends_the_wait_for_a_simulator_and_for_the_next_frame():
 def test_nobody_there_or_no_such_camera_is_one_line_at_once():
     with StandIn() as server:
         port = server.port
-    with pytest.raises(RecordingError, match=r"Connection refused; start the simulator, or deckline sim --serve"):
-        open_live(f"airsim://127.0.0.1:{port}")
+    with pytest.raises(RecordingError, match=f"127.0.0.1:{port}.*Connection refused"):
+        LiveSource(f"airsim://127.0.0.1:{port}")
 
     def unknown(*_params):
         raise ValueError("no camera 'left'")
 
     with StandIn(simGetCameraInfo=unknown) as server, pytest.raises(RecordingError, match="no camera 'left'"):
-        open_live(f"airsim://127.0.0.1:{server.port}", camera="left")
-    with pytest.raises(RecordingError, match="rate must lie between 0 and 1000"):
-        open_live("airsim://127.0.0.1:1", rate_hz=0.0)
+        LiveSource(f"airsim://127.0.0.1:{server.port}", camera="left")
+    with pytest.raises(RecordingError, match=r"rate.*0 and 1000.*0\.0"):
+        LiveSource("airsim://127.0.0.1:1", rate_hz=0.0)
 
 
 def test_a_moving_vehicles_mount_is_noted_with_its_bound():
@@ -164,22 +164,22 @@ def test_a_camera_that_is_turned_on_its_vehicle_is_followed():
 
 def test_the_wanted_rate_is_kept_and_missed_frames_are_not_made_up_for():
     pace = Pace(4.0)
-    assert pace.wait_s(100.0) == 0.0
-    assert pace.wait_s(100.1) == pytest.approx(0.15)
-    assert pace.wait_s(100.25) == pytest.approx(0.25)
-    assert pace.wait_s(102.0) == 0.0  # late by far ...
-    assert pace.wait_s(102.0) == pytest.approx(0.25)  # ... and not three at once
+    assert pace.next_wait(100.0) == 0.0
+    assert pace.next_wait(100.1) == pytest.approx(0.15)
+    assert pace.next_wait(100.25) == pytest.approx(0.25)
+    assert pace.next_wait(102.0) == 0.0  # late by far ...
+    assert pace.next_wait(102.0) == pytest.approx(0.25)  # ... and not three at once
 
 
 def test_frames_that_come_too_slowly_are_said_once_with_the_reason():
     pace = Pace(5.0)
-    lines = [pace.took(0.5 * n - 0.4, 0.5 * n) for n in range(60)]
+    lines = [pace.count_frame(0.5 * n - 0.4, 0.5 * n) for n in range(60)]
     said = [line for line in lines if line]
     assert said == [
         "frames come at 2 a second, more slowly than the 5 asked for: the simulator takes 0.4 s for one, the rest 0.1 s"
     ]
-    assert [line for line in (pace.took(100 + 0.2 * n - 0.1, 100 + 0.2 * n) for n in range(60)) if line] == []
-    assert len([line for n in range(30) if (line := pace.took(200.0 + n, 200.5 + n))]) == 1  # slow once more
+    assert [line for line in (pace.count_frame(100 + 0.2 * n - 0.1, 100 + 0.2 * n) for n in range(60)) if line] == []
+    assert len([line for n in range(30) if (line := pace.count_frame(200.0 + n, 200.5 + n))]) == 1  # slow once more
 
 
 def test_run_takes_frames_live_and_writes_whole_results(tmp_path, capsys):

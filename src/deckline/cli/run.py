@@ -90,8 +90,8 @@ def run(
         if poses is not None:
             raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
         with needs_extra("sim"):
-            from deckline.adapters.airsim.source import open_live
-        opened = open_live(source, camera or "0", rate, deck_z_m, sea_z_m)
+            from deckline.adapters.airsim.source import LiveSource
+        opened = LiveSource(source, camera or "0", rate, deck_z_m, sea_z_m)
     else:
         opened = open_recording(
             source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m

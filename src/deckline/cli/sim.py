@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 
 import tyro
 
-from deckline.adapters.airsim.serve import ServeConfig, serve_sim
+from deckline.adapters.airsim.server import ServeConfig, serve_sim
 from deckline.recording.writer import ImageFormat
 from deckline.sim import CLEAR, SimConfig
 from deckline.sim.camera.depth_camera import DepthConfig

@@ -1,15 +1,28 @@
-"""The simulated time: it runs with the wall clock, stands still, or runs for so many seconds."""
+"""Simulated time, and where the sun stands at a date and time."""
 
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.sim.scene.daylight import DUSK_DEG, ELEVATION_DEG, TimeOfDay
+
+TILT_DEG = 23.45  # of the Earth's axis
+DARK_DEG = -6.0  # the sun's elevation at the end of civil twilight: below it, the moon stands opposite the sun
+FORMAT = "%Y-%m-%d %H:%M:%S"  # AirSim's
 
 
 class Clock:
-    """Seconds since it was made; every thread may read it.
+    """Seconds since it was made: it runs with the wall clock, stands still, or runs for so many seconds.
+
+    Every thread may read it.
 
     Args:
-        ticks: a clock that never runs back, s.
+        ticks: a monotonic clock, s.
         epoch_ns: when it was made, ns since 1970; None: now.
     """
 
@@ -20,8 +33,8 @@ class Clock:
 
     def seconds(self) -> float:
         """Simulated seconds."""
-        begun, tick, most = self._run
-        return begun + min(self._ticks() - tick, most)
+        start_s, tick, limit_s = self._run
+        return start_s + min(self._ticks() - tick, limit_s)
 
     def nanoseconds(self, seconds: float) -> int:
         """A simulated time as a time stamp, ns since 1970."""
@@ -30,8 +43,8 @@ class Clock:
     @property
     def paused(self) -> bool:
         """Whether it stands still."""
-        _, tick, most = self._run
-        return self._ticks() - tick >= most
+        _, tick, limit_s = self._run
+        return self._ticks() - tick >= limit_s
 
     def pause(self, paused: bool) -> None:
         """Stand still, or run on."""
@@ -40,3 +53,78 @@ class Clock:
     def run_for(self, seconds: float) -> None:
         """Run on, and stand still after so many seconds."""
         self._run = (self.seconds(), self._ticks(), seconds)
+
+
+@dataclass(frozen=True)
+class SolarClock:
+    """A running date and time.
+
+    Args:
+        start: local solar time when it was set.
+        since_s: simulated time when it was set.
+        speed: seconds of the sun for a simulated one.
+        step_s: simulated seconds between two moves of the sun.
+    """
+
+    start: datetime
+    since_s: float
+    speed: float = 1.0
+    step_s: float = 60.0
+
+    def at(self, time_s: float) -> datetime:
+        """Date and time at a simulated time.
+
+        Raises:
+            ValueError: it lies beyond the calendar.
+        """
+        steps = math.floor((time_s - self.since_s) / self.step_s)
+        try:
+            return self.start + timedelta(seconds=steps * self.step_s * self.speed)
+        except OverflowError:
+            raise ValueError(f"a clock {self.speed:g} times as fast has left the calendar: set it anew") from None
+
+
+def read_time(text: object) -> datetime:
+    """'2026-02-12 15:20:00' as AirSim writes it.
+
+    Raises:
+        ValueError: anything else.
+    """
+    try:
+        return datetime.strptime(str(text), FORMAT)
+    except ValueError:
+        raise ValueError(f"a date and time is written like 2026-02-12 15:20:00, got {text!r:.40}") from None
+
+
+def sun_angles(when: datetime, latitude_deg: float) -> tuple[float, float]:
+    """Elevation and azimuth (from north over east) of the sun, rad, at a local solar time.
+
+    Source: Cooper 1969 for the declination, within 1 degree; spherical trigonometry for the rest.
+    """
+    day = when.timetuple().tm_yday
+    declination = math.radians(TILT_DEG) * math.sin(2 * math.pi * (284 + day) / 365)
+    hours = when.hour + when.minute / 60 + when.second / 3600
+    hour_angle, latitude = math.radians(15 * (hours - 12)), math.radians(latitude_deg)
+    east = -math.cos(declination) * math.sin(hour_angle)
+    north = math.sin(declination) * math.cos(latitude)
+    north -= math.cos(declination) * math.sin(latitude) * math.cos(hour_angle)
+    up = math.sin(latitude) * math.sin(declination)
+    up += math.cos(latitude) * math.cos(declination) * math.cos(hour_angle)
+    return math.asin(min(max(up, -1.0), 1.0)), math.atan2(east, north)
+
+
+def light_at(when: datetime, latitude_deg: float) -> tuple[TimeOfDay, NDArray[np.float64]]:
+    """Day, dusk or night, and the unit vector (3,) from the sun, at night the moon, to the ground, world NED.
+
+    The elevation is kept within the range that the simulator draws for that time of day.
+    """
+    elevation, azimuth = sun_angles(when, latitude_deg)
+    time_of_day: TimeOfDay = "day"
+    if elevation < math.radians(DARK_DEG):
+        time_of_day, elevation, azimuth = "night", -elevation, azimuth + math.pi
+    elif elevation < math.radians(DUSK_DEG):
+        time_of_day = "dusk"
+    low, high = (math.radians(limit) for limit in ELEVATION_DEG[time_of_day])
+    elevation = min(max(elevation, low), high)
+    level = -math.cos(elevation)
+    return time_of_day, np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])

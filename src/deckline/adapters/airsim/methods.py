@@ -1,41 +1,44 @@
 """The calls that the server answers, by name. Each gets the service and the call's parameters.
 
-A ValueError becomes the call's error answer; so does a wrong number of parameters. Parameters that AirSim has and that
-make no difference here are taken and left alone.
+A ValueError becomes the call's error answer; so does a wrong number of parameters, or another `vehicle` than the
+world's. Parameters of AirSim that make no difference here are accepted and ignored.
 """
 
 import asyncio
-import math
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
-from deckline.adapters.airsim.daytime import Daytime, read_time
-from deckline.adapters.airsim.images import read_request, read_requests, recorded_frame, take_images
-from deckline.adapters.airsim.recorder import Recorder
-from deckline.adapters.airsim.settings import SCENE
-from deckline.adapters.airsim.structs import (
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from deckline.adapters.airsim.clock import SolarClock, read_time
+from deckline.adapters.airsim.images import Recorder, get_images, read_request, read_requests
+from deckline.adapters.airsim.protocol import (
     Struct,
-    camera_info,
-    geo_point,
-    kinematics,
-    multirotor_state,
-    no_pose,
+    camera_struct,
+    geo_struct,
+    kinematics_struct,
+    multirotor_struct,
     pose_struct,
+    read_flag,
+    read_number,
     read_pose,
-    real,
+    unknown_pose_struct,
 )
+from deckline.adapters.airsim.settings import SCENE
 from deckline.adapters.airsim.world import World
-from deckline.types import Frame
 
 SERVER_VERSION = 4  # cosysairsim 3.5 asks for 4; classic airsim for 1
 OLDEST_CLIENT = 1
 SHIP = "Carrier"  # name of the ship's object: x forward, y starboard, z down, origin on the deck's stern
-PARAMETERS = {0: "rain", 1: "wet", 7: "fog"}  # AirSim's WeatherParameter, those that have an effect
+WEATHER = {0: "rain", 1: "wet", 7: "fog"}  # AirSim's WeatherParameter, those that have an effect
 ENABLED = 8
 WITHOUT_EFFECT = {2: "Snow", 3: "RoadSnow", 4: "MapleLeaf", 5: "RoadLeaf", 6: "Dust"}
+FARTHEST_M = 1e6  # a position beyond this is a mistake, and more than the renderer's single precision can place
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,84 +51,50 @@ class Service:
     log: Callable[[str], None]
 
     async def on_renderer(self, work: Callable[..., Any], *args: Any) -> Any:
-        """Do something on the world's thread, behind what waits there already."""
+        """Do something on the world's thread, behind the work that waits there."""
         return await asyncio.get_running_loop().run_in_executor(self.renderer, work, *args)
-
-    async def frame(self) -> Frame:
-        """What the recorded camera sees now."""
-        frame: Frame = await self.on_renderer(recorded_frame, self.world)
-        return frame
 
     def change(self, **values: Any) -> None:
         """Set parts of the world's state."""
         self.world.state = replace(self.world.state, **values)
 
 
-def get_pose(service: Service, vehicle: str = "") -> Struct:
-    """world_from_body."""
-    _vehicle(service, vehicle)
-    return pose_struct(service.world.state.world_from_body)
-
-
 def set_pose(service: Service, pose: Any, ignore_collision: bool = True, vehicle: str = "") -> None:
     """Put the vehicle somewhere; NaN keeps its position, its orientation or both."""
-    _vehicle(service, vehicle)
-    service.change(world_from_body=read_pose(pose, service.world.state.world_from_body))
-
-
-def get_kinematics(service: Service, vehicle: str = "") -> Struct:
-    """The true pose; the vehicle has no speed."""
-    _vehicle(service, vehicle)
-    return kinematics(service.world.state.world_from_body)
+    service.change(world_from_body=_read_near_pose(pose, service.world.state.world_from_body))
 
 
 def get_multirotor(service: Service, vehicle: str = "") -> Struct:
     """The whole state of a vehicle in flight."""
-    _vehicle(service, vehicle)
     time_ns = service.world.clock.nanoseconds(service.world.clock.seconds())
-    return multirotor_state(service.world.state.world_from_body, service.world.settings.origin, time_ns)
-
-
-def get_home(service: Service, vehicle: str = "") -> Struct:
-    """Where the world's origin is on the Earth."""
-    _vehicle(service, vehicle)
-    return geo_point((0.0, 0.0, 0.0), service.world.settings.origin)
+    return multirotor_struct(service.world.state.world_from_body, service.world.settings.origin, time_ns)
 
 
 def get_object_pose(service: Service, name: str, ned: bool = True) -> Struct:
     """world_from_ship now; NaN for any other object, as AirSim answers."""
     if name != SHIP:
         service.log(f"simGetObjectPose: no object {name!r:.60}, only {SHIP!r}")
-        return no_pose()
+        return unknown_pose_struct()
     return pose_struct(service.world.ship_pose())
 
 
 def enable_control(service: Service, enabled: bool, vehicle: str = "") -> None:
-    """Taken and remembered: calls are obeyed in any case."""
-    _vehicle(service, vehicle)
-    service.change(api_control=_flag(enabled, "is_enabled"))
-
-
-def is_controlled(service: Service, vehicle: str = "") -> bool:
-    """What was last said."""
-    _vehicle(service, vehicle)
-    return service.world.state.api_control
+    """Remember the value: calls are obeyed in any case."""
+    service.change(api_control=read_flag(enabled, "is_enabled"))
 
 
 def arm(service: Service, armed: bool, vehicle: str = "") -> bool:
-    """Taken: there are no motors."""
-    _vehicle(service, vehicle)
-    _flag(armed, "arm")
+    """Accept: there are no motors."""
+    read_flag(armed, "arm")
     return True
 
 
-async def get_images(
+async def get_all_images(
     service: Service, requests: Any, vehicle: str = "", external: bool = False, annotation: str = ""
 ) -> list[Struct]:
     """Pictures of one instant."""
-    _vehicle(service, vehicle)
     wanted = read_requests(requests, service.world.settings)
-    responses: list[Struct] = await service.on_renderer(take_images, service.world, wanted)
+    responses: list[Struct] = await service.on_renderer(get_images, service.world, wanted)
     return responses
 
 
@@ -133,53 +102,44 @@ async def get_image(
     service: Service, camera: Any, image_type: int, vehicle: str = "", annotation: Any = "", external: bool = False
 ) -> bytes:
     """One picture as a PNG file."""
-    _vehicle(service, vehicle)
     wanted = read_request({"camera_name": str(camera), "image_type": image_type}, service.world.settings)
-    responses: list[Struct] = await service.on_renderer(take_images, service.world, [wanted])
+    responses: list[Struct] = await service.on_renderer(get_images, service.world, [wanted])
     data: bytes = responses[0]["image_data_uint8"]
     return data
 
 
 def get_camera(service: Service, camera: Any, vehicle: str = "", external: bool = False) -> Struct:
     """Pose in the world, field of view, projection matrix."""
-    _vehicle(service, vehicle)
     world = service.world
-    name = world.settings.camera(str(camera))
-    return camera_info(world.state.world_from_body * world.mount(name), world.camera(name, SCENE))
+    name = world.settings.find_camera(str(camera))
+    return camera_struct(world.state.world_from_body * world.mount(name), world.camera(name, SCENE))
 
 
 def set_camera_pose(service: Service, camera: Any, pose: Any, vehicle: str = "", external: bool = False) -> None:
     """Mount a camera elsewhere on the vehicle; NaN keeps as for the vehicle."""
-    _vehicle(service, vehicle)
     world = service.world
-    name = world.settings.camera(str(camera))
-    service.change(mounts={**world.state.mounts, name: read_pose(pose, world.mount(name))})
+    name = world.settings.find_camera(str(camera))
+    service.change(mounts={**world.state.mounts, name: _read_near_pose(pose, world.mount(name))})
 
 
 def set_camera_fov(service: Service, camera: Any, fov_deg: float, vehicle: str = "", external: bool = False) -> None:
     """Horizontal field of view, degrees."""
-    _vehicle(service, vehicle)
-    name, fov = service.world.settings.camera(str(camera)), _within(fov_deg, "fov_degrees", 1.0, 150.0)
-    service.change(fovs_deg={**service.world.state.fovs_deg, name: fov})
+    name = service.world.settings.find_camera(str(camera))
+    service.change(fovs_deg={**service.world.state.fovs_deg, name: read_number(fov_deg, "fov_degrees", 1.0, 150.0)})
 
 
 def get_fov(service: Service, camera: Any, vehicle: str = "", external: bool = False) -> float:
     """Horizontal field of view, degrees."""
-    return float(get_camera(service, camera, vehicle)["fov"])
-
-
-def enable_weather(service: Service, enabled: bool) -> None:
-    """Whether fog, rain and wetness count."""
-    service.change(weather=_flag(enabled, "enable"))
+    return float(get_camera(service, camera)["fov"])
 
 
 def set_weather(service: Service, parameter: int, value: float) -> None:
     """Fog, rain and wetness, 0..1."""
-    value = _within(value, "weather intensity", 0.0, 1.0)
+    value = read_number(value, "weather intensity", 0.0, 1.0)
     if isinstance(parameter, bool) or not isinstance(parameter, int) or not 0 <= parameter <= ENABLED:
         raise ValueError(f"a weather parameter is a number between 0 and {ENABLED}, got {parameter!r:.40}")
-    if parameter in PARAMETERS:
-        service.change(**{PARAMETERS[parameter]: value})
+    if parameter in WEATHER:
+        service.change(**{WEATHER[parameter]: value})
     elif parameter == ENABLED:
         service.change(weather=value > 0.0)
     else:
@@ -195,24 +155,19 @@ def set_time_of_day(
     step_s: float = 60.0,
     move_sun: bool = True,
 ) -> None:
-    """Sun or moon at a date and local solar time, now when none is given."""
-    if not _flag(enabled, "is_enabled"):
-        service.change(daytime=None)
+    """Sun or moon at a date and local solar time; without a date, of today's."""
+    if not read_flag(enabled, "is_enabled"):
+        service.change(solar_clock=None)
         return
-    begun = datetime.now() if start == "" else read_time(start)
-    turning = _within(speed, "celestial_clock_speed", 0.0, 1e6) if move_sun else 0.0
-    step = _within(step_s, "update_interval_secs", 1e-3, 1e6)
-    service.change(daytime=Daytime(begun, service.world.clock.seconds(), turning, step))
-
-
-def pause(service: Service, paused: bool) -> None:
-    """Let the time stand still, or run on."""
-    service.world.clock.pause(_flag(paused, "is_paused"))
+    date = datetime.now() if start == "" else read_time(start)
+    speed = read_number(speed, "celestial_clock_speed", 0.0, 1e6) if move_sun else 0.0
+    step_s = read_number(step_s, "update_interval_secs", 1e-3, 1e6)
+    service.change(solar_clock=SolarClock(date, service.world.clock.seconds(), speed, step_s))
 
 
 def run_for(service: Service, seconds: float) -> None:
     """Let the time run so many seconds, then stand still."""
-    service.world.clock.run_for(_within(seconds, "seconds", 0.0, 1e6))
+    service.world.clock.run_for(read_number(seconds, "seconds", 0.0, 1e6))
 
 
 METHODS: dict[str, Callable[..., Any]] = {
@@ -221,54 +176,62 @@ METHODS: dict[str, Callable[..., Any]] = {
     "getMinRequiredClientVersion": lambda service: OLDEST_CLIENT,
     "reset": lambda service: service.world.reset(),
     "enableApiControl": enable_control,
-    "isApiControlEnabled": is_controlled,
+    "isApiControlEnabled": lambda service, vehicle="": service.world.state.api_control,
     "armDisarm": arm,
-    "simPause": pause,
+    "simPause": lambda service, paused: service.world.clock.pause(read_flag(paused, "is_paused")),
     "simIsPaused": lambda service: service.world.clock.paused,
     "simContinueForTime": run_for,
-    "simGetVehiclePose": get_pose,
+    "simGetVehiclePose": lambda service, vehicle="": pose_struct(service.world.state.world_from_body),
     "simSetVehiclePose": set_pose,
-    "simGetGroundTruthKinematics": get_kinematics,
+    "simGetGroundTruthKinematics": lambda service, vehicle="": kinematics_struct(service.world.state.world_from_body),
     "getMultirotorState": get_multirotor,
-    "getHomeGeoPoint": get_home,
+    "getHomeGeoPoint": lambda service, vehicle="": geo_struct((0.0, 0.0, 0.0), service.world.settings.origin),
     "simGetObjectPose": get_object_pose,
-    "simGetImages": get_images,
+    "simGetImages": get_all_images,
     "simGetImage": get_image,
     "simGetCameraInfo": get_camera,
     "simSetCameraPose": set_camera_pose,
     "simSetCameraFov": set_camera_fov,
     "simSetFov": set_camera_fov,
     "simGetCurrentFieldOfView": get_fov,
-    "simEnableWeather": enable_weather,
+    "simEnableWeather": lambda service, enabled: service.change(weather=read_flag(enabled, "enable")),
     "simSetWeatherParameter": set_weather,
     "simSetTimeOfDay": set_time_of_day,
     "startRecording": lambda service: service.recorder.start(),
     "stopRecording": lambda service: service.recorder.stop(),
-    "isRecording": lambda service: service.recorder.on,
+    "isRecording": lambda service: service.recorder.is_on,
     "listVehicles": lambda service: [service.world.settings.vehicle],
     "getSettingsString": lambda service: service.world.settings.text,
 }
+SIGNATURES = {name: inspect.signature(handler) for name, handler in METHODS.items()}
 
 
-def unknown(method: str, known: Sequence[str] = tuple(METHODS)) -> str:
-    """What is said of a method that there is not."""
-    return f"no method {method!r:.80}; there are {len(known)}: {', '.join(sorted(known))}"
+async def call_method(service: Service, method: str, params: tuple[Any, ...]) -> Any:
+    """The result of a call.
+
+    Raises:
+        ValueError: no such method or vehicle, or wrong parameters.
+    """
+    if method not in METHODS:
+        raise ValueError(f"no method {method!r:.80}; there are {len(METHODS)}: {', '.join(sorted(METHODS))}")
+    try:
+        arguments = SIGNATURES[method].bind(service, *params).arguments
+    except TypeError as error:
+        raise ValueError(f"{method}: {len(params)} parameters: {error}") from None
+    own = service.world.settings.vehicle
+    try:
+        if (vehicle := arguments.get("vehicle", "")) not in ("", own):
+            raise ValueError(f"no vehicle {vehicle!r:.60}; there is {own!r}")
+        result = METHODS[method](service, *params)
+        return await result if inspect.isawaitable(result) else result
+    except ValueError as error:
+        raise ValueError(f"{method}: {' '.join(str(error).split())}") from None
 
 
-def _vehicle(service: Service, name: Any) -> None:
-    there = service.world.settings.vehicle
-    if name not in ("", there):
-        raise ValueError(f"no vehicle {name!r:.60}; there is {there!r}")
-
-
-def _flag(value: Any, name: str) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} must be true or false, got {value!r:.40}")
-    return value
-
-
-def _within(value: Any, name: str, low: float, high: float) -> float:
-    number = real(value, name)
-    if math.isnan(number) or not low <= number <= high:
-        raise ValueError(f"{name} must lie between {low:g} and {high:g}, got {number:g}")
-    return number
+def _read_near_pose(value: Any, default: RigidTransform) -> RigidTransform:
+    """A pose that can be rendered; parts with NaN are those of `default`."""
+    pose = read_pose(value, "pose", default)
+    if np.abs(pose.translation).max() > FARTHEST_M:
+        position = pose.translation.tolist()
+        raise ValueError(f"pose: position {position} is farther than {FARTHEST_M:g} m from the origin")
+    return pose

@@ -1,33 +1,39 @@
-"""msgpack-rpc as AirSim speaks it: requests [0, id, method, params], answers [1, id, error, result], notes [2, ...].
+"""AirSim's wire format: msgpack-rpc messages, and AirSim's structures as maps.
 
-Messages follow each other on the wire without length or separator. Nothing that is received is evaluated: what comes
-out are None, booleans, numbers, text, bytes, lists and maps.
-Source: SPEC section 5; the MessagePack-RPC specification.
+Requests are [0, id, method, params], answers [1, id, error, result], notes [2, method, params]. Messages follow each
+other without length or separator. Nothing that is received is evaluated: None, booleans, numbers, text, bytes, lists
+and maps come out. Poses are world_from_body, or for a camera the pose of its mount, whose x axis is the viewing axis:
+North-East-Down and forward-right-down, metres, quaternions by name.
+Source: the MessagePack and MessagePack-RPC specifications; AirSim's API.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
 
-from deckline.adapters.airsim.extent import Extent
+from deckline.extras import needs_extra
+from deckline.geometry import Camera, pose
 
-try:
+with needs_extra("sim"):
     import msgpack
-except ImportError as error:
-    raise ImportError('AirSim\'s protocol needs msgpack: pip install "deckline[sim]"') from error
 
-REQUEST, RESPONSE, NOTIFY = 0, 1, 2
-MESSAGE_LIMIT = 64 * 1024 * 1024  # bytes; a message so large, or one that says it will be, is refused
-ITEMS_LIMIT = 100_000  # values in a request; one of a byte on the wire takes 8 and more in memory
-CAME = 60  # characters of what came that an error quotes
+REQUEST, RESPONSE = 0, 1  # types of message; a note is 2
+REQUEST_LIMIT = 256 * 1024  # bytes; 64 image requests take 10,000
+QUOTE_LENGTH = 60  # characters of a received value that an error quotes
+NEAR_PLANE = 10.0  # of AirSim's projection matrix, centimetres
+EARTH_M = 6378137.0  # equatorial radius, WGS 84
 _ARRAY32, _FLOAT32 = b"\xdd", 0xCA  # MessagePack's marks
+
+Struct = dict[str, Any]
 
 
 class ProtocolError(ValueError):
-    """What came is no msgpack-rpc; the connection cannot go on."""
+    """The received bytes are no msgpack-rpc; the connection cannot go on."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Response:
-    """An answer: `error` is None or what went wrong."""
+    """An answer: `error` is None or says what went wrong."""
 
     id: int
     error: Any
@@ -49,28 +55,21 @@ class Response:
 
 
 class Decoder:
-    """Bytes in, in pieces of any size; whole messages out.
+    """Bytes in, in pieces of at most `limit`; whole messages out.
 
     Args:
-        limit: bytes of a message, also of one that only says so, from which on it is refused.
-        items_limit: values in a message from which on it is refused. None: any number, as answers have a number for
-            every pixel; sizes are then checked only when they have come.
+        limit: bytes; a message of so many or more is refused, at the latest when so many have come.
     """
 
-    def __init__(self, limit: int = MESSAGE_LIMIT, items_limit: int | None = ITEMS_LIMIT) -> None:
+    def __init__(self, limit: int = REQUEST_LIMIT) -> None:
         self.limit = limit
-        self._extent = None if items_limit is None else Extent(limit, items_limit)
-        self._unpacker = msgpack.Unpacker(max_buffer_size=limit)
+        self._unpacker = msgpack.Unpacker(max_buffer_size=2 * limit, max_array_len=limit, max_map_len=limit)
+        self._received = self._decoded = 0  # bytes
 
     @property
-    def midway(self) -> bool:
-        """Whether a message has begun and not ended; never, where the number of values is not limited."""
-        return self._extent is not None and self._extent.midway
-
-    @property
-    def held(self) -> int:
-        """Bytes that it may hold: of the largest message so far; 0 where the number of values is not limited."""
-        return 0 if self._extent is None else self._extent.largest
+    def unfinished(self) -> int:
+        """Bytes of the message that has begun and not ended."""
+        return self._received - self._decoded
 
     def feed(self, data: bytes) -> Iterator[Request | Response]:
         """The messages that `data` completes.
@@ -78,31 +77,31 @@ class Decoder:
         Raises:
             ProtocolError: bytes that are no msgpack-rpc, or a message that is too large; nothing more may be fed.
         """
-        too_large = "" if self._extent is None else self._extent.follow(data)
-        if too_large:
-            raise ProtocolError(too_large)
         try:
             self._unpacker.feed(data)
-        except msgpack.exceptions.BufferFull:
-            raise ProtocolError(f"a message of {self.limit} bytes or more") from None
-        while True:
-            try:
+            self._received += len(data)
+            while True:
                 message = self._unpacker.unpack()
-            except msgpack.exceptions.OutOfData:
-                return
-            except msgpack.exceptions.StackError:
-                raise ProtocolError("lists nested too deeply") from None
-            except (ValueError, TypeError) as error:
-                raise ProtocolError(f"no msgpack-rpc: {' '.join(str(error).split()) or type(error).__name__}") from None
-            yield as_message(message)
+                self._check_size(self._unpacker.tell() - self._decoded)
+                self._decoded = self._unpacker.tell()
+                yield _parse_message(message)
+        except msgpack.exceptions.OutOfData:
+            self._check_size(self.unfinished)
+        except msgpack.exceptions.BufferFull:
+            self._check_size(self.unfinished + len(data))
+        except msgpack.exceptions.StackError:
+            raise ProtocolError("lists nested too deeply") from None
+        except ProtocolError:
+            raise
+        except (ValueError, TypeError) as error:
+            raise ProtocolError(f"no msgpack-rpc: {' '.join(str(error).split()) or type(error).__name__}") from None
+
+    def _check_size(self, size: int) -> None:
+        if size >= self.limit:
+            raise ProtocolError(f"a message of {self.limit} bytes or more")
 
 
-def as_message(message: Any) -> Request | Response:
-    """A decoded value as the call, note or answer it is.
-
-    Raises:
-        ProtocolError: it is none of them.
-    """
+def _parse_message(message: Any) -> Request | Response:
     match message:
         case [0, int(number), str(method), list(params)]:
             return Request(number, method, tuple(params))
@@ -110,7 +109,7 @@ def as_message(message: Any) -> Request | Response:
             return Response(number, error, result)
         case [2, str(method), list(params)]:
             return Request(None, method, tuple(params))
-    raise ProtocolError(f"no msgpack-rpc message: {quoted(message)}")
+    raise ProtocolError(f"no msgpack-rpc message: {quote(message)}")
 
 
 def encode_request(number: int, method: str, params: tuple[Any, ...]) -> bytes:
@@ -129,37 +128,157 @@ def encode(value: Any) -> bytes:
     Raises:
         TypeError: a value that MessagePack has no form for.
     """
-    return b"".join(_parts(value))
+    return b"".join(_encode_parts(value))
 
 
-def quoted(value: Any) -> str:
-    """What came, as one short line of plain text."""
-    text = ascii(value) if not isinstance(value, str) else ascii(value)[1:-1]
-    return text if len(text) <= CAME else f"{text[:CAME]}..."
-
-
-def _parts(value: Any) -> Iterator[bytes]:
+def _encode_parts(value: Any) -> Iterator[bytes]:
     """The encoding in pieces. Lists and maps are opened here, because they may hold float arrays."""
     if isinstance(value, np.ndarray):
-        yield from _floats(value)
+        yield from _encode_floats(value)
     elif isinstance(value, dict):
         yield msgpack.Packer().pack_map_header(len(value))
         for key, item in value.items():
             yield msgpack.packb(key)
-            yield from _parts(item)
+            yield from _encode_parts(item)
     elif isinstance(value, list | tuple):
         yield msgpack.Packer().pack_array_header(len(value))
         for item in value:
-            yield from _parts(item)
+            yield from _encode_parts(item)
     else:
         yield msgpack.packb(value)
 
 
-def _floats(values: NDArray[np.floating]) -> Iterator[bytes]:
-    """A picture's numbers at once: packing them one by one takes longer than rendering them."""
+def _encode_floats(values: NDArray[np.floating]) -> Iterator[bytes]:
+    """All numbers of a depth map at once: packing them one by one takes longer than rendering them."""
     if values.ndim != 1 or values.dtype.kind != "f":
         raise TypeError(f"only float arrays of one dimension can be sent, got {values.dtype} {values.shape}")
     packed = np.empty(len(values), dtype=[("mark", "u1"), ("value", ">f4")])
     packed["mark"], packed["value"] = _FLOAT32, values
     yield _ARRAY32 + len(values).to_bytes(4, "big")
     yield packed.tobytes()
+
+
+def quote(value: Any) -> str:
+    """A received value as one short line of plain text."""
+    text = ascii(value) if not isinstance(value, str) else ascii(value)[1:-1]
+    return text if len(text) <= QUOTE_LENGTH else f"{text[:QUOTE_LENGTH]}..."
+
+
+def read_number(value: Any, name: str, low: float, high: float) -> float:
+    """A number in [low, high].
+
+    Raises:
+        ValueError: anything else, NaN and booleans included.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise ValueError(f"{name} must be a number between {low:g} and {high:g}, got {value!r:.40}")
+    return float(value)
+
+
+def read_flag(value: Any, name: str) -> bool:
+    """A boolean.
+
+    Raises:
+        ValueError: anything else.
+    """
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be true or false, got {value!r:.40}")
+    return value
+
+
+def read_pose(value: Any, name: str, default: RigidTransform | None = None) -> RigidTransform:
+    """A Pose. A position or an orientation with NaN is that of `default`, when there is one.
+
+    Raises:
+        ValueError: no Pose, infinite numbers, or a quaternion whose length is not near 1.
+    """
+    parts = value if isinstance(value, Mapping) else {}
+    position = _read_components(parts.get("position"), f"{name}: position", "xyz")
+    orientation = _read_components(parts.get("orientation"), f"{name}: orientation", "wxyz")
+    if default is not None:
+        position = default.translation if np.isnan(position).any() else position
+        orientation = default.rotation.as_quat(scalar_first=True) if np.isnan(orientation).any() else orientation
+    try:
+        return pose(position, orientation)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def _read_components(value: Any, name: str, axes: str) -> NDArray[np.float64]:
+    numbers = [value.get(f"{axis}_val") if isinstance(value, Mapping) else None for axis in axes]
+    if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
+        raise ValueError(f"{name} must have numbers {', '.join(f'{axis}_val' for axis in axes)}, got {quote(value)}")
+    return np.array(numbers, dtype=np.float64)
+
+
+def vector_struct(values: ArrayLike) -> Struct:
+    """Vector3r of (3,)."""
+    x, y, z = np.asarray(values, dtype=np.float64).tolist()
+    return {"x_val": x, "y_val": y, "z_val": z}
+
+
+def pose_struct(transform: RigidTransform) -> Struct:
+    """Pose."""
+    w, x, y, z = transform.rotation.as_quat(scalar_first=True).tolist()
+    orientation = {"w_val": w, "x_val": x, "y_val": y, "z_val": z}
+    return {"position": vector_struct(transform.translation), "orientation": orientation}
+
+
+def unknown_pose_struct() -> Struct:
+    """The Pose that AirSim answers for an object that is not there: NaN everywhere."""
+    position = vector_struct([math.nan] * 3)
+    return {"position": position, "orientation": {"w_val": math.nan} | position}
+
+
+def camera_struct(world_from_mount: RigidTransform, camera: Camera) -> Struct:
+    """CameraInfo: pose in the world, horizontal field of view in degrees, projection matrix.
+
+    The matrix takes (north, east, down, 1) of the mount to clip space, with w to the back, as AirSim's does.
+    """
+    matrix = [
+        [0.0, 2.0 * camera.fx / camera.width, 0.0, 0.0],
+        [0.0, 0.0, -2.0 * camera.fy / camera.height, 0.0],
+        [0.0, 0.0, 0.0, NEAR_PLANE],
+        [-1.0, 0.0, 0.0, 0.0],
+    ]
+    fov_deg = math.degrees(2.0 * math.atan(camera.width / (2.0 * camera.fx)))
+    return {"pose": pose_struct(world_from_mount), "fov": fov_deg, "proj_mat": {"matrix": matrix}}
+
+
+def kinematics_struct(world_from_body: RigidTransform) -> Struct:
+    """KinematicsState of a vehicle that is put where it is: it has no speed."""
+    names = ("linear_velocity", "angular_velocity", "linear_acceleration", "angular_acceleration")
+    return pose_struct(world_from_body) | {name: vector_struct((0.0, 0.0, 0.0)) for name in names}
+
+
+def geo_struct(position_m: ArrayLike, origin: tuple[float, float, float]) -> Struct:
+    """GeoPoint of a world position on a sphere: good to a metre or two within 10 km.
+
+    Args:
+        position_m: (3,), world NED.
+        origin: latitude, deg, longitude, deg, and altitude, m, of the world's origin.
+    """
+    north, east, down = np.asarray(position_m, dtype=np.float64).tolist()
+    latitude = origin[0] + math.degrees(north / EARTH_M)
+    longitude = origin[1] + math.degrees(east / (EARTH_M * math.cos(math.radians(origin[0]))))
+    return {"latitude": latitude, "longitude": longitude, "altitude": origin[2] - down}
+
+
+def multirotor_struct(world_from_body: RigidTransform, origin: tuple[float, float, float], time_ns: int) -> Struct:
+    """MultirotorState of a vehicle in flight, which collides with nothing."""
+    zero = vector_struct((0.0, 0.0, 0.0))
+    places = {"normal": zero, "impact_point": zero, "position": zero}
+    collision = {"has_collided": False, "penetration_depth": 0.0, "object_name": "", "object_id": -1}
+    channels = dict.fromkeys(("pitch", "roll", "throttle", "yaw"), 0.0)
+    switches = dict.fromkeys((f"switch{number}" for number in range(1, 9)), 0)
+    return {
+        "collision": places | collision | {"time_stamp": time_ns},
+        "kinematics_estimated": kinematics_struct(world_from_body),
+        "gps_location": geo_struct(world_from_body.translation, origin),
+        "timestamp": time_ns,
+        "landed_state": 1,
+        "rc_data": {"timestamp": 0, "is_initialized": False, "is_valid": False} | channels | switches,
+        "ready": True,
+        "ready_message": "",
+        "can_arm": True,
+    }

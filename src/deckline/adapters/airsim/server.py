@@ -1,77 +1,74 @@
 """Serves the simulator to AirSim's clients: sockets on one thread, the renderer on its own, calls in their order."""
 
 import asyncio
-import inspect
+import ipaddress
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from queue import Queue
 from typing import Any
 
+from deckline import __version__
 from deckline.adapters.airsim import HOST, PORT
 from deckline.adapters.airsim.clock import Clock
-from deckline.adapters.airsim.methods import METHODS, Service, unknown
-from deckline.adapters.airsim.protocol import (
-    MESSAGE_LIMIT,
-    Decoder,
-    ProtocolError,
-    Request,
-    encode_response,
-)
-from deckline.adapters.airsim.recorder import Recorder
-from deckline.adapters.airsim.settings import Settings
+from deckline.adapters.airsim.images import Recorder, record_frame
+from deckline.adapters.airsim.methods import METHODS, Service, call_method
+from deckline.adapters.airsim.protocol import REQUEST_LIMIT, Decoder, ProtocolError, Request, encode_response
+from deckline.adapters.airsim.settings import Capture, Settings, default_settings, read_settings
 from deckline.adapters.airsim.world import World
 from deckline.sim.config import SimConfig
+from deckline.sim.record import repeatable_command, what_decides_a_frame
+from deckline.types import Frame
 
 READ_BYTES = 1 << 16
-MOST_CONNECTIONS = 256
-MOST_HELD = 256 * 1024 * 1024  # bytes of messages that all connections together may hold
+MAX_CONNECTIONS = 64  # times the request limit bounds the memory that clients can take
 PATIENCE_S = 60.0  # with a peer that does not take its answer
-SIGNATURES = {name: inspect.signature(handler) for name, handler in METHODS.items()}
+RECORDINGS = Path("recordings")
 
 
-def to_stderr(line: str) -> None:
-    """One line for whoever runs the server."""
+def print_to_stderr(line: str) -> None:
+    """Log one line for whoever runs the server."""
     print(f"deckline: {line}", file=sys.stderr, flush=True)
 
 
-@dataclass(frozen=True, eq=False)
-class ServerConfig:
-    """How the server is reached and where it records.
+@dataclass(frozen=True)
+class ServeConfig:
+    """The server.
 
     Args:
-        host: address to listen on; other machines reach all but loopback addresses.
-        port: 0 takes a free one.
-        out: recordings become folders in it.
-        message_limit: bytes from which on a message is refused.
-        scene: free keys of a recording's scene.json.
-        log: gets a line for everything unusual.
+        host: address to listen on. Other machines reach all but loopback addresses, and there is no password.
+        port: TCP port; 0 takes a free one.
+        settings: AirSim's settings.json: vehicle, cameras and their picture sizes, recording.
+
+    Raises:
+        ValueError: a port that there is not.
     """
 
     host: str = HOST
     port: int = PORT
-    out: Path = Path("recordings")
-    message_limit: int = MESSAGE_LIMIT
-    scene: Mapping[str, Any] = field(default_factory=dict)
-    log: Callable[[str], None] = to_stderr
+    settings: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.port <= 65535:
+            raise ValueError(f"port must lie between 0 and 65535, got {self.port}")
 
 
 class Connections:
-    """Answers every client's calls; one client's trouble is nobody else's."""
+    """Answers every client's calls; trouble with one client does not reach the others."""
 
     def __init__(self, service: Service, limit: int) -> None:
         self._service, self._limit = service, limit
         self._tasks: set[asyncio.Task[None]] = set()
-        self._decoders: set[Decoder] = set()
 
     def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take a connection, unless there are too many."""
         peer = "{}:{}".format(*writer.get_extra_info("peername", ("?", "?"))[:2])
-        if len(self._tasks) >= MOST_CONNECTIONS:
-            self._service.log(f"{peer}: refused, {MOST_CONNECTIONS} connections are open")
+        if len(self._tasks) >= MAX_CONNECTIONS:
+            self._service.log(f"{peer}: refused, {MAX_CONNECTIONS} connections are open")
             writer.close()
             return
         writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -87,16 +84,13 @@ class Connections:
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, peer: str) -> None:
         decoder = Decoder(self._limit)
-        self._decoders.add(decoder)
         try:
             while data := await reader.read(READ_BYTES):
-                if len(data) + sum(other.held for other in self._decoders) > MOST_HELD:
-                    raise ProtocolError("all connections together hold too much")
                 for message in decoder.feed(data):
                     if not isinstance(message, Request):
                         raise ProtocolError("an answer, though nothing was asked")
                     await self._handle(message, writer, peer)
-            if decoder.midway:
+            if decoder.unfinished:
                 self._service.log(f"{peer}: left in the middle of a message")
         except ProtocolError as error:
             self._service.log(f"{peer}: {error}; connection closed")
@@ -106,7 +100,6 @@ class Connections:
         except OSError as error:
             self._service.log(f"{peer}: lost: {error.strerror or type(error).__name__}")
         finally:
-            self._decoders.discard(decoder)
             writer.close()
 
     async def _handle(self, request: Request, writer: asyncio.StreamWriter, peer: str) -> None:
@@ -114,49 +107,65 @@ class Connections:
         if request.id is not None:
             writer.write(encode_response(request.id, error, result))
             await asyncio.wait_for(writer.drain(), PATIENCE_S)
-        await asyncio.sleep(0)  # a peer that sends many calls at once shall not hold up the others
+        await asyncio.sleep(0)  # a peer that sends many calls at once must not hold up the others
 
     async def _call(self, request: Request, peer: str) -> tuple[str | None, Any]:
         """Error and result of a call."""
-        handler = METHODS.get(request.method)
-        if handler is None:
-            self._service.log(f"{peer}: {unknown(request.method).partition(';')[0]}")
-            return unknown(request.method), None
         try:
-            SIGNATURES[request.method].bind(self._service, *request.params)
-        except TypeError as error:
-            return f"{request.method}: {len(request.params)} parameters: {error}", None
-        try:
-            result = handler(self._service, *request.params)
-            return None, await result if inspect.isawaitable(result) else result
+            return None, await call_method(self._service, request.method, request.params)
         except ValueError as error:
-            return f"{request.method}: {' '.join(str(error).split())}", None
-        except Exception as error:  # a mistake of ours in one call shall not end the others' connections
+            if request.method not in METHODS:
+                self._service.log(f"{peer}: {str(error).partition(';')[0]}")
+            return str(error), None
+        except Exception as error:  # a mistake of ours in one call must not end the others' connections
             self._service.log(f"{peer}: {request.method} failed: {type(error).__name__}: {error}")
             return f"{request.method}: failed in the server", None
 
 
 @asynccontextmanager
 async def serving(
-    config: SimConfig, settings: Settings, server: ServerConfig, clock: Clock | None = None
+    config: SimConfig,
+    settings: Settings,
+    host: str = HOST,
+    port: int = PORT,
+    out: Path = RECORDINGS,
+    scene: Mapping[str, Any] | None = None,
+    log: Callable[[str], None] = print_to_stderr,
+    clock: Clock | None = None,
+    message_limit: int = REQUEST_LIMIT,
 ) -> AsyncIterator[int]:
     """Serve while the context is open; gives the port.
 
     Args:
+        config: ship, weather, air and camera.
+        settings: vehicle and cameras.
+        host: address to listen on; other machines reach all but loopback addresses.
+        port: 0 takes a free one.
+        out: recordings become folders in it.
+        scene: free keys of a recording's scene.json.
+        log: gets a line for everything unusual.
         clock: the simulated time; None: it begins now.
+        message_limit: bytes of a request; a longer one ends its connection.
 
     Raises:
         RendererError: no OpenGL through EGL on this machine.
-        OSError: the address cannot be listened on.
+        ValueError: the address cannot be listened on.
     """
     loop = asyncio.get_running_loop()
     with ThreadPoolExecutor(1, thread_name_prefix="renderer") as renderer:
         world = await loop.run_in_executor(renderer, World, config, settings, clock or Clock())
-        recorder = Recorder(server.out, settings, lambda: service.frame(), dict(server.scene), server.log)
-        service = Service(world, renderer, recorder, server.log)
-        connections = Connections(service, server.message_limit)
+
+        async def take_frame() -> Frame:
+            return await loop.run_in_executor(renderer, record_frame, world)
+
+        recorder = Recorder(out, settings, take_frame, dict(scene or {}), log)
+        connections = Connections(Service(world, renderer, recorder, log), message_limit)
         try:
-            listening = await asyncio.start_server(connections.accept, server.host, server.port)
+            try:
+                listening = await asyncio.start_server(connections.accept, host, port)
+            except OSError as error:
+                reason = error.strerror or str(error)
+                raise ValueError(f"cannot listen on {host}:{port} ({reason}): choose --host or --port") from None
             try:
                 yield int(listening.sockets[0].getsockname()[1])
             finally:
@@ -167,21 +176,61 @@ async def serving(
             await loop.run_in_executor(renderer, world.__exit__, None, None, None)
 
 
-def serve(config: SimConfig, settings: Settings, server: ServerConfig) -> None:
-    """Serve until interrupted.
+@contextmanager
+def serving_in_thread(config: SimConfig, settings: Settings, **options: Any) -> Iterator[int]:
+    """`serving` with its options on a thread of its own, for a program without an event loop.
 
     Raises:
-        RendererError: no OpenGL through EGL on this machine.
-        ValueError: the address cannot be listened on.
+        RendererError, ValueError: as `serving`; errors of the server are raised here.
     """
+    ports: Queue[tuple[int, asyncio.AbstractEventLoop] | None] = Queue()
+    stop = asyncio.Event()
 
-    async def forever() -> None:
-        async with serving(config, settings, server) as port:
-            server.log(f"AirSim server on {server.host}:{port}, vehicle {settings.vehicle}; Ctrl-C ends it")
-            await asyncio.Event().wait()
+    async def serve_until_stopped() -> None:
+        async with serving(config, settings, **options) as port:
+            ports.put((port, asyncio.get_running_loop()))
+            await stop.wait()
 
+    with ThreadPoolExecutor(1, thread_name_prefix="airsim-server") as thread:
+        done = thread.submit(lambda: asyncio.run(serve_until_stopped()))
+        done.add_done_callback(lambda _: ports.put(None))
+        if started := ports.get():
+            try:
+                yield started[0]
+            finally:
+                if not done.done():
+                    started[1].call_soon_threadsafe(stop.set)
+        done.result()
+
+
+async def serve_forever(config: SimConfig, settings: Settings, options: ServeConfig, out: Path) -> None:
+    """Serve until the task is cancelled."""
+    scene = {"generator": f"deckline {__version__}", "command": repeatable_command(), **what_decides_a_frame(config)}
+    async with serving(config, settings, options.host, options.port, out, scene) as port:
+        print_to_stderr(f"AirSim server on {options.host}:{port}, vehicle {settings.vehicle}; Ctrl-C ends it")
+        await asyncio.Event().wait()
+
+
+def serve_sim(config: SimConfig, options: ServeConfig, out: Path | None) -> None:
+    """Serve until interrupted; recordings become folders in `out`.
+
+    Raises:
+        ValueError: settings that cannot be, or an address that cannot be listened on.
+        OSError: no OpenGL on this machine, or no such settings file.
+    """
+    config = replace(config, trajectory="approach", keep_clear=False)
+    default = Capture(config.width, config.height, config.fov_deg)
+    settings = default_settings(default) if options.settings is None else read_settings(options.settings, default)
+    if settings.unused:
+        print_to_stderr(f"{options.settings}: without effect here: {', '.join(settings.unused)}")
+    if not is_loopback(options.host):
+        print_to_stderr(f"listening on {options.host}: whoever reaches this machine can steer the simulator")
+    asyncio.run(serve_forever(config, settings, options, out or RECORDINGS))
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address cannot be reached from other machines."""
     try:
-        asyncio.run(forever())
-    except OSError as error:
-        said = error.strerror or str(error)
-        raise ValueError(f"cannot listen on {server.host}:{server.port} ({said}): choose --host or --port") from None
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

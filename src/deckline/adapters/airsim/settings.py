@@ -1,21 +1,22 @@
-"""The server's side of AirSim's settings.json: the vehicle, its cameras and what is recorded."""
+"""AirSim's settings.json for the server: the vehicle, its cameras and recordings."""
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from scipy.spatial.transform import RigidTransform
 
+from deckline.adapters.airsim.protocol import read_flag, read_number
 from deckline.geometry import attitude
 
 VEHICLE = "SimpleFlight"  # AirSim's own name of a multirotor that settings.json does not name
 SCENE, PLANAR, PERSPECTIVE, DEPTH_VIS, SEGMENTATION = 0, 1, 2, 3, 5  # image types
 ALL_TYPES = -1
-MOST_PX = 4096  # of a picture's sides
-LEAST_INTERVAL_S = 0.01
+MAX_PX = 4096  # of a picture's sides
+MIN_INTERVAL_S = 0.01
 STEREO_M = 0.125  # half the distance between the front cameras to the left and to the right; our choice
 # Cameras without settings: all at the body's origin but the stereo pair. X, Y, Z in metres, yaw and pitch in degrees.
 MOUNTS = {
@@ -41,19 +42,19 @@ class Capture:
 
 @dataclass(frozen=True, eq=False)
 class CameraSetting:
-    """A camera: body_from_mount, whose x axis is the viewing axis, and what it captures by image type."""
+    """A camera: body_from_mount, whose x axis is the viewing axis, and its captures by image type."""
 
     mount: RigidTransform
     captures: Mapping[int, Capture]
 
     def capture(self, image_type: int) -> Capture:
-        """What is captured for an image type: its own, or that of all."""
+        """The capture of an image type: its own, or that of all."""
         return self.captures.get(image_type, self.captures[ALL_TYPES])
 
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """What settings.json says, or its defaults."""
+    """The values of settings.json, or its defaults."""
 
     cameras: Mapping[str, CameraSetting]
     vehicle: str = VEHICLE
@@ -62,10 +63,10 @@ class Settings:
     on_move: bool = False  # record only what differs in pose
     recorded: str = "front_center"  # camera
     text: str = "{}"
-    unused: tuple[str, ...] = field(default=())  # keys that have no effect here
+    unused: tuple[str, ...] = ()  # keys that have no effect here
 
-    def camera(self, name: str) -> str:
-        """A camera's own name.
+    def find_camera(self, name: str) -> str:
+        """A camera's own name, of a name or a number.
 
         Raises:
             ValueError: there is none of this name.
@@ -78,14 +79,14 @@ class Settings:
 
 def default_settings(default: Capture) -> Settings:
     """AirSim's five cameras, all with one picture size."""
-    return Settings({name: CameraSetting(_usual_mount(name), {ALL_TYPES: default}) for name in MOUNTS})
+    return Settings({name: CameraSetting(_default_mount(name), {ALL_TYPES: default}) for name in MOUNTS})
 
 
 def read_settings(path: Path, default: Capture) -> Settings:
     """A settings.json.
 
     Args:
-        default: what cameras capture that the file says nothing of.
+        default: the capture of cameras that the file leaves out.
 
     Raises:
         ValueError: no JSON, or a value that cannot be; says which.
@@ -115,12 +116,12 @@ def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}"
         raise ValueError(f"Vehicles names {', '.join(vehicles)}: one vehicle is simulated, leave one")
     vehicle, own = next(iter(vehicles.items()), (VEHICLE, {}))
     given = _mapping(_mapping(own, f"Vehicles.{vehicle}").get("Cameras", {}), "Cameras")
-    cameras = {name: CameraSetting(_usual_mount(name), common) for name in MOUNTS}
+    cameras = {name: CameraSetting(_default_mount(name), common) for name in MOUNTS}
     for name, camera in given.items():
         place = f"Cameras.{name}"
         camera = _mapping(camera, place)
         key = ALIASES.get(name, name)
-        cameras[key] = CameraSetting(_mount(camera, _usual_mount(key), place), _captures(camera, common, place))
+        cameras[key] = CameraSetting(_mount(camera, _default_mount(key), place), _captures(camera, common, place))
     unused = [key for key in values if key not in USED]
     unused += [f"Vehicles.{vehicle}.{key}" for key in own if key not in ("Cameras", "VehicleType")]
     settings = Settings(cameras, vehicle, _origin(values), text=text, unused=tuple(unused))
@@ -128,22 +129,21 @@ def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}"
 
 
 def _recording(settings: Settings, values: Mapping[str, Any]) -> Settings:
-    """The settings with what Recording says; pictures and depth are recorded of the first camera it names."""
-    interval_s = _number(values.get("RecordInterval", settings.interval_s), "RecordInterval", LEAST_INTERVAL_S, 3600.0)
+    """The settings with the values of Recording; pictures and depth are recorded of the first camera it names."""
     cameras = values.get("Cameras", [])
     if not isinstance(cameras, list):
         raise ValueError(f"Recording.Cameras must be a list, got {type(cameras).__name__}")
     recorded = settings.recorded
     if cameras:
         first = _mapping(cameras[0], "Recording.Cameras")
-        recorded = settings.camera(str(first.get("CameraName", first.get("CameraID", "0"))))
-    on_move = values.get("RecordOnMove", False)
-    if not isinstance(on_move, bool):
-        raise ValueError(f"RecordOnMove must be true or false, got {on_move!r}")
-    return Settings(
-        settings.cameras, settings.vehicle, settings.origin, interval_s, on_move, recorded, settings.text,
-        settings.unused,
-    )  # fmt: skip
+        recorded = settings.find_camera(str(first.get("CameraName", first.get("CameraID", "0"))))
+    interval_s = values.get("RecordInterval", settings.interval_s)
+    return replace(
+        settings,
+        interval_s=read_number(interval_s, "RecordInterval", MIN_INTERVAL_S, 3600.0),
+        on_move=read_flag(values.get("RecordOnMove", False), "RecordOnMove"),
+        recorded=recorded,
+    )
 
 
 def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: str) -> Mapping[int, Capture]:
@@ -152,12 +152,12 @@ def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: s
         raise ValueError(f"{place}.CaptureSettings must be a list, got {type(given).__name__}")
     for item in given:
         item = _mapping(item, f"{place}.CaptureSettings")
-        kind = int(_number(item.get("ImageType", SCENE), "ImageType", ALL_TYPES, 11))
+        kind = int(read_number(item.get("ImageType", SCENE), "ImageType", ALL_TYPES, 11))
         base = captures.get(kind, captures[ALL_TYPES])
         captures[kind] = Capture(
-            int(_number(item.get("Width", base.width), f"{place}.Width", 1, MOST_PX)),
-            int(_number(item.get("Height", base.height), f"{place}.Height", 1, MOST_PX)),
-            _number(item.get("FOV_Degrees", base.fov_deg), f"{place}.FOV_Degrees", 1.0, 150.0),
+            int(read_number(item.get("Width", base.width), f"{place}.Width", 1, MAX_PX)),
+            int(read_number(item.get("Height", base.height), f"{place}.Height", 1, MAX_PX)),
+            read_number(item.get("FOV_Degrees", base.fov_deg), f"{place}.FOV_Degrees", 1.0, 150.0),
         )
     return captures
 
@@ -167,15 +167,15 @@ def _mount(values: Mapping[str, Any], usual: RigidTransform, place: str) -> Rigi
     yaw, pitch, roll = usual.rotation.as_euler("ZYX", degrees=True).tolist()
     angles = {"Roll": roll, "Pitch": pitch, "Yaw": yaw}
     for name in angles:
-        angles[name] = math.radians(_number(values.get(name, angles[name]), f"{place}.{name}", -360.0, 360.0))
+        angles[name] = math.radians(read_number(values.get(name, angles[name]), f"{place}.{name}", -360.0, 360.0))
     position = [
-        _number(values.get(name, usual.translation[axis]), f"{place}.{name}", -1e4, 1e4)
+        read_number(values.get(name, usual.translation[axis]), f"{place}.{name}", -1e4, 1e4)
         for axis, name in enumerate("XYZ")
     ]
     return RigidTransform.from_components(position, attitude(*angles.values()))
 
 
-def _usual_mount(name: str) -> RigidTransform:
+def _default_mount(name: str) -> RigidTransform:
     right_m, yaw_deg, pitch_deg = MOUNTS.get(name, (0.0, 0.0, 0.0))
     return RigidTransform.from_components(
         [0.0, right_m, 0.0], attitude(0.0, math.radians(pitch_deg), math.radians(yaw_deg))
@@ -186,7 +186,8 @@ def _origin(values: Mapping[str, Any]) -> tuple[float, float, float]:
     place = _mapping(values.get("OriginGeopoint", {}), "OriginGeopoint")
     limits = (("Latitude", 89.0), ("Longitude", 180.0), ("Altitude", 1e5))
     numbers = [
-        _number(place.get(name, usual), name, -most, most) for (name, most), usual in zip(limits, ORIGIN, strict=True)
+        read_number(place.get(name, usual), name, -most, most)
+        for (name, most), usual in zip(limits, ORIGIN, strict=True)
     ]
     return numbers[0], numbers[1], numbers[2]
 
@@ -195,9 +196,3 @@ def _mapping(value: Any, place: str) -> Mapping[str, Any]:
     if not isinstance(value, dict):
         raise ValueError(f"{place} must be an object, got {type(value).__name__}")
     return value
-
-
-def _number(value: Any, name: str, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise ValueError(f"{name} must be a number between {low:g} and {high:g}, got {value!r}")
-    return float(value)

@@ -1,7 +1,7 @@
 """The simulated world behind the server: a ship in its weather, one vehicle, its cameras.
 
-What clients set is one frozen `State`, replaced whole, so that a picture sees one instant of it. Pictures are taken on
-the one thread that made the world, which owns OpenGL; everything else may be asked from anywhere.
+Clients replace the frozen `State` as a whole, so that a picture shows one instant of it. Only the thread that made the
+world owns OpenGL and draws; any thread may read the rest.
 """
 
 import math
@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.adapters.airsim.clock import Clock
-from deckline.adapters.airsim.daytime import Daytime, light_at
+from deckline.adapters.airsim.clock import Clock, SolarClock, light_at
 from deckline.adapters.airsim.settings import SEGMENTATION, Settings
-from deckline.adapters.airsim.structs import MOUNT_FROM_OPTICAL
-from deckline.geometry import Camera
+from deckline.geometry import Camera, camera_mount
 from deckline.sim.camera.depth_camera import measure_depth
 from deckline.sim.camera.lens import random_lens
 from deckline.sim.config import SimConfig
@@ -29,7 +27,7 @@ from deckline.sim.scene.weather import Weather, random_weather
 from deckline.sim.simulate import FLIGHT, FRAME, Scenery, Simulator, draw_visibility
 from deckline.types import Frame
 
-FOG_VISIBILITY_M = 50.0  # visibility at 2 % contrast that Fog 1 makes of clear air: dense fog, SPEC section 6
+FOG_VISIBILITY_M = 50.0  # visibility at 2 % contrast that Fog 1 makes of clear air: dense fog
 # Segmentation's colours by `Label`: sky, water or ground, deck, the rest of the ship, other ships and coast.
 LABEL_RGB = np.array([[0, 0, 0], [0, 90, 200], [220, 60, 40], [240, 200, 40], [60, 170, 80]], dtype=np.uint8)
 RAIN_MM_H = 50.0  # of Rain 1: violent rain begins there (Met Office)
@@ -37,16 +35,16 @@ RAIN_MM_H = 50.0  # of Rain 1: violent rain begins there (Met Office)
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What clients set."""
+    """The values that clients set."""
 
     world_from_body: RigidTransform
-    mounts: Mapping[str, RigidTransform] = field(default_factory=dict)  # body_from_mount, where it was set
-    fovs_deg: Mapping[str, float] = field(default_factory=dict)  # horizontal, where it was set
-    weather: bool = False  # whether the next three count
+    mounts: Mapping[str, RigidTransform] = field(default_factory=dict)  # body_from_mount, of moved cameras
+    fovs_deg: Mapping[str, float] = field(default_factory=dict)  # horizontal, likewise
+    weather: bool = False  # whether fog, rain and wetness have an effect
     fog: float = 0.0  # 0..1
     rain: float = 0.0
     wet: float = 0.0
-    daytime: Daytime | None = None
+    solar_clock: SolarClock | None = None
     api_control: bool = False
 
 
@@ -81,13 +79,12 @@ class World:
         self._simulator.__exit__(kind, error, trace)
 
     def reset(self) -> None:
-        """As it was at the beginning, but for the time."""
+        """Restore the state of the beginning; the time goes on."""
         self.state = self._start
 
     def mount(self, name: str, state: State | None = None) -> RigidTransform:
         """body_from_mount of a camera, by its own name."""
-        set_mounts = (state or self.state).mounts
-        return set_mounts[name] if name in set_mounts else self.settings.cameras[name].mount
+        return (state or self.state).mounts.get(name, self.settings.cameras[name].mount)
 
     def camera(self, name: str, image_type: int, state: State | None = None) -> Camera:
         """The pinhole behind a camera's pictures of a type."""
@@ -100,19 +97,19 @@ class World:
         return self._ship_at(self.clock.seconds())
 
     def picture(self, name: str, image_type: int, state: State, time_s: float) -> Frame:
-        """What a camera sees in a state of the world; only on the world's own thread.
+        """A camera's picture in a state of the world; only on the world's own thread.
 
         Raises:
             ValueError: a camera that is not above the sea.
         """
-        view, weather, for_air, for_picture = self._view(name, image_type, state, time_s)
-        scenery = self._scenery(state, weather, draw_visibility(self.config.visibility_m, for_air))
-        return self._simulator.picture(view, scenery, for_picture, self._for_noise(), f"{name} {image_type}")
+        view, weather, air_rng, picture_rng = self._view(name, image_type, state, time_s)
+        scenery = self._scenery(state, weather, draw_visibility(self.config.visibility_m, air_rng))
+        return self._simulator.picture(view, scenery, picture_rng, self._noise_rng(), f"{name} {image_type}")
 
     def depth(self, name: str, image_type: int, state: State, time_s: float) -> NDArray[np.float32]:
         """The depth (H, W) of `picture`, m along the axis, NaN where nothing is seen, without drawing the picture.
 
-        Only where no lens bends it (`bends`), which takes a whole picture.
+        Only for lenses without distortion: the others bend whole pictures.
 
         Raises:
             ValueError: a camera that is not above the sea.
@@ -121,10 +118,10 @@ class World:
         true_m = self._simulator.renderer.depth(
             view.camera, view.world_from_camera, weather, time_s, world_from_ship=self._ship_at(time_s)
         )
-        return measure_depth(true_m, self.config.depth, self._for_noise())
+        return measure_depth(true_m, self.config.depth, self._noise_rng())
 
     def segmentation(self, name: str, state: State, time_s: float) -> NDArray[np.uint8]:
-        """What a camera's pixels (H, W, 3) show, in the colours of `LABEL_RGB`; lenses do not bend it.
+        """The labels of a camera's pixels (H, W, 3) in the colours of `LABEL_RGB`, without distortion.
 
         Raises:
             ValueError: a camera that is not above the sea.
@@ -139,25 +136,25 @@ class World:
     def _view(
         self, name: str, image_type: int, state: State, time_s: float
     ) -> tuple[Viewpoint, Weather, np.random.Generator, np.random.Generator]:
-        """Where a camera is, the weather there, and what draws the air and the camera's picture."""
-        self._light(state, time_s)
-        for_weather, for_lens, for_air, for_picture, _ = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)
+        """Where a camera is, the weather there, and the randomness of the air and of the camera's picture."""
+        self._set_light(state, time_s)
+        weather_rng, lens_rng, air_rng, picture_rng, _ = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)
         wide = self.config.preset == "train"
-        weather = random_weather(for_weather, not wide, self._simulator.weather, sun=self._simulator.renderer.sun)
-        camera = random_lens(self.config.lens, self.camera(name, image_type, state), for_lens, wide=wide)
-        body_from_camera = self.mount(name, state) * MOUNT_FROM_OPTICAL
+        weather = random_weather(weather_rng, not wide, self._simulator.weather, sun=self._simulator.renderer.sun)
+        camera = random_lens(self.config.lens, self.camera(name, image_type, state), lens_rng, wide=wide)
+        body_from_camera = self.mount(name, state) * camera_mount()
         view = Viewpoint(state.world_from_body, camera, time_s, body_from_camera=body_from_camera)
-        return view, weather, for_air, for_picture
+        return view, weather, air_rng, picture_rng
 
     @property
-    def bends(self) -> bool:
-        """Whether the cameras' lenses bend what they see."""
-        for_lens = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)[1]
+    def has_distortion(self) -> bool:
+        """Whether the cameras' lenses have distortion."""
+        lens_rng = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)[1]
         pinhole = Camera.from_fov(self.config.width, self.config.height, math.radians(self.config.fov_deg))
-        return random_lens(self.config.lens, pinhole, for_lens, wide=self.config.preset == "train").has_distortion
+        return random_lens(self.config.lens, pinhole, lens_rng, wide=self.config.preset == "train").has_distortion
 
-    def _for_noise(self) -> np.random.Generator:
-        """What draws that which every picture has of its own."""
+    def _noise_rng(self) -> np.random.Generator:
+        """Randomness of one picture alone."""
         self._drawn += 1
         return np.random.default_rng([self.config.seed, FRAME, self._drawn])
 
@@ -173,22 +170,22 @@ class World:
         fog = state.fog if state.weather else 0.0
         return Scenery(weather, foggy_visibility(clear_m, fog), imaging)
 
-    def _light(self, state: State, time_s: float) -> None:
-        """Put the sun where the time of day has it."""
+    def _set_light(self, state: State, time_s: float) -> None:
+        """Put the sun where it stands at the time of day."""
         simulator = self._simulator
         time, sun = self._time_of_day, self._sun
-        if state.daytime is not None:
-            time, sun = light_at(state.daytime.at(time_s), self.settings.origin[0])
+        if state.solar_clock is not None:
+            time, sun = light_at(state.solar_clock.at(time_s), self.settings.origin[0])
         if not np.array_equal(sun, simulator.renderer.sun):
             simulator.renderer.load(simulator.ship, sun)
         simulator.weather = replace(simulator.weather, time_of_day=time)
 
 
 def foggy_visibility(clear_m: float, fog: float) -> float:
-    """Visibility, m at 2 % contrast, with AirSim's Fog 0..1 in air of another: extinctions add up.
+    """Visibility, m at 2 % contrast, of air of visibility `clear_m` with AirSim's Fog 0..1: extinctions add up.
 
     1 / V = 1 / V_clear + fog / 50 m, so that Fog 0.1 makes 500 m of clear air.
     Source: Koschmieder's law; the 50 m are our choice.
     """
-    thinness = 1.0 / clear_m + fog / FOG_VISIBILITY_M
-    return 1.0 / thinness if thinness > 0.0 else math.inf
+    extinction = 1.0 / clear_m + fog / FOG_VISIBILITY_M  # times the visibility of 1 m
+    return 1.0 / extinction if extinction > 0.0 else math.inf

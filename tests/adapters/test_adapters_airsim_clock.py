@@ -2,10 +2,31 @@ from datetime import datetime
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from deckline.adapters.airsim.daytime import Daytime, light_at, read_time, sun_angles
+from deckline.adapters.airsim.clock import Clock, SolarClock, light_at, read_time, sun_angles
 
 NOON = datetime(2026, 3, 21, 12)
+
+
+@given(st.lists(st.tuples(st.sampled_from(["on", "off", "tick", "for"]), st.floats(0.0, 50.0)), max_size=12))
+def test_the_clock_runs_only_when_it_may(steps):
+    ticks, expected, left = [0.0], 0.0, np.inf
+    clock = Clock(lambda: ticks[0], epoch_ns=5)
+    for kind, value in steps:
+        if kind == "tick":
+            ticks[0] += value
+            ran = min(value, left)
+            expected, left = expected + ran, left - ran
+        elif kind == "for":
+            clock.run_for(value)
+            left = value
+        else:
+            clock.pause(kind == "off")
+            left = 0.0 if kind == "off" else np.inf
+        assert clock.seconds() == pytest.approx(expected, abs=1e-9)
+    assert clock.nanoseconds(2.5) == 2_500_000_005
 
 
 @pytest.mark.parametrize(
@@ -38,16 +59,16 @@ def test_light_falls_from_the_sun_and_at_night_from_the_moon():
 
 
 def test_the_clock_moves_the_sun_in_steps():
-    running = Daytime(NOON, since_s=10.0, speed=60.0, step_s=5.0)
+    running = SolarClock(NOON, since_s=10.0, speed=60.0, step_s=5.0)
     assert running.at(14.9) == NOON
     assert running.at(15.0) == datetime(2026, 3, 21, 12, 5)
     assert running.at(70.0) == datetime(2026, 3, 21, 13, 0)
-    assert Daytime(NOON, 0.0, speed=0.0).at(1e6) == NOON
-    with pytest.raises(ValueError, match="has left the calendar"):
-        Daytime(NOON, 0.0, speed=1e6).at(1e9)
+    assert SolarClock(NOON, 0.0, speed=0.0).at(1e6) == NOON
+    with pytest.raises(ValueError, match=r"1e\+06"):
+        SolarClock(NOON, 0.0, speed=1e6).at(1e9)
 
 
 def test_dates_are_written_as_airsim_does():
     assert read_time("2018-02-12 15:20:00") == datetime(2018, 2, 12, 15, 20)
-    with pytest.raises(ValueError, match="written like 2026-02-12 15:20:00, got 'noon'"):
+    with pytest.raises(ValueError, match=r"2026-02-12 15:20:00.*noon"):
         read_time("noon")
