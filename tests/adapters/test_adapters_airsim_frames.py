@@ -77,7 +77,7 @@ def test_depth_that_came_as_a_grey_picture_is_refused():
         ({"width": -4}, "Scene"),
         ({"time_stamp": None}, "time stamp.*None"),
         ({"camera_position": vector(float("nan"), 0, 0)}, "Scene: position.*nan"),
-        ({"camera_orientation": quaternion(0, 0, 0, 0)}, r"Scene: quaternion.*0\.0"),
+        ({"camera_orientation": quaternion(0, 0, 0, 0)}, r"Scene: quaternion.*0"),
         ({"camera_orientation": None}, "Scene: orientation.*None"),
     ],
 )

@@ -197,7 +197,7 @@ def test_run_takes_frames_live_and_writes_whole_results(tmp_path, capsys):
         "report.html",
     ]
     shown = capsys.readouterr()
-    assert "what was not seen live is gone" in shown.err
+    assert address in shown.err and "resume" in shown.err
     assert str(tmp_path / "report.html") in shown.out
 
 
