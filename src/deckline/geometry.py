@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distortion at the corner
 UNDISTORT_MIN_STEP = 1e-12  # of normalised image coordinates; smaller steps change nothing
 UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; a larger residual does not converge
-QUATERNION_TOLERANCE = 0.02  # of its length; four components rounded to two decimals are off by at most 0.01
+QUATERNION_TOLERANCE = 0.01  # of its length; rounding to two decimals changes it by at most as much
 # Axes of the optical frame (right, down, forward) written in a forward-right-down frame.
 BODY_FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 

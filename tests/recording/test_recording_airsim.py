@@ -192,7 +192,7 @@ def test_load_raises_what_iterating_skips(tmp_path):
     [
         ("1\t2\t3\t0\t0\t0\t0", "quaternion has length 0"),
         ("1\t2\t3\tnan\t0\t0\t0", "quaternion is not finite"),
-        ("1\t2\t3\t0.3\t0.3\t0.3\t0", "has norm 0.52"),
+        ("1\t2\t3\t0.3\t0.3\t0.3\t0", "length 0.52"),
         ("1\tinf\t3\t1\t0\t0\t0", "position is not finite"),
         ("1\ttwo\t3\t1\t0\t0\t0", "column POS_Y is no number: 'two'"),
     ],

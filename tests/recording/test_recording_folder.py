@@ -91,7 +91,7 @@ def test_deck_height_comes_from_the_caller_or_the_camera_file(tmp_path):
         ("a.png,0,0,0,0,1,0,0,0\n", "b.png", "poses.csv has no row for it"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,0,0,0,0\n", "b.png", "line 3: quaternion has length 0"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,nan,0,0,0\n", "b.png", "line 3: quaternion is not finite"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,.3,.3,.3,0\n", "b.png", "poses.csv line 3: quaternion [0.3, 0.3"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,.3,.3,.3,0\n", "b.png", "poses.csv line 3: quaternion has length 0.52"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,nan,0,0,0,1,0,0,0\n", "b.png", "line 3: time_s must be a finite number"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0\n", "b.png", "line 3: column y_m is no number: ''"),
         ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,1,0,0,0\nc.png,0,0,0,0,1,0,0,0\n", "c.png", "image is missing"),

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import BODY_FROM_OPTICAL, Camera
-from deckline.recording.source import RecordingError, number, numbers, read_text, unit_pose
+from deckline.geometry import BODY_FROM_OPTICAL, Camera, pose
+from deckline.recording.source import RecordingError, number, numbers, read_text
 from deckline.types import Frame
 
 CAMERA_FILE = "camera.toml"
@@ -129,7 +129,7 @@ def transform_from_mapping(values: Any, name: str) -> RigidTransform:
     try:
         _check_keys(values, TRANSFORM)
         translation_m, quaternion = (numbers(values[key], n, key) for key, n in zip(TRANSFORM, (3, 4), strict=True))
-        return unit_pose(translation_m, quaternion)
+        return pose(translation_m, quaternion)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 

@@ -4,18 +4,12 @@ import json
 import math
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import RigidTransform
-
-from deckline.geometry import pose
 from deckline.types import Frame
-
-NORM_TOLERANCE = 0.01  # of a quaternion's length from 1: rounded digits pass, a wrong column does not
 
 
 class RecordingError(ValueError):
@@ -170,16 +164,3 @@ def numbers(values: Any, count: int, name: str) -> tuple[float, ...]:
     if not isinstance(values, list) or len(values) != count:
         raise ValueError(f"{name} must be {count} finite numbers, got {values!r}")
     return tuple(number(value, name) for value in values)
-
-
-def unit_pose(translation_m: Sequence[float], quaternion_wxyz: Sequence[float]) -> RigidTransform:
-    """A pose (see `geometry.pose`) from a file; a quaternion of nearly unit length is normalised.
-
-    Raises:
-        ValueError: numbers that are not finite, or a quaternion whose norm is not 1 within 1 %.
-    """
-    transform = pose(translation_m, quaternion_wxyz)
-    norm = float(np.linalg.norm(quaternion_wxyz))
-    if abs(norm - 1.0) > NORM_TOLERANCE:
-        raise ValueError(f"quaternion {list(quaternion_wxyz)} has norm {norm:.3g}, expected 1 within 1 %")
-    return transform
