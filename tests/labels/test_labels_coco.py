@@ -82,11 +82,11 @@ def broken(**changes) -> str:
     ("text", "message"),
     [
         ("{", "not valid JSON"),
-        ("[]", "no COCO file: it must hold the lists images, annotations, categories"),
+        ("[]", "images, annotations, categories"),
         (broken(images=[], annotations=[]), "it names no images"),
-        (broken(images=[{"id": 1}], annotations=[]), r"images\[0\] must be an object with file_name"),
+        (broken(images=[{"id": 1}], annotations=[]), r"images\[0\]: file_name"),
         (broken(categories=[{"id": 1, "keypoints": ["nose"]}]), "no category has keypoints named left_1"),
-        (broken(categories=[{"id": 1, "keypoints": "nose"}]), r"categories\[0\] must be an object with keypoints"),
+        (broken(categories=[{"id": 1, "keypoints": "nose"}]), r"categories\[0\]: keypoints"),
         (broken(annotations=[3]), r"annotations\[0\] must be an object"),
         (
             broken(annotations=[{"image_id": 7, "category_id": 3, "keypoints": [0] * 12}] * 2),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deckline.labels.contrast import line_contrast
+from deckline.labels.truth import line_contrast
 
 SIZE = (360, 640)
 LEFT = np.stack([np.linspace(250, 300, 65), np.linspace(340, 40, 65)], axis=1)

@@ -18,10 +18,10 @@ def test_labels_are_read_and_bad_ones_named(tmp_path):
     assert read["a.png"]["right"] is None
     for text, message in (
         ("{", "not valid JSON"),
-        ("[]", 'expected {"frames"'),
-        ('{"frames": [{"left_px": null}]}', r"frames\[0\] names no file"),
-        ('{"frames": [{"file": "a.png", "left_px": [[1, 2]]}]}', r"a.png left_px must be two or more \[u, v\]"),
-        ('{"frames": [{"file": "a.png", "left_px": [[1, 2], [NaN, 2]]}]}', "left_px must be two or more"),
+        ("[]", "frames"),
+        ('{"frames": [{"left_px": null}]}', r"frames\[0\]: file"),
+        ('{"frames": [{"file": "a.png", "left_px": [[1, 2]]}]}', r"a.png left_px .*two or more \[u, v\]"),
+        ('{"frames": [{"file": "a.png", "left_px": [[1, 2], [NaN, 2]]}]}', "left_px .*two or more"),
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=message):

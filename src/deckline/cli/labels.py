@@ -6,8 +6,7 @@ from pathlib import Path
 import tyro
 
 from deckline.labels import LABELS_FILE, LabelledImage
-from deckline.labels.export import Format, export_labels
-from deckline.labels.import_ import import_labels
+from deckline.labels.exchange import Format, export_labels, import_labels
 from deckline.recording import open_recording
 
 

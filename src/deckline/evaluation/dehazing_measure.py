@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from deckline.evaluation.metrics import SSIM_WINDOW_PX, distance_px, normal_pixel_error, psnr_db, ssim
 from deckline.evaluation.statistics import Difference, paired_difference
 from deckline.geometry import Camera
-from deckline.labels.own import Labels
+from deckline.labels.lines import Labels
 from deckline.pipeline import FrameResult
 from deckline.types import SIDES, Frame, Segment, Status
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.evaluation.dehazing_measure import Distances, film_of, labelled_lines, true_lines
-from deckline.labels.own import LABELS_FILE, Labels, read_labels
+from deckline.labels.lines import LABELS_FILE, Labels, read_labels
 from deckline.recording import FrameError, Source, open_recording
 from deckline.recording.folder import ImageFolder
 from deckline.recording.images import read_image

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.labels.contrast import line_contrast
-from deckline.labels.lines import Line, at_rows, resampled
-from deckline.labels.own import Labels
-from deckline.labels.truth import SeenLine, seen_line, through_air
+from deckline.labels.lines import Labels, Line, at_rows, resampled
+from deckline.labels.truth import SeenLine, line_contrast, seen_line, through_air
 from deckline.truth import range_to_ramp_m
 from deckline.types import SIDES, Frame, RunwayPrior, Segment
 

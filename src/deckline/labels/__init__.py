@@ -1,10 +1,8 @@
 """Labelled runway lines: one type in memory, and the file formats that people label in."""
 
 from deckline.labels.coco import read_coco, write_coco
-from deckline.labels.culane import read_culane, write_culane
-from deckline.labels.lines import LabelledImage, LabelSet
-from deckline.labels.own import LABELS_FILE, Labels, read_labels, write_labels
-from deckline.labels.tusimple import read_tusimple, write_tusimple
+from deckline.labels.lanes import read_culane, read_tusimple, write_culane, write_tusimple
+from deckline.labels.lines import LABELS_FILE, LabelledImage, Labels, LabelSet, read_labels, write_labels
 
 __all__ = [
     "LABELS_FILE",

@@ -1,19 +1,28 @@
 """COCO keypoints: one "runway" an image, its keypoints named left_1, left_2, ..., right_1, ... along each line."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from deckline.atomic import write_atomic
-from deckline.labels.lines import LabelledImage, LabelSet, Line, parsed, points, read_text, resampled, sized
+from deckline.labels.lines import (
+    DECIMALS,
+    LabelledImage,
+    Labels,
+    LabelSet,
+    get_text,
+    iterate_objects,
+    parse_points,
+    resampled,
+)
+from deckline.recording.source import parse_json, read_text
 from deckline.types import SIDES
 
 CATEGORY = "runway"
 VISIBLE = 2  # COCO's flag of a keypoint that is labelled and seen; 0 is not labelled
-DECIMALS = 3  # of u and v, px
 USUAL_NAMES = ("annotations.json", "annotations/*.json", "*.json")  # in a data set's folder
 
 
@@ -28,12 +37,14 @@ def write_coco(path: Path, images: Sequence[LabelledImage], line_points: int = 9
         raise ValueError(f"a line needs at least 2 keypoints, got {line_points}")
     names = [f"{side}_{k}" for side in SIDES for k in range(1, line_points + 1)]
     chains = [[s + k, s + k + 1] for s in (1, 1 + line_points) for k in range(line_points - 1)]
+    numbered = list(enumerate(images, 1))
+    sizes = {number: dict(zip(("width", "height"), image.size, strict=True)) for number, image in numbered}
     values = {
         "info": {"description": "runway lines, left and right in the direction of landing"},
-        "images": [_image(number, image) for number, image in enumerate(images, 1)],
+        "images": [{"id": number, "file_name": image.file, **sizes[number]} for number, image in numbered],
         "annotations": [
             _annotation(number, image, line_points)
-            for number, image in enumerate(images, 1)
+            for number, image in numbered
             if any(line is not None for line in image.lines.values())
         ],
         "categories": [{"id": 1, "name": CATEGORY, "supercategory": "", "keypoints": names, "skeleton": chains}],
@@ -41,21 +52,14 @@ def write_coco(path: Path, images: Sequence[LabelledImage], line_points: int = 9
     write_atomic(path, (json.dumps(values, allow_nan=False) + "\n").encode())
 
 
-def _image(number: int, image: LabelledImage) -> dict[str, Any]:
-    width, height = sized(image)
-    return {"id": number, "file_name": image.file, "width": width, "height": height}
-
-
 def _annotation(number: int, image: LabelledImage, line_points: int) -> dict[str, Any]:
-    keypoints, there = [], []
-    for line in image.lines.values():
-        if line is None:
-            keypoints += [0.0, 0.0, 0] * line_points
-            continue
-        there.append(np.round(resampled(line, line_points), DECIMALS))
-        keypoints += [value for u, v in there[-1].tolist() for value in (u, v, VISIBLE)]
-    every = np.concatenate(there)
-    low, size = every.min(axis=0), np.ptp(every, axis=0)
+    keypoints = np.zeros((len(SIDES), line_points, 3))
+    for side, line in enumerate(image.lines.values()):
+        if line is not None:
+            keypoints[side, :, :2] = np.round(resampled(line, line_points), DECIMALS)
+            keypoints[side, :, 2] = VISIBLE
+    labelled = keypoints[keypoints[:, :, 2] > 0][:, :2]
+    low, size = labelled.min(axis=0), np.ptp(labelled, axis=0)
     return {
         "id": number,
         "image_id": number,
@@ -63,8 +67,8 @@ def _annotation(number: int, image: LabelledImage, line_points: int) -> dict[str
         "iscrowd": 0,
         "bbox": [*low.tolist(), *size.tolist()],
         "area": float(size.prod()),
-        "num_keypoints": len(every),
-        "keypoints": keypoints,
+        "num_keypoints": len(labelled),
+        "keypoints": [value for u, v, seen in keypoints.reshape(-1, 3).tolist() for value in (u, v, int(seen))],
     }
 
 
@@ -77,27 +81,31 @@ def read_coco(path: Path) -> LabelSet:
         ValueError: no labels, or an entry that is none; one line that names file, entry and what is wrong.
     """
     file = _file(path)
-    values = parsed(read_text(file), str(file))
-    lists = ("images", "annotations", "categories")
-    if not isinstance(values, dict) or any(not isinstance(values.get(name), list) for name in lists):
-        raise ValueError(f"{file}: no COCO file: it must hold the lists {', '.join(lists)}")
-    categories = _categories(values["categories"], file)
-    found: dict[int | str, dict[str, Line | None]] = {}
-    for index, entry in enumerate(values["annotations"]):
-        where = f"{file}: annotations[{index}]"
-        if not isinstance(entry, Mapping):
-            raise ValueError(f"{where} must be an object")
-        names = categories.get(_id(entry, "category_id", where))
-        if names is None:
-            continue
-        image = _id(entry, "image_id", where)
-        if image in found:
-            raise ValueError(f"{where}: a second runway in image {image}; remove one")
-        found[image] = _lines(entry.get("keypoints"), names, where)
-    images = [_labelled(entry, found, f"{file}: images[{index}]") for index, entry in enumerate(values["images"])]
+    values = parse_json(read_text(file), str(file))
+    if not isinstance(values, dict):
+        raise ValueError(f"{file}: no COCO file: it must hold the lists images, annotations, categories")
+    names: dict[int | str, list[str]] = {}  # of keypoints, by category
+    for where, entry in iterate_objects(values.get("categories"), f"{file}: categories"):
+        keypoints = entry.get("keypoints", [])
+        if not isinstance(keypoints, list) or not all(isinstance(name, str) for name in keypoints):
+            raise ValueError(f"{where}: keypoints must be a list of names")
+        if any(name.lower().startswith(SIDES) for name in keypoints):
+            names[_id(entry, "id", where)] = keypoints
+    if not names:
+        raise ValueError(f"{file}: no category has keypoints named left_1, left_2, ..., right_1, ...")
+    found: dict[int | str, Labels] = {}
+    for where, entry in iterate_objects(values.get("annotations"), f"{file}: annotations"):
+        category = _id(entry, "category_id", where)
+        if category in names:
+            image = _id(entry, "image_id", where)
+            if image in found:
+                raise ValueError(f"{where}: a second runway in image {image}; remove one")
+            found[image] = _lines(entry.get("keypoints"), names[category], where)
+    entries = iterate_objects(values.get("images"), f"{file}: images")
+    images = tuple(_image(entry, found, where) for where, entry in entries)
     if not images:
         raise ValueError(f"{file}: it names no images")
-    return LabelSet(file.parent, tuple(images))
+    return LabelSet(file.parent, images)
 
 
 def _file(path: Path) -> Path:
@@ -112,43 +120,27 @@ def _file(path: Path) -> Path:
     raise ValueError(f"{path}: no {USUAL_NAMES[0]} in this folder; name the label file itself")
 
 
-def _categories(entries: list[Any], file: Path) -> dict[int | str, list[str]]:
-    """Keypoint names by category, of those that have left or right ones."""
-    categories = {}
-    for index, entry in enumerate(entries):
-        names = entry.get("keypoints", []) if isinstance(entry, Mapping) else None
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise ValueError(f"{file}: categories[{index}] must be an object with keypoints, a list of names")
-        if any(name.lower().startswith(SIDES) for name in names):
-            categories[_id(entry, "id", f"{file}: categories[{index}]")] = names
-    if not categories:
-        raise ValueError(f"{file}: no category has keypoints named left_1, left_2, ..., right_1, ...")
-    return categories
-
-
-def _id(entry: Mapping[str, Any], name: str, where: str) -> int | str:
+def _id(entry: dict[str, Any], name: str, where: str) -> int | str:
     value = entry.get(name)
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise ValueError(f"{where}: {name} must be a number or a name")
     return value
 
 
-def _lines(keypoints: Any, names: list[str], where: str) -> dict[str, Line | None]:
+def _lines(keypoints: Any, names: list[str], where: str) -> Labels:
     if not isinstance(keypoints, list) or len(keypoints) != 3 * len(names):
         raise ValueError(f"{where}: keypoints must be 3 numbers for each of the {len(names)} names")
     triples = [keypoints[k : k + 3] for k in range(0, len(keypoints), 3)]
-    lines: dict[str, Line | None] = {}
+    lines: Labels = {}
     for side in SIDES:
         labelled = zip(names, triples, strict=True)
         pairs = [triple[:2] for name, triple in labelled if name.lower().startswith(side) and triple[2]]
-        lines[side] = points(pairs, f"{where}: {side}") if pairs else None
+        lines[side] = parse_points(pairs, f"{where}: {side}") if pairs else None
     return lines
 
 
-def _labelled(entry: Any, found: Mapping[int | str, dict[str, Line | None]], where: str) -> LabelledImage:
-    if not isinstance(entry, Mapping) or not isinstance(entry.get("file_name"), str):
-        raise ValueError(f"{where} must be an object with file_name")
-    width, height = entry.get("width"), entry.get("height")
+def _image(entry: dict[str, Any], found: dict[int | str, Labels], where: str) -> LabelledImage:
+    file, width, height = get_text(entry, "file_name", where), entry.get("width"), entry.get("height")
     size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
     lines = found.get(_id(entry, "id", where), dict.fromkeys(SIDES))
-    return LabelledImage(entry["file_name"], lines["left"], lines["right"], size)
+    return LabelledImage(file, lines["left"], lines["right"], size)

@@ -1,7 +1,11 @@
-"""The labelled lines of one image, whatever file they stand in."""
+"""The labelled lines of one image, whatever file they stand in, and deckline's own labels.json.
+
+labels.json beside images: {"frames": [{"file": "a.png", "left_px": [[u, v], ...], "right_px": [[u, v], ...]}]}.
+At least two points a line, or null for a line that is not there; other keys are left alone.
+"""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,9 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deckline.atomic import write_atomic
+from deckline.recording.source import parse_json, read_text
 from deckline.types import SIDES
 
+LABELS_FILE = "labels.json"
+DECIMALS = 3  # of u and v that are written, px
 Line = NDArray[np.float64]  # (N, 2) u, v in order along the line, N >= 2, px
+Labels = dict[str, Line | None]  # side -> labelled line, None: no such line
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +38,24 @@ class LabelledImage:
 
     def __post_init__(self) -> None:
         for side, line in self.lines.items():
-            if line is not None and (line.ndim != 2 or len(line) < 2 or line.shape[1] != 2 or not finite(line)):
-                raise ValueError(f"{self.file}: {side}_px must be two or more [u, v] in px, or None")
+            if line is not None:
+                parse_points(line, f"{self.file}: {side}_px")
 
     @property
-    def lines(self) -> dict[str, Line | None]:
+    def lines(self) -> Labels:
         """Both lines by the name of their side."""
         return dict(zip(SIDES, (self.left_px, self.right_px), strict=True))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px.
+
+        Raises:
+            ValueError: they are not known.
+        """
+        if self.size_px is None:
+            raise ValueError(f"{self.file}: this format needs the image's size")
+        return self.size_px
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +66,35 @@ class LabelSet:
     images: tuple[LabelledImage, ...]
 
 
-def finite(values: ArrayLike) -> bool:
-    return bool(np.all(np.isfinite(values)))
+def read_labels(path: Path) -> dict[str, Labels]:
+    """Labelled lines by image file.
+
+    Raises:
+        ValueError: not JSON, or not of the form above; the line names the file and the entry.
+    """
+    values = parse_json(read_text(path), str(path))
+    frames = values.get("frames") if isinstance(values, dict) else None
+    labels = {}
+    for where, entry in iterate_objects(frames, f"{path}: frames"):
+        file = get_text(entry, "file", where)
+        named = {side: (entry.get(f"{side}_px"), f"{path}: {file} {side}_px (or null)") for side in SIDES}
+        labels[file] = {side: None if x is None else parse_points(x, name) for side, (x, name) in named.items()}
+    if not labels:
+        raise ValueError(f"{path}: frames must hold at least one frame")
+    return labels
+
+
+def write_labels(path: Path, images: Sequence[LabelledImage]) -> None:
+    """Write labels.json, one frame a line.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    rows = []
+    for image in images:
+        lines = {f"{side}_px": None if x is None else x.round(DECIMALS).tolist() for side, x in image.lines.items()}
+        rows.append(json.dumps({"file": image.file, **lines}, allow_nan=False))
+    write_atomic(path, ('{"frames": [\n' + ",\n".join(rows) + "\n]}\n").encode())
 
 
 def at_rows(line: Line, rows: ArrayLike) -> NDArray[np.float64]:
@@ -63,6 +110,16 @@ def at_rows(line: Line, rows: ArrayLike) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore"):
         u = start[first, 0] + share[part, first] * (end[first, 0] - start[first, 0])
     return np.where(crossed[part, first], u, np.nan)
+
+
+def sample_rows(image: LabelledImage, rows: NDArray[np.int64]) -> list[NDArray[np.float64] | None]:
+    """u (rows,) of the left and the right line, NaN where a row has none; None for fewer than two rows in the image."""
+    samples: list[NDArray[np.float64] | None] = []
+    for line in image.lines.values():
+        u = np.full(len(rows), np.nan) if line is None else at_rows(line, rows)
+        u[~((u >= 0) & (u <= image.size[0] - 1))] = np.nan
+        samples.append(u if np.isfinite(u).sum() >= 2 else None)
+    return samples
 
 
 def resampled(line: Line, count: int) -> Line:
@@ -92,55 +149,41 @@ def left_and_right(lines: Sequence[Line], where: str) -> tuple[Line | None, Line
     return (first, second) if np.nanmean(apart) >= 0 else (second, first)
 
 
-def sized(image: LabelledImage) -> tuple[int, int]:
-    """Width and height of an image, px.
+def parse_points(values: Any, where: str) -> Line:
+    """Points (N, 2) from parsed JSON, text or an array.
 
     Raises:
-        ValueError: they are not known.
-    """
-    if image.size_px is None:
-        raise ValueError(f"{image.file}: this format needs the image's size")
-    return image.size_px
-
-
-def points(values: Any, where: str) -> Line:
-    """Points (N, 2) from parsed JSON or text.
-
-    Raises:
-        ValueError: no list of finite pairs; begins with `where`.
+        ValueError: no two or more finite pairs; begins with `where`.
     """
     try:
-        found = np.array(values, dtype=np.float64)
+        points = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        found = np.zeros(0)
-    if found.ndim != 2 or found.shape[1:] != (2,) or len(found) < 2 or not finite(found):
+        points = np.zeros(0)
+    if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2 or not np.all(np.isfinite(points)):
         raise ValueError(f"{where} must be two or more [u, v] in px")
-    return found
+    return points
 
 
-def parsed(text: str, where: str) -> Any:
-    """Values of a JSON text.
-
-    Raises:
-        ValueError: it is none; begins with `where`.
-    """
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{where}: not valid JSON: {error}") from None
-
-
-def read_text(path: Path) -> str:
-    """Text of a label file.
+def iterate_objects(values: Any, where: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Name and entry of each object in a JSON list.
 
     Raises:
-        ValueError: missing or no text; names the file.
+        ValueError: no list, or an entry that is no object; begins with `where`.
     """
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:  # a name that no file can have
-        raise ValueError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(values, list):
+        raise ValueError(f"{where} must be a list of objects")
+    for index, entry in enumerate(values):
+        if not isinstance(entry, dict):
+            raise ValueError(f"{where}[{index}] must be an object")
+        yield f"{where}[{index}]", entry
+
+
+def get_text(entry: dict[str, Any], key: str, where: str) -> str:
+    """The text under a key of a JSON object.
+
+    Raises:
+        ValueError: there is none; begins with `where`.
+    """
+    if not isinstance(entry.get(key), str):
+        raise ValueError(f"{where}: {key} must be a text")
+    return str(entry[key])

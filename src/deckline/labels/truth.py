@@ -1,19 +1,25 @@
-"""Where a simulator's or a survey's true lines are in a frame's image."""
+"""Where true lines are in a frame's image, and how much a line stands out from the deck in the picture."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates, uniform_filter1d
 
 from deckline.haze import CONTRAST_THRESHOLD, air_path, atmosphere_from_mapping
 from deckline.labels.lines import LabelledImage
-from deckline.types import SIDES, Frame, Segment
+from deckline.types import Frame, Segment
 
 LINE_POINTS = 257  # along a line, evenly spaced in the image
 SEARCH_POINTS = 2049  # along a line, to find where it enters and leaves the image
 NEAREST_M = 0.5  # depth at which a line that passes the camera is cut
 SAME_RAY = 1e-3  # of normalised image coordinates; strong lenses bend far points back into the image
 SHORTEST_PX = 2.0  # a line that is shorter in the image is not labelled
+OFFSETS = np.linspace(-0.2, 0.2, 41)  # across a line, in parts of the way to the other one: to 5 m of 24
+ALONG = 0.125  # of a line: averaged over, dashes and gaps alike
+STRIPES = (0.01, 0.02, 0.04, 0.07)  # half the width of a marking
+STEPS = np.arange(-0.1, 0.101, 0.02)  # where a marking that has run together may begin
+FLANK = 0.05  # on both sides of a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +90,8 @@ def label_frame(frame: Frame, file: str) -> LabelledImage:
             raise ValueError(f"{frame.file}: no pose; true lines cannot be brought into the image")
         seen = None if segment is None else seen_line(frame, segment)
         lines.append(None if seen is None or seen.length_px < SHORTEST_PX else seen.points_px)
-    named = dict(zip(SIDES, lines, strict=True))
-    return LabelledImage(file, named["left"], named["right"], (frame.camera.width, frame.camera.height))
+    left, right = lines
+    return LabelledImage(file, left, right, (frame.camera.width, frame.camera.height))
 
 
 def _ends_ahead(frame: Frame, segment: Segment) -> NDArray[np.float64] | None:
@@ -120,12 +126,7 @@ def _is_seen(points_m: NDArray[np.float64], frame: Frame, within_visibility: boo
         straight = points_m[inside, :2] / points_m[inside, 2:]
         off = np.abs(camera.rays(pixels[inside])[:, :2] - straight).max(axis=1)
         inside[inside] = off < SAME_RAY
-    return inside & _shows(points_m, frame) if within_visibility else inside
-
-
-def _shows(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.bool_]:
-    """Which points (N, 3) of the optical frame show through the air."""
-    return through_air(points_m, frame) >= CONTRAST_THRESHOLD
+    return inside & (through_air(points_m, frame) >= CONTRAST_THRESHOLD) if within_visibility else inside
 
 
 def through_air(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
@@ -144,3 +145,39 @@ def through_air(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.float
     directions = pose.rotation.apply(points_m / ranges[:, None]).astype(np.float32)
     path = air_path(ranges.astype(np.float32), directions, pose.translation, air)
     return np.asarray(np.exp(-min(air.extinction_per_m) * path), dtype=np.float64)
+
+
+def _kernels(at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K, N) over places `at` (N,): a stripe against what is beside it, one side of a step against the other."""
+    parts = []
+    for half in STRIPES:
+        away = np.abs(at)
+        parts.append((away <= half, (away > half) & (away <= half + max(half, 0.02))))
+    for step in STEPS:
+        parts.append(((at > step) & (at <= step + FLANK), (at < step) & (at >= step - FLANK)))
+    return np.stack([one / one.sum() - other / other.sum() for one, other in parts])
+
+
+KERNELS = _kernels(OFFSETS)
+
+
+def line_contrast(image: NDArray, line_px: ArrayLike, other_px: ArrayLike) -> NDArray[np.float64]:
+    """What sets a marking apart, (N,) grey levels: its stripe from both sides, or one side of its edge from the other.
+
+    The greatest over widths and places of a marking, the mean along an eighth of the line. What haze, blur and distance
+    leave of it counts, and so do stains and shadows: bare decks have one or two grey levels in a clear view.
+
+    Args:
+        image: (H, W, 3) grey levels.
+        line_px: (N, 2) points along the line, in order.
+        other_px: (M, 2) points along the runway's other line: how wide it is there.
+    """
+    line, other = np.asarray(line_px, dtype=np.float64), np.asarray(other_px, dtype=np.float64)
+    nearest = np.square(line[:, None] - other[None]).sum(axis=2).argmin(axis=1)
+    across = other[nearest] - line
+    u, v = np.moveaxis(line[:, None] + OFFSETS[:, None] * across[:, None], 2, 0)
+    profile = [map_coordinates(image[..., k], (v, u), output=np.float64, order=1, mode="nearest") for k in range(3)]
+    size = max(round(ALONG * len(line)), 1)
+    smooth = uniform_filter1d(np.stack(profile), size, axis=1, mode="nearest")  # (3, N, OFFSETS)
+    differences = np.sqrt(np.square(smooth @ KERNELS.T).mean(axis=0))
+    return np.asarray(differences.max(axis=1))

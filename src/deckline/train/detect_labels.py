@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.labels.lines import resampled
-from deckline.labels.own import LABELS_FILE, Labels, read_labels
+from deckline.labels.lines import LABELS_FILE, Labels, read_labels, resampled
 from deckline.labels.truth import LINE_POINTS
 from deckline.recording.airsim import RECORD_FILE
 from deckline.recording.images import read_image

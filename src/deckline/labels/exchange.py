@@ -1,0 +1,199 @@
+"""`deckline labels export` and `import`: runway lines in the formats of other tools, with their images."""
+
+import re
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from deckline.atomic import write_atomic
+from deckline.geometry import Camera, camera_mount
+from deckline.labels.coco import read_coco, write_coco
+from deckline.labels.lanes import MASK_FOLDER, mask_name, read_culane, read_tusimple, write_culane, write_tusimple
+from deckline.labels.lines import LABELS_FILE, LabelledImage, Labels, LabelSet, read_labels, write_labels
+from deckline.labels.truth import label_frame
+from deckline.progress import progress
+from deckline.recording import BadFrame, Source
+from deckline.recording.camera_file import CAMERA_FILE, MountedCamera, camera_text, read_camera_file
+from deckline.recording.images import encode_image, read_bytes, read_image
+from deckline.recording.source import is_inside
+from deckline.types import Frame
+
+Format = Literal["tusimple", "culane", "coco"]
+READERS: dict[Format, Callable[[Path], LabelSet]] = {
+    "tusimple": read_tusimple,
+    "culane": read_culane,
+    "coco": read_coco,
+}
+IMAGE_FOLDERS: dict[Format, str] = {"tusimple": "clips", "culane": "images", "coco": "images"}
+TUSIMPLE_FILE, COCO_FILE = "label_data.json", "annotations.json"
+MASK_PX = 16.0 / 1640.0  # width of a line in a mask over the image's width: CULane's laneseg_label_w16
+
+
+def export_labels(
+    source: Source, folder: Path, out: Path, form: Format, row_step_px: int, line_points: int
+) -> tuple[list[LabelledImage], list[str]]:
+    """Write images and labels below `out`; the labels' file comes last.
+
+    Args:
+        source: frames with truth, or those of a folder with labels.json.
+        folder: where labels.json lies, if there is one.
+        out: new folder.
+        form: which format.
+        row_step_px: rows between points, of formats that keep rows.
+        line_points: keypoints of a line, of COCO.
+
+    Returns:
+        what was written; what is odd about it, one line each, for people.
+
+    Raises:
+        ValueError: `out` holds files already, or no frame can be labelled.
+    """
+    _check_new(out, (IMAGE_FOLDERS[form], MASK_FOLDER, CAMERA_FILE))
+    labels = read_labels(folder / LABELS_FILE) if (folder / LABELS_FILE).exists() else None
+    images, notes, cameras = [], [], set()
+    with progress("exporting", len(source)) as advance:
+        for item in source.items():
+            advance()
+            if isinstance(item, BadFrame):
+                notes.append(f"skipped {item.file}: {item.reason}")
+            elif labels is None or item.file in labels:
+                name = f"{IMAGE_FOLDERS[form]}/{_plain_name(item.file)}.png"
+                image = label_frame(item, name) if labels is None else _labelled(item, name, labels[item.file])
+                _write_picture(out, item, image, form)
+                images.append(image)
+                cameras.add(camera_text(item.camera, item.body_from_camera))
+    if not images:
+        raise ValueError(f"{folder}: no frame that could be labelled")
+    _check_unique([image.file for image in images], f"{folder}: several frames would be called")
+    if len(cameras) == 1:
+        write_atomic(out / CAMERA_FILE, cameras.pop().encode())
+    else:
+        notes.append(f"{len(cameras)} different cameras: no {CAMERA_FILE} was written; give one when importing")
+    if form == "tusimple":
+        write_tusimple(out / TUSIMPLE_FILE, images, row_step_px)
+    elif form == "culane":
+        write_culane(out, images, row_step_px)
+    else:
+        write_coco(out / COCO_FILE, images, line_points)
+    return images, notes
+
+
+def _plain_name(file: str) -> str:
+    """A file name's stem without spaces, slashes and what else a list file cannot hold."""
+    return re.sub(r"[^\w.-]+", "_", file.rpartition(".")[0] or file)
+
+
+def _labelled(frame: Frame, name: str, lines: Labels) -> LabelledImage:
+    return LabelledImage(name, lines["left"], lines["right"], (frame.camera.width, frame.camera.height))
+
+
+def _write_picture(out: Path, frame: Frame, image: LabelledImage, form: Format) -> None:
+    (out / image.file).parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(out / image.file, encode_image(frame.image_rgb, "png"))
+    if form == "culane":
+        width, height = image.size
+        mask = np.zeros((height, width), dtype=np.uint8)
+        for value, line in enumerate(image.lines.values(), 1):
+            if line is not None:
+                cv2.polylines(mask, [np.rint(line).astype(np.int32)], False, value, max(round(MASK_PX * width), 1))
+        (out / mask_name(image.file)).parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(out / mask_name(image.file), cv2.imencode(".png", mask)[1].tobytes())
+
+
+def import_labels(
+    source: Path, form: Format, out: Path, images: Path | None, camera: Path | None, fov_deg: float | None
+) -> list[LabelledImage]:
+    """Copy labelled images into one folder and write labels.json and camera.toml beside them, labels.json last.
+
+    Args:
+        source: label file, or the data set's folder.
+        form: its format.
+        out: new folder.
+        images: folder that the images' names are relative to; None: where the labels lie.
+        camera: camera.toml; None: the one beside the labels, if there is one.
+        fov_deg: horizontal field of view of a pinhole, where there is no camera file.
+
+    Returns:
+        what was imported, with the images' new names.
+
+    Raises:
+        ValueError: labels that cannot be read, an image that is missing or damaged, or no camera.
+    """
+    found = READERS[form](source)
+    root = images or found.root
+    beside = (path for path in (root / CAMERA_FILE, found.root / CAMERA_FILE) if path.exists())
+    camera = camera or next(beside, None)
+    mounted = None if camera is None else read_camera_file(camera)
+    names = _flat_names([image.file for image in found.images], source)
+    _check_new(out, {*names, CAMERA_FILE})
+    out.mkdir(parents=True, exist_ok=True)
+    imported = []
+    with progress("importing", len(names)) as advance:
+        for image, name in zip(found.images, names, strict=True):
+            size = _image_size(root, image.file, source)
+            mounted = mounted or _pinhole(size, fov_deg, root)
+            _check_size(image, size, mounted.camera)
+            write_atomic(out / name, read_bytes(root / image.file, "image"))
+            imported.append(replace(image, file=name, size_px=size))
+            advance()
+    if mounted is not None:
+        write_atomic(out / CAMERA_FILE, camera_text(mounted.camera, mounted.body_from_camera).encode())
+    write_labels(out / LABELS_FILE, imported)
+    return imported
+
+
+def _pinhole(size: tuple[int, int], fov_deg: float | None, root: Path) -> MountedCamera:
+    if fov_deg is None:
+        raise ValueError(f"{root}: no {CAMERA_FILE}: give --camera FILE, or --fov-deg of a camera without distortion")
+    return MountedCamera(Camera.from_fov(*size, np.deg2rad(fov_deg)), camera_mount())
+
+
+def _flat_names(files: list[str], source: Path) -> list[str]:
+    """Names in one folder: the images' own where no two are the same, else with their folders in front."""
+    for file in files:
+        if not is_inside(file):
+            raise ValueError(f"{source}: image {file!r} must be a path inside the data set; or give --images FOLDER")
+    names = [Path(file).name for file in files]
+    if len(set(names)) < len(names):
+        names = ["_".join(Path(file).parts) for file in files]
+    _check_unique(names, f"{source}: several images would be called")
+    return names
+
+
+def _check_unique(names: list[str], what: str) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"{what} {twice[0]}; give each a name of its own")
+
+
+def _check_new(out: Path, unfinished: Collection[str]) -> None:
+    """Refuse a folder that holds more than what a command leaves when it is stopped."""
+    others = sorted(path.name for path in out.iterdir() if path.name not in unfinished) if out.exists() else []
+    if others:
+        raise ValueError(f"{out} holds {others[0]} already: choose a new folder")
+
+
+def _image_size(root: Path, file: str, source: Path) -> tuple[int, int]:
+    """Width and height of an image that can be read."""
+    if not (root / file).is_file():
+        raise ValueError(f"{source}: image {file} is not in {root}; give --images FOLDER where it is")
+    try:
+        height, width = read_image(root / file).shape[:2]
+    except ValueError as error:
+        raise ValueError(f"{root / file}: {error}") from None
+    return width, height
+
+
+def _check_size(image: LabelledImage, size: tuple[int, int], camera: Camera) -> None:
+    if size != (camera.width, camera.height):
+        raise ValueError(
+            f"{image.file} is {size[0]}x{size[1]} px, the camera {camera.width}x{camera.height}: "
+            f"import images of each size into a folder of their own"
+        )
+    for side, line in image.lines.items():
+        if line is not None and not np.all((line >= -0.5) & (line <= np.array(size) - 0.5), axis=1).any():
+            raise ValueError(f"{image.file}: its {side} line lies outside of its {size[0]}x{size[1]} px")
