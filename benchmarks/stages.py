@@ -1,9 +1,10 @@
-"""How long the chain's stages take on one 1280x720 frame, as ratios to a peer in the same run.
+"""How long the chain's stages take on one 1280x720 frame, each as a ratio to its peer in the same run.
 
-    python benchmarks/stages.py [--repeats 10] [--detector ufld-r18.onnx ...] [--peer "look ufld-r18"]
+    python benchmarks/stages.py [--repeats 10] [--detector ufld-r18.onnx ...] [--peer "infer ufld-r18"]
 
-`look` is one pass of a detector's network; `detect` all that it makes in a frame of the shipped approach, two or three
-where it sees the runway. Runs are interleaved, so that a busy machine disturbs all alike; medians are printed.
+The frame is of the shipped approach, with pose, deck height and sea, which the geometry dehazer needs. `infer` is one
+pass of a detector's network; `detect` all passes in this frame, two or three where the detector sees the runway. Runs
+are interleaved, so that a busy machine disturbs all alike; medians are printed.
 """
 
 import argparse
@@ -14,71 +15,76 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
-import numpy as np
-
 from deckline.cli.run import SAMPLE
-from deckline.dehaze import DEHAZERS
+from deckline.dehaze import DEHAZERS, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector
 from deckline.detect.crop import full_crop, normalise, sample_crop
-from deckline.evaluation.dehazing_methods import file_label
 from deckline.recording import open_recording
+from deckline.types import Frame
 
-PEER = "dehaze dark-channel"
-FRAME = 22  # of the shipped approach: the ship near, in haze
+PEERS = {"dehaze": "dehaze dark-channel", "detect": "detect classical", "infer": "infer ufld"}  # by kind of stage
+FRAME = 21  # of the shipped approach: the ship near, in haze that the sea tells
+SEA_BELOW_DECK_M = 20.0  # of the sample's ship
 
 
-def sample_image() -> np.ndarray:
-    """A frame of the shipped approach, (720, 1280, 3)."""
+def load_frame() -> Frame:
+    """A frame of the shipped approach with pose, depth and the heights of deck and sea."""
     with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(SAMPLE) as archive:
         archive.extractall(folder)
-        image = open_recording(folder).load(FRAME).image_rgb
-    resized = sample_crop(image, full_crop((image.shape[1], image.shape[0]), (1280, 720)), (1280, 720))
-    return np.rint(resized).astype(np.uint8)
+        frame = open_recording(folder).load(FRAME)
+    if frame.world_from_body is None or frame.deck_z_m is None:
+        raise SystemExit(f"{SAMPLE}: frame {FRAME} has no pose or no deck height")
+    return replace(frame, sea_z_m=frame.deck_z_m + SEA_BELOW_DECK_M)
 
 
-def stages_of(image: np.ndarray, detectors: list[Path]) -> dict[str, Callable[[np.ndarray], object]]:
+def list_stages(frame: Frame, detectors: list[Path]) -> dict[str, Callable[[], object]]:
     """Every stage by name."""
-    stages: dict[str, Callable[[np.ndarray], object]] = {}
-    stages |= {f"dehaze {name}": build() for name, build in DEHAZERS.items() if name != "none"}
+    stages: dict[str, Callable[[], object]] = {}
+    for name, build in DEHAZERS.items():
+        if name != "none":
+            dehazer = build()
+            stages[f"dehaze {name}"] = lambda dehazer=dehazer: restore(dehazer, frame)
     named: dict[str, Detector] = {name: build() for name, build in DETECTORS.items()}
-    named |= {file_label(path): OnnxDetector(path) for path in detectors}
+    named |= {path.stem: OnnxDetector(path) for path in detectors}
     for name, detector in named.items():
-        stages[f"detect {name}"] = detector
+        stages[f"detect {name}"] = lambda detector=detector: detector(frame.image_rgb)
         if isinstance(detector, OnnxDetector):
             size = (detector.config.grid.width, detector.config.grid.height)
-            view = normalise(sample_crop(image, full_crop((1280, 720), size), size))
-            stages[f"look {name}"] = lambda _, infer=detector.infer, view=view: infer(view)
+            window = full_crop((frame.camera.width, frame.camera.height), size)
+            view = normalise(sample_crop(frame.image_rgb, window, size))
+            stages[f"infer {name}"] = lambda infer=detector.infer, view=view: infer(view)
     return stages
 
 
-def main(repeats: int, detectors: list[Path], peer_name: str) -> None:
-    image = sample_image()
-    stages = stages_of(image, detectors)
-    if peer_name not in stages:
-        raise SystemExit(f"--peer {peer_name!r} is none of {', '.join(stages)}")
+def main(repeats: int, detectors: list[Path], peer: str | None) -> None:
+    stages = list_stages(load_frame(), detectors)
+    if peer is not None and peer not in stages:
+        raise SystemExit(f"--peer {peer!r} is none of {', '.join(stages)}")
+    for name, stage in stages.items():
+        if note := getattr(stage(), "note", ""):  # a dehazer that leaves the frame as it is costs nothing
+            raise SystemExit(f"{name}: {note}")
     seconds: dict[str, list[float]] = {name: [] for name in stages}
-    for stage in stages.values():
-        stage(image)
     for _ in range(repeats):
         for name, stage in stages.items():
             start = time.perf_counter()
-            stage(image)
+            stage()
             seconds[name].append(time.perf_counter() - start)
-    peer = statistics.median(seconds[peer_name])
+    medians = {name: statistics.median(values) for name, values in seconds.items()}
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {date.today()}")
-    print(f"{'stage':28} {'ms':>8} {'ratio to ' + peer_name:>30}")
-    for name, values in seconds.items():
-        median = statistics.median(values)
-        print(f"{name:28} {1e3 * median:8.1f} {median / peer:30.2f}")
+    print(f"{'stage':26} {'ms':>8} {'ratio':>7}  peer")
+    for name, median in medians.items():
+        own_peer = peer or PEERS[name.partition(" ")[0]]
+        print(f"{name:26} {1e3 * median:8.1f} {median / medians[own_peer]:7.2f}  {own_peer}")
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=10)
-    parser.add_argument("--detector", type=Path, nargs="*", default=[], help=".onnx files to measure as well")
-    parser.add_argument("--peer", default=PEER, help="a stage's name, as printed")
+    parser.add_argument("--detector", type=Path, nargs="*", default=[], help=".onnx files to measure too")
+    parser.add_argument("--peer", help="one peer for all stages: a stage's name, as printed")
     given = parser.parse_args()
     main(given.repeats, given.detector, given.peer)
