@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, camera_mount
-from deckline.types import Frame, LinePoints, PixelLine, RunwayLine, Segment, Truth
+from deckline.types import Frame, LinePoints, PixelLine, RunwayLine, RunwayPrior, Segment, Truth
 
 CAMERA = Camera(8, 6, 4.0, 4.0, 3.5, 2.5)
 
@@ -51,6 +51,7 @@ def test_line_points_must_agree_in_number():
         (lambda: Segment(np.zeros(3), np.zeros(2)), r"Segment.p1_m must have shape \(3,\), got \(2,\)"),
         (lambda: PixelLine(np.zeros(2), np.ones(4, bool), np.zeros((2, 2)), 1.0), "PixelLine.coefficients"),
         (lambda: RunwayLine(np.zeros(3), 0.0, np.eye(2)), r"RunwayLine.covariance must have shape \(3, 3\)"),
+        (lambda: RunwayPrior(np.zeros(3), np.zeros((2, 3)), 1.0, 0.1), r"RunwayPrior.left_m.*\(3,\)"),
         (lambda: RunwayLine(np.zeros(3), 0.0, np.eye(3), np.eye(2)), "RunwayLine.relative_covariance"),
     ],
 )

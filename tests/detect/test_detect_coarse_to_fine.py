@@ -1,15 +1,17 @@
-"""The looks, with a network that knows the truth: what is tested is where it looks and what comes back."""
+"""Coarse-to-fine inference with a network that knows the truth: which crops it sees and what comes back."""
 
 import numpy as np
 import pytest
+from anchor_logits import GRID, logits_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.anchors import RowGrid, encode, encode_region
+from deckline.detect.anchors import encode, encode_region
 from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput, detect_lines, largest_collinear_subset
 from deckline.detect.crop import crop_around, normalise, sample_crop
+from deckline.types import Detection
 
-GRID = RowGrid()
+Line = tuple[float, float, float, float]  # u0, v0, u1, v1
 NO_REGION = np.log(encode_region(None, (32, 18))[0] + 1e-12)
 NONE = (np.zeros((2, 72, 129), dtype=np.float32), NO_REGION, np.zeros((4, 18, 32), dtype=np.float32))
 
@@ -32,18 +34,7 @@ class Oracle:
         box = np.concatenate([points.min(axis=0), points.max(axis=0)])
         classes, offsets, _ = encode_region([*box[:2], *(box[2:] + 1e-3)], (32, 18))
         cells = [encode(line, np.ones(len(line)), GRID) for line in lines]
-        return NetworkOutput(np.stack([_logits(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
-
-
-def _logits(cell: np.ndarray) -> np.ndarray:
-    logits = np.full((72, 129), -20.0, dtype=np.float32)
-    for row, position in enumerate(cell):
-        if np.isnan(position):
-            logits[row, -1] = 0
-        else:
-            low = int(np.clip(np.floor(position), 0, 126))
-            logits[row, low : low + 2] = np.log(np.clip([1 - (position - low), position - low], 1e-8, 1))
-    return logits
+        return NetworkOutput(np.stack([logits_of(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
 
 
 def draw(size, left, right) -> np.ndarray:
@@ -58,6 +49,18 @@ def draw(size, left, right) -> np.ndarray:
     return image.astype(np.uint8)
 
 
+def check_lines(detection: Detection, left: Line, right: Line) -> None:
+    """Both lines are there, to a fifth of a pixel."""
+    for points, (u0, v0, u1, v1) in ((detection.left, left), (detection.right, right)):
+        assert len(points) >= 3
+        expected = u0 + (points.points_px[:, 1] - v0) * (u1 - u0) / (v1 - v0)
+        assert np.median(np.abs(points.points_px[:, 0] - expected)) < 0.2
+
+
+def count_lines(detection: Detection) -> int:
+    return (len(detection.left) > 0) + (len(detection.right) > 0)
+
+
 @settings(max_examples=15, deadline=None)
 @given(st.floats(100, 1100), st.floats(60, 600), st.floats(12, 90))
 def test_points_come_back_in_full_image_pixels(u, v, width):
@@ -65,15 +68,12 @@ def test_points_come_back_in_full_image_pixels(u, v, width):
     left = (u, v + height, u + 0.3 * width, v)
     right = (u + width, v + height, u + 0.6 * width, v)
     detection = detect_lines(draw((1280, 720), left, right), Oracle(), DetectConfig())
-    for points, (u0, v0, u1, v1) in ((detection.left, left), (detection.right, right)):
-        assert len(points) >= 3
-        expected = u0 + (points.points_px[:, 1] - v0) * (u1 - u0) / (v1 - v0)
-        assert np.median(np.abs(points.points_px[:, 0] - expected)) < 0.2
+    check_lines(detection, left, right)
     a, b, c, d = detection.region_px
     assert a <= u and c >= u + width and b <= v and d >= v + height
 
 
-def test_a_far_runway_is_looked_at_more_closely_and_a_near_one_only_once():
+def test_a_far_runway_takes_refinement_passes_and_a_near_one_none():
     far, near = Oracle(), Oracle()
     detect_lines(draw((1280, 720), (600, 340, 604, 330), (620, 340, 612, 330)), far, DetectConfig())
     detect_lines(draw((1280, 720), (200, 700, 500, 150), (1080, 700, 780, 150)), near, DetectConfig())
@@ -81,9 +81,9 @@ def test_a_far_runway_is_looked_at_more_closely_and_a_near_one_only_once():
     assert len(near.views) == 1
 
 
-def test_no_runway_in_the_first_look_is_not_seen():
+def test_no_runway_in_the_coarse_pass_is_not_seen():
     detection = detect_lines(np.zeros((720, 1280, 3), np.uint8), lambda view: NetworkOutput(*NONE), DetectConfig())
-    assert len(detection.left) == len(detection.right) == 0
+    assert count_lines(detection) == 0
     assert detection.region_px is None
 
 
@@ -92,7 +92,7 @@ def test_left_right_of_right_is_not_seen():
     swapped = image[:, :, [1, 0, 2]]
     assert len(detect_lines(image, Oracle(), DetectConfig()).left) > 10
     detection = detect_lines(swapped, Oracle(), DetectConfig())
-    assert len(detection.left) == len(detection.right) == 0
+    assert count_lines(detection) == 0
 
 
 def runway_seen(sure: float, left: float, right: float) -> tuple[bool, bool]:
@@ -109,17 +109,22 @@ def runway_seen(sure: float, left: float, right: float) -> tuple[bool, bool]:
     return len(found.left) > 0, len(found.right) > 0
 
 
-def test_lines_are_seen_where_runway_and_rows_are_probable_together():
-    assert runway_seen(0.99, 0.8, 0.8) == (True, True)
-    assert runway_seen(0.7, 0.9, 0.9) == (True, True)
-    assert runway_seen(0.5, 0.7, 0.7) == (False, False)
-    assert runway_seen(0.3, 0.99, 0.99) == (False, False)
-
-
-def test_a_line_without_the_other_one_must_be_surer():
-    assert runway_seen(0.99, 0.0, 0.75) == (False, False)
-    assert runway_seen(0.99, 0.0, 0.98) == (False, True)
-    assert runway_seen(0.99, 0.98, 0.0) == (True, False)
+@pytest.mark.parametrize(
+    ("runway", "left", "right", "seen"),
+    [
+        (0.99, 0.8, 0.8, (True, True)),  # runway and rows are probable together
+        (0.7, 0.9, 0.9, (True, True)),
+        (0.5, 0.7, 0.7, (False, False)),
+        (0.3, 0.99, 0.99, (False, False)),
+        (0.99, 0.0, 0.75, (False, False)),  # a lone line needs more
+        (0.99, 0.0, 0.98, (False, True)),
+        (0.99, 0.98, 0.0, (True, False)),
+    ],
+)
+def test_thresholds_of_both_lines_and_of_a_lone_one(
+    runway: float, left: float, right: float, seen: tuple[bool, bool]
+) -> None:
+    assert runway_seen(runway, left, right) == seen
 
 
 def test_a_line_of_two_rows_is_not_returned():
@@ -133,7 +138,7 @@ def three_lines(x: tuple[float, float, float]) -> NetworkOutput:
     """What a network of three lines says of upright ones at x px."""
     cells = [encode([(at, 40.0), (at, 240.0)], [True, True], GRID) for at in x]
     classes, offsets, _ = encode_region([x[0], 40.0, x[1], 240.0], (32, 18))
-    return NetworkOutput(np.stack([_logits(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
+    return NetworkOutput(np.stack([logits_of(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
 
 
 def test_a_centre_line_lies_between_the_edges_or_is_not_seen():
@@ -160,27 +165,19 @@ def test_points_on_another_marking_are_left_out_and_a_line_in_halves_is_not_seen
             np.arange(72) < share * 72, 30.0, np.where(np.arange(72) % 2, 60.0, 90.0) + np.arange(72) % 5 * 5
         )
         output = three_lines((120.0, 400.0, 246.0))
-        output.rows[0] = _logits(left.astype(np.float32))
+        output.rows[0] = logits_of(left.astype(np.float32))
         found = detect_lines(image, lambda view, output=output: output, DetectConfig(max_passes=1))
-        assert (len(found.left) > 0) + (len(found.right) > 0) == lines
+        assert count_lines(found) == lines
     assert len(found.right) > 40
 
 
 def flat_line(slope: float, sides: tuple[float, float] = (60.0, 140.0)) -> NetworkOutput:
     """What a hybrid network says of two lines v = side + slope u that only its columns see."""
     turned = GRID.transposed
-    columns = []
-    for side in sides:
-        cell = turned.cell_from_x(side + slope * turned.row_y)
-        low = np.floor(cell).astype(int)
-        shares = np.full((turned.rows, turned.cells + 1), 1e-9)
-        np.put_along_axis(shares, low[:, None], (1 - (cell - low))[:, None], axis=1)
-        np.put_along_axis(shares, low[:, None] + 1, (cell - low)[:, None], axis=1)
-        columns.append(np.log(shares))
-    rows = np.full((2, GRID.rows, GRID.cells + 1), -20.0, np.float32)
-    rows[..., -1] = 0.0
+    columns = [logits_of(turned.cell_from_x(side + slope * turned.row_y), turned) for side in sides]
     classes, offsets, _ = encode_region([1.0, 55.0, 510.0, 200.0], (32, 18))
-    return NetworkOutput(rows, np.log(classes + 1e-12), offsets, np.stack(columns).astype(np.float32))
+    rows = np.stack([logits_of(np.full(GRID.rows, np.nan))] * 2)
+    return NetworkOutput(rows, np.log(classes + 1e-12), offsets, np.stack(columns))
 
 
 def test_flat_lines_come_from_columns():
@@ -221,48 +218,45 @@ def black(size: tuple[int, int] = (1280, 720)) -> np.ndarray:
 
 
 @pytest.mark.parametrize("box", WRONG)
-def test_an_expectation_changes_nothing_where_the_search_sees_both_lines(box):
+def test_a_prior_changes_nothing_where_the_search_sees_both_lines(box):
     image = draw((1280, 720), *FAR)
     searched = detect_lines(image, Oracle(), DetectConfig())
-    expected = detect_lines(image, Oracle(), DetectConfig(), box)
+    with_prior = detect_lines(image, Oracle(), DetectConfig(), box)
     assert len(searched.left) > 5
-    np.testing.assert_array_equal(searched.left.points_px, expected.left.points_px)
-    np.testing.assert_array_equal(searched.right.points_px, expected.right.points_px)
-    assert searched.region_px == expected.region_px
+    np.testing.assert_array_equal(searched.left.points_px, with_prior.left.points_px)
+    np.testing.assert_array_equal(searched.right.points_px, with_prior.right.points_px)
+    assert searched.region_px == with_prior.region_px
 
 
 @pytest.mark.parametrize("box", [(595.0, 325.0, 625.0, 345.0), (540.0, 300.0, 640.0, 380.0)])
-def test_where_the_search_is_too_short_sighted_the_expected_place_is_looked_at(box):
+def test_where_the_search_is_too_short_sighted_the_prior_box_is_searched(box):
     image = draw((1280, 720), *FAR)
     assert len(detect_lines(image, ShortSighted(), DetectConfig()).left) == 0
     network = ShortSighted()
     detection = detect_lines(image, network, DetectConfig(), box)
-    for points, (u0, v0, u1, v1) in zip((detection.left, detection.right), FAR, strict=True):
-        assert len(points) >= 3
-        expected = u0 + (points.points_px[:, 1] - v0) * (u1 - u0) / (v1 - v0)
-        assert np.median(np.abs(points.points_px[:, 0] - expected)) < 0.2
+    check_lines(detection, *FAR)
     assert len(network.views) <= 4
 
 
 @pytest.mark.parametrize("box", [*WRONG[:1], (700.0, 300.0, 760.0, 360.0)])
-def test_an_expectation_beside_the_runway_ends_not_seen(box):
+def test_a_prior_beside_the_runway_ends_not_seen(box):
     detection = detect_lines(draw((1280, 720), *FAR), ShortSighted(), DetectConfig(), box)
-    assert len(detection.left) == len(detection.right) == 0
+    assert count_lines(detection) == 0
 
 
-def test_an_expectation_on_open_sea_ends_not_seen_after_two_looks():
-    looks = []
+def test_a_prior_on_open_sea_ends_not_seen_after_two_passes():
+    views = []
 
     def infer(view):
-        looks.append(view)
+        views.append(view)
         return NetworkOutput(*NONE)
 
     detection = detect_lines(black(), infer, DetectConfig(), (500.0, 300.0, 700.0, 400.0))
-    assert len(detection.left) == len(detection.right) == 0
-    assert len(looks) == 2
+    assert count_lines(detection) == 0
+    assert len(views) == 2
 
 
-def test_the_search_wins_over_something_plausible_where_the_runway_was_expected():
+def test_the_search_wins_over_something_plausible_in_the_prior_box():
     true = ((900.0, 500.0, 960.0, 400.0), (1060.0, 500.0, 1020.0, 400.0))
     decoy = draw((1280, 720), (200.0, 500.0, 260.0, 400.0), (360.0, 500.0, 320.0, 400.0)) // 3
     box = (190.0, 390.0, 370.0, 510.0)
@@ -273,7 +267,7 @@ def test_the_search_wins_over_something_plausible_where_the_runway_was_expected(
 
 
 def test_what_contradicts_the_one_line_that_the_search_saw_does_not_count():
-    """The search sees a left line alone; the close look sees a runway elsewhere, or the same line and its right one."""
+    """The search sees a left line alone; the crop shows a runway elsewhere, or the same line and its right one."""
     left, right = (600.0, 400.0, 606.0, 370.0), (640.0, 400.0, 622.0, 370.0)
 
     class OneEyed(Oracle):
@@ -288,12 +282,9 @@ def test_what_contradicts_the_one_line_that_the_search_saw_does_not_count():
 
     box, once = (595.0, 365.0, 645.0, 405.0), DetectConfig(max_passes=1)
     image = draw((1280, 720), left, right)
-    assert (len(detect_lines(image, OneEyed(), once).left) > 0, len(detect_lines(image, OneEyed(), once).right)) == (
-        True,
-        0,
-    )
-    both = detect_lines(image, OneEyed(), once, box)
-    assert len(both.left) > 0 and len(both.right) > 0
+    one = detect_lines(image, OneEyed(), once)
+    assert len(one.left) > 0 and len(one.right) == 0
+    assert count_lines(detect_lines(image, OneEyed(), once, box)) == 2
     shifted = draw((1280, 720), (612.0, 400.0, 616.0, 370.0), right)
 
     class Moving(OneEyed):
@@ -313,7 +304,7 @@ def test_a_box_that_is_none_is_refused(box):
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 900), (333, 77), (720, 1280)])
-def test_any_image_size_can_be_looked_at(shape):
+def test_any_image_size_can_be_searched(shape):
     image = np.random.default_rng(0).integers(0, 256, (*shape, 3), dtype=np.uint8)
 
     def everywhere(view):

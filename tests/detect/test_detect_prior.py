@@ -1,4 +1,4 @@
-"""Boxes of expected runways against the projections of every point that may lie there."""
+"""Boxes of runway priors against the projections of every point that may lie there, and of the last image."""
 
 from dataclasses import replace
 
@@ -8,9 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.detect.prior import RunwaySurvey, prior_from_survey, project_prior
+from deckline.detect import ClassicalDetector, OnnxDetector
+from deckline.detect.coarse_to_fine import NetworkOutput, detect_lines
+from deckline.detect.prior import ImagePrior, RunwaySurvey, prior_from_survey, project_prior
 from deckline.geometry import Camera, attitude
-from deckline.types import Frame, RunwayPrior
+from deckline.runtime import shipped_weights
+from deckline.sim import SimConfig, frames
+from deckline.types import DepthMode, Detection, Frame, LinePoints, RunwayEstimate, RunwayPrior, Status
 
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
 EXACT = RunwaySurvey((0.0, 0.0, -20.0), sigma_m=0.0, heading_sigma_deg=0.0)
@@ -28,10 +32,10 @@ def frame_at(
 
 
 def test_a_survey_lays_the_lines_out():
-    expected = prior_from_survey(RunwaySurvey((10.0, 20.0, -5.0), heading_deg=90.0, width_m=24.0, length_m=200.0))
+    prior = prior_from_survey(RunwaySurvey((10.0, 20.0, -5.0), heading_deg=90.0, width_m=24.0, length_m=200.0))
     # Landing to the east: left is north, larger x.
-    np.testing.assert_allclose(expected.left_m, [[22.0, 20.0, -5.0], [22.0, 220.0, -5.0]], atol=1e-9)
-    np.testing.assert_allclose(expected.right_m, [[-2.0, 20.0, -5.0], [-2.0, 220.0, -5.0]], atol=1e-9)
+    np.testing.assert_allclose(prior.left_m, [[22.0, 20.0, -5.0], [22.0, 220.0, -5.0]], atol=1e-9)
+    np.testing.assert_allclose(prior.right_m, [[-2.0, 20.0, -5.0], [-2.0, 220.0, -5.0]], atol=1e-9)
     assert prior_from_survey(RunwaySurvey()) is None
 
 
@@ -54,10 +58,10 @@ def test_sigma_widens_by_its_angle():
 def test_whatever_lies_within_the_sigmas_lies_in_the_box(yaw, pitch, x, y, seed):
     rng = np.random.default_rng(seed)
     frame = frame_at((x, y, -60.0), yaw, pitch)
-    expected = prior_from_survey(replace(EXACT, sigma_m=8.0, heading_sigma_deg=3.0))
-    box = project_prior(frame, expected)
+    prior = prior_from_survey(replace(EXACT, sigma_m=8.0, heading_sigma_deg=3.0))
+    box = project_prior(frame, prior)
     turn = Rotation.from_euler("z", np.deg2rad(rng.choice([-6.0, 0.0, 6.0])))
-    near, far = rng.permutation([expected.left_m, expected.right_m])[0]
+    near, far = rng.permutation([prior.left_m, prior.right_m])[0]
     pivot, moved = np.array([0.0, 0.0, -20.0]), np.array([*rng.uniform(-16, 16, 2), 0.0])
     points = pivot + turn.apply(near + rng.uniform(0, 1, (200, 1)) * (far - near) - pivot)
     optical = moved + frame.world_from_camera.inv().apply(points)
@@ -70,21 +74,19 @@ def test_whatever_lies_within_the_sigmas_lies_in_the_box(yaw, pitch, x, y, seed)
 
 
 def test_what_is_not_in_view_has_no_box():
-    expected = prior_from_survey(EXACT)
-    assert project_prior(frame_at(yaw_deg=180.0), expected) is None  # behind
-    assert project_prior(frame_at(yaw_deg=70.0), expected) is None  # beside
-    assert project_prior(replace(frame_at(), world_from_body=None), expected) is None
-    assert project_prior(frame_at((1000.0, 0.0, -70.0)), expected) is None  # flown past
+    prior = prior_from_survey(EXACT)
+    assert project_prior(frame_at(yaw_deg=180.0), prior) is None  # behind
+    assert project_prior(frame_at(yaw_deg=70.0), prior) is None  # beside
+    assert project_prior(replace(frame_at(), world_from_body=None), prior) is None
+    assert project_prior(frame_at((1000.0, 0.0, -70.0)), prior) is None  # flown past
 
 
 @pytest.mark.parametrize("field", ["left_m", "right_m", "sigma_m", "azimuth_sigma_rad"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_an_expectation_that_is_not_finite_has_no_box(field, value):
-    expected = prior_from_survey(EXACT)
-    broken = (
-        value if field.startswith(("sigma", "azimuth")) else np.where([[1, 0, 0], [0, 0, 0]], value, expected.left_m)
-    )
-    assert project_prior(frame_at(), replace(expected, **{field: broken})) is None
+def test_a_prior_that_is_not_finite_has_no_box(field, value):
+    prior = prior_from_survey(EXACT)
+    broken = value if field.startswith(("sigma", "azimuth")) else np.where([[1, 0, 0], [0, 0, 0]], value, prior.left_m)
+    assert project_prior(frame_at(), replace(prior, **{field: broken})) is None
 
 
 def test_a_runway_that_passes_below_the_camera_is_cut_and_fills_the_image_downwards():
@@ -105,10 +107,157 @@ def test_a_lens_moves_the_box_and_cannot_bend_what_is_outside_into_the_image():
     assert project_prior(frame_at(yaw_deg=75.0, camera=strong), prior_from_survey(EXACT)) is None
 
 
-def test_wrong_use_is_refused():
-    with pytest.raises(ValueError, match="width and length above 0"):
-        RunwaySurvey((0.0, 0.0, 0.0), width_m=0.0)
-    with pytest.raises(ValueError, match="finite numbers"):
-        RunwaySurvey((0.0, np.nan, 0.0))
-    with pytest.raises(ValueError, match=r"RunwayPrior.left_m must have shape \(2, 3\), got \(3,\)"):
-        RunwayPrior(np.zeros(3), np.zeros((2, 3)), 1.0, 0.1)
+LEFT, RIGHT = np.array([[600.0, 400.0], [560.0, 500.0]]), np.array([[640.0, 400.0], [700.0, 510.0]])
+DETECTION = Detection(*(LinePoints(points, np.ones(2), np.full(2, 0.3)) for points in (LEFT, RIGHT)))
+SEEN = RunwayEstimate(Status.OK, DepthMode.NONE, {}, {})
+
+
+def image_at(time_s: float) -> Frame:
+    return replace(frame_at(), time_s=time_s, world_from_body=None)
+
+
+def test_the_last_box_is_carried_with_half_its_longer_side_around_it():
+    memory = ImagePrior()
+    assert memory.predict(image_at(0.0)) is None
+    memory.update(image_at(0.0), DETECTION, SEEN)
+    later = image_at(0.2)
+    assert memory.predict(later) == (560.0 - 70, 400.0 - 70, 700.0 + 70, 510.0 + 70)
+    smaller = replace(later, camera=CAMERA.resized(640, 360), image_rgb=later.image_rgb[::2, ::2])
+    assert memory.predict(smaller) is None
+
+
+@pytest.mark.parametrize("time_s", [9.9, 15.1, np.nan])
+def test_what_is_old_or_of_another_flight_is_forgotten(time_s):
+    memory = ImagePrior()
+    memory.update(image_at(10.0), DETECTION, SEEN)
+    assert memory.predict(image_at(time_s)) is None
+    assert memory.predict(image_at(10.0)) is None
+
+
+@pytest.mark.parametrize("status", [Status.ONE_LINE, Status.NOT_SEEN])
+def test_what_was_not_seen_whole_replaces_nothing(status):
+    memory, later = ImagePrior(), image_at(1.0)
+    memory.update(image_at(0.0), DETECTION, SEEN)
+    before = memory.predict(later)
+    memory.update(image_at(0.5), Detection(DETECTION.left, LinePoints.empty()), replace(SEEN, status=status))
+    assert memory.predict(later) == before
+
+
+@pytest.mark.parametrize("values", [{"width_m": 0.0}, {"ramp_m": (0.0, np.nan, 0.0)}, {"sigma_m": -1.0}])
+def test_an_impossible_survey_is_refused(values):
+    with pytest.raises(ValueError, match="=".join(map(str, *values.items())).replace("(", r"\(").replace(")", r"\)")):
+        RunwaySurvey(**values)
+
+
+# Priors, right and wrong, on rendered approaches, with the shipped network and the classical finder.
+APPROACH = SimConfig(
+    preset="cvn", trajectory="approach", frames=3, visibility_m=(5000.0, 5000.0), seed=1005, start_m=900.0, end_m=250.0
+)
+# An error of the aircraft's own position, m, north and east, and of its heading, deg: up to 100 m and 10 degrees.
+WRONG = [(100.0, 0.0, 0.0), (0.0, 100.0, 0.0), (0.0, -100.0, 10.0), (-70.0, 70.0, -10.0), (0.0, 0.0, 10.0)]
+SAME_PX = 0.5  # median distance of points from the true line
+
+
+@pytest.fixture(scope="module")
+def approach() -> list[Frame]:
+    return list(frames(APPROACH))
+
+
+@pytest.fixture(scope="module")
+def network() -> OnnxDetector:
+    """The shipped network, with every view cached."""
+    detector, cache = OnnxDetector(shipped_weights("detect")), {}
+    infer = detector.infer
+
+    def cached(view: np.ndarray) -> NetworkOutput:
+        key = view.tobytes()
+        if key not in cache:
+            cache[key] = infer(view)
+        return cache[key]
+
+    detector.infer = cached
+    return detector
+
+
+@pytest.fixture(scope="module")
+def blind(network):
+    """The same network, whose search of the whole image never sees anything."""
+    config = replace(network.config, min_probability=1.1)
+    return lambda image, box=None: detect_lines(image, network.infer, config, box)
+
+
+def true_runway(frame: Frame, sigma_m: float, sigma_deg: float) -> RunwayPrior:
+    lines = (np.stack([line.p0_m, line.p1_m]) for line in (frame.truth.left, frame.truth.right))
+    return RunwayPrior(*lines, sigma_m, np.deg2rad(sigma_deg))
+
+
+def wrong_box(frame: Frame, error: tuple[float, float, float], sigma_m: float, sigma_deg: float):
+    """The prior's box in a frame whose pose is wrong."""
+    north, east, heading = error
+    pose = frame.world_from_body
+    turned = Rotation.from_euler("z", heading, degrees=True) * pose.rotation
+    moved = RigidTransform.from_components(pose.translation + np.array([north, east, 0.0]), turned)
+    return project_prior(replace(frame, world_from_body=moved), true_runway(frame, sigma_m, sigma_deg))
+
+
+def from_truth_px(frame: Frame, detection: Detection) -> float:
+    """Median distance of a line's points from the true line, along u, px, of the worse line; both are there."""
+    camera_from_world, found = frame.world_from_camera.inv(), []
+    for points, line in ((detection.left, frame.truth.left), (detection.right, frame.truth.right)):
+        (u0, v0), (u1, v1) = frame.camera.project(camera_from_world.apply([line.p0_m, line.p1_m]))
+        u, v = points.points_px.T
+        assert len(u)
+        found.append(float(np.median(np.abs(u - (u0 + (v - v0) * (u1 - u0) / (v1 - v0))))))
+    return max(found)
+
+
+def is_empty(detection: Detection) -> bool:
+    return len(detection.left) == len(detection.right) == 0
+
+
+@pytest.mark.parametrize("error", WRONG)
+def test_a_wrong_prior_leaves_the_searchs_own_lines(network, approach, error):
+    for frame in approach:
+        searched = network(frame.image_rgb)
+        assert len(searched.left) and len(searched.right)
+        with_prior = network(frame.image_rgb, wrong_box(frame, error, 5.0, 1.0))
+        np.testing.assert_array_equal(with_prior.left.points_px, searched.left.points_px)
+        np.testing.assert_array_equal(with_prior.right.points_px, searched.right.points_px)
+
+
+def test_a_prior_replaces_a_search_that_sees_nothing(blind, approach):
+    for frame in approach:
+        assert is_empty(blind(frame.image_rgb))
+        found = blind(frame.image_rgb, project_prior(frame, true_runway(frame, 5.0, 1.0)))
+        assert from_truth_px(frame, found) < SAME_PX
+
+
+@pytest.mark.parametrize("error", WRONG)
+@pytest.mark.parametrize("honest", [True, False])
+def test_without_a_search_a_wrong_prior_ends_in_the_true_lines_or_in_none(blind, approach, error, honest):
+    sigmas = (60.0, 6.0) if honest else (2.0, 0.5)
+    found = [(frame, blind(frame.image_rgb, wrong_box(frame, error, *sigmas))) for frame in approach[:2]]
+    seen = [(frame, detection) for frame, detection in found if not is_empty(detection)]
+    assert all(from_truth_px(frame, detection) < SAME_PX for frame, detection in seen)
+    assert seen or not honest
+
+
+def test_a_prior_on_the_open_sea_ends_not_seen(blind, network, approach):
+    frame = approach[0]
+    for box in ((20.0, 420.0, 220.0, 560.0), (1040.0, 440.0, 1240.0, 600.0)):
+        assert is_empty(blind(frame.image_rgb, box))
+        assert from_truth_px(frame, network(frame.image_rgb, box)) < SAME_PX
+
+
+def test_a_prior_that_covers_the_image_is_a_search(blind, network, approach):
+    frame = approach[1]
+    box = (-0.5, -0.5, 1279.5, 719.5)
+    np.testing.assert_array_equal(blind(frame.image_rgb, box).left.points_px, network(frame.image_rgb).left.points_px)
+
+
+def test_the_classical_finder_searches_the_prior_box(approach):
+    """A bright pair elsewhere makes the whole image ambiguous; the prior's box resolves it."""
+    detector, frame = ClassicalDetector(), approach[2]
+    assert is_empty(detector(frame.image_rgb))
+    found = detector(frame.image_rgb, project_prior(frame, true_runway(frame, 1.0, 0.2)))
+    assert from_truth_px(frame, found) < 3.0

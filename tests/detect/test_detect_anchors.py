@@ -1,24 +1,23 @@
+"""Anchors, line maps and boxes: encoding and decoding by hand and as inverses of each other."""
+
 import numpy as np
 import pytest
+from anchor_logits import GRID, logits_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.anchors import DecodeConfig, RowGrid, decode, encode
+from deckline.detect.anchors import (
+    DecodeConfig,
+    RowGrid,
+    decode,
+    decode_region,
+    encode,
+    encode_region,
+    rows_from_map,
+)
 
-GRID = RowGrid()
-
-
-def logits_of(cell: np.ndarray) -> np.ndarray:
-    """Logits whose softmax is the two-cell target of every row."""
-    shares = np.full((GRID.rows, GRID.cells + 1), 1e-9)
-    for row, position in enumerate(cell):
-        if np.isnan(position):
-            shares[row, -1] = 1.0
-        else:
-            low = min(int(np.floor(np.clip(position, 0, GRID.cells - 1))), GRID.cells - 2)
-            shares[row, low] += 1 - (position - low)
-            shares[row, low + 1] += position - low
-    return np.log(shares).astype(np.float32)
+SMALL = RowGrid(width=8, height=4, cells=4, rows=2)
+REGIONS = (32, 18)
 
 
 def test_grid_cells_and_rows_are_centred_on_four_pixel_bands():
@@ -110,10 +109,72 @@ def test_columns_are_the_rows_of_the_turned_image():
     assert turned.transposed == GRID
 
 
-def test_wrong_shapes_are_refused():
-    with pytest.raises(ValueError, match=r"expected logits of shape \(72, 129\), got \(72, 128\)"):
-        decode(np.zeros((72, 128)), GRID)
-    with pytest.raises(ValueError, match=r"expected points \(N, 2\) and seen \(N,\), got \(3, 2\) and \(2,\)"):
-        encode(np.zeros((3, 2)), np.zeros(2), GRID)
-    with pytest.raises(ValueError, match="2 <= cells <= pixels, got 600 cells over 512 px"):
-        RowGrid(cells=600)
+def test_shares_are_the_cells_means() -> None:
+    """By hand: probability 0.9 on one pixel of a 2x2 cell, 0.6 on all four of another, line sure to be there."""
+    p = np.full((4, 8), 1e-12)
+    p[0, 0] = 0.9
+    p[0:2, 4:6] = 0.6
+    logits = np.log(np.stack([1 - p, p])).astype(np.float32)
+    shares = np.exp(rows_from_map(logits, np.array([50.0], np.float32), SMALL))[0]
+    expected = 0.6 * np.array([0.225, 0, 0.6, 0]) / 0.825
+    np.testing.assert_allclose(shares[0], [*expected, 0.4], atol=1e-6)
+    np.testing.assert_allclose(shares[1], [0, 0, 0, 0, 1], atol=1e-6)
+
+
+def test_a_line_that_is_not_there_is_on_no_row() -> None:
+    logits = np.zeros((3, 4, 8), np.float32)
+    shares = np.exp(rows_from_map(logits, np.array([0.0, -30.0], np.float32), SMALL))
+    np.testing.assert_allclose(shares[0, :, -1], 1 - 1 / 3 * 0.5, atol=1e-6)
+    np.testing.assert_allclose(shares[1, :, -1], 1.0, atol=1e-6)
+
+
+def test_shares_of_a_row_sum_to_one() -> None:
+    rng = np.random.default_rng(0)
+    rows = rows_from_map(rng.normal(0, 3, (3, 4, 8)).astype(np.float32), rng.normal(0, 3, 2).astype(np.float32), SMALL)
+    assert rows.shape == (2, 2, 5) and rows.dtype == np.float32
+    np.testing.assert_allclose(np.exp(rows).sum(axis=2), 1.0, atol=1e-6)
+
+
+@settings(deadline=None)
+@given(st.floats(0, 505), st.floats(0, 280), st.floats(3, 500), st.floats(1, 280))
+def test_decode_inverts_encode(x0, y0, width, height):
+    box = np.array([x0, y0, min(x0 + width, 511), min(y0 + height, 287)])
+    classes, offsets, weight = encode_region(box, REGIONS)
+    assert classes.sum() == pytest.approx(1.0, abs=1e-5)
+    assert weight.sum() == pytest.approx(1.0, abs=1e-5)
+    region = decode_region(np.log(classes + 1e-12), offsets)
+    np.testing.assert_allclose(region.box, box, atol=0.02)
+    assert region.probability > 0.95
+
+
+def test_no_runway_is_the_last_class():
+    classes, _, weight = encode_region(None, REGIONS)
+    assert classes[-1] == 1.0 and classes[:-1].sum() == 0.0 and weight.sum() == 0.0
+    region = decode_region(np.log(classes + 1e-12), np.zeros((4, 18, 32), dtype=np.float32))
+    assert region.probability < 1e-6
+
+
+def test_a_certain_no_is_no_division_by_zero():
+    logits = np.full(577, -2000.0)
+    logits[-1] = 0.0
+    region = decode_region(logits, np.zeros((4, 18, 32), dtype=np.float32))
+    assert region.probability == 0.0
+    assert np.isfinite(region.box).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: decode(np.zeros((72, 128)), GRID), r"\(72, 129\).*\(72, 128\)"),
+        (lambda: encode(np.zeros((3, 2)), np.zeros(2), GRID), r"\(3, 2\) and \(2,\)"),
+        (lambda: RowGrid(cells=600), "cells.*600"),
+        (lambda: rows_from_map(np.zeros((3, 5, 8)), np.zeros(2), SMALL), r"\(3, 5, 8\)"),
+        (lambda: rows_from_map(np.zeros((3, 4, 9)), np.zeros(2), SMALL), r"\(3, 4, 9\)"),
+        (lambda: rows_from_map(np.zeros((3, 4, 8)), np.zeros(3), SMALL), r"\(3,\)"),
+        (lambda: encode_region([3, 3, 3, 5], REGIONS), r"box .*\(3\.0, 3\.0, 3\.0, 5\.0\)"),
+        (lambda: decode_region(np.zeros(576), np.zeros((4, 18, 32))), r"\(577,\).*\(576,\)"),
+    ],
+)
+def test_wrong_shapes_are_named(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
