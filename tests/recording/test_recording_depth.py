@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
 from recording_bytes import pfm
 
-from deckline.recording.depth import read_pfm, write_pfm
+from deckline.recording.images import read_pfm, write_pfm
 
 
 @pytest.mark.parametrize("order", ["<", ">"])

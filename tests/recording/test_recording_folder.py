@@ -3,7 +3,7 @@ import pytest
 from recording_bytes import CAMERA, PIXELS, pfm, png
 
 from deckline.recording import BadFrame, RecordingError, open_recording
-from deckline.recording.folder import natural_key
+from deckline.recording.opening import natural_key
 
 POSES = "file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\n"
 

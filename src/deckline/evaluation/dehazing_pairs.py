@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from deckline.evaluation.dehazing_measure import Distances, film_of, labelled_lines, true_lines
 from deckline.labels.lines import LABELS_FILE, Labels, read_labels
 from deckline.recording import FrameError, Source, open_recording
-from deckline.recording.folder import ImageFolder
 from deckline.recording.images import read_image
+from deckline.recording.opening import ImageFolder
 from deckline.recording.source import is_inside
 from deckline.types import Frame, Truth
 

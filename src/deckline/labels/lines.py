@@ -48,11 +48,7 @@ class LabelledImage:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height, px.
-
-        Raises:
-            ValueError: they are not known.
-        """
+        """Width and height, px, or a ValueError where they are not known."""
         if self.size_px is None:
             raise ValueError(f"{self.file}: this format needs the image's size")
         return self.size_px
@@ -150,11 +146,7 @@ def left_and_right(lines: Sequence[Line], where: str) -> tuple[Line | None, Line
 
 
 def parse_points(values: Any, where: str) -> Line:
-    """Points (N, 2) from parsed JSON, text or an array.
-
-    Raises:
-        ValueError: no two or more finite pairs; begins with `where`.
-    """
+    """Points (N, 2) from parsed JSON, text or an array, or a ValueError that begins with `where`."""
     try:
         points = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -165,11 +157,7 @@ def parse_points(values: Any, where: str) -> Line:
 
 
 def iterate_objects(values: Any, where: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Name and entry of each object in a JSON list.
-
-    Raises:
-        ValueError: no list, or an entry that is no object; begins with `where`.
-    """
+    """Name and entry of each object in a JSON list, or a ValueError that begins with `where`."""
     if not isinstance(values, list):
         raise ValueError(f"{where} must be a list of objects")
     for index, entry in enumerate(values):
@@ -179,11 +167,7 @@ def iterate_objects(values: Any, where: str) -> Iterator[tuple[str, dict[str, An
 
 
 def get_text(entry: dict[str, Any], key: str, where: str) -> str:
-    """The text under a key of a JSON object.
-
-    Raises:
-        ValueError: there is none; begins with `where`.
-    """
+    """The text under a key of a JSON object, or a ValueError that begins with `where`."""
     if not isinstance(entry.get(key), str):
         raise ValueError(f"{where}: {key} must be a text")
     return str(entry[key])

@@ -14,8 +14,7 @@ from typing import Any
 
 from deckline.geometry import Camera, camera_mount
 from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping
-from deckline.recording.depth import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth
-from deckline.recording.images import read_image
+from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
 from deckline.recording.poses import Cells, parse_pose, read_table
 from deckline.recording.scene import Scene, clear_image_path, truth_from_mapping
 from deckline.recording.source import FrameError, Source, check_index, is_inside, number

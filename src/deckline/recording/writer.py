@@ -3,7 +3,6 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self, TextIO
 
 import numpy as np
@@ -11,8 +10,7 @@ import numpy as np
 from deckline.atomic import write_atomic
 from deckline.recording.airsim import HEADER, IMAGE_FOLDER, MS_PER_S, RECORD_FILE, SCENE, choose_images
 from deckline.recording.camera_file import camera_to_mapping
-from deckline.recording.depth import DEPTH_PLANAR, FAR_DEPTH_M, write_pfm
-from deckline.recording.images import encode_image
+from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, encode_image, write_pfm
 from deckline.recording.scene import (
     RESERVED,
     SCENE_FILE,
@@ -173,9 +171,7 @@ class RecordingWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _whole_rows(self) -> list[str]:

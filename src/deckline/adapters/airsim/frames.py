@@ -16,7 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.adapters.airsim.client import DEPTH_PLANAR, Connection, get_camera, get_vehicle_pose
 from deckline.adapters.airsim.protocol import read_pose
 from deckline.geometry import Camera, camera_mount
-from deckline.recording.depth import along_axis, check_depth_size
+from deckline.recording.images import along_axis, check_depth_size
 from deckline.types import Frame
 
 NS_PER_S = 10**9  # whole, so that division by it keeps all of the time stamp
