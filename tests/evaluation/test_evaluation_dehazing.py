@@ -8,7 +8,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 import deckline
 from deckline.dehaze import DarkChannelDehazer
-from deckline.evaluation.dehazing_rows import ROWS
+from deckline.evaluation.dehazing import SCORES_FILE
 
 
 @pytest.fixture
@@ -17,7 +17,8 @@ def recording(tmp_path) -> Path:
 
 
 def rows_of(folder: Path) -> list[dict]:
-    return [json.loads(line) for line in (folder / ROWS).read_text().splitlines()]
+    lines = [json.loads(line) for line in (folder / SCORES_FILE).read_text().splitlines()]
+    return [line["row"] for line in lines if "row" in line]
 
 
 def test_rows_agree_with_a_direct_computation(recording, tmp_path, capsys):
@@ -33,7 +34,9 @@ def test_rows_agree_with_a_direct_computation(recording, tmp_path, capsys):
     rows = rows_of(out)
     assert [row["dehazer"] for row in rows] == ["none", "dark-channel"] * 4
     for name, values in expected.items():
-        mine = [(row["psnr_db"], row["psnr_db_surface"]) for row in rows if row["dehazer"] == name]
+        mine = [
+            (row["figures"]["psnr_db"], row["figures"]["psnr_db_surface"]) for row in rows if row["dehazer"] == name
+        ]
         np.testing.assert_allclose(mine, values, atol=1e-9)
         means = found["visibility"]["all"][name]["means"]
         assert [means["psnr_db"], means["psnr_db_surface"]] == pytest.approx(np.mean(values, axis=0))
@@ -75,30 +78,31 @@ def test_a_stopped_command_goes_on_and_gives_the_same_numbers(recording, tmp_pat
         patch.setattr(DarkChannelDehazer, "__call__", stopped)
         assert run(*arguments, "--out", out) == 130
     assert len(rows_of(out)) == 5
-    with (out / ROWS).open("a") as file:
-        file.write('{"source": "half a l')
+    with (out / SCORES_FILE).open("a") as file:
+        file.write('{"key": ["half a l')
     with monkeypatch.context() as patch:
         patch.setattr(DarkChannelDehazer, "__call__", lambda self, image: calls.append(1) or inside(self, image))
         resumed = measured(tmp_path / "resumed.json", *arguments, "--out", out)
     assert len(calls) == 3 + 2
     assert len(rows_of(out)) == 8
-    assert resumed == whole
-    assert measured(tmp_path / "again.json", *arguments, "--out", out) == whole
+    again = measured(tmp_path / "again.json", *arguments, "--out", out)
+    numbers = whole.keys() - {"_command"}
+    assert all(resumed[name] == again[name] == whole[name] for name in numbers)
 
 
 def test_more_dehazers_are_added_and_rows_of_other_settings_refused(recording, tmp_path, capsys):
     out = tmp_path / "out"
     assert run(recording, "--detector", "none", "--dehazer", "none", "--out", out) == 0
-    before = (out / ROWS).read_text()
+    before = (out / SCORES_FILE).read_text()
     found = measured(tmp_path / "f.json", recording, "--detector", "none", "--dehazer", "dark-channel", "--out", out)
     assert list(found["visibility"]["all"]) == ["none", "dark-channel"]
-    assert (out / ROWS).read_text().startswith(before) and len(rows_of(out)) == 8
+    assert (out / SCORES_FILE).read_text().startswith(before) and len(rows_of(out)) == 8
     for more, what in ((("--every", 3), "every"), (("--with-depth",), "with_depth"), (("--deck-z-m", -5), "deck_z_m")):
         assert run(recording, "--detector", "none", "--dehazer", "none", "--out", out, *more) == 2
-        assert f"holds rows measured with another {what}" in last_error(capsys)
-    (out / ROWS).write_text('{"file": "guidance of another command"}\n')
+        assert f"made with {what} " in last_error(capsys)
+    (out / SCORES_FILE).write_text('{"file": "guidance of another command"}\n')
     assert run(recording, "--detector", "none", "--dehazer", "none", "--out", out) == 2
-    assert "a line is no row of this command" in last_error(capsys)
+    assert SCORES_FILE in last_error(capsys)
 
 
 def test_a_damaged_frame_is_skipped_counted_and_named(recording, tmp_path, capsys):
@@ -113,12 +117,12 @@ def test_a_damaged_frame_is_skipped_counted_and_named(recording, tmp_path, capsy
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--dehazer", "magic"), "unknown dehazer 'magic': use one of none, dark-channel"),
-        (("--dehazer", "nowhere.onnx"), "nowhere.onnx does not exist"),
-        (("--reference", "magic"), "unknown dehazer 'magic'"),
-        (("--detector", "magic"), "unknown detector 'magic'"),
-        (("--every", "0"), "every must be 1 or more, got 0"),
-        (("--cost-size", "0", "8"), "cost_size must be 1 or more, got 0"),
+        (("--dehazer", "magic"), "magic"),
+        (("--dehazer", "nowhere.onnx"), "nowhere.onnx"),
+        (("--reference", "magic"), "magic"),
+        (("--detector", "magic"), "magic"),
+        (("--every", "0"), "every"),
+        (("--cost-size", "0", "8"), "cost_size"),
     ],
 )
 def test_bad_options_are_one_line(recording, arguments, message, capsys):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deckline.dehaze.base import IdentityDehazer
-from deckline.evaluation.dehazing_measure import ImageScore, LineScore
 from deckline.evaluation.dehazing_pairs import Pair, PairSource
+from deckline.evaluation.dehazing_score import ImageScore
 from deckline.evaluation.dehazing_sheet import TILE_PX, nearest, sheet
 from deckline.geometry import Camera
 from deckline.types import Frame
@@ -16,8 +16,7 @@ VISIBILITIES = {"a": 300.0, "b": 900.0, "c": 2000.0}
 
 
 def score(key: str, lines: bool = True) -> ImageScore:
-    found = LineScore(True, np.zeros(0)) if lines else None
-    return ImageScore(("s", key), "none", VISIBILITIES.get(key, float("nan")), {}, lines=found)
+    return ImageScore("s", key, "none", VISIBILITIES.get(key, float("nan")), {}, found=True if lines else None)
 
 
 def load(key: str) -> Pair:

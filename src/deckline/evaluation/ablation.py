@@ -19,7 +19,7 @@ import tyro
 
 from deckline.dehaze import Dehazer, OnnxDehazer
 from deckline.evaluation.ablation_measure import Figures, RowSummary, TrainedRow, summarise_rows
-from deckline.evaluation.dehazing_measure import FIGURES, restoration
+from deckline.evaluation.dehazing_score import FIGURES, restoration
 from deckline.evaluation.statistics import Difference
 from deckline.evaluation.tables import Table, number, publish
 from deckline.extras import needs_extra

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deckline.evaluation.dehazing_measure import FIGURES
+from deckline.evaluation.dehazing_score import FIGURES
 from deckline.evaluation.statistics import Difference, paired_difference
 
 Figures = Mapping[str, float]  # of one image, by FIGURES; those that exist

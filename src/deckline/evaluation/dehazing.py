@@ -1,30 +1,22 @@
 """`deckline eval dehazing`: dehazers against clear pictures, what they do to the lines, and what they cost."""
 
-import json
-import os
-import platform
-import sys
-import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from datetime import date
-from importlib.metadata import version
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
 
 from deckline import __version__
-from deckline.atomic import write_atomic
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.dehazing_cost import Cost, CostTask, measure_costs
-from deckline.evaluation.dehazing_measure import ImageScore, restoration, score_lines, summarise, summarise_film
 from deckline.evaluation.dehazing_methods import build_dehazer, by_name, model_of, shown_name, size_of
 from deckline.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
-from deckline.evaluation.dehazing_rows import DEHAZERS_KEY, Rows
+from deckline.evaluation.dehazing_score import ImageScore, restoration, score_lines, summarise, summarise_film
 from deckline.evaluation.dehazing_sheet import sheet
-from deckline.evaluation.dehazing_tables import Results, json_of, markdown_of, print_results
+from deckline.evaluation.dehazing_tables import Results, dehazing_tables, json_of
+from deckline.evaluation.store import Store
+from deckline.evaluation.tables import JsonFile, made_with, publish
 from deckline.pipeline import Pipeline, PipelineConfig
 from deckline.progress import progress
 from deckline.recording import FrameError
@@ -32,8 +24,7 @@ from deckline.report.draw import check_picture_name, write_picture
 from deckline.report.provenance import settings_of
 
 NO_DETECTOR = "none"
-FILE_COLUMNS = 190  # of tables that go to a file or a pipe
-PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime")  # whose version speed depends on
+SCORES_FILE = "dehazing.jsonl"
 
 
 @dataclass(frozen=True)
@@ -45,7 +36,7 @@ class DehazingConfig:
     with --cost time and memory. Images count as independent: true for random views, not for the frames of one flight,
     whose intervals come out too narrow.
 
-    With --out the same command goes on where it was stopped, and a command with more dehazers adds theirs.
+    With --out a stopped command resumes, and a command with more dehazers adds theirs.
 
     Args:
         sources: recordings with clear pictures (`deckline dataset`, `deckline sim`), or folders of images whose
@@ -83,7 +74,7 @@ class DehazingConfig:
     cost: bool = False
     cost_size: tuple[int, int] = (1280, 720)
     cost_runs: int = 5
-    json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None
+    json_file: JsonFile = None
     markdown: Path | None = None
     sheet: Path | None = None
     sheet_visibility: tuple[float, ...] = (400.0, 1000.0, 2500.0)
@@ -109,25 +100,17 @@ class Bench:
     reference: str
     sources: tuple[PairSource, ...]
 
-    @property
-    def pairs(self) -> Iterator[tuple[PairSource, str]]:
-        return ((source, key) for source in self.sources for key in source.keys)
-
 
 def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
     bench = _load(config)
-    with Rows(config.out, _settings(config, bench)) as rows:
-        skipped = _score_all(bench, rows)
-        wanted = {(source.name, key, name) for source, key in bench.pairs for name in bench.dehazers}
-        scores = [score for key, score in rows.scores.items() if key in wanted]
+    store = Store(config.out, SCORES_FILE, _settings(config, bench), extendable="dehazers")
+    with store:
+        scores, skipped = _score_all(bench, store)
     if not scores:
-        raise ValueError(f"zero frames: none of {len(skipped)} could be used; the first: {': '.join(skipped[0])}")
-    order = {name: index for index, name in enumerate(bench.named)}
-    scores.sort(key=lambda score: order[score.dehazer])
+        raise ValueError(f"zero frames: none of {len(skipped)} could be used; the first: {', '.join(skipped[0])}")
     costs, failed = _costs(config, bench, scores[0]) if config.cost else ({}, {})
     results = Results(
         title=_title(config, len({score.image for score in scores})),
-        about=_about(),
         reference=bench.reference,
         summaries=summarise(scores, bench.reference, NOT_DEHAZED),
         film=summarise_film(scores, bench.reference, NOT_DEHAZED),
@@ -137,11 +120,11 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
         failed=failed,
         skipped=tuple(skipped),
     )
-    print_results(Console(width=None if sys.stdout.isatty() else FILE_COLUMNS), results)
-    _write(config, results)
+    figures = json_of(results) | {"about": made_with()}
+    notes = [f"skipped {len(skipped)}; the first: {': '.join(skipped[0])}"] if skipped else []
+    publish(results.title, dehazing_tables(results), figures, config.json_file, config.markdown, notes)
     if config.sheet is not None:
-        picture = sheet(bench.sources, bench.dehazers, scores, config.sheet_visibility)
-        write_picture(config.sheet, picture)
+        write_picture(config.sheet, sheet(bench.sources, bench.dehazers, scores, config.sheet_visibility))
         print(config.sheet)
     return 0
 
@@ -151,8 +134,9 @@ def _load(config: DehazingConfig) -> Bench:
     reference = config.reference if config.reference in named else shown_name(config.reference)
     named = by_name((*named.values(), named.get(reference, config.reference)))
     dehazers = {name: build_dehazer(given, config.full_size) for name, given in named.items()}
-    lines = config.detector != NO_DETECTOR
-    pipeline = Pipeline(PipelineConfig(dehazer=NOT_DEHAZED, detector=config.detector)) if lines else None
+    pipeline = None
+    if config.detector != NO_DETECTOR:
+        pipeline = Pipeline(PipelineConfig(dehazer=NOT_DEHAZED, detector=config.detector))
     heights = config.deck_z_m, config.sea_z_m
     sources = tuple(open_pairs(path, config.every, *heights, config.with_depth) for path in config.sources)
     if not any(source.keys for source in sources):
@@ -166,59 +150,50 @@ def _settings(config: DehazingConfig, bench: Bench) -> dict[str, Any]:
     return {
         "deckline": __version__,
         "sources": [source.name for source in bench.sources],
-        "every": config.every,
-        "deck_z_m": config.deck_z_m,
-        "sea_z_m": config.sea_z_m,
-        "with_depth": config.with_depth,
-        "full_size": config.full_size,
+        **{name: getattr(config, name) for name in ("every", "deck_z_m", "sea_z_m", "with_depth", "full_size")},
         "detector": chain.get("detector", NO_DETECTOR),
         "localization": chain.get("localization", ""),
-        DEHAZERS_KEY: {name: model_of(dehazer) for name, dehazer in bench.dehazers.items()},
+        "dehazers": {name: model_of(dehazer) for name, dehazer in bench.dehazers.items()},
     }
 
 
-def _score_all(bench: Bench, rows: Rows) -> list[tuple[str, str]]:
-    """Fill in the rows that are missing; returns the images that cannot be used, and why."""
-    total = len(list(bench.pairs)) * len(bench.dehazers)
+def _score_all(bench: Bench, store: Store) -> tuple[list[ImageScore], list[tuple[str, str]]]:
+    """Fill in the rows that are missing; returns all scores, and the images that cannot be used with the reason."""
+    pairs = [(source, key) for source in bench.sources for key in source.keys]
     skipped = []
-    with progress("evaluating", total) as step:
-        for source, key in bench.pairs:
-            missing = [name for name in bench.dehazers if (source.name, key, name) not in rows.scores]
-            for _ in range(len(bench.dehazers) - len(missing)):
-                step()
-            if not missing:
-                continue
+    with progress("evaluating", len(pairs) * len(bench.dehazers)) as advance:
+        for source, key in pairs:
+            missing = [name for name in bench.dehazers if (source.name, key, name) not in store.rows]
             try:
-                pair = source.load(key)
+                if missing:
+                    pair = source.load(key)
+                    for name in missing:
+                        store.add((source.name, key, name), asdict(_score(bench, source.name, key, name, pair)))
             except FrameError as error:
                 skipped.append((f"{source.name}: {error.file}", error.reason))
-                continue
-            for name in missing:
-                _score(rows, (source.name, key), name, pair, bench)
-                step()
-    return skipped
+            for _ in bench.dehazers:
+                advance()
+    keys = [(source.name, key, name) for name in bench.dehazers for source, key in pairs]
+    return [ImageScore(**store.rows[key]) for key in keys if key in store.rows], skipped
 
 
-def _score(rows: Rows, image: tuple[str, str], name: str, pair: Pair, bench: Bench) -> None:
-    start = time.perf_counter()
+def _score(bench: Bench, source: str, key: str, name: str, pair: Pair) -> ImageScore:
     restored = restore(bench.dehazers[name], pair.frame)
-    seconds = time.perf_counter() - start
-    lines = None
-    if bench.pipeline is not None and pair.lines is not None:
-        lines = score_lines(bench.pipeline(replace(pair.frame, image_rgb=restored.image_rgb)), pair.lines)
     figures = restoration(restored.image_rgb, pair.clear_rgb, pair.surface)
-    score = ImageScore(image, name, pair.visibility_m, figures, restored.note, lines, pair.film)
-    rows.add(score, pair.frame.file, seconds)
+    score = ImageScore(source, key, name, pair.visibility_m, figures, restored.note, pair.film)
+    if bench.pipeline is None or pair.lines is None:
+        return score
+    found, distances_px = score_lines(bench.pipeline(replace(pair.frame, image_rgb=restored.image_rgb)), pair.lines)
+    return replace(score, found=found, distances_px=distances_px)
 
 
 def _costs(config: DehazingConfig, bench: Bench, score: ImageScore) -> tuple[dict[str, Cost], dict[str, str]]:
     """Costs on the hazy picture of one score."""
-    source, key = score.image
     tasks = {}
     for name, given in bench.named.items():
         absolute = str(Path(given).resolve()) if given.endswith(".onnx") else given
         tasks[name] = CostTask(
-            absolute, source, key, config.cost_size, config.full_size, config.deck_z_m, config.sea_z_m
+            absolute, score.source, score.key, config.cost_size, config.full_size, config.deck_z_m, config.sea_z_m
         )
     with progress("measuring cost", config.cost_runs * len(tasks)) as step:
         return measure_costs(tasks, config.cost_runs, step)
@@ -231,25 +206,6 @@ def _title(config: DehazingConfig, images: int) -> str:
     what += ["dehazers given the recorded depth"] if config.with_depth else []
     what += ["full-resolution networks at full size"] if config.full_size else []
     return "; ".join(what)
-
-
-def _about() -> dict[str, str]:
-    return {
-        "deckline": f"deckline {__version__}",
-        "machine": f"{platform.machine()} with {os.cpu_count()} cores",
-        "python": f"Python {platform.python_version()}",
-        **{name: f"{name} {version(name)}" for name in PACKAGES},
-        "date": str(date.today()),
-    }
-
-
-def _write(config: DehazingConfig, results: Results) -> None:
-    if config.json_file is not None:
-        write_atomic(config.json_file, (json.dumps(json_of(results), indent=1, allow_nan=False) + "\n").encode())
-        print(config.json_file)
-    if config.markdown is not None:
-        write_atomic(config.markdown, markdown_of(results).encode())
-        print(config.markdown)
 
 
 dehazing.__doc__ = DehazingConfig.__doc__

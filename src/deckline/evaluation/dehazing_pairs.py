@@ -9,19 +9,27 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from deckline.evaluation.dehazing_measure import Distances, film_of, labelled_lines, true_lines
+from deckline.evaluation.metrics import distance_px, normal_pixel_error
+from deckline.geometry import Camera
 from deckline.labels.lines import LABELS_FILE, Labels, read_labels
 from deckline.recording import FrameError, Source, open_recording
 from deckline.recording.images import read_image
 from deckline.recording.opening import ImageFolder
 from deckline.recording.source import is_inside
-from deckline.types import Frame, Truth
+from deckline.types import SIDES, Frame, Truth
+
+FILMS = ("dry and sharp", "rain", "motion blur", "rain and motion blur")
+LEAST_LINE_PX = 5.0  # of both lines inside the picture, end to end: shorter ones are not in view
+LINE_SAMPLES = 400  # points along a line that say which part of it is in view
+
+Distances = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # points (N, 2), px -> (N,) off the true line, px
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,3 +184,54 @@ def read_pairs(path: Path) -> dict[str, _Entry]:
             raise ValueError(f"{where}: visibility_m must be positive metres, or left out, got {visibility!r}")
         entries[entry["file"]] = _Entry(clear, math.nan if visibility is None else float(visibility))
     return entries
+
+
+def true_lines(frame: Frame) -> dict[str, Distances] | None:
+    """For each side the distance of points to the true line; None when not both lines are in view, or not known."""
+    truth, pose, camera = frame.truth, frame.true_world_from_camera, frame.camera
+    if truth is None or truth.left is None or truth.right is None or pose is None:
+        return None
+    lines: dict[str, Distances] = {}
+    for side, segment in zip(SIDES, (truth.left, truth.right), strict=True):
+        steps = np.linspace(0.0, 1.0, LINE_SAMPLES)[:, None]
+        samples = pose.inv().apply(segment.p0_m + steps * (segment.p1_m - segment.p0_m))
+        if seen_length_px(camera.project(samples), camera) < LEAST_LINE_PX:
+            return None
+        lines[side] = partial(normal_pixel_error, ends_optical_m=samples[[0, -1]], camera=camera)
+    return lines
+
+
+def labelled_lines(labels: Labels, camera: Camera) -> dict[str, Distances] | None:
+    """The same for lines labelled in the image; None when not both are labelled and in view."""
+    lines: dict[str, Distances] = {}
+    for side in SIDES:
+        line = labels[side]
+        if line is None:
+            return None
+        at = np.linspace(0, len(line) - 1, LINE_SAMPLES)
+        samples = np.stack([np.interp(at, np.arange(len(line)), line[:, axis]) for axis in (0, 1)], axis=1)
+        if seen_length_px(samples, camera) < LEAST_LINE_PX:
+            return None
+        lines[side] = partial(distance_px, line_px=line, camera=camera)
+    return lines
+
+
+def seen_length_px(samples_px: ArrayLike, camera: Camera) -> float:
+    """Distance between the ends of that part of a line, given as points (N, 2) along it, that is inside the image."""
+    samples = np.asarray(samples_px, dtype=np.float64)
+    size = [camera.width - 1, camera.height - 1]
+    inside = samples[np.all((samples >= 0) & (samples <= size), axis=1)]  # NaN, behind the camera, is not inside
+    return float(np.linalg.norm(inside[-1] - inside[0])) if len(inside) > 1 else 0.0
+
+
+def film_of(conditions: Mapping[str, Any]) -> str | None:
+    """Which of FILMS a picture is, from what its truth says of exposure, rain and drops on the lens; None: nothing."""
+    exposure = conditions.get("exposure")
+    if not isinstance(exposure, Mapping):
+        return None
+    values = [exposure.get(name) for name in ("rain_mm_h", "lens_drops", "exposure_s")]
+    numbers = [value for value in values if isinstance(value, int | float)]
+    if len(numbers) < len(values):
+        return None
+    rain, drops, exposure_s = numbers
+    return FILMS[(rain > 0 or drops > 0) + 2 * (exposure_s > 0)]

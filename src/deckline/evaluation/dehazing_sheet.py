@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
-from deckline.evaluation.dehazing_measure import ImageScore, restoration
 from deckline.evaluation.dehazing_pairs import Pair, PairSource
+from deckline.evaluation.dehazing_score import ImageScore, restoration
 from deckline.report.draw import Image, draw_tag
 
 TILE_PX = 360  # width
@@ -47,7 +47,7 @@ def nearest(scores: Sequence[ImageScore], visibility_m: float) -> tuple[str, str
     known = {score.image: score for score in scores if score.visibility_m > 0 and math.isfinite(score.visibility_m)}
     if not known:
         raise ValueError("no pair says its visibility, so none can be chosen for the sheet")
-    candidates = [score for score in known.values() if score.lines is not None] or list(known.values())
+    candidates = [score for score in known.values() if score.found is not None] or list(known.values())
     return min(candidates, key=lambda score: abs(math.log(score.visibility_m / visibility_m))).image
 
 

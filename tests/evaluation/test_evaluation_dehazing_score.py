@@ -4,17 +4,13 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from deckline.evaluation.dehazing_measure import (
+from deckline.evaluation.dehazing_pairs import film_of, labelled_lines, seen_length_px, true_lines
+from deckline.evaluation.dehazing_score import (
     ImageScore,
-    LineScore,
-    film_of,
-    labelled_lines,
     restoration,
     score_lines,
-    seen_length_px,
     summarise,
     summarise_film,
-    true_lines,
     worse_lines,
 )
 from deckline.geometry import Camera, pose
@@ -51,7 +47,7 @@ def result_of(left: np.ndarray, right: np.ndarray) -> FrameResult:
 
 
 def score(key: str, dehazer: str, psnr_db: float, visibility_m: float = 800.0, **more) -> ImageScore:
-    return ImageScore(("here", key), dehazer, visibility_m, {"psnr_db": psnr_db}, **more)
+    return ImageScore("here", key, dehazer, visibility_m, {"psnr_db": psnr_db}, **more)
 
 
 def test_figures_agree_with_scikit_image():
@@ -92,15 +88,14 @@ def test_lines_behind_the_aircraft_or_a_speck_far_away_are_not_asked_for():
 def test_exact_points_are_found_with_no_error_and_shifted_ones_are_off_by_the_shift():
     left, right = pixels(LEFT), pixels(RIGHT)
     lines = true_lines(frame_at())
-    exact = score_lines(result_of(left, right), lines)
-    assert exact.found and len(exact.distances_px) == 60
-    np.testing.assert_allclose(exact.distances_px, 0.0, atol=1e-9)
+    found, distances_px = score_lines(result_of(left, right), lines)
+    assert found
+    np.testing.assert_allclose(distances_px, np.zeros(60), atol=1e-9)
     slope = np.diff(left[[0, -1]], axis=0)[0]
     normal = np.array([-slope[1], slope[0]]) / np.linalg.norm(slope)
-    moved = score_lines(result_of(left + 3.0 * normal, right), lines)
-    np.testing.assert_allclose(moved.distances_px, [3.0] * 30 + [0.0] * 30, atol=1e-9)
-    nothing = score_lines(result_of(np.zeros((0, 2)), np.zeros((0, 2))), lines)
-    assert not nothing.found and len(nothing.distances_px) == 0
+    _, distances_px = score_lines(result_of(left + 3.0 * normal, right), lines)
+    np.testing.assert_allclose(distances_px, [3.0] * 30 + [0.0] * 30, atol=1e-9)
+    assert score_lines(result_of(np.zeros((0, 2)), np.zeros((0, 2))), lines) == (False, [])
 
 
 def test_labelled_lines_give_the_same_distances_as_true_ones():
@@ -147,18 +142,14 @@ def test_an_image_is_in_one_band(visibility_m, band):
 
 def test_unknown_visibility_counts_in_all_alone_and_nothing_is_refused():
     assert list(summarise([score("a", "none", 10.0, np.nan)], "none", "none")) == ["all"]
-    with pytest.raises(ValueError, match="no image could be evaluated"):
+    with pytest.raises(ValueError, match="no image"):
         summarise([], "none", "none")
 
 
-def lines_of(found: bool, *distances_px: float) -> LineScore:
-    return LineScore(found, np.array(distances_px))
-
-
 def test_line_figures_pool_all_points_and_compare_medians_image_by_image():
-    scores = [score(str(i), "none", 10.0, lines=lines_of(True, 1.0, 1.0, 4.0)) for i in range(10)]
-    scores += [score(str(i), "net", 12.0, lines=lines_of(i < 5, 2.0, 2.0)) for i in range(9)]
-    scores += [score("9", "net", 12.0, lines=lines_of(False)), score("10", "net", 12.0)]
+    scores = [score(str(i), "none", 10.0, found=True, distances_px=[1.0, 1.0, 4.0]) for i in range(10)]
+    scores += [score(str(i), "net", 12.0, found=i < 5, distances_px=[2.0, 2.0]) for i in range(9)]
+    scores += [score("9", "net", 12.0, found=False), score("10", "net", 12.0)]
     summary = summarise(scores, "none", "none")["all"]
     assert summary["none"].lines == {"found_rate": 1.0, "point_error_px.median": 1.0, "point_error_px.p95": 4.0}
     assert summary["net"].asked == 10 and summary["net"].images == 11
@@ -172,11 +163,24 @@ def test_higher_psnr_with_worse_lines_is_named_and_no_other():
     names = {"none": (10.0, True, 1.0), "worse": (15.0, False, 1.0), "farther": (15.0, True, 2.0)}
     names |= {"good": (15.0, True, 1.0), "lower": (9.0, False, 1.0)}
     scores = [
-        score(str(i), name, psnr, lines=lines_of(found, px))
+        score(str(i), name, psnr, found=found, distances_px=[px])
         for name, (psnr, found, px) in names.items()
         for i in range(12)
     ]
     assert worse_lines(summarise(scores, "none", "none")["all"], "none") == ["worse", "farther"]
+
+
+def test_rain_and_blur_are_summed_up_apart():
+    scores = [
+        *(score(key, "none", 10.0 + index, film=film) for index, (key, film) in enumerate(FILMED.items())),
+        *(score(key, "net", 20.0 + 2 * index, film=film) for index, (key, film) in enumerate(FILMED.items())),
+    ]
+    groups = summarise_film(scores, "none", "none")
+    assert list(groups) == ["dry and sharp", "rain"]
+    assert groups["rain"]["net"].means["psnr_db"] == pytest.approx(23.0)
+    assert groups["rain"]["net"].differences["psnr_db"].value == pytest.approx(11.5)
+    assert groups["dry and sharp"]["net"].images == 1
+    assert summarise_film([one for one in scores if one.film != "rain"], "none", "none") == {}
 
 
 @pytest.mark.parametrize(
@@ -195,16 +199,3 @@ def test_higher_psnr_with_worse_lines_is_named_and_no_other():
 def test_rain_and_blur_are_told_from_what_truth_holds(exposure, film):
     assert film_of({"exposure": exposure}) == film
     assert film_of({}) is None
-
-
-def test_rain_and_blur_are_summed_up_apart():
-    scores = [
-        *(score(key, "none", 10.0 + index, film=film) for index, (key, film) in enumerate(FILMED.items())),
-        *(score(key, "net", 20.0 + 2 * index, film=film) for index, (key, film) in enumerate(FILMED.items())),
-    ]
-    groups = summarise_film(scores, "none", "none")
-    assert list(groups) == ["dry and sharp", "rain"]
-    assert groups["rain"]["net"].means["psnr_db"] == pytest.approx(23.0)
-    assert groups["rain"]["net"].differences["psnr_db"].value == pytest.approx(11.5)
-    assert groups["dry and sharp"]["net"].images == 1
-    assert summarise_film([one for one in scores if one.film != "rain"], "none", "none") == {}

@@ -1,0 +1,188 @@
+"""Dehazers against clear pictures, and what they do to the lines: per image, and summed up by visibility."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.evaluation.dehazing_pairs import FILMS, Distances
+from deckline.evaluation.metrics import SSIM_WINDOW_PX, psnr_db, ssim
+from deckline.evaluation.statistics import (
+    DEHAZING_VISIBILITY_M,
+    Difference,
+    by_band,
+    median_and_p95,
+    paired_difference,
+    share,
+)
+from deckline.evaluation.tables import Figures
+from deckline.pipeline import FrameResult
+from deckline.types import SIDES, Status
+
+MOST_PSNR_DB = 60.0  # what an untouched picture counts, so that means are finite
+ALL = "all"
+FIGURES = ("psnr_db", "psnr_db_surface", "ssim")
+
+
+@dataclass(frozen=True)
+class ImageScore:
+    """One image through one dehazer. Plain values: a score is a line of JSON."""
+
+    source: str
+    key: str  # of the image in its source
+    dehazer: str
+    visibility_m: float  # 2 % contrast; NaN when unknown
+    figures: Figures  # of FIGURES those that exist
+    note: str = ""  # why the dehazer left the image as it was
+    film: str | None = None  # of FILMS; None: not known
+    found: bool | None = None  # both lines, in agreement with each other; None: not both lines are in view
+    distances_px: Sequence[float] = ()  # normal distance of every detected point to its true line
+
+    @property
+    def image(self) -> tuple[str, str]:
+        return self.source, self.key
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One dehazer over a group of images. What does not exist is left out of the mappings."""
+
+    images: int
+    left_alone: int  # images that the dehazer gave back with a note
+    means: Figures  # by FIGURES; arithmetic means of the images' values
+    differences: dict[str, Difference]  # by FIGURES, to the reference dehazer
+    asked: int  # images with both lines in view
+    lines: Figures  # found_rate, point_error_px.median, point_error_px.p95
+    line_differences: dict[str, Difference]  # found_rate, point_error_px; to hazy
+
+
+def restoration(
+    image_rgb: NDArray[np.uint8], clear_rgb: NDArray[np.uint8], surface: NDArray[np.bool_] | None
+) -> Figures:
+    """FIGURES of a restored picture (H, W, 3): PSNR (dB, at most 60) of all and of the surface's pixels, and SSIM.
+
+    SSIM is left out of pictures smaller than its window.
+
+    Args:
+        image_rgb, clear_rgb: the pictures to compare.
+        surface: (H, W) sea and ship; None or nowhere true: no figure for it. The sky behind haze can only be guessed.
+    """
+    figures = {"psnr_db": min(psnr_db(image_rgb, clear_rgb), MOST_PSNR_DB)}
+    if surface is not None and surface.any():
+        figures["psnr_db_surface"] = min(psnr_db(image_rgb, clear_rgb, surface), MOST_PSNR_DB)
+    if min(image_rgb.shape[:2]) >= SSIM_WINDOW_PX:
+        figures["ssim"] = ssim(image_rgb, clear_rgb)
+    return figures
+
+
+def score_lines(result: FrameResult, lines: Mapping[str, Distances]) -> tuple[bool, list[float]]:
+    """Whether both lines are found in agreement, and the distances of all detected points to the true lines, px."""
+    distances = [lines[side](getattr(result.detection, side).points_px) for side in SIDES]
+    return result.estimate.status is Status.OK, np.concatenate(distances).tolist()
+
+
+def summarise(scores: Sequence[ImageScore], reference: str, hazy: str, seed: int = 0) -> dict[str, dict[str, Summary]]:
+    """Band of visibility -> dehazer -> its summary; ALL comes first, bands without an image are left out.
+
+    Args:
+        scores: of all dehazers, in any order.
+        reference: dehazer that restoration is compared with.
+        hazy: the dehazer that does nothing, which lines are compared with.
+        seed: of the intervals.
+
+    Raises:
+        ValueError: no score.
+    """
+    if not scores:
+        raise ValueError("no image could be evaluated")
+    groups = {ALL: list(scores)} | by_band(scores, lambda one: one.visibility_m, DEHAZING_VISIBILITY_M, short=True)
+    return {band: _summarise_group(members, reference, hazy, seed) for band, members in groups.items()}
+
+
+def summarise_film(
+    scores: Sequence[ImageScore], reference: str, hazy: str, seed: int = 0
+) -> dict[str, dict[str, Summary]]:
+    """The same by rain and motion blur: one of FILMS -> dehazer -> its summary; {} where no image is known to have any.
+
+    Args are those of `summarise`.
+    """
+    groups = {film: [score for score in scores if score.film == film] for film in FILMS}
+    if not any(groups[film] for film in FILMS[1:]):
+        return {}
+    return {film: _summarise_group(members, reference, hazy, seed) for film, members in groups.items() if members}
+
+
+def _summarise_group(scores: Sequence[ImageScore], reference: str, hazy: str, seed: int) -> dict[str, Summary]:
+    by_dehazer: dict[str, dict[tuple[str, str], ImageScore]] = {}
+    for score in scores:
+        by_dehazer.setdefault(score.dehazer, {})[score.image] = score
+    theirs, untouched = by_dehazer.get(reference, {}), by_dehazer.get(hazy, {})
+    summaries = {}
+    for name, ours in by_dehazer.items():
+        rng = np.random.default_rng(seed)
+        means, differences, line_differences = {}, {}, {}
+        for figure in FIGURES:
+            values = [score.figures[figure] for score in ours.values() if figure in score.figures]
+            if values:
+                means[figure] = float(np.mean(values))
+            pairs = _paired(ours, theirs, partial(_figure, figure))
+            if pairs and name != reference:
+                differences[figure] = paired_difference(pairs, rng)
+        if name != hazy:
+            line_differences = _line_differences(ours, untouched, rng)
+        asked = [score for score in ours.values() if score.found is not None]
+        lines: Figures = {}
+        if asked:
+            distances = np.concatenate([score.distances_px for score in asked])
+            lines = {"found_rate": share(asked, lambda score: bool(score.found))}
+            lines |= median_and_p95(distances, "point_error_px")
+        left_alone = sum(bool(score.note) for score in ours.values())
+        summaries[name] = Summary(len(ours), left_alone, means, differences, len(asked), lines, line_differences)
+    return summaries
+
+
+def _line_differences(
+    ours: Mapping[tuple[str, str], ImageScore], hazy: Mapping[tuple[str, str], ImageScore], rng: np.random.Generator
+) -> dict[str, Difference]:
+    """Found-rate; and the images' median distances, on the images where points are seen both ways."""
+    found = _paired(ours, hazy, lambda score: None if score.found is None else float(score.found))
+    distances = _paired(
+        ours, hazy, lambda score: float(np.median(score.distances_px)) if len(score.distances_px) else None
+    )
+    differences = {}
+    if found:
+        differences["found_rate"] = paired_difference(found, rng)
+    if distances:
+        differences["point_error_px"] = paired_difference(distances, rng, "median")
+    return differences
+
+
+def _figure(name: str, score: ImageScore) -> float | None:
+    return score.figures.get(name)
+
+
+def _paired(
+    ours: Mapping[tuple[str, str], ImageScore],
+    theirs: Mapping[tuple[str, str], ImageScore],
+    value: Callable[[ImageScore], float | None],
+) -> list[float]:
+    """Our values minus theirs, on the images that have both."""
+    pairs = ((value(score), value(theirs[image])) for image, score in ours.items() if image in theirs)
+    return [mine - other for mine, other in pairs if mine is not None and other is not None]
+
+
+def worse_lines(summaries: Mapping[str, Summary], hazy: str) -> list[str]:
+    """Dehazers of one band whose pictures are surely closer to the clear ones while the lines are surely worse.
+
+    Surely means beyond the 95 % interval: fewer lines found, or points farther off.
+    """
+    bar = summaries[hazy].means["psnr_db"] if hazy in summaries else np.inf
+    worse = []
+    for name, summary in summaries.items():
+        fewer, farther = (summary.line_differences.get(key) for key in ("found_rate", "point_error_px"))
+        lines_are_worse = (fewer is not None and fewer.high < 0) or (farther is not None and farther.low > 0)
+        if summary.means["psnr_db"] > bar and lines_are_worse:
+            worse.append(name)
+    return worse
