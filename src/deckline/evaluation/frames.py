@@ -14,10 +14,9 @@ from deckline.evaluation.store import Store
 from deckline.extras import needs_extra
 from deckline.labels import LABELS_FILE, Labels, read_labels
 from deckline.progress import progress
-from deckline.recording import open_recording
+from deckline.recording import FrameError, open_recording
 from deckline.recording.airsim import RECORD_FILE
 from deckline.recording.scene import SCENE_FILE, read_scene
-from deckline.recording.source import FrameError
 from deckline.types import Frame
 
 FRAMES, DECKLESS = 200, 100  # rendered when no source is given
