@@ -1,7 +1,6 @@
 """What holds for every dehazer: on images alone, on frames with a pose, and at the edge of what cameras give."""
 
 import dataclasses
-import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -10,12 +9,10 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
-from deckline.cli.main import main
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
 from deckline.dehaze.base import FrameDehazer
 from deckline.evaluation.metrics import psnr_db
 from deckline.haze import add_haze, beta_from_visibility
-from deckline.recording.images import read_image
 from deckline.runtime import shipped_weights
 from deckline.sim import SimConfig, frames
 from deckline.types import Frame
@@ -75,10 +72,10 @@ def test_read_only_and_strided_input(dehazer: Dehazer) -> None:
 @pytest.mark.parametrize(
     ("image", "message"),
     [
-        (np.zeros((4, 4, 3), dtype=np.float32), "must be uint8, got float32"),
-        (np.zeros((4, 4), dtype=np.uint8), r"shape \(H, W, 3\).*got \(4, 4\)"),
-        (np.zeros((4, 4, 4), dtype=np.uint8), r"got \(4, 4, 4\)"),
-        (np.zeros((0, 4, 3), dtype=np.uint8), r"got \(0, 4, 3\)"),
+        (np.zeros((4, 4, 3), dtype=np.float32), "float32"),
+        (np.zeros((4, 4), dtype=np.uint8), r"\(4, 4\)"),
+        (np.zeros((4, 4, 4), dtype=np.uint8), r"\(4, 4, 4\)"),
+        (np.zeros((0, 4, 3), dtype=np.uint8), r"\(0, 4, 3\)"),
     ],
 )
 def test_wrong_images_are_refused(dehazer: Dehazer, image: np.ndarray, message: str) -> None:
@@ -209,24 +206,12 @@ def test_one_bad_depth_spoils_no_other_pixel(dehazer: Dehazer) -> None:
 @pytest.fixture(scope="module")
 def clear_frames() -> list[Frame]:
     """Clear views of the paper's deck, and of random ships in other light."""
+    config = SimConfig(trajectory="random", visibility_m=(500, 2000), seed=1101, width=480, height=270, frames=2)
+    config = dataclasses.replace(config, frames_per_ship=1)
     both = (("paper", (60.0, 800.0)), ("train", (30.0, 1500.0)))
-    return [
-        dataclasses.replace(frame, image_rgb=frame.truth.clear_rgb, depth_m=None)
-        for preset, range_m in both
-        for frame in frames(
-            SimConfig(
-                preset=preset,
-                trajectory="random",
-                visibility_m=(500, 2000),
-                range_m=range_m,
-                frames_per_ship=1,
-                seed=1101,
-                width=480,
-                height=270,
-                frames=2,
-            )
-        )
-    ]
+    configs = [dataclasses.replace(config, preset=preset, range_m=range_m) for preset, range_m in both]
+    hazy = [frame for config in configs for frame in frames(config)]
+    return [dataclasses.replace(frame, image_rgb=frame.truth.clear_rgb, depth_m=None) for frame in hazy]
 
 
 @pytest.mark.parametrize("name", KEEP_CLEAR)
@@ -257,42 +242,6 @@ def test_the_networks_threads_change_no_level() -> None:
     image = sea_pair(BETA)[0]
     one, two = (OnnxDehazer(shipped_weights("dehaze"), threads=threads)(image) for threads in (1, 2))
     assert np.abs(one.astype(int) - two).max() <= 1
-
-
-def test_grey_and_16_bit_files_come_out_as_their_8_bit_likes(dehazer: Dehazer, tmp_path: Path) -> None:
-    hazy, _ = sea_pair(BETA)
-    grey = hazy[:, :, 1]
-    like = {
-        "grey.png": np.repeat(grey[:, :, None], 3, axis=2),
-        "grey16.png": np.repeat(grey[:, :, None], 3, axis=2),
-        "colour16.png": hazy,
-    }
-    cv2.imwrite(str(tmp_path / "grey.png"), grey)
-    cv2.imwrite(str(tmp_path / "grey16.png"), grey.astype(np.uint16) * 257)
-    cv2.imwrite(str(tmp_path / "colour16.png"), hazy[:, :, ::-1].astype(np.uint16) * 257)
-    for name, expected in like.items():
-        result = restore(dehazer, frame_of(read_image(tmp_path / name))).image_rgb
-        np.testing.assert_array_equal(result, restore(dehazer, frame_of(expected)).image_rgb)
-
-
-def test_a_run_over_odd_files_uses_what_can_be_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Grey and 16-bit files are frames; floating-point levels and another size are named, counted and skipped."""
-    hazy, _ = sea_pair(BETA)
-    source = tmp_path / "source"
-    source.mkdir()
-    camera = "\n".join(f"{key} = {getattr(CAMERA, key)}" for key in ("width", "height", "fx", "fy", "cx", "cy"))
-    (source / "camera.toml").write_text(camera + f"\ndeck_z_m = {DECK_Z_M}\n")
-    cv2.imwrite(str(source / "a_grey.png"), hazy[:, :, 0])
-    cv2.imwrite(str(source / "b_deep.png"), hazy.astype(np.uint16) * 257)
-    cv2.imwrite(str(source / "c_float.tif"), hazy.astype(np.float32))
-    cv2.imwrite(str(source / "d_tiny.png"), hazy[:1, :1])
-    assert main(["run", str(source), "--out", str(tmp_path / "out"), "--dehazer", "dark-channel"]) == 0
-    lines = (tmp_path / "out" / "guidance.jsonl").read_text().splitlines()
-    skipped = [json.loads(line).get("skipped") for line in lines]
-    assert skipped[:2] == [None, None]
-    assert "image must have 8 or 16 bits a channel, got float32" in skipped[2]
-    assert "the intrinsics are for 320x180 px but the image is 1x1 px" in skipped[3]
-    capsys.readouterr()
 
 
 def test_haze_is_thinned_where_it_is_known(dehazer: Dehazer) -> None:
