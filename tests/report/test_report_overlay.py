@@ -14,10 +14,9 @@ from deckline.report.instrument import (
     FACE,
     FULL_SCALE_DOTS,
     draw_instrument,
-    glideslope_dots,
-    glideslope_sigma_dots,
-    lateral_dots,
+    glideslope_needle,
     lateral_limits_dots,
+    lateral_needle,
 )
 from deckline.report.overlay import (
     INSET_PX,
@@ -55,30 +54,31 @@ def has(image, colour, tolerance=12) -> bool:
 
 
 def test_the_needle_is_fly_to():
-    assert lateral_dots(guide(lateral_m=5.0)) == -1.0  # right of the line: the line is to the left
-    assert lateral_dots(guide(lateral_m=-10.0)) == 2.0
-    assert lateral_dots(guide(lateral_m=1000.0)) == -FULL_SCALE_DOTS
+    assert lateral_needle(guide(lateral_m=5.0)).value == -1.0  # right of the line: the line is to the left
+    assert lateral_needle(guide(lateral_m=-10.0)).value == 2.0
+    assert lateral_needle(guide(lateral_m=1000.0)).value == -FULL_SCALE_DOTS
 
 
 def test_the_glideslope_needle_is_centred_on_the_slope_and_below_when_high():
     on_slope_m = np.tan(np.deg2rad(3.5)) * (250.0 + 70.0)
-    assert glideslope_dots(guide(height_m=on_slope_m)) == pytest.approx(0.0, abs=1e-12)
+    assert glideslope_needle(guide(height_m=on_slope_m)).value == pytest.approx(0.0, abs=1e-12)
     one_dot_high_m = np.tan(np.deg2rad(3.85)) * (250.0 + 70.0)
-    assert glideslope_dots(guide(height_m=one_dot_high_m)) == pytest.approx(-1.0)
+    assert glideslope_needle(guide(height_m=one_dot_high_m)).value == pytest.approx(-1.0)
 
 
 def test_the_glideslope_band_is_the_spread_of_the_needle():
     rng = np.random.default_rng(0)
     drawn = [
-        glideslope_dots(guide(height_m=20 + 0.1 * a, distance_m=250 + 2.0 * b)) for a, b in rng.normal(0, 1, (4000, 2))
+        glideslope_needle(guide(height_m=20 + 0.1 * a, distance_m=250 + 2.0 * b)).value
+        for a, b in rng.normal(0, 1, (4000, 2))
     ]
-    assert np.std(drawn) == pytest.approx(glideslope_sigma_dots(guide()), rel=0.05)
+    assert np.std(drawn) == pytest.approx(glideslope_needle(guide()).sigma, rel=0.05)
 
 
 def test_unknown_is_a_flag_and_never_a_needle():
     nothing = Guidance(0.0, Status.NOT_SEEN, DepthMode.NONE, reason="no line in the image")
-    assert lateral_dots(nothing) is None
-    assert glideslope_dots(nothing) is None
+    assert lateral_needle(nothing) is None
+    assert glideslope_needle(nothing) is None
     left, top, side = FACE
     face = draw_instrument(nothing)[top : top + side, left : left + side]
     assert has(face, FLAG)
@@ -105,8 +105,7 @@ def test_a_flag_is_red_and_goes_before_the_tracks_state():
 
 
 def test_over_the_touchdown_point_there_is_no_glideslope():
-    assert glideslope_dots(guide(distance_m=-65.0)) is None
-    assert glideslope_sigma_dots(guide(distance_m=-65.0)) == 0.0
+    assert glideslope_needle(guide(distance_m=-65.0)) is None
 
 
 @settings(deadline=None)

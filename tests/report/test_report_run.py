@@ -109,8 +109,8 @@ def test_ctrl_c_leaves_whole_files_and_resume_gives_the_whole_run(tmp_path, caps
 
 def test_a_resumed_run_says_where_its_track_began_anew(tmp_path):
     first, second = (Flight(lambda at, expected, prior_box: chain(at)) for _ in range(2))
-    run(Approach(8), breaking(3, press_ctrl_c, first), tmp_path, overlay=False, report=False)
-    run(Approach(8), breaking(8, kill, second), tmp_path, overlay=False, report=False, resume=True)
+    run(Approach(8), breaking(3, press_ctrl_c, first), tmp_path)
+    run(Approach(8), breaking(8, kill, second), tmp_path, resume=True)
     flags = [[flag["name"] for flag in record["track"]["flags"]] for record in records(tmp_path)]
     assert flags == [[], [], [], [], ["resumed"], [], [], []]
     assert [record["track"]["age_s"] for record in records(tmp_path)][3:6] == [0.75, 0.0, 0.25]
@@ -153,9 +153,9 @@ def test_frames_whose_pictures_were_lost_are_shown_again_but_recorded_once(tmp_p
 
 def test_a_new_run_never_leaves_outputs_of_the_old_one(tmp_path):
     run(Approach(3), chain, tmp_path)
-    summary = run(Approach(2), chain, tmp_path, overlay=False, report=False, overwrite=True)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["guidance.csv", "guidance.jsonl"]
-    assert sorted(path.name for path in summary.written) == ["guidance.csv", "guidance.jsonl"]
+    summary = run(Approach(2, bad=(0, 1)), chain, tmp_path, overwrite=True)
+    names = ["guidance.csv", "guidance.jsonl", "report.html"]  # without a frame there is no film
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in summary.written) == names
     assert len(records(tmp_path)) == 2
 
 

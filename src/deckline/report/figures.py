@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -28,76 +27,51 @@ LINE_ERRORS = (
 )
 
 
-@dataclass(frozen=True)
-class ErrorRow:
-    """Measured minus true over the frames that have both, in the quantity's unit."""
-
-    name: str
-    unit: str
-    frames: int
-    median: float  # of the absolute error
-    p95: float  # of the absolute error
-    bias: float | None  # mean of the signed error; None for a size without sign
-    within_1_sigma: float | None  # share of frames, 0..1; None where no sigma is given
-    within_2_sigma: float | None
-
-
-@dataclass(frozen=True)
-class BandRow:
-    """Frames whose true distance to the ramp lies in a band. None: no such value in the band."""
-
-    low_m: float
-    high_m: float
-    frames: int
-    found_rate: float  # both lines, 0..1
-    lateral_median_m: float | None
-    lateral_p95_m: float | None
-    heading_median_deg: float | None
-    height_median_m: float | None
-
-
 def seen_frames(records: Iterable[Record]) -> list[Record]:
     """Records of frames that went through the chain: all but the skipped ones."""
     return [record for record in records if "skipped" not in record]
 
 
-def error_rows(records: list[Record]) -> list[ErrorRow]:
-    """Errors of the guidance and of each line; empty without truth."""
+def error_rows(records: list[Record]) -> list[tuple[str, ...]]:
+    """Measured minus true, of the guidance and of each line; empty without truth.
+
+    Returns: a row each: name, frames that have both, median and 95 % of the absolute error, mean of the signed one,
+        shares of frames within 1 and 2 sigma.
+    """
     rows = []
     for key, name in GUIDANCE_NAMES.items():
         errors, sigmas = _gather(records, ("errors", "guidance", key), ("guidance", key, "sigma"))
-        rows.append(_error_row(name, key, errors, sigmas))
+        within = [np.mean(np.abs(errors) <= k * sigmas) for k in (1, 2)] if len(errors) else []
+        rows.append((name, key, errors, np.mean(errors) if len(errors) else None, within))
     for key, what in LINE_ERRORS:
-        for line in LINES:
+        for line in LINES:  # sizes without a sign, and no sigma is given
             (errors,) = _gather(records, ("errors", key, line))
-            rows.append(_error_row(f"{line.capitalize()} line, {what}", key, errors))
-    return [row for row in rows if row.frames]
+            rows.append((f"{line.capitalize()} line, {what}", key, errors, None, [None, None]))
+    return [
+        (name, f"{len(errors)}", *_quantiles(errors, key), number(mean, _unit(key), sign=True), *map(percent, within))
+        for name, key, errors, mean, within in rows
+        if len(errors)
+    ]
 
 
-def _error_row(name: str, key: str, errors: NDArray[np.float64], sigmas: NDArray[np.float64] | None = None) -> ErrorRow:
-    unit = "°" if key.endswith("_deg") else "m"
-    if not len(errors):
-        return ErrorRow(name, unit, 0, np.nan, np.nan, None, None, None)
-    size = np.abs(errors)
-    row = (name, unit, len(size), float(np.median(size)), float(np.percentile(size, 95)))
-    if sigmas is None:
-        return ErrorRow(*row, None, None, None)
-    return ErrorRow(*row, float(np.mean(errors)), *(float(np.mean(size <= k * sigmas)) for k in (1, 2)))
+def band_rows(records: list[Record]) -> list[tuple[str, ...]]:
+    """Found-rate and errors by true distance to the ramp; empty without truth. Bands without frames are left out.
 
-
-def band_rows(records: list[Record]) -> list[BandRow]:
-    """Found-rate and errors by true distance to the ramp; empty without truth. Bands without frames are left out."""
-    rows = []
+    Returns: a row each: band, frames, share with both lines, median and 95 % of the lateral error, median errors of
+        heading and height.
+    """
+    rows: list[tuple[str, ...]] = []
     ranges = [(lookup(record, ("truth", "distance_to_ramp_m")), record) for record in records]
     for low, high in pairwise(RANGE_M):
         members = [record for range_m, record in ranges if range_m is not None and low <= range_m < high]
         if members:
             names = ("lateral_deviation_m", "heading_error_deg", "height_above_deck_m")
-            lateral, heading, height = (np.abs(_gather(members, ("errors", "guidance", name))[0]) for name in names)
-            quantiles = (_percentile(lateral, 50), _percentile(lateral, 95))
-            medians = (_percentile(heading, 50), _percentile(height, 50))
-            found = sum(r["status"] == "ok" for r in members) / len(members)
-            rows.append(BandRow(low, high, len(members), found, *quantiles, *medians))
+            lateral, heading, height = (
+                _quantiles(_gather(members, ("errors", "guidance", name))[0], name) for name in names
+            )
+            found = sum(record["status"] == "ok" for record in members) / len(members)
+            band = f"{low:.0f} m and more" if np.isinf(high) else f"{low:.0f} to {high:.0f} m"
+            rows.append((band, f"{len(members)}", percent(found), *lateral, heading[0], height[0]))
     return rows
 
 
@@ -115,13 +89,13 @@ def false_lines(records: list[Record]) -> tuple[int, int]:
 
 def stage_seconds(records: list[Record]) -> dict[str, float]:
     """Median wall time of each stage, s."""
-    medians = {stage: _percentile(_gather(records, ("seconds", stage))[0], 50) for stage in STAGES}
+    medians = {stage: _median(_gather(records, ("seconds", stage))[0]) for stage in STAGES}
     return {stage: median for stage, median in medians.items() if median is not None}
 
 
 def median_sigma(records: list[Record], name: str) -> float | None:
     """Median 1-sigma of a guidance value, in its unit."""
-    return _percentile(_gather(records, ("guidance", name, "sigma"))[0], 50)
+    return _median(_gather(records, ("guidance", name, "sigma"))[0])
 
 
 def count_reasons(records: Iterable[Record]) -> list[tuple[str, int]]:
@@ -149,11 +123,39 @@ def beyond_protection(records: list[Record]) -> tuple[int, int] | None:
     return (int(beyond.sum()), len(beyond)) if len(beyond) else None
 
 
+def number(value: float | None, unit: str, sign: bool = False) -> str:
+    """A figure to three digits with a true minus sign; a dash where there is none."""
+    if value is None:
+        return "–"
+    places = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
+    text = f"{value:{'+' if sign else ''}.{places}f}".replace("-", "−")
+    text = text.lstrip("+−") if not float(f"{value:.{places}f}") else text
+    return f"{text}{'' if unit == '°' else ' '}{unit}"
+
+
+def percent(share: float | None) -> str:
+    """A share 0..1 as text; a dash where there is none."""
+    if share is None:
+        return "–"
+    return f"{100 * share:.1f} %" if 0 < share < 1 else f"{100 * share:.0f} %"
+
+
 def _gather(records: Iterable[Record], *paths: tuple[str, ...]) -> NDArray[np.float64]:
     """Values under each path, a row each, of the records that have all of them."""
     rows = ([lookup(record, path) for path in paths] for record in records)
     return np.array([row for row in rows if None not in row], dtype=np.float64).reshape(-1, len(paths)).T
 
 
-def _percentile(values: NDArray[np.float64], percent: float) -> float | None:
-    return float(np.percentile(values, percent)) if len(values) else None
+def _median(values: NDArray[np.float64]) -> float | None:
+    return float(np.median(values)) if len(values) else None
+
+
+def _quantiles(errors: NDArray[np.float64], key: str) -> tuple[str, str]:
+    """Median and 95 % of the absolute errors as texts."""
+    size = np.abs(errors)
+    p95 = float(np.percentile(size, 95)) if len(size) else None
+    return number(_median(size), _unit(key)), number(p95, _unit(key))
+
+
+def _unit(key: str) -> str:
+    return "°" if key.endswith("_deg") else "m"

@@ -1,10 +1,8 @@
 """report.html of a run: one file that needs no network and no server."""
 
 import base64
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from deckline.report import figures
+from deckline.report.figures import number, percent
 from deckline.report.records import GUIDANCE, Record, lookup
 from deckline.types import SIDES
 
@@ -20,18 +19,14 @@ STATUSES = ("ok", "one line", "not seen", "skipped")
 MODES = {"fine": "depth camera", "coarse": "deck plane", "none": "no distance"}
 LISTED = 40  # rows of a list at most
 
-
-@dataclass(frozen=True)
-class Picture:
-    """Two small images of one frame."""
-
-    record: int  # index of the frame's record
-    hazy_jpeg: bytes  # as the camera saw it
-    marked_jpeg: bytes  # dehazed, with the lines found
+Pictures = dict[int, tuple[bytes, bytes]]
 
 
 def report_html(
-    info: Mapping[str, str], records: list[Record], pictures: list[Picture], counts: Mapping[str, int]
+    info: Mapping[str, str],
+    records: list[Record],
+    pictures: Pictures,
+    counts: Mapping[str, int],
 ) -> str:
     """The report as one HTML text: styles, script, data and images inside.
 
@@ -40,15 +35,16 @@ def report_html(
             is the heading, "date" and "version" stand below it; "frames" is told with their number, and values whose
             label begins with "note" are repeated above everything else.
         records: records of guidance.jsonl, perhaps thinned out evenly: plots and figures are made of these.
-        pictures: for the slider, in the order shown.
+        pictures: for the slider: index of a frame's record -> two JPEG files, as the camera saw it, and dehazed with
+            the lines found.
         counts: frames of the whole run by status: "ok", "one line", "not seen" and "skipped".
-
-    Raises:
-        ValueError: a picture of a record that does not exist or was skipped, or an unknown status in `counts`.
     """
-    _check(records, pictures, counts)
     seen = figures.seen_frames(records)
     source = info.get("source", "recording")
+    shown = [
+        {"record": index, "hazy": _base64(hazy), "marked": _base64(marked)}
+        for index, (hazy, marked) in pictures.items()
+    ]
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -62,47 +58,23 @@ def report_html(
         cards=list(_cards(info, seen, counts)),
         bars=_bars(seen, counts),
         plots_note=_plots_note(seen, counts),
-        errors=[_error_cells(row) for row in figures.error_rows(seen)],
-        bands=[_band_cells(row) for row in figures.band_rows(seen)],
+        errors=figures.error_rows(seen),
+        bands=figures.band_rows(seen),
         flags=figures.count_flags(seen),
         skipped=[(record["file"], record["skipped"]) for record in records if "skipped" in record],
         skipped_frames=counts.get("skipped", 0),
         reasons=figures.count_reasons(seen),
         listed=LISTED,
-        data={"rows": [_row(record) for record in records], "pictures": [_picture(picture) for picture in pictures]},
+        data={"rows": [_row(record) for record in records], "pictures": shown},
     )
-
-
-def number(value: float | None, unit: str, sign: bool = False) -> str:
-    """A figure to three digits with a true minus sign; a dash where there is none."""
-    if value is None:
-        return "–"
-    places = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
-    text = f"{value:{'+' if sign else ''}.{places}f}".replace("-", "−")
-    text = text.lstrip("+−") if not float(f"{value:.{places}f}") else text
-    return f"{text}{'' if unit == '°' else ' '}{unit}"
-
-
-def percent(share: float | None) -> str:
-    """A share 0..1 as text; a dash where there is none."""
-    if share is None:
-        return "–"
-    return f"{100 * share:.1f} %" if 0 < share < 1 else f"{100 * share:.0f} %"
-
-
-def _check(records: list[Record], pictures: list[Picture], counts: Mapping[str, int]) -> None:
-    unknown = sorted(set(counts) - set(STATUSES))
-    if unknown:
-        raise ValueError(f"counts must be of {', '.join(STATUSES)}, got {', '.join(unknown)}")
-    for picture in pictures:
-        if not 0 <= picture.record < len(records):
-            raise ValueError(f"a picture belongs to record {picture.record}, but there are {len(records)} records")
-        if "skipped" in records[picture.record]:
-            raise ValueError(f"a picture belongs to record {picture.record}, whose frame was skipped")
 
 
 def _read_template(name: str) -> str:
     return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
 
 
 def _row(record: Record) -> Record:
@@ -126,11 +98,6 @@ def _row(record: Record) -> Record:
     return row | {"seconds": sum(record["seconds"].values()) if record.get("seconds") else None}
 
 
-def _picture(picture: Picture) -> Record:
-    hazy, marked = (base64.b64encode(jpeg).decode("ascii") for jpeg in (picture.hazy_jpeg, picture.marked_jpeg))
-    return {"record": picture.record, "hazy": hazy, "marked": marked}
-
-
 def _bars(seen: list[Record], counts: Mapping[str, int]) -> list[tuple[str, list[tuple[str, str, int]]]]:
     """Title of each bar and its parts: name, meaning, frames."""
     found = [(name, "both lines" if name == "ok" else "", counts.get(name, 0)) for name in STATUSES]
@@ -148,11 +115,10 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
         yield "Both lines found", percent(rate), "of the frames that truly show a runway"
     elif total > skipped:
         yield "Both lines found", percent(counts.get("ok", 0) / (total - skipped)), "of the frames used"
-    errors = {row.name: row for row in figures.error_rows(seen)}
+    errors = {name: (median, p95) for name, _, median, p95, *_ in figures.error_rows(seen)}
     for name, label in (("Lateral deviation", "Lateral error"), ("Centre line, direction", "Direction error")):
         if name in errors:
-            row = errors[name]
-            yield f"{label}, median", number(row.median, row.unit), f"95 %: {number(row.p95, row.unit)}"
+            yield f"{label}, median", errors[name][0], f"95 %: {errors[name][1]}"
     sigma = figures.median_sigma(seen, "lateral_deviation_m")
     if not errors and sigma is not None:
         yield "Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with"
@@ -177,18 +143,6 @@ def _track_cards(seen: list[Record]) -> Iterator[tuple[str, str, str]]:
     missed = figures.beyond_protection(seen)
     words = "" if missed is None else f"{missed[0]} of {missed[1]} beyond their protection level without a flag"
     yield "Flagged frames", f"{sum(bool(track['flags']) for track in tracks)}", words
-
-
-def _error_cells(row: figures.ErrorRow) -> tuple[str, ...]:
-    sizes = (number(row.median, row.unit), number(row.p95, row.unit), number(row.bias, row.unit, sign=True))
-    return row.name, f"{row.frames}", *sizes, percent(row.within_1_sigma), percent(row.within_2_sigma)
-
-
-def _band_cells(row: figures.BandRow) -> tuple[str, ...]:
-    band = f"{row.low_m:.0f} m and more" if math.isinf(row.high_m) else f"{row.low_m:.0f} to {row.high_m:.0f} m"
-    lateral = number(row.lateral_median_m, "m"), number(row.lateral_p95_m, "m")
-    others = number(row.heading_median_deg, "°"), number(row.height_median_m, "m")
-    return band, f"{row.frames}", percent(row.found_rate), *lateral, *others
 
 
 def _plots_note(seen: list[Record], counts: Mapping[str, int]) -> str:

@@ -6,6 +6,7 @@ shows a red flag, never a centred needle.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deckline.report.draw import (
     BACKGROUND,
@@ -33,7 +34,7 @@ from deckline.report.draw import (
 from deckline.types import DepthMode, Guidance, Status, TrackState, Value
 
 BAND = (1280, 248)  # width, height, px
-LATERAL_DOT_M = 5.0  # sideways per dot: two dots, 10 m, lie outside the edge lines of the decks in SPEC section 7
+LATERAL_DOT_M = 5.0  # sideways per dot: two dots, 10 m, lie outside the edge lines of a carrier's landing deck
 GLIDESLOPE_DOT_DEG = 0.35  # ICAO Annex 10: full scale is 0.7 degrees, two dots
 FULL_SCALE_DOTS = 2.4  # where a needle rests against its stop
 DOT_PX = 40
@@ -57,22 +58,14 @@ MODES = {
 }
 
 
-def lateral_dots(guidance: Guidance) -> float | None:
+def lateral_needle(guidance: Guidance) -> Value | None:
     """Where the vertical needle stands, dots, right positive; None: flag."""
-    deviation = guidance.lateral_deviation_m
-    return None if deviation is None else _stopped(-deviation.value / LATERAL_DOT_M)
+    return _needle(guidance.lateral_deviation_m, LATERAL_DOT_M)
 
 
-def glideslope_dots(guidance: Guidance) -> float | None:
+def glideslope_needle(guidance: Guidance) -> Value | None:
     """Where the horizontal needle stands, dots, up positive; None: flag."""
-    above = guidance.vertical_deviation_rad
-    return None if above is None else _stopped(-float(np.rad2deg(above.value)) / GLIDESLOPE_DOT_DEG)
-
-
-def glideslope_sigma_dots(guidance: Guidance) -> float:
-    """1-sigma of the horizontal needle, dots; 0 where it shows its flag."""
-    above = guidance.vertical_deviation_rad
-    return 0.0 if above is None else float(np.rad2deg(above.sigma)) / GLIDESLOPE_DOT_DEG
+    return _needle(guidance.vertical_deviation_rad, float(np.deg2rad(GLIDESLOPE_DOT_DEG)))
 
 
 def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
@@ -87,41 +80,41 @@ def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
 def draw_instrument(guidance: Guidance) -> Image:
     """The band (248, 1280, 3) below the pictures: indicator, numbers, status."""
     image = np.full((BAND[1], BAND[0], 3), BACKGROUND, dtype=np.uint8)
-    _indicator(image, guidance)
+    _draw_indicator(image, guidance)
     for column, tile in enumerate(_tiles(guidance)):
-        _tile(image, column, *tile)
-    _status(image, guidance)
-    _legend(image, guidance.glideslope_rad)
+        _draw_tile(image, column, *tile)
+    _draw_status(image, guidance)
+    _draw_legend(image, guidance.glideslope_rad)
     return image
 
 
-def _stopped(dots: float) -> float:
-    return float(np.clip(dots, -FULL_SCALE_DOTS, FULL_SCALE_DOTS))
+def _needle(deviation: Value | None, dot: float) -> Value | None:
+    """A needle points to where the line or the slope is: against the deviation."""
+    if deviation is None:
+        return None
+    return Value(float(np.clip(-deviation.value / dot, -FULL_SCALE_DOTS, FULL_SCALE_DOTS)), deviation.sigma / dot)
 
 
-def _indicator(image: Image, guidance: Guidance) -> None:
+def _draw_indicator(image: Image, guidance: Guidance) -> None:
     left, top, side = FACE
-    x, y = left + side // 2, top + side // 2
+    x, y = middle = np.array([left + side // 2, top + side // 2])
     draw_box(image, (left, top), (side, side), EDGE, 14)
     draw_box(image, (left + 2, top + 2), (side - 4, side - 4), (10, 13, 17), 12)
     for step in (-2, -1, 1, 2):
         draw_dot(image, (x + step * DOT_PX, y), 4, DIM, filled=False)
         draw_dot(image, (x, y + step * DOT_PX), 4, DIM, filled=False)
-    lateral, glideslope = lateral_dots(guidance), glideslope_dots(guidance)
-    reach = side // 2 - 10
-    if glideslope is not None:
-        level = y - glideslope * DOT_PX
-        _sigma_band(image, (x, level), (reach, glideslope_sigma_dots(guidance) * DOT_PX))
-    if lateral is not None and guidance.lateral_deviation_m is not None:
-        across = x + lateral * DOT_PX
-        _sigma_band(image, (across, y), (guidance.lateral_deviation_m.sigma / LATERAL_DOT_M * DOT_PX, reach))
-    limits = lateral_limits_dots(guidance)
-    for limit in limits or ():
-        draw_segment(image, [(x + limit * DOT_PX, y - 18), (x + limit * DOT_PX, y + 18)], CAUTION, 2)
-    if glideslope is not None:
-        draw_segment(image, [(x - reach, level), (x + reach, level)], NEEDLE, 3)
-    if lateral is not None:
-        draw_segment(image, [(across, y - reach), (across, y + reach)], NEEDLE, 3)
+    right, up, reach = np.array([DOT_PX, 0]), np.array([0, -DOT_PX]), side // 2 - 10
+    lateral, glideslope = lateral_needle(guidance), glideslope_needle(guidance)
+    needles = []
+    for needle, across, along in ((glideslope, up, right), (lateral, right, up)):
+        if needle is not None:
+            centre, arm = middle + needle.value * across, reach / DOT_PX * along
+            _brighten(image, centre, np.abs(needle.sigma * across + arm))
+            needles.append([centre - arm, centre + arm])
+    for limit in lateral_limits_dots(guidance) or ():
+        draw_segment(image, [middle + limit * right + [0, end] for end in (-18, 18)], CAUTION, 2)
+    for ends in needles:
+        draw_segment(image, ends, NEEDLE, 3)
     # The aircraft: the fixed mark in the middle.
     draw_segment(image, [(x - 16, y), (x - 6, y)], CENTRE, 2)
     draw_segment(image, [(x + 6, y), (x + 16, y)], CENTRE, 2)
@@ -134,62 +127,47 @@ def _indicator(image: Image, guidance: Guidance) -> None:
         draw_box(image, (x - 70, y - 21), (140, 42), FLAG, 5)
         draw_text(image, "NO LINES", (x - measure_text("NO LINES", 22, 700) / 2, y + 8), 22, INK, 700)
     draw_text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, DIM)
-    slope = f"dot {GLIDESLOPE_DOT_DEG:g}°"
-    draw_text(image, slope, (left + side - 62, top + side - 12), 12, DIM)
+    draw_text(image, f"dot {GLIDESLOPE_DOT_DEG:g}°", (left + side - 62, top + side - 12), 12, DIM)
 
 
-def _sigma_band(image: Image, middle: tuple[float, float], half: tuple[float, float]) -> None:
-    """Brighten what lies within 1-sigma of a needle, as far as the face reaches."""
+def _brighten(image: Image, centre: NDArray[np.float64], half: NDArray[np.float64]) -> None:
+    """Show what lies within 1-sigma of a needle, as far as the face reaches."""
     left, top, side = FACE
-    x0, x1 = (round(float(np.clip(middle[0] + s * half[0], left + 10, left + side - 10))) for s in (-1, 1))
-    y0, y1 = (round(float(np.clip(middle[1] + s * half[1], top + 10, top + side - 10))) for s in (-1, 1))
+    low = np.array([left, top]) + 10
+    ends = np.clip([centre - half, centre + half], low, low + side - 20)
+    (x0, y0), (x1, y1) = np.rint(ends).astype(int)
     part = image[y0:y1, x0:x1]
     part[:] = np.rint(part + SIGMA_OPACITY * (np.array(NEEDLE) - part.astype(np.float64))).astype(np.uint8)
 
 
 def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
-    """Title, value, unit, decimals and meaning of each readout."""
-    lateral, heading = guidance.lateral_deviation_m, guidance.heading_error_rad
+    """Title, value, unit, decimals and meaning of each number."""
+    lateral, heading, slope = guidance.lateral_deviation_m, guidance.heading_error_rad, guidance.vertical_deviation_m
     degrees = None if heading is None else Value(*np.rad2deg([heading.value, heading.sigma]).tolist())
-    bounds = guidance.protection
     beside = _side(lateral, "right of the line", "left of the line")
-    slope = _side(guidance.vertical_deviation_m, "above slope", "below slope", guidance.vertical_deviation_m)
+    above = "of the aircraft" if slope is None else f"{abs(slope.value):.1f} m {_side(slope, 'above', 'below')} slope"
+    if guidance.protection is not None:
+        beside += f"  ·  within {guidance.protection.lateral_m:.1f} m"
+        above += f"  ·  within {guidance.protection.vertical_m:.1f} m"
+    rates = ((guidance.closing_m_s, "closing {:.0f} m/s"), (guidance.height_rate_m_s, "height {:+.1f} m/s"))
+    ahead = ", ".join(words.format(rate.value) for rate, words in rates if rate is not None)
     return [
-        ("LATERAL DEVIATION", lateral, "m", 1, beside + _bound(None if bounds is None else bounds.lateral_m)),
+        ("LATERAL DEVIATION", lateral, "m", 1, beside),
         ("HEADING ERROR", degrees, "°", 1, _side(degrees, "nose to the right", "nose to the left")),
-        (
-            "HEIGHT ABOVE DECK",
-            guidance.height_above_deck_m,
-            "m",
-            1,
-            (slope or "of the aircraft") + _bound(None if bounds is None else bounds.vertical_m),
-        ),
-        ("DISTANCE TO RAMP", guidance.distance_to_ramp_m, "m", 0, _rates(guidance) or "along the centre line"),
+        ("HEIGHT ABOVE DECK", guidance.height_above_deck_m, "m", 1, above),
+        ("DISTANCE TO RAMP", guidance.distance_to_ramp_m, "m", 0, ahead or "along the centre line"),
     ]
 
 
-def _bound(level_m: float | None) -> str:
-    return "" if level_m is None else f"  ·  within {level_m:.1f} m"
+def _side(value: Value | None, positive: str, negative: str) -> str:
+    return "" if value is None else positive if value.value > 0 else negative
 
 
-def _rates(guidance: Guidance) -> str:
-    """Closing speed and climb in words, or an empty text."""
-    rates = ((guidance.closing_m_s, "closing {:.0f} m/s"), (guidance.height_rate_m_s, "height {:+.1f} m/s"))
-    return ", ".join(words.format(rate.value) for rate, words in rates if rate is not None)
-
-
-def _side(value: Value | None, positive: str, negative: str, size: Value | None = None) -> str:
-    """On which side of something, and by how many metres where `size` says it."""
-    if value is None:
-        return ""
-    by = "" if size is None else f"{abs(size.value):.1f} m "
-    return by + (positive if value.value > 0 else negative)
-
-
-def _tile(image: Image, column: int, title: str, value: Value | None, unit: str, digits: int, meaning: str) -> None:
-    width, gap, top = 245, 9, 12
-    left = FACE[0] + FACE[2] + 16 + column * (width + gap)
-    draw_box(image, (left, top), (width, 118), PANEL, 10)
+def _draw_tile(
+    image: Image, column: int, title: str, value: Value | None, unit: str, digits: int, meaning: str
+) -> None:
+    left, top = FACE[0] + FACE[2] + 16 + column * 254, 12
+    draw_box(image, (left, top), (245, 118), PANEL, 10)
     draw_text(image, title, (left + 14, top + 24), 13, DIM, 500)
     if value is None:
         draw_text(image, "- - -", (left + 14, top + 66), 34, EDGE, 600)
@@ -206,7 +184,7 @@ def _tile(image: Image, column: int, title: str, value: Value | None, unit: str,
     draw_text(image, meaning, (left + 14, top + 100), 14, DIM)
 
 
-def _status(image: Image, guidance: Guidance) -> None:
+def _draw_status(image: Image, guidance: Guidance) -> None:
     left, top = FACE[0] + FACE[2] + 16, 144
     words, colour, ink = STATUS_TAGS[guidance.status]
     left += draw_tag(image, words, (left, top), 18, colour, ink) + 14
@@ -219,7 +197,7 @@ def _status(image: Image, guidance: Guidance) -> None:
         draw_text(image, line, (left, top + (21 if row == 0 else 41)), 14, DIM)
 
 
-def _legend(image: Image, glideslope_rad: float | None) -> None:
+def _draw_legend(image: Image, glideslope_rad: float | None) -> None:
     left, y = FACE[0] + FACE[2] + 16, 222
     for name, colour in (("left line", LEFT), ("right line", RIGHT), ("centre line", CENTRE)):
         draw_box(image, (left, y - 8), (22, 6), colour, 2)

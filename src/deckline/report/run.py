@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from deckline.pipeline import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
-from deckline.report.html import Picture, report_html
+from deckline.report.html import Pictures, report_html
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
 from deckline.report.provenance import run_info, settings_of
 from deckline.report.records import Record, frame_record, lookup, read_records, skipped_record, to_line, write_csv
@@ -55,8 +55,6 @@ def run(
     chain: Chain,
     out: Path,
     *,
-    overlay: bool = True,
-    report: bool = True,
     max_frames: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -72,8 +70,6 @@ def run(
         source: frames in their order.
         chain: the stages.
         out: folder, made when missing.
-        overlay: write overlay.mp4.
-        report: write report.html.
         max_frames: stop after so many frames of the source, unusable ones included.
         resume: go on after the last whole line of an interrupted run in `out`.
         overwrite: replace the results of an older run in `out`, at the end.
@@ -87,10 +83,10 @@ def run(
         raise ValueError(f"{source.name}: frames missed live are gone: leave resume out, or choose another folder")
     total = min((limit for limit in (source.length, max_frames) if limit is not None), default=None)
     settings = settings_of(chain)
-    state = {"source": source.name, "frames": str(source.length), "overlay": str(overlay)} | settings
+    state = {"source": source.name, "frames": str(source.length)} | settings
     folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
-    sample = PictureSample(folder.pictures) if report else None
-    counts, stopped = _process(source, chain, folder, sample, total, overlay)
+    sample = PictureSample(folder.pictures)
+    counts, stopped = _process(source, chain, folder, sample, total)
     frames = sum(counts.values())
     info = run_info(source, frames, total, stopped and total is not None) | settings
     try:
@@ -123,7 +119,7 @@ def explain_missing(records: Iterable[Record]) -> str:
 
 
 def _process(
-    source: Stream, chain: Chain, folder: RunFolder, sample: PictureSample | None, total: int | None, film: bool
+    source: Stream, chain: Chain, folder: RunFolder, sample: PictureSample, total: int | None
 ) -> tuple[Counts, bool]:
     """Process every frame that is still missing.
 
@@ -137,7 +133,7 @@ def _process(
         stopped = stack.enter_context(_noticing_ctrl_c(source))
         progress = stack.enter_context(_progress())
         lines = stack.enter_context(folder.jsonl.open("ab", buffering=0))
-        piece = stack.enter_context(VideoPiece(folder.next_piece(), OVERLAY_PX)) if film else None
+        piece = stack.enter_context(VideoPiece(folder.next_piece(), OVERLAY_PX))
         task = progress.add_task("frames", total=total, completed=first, counts=_counts_text(counts))
         try:
             for index, item in enumerate(_items(source, first, total), first):
@@ -151,7 +147,9 @@ def _process(
                     words = f"skipped {outcome.file}: {outcome.reason}"
                     progress.console.print(words, markup=False, highlight=False, soft_wrap=True)
                 else:
-                    _show(outcome, index, sample, piece)
+                    panels = draw_panels(outcome)
+                    sample.add(index, panels)
+                    piece.add(draw_overlay(outcome.frame, outcome.guidance, panels), outcome.frame.time_s)
                 progress.update(task, completed=index + 1, counts=_counts_text(counts))
                 if stopped.is_set() and index + 1 != total:
                     return counts, True
@@ -191,41 +189,29 @@ def _flag_resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
     return replace(outcome, track=track, guidance=guidance)
 
 
-def _show(result: FrameResult, index: int, sample: PictureSample | None, piece: VideoPiece | None) -> None:
-    if sample is None and piece is None:
-        return
-    panels = draw_panels(result)
-    if sample is not None:
-        sample.add(index, panels)
-    if piece is not None:
-        piece.add(draw_overlay(result.frame, result.guidance, panels), result.frame.time_s)
-
-
-def _publish(folder: RunFolder, sample: PictureSample | None, info: dict[str, str], counts: Counts) -> list[Path]:
+def _publish(folder: RunFolder, sample: PictureSample, info: dict[str, str], counts: Counts) -> list[Path]:
     """Make the files that need the whole run, then rename them to where they belong."""
-    names = [CSV]
+    names = [CSV, REPORT]
     write_csv(folder.work / CSV, read_records(folder.jsonl))
     if join(folder.pieces(), folder.work / VIDEO):
         names.append(VIDEO)
-    if sample is not None:
-        records, pictures = _choose_records(folder.jsonl, sample, sum(counts.values()))
-        (folder.work / REPORT).write_text(report_html(info, records, pictures, counts), encoding="utf-8")
-        names.append(REPORT)
+    records, pictures = _choose_records(folder.jsonl, sample, sum(counts.values()))
+    (folder.work / REPORT).write_text(report_html(info, records, pictures, counts), encoding="utf-8")
     return folder.publish(names)
 
 
-def _choose_records(jsonl: Path, sample: PictureSample, count: int) -> tuple[list[Record], list[Picture]]:
+def _choose_records(jsonl: Path, sample: PictureSample, count: int) -> tuple[list[Record], Pictures]:
     """Records for the report, whose number does not grow with the run, and the pictures that belong to them."""
     kept = set(sample.kept())
     step = max(-(-count // REPORT_RECORDS), 1)
     records: list[Record] = []
-    pictures: list[Picture] = []
+    pictures: Pictures = {}
     skipped = 0
     for index, record in enumerate(read_records(jsonl)):
         skipped += "skipped" in record
         listed = "skipped" in record and skipped <= REPORT_SKIPPED
         if index in kept:
-            pictures.append(Picture(len(records), *sample.read(index)))
+            pictures[len(records)] = sample.read(index)
         if index % step == 0 or index in kept or listed:
             records.append(record)
     return records, pictures

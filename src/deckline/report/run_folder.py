@@ -8,7 +8,7 @@ run, the new guidance.jsonl grows in .unfinished too: until the new run ends, th
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from deckline.atomic import write_atomic
@@ -117,7 +117,7 @@ def resume_folder(out: Path, state: State) -> RunFolder:
     except OSError as error:
         raise ValueError(f"{out}: cannot be resumed: {error.strerror or error}") from None
     folder = RunFolder(out, jsonl, recorded, recorded)
-    return RunFolder(out, jsonl, recorded, _first_unfilmed(folder)) if state["overlay"] == str(True) else folder
+    return replace(folder, filmed=_first_unfilmed(folder))
 
 
 def _first_unfilmed(folder: RunFolder) -> int:
