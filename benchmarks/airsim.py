@@ -21,7 +21,7 @@ import msgpack
 
 from deckline.adapters.airsim.protocol import encode_request
 from deckline.adapters.airsim.server import serving_in_thread
-from deckline.adapters.airsim.settings import PLANAR, SCENE, SEGMENTATION, Capture, default_settings
+from deckline.adapters.airsim.settings import PLANAR, SCENE, SEGMENTATION, Capture, parse_settings
 from deckline.sim.camera.depth_camera import DepthConfig
 from deckline.sim.config import SimConfig
 
@@ -31,7 +31,7 @@ READ_BYTES = 1 << 20
 
 def main(repeats: int, width: int, height: int) -> None:
     config = SimConfig(width=width, height=height, keep_clear=False, depth=DepthConfig(range_m=float("inf")))
-    settings = default_settings(Capture(config.width, config.height, config.fov_deg))
+    settings = parse_settings({}, Capture(config.width, config.height, config.fov_deg))
     seconds: dict[str, list[float]] = {name: [] for name in CALLS}
     with (
         tempfile.TemporaryDirectory() as out,

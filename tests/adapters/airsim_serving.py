@@ -11,7 +11,7 @@ import pytest
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.protocol import Decoder, encode_request
 from deckline.adapters.airsim.server import serving_in_thread
-from deckline.adapters.airsim.settings import Capture, default_settings
+from deckline.adapters.airsim.settings import Capture, parse_settings
 from deckline.sim import RendererError
 from deckline.sim.camera.depth_camera import DepthConfig
 from deckline.sim.camera.sensor import SensorConfig
@@ -28,7 +28,7 @@ CONFIG = SimConfig(
     depth=DepthConfig(range_m=float("inf")),
     sensor=SensorConfig(noise=0.0, electrons=0.0),
 )
-WORLD_SETTINGS = default_settings(Capture(WIDTH, HEIGHT, FOV_DEG))
+WORLD_SETTINGS = parse_settings({}, Capture(WIDTH, HEIGHT, FOV_DEG))
 
 
 @dataclass
@@ -46,7 +46,7 @@ def running_server(out, config=CONFIG, **options):
     """A server until the block ends; an error in it is raised here."""
     running = Running(0, [], out, [0.0])
     clock = Clock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)
-    settings = default_settings(Capture(config.width, config.height, config.fov_deg))
+    settings = parse_settings({}, Capture(config.width, config.height, config.fov_deg))
     options |= {"port": 0, "out": out, "log": running.lines.append, "clock": clock}
     try:
         with serving_in_thread(config, settings, **options) as running.port:

@@ -9,14 +9,14 @@ from scipy.spatial.transform import RigidTransform
 from deckline.adapters.airsim import images
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.images import Recorder, draw_depth, encode_depth, get_images, has_moved, read_requests
-from deckline.adapters.airsim.settings import PERSPECTIVE, PLANAR, SCENE, Capture, default_settings
+from deckline.adapters.airsim.settings import PERSPECTIVE, PLANAR, SCENE, Capture, parse_settings
 from deckline.adapters.airsim.world import World
 from deckline.geometry import Camera
 from deckline.recording import open_recording
 from deckline.sim.camera.lens import LensConfig
 from deckline.types import Frame
 
-INTERVAL = replace(default_settings(Capture(8, 6, 90.0)), interval_s=0.01)
+INTERVAL = replace(parse_settings({}, Capture(8, 6, 90.0)), interval_s=0.01)
 
 
 def test_pictures_of_one_call_are_drawn_once_a_camera(world, monkeypatch):
@@ -38,7 +38,6 @@ def test_depth_goes_through_lenses_that_bend():
     asked = [{"camera_name": "0", "image_type": PERSPECTIVE, "pixels_as_float": True}]
     lens = LensConfig(distortion=(-0.05, 0.0, 0.0, 0.0, 0.0))
     with World(replace(CONFIG, lens=lens), WORLD_SETTINGS, Clock(lambda: 0.0)) as bent:
-        assert bent.has_distortion
         frame = bent.picture("front_center", SCENE, bent.state, 0.0)
         (answer,) = get_images(bent, read_requests(asked, WORLD_SETTINGS))
     v, u = np.argwhere(frame.depth_m < 1000.0)[100]

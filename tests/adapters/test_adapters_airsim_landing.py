@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from airsim_serving import CONFIG, running_server
+from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.client import Connection
+from deckline.adapters.airsim.protocol import pose_struct
 from deckline.adapters.airsim.source import LiveSource
 from deckline.cli.main import main
 from deckline.geometry import attitude
@@ -47,15 +49,6 @@ def flown(running):
     return folder
 
 
-def set_pose(connection, method, name, position, turn):
-    w, x, y, z = turn.as_quat(scalar_first=True).tolist()
-    values = {
-        "position": dict(zip(("x_val", "y_val", "z_val"), map(float, position), strict=True)),
-        "orientation": {"w_val": w, "x_val": x, "y_val": y, "z_val": z},
-    }
-    connection.call(method, *([name, values, ""] if name else [values, True, ""]))
-
-
 def test_the_script_flies_the_profile_and_its_recording_is_read(flown):
     recorded = list(open_recording(flown))
     assert len(recorded) >= 5
@@ -87,8 +80,9 @@ def test_live_frames_are_where_the_vehicle_was_put_and_show_what_is_there(runnin
     place = np.add(RAMP_M, [200.0, -30.0, -35.0])
     tilt, offset = attitude(0.0, -0.1, 0.03), [2.0, 0.3, 0.5]
     with Connection("127.0.0.1", running.port) as connection:
-        set_pose(connection, "simSetVehiclePose", "", place, body)
-        set_pose(connection, "simSetCameraPose", "front_center", offset, tilt)
+        connection.call("simSetVehiclePose", pose_struct(RigidTransform.from_components(place, body)), True)
+        mount = pose_struct(RigidTransform.from_components(offset, tilt))
+        connection.call("simSetCameraPose", "front_center", mount)
         source = LiveSource(f"airsim://127.0.0.1:{running.port}", "front_center", rate_hz=100.0, deck_z_m=6.08)
         (frame,) = islice(source, 1)
         connection.call("reset")

@@ -15,7 +15,6 @@ from deckline.adapters.airsim.protocol import (
     camera_struct,
     encode,
     encode_request,
-    encode_response,
     geo_struct,
     multirotor_struct,
     pose_struct,
@@ -39,7 +38,7 @@ def decode(data, **limits):
 
 def test_messages_are_the_bytes_of_the_specification():
     assert encode_request(7, "ping", ()) == PING
-    assert encode_response(7, None, True) == PONG
+    assert encode([1, 7, None, True]) == PONG
     assert decode(PING + PONG) == [Request(7, "ping", ()), Response(7, None, True)]
     assert decode(b"\x93\x02\xa4ping\x91\x05") == [Request(None, "ping", (5,))]
 

@@ -2,8 +2,9 @@
 
 import math
 import socket
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import msgpack
@@ -32,19 +33,15 @@ def picture(image_type, as_float=False):
 
 def test_sixteen_clients_at_once_see_the_same(client, server):
     expected = client.simGetImage("0", 0)
-    seen = []
 
-    def look():
+    def take_two(_number):
         with published_client(server.port) as other:
-            seen.extend(other.simGetImage("0", 0) for _ in range(2))
+            return [other.simGetImage("0", 0) for _ in range(2)]
 
-    threads = [threading.Thread(target=look) for _ in range(16)]
-    for thread in threads:
-        thread.start()
-    assert client.ping() is True
-    for thread in threads:
-        thread.join()
-    assert len(seen) == 32 and set(seen) == {expected}
+    with ThreadPoolExecutor(16) as pool:
+        pairs = pool.map(take_two, range(16))
+        assert client.ping() is True
+        assert [*pairs] == 16 * [[expected, expected]]
 
 
 def test_more_connections_than_there_may_be_are_refused(tmp_path, monkeypatch):
@@ -56,13 +53,11 @@ def test_more_connections_than_there_may_be_are_refused(tmp_path, monkeypatch):
         assert asked(first, "ping") == (None, True)
         assert few.lines[0].endswith("refused, 2 connections are open")
         second.close()
-        for _ in range(100):
-            try:
-                with connected(few.port) as again:
-                    assert asked(again, "ping") == (None, True)
-                    break
-            except ConnectionError:
-                time.sleep(0.01)
+        for _ in range(100):  # until the server notices that a place is free
+            with suppress(ConnectionError), connected(few.port) as again:
+                assert asked(again, "ping") == (None, True)
+                break
+            time.sleep(0.01)
         else:
             raise AssertionError("no place was given back")
 
@@ -87,10 +82,10 @@ def test_many_requests_keep_memory_flat(server):
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"GET / HTTP/1.1\r\n\r\n", "no msgpack-rpc message: 71"),
+        (b"GET / HTTP/1.1\r\n\r\n", "71"),
         (b"\xdd\x7f\xff\xff\xff", "2147483647"),
-        (b"\x94\x01\x07\xc0\xc3", "an answer, though nothing was asked"),
-        (encode_request(1, "ping", ())[:-1], "left in the middle of a message"),
+        (b"\x94\x01\x07\xc0\xc3", "answer"),
+        (encode_request(1, "ping", ())[:-1], "middle"),
     ],
 )
 def test_broken_connections_are_named_and_closed(client, server, data, says):

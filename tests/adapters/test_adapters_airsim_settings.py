@@ -8,7 +8,6 @@ from deckline.adapters.airsim.settings import (
     PLANAR,
     SCENE,
     Capture,
-    default_settings,
     parse_settings,
     read_settings,
 )
@@ -41,7 +40,7 @@ GIVEN = {
 
 
 def test_cameras_have_airsims_names_and_numbers():
-    settings = default_settings(USUAL)
+    settings = parse_settings({}, USUAL)
     names = ["front_center", "front_right", "front_left", "bottom_center", "back_center"]
     assert [settings.find_camera(str(number)) for number in range(5)] == names == list(settings.cameras)
     ahead = {name: setting.mount.rotation.apply([1.0, 0.0, 0.0]) for name, setting in settings.cameras.items()}
@@ -72,14 +71,14 @@ def test_a_settings_file_is_read_as_airsim_does(tmp_path):
     np.testing.assert_allclose(nose.mount.rotation.apply([1.0, 0.0, 0.0]), [np.sqrt(1 - down**2), 0.0, down])
     turned = settings.cameras["front_right"].mount
     np.testing.assert_allclose(turned.rotation.apply([1.0, 0.0, 0.0]), [np.sqrt(0.75), 0.5, 0.0], atol=1e-12)
-    np.testing.assert_allclose(turned.translation, default_settings(USUAL).cameras["front_right"].mount.translation)
+    np.testing.assert_allclose(turned.translation, parse_settings({}, USUAL).cameras["front_right"].mount.translation)
     assert "1" not in settings.cameras
 
 
 def test_an_empty_file_is_airsims_defaults():
     settings = parse_settings({}, USUAL)
     assert (settings.vehicle, settings.origin, settings.interval_s) == ("SimpleFlight", ORIGIN, 0.05)
-    assert settings.cameras.keys() == default_settings(USUAL).cameras.keys()
+    assert settings.cameras.keys() == parse_settings({}, USUAL).cameras.keys()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from airsim_stand_in import BGR, HALF, StandIn, pose, response, vector
+from airsim_stand_in import BGR, HALF, StandIn, pose, response
 
 from deckline.adapters.airsim.source import LiveSource, Pace
 from deckline.cli.main import main
@@ -52,14 +52,8 @@ def test_frames_come_until_the_source_is_stopped():
 
 
 def test_a_broken_frame_is_passed_on_as_such_and_the_next_is_asked_for():
-    answers = iter(
-        [
-            [response(0), response(1)],
-            [response(0, image_data_uint8=BGR.tobytes()[:5]), response(1)],
-            [],
-            [response(0), response(1)],
-        ]
-    )
+    good, bad = [response(0), response(1)], [response(0, image_data_uint8=BGR.tobytes()[:5]), response(1)]
+    answers = iter([good, bad, [], good])
     with StandIn(simGetImages=lambda *_params: next(answers)) as server:
         source, _ = live(server)
         items = list(islice(source.items(), 4))
@@ -67,17 +61,6 @@ def test_a_broken_frame_is_passed_on_as_such_and_the_next_is_asked_for():
     assert "got 5 bytes" in items[1].reason
     assert items[1].file == "0#1700000000250000000"
     assert items[2].file == "0"
-
-
-def test_the_field_of_view_is_followed_while_it_changes():
-    fov = [90.0]
-    with StandIn(simGetCameraInfo=lambda *_params: {"pose": pose(), "fov": fov[0]}) as server:
-        source, _ = live(server)
-        frames = iter(source)
-        assert next(frames).camera.fx == pytest.approx(2.0)  # 4 px wide
-        fov[0] = 2 * np.degrees(np.arctan(0.5))
-        assert next(frames).camera.fx == pytest.approx(4.0)
-        frames.close()
 
 
 def test_a_simulator_that_goes_away_is_waited_for_and_said_once():
@@ -143,21 +126,22 @@ def test_a_moving_vehicles_mount_is_noted_with_its_bound():
     assert source.notes == ("the vehicle was moving: where the camera sits on it is known within 0.8 m",)
 
 
-def test_a_camera_that_is_turned_on_its_vehicle_is_followed():
-    turn = [(1.0, 0.0, 0.0, 0.0)]
+def test_a_camera_that_turns_and_zooms_on_its_vehicle_is_followed():
+    turn, fov = [(1.0, 0.0, 0.0, 0.0)], [90.0]
 
     def images(*_params):
         at = {"camera_orientation": pose(turn=turn[0])["orientation"]}
         return [response(0, **at), response(1, **at)]
 
-    info = {"simGetCameraInfo": lambda *_params: {"pose": pose(turn=turn[0]), "fov": 90.0}}
+    info = {"simGetCameraInfo": lambda *_params: {"pose": pose(turn=turn[0]), "fov": fov[0]}}
     with StandIn(simGetImages=images, **info) as server:
-        source, _ = live(server)
-        frames = iter(source)
-        next(frames)
+        frames = iter(live(server)[0])
+        assert next(frames).camera.fx == pytest.approx(2.0)  # 4 px wide
         turn[0] = (HALF, 0.0, 0.0, HALF)  # the camera looks east, the vehicle still north
+        fov[0] = 2 * np.degrees(np.arctan(0.5))
         frame = next(frames)
         frames.close()
+    assert frame.camera.fx == pytest.approx(4.0)
     np.testing.assert_allclose(frame.world_from_body.rotation.apply([1.0, 0.0, 0.0]), [1.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(frame.world_from_camera.rotation.apply([0.0, 0.0, 1.0]), [0.0, 1.0, 0.0], atol=1e-9)
 
@@ -174,10 +158,8 @@ def test_the_wanted_rate_is_kept_and_missed_frames_are_not_made_up_for():
 def test_frames_that_come_too_slowly_are_said_once_with_the_reason():
     pace = Pace(5.0)
     lines = [pace.count_frame(0.5 * n - 0.4, 0.5 * n) for n in range(60)]
-    said = [line for line in lines if line]
-    assert said == [
-        "frames come at 2 a second, more slowly than the 5 asked for: the simulator takes 0.4 s for one, the rest 0.1 s"
-    ]
+    (line,) = [line for line in lines if line]
+    assert all(number in line for number in ("2 a second", "5", "0.4 s", "0.1 s"))
     assert [line for line in (pace.count_frame(100 + 0.2 * n - 0.1, 100 + 0.2 * n) for n in range(60)) if line] == []
     assert len([line for n in range(30) if (line := pace.count_frame(200.0 + n, 200.5 + n))]) == 1  # slow once more
 
@@ -190,12 +172,8 @@ def test_run_takes_frames_live_and_writes_whole_results(tmp_path, capsys):
         assert main([*words, "--resume"]) == 2
     records = [json.loads(line) for line in (tmp_path / "guidance.jsonl").read_text().splitlines()]
     assert [record["time_s"] for record in records] == [0.0, 1.0, 2.0]
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "guidance.csv",
-        "guidance.jsonl",
-        "overlay.mp4",
-        "report.html",
-    ]
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written == {"guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html"}
     shown = capsys.readouterr()
     assert address in shown.err and "resume" in shown.err
     assert str(tmp_path / "report.html") in shown.out
@@ -220,17 +198,6 @@ def test_ctrl_c_ends_a_live_run_with_everything_whole_also_while_it_waits(tmp_pa
     assert len((tmp_path / "guidance.jsonl").read_text().splitlines()) == 2
     assert not (tmp_path / ".unfinished").exists()
     assert "2 frames" in capsys.readouterr().err
-
-
-def test_a_moved_picture_pose_moves_the_aircraft_by_as_much():
-    def images(*_params):
-        at = {"camera_position": vector(11, 2, -3)}
-        return [response(0, **at), response(1, **at)]
-
-    with StandIn(simGetImages=images) as server:
-        source, _ = live(server)
-        (frame,) = islice(source, 1)
-    np.testing.assert_allclose(frame.world_from_body.translation, [11.0, 2.0, -3.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("words", [["airsim:x"], ["airsim://127.0.0.1:1", "--poses", "p.csv"]])

@@ -43,8 +43,7 @@ def measure_mount(connection: Connection, camera: str, vehicle: str) -> MountMea
     The difference of the vehicle's poses bounds the error: each answer is of the instant at which it is asked for.
 
     Raises:
-        CallError, ConnectionLostError, StoppedError: as Connection.call.
-        ValueError: answers that are no poses.
+        CallError, ConnectionLostError, StoppedError, ValueError: as get_camera.
     """
     before = get_vehicle_pose(connection, vehicle)
     world_from_mount, fov_rad = get_camera(connection, camera, vehicle)
@@ -60,8 +59,7 @@ def measure_still_mount(connection: Connection, camera: str, vehicle: str) -> Mo
     """The measurement of several during which the vehicle moved least; the first of a vehicle that stands still.
 
     Raises:
-        CallError, ConnectionLostError, StoppedError: as Connection.call.
-        ValueError: answers that are no poses.
+        CallError, ConnectionLostError, StoppedError, ValueError: as get_camera.
     """
     best = measure_mount(connection, camera, vehicle)
     for _ in range(MEASUREMENTS - 1):
@@ -83,7 +81,7 @@ def update_mount(mount: RigidTransform, measured: MountMeasurement) -> RigidTran
 
 
 def interpolate_middle(first: RigidTransform, second: RigidTransform) -> RigidTransform:
-    """The pose half way between two that are near each other."""
+    """The pose half way between two near poses."""
     rotation = Rotation.concatenate([first.rotation, second.rotation]).mean()
     return RigidTransform.from_components(np.add(first.translation, second.translation) / 2, rotation)
 
@@ -115,7 +113,7 @@ def read_frame(
     Raises:
         ValueError: an answer that is empty or broken, or answers that do not belong together.
     """
-    image, stored = read_image(scene), read_depth(depth)
+    image, stored = _read_image(scene), _read_depth(depth)
     camera = Camera.from_fov(image.shape[1], image.shape[0], fov_rad)
     check_depth_size(stored.shape, camera, "DepthPlanar")
     world_from_mount = read_image_pose(scene, "Scene")
@@ -136,12 +134,8 @@ def read_frame(
     )
 
 
-def read_image(answer: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Raw picture B, G, R -> RGB uint8 (H, W, 3).
-
-    Raises:
-        ValueError: empty, or another number of bytes.
-    """
+def _read_image(answer: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """Raw picture B, G, R -> RGB uint8 (H, W, 3)."""
     height, width = _read_size(answer, "Scene")
     data = answer.get("image_data_uint8")
     if not isinstance(data, bytes) or len(data) != height * width * 3:
@@ -151,12 +145,8 @@ def read_image(answer: Mapping[str, Any]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(bgr[:, :, ::-1])
 
 
-def read_depth(answer: Mapping[str, Any]) -> NDArray[np.float32]:
-    """Float depth -> float32 (H, W), as sent.
-
-    Raises:
-        ValueError: empty, a picture in its place, or another count of numbers.
-    """
+def _read_depth(answer: Mapping[str, Any]) -> NDArray[np.float32]:
+    """Float depth -> float32 (H, W), as sent."""
     height, width = _read_size(answer, "DepthPlanar")
     data = answer.get("image_data_float")
     count = len(data) if isinstance(data, list) else 0

@@ -84,32 +84,33 @@ def get_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
     if sum(camera.width * camera.height for camera in cameras) > MAX_PIXELS:
         raise ValueError(f"images of one call may have {MAX_PIXELS} pixels together: ask for them in several calls")
     frames: dict[_View, Frame] = {}
-    depths: dict[_View, NDArray[np.float32]] = {}
-    from_frame = (SCENE, *FLOATS) if world.has_distortion else (SCENE,)
+    depths: dict[_View, tuple[Camera, NDArray[np.float32] | None]] = {}
     views = [
         (request.camera, camera.width, camera.height, camera.fx)
         for request, camera in zip(requests, cameras, strict=True)
     ]
-    drawn = {view for view, request in zip(views, requests, strict=True) if request.image_type in from_frame}
+    scenes = {view for view, request in zip(views, requests, strict=True) if request.image_type == SCENE}
     responses = []
     for request, camera, view in zip(requests, cameras, views, strict=True):
         arguments = (request.camera, request.image_type, state, time_s)
         if request.image_type == SEGMENTATION:
             data = _image_data(world.segmentation(request.camera, state, time_s), request.compress)
-        elif view in drawn:
-            if view not in frames:
-                frames[view] = world.picture(*arguments)
-            data = _frame_data(frames[view], request)
         else:
-            if view not in depths:
-                depths[view] = world.depth(*arguments)
-            data = _depth_data(depths[view], camera, request)
+            if view in scenes and view not in frames:
+                frames[view] = world.picture(*arguments)
+                depths[view] = (frames[view].camera, frames[view].depth_m)
+            if request.image_type == SCENE:
+                data = _image_data(frames[view].image_rgb, request.compress)
+            else:
+                if view not in depths:
+                    depths[view] = world.depth(*arguments)
+                data = _depth_data(*depths[view], request)
         pose = pose_struct(state.world_from_body * world.mount(request.camera, state))
-        responses.append(_describe_image(request, camera, pose, world.clock.nanoseconds(time_s)) | data)
+        responses.append(_image_header(request, camera, pose, world.clock.nanoseconds(time_s)) | data)
     return responses
 
 
-def _describe_image(request: ImageRequest, camera: Camera, pose: Struct, time_ns: int) -> Struct:
+def _image_header(request: ImageRequest, camera: Camera, pose: Struct, time_ns: int) -> Struct:
     """Everything of a response but its pixels."""
     return {
         "camera_name": request.requested_name,
@@ -126,16 +127,10 @@ def _describe_image(request: ImageRequest, camera: Camera, pose: Struct, time_ns
     }
 
 
-def _frame_data(frame: Frame, request: ImageRequest) -> Struct:
-    if request.image_type == SCENE:
-        return _image_data(frame.image_rgb, request.compress)
-    if frame.depth_m is None:
-        raise ValueError(f"{frame.file}: no depth")
-    return _depth_data(frame.depth_m, frame.camera, request)
-
-
-def _depth_data(depth_m: NDArray[np.float32], camera: Camera, request: ImageRequest) -> Struct:
+def _depth_data(camera: Camera, depth_m: NDArray[np.float32] | None, request: ImageRequest) -> Struct:
     """Depth (H, W), NaN where nothing is seen, in the requested form."""
+    if depth_m is None:
+        raise ValueError(f"camera {request.camera!r} has no depth")
     stored = encode_depth(depth_m, camera, request.image_type)
     if not request.as_float:
         return _image_data(draw_depth(stored), request.compress)

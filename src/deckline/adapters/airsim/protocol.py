@@ -117,11 +117,6 @@ def encode_request(number: int, method: str, params: tuple[Any, ...]) -> bytes:
     return encode([REQUEST, number, method, list(params)])
 
 
-def encode_response(number: int, error: Any, result: Any) -> bytes:
-    """An answer as bytes."""
-    return encode([RESPONSE, number, error, result])
-
-
 def encode(value: Any) -> bytes:
     """A value as MessagePack; a float array (N,) is written as a list of single-precision numbers.
 

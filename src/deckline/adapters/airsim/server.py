@@ -17,8 +17,8 @@ from deckline.adapters.airsim import HOST, PORT
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.images import Recorder, record_frame
 from deckline.adapters.airsim.methods import METHODS, Service, call_method
-from deckline.adapters.airsim.protocol import REQUEST_LIMIT, Decoder, ProtocolError, Request, encode_response
-from deckline.adapters.airsim.settings import Capture, Settings, default_settings, read_settings
+from deckline.adapters.airsim.protocol import REQUEST_LIMIT, RESPONSE, Decoder, ProtocolError, Request, encode
+from deckline.adapters.airsim.settings import Capture, Settings, parse_settings, read_settings
 from deckline.adapters.airsim.world import World
 from deckline.sim.config import SimConfig
 from deckline.sim.record import repeatable_command, what_decides_a_frame
@@ -105,7 +105,7 @@ class Connections:
     async def _handle(self, request: Request, writer: asyncio.StreamWriter, peer: str) -> None:
         error, result = await self._call(request, peer)
         if request.id is not None:
-            writer.write(encode_response(request.id, error, result))
+            writer.write(encode([RESPONSE, request.id, error, result]))
             await asyncio.wait_for(writer.drain(), PATIENCE_S)
         await asyncio.sleep(0)  # a peer that sends many calls at once must not hold up the others
 
@@ -220,7 +220,7 @@ def serve_sim(config: SimConfig, options: ServeConfig, out: Path | None) -> None
     """
     config = replace(config, trajectory="approach", keep_clear=False)
     default = Capture(config.width, config.height, config.fov_deg)
-    settings = default_settings(default) if options.settings is None else read_settings(options.settings, default)
+    settings = parse_settings({}, default) if options.settings is None else read_settings(options.settings, default)
     if settings.unused:
         print_to_stderr(f"{options.settings}: without effect here: {', '.join(settings.unused)}")
     if not is_loopback(options.host):

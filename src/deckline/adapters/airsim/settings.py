@@ -77,11 +77,6 @@ class Settings:
         return own
 
 
-def default_settings(default: Capture) -> Settings:
-    """AirSim's five cameras, all with one picture size."""
-    return Settings({name: CameraSetting(_default_mount(name), {ALL_TYPES: default}) for name in MOUNTS})
-
-
 def read_settings(path: Path, default: Capture) -> Settings:
     """A settings.json.
 
@@ -104,7 +99,7 @@ def read_settings(path: Path, default: Capture) -> Settings:
 
 
 def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}") -> Settings:
-    """Settings of the parsed file.
+    """Settings of the parsed file; of an empty one AirSim's five cameras.
 
     Raises:
         ValueError: a value that cannot be, or more than one vehicle.
@@ -130,12 +125,9 @@ def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}"
 
 def _recording(settings: Settings, values: Mapping[str, Any]) -> Settings:
     """The settings with the values of Recording; pictures and depth are recorded of the first camera it names."""
-    cameras = values.get("Cameras", [])
-    if not isinstance(cameras, list):
-        raise ValueError(f"Recording.Cameras must be a list, got {type(cameras).__name__}")
     recorded = settings.recorded
-    if cameras:
-        first = _mapping(cameras[0], "Recording.Cameras")
+    if cameras := _objects(values, "Cameras", "Recording"):
+        first = cameras[0]
         recorded = settings.find_camera(str(first.get("CameraName", first.get("CameraID", "0"))))
     interval_s = values.get("RecordInterval", settings.interval_s)
     return replace(
@@ -147,11 +139,8 @@ def _recording(settings: Settings, values: Mapping[str, Any]) -> Settings:
 
 
 def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: str) -> Mapping[int, Capture]:
-    captures, given = dict(common), values.get("CaptureSettings", [])
-    if not isinstance(given, list):
-        raise ValueError(f"{place}.CaptureSettings must be a list, got {type(given).__name__}")
-    for item in given:
-        item = _mapping(item, f"{place}.CaptureSettings")
+    captures = dict(common)
+    for item in _objects(values, "CaptureSettings", place):
         kind = int(read_number(item.get("ImageType", SCENE), "ImageType", ALL_TYPES, 11))
         base = captures.get(kind, captures[ALL_TYPES])
         captures[kind] = Capture(
@@ -190,6 +179,13 @@ def _origin(values: Mapping[str, Any]) -> tuple[float, float, float]:
         for (name, most), usual in zip(limits, ORIGIN, strict=True)
     ]
     return numbers[0], numbers[1], numbers[2]
+
+
+def _objects(values: Mapping[str, Any], key: str, place: str) -> list[Mapping[str, Any]]:
+    items = values.get(key, [])
+    if not isinstance(items, list):
+        raise ValueError(f"{place}.{key} must be a list, got {type(items).__name__}")
+    return [_mapping(item, f"{place}.{key}") for item in items]
 
 
 def _mapping(value: Any, place: str) -> Mapping[str, Any]:

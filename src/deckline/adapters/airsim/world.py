@@ -106,19 +106,23 @@ class World:
         scenery = self._scenery(state, weather, draw_visibility(self.config.visibility_m, air_rng))
         return self._simulator.picture(view, scenery, picture_rng, self._noise_rng(), f"{name} {image_type}")
 
-    def depth(self, name: str, image_type: int, state: State, time_s: float) -> NDArray[np.float32]:
-        """The depth (H, W) of `picture`, m along the axis, NaN where nothing is seen, without drawing the picture.
+    def depth(
+        self, name: str, image_type: int, state: State, time_s: float
+    ) -> tuple[Camera, NDArray[np.float32] | None]:
+        """Camera with its lens, and depth (H, W) of `picture`, m along the axis, NaN where nothing is seen.
 
-        Only for lenses without distortion: the others bend whole pictures.
+        Only a lens with distortion makes it draw the picture.
 
         Raises:
             ValueError: a camera that is not above the sea.
         """
         view, weather, _, _ = self._view(name, image_type, state, time_s)
+        if view.camera.has_distortion:
+            return view.camera, self.picture(name, image_type, state, time_s).depth_m
         true_m = self._simulator.renderer.depth(
             view.camera, view.world_from_camera, weather, time_s, world_from_ship=self._ship_at(time_s)
         )
-        return measure_depth(true_m, self.config.depth, self._noise_rng())
+        return view.camera, measure_depth(true_m, self.config.depth, self._noise_rng())
 
     def segmentation(self, name: str, state: State, time_s: float) -> NDArray[np.uint8]:
         """The labels of a camera's pixels (H, W, 3) in the colours of `LABEL_RGB`, without distortion.
@@ -145,13 +149,6 @@ class World:
         body_from_camera = self.mount(name, state) * camera_mount()
         view = Viewpoint(state.world_from_body, camera, time_s, body_from_camera=body_from_camera)
         return view, weather, air_rng, picture_rng
-
-    @property
-    def has_distortion(self) -> bool:
-        """Whether the cameras' lenses have distortion."""
-        lens_rng = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)[1]
-        pinhole = Camera.from_fov(self.config.width, self.config.height, math.radians(self.config.fov_deg))
-        return random_lens(self.config.lens, pinhole, lens_rng, wide=self.config.preset == "train").has_distortion
 
     def _noise_rng(self) -> np.random.Generator:
         """Randomness of one picture alone."""
