@@ -1,16 +1,12 @@
 import json
-import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from label_lines import SIZE, distance_px, labelled_images
 from pycocotools.coco import COCO
 
 from deckline.labels import LabelledImage, read_coco, write_coco
 
+SIZE = (640, 360)
 LEFT, RIGHT = np.array([[100.0, 300.0], [200.0, 100.0]]), np.array([[500.0, 300.0], [400.0, 100.0]])
 EMPTY = {"image_id": 7, "category_id": 3, "keypoints": [0] * 12}
 
@@ -58,22 +54,6 @@ def test_cocos_own_reader_reads_what_is_written(tmp_path):
     assert one["keypoints"][:9] == [0.0, 0.0, 0] * 3
 
 
-@settings(deadline=None)
-@given(labelled_images(), st.integers(2, 12))
-def test_round_trip_keeps_the_lines(image, count):
-    with tempfile.TemporaryDirectory() as folder:
-        write_coco(Path(folder) / "annotations.json", [image], count)
-        (read,) = read_coco(Path(folder)).images
-    assert read.file == image.file and read.size_px == SIZE
-    for side, line in image.lines.items():
-        again = read.lines[side]
-        assert (again is None) == (line is None)
-        if line is not None:
-            assert len(again) == count
-            assert distance_px(again, line).max() <= 0.0005 * np.sqrt(2) + 1e-6
-            np.testing.assert_allclose(again[[0, -1]], line[[0, -1]], atol=0.0005 + 1e-9)
-
-
 def broken(**changes) -> str:
     return json.dumps(example() | changes)
 
@@ -88,10 +68,7 @@ def broken(**changes) -> str:
         (broken(categories=[{"id": 1, "keypoints": ["nose"]}]), "no category has keypoints named left_1"),
         (broken(categories=[{"id": 1, "keypoints": "nose"}]), r"categories\[0\]: keypoints"),
         (broken(annotations=[3]), r"annotations\[0\] must be an object"),
-        (
-            broken(annotations=[{"image_id": 7, "category_id": 3, "keypoints": [0] * 12}] * 2),
-            r"annotations\[1\]: a second runway in image 7",
-        ),
+        (broken(annotations=[EMPTY] * 2), r"annotations\[1\]: .* image 7"),
         (broken(annotations=[EMPTY | {"keypoints": [1]}]), r"annotations\[0\]: keypoints must be 3 numbers"),
         (broken(), r"annotations\[0\]: right must be two or more \[u, v\]"),
     ],

@@ -5,12 +5,15 @@ import pytest
 
 from deckline.geometry import Camera, pose
 from deckline.haze import Atmosphere
-from deckline.labels.truth import SHORTEST_PX, image_line, label_frame, seen_line, through_air
+from deckline.labels.truth import SHORTEST_PX, image_line, label_frame, line_contrast, seen_line, through_air
 from deckline.types import Frame, Segment, Truth
 
 CAMERA = Camera.from_fov(320, 180, np.pi / 2)  # focal length 160 px
 LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
 RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
+SHAPE = (360, 640)
+LEFT_PX = np.stack([np.linspace(250, 300, 65), np.linspace(340, 40, 65)], axis=1)
+RIGHT_PX = np.stack([np.linspace(450, 360, 65), np.linspace(340, 40, 65)], axis=1)
 
 
 def frame_at(x_m: float, camera: Camera = CAMERA, height_m: float = 20.0, **truth) -> Frame:
@@ -100,3 +103,49 @@ def test_frames_that_cannot_be_labelled_are_named():
         label_frame(bare, "b.png")
     with pytest.raises(ValueError, match=r"a\.png: no pose"):
         label_frame(dataclasses.replace(frame_at(-100.0), world_from_body=None), "b.png")
+
+
+def drawn(level: float, width: float = 0.06, deck: float = 60.0) -> np.ndarray:
+    """A stripe along the left line, its width in parts of the way to the right one."""
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    left, right = (np.interp(v, line[::-1, 1], line[::-1, 0]) for line in (LEFT_PX, RIGHT_PX))
+    image = np.full((*SHAPE, 3), deck)
+    image[np.abs(u - left) <= width / 2 * (right - left)] += level
+    return image
+
+
+@pytest.mark.parametrize("width", [0.04, 0.08, 0.14])
+@pytest.mark.parametrize("level", [-30.0, 4.0, 100.0])
+def test_a_stripe_has_the_contrast_it_was_drawn_with(level, width):
+    found = line_contrast(drawn(level, width), LEFT_PX, RIGHT_PX)[8:-8]
+    assert np.median(found) == pytest.approx(abs(level), rel=0.2)
+
+
+def test_an_edge_between_two_tones_counts_as_well():
+    image = drawn(0.0)
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    image[u > np.interp(v, LEFT_PX[::-1, 1], LEFT_PX[::-1, 0])] += 20.0
+    assert np.median(line_contrast(image, LEFT_PX, RIGHT_PX)) == pytest.approx(20.0, rel=0.1)
+
+
+def test_dashes_and_haze_take_their_share_of_it():
+    image = drawn(80.0)
+    image[(np.arange(SHAPE[0]) // 8) % 2 == 0] = 60.0
+    dashed = np.median(line_contrast(image, LEFT_PX, RIGHT_PX))
+    assert dashed == pytest.approx(40.0, rel=0.2)
+    assert np.median(line_contrast(200 + 0.1 * (image - 200), LEFT_PX, RIGHT_PX)) == pytest.approx(
+        0.1 * dashed, rel=0.01
+    )
+
+
+def test_a_bare_deck_has_little_and_a_line_elsewhere_does_not_count():
+    noisy = drawn(0.0) + np.random.default_rng(1).normal(0, 3, (*SHAPE, 3))
+    assert np.median(line_contrast(noisy, LEFT_PX, RIGHT_PX)) < 2.0
+    assert np.median(line_contrast(drawn(100.0), RIGHT_PX, LEFT_PX)) < 1.0
+
+
+def test_colour_alone_is_enough_and_points_outside_the_image_do_no_harm():
+    image = drawn(0.0)
+    image[..., 0] = drawn(30.0)[..., 0]
+    assert np.median(line_contrast(image, LEFT_PX, RIGHT_PX)) == pytest.approx(30 / np.sqrt(3), rel=0.2)
+    assert np.isfinite(line_contrast(image, LEFT_PX - [400.0, 0.0], RIGHT_PX - [400.0, 0.0])).all()

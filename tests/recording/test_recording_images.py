@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 from PIL import Image
-from recording_bytes import PIXELS, png
+from recording_bytes import PIXELS, pfm, png
 
-from deckline.recording.images import encode_image, read_image
+from deckline.recording.images import encode_image, read_image, read_pfm, write_pfm
 
 NOISE = np.random.default_rng(3).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 
@@ -162,3 +163,42 @@ def test_missing_file_and_folder_are_named(tmp_path, name):
 @pytest.mark.parametrize("image_format", ["png", "ppm"])
 def test_encoded_images_read_back(tmp_path, image_format):
     np.testing.assert_array_equal(read(tmp_path, encode_image(NOISE, image_format)), NOISE)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_first_row_of_a_pfm_is_the_top_one_as_airsim_writes_it(order):
+    depth = read_pfm(pfm([[1.0, 2.0], [3.0, 4.0], [5.0, 6.5]], order))
+    assert depth.tolist() == [[1.0, 2.0], [3.0, 4.0], [5.0, 6.5]]
+    assert depth.dtype == np.float32
+
+
+def test_pfm_from_bottom_to_top_agrees_with_opencv():
+    data = pfm([[1.5, 2.0], [3.0, 4.25], [-5.0, 6.0]])
+    opencv = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(read_pfm(data, "bottom-to-top"), opencv)
+
+
+def test_written_pfm_is_airsims():
+    assert write_pfm(np.array([[1.0, 2.0], [3.0, 4.0]], np.float32)) == pfm([[1.0, 2.0], [3.0, 4.0]])
+
+
+@given(arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=6)))
+def test_pfm_round_trip(values):
+    np.testing.assert_array_equal(read_pfm(write_pfm(values)), values)
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (b"PF\n1 1\n-1\n" + bytes(12), "PF"),
+        (b"P6\n1 1\n255\nabc", "PFM"),
+        (b"Pf\n1 1\n-2\n" + bytes(4), "scale.*-2"),
+        (b"Pf\n1 1\n--\n" + bytes(4), "scale.*'--'"),
+        (b"Pf\n2 2\n-1\n" + bytes(15), "2x2.* 15 of 16"),
+        (b"Pf\n999999999 999999999\n-1\n" + bytes(15), "15 of 39999"),
+        (b"Pf\n0 2\n-1\n", "0x2"),
+    ],
+)
+def test_bad_pfm_says_what_is_wrong(data, text):
+    with pytest.raises(ValueError, match=text):
+        read_pfm(data)

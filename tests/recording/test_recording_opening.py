@@ -1,12 +1,25 @@
 import pickle
 
+import numpy as np
 import pytest
-from recording_bytes import PIXELS, png, recording, row
+from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
 
 from deckline.recording import BadFrame, FrameError, RecordingError, open_recording
+from deckline.recording.opening import natural_key
 from deckline.types import Frame
 
 IMAGE = "img_Drone_0_0_1000000.png"
+POSES = "file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\n"
+
+
+def images(tmp_path, names, camera=CAMERA, **texts):
+    for name in names:
+        (tmp_path / name).write_bytes(png(PIXELS))
+    if camera:
+        (tmp_path / "camera.toml").write_text(camera)
+    for stem, text in texts.items():
+        (tmp_path / f"{stem}.csv").write_text(text)
+    return tmp_path
 
 
 def test_the_record_file_itself_opens_its_folder(tmp_path):
@@ -74,3 +87,123 @@ def test_iterating_gives_frames_alone_and_tells_of_damaged_ones(tmp_path, capsys
     assert [type(item) for item in source.items()] == [Frame, BadFrame]
     assert [type(item) for item in source] == [Frame]
     assert capsys.readouterr().err == f"skipped {skipped[0].file}: {skipped[0].reason}\n"
+
+
+def test_images_come_in_natural_order_one_second_apart(tmp_path):
+    images(tmp_path, ["f10.webp", "f9.png", "F1.PNG", ".hidden.png"])
+    (tmp_path / "notes.txt").write_text("")
+    source = open_recording(tmp_path)
+    assert [(item.file, item.time_s) for item in source] == [("F1.PNG", 0.0), ("f9.png", 1.0), ("f10.webp", 2.0)]
+    assert source.load(0).world_from_body is None
+    assert "no poses.csv" in source.notes[0]
+
+
+def test_natural_key_orders_numbers_and_keeps_names_apart():
+    names = ["b", "a10", "a9", "a09", "A9", "1a", "10"]
+    assert sorted(names, key=natural_key) == ["1a", "10", "A9", "a09", "a9", "a10", "b"]
+
+
+def test_poses_are_read_by_header_in_any_order(tmp_path):
+    poses = "qz,qy,qx,qw,z_m,y_m,x_m,file,time_s,wind\n0,0,0,1,-3,2,1,a.png,12.5,9\n"
+    source = open_recording(images(tmp_path, ["a.png"], poses=poses))
+    frame = source.load(0)
+    assert frame.time_s == 12.5
+    np.testing.assert_allclose(frame.world_from_body.translation, [1.0, 2.0, -3.0])
+    assert "unknown column wind ignored" in source.notes[0]
+
+
+def test_unix_times_keep_their_microseconds(tmp_path):
+    times = [1720000000.000001, 1720000000.000002]
+    rows = "".join(f"{name},{time_s:.6f},0,0,0,1,0,0,0\n" for name, time_s in zip("ab", times, strict=True))
+    folder = images(tmp_path, ["a.png", "b.png"], poses=POSES + rows.replace(",1720", ".png,1720"))
+    assert [frame.time_s for frame in open_recording(folder)] == times
+
+
+def test_single_image(tmp_path):
+    folder = images(tmp_path, ["a.png", "b.png"], poses=POSES + "a.png,1,0,0,0,1,0,0,0\nb.png,2,7,0,0,1,0,0,0\n")
+    source = open_recording(folder / "b.png", deck_z_m=-17.0)
+    (frame,) = source
+    assert (frame.file, frame.time_s, frame.deck_z_m, source.name) == ("b.png", 2.0, -17.0, str(folder / "b.png"))
+    np.testing.assert_array_equal(frame.world_from_body.translation, [7.0, 0.0, 0.0])
+    (tmp_path / "c.toml").write_text(CAMERA.replace("4.0", "6.0"))
+    assert open_recording(folder / "b.png", camera_file=tmp_path / "c.toml").load(0).camera.fx == 6.0
+    (folder / "b.png.camera.toml").write_text(CAMERA.replace("4.0", "8.0"))
+    assert open_recording(folder / "b.png").load(0).camera.fx == 8.0
+
+
+def test_given_files_replace_those_beside(tmp_path):
+    folder = images(tmp_path, ["a.png"], poses=POSES + "a.png,1,0,0,0,1,0,0,0\n")
+    (tmp_path / "other.csv").write_text(POSES + "a.png,2,0,0,0,1,0,0,0\n")
+    (tmp_path / "other.toml").write_text(CAMERA.replace("4.0", "6.0"))
+    frame = open_recording(folder, poses_file=tmp_path / "other.csv", camera_file=tmp_path / "other.toml").load(0)
+    assert (frame.time_s, frame.camera.fx) == (2.0, 6.0)
+
+
+def test_depth_lies_beside_by_stem(tmp_path):
+    images(tmp_path, ["a.png", "b.png"])
+    (tmp_path / "depth").mkdir()
+    (tmp_path / "depth" / "b.pfm").write_bytes(pfm([[1, 2, 65504], [3, 4, 5]]))
+    without, frame = open_recording(tmp_path)
+    assert without.depth_m is None
+    np.testing.assert_array_equal(frame.depth_m, [[1, 2, np.nan], [3, 4, 5]])
+
+
+def test_deck_height_comes_from_the_caller_or_the_camera_file(tmp_path):
+    images(tmp_path, ["a.png"], camera=CAMERA + "deck_z_m = -20\nsea_z_m = 0.5\n")
+    as_written, given = open_recording(tmp_path).load(0), open_recording(tmp_path, deck_z_m=-17.0).load(0)
+    assert (as_written.deck_z_m, as_written.sea_z_m) == (-20.0, 0.5)
+    assert (given.deck_z_m, given.sea_z_m) == (-17.0, 0.5)
+    assert open_recording(tmp_path, sea_z_m=1.0).load(0).sea_z_m == 1.0
+
+
+@pytest.mark.parametrize(
+    ("poses", "file", "text"),
+    [
+        ("a.png,0,0,0,0,1,0,0,0\n", "b.png", "poses.csv has no row for it"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,0,0,0,0\n", "b.png", "line 3: quaternion has length 0"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,nan,0,0,0\n", "b.png", "line 3: quaternion is not finite"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,.3,.3,.3,0\n", "b.png", "poses.csv line 3: quaternion has length 0.52"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,nan,0,0,0,1,0,0,0\n", "b.png", "line 3: time_s must be a finite number"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0\n", "b.png", "line 3: column y_m is no number: ''"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,1,0,0,0\nc.png,0,0,0,0,1,0,0,0\n", "c.png", "image is missing"),
+        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,1,0,0,0\n../c.png,0,0,0,0,1,0,0,0\n", "../c.png", "inside the folder"),
+    ],
+)
+def test_one_bad_image_or_row_costs_one_frame(tmp_path, poses, file, text):
+    items = list(open_recording(images(tmp_path, ["a.png", "b.png"], poses=POSES + poses)).items())
+    (bad,) = (item for item in items if isinstance(item, BadFrame))
+    assert bad.file == file
+    assert text in bad.reason
+
+
+def test_sizes_must_agree(tmp_path):
+    images(tmp_path, ["a.png"])
+    (tmp_path / "b.png").write_bytes(png(PIXELS[:1]))
+    (tmp_path / "depth").mkdir()
+    (tmp_path / "depth" / "a.pfm").write_bytes(pfm([[1, 2]]))
+    depth, size = open_recording(tmp_path).items()
+    assert "depth depth/a.pfm is 2x1 px but the image is 3x2 px" in depth.reason
+    assert "the intrinsics are for 3x2 px but the image is 3x1 px" in size.reason
+
+
+@pytest.mark.parametrize(
+    ("poses", "text"),
+    [
+        ("", "line 1: the file is empty"),
+        (POSES, "zero frames"),
+        (POSES.replace("qw", "w"), "line 1: column qw missing"),
+        (POSES + "a.png,0,0,0,0,1,0,0,0\na.png,0,0,0,0,1,0,0,0\n", "lines 2 and 3: 'a.png' stands there twice"),
+        (POSES.replace("qz", "qz,qz"), "column qz stands there more than once"),
+    ],
+)
+def test_poses_file_that_cannot_be_used(tmp_path, poses, text):
+    with pytest.raises(RecordingError, match=text):
+        open_recording(images(tmp_path, ["a.png"], poses=poses))
+
+
+def test_no_camera_file_says_where_to_write_one(tmp_path):
+    with pytest.raises(
+        RecordingError, match=r"no camera file: write .*camera\.toml, or give one; it holds width"
+    ) as error:
+        open_recording(images(tmp_path, ["a.png"], camera=None))
+    assert "\n" not in str(error.value)
