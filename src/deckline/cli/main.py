@@ -30,6 +30,45 @@ EXAMPLES = {
         "deckline run flights/first --out out --deck-z-m -18",
         "deckline run approach.mp4 --out out --camera camera.toml --poses poses.csv",
     ),
+    "deckline eval": ("deckline eval chain --frames 50 --json figures/chain.json", "deckline eval report figures"),
+    "deckline eval chain": ("deckline eval chain --frames 50", "deckline eval chain --preset cvn --out scores"),
+    "deckline eval recording": (
+        "deckline eval recording flights/first",
+        "deckline eval recording flights/first --dehazer none --json figures/first.json",
+    ),
+    "deckline eval labels": ("deckline eval labels photos", "deckline eval labels photos --detector mine/detect.onnx"),
+    "deckline eval detection": (
+        "deckline eval detection --frames 50 --preset paper cvn",
+        "deckline eval detection flights/first --out scores --worst 5",
+    ),
+    "deckline eval detectors": (
+        "deckline eval detectors --frames 50 --detector hybrid ufld",
+        "deckline eval detectors flights/first --dehazer none coarse-t",
+    ),
+    "deckline eval dehazing": (
+        "deckline eval dehazing data/test --cost",
+        "deckline eval dehazing data/test --dehazer geometry mine/dehaze.onnx --sheet sheet.png",
+    ),
+    "deckline eval flicker": (
+        "deckline eval flicker flights/first",
+        "deckline eval flicker flights/first --dehazer coarse-t --every 2",
+    ),
+    "deckline eval ablation": (
+        "deckline eval ablation data --out ablation --steps 3000",
+        "deckline eval ablation data --out ablation --minutes 60",
+    ),
+    "deckline eval localization": (
+        "deckline eval localization --points --approaches 20",
+        "deckline eval localization --approaches 4 --out table6",
+    ),
+    "deckline eval integrity": (
+        "deckline eval integrity --jobs 0 --out faults",
+        "deckline eval integrity --runs 5 --nominal 20 --sea-state 4",
+    ),
+    "deckline eval report": (
+        "deckline eval report figures",
+        "deckline eval report figures --out docs/results.md",
+    ),
 }
 DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
 HELP = ("-h", "--help")
@@ -158,6 +197,7 @@ def _eval_group() -> dict[str, Callable[..., int]]:
         integrity,
         labels,
         localization,
+        report,
     )
 
     return {
@@ -171,6 +211,7 @@ def _eval_group() -> dict[str, Callable[..., int]]:
         "detectors": detection.detectors,
         "integrity": integrity.integrity,
         "localization": localization.localization,
+        "report": report.report,
     }
 
 
