@@ -13,8 +13,7 @@ from deckline.adapters.airsim.protocol import Decoder, encode_request
 from deckline.adapters.airsim.server import serving_in_thread
 from deckline.adapters.airsim.settings import Capture, parse_settings
 from deckline.sim import RendererError
-from deckline.sim.camera.depth_camera import DepthConfig
-from deckline.sim.camera.sensor import SensorConfig
+from deckline.sim.camera.config import DepthConfig, SensorConfig
 from deckline.sim.config import SimConfig
 
 WIDTH, HEIGHT, FOV_DEG = 96, 54, 90.0

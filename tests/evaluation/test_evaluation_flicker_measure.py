@@ -20,8 +20,8 @@ from deckline.evaluation.flicker_measure import (
 )
 from deckline.geometry import Camera, attitude
 from deckline.sim import SimConfig
-from deckline.sim.camera.depth_camera import DepthConfig
-from deckline.sim.flight.motion import MotionConfig
+from deckline.sim.camera.config import DepthConfig
+from deckline.sim.config import MotionConfig
 from deckline.sim.simulate import Simulator
 from deckline.types import Frame, Truth
 

@@ -6,7 +6,7 @@ from deckline.evaluation.integrity_points import PointNoise
 from deckline.evaluation.localization_flights import DEPTH_RANGE_M, FlightsConfig
 from deckline.evaluation.metrics import normal_pixel_error
 from deckline.geometry import intersect_plane
-from deckline.sim.flight.trajectory import approach_view
+from deckline.sim.flight.approach import approach_view
 from deckline.sim.ship.layout import class_layout
 from deckline.sim.ship.ship_class import load_class
 

@@ -1,24 +1,32 @@
+"""`deckline sim`: recordings, contact sheets, settings."""
+
 import json
 import math
+import re
 import sys
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from deckline.cli.main import main
-from deckline.cli.sim import RECORDING, SHEET, SimOptions
+from deckline.cli.sim import RECORDING, SHEET
+from deckline.config_file import read_config
+from deckline.geometry import Camera, camera_mount, pose
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
 from deckline.sim import SimConfig
+from deckline.sim.config import WeatherConfig
 from deckline.sim.record import (
-    SheetConfig,
+    join_tiles,
     parse_visibility,
     plain,
     repeatable_command,
+    sheet_tile,
     visibility_text,
     what_decides_a_frame,
 )
+from deckline.types import Frame, Segment, Truth
 
 SIM = ["sim", "--frames", "3", "--preset", "cvn", "--visibility", "400..900", "--width", "160", "--height", "90"]
 
@@ -78,10 +86,10 @@ def test_visibility_is_written_as_it_is_read(text):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--visibility", "fog"], "--visibility: visibility must be metres, LOW..HIGH or clear, got 'fog'"),
+        (["--visibility", "fog"], "visibility must be metres, LOW..HIGH or clear, got 'fog'"),
         (["--fov-deg", "900"], "fov_deg must lie between 1 and 150, got 900"),
-        (["--frames", "x"], "--frames: invalid literal for int"),
-        (["--sheet.columns", "0"], "columns must be at least 1, got 0"),
+        (["--set", "sheet.columns=0"], "columns must lie between 1 and 8192, got 0"),
+        (["--set", "frames"], "--set takes KEY=VALUE, got 'frames'"),
         (["--contact-sheet", "a.png"], "needs --out FOLDER for a recording"),
     ],
 )
@@ -99,11 +107,31 @@ def test_an_unknown_option_says_what_it_is(tmp_path, capsys):
     assert "--nope" in capsys.readouterr().err
 
 
-def test_the_commands_options_are_the_simulators(tmp_path):
-    assert [item.name for item in fields(SimOptions)] == [item.name for item in fields(SimConfig)]
-    assert type(RECORDING.plain()) is SimConfig
-    assert (RECORDING.preset, RECORDING.trajectory) == ("paper", "approach")
-    assert (SHEET.preset, SHEET.trajectory, SHEET.frames) == ("train", "random", 48)
+def test_settings_come_from_the_mode_the_file_set_and_flags_in_this_order(tmp_path, capsys):
+    file = tmp_path / "deck.toml"
+    file.write_text('seed = 3\nframes = 5\n[weather]\nwind_m_s = 7\nsky = "clear"\n')
+    words = ["--config", str(file), "--set", "seed=4", "weather.wind_m_s=8", "air.model=physical", "--seed", "6"]
+    assert main(["sim", "--contact-sheet", "a.png", "--print-config", *words, "--weather.sea-state", "2"]) == 0
+    (tmp_path / "all.toml").write_text(capsys.readouterr().out)
+    settings = read_config(type(RECORDING), tmp_path / "all.toml", RECORDING)
+    assert (settings.preset, settings.frames, settings.seed) == ("train", 5, 6)
+    assert settings.visibility_m == SHEET.visibility_m
+    assert settings.weather == WeatherConfig(sky="clear", sea_state=2, wind_m_s=8.0)
+    assert settings.air.model == "physical"
+    assert type(settings.simulated) is SimConfig
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[weather]\nwind = 3", "deck.toml.*weather.wind.*wind_m_s"),
+        ("[film]\nlens_drops = 1.5", "deck.toml.*film.lens_drops.*1.5"),
+    ],
+)
+def test_a_wrong_key_or_value_of_the_file_is_named(text, named, tmp_path, capsys):
+    (tmp_path / "deck.toml").write_text(text)
+    assert main(["sim", "--out", str(tmp_path / "a"), "--config", str(tmp_path / "deck.toml")]) == 2
+    assert re.search(named, capsys.readouterr().err)
 
 
 @dataclass(frozen=True)
@@ -137,13 +165,13 @@ def test_the_kept_command_leaves_out_what_does_not_change_the_frames(words, monk
 def test_contact_sheet_is_one_picture_of_shrunken_frames_and_no_recording(tmp_path):
     out = tmp_path / "new" / "sheet.png"
     words = ["--contact-sheet", str(out), "--frames", "3", "--width", "160", "--height", "90"]
-    assert main(["sim", *words, "--sheet.tile-px", "80", "--sheet.columns", "2"]) == 0
+    assert main(["sim", *words, "--set", "sheet.tile_px=80", "sheet.columns=2"]) == 0
     assert [path.name for path in out.parent.iterdir()] == ["sheet.png"]
     sheet = read_image(out)
     assert sheet.shape == (90, 160, 3)
     assert not sheet[45:, 80:].any()
     before = sheet.copy()
-    assert main(["sim", *words, "--sheet.tile-px", "80", "--sheet.columns", "2", "--jobs", "2"]) == 0
+    assert main(["sim", *words, "--set", "sheet.tile_px=80", "sheet.columns=2", "--jobs", "2"]) == 0
     np.testing.assert_array_equal(read_image(out), before)
 
 
@@ -159,6 +187,71 @@ def test_contact_sheet_that_cannot_be_written_is_refused_before_rendering(tmp_pa
     assert "deckline: error:" in said and "rendering" not in said
 
 
-def test_sheet_settings_out_of_range_are_named():
-    with pytest.raises(ValueError, match="tile_px must be at least 1, got 0"):
-        SheetConfig(tile_px=0)
+RED, GREEN = [255, 0, 0], [0, 255, 0]
+
+
+def frame(width=64, height=48, **changes) -> Frame:
+    """Grey; the left line runs from (16, 24) to (16, 40), the right one lies in the image's middle column."""
+    left = Segment(np.array([10.0, -1.55, 0.05]), np.array([10.0, -1.55, 1.65]))
+    right = Segment(np.array([10.0, 0.05, -1.0]), np.array([10.0, 0.05, 1.0]))
+    values = {
+        "file": "a",
+        "time_s": 0.0,
+        "image_rgb": np.full((height, width, 3), 90, np.uint8),
+        "camera": Camera(width, height, 100.0, 100.0, (width - 1) / 2, (height - 1) / 2),
+        "world_from_body": pose([0, 0, 0], [1, 0, 0, 0]),
+        "body_from_camera": camera_mount(),
+        "truth": Truth(left, right),
+    }
+    return Frame(**{**values, **changes})
+
+
+def where(image: np.ndarray, colour: list[int]) -> np.ndarray:
+    return np.argwhere(np.all(image == colour, axis=2))
+
+
+def test_lines_are_dotted_where_the_camera_sees_them():
+    image = sheet_tile(frame(), 64, True)
+    v, u = where(image, RED).T
+    assert set(u.tolist()) == {16}
+    assert (v.min(), v.max()) == (24, 40)
+    assert set(where(image, GREEN)[:, 1].tolist()) == {32}
+
+
+def test_lines_follow_the_shrunken_image():
+    image = sheet_tile(frame(), width_px=32, with_truth=True)
+    assert image.shape == (24, 32, 3)
+    v, u = where(image, RED).T
+    assert set(u.tolist()) == {8}
+    assert (v.min(), v.max()) == (12, 20)
+
+
+def test_lines_follow_the_true_pose_where_the_recorded_one_is_measured():
+    measured = frame(world_from_body=pose([0, 0.5, 0], [1, 0, 0, 0]))
+    true = Truth(measured.truth.left, measured.truth.right, world_from_body=pose([0, 0, 0], [1, 0, 0, 0]))
+    image = sheet_tile(frame(world_from_body=measured.world_from_body, truth=true), 64, True)
+    assert set(where(image, RED)[:, 1].tolist()) == {16}
+
+
+def test_a_tile_is_never_enlarged_and_leaves_its_frame_alone():
+    item = frame()
+    assert sheet_tile(item, width_px=200, with_truth=True).shape == (48, 64, 3)
+    assert np.all(item.image_rgb == 90)
+
+
+def test_shrinking_keeps_the_mean():
+    rng = np.random.default_rng(0)
+    item = frame(image_rgb=rng.integers(0, 256, (48, 64, 3), dtype=np.uint8))
+    blocks = item.image_rgb.reshape(12, 4, 16, 4, 3).mean(axis=(1, 3))
+    assert np.abs(sheet_tile(item, 16, False) - blocks).max() <= 1.0
+
+
+def test_frames_without_truth_or_pose_stay_as_they_are():
+    for item in (frame(truth=None), frame(world_from_body=None), frame(truth=Truth())):
+        np.testing.assert_array_equal(sheet_tile(item, 64, True), item.image_rgb)
+
+
+def test_tiles_are_placed_row_by_row():
+    tiles = [np.full((2, 3, 3), value, np.uint8) for value in (10, 20, 30)]
+    sheet = join_tiles(tiles, columns=2)
+    assert sheet[:, :, 0].tolist() == [[10] * 3 + [20] * 3] * 2 + [[30] * 3 + [0] * 3] * 2

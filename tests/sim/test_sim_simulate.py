@@ -1,24 +1,25 @@
+"""Frames of a recording, with and without a runway."""
+
 import numpy as np
 import pytest
+from undo_sensor import recorded_sensor, undo_sensor
 
+from deckline.evaluation.frames import rendered_sets
 from deckline.haze import atmosphere_from_mapping, scatter, world_rays
-from deckline.sim import RendererError, SimConfig, contact_sheet, frames
-from deckline.sim.camera.atmosphere import AirConfig
-from deckline.sim.camera.depth_camera import DepthConfig
-from deckline.sim.camera.navigation import NavigationConfig
-from deckline.sim.camera.sensor import SensorConfig, develop, radiance_from_image, sensor_from_mapping
-from deckline.sim.flight.motion import MotionConfig
-from deckline.sim.scene.weather import WeatherConfig
+from deckline.sim import SimConfig, frames
+from deckline.sim.camera.config import AirConfig, DepthConfig, NavigationConfig, SensorConfig
+from deckline.sim.camera.sensor import develop
+from deckline.sim.config import MotionConfig, WeatherConfig
 
 FAR = DepthConfig(range_m=float("inf"))
 SMALL = {"width": 160, "height": 90}
 
 
+pytestmark = pytest.mark.usefixtures("opengl")
+
+
 def rendered(config, start=0):
-    try:
-        return list(frames(config, start))
-    except RendererError as error:
-        pytest.skip(f"no OpenGL on this machine: {error}")
+    return list(frames(config, start))
 
 
 @pytest.fixture(scope="module")
@@ -149,12 +150,12 @@ def test_physical_haze_can_be_laid_over_the_clear_picture_again():
     )
     frame = rendered(config)[0]
     records = frame.truth.conditions
-    sensor = sensor_from_mapping(records["sensor"])
+    sensor = recorded_sensor(records["sensor"])
     rays = np.stack(np.broadcast_arrays(*np.ogrid[0:90, 0:160][::-1], 1.0), axis=-1).astype(np.float32)
     rays[..., :2] = (rays[..., :2] - [79.5, 44.5]) / frame.camera.fx
     directions, lengths = world_rays(rays, frame.world_from_camera.rotation.as_matrix())
     seen = scatter(
-        radiance_from_image(frame.truth.clear_rgb, sensor),
+        undo_sensor(frame.truth.clear_rgb, sensor),
         frame.depth_m * lengths,
         directions,
         frame.world_from_camera.translation,
@@ -186,18 +187,29 @@ def test_start_must_not_be_negative():
         next(frames(SimConfig(), start=-1))
 
 
-def test_contact_sheet_places_frames(training):
-    sheet = contact_sheet(training[:5], columns=2)
-    assert sheet.shape == (270, 320, 3)
-    np.testing.assert_array_equal(sheet[90:180, 160:], training[3].image_rgb)
-    assert not sheet[180:, 160:].any()
-    marked = contact_sheet(training[:4], columns=2, with_truth=True)
-    assert np.any(np.all(marked == [255, 0, 0], axis=2))
+def test_views_without_a_runway_show_each_kind_in_turn_whatever_came_before():
+    settings = {"preset": "train", "trajectory": "deckless", "keep_clear": False, "width": 96, "height": 54}
+    config = SimConfig(frames=5, visibility_m=(500.0, 3000.0), seed=1000, frames_per_ship=1, **settings)
+    views = rendered(config)
+    shown = [frame.truth.conditions["deckless"] for frame in views]
+    assert set(shown) <= {"open sea", "open land", "other ships", "coast", "past a ship", "past a runway", "bare deck"}
+    assert shown[0].startswith("open") and shown[3].startswith("past") and shown[4] == "bare deck"
+    for frame in views:
+        assert (frame.truth.left, frame.truth.right) == (None, None) or frame.truth.conditions["deckless"].startswith(
+            "past"
+        )
+        assert frame.image_rgb.std() > 0
+        assert 500.0 <= frame.truth.visibility_m <= 3000.0
+    np.testing.assert_array_equal(rendered(config, start=1)[0].image_rgb, views[1].image_rgb)
 
 
-def test_contact_sheet_names_wrong_use(training):
-    with pytest.raises(ValueError, match="got 0 frames and 3 columns"):
-        contact_sheet([], 3)
-    other = rendered(SimConfig(frames=1, width=80, height=60))
-    with pytest.raises(ValueError, match=r"of one size, got \[\(60, 80, 3\), \(90, 160, 3\)\]"):
-        contact_sheet([training[0], *other], 2)
+def test_sets_of_the_command():
+    sets = rendered_sets(7, 3, ("paper", "cvn", "paper"), 5, "200..900", (50.0, 60.0), 40.0)
+    assert [(item.name, len(item)) for item in sets] == [
+        ("rendered paper", 7),
+        ("rendered cvn", 7),
+        ("no runway", 3),
+    ]
+    assert sets[1].settings["visibility_m"] == [200.0, 900.0]
+    assert sets[1].settings["fov_deg"] == 40.0
+    assert rendered_sets(0, 3, ("paper",), 5, "clear", None, 40.0)[0].settings["visibility_m"] == ["inf", "inf"]

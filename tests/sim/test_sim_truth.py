@@ -12,8 +12,8 @@ from deckline.sim.camera.lens import Lens, pinhole_for
 from deckline.sim.camera.sensor import DISPLAY_GAMMA
 from deckline.sim.config import Preset, SimConfig
 from deckline.sim.flight.motion import Motion, ship_pose
-from deckline.sim.flight.viewpoint import looking
-from deckline.sim.opening import frames
+from deckline.sim.flight.views import pose_towards
+from deckline.sim.scene.view import Scene
 from deckline.sim.scene.weather import random_weather
 from deckline.sim.ship.markings import edge_coat, random_edge
 from deckline.sim.ship.mesh import box
@@ -21,6 +21,7 @@ from deckline.sim.ship.paint import layers
 from deckline.sim.ship.plan import DeckSurface
 from deckline.sim.ship.ship import build_ship
 from deckline.sim.ship.ship_class import SHIP_CLASSES, load_class
+from deckline.sim.simulate import frames
 
 SUN = np.array([0.6, 0.0, 0.8])
 CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0)
@@ -67,7 +68,7 @@ def shoot(renderer, ship, range_m, fov_deg, moving, distorted):
     height = 4.0 + 0.07 * (range_m + 70.0)
     eye, target = ((there @ [*(ramp + s * along + t * right), -up, 1.0])[:3]
                    for s, t, up in ((-range_m, 5.0, height), (40.0, 0.0, 0.0)))  # fmt: skip
-    view = looking(eye, target, np.deg2rad([4.0, 0.0, 1.0]))
+    view = pose_towards(eye, target, np.deg2rad([4.0, 0.0, 1.0]))
     axes_of_body = turn("z", np.pi / 2) @ turn("x", np.pi / 2)  # optical x, y, z are the body's y, z, x
     camera = Camera.from_fov(*SIZE, np.deg2rad(fov_deg))
     if distorted:
@@ -85,7 +86,7 @@ def take(renderer, layout, motion, camera, world_from_body, body_from_optical):
     matrix[:3, 3] = world_from_body.translation
     source = pinhole_for(camera)
     posed = ship_pose(layout, motion, TIME_S)
-    view = renderer.render(source, type(posed).from_matrix(matrix), CALM, TIME_S, world_from_ship=posed)
+    view = renderer.render(Scene(source, type(posed).from_matrix(matrix), CALM, TIME_S, world_from_ship=posed))
     if camera.has_distortion:
         view = Lens(renderer.context).warp(view, source, camera)
     grey = 255.0 * np.clip(view.radiance.mean(axis=2), 0.0, 1.0) ** (1 / DISPLAY_GAMMA)

@@ -1,168 +1,259 @@
 """`deckline sim` and `deckline dataset`: everything behind them needs the sim extra."""
 
+import argparse
+import json
 import math
-import sys
+import tomllib
 from collections.abc import Sequence
-from contextlib import redirect_stderr
-from dataclasses import dataclass, field, fields
-from io import StringIO
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import tyro
 
 from deckline.adapters.airsim.server import ServeConfig, serve_sim
+from deckline.config_file import config_from_table, read_config, to_toml_text
 from deckline.recording.writer import ImageFormat
+from deckline.research.dataset_check import check_dataset
 from deckline.sim import CLEAR, SimConfig
-from deckline.sim.camera.depth_camera import DepthConfig
-from deckline.sim.dataset import DatasetConfig, write_dataset
-from deckline.sim.manifest import MANIFEST, check_dataset
+from deckline.sim.camera.config import DepthConfig, Model
+from deckline.sim.config import Preset, Sky, TimeOfDay, Trajectory
+from deckline.sim.dataset import MANIFEST, DatasetConfig, write_dataset
 from deckline.sim.record import SheetConfig, parse_visibility, simulate, visibility_text, write_sheet
 
-T = TypeVar("T")
-SHEET_OPTION, SERVE_OPTION = "--contact-sheet", "--serve"
-Visibility = Annotated[
-    tuple[float, float],
-    tyro.conf.arg(name="visibility", help="metres at 2 % contrast: one value, a range to draw from, or clear."),
-    tyro.constructors.PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="METRES|LOW..HIGH|clear",
-        instance_from_str=lambda words: parse_visibility(words[0]),
-        is_instance=lambda value: isinstance(value, tuple),
-        str_from_instance=lambda value: [visibility_text(value)],
-    ),
-]
+SIM_HELP = """\
+examples:
+  deckline sim --out approach --frames 40 --visibility 300..3000 --seed 1
+  deckline sim --contact-sheet sheet.jpg --jobs 0
+
+Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout. A stopped command goes on
+where it was when it is given again. With --contact-sheet, one picture of many frames is rendered instead, of random
+ships unless told otherwise. With --serve, AirSim's clients fly and look around in it.
+
+Wind, gusts, rain, lens, sensor, errors of depth and pose, and the sheet's layout are keys of the TOML file of --config;
+--print-config shows them all. Flags count more than --set, --set counts more than the file."""
+DATASET_HELP = """\
+examples:
+  deckline dataset data --one-scene --jobs 0
+  deckline dataset data --check
+
+Render the paper's dataset: 600 clear and hazy pairs with depth, 421 for training and 179 for testing, in tiles.
+A stopped command goes on where it was when it is given again. For any number of fully random training frames see
+deckline sim --preset train --trajectory random."""
+TABLES = ("weather", "air", "depth")  # whose flags are named TABLE.KEY
 
 
 @dataclass(frozen=True)
-class SimOptions(SimConfig):
-    """What to simulate, with the command's own defaults."""
+class SimSettings(SimConfig):
+    """What the TOML file of `deckline sim` holds: what to simulate, the contact sheet, the server."""
 
     frames: int = 40
-    visibility_m: Visibility = (300.0, 3000.0)
+    visibility_m: tuple[float, float] = (300.0, 3000.0)
+    sheet: SheetConfig = field(default_factory=SheetConfig)
+    server: ServeConfig = field(default_factory=ServeConfig)
 
-    def plain(self) -> SimConfig:
-        """The same values as the simulator's own class."""
+    @property
+    def simulated(self) -> SimConfig:
+        """The simulator's own part."""
         return SimConfig(**{item.name: getattr(self, item.name) for item in fields(SimConfig)})
 
 
-RECORDING = SimOptions()
-SHEET = SimOptions(preset="train", trajectory="random", frames=48, frames_per_ship=1, visibility_m=(500.0, 10000.0))
+RECORDING = SimSettings()
+SHEET = SimSettings(preset="train", trajectory="random", frames=48, frames_per_ship=1, visibility_m=(500.0, 10000.0))
 # As AirSim: clear air until a client asks for fog, and a depth camera that sees to the horizon.
-SERVED = SimOptions(visibility_m=CLEAR, depth=DepthConfig(range_m=math.inf))
+SERVED = SimSettings(visibility_m=CLEAR, depth=DepthConfig(range_m=math.inf))
 
 
 @dataclass(frozen=True)
-class SimCommand:
-    """Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout.
-
-    A stopped command goes on where it was when it is given again. With --contact-sheet, one picture of many frames is
-    rendered instead, of random ships unless told otherwise. With --serve, AirSim's clients fly and look around in it.
+class SimFlags:
+    """The flags of `deckline sim`.
 
     Args:
-        out: folder of the recording.
-        contact_sheet: write this .png or .jpg of all the frames, and no recording.
-        sheet: the contact sheet.
-        jobs: processes that render; 0 takes as many as there are cores. The files are the same whatever it is.
+        out: folder of the recording; with --serve, of the clients' recordings.
+        contact_sheet: write this .png or .jpg of all the frames instead.
+        serve: answer AirSim's clients until Ctrl-C.
+        config: TOML file of settings.
+        set: settings as the file has them, such as film.rain_mm_h=10.
+        print_config: print all settings as TOML and stop.
+        jobs: processes that render; 0: one for every core.
         image_format: png, or ppm where OpenCV is not installed.
-        serve: answer AirSim's clients until Ctrl-C; what they record becomes folders in --out, default recordings.
-        server: the server.
-        config: what to render.
+        preset: the ship; train: random ships, light, weather, cameras.
+        trajectory: one approach, the paper's profile, unrelated views.
+        frames: how many.
+        visibility: metres at 2 % contrast: one value, LOW..HIGH or clear.
+        seed: the same seed makes the same files.
+        width: of the image, px.
+        height: of the image, px.
+        fov_deg: horizontal field of view.
+        keep_clear: also write every view without its haze.
+        range_m: nearest and farthest random view from the ramp.
+        start_m: distance to the ramp where an approach begins.
+        end_m: where it ends.
+        frames_per_ship: random views that share a ship.
+        weather_time_of_day: None: day; train draws it.
+        weather_sky: None: not overcast; train draws it.
+        weather_sea_state: 0 to 6, of sea and ship. None: drawn.
+        air_model: haze on 8-bit levels as in the paper, or on light.
+        depth_range_m: reach of the depth camera; inf: to the horizon.
+        host: address that the server listens on.
+        port: of the server.
+        settings: AirSim's settings.json for the server.
     """
 
-    out: Path | None = None
-    contact_sheet: Path | None = None
-    serve: bool = False
-    server: Annotated[ServeConfig, tyro.conf.arg(name="")] = field(default_factory=ServeConfig)
-    sheet: SheetConfig = field(default_factory=SheetConfig)
-    jobs: int = 1
-    image_format: ImageFormat = "png"
-    config: Annotated[SimOptions, tyro.conf.arg(name="")] = RECORDING
+    out: Path | None
+    contact_sheet: Path | None
+    serve: bool
+    config: Path | None
+    set: tuple[str, ...]
+    print_config: bool
+    jobs: int
+    image_format: ImageFormat
+    preset: Preset
+    trajectory: Trajectory
+    frames: int
+    visibility: str
+    seed: int
+    width: int
+    height: int
+    fov_deg: float
+    keep_clear: bool
+    range_m: tuple[float, float] | None
+    start_m: float
+    end_m: float
+    frames_per_ship: int
+    weather_time_of_day: Annotated[TimeOfDay | None, tyro.conf.arg(name="weather.time-of-day")]
+    weather_sky: Annotated[Sky | None, tyro.conf.arg(name="weather.sky")]
+    weather_sea_state: Annotated[int | None, tyro.conf.arg(name="weather.sea-state")]
+    air_model: Annotated[Model | None, tyro.conf.arg(name="air.model")]
+    depth_range_m: Annotated[float, tyro.conf.arg(name="depth.range-m")]
+    host: str
+    port: int
+    settings: Path | None
 
-    def run(self) -> int:
-        if self.serve:
-            if self.contact_sheet is not None:
-                raise ValueError("deckline sim takes --serve or --contact-sheet, not both")
-            serve_sim(self.config.plain(), self.server, self.out)
-            return 0
-        if (self.out is None) == (self.contact_sheet is None):
-            raise ValueError(
-                "deckline sim needs --out FOLDER for a recording, --contact-sheet FILE for a picture, or --serve"
-            )
-        if self.out is not None:
-            simulate(self.config.plain(), self.out, self.image_format, self.jobs)
-        if self.contact_sheet is not None:
-            write_sheet(self.config.plain(), self.contact_sheet, self.sheet, self.jobs)
+
+def sim(args: Sequence[str]) -> int:
+    """Parse and run `deckline sim ARGS`."""
+    base = _read_settings(args)
+    default = SimFlags(None, None, False, None, (), False, 1, "png", **_setting_flags(base))
+    flags = tyro.cli(SimFlags, prog="deckline sim", description=SIM_HELP, args=args, default=default)
+    settings = _apply_flags(base, flags)
+    if flags.print_config:
+        print(to_toml_text(settings), end="")
         return 0
+    if flags.serve and flags.contact_sheet is not None:
+        raise ValueError("deckline sim takes --serve or --contact-sheet, not both")
+    if flags.serve:
+        serve_sim(settings.simulated, settings.server, flags.out)
+    elif (flags.out is None) == (flags.contact_sheet is None):
+        raise ValueError(
+            "deckline sim needs --out FOLDER for a recording, --contact-sheet FILE for a picture, or --serve"
+        )
+    elif flags.out is not None:
+        simulate(settings.simulated, flags.out, flags.image_format, flags.jobs)
+    elif flags.contact_sheet is not None:
+        write_sheet(settings.simulated, flags.contact_sheet, settings.sheet, flags.jobs)
+    return 0
+
+
+def _read_settings(args: Sequence[str]) -> SimSettings:
+    """The settings before the flags: the usual ones of a recording, a sheet or a server, the file, then --set."""
+    parser = argparse.ArgumentParser(prog="deckline sim", add_help=False, allow_abbrev=False)
+    parser.add_argument("--config", type=Path)
+    parser.add_argument("--set", nargs="*", default=[])
+    parser.add_argument("--serve", action="store_true")
+    parser.add_argument("--contact-sheet", "--contact_sheet")
+    known, _ = parser.parse_known_args(list(args))
+    settings = SHEET if known.contact_sheet else SERVED if known.serve else RECORDING
+    if known.config is not None:
+        settings = read_config(SimSettings, known.config, settings)
+    for assignment in known.set:
+        settings = config_from_table(SimSettings, _parse_assignment(assignment), settings, "--set")
+    return settings
+
+
+def _parse_assignment(text: str) -> dict[str, Any]:
+    """KEY=VALUE as TOML has it, where a bare word is a text."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise ValueError(f"--set takes KEY=VALUE, got {text!r}")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return tomllib.loads(f"{key}={json.dumps(value)}")
+
+
+def _setting_flags(settings: SimSettings) -> dict[str, Any]:
+    """The flags that settings stand for."""
+    values: dict[str, Any] = {"visibility": visibility_text(settings.visibility_m)}
+    for item in fields(SimFlags):
+        table, _, key = item.name.partition("_")
+        if table in TABLES:
+            values[item.name] = getattr(getattr(settings, table), key)
+        elif hasattr(settings.server, item.name):
+            values[item.name] = getattr(settings.server, item.name)
+        elif hasattr(settings, item.name):
+            values[item.name] = getattr(settings, item.name)
+    return values
+
+
+def _apply_flags(settings: SimSettings, flags: SimFlags) -> SimSettings:
+    values: dict[str, Any] = {"visibility_m": parse_visibility(flags.visibility)}
+    tables: dict[str, dict[str, Any]] = {}
+    for name in set(_setting_flags(settings)) - {"visibility"}:
+        table, _, key = name.partition("_")
+        if table in TABLES:
+            tables.setdefault(table, {})[key] = getattr(flags, name)
+        elif hasattr(settings.server, name):
+            tables.setdefault("server", {})[name] = getattr(flags, name)
+        else:
+            values[name] = getattr(flags, name)
+    values |= {table: replace(getattr(settings, table), **changes) for table, changes in tables.items()}
+    return replace(settings, **values)
 
 
 @dataclass(frozen=True)
-class DatasetOptions(DatasetConfig):
-    """The paper's dataset, with the visibility as the command line has it."""
-
-    visibility_m: Visibility = DatasetConfig.visibility_m
-
-    def plain(self) -> DatasetConfig:
-        """The same values as the dataset's own class."""
-        return DatasetConfig(**{item.name: getattr(self, item.name) for item in fields(DatasetConfig)})
-
-
-@dataclass(frozen=True)
-class DatasetCommand:
-    """Render the paper's dataset: 600 clear and hazy pairs with depth, 421 for training and 179 for testing, in tiles.
-
-    A stopped command goes on where it was when it is given again. For any number of fully random training frames see
-    deckline sim --preset train --trajectory random.
+class DatasetFlags:
+    """The flags of `deckline dataset`.
 
     Args:
         out: folder of the dataset.
-        check: render nothing; compare every file in the folder with its manifest.
-        jobs: processes that render; 0 takes as many as there are cores. The files are the same whatever it is.
-        config: what to render.
+        check: render nothing; compare every file with the manifest.
+        jobs: processes that render; 0: one for every core.
+        frames: clear and hazy pairs, training and test together.
+        test: how many of them are for testing.
+        seed: the same seed makes the same files.
+        visibility: metres at 2 % contrast: one value or LOW..HIGH.
+        width: of the images, px.
+        height: of the images, px.
+        fov_deg: horizontal field of view.
+        depth_range_m: reach of the depth camera.
+        one_scene: the same light, sky and sea in every frame.
+        tiles: also cut every image into 8 overlapping squares.
+        tile_px: their side.
     """
 
     out: tyro.conf.Positional[Path]
     check: bool = False
     jobs: int = 1
-    config: Annotated[DatasetOptions, tyro.conf.arg(name="")] = field(default_factory=DatasetOptions)
-
-    def run(self) -> int:
-        if self.check:
-            print(f"{self.out}: all {check_dataset(self.out, self.jobs)} files are as {MANIFEST} says")
-        else:
-            write_dataset(self.config.plain(), self.out, self.jobs)
-        return 0
+    frames: int = DatasetConfig.frames
+    test: int = DatasetConfig.test
+    seed: int = DatasetConfig.seed
+    visibility: str = visibility_text(DatasetConfig.visibility_m)
+    width: int = DatasetConfig.width
+    height: int = DatasetConfig.height
+    fov_deg: float = DatasetConfig.fov_deg
+    depth_range_m: float = DatasetConfig.depth_range_m
+    one_scene: bool = DatasetConfig.one_scene
+    tiles: bool = DatasetConfig.tiles
+    tile_px: int = DatasetConfig.tile_px
 
 
 def dataset(args: Sequence[str]) -> int:
     """Parse and run `deckline dataset ARGS`."""
-    return _parsed(DatasetCommand, "deckline dataset", args).run()
-
-
-def sim(args: Sequence[str]) -> int:
-    """Parse and run `deckline sim ARGS`."""
-    words = {word.replace("_", "-").partition("=")[0] for word in args}
-    usual = SHEET if SHEET_OPTION in words else SERVED if SERVE_OPTION in words else RECORDING
-    return _parsed(SimCommand, "deckline sim", args, SimCommand(config=usual)).run()
-
-
-def _parsed(kind: type[T], prog: str, args: Sequence[str], default: T | None = None) -> T:
-    """A command line's values; a value that a configuration refuses is a ValueError, so that it ends in one line.
-
-    Raises:
-        ValueError: a value out of its range.
-        SystemExit: help was asked for, or the words make no command line; what to say is said.
-    """
-    said = StringIO()
-    try:
-        with redirect_stderr(said):
-            if default is None:
-                return tyro.cli(kind, prog=prog, args=args)
-            return tyro.cli(kind, prog=prog, args=args, default=default)
-    except SystemExit as ended:
-        refusal: Any = ended.__context__
-        if hasattr(refusal, "message") and hasattr(refusal, "arg"):  # tyro's InstantiationError
-            option = "" if isinstance(refusal.arg, str) else f"{refusal.arg.lowered.name_or_flags[0]}: "
-            raise ValueError(f"{option}{refusal.message}") from None
-        print(said.getvalue(), end="", file=sys.stderr)
-        raise
+    flags = tyro.cli(DatasetFlags, prog="deckline dataset", description=DATASET_HELP, args=args)
+    if flags.check:
+        print(f"{flags.out}: all {check_dataset(flags.out, flags.jobs)} files are as {MANIFEST} says")
+        return 0
+    values = {item.name: getattr(flags, item.name) for item in fields(DatasetConfig) if item.name != "visibility_m"}
+    write_dataset(DatasetConfig(**values, visibility_m=parse_visibility(flags.visibility)), flags.out, flags.jobs)
+    return 0

@@ -14,10 +14,10 @@ from deckline.evaluation.integrity_faults import Shot
 from deckline.evaluation.integrity_points import PointNoise, seen_points, sparse_depth
 from deckline.evaluation.localization_flights import ERRORS, miscalibrated
 from deckline.sim import SimConfig
-from deckline.sim.camera.navigation import measured_pose
+from deckline.sim.camera.measure import measured_pose
+from deckline.sim.flight.approach import approach_view
 from deckline.sim.flight.motion import draw_motion, ship_pose
-from deckline.sim.flight.trajectory import approach_view
-from deckline.sim.flight.viewpoint import Viewpoint
+from deckline.sim.flight.views import Viewpoint
 from deckline.sim.ship.layout import class_layout
 from deckline.sim.ship.ship_class import load_class
 from deckline.sim.simulate import draw_visibility, truth_segments
@@ -39,7 +39,7 @@ def point_flight(config: SimConfig, noise: PointNoise) -> Iterator[Shot]:
     grain = np.random.default_rng([config.seed, POINTS]).integers(0, 256, size, np.uint8)
     far_m, depth_sigma = noise.seen_share * visibility_m, 0.0 if exact else ERRORS.depth_fraction
     for index in range(config.frames):
-        view = approach_view(config, layout, index, config.flight, motion)
+        view = approach_view(config, layout, index, motion)
         segments = truth_segments(layout.posed(ship_pose(layout, motion, view.time_s)))
         rng = np.random.default_rng([config.seed, POINTS, index])
         camera, pose = view.camera, view.world_from_camera

@@ -87,9 +87,8 @@ class FlightsConfig:
         """
         with needs_extra("sim"):
             from deckline.sim import SimConfig
-            from deckline.sim.camera.depth_camera import DepthConfig
-            from deckline.sim.camera.navigation import NavigationConfig
-            from deckline.sim.flight.motion import MotionConfig
+            from deckline.sim.camera.config import DepthConfig, NavigationConfig
+            from deckline.sim.config import MotionConfig
             from deckline.sim.record import parse_visibility
         return SimConfig(
             preset=self.preset,

@@ -1,26 +1,115 @@
 """What to simulate."""
 
 from dataclasses import dataclass, field
-from math import isinf
-from typing import Literal, get_args
+from math import inf
+from typing import Literal
 
-from deckline.sim.camera.atmosphere import AirConfig
-from deckline.sim.camera.depth_camera import DepthConfig
-from deckline.sim.camera.exposure import FilmConfig
-from deckline.sim.camera.imaging import ImagingConfig
-from deckline.sim.camera.lens import LensConfig
-from deckline.sim.camera.navigation import NavigationConfig
-from deckline.sim.camera.sensor import SensorConfig
-from deckline.sim.flight.flight import FlightConfig
-from deckline.sim.flight.motion import MotionConfig
-from deckline.sim.scene.weather import WeatherConfig
+from deckline.sim.camera.config import (
+    AirConfig,
+    DepthConfig,
+    FilmConfig,
+    ImagingConfig,
+    LensConfig,
+    NavigationConfig,
+    SensorConfig,
+    check_choices,
+    check_numbers,
+)
 
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train"]
 Trajectory = Literal["approach", "profile", "random", "deckless"]
+TimeOfDay = Literal["day", "dusk", "night"]
+Sky = Literal["clear", "broken", "overcast"]
+Pointing = Literal["ahead", "runway"]
 FLIGHTS: tuple[Trajectory, ...] = ("approach", "profile")  # whose frames are one flight; the others' are unrelated
-CLEAR: tuple[float, float] = (float("inf"), float("inf"))
+CLEAR: tuple[float, float] = (inf, inf)
 LARGEST_PX = 8192  # of a picture's sides; graphics cards' buffers end at 16384
 FARTHEST_M = 10000.0  # from the ramp; the renderer's far plane lies at 20 km
+
+
+@dataclass(frozen=True)
+class WeatherConfig:
+    """The weather; None: drawn widely for preset `train`, fair for the other presets.
+
+    Args:
+        time_of_day: `day`, `dusk` or `night`; None: mostly day in training, always day in the named presets.
+        sky: `clear`, `broken` or `overcast`; None: any in training, not overcast in the named presets.
+        sea_state: 0 (glassy) to 6 (waves of 5 m); None: 0 to 6 in training, 1 to 4 in the named presets.
+        wind_m_s: at 10 m above the water; None: about what raises the sea.
+        seed: what the preset leaves open is drawn from this number, the same for every frame and recording that has it;
+            None: from the recording's own seed.
+
+    Raises:
+        ValueError: an unknown time or sky, or a number out of its range.
+    """
+
+    time_of_day: TimeOfDay | None = None
+    sky: Sky | None = None
+    sea_state: int | None = None
+    wind_m_s: float | None = None
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        check_choices(self, time_of_day=TimeOfDay, sky=Sky)
+        check_numbers(self, sea_state=(0, 6), wind_m_s=(0, 40), seed=(0, inf))
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """The ship's motion.
+
+    Args:
+        sea_state: 0 to 6, also between: roll, pitch and heave of the deck. Below 4 they shrink with the significant
+            wave height. None: a random state for preset `train`, 0 (still) for the others.
+        ship_speed_m_s: along the ship's heading, up to 30; 12.9 is 25 knots.
+
+    Raises:
+        ValueError: a number out of its range.
+    """
+
+    sea_state: float | None = None
+    ship_speed_m_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self, sea_state=(0, 6), ship_speed_m_s=(0, 30))
+
+
+@dataclass(frozen=True)
+class FlightConfig:
+    """How an approach or the profile is flown; unrelated views know nothing of it.
+
+    Winds blow over the water; the ship's own speed comes on top. None: still air and no offset for the named presets,
+    drawn widely for preset `train`.
+
+    Args:
+        glideslope_deg: of trajectory `approach`; the profile's heights are the paper's.
+        speed_m_s: horizontal speed through the air.
+        headwind_m_s: against the landing direction.
+        crosswind_m_s: from the right; the nose turns into it.
+        lateral_offset_m: to the right of the centre line at the start; the pilot closes it on the way.
+        vertical_offset_m: above the path at the start.
+        turbulence_m_s: 1-sigma of the gusts to the side and upwards; 1 is light, 3 severe.
+        pointing: where the camera looks. `ahead`: along the aircraft's axis; `runway`: turned to the touchdown point
+            with a level horizon. None: `runway` for trajectory `profile`, `ahead` for the others.
+
+    Raises:
+        ValueError: an unknown pointing, or a number out of its range.
+    """
+
+    glideslope_deg: float = 3.5
+    speed_m_s: float = 65.0
+    headwind_m_s: float | None = None
+    crosswind_m_s: float | None = None
+    lateral_offset_m: float | None = None
+    vertical_offset_m: float | None = None
+    turbulence_m_s: float | None = None
+    pointing: Pointing | None = None
+
+    def __post_init__(self) -> None:
+        check_choices(self, pointing=Pointing)
+        check_numbers(self, glideslope_deg=(1, 15), speed_m_s=(10, 150), turbulence_m_s=(0, 10))
+        check_numbers(self, headwind_m_s=(-40, 40), crosswind_m_s=(-40, 40))
+        check_numbers(self, lateral_offset_m=(-1000, 1000), vertical_offset_m=(-200, 200))
 
 
 @dataclass(frozen=True)
@@ -84,33 +173,19 @@ class SimConfig:
     navigation: NavigationConfig = field(default_factory=NavigationConfig)
 
     def __post_init__(self) -> None:
-        for name, kinds in (("preset", Preset), ("trajectory", Trajectory)):
-            if getattr(self, name) not in get_args(kinds):
-                raise ValueError(f"{name} must be one of {get_args(kinds)}, got {getattr(self, name)!r}")
+        check_choices(self, preset=Preset, trajectory=Trajectory)
         if self.trajectory == "deckless" and self.preset != "train":
             raise ValueError(f"trajectory deckless shows ships of preset train, got preset {self.preset!r}")
-        for name in ("frames", "width", "height", "frames_per_ship"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if max(self.width, self.height) > LARGEST_PX:
-            raise ValueError(f"width and height must be at most {LARGEST_PX} px, got {self.width}x{self.height}")
-        if self.seed < 0:
-            raise ValueError(f"seed must not be negative, got {self.seed}")
-        if not 1.0 <= self.fov_deg <= 150.0:
-            raise ValueError(f"fov_deg must lie between 1 and 150, got {self.fov_deg}")
-        for name in ("visibility_m", "range_m"):
+        check_numbers(self, frames=(1, inf), frames_per_ship=(1, inf), seed=(0, inf), fov_deg=(1, 150))
+        check_numbers(self, width=(1, LARGEST_PX), height=(1, LARGEST_PX), start_m=(0, FARTHEST_M))
+        for name, highest in (("visibility_m", inf), ("range_m", FARTHEST_M), ("elevation_deg", 45.0)):
             limits = getattr(self, name)
-            if limits is not None and not 0 < limits[0] <= limits[1]:
-                raise ValueError(f"{name} must be (low, high) with 0 < low <= high, got {limits}")
-        if self.elevation_deg is not None and not 0 < self.elevation_deg[0] <= self.elevation_deg[1] <= 45:
-            raise ValueError(f"elevation_deg must be (low, high) with 0 < low <= high <= 45, got {self.elevation_deg}")
-        if isinf(self.visibility_m[1]) and not isinf(self.visibility_m[0]):
+            if limits is not None and not 0 < limits[0] <= limits[1] <= highest:
+                raise ValueError(f"{name} must be (low, high) with 0 < low <= high <= {highest:g}, got {limits}")
+        if self.visibility_m[0] < self.visibility_m[1] == inf:
             raise ValueError(f"visibility_m must be finite on both sides or on none, got {self.visibility_m}")
         if not 0 < self.end_m < self.start_m:
             raise ValueError(f"start_m must exceed end_m > 0, got {self.start_m} and {self.end_m}")
-        farthest = max(self.start_m, 0.0 if self.range_m is None else self.range_m[1])
-        if farthest > FARTHEST_M:
-            raise ValueError(f"ships are drawn up to {FARTHEST_M:g} m away, got a distance of {farthest:g} m")
         if self.preset != "train" and self.air.model is None:
             self.air.refuse_physical(f"preset {self.preset} uses model paper")
 

@@ -6,10 +6,15 @@ OUT/{train,test}/tiles/{hazy,clear}/<frame>_<tile>.png
 OUT/{train,test}/tiles/depth/<frame>_<tile>.npy    half precision, metres along the optical axis, NaN: nothing seen
 """
 
+import json
+import platform
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from importlib.metadata import version
 from io import BytesIO
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +24,25 @@ from numpy.typing import NDArray
 from deckline import __version__
 from deckline.atomic import write_atomic
 from deckline.extras import needs_extra
+from deckline.processes import map_ordered
 from deckline.progress import progress
 from deckline.recording import RecordingWriter
 from deckline.recording.images import encode_image
 from deckline.recording.writer import EncodedFrame, encode_frame
-from deckline.sim.manifest import MANIFEST, write_manifest
+from deckline.runtime import sha256_of
 from deckline.sim.parallel import Item, map_frames
 from deckline.sim.record import plain, visibility_text
 from deckline.types import Frame
 
 with needs_extra("sim"):
     from deckline.sim import SimConfig
-    from deckline.sim.camera.depth_camera import DepthConfig
-    from deckline.sim.config import FLIGHTS
-    from deckline.sim.scene.weather import WeatherConfig
+    from deckline.sim.camera.config import DepthConfig, check_numbers
+    from deckline.sim.config import FLIGHTS, WeatherConfig
+    from deckline.sim.scene.gl import open_context
 
+MANIFEST = "manifest.json"
+FORMAT, VERSION = "deckline-dataset", 1
+PACKAGES = ("numpy", "scipy", "opencv-python-headless", "moderngl")
 SPLITS = ("train", "test")
 COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper
 FLIGHT_FRAMES = 25  # of one flight; each has its own weather and visibility
@@ -70,7 +79,7 @@ class DatasetConfig:
     width: int = 1280
     height: int = 720
     fov_deg: float = 90.0
-    depth_range_m: float = float("inf")
+    depth_range_m: float = inf
     one_scene: bool = False
     tiles: bool = True
     tile_px: int = 512
@@ -78,9 +87,8 @@ class DatasetConfig:
     def __post_init__(self) -> None:
         if not 0 < self.test < self.frames:
             raise ValueError(f"test must lie between 1 and frames - 1 = {self.frames - 1}, got {self.test}")
-        if self.seed < 0:
-            raise ValueError(f"seed must not be negative, got {self.seed}")
-        if not 0 < self.visibility_m[0] <= self.visibility_m[1] < float("inf"):
+        check_numbers(self, seed=(0, inf))
+        if not 0 < self.visibility_m[0] <= self.visibility_m[1] < inf:
             raise ValueError(f"visibility_m must be 0 < low <= high < inf, got {self.visibility_m}")
         if self.tiles and not 1 <= self.tile_px <= min(self.width, self.height):
             raise ValueError(f"tile_px must lie between 1 and the image's smaller side, got {self.tile_px}")
@@ -216,3 +224,53 @@ def _write_sample(writer: RecordingWriter, k: int, sample: Sample, start_s: floa
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, data)
     writer.append(replace(sample.encoded, time_s=sample.encoded.time_s + start_s))
+
+
+def write_manifest(out: Path, values: Mapping[str, Any], jobs: int = 1) -> None:
+    """Write manifest.json of a complete dataset: the given values, versions, counts and hashes; no dates, no paths.
+
+    Args:
+        jobs: processes that read files; 0: one for every core.
+    """
+    files = file_hashes(out, jobs)
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        **values,
+        "versions": versions(),
+        "counts": count_files(files),
+        "files": files,
+    }
+    write_atomic(out / MANIFEST, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def file_hashes(out: Path, jobs: int = 1) -> dict[str, str]:
+    """SHA-256 of every file below `out` but the manifest, by relative path in order."""
+    names = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
+    names = [name for name in names if name != MANIFEST]
+    hashes = {}
+    paths = [out / name for name in names]
+    with progress("hashing", len(names)) as advance, closing(map_ordered(sha256_of, paths, jobs)) as digests:
+        for name, digest in zip(names, digests, strict=True):
+            hashes[name] = digest
+            advance()
+    return hashes
+
+
+def count_files(files: Mapping[str, str]) -> dict[str, dict[str, int]]:
+    """Frames and tiles of each split."""
+    counts: dict[str, dict[str, int]] = {}
+    for name in files:
+        split, kind = name.split("/", 1)
+        counted = counts.setdefault(split, {"frames": 0, "tiles": 0})
+        counted["frames"] += kind.startswith("clear/")
+        counted["tiles"] += kind.startswith("tiles/hazy/")
+    return counts
+
+
+def versions() -> dict[str, str]:
+    """What the bytes of a rendered file depend on besides the settings."""
+    context = open_context()
+    renderer = str(context.info["GL_RENDERER"])
+    context.release()
+    return {"python": platform.python_version(), "opengl": renderer} | {name: version(name) for name in PACKAGES}

@@ -4,11 +4,15 @@ import math
 import os
 import shlex
 import sys
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from deckline import __version__
 from deckline.extras import needs_extra
@@ -16,13 +20,16 @@ from deckline.progress import progress
 from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
 from deckline.sim.parallel import map_frames
+from deckline.types import Frame
 
 with needs_extra("sim"):
     from deckline.sim import SimConfig
-    from deckline.sim.config import FLIGHTS
-    from deckline.sim.sheet import join_tiles, sheet_tile
+    from deckline.sim.camera.config import check_numbers
+    from deckline.sim.config import FLIGHTS, LARGEST_PX
 
 NOT_DECIDING = ("--out", "--jobs")  # options of a command that do not change what it makes
+LEFT_RGB, RIGHT_RGB = (255, 0, 0), (0, 255, 0)  # of the true lines in a contact sheet
+DOTS = 240  # of each true line: close views show a tenth of it
 
 
 @dataclass(frozen=True)
@@ -35,7 +42,7 @@ class SheetConfig:
         truth: dot the true lines, left red and right green.
 
     Raises:
-        ValueError: a number below 1.
+        ValueError: a number out of its range.
     """
 
     tile_px: int = 320
@@ -43,9 +50,7 @@ class SheetConfig:
     truth: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("tile_px", "columns"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        check_numbers(self, tile_px=(1, LARGEST_PX), columns=(1, LARGEST_PX))
 
 
 def parse_visibility(text: str) -> tuple[float, float]:
@@ -68,10 +73,10 @@ def parse_visibility(text: str) -> tuple[float, float]:
 
 def visibility_text(visibility_m: tuple[float, float]) -> str:
     """What `parse_visibility` reads back."""
-    low, high = visibility_m
-    if math.isinf(low):
+    if math.isinf(visibility_m[0]):
         return "clear"
-    return f"{low:g}" if low == high else f"{low:g}..{high:g}"
+    low, high = (str(value).removesuffix(".0") for value in visibility_m)
+    return low if low == high else f"{low}..{high}"
 
 
 def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jobs: int = 1) -> None:
@@ -122,6 +127,48 @@ def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1)
             advance()
     write_picture(out, join_tiles(tiles, sheet.columns))
     print(out)
+
+
+def join_tiles(tiles: Sequence[NDArray[np.uint8]], columns: int) -> NDArray[np.uint8]:
+    """Pictures of one size (H, W, 3) row by row, (rows * H, columns * W, 3); what is left over stays black."""
+    filled = [*tiles, *[np.zeros_like(tiles[0])] * (-len(tiles) % columns)]
+    return np.concatenate([np.concatenate(filled[k : k + columns], axis=1) for k in range(0, len(filled), columns)])
+
+
+def sheet_tile(frame: Frame, width_px: int, with_truth: bool) -> NDArray[np.uint8]:
+    """A frame's image, shrunk to a width when it is wider, with its true lines dotted if asked for.
+
+    Raises:
+        ImportError: shrinking needs OpenCV.
+    """
+    image = frame.image_rgb.copy()
+    if width_px < frame.camera.width:
+        import cv2
+
+        height_px = max(1, round(frame.camera.height * width_px / frame.camera.width))
+        image = np.asarray(cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    if with_truth:
+        _dot_lines(frame, image)
+    return image
+
+
+def _dot_lines(frame: Frame, image: NDArray[np.uint8]) -> None:
+    """Draw the true lines into an image of the frame, whatever its size."""
+    if frame.truth is None or frame.true_world_from_camera is None:
+        return
+    camera_from_world = frame.true_world_from_camera.inv()
+    height, width, _ = image.shape
+    scale = [width / frame.camera.width, height / frame.camera.height]
+    steps = np.linspace(0.0, 1.0, DOTS)[:, None]
+    for segment, colour in ((frame.truth.left, LEFT_RGB), (frame.truth.right, RIGHT_RGB)):
+        if segment is None:
+            continue
+        points = segment.p0_m + steps * (segment.p1_m - segment.p0_m)
+        pixels = (frame.camera.project(camera_from_world.apply(points)) + 0.5) * scale - 0.5
+        pixels = pixels[np.all(np.isfinite(pixels), axis=1)]
+        inside = np.all((pixels >= 0) & (pixels < [width - 0.5, height - 0.5]), axis=1)
+        u, v = np.rint(pixels[inside]).astype(int).T
+        image[v, u] = colour
 
 
 def what_decides_a_frame(config: SimConfig) -> dict[str, Any]:

@@ -1,31 +1,46 @@
 """Frames of a simulated recording: the same configuration and index always give the same frame."""
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
-from deckline.sim.camera.imaging import Imaging, ImagingConfig, Shot, Surroundings
+from deckline.sim.camera.air import triple
+from deckline.sim.camera.config import ImagingConfig
+from deckline.sim.camera.imaging import Imaging, Shot, Surroundings
 from deckline.sim.camera.lens import pinhole_for, random_lens
-from deckline.sim.camera.navigation import measured_pose
-from deckline.sim.config import SimConfig
+from deckline.sim.camera.measure import measured_pose
+from deckline.sim.config import SimConfig, WeatherConfig
+from deckline.sim.flight.approach import approach_view
 from deckline.sim.flight.motion import Motion, draw_motion, ship_pose, ship_velocity
-from deckline.sim.flight.random_views import random_view
-from deckline.sim.flight.trajectory import approach_view, profile_view
-from deckline.sim.flight.viewpoint import Viewpoint
-from deckline.sim.scene.daylight import random_time_of_day
-from deckline.sim.scene.quality import BEST, Quality, random_quality
+from deckline.sim.flight.views import (
+    Viewpoint,
+    away_view,
+    from_any_side,
+    glide_view,
+    random_view,
+    view_towards,
+)
 from deckline.sim.scene.render import Renderer
-from deckline.sim.scene.weather import Weather, WeatherConfig, random_weather, sun_direction
-from deckline.sim.ship.layout import Layout, world_points
-from deckline.sim.ship.ship import Ship, build_ship
+from deckline.sim.scene.view import BEST, Quality, Scene, random_quality
+from deckline.sim.scene.weather import Weather, random_time_of_day, random_weather, sun_direction
+from deckline.sim.ship.background import Kind, background_mesh
+from deckline.sim.ship.layout import Layout, random_layout, world_points
+from deckline.sim.ship.mesh import join
+from deckline.sim.ship.ship import NO_RUNWAY, Ship, build_ship
 from deckline.types import Frame, Segment, Truth
 
 OPEN_SEA = 0.4  # part of the views without a runway that show no ship either
 VEHICLE, CAMERA = "deckline", "front"
-# Random streams: of a ship, of a frame, of a whole flight.
-SHIP, FRAME, FLIGHT, SUN, WEATHER = 2, 3, 4, 5, 6
+# Random streams: of a ship, of a frame, of a whole flight, of sun and weather with a seed, of views without a runway.
+SHIP, FRAME, FLIGHT, SUN, WEATHER, DECKLESS = 2, 3, 4, 5, 6, 7
+OPEN, SHIPS, COAST, PAST, BARE = "open", "ships", "coast", "past", "bare"
+CYCLE = (OPEN, SHIPS, COAST, PAST, BARE)  # one view without a runway of each in turn
+RANGE_M = {SHIPS: (120.0, 2000.0), COAST: (300.0, 4000.0)}  # of the camera from what it looks at
+SEEN_SHARE = 0.5  # of the visibility: nothing that is looked at lies farther, or it would be hidden
+CANDIDATES = 400  # ships that are looked through for one without a runway; one in eight has none
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +107,10 @@ class Simulator:
             for_weather = np.random.default_rng([config.weather.seed, WEATHER])
         for_view, for_noise, for_sea = own.spawn(3)
         weather = random_weather(for_weather, not train, self.weather, sun=self.renderer.sun)
-        view = self._view(index, for_view)
+        if unrelated:
+            view = random_view(config, ship.layout, index, for_view, self.motion)
+        else:
+            view = approach_view(config, ship.layout, index, self.motion)
         camera = random_lens(config.lens, view.camera, for_lens, wide=train)
         scenery = Scenery(
             weather,
@@ -124,19 +142,11 @@ class Simulator:
         """
         config, ship, weather, camera = self.config, self.ship, scenery.weather, view.camera
         layout = ship.layout.posed(ship_pose(ship.layout, self.motion, view.time_s))
-        scene = self.renderer.render(
-            pinhole_for(camera),
-            view.world_from_camera,
-            weather,
-            view.time_s,
-            with_ship=scenery.with_ship,
-            quality=scenery.quality,
-            world_from_ship=layout.world_from_ship,
-        )
+        pose, how = view.world_from_camera, (scenery.with_ship, scenery.quality, layout.world_from_ship)
         shot = self.imaging.take(
-            scene,
+            self.renderer.render(Scene(pinhole_for(camera), pose, weather, view.time_s, *how)),
             camera,
-            view.world_from_camera,
+            pose,
             self._surroundings(view, scenery),
             scenery.imaging,
             recording,
@@ -160,14 +170,13 @@ class Simulator:
     def _surroundings(self, view: Viewpoint, scenery: Scenery) -> Surroundings:
         layout, weather = self.ship.layout, scenery.weather
         over_deck = view.velocity_m_s - ship_velocity(layout, self.motion, view.time_s)
-        turning = view.world_from_body.rotation.apply(view.angular_rate_rad_s)
         return Surroundings(
             horizon=weather.horizon_rgb,
             sun=weather.sun,
             sea_z_m=layout.sea_z_m,
             visibility_m=scenery.visibility_m,
-            velocity_m_s=(float(over_deck[0]), float(over_deck[1]), float(over_deck[2])),
-            turning_rad_s=(float(turning[0]), float(turning[1]), float(turning[2])),
+            velocity_m_s=triple(over_deck),
+            turning_rad_s=triple(view.world_from_body.rotation.apply(view.angular_rate_rad_s)),
         )
 
     def _truth(self, shot: Shot, layout: Layout, view: Viewpoint, weather: Weather) -> Truth:
@@ -185,12 +194,92 @@ class Simulator:
             conditions=shot.records | {"weather": asdict(weather), "motion": asdict(self.motion)},
         )
 
-    def _view(self, index: int, rng: np.random.Generator) -> Viewpoint:
-        config, layout = self.config, self.ship.layout
-        if config.trajectory == "random":
-            return random_view(config, layout, index, rng, self.motion)
-        fly = approach_view if config.trajectory == "approach" else profile_view
-        return fly(config, layout, index, config.flight, self.motion)
+
+class DecklessSimulator(Simulator):
+    """Frames of trajectory `deckless`; a ship, its sea and its light are drawn anew for every one."""
+
+    def frame(self, index: int) -> Frame:
+        """Frame `index`; its truth's conditions say under "deckless" what it shows."""
+        kind = CYCLE[index % len(CYCLE)]
+        rng = np.random.default_rng([self.config.seed, DECKLESS, index])
+        for_things, for_view, for_weather, for_lens, for_air, for_picture, for_noise, for_quality = rng.spawn(8)
+        self.load(self._bare_ship(index) if kind == BARE else index)
+        if kind in (OPEN, SHIPS, COAST):
+            self._hide_ship(kind, for_things)
+        visibility_m = draw_visibility(self.config.visibility_m, for_air)
+        view = replace(self._deckless_view(kind, visibility_m, for_view), time_s=float(index))
+        scenery = Scenery(
+            random_weather(for_weather, False, self.weather, sun=self.renderer.sun),
+            visibility_m,
+            self.config.imaging,
+            random_quality(for_quality),
+            with_ship=kind in (PAST, BARE),
+        )
+        camera = random_lens(self.config.lens, view.camera, for_lens, wide=True)
+        frame = self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, f"deckless_{index}.png")
+        if frame.truth is None:
+            raise AssertionError("unreachable: the simulator knows the truth of its frames")
+        conditions = {**frame.truth.conditions, "deckless": self._words(kind)}
+        return replace(frame, truth=replace(frame.truth, conditions=conditions))
+
+    def _bare_ship(self, index: int) -> int:
+        """Number of a random ship that has no runway: its own draw is repeated, which is quicker than building it."""
+        for block in range(index * CANDIDATES, (index + 1) * CANDIDATES):
+            for_layout = np.random.default_rng([self.config.seed, SHIP, block]).spawn(3)[0].spawn(5)[0]
+            if not random_layout(for_layout).on_land and for_layout.random() < NO_RUNWAY:
+                return block
+        raise AssertionError("unreachable: one random ship in eight has no runway")
+
+    def _hide_ship(self, kind: str, rng: np.random.Generator) -> None:
+        things: Kind = "ships" if kind == SHIPS else "coast"
+        mesh = join([]) if kind == OPEN else background_mesh(self.ship.layout, rng, things)
+        self.ship = replace(self.ship, runway=False, background=mesh)
+        self.renderer.load(self.ship, self.renderer.sun)
+
+    def _deckless_view(self, kind: str, visibility_m: float, rng: np.random.Generator) -> Viewpoint:
+        config, layout, things = self.config, self.ship.layout, self.ship.background
+        if kind in RANGE_M and len(things):
+            low, high = np.minimum(RANGE_M[kind], SEEN_SHARE * visibility_m)
+            target = things[rng.integers(len(things)), :3].astype(np.float64)
+            return view_towards(config, target, float(np.exp(rng.uniform(np.log(low), np.log(high)))), rng)
+        if kind == PAST and self.ship.runway:
+            return away_view(config, layout, rng)
+        if kind == BARE:
+            return glide_view(config, layout, rng)
+        return from_any_side(config, layout, rng, float(rng.uniform(-180.0, 180.0)))
+
+    def _words(self, kind: str) -> str:
+        on_land = self.ship.layout.on_land
+        if kind == BARE:
+            return "bare deck"
+        if kind == PAST:
+            return "past a runway" if on_land else "past a ship"
+        if kind == OPEN or not len(self.ship.background):
+            return "open land" if on_land else "open sea"
+        return "other ships" if kind == SHIPS else "coast"
+
+
+def open_simulator(config: SimConfig) -> Simulator:
+    """What renders the frames of a recording.
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine.
+    """
+    return DecklessSimulator(config) if config.trajectory == "deckless" else Simulator(config)
+
+
+def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
+    """Frames `start`, `start + 1`, ... of a recording, before `stop` (None: all).
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine.
+        ValueError: a negative start.
+    """
+    if start < 0:
+        raise ValueError(f"start must not be negative, got {start}")
+    with open_simulator(config) as simulator:
+        for index in range(start, config.frames if stop is None else min(stop, config.frames)):
+            yield simulator.frame(index)
 
 
 def block_of(config: SimConfig, index: int) -> int:

@@ -11,7 +11,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.dehaze.geometry import GeometryDehazer, display_levels, linear_levels
 from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
-from deckline.sim.camera.atmosphere import AirConfig, draw_air
+from deckline.sim.camera.air import draw_air
+from deckline.sim.camera.config import AirConfig
 from deckline.types import Frame
 
 if TYPE_CHECKING:

@@ -1,8 +1,13 @@
+"""Exposure: motion blur, rain, drops on the lens."""
+
 import numpy as np
 import pytest
 
 from deckline.geometry import Camera, camera_mount
-from deckline.sim.camera.exposure import Exposure, FilmConfig, draw_exposure
+from deckline.sim.camera import exposure as rain
+from deckline.sim.camera.config import FilmConfig
+from deckline.sim.camera.exposure import Exposure, Film, bright, draw_exposure, drops_on_lens, streak_quads, streaks
+from deckline.sim.scene.view import View
 
 CAMERA = Camera.from_fov(640, 360, 1.0)
 LEVEL = camera_mount()  # looks north: optical z is world x
@@ -56,13 +61,6 @@ def test_stillness():
     assert not Exposure(lens_drops=1).still
 
 
-def test_wrong_settings_are_named():
-    with pytest.raises(ValueError, match=r"exposure_s must lie between 0 and 1\.0, got 2\.0"):
-        FilmConfig(exposure_s=2.0)
-    with pytest.raises(ValueError, match=r"rain_mm_h must lie between 0 and 500\.0, got -1\.0"):
-        FilmConfig(rain_mm_h=-1.0)
-
-
 def test_a_recording_keeps_its_shutter_and_the_drops_on_its_lens():
     config = FilmConfig(exposure_s=0.01, rain_mm_h=20.0, lens_drops=9)
     first, second = (
@@ -74,3 +72,160 @@ def test_a_recording_keeps_its_shutter_and_the_drops_on_its_lens():
     assert (first.lens_seed, first.streak_contrast) == (second.lens_seed, second.streak_contrast)
     assert first.seed != second.seed
     assert first.turned_rad != second.turned_rad
+
+
+SMALL = Camera(160, 96, 120.0, 120.0, 79.5, 47.5)
+FLAT = np.full((96, 160), 30.0, np.float32)
+
+
+@pytest.fixture(scope="module")
+def film(context):
+    return Film(context)
+
+
+def expose(film, picture, depth, camera=None, **exposure):
+    return film.expose(View(picture, depth), camera or SMALL, Exposure(**exposure)).radiance
+
+
+def dot(u=80, v=48, light=8.0):
+    picture = np.zeros((96, 160, 3), np.float32)
+    picture[v, u] = light
+    return picture
+
+
+def texture_picture(seed=0):
+    return np.random.default_rng(seed).random((96, 160, 3), np.float32)
+
+
+def test_a_moving_dot_becomes_a_streak_with_the_same_light(film):
+    # 2.5 m to the right at 30 m is 10 px to the left in the picture.
+    out = expose(film, dot(), FLAT, exposure_s=0.1, moved_m=(2.5, 0.0, 0.0))[..., 0].astype(float)
+    row = out[48]
+    assert out.sum() == pytest.approx(8.0, rel=1e-4)
+    assert row.sum() == pytest.approx(8.0, rel=1e-4)
+    np.testing.assert_allclose(row[76:85], 0.8, rtol=1e-3)
+    assert row[75] + row[85] == pytest.approx(0.8, rel=1e-3)
+    assert (row @ np.arange(160)) / row.sum() == pytest.approx(80.0, abs=0.01)
+    assert not row[:75].any() and not row[86:].any()
+
+
+def test_near_things_blur_and_far_ones_do_not_when_the_camera_moves(film):
+    depth = FLAT.copy()
+    depth[:48] = np.nan
+    picture = texture_picture()
+    out = expose(film, picture, depth, moved_m=(1.0, 0.0, 0.0))
+    np.testing.assert_array_equal(out[:48], picture[:48])
+    assert out[49:].std() < 0.7 * picture[49:].std()
+
+
+def test_turning_blurs_the_sky_too(film):
+    sky = np.full_like(FLAT, np.nan)
+    yaw = 6.0 / SMALL.fx  # about the optical y axis: 6 px at the middle
+    row = expose(film, dot(), sky, turned_rad=(0.0, yaw, 0.0))[48, :, 0]
+    assert np.count_nonzero(row > 0.05 * row.max()) == 7
+    assert row.sum() == pytest.approx(8.0, rel=0.01)
+    roll = expose(film, dot(), sky, turned_rad=(0.0, 0.0, 0.1))
+    assert roll[48, 80, 0] > 7.0  # the middle stays
+
+
+def test_nothing_moves_nothing_changes(film):
+    picture = texture_picture()
+    assert expose(film, picture, FLAT, exposure_s=0.02) is picture
+    hardly = expose(film, picture, FLAT, turned_rad=(1e-7, 0.0, 0.0))
+    np.testing.assert_array_equal(hardly, picture)
+
+
+def test_rain_changes_the_picture_and_follows_its_seed(film):
+    picture, depth = texture_picture() * 0.2, FLAT.copy()
+    wet, again = (expose(film, picture, depth, rain_mm_h=40.0, streak_contrast=10.0, seed=3) for _ in range(2))
+    np.testing.assert_array_equal(wet, again)
+    np.testing.assert_array_equal(depth, FLAT)
+    changed = np.any(wet != picture, axis=2)
+    assert 0.001 < changed.mean() < 0.9
+    other = expose(film, picture, FLAT, rain_mm_h=40.0, streak_contrast=10.0, seed=4)
+    assert np.any(other != wet)
+
+
+def test_a_streak_brightens_by_its_opacity(film):
+    wet = expose(film, np.full((96, 160, 3), 1.0, np.float32), FLAT, rain_mm_h=40.0, seed=3)
+    np.testing.assert_allclose(wet, 1.0, rtol=1e-5)  # drops as bright as an even picture do not show
+
+
+def test_drops_on_the_lens_turn_the_picture_upside_down_and_stay_local(film):
+    picture = np.zeros((96, 160, 3), np.float32)
+    picture[:48] = 1.0
+    out = expose(film, picture, FLAT, lens_drops=150, lens_seed=8)
+    changed = np.any(np.abs(out - picture) > 1e-3, axis=2)
+    assert 0.02 < changed.mean() < 0.5
+    assert out.min() >= 0.0 and out.max() <= 1.0 + 1e-5
+    assert out[:40].min() < 0.9 and out[56:].max() > 0.1
+
+
+def test_bright_is_the_mean_of_the_brightest_part():
+    picture = np.zeros((40, 40, 3), np.float32)
+    picture[:12] = [0.2, 0.4, 0.6]
+    np.testing.assert_allclose(bright(picture), [0.2, 0.4, 0.6], rtol=1e-6)
+
+
+def test_wrong_use_is_named(film):
+    with pytest.raises(ValueError, match=r"film needs a pinhole of the picture's size \(96, 160\)"):
+        expose(film, dot(), FLAT, Camera.from_fov(64, 40, 1.0), lens_drops=2)
+
+
+def rain_streaks(rain_mm_h, velocity=(0.0, 9.0, 0.0), exposure_s=1e-3, seed=0):
+    return streaks(CAMERA, np.array(velocity), exposure_s, rain_mm_h, np.random.default_rng(seed)).astype(float)
+
+
+def lengths(quads):
+    """Length (N,) of each streak along its axis."""
+    return np.linalg.norm(quads[:, 5, :2] - quads[:, 0, :2], axis=1)
+
+
+def test_drops_before_the_lens_are_as_many_as_marshall_and_palmer_count(monkeypatch):
+    assert len(rain_streaks(25.0)) == pytest.approx(4000, rel=0.05)
+    monkeypatch.setattr(rain, "MOST_STREAKS", 10**6)
+    reach = CAMERA.fx * 0.002 / 0.35
+    volume = 640 * 360 / CAMERA.fx**2 * (reach**3 - 0.25**3) / 3
+    for rain_mm_h in (1.0, 25.0):
+        slope = 4.1 * rain_mm_h**-0.21
+        expected = 8000.0 / slope * np.exp(-slope * 0.5) * volume
+        got = np.mean([len(rain_streaks(rain_mm_h, seed=seed)) for seed in range(4)])
+        assert got == pytest.approx(expected, rel=0.05)
+
+
+def test_a_streak_covers_its_path_and_conserves_what_the_drop_hides():
+    quads = streak_quads(np.array([[10.0, 20.0]]), np.array([[10.0, 50.0]]), np.array([3.0])).astype(float)
+    np.testing.assert_allclose([quads[0, :, 0].min(), quads[0, :, 0].max()], [8.5, 11.5])
+    np.testing.assert_allclose([quads[0, :, 1].min(), quads[0, :, 1].max()], [18.5, 51.5])
+    assert quads[0, 0, 4] == pytest.approx(3.0 / 33.0)
+    thin = streak_quads(np.array([[10.0, 20.0]]), np.array([[10.0, 50.0]]), np.array([0.5])).astype(float)
+    assert np.ptp(thin[0, :, 0]) == pytest.approx(1.0)
+    assert thin[0, 0, 4] == pytest.approx(0.5 * 0.5 / 30.5)
+
+
+def test_falling_drops_draw_upright_streaks_as_long_as_they_fall():
+    quads = rain_streaks(25.0, exposure_s=0.01)
+    path = quads[:, 5, :2] - quads[:, 0, :2]
+    np.testing.assert_allclose(path[:, 0], 0.0, atol=1e-3)
+    longest = CAMERA.fx * 0.09 / 0.25 + CAMERA.fx * 0.02 / 0.25
+    assert 5.0 < np.median(lengths(quads)) < lengths(quads).max() < longest
+
+
+def test_flying_through_rain_draws_it_away_from_where_one_flies_to():
+    quads = rain_streaks(25.0, velocity=(0.0, 0.0, -60.0), exposure_s=2e-3)
+    middle = quads[:, :, :2].mean(axis=1) - [CAMERA.cx, CAMERA.cy]
+    path = quads[:, 5, :2] - quads[:, 0, :2]
+    long = lengths(quads) > 8.0
+    across = (path[:, 0] * middle[:, 1] - path[:, 1] * middle[:, 0]) / np.linalg.norm(middle, axis=1) / lengths(quads)
+    assert long.sum() > 20
+    assert np.abs(across[long]).max() < 0.05
+
+
+def test_drops_on_the_lens_lie_in_the_picture():
+    quads = drops_on_lens(CAMERA, 200, np.random.default_rng(1)).astype(float)
+    assert quads.shape == (200, 6, 8)
+    middle, radius = quads[:, 0, 4:6], quads[:, 0, 6]
+    assert np.all((middle >= 0) & (middle <= [640, 360]))
+    assert np.all((radius > 0.0059 * 640) & (radius < 0.0451 * 640))
+    np.testing.assert_allclose(quads[:, :, :2].mean(axis=1), middle, atol=1e-3)
+    assert drops_on_lens(CAMERA, 0, np.random.default_rng(1)).shape == (0, 6, 8)

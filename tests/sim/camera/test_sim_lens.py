@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deckline.geometry import Camera
-from deckline.sim.camera.lens import Lens, LensConfig, pinhole_for, pixel_rays, random_lens
-from deckline.sim.scene.gl import RendererError, open_context
-from deckline.sim.scene.render import View
+from deckline.sim.camera.config import LensConfig
+from deckline.sim.camera.lens import Lens, pinhole_for, pixel_rays, random_lens
+from deckline.sim.scene.view import View
 
 BARREL = Camera(320, 200, 180.0, 184.0, 165.0, 96.0, (-0.15, 0.03, 0.002, -0.001, -0.004))
 PINCUSHION = Camera(320, 200, 180.0, 184.0, 155.5, 103.0, (0.08, 0.01, -0.001, 0.002, 0.0))
@@ -15,13 +15,8 @@ LENSES = pytest.mark.parametrize("camera", [BARREL, PINCUSHION])
 
 
 @pytest.fixture(scope="module")
-def lens():
-    try:
-        context = open_context()
-    except RendererError as error:
-        pytest.skip(f"no OpenGL on this machine: {error}")
-    yield Lens(context)
-    context.release()
+def lens(context):
+    return Lens(context)
 
 
 def grid(camera):
@@ -139,8 +134,6 @@ def test_a_tiny_picture_may_have_a_lens():
 
 
 def test_wrong_use_is_named(lens):
-    with pytest.raises(ValueError, match=r"distortion must be 5 finite numbers, got \(0.1, 0.2\)"):
-        LensConfig(distortion=(0.1, 0.2))
     with pytest.raises(ValueError, match="no ray reaches some of the image's border"):
         pinhole_for(Camera(320, 200, 100.0, 100.0, 160.0, 100.0, (-0.5, 0.0, 0.0, 0.0, 0.0)))
     view = View(np.zeros((4, 5, 3), np.float32), np.zeros((4, 5), np.float32))

@@ -1,13 +1,19 @@
+"""The sensor: development, tone curves, noise, JPEG."""
+
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from undo_sensor import undo_sensor
 
+from deckline.sim.camera.config import SensorConfig
 from deckline.sim.camera.sensor import (
+    DISPLAY_GAMMA,
+    STEPS,
     TARGET,
+    WHITE,
     Sensor,
-    SensorConfig,
     add_noise,
     blurred,
     develop,
@@ -15,12 +21,12 @@ from deckline.sim.camera.sensor import (
     falloff,
     finish,
     jpeg,
+    level_of,
+    light_of_levels,
     meter,
     noise_sigma,
-    radiance_from_image,
-    sensor_from_mapping,
+    table,
 )
-from deckline.sim.camera.tone import DISPLAY_GAMMA
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
@@ -61,13 +67,13 @@ def test_a_picture_can_be_undone(tone):
     sensor = Sensor(gain=(0.8, 1.1, 1.3), tone=tone, gamma=1.1, contrast=0.3, black=0.03, saturation=0.8)
     light = np.random.default_rng(2).uniform(0.1, 0.5, (10, 12, 3)).astype(np.float32)
     image = develop(light, sensor)
-    np.testing.assert_allclose(radiance_from_image(image, sensor), light, rtol=0.04)
-    np.testing.assert_array_equal(develop(radiance_from_image(image, sensor), sensor), image)
+    np.testing.assert_allclose(undo_sensor(image, sensor), light, rtol=0.04)
+    np.testing.assert_array_equal(develop(undo_sensor(image, sensor), sensor), image)
 
 
 def test_saturation_keeps_the_luminance():
     light = np.full((4, 4, 3), [0.1, 0.2, 0.6], dtype=np.float32)
-    back = radiance_from_image(develop(light, Sensor(saturation=0.0)), Sensor())
+    back = undo_sensor(develop(light, Sensor(saturation=0.0)), Sensor())
     np.testing.assert_allclose(back[0, 0], np.full(3, [0.1, 0.2, 0.6] @ LUMINANCE), rtol=0.02)
 
 
@@ -167,30 +173,29 @@ def test_given_settings_are_kept():
         assert (sensor.noise, sensor.electrons, sensor.jpeg_quality) == (1.5, 900.0, 44)
 
 
-def test_a_sensor_survives_its_record():
-    sensor = draw_sensor(SensorConfig(), 1.0, 0.1, np.random.default_rng(9))
-    values = {**asdict(sensor), "gain": list(sensor.gain)}
-    assert sensor_from_mapping(values) == sensor
-    with pytest.raises(ValueError, match="a sensor has"):
-        sensor_from_mapping({"gain": [1, 1, 1]})
+CURVES = [("gamma", 1.0, 0.0, 0.0), ("srgb", 0.8, 0.4, 0.05), ("filmic", 1.2, -0.5, 0.0)]
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"vignetting": 2.0}, "vignetting must lie between 0 and 1, got 2.0"),
-        ({"jpeg_quality": 101}, "jpeg_quality must lie between 0 and 100, got 101"),
-        ({"tone": "hdr"}, "tone must be one of"),
-        ({"white_balance": (1.0, 0.0, 1.0)}, "white_balance must be 3 positive gains up to 100"),
-        ({"white_balance": (float("nan"), 1.0, 1.0)}, r"white_balance must be .* got \(nan, 1.0, 1.0\)"),
-        ({"white_balance": (1.0, float("inf"), 1.0)}, r"white_balance must be .* got \(1.0, inf, 1.0\)"),
-    ],
-)
-def test_wrong_settings_are_named(settings, message):
-    with pytest.raises(ValueError, match=message):
-        SensorConfig(**settings)
+def test_known_values():
+    assert level_of(np.array(0.25), CURVES[0]) == pytest.approx(0.25 ** (1 / DISPLAY_GAMMA))
+    # IEC 61966-2-1: 18 % grey is level 0.4614 of sRGB, 0.1 % lies in the linear toe.
+    np.testing.assert_allclose(level_of(np.array([0.18, 0.001]), ("srgb", 1.0, 0.0, 0.0)), [0.4614, 0.01292], atol=1e-4)
+    filmic = level_of(np.array([1.0, 7.3]), ("filmic", 1.0, 0.0, 0.0))
+    np.testing.assert_allclose(filmic, [(2.54 / 3.16) ** (1 / DISPLAY_GAMMA), 1.0], atol=1e-3)
 
 
-def test_grey_pictures_cannot_be_undone():
-    with pytest.raises(ValueError, match="saturation > 0 can be undone, got 0"):
-        radiance_from_image(noise_image(), Sensor(saturation=0.0))
+@pytest.mark.parametrize("curve", CURVES)
+def test_curves_rise_from_black_to_white_and_can_be_undone(curve):
+    light = np.linspace(0.0, WHITE[curve[0]], 5000)
+    level = level_of(light, curve)
+    assert np.all(np.diff(level) > 0)
+    np.testing.assert_allclose([level[0], level[-1]], [curve[3], 1.0], atol=1e-4)
+    shown = np.arange(int(np.ceil(255 * curve[3])), 256)
+    np.testing.assert_allclose(255 * level_of(light_of_levels(curve)[shown], curve), shown, atol=0.02)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_the_table_is_the_rounded_curve(curve):
+    index = np.arange(0, STEPS, 37)
+    exact = 255 * level_of(WHITE[curve[0]] * (index / (STEPS - 1)) ** 2, curve)
+    np.testing.assert_array_equal(table(curve)[index], np.rint(exact))

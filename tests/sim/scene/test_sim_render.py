@@ -6,12 +6,12 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, camera_mount, intersect_plane
 from deckline.sim.camera.sensor import DISPLAY_GAMMA
-from deckline.sim.flight.viewpoint import looking
+from deckline.sim.flight.views import pose_towards
 from deckline.sim.scene import gl
-from deckline.sim.scene.bake import noise_field, texture_size
 from deckline.sim.scene.gl import RendererError
-from deckline.sim.scene.labels import Label
-from deckline.sim.scene.render import KEPT_TARGETS, Quality, Renderer
+from deckline.sim.scene.render import KEPT_TARGETS, Renderer
+from deckline.sim.scene.textures import noise_field, texture_size
+from deckline.sim.scene.view import Label, Quality, Scene
 from deckline.sim.scene.weather import random_weather
 from deckline.sim.ship.layout import class_layout, random_layout, world_points
 from deckline.sim.ship.markings import edge_coat
@@ -49,7 +49,7 @@ def camera_pose(layout, range_m, height_m, lateral_m, nudge=(0.0, 0.0, 0.0), loo
     along, right, _ = axes(*layout.centre_m)
     spots = layout.centre_m[0] + lateral_m * right + np.array([[-range_m], [look_m]]) * along
     position, target = world_points(layout, spots[:1], height_m)[0], world_points(layout, spots[1:])[0]
-    return looking(position, target, np.array(nudge)) * camera_mount()
+    return pose_towards(position, target, np.array(nudge)) * camera_mount()
 
 
 def marking_offsets(image, camera, world_from_camera, layout, line, half_width_m):
@@ -91,7 +91,7 @@ def ships():
 def test_painted_middle_is_the_true_line(renderer, layout, style):
     renderer.load(clean_ship(layout, style), SUN)
     pose = camera_pose(layout, 45.0, 14.0, 3.0)
-    image = 255.0 * renderer.render(CAMERA, pose, CALM).radiance
+    image = 255.0 * renderer.render(Scene(CAMERA, pose, CALM)).radiance
     for line in (layout.left_m, layout.right_m):
         offsets = marking_offsets(image, CAMERA, pose, layout, line, style.width_m / 2)
         assert len(offsets) > 30
@@ -105,7 +105,7 @@ def test_a_line_painted_elsewhere_is_noticed(renderer):
     moved = replace(layout, left_m=layout.left_m + np.array([0.0, 0.5]))
     renderer.load(clean_ship(moved, CVN_EDGE), SUN)
     pose = camera_pose(layout, 45.0, 14.0, 3.0)
-    image = shown(renderer.render(CAMERA, pose, CALM))
+    image = shown(renderer.render(Scene(CAMERA, pose, CALM)))
     assert np.median(marking_offsets(image, CAMERA, pose, layout, layout.left_m, 2.2)) > 1.0
 
 
@@ -115,7 +115,7 @@ def test_deck_depth_is_the_distance_to_its_plane(renderer, range_m):
     renderer.load(clean_ship(layout, PAPER_EDGE), SUN)
     camera = Camera.from_fov(640, 360, np.deg2rad(60.0 if range_m < 100 else 12.0))
     pose = camera_pose(layout, range_m, 0.06 * range_m + 8.0, 5.0, nudge=(0.1, 0.02, 0.03))
-    depth = renderer.render(camera, pose, CALM).depth_m
+    depth = renderer.render(Scene(camera, pose, CALM)).depth_m
     along, _, length = axes(*layout.centre_m)
     on_deck = world_points(layout, layout.centre_m[0] + np.linspace(10, 0.9 * length, 60)[:, None] * along)
     pixels = np.rint(camera.project(pose.inv().apply(on_deck))).astype(int)
@@ -130,7 +130,7 @@ def test_sea_depth_is_the_distance_to_the_water_and_the_sky_has_none(renderer):
     layout = class_layout(CVN)
     renderer.load(clean_ship(layout, CVN_EDGE), SUN)
     pose = camera_pose(layout, 400.0, 35.0, 0.0)
-    depth = renderer.render(CAMERA, pose, CALM, with_ship=False).depth_m
+    depth = renderer.render(Scene(CAMERA, pose, CALM, with_ship=False)).depth_m
     v, u = np.mgrid[0:360:7, 0:640:11]
     rays = pose.rotation.apply(CAMERA.rays(np.column_stack([u.ravel(), v.ravel()])))
     expected = pose.inv().apply(intersect_plane(pose.translation, rays, 0.0))[:, 2]
@@ -147,7 +147,7 @@ def test_nearer_solids_hide_the_deck(renderer):
     wall = box(middle[0], middle[1], 0.0, (2.0, 2.0, 6.0), 0.0, (1.0, 0.0, 0.0))
     renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
     pose = camera_pose(layout, 20.0, 8.0, 0.0)
-    view = renderer.render(CAMERA, pose, CALM)
+    view = renderer.render(Scene(CAMERA, pose, CALM))
     u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, middle[None], 3.0))))[0].astype(int)
     assert view.radiance[v, u, 0] > 4 * view.radiance[v, u, 1]
     assert 45.0 < view.depth_m[v, u] < 50.0
@@ -160,7 +160,7 @@ def test_the_water_closes_over_what_reaches_below_it(renderer):
     pose = camera_pose(layout, 150.0, 25.0, 0.0)
     points = world_points(layout, np.full((2, 2), [-31.0, 0.0])) + np.array([[0.0, 0.0, 19.0], [0.0, 0.0, 21.5]])
     (u, v), (u1, v1) = np.rint(CAMERA.project(pose.inv().apply(points))).astype(int)
-    view = renderer.render(CAMERA, pose, CALM)
+    view = renderer.render(Scene(CAMERA, pose, CALM))
     assert view.radiance[v, u, 0] > 4 * view.radiance[v, u, 1]
     assert view.radiance[v1, u1, 0] < 2 * view.radiance[v1, u1, 1]
     rays = pose.rotation.apply(CAMERA.rays(np.array([[u1, v1]])))
@@ -175,8 +175,8 @@ def test_other_ships_keep_their_distance(renderer):
     away = RigidTransform.from_translation([5000.0, 300.0, 1.0]) * layout.world_from_ship
     pose = camera_pose(layout, 300.0, 60.0, 0.0)
     moved = RigidTransform.from_translation([5000.0, 300.0, 0.0]) * pose
-    at_rest = renderer.render(CAMERA, pose, CALM, with_ship=False)
-    elsewhere = renderer.render(CAMERA, moved, CALM, with_ship=False, world_from_ship=away)
+    at_rest = renderer.render(Scene(CAMERA, pose, CALM, with_ship=False))
+    elsewhere = renderer.render(Scene(CAMERA, moved, CALM, with_ship=False, world_from_ship=away))
     u, v = np.rint(CAMERA.project(pose.inv().apply([[890.0, 0.0, layout.sea_z_m - 50.0]])))[0].astype(int)
     other_at = np.abs(at_rest.depth_m - at_rest.depth_m[v, u]) < 15.0
     assert 1150.0 < at_rest.depth_m[v, u] < 1210.0
@@ -193,7 +193,7 @@ def test_lamps_shine_when_lit_and_not_through_solids(renderer):
     wall = box(spot[0] - 20.0, spot[1] + 3.0, 0.0, (1.0, 20.0, 20.0), 0.0, (0.3, 0.3, 0.3))
     for lamps, solids in ((0.0, None), (1.0, None), (1.0, wall)):
         renderer.load(replace(clean_ship(layout, CVN_EDGE, solids), lights=lights), SUN)
-        view = renderer.render(CAMERA, pose, replace(CALM, lamps=lamps))
+        view = renderer.render(Scene(CAMERA, pose, replace(CALM, lamps=lamps)))
         red, green, _ = view.radiance[v - 1 : v + 2, u - 1 : u + 2].sum(axis=(0, 1))
         seen.append(green - red)
     assert seen[1] > seen[0] + 0.5
@@ -205,7 +205,7 @@ def test_land_lies_around_a_runway_on_land(renderer):
     layout = class_layout(load_class("runway"))
     renderer.load(clean_ship(layout, CVN_EDGE), SUN)
     pose = camera_pose(layout, 300.0, 60.0, 0.0)
-    land = renderer.render(CAMERA, pose, weather, with_ship=False)
+    land = renderer.render(Scene(CAMERA, pose, weather, with_ship=False))
     below = land.radiance[340:]
     assert np.median(below[..., 0]) > 4 * np.median(below[..., 2])
     assert np.isfinite(land.depth_m[340:]).all()
@@ -216,7 +216,7 @@ def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
     wall = box(40.0, 0.0, 0.0, (1.0, 20.0, 12.0), 0.0, (1.0, 0.0, 0.0))
     renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
     pose = camera_pose(layout, 30.0, 10.0, 0.0, nudge=(0.1, 0.0, 0.0))
-    smooth, jagged = (shown(renderer.render(CAMERA, pose, CALM, quality=Quality(samples=n))) for n in (4, 1))
+    smooth, jagged = (shown(renderer.render(Scene(CAMERA, pose, CALM, quality=Quality(samples=n)))) for n in (4, 1))
     changed = np.abs(smooth.astype(int) - jagged).max(axis=2) > 8
     assert 0 < changed.mean() < 0.03
 
@@ -243,7 +243,7 @@ def test_a_white_deck_in_full_daylight_is_one(renderer):
     white = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((1.0, 1.0, 1.0), 0.0, 0.0, (0.0, 0.0)))
     renderer.load(white, SUN)
     pose = camera_pose(layout, 30.0, 40.0, 0.0, look_m=80.0)
-    seen = renderer.render(CAMERA, pose, CALM).radiance[120:240, 280:360].reshape(-1, 3)
+    seen = renderer.render(Scene(CAMERA, pose, CALM)).radiance[120:240, 280:360].reshape(-1, 3)
     expected = np.array(CALM.ambient_rgb) + 0.8 * np.array(CALM.sun_rgb) + CALM.flood_rgb
     np.testing.assert_allclose(np.median(seen, axis=0), expected, rtol=2e-3)
 
@@ -257,7 +257,7 @@ def test_reflectance_is_a_display_colour_in_linear_light(renderer):
         ship = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((level,) * 3, 0.0, 0.0, (0.0, 0.0)))
         renderer.load(ship, SUN)
         u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, spot[None]))))[0].astype(int)
-        seen.append(renderer.render(CAMERA, pose, CALM).radiance[v, u].mean())
+        seen.append(renderer.render(Scene(CAMERA, pose, CALM)).radiance[v, u].mean())
     srgb = [((level + 0.055) / 1.055) ** 2.4 for level in (51 / 255, 153 / 255)]
     assert seen[1] / seen[0] == pytest.approx(srgb[1] / srgb[0], rel=0.01)
 
@@ -275,7 +275,7 @@ def test_shadow_is_as_long_as_the_sun_is_low(renderer, elevation_deg):
     across = np.arange(-30.0, 30.0, 0.1)
     points = world_points(layout, np.column_stack([np.full_like(across, 80.0), across]))
     pixels = np.rint(CAMERA.project(pose.inv().apply(points))).astype(int)
-    level = renderer.render(CAMERA, pose, weather).radiance[pixels[:, 1], pixels[:, 0]].mean(axis=1)
+    level = renderer.render(Scene(CAMERA, pose, weather)).radiance[pixels[:, 1], pixels[:, 0]].mean(axis=1)
     lit = level[across > 25.0].mean()
     dark = (level < 0.6 * lit) & (across > -6.5)
     np.testing.assert_allclose(level[across < -18.0], lit, rtol=0.02)  # towards the sun
@@ -290,18 +290,18 @@ def test_without_shadows_the_deck_is_even(renderer):
     pose = camera_pose(layout, -60.0, 70.0, 0.0, look_m=81.0)
     spots = world_points(layout, np.array([[80.0, 2.0], [80.0, 28.0]]))
     (u, v), (u1, v1) = np.rint(CAMERA.project(pose.inv().apply(spots))).astype(int)
-    seen = renderer.render(CAMERA, pose, replace(CALM, shadow=0.0)).radiance
+    seen = renderer.render(Scene(CAMERA, pose, replace(CALM, shadow=0.0))).radiance
     np.testing.assert_allclose(seen[v, u], seen[v1, u1], rtol=1e-3)
 
 
 def test_light_is_not_clipped(renderer):
     layout = class_layout(CVN)
     renderer.load(clean_ship(layout, CVN_EDGE), SUN)
-    pose = looking(np.array([-300.0, 0.0, -50.0]), np.array([-300.0 - 60.0, 0.0, -50.0 - 80.0]), np.zeros(3))
-    view = renderer.render(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=30.0))
+    pose = pose_towards(np.array([-300.0, 0.0, -50.0]), np.array([-300.0 - 60.0, 0.0, -50.0 - 80.0]), np.zeros(3))
+    view = renderer.render(Scene(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=30.0)))
     assert view.radiance.max() > 5.0
     assert np.isnan(view.depth_m).all()
-    blinding = renderer.render(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=1e9))
+    blinding = renderer.render(Scene(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=1e9)))
     assert np.isfinite(blinding.radiance).all()
 
 
@@ -325,9 +325,9 @@ def test_wrong_use_is_named(renderer):
     renderer.load(clean_ship(layout, CVN_EDGE), SUN)
     pose = camera_pose(layout, 100.0, 10.0, 0.0)
     with pytest.raises(ValueError, match=r"draws a pinhole, got distortion \(0.1"):
-        renderer.render(replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)), pose, CALM)
+        renderer.render(Scene(replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)), pose, CALM))
     with pytest.raises(ValueError, match=r"above the sea \(z < 0.00 m\), got z = 10.00 m"):
-        renderer.render(CAMERA, camera_pose(layout, 100.0, -30.0, 0.0), CALM)
+        renderer.render(Scene(CAMERA, camera_pose(layout, 100.0, -30.0, 0.0), CALM))
 
 
 def test_missing_egl_names_the_packages(monkeypatch):
@@ -343,12 +343,12 @@ def test_two_renderers_do_not_disturb_each_other(renderer):
     layout = class_layout(PAPER)
     ship, pose = clean_ship(layout, PAPER_EDGE), camera_pose(layout, 80.0, 15.0, 0.0)
     renderer.load(ship, SUN)
-    alone = renderer.render(CAMERA, pose, CALM)
+    alone = renderer.render(Scene(CAMERA, pose, CALM))
     with Renderer() as other:
         other.load(ship, -SUN * [1, 1, -1])
-        between = other.render(CAMERA, pose, CALM)
-        again = renderer.render(CAMERA, pose, CALM)
-    after = renderer.render(CAMERA, pose, CALM)
+        between = other.render(Scene(CAMERA, pose, CALM))
+        again = renderer.render(Scene(CAMERA, pose, CALM))
+    after = renderer.render(Scene(CAMERA, pose, CALM))
     for view in (again, after):
         np.testing.assert_array_equal(view.radiance, alone.radiance)
         np.testing.assert_array_equal(view.depth_m, alone.depth_m)
@@ -361,7 +361,7 @@ def test_frame_buffers_of_old_sizes_are_given_back(renderer):
     renderer.load(clean_ship(layout, PAPER_EDGE), SUN)
     pose = camera_pose(layout, 80.0, 15.0, 0.0)
     for width in range(64, 64 + 2 * KEPT_TARGETS):
-        assert renderer.render(Camera.from_fov(width, 36, 1.0), pose, CALM).depth_m.shape == (36, width)
+        assert renderer.render(Scene(Camera.from_fov(width, 36, 1.0), pose, CALM)).depth_m.shape == (36, width)
     assert len(renderer.targets) == KEPT_TARGETS
 
 
@@ -372,8 +372,8 @@ def test_labels_say_what_the_depth_lies_on(renderer):
     renderer.load(clean_ship(class_layout(PAPER), PAPER_EDGE), SUN)
     seen_from = camera_pose(layout, 60.0, 15.0, 5.0, nudge=(0.1, -0.1, 0.0))
     where = layout.world_from_ship
-    depth = renderer.render(CAMERA, seen_from, CALM, world_from_ship=where).depth_m
-    labels = renderer.labels(CAMERA, seen_from, CALM, world_from_ship=where)
+    depth = renderer.render(Scene(CAMERA, seen_from, CALM, world_from_ship=where)).depth_m
+    labels = renderer.labels(Scene(CAMERA, seen_from, CALM, world_from_ship=where))
     assert labels.dtype == np.uint8 and labels.shape == depth.shape
     assert set(np.unique(labels)) == {Label.SKY, Label.SURFACE, Label.DECK, Label.STRUCTURE}
     np.testing.assert_array_equal(labels == Label.SKY, np.isnan(depth))
@@ -385,5 +385,5 @@ def test_labels_say_what_the_depth_lies_on(renderer):
     np.testing.assert_allclose(where.inv().apply(points[kinds == Label.DECK])[:, 2], 0.0, atol=0.01)
     crate = where.inv().apply(points[kinds == Label.STRUCTURE])
     assert np.all(np.abs(crate[:, 0] - (layout.length_m - 2.0)) < 1.01)
-    again = renderer.render(CAMERA, seen_from, CALM, world_from_ship=where).depth_m
+    again = renderer.render(Scene(CAMERA, seen_from, CALM, world_from_ship=where)).depth_m
     np.testing.assert_array_equal(again, depth)

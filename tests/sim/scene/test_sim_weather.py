@@ -1,9 +1,21 @@
+"""Weather and light: ranges, plain numbers, what is given."""
+
 from dataclasses import asdict
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from deckline.sim.scene.weather import WeatherConfig, random_weather, sun_direction
+from deckline.sim.config import WeatherConfig
+from deckline.sim.scene.weather import (
+    ELEVATION_DEG,
+    random_daylight,
+    random_sky,
+    random_time_of_day,
+    random_weather,
+    sun_direction,
+)
 
 DRAWN = [random_weather(np.random.default_rng(k)) for k in range(80)]
 
@@ -58,15 +70,48 @@ def test_weather_is_plain_numbers():
             assert type(number) in (int, float)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"time_of_day": "noon"}, r"time_of_day must be one of \('day', 'dusk', 'night'\) or None, got 'noon'"),
-        ({"sky": "green"}, "sky must be one of .* got 'green'"),
-        ({"sea_state": 7}, "sea_state must lie between 0 and 6, got 7"),
-        ({"wind_m_s": -1.0}, "wind_m_s must lie between 0 and 40, got -1.0"),
-    ],
-)
-def test_wrong_settings_are_named(settings, message):
-    with pytest.raises(ValueError, match=message):
-        WeatherConfig(**settings)
+@pytest.mark.parametrize("time", ["day", "dusk", "night"])
+@given(st.integers(0, 2**32 - 1))
+def test_sun_shines_down_from_where_it_may_stand(time, seed):
+    direction = sun_direction(np.random.default_rng(seed), time)
+    low, high = np.sin(np.deg2rad(ELEVATION_DEG[time]))
+    assert np.isclose(np.linalg.norm(direction), 1.0)
+    assert low - 1e-9 <= direction[2] <= high + 1e-9
+
+
+def mean_light(time, sky):
+    levels = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        sun = sun_direction(rng, time)
+        light = random_daylight(rng, time, sky, sun, False)
+        levels.append(np.mean(light.ambient_rgb) + np.mean(light.sun_rgb) * sun[2])
+    return np.mean(levels)
+
+
+def test_light_falls_from_day_to_dusk_to_night_and_under_clouds():
+    assert 0.5 < mean_light("day", "clear") < 1.2
+    assert mean_light("day", "clear") > 1.5 * mean_light("day", "overcast")
+    assert mean_light("day", "overcast") > mean_light("dusk", "clear") > 3 * mean_light("night", "clear")
+
+
+def test_full_daylight_on_a_white_horizontal_surface_is_about_one():
+    sun = np.array([0.5, 0.0, np.sqrt(0.75)])
+    drawn = [random_daylight(np.random.default_rng(k), "day", "clear", sun, True) for k in range(200)]
+    whites = [np.mean(light.ambient_rgb) + sun[2] * np.mean(light.sun_rgb) for light in drawn]
+    assert np.mean(whites) == pytest.approx(0.9, abs=0.12)
+
+
+def test_fair_days_are_days_without_an_overcast():
+    rng = np.random.default_rng(1)
+    assert {random_time_of_day(rng, fair=True) for _ in range(100)} == {"day"}
+    assert {random_time_of_day(rng) for _ in range(200)} == {"day", "dusk", "night"}
+    assert {random_sky(rng, True) for _ in range(100)} == {"clear", "broken"}
+    assert {random_sky(rng, False) for _ in range(100)} == {"clear", "broken", "overcast"}
+
+
+def test_lamps_burn_when_it_is_dark():
+    rng = np.random.default_rng(2)
+    sun = sun_direction(rng)
+    assert random_daylight(rng, "day", "clear", sun, False).lamps == 0.0
+    assert random_daylight(rng, "night", "clear", sun, False).lamps > 0.0

@@ -9,7 +9,8 @@ from datetime import datetime, timedelta
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.sim.scene.daylight import DUSK_DEG, ELEVATION_DEG, TimeOfDay
+from deckline.sim.config import TimeOfDay
+from deckline.sim.scene.weather import DUSK_DEG, ELEVATION_DEG
 
 TILT_DEG = 23.45  # of the Earth's axis
 DARK_DEG = -6.0  # the sun's elevation at the end of civil twilight: below it, the moon stands opposite the sun

@@ -17,12 +17,13 @@ from scipy.spatial.transform import RigidTransform
 from deckline.adapters.airsim.clock import Clock, SolarClock, light_at
 from deckline.adapters.airsim.settings import SEGMENTATION, Settings
 from deckline.geometry import Camera, camera_mount
-from deckline.sim.camera.depth_camera import measure_depth
 from deckline.sim.camera.lens import random_lens
+from deckline.sim.camera.measure import measure_depth
 from deckline.sim.config import SimConfig
+from deckline.sim.flight.approach import approach_view
 from deckline.sim.flight.motion import ship_pose
-from deckline.sim.flight.trajectory import approach_view
-from deckline.sim.flight.viewpoint import Viewpoint
+from deckline.sim.flight.views import Viewpoint
+from deckline.sim.scene.view import Scene
 from deckline.sim.scene.weather import Weather, random_weather
 from deckline.sim.simulate import FLIGHT, FRAME, Scenery, Simulator, draw_visibility
 from deckline.types import Frame
@@ -68,7 +69,7 @@ class World:
         self._sun = self._simulator.renderer.sun
         self._time_of_day = self._simulator.weather.time_of_day
         self._drawn = 0  # pictures so far
-        start = approach_view(config, self._simulator.ship.layout, 0, config.flight, self._simulator.motion)
+        start = approach_view(config, self._simulator.ship.layout, 0, self._simulator.motion)
         self._start = State(start.world_from_body)
         self.state = self._start
 
@@ -119,9 +120,8 @@ class World:
         view, weather, _, _ = self._view(name, image_type, state, time_s)
         if view.camera.has_distortion:
             return view.camera, self.picture(name, image_type, state, time_s).depth_m
-        true_m = self._simulator.renderer.depth(
-            view.camera, view.world_from_camera, weather, time_s, world_from_ship=self._ship_at(time_s)
-        )
+        pose, ship = view.world_from_camera, self._ship_at(time_s)
+        true_m = self._simulator.renderer.depth(Scene(view.camera, pose, weather, time_s, world_from_ship=ship))
         return view.camera, measure_depth(true_m, self.config.depth, self._noise_rng())
 
     def segmentation(self, name: str, state: State, time_s: float) -> NDArray[np.uint8]:
@@ -132,9 +132,8 @@ class World:
         """
         view, weather, _, _ = self._view(name, SEGMENTATION, state, time_s)
         camera = self.camera(name, SEGMENTATION, state)
-        labels = self._simulator.renderer.labels(
-            camera, view.world_from_camera, weather, time_s, world_from_ship=self._ship_at(time_s)
-        )
+        pose, ship = view.world_from_camera, self._ship_at(time_s)
+        labels = self._simulator.renderer.labels(Scene(camera, pose, weather, time_s, world_from_ship=ship))
         return LABEL_RGB[labels]
 
     def _view(

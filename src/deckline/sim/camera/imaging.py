@@ -1,7 +1,7 @@
 """From what the renderer drew to what the camera records: air, exposure, lens, sensor and depth camera, joined."""
 
 import math
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,29 +10,18 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
 from deckline.haze import Atmosphere, Triple, add_haze, beta_from_visibility, scatter, visibility_from_beta, world_rays
-from deckline.sim.camera.atmosphere import AirConfig, Model, draw_air, draw_model, rain_extinction
-from deckline.sim.camera.depth_camera import DepthConfig, measure_depth
-from deckline.sim.camera.exposure import Exposure, FilmConfig, draw_exposure
-from deckline.sim.camera.film import Film
-from deckline.sim.camera.lens import Lens, LensConfig, pinhole_for, pixel_rays
-from deckline.sim.camera.sensor import Sensor, SensorConfig, develop, draw_sensor, finish, meter
+from deckline.sim.camera.air import draw_air, draw_model, rain_extinction
+from deckline.sim.camera.config import AirConfig, ImagingConfig, Model
+from deckline.sim.camera.exposure import Exposure, Film, draw_exposure
+from deckline.sim.camera.lens import Lens, pinhole_for, pixel_rays
+from deckline.sim.camera.measure import measure_depth
+from deckline.sim.camera.sensor import Sensor, develop, draw_sensor, finish, meter
 from deckline.sim.scene.gl import moderngl
-from deckline.sim.scene.render import View
+from deckline.sim.scene.view import View
 
 METER_STEP = 4  # metering looks at every fourth pixel
 BRIGHTEST = 3.0  # light that thick air lets through at all: it dims the sun before the sun's glitter is seen through it
 FAIR_STRENGTH = 0.15  # how far the sensor strays in the named presets, of what training wants
-
-
-@dataclass(frozen=True)
-class ImagingConfig:
-    """The camera, the air before it and its depth camera."""
-
-    lens: LensConfig = field(default_factory=LensConfig)
-    film: FilmConfig = field(default_factory=FilmConfig)
-    sensor: SensorConfig = field(default_factory=SensorConfig)
-    air: AirConfig = field(default_factory=AirConfig)
-    depth: DepthConfig = field(default_factory=DepthConfig)
 
 
 @dataclass(frozen=True)
@@ -52,9 +41,8 @@ class Shot:
     """One recorded picture."""
 
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
-    clear_rgb: (
-        NDArray[np.uint8] | None
-    )  # (H, W, 3) without haze, rain, blur by motion, noise and JPEG; None: not asked for
+    # (H, W, 3) without haze, rain, blur by motion, noise and JPEG; None: not asked for
+    clear_rgb: NDArray[np.uint8] | None
     depth_m: NDArray[np.float32]  # (H, W) as the depth camera measures it, NaN where nothing was seen
     true_depth_m: NDArray[np.float32]  # (H, W) NaN in the sky
     visibility_m: float  # 2 % contrast at the water, with the rain
@@ -129,7 +117,7 @@ class Imaging:
 
     def _taken(self, view: View, pinhole: Camera, camera: Camera, exposure: Exposure) -> View:
         """The view through the exposure and the lens."""
-        exposed = View(self.film.expose(view.radiance, view.depth_m, pinhole, exposure), view.depth_m)
+        exposed = self.film.expose(view, pinhole, exposure)
         return self.lens.warp(exposed, pinhole, camera) if camera.has_distortion else exposed
 
 

@@ -1,18 +1,17 @@
 """Lens distortion and principal point: a pinhole's picture seen through a distorting lens, on the GPU."""
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from deckline.geometry import Camera
-from deckline.sim.scene.gl import moderngl
-from deckline.sim.scene.render import View
+from deckline.sim.camera.config import LensConfig
+from deckline.sim.scene.gl import fullscreen, image_texture, link, moderngl
+from deckline.sim.scene.view import View
 
-SHADERS = Path(__file__).parents[1] / "scene" / "shaders"
 GRID_CELLS = 48  # each way; rays are solved at their corners and interpolated by cubics, to better than 0.001 px
 MARGIN_PX = 2  # of the pinhole's picture around what the lens sees
 LARGEST = 2.0  # times the lens' picture that its pinhole may grow, each way
@@ -20,28 +19,6 @@ AGREE = 1.1  # largest ratio of neighbouring depths that are taken for one surfa
 CHANCE = 0.35  # of a drawn lens that it distorts
 CORNER_SHIFT = (-0.1, 0.05)  # of a drawn lens, barrel to pincushion, relative to the corner's distance
 KEPT_MAPS = 4  # per Lens, of the last cameras
-
-
-@dataclass(frozen=True)
-class LensConfig:
-    """The lens; None: drawn mildly for preset `train`, the stated default for the others.
-
-    Args:
-        distortion: k1, k2, p1, p2, k3 as OpenCV orders them; default none.
-        principal_offset_px: of the optical axis from the image's middle, right and down; default 0 0.
-
-    Raises:
-        ValueError: numbers that are not finite, or too few or many.
-    """
-
-    distortion: tuple[float, float, float, float, float] | None = None
-    principal_offset_px: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        for name, count in (("distortion", 5), ("principal_offset_px", 2)):
-            values = getattr(self, name)
-            if values is not None and (len(values) != count or not np.all(np.isfinite(values))):
-                raise ValueError(f"{name} must be {count} finite numbers, got {values}")
 
 
 def random_lens(config: LensConfig, camera: Camera, rng: np.random.Generator, wide: bool) -> Camera:
@@ -90,7 +67,7 @@ def pinhole_for(camera: Camera) -> Camera:
 
 def pixel_rays(camera: Camera) -> NDArray[np.float32]:
     """Rays (H, W, 3) with z = 1 in the optical frame of every pixel: `Camera.rays`, faster, within 0.001 px."""
-    return _pixel_rays((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion))
+    return _pixel_rays(astuple(camera))
 
 
 @lru_cache(maxsize=8)
@@ -117,11 +94,8 @@ class Lens:
     """Warps pinhole pictures; lives on the renderer's OpenGL context."""
 
     def __init__(self, context: moderngl.Context) -> None:
-        sources = [(SHADERS / name).read_text(encoding="utf-8") for name in ("fullscreen.vert", "lens.frag")]
-        self.context = context
-        self.program = context.program(vertex_shader=sources[0], fragment_shader=sources[1])
-        corners = context.buffer(np.array([[-1, -1], [3, -1], [-1, 3]], dtype=np.float32).tobytes())
-        self.array = context.vertex_array(self.program, [(corners, "2f", "corner")])
+        self.context, self.program = context, link(context, "fullscreen.vert", "lens.frag")
+        self.array = fullscreen(context, self.program)
         for unit, name in enumerate(("radiance", "nearness", "lens_map")):
             self.program[name] = unit
         self.program["agree"] = AGREE
@@ -139,12 +113,7 @@ class Lens:
             raise ValueError(f"the source must be a pinhole, got distortion {source.distortion}")
         if view.depth_m.shape != (source.height, source.width):
             raise ValueError(f"the source is {source.width}x{source.height} px, its view {view.depth_m.shape}")
-        nearness = 1.0 / np.where(np.isnan(view.depth_m), np.float32(np.inf), view.depth_m)
-        size = (source.width, source.height)
-        pictures = [
-            self.context.texture(size, channels, np.ascontiguousarray(values, np.float32).tobytes(), dtype="f4")
-            for channels, values in ((3, view.radiance), (1, nearness))
-        ]
+        pictures = [image_texture(self.context, values) for values in (view.radiance, view.nearness)]
         for unit, texture in enumerate((*pictures, self._map(source, camera))):
             texture.use(unit)
         return self._draw((camera.width, camera.height), pictures)
@@ -167,16 +136,11 @@ class Lens:
 
     def _map(self, source: Camera, camera: Camera) -> moderngl.Texture:
         """Texture with the source's pixel of each of the camera's."""
-        key = (*_key(source), *_key(camera))
+        key = (astuple(source), astuple(camera))
         if key not in self.maps:
             if len(self.maps) >= KEPT_MAPS:
                 self.maps.pop(next(iter(self.maps))).release()
             scale, shift = np.array([source.fx, source.fy]), np.array([source.cx, source.cy])
             pixels = pixel_rays(camera)[..., :2] * scale + shift
-            size = (camera.width, camera.height)
-            self.maps[key] = self.context.texture(size, 2, pixels.astype(np.float32).tobytes(), dtype="f4")
+            self.maps[key] = image_texture(self.context, pixels)
         return self.maps[key]
-
-
-def _key(camera: Camera) -> tuple:
-    return camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion

@@ -1,71 +1,35 @@
 """What a camera makes of linear light: exposure, white balance, vignetting, blur, tone, noise and JPEG."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.sim.camera.tone import DISPLAY_GAMMA, STEPS, WHITE, Curve, Tone, level_of, light_of_levels, table
+from deckline.haze import Triple
+from deckline.sim.camera.config import SensorConfig, Tone
 
-Rgb = tuple[float, float, float]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
 TARGET = 0.27  # what automatic exposure makes of a picture's metered light; level 0.55 of a plain display
 GAIN_LIMITS = (0.02, 120.0)  # of automatic exposure: nights stay dark
 CORNER_TAN = np.tan(np.deg2rad(30.0))  # vignetting 1 is cos^4 of a lens that sees its corners 30 degrees off axis
 BLUR_REACH = 3.0  # sigmas
-LARGEST_GAIN = 100.0  # of a given white balance
+DISPLAY_GAMMA = 2.2  # a plain display's level is light to the power of one over this
+STEPS = 16384  # of a table, equally spaced in the square root of light, where levels lie nearly evenly
+FILMIC = (2.51, 0.03, 2.43, 0.59, 0.14)  # Narkowicz 2015, "ACES filmic tone mapping curve": a, b, c, d, e
+WHITE = {"gamma": 1.0, "srgb": 1.0, "filmic": 7.24}  # light from which on a curve shows full white
 
-
-@dataclass(frozen=True)
-class SensorConfig:
-    """What the camera's picture path does; None: preset `train` draws it, the others have the stated default.
-
-    Args:
-        exposure_ev: stops off automatic exposure, which keeps up to a quarter of the scene's own stops; default within
-            0.1 mostly.
-        white_balance: gain of red, green and blue; default within 2 %.
-        vignetting: 0 none, 1 falls to 56 % in the corners; default 0.
-        blur_px: 1-sigma of the lens' blur; default mostly 0.
-        tone: `gamma` (2.2), `srgb` or `filmic` (a shoulder for highlights); default `gamma`.
-        noise: 1-sigma of read-out noise, 8-bit steps; default about 0.3.
-        electrons: that a white pixel holds, for shot noise; 0: no shot noise; default above 40 000.
-        jpeg_quality: 1..100, 0: no JPEG; default 0.
-
-    Raises:
-        ValueError: a number out of its range.
-    """
-
-    exposure_ev: float | None = None
-    white_balance: Rgb | None = None
-    vignetting: float | None = None
-    blur_px: float | None = None
-    tone: Tone | None = None
-    noise: float | None = None
-    electrons: float | None = None
-    jpeg_quality: int | None = None
-
-    def __post_init__(self) -> None:
-        limits: dict[str, tuple[float, float]] = {"vignetting": (0, 1), "blur_px": (0, 20), "noise": (0, 128)}
-        limits |= {"jpeg_quality": (0, 100), "exposure_ev": (-10, 10), "electrons": (0, 1e9)}
-        for name, (low, high) in limits.items():
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise ValueError(f"{name} must lie between {low} and {high}, got {value}")
-        if self.tone is not None and self.tone not in get_args(Tone):
-            raise ValueError(f"tone must be one of {get_args(Tone)}, got {self.tone!r}")
-        gains = (1.0, 1.0, 1.0) if self.white_balance is None else self.white_balance
-        if len(gains) != 3 or not all(0 < gain <= LARGEST_GAIN for gain in gains):
-            raise ValueError(f"white_balance must be 3 positive gains up to {LARGEST_GAIN:g}, got {self.white_balance}")
+# A curve is (tone, gamma, contrast, black): gamma is an exponent on the level, contrast bends it about its middle,
+# black is the level that no light has.
+Curve = tuple[Tone, float, float, float]
 
 
 @dataclass(frozen=True)
 class Sensor:
     """One camera's settings in one frame: plain numbers, recorded with it."""
 
-    gain: Rgb = (1.0, 1.0, 1.0)  # exposure and white balance on linear light: red, green, blue
+    gain: Triple = (1.0, 1.0, 1.0)  # exposure and white balance on linear light: red, green, blue
     tone: Tone = "gamma"
     gamma: float = 1.0  # exponent on the level
     contrast: float = 0.0  # -1..1, bends levels about their middle
@@ -84,18 +48,6 @@ class Sensor:
         return self.tone, self.gamma, self.contrast, self.black
 
 
-def sensor_from_mapping(values: Mapping[str, Any]) -> Sensor:
-    """The Sensor whose `dataclasses.asdict` gave these values.
-
-    Raises:
-        ValueError: a missing or an unknown key.
-    """
-    names = {item.name for item in fields(Sensor)}
-    if set(values) != names:
-        raise ValueError(f"a sensor has {sorted(names)}, got {sorted(values)}")
-    return Sensor(**{**values, "gain": tuple(float(gain) for gain in values["gain"])})
-
-
 def meter(radiance: NDArray[np.float32]) -> float:
     """Light of a picture (H, W, 3) as automatic exposure sees it: the mean of its display levels, as light."""
     light = np.maximum(radiance @ LUMINANCE, 0.0)
@@ -110,7 +62,8 @@ def draw_sensor(config: SensorConfig, strength: float, scene_level: float, rng: 
     """
     automatic = (TARGET / max(scene_level, 1e-6)) ** rng.uniform(0.75, 1.0)
     stops, warmth, green = strength * rng.normal(0.0, [0.7, 0.1, 0.03])
-    exposure = float(np.clip(automatic, *GAIN_LIMITS)) * 2.0 ** _given(config.exposure_ev, stops)
+    stops = stops if config.exposure_ev is None else config.exposure_ev
+    exposure = float(np.clip(automatic, *GAIN_LIMITS)) * 2.0**stops
     balance = np.exp([warmth, green, -warmth]) if config.white_balance is None else np.asarray(config.white_balance)
     red, green, blue = (float(gain) for gain in exposure * balance)
     sensor = Sensor(gain=(red, green, blue), **_stray(strength, rng))
@@ -162,21 +115,6 @@ def develop(radiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.uint8]:
     light *= np.float32(STEPS - 1)
     light += np.float32(0.5)
     return tone_table[light.astype(np.uint16)]
-
-
-def radiance_from_image(rgb: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.float32]:
-    """Linear light (H, W, 3) that `develop` shows as an image, but for clipping, vignetting and blur.
-
-    Raises:
-        ValueError: a sensor without colour, whose pictures cannot be undone.
-    """
-    if not sensor.saturation > 0:
-        raise ValueError(f"only pictures with saturation > 0 can be undone, got {sensor.saturation}")
-    light: NDArray[Any] = light_of_levels(sensor.curve)[rgb]
-    if sensor.saturation != 1.0:
-        grey = (light @ LUMINANCE)[..., None]
-        light = grey + (light - grey) / np.float32(sensor.saturation)
-    return np.asarray(light / np.asarray(sensor.gain, np.float32), np.float32)
 
 
 @lru_cache(maxsize=8)
@@ -255,5 +193,34 @@ def finish(rgb: NDArray[np.uint8], sensor: Sensor, rng: np.random.Generator) -> 
     return jpeg(noisy, sensor.jpeg_quality) if sensor.jpeg_quality else noisy
 
 
-def _given(value: float | None, drawn: float) -> float:
-    return drawn if value is None else value
+def level_of(light: NDArray[np.float64], curve: Curve) -> NDArray[np.float64]:
+    """Level 0..1 of exposed linear light, 1 being white of the plain curves."""
+    tone, gamma, contrast, black = curve
+    x = np.clip(light, 0.0, WHITE[tone])
+    if tone == "srgb":  # IEC 61966-2-1
+        level = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
+    else:
+        if tone == "filmic":
+            a, b, c, d, e = FILMIC
+            x = np.clip(x * (a * x + b) / (x * (c * x + d) + e), 0.0, 1.0)
+        level = x ** (1.0 / DISPLAY_GAMMA)
+    level = level**gamma
+    level = level + contrast * level * (1 - level) * (2 * level - 1)
+    return black + (1 - black) * level
+
+
+@lru_cache(maxsize=64)
+def table(curve: Curve) -> NDArray[np.uint8]:
+    """8-bit level of `STEPS` amounts of light, 0 to WHITE, equally spaced in their square root."""
+    return np.rint(255.0 * level_of(_light(curve), curve)).astype(np.uint8)
+
+
+@lru_cache(maxsize=64)
+def light_of_levels(curve: Curve) -> NDArray[np.float32]:
+    """Light (256,) that a curve shows as each level; levels out of its reach get its darkest or brightest."""
+    light = _light(curve)
+    return np.interp(np.arange(256) / 255.0, level_of(light, curve), light).astype(np.float32)
+
+
+def _light(curve: Curve) -> NDArray[np.float64]:
+    return WHITE[curve[0]] * np.linspace(0.0, 1.0, STEPS) ** 2

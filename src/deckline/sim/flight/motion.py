@@ -1,7 +1,7 @@
 """How the ship moves: under way along its heading, and rolling, pitching and heaving in the sea.
 
-Each deck motion is a single sine (SPEC section 7) about the ship's middle at the waterline. A runway on land stays
-where it is, whatever motion is asked for.
+Each deck motion is a single sine about the ship's middle at the waterline. A runway on land stays where it is, whatever
+motion is asked for. Everywhere here, `layout` is the ship as it lies at time 0.
 """
 
 from dataclasses import dataclass
@@ -11,36 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import attitude
+from deckline.sim.config import MotionConfig
 from deckline.sim.scene.waves import STATE_HEIGHT_M
 from deckline.sim.ship.layout import Layout
 
-PERIODS_S = (22.0, 12.0, 18.0)  # roll, pitch, heave; SPEC section 7
+PERIODS_S = (22.0, 12.0, 18.0)  # roll, pitch, heave of a large carrier
 SEA_STATES = (0, 1, 2, 3, 4, 5, 6)
-STATED = {4: (0.62, 0.52, 0.68), 5: (0.98, 0.82, 1.09), 6: (1.44, 1.24, 1.63)}  # deg, deg, m; SPEC section 7
+AMPLITUDES = {4: (0.62, 0.52, 0.68), 5: (0.98, 0.82, 1.09), 6: (1.44, 1.24, 1.63)}  # deg, deg, m of sea states
 TRAIN_STILL = 0.3  # part of the training recordings whose ship lies still
-
-
-@dataclass(frozen=True)
-class MotionConfig:
-    """The ship's motion.
-
-    Args:
-        sea_state: 0 to 6, also between: roll, pitch and heave of the deck. Below 4 they shrink with the significant
-            wave height. None: a random state for preset `train`, 0 (still) for the others.
-        ship_speed_m_s: along the ship's heading; 12.9 is 25 knots.
-
-    Raises:
-        ValueError: a sea state outside 0 to 6, or a speed that is negative or above 30 m/s.
-    """
-
-    sea_state: float | None = None
-    ship_speed_m_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.sea_state is not None and not SEA_STATES[0] <= self.sea_state <= SEA_STATES[-1]:
-            raise ValueError(f"sea_state must lie between 0 and 6, got {self.sea_state}")
-        if not 0.0 <= self.ship_speed_m_s <= 30.0:
-            raise ValueError(f"ship_speed_m_s must lie between 0 and 30, got {self.ship_speed_m_s}")
 
 
 @dataclass(frozen=True)
@@ -60,11 +38,11 @@ STILL = Motion()
 def deck_amplitudes(sea_state: float) -> tuple[float, float, float]:
     """Amplitudes of roll, rad, pitch, rad, and heave, m.
 
-    States 4, 5 and 6 are those of SPEC section 7. Smaller ones are state 4's times the ratio of the significant wave
-    heights; between two states they run straight.
+    States below 4 are state 4's times the ratio of the significant wave heights; between two states they run straight.
     """
-    table = [np.array(STATED.get(k, np.array(STATED[4]) * STATE_HEIGHT_M[k] / STATE_HEIGHT_M[4])) for k in SEA_STATES]
-    roll, pitch, heave = (float(np.interp(sea_state, SEA_STATES, column)) for column in np.transpose(table))
+    calmer = [np.array(AMPLITUDES[4]) * height / STATE_HEIGHT_M[4] for height in STATE_HEIGHT_M[:4]]
+    table = np.array([*calmer, *AMPLITUDES.values()])
+    roll, pitch, heave = (float(np.interp(sea_state, SEA_STATES, column)) for column in table.T)
     return float(np.deg2rad(roll)), float(np.deg2rad(pitch)), heave
 
 
@@ -77,21 +55,13 @@ def draw_motion(config: MotionConfig, train: bool, rng: np.random.Generator) -> 
 
 
 def steady_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
-    """world_from_ship without roll, pitch and heave: what an aircraft's path is relative to.
-
-    Args:
-        layout: the ship as it lies at time 0.
-    """
+    """world_from_ship without roll, pitch and heave: what an aircraft's path is relative to."""
     travelled = RigidTransform.from_translation(time_s * steady_velocity(layout, motion))
     return travelled * layout.world_from_ship
 
 
 def ship_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
-    """world_from_ship with everything: speed, roll and pitch about the middle at the waterline, heave.
-
-    Args:
-        layout: the ship as it lies at time 0.
-    """
+    """world_from_ship with everything: speed, roll and pitch about the middle at the waterline, heave."""
     (roll, pitch, heave), _ = _swing(layout, motion, time_s)
     turn, middle = attitude(roll, pitch, 0.0), middle_m(layout)
     swung = RigidTransform.from_components(middle - turn.apply(middle), turn)
@@ -101,11 +71,7 @@ def ship_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
 def ship_velocity(
     layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
-    """Velocity (3,) in the world, m/s, of a point (3,) of the ship frame.
-
-    Args:
-        layout: the ship as it lies at time 0.
-    """
+    """Velocity (3,) in the world, m/s, of a point (3,) of the ship frame."""
     (roll, pitch, _), (roll_rate, pitch_rate, heave_rate) = _swing(layout, motion, time_s)
     turn = attitude(roll, pitch, 0.0)
     rate = Rotation.from_euler("y", pitch).apply(np.array([roll_rate, pitch_rate, 0.0]))
@@ -115,11 +81,7 @@ def ship_velocity(
 
 
 def deck_rise(layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike) -> float:
-    """How far, m, a deck point (2,) of the ship frame stands above where the steady ship has it.
-
-    Args:
-        layout: the ship as it lies at time 0, level.
-    """
+    """How far, m, a deck point (2,) of the ship frame stands above where the steady ship has it."""
     (roll, pitch, heave), _ = _swing(layout, motion, time_s)
     arm = np.array([*np.asarray(point_m, dtype=np.float64), 0.0]) - middle_m(layout)
     return float(heave - (attitude(roll, pitch, 0.0).apply(arm)[2] - arm[2]))

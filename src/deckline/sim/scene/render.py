@@ -6,7 +6,7 @@ centres; it does not pass through the depth buffer.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from types import TracebackType
 
 import numpy as np
@@ -14,33 +14,20 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
-from deckline.sim.scene.bake import SAMPLES, noise_texture, paint_deck, wave_texture
-from deckline.sim.scene.gl import moderngl, open_context
-from deckline.sim.scene.labels import Label
-from deckline.sim.scene.quality import BEST, Quality
-from deckline.sim.scene.shadow import ShadowMap
+from deckline.sim.scene.gl import fullscreen, link, moderngl, open_context
+from deckline.sim.scene.textures import ShadowMap, noise_texture, paint_deck, wave_texture
 from deckline.sim.scene.uniforms import CLEAR_AIR_M, Uniforms, scene_uniforms, solid_uniforms
-from deckline.sim.scene.weather import Weather
+from deckline.sim.scene.view import SAMPLES, Label, Scene, View
 from deckline.sim.ship.mesh import Mesh
 from deckline.sim.ship.ship import Ship
 from deckline.sim.ship.structure import deck_mesh
 
-SHADERS = Path(__file__).parent / "shaders"
-INCLUDES = ("light.glsl", "sky.glsl", "backdrop.glsl")
 CLIP_DISTANCE0 = 0x3000  # OpenGL's name
 BRIGHTEST = np.finfo(np.float16).max
 KEPT_TARGETS = 4  # sizes of frame buffers; every distorting lens has a pinhole of its own size
 VERTEX = ("3f 3f 3f", "position", "normal", "colour")
 LAMP = ("3f 3f 1f", "position", "colour", "strength")
 POSITION = ("3f 24x", "position")
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """One picture."""
-
-    radiance: NDArray[np.float32]  # (H, W, 3) linear light; 1 is what a white surface in full daylight sends
-    depth_m: NDArray[np.float32]  # (H, W) along the optical axis; NaN in the sky
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +44,7 @@ class Renderer:
 
     def __init__(self) -> None:
         self.context = open_context()
-        program = self._program
+        program = partial(link, self.context)
         self.sea, self.sea_depth = program("fullscreen.vert", "sea.frag"), program("fullscreen.vert", "sea_depth.frag")
         self.ground = program("fullscreen.vert", "ground.frag")
         self.solid, self.deck = program("solid.vert", "solid.frag"), program("solid.vert", "deck.frag")
@@ -65,11 +52,7 @@ class Renderer:
         self.lamp = program("lamp.vert", "lamp.frag")
         self.shadow = ShadowMap(self.context, program("shadow.vert", "shadow.frag"))
         self.noise, self.waves = noise_texture(self.context), wave_texture(self.context)
-        corners = self.context.buffer(np.array([[-1, -1], [3, -1], [-1, 3]], dtype=np.float32).tobytes())
-        self.backdrops = {
-            each: self.context.vertex_array(each, [(corners, "2f", "corner")])
-            for each in (self.sea, self.ground, self.sea_depth)
-        }
+        self.backdrops = {each: fullscreen(self.context, each) for each in (self.sea, self.ground, self.sea_depth)}
         self.targets: dict[tuple[int, int], tuple[moderngl.Framebuffer, ...]] = {}
         self.ship: Ship | None = None
         self.ship_objects: list[moderngl.Buffer | moderngl.Texture | moderngl.VertexArray] = []
@@ -80,9 +63,6 @@ class Renderer:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.context.__enter__()
         self.context.release()
-
-    def _program(self, vertex: str, fragment: str) -> moderngl.Program:
-        return self.context.program(vertex_shader=_source(vertex), fragment_shader=_source(fragment))
 
     def load(self, ship: Ship, sun: NDArray[np.float64]) -> None:
         """Bring a ship onto the card, paint its deck and cast its shadows.
@@ -100,89 +80,54 @@ class Renderer:
         self.paint_map = paint_deck(self.context, self.painter, ship)
         self.ship_objects.append(self.paint_map)
         self.solids = [self._solid(self.solid, ship.solids), self._solid(self.deck, deck)]
-        self.background = self._background(ship)
+        self.background = [self._solid(self.solid, ship.background)] if len(ship.background) else []
         casters = np.concatenate([ship.solids[:, :3], deck[:, :3]]).astype(np.float64)
         sun_on_ship = ship.layout.world_from_ship.rotation.inv().apply(sun)
         self.shadow.draw([self._buffer(ship.solids), self._buffer(deck)], casters, sun_on_ship)
         self.lamps = self._lamps(ship.lights)
 
-    def render(
-        self,
-        camera: Camera,
-        world_from_camera: RigidTransform,
-        weather: Weather,
-        time_s: float = 0.0,
-        with_ship: bool = True,
-        quality: Quality = BEST,
-        world_from_ship: RigidTransform | None = None,
-    ) -> View:
-        """A picture of the loaded ship (or of its sea alone) and its depth, the ship at rest or where it is put.
+    def render(self, scene: Scene) -> View:
+        """Picture and depth of a scene.
 
         Raises:
             ValueError: a camera with lens distortion or one that is not above the sea, or no ship loaded.
         """
-        ship, world = self._place(camera, world_from_camera, weather, time_s, with_ship, quality, world_from_ship)
-        return self._draw(camera, quality, ship, world, weather, with_ship)
+        ship, world = self._place(scene)
+        return self._draw(scene, ship, world)
 
-    def labels(
-        self,
-        camera: Camera,
-        world_from_camera: RigidTransform,
-        weather: Weather,
-        time_s: float = 0.0,
-        world_from_ship: RigidTransform | None = None,
-    ) -> NDArray[np.uint8]:
-        """What each pixel's middle shows, (H, W) of `Label`; arguments and errors as for `render`."""
-        ship, world = self._place(camera, world_from_camera, weather, time_s, True, BEST, world_from_ship)
-        return np.maximum(self._measure(camera, ship, world, with_ship=True, labels=True), 0.0).astype(np.uint8)
+    def labels(self, scene: Scene) -> NDArray[np.uint8]:
+        """What each pixel's middle shows, (H, W) of `Label`; errors as for `render`."""
+        return np.maximum(self._measure(scene, *self._place(scene), labels=True), 0.0).astype(np.uint8)
 
-    def depth(
-        self,
-        camera: Camera,
-        world_from_camera: RigidTransform,
-        weather: Weather,
-        time_s: float = 0.0,
-        world_from_ship: RigidTransform | None = None,
-    ) -> NDArray[np.float32]:
+    def depth(self, scene: Scene) -> NDArray[np.float32]:
         """The depth (H, W) of `render` without its picture, which takes most of the time."""
-        ship, world = self._place(camera, world_from_camera, weather, time_s, True, BEST, world_from_ship)
-        return _unknown_in_sky(self._measure(camera, ship, world, with_ship=True))
+        return _unknown_in_sky(self._measure(scene, *self._place(scene)))
 
-    def _place(
-        self,
-        camera: Camera,
-        world_from_camera: RigidTransform,
-        weather: Weather,
-        time_s: float,
-        with_ship: bool,
-        quality: Quality,
-        world_from_ship: RigidTransform | None,
-    ) -> tuple[Uniforms, Uniforms]:
-        """Tell all programs about a picture; returns what the ship and the rest of the world are drawn with."""
+    def _place(self, scene: Scene) -> tuple[Uniforms, Uniforms]:
+        """Tell all programs about a scene; returns what the ship and the rest of the world are drawn with."""
+        camera = scene.camera
         if camera.has_distortion:
             raise ValueError(f"the renderer draws a pinhole, got distortion {camera.distortion}")
         if self.ship is None:
             raise ValueError("load a ship before rendering: none is loaded")
-        eye_z, sea_z = world_from_camera.translation[2], self.ship.layout.sea_z_m
+        eye_z, sea_z = scene.world_from_camera.translation[2], self.ship.layout.sea_z_m
         if not eye_z < sea_z:
             raise ValueError(f"the camera must be above the sea (z < {sea_z:.2f} m), got z = {eye_z:.2f} m")
         self.context.__enter__()
-        where = self.ship.layout.world_from_ship if world_from_ship is None else world_from_ship
-        ship = solid_uniforms(camera, world_from_camera, where, CLEAR_AIR_M)
+        where = self.ship.layout.world_from_ship if scene.world_from_ship is None else scene.world_from_ship
+        ship = solid_uniforms(scene, where, CLEAR_AIR_M)
         moved = where.translation - self.ship.layout.world_from_ship.translation
         company = RigidTransform.from_translation([moved[0], moved[1], 0.0])  # other ships and land keep their distance
-        world = solid_uniforms(camera, world_from_camera, company, weather.fade_m)
-        scene = scene_uniforms(camera, world_from_camera, where, self.ship, weather, time_s, with_ship)
-        scene |= ship | {"sun": self.sun, "light_from_ship": self.shadow.light_from_ship.T}
-        self._bind(scene, quality.anisotropy)
+        world = solid_uniforms(scene, company, scene.weather.fade_m)
+        values = scene_uniforms(scene, self.ship, where)
+        values |= ship | {"sun": self.sun, "light_from_ship": self.shadow.light_from_ship.T}
+        self._bind(values, scene.quality.anisotropy)
         return ship, world | {"shadow": 0.0}
 
-    def _draw(
-        self, camera: Camera, quality: Quality, ship: Uniforms, world: Uniforms, weather: Weather, with_ship: bool
-    ) -> View:
-        sampled, resolved, _ = self._targets(camera)
-        drawn = sampled if quality.samples > 1 else resolved
-        solids = self.solids if with_ship else []
+    def _draw(self, scene: Scene, ship: Uniforms, world: Uniforms) -> View:
+        sampled, resolved, _ = self._targets(scene.camera)
+        drawn = sampled if scene.quality.samples > 1 else resolved
+        solids = self.solids if scene.with_ship else []
         land = self.ship is not None and self.ship.layout.on_land
         drawn.use()
         drawn.clear()
@@ -194,36 +139,33 @@ class Renderer:
             solid.colour.render()
         self.context.disable_direct(CLIP_DISTANCE0)
         self.backdrops[self.ground if land else self.sea].render()
-        if with_ship and weather.lamps > 0.0 and self.lamps is not None:
+        if scene.with_ship and scene.weather.lamps > 0.0 and self.lamps is not None:
             self._shine(self.lamps)
         if drawn is sampled:
             self.context.copy_framebuffer(resolved, sampled)
         radiance = np.frombuffer(resolved.read(components=4, alignment=1, dtype="f2"), dtype=np.float16)
         radiance = np.minimum(radiance, BRIGHTEST)  # the sun's glitter may be more
-        depth = self._measure(camera, ship, world, with_ship)
-        shape = (camera.height, camera.width)
-        rgb = radiance.reshape(*shape, 4)[..., :3].astype(np.float32)
+        depth = self._measure(scene, ship, world)
+        rgb = radiance.reshape(*depth.shape, 4)[..., :3].astype(np.float32)
         return View(rgb, _unknown_in_sky(depth))
 
-    def _measure(
-        self, camera: Camera, ship: Uniforms, world: Uniforms, with_ship: bool, labels: bool = False
-    ) -> NDArray[np.float32]:
+    def _measure(self, scene: Scene, ship: Uniforms, world: Uniforms, labels: bool = False) -> NDArray[np.float32]:
         """Depth (H, W) along the optical axis, or what is seen; not positive in the sky."""
-        measured = self._targets(camera)[-1]
+        measured = self._targets(scene.camera)[-1]
         measured.use()
         measured.clear()
         self.context.enable_direct(CLIP_DISTANCE0)
         for solid in self.background:
             _set(self.measure, world | {"label": labels * Label.BACKGROUND})
             solid.depth.render()
-        for solid, label in zip(self.solids if with_ship else [], (Label.STRUCTURE, Label.DECK), strict=False):
+        for solid, label in zip(self.solids if scene.with_ship else [], (Label.STRUCTURE, Label.DECK), strict=False):
             _set(self.measure, ship | {"label": labels * label})
             solid.depth.render()
         self.context.disable_direct(CLIP_DISTANCE0)
         _set(self.sea_depth, {"label": labels * Label.SURFACE})
         self.backdrops[self.sea_depth].render()
         read = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
-        return read.reshape(camera.height, camera.width)
+        return read.reshape(scene.camera.height, scene.camera.width)
 
     def _shine(self, lamps: moderngl.VertexArray) -> None:
         self.context.enable(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE)
@@ -271,9 +213,6 @@ class Renderer:
         self.ship_objects += [colour, depth]
         return Solid(program, colour, depth)
 
-    def _background(self, ship: Ship) -> list[Solid]:
-        return [self._solid(self.solid, ship.background)] if len(ship.background) else []
-
     def _lamps(self, lights: NDArray[np.float32]) -> moderngl.VertexArray | None:
         if not len(lights):
             return None
@@ -291,10 +230,3 @@ def _set(program: moderngl.Program, values: dict[str, ArrayLike]) -> None:
 
 def _unknown_in_sky(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(depth_m > 0, depth_m, np.float32(np.nan))
-
-
-def _source(name: str) -> str:
-    text = (SHADERS / name).read_text(encoding="utf-8")
-    for part in INCLUDES:
-        text = text.replace(f"#include {part}", (SHADERS / part).read_text(encoding="utf-8"))
-    return text

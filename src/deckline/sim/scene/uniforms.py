@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
+from deckline.sim.scene.view import Scene
 from deckline.sim.scene.waves import TILE_WAVES, phase_speed_m_s
 from deckline.sim.scene.weather import RIPPLE_RATIO, Weather
 from deckline.sim.ship.ship import Ship
@@ -19,30 +20,23 @@ CLEAR_AIR_M = 1e9  # the ship's own haze is added by whoever takes the picture
 Uniforms = dict[str, ArrayLike]
 
 
-def scene_uniforms(
-    camera: Camera,
-    world_from_camera: RigidTransform,
-    ship_pose: RigidTransform,
-    ship: Ship,
-    weather: Weather,
-    time_s: float,
-    with_ship: bool,
-) -> Uniforms:
+def scene_uniforms(scene: Scene, ship: Ship, ship_pose: RigidTransform) -> Uniforms:
     """Everything that does not depend on which solid is drawn."""
+    camera, weather = scene.camera, scene.weather
     layout, world_from_ship = ship.layout, ship_pose.as_matrix()
     values: Uniforms = {item.name: getattr(weather, item.name) for item in fields(weather)}
-    low = layout.outline_m.min(axis=0)
+    low, heading = layout.outline_m.min(axis=0), world_from_ship[:2, 0]
     return (
         values
-        | sea_uniforms(weather, time_s)
+        | sea_uniforms(weather, scene.time_s)
         | {
             "lens": (camera.fx, camera.fy, camera.cx, camera.cy),
-            "world_from_optical": world_from_camera.rotation.as_matrix().T,
-            "eye": world_from_camera.translation,
+            "world_from_optical": scene.world_from_camera.rotation.as_matrix().T,
+            "eye": scene.world_from_camera.translation,
             "sea_z": layout.sea_z_m,
             "clip_z": DEPTHS_M if layout.on_land else layout.sea_z_m,
-            "ship": (*world_from_ship[:2, 3], *_heading(world_from_ship)),
-            "wake": (ship.stern_half_m, weather.wake_spread, weather.wake_length_m, weather.wake * with_ship),
+            "ship": (*world_from_ship[:2, 3], *heading / np.linalg.norm(heading)),
+            "wake": (ship.stern_half_m, weather.wake_spread, weather.wake_length_m, weather.wake * scene.with_ship),
             "hull_m": layout.length_m,
             "world_from_ship4": world_from_ship.T,
             "paint_area": (*low, *np.ptp(layout.outline_m, axis=0)),
@@ -54,11 +48,11 @@ def scene_uniforms(
     )
 
 
-def solid_uniforms(camera: Camera, world_from_camera: RigidTransform, pose: RigidTransform, haze_m: float) -> Uniforms:
+def solid_uniforms(scene: Scene, pose: RigidTransform, haze_m: float) -> Uniforms:
     """Where a solid is drawn that stands at world_from_solid, and how hazy the air before it is."""
-    optical_from_solid = (world_from_camera.inv() * pose).as_matrix()
+    optical_from_solid = (scene.world_from_camera.inv() * pose).as_matrix()
     return {
-        "clip_from_ship": (clip_from_optical(camera) @ optical_from_solid).T,
+        "clip_from_ship": (clip_from_optical(scene.camera) @ optical_from_solid).T,
         "depth_row": optical_from_solid[2],
         "down_row": pose.as_matrix()[2],
         "world_from_ship": pose.rotation.as_matrix().T,
@@ -94,8 +88,3 @@ def clip_from_optical(camera: Camera) -> NDArray[np.float64]:
             [0.0, 0.0, 1.0, 0.0],
         ]
     )
-
-
-def _heading(world_from_ship: NDArray[np.float64]) -> NDArray[np.float64]:
-    level = world_from_ship[:2, 0]
-    return level / np.linalg.norm(level)

@@ -1,9 +1,11 @@
+"""Textures: shadows, noise, sizes."""
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline.sim.scene.daylight import sun_direction
-from deckline.sim.scene.shadow import light_from_ship
+from deckline.sim.scene.textures import light_from_ship
+from deckline.sim.scene.weather import sun_direction
 
 
 @given(st.integers(0, 2**32 - 1))

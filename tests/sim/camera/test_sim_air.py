@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from deckline.sim.camera.atmosphere import AirConfig, draw_air, draw_model, draw_waves, rain_extinction, thick_air
+from deckline.sim.camera.air import draw_air, draw_model, draw_waves, rain_extinction, thick_air
+from deckline.sim.camera.config import AirConfig
 
 HORIZON, SUN = np.array([0.6, 0.7, 0.8]), np.array([0.6, 0.0, 0.8])
 
@@ -76,18 +77,3 @@ def test_thick_air_is_never_dark():
     air = np.array([thick_air(HORIZON, np.random.default_rng(k), wide=True) for k in range(200)])
     assert air.min() > 0.1
     assert air.max() < 1.4
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"model": "mist"}, "model must be one of"),
-        ({"scale_height_m": 39.0}, "scale_height_m must be at least 40, got 39.0"),
-        ({"patch_m": 0.0}, "patch_m must be at least 1, got 0.0"),
-        ({"model": "paper", "glow": 0.0, "angstrom": 1.0}, "physical knows angstrom, glow, and model is paper"),
-        ({"patchiness": 1.0}, "patchiness must lie between 0 and 0.9, got 1.0"),
-    ],
-)
-def test_wrong_settings_are_named(settings, message):
-    with pytest.raises(ValueError, match=message):
-        AirConfig(**settings)

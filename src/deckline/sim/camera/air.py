@@ -1,15 +1,13 @@
 """Draws the air of a frame: which model, how thick, how high, how patchy, how coloured."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deckline.haze import Atmosphere, Triple, Wave, beta_from_visibility
+from deckline.sim.camera.config import AirConfig, Model
 
-Model = Literal["paper", "physical"]
 PHYSICAL_SHARE = 0.5  # of the frames of preset train
 WAVELENGTH_NM = np.array([610.0, 550.0, 465.0])  # middles of red, green and blue; visibility is quoted for green
 HAZE_FROM_M = 1000.0  # visibility from which drops are small enough to colour the light; below it is fog
@@ -17,65 +15,9 @@ SCALE_HEIGHT_M = 1000.0  # of haze in the marine boundary layer
 PATCH_WAVES = 5
 MOST_COLOUR = 0.4  # deviation from grey, as a share, of drawn thick air: drops scatter all colours nearly alike
 TINT = 0.04  # 1-sigma of the airlight's colour, from cold to warm
-LEAST_PATCH_M = 1.0  # banks are far longer; shorter waves than a pixel only cost time
-LEAST_SCALE_HEIGHT_M = 40.0  # no shallower bank is drawn; far above one, single precision would run out
-OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # what the paper's model does not know
 # Carbonneau's rain attenuation, ITU-R P.1814: 1.076 R^0.67 dB/km, R in mm/h.
 RAIN_DB_PER_KM, RAIN_EXPONENT = 1.076, 0.67
 DB_PER_NEPER = 10.0 / math.log(10.0)
-
-
-@dataclass(frozen=True)
-class AirConfig:
-    """The air; None: drawn widely for preset `train`, the stated default for the others.
-
-    Args:
-        model: `paper`: I = J t + A (1 - t) on 8-bit levels with one extinction; `physical`: in linear light, before
-            exposure, with what follows, all of which needs it; default `paper`.
-        scale_height_m: the extinction falls by e with each of these heights, at least 40; infinite: uniform air;
-            default 1000.
-        patchiness: 0 even, up to 0.9: banks of haze; default 0.
-        patch_m: their wavelength, at least 1; default 400.
-        angstrom: exponent of the extinction's fall with wavelength: 0 grey fog, 1.3 bluish haze; default 0.
-        glow: how much brighter thick air is at the sun, as a share; default 1.
-
-    Raises:
-        ValueError: an unknown model, a number out of its range, or one that the paper's model does not know.
-    """
-
-    model: Model | None = None
-    scale_height_m: float | None = None
-    patchiness: float | None = None
-    patch_m: float | None = None
-    angstrom: float | None = None
-    glow: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.model is not None and self.model not in get_args(Model):
-            raise ValueError(f"model must be one of {get_args(Model)}, got {self.model!r}")
-        if self.scale_height_m is not None and not self.scale_height_m >= LEAST_SCALE_HEIGHT_M:
-            raise ValueError(f"scale_height_m must be at least {LEAST_SCALE_HEIGHT_M:g}, got {self.scale_height_m}")
-        if self.patch_m is not None and not self.patch_m >= LEAST_PATCH_M:
-            raise ValueError(f"patch_m must be at least {LEAST_PATCH_M:g}, got {self.patch_m}")
-        for name, high in (("patchiness", 0.9), ("angstrom", 4.0), ("glow", 20.0)):
-            value = getattr(self, name)
-            if value is not None and not 0 <= value <= high:
-                raise ValueError(f"{name} must lie between 0 and {high}, got {value}")
-        if self.model == "paper":
-            self.refuse_physical("model is paper")
-
-    def refuse_physical(self, why: str) -> None:
-        """Refuse what the paper's model does not know.
-
-        Args:
-            why: what makes it the paper's model, for the message.
-
-        Raises:
-            ValueError: something of the physical model is given.
-        """
-        given = [name for name in OF_PHYSICAL if getattr(self, name) is not None]
-        if given:
-            raise ValueError(f"air: only model physical knows {', '.join(given)}, and {why}: set model to physical")
 
 
 def draw_model(config: AirConfig, rng: np.random.Generator, wide: bool) -> Model:
@@ -119,12 +61,12 @@ def draw_air(
     haze = 0.0 if math.isinf(visibility_m) else beta_from_visibility(visibility_m)
     extinction = haze * (WAVELENGTH_NM / WAVELENGTH_NM[1]) ** -values["angstrom"] + rain_extinction(rain_mm_h)
     return Atmosphere(
-        extinction_per_m=_triple(extinction),
-        airlight=_triple(airlight),
+        extinction_per_m=triple(extinction),
+        airlight=triple(airlight),
         base_z_m=float(sea_z_m),
         scale_height_m=values["scale_height_m"],
         glow=values["glow"],
-        sun=_triple(np.asarray(sun, dtype=np.float64)),
+        sun=triple(sun),
         waves=waves,
     )
 
@@ -173,6 +115,7 @@ def thick_air(horizon: NDArray[np.float64], rng: np.random.Generator, wide: bool
     return np.asarray(air * tint * (darkness if thick else brightness))
 
 
-def _triple(values: NDArray[np.float64]) -> Triple:
-    first, second, third = values.tolist()
+def triple(values: ArrayLike) -> Triple:
+    """Three numbers as plain floats."""
+    first, second, third = np.asarray(values, dtype=np.float64).tolist()
     return first, second, third

@@ -1,19 +1,19 @@
-"""Unrelated views: around the glide path, and for training also from where no approach leads."""
+"""Where a camera is: unrelated views around the glide path, and for training also from where no approach leads."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import Camera
+from deckline.geometry import Camera, attitude, camera_mount
 from deckline.sim.config import SimConfig
 from deckline.sim.flight.motion import STILL, Motion, deck_rise, steady_pose, steady_velocity
-from deckline.sim.flight.viewpoint import Viewpoint, looking, runway_in_view, runway_point
-from deckline.sim.ship.layout import Layout
+from deckline.sim.ship.layout import Layout, world_points
 from deckline.sim.ship.paint import axes
 
-TOUCHDOWN_M = 70.0  # from the ramp: 230 ft, SPEC section 7
-RAMP_CLEARANCE_M = 3.05  # 10 ft, SPEC section 7
+TOUCHDOWN_M = 70.0  # from the ramp: 230 ft, where the hook of an arrested landing touches
+RAMP_CLEARANCE_M = 3.05  # 10 ft, the least that an aircraft clears the ramp by
 APPARENT_WIDTH = (0.012, 1.0)  # the runway's width at the ramp over the image's, for a view worth training on
 TRAIN_FOV_DEG = (10.0, 90.0)
 FEW, FEW_ENOUGH, ENOUGH = 0.12, 0.2, 0.65  # few views may show so little of the lines, the others no less than that
@@ -23,6 +23,25 @@ CLEAR_OF_SHIP_M = 80.0  # a view from any side stays so far from the ship's ends
 DECK_HEIGHT_M = (6.0, 30.0)  # over the deck; where there is no runway, parked aircraft up to 5.6 m high may be below
 SPEED_M_S = 65.0
 RATES_RAD_S = np.deg2rad([4.0, 1.5, 1.5])  # 1-sigma of roll, pitch and yaw rate; our choice
+ELEVATION_DEG = (2.0, 8.0)  # of the camera over what it looks at, as on a glide path
+NUDGE_DEG = (4.0, 3.0, 6.0)  # 1-sigma of roll, pitch and yaw about that direction
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """Pose, camera, time and motion of one frame."""
+
+    world_from_body: RigidTransform
+    camera: Camera
+    time_s: float
+    body_from_camera: RigidTransform = field(default_factory=camera_mount)
+    velocity_m_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))  # (3,) over the water, world
+    # (3,) of the camera against the world, about the body's axes
+    angular_rate_rad_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def world_from_camera(self) -> RigidTransform:
+        return self.world_from_body * self.body_from_camera
 
 
 def random_view(
@@ -42,7 +61,7 @@ def random_view(
     if kind < DECK_SHARE:
         view = deck_view(config, layout, rng)
     elif kind < DECK_SHARE + ODD_SHARE:
-        view = odd_view(config, layout, rng)
+        view = from_any_side(config, layout, rng, aim_deg=0.0)
     elif kind < DECK_SHARE + ODD_SHARE + AWAY_SHARE:
         view = away_view(config, layout, rng)
     else:
@@ -84,7 +103,7 @@ def draw_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Vi
     sigma, most = (5.0, 12.0) if wide else (4.0, 8.0)
     roll = np.deg2rad(np.clip(rng.normal(0.0, sigma), -most, most))
     nudge = np.array([roll, np.arctan(dv / camera.fy), -np.arctan(du / camera.fx)])
-    return Viewpoint(looking(position, target, nudge), camera, 0.0)
+    return Viewpoint(pose_towards(position, target, nudge), camera, 0.0)
 
 
 def draw_range(config: SimConfig, layout: Layout, rng: np.random.Generator) -> tuple[float, float]:
@@ -117,12 +136,7 @@ def deck_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Vi
     target = runway_point(layout, along + 100.0, right)
     nudge = np.deg2rad(np.clip(rng.normal(0.0, 1.0, 3), -2.4, 2.4) * [5.0, 5.0, 5.0])
     camera = Camera.from_fov(config.width, config.height, draw_fov(config, rng, 35.0))
-    return Viewpoint(looking(runway_point(layout, along, right, height), target, nudge), camera, 0.0)
-
-
-def odd_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
-    """The ship from any side, from abeam and from ahead as well."""
-    return from_any_side(config, layout, rng, aim_deg=0.0)
+    return Viewpoint(pose_towards(runway_point(layout, along, right, height), target, nudge), camera, 0.0)
 
 
 def away_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Viewpoint:
@@ -136,7 +150,7 @@ def away_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Vi
 
 
 def from_any_side(config: SimConfig, layout: Layout, rng: np.random.Generator, aim_deg: float) -> Viewpoint:
-    """Any azimuth about the ship's middle, looking `aim_deg` clockwise of the runway."""
+    """Any azimuth about the ship's middle, abeam and ahead too, looking `aim_deg` clockwise of the runway."""
     range_m = float(np.exp(rng.uniform(*np.log(ODD_RANGE_M))))
     range_m = max(range_m, layout.length_m / 2 + CLEAR_OF_SHIP_M)
     azimuth = rng.uniform(0.0, 2 * np.pi)
@@ -145,4 +159,41 @@ def from_any_side(config: SimConfig, layout: Layout, rng: np.random.Generator, a
     target = runway_point(layout, rng.uniform(0.0, 0.8) * axes(*layout.centre_m)[2])
     nudge = np.deg2rad(rng.normal([0.0, 0.0, aim_deg], 4.0))
     camera = Camera.from_fov(config.width, config.height, draw_fov(config, rng, 20.0))
-    return Viewpoint(looking(layout.world_from_ship.apply(spot), target, nudge), camera, 0.0)
+    return Viewpoint(pose_towards(layout.world_from_ship.apply(spot), target, nudge), camera, 0.0)
+
+
+def view_towards(
+    config: SimConfig, target_m: NDArray[np.float64], range_m: float, rng: np.random.Generator
+) -> Viewpoint:
+    """From any azimuth about a point (3,) of the world, as far above it as on a glide path."""
+    azimuth = rng.uniform(0.0, 2 * np.pi)
+    height_m = range_m * np.tan(np.deg2rad(rng.uniform(*ELEVATION_DEG)))
+    away = np.array([range_m * np.cos(azimuth), range_m * np.sin(azimuth), -height_m])
+    nudge = np.deg2rad(np.clip(rng.normal(0.0, 1.0, 3), -2.4, 2.4) * NUDGE_DEG)
+    camera = Camera.from_fov(config.width, config.height, draw_fov(config, rng))
+    return Viewpoint(pose_towards(target_m + away, target_m, nudge), camera, 0.0)
+
+
+def pose_towards(
+    position_m: NDArray[np.float64], target_m: NDArray[np.float64], nudge_rad: NDArray[np.float64]
+) -> RigidTransform:
+    """world_from_body at a position whose nose points at a target, then turned by (roll, pitch, yaw)."""
+    delta = target_m - position_m
+    yaw, pitch = np.arctan2(delta[1], delta[0]), np.arctan2(-delta[2], np.hypot(delta[0], delta[1]))
+    return RigidTransform.from_components(position_m, attitude(nudge_rad[0], pitch + nudge_rad[1], yaw + nudge_rad[2]))
+
+
+def runway_in_view(view: Viewpoint, layout: Layout) -> float:
+    """Part of the two edge lines, measured along the deck, that lies inside the image, 0..1."""
+    steps = np.linspace(0.0, 1.0, 12)[:, None]
+    points = np.concatenate([line[0] + steps * (line[1] - line[0]) for line in (layout.left_m, layout.right_m)])
+    pixels = view.camera.project(view.world_from_camera.inv().apply(world_points(layout, points)))
+    with np.errstate(invalid="ignore"):
+        inside = np.all((pixels >= 0) & (pixels <= [view.camera.width - 1, view.camera.height - 1]), axis=1)
+    return float(inside.mean())
+
+
+def runway_point(layout: Layout, along_m: float, right_m: float = 0.0, up_m: float = 0.0) -> NDArray[np.float64]:
+    """A point (3,) in the world: so far past the ramp along the centre line, to its right, above the deck."""
+    along, right, _ = axes(*layout.centre_m)
+    return world_points(layout, (layout.centre_m[0] + along_m * along + right_m * right)[None], up_m)[0]

@@ -1,11 +1,23 @@
+"""Unrelated views and where a camera looks."""
+
 import numpy as np
 import pytest
 
-from deckline.geometry import Camera
+from deckline.geometry import Camera, camera_mount
 from deckline.sim.config import SimConfig
 from deckline.sim.flight.motion import Motion, ship_pose
-from deckline.sim.flight.random_views import APPARENT_WIDTH, away_view, deck_view, draw_range, odd_view, random_view
-from deckline.sim.flight.viewpoint import runway_in_view
+from deckline.sim.flight.views import (
+    APPARENT_WIDTH,
+    Viewpoint,
+    away_view,
+    deck_view,
+    draw_range,
+    from_any_side,
+    pose_towards,
+    random_view,
+    runway_in_view,
+    runway_point,
+)
 from deckline.sim.ship.layout import class_layout, random_layout
 from deckline.sim.ship.paint import axes
 from deckline.sim.ship.ship_class import load_class
@@ -68,7 +80,7 @@ def test_no_view_is_inside_the_ship_or_the_sea():
     for seed in range(150):
         rng = np.random.default_rng(seed)
         layout = random_layout(rng)
-        view = (odd_view, away_view)[seed % 2](TRAIN, layout, rng)
+        view = away_view(TRAIN, layout, rng) if seed % 2 else from_any_side(TRAIN, layout, rng, 0.0)
         x, y, z = layout.world_from_ship.inv().apply(view.world_from_body.translation)
         assert np.hypot(x - layout.length_m / 2, y) >= layout.length_m / 2 + 79.0
         assert z < 0.0  # above the deck's height
@@ -77,7 +89,7 @@ def test_no_view_is_inside_the_ship_or_the_sea():
 def test_views_past_the_ship_show_no_runway_and_views_from_any_side_do():
     layout = CVN
     away = [runway_in_view(away_view(TRAIN, layout, np.random.default_rng(k)), layout) for k in range(60)]
-    odd = [runway_in_view(odd_view(TRAIN, layout, np.random.default_rng(k)), layout) for k in range(60)]
+    odd = [runway_in_view(from_any_side(TRAIN, layout, np.random.default_rng(k), 0.0), layout) for k in range(60)]
     assert max(away) == 0.0
     assert np.mean(np.array(odd) > 0.3) > 0.9
 
@@ -125,3 +137,47 @@ def test_fixed_field_of_view_is_kept():
     views = [random_view(config, CVN, k, np.random.default_rng(k)) for k in range(30)]
     focal = 640.0 / np.tan(np.deg2rad(16.5))
     np.testing.assert_allclose([view.camera.fx for view in views], focal)
+
+
+PAPER_SHIP = class_layout(load_class("paper"))
+
+
+def test_nose_points_at_the_target():
+    position, target = np.array([10.0, -5.0, -60.0]), np.array([-200.0, 40.0, 6.0])
+    body = pose_towards(position, target, np.zeros(3))
+    nose = body.rotation.apply([1.0, 0.0, 0.0])
+    np.testing.assert_allclose(nose, (target - position) / np.linalg.norm(target - position), atol=1e-12)
+    assert abs(body.rotation.apply([0.0, 1.0, 0.0])[2]) < 1e-12  # wings level
+
+
+def test_camera_pose_is_the_body_then_the_mount():
+    body = pose_towards(np.array([1.0, 2.0, -30.0]), np.array([50.0, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
+    mount = camera_mount((1.0, 0.5, 0.2))
+    view = Viewpoint(body, Camera.from_fov(64, 36, 1.0), 0.0, mount)
+    np.testing.assert_allclose(view.world_from_camera.as_matrix(), body.as_matrix() @ mount.as_matrix(), atol=1e-12)
+
+
+def test_runway_points_are_measured_from_the_ramp():
+    for layout in (PAPER_SHIP, CVN):
+        end = axes(*layout.centre_m)[2]
+        np.testing.assert_allclose(
+            runway_point(layout, end), layout.world_from_ship.apply([*layout.centre_m[1], 0.0]), atol=1e-9
+        )
+        raised = runway_point(layout, -40.0, 5.0, 12.0)
+        assert raised[2] - runway_point(layout, 0.0)[2] == -12.0
+        assert np.linalg.norm((raised - runway_point(layout, 0.0))[:2]) == np.hypot(40.0, 5.0)
+
+
+def test_part_of_the_runway_in_view():
+    layout = CVN
+    camera = Camera.from_fov(640, 360, np.deg2rad(60.0))
+
+    def seen(along_m, up_m, ahead_m):
+        position = runway_point(layout, along_m, 0.0, up_m)
+        return runway_in_view(
+            Viewpoint(pose_towards(position, runway_point(layout, ahead_m), np.zeros(3)), camera, 0.0), layout
+        )
+
+    assert seen(-400.0, 30.0, 100.0) == 1.0
+    assert seen(-400.0, 30.0, -900.0) == 0.0
+    assert 0.1 < seen(100.0, 20.0, 200.0) < 0.9

@@ -1,14 +1,24 @@
+"""Approaches and the profile: paths, winds, deviations."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from deckline.geometry import camera_mount
-from deckline.sim.config import SimConfig
-from deckline.sim.flight.flight import FlightConfig
+from deckline.sim.config import FLIGHTS, FlightConfig, SimConfig
+from deckline.sim.flight.approach import (
+    approach_view,
+    closing_speed,
+    draw_flight,
+    flight_path,
+    gust,
+    offset_left,
+    profile_height,
+    wander,
+)
 from deckline.sim.flight.motion import Motion, ship_pose
-from deckline.sim.flight.trajectory import approach_view, flight_path, path_view, profile_height, profile_view
-from deckline.sim.flight.viewpoint import runway_in_view
+from deckline.sim.flight.views import runway_in_view
 from deckline.sim.ship.layout import class_layout
 from deckline.sim.ship.paint import axes
 from deckline.sim.ship.ship_class import load_class
@@ -16,6 +26,7 @@ from deckline.sim.ship.ship_class import load_class
 CVN = class_layout(load_class("cvn"))
 PAPER_SHIP = class_layout(load_class("paper"))
 PAPER = SimConfig(preset="paper", frames=50)
+PROFILE = replace(PAPER, trajectory="profile")
 UNDER_WAY = Motion(speed_m_s=12.9, roll_rad=0.03, pitch_rad=0.02, heave_m=1.6)
 WINDY = FlightConfig(headwind_m_s=8.0, crosswind_m_s=6.0)
 
@@ -57,7 +68,7 @@ def test_an_approach_to_a_moving_ship_keeps_the_glideslope_over_its_steady_deck(
     config = replace(PAPER, preset="cvn", frames=20)
     for k in range(20):
         still = approach_view(config, layout, k)
-        view = approach_view(config, layout, k, motion=UNDER_WAY)
+        view = approach_view(config, layout, k, UNDER_WAY)
         ranges, _, height = over_deck(sailed(layout, view.time_s), positions([view]))
         still_ranges, _, _ = over_deck(layout, positions([still]))
         np.testing.assert_allclose(ranges, still_ranges, atol=1e-6)
@@ -69,7 +80,7 @@ def test_no_approach_meets_a_ramp_that_rises():
     config = replace(PAPER, preset="cvn", frames=60)
     close = []
     for k in range(60):
-        view = approach_view(config, CVN, k, motion=motion)
+        view = approach_view(config, CVN, k, motion)
         ramp = ship_pose(CVN, motion, view.time_s).apply([*CVN.centre_m[0], 0.0])
         close.append(ramp[2] - view.world_from_body.translation[2])
     assert min(close) >= 3.05 - 1e-9
@@ -77,25 +88,25 @@ def test_no_approach_meets_a_ramp_that_rises():
 
 @pytest.mark.parametrize("motion", [Motion(), UNDER_WAY], ids=["still", "under way"])
 def test_the_aircraft_keeps_its_speed_through_the_air(motion):
-    layout, config = CVN, SimConfig(preset="cvn", frames=2)
-    path = flight_path(config, layout, WINDY, motion, "ahead", 800.0, lambda range_m: range_m * 0.06)
+    config = SimConfig(preset="cvn", frames=400, flight=WINDY)
+    path = flight_path(config, CVN, motion)
     along = np.array([np.cos(np.deg2rad(8.49)), -np.sin(np.deg2rad(8.49))])  # the class's deck, heading north
     wind = -8.0 * along - 6.0 * np.array([-along[1], along[0]])
     velocity = np.array([motion.speed_m_s, 0.0]) + path.closing_m_s * along
     assert np.linalg.norm(velocity - wind) == pytest.approx(65.0)
-    nose = np.mean([path_view(replace(config, frames=400), path, k).world_from_body.rotation.apply([1.0, 0.0, 0.0])
-                    for k in range(0, 400, 10)], axis=0)  # fmt: skip
+    views = [approach_view(config, CVN, k, motion) for k in range(0, 400, 10)]
+    nose = np.mean([view.world_from_body.rotation.apply([1.0, 0.0, 0.0]) for view in views], axis=0)
     through_air = velocity - wind
     turned = np.arctan2(nose[1], nose[0]) - np.arctan2(through_air[1], through_air[0])
     assert abs(np.rad2deg(turned)) < 1.0  # no sideslip on average; the nose shakes by half a degree
 
 
 def test_velocity_and_angular_rate_are_those_of_the_poses():
-    config = SimConfig(preset="cvn", frames=100001)
     flight = FlightConfig(turbulence_m_s=1.5, crosswind_m_s=5.0)
-    for view_of in (approach_view, profile_view):
+    for trajectory in FLIGHTS:
+        config = SimConfig(preset="cvn", frames=100001, flight=flight, trajectory=trajectory)
         for index in (0, 50000, 99990):
-            before, now, after = (view_of(config, CVN, index + k, flight, UNDER_WAY) for k in (-1, 0, 1))
+            before, now, after = (approach_view(config, CVN, index + k, UNDER_WAY) for k in (-1, 0, 1))
             step = after.time_s - before.time_s
             moved = positions([after])[0] - positions([before])[0]
             np.testing.assert_allclose(now.velocity_m_s, moved / step, atol=2e-2)
@@ -108,7 +119,8 @@ def test_velocity_and_angular_rate_are_those_of_the_poses():
 def test_offsets_are_closed_on_the_way():
     layout, config = CVN, SimConfig(preset="cvn", frames=41)
     flight = FlightConfig(lateral_offset_m=60.0, vertical_offset_m=-9.0)
-    plain, offset = ([approach_view(config, layout, k, f) for k in range(41)] for f in (FlightConfig(), flight))
+    configs = config, replace(config, flight=flight)
+    plain, offset = ([approach_view(each, layout, k) for k in range(41)] for each in configs)
     _, lateral, height = np.array(over_deck(layout, positions(offset))) - over_deck(layout, positions(plain))
     assert (lateral[0], height[0]) == (pytest.approx(60.0), pytest.approx(-9.0))
     np.testing.assert_allclose(lateral[29:], 0.0, atol=1e-9)
@@ -116,8 +128,8 @@ def test_offsets_are_closed_on_the_way():
 
 
 def test_profile_passes_the_papers_points():
-    layout, config = PAPER_SHIP, replace(PAPER, frames=160)
-    views = [profile_view(config, layout, k) for k in range(160)]
+    layout, config = PAPER_SHIP, replace(PROFILE, frames=160)
+    views = [approach_view(config, layout, k) for k in range(160)]
     ranges, lateral, height = over_deck(layout, positions(views))
     assert ranges[0] == pytest.approx(5000.0)
     assert ranges[-1] == pytest.approx(12.0)
@@ -132,23 +144,22 @@ def test_profile_passes_the_papers_points():
 def test_a_flight_that_ends_before_it_begins_is_refused():
     config = SimConfig(trajectory="profile", start_m=9000.0, end_m=6000.0)
     with pytest.raises(ValueError, match="trajectory profile begins at 5000 m, got end_m 6000"):
-        profile_view(config, class_layout(load_class("paper")), 0)
+        approach_view(config, PAPER_SHIP, 0)
 
 
 def test_profile_has_no_kinks():
-    layout, config = PAPER_SHIP, replace(PAPER, frames=600)
-    flight = FlightConfig(lateral_offset_m=100.0)
-    velocity = np.array([profile_view(config, layout, k, flight).velocity_m_s for k in range(0, 600, 2)])
+    config = replace(PROFILE, frames=600, flight=FlightConfig(lateral_offset_m=100.0))
+    velocity = np.array([approach_view(config, PAPER_SHIP, k).velocity_m_s for k in range(0, 600, 2)])
     step_s = 2 * 4988.0 / 65.0 / 599
     assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / step_s < 0.5 * 9.81
 
 
 def test_the_profiles_camera_points_at_the_touchdown_point_with_a_level_horizon():
-    layout, config = PAPER_SHIP, replace(PAPER, frames=12)
+    layout, config = PAPER_SHIP, replace(PROFILE, frames=12, flight=WINDY)
     along, _, _ = axes(*layout.centre_m)
     spot = layout.world_from_ship.apply([*(layout.centre_m[0] + 70.0 * along), 0.0])
     for k in range(12):
-        view = profile_view(config, layout, k, WINDY)
+        view = approach_view(config, layout, k)
         u, v = view.camera.project(view.world_from_camera.inv().apply(spot[None]))[0]
         np.testing.assert_allclose([u, v], [639.5, 359.5], atol=1e-6)
         assert abs(view.world_from_camera.rotation.apply([1.0, 0.0, 0.0])[2]) < 1e-12
@@ -164,20 +175,96 @@ def path_wind(layout):
 
 
 def test_an_approach_looks_along_the_aircraft_unless_told_to_point():
-    layout = CVN
-    config = replace(PAPER, preset="cvn")
-    fixed, pointed = (approach_view(config, layout, 20, FlightConfig(pointing=p)) for p in (None, "runway"))
+    configs = [replace(PAPER, preset="cvn", flight=FlightConfig(pointing=p)) for p in (None, "runway")]
+    fixed, pointed = (approach_view(config, CVN, 20) for config in configs)
     np.testing.assert_allclose(fixed.body_from_camera.as_matrix(), camera_mount().as_matrix())
     assert np.abs(pointed.body_from_camera.as_matrix() - camera_mount().as_matrix()).max() > 1e-3
 
 
 def test_a_frame_depends_on_seed_and_index_alone():
-    layout = CVN
-    config, flight = SimConfig(preset="train", frames=30, seed=4), FlightConfig()
-    late = approach_view(config, layout, 25, flight, UNDER_WAY)
+    config = SimConfig(preset="train", frames=30, seed=4)
+    late = approach_view(config, CVN, 25, UNDER_WAY)
     for k in range(5):
-        approach_view(config, layout, k, flight, UNDER_WAY)
-    again = approach_view(config, layout, 25, flight, UNDER_WAY)
+        approach_view(config, CVN, k, UNDER_WAY)
+    again = approach_view(config, CVN, 25, UNDER_WAY)
     np.testing.assert_array_equal(late.world_from_body.as_matrix(), again.world_from_body.as_matrix())
-    other = approach_view(replace(config, seed=5), layout, 25, flight, UNDER_WAY)
+    other = approach_view(replace(config, seed=5), CVN, 25, UNDER_WAY)
     assert np.abs(late.world_from_body.as_matrix() - other.world_from_body.as_matrix()).max() > 0.1
+
+
+ALONG = np.array([0.6, 0.8])
+STILL_AIR = np.zeros(2)
+
+
+def test_in_still_air_a_still_deck_is_closed_at_the_speed_of_flight():
+    assert closing_speed(ALONG, STILL_AIR, STILL_AIR, 65.0) == pytest.approx(65.0)
+
+
+def test_a_deck_that_sails_away_and_a_headwind_are_subtracted():
+    assert closing_speed(ALONG, 12.0 * ALONG, STILL_AIR, 65.0) == pytest.approx(53.0)
+    assert closing_speed(ALONG, 12.0 * ALONG, -8.0 * ALONG, 65.0) == pytest.approx(45.0)
+
+
+def test_a_crosswind_costs_what_pythagoras_says():
+    across = np.array([-0.8, 0.6])
+    assert closing_speed(ALONG, STILL_AIR, 25.0 * across, 65.0) == pytest.approx(60.0)
+
+
+def test_too_much_wind_is_named():
+    with pytest.raises(ValueError, match=r"an aircraft of 20 m/s cannot approach a deck that moves at 30.0 m/s"):
+        closing_speed(ALONG, STILL_AIR, -30.0 * ALONG, 20.0)
+    with pytest.raises(ValueError, match="cannot approach"):
+        closing_speed(ALONG, STILL_AIR, 30.0 * np.array([-0.8, 0.6]), 20.0)
+
+
+def test_gusts_have_the_sigma_asked_for_and_move_the_aircraft_as_its_pilot_lets_them():
+    times = np.linspace(0.0, 1000.0, 5001)
+    both = np.array([gust(t, 1.5, 65.0, np.random.default_rng(2)) for t in times])
+    velocity, moved = both.T
+    assert np.std(velocity) == pytest.approx(1.5, rel=0.05)
+    rate = np.gradient(moved, times)
+    np.testing.assert_allclose(rate[1:-1], (velocity - 0.5 * moved)[1:-1], atol=0.2)
+    assert np.std(moved) < 1.5 / 0.5
+
+
+def test_gusts_follow_drydens_spectrum():
+    times = np.arange(0.0, 8000.0, 0.8)
+    velocity = np.array([gust(t, 1.0, 65.0, np.random.default_rng(5))[0] for t in times])
+    power = np.abs(np.fft.rfft(velocity)) ** 2
+    frequency = np.fft.rfftfreq(len(times), 0.8)
+
+    def share(low, high):
+        return power[(frequency >= low) & (frequency < high)].sum()
+
+    def dryden(low, high):  # integral of 1 / (1 + (L w / V)^2)
+        return np.diff(np.arctan(200.0 / 65.0 * 2 * np.pi * np.array([low, high])))[0]
+
+    edges = np.geomspace(0.02, 0.6, 25)
+    low, high = edges[12], edges[24]
+    assert share(low, high) / share(0.01, 0.7) == pytest.approx(dryden(low, high) / dryden(0.02, 0.6), rel=0.05)
+
+
+def test_offsets_close_smoothly():
+    phases = np.linspace(0.0, 1.0, 1001)
+    left = np.array([offset_left(phase) for phase in phases])
+    assert left[0] == 1.0
+    np.testing.assert_allclose(left[phases >= 0.7], 0.0, atol=1e-12)
+    assert (np.diff(left) <= 1e-12).all()
+    assert np.abs(np.diff(left, 2)).max() * 1000**2 < 5.78 / 0.7**2  # a quintic's largest curvature
+    assert left[350] == pytest.approx(0.5)
+
+
+def test_wander_is_a_smooth_function_about_one_in_size():
+    values = [[wander(t, (0.02, 0.1), np.random.default_rng(seed)) for t in np.arange(0, 200, 5.0)]
+              for seed in range(60)]  # fmt: skip
+    assert np.std(values) == pytest.approx(1.0, abs=0.15)
+
+
+def test_named_presets_fly_in_still_air_unless_told():
+    rng = np.random.default_rng
+    still = draw_flight(FlightConfig(), False, rng(1))
+    assert (still.headwind_m_s, still.crosswind_m_s, still.lateral_offset_m, still.turbulence_m_s) == (0, 0, 0, 0)
+    told = draw_flight(FlightConfig(crosswind_m_s=-3.0), True, rng(1))
+    assert told.crosswind_m_s == -3.0
+    assert told.turbulence_m_s > 0
+    assert told.headwind_m_s == draw_flight(FlightConfig(), True, rng(1)).headwind_m_s
