@@ -48,6 +48,11 @@ class RowGrid:
                 raise ValueError(f"RowGrid needs 2 <= {what} <= pixels, got {parts} {what} over {pixels} px")
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the image, px."""
+        return self.width, self.height
+
+    @property
     def cell_px(self) -> float:
         return self.width / self.cells
 

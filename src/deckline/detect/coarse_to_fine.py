@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from deckline.detect.anchors import DecodeConfig, NetworkOutput, RowGrid, RowPoints, decode, decode_region
 from deckline.detect.crop import Box, Crop, check_image, crop_around, full_crop, normalise, sample_crop
@@ -71,11 +71,12 @@ def detect_lines(
         ValueError: anything but such an image, or a box that is empty or not finite.
     """
     check_image(image_rgb)
-    coarse = full_crop((image_rgb.shape[1], image_rgb.shape[0]), (config.grid.width, config.grid.height))
+    image_size = (image_rgb.shape[1], image_rgb.shape[0])
+    coarse = full_crop(image_size, config.grid.size)
     found = _refine(image_rgb, infer, config, coarse, config.min_probability)
     if prior_box is None or _count_lines(found) == 2:
         return found
-    crop = _crop_around(prior_box, (image_rgb.shape[1], image_rgb.shape[0]), config)
+    crop = crop_around(prior_box, image_size, config.grid.size, config.fill, config.min_width_px)
     refined = _refine(image_rgb, infer, config, crop, config.min_prior_probability)
     accepted = _count_lines(refined) == 2 and _is_centred_in(refined, prior_box) and _agrees(refined, found)
     return refined if accepted else found
@@ -85,16 +86,15 @@ def _refine(
     image_rgb: NDArray[np.uint8], infer: Infer, config: DetectConfig, crop: Crop, min_probability: float
 ) -> Detection:
     """From a crop to the runway in it, in ever smaller crops; `min_probability` is that of both lines."""
-    image_size, network_size = (image_rgb.shape[1], image_rgb.shape[0]), (config.grid.width, config.grid.height)
     probabilities: list[float] = []  # of a runway, by pass
     for number in range(1, config.max_passes + 1):
-        output = infer(normalise(sample_crop(image_rgb, crop, network_size)))
+        output = infer(normalise(sample_crop(image_rgb, crop, config.grid.size)))
         region = decode_region(output.region, output.box)
         probabilities.append(region.probability)
         runway = runway_probability(probabilities)
         if runway < min_probability:
             break
-        closer = _closer_crop(region.box, crop, image_size, config)
+        closer = _closer_crop(region.box, crop, (image_rgb.shape[1], image_rgb.shape[0]), config)
         if number == config.max_passes or _is_final(closer, crop, config):
             return _reject_improbable(decode_lines(output, crop, config), runway, min_probability, config)
         crop = closer
@@ -151,17 +151,13 @@ def _closer_crop(box: Float64, crop: Crop, image_size: tuple[int, int], config: 
     corners = crop.to_image(box.reshape(2, 2)).ravel()
     corners[:2] = np.clip(corners[:2], -0.5, np.array(image_size) - 2.5)
     corners[2:] = np.clip(corners[2:], corners[:2] + 1.0, np.array(image_size) - 0.5)
-    return _crop_around(corners, image_size, config)
-
-
-def _crop_around(box: ArrayLike, image_size: tuple[int, int], config: DetectConfig) -> Crop:
-    return crop_around(box, image_size, (config.grid.width, config.grid.height), config.fill, config.min_width_px)
+    return crop_around(corners, image_size, config.grid.size, config.fill, config.min_width_px)
 
 
 def _is_final(closer: Crop, crop: Crop, config: DetectConfig) -> bool:
     """Whether the closer crop would show nearly the same as this one."""
     low, high = config.good_fill
-    size = np.array([config.grid.width, config.grid.height])
+    size = np.array(config.grid.size)
     shift_px = np.array([closer.left - crop.left, closer.top - crop.top]) + (closer.step - crop.step) * size / 2
     centred = bool(np.all(np.abs(shift_px) < MAX_SHIFT * crop.step * size))
     return centred and low <= config.fill * closer.step / crop.step <= high
