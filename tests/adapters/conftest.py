@@ -1,3 +1,5 @@
+from contextlib import closing
+
 import pytest
 from airsim_serving import CONFIG, WORLD_SETTINGS, published_client, running_server
 
@@ -25,7 +27,7 @@ def client(server):
 @pytest.fixture(scope="module")
 def world():
     try:
-        with World(CONFIG, WORLD_SETTINGS, Clock(lambda: 0.0, epoch_ns=0)) as made:
+        with closing(World(CONFIG, WORLD_SETTINGS, Clock(lambda: 0.0, epoch_ns=0))) as made:
             yield made
     except RendererError as error:
         pytest.skip(f"no OpenGL on this machine: {error}")

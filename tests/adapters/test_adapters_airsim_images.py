@@ -1,4 +1,5 @@
 import asyncio
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +38,7 @@ def test_pictures_of_one_call_are_drawn_once_a_camera(world, monkeypatch):
 def test_depth_goes_through_lenses_that_bend():
     asked = [{"camera_name": "0", "image_type": PERSPECTIVE, "pixels_as_float": True}]
     lens = LensConfig(distortion=(-0.05, 0.0, 0.0, 0.0, 0.0))
-    with World(replace(CONFIG, lens=lens), WORLD_SETTINGS, Clock(lambda: 0.0)) as bent:
+    with closing(World(replace(CONFIG, lens=lens), WORLD_SETTINGS, Clock(lambda: 0.0))) as bent:
         frame = bent.picture("front_center", SCENE, bent.state, 0.0)
         (answer,) = get_images(bent, read_requests(asked, WORLD_SETTINGS))
     v, u = np.argwhere(frame.depth_m < 1000.0)[100]

@@ -1,4 +1,5 @@
 import math
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -44,7 +45,7 @@ def test_rain_and_wetness_count_once_weather_is_on(world):
 def test_the_ship_moves_with_the_time():
     ticks = [0.0]
     sailing = replace(CONFIG, motion=replace(CONFIG.motion, ship_speed_m_s=10.0))
-    with World(sailing, WORLD_SETTINGS, Clock(lambda: ticks[0], epoch_ns=0)) as world:
+    with closing(World(sailing, WORLD_SETTINGS, Clock(lambda: ticks[0], epoch_ns=0))) as world:
         before = world.ship_pose()
         ticks[0] = 3.0
         moved = world.ship_pose().translation - before.translation

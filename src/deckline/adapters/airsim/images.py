@@ -50,15 +50,10 @@ def read_requests(values: Any, settings: Settings) -> list[ImageRequest]:
     """
     if not isinstance(values, list) or len(values) > MAX_IMAGES:
         raise ValueError(f"image requests must be a list of at most {MAX_IMAGES}")
-    return [read_request(value, settings) for value in values]
+    return [_read_request(value, settings) for value in values]
 
 
-def read_request(value: Any, settings: Settings) -> ImageRequest:
-    """One request of the list.
-
-    Raises:
-        ValueError: see `read_requests`.
-    """
+def _read_request(value: Any, settings: Settings) -> ImageRequest:
     if not isinstance(value, Mapping):
         raise ValueError(f"an image request must be a map, got {type(value).__name__}")
     name, image_type = str(value.get("camera_name", "0")), value.get("image_type", SCENE)

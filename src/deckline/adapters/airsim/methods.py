@@ -4,10 +4,8 @@ A ValueError becomes the call's error answer; so does a wrong number of paramete
 world's. Parameters of AirSim that make no difference here are accepted and ignored.
 """
 
-import asyncio
 import inspect
-from collections.abc import Callable
-from concurrent.futures import Executor
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
@@ -16,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.clock import SolarClock, read_time
-from deckline.adapters.airsim.images import Recorder, get_images, read_request, read_requests
+from deckline.adapters.airsim.images import Recorder, get_images, read_requests
 from deckline.adapters.airsim.protocol import (
     Struct,
     camera_struct,
@@ -46,13 +44,9 @@ class Service:
     """What calls act on."""
 
     world: World
-    renderer: Executor  # one thread: the world's own
+    render: Callable[..., Awaitable[Any]]  # do something on the world's thread, behind the work that waits there
     recorder: Recorder
     log: Callable[[str], None]
-
-    async def on_renderer(self, work: Callable[..., Any], *args: Any) -> Any:
-        """Do something on the world's thread, behind the work that waits there."""
-        return await asyncio.get_running_loop().run_in_executor(self.renderer, work, *args)
 
     def change(self, **values: Any) -> None:
         """Set parts of the world's state."""
@@ -78,11 +72,6 @@ def get_object_pose(service: Service, name: str, ned: bool = True) -> Struct:
     return pose_struct(service.world.ship_pose())
 
 
-def enable_control(service: Service, enabled: bool, vehicle: str = "") -> None:
-    """Remember the value: calls are obeyed in any case."""
-    service.change(api_control=read_flag(enabled, "is_enabled"))
-
-
 def arm(service: Service, armed: bool, vehicle: str = "") -> bool:
     """Accept: there are no motors."""
     read_flag(armed, "arm")
@@ -94,7 +83,7 @@ async def get_all_images(
 ) -> list[Struct]:
     """Pictures of one instant."""
     wanted = read_requests(requests, service.world.settings)
-    responses: list[Struct] = await service.on_renderer(get_images, service.world, wanted)
+    responses: list[Struct] = await service.render(get_images, service.world, wanted)
     return responses
 
 
@@ -102,8 +91,7 @@ async def get_image(
     service: Service, camera: Any, image_type: int, vehicle: str = "", annotation: Any = "", external: bool = False
 ) -> bytes:
     """One picture as a PNG file."""
-    wanted = read_request({"camera_name": str(camera), "image_type": image_type}, service.world.settings)
-    responses: list[Struct] = await service.on_renderer(get_images, service.world, [wanted])
+    responses = await get_all_images(service, [{"camera_name": str(camera), "image_type": image_type}])
     data: bytes = responses[0]["image_data_uint8"]
     return data
 
@@ -126,11 +114,6 @@ def set_camera_fov(service: Service, camera: Any, fov_deg: float, vehicle: str =
     """Horizontal field of view, degrees."""
     name = service.world.settings.find_camera(str(camera))
     service.change(fovs_deg={**service.world.state.fovs_deg, name: read_number(fov_deg, "fov_degrees", 1.0, 150.0)})
-
-
-def get_fov(service: Service, camera: Any, vehicle: str = "", external: bool = False) -> float:
-    """Horizontal field of view, degrees."""
-    return float(get_camera(service, camera)["fov"])
 
 
 def set_weather(service: Service, parameter: int, value: float) -> None:
@@ -165,22 +148,21 @@ def set_time_of_day(
     service.change(solar_clock=SolarClock(date, service.world.clock.seconds(), speed, step_s))
 
 
-def run_for(service: Service, seconds: float) -> None:
-    """Let the time run so many seconds, then stand still."""
-    service.world.clock.run_for(read_number(seconds, "seconds", 0.0, 1e6))
-
-
 METHODS: dict[str, Callable[..., Any]] = {
     "ping": lambda service: True,
     "getServerVersion": lambda service: SERVER_VERSION,
     "getMinRequiredClientVersion": lambda service: OLDEST_CLIENT,
     "reset": lambda service: service.world.reset(),
-    "enableApiControl": enable_control,
+    "enableApiControl": lambda service, enabled, vehicle="": service.change(
+        api_control=read_flag(enabled, "is_enabled")
+    ),
     "isApiControlEnabled": lambda service, vehicle="": service.world.state.api_control,
     "armDisarm": arm,
     "simPause": lambda service, paused: service.world.clock.pause(read_flag(paused, "is_paused")),
     "simIsPaused": lambda service: service.world.clock.paused,
-    "simContinueForTime": run_for,
+    "simContinueForTime": lambda service, seconds: service.world.clock.run_for(
+        read_number(seconds, "seconds", 0.0, 1e6)
+    ),
     "simGetVehiclePose": lambda service, vehicle="": pose_struct(service.world.state.world_from_body),
     "simSetVehiclePose": set_pose,
     "simGetGroundTruthKinematics": lambda service, vehicle="": kinematics_struct(service.world.state.world_from_body),
@@ -193,7 +175,7 @@ METHODS: dict[str, Callable[..., Any]] = {
     "simSetCameraPose": set_camera_pose,
     "simSetCameraFov": set_camera_fov,
     "simSetFov": set_camera_fov,
-    "simGetCurrentFieldOfView": get_fov,
+    "simGetCurrentFieldOfView": lambda service, camera, vehicle="", external=False: get_camera(service, camera)["fov"],
     "simEnableWeather": lambda service, enabled: service.change(weather=read_flag(enabled, "enable")),
     "simSetWeatherParameter": set_weather,
     "simSetTimeOfDay": set_time_of_day,

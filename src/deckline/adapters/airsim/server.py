@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from queue import Queue
 from typing import Any
@@ -22,7 +23,6 @@ from deckline.adapters.airsim.settings import Capture, Settings, parse_settings,
 from deckline.adapters.airsim.world import World
 from deckline.sim.config import SimConfig
 from deckline.sim.record import repeatable_command, what_decides_a_frame
-from deckline.types import Frame
 
 READ_BYTES = 1 << 16
 MAX_CONNECTIONS = 64  # times the request limit bounds the memory that clients can take
@@ -155,11 +155,9 @@ async def serving(
     with ThreadPoolExecutor(1, thread_name_prefix="renderer") as renderer:
         world = await loop.run_in_executor(renderer, World, config, settings, clock or Clock())
 
-        async def take_frame() -> Frame:
-            return await loop.run_in_executor(renderer, record_frame, world)
-
-        recorder = Recorder(out, settings, take_frame, dict(scene or {}), log)
-        connections = Connections(Service(world, renderer, recorder, log), message_limit)
+        render = partial(loop.run_in_executor, renderer)
+        recorder = Recorder(out, settings, partial(render, record_frame, world), dict(scene or {}), log)
+        connections = Connections(Service(world, render, recorder, log), message_limit)
         try:
             try:
                 listening = await asyncio.start_server(connections.accept, host, port)
@@ -173,7 +171,7 @@ async def serving(
         finally:
             await connections.close()
             await recorder.stop()
-            await loop.run_in_executor(renderer, world.__exit__, None, None, None)
+            await render(world.close)
 
 
 @contextmanager

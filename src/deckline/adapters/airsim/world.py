@@ -7,8 +7,6 @@ world owns OpenGL and draws; any thread may read the rest.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,11 +71,9 @@ class World:
         self._start = State(start.world_from_body)
         self.state = self._start
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._simulator.__exit__(kind, error, trace)
+    def close(self) -> None:
+        """Free the renderer; only on the world's own thread."""
+        self._simulator.__exit__(None, None, None)
 
     def reset(self) -> None:
         """Restore the state of the beginning; the time goes on."""
