@@ -21,9 +21,14 @@ from deckline.adapters.airsim.client import (
 
 @pytest.fixture
 def connect():
-    """Connections that are closed when the test ends."""
+    """A stand-in with these methods, and a connection to it; both are closed when the test ends."""
     with ExitStack() as stack:
-        yield lambda port, **options: stack.enter_context(Connection("127.0.0.1", port, **options))
+
+        def connect_to(options=None, **methods):
+            server = stack.enter_context(StandIn(**methods))
+            return stack.enter_context(Connection("127.0.0.1", server.port, **(options or {}))), server
+
+        yield connect_to
 
 
 @pytest.mark.parametrize(
@@ -45,22 +50,20 @@ def test_a_wrong_address_is_told_the_right_form(address):
 
 
 def test_a_call_goes_out_as_msgpack_rpc_and_its_result_comes_back(connect):
-    with StandIn(add=lambda a, b: a + b) as server:
-        connection = connect(server.port)
-        assert connection.call("add", 2, 3) == 5
-        assert connection.call("add", "x", "y") == "xy"
-        assert server.calls == [("add", [2, 3]), ("add", ["x", "y"])]
+    connection, server = connect(add=lambda a, b: a + b)
+    assert connection.call("add", 2, 3) == 5
+    assert connection.call("add", "x", "y") == "xy"
+    assert server.calls == [("add", [2, 3]), ("add", ["x", "y"])]
 
 
-def test_an_error_of_the_server_is_a_refusal_with_its_words_in_one_line(connect):
+def test_an_error_of_the_server_is_one_line_and_leaves_the_connection_open(connect):
     def refuse(*_params):
         raise ValueError("no such\ncamera")
 
-    with StandIn(simGetCameraInfo=refuse) as server:
-        connection = connect(server.port)
-        with pytest.raises(CallError, match=r"^simGetCameraInfo: no such\\ncamera$"):
-            get_camera(connection, "9", "")
-        assert get_vehicle_pose(connection, "").translation.tolist() == [1.0, 2.0, -3.0]  # the line still stands
+    connection, _ = connect(simGetCameraInfo=refuse)
+    with pytest.raises(CallError, match=r"^simGetCameraInfo: no such\\ncamera$"):
+        get_camera(connection, "9", "")
+    assert get_vehicle_pose(connection, "").translation.tolist() == [1.0, 2.0, -3.0]
 
 
 def test_nobody_there_is_lost_and_says_where():
@@ -73,71 +76,61 @@ def test_nobody_there_is_lost_and_says_where():
 @pytest.mark.parametrize(
     ("came", "text"),
     [
-        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "what answers there is no AirSim"),
-        (b"\x94\x01\x01\xc0", r"^127\.0\.0\.1:\d+: it hung up$"),  # cut short
-        (msgpack.packb([1, 99, None, 0]), "answer 99 came to call 1"),
-        (b"\xc1", "what answers there is no AirSim"),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", r"127\.0\.0\.1:\d+.*72"),
+        (b"\x94\x01\x01\xc0", r"127\.0\.0\.1:\d+: it hung up"),  # cut short
+        (msgpack.packb([1, 99, None, 0]), "99.*1"),
+        (b"\xc1", r"127\.0\.0\.1:\d+.*no AirSim"),
     ],
 )
 def test_what_is_no_answer_loses_the_connection(came, text, connect):
-    with StandIn(ping=lambda: came) as server:
-        connection = connect(server.port)
-        with pytest.raises(ConnectionLostError, match=text):
-            connection.call("ping")
+    connection, _ = connect(ping=lambda: came)
+    with pytest.raises(ConnectionLostError, match=text):
+        connection.call("ping")
 
 
 def test_silence_ends_after_its_time_and_a_stop_ends_it_before(connect):
-    hold = threading.Event()
-    with StandIn(ping=lambda: hold.wait(20)) as server:
-        connection = connect(server.port, timeout_s=0.3)
-        with pytest.raises(ConnectionLostError, match=r"no answer in 0\.3 s"):
-            connection.call("ping")
-        stopped = threading.Event()
-        connection = connect(server.port, stopped=stopped, timeout_s=20)
-        stopped.set()
-        with pytest.raises(StoppedError):
-            connection.call("ping")
-        hold.set()
+    hold, stopped = threading.Event(), threading.Event()
+    connection, _ = connect({"timeout_s": 0.3}, ping=lambda: hold.wait(20))
+    with pytest.raises(ConnectionLostError, match=r"0\.3 s"):
+        connection.call("ping")
+    connection, _ = connect({"timeout_s": 20, "stopped": stopped}, ping=lambda: hold.wait(20))
+    stopped.set()
+    with pytest.raises(StoppedError):
+        connection.call("ping")
+    hold.set()
 
 
 def test_the_argument_that_only_classic_airsim_wants_is_found_out_once(connect):
     def classic(*params):
         if len(params) != 3:
-            raise ValueError(
-                "Function 'simGetCameraInfo' was called with an invalid number of arguments. Expected: 3, got: 2"
-            )
+            raise ValueError("'simGetCameraInfo' was called with an invalid number of arguments. Expected: 3, got: 2")
         return {"pose": pose(), "fov": 60.0}
 
-    with StandIn(simGetCameraInfo=classic) as server:
-        connection = connect(server.port)
+    connection, server = connect(simGetCameraInfo=classic)
+    for _ in range(2):
         assert get_camera(connection, "0", "")[1] == pytest.approx(np.pi / 3)
-        assert get_camera(connection, "0", "")[1] == pytest.approx(np.pi / 3)
-        assert [params for _, params in server.calls] == [["0", ""], ["0", "", False], ["0", "", False]]
+    assert [params for _, params in server.calls] == [["0", ""], ["0", "", False], ["0", "", False]]
 
 
 def test_picture_and_depth_are_asked_for_in_one_call(connect):
-    with StandIn() as server:
-        connection = connect(server.port)
-        scene, depth = get_images(connection, "front", "Drone1")
+    connection, server = connect()
+    scene, depth = get_images(connection, "front", "Drone1")
     assert (scene["image_type"], depth["image_type"]) == (0, 1)
-    (call,) = server.calls
-    assert call[0] == "simGetImages"
-    asked = [(one["camera_name"], one["image_type"], one["pixels_as_float"], one["compress"]) for one in call[1][0]]
+    ((method, (requests, vehicle)),) = server.calls
+    assert (method, vehicle) == ("simGetImages", "Drone1")
+    asked = [(one["camera_name"], one["image_type"], one["pixels_as_float"], one["compress"]) for one in requests]
     assert asked == [("front", 0, False, False), ("front", 1, True, False)]
-    assert call[1][1] == "Drone1"
 
 
 @pytest.mark.parametrize("answer", [[], [{}], "x", [1, 2], None])
 def test_other_answers_than_two_images_are_refused(answer, connect):
-    with StandIn(simGetImages=lambda *params: answer) as server:
-        connection = connect(server.port)
-        with pytest.raises(ValueError, match="two images"):
-            get_images(connection, "0", "")
+    connection, _ = connect(simGetImages=lambda *params: answer)
+    with pytest.raises(ValueError, match="two images"):
+        get_images(connection, "0", "")
 
 
 @pytest.mark.parametrize("fov", [None, 0.0, 180.0, float("nan"), "90"])
 def test_a_camera_without_a_field_of_view_is_refused(fov, connect):
-    with StandIn(simGetCameraInfo=lambda *params: {"pose": pose(), "fov": fov}) as server:
-        connection = connect(server.port)
-        with pytest.raises(ValueError, match=r"'0'.*0 and 180"):
-            get_camera(connection, "0", "")
+    connection, _ = connect(simGetCameraInfo=lambda *params: {"pose": pose(), "fov": fov})
+    with pytest.raises(ValueError, match=r"'0'.*0 and 180"):
+        get_camera(connection, "0", "")

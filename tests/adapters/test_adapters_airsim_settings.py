@@ -82,32 +82,23 @@ def test_an_empty_file_is_airsims_defaults():
 
 
 @pytest.mark.parametrize(
-    ("values", "says"),
+    ("text", "says"),
     [
-        ({"Vehicles": {"A": {}, "B": {}}}, "Vehicles names A, B: one vehicle is simulated"),
-        ({"Vehicles": []}, "Vehicles must be an object, got list"),
-        (
-            {"CameraDefaults": {"CaptureSettings": [{"Width": 9999}]}},
-            "Width must be a number between 1 and 4096, got 9999",
-        ),
-        ({"CameraDefaults": {"CaptureSettings": {}}}, "CaptureSettings must be a list"),
-        ({"CameraDefaults": {"CaptureSettings": [{"FOV_Degrees": "90"}]}}, "FOV_Degrees must be a number"),
-        ({"Recording": {"RecordInterval": 0}}, "RecordInterval must be a number between 0.01"),
-        ({"Recording": {"RecordOnMove": 1}}, "RecordOnMove must be true or false"),
-        ({"Recording": {"Cameras": [{"CameraName": "tail"}]}}, "no camera 'tail'"),
-        ({"OriginGeopoint": {"Latitude": 95}}, "Latitude must be a number between -89 and 89"),
-        ({"Vehicles": {"A": {"Cameras": {"c": {"Roll": None}}}}}, r"Cameras.c.Roll must be a number"),
+        ('{"Vehicles": {"A": {}, "B": {}}}', "Vehicles.*A, B"),
+        ('{"Vehicles": []}', "Vehicles.*list"),
+        ('{"CameraDefaults": {"CaptureSettings": [{"Width": 9999}]}}', "Width.*1 and 4096.*9999"),
+        ('{"CameraDefaults": {"CaptureSettings": {}}}', "CaptureSettings.*dict"),
+        ('{"CameraDefaults": {"CaptureSettings": [{"FOV_Degrees": "90"}]}}', "FOV_Degrees.*'90'"),
+        ('{"Recording": {"RecordInterval": 0}}', r"RecordInterval.*0\.01"),
+        ('{"Recording": {"RecordOnMove": 1}}', "RecordOnMove.*1"),
+        ('{"Recording": {"Cameras": [{"CameraName": "tail"}]}}', "'tail'"),
+        ('{"OriginGeopoint": {"Latitude": 95}}', "Latitude.*-89 and 89.*95"),
+        ('{"Vehicles": {"A": {"Cameras": {"c": {"Roll": null}}}}}', r"Cameras\.c\.Roll.*None"),
+        ("{", r"settings\.json"),
     ],
 )
-def test_what_cannot_be_is_named(values, says, tmp_path):
+def test_what_cannot_be_is_named(text, says, tmp_path):
     file = tmp_path / "settings.json"
-    file.write_text(json.dumps(values))
+    file.write_text(text)
     with pytest.raises(ValueError, match=says):
-        read_settings(file, USUAL)
-
-
-def test_no_json_is_named(tmp_path):
-    file = tmp_path / "settings.json"
-    file.write_text("{")
-    with pytest.raises(ValueError, match=r"settings.json: not valid JSON"):
         read_settings(file, USUAL)
