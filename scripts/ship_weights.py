@@ -1,7 +1,7 @@
 """Put a trained model into the package: copy the ONNX file, write its entry into weights/manifest.toml.
 
-    python scripts/ship_weights.py runs/dehaze/dehaze.onnx --name dehaze --file dehaze_coarse_t.onnx \
-        --figures runs/dehaze/figures.json --command "deckline train dehaze ..." --data "..." --hardware "2 CPU cores"
+    python scripts/ship_weights.py runs/dehaze/dehaze.onnx --name coarse-t --figures runs/dehaze/figures.json \
+        --command "deckline train dehaze ..." --data "..." --hardware "2 CPU cores"
 """
 
 import argparse
@@ -20,7 +20,7 @@ TABLE = "[[model]]"
 def main() -> None:
     parser = argparse.ArgumentParser(description="Put a trained model into the package.")
     parser.add_argument("model", type=Path, help="the exported file")
-    for name in ("name", "file", "command", "data", "hardware"):
+    for name in ("name", "command", "data", "hardware"):
         parser.add_argument(f"--{name}", required=True, help=f"{name} in the manifest")
     parser.add_argument("--figures", type=Path, required=True, help="JSON of measured figures")
     arguments = parser.parse_args()
@@ -28,10 +28,10 @@ def main() -> None:
 
 
 def ship(arguments: argparse.Namespace, folder: Path) -> None:
-    """Replace or add the model's entry; the other entries stay as they are."""
+    """Copy the file to `name`.onnx and replace or add its entry; the other entries stay as they are."""
     config = load_session(arguments.model).config
     figures = {name: round(value, 4) for name, value in json.loads(arguments.figures.read_text()).items()}
-    target = folder / arguments.file
+    target = folder / f"{arguments.name}.onnx"
     shutil.copyfile(arguments.model, target)
     entry = manifest_entry(
         target,

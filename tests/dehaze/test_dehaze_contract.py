@@ -240,7 +240,7 @@ def test_threads_do_not_mix_pictures(dehazer: Dehazer) -> None:
 
 def test_the_networks_threads_change_no_level() -> None:
     image = sea_pair(BETA)[0]
-    one, two = (OnnxDehazer(shipped_weights("dehaze"), threads=threads)(image) for threads in (1, 2))
+    one, two = (OnnxDehazer(shipped_weights("coarse-t"), threads=threads)(image) for threads in (1, 2))
     assert np.abs(one.astype(int) - two).max() <= 1
 
 

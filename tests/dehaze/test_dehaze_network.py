@@ -118,7 +118,8 @@ def test_a_clear_sea_is_kept_that_the_network_alone_takes_for_a_hazy_one() -> No
     frame = frame_of(image)
     assert isinstance(GeometryDehazer().solve(frame), GeometrySolution)
     results = [
-        OnnxDehazer(shipped_weights("dehaze"), threads=1, network_only=alone).restore(frame) for alone in (True, False)
+        OnnxDehazer(shipped_weights("coarse-t"), threads=1, network_only=alone).restore(frame)
+        for alone in (True, False)
     ]
     alone, both = (psnr_db(result.image_rgb, image) for result in results)
     assert alone < 28

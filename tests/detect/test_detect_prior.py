@@ -166,7 +166,7 @@ def approach() -> list[Frame]:
 @pytest.fixture(scope="module")
 def network() -> OnnxDetector:
     """The shipped network, with every view cached."""
-    detector, cache = OnnxDetector(shipped_weights("detect")), {}
+    detector, cache = OnnxDetector(shipped_weights("ufld")), {}
     infer = detector.infer
 
     def cached(view: np.ndarray) -> NetworkOutput:

@@ -20,7 +20,7 @@ def test_full_size_networks_see_the_whole_picture_and_coarse_ones_what_they_are_
     image = pictures(0)[0]
     assert not np.array_equal(build_dehazer(path)(image), image)
     np.testing.assert_array_equal(build_dehazer(path, full_size=True)(image), image)
-    shipped = str(shipped_weights("dehaze"))
+    shipped = str(shipped_weights("coarse-t"))
     used = build_dehazer(shipped)
     assert used.coarse
     assert build_dehazer(shipped, full_size=True).working_long_side_px == used.working_long_side_px

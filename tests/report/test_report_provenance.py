@@ -11,7 +11,7 @@ from deckline.runtime import sha256_of, shipped_weights
 def test_a_network_is_named_by_the_one_file_that_it_runs() -> None:
     """Several shipped networks dehaze; only the one in use belongs into a report."""
     settings = settings_of(Pipeline(PipelineConfig(dehazer="fast", detector="ufld")))
-    dehaze, detect = shipped_weights("dehaze"), shipped_weights("detect")
+    dehaze, detect = shipped_weights("coarse-t"), shipped_weights("ufld")
     assert settings["dehazer"] == f"fast ({dehaze.name}, SHA-256 {sha256_of(dehaze)})"
     assert settings["detector"] == f"ufld ({detect.name}, SHA-256 {sha256_of(detect)})"
 

@@ -12,14 +12,13 @@ from deckline.detect import OnnxDetector
 from deckline.detect.anchors import RowGrid
 from deckline.geometry import Camera, attitude
 from deckline.recording import RecordingWriter
-from deckline.train.backbone import CHANNELS, Lite0Backbone
-from deckline.train.checkpoint import CHECKPOINT_FILE, read_progress
+from deckline.train.backbone import CHANNELS, DepthwiseConv2d, Lite0Backbone
+from deckline.train.checkpoint import CHECKPOINT_FILE
 from deckline.train.detect import DetectTrainConfig, train_detect
-from deckline.train.detect_data import LineViews
-from deckline.train.detect_finish import export_detect, score, torch_infer
-from deckline.train.detect_views import line_view
-from deckline.train.network_cost import count_parameters
-from deckline.train.ufld import DepthwiseConv2d, Ufld, UfldConfig
+from deckline.train.detect_validation import export_detect, summarise, torch_infer
+from deckline.train.detect_views import make_line_view, open_line_views
+from deckline.train.export import count_parameters
+from deckline.train.line_networks import PyramidConfig, Ufld
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(320, 180, np.deg2rad(60))
@@ -65,7 +64,7 @@ def recording(tmp_path_factory) -> Path:
 
 
 def test_true_lines_are_projected_onto_the_paint():
-    view = line_view(frame(1))
+    view = make_line_view(frame(1))
     assert view.lines_px is not None and view.ranges_m is not None
     for points, ranges in zip(view.lines_px[:2], view.ranges_m[:2], strict=True):
         inside = np.all((points > 1) & (points < [318, 178]), axis=1)
@@ -79,7 +78,7 @@ def test_true_lines_are_projected_onto_the_paint():
 
 
 def test_a_frame_without_runway_has_no_lines():
-    assert line_view(frame(3, runway=False)).lines_px is None
+    assert make_line_view(frame(3, runway=False)).lines_px is None
 
 
 def test_backbone_taps_and_frozen_parts():
@@ -107,40 +106,23 @@ def test_wide_depthwise_convolutions_stay_exact_under_autocast(kernel, dtype):
     torch.testing.assert_close(half.float(), plain, rtol=0.0, atol=0.0 if kernel == 5 else 0.02)
 
 
-def test_published_head_gives_the_same_classes():
-    model = Ufld(UfldConfig(head="fc", fc_hidden=8, pretrained=False)).eval()
-    with torch.no_grad():
-        output = model(torch.zeros(1, 3, 288, 512))
-    assert output.rows.shape == (1, 2, 72, 129)
-    assert output.region.shape == (1, 577)
-    assert output.box.shape == (1, 4, 18, 32)
-    assert output.segmentation is None
-    assert count_parameters(Ufld(UfldConfig(pretrained=False))) < 3e6
-    with pytest.raises(ValueError, match="row-conv head has cells and rows of 4 px"):
-        UfldConfig(grid=RowGrid(cells=64))
+def test_network_is_small_and_its_cells_lie_on_the_pyramid():
+    assert count_parameters(Ufld(PyramidConfig(pretrained=False))) < 3e6
+    for grid in (RowGrid(cells=64), RowGrid(width=500)):
+        with pytest.raises(ValueError, match=r"grid.*(64|500)"):
+            PyramidConfig(grid)
 
 
-def of_one_network(folder: Path) -> dict:
-    """A checkpoint's progress as it was written when there was one network: its shape was called `network`."""
-    progress = read_progress(folder)
-    assert progress is not None
-    recipe = dict(progress["recipe"])
-    recipe["network"] = recipe.pop("shape")
-    return progress | {"recipe": recipe}
-
-
-def test_training_learns_resumes_and_exports(recording, tmp_path, monkeypatch):
+def test_training_learns_resumes_and_exports(recording, tmp_path):
     config = DetectTrainConfig(
-        steps=2, minutes=None, batch=1, checkpoint_every=1, held_out=0.17, threads=1, shape=UfldConfig(channels=16)
+        steps=2, minutes=None, batch=1, held_out=0.17, threads=1, shape=PyramidConfig(channels=16)
     )
     figures = train_detect(config, [recording], tmp_path)
     assert figures["steps"] == 2
     assert 0 <= figures["both_found.clear"] <= 1
     assert (tmp_path / CHECKPOINT_FILE).exists()
     longer = DetectTrainConfig(**(vars(config) | {"steps": 3}))
-    monkeypatch.setattr("deckline.train.training.read_progress", of_one_network)
     assert train_detect(longer, [recording], tmp_path)["steps"] == 3
-    monkeypatch.undo()
     with pytest.raises(ValueError, match=r"checkpoint of another recipe \(lr differ\)"):
         train_detect(DetectTrainConfig(**(vars(longer) | {"lr": 1.0})), [recording], tmp_path)
     assert OnnxDetector(tmp_path / "detect.onnx").config.grid == RowGrid()
@@ -151,7 +133,9 @@ def test_a_frame_that_cannot_be_used_is_named_and_left_out(recording, tmp_path, 
     shutil.copytree(recording, folder)
     last = sorted((folder / "images").glob("*.ppm"))[-1]
     last.write_bytes(last.read_bytes()[:100])
-    config = DetectTrainConfig(steps=1, minutes=None, batch=1, held_out=0.34, threads=1, shape=UfldConfig(channels=16))
+    config = DetectTrainConfig(
+        steps=1, minutes=None, batch=1, held_out=0.34, threads=1, shape=PyramidConfig(channels=16)
+    )
     figures = train_detect(config, [folder], tmp_path / "out")
     assert figures["views"] == 2  # asked for
     assert f"skipped {last.name}" in capsys.readouterr().out.replace("\n", "")
@@ -163,7 +147,7 @@ def test_another_network_trains_the_same_way(recording, tmp_path):
     longer = DetectTrainConfig(**(vars(config) | {"steps": 2}))
     assert train_detect(longer, [recording], tmp_path)["steps"] == 2
     with pytest.raises(ValueError, match=r"checkpoint of another recipe \(network differ\)"):
-        train_detect(DetectTrainConfig(**(vars(longer) | {"network": "deckline"})), [recording], tmp_path)
+        train_detect(DetectTrainConfig(**(vars(longer) | {"network": "ufld"})), [recording], tmp_path)
     detector = OnnxDetector(tmp_path / "detect.onnx")
     assert detector.infer(np.zeros((3, 288, 512), np.float32)).columns.shape == (3, 128, 73)
 
@@ -179,26 +163,21 @@ def test_onnx_says_what_torch_says(tmp_path):
     assert path.stat().st_size < 12e6
 
 
-def test_score_is_the_distance_from_the_true_line():
+def test_an_images_error_is_the_distance_from_the_true_line():
     line = np.stack([[[100.0, 200.0], [140.0, 100.0]], [[300.0, 200.0], [260.0, 100.0]]])
     v = np.linspace(110, 190, 9)
     left = np.stack([100 + (200 - v) * 0.4 + 2.0, v], axis=1)
     points = LinePoints(left, np.ones(9), np.full(9, 0.5))
-    result = score(Detection(points, LinePoints.empty()), line)
-    assert result.has_runway and result.any_found and not result.both_found
-    np.testing.assert_allclose(result.errors_px, 2.0 * np.cos(np.arctan(0.4)), atol=1e-9)
-    np.testing.assert_allclose(np.abs(result.sigma_ratio), 4.0, atol=1e-9)
+    one, none = Detection(points, LinePoints.empty()), Detection(LinePoints.empty(), LinePoints.empty())
+    figures = summarise([(one, line), (none, line), (one, None), (none, None)])
+    assert (figures["both_found"], figures["false_alarms"]) == (0.0, 0.5)
+    assert figures["error_px.median"] == figures["error_px.p90"] == pytest.approx(2.0 * np.cos(np.arctan(0.4)))
+    assert figures["error_over_sigma.median"] == pytest.approx(4.0)
+    assert summarise([(Detection(points, points), None)])["error_px.median"] == np.inf
 
 
 def test_views_are_split_and_counted(recording):
-    assert len(LineViews([recording, recording], 0.5)) == 6
-    assert len(LineViews([recording, recording], 0.5, train=False)) == 3
+    assert len(open_line_views([recording, recording], 0.5)) == 6
+    assert len(open_line_views([recording, recording], 0.5, train=False)) == 3
     with pytest.raises(ValueError, match="no training views"):
-        LineViews([recording], 1.0)
-
-
-def test_a_recipe_that_cannot_work_is_refused():
-    with pytest.raises(ValueError, match="batch must be at least 1, got 0"):
-        DetectTrainConfig(batch=0)
-    with pytest.raises(ValueError, match="minutes must be positive, got -1"):
-        DetectTrainConfig(minutes=-1.0)
+        open_line_views([recording], 1.0)

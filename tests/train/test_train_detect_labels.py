@@ -3,19 +3,17 @@
 import cv2
 import numpy as np
 import pytest
-from clear_scene import clear_recording
 
+from clear_scene import clear_recording
 from deckline.detect import OnnxDetector
 from deckline.detect.anchors import RowGrid, decode_region
 from deckline.labels import LabelledImage, write_labels
 from deckline.train.detect import DetectTrainConfig, train_detect
 from deckline.train.detect_augment import DetectAugmentation
-from deckline.train.detect_data import LineViews
-from deckline.train.detect_finish import validate
-from deckline.train.detect_labels import LabelledFolder, LabelledView, is_labelled_folder
 from deckline.train.detect_samples import make_sample
-from deckline.train.detect_views import LineView
-from deckline.train.ufld import Ufld, UfldConfig
+from deckline.train.detect_validation import validate
+from deckline.train.detect_views import is_labelled_folder, open_line_views
+from deckline.train.line_networks import PyramidConfig, Ufld
 
 GRID = RowGrid()
 PLAIN = {name: 0.0 for name in vars(DetectAugmentation()) if name.endswith("_share")}
@@ -47,9 +45,9 @@ def folder(tmp_path):
 
 
 def test_views_hold_the_pictures_and_their_lines(folder):
-    views = LabelledFolder(folder)
+    views = open_line_views([folder], 0.0)
     assert len(views) == 8
-    both, one, none = views.view(0), views.view(6), views.view(7)
+    both, one, none = views[0], views[6], views[7]
     np.testing.assert_array_equal(both.image_rgb, picture())
     assert both.lines_px.shape == (3, 257, 2)
     assert np.isnan(both.lines_px[2]).all()  # nobody labels the centre line
@@ -60,7 +58,7 @@ def test_views_hold_the_pictures_and_their_lines(folder):
 
 @pytest.mark.parametrize("shares", [{}, {"close_share": 1.0}, {"close_share": 1.0, "flip_share": 1.0}])
 def test_targets_lie_on_the_labelled_lines(folder, shares):
-    view, augment = LabelledFolder(folder).view(0), DetectAugmentation(**(PLAIN | shares))
+    view, augment = open_line_views([folder], 0.0)[0], DetectAugmentation(**(PLAIN | shares))
     errors = []
     for seed in range(4):
         sample = make_sample(view, GRID, augment, np.random.default_rng(seed))
@@ -79,7 +77,7 @@ def test_targets_lie_on_the_labelled_lines(folder, shares):
 
 
 def test_no_haze_is_added_and_the_contrast_is_left(folder):
-    view = LabelledFolder(folder).view(0)
+    view = open_line_views([folder], 0.0)[0]
     hazy = DetectAugmentation(**(PLAIN | {"haze_share": 1.0, "fade_share": 1.0}))
     for seed in range(3):
         one, other = (
@@ -90,25 +88,30 @@ def test_no_haze_is_added_and_the_contrast_is_left(folder):
 
 
 def test_one_line_is_taught_alone_and_none_as_no_runway(folder):
-    views, augment = LabelledFolder(folder), DetectAugmentation(**(PLAIN | {"close_share": 1.0}))
-    one = make_sample(views.view(6), GRID, augment, np.random.default_rng(0))
+    views, augment = open_line_views([folder], 0.0), DetectAugmentation(**(PLAIN | {"close_share": 1.0}))
+    one = make_sample(views[6], GRID, augment, np.random.default_rng(0))
     assert np.isfinite(one.cell[0]).sum() > 10 and np.isnan(one.cell[1]).all()
     assert decode_region(np.log(one.region + 1e-12), one.box).probability > 0.9
-    none = make_sample(views.view(7), GRID, augment, np.random.default_rng(0))
+    none = make_sample(views[7], GRID, augment, np.random.default_rng(0))
     assert np.isnan(none.cell).all() and none.region[-1] == 1.0
 
 
 def test_labelled_folders_and_recordings_are_drawn_together(folder, tmp_path):
     recording = clear_recording(tmp_path / "sim", 3)
-    views = LineViews([recording, folder, folder], 0.0)
-    kinds = [type(views[index]) for index in range(len(views))]
-    assert kinds == [LineView] * 3 + [LabelledView] * 16
+    views = open_line_views([recording, folder, folder], 0.0)
+    assert [views[index].clear is None for index in range(len(views))] == [False] * 3 + [True] * 16
     assert not is_labelled_folder(recording) and is_labelled_folder(folder)
 
 
 def test_training_on_labelled_pictures_alone_exports_a_detector(folder, tmp_path):
     config = DetectTrainConfig(
-        steps=1, minutes=None, batch=2, held_out=0.25, threads=1, shape=UfldConfig(channels=16, pretrained=False)
+        steps=1,
+        minutes=None,
+        batch=2,
+        held_out=0.25,
+        threads=1,
+        network="ufld",
+        shape=PyramidConfig(channels=16, pretrained=False),
     )
     figures = train_detect(config, [folder], tmp_path / "out")
     assert figures["views"] == 2.0  # the last two: one line alone, which is no clear case, and none
@@ -117,8 +120,8 @@ def test_training_on_labelled_pictures_alone_exports_a_detector(folder, tmp_path
 
 
 def test_held_out_pictures_are_measured_as_they_are(folder):
-    model = Ufld(UfldConfig(channels=16, pretrained=False))
-    figures = validate(model, LineViews([folder], 0.375, train=False), DetectAugmentation(), 0)
+    model = Ufld(PyramidConfig(channels=16, pretrained=False))
+    figures = validate(model, open_line_views([folder], 0.375, train=False), DetectAugmentation(), 0)
     for name in ("both_found", "false_alarms"):
         assert figures[f"{name}.clear"] == figures[f"{name}.thick_haze"]
 
@@ -126,7 +129,7 @@ def test_held_out_pictures_are_measured_as_they_are(folder):
 def test_a_label_without_its_picture_and_a_damaged_picture_are_named(folder):
     (folder / "3.png").write_bytes((folder / "3.png").read_bytes()[:200])
     with pytest.raises(ValueError, match=r"mine/3\.png: damaged or cut short"):
-        LabelledFolder(folder).view(3)
+        open_line_views([folder], 0.0)[3]
     (folder / "3.png").unlink()
     with pytest.raises(ValueError, match=r"labels\.json: there is no image 3\.png in "):
-        LineViews([folder], 0.0)
+        open_line_views([folder], 0.0)

@@ -1,16 +1,20 @@
 """First weights from an earlier training, whatever it was kept in."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-from deckline.runtime import shipped_weights
+from deckline.research.detectors import DETECTORS
+from deckline.runtime import load_session, shipped_weights
 from deckline.train.checkpoint import save_checkpoint
-from deckline.train.dehaze_finish import export_dehaze
-from deckline.train.dehaze_network import DehazeNetwork, DehazeNetworkConfig, network_metadata
-from deckline.train.start import start_with
+from deckline.train.dehaze_network import DehazeNetwork, DehazeNetworkConfig
+from deckline.train.dehaze_validation import export_dehaze
+from deckline.train.detect_validation import export_detect
+from deckline.train.line_networks import Hybrid, PyramidConfig, PyramidNetwork, Ufld
+from deckline.train.start import settle_norms, start_detector, start_with
 
 TINY = DehazeNetworkConfig(channels=8, depths=(1, 1, 1, 1, 1), vit_layers=(1, 1, 1))
 
@@ -27,7 +31,7 @@ def trained() -> DehazeNetwork:
 @pytest.fixture(scope="module")
 def exported(trained: DehazeNetwork, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("start") / "dehaze.onnx"
-    return export_dehaze(trained, path, network_metadata(TINY), 640, {}, 0)
+    return export_dehaze(trained, path, asdict(TINY), 640, {}, 0)
 
 
 def test_an_exported_file_gives_its_weights_back(trained: DehazeNetwork, exported: Path) -> None:
@@ -56,12 +60,81 @@ def test_averaged_weights_of_a_checkpoint_come_first(trained: DehazeNetwork, tmp
 
 
 def test_errors(exported: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="holds no checkpoint to start from"):
+    with pytest.raises(ValueError, match="holds no checkpoint"):
         start_with(DehazeNetwork(TINY), tmp_path)
     with pytest.raises(ValueError, match="holds the weights of another network: it has no "):
-        start_with(DehazeNetwork(TINY), shipped_weights("detect"))
+        start_with(DehazeNetwork(TINY), shipped_weights("ufld"))
     with pytest.raises(ValueError, match=r"has shape \(.*\), expected \("):
         start_with(DehazeNetwork(replace(TINY, channels=16)), exported)
     (tmp_path / "checkpoint.safetensors").write_bytes(b"nonsense")
     with pytest.raises(ValueError, match="is not a deckline checkpoint"):
         start_with(DehazeNetwork(TINY), tmp_path)
+
+
+SMALL = PyramidConfig(channels=16, pretrained=False)
+
+
+@pytest.mark.parametrize(("name", "build"), [("ufld", Ufld), ("hybrid", Hybrid)])
+def test_a_detector_goes_on_from_its_shipped_file(name: str, build: type[PyramidNetwork]) -> None:
+    path = shipped_weights(name)
+    model = build(PyramidConfig(pretrained=False)).eval()
+    before = model.segmentation.weight.detach().clone()
+    start_detector(model, path)
+    view = np.random.default_rng(1).standard_normal((1, 3, 288, 512), dtype=np.float32)
+    session = load_session(path, threads=1)
+    theirs = dict(zip(session.output_names, session(image=view), strict=True))
+    with torch.no_grad():
+        ours = model(torch.from_numpy(view))
+    for output, value in zip(model.kind.output_names, ours, strict=False):
+        np.testing.assert_allclose(value.numpy(), theirs[output], atol=2e-2 if name == "hybrid" else 5e-3)
+    torch.testing.assert_close(model.segmentation.weight, before)
+    assert all(torch.all(n.running_var + n.eps == 1.0) for n in model.modules() if isinstance(n, torch.nn.BatchNorm2d))
+
+
+def test_the_hybrid_takes_what_both_networks_have():
+    path = shipped_weights("ufld")
+    earlier, model = Ufld(PyramidConfig(pretrained=False)).eval(), Hybrid(PyramidConfig(pretrained=False)).eval()
+    start_detector(earlier, path)
+    start_detector(model, path)
+    image = torch.from_numpy(np.random.default_rng(1).standard_normal((1, 3, 288, 512), dtype=np.float32))
+    with torch.no_grad():
+        one, other = earlier(image), model(image)
+    torch.testing.assert_close(one.region, other.region, atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(
+        one.rows[..., :-1].log_softmax(-1), other.rows[:, :2, :, :-1].log_softmax(-1), atol=1e-3, rtol=1e-3
+    )
+
+
+def test_settled_norms_change_nothing_but_how_training_begins():
+    model = Ufld(SMALL)
+    images = torch.from_numpy(np.random.default_rng(2).standard_normal((2, 3, 288, 512), dtype=np.float32))
+    with torch.no_grad():
+        before = model.eval()(images)
+        settle_norms(model, images)
+        after, training = model(images), model.train()(images)
+    torch.testing.assert_close(after.rows, before.rows, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(training.rows, before.rows, atol=5e-2, rtol=5e-2)
+
+
+def test_a_training_folder_is_a_start_too(tmp_path):
+    first, second = Ufld(SMALL), Ufld(SMALL)
+    optimizer = torch.optim.SGD(first.parameters(), 0.1)
+    save_checkpoint(tmp_path, first, optimizer, dict(first.state_dict()), {"recipe": {}, "step": 0, "seconds": 0.0})
+    start_detector(second, tmp_path)
+    for name, value in first.state_dict().items():
+        torch.testing.assert_close(second.state_dict()[name], value)
+
+
+def test_files_of_other_networks_are_refused(tmp_path):
+    path = export_detect(Ufld(SMALL).eval(), tmp_path / "small.onnx", {}, 0)
+    with pytest.raises(ValueError, match=r"ufld\.onnx holds another network"):
+        start_detector(Ufld(SMALL), shipped_weights("ufld"))
+    with pytest.raises(ValueError, match=r"coarse-t\.onnx holds another network"):
+        start_detector(Ufld(SMALL), shipped_weights("coarse-t"))
+    with pytest.raises(ValueError, match=r"small\.onnx: .*hybrid and ufld"):
+        start_detector(DETECTORS["enet-sad"](None), path)
+    with pytest.raises(ValueError, match="holds no checkpoint"):
+        start_detector(Ufld(SMALL), tmp_path)
+    (tmp_path / "text.onnx").write_text("no network")
+    with pytest.raises(ValueError, match=r"text\.onnx is not a usable ONNX model"):
+        start_detector(Ufld(SMALL), tmp_path / "text.onnx")

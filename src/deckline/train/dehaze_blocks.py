@@ -1,4 +1,4 @@
-"""Blocks of the dehazing network, SPEC section 1 (Li et al. 2024, section 3.1). Features are (B, C, H, W).
+"""Blocks of the dehazing network, Li et al. 2024, section 3.1. Features are (B, C, H, W).
 
 `DepthwiseSeparable` and `PlainTransformer` are the conventional blocks that the paper's ablation starts from.
 """
@@ -102,7 +102,7 @@ class DepthwiseSeparable(nn.Module):
 class SeparableSelfAttention(nn.Module):
     """Self-attention of linear cost over the tokens of (B, C, P, N): N tokens for each of P pixels of a patch.
 
-    Source: Mehta and Rastegari 2022 (MobileViTv2); SPEC section 1.
+    Source: Mehta and Rastegari 2022 (MobileViTv2).
     """
 
     def __init__(self, channels: int) -> None:
@@ -148,7 +148,7 @@ def fold(tokens: Tensor, height: int, width: int) -> Tensor:
 class MobileViTv3(nn.Module):
     """Local convolution and a global transformer over 2x2 patches, fused by a 1x1 convolution, plus the input.
 
-    Source: Wadekar and Chaurasia 2022; SPEC section 1.
+    Source: Wadekar and Chaurasia 2022.
     """
 
     def __init__(self, channels: int, layers: int, expansion: int) -> None:

@@ -1,11 +1,13 @@
-"""The dehazing network: hazy image in, K and B of the soft reconstruction, clear image out. SPEC section 1.
+"""The dehazing network: hazy image in, K and B of the soft reconstruction, clear image out.
 
 `unshuffle` 1 is the paper's network at full resolution. With 4 the network sees the image through a pixel-unshuffle,
 estimates K and B on that coarse grid, and a fast guided filter brings them up along the image's own edges.
+
+Source: Li et al. 2024, section 3.1.
 """
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import torch
 import torch.nn.functional as F
@@ -73,10 +75,15 @@ class DehazeNetworkConfig:
         return max(1, KEY_STRIDE_PX // (4 * self.unshuffle))
 
 
-SIZES = {
-    "t": DehazeNetworkConfig(),
-    "s": DehazeNetworkConfig(channels=32, depths=(2, 2, 1, 2, 2)),
-    "b": DehazeNetworkConfig(channels=44, depths=(2, 2, 1, 2, 2)),
+_T = DehazeNetworkConfig()
+_S, _B = replace(_T, channels=32, depths=(2, 2, 1, 2, 2)), replace(_T, channels=44, depths=(2, 2, 1, 2, 2))
+SHAPES = {
+    "coarse-t": _T,
+    "coarse-s": _S,
+    "coarse-b": _B,
+    "full-t": replace(_T, unshuffle=1),
+    "full-s": replace(_S, unshuffle=1),
+    "full-b": replace(_B, unshuffle=1),
 }
 
 
@@ -214,8 +221,3 @@ def linear_in_guide(values: Tensor, guide: Tensor, eps: Tensor, radius: int) -> 
     variance = box(guide * guide) - mean_guide * mean_guide
     slope = (box(guide * values) - mean_guide * mean_values) / (variance.clamp(min=0) + eps)
     return box(slope), box(mean_values - slope * mean_guide)
-
-
-def network_metadata(config: DehazeNetworkConfig) -> dict[str, Any]:
-    """The config as JSON can hold it."""
-    return {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(config).items()}

@@ -2,16 +2,9 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-import torch
-import torch.nn.functional as F
 from numpy.typing import NDArray
-from scipy.fft import dctn, idctn
-from scipy.ndimage import gaussian_filter1d
-
-JPEG_BLOCK = 8  # px
-LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)  # of red, green, blue
-JPEG_SLOPE = 0.35  # a quantisation step grows by so much of the base step per frequency; about JPEG's own tables
 
 
 @dataclass(frozen=True)
@@ -39,7 +32,7 @@ class DetectAugmentation:
     noise_share: float = 0.6
     noise_max: float = 8.0  # grey levels, 1-sigma; most views get much less
     jpeg_share: float = 0.3
-    jpeg_step: tuple[float, float] = (1.5, 32.0)  # grey levels, evenly in its logarithm; from quality 95 to 25
+    jpeg_scale: tuple[float, float] = (0.1, 2.0)  # of the standard's tables, log-uniform; from quality 95 to 25
     patch_share: float = 0.2
 
     def __post_init__(self) -> None:
@@ -48,7 +41,7 @@ class DetectAugmentation:
                 raise ValueError(f"{name} must lie in 0..1, got {value}")
 
 
-def rotated(
+def rotate(
     image: NDArray[np.float32], angle_rad: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
     """An image (H, W, C) turned about its middle, its edges mirrored.
@@ -60,17 +53,13 @@ def rotated(
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     matrix = np.array([[cosine, -sine], [sine, cosine]])
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    # grid_sample wants old from new, in units of half the size.
-    half = np.array([width / 2, height / 2])
-    theta = np.zeros((1, 2, 3), dtype=np.float32)
-    theta[0, :, :2] = matrix.T * half[None, :] / half[:, None]
-    tensor = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))[None]
-    grid = F.affine_grid(torch.from_numpy(theta), list(tensor.shape), align_corners=False)
-    turned = F.grid_sample(tensor, grid, mode="bilinear", padding_mode="reflection", align_corners=False)
-    return turned[0].numpy().transpose(1, 2, 0), matrix, middle - matrix @ middle
+    offset = middle - matrix @ middle
+    new_from_old = np.column_stack([matrix, offset])
+    rotated = cv2.warpAffine(np.ascontiguousarray(image), new_from_old, (width, height), borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(rotated, np.float32).reshape(image.shape), matrix, offset
 
 
-def recoloured(image: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+def recolour(image: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
     """Exposure, gamma, white balance and saturation of another camera."""
     levels = np.clip(image / 255.0, 0.0, 1.0) ** np.float32(np.exp(rng.uniform(-0.5, 0.5)))
     levels *= rng.uniform(0.6, 1.25) * (1 + rng.normal(0, 0.07, 3)).astype(np.float32)
@@ -79,66 +68,45 @@ def recoloured(image: NDArray[np.float32], rng: np.random.Generator) -> NDArray[
     return np.clip(levels * 255.0, 0.0, 255.0).astype(np.float32)
 
 
-def blurred(image: NDArray[np.float32], sigma_v_px: float, sigma_u_px: float) -> NDArray[np.float32]:
+def blur(image: NDArray[np.float32], sigma_v_px: float, sigma_u_px: float) -> NDArray[np.float32]:
     """Gaussian blur, its widths apart: a renderer's mip-maps and far flat decks blur along v only."""
-    for axis, sigma in ((0, sigma_v_px), (1, sigma_u_px)):
-        if sigma > 0.1:
-            image = gaussian_filter1d(image, sigma, axis=axis, truncate=3.0, mode="nearest")
-    return image
+    width, height = (2 * round(3 * sigma) + 1 for sigma in (sigma_u_px, sigma_v_px))  # 1 px: no blur
+    blurred = cv2.GaussianBlur(image, (width, height), sigma_u_px, sigmaY=sigma_v_px, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.float32)
 
 
-def block_compressed(image: NDArray[np.float32], step: float) -> NDArray[np.float32]:
-    """What JPEG leaves: colour at half the resolution, 8x8 DCT coefficients rounded to steps that grow with frequency.
-
-    A step of 32 grey levels is about quality 25, 16 quality 50, 3 quality 90.
-    """
-    height, width = image.shape[:2]
-    padded = np.pad(image, ((0, -height % (2 * JPEG_BLOCK)), (0, -width % (2 * JPEG_BLOCK)), (0, 0)), mode="edge")
-    grey = padded @ LUMA
-    colour = padded[..., [0, 2]] - grey[..., None]  # red and blue
-    colour = colour.reshape(grey.shape[0] // 2, 2, grey.shape[1] // 2, 2, 2).mean(axis=(1, 3))
-    colour = np.stack([_rounded_blocks(part, step) for part in (colour[..., 0], colour[..., 1])], axis=-1)
-    red_blue = colour.repeat(2, axis=0).repeat(2, axis=1)
-    grey = _rounded_blocks(grey, step)
-    green = grey - red_blue @ LUMA[[0, 2]] / LUMA[1]
-    decoded = np.stack([grey + red_blue[..., 0], green, grey + red_blue[..., 1]], axis=-1)
-    return decoded[:height, :width].astype(np.float32)
+def compress(image: NDArray[np.float32], scale: float) -> NDArray[np.float32]:
+    """The image after JPEG with `scale` times the standard's quantisation tables: 1 is libjpeg's quality 50."""
+    quality = round(100 - 50 * scale if scale < 1 else 50 / scale)
+    levels = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    _, coded = cv2.imencode(".jpg", levels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), np.float32)[..., ::-1]
 
 
-def _rounded_blocks(plane: NDArray[np.float32], step: float) -> NDArray[np.float32]:
-    """A plane (H, W), whole blocks on both sides."""
-    blocks = plane.reshape(plane.shape[0] // JPEG_BLOCK, JPEG_BLOCK, plane.shape[1] // JPEG_BLOCK, JPEG_BLOCK)
-    frequency = np.add.outer(np.arange(JPEG_BLOCK), np.arange(JPEG_BLOCK))[None, :, None, :]
-    steps = np.float32(step) * (1 + JPEG_SLOPE * frequency).astype(np.float32)
-    coefficients = dctn(blocks, axes=(1, 3), norm="ortho")
-    decoded: NDArray[np.float32] = idctn(np.rint(coefficients / steps) * steps, axes=(1, 3), norm="ortho")
-    return decoded.reshape(plane.shape)
-
-
-def degraded(
+def degrade(
     image: NDArray[np.float32], box_size_px: tuple[float, float], augment: DetectAugmentation, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     """Colour, blur, noise, compression and patches; blur stays small against the runway's (width, height)."""
     if rng.random() < augment.colour_share:
-        image = recoloured(image, rng)
+        image = recolour(image, rng)
     if rng.random() < augment.grey_share:
         image = np.repeat(image.mean(axis=2, keepdims=True), 3, axis=2)
     if rng.random() < augment.patch_share:
-        image = _patched(image, rng)
+        image = _add_patches(image, rng)
     if rng.random() < augment.blur_share:
         sigma = rng.uniform(0.3, min(2.0, 0.3 + 0.04 * box_size_px[0]))
-        image = blurred(image, sigma, sigma)
+        image = blur(image, sigma, sigma)
     if rng.random() < augment.vertical_blur_share:
-        image = blurred(image, rng.uniform(0.3, min(5.0, 0.5 + 0.1 * box_size_px[1])), 0.0)
+        image = blur(image, rng.uniform(0.3, min(5.0, 0.5 + 0.1 * box_size_px[1])), 0.0)
     if rng.random() < augment.noise_share:
         noise = rng.standard_normal(image.shape, dtype=np.float32)
         image = image + noise * np.float32(augment.noise_max * rng.random() ** 2)
     if rng.random() < augment.jpeg_share:
-        image = block_compressed(image, float(np.exp(rng.uniform(*np.log(augment.jpeg_step)))))
+        image = compress(image, float(np.exp(rng.uniform(*np.log(augment.jpeg_scale)))))
     return np.clip(np.rint(image), 0, 255)
 
 
-def _patched(image: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+def _add_patches(image: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
     """Up to three rectangles of one colour: what is parked, or flies, before the runway."""
     image = image.copy()
     height, width = image.shape[:2]

@@ -1,22 +1,37 @@
-"""Losses of the row-anchor network, on the targets that `deckline.detect` encodes."""
+"""Losses of our line networks, on the targets that `deckline.detect` encodes."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 import torch.nn.functional as F
+from numpy.typing import NDArray
 from torch import Tensor
 
+from deckline.detect.anchors import RowGrid
+
 NEAR_CELLS = 4  # around the target: where the expected position is taken for its loss
+FLATTEST, STEEPEST = 4.0, 4.0  # |dx/dy| and |dy/dx| beyond which rows, or columns, are not asked: cells per anchor
 
 
 class UfldOutput(NamedTuple):
-    """What the network says of a batch."""
+    """What a row-anchor network says of a batch."""
 
     rows: Tensor  # (B, 2, rows, cells + 1) class logits
     region: Tensor  # (B, region cells + 1) class logits
     box: Tensor  # (B, 4, region rows, region columns)
     segmentation: Tensor | None  # (B, 3, H/8, W/8) logits of background, left, right; in training only
+
+
+class HybridOutput(NamedTuple):
+    """What the network says of a batch; the last class of an anchor is "the line does not cross here"."""
+
+    rows: Tensor  # (B, 3, rows, cells + 1) class logits of left, right and centre
+    columns: Tensor  # (B, 3, cells, rows + 1) class logits
+    region: Tensor  # (B, region cells + 1) class logits
+    box: Tensor  # (B, 4, region rows, region columns)
+    segmentation: Tensor | None  # (B, 4, H/8, W/8) logits of background and every line; in training only
 
 
 class DetectTargets(NamedTuple):
@@ -43,12 +58,11 @@ class LossWeights:
     region: float = 0.5
     box: float = 0.5
     segmentation: float = 0.2
-    similarity: float = 0.0  # of neighbouring rows' logits: pulls slanted lines upright, and ours are slanted
     shape: float = 0.05  # second differences: runway edges are straight in a pinhole image
 
 
-def detect_loss(output: UfldOutput, targets: DetectTargets, weights: LossWeights) -> tuple[Tensor, dict[str, float]]:
-    """Weighted sum, and every part by name."""
+def ufld_loss(output: UfldOutput, targets: DetectTargets, weights: LossWeights) -> tuple[Tensor, dict[str, float]]:
+    """Weighted sum of the row-anchor network's losses, and every part by name."""
     logits = output.rows.float()
     parts = {
         "rows": row_loss(logits, targets.cell, weights.focal_gamma),
@@ -56,12 +70,99 @@ def detect_loss(output: UfldOutput, targets: DetectTargets, weights: LossWeights
         "region": region_loss(output.region.float(), targets.region),
         "box": box_loss(output.box.float(), targets.box, targets.box_weight),
         "shape": shape_loss(logits, targets.cell),
-        "similarity": F.smooth_l1_loss(logits[:, :, 1:], logits[:, :, :-1]),
     }
     if output.segmentation is not None:
         parts["segmentation"] = segmentation_loss(output.segmentation.float(), targets.cell, logits.shape[-1] - 1)
     total = torch.stack([getattr(weights, name) * value for name, value in parts.items()]).sum()
     return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def hybrid_loss(
+    output: HybridOutput, targets: DetectTargets, anchors: tuple[Tensor, Tensor, Tensor], weights: LossWeights
+) -> tuple[Tensor, dict[str, float]]:
+    """Weighted sum of the hybrid network's losses, and every part by name; `anchors` are `anchor_targets`."""
+    rows, columns, between = anchors
+    hidden = ~targets.known[..., None]
+    parts = {
+        "region": region_loss(output.region.float(), targets.region),
+        "box": box_loss(output.box.float(), targets.box, targets.box_weight),
+    }
+    for name, logits, position, ignored in (
+        ("rows", output.rows.float(), rows, hidden.expand_as(rows)),
+        ("columns", output.columns.float(), columns, between | hidden),
+    ):
+        parts[name], parts[f"{name}_position"] = anchor_loss(logits, position, ignored)
+    total = weights.region * parts["region"] + weights.box * parts["box"]
+    total = total + weights.rows * (parts["rows"] + parts["columns"])
+    total = total + weights.position * (parts["rows_position"] + parts["columns_position"])
+    if output.segmentation is not None:
+        parts["segmentation"] = segmentation_loss(output.segmentation.float(), rows, output.rows.shape[-1] - 1)
+        total = total + weights.segmentation * parts["segmentation"]
+    return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def anchor_loss(logits: Tensor, position: Tensor, ignored: Tensor) -> tuple[Tensor, Tensor]:
+    """Cross-entropy of "crossed here or not" plus that of the cells, and smooth L1 of the expected cell.
+
+    Neither is focal nor weighted by class: what the network then says of an anchor is a probability.
+
+    Args:
+        logits: (B, lines, anchors, cells + 1).
+        position: (B, lines, anchors) in cells, NaN for "not crossed here".
+        ignored: (B, lines, anchors) where it is not known which.
+    """
+    shares = row_targets(position, logits.shape[-1] - 1)
+    log_p = logits.log_softmax(-1)
+    crossed, known = ~torch.isnan(position), ~ignored
+    log_not, log_crossed = log_p[..., -1], log_p[..., :-1].logsumexp(-1)
+    existence = -torch.where(crossed, log_crossed, log_not)
+    where = -(shares[..., :-1] * (log_p[..., :-1] - log_crossed[..., None])).sum(-1)
+    loss = (existence * known).sum() / known.sum().clamp(min=1) + (where * crossed).sum() / crossed.sum().clamp(min=1)
+    return loss, position_loss(logits, position)
+
+
+def anchor_targets(x_px: Tensor, grid: RowGrid) -> tuple[Tensor, Tensor, Tensor]:
+    """Positions on a grid's rows and columns, for a batch of lines.
+
+    Args:
+        x_px: (B, lines, height) on every pixel row, NaN where there is no line.
+        grid: the network's.
+
+    Returns:
+        rows (B, lines, rows) in cells and columns (B, lines, cells) in rows, NaN for "does not cross here"; and which
+        columns (B, lines, cells) lie within the last pixel row of a line's ends, where it is not known.
+    """
+    lines = x_px.detach().cpu().numpy()
+    parts = [line_anchors(line.astype(np.float64), grid) for line in lines.reshape(-1, lines.shape[-1])]
+    rows, columns, unknown = (
+        torch.from_numpy(np.stack(part)).reshape(*lines.shape[:2], -1).to(x_px.device)
+        for part in zip(*parts, strict=True)
+    )
+    return rows, columns, unknown
+
+
+def line_anchors(
+    x_px: NDArray[np.float64], grid: RowGrid
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """One line's x on every pixel row (height,) -> rows (rows,), columns (cells,), unknown columns (cells,)."""
+    rows = np.full(grid.rows, np.nan, dtype=np.float32)
+    columns = np.full(grid.cells, np.nan, dtype=np.float32)
+    unknown = np.zeros(grid.cells, dtype=bool)
+    y = np.flatnonzero(np.isfinite(x_px))
+    if len(y) < 2:
+        return rows, columns, unknown
+    x = x_px[y]
+    slope = (x[-1] - x[0]) / (y[-1] - y[0])  # dx / dy; lines are straight, but for the lens
+    if abs(slope) <= FLATTEST:
+        on_rows = np.interp(grid.row_y, y, x, left=np.nan, right=np.nan)
+        rows = grid.cell_from_x(on_rows).astype(np.float32)
+    if abs(slope) * STEEPEST >= 1:
+        order = np.argsort(x, kind="stable")
+        column_x = grid.transposed.row_y
+        on_columns = np.interp(column_x, x[order], y[order], left=np.nan, right=np.nan)
+        columns = grid.transposed.cell_from_x(on_columns).astype(np.float32)
+        unknown = np.isnan(on_columns) & (column_x > x.min() - abs(slope)) & (column_x < x.max() + abs(slope))
+    return rows, columns, unknown
 
 
 def row_targets(cell: Tensor, cells: int) -> Tensor:

@@ -3,14 +3,17 @@
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from deckline.detect.anchors import STRIDE, RowGrid, encode, encode_region
 from deckline.detect.crop import Crop, full_crop, normalise, sample_crop
-from deckline.train.dehaze_haze import random_airlight
-from deckline.train.detect_augment import DetectAugmentation, degraded, rotated
-from deckline.train.detect_labels import LabelledView
+from deckline.train.dehaze_samples import random_airlight
+from deckline.train.detect_augment import DetectAugmentation, degrade, rotate
+from deckline.train.detect_losses import DetectTargets
 from deckline.train.detect_views import LineView
+from deckline.train.views import Views
 
 PAINT_CONTRAST = 100.0  # grey levels between white paint and a dark deck
 VISIBLE_CONTRAST = 1.5  # grey levels; paint with less of it left is "no line here"
@@ -44,28 +47,35 @@ class _Scene(NamedTuple):
     things_px: NDArray[np.float64]  # (0 or 1, 2) where something stands out: a ship, a coast
 
 
-def make_sample(
-    view: LineView | LabelledView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator
-) -> Sample:
+def make_sample(view: LineView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator) -> Sample:
     """Haze, flip, turn, choose where to look, degrade, look: everything random comes from `rng`.
 
     A labelled picture keeps the haze that it was taken in.
     """
-    seen = _as_taken(view) if isinstance(view, LabelledView) else _hazy(view, augment, rng)
-    scene = _turned(_flipped(seen, augment, rng), augment, rng)
+    scene = _rotate(_flip(_add_haze(view, augment, rng), augment, rng), augment, rng)
     height, width = scene.image.shape[:2]
     box = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
-    window = _window(box, scene.things_px, (width, height), (grid.width, grid.height), augment, rng)
+    window = choose_window(box, scene.things_px, (width, height), (grid.width, grid.height), augment, rng)
     u0, v0, u1, v1 = window.bounds(grid.width, grid.height)
     left, top = (int(np.clip(np.floor(edge) - MARGIN_PX, 0, None)) for edge in (u0, v0))
     left, top = min(left, width - 1), min(top, height - 1)
     right, bottom = int(max(np.ceil(u1) + MARGIN_PX, left + 1)), int(max(np.ceil(v1) + MARGIN_PX, top + 1))
     size = (1e3, 1e3) if box is None else (box[2] - box[0], box[3] - box[1])
-    part = degraded(scene.image[top:bottom, left:right], size, augment, rng)
+    part = degrade(scene.image[top:bottom, left:right], size, augment, rng)
     inner = Crop(window.left - left, window.top - top, window.step)
     image = normalise(sample_crop(part, inner, (grid.width, grid.height)))
     cell, *region = encode_view(scene.lines_px, scene.visible, window, (width, height), grid)
     return Sample(image, cell, scene.known, *region)
+
+
+def make_batch(
+    views: Views[LineView], batch: int, grid: RowGrid, augment: DetectAugmentation, seed: list[int]
+) -> tuple[Tensor, DetectTargets]:
+    """Views (batch, 3, height, width) and targets; the same for the same seed, so that resuming changes nothing."""
+    rng = np.random.default_rng(seed)
+    samples = [make_sample(views.draw(rng), grid, augment, rng) for _ in range(batch)]
+    columns = [torch.from_numpy(np.stack(column)) for column in zip(*samples, strict=True)]
+    return columns[0], DetectTargets(*columns[1:])
 
 
 def encode_view(
@@ -112,17 +122,14 @@ def visible_box(
     return box if box[2] > box[0] and box[3] > box[1] else None
 
 
-def _as_taken(view: LabelledView) -> _Scene:
-    """What a person labelled can be seen."""
+def _add_haze(view: LineView, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
+    """The view in random haze or faded; which points of the lines can still be seen."""
+    image = view.image_rgb.astype(np.float32)
     lines = np.zeros((3, 0, 2)) if view.lines_px is None else view.lines_px
-    seen = np.asarray(np.isfinite(lines).all(axis=2))
-    return _Scene(view.image_rgb.astype(np.float32), lines, seen, _known(view.lines_px is None), np.zeros((0, 2)))
-
-
-def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
+    if view.clear is None:  # what a person labelled can be seen
+        seen = np.asarray(np.isfinite(lines).all(axis=2))
+        return _Scene(image, lines, seen, np.array([True, True, view.lines_px is None]), np.zeros((0, 2)))
     ranges = view.clear.range_m.astype(np.float32)
-    image = view.clear.clear_rgb.astype(np.float32)
-    lines = np.zeros((3, 0, 2)) if view.lines_px is None else view.lines_px
     line_ranges = np.zeros((3, 0)) if view.ranges_m is None else view.ranges_m
     contrast = np.full(line_ranges.shape, PAINT_CONTRAST)
     contrast[2] *= bool(view.centre_painted)
@@ -137,7 +144,7 @@ def _hazy(view: LineView, augment: DetectAugmentation, rng: np.random.Generator)
         fade = rng.uniform(0.2, 0.8)
         image = np.float32(rng.uniform(40, 220)) * np.float32(1 - fade) + image * np.float32(fade)
         contrast = contrast * fade
-    known = _known(view.lines_px is None or view.centre_painted is not None)
+    known = np.array([True, True, view.lines_px is None or view.centre_painted is not None])
     return _Scene(image, lines, contrast >= VISIBLE_CONTRAST, known, thing)
 
 
@@ -155,11 +162,7 @@ def _thing(ranges_m: NDArray[np.float32], rng: np.random.Generator) -> tuple[NDA
     return np.array([[column + 0.5, row]]), float(near[row, column : column + 2].min())
 
 
-def _known(centre: bool) -> NDArray[np.bool_]:
-    return np.array([True, True, centre])
-
-
-def _flipped(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
+def _flip(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
     """Mirrored left to right; the left line is then the right one."""
     if rng.random() >= augment.flip_share:
         return scene
@@ -170,16 +173,16 @@ def _flipped(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generato
     return scene._replace(image=scene.image[:, ::-1], lines_px=lines, visible=scene.visible[MIRRORED], things_px=things)
 
 
-def _turned(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
+def _rotate(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
     if rng.random() >= augment.rotate_share:
         return scene
     angle = np.deg2rad(rng.uniform(-augment.rotate_max_deg, augment.rotate_max_deg))
-    image, matrix, offset = rotated(scene.image, angle)
+    image, matrix, offset = rotate(scene.image, angle)
     lines, things = (points @ matrix.T + offset for points in (scene.lines_px, scene.things_px))
     return scene._replace(image=image, lines_px=lines, things_px=things)
 
 
-def _window(
+def choose_window(
     box: NDArray[np.float64] | None,
     things_px: NDArray[np.float64],
     image_size: tuple[int, int],

@@ -1,20 +1,25 @@
-"""ONNX export with the config that made the model inside the file."""
+"""ONNX export with the config that made the model inside the file; what a network costs."""
 
+import copy
 import json
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
 
 from deckline.runtime.session import METADATA_KEY
 from deckline.runtime.weights import sha256_of
 
 OPSET = 18
+REFERENCE_PX = (256, 256)  # height and width at which dehazing papers publish MACs
 
 
 def export_onnx(
-    model: torch.nn.Module,
+    model: nn.Module,
     args: tuple[torch.Tensor, ...],
     path: Path,
     input_names: list[str],
@@ -74,3 +79,36 @@ def manifest_entry(path: Path, **keys: Any) -> str:
 
 def _toml(value: str | int | float) -> str:
     return json.dumps(value, ensure_ascii=False)  # JSON strings and finite numbers are valid TOML
+
+
+@dataclass(frozen=True)
+class NetworkCost:
+    """Cost of one image."""
+
+    parameters: int
+    macs: int  # multiply-accumulates of convolutions, linear layers and matrix products
+
+
+def count_parameters(model: nn.Module) -> int:
+    return sum(value.numel() for value in model.parameters())
+
+
+def network_cost(
+    model: nn.Module, size_px: tuple[int, int] = REFERENCE_PX, channels: tuple[int, ...] = (3,)
+) -> NetworkCost:
+    """Parameters and MACs of a network that takes images (1, C, H, W) of one size.
+
+    A multiplication with its addition is one MAC. Biases, norms, activations, pooling, softmax and interpolation are
+    not counted, as in the papers; attention's two products are. A transposed convolution is charged its weights once an
+    input pixel, which is what it computes; some published counts charge them once an output pixel, stride^2 times as
+    much. Nothing is computed: the shapes alone go through a copy without data.
+
+    Args:
+        model: left as it is.
+        size_px: height and width of the images.
+        channels: C of each of them.
+    """
+    shapes = copy.deepcopy(model).to("meta").eval()
+    with torch.no_grad(), FlopCounterMode(display=False) as counter:
+        shapes(*(torch.empty(1, count, *size_px, device="meta") for count in channels))
+    return NetworkCost(count_parameters(model), counter.get_total_flops() // 2)

@@ -1,13 +1,23 @@
-"""First weights from an earlier training: a folder's checkpoint, or an exported file."""
+"""First weights from an earlier training: a folder's checkpoint, or an exported file, a shipped one too.
+
+A detector's file has its batch norms folded into the convolutions before them; they are unfolded here.
+"""
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import onnx
 import torch
-from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
 from deckline.runtime import load_session
-from deckline.train.checkpoint import CHECKPOINT_FILE
+from deckline.train.checkpoint import read_tensors
+from deckline.train.line_networks import Hybrid, LineNetwork, PyramidConfig, PyramidNetwork, Ufld
+
+BACKBONE = "/model/backbone/"
+NORM_OF = {"_expand_conv": "_bn0", "_depthwise_conv": "_bn1", "_project_conv": "_bn2", "0": "1"}  # by last name
+SAME = 2e-3  # of the outputs' largest value; what torch and ONNX Runtime may differ by
 
 
 def start_with(model: nn.Module, source: Path) -> None:
@@ -23,32 +33,12 @@ def start_with(model: nn.Module, source: Path) -> None:
     Raises:
         ValueError: no weights there, or those of another network.
     """
-    stored = _from_onnx(source) if source.is_file() else _from_checkpoint(source / CHECKPOINT_FILE)
+    stored = _read_onnx(source)[1] if source.is_file() else read_tensors(source, "ema")
     own = model.state_dict()
     missing = sorted(own.keys() - stored.keys())
     if missing:
         raise ValueError(f"{source} holds the weights of another network: it has no {missing[0]}")
     model.load_state_dict({name: _fitted(stored[name], own[name], f"{source}: {name}") for name in own})
-
-
-def _from_onnx(path: Path) -> dict[str, Tensor]:
-    import onnx
-
-    load_session(path, threads=1)  # refuses what is no network of deckline
-    graph = onnx.load(str(path)).graph
-    return {item.name: torch.from_numpy(onnx.numpy_helper.to_array(item).copy()) for item in graph.initializer}
-
-
-def _from_checkpoint(path: Path) -> dict[str, Tensor]:
-    if not path.is_file():
-        raise ValueError(f"{path.parent} holds no checkpoint to start from")
-    try:
-        with safe_open(path, framework="pt") as file:
-            names = list(file.keys())
-            group = "ema." if any(name.startswith("ema.") for name in names) else "model."
-            return {name[len(group) :]: file.get_tensor(name) for name in names if name.startswith(group)}
-    except SafetensorError as error:
-        raise ValueError(f"{path} is not a deckline checkpoint: {error}") from error
 
 
 def _fitted(stored: Tensor, own: Tensor, where: str) -> Tensor:
@@ -60,3 +50,160 @@ def _fitted(stored: Tensor, own: Tensor, where: str) -> Tensor:
             grown[:, : stored.shape[1]] = stored
             return grown
     raise ValueError(f"{where} has shape {tuple(stored.shape)}, expected {tuple(own.shape)}")
+
+
+def _read_onnx(path: Path) -> tuple[Any, dict[str, Tensor]]:
+    """Graph of a file that deckline can run, and its tensors by name."""
+    load_session(path, threads=1)  # refuses what is no usable network
+    graph = onnx.load(str(path)).graph
+    return graph, {item.name: torch.from_numpy(onnx.numpy_helper.to_array(item).copy()) for item in graph.initializer}
+
+
+def start_detector(model: LineNetwork, source: Path) -> None:
+    """Give a detector an earlier one's weights.
+
+    Args:
+        model: changed in place.
+        source: folder with a checkpoint, or an .onnx file of the same network; from one of `ufld`, `hybrid` takes what
+            both have.
+
+    Raises:
+        ValueError: no weights there, or those of another network.
+    """
+    if not source.is_file():
+        start_with(model, source)
+    elif isinstance(model, Hybrid) and "column_logits" not in load_session(source, threads=1).output_names:
+        _start_hybrid(model, source)
+    elif isinstance(model, PyramidNetwork):
+        start_with_file(model, source)
+    else:
+        raise ValueError(
+            f"{source}: only networks hybrid and ufld start from an .onnx file; give a training's folder instead"
+        )
+
+
+def start_with_file(model: PyramidNetwork, path: Path) -> None:
+    """Give a detector the weights of an exported one; its training-only branch keeps its own.
+
+    A folded convolution's weights become the convolution's, its bias that of a batch norm which does nothing else: the
+    model then computes what the file does, which is checked.
+
+    Args:
+        model: changed in place.
+        path: detect.onnx of `deckline train detect`, or a shipped file.
+
+    Raises:
+        ValueError: no detector of deckline, or one of another network or shape.
+    """
+    graph, stored = _read_onnx(path)
+    own = model.state_dict()
+    found: dict[str, Tensor] = {}
+    for node, prefix in _convolutions(graph, model):
+        weight, bias = (stored.get(name) for name in node.input[1:3])
+        if weight is None or bias is None:
+            raise ValueError(f"{path} holds another network: {node.name} has no weights of its own")
+        found |= _unfolded(prefix, weight, bias, model)
+    found |= {name.removeprefix("model."): value for name, value in stored.items() if name.startswith("model.")}
+    wrong = [name for name, value in found.items() if name not in own or own[name].shape != value.shape]
+    kept = [name for name in own if name.startswith("segmentation.") or name.endswith("num_batches_tracked")]
+    wrong += [name for name in own if name not in found and name not in kept]
+    if wrong:
+        raise ValueError(f"{path} holds another network: {wrong[0]} does not fit")
+    model.load_state_dict({**own, **found})
+    _check_same(model, path)
+
+
+def settle_norms(model: LineNetwork, views: Tensor) -> None:
+    """Give the batch norms that training uses the statistics of some views, and the weights that undo the difference.
+
+    What the model computes stays the same. In a file batch norms are folded away; without this the first training step
+    would scale every feature anew.
+
+    Args:
+        model: changed in place.
+        views: (B, 3, H, W) normalised views, on the model's device.
+    """
+    backbone = {id(part) for name, part in model.named_modules() if name.startswith("backbone.")}
+    norms = [part for part in model.modules() if isinstance(part, nn.BatchNorm2d) and id(part) not in backbone]
+    hooks = [norm.register_forward_pre_hook(_settle) for norm in norms]
+    was_training = model.training
+    model.eval()
+    with torch.no_grad():
+        model(views)
+    model.train(was_training)
+    for hook in hooks:
+        hook.remove()
+
+
+def _settle(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+    assert isinstance(norm, nn.BatchNorm2d) and norm.running_mean is not None and norm.running_var is not None
+    variance, mean = torch.var_mean(inputs[0], dim=(0, 2, 3))
+    scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
+    norm.bias.copy_(norm.bias + scale * (mean - norm.running_mean))
+    norm.weight.copy_(scale * torch.sqrt(variance + norm.eps))
+    norm.running_mean.copy_(mean)
+    norm.running_var.copy_(variance)
+
+
+def _start_hybrid(model: Hybrid, path: Path) -> None:
+    """Backbone, pyramid, region and row cells of network `ufld`; what it has not keeps its own weights."""
+    earlier = Ufld(PyramidConfig(pretrained=False))
+    start_with_file(earlier, path)
+    renamed = {name.replace("rows.blocks.", "anchors."): value for name, value in earlier.state_dict().items()}
+    own = model.state_dict()
+    shared = {name: value for name, value in renamed.items() if name in own and own[name].shape == value.shape}
+    for part in ("weight", "bias"):
+        both = renamed[f"rows.cells.{part}"]
+        shared[f"row_cells.{part}"] = torch.cat([both, both.mean(0, keepdim=True)])  # the centre line lies between
+    model.load_state_dict({**own, **shared})
+
+
+def _convolutions(graph: Any, model: PyramidNetwork) -> list[tuple[Any, str]]:
+    """Every convolution that a batch norm was folded into, and its module's name; the backbone's are in order."""
+    in_order = [f"backbone.{name}" for name, part in model.backbone.named_modules() if isinstance(part, nn.Conv2d)]
+    named, backbone = [], iter(in_order)
+    for node in graph.node:
+        if node.op_type != "Conv" or node.input[1].startswith("model."):
+            continue
+        name = next(backbone, "") if node.name.startswith(BACKBONE) else _module_name(node.name)
+        named.append((node, name))
+    return named
+
+
+def _module_name(node_name: str) -> str:
+    """/model/rows/blocks/blocks.0/blocks.0.0/Conv -> rows.blocks.0.0."""
+    parts: list[str] = []
+    for part in node_name.split("/")[2:-1]:
+        if parts and part.startswith(f"{parts[-1]}."):
+            parts[-1] = part
+        else:
+            parts.append(part)
+    return ".".join(parts)
+
+
+def _unfolded(name: str, weight: Tensor, bias: Tensor, model: LineNetwork) -> dict[str, Tensor]:
+    """The convolution's weight, and statistics with which the batch norm after it adds the bias alone."""
+    stem, _, last = name.rpartition(".")
+    norm_name = f"{stem}.{NORM_OF.get(last, '')}"
+    norm = dict(model.named_modules()).get(norm_name)
+    if not isinstance(norm, nn.BatchNorm2d):
+        return {f"{name}.weight": weight}
+    ones = torch.ones_like(bias)
+    values = {"weight": ones, "bias": bias, "running_mean": 0 * ones, "running_var": ones - norm.eps}
+    return {f"{name}.weight": weight} | {f"{norm_name}.{part}": value for part, value in values.items()}
+
+
+def _check_same(model: LineNetwork, path: Path) -> None:
+    session = load_session(path, threads=1)
+    grid, names = model.kind.grid, model.kind.output_names
+    view = np.random.default_rng(0).standard_normal((1, 3, grid.height, grid.width), dtype=np.float32)
+    was_training = model.training
+    model.eval()
+    with torch.no_grad():
+        outputs = model(torch.from_numpy(view).to(next(model.parameters()).device))
+        ours = [tensor.cpu().numpy() for tensor in outputs[: len(names)]]
+    model.train(was_training)
+    theirs = dict(zip(session.output_names, session(image=view), strict=True))
+    for name, value in zip(names, ours, strict=True):
+        if np.abs(value - theirs[name]).max() > SAME * max(float(np.abs(theirs[name]).max()), 1.0):
+            raise ValueError(f"{path} holds another network: its {name} are not what this one computes")

@@ -1,0 +1,195 @@
+"""`deckline eval ablation`: the paper's Table 5, trained and measured by one command.
+
+OUT/recipe.json            what the rows are made with
+OUT/<row>/                 checkpoint, ONNX file and figures of each row, as `deckline train dehaze` writes them
+OUT/images.jsonl           one line for each test image and row; a stopped command goes on after the last one
+OUT/ablation.json, .md     the table
+"""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from deckline.dehaze import Dehazer, OnnxDehazer
+from deckline.evaluation.dehazing_score import FIGURES, restoration
+from deckline.evaluation.statistics import Difference, paired_difference
+from deckline.evaluation.store import Store
+from deckline.evaluation.tables import MISSING, Table, number, publish
+from deckline.extras import needs_extra
+from deckline.progress import progress
+from deckline.recording import FrameError, Source, open_recording
+from deckline.runtime import sha256_of
+from deckline.types import Frame
+
+HAZY = "hazy"  # the row that does nothing
+IMAGES_FILE = "images.jsonl"
+COLUMNS = (
+    "row",
+    "PSNR, dB",
+    "gain [95 %]",
+    "SSIM",
+    "no sky, dB",
+    "gain [95 %]",
+    "M param.",
+    "GMACs",
+    "steps",
+    "minutes",
+    "paper, dB",
+)
+CAPTION = (
+    "Each row adds one part to the row above, and its gain is over that row on the same images. MACs at 256x256 px. "
+    "The paper's PSNR is on its own pictures. Images of one flight resemble each other: the intervals are too narrow."
+)
+
+Figures = Mapping[str, float]  # of one image, by FIGURES; those that exist
+Scores = dict[str, dict[int, Figures]]  # row -> image -> figures
+
+
+@dataclass(frozen=True)
+class AblationConfig:
+    """How each row is trained. What is not here is as in `deckline train dehaze`."""
+
+    minutes: float | None = None  # training time of each row
+    steps: int | None = None  # of each row; with minutes as well, whichever ends first
+    size: Literal["t", "s", "b"] = "t"
+    unshuffle: Literal[1, 4] = 4  # image px per px of the network's grid; 1 is the paper's full resolution
+    batch: int = 2
+    crop_height: int = 288  # px
+    crop_width: int = 512  # px
+    lr: float = 5e-4
+    recorded_share: float = 0.0  # of the augmented row's crops keep the haze they were recorded in; others get new haze
+    flip_vertical: float = 0.0  # probability, in the augmented row; the paper's is 0.5
+    seed: int = 0  # of the first weights and of what is drawn
+    threads: int = 0  # of torch and ONNX Runtime; 0 leaves their own choice
+    device: Literal["auto", "cpu", "cuda"] = "auto"  # to train on
+
+
+def ablation(
+    dataset: tyro.conf.Positional[Path],
+    out: Path,
+    every: int = 1,
+    config: Annotated[AblationConfig, tyro.conf.arg(name="")] = AblationConfig(),
+) -> int:
+    """Train the rows of the paper's Table 5 on a dataset and measure them on its test part.
+
+    Depthwise-separable convolutions and plain transformers, then MixAttention, then MobileViTv3, then augmentation: the
+    same budget, seed and data for each. The same command goes on where it was stopped.
+
+    Args:
+        dataset: folder written by `deckline dataset`, with train and test.
+        out: folder of the trained rows and the table.
+        every: measure on every so many-th test image.
+        config: how each row is trained.
+    """
+    with needs_extra("train"):
+        from deckline.research.ablation_rows import ROWS, WEIGHTS_FILE, base_recipe, train_rows
+    if every < 1:
+        raise ValueError(f"--every must be at least 1, got {every}")
+    base = base_recipe(**asdict(config))
+    test = open_recording(dataset / "test")
+    costs = train_rows(base, dataset / "train", out)
+    files = {row.key: out / row.key / WEIGHTS_FILE for row in ROWS}
+    dehazers: dict[str, Dehazer | None] = {HAZY: None}
+    dehazers |= {key: OnnxDehazer(file, threads=config.threads or None) for key, file in files.items()}
+    store = Store(out, IMAGES_FILE, {"weights": {key: sha256_of(file) for key, file in files.items()}})
+    rows = summarise_rows(measure(dehazers, test, range(0, len(test), every), store))
+    rows = [row | costs.get(row["row"], {}) for row in rows]
+    names = {HAZY: ("hazy, left as it is", MISSING)}
+    names |= {row.key: (row.name, f"{row.paper_psnr_db:.2f}") for row in ROWS}
+    table = Table("the paper's Table 5", COLUMNS, [_cells(row, *names[row["row"]]) for row in rows], (CAPTION,))
+    made_with = {"dataset": str(dataset), "every": every, **asdict(config)}
+    budget = " or ".join(f"{made_with[name]:g} {name}" for name in ("minutes", "steps") if made_with[name] is not None)
+    title = f"{dataset}: {rows[0]['images']} test images; {budget} for each row"
+    publish(title, [table], {**made_with, "rows": rows}, out / "ablation.json", out / "ablation.md")
+    return 0
+
+
+def measure(dehazers: Mapping[str, Dehazer | None], source: Source, indices: range, store: Store) -> Scores:
+    """Figures of each row and image, as far as they are not in the store already, to which they are added one by one.
+
+    Args:
+        dehazers: by row, from above; None gives the image back.
+        source: frames with their clear pictures.
+        indices: of the frames.
+        store: its settings hold the rows' weights.
+
+    Raises:
+        ValueError: a frame without a clear picture.
+    """
+    with store, progress("measuring", len(indices)) as advance:
+        for index in indices:
+            missing = [row for row in dehazers if (index, row) not in store.rows]
+            if missing and (frame := _load(source, index)) is not None:
+                for row in missing:
+                    store.add((index, row), _score(frame, dehazers[row]))
+            advance()
+    return {row: {k: store.rows[k, row] for k in indices if (k, row) in store.rows} for row in dehazers}
+
+
+def _load(source: Source, index: int) -> Frame | None:
+    """A frame, or None and a line on the screen when it cannot be read."""
+    try:
+        return source.load(index)
+    except FrameError as error:
+        print(f"skipped {error}", file=sys.stderr)
+        return None
+
+
+def _score(frame: Frame, dehazer: Dehazer | None) -> Figures:
+    if frame.truth is None or frame.truth.clear_rgb is None:
+        raise ValueError(f"{frame.file}: no clear picture to compare with; write the dataset with `deckline dataset`")
+    surface = None if frame.depth_m is None else np.isfinite(frame.depth_m)
+    image = frame.image_rgb if dehazer is None else dehazer(frame.image_rgb)
+    return restoration(image, frame.truth.clear_rgb, surface)
+
+
+def summarise_rows(scores: Mapping[str, Mapping[int, Figures]], seed: int = 0) -> list[dict[str, Any]]:
+    """Name, count of images, means, and gains over the row above, of every row; what does not exist is left out.
+
+    Args:
+        scores: row -> image -> figures, the table's rows from above; the first row gains over none.
+        seed: of the intervals.
+
+    Raises:
+        ValueError: a row without images.
+    """
+    rows: list[dict[str, Any]] = []
+    above: Mapping[int, Figures] = {}
+    for key, images in scores.items():
+        if not images:
+            raise ValueError(f"no image could be evaluated for {key}")
+        rng = np.random.default_rng(seed)
+        means, gains = {}, {}
+        for name in FIGURES:
+            values = {image: figures[name] for image, figures in images.items() if name in figures}
+            if values:
+                means[name] = float(np.mean(list(values.values())))
+            both = [value - above[k][name] for k, value in values.items() if name in above.get(k, {})]
+            if both:
+                gains[name] = asdict(paired_difference(both, rng))
+        rows.append({"row": key, "images": len(images), **means, "gains": gains})
+        above = images
+    return rows
+
+
+def _cells(row: Mapping[str, Any], name: str, paper: str) -> list[str]:
+    cost = {key: row[key] / unit for key, unit in (("parameters", 1e6), ("macs_256", 1e9)) if key in row}
+    gains = {key: Difference(**gain).text("+.2f") for key, gain in row["gains"].items()}
+    return [
+        name,
+        number(row.get("psnr_db"), ".2f"),
+        gains.get("psnr_db", MISSING),
+        number(row.get("ssim"), ".4f"),
+        number(row.get("psnr_db_surface"), ".2f"),
+        gains.get("psnr_db_surface", MISSING),
+        number(cost.get("parameters"), ".3f"),
+        number(cost.get("macs_256"), ".3f"),
+        number(row.get("steps"), ".0f"),
+        number(row.get("minutes"), ".1f"),
+        paper,
+    ]

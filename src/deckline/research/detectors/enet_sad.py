@@ -1,0 +1,191 @@
+"""ENet that paints the lines, its attention distilled from deeper blocks into shallower ones while it learns.
+
+Sources: Paszke, Chaurasia, Kim and Culurciello, "ENet", 2016; Hou, Ma, Liu and Loy, "Learning Lightweight Lane
+Detection CNNs by Self Attention Distillation", 2019. Ours are the region branch (`parts`) and the view of 512x288 px.
+"""
+
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from deckline.research.detectors.painting import (
+    MAP_KIND,
+    LineExistence,
+    MapOutput,
+    map_loss,
+    overlap_loss,
+    paint_stripes,
+)
+from deckline.research.detectors.parts import RegionBranch
+from deckline.train.detect_losses import DetectTargets, LossWeights
+from deckline.train.line_networks import LINES, LineNetwork
+
+DISTIL_WEIGHT, OVERLAP_WEIGHT = 0.1, 0.1  # published
+DISTIL_FROM = 2 / 3  # of the training; published as 40 k of 60 k iterations: the maps must mean something first
+CONTEXT: tuple[tuple[str, int], ...] = (  # kernels and dilations of the second and of the third stage; published
+    ("square", 1), ("square", 2), ("asymmetric", 1), ("square", 4),
+    ("square", 1), ("square", 8), ("asymmetric", 1), ("square", 16),
+)  # fmt: skip
+
+
+class EnetSad(LineNetwork):
+    """The published network; encoder blocks E1 to E4 are ENet's initial block and stages one to three.
+
+    Args:
+        lines: how many.
+        size_px: width and height of the view, which 16 divides.
+    """
+
+    def __init__(self, lines: int = LINES, size_px: tuple[int, int] = (MAP_KIND.grid.width, MAP_KIND.grid.height)):
+        super().__init__()
+        self.kind = MAP_KIND
+        self.initial = _Initial()
+        self.down1 = _Bottleneck(16, 64, "down", dropout=0.01)
+        self.stage1 = nn.Sequential(*(_Bottleneck(64, 64, "square", dropout=0.01) for _ in range(4)))
+        self.down2 = _Bottleneck(64, 128, "down")
+        self.stage2, self.stage3 = (
+            nn.Sequential(*(_Bottleneck(128, 128, shape, dilation) for shape, dilation in CONTEXT)) for _ in range(2)
+        )
+        self.up4 = _Up(128, 64)
+        self.stage4 = nn.Sequential(*(_Bottleneck(64, 64, "square", act=nn.ReLU) for _ in range(2)))
+        self.up5 = _Up(64, 16)
+        self.stage5 = _Bottleneck(16, 16, "square", act=nn.ReLU)
+        self.map = nn.ConvTranspose2d(16, lines + 1, 3, 2, 1, output_padding=1, bias=False)
+        self.existence = LineExistence(128, 32, lines, (size_px[0] // 8, size_px[1] // 8))
+        self.region = RegionBranch(128)
+
+    def forward(self, image: Tensor) -> MapOutput:
+        half = self.initial(image)
+        quarter = self.stage1(self.down1(half))
+        eighth = self.stage2(self.down2(quarter))
+        deepest = self.stage3(eighth)
+        x = self.stage4(self.up4(deepest, quarter))
+        x = self.stage5(self.up5(x, half))
+        region, box = self.region(deepest)
+        encoded = (half, quarter, eighth, deepest) if self.training else ()
+        return MapOutput(self.map(x), self.existence(deepest), region, box, encoded)
+
+    def loss(  # type: ignore[override]  # the output is its own
+        self, output: MapOutput, targets: DetectTargets, weights: LossWeights, fraction: float
+    ) -> tuple[Tensor, dict[str, float]]:
+        total, parts = map_loss(output, targets, weights)
+        parts["overlap"] = overlap_loss(output.map.float(), paint_stripes(targets.cell, output.map.shape[3]))
+        total = total + OVERLAP_WEIGHT * parts["overlap"]
+        if fraction >= DISTIL_FROM and output.encoded:
+            parts["distil"] = distillation_loss(output.encoded[1:])
+            total = total + DISTIL_WEIGHT * parts["distil"]
+        return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def attention(features: Tensor, size: tuple[int, int]) -> Tensor:
+    """Where a block looks, (B, h * w), sum 1: squares summed over channels, resized, softmax over places.
+
+    Source: Hou et al. 2019, equation of G^2_sum with bilinear resizing and spatial softmax.
+    """
+    squares = (features.float() ** 2).sum(1, keepdim=True)
+    return F.interpolate(squares, size=size, mode="bilinear", align_corners=False).flatten(1).softmax(1)
+
+
+def distillation_loss(blocks: tuple[Tensor, ...]) -> Tensor:
+    """Squared distance of every block's attention from that of the next deeper one, which is only looked at."""
+    losses = []
+    for shallow, deep in pairwise(blocks):
+        size = (shallow.shape[2], shallow.shape[3])
+        losses.append(((attention(shallow, size) - attention(deep, size).detach()) ** 2).sum(1).mean())
+    return torch.stack(losses).sum()
+
+
+class _Initial(nn.Module):
+    """Stride 2: thirteen convolved channels beside the three pooled ones."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(3, 13, 3, 2, 1, bias=False)
+        self.norm = nn.Sequential(nn.BatchNorm2d(16), nn.PReLU(16))
+
+    def forward(self, image: Tensor) -> Tensor:
+        return self.norm(torch.cat([self.conv(image), F.max_pool2d(image, 2)], dim=1))
+
+
+class _Bottleneck(nn.Module):
+    """A quarter of the channels, one larger convolution, back; added to the input, or to it pooled and padded.
+
+    The decoder's activations (`act`) are ReLU, the encoder's PReLU.
+    """
+
+    def __init__(
+        self,
+        channels_in: int,
+        channels_out: int,
+        shape: str,  # "square", "asymmetric" or "down"
+        dilation: int = 1,
+        dropout: float = 0.1,
+        act: type[nn.Module] = nn.PReLU,
+    ) -> None:
+        super().__init__()
+        inner = channels_out // 4
+        step = 2 if shape == "down" else 1
+        self.padded_channels = channels_out - channels_in
+        self.step = step
+        main = [nn.Conv2d(inner, inner, 3, padding=dilation, dilation=dilation, bias=False)]
+        if shape == "asymmetric":
+            main = [
+                nn.Conv2d(inner, inner, (5, 1), padding=(2, 0), bias=False),
+                nn.Conv2d(inner, inner, (1, 5), padding=(0, 2), bias=False),
+            ]
+        self.branch = nn.Sequential(
+            nn.Conv2d(channels_in, inner, step, step, bias=False),
+            nn.BatchNorm2d(inner),
+            _activation(act, inner),
+            *main,
+            nn.BatchNorm2d(inner),
+            _activation(act, inner),
+            nn.Conv2d(inner, channels_out, 1, bias=False),
+            nn.BatchNorm2d(channels_out),
+            nn.Dropout2d(dropout),
+        )
+        self.act = _activation(act, channels_out)
+
+    def forward(self, x: Tensor) -> Tensor:
+        straight = x
+        if self.step == 2:
+            straight = F.pad(F.max_pool2d(x, 2), (0, 0, 0, 0, 0, self.padded_channels))
+        return self.act(straight + self.branch(x))
+
+
+class _Up(nn.Module):
+    """Twice the size: values go back to where the encoder pooled its maxima from; a transposed convolution is added."""
+
+    def __init__(self, channels_in: int, channels_out: int) -> None:
+        super().__init__()
+        inner = channels_out // 4
+        self.straight = nn.Sequential(nn.Conv2d(channels_in, channels_out, 1, bias=False), nn.BatchNorm2d(channels_out))
+        self.branch = nn.Sequential(
+            nn.Conv2d(channels_in, inner, 1, bias=False),
+            nn.BatchNorm2d(inner),
+            nn.ReLU(),
+            nn.ConvTranspose2d(inner, inner, 3, 2, 1, output_padding=1, bias=False),
+            nn.BatchNorm2d(inner),
+            nn.ReLU(),
+            nn.Conv2d(inner, channels_out, 1, bias=False),
+            nn.BatchNorm2d(channels_out),
+            nn.Dropout2d(0.1),
+        )
+
+    def forward(self, x: Tensor, pooled_from: Tensor) -> Tensor:
+        return F.relu(unpooled(self.straight(x), pooled_from) + self.branch(x))
+
+
+def unpooled(x: Tensor, pooled_from: Tensor) -> Tensor:
+    """(B, C, h, w) at the places of (B, C, 2h, 2w) whose values are the maxima of their 2x2 blocks, 0 elsewhere.
+
+    Comparing values in place of remembering indices runs in every ONNX runtime; equal maxima all get the value.
+    """
+    maxima = F.interpolate(F.max_pool2d(pooled_from, 2), scale_factor=2.0, mode="nearest")
+    return F.interpolate(x, scale_factor=2.0, mode="nearest") * (pooled_from == maxima)
+
+
+def _activation(act: type[nn.Module], channels: int) -> nn.Module:
+    return nn.PReLU(channels) if act is nn.PReLU else act()

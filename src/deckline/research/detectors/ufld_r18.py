@@ -1,0 +1,82 @@
+"""UFLD as published: ResNet-18, everything flattened into two fully connected layers, 100 cells on 56 row anchors.
+
+Source: Qin, Wang and Li, "Ultra Fast Structure-aware Deep Lane Detection", 2020. Ours are the region branch (`parts`)
+and the view of 512x288 px, which every compared network has; the backbone starts from random weights.
+"""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from deckline.detect.anchors import RowGrid
+from deckline.research.detectors.parts import WIDTHS, RegionBranch, ResNet
+from deckline.train.detect_losses import DetectTargets, LossWeights, UfldOutput, ufld_loss
+from deckline.train.line_networks import LINES, LineNetwork, NetworkKind
+
+PUBLISHED_CELLS, PUBLISHED_ROWS = 100, 56  # on TuSimple
+SQUEEZE = 8  # channels before flattening; published
+HIDDEN = 2048  # published
+
+
+class UfldR18(LineNetwork):
+    """The published network.
+
+    Args:
+        grid: row anchors and input size, whose sides 32 divides.
+        lines: how many.
+    """
+
+    def __init__(self, grid: RowGrid | None = None, lines: int = LINES) -> None:
+        super().__init__()
+        grid = grid or RowGrid(cells=PUBLISHED_CELLS, rows=PUBLISHED_ROWS)
+        self.kind = NetworkKind(grid, grid)
+        self.shape = (lines, grid.rows, grid.cells + 1)
+        self.body = ResNet(18)
+        self.squeeze = nn.Conv2d(WIDTHS[3], SQUEEZE, 1)
+        flat = SQUEEZE * (grid.width // 32) * (grid.height // 32)
+        outputs = lines * grid.rows * (grid.cells + 1)
+        self.fc = nn.Sequential(nn.Linear(flat, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, outputs))
+        for layer in self.fc:
+            if isinstance(layer, nn.Linear):
+                nn.init.normal_(layer.weight, std=0.01)
+        self.region = RegionBranch(WIDTHS[1], WIDTHS[2])
+        self.segmentation = _Auxiliary(lines + 1)
+
+    def forward(self, image: Tensor) -> UfldOutput:
+        taps = self.body(image)
+        rows = self.fc(self.squeeze(taps[2]).flatten(1)).unflatten(1, self.shape)
+        region, box = self.region(taps[0], taps[1])
+        return UfldOutput(rows, region, box, self.segmentation(taps) if self.training else None)
+
+    def loss(  # type: ignore[override]  # the output is its own
+        self, output: UfldOutput, targets: DetectTargets, weights: LossWeights, fraction: float
+    ) -> tuple[Tensor, dict[str, float]]:
+        return ufld_loss(output, targets, weights)
+
+
+class _Auxiliary(nn.Module):
+    """The training-only branch: features of three stages, brought to stride 8 and together."""
+
+    WIDTH = 128  # published
+
+    def __init__(self, classes: int) -> None:
+        super().__init__()
+        self.stages = nn.ModuleList(
+            nn.Sequential(_conv(channels, self.WIDTH), *(_conv(self.WIDTH, self.WIDTH) for _ in range(count)))
+            for channels, count in zip(WIDTHS[1:], (1, 2, 3), strict=True)
+        )
+        self.together = nn.Sequential(
+            _conv(3 * self.WIDTH, 256, 2), _conv(256, 128, 2), _conv(128, 128, 2), _conv(128, 128, 4)
+        )
+        self.classes = nn.Conv2d(128, classes, 1)
+
+    def forward(self, taps: list[Tensor]) -> Tensor:
+        size = taps[0].shape[2:]
+        maps = [stage(tap) for stage, tap in zip(self.stages, taps, strict=True)]
+        maps = [F.interpolate(x, size=size, mode="bilinear", align_corners=False) for x in maps]
+        return self.classes(self.together(torch.cat(maps, dim=1)))
+
+
+def _conv(channels_in: int, channels_out: int, dilation: int = 1) -> nn.Sequential:
+    conv = nn.Conv2d(channels_in, channels_out, 3, padding=dilation, dilation=dilation, bias=False)
+    return nn.Sequential(conv, nn.BatchNorm2d(channels_out), nn.ReLU())

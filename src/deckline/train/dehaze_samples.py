@@ -1,0 +1,218 @@
+"""Hazy pairs to train dehazers on: haze is drawn anew each time a clear view is used, so that no two epochs repeat."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+from torch import Tensor
+
+from deckline.dehaze.geometry import GeometryDehazer, display_levels, linear_levels
+from deckline.dehaze.network import image_to_tensor
+from deckline.geometry import Camera
+from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
+from deckline.sim.camera.air import draw_air
+from deckline.sim.camera.config import AirConfig
+from deckline.train.dehaze_views import ClearView
+from deckline.train.views import Views
+from deckline.types import Frame
+
+GREY_LEVELS = (70.0, 245.0)  # airlight of a random colour, 0..255
+# Tints of random airlight, multiplied onto grey: bluish (fog in daylight) to warm (dust, low sun).
+BLUISH, WARM = np.array([0.86, 0.95, 1.05]), np.array([1.06, 0.97, 0.85])
+SUN_ELEVATION_DEG = (5.0, 70.0)
+GLOW_MEAN, GLOW_MOST = 0.5, 1.5  # exponential; more would want another exposure than the clear picture's
+# What a pose is wrong by when the sea's range is taken from it: a good navigation unit's attitude, and its height
+# together with that of the ship's deck above the water.
+ATTITUDE_SIGMA_RAD, SEA_SIGMA_M = np.deg2rad(0.2), 1.0
+
+
+@dataclass(frozen=True)
+class HazeAugmentation:
+    """What haze training images get."""
+
+    visibility_m: tuple[float, float] = (250.0, 4000.0)  # 2 % contrast, log-uniform
+    clear_share: float = 0.06  # of the images get next to no haze, so that clear images come out untouched
+    clear_visibility_m: tuple[float, float] = (20000.0, 200000.0)  # log-uniform
+    physical_share: float = 0.0  # of the images: haze in linear light with height, patches and colour, where a pose is
+    recorded_share: float = 0.0  # of the images keep the haze that they were recorded in, where there is one
+    prior_share: float = 0.5  # of the images come with the geometry dehazer's picture, for networks that take one
+    horizon_share: float = 0.8  # of the airlights are near the sky's colour at the horizon, the others random
+    exact_share: float = 0.5  # of those are the horizon's colour itself, as Koschmieder's law has it for one light
+    noise_share: float = 0.3  # of the hazy images get sensor noise
+    noise_max: float = 2.0  # its largest 1-sigma, grey levels
+    crop_scale: tuple[float, float] = (0.75, 1.25)  # size of the window a crop is resized from, relative to the crop
+    flip_horizontal: float = 0.5  # probability
+    flip_vertical: float = 0.0  # the paper flips with 0.5; aircraft that see a deck from above do not
+
+    def __post_init__(self) -> None:
+        for name in ("visibility_m", "clear_visibility_m", "crop_scale"):
+            low, high = getattr(self, name)
+            if not 0 < low <= high:
+                raise ValueError(f"{name} must be 0 < low <= high, got {low} and {high}")
+        shares = [name for name in self.__dataclass_fields__ if name.endswith("_share") or name.startswith("flip_")]
+        for name in shares:
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie in 0..1, got {getattr(self, name)}")
+
+
+def random_airlight(
+    horizon_rgb: NDArray[np.float32] | None, horizon_share: float, rng: np.random.Generator, exact_share: float = 0.0
+) -> NDArray[np.float64]:
+    """Colour of thick haze (3,), 0..255: the horizon's; near it, greyer, at times darker; or grey, bluish or warm."""
+    if horizon_rgb is not None and rng.random() < horizon_share:
+        if rng.random() < exact_share:
+            return np.clip(horizon_rgb * (1 + rng.normal(0, 0.02, 3)), 0, 255)
+        grey = horizon_rgb.mean()
+        colour = grey + (horizon_rgb - grey) * rng.uniform(0.0, 1.2)
+        colour = colour * (rng.uniform(0.55, 0.85) if rng.random() < 0.25 else rng.uniform(0.85, 1.1))
+    else:
+        tint = BLUISH if rng.random() < 0.5 else WARM
+        colour = rng.uniform(*GREY_LEVELS) * (1 + (tint - 1) * rng.uniform(0.0, 1.0))
+    return np.clip(colour * (1 + rng.normal(0, 0.03, 3)), 40, 250)
+
+
+def add_random_haze(
+    view: ClearView, haze: HazeAugmentation, rng: np.random.Generator
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """A view (H, W, 3) in random haze with noise, and its transmission (H, W)."""
+    if view.hazy_rgb is not None and haze.recorded_share and rng.random() < haze.recorded_share:
+        return view.hazy_rgb, transmission(view.range_m, beta_from_visibility(view.visibility_m))
+    limits = haze.clear_visibility_m if rng.random() < haze.clear_share else haze.visibility_m
+    visibility_m = float(np.exp(rng.uniform(*np.log(limits))))
+    if view.world_from_camera is not None and rng.random() < haze.physical_share:
+        hazy, t = add_physical_haze(view, visibility_m, random_airlight(view.horizon_rgb, 1.0, rng, 1.0), rng)
+    else:
+        airlight = random_airlight(view.horizon_rgb, haze.horizon_share, rng, haze.exact_share)
+        beta = beta_from_visibility(visibility_m)
+        hazy, t = add_haze(view.clear_rgb, view.range_m, beta, airlight), transmission(view.range_m, beta)
+    if rng.random() < haze.noise_share:
+        noise = rng.standard_normal(hazy.shape, dtype=np.float32) * rng.uniform(0, haze.noise_max)
+        hazy = np.clip(np.rint(hazy + noise), 0, 255).astype(np.uint8)
+    return hazy, t
+
+
+def add_physical_haze(
+    view: ClearView, visibility_m: float, horizon_rgb: NDArray[np.float64], rng: np.random.Generator
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """A view (H, W, 3) in air drawn as the simulator draws it, light taken as sRGB's; and the transmission (H, W).
+
+    Raises:
+        ValueError: a view without a pose.
+    """
+    if view.world_from_camera is None:
+        raise ValueError("haze that varies with height needs the view's pose")
+    air = draw_air(
+        AirConfig(model="physical", glow=min(rng.exponential(GLOW_MEAN), GLOW_MOST)),
+        visibility_m,
+        0.0,
+        linear_levels(horizon_rgb) / 255,
+        _random_sun(rng),
+        view.sea_z_m,
+        rng,
+        wide=True,
+    )
+    directions, _ = world_rays(_rays(view.camera), view.world_from_camera.rotation.as_matrix())
+    ranges, eye = view.range_m.astype(np.float32), view.world_from_camera.translation
+    clear = (linear_levels(np.arange(256)) / np.float32(255))[view.clear_rgb]
+    with np.errstate(over="ignore"):  # a pixel at a distorted lens's border may lie far below the sea: all haze
+        light = scatter(clear, ranges, directions, eye, air)
+        t = np.exp(-air_path(ranges, directions, eye, air) * np.float32(air.extinction_per_m[1]))
+    return np.clip(np.rint(display_levels(255 * light)), 0, 255).astype(np.uint8), t
+
+
+def geometry_prior(view: ClearView, hazy_rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """What the geometry dehazer makes of a view's hazy picture (H, W, 3) with a pose as wrong as they are in flight.
+
+    The picture itself where the view has no pose or the dehazer leaves it alone.
+    """
+    pose = view.world_from_camera
+    if pose is None or view.deck_z_m is None:
+        return hazy_rgb
+    turned = Rotation.from_rotvec(rng.normal(0, ATTITUDE_SIGMA_RAD, 3)) * pose.rotation
+    sea_z_m = max(view.sea_z_m + rng.normal(0, SEA_SIGMA_M), view.deck_z_m)
+    frame = Frame(
+        file="",
+        time_s=0.0,
+        image_rgb=hazy_rgb,
+        camera=view.camera,
+        body_from_camera=RigidTransform.identity(),
+        world_from_body=RigidTransform.from_components(pose.translation, turned),
+        deck_z_m=view.deck_z_m,
+        sea_z_m=sea_z_m,
+    )
+    return GeometryDehazer().restore(frame).image_rgb
+
+
+def make_pair(
+    view: ClearView, window: tuple[slice, slice], haze: HazeAugmentation, rng: np.random.Generator, prior: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
+    """One window of a view, flipped at random.
+
+    Returns:
+        Hazy and clear (h, w, 3), transmission (h, w), and the geometry dehazer's picture (h, w, 3), which is the hazy
+        one again unless `prior` asks for it and luck gives it.
+    """
+    hazy, t = add_random_haze(view, haze, rng)
+    guess = geometry_prior(view, hazy, rng) if prior and rng.random() < haze.prior_share else hazy
+    step_v = -1 if rng.random() < haze.flip_vertical else 1
+    step_u = -1 if rng.random() < haze.flip_horizontal else 1
+    flip = np.s_[::step_v, ::step_u]
+    return hazy[window][flip], view.clear_rgb[window][flip], t[window][flip], guess[window][flip]
+
+
+def random_window(
+    size: tuple[int, int], crop: tuple[int, int], scale: tuple[float, float], rng: np.random.Generator
+) -> tuple[slice, slice]:
+    """Where in an image of `size` (H, W) a crop (h, w) is taken from: `scale` times its size, made to fit."""
+    fit = min(size[0] / crop[0], size[1] / crop[1])
+    factor = min(rng.uniform(*scale), fit)
+    height, width = (min(round(side * factor), limit) for side, limit in zip(crop, size, strict=True))
+    top, left = rng.integers(0, size[0] - height + 1), rng.integers(0, size[1] - width + 1)
+    return slice(top, top + height), slice(left, left + width)
+
+
+def make_batch(
+    views: Views[ClearView],
+    batch: int,
+    crop: tuple[int, int],
+    haze: HazeAugmentation,
+    seed: list[int],
+    prior: bool = False,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Hazy and clear (batch, 3, h, w) in 0..1, transmission (batch, 1, h, w), and the picture (batch, 3, h, w) that a
+    network with a prior starts from.
+
+    The same for the same seed, so a resumed run sees what it would have seen.
+    """
+    rng = np.random.default_rng(seed)
+    samples = []
+    for _ in range(batch):
+        view = views.draw(rng)
+        window = random_window(view.clear_rgb.shape[:2], crop, haze.crop_scale, rng)
+        hazy, clear, t, guess = make_pair(view, window, haze, rng, prior)
+        pictures = [image_to_tensor(image) for image in (hazy, clear, guess)]
+        sample = torch.from_numpy(np.concatenate([*pictures, np.ascontiguousarray(t)[None, None]], axis=1))
+        if sample.shape[2:] != crop:
+            sample = F.interpolate(sample, crop, mode="bilinear", antialias=True, align_corners=False)
+        samples.append(sample)
+    stacked = torch.cat(samples)
+    return stacked[:, :3], stacked[:, 3:6], stacked[:, 9:], stacked[:, 6:9]
+
+
+def _random_sun(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Unit vector (3,) from the sun to the ground, world z down."""
+    elevation, azimuth = np.deg2rad(rng.uniform(*SUN_ELEVATION_DEG)), rng.uniform(0, 2 * np.pi)
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
+@lru_cache(maxsize=64)
+def _rays(camera: Camera) -> NDArray[np.float32]:
+    """(H, W, 3) of every pixel in the optical frame; straight ahead where none reaches a pixel."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(camera.height, camera.width, 3)
+    return np.where(np.isfinite(rays), rays, [0.0, 0.0, 1.0]).astype(np.float32)

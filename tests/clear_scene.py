@@ -1,0 +1,84 @@
+"""A small clear recording to train dehazers on, a quick recipe, and a person who presses Ctrl-C."""
+
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import Camera
+from deckline.haze import add_haze, beta_from_visibility
+from deckline.recording import RecordingWriter
+from deckline.train.dehaze import DehazeTrainConfig
+from deckline.types import Frame, Truth
+
+CAMERA = Camera.from_fov(96, 64, 1.2)
+QUICK = DehazeTrainConfig(
+    steps=12,
+    batch=2,
+    crop_height=48,
+    crop_width=64,
+    held_out=0.25,
+    lr=3e-3,
+    threads=1,
+    device="cpu",
+)
+
+
+def clear_frame(index: int, camera: Camera = CAMERA) -> Frame:
+    """Sky over a dark sea that comes nearer downwards, with a bright block on it."""
+    rng = np.random.default_rng(index)
+    height, width = camera.height, camera.width
+    image = rng.normal((40, 60, 75), 6, (height, width, 3))
+    image[: height // 4] = (150, 170, 200)
+    column = rng.integers(0, width - 20)
+    image[height // 2 :, column : column + 20] = rng.uniform(60, 220)
+    depth = np.full((height, width), np.nan, dtype=np.float32)
+    depth[height // 4 :] = np.geomspace(1500, 60, height - height // 4)[:, None]
+    truth = Truth(visibility_m=float("inf"))
+    file, pose = f"{index:03d}.png", RigidTransform.identity()
+    return Frame(
+        file,
+        float(index),
+        image.clip(0, 255).astype(np.uint8),
+        camera,
+        depth_m=depth,
+        world_from_body=pose,
+        truth=truth,
+    )
+
+
+def clear_recording(folder: Path, frames: int) -> Path:
+    """`folder`, with a recording of so many clear frames written into it."""
+    with RecordingWriter(folder, "ppm", {"preset": "test"}) as writer:
+        for index in range(frames):
+            writer.add(clear_frame(index))
+    return folder
+
+
+def hazy_recording(folder: Path, frames: int, visibility_m: float = 700.0) -> Path:
+    """`folder`, with the same frames seen through haze, each with its clear picture."""
+    with RecordingWriter(folder, "ppm", {"preset": "test"}) as writer:
+        for index in range(frames):
+            frame = clear_frame(index)
+            assert frame.depth_m is not None
+            ranges = frame.depth_m * frame.camera.ray_lengths()
+            hazy = add_haze(frame.image_rgb, ranges, beta_from_visibility(visibility_m), (150, 170, 200))
+            truth = Truth(visibility_m=visibility_m, clear_rgb=frame.image_rgb)
+            writer.add(replace(frame, image_rgb=hazy, truth=truth))
+    return folder
+
+
+def interrupting(step: Callable[..., object], at: int) -> Callable[..., object]:
+    """`step` during whose call number `at` a person presses Ctrl-C."""
+    calls = []
+
+    def wrapped(*args: object) -> object:
+        calls.append(1)
+        if len(calls) == at:
+            signal.raise_signal(signal.SIGINT)
+        return step(*args)
+
+    return wrapped
