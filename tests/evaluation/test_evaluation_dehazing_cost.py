@@ -29,7 +29,7 @@ def test_what_cannot_be_measured_says_why(recording):
 
 
 def test_cost_is_printed_with_its_ratio_to_the_reference(recording, tmp_path, monkeypatch):
-    monkeypatch.setattr("deckline.evaluation.dehazing_cost._in_process", run_once)
+    monkeypatch.setattr("deckline.evaluation.dehazing_cost.run_in_process", run_once)
     file = tmp_path / "t.md"
     arguments = ("--dehazer", "dark-channel", "--reference", "dark-channel", "--cost", "--cost-runs", 1)
     found = measured(

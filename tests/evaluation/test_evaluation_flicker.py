@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deckline.cli.main import main
-from deckline.evaluation.flicker import as_flown, clear_picture
-from deckline.evaluation.flicker_measure import flicker_figures, sequence_errors
+from deckline.evaluation.flicker import clear_picture, without_truth
+from deckline.evaluation.flicker_score import flicker_figures, sequence_errors
 from deckline.recording import RecordingWriter, open_recording
 from deckline.sim import SimConfig, frames
 from deckline.sim.camera.config import DepthConfig
@@ -84,12 +84,12 @@ def test_a_frame_that_cannot_be_read_parts_its_neighbours(approach, tmp_path, ca
 def test_a_dehazer_sees_no_truth_and_only_near_depth(approach):
     frame = first_frame(approach)
     assert np.nanmax(frame.depth_m) > 1000
-    flown = as_flown(frame, 200.0)
+    flown = without_truth(frame, 200.0)
     assert flown.truth is None
     near = frame.depth_m <= 200.0
     np.testing.assert_array_equal(flown.depth_m[near], frame.depth_m[near])
     assert np.isnan(flown.depth_m[~near]).all()
-    assert as_flown(frame, 0.0).depth_m is None
+    assert without_truth(frame, 0.0).depth_m is None
     np.testing.assert_array_equal(flown.image_rgb, frame.image_rgb)
 
 

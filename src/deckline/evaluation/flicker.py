@@ -1,22 +1,20 @@
 """`deckline eval flicker`: how steady each dehazer's pictures are along a recording."""
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import track
 
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.dehazing_methods import build_dehazer, by_name
-from deckline.evaluation.flicker_measure import REGIONS, flicker_figures, sequence_errors
-from deckline.evaluation.tables import JsonFile, Table, number, publish
-from deckline.recording import BadFrame, open_recording
+from deckline.evaluation.flicker_score import REGIONS, flicker_figures, sequence_errors
+from deckline.evaluation.tables import JsonFile, MarkdownFile, Table, number, publish
+from deckline.progress import progress
+from deckline.recording import FrameError, open_recording
 from deckline.types import Frame
 
 CLEAR = "clear"  # the truth without haze; every table has it, and NOT_DEHAZED, the input
@@ -37,6 +35,7 @@ def flicker(
     limit: int | None = None,
     camera_depth_m: float = 200.0,
     json_file: JsonFile = None,
+    markdown_file: MarkdownFile = None,
 ) -> int:
     """Measure how steady dehazed pictures are along a recording with poses, depth and clear truth.
 
@@ -54,6 +53,7 @@ def flicker(
         limit: stop after so many frames.
         camera_depth_m: the dehazers see the recorded depth up to here, as a depth camera would; 0 hides it.
         json_file: write the figures here as well.
+        markdown_file: write the tables here as well.
     """
     for name, value, least in (("every", every, 1), ("limit", limit, 2), ("camera-depth-m", camera_depth_m, 0)):
         if value is not None and not value >= least:
@@ -62,49 +62,41 @@ def flicker(
     if CLEAR in named:
         raise ValueError(f"{named[CLEAR]} would be called {CLEAR}, as the truth is: rename the file or its folder")
     dehazers = {name: build_dehazer(given) for name, given in named.items()}
-    items = _chosen(source, every, limit)
-    figures = flicker_figures(list(sequence_errors(_steps(items, dehazers, camera_depth_m))), truth=CLEAR)
+    steps = _restore_all(source, every, limit, dehazers, camera_depth_m)
+    figures = flicker_figures(list(sequence_errors(steps)), truth=CLEAR)
     title = f"{source}: pairs of frames: {figures['pairs']:.0f}, every {every}, depth up to {camera_depth_m:g} m"
     tables = [_table(region, [CLEAR, NOT_DEHAZED, *dehazers], figures) for region in REGIONS]
-    publish(title, tables, figures, json_file)
+    publish(title, tables, figures, json_file, markdown_file)
     return 0
 
 
-def _chosen(source: Path, every: int, limit: int | None) -> Iterable[Frame | BadFrame]:
-    """Every so many-th item of a recording, so many at most, with a progress bar."""
-    opened = open_recording(source)
-    total = -(-len(opened) // every)
-    total = total if limit is None else min(limit, total)
-    return track(
-        islice(opened.items(), 0, max(0, (total - 1) * every + 1), every),
-        "evaluating",
-        total=total,
-        console=Console(stderr=True),
-    )
-
-
-def _steps(
-    items: Iterable[Frame | BadFrame], dehazers: Mapping[str, Dehazer], camera_depth_m: float
+def _restore_all(
+    source: Path, every: int, limit: int | None, dehazers: Mapping[str, Dehazer], camera_depth_m: float
 ) -> Iterator[tuple[Frame, dict[str, NDArray[np.uint8]]] | None]:
-    """Each frame with its pictures; None for one that cannot be read."""
-    said = set()
-    for item in items:
-        if isinstance(item, BadFrame):
-            print(f"skipped {item.file}: {item.reason}", file=sys.stderr)
-            yield None
-            continue
-        seen = as_flown(item, camera_depth_m)
-        pictures = {CLEAR: clear_picture(item), NOT_DEHAZED: item.image_rgb}
-        for name, dehazer in dehazers.items():
-            restored = restore(dehazer, seen)
-            pictures[name] = restored.image_rgb
-            if restored.note and (name, restored.note) not in said:
-                said.add((name, restored.note))
-                print(f"{item.file}: {name}: {restored.note}", file=sys.stderr)
-        yield item, pictures
+    """Every so many-th frame of a recording, `limit` at most, with its pictures; None for one that cannot be read."""
+    recording = open_recording(source)
+    indices = range(0, len(recording), every)[:limit]
+    notes = set()
+    with progress("evaluating", len(indices)) as advance:
+        for index in indices:
+            advance()
+            try:
+                frame = recording.load(index)
+            except FrameError as error:
+                print(f"skipped {error}", file=sys.stderr)
+                yield None
+                continue
+            pictures = {CLEAR: clear_picture(frame), NOT_DEHAZED: frame.image_rgb}
+            for name, dehazer in dehazers.items():
+                restored = restore(dehazer, without_truth(frame, camera_depth_m))
+                pictures[name] = restored.image_rgb
+                if restored.note and (name, restored.note) not in notes:
+                    notes.add((name, restored.note))
+                    print(f"{frame.file}: {name}: {restored.note}", file=sys.stderr)
+            yield frame, pictures
 
 
-def as_flown(frame: Frame, camera_depth_m: float) -> Frame:
+def without_truth(frame: Frame, camera_depth_m: float) -> Frame:
     """What a dehazer may see of a frame: no truth, and depth only as far as a depth camera reaches; 0: none."""
     depth = None
     if frame.depth_m is not None and camera_depth_m > 0:

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from deckline.evaluation.flicker_measure import (
+from deckline.evaluation.flicker_score import (
     DECK,
     SKY,
     WATER,
     PairError,
+    compute_warp,
     flicker_figures,
     pair_errors,
     patch_means,
-    sampled,
+    sample,
     sequence_errors,
-    warp_between,
 )
 from deckline.geometry import Camera, attitude
 from deckline.sim import SimConfig
@@ -108,7 +108,7 @@ def test_a_camera_that_slides_by_three_pixels_sees_the_same_wall() -> None:
     """3 px right at 40 m is 1.5 m; the picture moves left by 3 px, and the last three columns are new."""
     wide = (50 * np.random.default_rng(2).integers(1, 5, (60, 83, 3))).astype(np.uint8)
     before, after = frame("a"), frame("b", position=(0.0, 1.5, 0.0))
-    warp = warp_between(before, after)
+    warp = compute_warp(before, after)
     seen = warp.regions[WATER]
     assert seen[:, :77].all() and not seen[:, 78:].any()  # the 77th may fall on either side of the edge
     np.testing.assert_allclose(warp.before_px[:, :77], np.stack([U[:, :77] + 3, V[:, :77]], axis=2), atol=1e-4)
@@ -124,7 +124,7 @@ def test_flying_towards_a_wall_with_a_ramp_painted_on_it_shows_no_error() -> Non
         y, z = (U - 39.5) * depth_m / 80, (V - 29.5) * depth_m / 80
         return np.stack([100 + 3 * y, 100 - 2 * z, 100 + y + z], axis=2).astype(np.float32)
 
-    warp = warp_between(frame("a"), frame("b", depth=36.0, position=(4.0, 0.0, 0.0)))
+    warp = compute_warp(frame("a"), frame("b", depth=36.0, position=(4.0, 0.0, 0.0)))
     assert warp.regions[WATER].all()
     error = pair_errors(ramp(40.0), ramp(36.0), warp)[WATER]
     assert error.mse < 1e-6
@@ -138,7 +138,7 @@ def test_a_sloping_plane_is_visible_all_over() -> None:
         depth = np.where(down > 0, z_m / np.maximum(down, 1e-9), np.nan)
         return frame("w", depth=depth, position=(x_m, 0.0, -z_m), deck_z_m=-50.0)
 
-    warp = warp_between(water(20.0, 0.0), water(19.5, 5.0))
+    warp = compute_warp(water(20.0, 0.0), water(19.5, 5.0))
     assert warp.regions[WATER][35:40, 10:70].all()
     assert warp.regions[SKY][2:28].all()  # the aircraft did not turn: the sky stays where it is
     np.testing.assert_allclose(warp.before_px[2:28], np.stack([U, V], axis=2)[2:28], atol=1e-4)
@@ -147,7 +147,7 @@ def test_a_sloping_plane_is_visible_all_over() -> None:
 def test_the_sky_turns_with_the_camera() -> None:
     yaw = np.arctan(1 / 80)
     sky = np.full((60, 80), np.nan)
-    warp = warp_between(frame("a", depth=sky), frame("b", depth=sky, yaw_rad=yaw))
+    warp = compute_warp(frame("a", depth=sky), frame("b", depth=sky, yaw_rad=yaw))
     middle = warp.before_px[20, 40]
     expected = CAMERA.project(attitude(0.0, 0.0, yaw).apply([[1.0, 0.5 / 80, -9.5 / 80]])[:, [1, 2, 0]])[0]
     np.testing.assert_allclose(middle, expected, atol=1e-4)
@@ -160,7 +160,7 @@ def test_what_was_hidden_before_is_left_out() -> None:
     depths = [np.full((60, 80), WALL_M), np.full((60, 80), WALL_M)]
     depths[0][:, 30:40] = 20.0
     depths[1][:, 24:34] = 20.0  # 1.5 m aside: 6 px at 20 m, 3 px at 40 m
-    warp = warp_between(frame("a", depth=depths[0]), frame("b", depth=depths[1], position=(0.0, 1.5, 0.0)))
+    warp = compute_warp(frame("a", depth=depths[0]), frame("b", depth=depths[1], position=(0.0, 1.5, 0.0)))
     seen = warp.regions[WATER][30]
     assert seen[25:33].all() and seen[:23].all() and seen[38:76].all()
     assert not seen[34:37].any()  # columns 37 to 39 of the wall were behind the post
@@ -171,7 +171,7 @@ def test_the_deck_moves_with_the_ship_and_the_rest_does_not() -> None:
     high = -1.0 - 5.0  # deck height that makes the upper half deck: z < -1 m is higher than the camera's axis
     before = frame("a", ship=(0.0, 0.0, 0.0), deck_z_m=high)
     after = frame("b", ship=(0.0, 1.5, 0.0), deck_z_m=high)
-    warp = warp_between(before, after)
+    warp = compute_warp(before, after)
     assert warp.regions[DECK][10, 40] and warp.regions[WATER][50, 40]
     np.testing.assert_allclose(warp.before_px[10, 40], [37, 10], atol=1e-4)
     np.testing.assert_allclose(warp.before_px[50, 40], [40, 50], atol=1e-4)
@@ -182,7 +182,7 @@ def test_a_missing_frame_parts_its_neighbours_and_a_small_region_is_left_out() -
     assert len(list(sequence_errors([(frame(), picture), None, (frame(), picture), (frame(), picture)]))) == 1
     depth = np.full((60, 80), np.nan)
     depth[30:, :3] = WALL_M
-    warp = warp_between(frame(depth=depth), frame(depth=depth))
+    warp = compute_warp(frame(depth=depth), frame(depth=depth))
     assert 0 < np.count_nonzero(warp.regions[WATER]) <= 90
     assert set(pair_errors(texture(), texture(), warp)) == {SKY}
     with pytest.raises(ValueError, match="no two frames follow each other"):
@@ -201,7 +201,7 @@ def test_patches_are_means_over_their_part_of_a_region() -> None:
 def test_sampling_lies_on_the_line_between_neighbours() -> None:
     ramp = (2.0 * U + 3.0 * V).astype(np.float32)
     where = np.stack([U * 0.5 + 0.3, V * 0.7 + 0.2], axis=2).astype(np.float32)
-    np.testing.assert_allclose(sampled(ramp, where), 2 * (U * 0.5 + 0.3) + 3 * (V * 0.7 + 0.2), rtol=1e-5)
+    np.testing.assert_allclose(sample(ramp, where), 2 * (U * 0.5 + 0.3) + 3 * (V * 0.7 + 0.2), rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_sampling_lies_on_the_line_between_neighbours() -> None:
 )
 def test_frames_that_cannot_be_compared_are_refused(changes: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        warp_between(frame("a"), dataclasses.replace(frame("b"), **changes))
+        compute_warp(frame("a"), dataclasses.replace(frame("b"), **changes))
 
 
 def test_another_size_is_refused() -> None:
@@ -227,7 +227,7 @@ def test_another_size_is_refused() -> None:
         deck_z_m=0.0,
     )
     with pytest.raises(ValueError, match=r"small: \(6, 8, 3\) px follow \(60, 80, 3\) of a"):
-        warp_between(frame("a"), small)
+        compute_warp(frame("a"), small)
 
 
 def test_rendered_frames_of_a_sailing_ship_fit_each_other() -> None:
@@ -246,7 +246,7 @@ def test_rendered_frames_of_a_sailing_ship_fit_each_other() -> None:
     with Simulator(config) as simulator:
         pair = [simulator.frame(index) for index in (10, 16)]
     errors = [
-        pair_errors(a.image_rgb, b.image_rgb, warp_between(a, b))[DECK]
+        pair_errors(a.image_rgb, b.image_rgb, compute_warp(a, b))[DECK]
         for a, b in (pair, [dataclasses.replace(item, truth=None) for item in pair])
     ]
     assert pair[1].time_s - pair[0].time_s == pytest.approx(0.26, abs=0.01)

@@ -46,70 +46,65 @@ class PairError:
     jump: NDArray[np.float64]  # (3,) mean of red, green and blue, levels: after minus before
 
 
-def warp_between(before: Frame, after: Frame) -> Warp:
+def compute_warp(before: Frame, after: Frame) -> Warp:
     """Where each pixel of `after` lies in `before`, by true poses and depth.
 
-    What is as high as the deck moves with the ship, the rest stays. Above the horizon, unknown depth is the sky, which
-    is endlessly far; depth must therefore reach as far as the ship. Inverse depth is what is sampled: along a plane it
-    runs straight in the image.
-
-    A ship whose pose is not known in both counts as still.
+    What is as high as the deck moves with the ship, the rest stays; a ship whose pose is not known in both counts as
+    still. Above the horizon, unknown depth is the sky, which is endlessly far; depth must therefore reach as far as the
+    ship. Inverse depth is sampled: along a plane it is linear in the image.
 
     Raises:
         ValueError: a frame without pose, depth or deck height; pictures of different size.
     """
     if before.image_rgb.shape != after.image_rgb.shape:
         raise ValueError(f"{after.file}: {after.image_rgb.shape} px follow {before.image_rgb.shape} of {before.file}")
-    (pose_before, _, _), (pose, _, deck_z_m) = known(before), known(after)
-    inverse, rays, world = inverse_depth(after)
-    shape = inverse.shape
-    height_z = np.full(shape, np.inf)
-    finite = inverse > 0
-    height_z[finite] = world[finite, 2] / inverse[finite] + pose.translation[2]
+    inverse_before, _, _ = inverse_depth(before)
+    inverse, rays, height_z = inverse_depth(after)
+    pose_before, pose, deck_z_m = before.true_world_from_camera, after.true_world_from_camera, after.deck_z_m
+    if pose_before is None or pose is None or deck_z_m is None:  # as inverse_depth has checked
+        raise ValueError(f"{after.file}: no pose or deck height")
     is_deck = height_z < deck_z_m + HULL_M
-    px = np.full((*shape, 2), -1, np.float32)
-    expected = np.full(shape, np.nan)
-    for part, moved in ((is_deck, ship_motion(before, after)), (~is_deck, RigidTransform.identity())):
-        change = pose_before.inv() * moved * pose
-        px[part], expected[part] = _seen_before(before.camera, change, rays[part], inverse[part])
-    there = sampled(inverse_depth(before)[0].astype(np.float32), px)
+    px = np.full((*inverse.shape, 2), -1, np.float32)
+    expected = np.full(inverse.shape, np.nan)
+    for part, motion in ((is_deck, ship_motion(before, after)), (~is_deck, RigidTransform.identity())):
+        before_from_after = pose_before.inv() * motion * pose
+        px[part], expected[part] = _project(before.camera, before_from_after, rays[part], inverse[part])
     with np.errstate(invalid="ignore"):
-        visible = np.abs(there - expected) <= DEPTH_TOLERANCE * expected
-    visible &= (px >= 0).all(axis=2) & (px[..., 0] <= shape[1] - 1) & (px[..., 1] <= shape[0] - 1)
+        visible = np.abs(sample(inverse_before.astype(np.float32), px) - expected) <= DEPTH_TOLERANCE * expected
+    camera = before.camera
+    visible &= (px >= 0).all(axis=2) & (px[..., 0] <= camera.width - 1) & (px[..., 1] <= camera.height - 1)
     px[~visible] = -1
-    water = finite & ~is_deck
-    return Warp(px, {DECK: visible & is_deck, WATER: visible & water, SKY: visible & (inverse == 0)})
+    is_water = (inverse > 0) & ~is_deck
+    return Warp(px, {DECK: visible & is_deck, WATER: visible & is_water, SKY: visible & (inverse == 0)})
 
 
-def known(frame: Frame) -> tuple[RigidTransform, NDArray[np.float32], float]:
-    """A frame's true world_from_camera, depth (H, W), m, and world z of its deck, m.
+def inverse_depth(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Of each pixel 1 / depth (H, W), 1/m; its ray with z = 1 (H, W, 3), optical; the world z (H, W) of what it shows.
+
+    1 / depth is 0 in the sky and NaN where the depth is unknown; world z is infinite in both.
 
     Raises:
-        ValueError: one of them is missing.
+        ValueError: no true pose, depth or deck height.
     """
-    pose, depth_m, deck_z_m = frame.true_world_from_camera, frame.depth_m, frame.deck_z_m
-    if pose is None or depth_m is None or deck_z_m is None:
-        values = {"pose": pose, "depth": depth_m, "deck height": deck_z_m}
+    pose, depth_m, camera = frame.true_world_from_camera, frame.depth_m, frame.camera
+    if pose is None or depth_m is None or frame.deck_z_m is None:
+        values = {"pose": pose, "depth": depth_m, "deck height": frame.deck_z_m}
         missing = " and no ".join(name for name, value in values.items() if value is None)
         raise ValueError(
             f"{frame.file}: no {missing}; record with deckline sim --trajectory approach --depth.range-m inf"
         )
-    return pose, depth_m, deck_z_m
-
-
-def inverse_depth(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """1 / depth (H, W), 1/m, 0 in the sky, NaN where unknown; rays with z = 1 (H, W, 3) in optical and world axes."""
-    pose, depth_m, _ = known(frame)
-    camera = frame.camera
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
-    world = pose.rotation.apply(np.nan_to_num(rays))
+    down = pose.rotation.apply(np.nan_to_num(rays))[:, 2]
     depth = depth_m.astype(np.float64).ravel()
     measured = np.isfinite(depth) & (depth > 0)
-    inverse = np.where(measured, 1 / np.where(measured, depth, 1), np.where(world[:, 2] < 0, 0, np.nan))
+    inverse = np.where(measured, 1 / np.where(measured, depth, 1), np.where(down < 0, 0, np.nan))
     inverse[np.isnan(rays).any(axis=1)] = np.nan
+    height_z = np.full(len(rays), np.inf)
+    known = inverse > 0
+    height_z[known] = down[known] / inverse[known] + pose.translation[2]
     shape = (camera.height, camera.width)
-    return inverse.reshape(shape), np.nan_to_num(rays).reshape(*shape, 3), world.reshape(*shape, 3)
+    return inverse.reshape(shape), np.nan_to_num(rays).reshape(*shape, 3), height_z.reshape(shape)
 
 
 def ship_motion(before: Frame, after: Frame) -> RigidTransform:
@@ -120,33 +115,32 @@ def ship_motion(before: Frame, after: Frame) -> RigidTransform:
     return ships[0] * ships[1].inv()
 
 
-def _seen_before(
-    camera: Camera, change: RigidTransform, rays: NDArray[np.float64], inverse: NDArray[np.float64]
+def _project(
+    camera: Camera, before_from_after: RigidTransform, rays: NDArray[np.float64], inverse: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixels (N, 2) and inverse depths (N,) before of rays (N, 3) and inverse depths (N,) after.
-
-    Args:
-        change: camera before from camera after.
-    """
-    points = rays @ change.rotation.as_matrix().T + np.nan_to_num(inverse)[:, None] * change.translation
+    """Pixels (N, 2) and inverse depths (N,) before of rays (N, 3) and inverse depths (N,) after."""
+    points = (
+        rays @ before_from_after.rotation.as_matrix().T
+        + np.nan_to_num(inverse)[:, None] * before_from_after.translation
+    )
     pixels = camera.project(points)
     ahead = np.isfinite(pixels).all(axis=1) & np.isfinite(inverse)
     expected = np.where(ahead, inverse / np.where(ahead, points[:, 2], 1), np.nan)
     return np.where(ahead[:, None], pixels, -1), expected
 
 
-def sampled(picture: Image, before_px: NDArray[np.float32]) -> NDArray[np.float32]:
+def sample(picture: Image, before_px: NDArray[np.float32]) -> NDArray[np.float32]:
     """A picture (H, W) or (H, W, 3) at pixels (H, W, 2), between four neighbours; NaN beside NaN."""
     source = np.asarray(picture, dtype=np.float32)
     where = np.moveaxis(before_px, 2, 0)[::-1]
     if source.ndim == 2:
         return np.asarray(map_coordinates(source, where, order=1, mode="nearest"))
-    return np.stack([sampled(source[..., k], before_px) for k in range(source.shape[2])], axis=2)
+    return np.stack([sample(source[..., k], before_px) for k in range(source.shape[2])], axis=2)
 
 
 def pair_errors(before: Image, after: Image, warp: Warp) -> dict[str, PairError]:
     """By region, how the picture `after` (H, W, 3), levels, differs from `before` (H, W, 3) moved onto it."""
-    difference = np.asarray(after, dtype=np.float32) - sampled(before, warp.before_px)
+    difference = np.asarray(after, dtype=np.float32) - sample(before, warp.before_px)
     errors = {}
     for name, region in warp.regions.items():
         if np.count_nonzero(region) >= MIN_REGION_PX:
@@ -177,7 +171,7 @@ def sequence_errors(steps: Iterable[tuple[Frame, Mapping[str, Image]] | None]) -
     last: tuple[Frame, Mapping[str, Image]] | None = None
     for step in steps:
         if last is not None and step is not None:
-            warp = warp_between(last[0], step[0])
+            warp = compute_warp(last[0], step[0])
             yield {name: pair_errors(last[1][name], picture, warp) for name, picture in step[1].items()}
         last = step
 
