@@ -48,17 +48,18 @@ def test_mount_without_quaternion_looks_forward(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (CAMERA + "focal = 3\n", "unknown key focal; known are width, height"),
+        (CAMERA + "focal = 3\n", "unknown key focal"),
         (CAMERA + "[body_from_camera]\nroll = 3\n", "body_from_camera: unknown key roll"),
         (CAMERA.replace("fy = 5.0\n", ""), "fy missing"),
-        (CAMERA.replace("4.0", "nan"), "fx must be a finite number, got nan"),
-        (CAMERA.replace("4.0", "-4.0"), "camera needs finite fx, fy > 0"),
-        (CAMERA.replace("= 3", "= 3.5"), "width must be a whole number of px, got 3.5"),
+        (CAMERA.replace("4.0", "nan"), "fx .*nan"),
+        (CAMERA.replace("4.0", "-4.0"), "fx.*-4.0"),
+        (CAMERA.replace("= 3", "= 3.5"), "width .*3.5"),
         (CAMERA + "distortion = [1, 2]\n", "distortion .*5.*1, 2"),
-        (CAMERA + "deck_z_m = '12'\n", "deck_z_m must be a finite number"),
-        (CAMERA + "sea_z_m = inf\n", "sea_z_m must be a finite number"),
-        (CAMERA + "[body_from_camera]\nquaternion_wxyz = [0, 0, 0, 0]\n", "length 0"),
-        ("width = ", "not valid TOML"),
+        (CAMERA + "deck_z_m = '12'\n", "deck_z_m .*'12'"),
+        (CAMERA + "sea_z_m = inf\n", "sea_z_m .*inf"),
+        (CAMERA + "[body_from_camera]\nquaternion_wxyz = [0, 0, 0, 0]\n", "body_from_camera: quaternion"),
+        (CAMERA + "body_from_camera = 3\n", "body_from_camera: .*3"),
+        ("width = ", "TOML"),
     ],
 )
 def test_bad_camera_file_says_what_and_where(tmp_path, text, message):
@@ -70,11 +71,11 @@ def test_bad_camera_file_says_what_and_where(tmp_path, text, message):
 
 def test_file_that_is_no_text_or_missing(tmp_path):
     path = tmp_path / "camera.toml"
-    with pytest.raises(RecordingError, match="cannot be read: No such file"):
-        read_camera_file(path)
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RecordingError, match="not a text file"):
-        read_camera_file(path)
+    for content in (None, b"\xff\xfe\x00"):
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(RecordingError, match=str(path)):
+            read_camera_file(path)
 
 
 finite = st.floats(-1e6, 1e6)

@@ -28,26 +28,16 @@ def test_the_record_file_itself_opens_its_folder(tmp_path):
     assert open_recording(str(folder)).name == str(folder)
 
 
-def test_folder_that_is_nothing_known(tmp_path):
-    with pytest.raises(RecordingError, match=r"zero frames: neither airsim_rec.txt nor images"):
-        open_recording(tmp_path)
-
-
-def test_folder_of_recordings_points_to_one(tmp_path):
-    recording(tmp_path / "2024-07-01", [row(1)], {})
-    with pytest.raises(RecordingError, match=r"did you mean .*2024-07-01"):
-        open_recording(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"pfm_rows": "upside-down"}, "pfm_rows must be"),
-        ({"fov_deg": 180.0}, "fov_deg must lie between 0 and 180"),
-        ({"deck_z_m": float("nan")}, "deck_z_m must be a finite number"),
-        ({"sea_z_m": float("inf")}, "sea_z_m must be a finite number"),
-        ({"far_m": 0.0}, "far_m must be > 0"),
-        ({"camera_file": "/nowhere/camera.toml"}, "cannot be read"),
+        ({"pfm_rows": "upside-down"}, "pfm_rows.*upside-down"),
+        ({"fov_deg": 180.0}, "fov_deg.*180"),
+        ({"deck_z_m": float("nan")}, "deck_z_m.*nan"),
+        ({"sea_z_m": float("inf")}, "sea_z_m.*inf"),
+        ({"far_m": 0.0}, "far_m.*0"),
+        ({"camera_file": "/nowhere/camera.toml"}, r"/nowhere/camera\.toml"),
+        ({"poses_file": "/nowhere/p.csv"}, r"airsim_rec\.txt.*/nowhere/p\.csv"),
     ],
 )
 def test_wrong_options_say_what_is_wrong(tmp_path, options, text):
@@ -56,17 +46,13 @@ def test_wrong_options_say_what_is_wrong(tmp_path, options, text):
         open_recording(folder, **options)
 
 
-def test_airsim_recording_takes_no_poses_file(tmp_path):
-    folder = recording(tmp_path / "rec", [row(1)], {})
-    poses = tmp_path / "p.csv"
-    poses.write_text("file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\na,0,0,0,0,1,0,0,0\n")
-    with pytest.raises(RecordingError, match=r"has its poses in airsim_rec.txt"):
-        open_recording(folder, poses_file=poses)
-
-
-def test_missing_path(tmp_path):
-    with pytest.raises(RecordingError, match="there is no such file or folder"):
-        open_recording(tmp_path / "nothing")
+@pytest.mark.parametrize(
+    ("path", "text"), [("nothing", "nothing"), ("2024-07-01/images", "airsim_rec.txt"), ("", "07-01")]
+)
+def test_paths_without_frames_are_named(tmp_path, path, text):
+    recording(tmp_path / "2024-07-01", [row(1)], {})
+    with pytest.raises(RecordingError, match=text):
+        open_recording(tmp_path / path)
 
 
 def test_sources_and_errors_travel_between_processes(tmp_path):
@@ -159,18 +145,19 @@ def test_deck_height_comes_from_the_caller_or_the_camera_file(tmp_path):
 @pytest.mark.parametrize(
     ("poses", "file", "text"),
     [
-        ("a.png,0,0,0,0,1,0,0,0\n", "b.png", "poses.csv has no row for it"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,0,0,0,0\n", "b.png", "line 3: quaternion has length 0"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,nan,0,0,0\n", "b.png", "line 3: quaternion is not finite"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,.3,.3,.3,0\n", "b.png", "poses.csv line 3: quaternion has length 0.52"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,nan,0,0,0,1,0,0,0\n", "b.png", "line 3: time_s must be a finite number"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0\n", "b.png", "line 3: column y_m is no number: ''"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,1,0,0,0\nc.png,0,0,0,0,1,0,0,0\n", "c.png", "image is missing"),
-        ("a.png,0,0,0,0,1,0,0,0\nb.png,0,0,0,0,1,0,0,0\n../c.png,0,0,0,0,1,0,0,0\n", "../c.png", "inside the folder"),
+        ("", "b.png", "poses.csv has no row"),
+        ("b.png,0,0,0,0,0,0,0,0\n", "b.png", "line 3: quaternion"),
+        ("b.png,0,0,0,0,nan,0,0,0\n", "b.png", "line 3: quaternion"),
+        ("b.png,0,0,0,0,.3,.3,.3,0\n", "b.png", "0.52"),
+        ("b.png,nan,0,0,0,1,0,0,0\n", "b.png", "line 3: time_s"),
+        ("b.png,0,0\n", "b.png", "line 3: column y_m"),
+        ("b.png,0,0,0,0,1,0,0,0\nc.png,0,0,0,0,1,0,0,0\n", "c.png", "image is missing"),
+        ("b.png,0,0,0,0,1,0,0,0\n../c.png,0,0,0,0,1,0,0,0\n", "../c.png", "inside the folder"),
     ],
 )
 def test_one_bad_image_or_row_costs_one_frame(tmp_path, poses, file, text):
-    items = list(open_recording(images(tmp_path, ["a.png", "b.png"], poses=POSES + poses)).items())
+    poses = POSES + "a.png,0,0,0,0,1,0,0,0\n" + poses
+    items = list(open_recording(images(tmp_path, ["a.png", "b.png"], poses=poses)).items())
     (bad,) = (item for item in items if isinstance(item, BadFrame))
     assert bad.file == file
     assert text in bad.reason
@@ -189,21 +176,18 @@ def test_sizes_must_agree(tmp_path):
 @pytest.mark.parametrize(
     ("poses", "text"),
     [
-        ("", "line 1: the file is empty"),
+        ("", "line 1: .*empty"),
         (POSES, "zero frames"),
         (POSES.replace("qw", "w"), "line 1: column qw missing"),
-        (POSES + "a.png,0,0,0,0,1,0,0,0\na.png,0,0,0,0,1,0,0,0\n", "lines 2 and 3: 'a.png' stands there twice"),
-        (POSES.replace("qz", "qz,qz"), "column qz stands there more than once"),
+        (POSES + "a.png,0,0,0,0,1,0,0,0\na.png,0,0,0,0,1,0,0,0\n", "lines 2 and 3: 'a.png'"),
+        (POSES.replace("qz", "qz,qz"), "line 1: column qz"),
     ],
 )
 def test_poses_file_that_cannot_be_used(tmp_path, poses, text):
-    with pytest.raises(RecordingError, match=text):
+    with pytest.raises(RecordingError, match=f"poses.csv.*{text}"):
         open_recording(images(tmp_path, ["a.png"], poses=poses))
 
 
 def test_no_camera_file_says_where_to_write_one(tmp_path):
-    with pytest.raises(
-        RecordingError, match=r"no camera file: write .*camera\.toml, or give one; it holds width"
-    ) as error:
+    with pytest.raises(RecordingError, match=r"write .*camera\.toml.* holds width"):
         open_recording(images(tmp_path, ["a.png"], camera=None))
-    assert "\n" not in str(error.value)

@@ -47,13 +47,8 @@ def test_truth_round_trip(truth):
 
 def test_clear_air_is_null_in_the_file():
     values = truth_to_mapping(Truth(visibility_m=math.inf), "clear/a.png")
-    assert values == {
-        "left": None,
-        "right": None,
-        "visibility_m": None,
-        "clear_air": True,
-        "clear_image": "clear/a.png",
-    }
+    both = {"left": None, "right": None}
+    assert values == both | {"visibility_m": None, "clear_air": True, "clear_image": "clear/a.png"}
 
 
 def test_poses_and_conditions_round_trip():
@@ -69,20 +64,22 @@ def test_visibility_that_nobody_knows_is_none():
     assert truth_from_mapping({"left": None, "right": None, "visibility_m": None}).visibility_m is None
 
 
+UPSIDE = {"translation_m": [0, 0, 0], "quaternion_wxyz": [0, 1, 0, 0]}
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ([], "truth must be an object"),
-        ({"left": {"p0_m": [1, 2, 3]}}, "truth.left must hold p0_m and p1_m"),
-        ({"left": {"p0_m": [1, 2], "p1_m": [1, 2, 3]}}, "truth.left.p0_m must be 3 finite numbers"),
-        ({"visibility_m": -5}, "truth.visibility_m must be metres > 0, got -5"),
-        ({"airlight_rgb": "grey"}, "truth.airlight_rgb must be 3 finite numbers"),
-        ({"conditions": []}, "truth.conditions must be an object"),
-        ({"world_from_ship": {"translation_m": [0, 0, 0]}}, "truth.world_from_ship: quaternion_wxyz missing"),
-        (
-            {"world_from_body": {"translation_m": [0, 0, 0], "quaternion_wxyz": [0, 0, 0, 0]}},
-            "truth.world_from_body: quaternion has length 0",
-        ),
+        ([], r"truth.*\[\]"),
+        ({"left": {"p0_m": [1, 2, 3]}}, "truth.left.*p1_m"),
+        ({"left": {"p0_m": [1, 2], "p1_m": [1, 2, 3]}}, r"truth.left.p0_m.*\[1, 2\]"),
+        ({"visibility_m": -5}, "truth.visibility_m.*-5"),
+        ({"airlight_rgb": "grey"}, "truth.airlight_rgb.*'grey'"),
+        ({"conditions": []}, r"truth.conditions.*\[\]"),
+        ({"centre_painted": 3}, "truth.centre_painted.*3"),
+        ({"world_from_ship": {"translation_m": [0, 0, 0]}}, "truth.world_from_ship: quaternion_wxyz"),
+        ({"world_from_body": UPSIDE | {"quaternion_wxyz": [0, 0, 0, 0]}}, "truth.world_from_body: quaternion"),
+        ({"world_from_body": UPSIDE | {"angle": 3}}, "truth.world_from_body: .*angle"),
     ],
 )
 def test_bad_truth_says_what_is_wrong(values, message):

@@ -72,10 +72,7 @@ def test_poses_go_by_frame_number(film):
 
 @pytest.mark.parametrize(
     ("row", "text"),
-    [
-        ("a.png,0,0,0,0,1,0,0,0\n", "file must be the frame's number"),
-        ("1,0,0,0,0,1,0,0,0\n01,0,0,0,0,1,0,0,0\n", "twice"),
-    ],
+    [("a.png,0,0,0,0,1,0,0,0\n", "'a.png'"), ("1,0,0,0,0,1,0,0,0\n01,0,0,0,0,1,0,0,0\n", "lines 2 and 3: '1'")],
 )
 def test_poses_without_frame_numbers_are_refused(film, row, text):
     with pytest.raises(RecordingError, match=text):
@@ -88,7 +85,7 @@ def test_files_named_after_the_film_go_first(film):
 
 
 def test_film_without_camera_file_says_where_to_write_one(film):
-    with pytest.raises(RecordingError, match=r"no camera file: write .*approach\.mp4\.camera\.toml or .*camera\.toml"):
+    with pytest.raises(RecordingError, match=r"approach\.mp4\.camera\.toml or .*camera\.toml"):
         open_recording(film)
 
 
@@ -136,13 +133,11 @@ def test_film_cut_short_gives_what_is_whole(motion_jpeg):
     assert len(items) == len(source)
 
 
-def test_what_is_no_film_says_so(tmp_path):
+@pytest.mark.parametrize("content", [b"hello", b""])
+def test_what_is_no_film_says_so(tmp_path, content):
     path = tmp_path / "approach.mp4"
-    path.write_text("hello")
-    with pytest.raises(RecordingError, match=r"approach\.mp4: not a video, or cut short: Invalid data"):
-        open_recording(path)
-    path.write_bytes(b"")
-    with pytest.raises(RecordingError, match="not a video"):
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"approach\.mp4: not a video"):
         open_recording(path)
 
 

@@ -46,6 +46,10 @@ def write(out: Path, frames: list[Frame], **options) -> None:
             writer.add(item)
 
 
+def folder_bytes(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 def check_same(read, written: Frame) -> None:
     assert isinstance(read, Frame), read
     np.testing.assert_array_equal(read.image_rgb, written.image_rgb)
@@ -77,15 +81,9 @@ def test_layout_is_airsims(tmp_path):
     assert header == HEADER
     names = "img_deckline_0_0_1500000000.png;img_deckline_0_1_1500000000.pfm"
     assert line == f"deckline\t1500\t1.0\t2.0\t-3.0\t1.0\t0.0\t0.0\t0.0\t{names}"
-    files = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file())
-    assert files == sorted(
-        [
-            "airsim_rec.txt",
-            "scene.json",
-            "clear/" + names.split(";")[0],
-            *("images/" + name for name in names.split(";")),
-        ]
-    )
+    image, depth = names.split(";")
+    files = {"airsim_rec.txt", "scene.json", f"clear/{image}", f"images/{image}", f"images/{depth}"}
+    assert set(folder_bytes(tmp_path)) == files
 
 
 def test_unknown_depth_is_stored_as_airsims_far_value(tmp_path):
@@ -137,10 +135,6 @@ def test_pose_and_time_round_trip(tmp_path_factory, position, quaternion, time_s
     check_same(open_recording(out).load(0), written)
 
 
-def folder_bytes(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 def test_frames_encoded_elsewhere_are_written_the_same(tmp_path):
     frames = [frame(0), frame(1, depth_m=None), frame(2, truth=None), frame(3, deck_z_m=None), frame(4, truth=Truth())]
     frames.append(frame(5, camera=Camera(3, 2, 9.0, 9.0, 1.0, 0.5)))
@@ -152,7 +146,7 @@ def test_frames_encoded_elsewhere_are_written_the_same(tmp_path):
 
 
 def test_a_frame_encoded_in_another_format_is_refused(tmp_path):
-    with RecordingWriter(tmp_path) as writer, pytest.raises(ValueError, match="takes png files, got ppm"):
+    with RecordingWriter(tmp_path) as writer, pytest.raises(ValueError, match=r"png .*ppm"):
         writer.append(encode_frame(frame(0), "ppm"))
 
 
@@ -168,9 +162,8 @@ def test_killed_and_resumed_is_the_same_as_written_at_once(tmp_path):
     frames = [frame(index) for index in range(40)]
     write(tmp_path / "once", frames, scene={"seed": 1})
     killed(tmp_path / "twice", frames[:33])
-    writer = RecordingWriter(tmp_path / "twice", scene={"seed": 1})
-    assert writer.count == 25  # scene.json is written every 25 frames
-    writer.close()
+    with RecordingWriter(tmp_path / "twice", scene={"seed": 1}) as writer:
+        assert writer.count == 25  # scene.json is written every 25 frames
     assert len(open_recording(tmp_path / "twice")) == 25
     write(tmp_path / "twice", frames, scene={"seed": 1})
     assert folder_bytes(tmp_path / "twice") == folder_bytes(tmp_path / "once")
@@ -180,9 +173,8 @@ def test_killed_before_the_first_scene_starts_anew(tmp_path):
     killed(tmp_path, [frame(index) for index in range(3)])
     items = list(open_recording(tmp_path).items())
     assert [isinstance(item, BadFrame) for item in items] == [True] * 3  # never with a guessed camera
-    writer = RecordingWriter(tmp_path, scene={"seed": 1})
-    assert writer.count == 0
-    writer.close()
+    with RecordingWriter(tmp_path, scene={"seed": 1}) as writer:
+        assert writer.count == 0
 
 
 @pytest.mark.parametrize("cut", [1, 20, 150])
@@ -192,9 +184,8 @@ def test_torn_last_row_is_written_again(tmp_path, cut):
     write(tmp_path / "torn", frames)
     path = tmp_path / "torn" / "airsim_rec.txt"
     path.write_bytes(path.read_bytes()[:-cut])
-    writer = RecordingWriter(tmp_path / "torn")
-    assert writer.count == 3
-    writer.close()
+    with RecordingWriter(tmp_path / "torn") as writer:
+        assert writer.count == 3
     write(tmp_path / "torn", frames)
     assert folder_bytes(tmp_path / "torn") == folder_bytes(tmp_path / "once")
 
@@ -202,9 +193,8 @@ def test_torn_last_row_is_written_again(tmp_path, cut):
 def test_row_whose_image_is_gone_is_not_whole(tmp_path):
     write(tmp_path, [frame(index) for index in range(4)])
     sorted(tmp_path.glob("images/*.pfm"))[1].unlink()
-    writer = RecordingWriter(tmp_path)
-    assert writer.count < 4
-    writer.close()
+    with RecordingWriter(tmp_path) as writer:
+        assert writer.count < 4
 
 
 def test_closed_by_an_error_the_frames_so_far_are_whole(tmp_path):
@@ -217,7 +207,7 @@ def test_closed_by_an_error_the_frames_so_far_are_whole(tmp_path):
 def test_other_settings_are_refused_and_the_command_may_differ(tmp_path):
     write(tmp_path, [frame(0)], scene={"seed": 1, "command": "a"})
     write(tmp_path, [frame(0), frame(1)], scene={"seed": 1, "command": "b"})
-    with pytest.raises(RecordingError, match=r"made with seed = 1, not 2: choose another folder"):
+    with pytest.raises(RecordingError, match=r"seed = 1, not 2"):
         RecordingWriter(tmp_path, scene={"seed": 2})
     assert len(open_recording(tmp_path)) == 2
 
@@ -225,7 +215,7 @@ def test_other_settings_are_refused_and_the_command_may_differ(tmp_path):
 def test_somebody_elses_recording_is_left_alone(tmp_path):
     folder = recording(tmp_path / "rec", [row(1)], {"img_Drone_0_0_1.png": png(PIXELS)})
     before = folder_bytes(folder)
-    with pytest.raises(RecordingError, match=r"holds a recording without scene\.json"):
+    with pytest.raises(RecordingError, match=r"scene\.json"):
         RecordingWriter(folder)
     assert folder_bytes(folder) == before
 
@@ -239,8 +229,8 @@ def test_folder_that_cannot_be_written(tmp_path):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"image_format": "jpg"}, 'image_format must be "png" or "ppm"'),
-        ({"scene": {"frames": {}}}, "scene keys frames are the writer's own"),
+        ({"image_format": "jpg"}, "image_format.*jpg"),
+        ({"scene": {"frames": {}}}, "frames"),
         ({"scene": {"gust": math.nan}}, "plain finite JSON values"),
     ],
 )
