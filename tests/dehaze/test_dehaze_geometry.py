@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, EYE_Z_M, SEA_Z_M, frame_of, ray_z, sea_pair, world_from_body
@@ -46,12 +44,6 @@ def test_rendered_frames_come_much_nearer_to_the_clear_ones(rendered):
         gains.append(after - psnr_db(frame.image_rgb, frame.truth.clear_rgb, sea))
     assert min(gains) > 5
     assert np.median(gains) > 10
-
-
-def test_clear_frames_stay_as_they_are(rendered):
-    for frame in rendered:
-        clear = frame.truth.clear_rgb
-        assert psnr_db(GeometryDehazer().restore(dataclasses.replace(frame, image_rgb=clear)).image_rgb, clear) > 32
 
 
 def test_the_sea_comes_back():

@@ -164,26 +164,19 @@ def approach() -> list[Frame]:
 
 
 @pytest.fixture(scope="module")
-def network() -> OnnxDetector:
-    """The shipped network, with every view cached."""
-    detector, cache = OnnxDetector(shipped_weights("ufld")), {}
-    infer = detector.infer
+def blind():
+    """The shipped network, with every view cached, whose search of the whole image never sees anything."""
+    detector = OnnxDetector(shipped_weights("ufld"))
+    config = replace(detector.config, min_probability=1.1)
+    cache: dict[bytes, NetworkOutput] = {}
 
-    def cached(view: np.ndarray) -> NetworkOutput:
+    def infer(view: np.ndarray) -> NetworkOutput:
         key = view.tobytes()
         if key not in cache:
-            cache[key] = infer(view)
+            cache[key] = detector.infer(view)
         return cache[key]
 
-    detector.infer = cached
-    return detector
-
-
-@pytest.fixture(scope="module")
-def blind(network):
-    """The same network, whose search of the whole image never sees anything."""
-    config = replace(network.config, min_probability=1.1)
-    return lambda image, box=None: detect_lines(image, network.infer, config, box)
+    return lambda image, box=None: detect_lines(image, infer, config, box)
 
 
 def true_runway(frame: Frame, sigma_m: float, sigma_deg: float) -> RunwayPrior:
@@ -215,16 +208,6 @@ def is_empty(detection: Detection) -> bool:
     return len(detection.left) == len(detection.right) == 0
 
 
-@pytest.mark.parametrize("error", WRONG)
-def test_a_wrong_prior_leaves_the_searchs_own_lines(network, approach, error):
-    for frame in approach:
-        searched = network(frame.image_rgb)
-        assert len(searched.left) and len(searched.right)
-        with_prior = network(frame.image_rgb, wrong_box(frame, error, 5.0, 1.0))
-        np.testing.assert_array_equal(with_prior.left.points_px, searched.left.points_px)
-        np.testing.assert_array_equal(with_prior.right.points_px, searched.right.points_px)
-
-
 def test_a_prior_replaces_a_search_that_sees_nothing(blind, approach):
     for frame in approach:
         assert is_empty(blind(frame.image_rgb))
@@ -240,19 +223,6 @@ def test_without_a_search_a_wrong_prior_ends_in_the_true_lines_or_in_none(blind,
     seen = [(frame, detection) for frame, detection in found if not is_empty(detection)]
     assert all(from_truth_px(frame, detection) < SAME_PX for frame, detection in seen)
     assert seen or not honest
-
-
-def test_a_prior_on_the_open_sea_ends_not_seen(blind, network, approach):
-    frame = approach[0]
-    for box in ((20.0, 420.0, 220.0, 560.0), (1040.0, 440.0, 1240.0, 600.0)):
-        assert is_empty(blind(frame.image_rgb, box))
-        assert from_truth_px(frame, network(frame.image_rgb, box)) < SAME_PX
-
-
-def test_a_prior_that_covers_the_image_is_a_search(blind, network, approach):
-    frame = approach[1]
-    box = (-0.5, -0.5, 1279.5, 719.5)
-    np.testing.assert_array_equal(blind(frame.image_rgb, box).left.points_px, network(frame.image_rgb).left.points_px)
 
 
 def test_the_classical_finder_searches_the_prior_box(approach):
