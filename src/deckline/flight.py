@@ -1,80 +1,157 @@
-"""One flight: the chain of stages frame by frame, and the track that joins the frames."""
+"""From frame to guidance: the only module that joins the stages.
+
+dehaze, detect -> localize -> track -> guide. A detector that was trained on haze finds more in the hazy picture; the
+dehazed one is for people, and for detectors that never saw haze (`models.detect_in`).
+"""
 
 import time
-from dataclasses import replace
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
 
-from deckline.detect.prior import ImagePrior
-from deckline.guide import NO_LINE, GuideConfig, guidance
-from deckline.localize import LocalizeConfig
-from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
-from deckline.track import TrackConfig, Tracker
-from deckline.types import Frame
+import numpy as np
+from numpy.typing import NDArray
 
-AS_USUAL = TrackConfig()
-USUAL_SEA_STATE = 4.0  # to believe too much in a still deck misleads; too little costs some precision
+from deckline.config import RunConfig
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
+from deckline.detect import DETECTORS, Detector, OnnxDetector
+from deckline.detect.crop import Box
+from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
+from deckline.guide import guidance
+from deckline.localize import Localizer, localize
+from deckline.track import Tracker
+from deckline.types import Detection, Frame, Guidance, Notice, Notices, Reason, RunwayEstimate, RunwayPrior, Track
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """Everything that came out of one frame."""
+
+    frame: Frame
+    dehazed_rgb: NDArray[np.uint8]  # (H, W, 3)
+    detection: Detection
+    estimate: RunwayEstimate  # from this frame alone
+    guidance: Guidance
+    seconds: dict[str, float]  # wall time of "dehaze", "detect", "localize", "track" and "guide"
+    track: Track | None = None  # of the frames so far; None: every frame is for itself
 
 
 class Flight:
-    """Called with every frame of one flight in order: looks where the track expects the runway, or else where
-    the last picture showed it, and guides by the track.
+    """Called with every frame of one flight, in their order; answers where the aircraft is.
 
-    Frames that are unrelated to each other are answered as the pipeline alone answers them. For a ship's deck
-    `open_flight` tells localization and tracker how it moves; as they are they take it to lie still.
+    The search starts where the track expects the runway, else where the survey says, else where the last picture
+    showed it. Frames that are unrelated to each other are answered one by one; for these `tracking.enabled = false`
+    saves the filter.
 
     Args:
-        pipeline: the chain.
-        track: what the tracker assumes; None: every frame is for itself.
-        guide: the wanted approach.
+        config: everything that decides the answers.
+        dehazer: makes the picture for people.
+        detector: finds the points of the lines.
+        localizer: places the lines in the world.
     """
 
     def __init__(
-        self, pipeline: Pipeline, track: TrackConfig | None = AS_USUAL, guide: GuideConfig | None = None
+        self, config: RunConfig, dehazer: Dehazer, detector: Detector, localizer: Localizer = localize
     ) -> None:
-        self.pipeline = pipeline
-        self.guide = guide or GuideConfig()
-        self.tracker = None if track is None else Tracker(track)
-        self.image_prior = ImagePrior()
+        self.config = config
+        self.dehazer = dehazer
+        self.detector = detector
+        self.localizer = localizer
+        self.tracker = Tracker(config) if config.tracking.enabled else None
+        self._survey = prior_from_survey(config.survey)
+        self._image_prior = ImagePrior()
 
-    def __call__(self, frame: Frame) -> FrameResult:
-        """The frame's result, with its track and the guidance that follows from it."""
+    @classmethod
+    def from_config(
+        cls,
+        config: RunConfig | None = None,
+        *,
+        dehazer: Dehazer | None = None,
+        detector: Detector | None = None,
+        localizer: Localizer = localize,
+    ) -> "Flight":
+        """A flight with its models loaded.
+
+        Args:
+            config: everything that decides the answers; None: the defaults.
+            dehazer, detector: used instead of those that the config names, to share loaded models.
+            localizer: another estimator of the lines in the world, to compare with.
+
+        Raises:
+            ValueError: an unknown dehazer or detector, or a model file that cannot be used.
+        """
+        config = config or RunConfig()
+        return cls(
+            config,
+            dehazer or _build(config.models.dehazer, DEHAZERS, OnnxDehazer, "dehazer"),
+            detector or _build(config.models.detector, DETECTORS, OnnxDetector, "detector"),
+            localizer,
+        )
+
+    def __call__(
+        self,
+        frame: Frame,
+        *,
+        prior: RunwayPrior | None = None,
+        detection: Detection | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> FrameResult:
+        """One frame through all stages.
+
+        Args:
+            frame: the next one of the flight.
+            prior: where the runway should be; None: where the track, the survey or the last picture has it.
+            detection: points of the lines that are known already; the picture is then neither dehazed nor searched.
+            rng: RANSAC's draws; None: a generator of the frame's own, from `config.seed` and the file's name.
+        """
+        seconds: dict[str, float] = {}
+        image = frame.image_rgb
+        notices: Notices = ()
+        if detection is None:
+            restored = _timed(seconds, "dehaze", lambda: restore(self.dehazer, frame))
+            picture = frame.image_rgb if self.config.models.detect_in == "hazy" else restored.image_rgb
+            box = self._prior_box(frame, prior)
+            detection = _timed(seconds, "detect", lambda: self.detector(picture, box))
+            image = restored.image_rgb
+            notices = (Notice(Reason.NOT_DEHAZED, restored.note),) if restored.note else ()
+        points = detection
+        rng = rng or np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
+        estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
+        track = _timed(seconds, "track", lambda: self._follow(frame, points, estimate))
+        advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
+        advice = replace(advice, notices=advice.notices + notices)
+        return FrameResult(frame, image, points, estimate, advice, seconds, track)
+
+    def _prior_box(self, frame: Frame, prior: RunwayPrior | None) -> Box | None:
+        """Where the runway should be in the image, None when nothing is known of it."""
+        tracked = None if self.tracker is None else self.tracker.runway_prior(frame)
+        for known in (prior, tracked, self._survey):
+            box = None if known is None else project_prior(frame, known)
+            if box is not None:
+                return box
+        return None if self.tracker is None else self._image_prior.predict(frame)
+
+    def _follow(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> Track | None:
         if self.tracker is None:
-            result, track, start = self.pipeline(frame), None, time.perf_counter()
-        else:
-            result = self.pipeline(frame, self.tracker.runway_prior(frame), self.image_prior.predict(frame))
-            start = time.perf_counter()
-            track = self.tracker.update(frame, result.estimate)
-            self.image_prior.update(frame, result.detection, result.estimate)
-        advice = guidance(frame, result.estimate, track, self.guide)
-        seconds = result.seconds | {"track": time.perf_counter() - start}
-        reasons = dict.fromkeys([*advice.reason.split("; "), *result.guidance.reason.split("; ")])
-        unplaced = advice.lateral_deviation_m is None
-        told = "; ".join(reason for reason in reasons if reason and (unplaced or reason != NO_LINE))
-        return replace(result, track=track, guidance=replace(advice, reason=told), seconds=seconds)
+            return None
+        self._image_prior.update(frame, detection, estimate)
+        return self.tracker.update(frame, estimate)
 
 
-def open_flight(
-    config: PipelineConfig | None = None,
-    track: TrackConfig | None = AS_USUAL,
-    guide: GuideConfig | None = None,
-    sea_state: float = USUAL_SEA_STATE,
-) -> Flight:
-    """A flight to a deck that moves as in a sea state, of which the ship reports only how it lies at rest.
-
-    Args:
-        config: the chain.
-        track: what the tracker assumes beside the sea; None: every frame is for itself.
-        guide: the wanted approach.
-        sea_state: 0 to 6; 0 for a runway on land.
-
-    Raises:
-        ValueError: a sea state out of range, or a chain that cannot be built.
-    """
-    config, assumed = config or PipelineConfig(), (track or AS_USUAL).at_sea_state(sea_state)
-    pipeline = Pipeline(replace(config, localize=on_moving_deck(config.localize, assumed)))
-    return Flight(pipeline, None if track is None else assumed, guide)
+def _build(name: str, builders: dict[str, Callable[[], T]], from_file: Callable[[Path], T], what: str) -> T:
+    if name in builders:
+        return builders[name]()
+    if name.endswith(".onnx"):
+        return from_file(Path(name))
+    raise ValueError(f"unknown {what} {name!r}: use one of {', '.join(builders)}, or the path of an .onnx file")
 
 
-def on_moving_deck(lines: LocalizeConfig, track: TrackConfig) -> LocalizeConfig:
-    """Localization that believes the deck's reported height and its level no more than a tracker does."""
-    noise = replace(lines.noise, deck_z_m=track.errors.deck_z_m)
-    return replace(lines, noise=noise, deck=replace(lines.deck, tilt_rad=track.motion.tilt_rad))
+def _timed(seconds: dict[str, float], stage: str, call: Callable[[], T]) -> T:
+    start = time.perf_counter()
+    result = call()
+    seconds[stage] = time.perf_counter() - start
+    return result

@@ -22,6 +22,67 @@ class Status(StrEnum):
     NOT_SEEN = "not seen"
 
 
+class Reason(StrEnum):
+    """Why something is missing, left out, not trusted or flagged; for code. A `Notice` carries the text for people."""
+
+    # what a frame lacks
+    NO_POSE = "no pose"
+    NO_DEPTH = "no depth"  # fine mode was asked for
+    NO_DECK_HEIGHT = "no deck height"
+    NO_LINE = "no line"
+    NO_POINTS = "no points"  # a line with too few points on the deck
+    NO_CENTRE_LINE = "no centre line"
+    NO_RAMP = "no ramp"
+    NO_HEADING = "no heading"
+    NOT_LOCALIZED = "not localized"
+    NOT_DEHAZED = "not dehazed"
+    # what contradicts itself in a frame
+    CROSSED = "crossed"  # the left line lies right of the right one
+    LINE_SPACING = "line spacing"
+    LINE_ANGLE = "line angle"
+    LINE_ENDS = "line ends"
+    UNSURE = "unsure"  # of a line's direction
+    CENTRE_LINE = "centre line"  # not midway between the edge lines
+    DEPTH_HEIGHT = "depth and height"  # the depth camera against the reported deck height
+    ABOVE_CAMERA = "above camera"  # the reported deck
+    HORIZON = "horizon"  # a line along it
+    # what a track cannot use
+    BAD_TIME = "bad time"
+    RESTARTED = "restarted"
+    # flags, and measurements that are left out
+    BORESIGHT = "boresight"
+    HEIGHT = "height"
+    DEPTH = "depth"
+    FOCAL = "focal"
+    DELAY = "delay"
+    LEFT = "left"
+    RIGHT = "right"
+    SPACING = "spacing"
+    ANGLE = "angle"
+    DRIFT = "drift"
+    RESIDUALS = "residuals"
+    FROZEN = "frozen"
+    SWAPPED = "swapped"
+    RESUMED = "resumed"
+    DECK_SIGN = "deck sign"  # the reported deck height seems to have the wrong sign
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A reason with its message."""
+
+    reason: Reason  # for code
+    message: str  # for people
+
+
+Notices = tuple[Notice, ...]
+
+
+def message_of(notices: Notices) -> str:
+    """The messages in one line, each once."""
+    return "; ".join(dict.fromkeys(notice.message for notice in notices))
+
+
 class DepthMode(StrEnum):
     """Where the distance of the line points came from."""
 
@@ -235,7 +296,13 @@ class RunwayEstimate:
     lines: dict[str, RunwayLine]  # "left", "right", "centre", those that could be localized
     ramp_m: NDArray[np.float64] | None = None  # (3,) world: nearest visible end of the centre line
     ramp_sigma_m: float | None = None  # 1-sigma along the deck
-    reason: str = ""  # why something is missing, for people
+    notices: Notices = ()  # why something is missing
+    flags: Notices = ()  # what seems to be wrong with what the frame was told
+
+    @property
+    def reason(self) -> str:
+        """Why something is missing, for people."""
+        return message_of(self.notices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,14 +319,6 @@ class TrackState(StrEnum):
     TRACKING = "tracking"
     COASTING = "coasting"  # no line now, but not for long
     LOST = "lost"
-
-
-@dataclass(frozen=True)
-class Flag:
-    """Something that contradicts what the aircraft is told, and why."""
-
-    name: str  # one word, always the same for the same thing
-    reason: str  # for people
 
 
 @dataclass(frozen=True)
@@ -280,14 +339,14 @@ class Track:
     # "left", "right", "centre", world, as measured with the frame's pose, at the touchdown point; {} when lost
     lines: dict[str, RunwayLine]
     protection: Protection | None = None  # None when lost, or without a pose
-    flags: tuple[Flag, ...] = ()  # empty: nothing is known to be wrong
-    excluded: tuple[Flag, ...] = ()  # measurements of this frame that were left out: "left", "right", "height"
+    flags: Notices = ()  # what contradicts the track; empty: nothing is known to be wrong
+    excluded: Notices = ()  # measurements of this frame that were left out: LEFT, RIGHT, HEIGHT
     ramp_m: NDArray[np.float64] | None = None  # (3,) world: nearest end of the centre line
     ramp_sigma_m: float | None = None  # 1-sigma along the deck
     lateral_rate_m_s: Value | None = None  # + : the lateral deviation grows to the right
     height_rate_m_s: Value | None = None  # + : the height above deck grows
     closing_m_s: Value | None = None  # + : the aircraft comes nearer to the ramp
-    reason: str = ""  # why a frame was not used or the track began anew, for people
+    notices: Notices = ()  # why a frame was not used or the track began again
     age_s: float = 0.0  # since the track began; 0: it knows no more than this frame
 
 
@@ -302,7 +361,7 @@ class Guidance:
     heading_error_rad: Value | None = None  # + : nose points right of the centre line
     height_above_deck_m: Value | None = None  # + : above; over the touchdown point in a track, else over what was seen
     distance_to_ramp_m: Value | None = None  # + : the ramp is still ahead, along the centre line
-    reason: str = ""
+    notices: Notices = ()  # why something is missing
     vertical_deviation_m: Value | None = None  # + : above the glideslope
     lateral_deviation_rad: Value | None = None  # + : right; angle at the aim point, as a localizer shows it
     vertical_deviation_rad: Value | None = None  # + : above; angle at the aim point
@@ -312,8 +371,13 @@ class Guidance:
     closing_m_s: Value | None = None  # + : the ramp comes nearer
     protection: Protection | None = None  # bounds on errors of lateral deviation and height above deck
     track: TrackState | None = None  # None: from this frame alone
-    flags: tuple[Flag, ...] = ()  # what integrity found wrong; empty: nothing is known to be wrong
+    flags: Notices = ()  # what integrity found wrong; empty: nothing is known to be wrong
     glideslope_rad: float | None = None  # the wanted one
+
+    @property
+    def reason(self) -> str:
+        """Why something is missing, for people."""
+        return message_of(self.notices)
 
 
 def _check(array: NDArray, shape: tuple[int, ...], name: str) -> None:

@@ -1,10 +1,9 @@
 """Where in the image the runway should be: from a prior in the world and a pose, or from the last image."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import RunwaySurvey
 from deckline.detect.crop import Box
 from deckline.geometry import Camera
 from deckline.types import SIDES, Detection, Frame, RunwayEstimate, RunwayPrior, Status
@@ -15,24 +14,6 @@ MARGIN_SIGMAS = 2.0  # around the prior's lines; a runway farther off is left to
 MIN_DEPTH_M = 1.0  # at which a line that passes the camera is cut
 EDGE_POINTS = 9  # along each edge of a box that goes through a lens
 IMAGE_MARGIN = 0.5  # of the last image's box on every side: what an aircraft turns between frames
-
-
-@dataclass(frozen=True)
-class RunwaySurvey:
-    """A runway whose place in the world is known beforehand. Without a ramp there is no survey."""
-
-    ramp_m: tuple[float, float, float] | None = None  # world: middle between both lines' near ends
-    heading_deg: float = 0.0  # direction of landing, from world x (north) towards world y (east)
-    width_m: float = 24.0  # between the middles of the two lines
-    length_m: float = 240.0
-    sigma_m: float = 20.0  # 1-sigma of the runway's place as the aircraft sees it, its own position error included
-    heading_sigma_deg: float = 2.0  # 1-sigma of its direction as the aircraft sees it, its own heading error included
-
-    def __post_init__(self) -> None:
-        values = [*(self.ramp_m or ()), self.heading_deg, self.width_m, self.length_m, self.sigma_m]
-        positive = min(self.width_m, self.length_m) > 0 and min(self.sigma_m, self.heading_sigma_deg) >= 0
-        if not (np.isfinite([*values, self.heading_sigma_deg]).all() and positive):
-            raise ValueError(f"a survey needs finite numbers, width and length above 0, no sigma below: {self}")
 
 
 def prior_from_survey(survey: RunwaySurvey) -> RunwayPrior | None:

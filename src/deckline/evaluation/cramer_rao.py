@@ -10,12 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from deckline.config import Mode, RunConfig
 from deckline.geometry import Camera, intersect_plane
-from deckline.localize.config import LocalizeConfig, Mode
-from deckline.localize.depth import independent, sample_depth
-from deckline.localize.line_fit import weighted_line
-from deckline.localize.model import MIN_DEPTH_FRACTION, MIN_SIGMA_M, MIN_SIGMA_RAD
-from deckline.localize.sight import ROW_SIGMA_PX
+from deckline.localize.depth import MIN_SIGMA_PX, sample_depth, select_independent
+from deckline.localize.model import (
+    CENTRE_SIGMA_M,
+    CENTRE_SIGMA_RAD,
+    MIN_DEPTH_FRACTION,
+    MIN_SIGMA_M,
+    MIN_SIGMA_RAD,
+    parallel_sigma,
+)
+from deckline.localize.observations import ROW_SIGMA_PX
 from deckline.types import SIDES, Frame
 
 Array = NDArray[np.float64]
@@ -74,7 +80,7 @@ def cramer_rao(
     points_px: dict[str, Array],
     sigma_px: dict[str, Array],
     mode: Mode,
-    config: LocalizeConfig,
+    config: RunConfig,
     beside_m: Array | None = None,
     relative: bool = False,
     correlation: float = 0.0,
@@ -114,8 +120,24 @@ def cramer_rao(
     return _bounds(np.asarray(np.linalg.inv(information), dtype=np.float64), unknowns, scene)
 
 
-def _prior_sigmas(config: LocalizeConfig, relative: bool) -> dict[str, float]:
-    noise, tilt = config.noise, config.deck.tilt_rad
+def _weighted_line(xy_m: Array, weights: Array) -> tuple[Array, float]:
+    """Weighted total least squares line in the plane: centre (2,) and azimuth, rad, up to half a turn.
+
+    Minimises sum w_i d_i^2 over the perpendicular distances d_i in closed form.
+
+    Raises:
+        ValueError: fewer than two points.
+    """
+    if len(xy_m) < 2:
+        raise ValueError(f"a line needs at least 2 points, got {len(xy_m)}")
+    centre = weights @ xy_m / weights.sum()
+    offsets = xy_m - centre
+    _, vectors = np.linalg.eigh((offsets * weights[:, None]).T @ offsets)
+    return centre, float(np.arctan2(vectors[1, 1], vectors[0, 1]))
+
+
+def _prior_sigmas(config: RunConfig, relative: bool) -> dict[str, float]:
+    noise, tilt = config.noise, config.noise.slope_rad
     carried = 0.0 if relative else 1.0
     return dict(
         zip(
@@ -138,7 +160,7 @@ def _scene(frame: Frame, points_px: dict[str, Array], mode: Mode, beside_m: Arra
     height = frame.deck_z_m
     if mode != "coarse" and frame.depth_m is not None:
         depths = {side: sample_depth(frame.depth_m, px) for side, px in points_px.items()}
-        deep = {side: independent(points_px[side], np.isfinite(depth)) for side, depth in depths.items()}
+        deep = {side: select_independent(points_px[side], np.isfinite(depth)) for side, depth in depths.items()}
         if mode == "fine" or height is None:
             rays = np.concatenate([pose.rotation.apply(frame.camera.rays(px)) for px in points_px.values()])
             height = float(np.nanmedian(pose.translation[2] + np.concatenate(list(depths.values())) * rays[:, 2]))
@@ -153,7 +175,7 @@ def _scene(frame: Frame, points_px: dict[str, Array], mode: Mode, beside_m: Arra
     hub = all_weights @ every / all_weights.sum() if beside_m is None else np.asarray(beside_m, dtype=np.float64)[:2]
     ground = {}
     for side, xy in lines.items():
-        middle, azimuth = weighted_line(xy, weights[side])
+        middle, azimuth = _weighted_line(xy, weights[side])
         if (middle - pose.translation[:2]) @ [np.cos(azimuth), np.sin(azimuth)] < 0:
             azimuth += np.pi
         along = np.array([np.cos(azimuth), np.sin(azimuth)])
@@ -208,7 +230,7 @@ def _seen(scene: _Scene, unknowns: _Unknowns, x: Array, directions: dict[str, Ar
 
 
 def _weights(
-    scene: _Scene, unknowns: _Unknowns, sigma_px: dict[str, Array], config: LocalizeConfig
+    scene: _Scene, unknowns: _Unknowns, sigma_px: dict[str, Array], config: RunConfig
 ) -> tuple[Array, dict[str, Array]]:
     """Inverse variances of what is measured, and the unit vector (N, 2) across the image line at every point."""
     noise, directions, variances = config.noise, {}, []
@@ -222,7 +244,7 @@ def _weights(
         along = ahead - behind
         across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
         directions[side] = across
-        sigma = np.maximum(sigma_px[side], noise.min_pixel)
+        sigma = np.maximum(sigma_px[side], MIN_SIGMA_PX)
         variances.append((across[:, 0] * sigma) ** 2 + (across[:, 1] * ROW_SIGMA_PX) ** 2)
     count = sum(int(deep.sum()) for deep in scene.deep.values())
     variances.append(np.full(count, max(noise.depth_fraction, MIN_DEPTH_FRACTION) ** 2))
@@ -240,11 +262,9 @@ def _decorrelated(rows: Array, scene: _Scene, unknowns: _Unknowns, correlation: 
     return result
 
 
-def _knowledge(
-    unknowns: _Unknowns, mode: Mode, config: LocalizeConfig, relative: bool, deck_z_m: float | None
-) -> Array:
+def _knowledge(unknowns: _Unknowns, mode: Mode, config: RunConfig, relative: bool, deck_z_m: float | None) -> Array:
     """Information (P, P) of what is known of the deck beforehand."""
-    deck, information = config.deck, np.zeros((unknowns.size, unknowns.size))
+    deck, information = config.frame_deck, np.zeros((unknowns.size, unknowns.size))
 
     def know(shares: dict[tuple[str, str], float], sigma: float) -> None:
         row = np.zeros(unknowns.size)
@@ -252,13 +272,13 @@ def _knowledge(
             row[2 * unknowns.sides.index(side) + (what == "azimuth")] = share
         information[...] += np.outer(row, row) / sigma**2
 
-    know({("right", "azimuth"): 1.0, ("left", "azimuth"): -1.0}, max(config.agreement.parallel_rad, MIN_SIGMA_RAD))
-    if config.runway_width_m is not None:
+    know({("right", "azimuth"): 1.0, ("left", "azimuth"): -1.0}, parallel_sigma(deck))
+    if deck.width_m is not None:
         know({("right", "offset"): 1.0, ("left", "offset"): -1.0}, max(deck.width_sigma_m, MIN_SIGMA_M))
     if "centre" in unknowns.sides:
         places = (
-            ("offset", max(deck.centre_sigma_m, MIN_SIGMA_M)),
-            ("azimuth", max(deck.centre_sigma_rad, MIN_SIGMA_RAD)),
+            ("offset", max(CENTRE_SIGMA_M, MIN_SIGMA_M)),
+            ("azimuth", max(CENTRE_SIGMA_RAD, MIN_SIGMA_RAD)),
         )
         for what, sigma in places:
             know({("centre", what): 1.0, ("left", what): -0.5, ("right", what): -0.5}, sigma)

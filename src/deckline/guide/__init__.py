@@ -1,6 +1,5 @@
 """From runway lines to deviations of the aircraft."""
 
-from deckline.guide.config import GuideConfig
-from deckline.guide.deviations import NO_LINE, guidance
+from deckline.guide.deviations import guidance
 
-__all__ = ["NO_LINE", "GuideConfig", "guidance"]
+__all__ = ["guidance"]

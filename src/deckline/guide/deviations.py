@@ -6,63 +6,63 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from deckline.config import Approach
 from deckline.geometry import wrap_angle
-from deckline.guide.config import GuideConfig
-from deckline.types import Frame, Guidance, RunwayEstimate, RunwayLine, Track, Value
+from deckline.types import Frame, Guidance, Notice, Reason, RunwayEstimate, RunwayLine, Track, Value
 
 Array = NDArray[np.float64]
-STEEP = 0.1  # horizontal share of the nose's direction below which it has no heading
+MIN_LEVEL_SHARE = 0.1  # horizontal share of the nose's direction below which it has no heading
 MIN_BASE_M = 10.0  # closer to the aim point an angle says nothing
-AS_USUAL = GuideConfig()
-NO_LINE = "no line was localized"
+NOT_LOCALIZED = Notice(Reason.NOT_LOCALIZED, "no line was localized")
+NO_HEADING = Notice(Reason.NO_HEADING, "no heading: the nose points straight up or down")
 
 
-def guidance(
-    frame: Frame, estimate: RunwayEstimate, track: Track | None = None, config: GuideConfig = AS_USUAL
-) -> Guidance:
+def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approach: Approach) -> Guidance:
     """Deviations of the aircraft from the centre line and the glideslope.
 
-    1-sigma is the line's covariance carried to the aircraft: an azimuth error counts with the distance to where the
-    line was measured. Errors of the aircraft's own position and heading move the measured line along with the
-    aircraft and cancel; where the line has a `relative_covariance` they are therefore not counted.
+    1-sigma is the line's covariance propagated to the aircraft: an azimuth error grows with the distance to the point
+    where the line was measured. Errors of the aircraft's own position and heading move the measured line with the
+    aircraft and cancel; the line's `relative_covariance` leaves them out.
 
-    The height is that over the deck where the centre line is told: a track tells it at the touchdown point, where a
-    deck that pitches has another height than at the ramp or below the aircraft; one frame where it saw the lines.
+    The height is that over the deck at the point of the centre line: a track gives it at the touchdown point, where a
+    pitching deck has another height than at the ramp or below the aircraft; one frame gives it in the middle of what
+    it saw.
 
-    What is impossible is None, and `reason` says why.
+    What cannot be given is None, and `notices` says why.
 
     Args:
         frame: the pose.
-        estimate: lines of this frame alone: what counts without a track, in its first frame, or when it is lost and
-            nothing is known to be wrong.
+        estimate: lines of this frame alone: used without a track, in its first frame, or when it is lost and nothing is
+            flagged.
         track: lines of all frames so far, with rates, protection levels and flags.
-        config: the wanted approach, and the point of the aircraft that is meant.
+        approach: the wanted approach, and the point of the aircraft that deviations refer to.
     """
     body = frame.world_from_body
-    source = _source(estimate, track)
+    source = _select_source(estimate, track)
     base = Guidance(
-        frame.time_s, estimate.status, estimate.mode, glideslope_rad=float(np.deg2rad(config.glideslope_deg))
+        frame.time_s,
+        estimate.status,
+        estimate.mode,
+        glideslope_rad=float(np.deg2rad(approach.glideslope_deg)),
+        track=None if track is None else track.state,
+        flags=estimate.flags if track is None else track.flags + estimate.flags,
     )
-    if track is not None:
-        base = replace(base, track=track.state, flags=track.flags)
-    reason = "; ".join(filter(None, [source.reason, *(flag.reason for flag in base.flags)]))
+    notices = source.notices + base.flags
     if body is None or not source.lines:
-        return replace(base, reason=reason or NO_LINE)
-    place = body.apply(np.array(config.point_m))
+        return replace(base, notices=notices or (NOT_LOCALIZED,))
+    place = body.apply(np.array(approach.point_m))
     centre = source.lines.get("centre")
     height = _height(place, centre or next(iter(source.lines.values())))
     if centre is None:
-        return replace(base, height_above_deck_m=height, reason=reason)
+        return replace(base, height_above_deck_m=height, notices=notices)
     heading = _heading(body, centre)
-    if heading is None:
-        reason = "; ".join(filter(None, [reason, "no heading: the nose points straight up or down"]))
     found = replace(
         base,
         lateral_deviation_m=_lateral(place, centre),
         heading_error_rad=heading,
         height_above_deck_m=height,
         distance_to_ramp_m=_distance(place, centre, source),
-        reason=reason,
+        notices=notices if heading is not None else (*notices, NO_HEADING),
     )
     if track is not None and source.lines is track.lines:
         found = replace(
@@ -72,42 +72,42 @@ def guidance(
             closing_m_s=track.closing_m_s,
             protection=track.protection,
         )
-    return _on_approach(found, config)
+    return _add_approach(found, approach)
 
 
-def _source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstimate:
-    """Lines, ramp and reason that count: the track's where it lives; nothing where it is in doubt."""
+def _select_source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstimate:
+    """The lines and ramp to use: the track's where it lives, none where it is in doubt, else the frame's."""
     if track is None:
         return estimate
-    young = track.age_s == 0.0 and bool(estimate.lines)
-    reason = "; ".join(dict.fromkeys(filter(None, [track.reason, estimate.reason])))
-    if (not track.lines or young) and not track.flags and not track.excluded:
-        return replace(estimate, reason=reason)
-    return replace(estimate, lines=track.lines, ramp_m=track.ramp_m, ramp_sigma_m=track.ramp_sigma_m, reason=reason)
+    first = track.age_s == 0.0 and bool(estimate.lines)
+    notices = tuple(dict.fromkeys(track.notices + estimate.notices))
+    if (not track.lines or first) and not track.flags and not track.excluded:
+        return replace(estimate, notices=notices)
+    return replace(estimate, lines=track.lines, ramp_m=track.ramp_m, ramp_sigma_m=track.ramp_sigma_m, notices=notices)
 
 
-def _on_approach(found: Guidance, config: GuideConfig) -> Guidance:
-    """The same with what the way to the aim point decides."""
+def _add_approach(found: Guidance, approach: Approach) -> Guidance:
+    """The same with the deviations from the path to the aim point."""
     lateral, height, ramp = found.lateral_deviation_m, found.height_above_deck_m, found.distance_to_ramp_m
     if lateral is None or height is None or ramp is None:
         return found
-    ahead = ramp.value + config.touchdown_m
-    above = Value(height.value - ahead * config.slope, float(np.hypot(height.sigma, ramp.sigma * config.slope)))
+    ahead = ramp.value + approach.touchdown_m
+    above = Value(height.value - ahead * approach.slope, float(np.hypot(height.sigma, ramp.sigma * approach.slope)))
     found = replace(found, distance_to_touchdown_m=Value(ahead, ramp.sigma), vertical_deviation_m=above)
     if ahead < MIN_BASE_M:
         return found
     angle = _angle(height, ramp.sigma, ahead)
     return replace(
         found,
-        vertical_deviation_rad=Value(angle.value - float(np.deg2rad(config.glideslope_deg)), angle.sigma),
+        vertical_deviation_rad=Value(angle.value - float(np.deg2rad(approach.glideslope_deg)), angle.sigma),
         lateral_deviation_rad=_angle(lateral, ramp.sigma, ahead),
     )
 
 
-def _angle(beside: Value, ahead_sigma_m: float, ahead_m: float) -> Value:
-    """Angle, rad, under which the aim point sees a deviation from so far ahead."""
-    across = np.hypot(beside.sigma * ahead_m, ahead_sigma_m * beside.value) / (ahead_m**2 + beside.value**2)
-    return Value(float(np.arctan2(beside.value, ahead_m)), float(across))
+def _angle(across: Value, ahead_sigma_m: float, ahead_m: float) -> Value:
+    """Angle of a deviation, rad, as seen from the aim point at a distance."""
+    sigma = np.hypot(across.sigma * ahead_m, ahead_sigma_m * across.value) / (ahead_m**2 + across.value**2)
+    return Value(float(np.arctan2(across.value, ahead_m)), float(sigma))
 
 
 def _covariance(line: RunwayLine) -> Array:
@@ -117,14 +117,14 @@ def _covariance(line: RunwayLine) -> Array:
 def _lateral(place_m: Array, centre: RunwayLine) -> Value:
     right = np.array([-np.sin(centre.azimuth_rad), np.cos(centre.azimuth_rad), 0.0])
     offset = place_m - centre.point_m
-    # Offset of the line beside the aircraft: offset at the line's point plus azimuth times the way back to it.
+    # The line's offset abreast of the aircraft: its offset at its point plus azimuth times the distance to it.
     lever = np.array([1.0, float(offset @ centre.direction), 0.0])
     return Value(float(offset @ right), float(np.sqrt(lever @ _covariance(centre) @ lever)))
 
 
 def _heading(body: RigidTransform, centre: RunwayLine) -> Value | None:
     nose = body.rotation.apply([1.0, 0.0, 0.0])
-    if np.hypot(nose[0], nose[1]) < STEEP:
+    if np.hypot(nose[0], nose[1]) < MIN_LEVEL_SHARE:
         return None
     error = wrap_angle(np.arctan2(nose[1], nose[0]) - centre.azimuth_rad)
     return Value(float(error), float(np.sqrt(_covariance(centre)[1, 1])))

@@ -5,17 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import FrameNoise, Mode
 from deckline.geometry import intersect_plane
-from deckline.localize.config import LocalizeConfig, NoiseConfig
-from deckline.types import DepthMode, Frame
+from deckline.types import DepthMode, Frame, Notice, Reason
 
 Array = NDArray[np.float64]
 WINDOW = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])  # px about a point
 WINDOW_PX = 3.0  # its side
 MIN_SAMPLES = 6  # of the window's 9: so many never lie on one image line, so a plane through them is determined
-MAX_STEP = 0.25  # of inverse depth against the window's median; a row of deck seen at 3 m height changes by 0.1
-NO_POSE = "no pose: give poses.csv"
-NO_DECK = "no depth and no deck height: give --deck-z-m"
+# Of inverse depth, as a share of the window's median; a row of deck seen from 3 m height changes by 0.1.
+MAX_INVERSE_DEPTH_STEP = 0.25
+MIN_LINE_POINTS = 6  # that a line needs a distance for
+MIN_DEPTH_SHARE = 0.5  # of a line's inliers with a depth, below which `auto` prefers coarse
+MIN_SIGMA_PX = 0.1  # floor of a detected point's 1-sigma
+NO_POSE = Notice(Reason.NO_POSE, "no pose: give poses.csv")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +34,10 @@ class DeckPoints:
     pixel_m: Array  # (N, 3) displacement by the detector's noise
     depth_m: Array  # (N, 3) displacement by the depth camera's noise; zero in coarse mode
     common_m: Array  # (K, N, 3)
-    relative_m: Array  # (K, N, 3) what is left of it when the aircraft's own wrong motion is taken along
+    relative_m: Array  # (K, N, 3) the same as seen from the aircraft, whose own wrong pose moves with them
 
     def __len__(self) -> int:
         return len(self.points_m)
-
-    def take(self, keep: NDArray[np.bool_]) -> "DeckPoints":
-        return DeckPoints(
-            self.index[keep],
-            self.points_m[keep],
-            self.pixel_m[keep],
-            self.depth_m[keep],
-            self.common_m[:, keep],
-            self.relative_m[:, keep],
-        )
 
 
 def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
@@ -62,7 +55,7 @@ def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
     valid = inside & np.isfinite(samples) & (samples > 0)
     inverse = 1.0 / np.where(valid, samples, 1.0)
     median = _masked_median(inverse, valid)
-    valid &= np.abs(inverse - median[:, None]) <= MAX_STEP * median[:, None]
+    valid &= np.abs(inverse - median[:, None]) <= MAX_INVERSE_DEPTH_STEP * median[:, None]
     enough = valid.sum(axis=1) >= MIN_SAMPLES
     result = np.full(len(points_px), np.nan)
     if enough.any():
@@ -75,8 +68,8 @@ def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
     return result
 
 
-def independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of one line's usable points (N,) to take so that no two of their windows share a pixel, near end first."""
+def select_independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of one line's usable points (N,) have windows that share no pixel, chosen from the near end on."""
     kept = np.zeros(len(points_px), dtype=bool)
     if not usable.any():
         return kept
@@ -88,50 +81,58 @@ def independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_
     return kept
 
 
-def choose_mode(frame: Frame, inliers_px: list[Array], config: LocalizeConfig) -> tuple[DepthMode, str]:
+def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[DepthMode, Notice | None]:
     """Fine, coarse or none for one frame, and why when it is none.
 
     Args:
-        frame: what the frame has of depth, pose and deck height.
+        frame: its depth, pose and deck height, as far as there are.
         inliers_px: the inliers (N, 2) of each line that was seen.
-        config: mode and thresholds. `auto` takes fine when every line has enough inliers with a depth, and
-            coarse when most have none; a mode asked for by name is never replaced by the other.
+        mode: `auto` takes fine when every line has enough inliers with a depth, and coarse when most have none; a mode
+            asked for by name is never replaced by the other.
     """
     if frame.world_from_body is None:
         return DepthMode.NONE, NO_POSE
-    if config.mode == "coarse":
+    if mode == "coarse":
         if frame.deck_z_m is None:
-            return DepthMode.NONE, "coarse mode was asked for and there is no deck height: give --deck-z-m"
-        return DepthMode.COARSE, ""
+            return _no_deck_height("coarse mode was asked for and there is")
+        return DepthMode.COARSE, None
     if frame.depth_m is None:
-        if config.mode == "fine":
-            return DepthMode.NONE, "fine mode was asked for and the frame has no depth image"
-        return (DepthMode.NONE, NO_DECK) if frame.deck_z_m is None else (DepthMode.COARSE, "")
+        if mode == "fine":
+            return _no_depth("the frame has no depth image")
+        return _no_deck_height("no depth and") if frame.deck_z_m is None else (DepthMode.COARSE, None)
     counts = [int(np.isfinite(sample_depth(frame.depth_m, points)).sum()) for points in inliers_px]
     shares = [count / max(len(points), 1) for count, points in zip(counts, inliers_px, strict=True)]
-    enough = min(counts) >= config.min_points
-    if enough and (min(shares) >= config.min_depth_share or config.mode == "fine" or frame.deck_z_m is None):
-        return DepthMode.FINE, ""
-    found = f"depth at {', '.join(map(str, counts))} points of the lines, {config.min_points} each are needed"
-    if config.mode == "fine":
-        return DepthMode.NONE, f"fine mode was asked for: {found}"
+    enough = min(counts) >= MIN_LINE_POINTS
+    if enough and (min(shares) >= MIN_DEPTH_SHARE or mode == "fine" or frame.deck_z_m is None):
+        return DepthMode.FINE, None
+    found = f"depth at {', '.join(map(str, counts))} points of the lines, {MIN_LINE_POINTS} each are needed"
+    if mode == "fine":
+        return _no_depth(found)
     if frame.deck_z_m is None:
-        return DepthMode.NONE, f"{found}, and no deck height: give --deck-z-m"
-    return DepthMode.COARSE, ""
+        return _no_deck_height(f"{found}, and")
+    return DepthMode.COARSE, None
+
+
+def _no_deck_height(before: str) -> tuple[DepthMode, Notice]:
+    return DepthMode.NONE, Notice(Reason.NO_DECK_HEIGHT, f"{before} no deck height: give --deck-z-m")
+
+
+def _no_depth(why: str) -> tuple[DepthMode, Notice]:
+    return DepthMode.NONE, Notice(Reason.NO_DEPTH, f"fine mode was asked for: {why}")
 
 
 def deck_points(
-    frame: Frame, points_px: Array, sigma_px: Array, index: NDArray[np.int64], mode: DepthMode, noise: NoiseConfig
+    frame: Frame, points_px: Array, sigma_px: Array, index: NDArray[np.int64], mode: DepthMode, noise: FrameNoise
 ) -> DeckPoints:
     """Detected points back-projected into the world; points without a distance are left out.
 
-    p_optical = depth * ray, then body_from_camera, then world_from_body (SPEC section 4.3).
+    p_optical = depth * ray, then body_from_camera, then world_from_body (Li et al. 2024, section 3.2).
 
     Args:
         frame: camera, pose and, by mode, depth image or deck height.
         points_px: (N, 2).
         sigma_px: (N,) 1-sigma of u.
-        index: (N,) carried through.
+        index: (N,) rigid through.
         mode: FINE or COARSE.
         noise: 1-sigma of everything else.
 
@@ -140,7 +141,7 @@ def deck_points(
     """
     world_from_camera, depth = frame.world_from_camera, frame.depth_m
     if world_from_camera is None or frame.world_from_body is None:
-        raise ValueError(f"{frame.file}: {NO_POSE}")
+        raise ValueError(f"{frame.file}: {NO_POSE.message}")
     origin, turn = world_from_camera.translation, world_from_camera.rotation
     rays = turn.apply(frame.camera.rays(points_px))
     if mode is DepthMode.FINE and depth is not None:
@@ -154,9 +155,9 @@ def deck_points(
     keep &= rays[:, 2] > 1e-6
     points, rays, px = points[keep], rays[keep], points_px[keep]
     distance = ((points - origin) * rays).sum(axis=1) / (rays**2).sum(axis=1)
-    step = np.column_stack([np.maximum(sigma_px[keep], noise.min_pixel), np.zeros(len(px))])
+    step = np.column_stack([np.maximum(sigma_px[keep], MIN_SIGMA_PX), np.zeros(len(px))])
     turned = turn.apply(frame.camera.rays(px + step) - frame.camera.rays(px - step)) / 2
-    pixel = _on_plane(distance[:, None] * turned, rays)
+    pixel = _project_on_plane(distance[:, None] * turned, rays)
     along = distance[:, None] * rays * noise.depth_fraction
     depth_step = along if mode is DepthMode.FINE else np.zeros_like(along)
     body = frame.world_from_body.translation
@@ -167,7 +168,7 @@ def deck_points(
 
 
 def _common(
-    points: Array, rays: Array, calibration: Array, body: Array, mode: DepthMode, noise: NoiseConfig
+    points: Array, rays: Array, calibration: Array, body: Array, mode: DepthMode, noise: FrameNoise
 ) -> tuple[Array, Array]:
     """Displacements (9, N, 3) by all that is common to the points, in the world and as the aircraft sees them.
 
@@ -183,19 +184,19 @@ def _common(
     turns = np.cross(axes[:, None, :], points - body) * noise.attitude_rad
     shifts = np.broadcast_to(axes[:, None, :] * noise.position_m, (3, *points.shape))
     zero = np.zeros((1, *points.shape))
-    moved, deck = np.concatenate([turns, shifts]), zero
+    pose, deck = np.concatenate([turns, shifts]), zero
     if mode is DepthMode.COARSE:
-        moved, calibration = _on_plane(moved, rays), _on_plane(calibration, rays)
+        pose, calibration = _project_on_plane(pose, rays), _project_on_plane(calibration, rays)
         deck = (rays / rays[:, 2:] * noise.deck_z_m)[None]
-    common = np.concatenate([moved, deck, calibration])
-    # A wrong heading and position of the aircraft carry the line along: relative to the aircraft nothing changed.
-    carried = np.concatenate([zero, zero, turns[2:], shifts, zero, zero, zero])
-    return common, common - carried
+    common = np.concatenate([pose, deck, calibration])
+    # A wrong heading and position of the aircraft move the line with it: as seen from the aircraft nothing changes.
+    rigid = np.concatenate([zero, zero, turns[2:], shifts, zero, zero, zero])
+    return common, common - rigid
 
 
-def _on_plane(moved: Array, rays: Array) -> Array:
+def _project_on_plane(displacements: Array, rays: Array) -> Array:
     """Displacements (..., N, 3) continued along the rays (N, 3) back to the horizontal plane they left."""
-    return moved - rays * (moved[..., 2:] / rays[:, 2:])
+    return displacements - rays * (displacements[..., 2:] / rays[:, 2:])
 
 
 def _masked_median(values: Array, valid: NDArray[np.bool_]) -> Array:

@@ -13,29 +13,34 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from deckline.localize.config import LocalizeConfig, NoiseConfig
-from deckline.localize.sight import LEAST_DOWN, Sight
+from deckline.config import Deck, FrameNoise
+from deckline.localize.observations import MIN_DOWN, Observations
 
 Array = NDArray[np.float64]
 NUISANCES = 6
 MIN_SIGMA_M = 1e-4  # keeps weights of what is known exactly finite
 MIN_SIGMA_RAD = 1e-5
 MIN_DEPTH_FRACTION = 1e-4
-MIN_HEIGHT_M = 1e-2  # of the camera over the deck, to which a step too far is held
+MIN_HEIGHT_M = 1e-2  # of the camera over the deck; a step below it is held there
 DOWN = np.array([0.0, 0.0, 1.0])
+# 1-sigma of the true angle between the lines in one frame, in units of the one that the deck's description states: one
+# frame may not see both lines at the same place, so it trusts the description half as much.
+PARALLEL_FACTOR = 2.0
+CENTRE_SIGMA_M = 0.1  # of a painted centre line's place midway between the edge lines
+CENTRE_SIGMA_RAD = float(np.deg2rad(0.05))  # and of its direction
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where the lines are thought to be."""
+    """The unknowns: lines, deck height and nuisances."""
 
     points_m: Array  # (L, 2) world x, y on every line
     azimuths_rad: Array  # (L,)
     z_m: float  # of the deck at the hub
     nuisances: Array  # (6,) in 1-sigma
 
-    def moved(self, step: Array) -> "State":
-        """After a step (2 L + 1 + 6,) of the unknowns."""
+    def step(self, step: Array) -> "State":
+        """The state after a step (2 L + 1 + 6,) of the unknowns."""
         lines = step[: 2 * len(self.azimuths_rad)].reshape(-1, 2)
         return State(
             self.points_m + lines[:, :1] * rights(self.azimuths_rad),
@@ -46,8 +51,8 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Deck:
-    """Where the deck's slopes are measured: heights are z at the hub plus slopes times the way from it."""
+class DeckPlane:
+    """The reference of the deck's slopes: heights are z at the hub plus slopes times the offset from it."""
 
     hub_m: Array  # (2,) world
     axes: Array  # (2, 2) unit vectors along and across
@@ -67,24 +72,24 @@ def rights(azimuths_rad: Array) -> Array:
     return np.stack([-np.sin(azimuths_rad), np.cos(azimuths_rad)], axis=1)
 
 
-def measured_terms(view: Sight, state: State, deck: Deck, noise: NoiseConfig) -> tuple[Terms, Terms]:
-    """Of all points' pixels (N,), normal to the line in the image, and of those depths (D,) that there are."""
-    turned = Rotation.from_rotvec([*state.nuisances[:2] * noise.attitude_rad, 0.0]).as_matrix()
-    arm = turned @ (view.camera_m - view.body_m)
-    turn = turned @ view.turn
+def measurement_terms(view: Observations, state: State, deck: DeckPlane, noise: FrameNoise) -> tuple[Terms, Terms]:
+    """Terms of all points' pixels (N,), normal to the line in the image, and of the existing depths (D,)."""
+    attitude_error = Rotation.from_rotvec([*state.nuisances[:2] * noise.attitude_rad, 0.0]).as_matrix()
+    arm = attitude_error @ (view.camera_m - view.body_m)
+    turn = attitude_error @ view.turn
     stretch = 1.0 + state.nuisances[2] * noise.focal_fraction
     rays = view.rays / [stretch, stretch, 1.0]
     world = rays @ turn.T
-    seen = _Seen(view, state, deck, noise, arm, turn, rays, world, stretch)
-    return _pixel_terms(seen), _depth_terms(seen)
+    at = _Context(view, state, deck, noise, arm, turn, rays, world, stretch)
+    return _pixel_terms(at), _depth_terms(at)
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    view: Sight
+class _Context:
+    view: Observations
     state: State
-    deck: Deck
-    noise: NoiseConfig
+    deck: DeckPlane
+    noise: FrameNoise
     arm: Array  # (3,) camera from body, world
     turn: Array  # (3, 3) world_from_camera as thought now
     rays: Array  # (N, 3) optical
@@ -100,15 +105,15 @@ class _Seen:
         return self.state.nuisances[4:] * self.deck.slopes
 
 
-def _pixel_terms(seen: _Seen) -> Terms:
+def _pixel_terms(at: _Context) -> Terms:
     """n . ray = 0 for a ray to a line, n the normal of the plane through camera and line."""
-    state, line = seen.state, seen.view.line
-    count, noise, arm = len(state.azimuths_rad), seen.noise, seen.arm
-    ways = (state.points_m - seen.deck.hub_m) @ seen.deck.axes.T  # (L, 2) from the hub, along and across
+    state, line = at.state, at.view.line
+    count, noise, arm = len(state.azimuths_rad), at.noise, at.arm
+    ways = (state.points_m - at.deck.hub_m) @ at.deck.axes.T  # (L, 2) from the hub, along and across
     heading = np.stack([np.cos(state.azimuths_rad), np.sin(state.azimuths_rad)], axis=1)
-    climbs = heading @ seen.deck.axes.T  # (L, 2) of a line, per slope
-    point = np.column_stack([state.points_m, state.z_m + ways @ seen.slopes]) - seen.camera_m
-    direction = np.column_stack([heading, climbs @ seen.slopes])
+    climbs = heading @ at.deck.axes.T  # (L, 2) of a line, per slope
+    point = np.column_stack([state.points_m, state.z_m + ways @ at.slopes]) - at.camera_m
+    direction = np.column_stack([heading, climbs @ at.slopes])
     sideways = np.column_stack([-heading[:, 1], heading[:, 0], np.zeros(count)])
     down, rolled, pitched = (
         np.broadcast_to(v, (count, 3)) for v in (DOWN, [0.0, arm[2], -arm[1]], [-arm[2], 0.0, arm[0]])
@@ -122,63 +127,62 @@ def _pixel_terms(seen: _Seen) -> Terms:
     by_pitch = by_pitch + np.column_stack([-normal[:, 2], zero, normal[:, 0]])
     by_slopes = [by_height * ways[:, k : k + 1] + by_climb * climbs[:, k : k + 1] for k in (0, 1)]
     changes = np.stack([by_offset, by_azimuth, by_height, by_roll, by_pitch, *by_slopes], axis=1)
-    optical = (normal @ seen.turn)[line]
-    residual = (optical * seen.rays).sum(axis=1)
-    foot, sigma = _foot(seen, optical, residual)
-    moved = np.einsum("nck,nk->nc", changes[line], foot @ seen.turn.T)  # (N, 7) changes of n . ray
+    optical = (normal @ at.turn)[line]
+    residual = (optical * at.rays).sum(axis=1)
+    foot, sigma = _foot_points(at, optical, residual)
+    gradient = np.einsum("nck,nk->nc", changes[line], foot @ at.turn.T)  # (N, 7) changes of n . ray
     jacobian = np.zeros((len(line), 2 * count + 1 + NUISANCES))
     rows = np.arange(len(line))
-    jacobian[rows, 2 * line], jacobian[rows, 2 * line + 1] = moved[:, 0], moved[:, 1]
-    jacobian[:, 2 * count] = moved[:, 2]
-    jacobian[:, 2 * count + 1 : 2 * count + 3] = moved[:, 3:5] * noise.attitude_rad
-    jacobian[:, 2 * count + 3] = (optical * foot)[:, :2].sum(axis=1) * (-noise.focal_fraction / seen.stretch)
-    jacobian[:, 2 * count + 5 :] = moved[:, 5:] * seen.deck.slopes
+    jacobian[rows, 2 * line], jacobian[rows, 2 * line + 1] = gradient[:, 0], gradient[:, 1]
+    jacobian[:, 2 * count] = gradient[:, 2]
+    jacobian[:, 2 * count + 1 : 2 * count + 3] = gradient[:, 3:5] * noise.attitude_rad
+    jacobian[:, 2 * count + 3] = (optical * foot)[:, :2].sum(axis=1) * (-noise.focal_fraction / at.stretch)
+    jacobian[:, 2 * count + 5 :] = gradient[:, 5:] * at.deck.slopes
     return Terms(-residual / sigma, jacobian / sigma[:, None])
 
 
-def _foot(seen: _Seen, optical: Array, residual: Array) -> tuple[Array, Array]:
-    """Where on its line each ray (N, 3) would be without its noise, and 1-sigma of n . ray (N,).
+def _foot_points(at: _Context, optical: Array, residual: Array) -> tuple[Array, Array]:
+    """The foot point (N, 3) of each ray on its line, and 1-sigma of n . ray (N,).
 
-    Derivatives are taken there: taken at the noisy ray they would err together with the residual, and many points
-    would not average that out but add it up.
+    Derivatives are taken at the foot point: at the noisy ray they would correlate with the residual and bias the fit.
     """
-    steps = seen.view.steps / seen.stretch
+    steps = at.view.steps / at.stretch
     by_column = (optical[:, :2] * steps).sum(axis=1)
-    by_row = optical[:, 1] * seen.view.row_step
+    by_row = optical[:, 1] * at.view.row_step
     variance = by_column**2 + by_row**2
     shift = steps * by_column[:, None]
-    shift[:, 1] += by_row * seen.view.row_step
-    foot = seen.rays.copy()
+    shift[:, 1] += by_row * at.view.row_step
+    foot = at.rays.copy()
     foot[:, :2] -= shift * (residual / variance)[:, None]
     return foot, np.sqrt(variance)
 
 
-def _depth_terms(seen: _Seen) -> Terms:
+def _depth_terms(at: _Context) -> Terms:
     """Logarithm of the distance to the deck along each ray that has a depth, against the measured one."""
-    has = np.isfinite(seen.view.log_depth)
+    has = np.isfinite(at.view.log_depth)
     if not has.any():
-        return Terms(np.zeros(0), np.zeros((0, 2 * len(seen.state.azimuths_rad) + 1 + NUISANCES)))
-    ray, count, arm = seen.world[has], len(seen.state.azimuths_rad), seen.arm
-    level = np.array([*-(seen.slopes @ seen.deck.axes), 1.0])  # the deck's normal
-    down = np.array([*seen.deck.hub_m, seen.state.z_m]) - seen.camera_m
-    height, fall = max(float(level @ down), MIN_HEIGHT_M), np.maximum(ray @ level, LEAST_DOWN)
-    scale = 1.0 + seen.state.nuisances[3] * seen.noise.depth_scale
+        return Terms(np.zeros(0), np.zeros((0, 2 * len(at.state.azimuths_rad) + 1 + NUISANCES)))
+    ray, count, arm = at.world[has], len(at.state.azimuths_rad), at.arm
+    level = np.array([*-(at.slopes @ at.deck.axes), 1.0])  # the deck's normal
+    down = np.array([*at.deck.hub_m, at.state.z_m]) - at.camera_m
+    height, fall = max(float(level @ down), MIN_HEIGHT_M), np.maximum(ray @ level, MIN_DOWN)
+    scale = 1.0 + at.state.nuisances[3] * at.noise.depth_scale
     expected = np.log(height / fall * scale)
     jacobian = np.zeros((len(ray), 2 * count + 1 + NUISANCES))
     jacobian[:, 2 * count] = 1.0 / height
     zero = np.zeros(len(ray))
-    turned = [np.column_stack([zero, -ray[:, 2], ray[:, 1]]), np.column_stack([ray[:, 2], zero, -ray[:, 0]])]
-    sunk = [[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]]]
+    rotated = [np.column_stack([zero, -ray[:, 2], ray[:, 1]]), np.column_stack([ray[:, 2], zero, -ray[:, 0]])]
+    arm_shift = [[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]]]
     for k in (0, 1):
-        change = -(level @ sunk[k]) / height - turned[k] @ level / fall
-        jacobian[:, 2 * count + 1 + k] = seen.noise.attitude_rad * change
-        tilted = np.array([*-seen.deck.axes[k], 0.0])
-        jacobian[:, 2 * count + 5 + k] = seen.deck.slopes[k] * (tilted @ down / height - ray @ tilted / fall)
-    zoomed = seen.rays[has] * [1.0, 1.0, 0.0] @ (level @ seen.turn)
-    jacobian[:, 2 * count + 3] = seen.noise.focal_fraction / seen.stretch * zoomed / fall
-    jacobian[:, 2 * count + 4] = seen.noise.depth_scale / scale
-    sigma = max(seen.noise.depth_fraction, MIN_DEPTH_FRACTION)
-    return Terms((seen.view.log_depth[has] - expected) / sigma, jacobian / sigma)
+        change = -(level @ arm_shift[k]) / height - rotated[k] @ level / fall
+        jacobian[:, 2 * count + 1 + k] = at.noise.attitude_rad * change
+        tilted = np.array([*-at.deck.axes[k], 0.0])
+        jacobian[:, 2 * count + 5 + k] = at.deck.slopes[k] * (tilted @ down / height - ray @ tilted / fall)
+    zoomed = at.rays[has] * [1.0, 1.0, 0.0] @ (level @ at.turn)
+    jacobian[:, 2 * count + 3] = at.noise.focal_fraction / at.stretch * zoomed / fall
+    jacobian[:, 2 * count + 4] = at.noise.depth_scale / scale
+    sigma = max(at.noise.depth_fraction, MIN_DEPTH_FRACTION)
+    return Terms((at.view.log_depth[has] - expected) / sigma, jacobian / sigma)
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -187,13 +191,13 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def nuisance_terms(state: State) -> Terms:
-    """Every nuisance is nought, give or take its 1-sigma."""
+    """Prior of the nuisances: zero mean, unit variance in their own 1-sigma."""
     lines = np.zeros((NUISANCES, 2 * len(state.azimuths_rad) + 1))
     return Terms(-state.nuisances, np.hstack([lines, np.eye(NUISANCES)]))
 
 
-def height_term(state: State, deck_z_m: float | None, noise: NoiseConfig) -> Terms:
-    """The deck is as high as the ship says, as far as both know their heights; no row without a reported height."""
+def height_term(state: State, deck_z_m: float | None, noise: FrameNoise) -> Terms:
+    """Prior of the deck height: as the ship reports it; no row without a reported height."""
     size = 2 * len(state.azimuths_rad) + 1 + NUISANCES
     if deck_z_m is None:
         return Terms(np.zeros(0), np.zeros((0, size)))
@@ -203,46 +207,50 @@ def height_term(state: State, deck_z_m: float | None, noise: NoiseConfig) -> Ter
     return Terms(np.array([(deck_z_m - state.z_m) / sigma]), row)
 
 
-def deck_terms(names: tuple[str, ...], state: State, config: LocalizeConfig) -> Terms:
-    """What is known of how the lines lie to each other: angle, spacing, and the centre line's place between them."""
-    knowledge, pairs = config.deck, {name: k for k, name in enumerate(names)}
-    parallel = max(config.agreement.parallel_rad, MIN_SIGMA_RAD)
-    width, angle = config.runway_width_m, knowledge.angle_rad
+def parallel_sigma(deck: Deck) -> float:
+    """1-sigma of the true angle between the lines, rad."""
+    return max(PARALLEL_FACTOR * deck.angle_sigma_rad, MIN_SIGMA_RAD)
+
+
+def deck_terms(names: tuple[str, ...], state: State, deck: Deck) -> Terms:
+    """Prior of the lines' geometry: angle, spacing, and the centre line's place between them."""
+    pairs = {name: k for k, name in enumerate(names)}
+    parallel, width, angle = parallel_sigma(deck), deck.width_m, deck.angle_rad
     rows = []
     if {"left", "right"} <= set(pairs):
         left, right = pairs["left"], pairs["right"]
-        rows.append(_turn_row(state, {right: 1.0, left: -1.0}, angle, parallel))
+        rows.append(_azimuth_row(state, {right: 1.0, left: -1.0}, angle, parallel))
         if width is not None:
-            rows.append(_offset_row(state, {right: 1.0, left: -1.0}, width, knowledge.width_sigma_m))
+            rows.append(_offset_row(state, {right: 1.0, left: -1.0}, width, deck.width_sigma_m))
     if "centre" in pairs:
         centre = pairs["centre"]
         sides = [pairs[name] for name in ("left", "right") if name in pairs]
-        whole = len(sides) == 2
-        sign = 0.0 if whole else (1.0 if "left" in pairs else -1.0)
+        both = len(sides) == 2
+        sign = 0.0 if both else (1.0 if "left" in pairs else -1.0)
         between = {centre: 1.0} | {side: -1.0 / len(sides) for side in sides}
-        turn_sigma = knowledge.centre_sigma_rad if whole else float(np.hypot(knowledge.centre_sigma_rad, parallel / 2))
-        rows.append(_turn_row(state, between, sign * angle / 2, max(turn_sigma, MIN_SIGMA_RAD)))
-        if whole or width is not None:
+        azimuth_sigma = CENTRE_SIGMA_RAD if both else float(np.hypot(CENTRE_SIGMA_RAD, parallel / 2))
+        rows.append(_azimuth_row(state, between, sign * angle / 2, max(azimuth_sigma, MIN_SIGMA_RAD)))
+        if both or width is not None:
             half = sign * (width or 0.0) / 2
-            sigma = knowledge.centre_sigma_m if whole else np.hypot(knowledge.centre_sigma_m, knowledge.width_sigma_m)
+            sigma = CENTRE_SIGMA_M if both else np.hypot(CENTRE_SIGMA_M, deck.width_sigma_m)
             rows.append(_offset_row(state, between, half, float(sigma)))
     if not rows:
         return Terms(np.zeros(0), np.zeros((0, 2 * len(names) + 1 + NUISANCES)))
     return Terms(np.array([row[0] for row in rows]), np.stack([row[1] for row in rows]))
 
 
-def _turn_row(state: State, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
-    """A weighted sum of azimuths, whose weights add to nought, against what it should be."""
+def _azimuth_row(state: State, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
+    """A weighted sum of azimuths, whose weights add up to zero, against its expectation."""
     first = state.azimuths_rad[0]
-    turns = np.arctan2(np.sin(state.azimuths_rad - first), np.cos(state.azimuths_rad - first))
-    row = np.zeros(2 * len(turns) + 1 + NUISANCES)
+    azimuths = np.arctan2(np.sin(state.azimuths_rad - first), np.cos(state.azimuths_rad - first))
+    row = np.zeros(2 * len(azimuths) + 1 + NUISANCES)
     for k, share in shares.items():
         row[2 * k + 1] = share / sigma
-    return (expected - sum(share * float(turns[k]) for k, share in shares.items())) / sigma, row
+    return (expected - sum(share * float(azimuths[k]) for k, share in shares.items())) / sigma, row
 
 
 def _offset_row(state: State, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
-    """A weighted sum of offsets across the lines' mean direction, midway of what was measured, as above."""
+    """A weighted sum of offsets across the lines' mean direction, at the middle of their points."""
     sigma = max(sigma, MIN_SIGMA_M)
     numbers = list(shares)
     along = np.array([np.cos(state.azimuths_rad[numbers]).sum(), np.sin(state.azimuths_rad[numbers]).sum()])

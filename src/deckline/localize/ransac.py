@@ -6,10 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import Camera
-from deckline.localize.config import RansacConfig
 from deckline.types import LinePoints, PixelLine
 
 Array = NDArray[np.float64]
+SAMPLE_SIZE = 2  # points of one hypothesis
+DRAWS = 60  # hypotheses a round
+MAX_ROUNDS = 8  # rounds go on until one brings no lower error
+THRESHOLD_PX = 4.0  # of inliers; unsure points get three times their 1-sigma, at most four times this
+MIN_INLIERS = 6
+MIN_INLIER_SHARE = 0.5  # of the detected points
+MIN_LENGTH_PX = 4.0  # of the inliers' stretch
 MIN_SAMPLE_SPREAD_PX = 1.0  # points closer together than this give no direction
 REFITS = 5  # of inliers and line in turn, after the draws
 
@@ -23,16 +29,14 @@ class _Weighted:
     limits: Array  # (N,) distance at which a point stops belonging to a line
 
 
-def ideal_pixels(points_px: Array, camera: Camera) -> Array:
+def undistort(points_px: Array, camera: Camera) -> Array:
     """Pixels (N, 2) as the same camera without lens distortion would see them, (N, 2)."""
     if not camera.has_distortion:
         return points_px
     return (camera.rays(points_px) @ camera.matrix.T)[:, :2]
 
 
-def fit_pixel_line(
-    points: LinePoints, camera: Camera, config: RansacConfig, rng: np.random.Generator
-) -> PixelLine | None:
+def fit_pixel_line(points: LinePoints, camera: Camera, rng: np.random.Generator) -> PixelLine | None:
     """RANSAC line through one line's detected points, refitted by weighted total least squares on its inliers.
 
     A straight line in the world is curved behind a distorting lens. Everything here therefore happens in ideal
@@ -42,36 +46,35 @@ def fit_pixel_line(
     Args:
         points: detected points; those with no confidence or a number that is not finite are never inliers.
         camera: the camera that saw them.
-        config: thresholds.
         rng: draws the samples; the same state gives the same line.
 
     Returns:
         The line, or None when too few points agree.
 
-    Source: SPEC section 4.1 (paper, section on localization); M-estimator cost of MSAC, Torr and Zisserman 2000.
+    Source: Li et al. 2024, section 3.2; M-estimator cost of MSAC, Torr and Zisserman 2000.
     """
-    ideal = ideal_pixels(points.points_px, camera)
+    ideal = undistort(points.points_px, camera)
     usable = np.isfinite(ideal).all(axis=1) & (points.confidence > 0) & np.isfinite(points.sigma_px)
     index = np.flatnonzero(usable)
-    if len(index) < config.min_inliers:
+    if len(index) < MIN_INLIERS:
         return None
-    sigma = np.maximum(points.sigma_px[index], 1e-3 * config.threshold_px)
+    sigma = np.maximum(points.sigma_px[index], 1e-3 * THRESHOLD_PX)
     data = _Weighted(
         ideal[index],
         points.confidence[index] / sigma**2,
-        np.clip(3 * sigma, config.threshold_px, 4 * config.threshold_px),
+        np.clip(3 * sigma, THRESHOLD_PX, 4 * THRESHOLD_PX),
     )
-    line = _best_draw(data, config, rng)
+    line = _best_draw(data, rng)
     if line is None:
         return None
-    line, inside = _refit(line, data, config.min_inliers)
-    needed = max(config.min_inliers, config.min_inlier_share * len(points))
+    line, inside = _refit(line, data)
+    needed = max(MIN_INLIERS, MIN_INLIER_SHARE * len(points))
     ends = _ends(data.xy[inside], line)
-    if inside.sum() < needed or np.linalg.norm(ends[0] - ends[1]) < config.min_length_px:
+    if inside.sum() < needed or np.linalg.norm(ends[0] - ends[1]) < MIN_LENGTH_PX:
         return None
     inliers = np.zeros(len(points), dtype=bool)
     inliers[index[inside]] = True
-    return PixelLine(line, inliers, _real_pixels(ends, camera), _spread(data, inside, line))
+    return PixelLine(line, inliers, _distort(ends, camera), _residual_sigma(data, inside, line))
 
 
 def least_squares_line(xy: Array, weights: Array | None = None) -> Array:
@@ -92,11 +95,11 @@ def least_squares_line(xy: Array, weights: Array | None = None) -> Array:
     return np.array([normal[0], normal[1], -normal @ centre])
 
 
-def _best_draw(data: _Weighted, config: RansacConfig, rng: np.random.Generator) -> Array | None:
+def _best_draw(data: _Weighted, rng: np.random.Generator) -> Array | None:
     """Rounds of draws until the error (squared distance, cut off at the threshold) stops falling."""
     best, best_error = None, np.inf
-    for _ in range(config.max_rounds):
-        picks = rng.random((config.draws, len(data.xy))).argsort(axis=1)[:, : config.sample_size]
+    for _ in range(MAX_ROUNDS):
+        picks = rng.random((DRAWS, len(data.xy))).argsort(axis=1)[:, :SAMPLE_SIZE]
         lines = _sample_lines(data.xy[picks])
         if len(lines):
             distances = lines[:, :2] @ data.xy.T + lines[:, 2:]
@@ -120,10 +123,10 @@ def _sample_lines(samples: Array) -> Array:
     return np.column_stack([normals, -(normals * centres).sum(axis=1)])
 
 
-def _refit(line: Array, data: _Weighted, min_inliers: int) -> tuple[Array, NDArray[np.bool_]]:
+def _refit(line: Array, data: _Weighted) -> tuple[Array, NDArray[np.bool_]]:
     inside = np.abs(_distances(data.xy, line)) <= data.limits
     for _ in range(REFITS):
-        if inside.sum() < min_inliers:
+        if inside.sum() < MIN_INLIERS:
             break
         line = least_squares_line(data.xy[inside], data.weights[inside])
         again = np.abs(_distances(data.xy, line)) <= data.limits
@@ -147,13 +150,13 @@ def _ends(xy: Array, line: Array) -> Array:
     return ends - _distances(ends, line)[:, None] * line[:2]
 
 
-def _spread(data: _Weighted, inside: NDArray[np.bool_], line: Array) -> float:
+def _residual_sigma(data: _Weighted, inside: NDArray[np.bool_], line: Array) -> float:
     """Weighted root mean square distance of the inliers, with the two fitted numbers taken off their count."""
     w, distance = data.weights[inside], _distances(data.xy[inside], line)
     return float(np.sqrt(w @ distance**2 / w.sum() * len(w) / max(len(w) - 2, 1)))
 
 
-def _real_pixels(xy: Array, camera: Camera) -> Array:
+def _distort(xy: Array, camera: Camera) -> Array:
     if not camera.has_distortion:
         return xy
     rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.matrix).T

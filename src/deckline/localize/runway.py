@@ -1,4 +1,4 @@
-"""From single lines to a runway: do they agree, the centre line, the ramp."""
+"""Fitted lines with their noise sensitivities, and what makes two of them a runway: agreement, centre line, ramp."""
 
 from dataclasses import dataclass, replace
 
@@ -6,16 +6,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane, wrap_angle
-from deckline.localize.config import AgreementConfig
-from deckline.localize.depth import DeckPoints
-from deckline.localize.line_fit import LineFit
-from deckline.types import SIDES, Frame, LinePoints, PixelLine, RunwayLine
+from deckline.localize.depth import NO_POSE, DeckPoints
+from deckline.types import SIDES, Frame, LineErrors, LinePoints, Notice, Notices, PixelLine, Reason, RunwayLine
 
 Array = NDArray[np.float64]
 Region = tuple[float, float, float, float]
-# Between a line's near end and the edge of what was looked at: detectors lose the last of a line that runs out of view.
+MIN_SPACING_M, MAX_SPACING_M = 5.0, 60.0  # of a runway's edge lines
+MAX_ANGLE_RAD = float(np.deg2rad(4.0))  # between the lines, beside twice its own 1-sigma
+MAX_AZIMUTH_SIGMA_RAD = float(np.deg2rad(2.0))  # a line that is less sure of its direction is not a line
+CLEARLY_BETTER = 3.0  # of two contradicting lines, one is kept when its azimuth is this much surer
+MAX_END_STEP_M = 10.0  # between the near ends of the lines along the runway, beside three times its 1-sigma
+# Between a line's near end and the edge of the searched part: detectors lose the end of a line that runs out of view.
 MARGIN_STEPS = 2.0  # from point to point
-MARGIN_SHARE = 0.15  # of the line's seen length
+MARGIN_SHARE = 0.15  # of the line's visible length
+
+
+@dataclass(frozen=True, eq=False)
+class LineFit:
+    """A fitted line and what each noise source moves it by.
+
+    Columns of the sensitivities are independent sources of 1-sigma each; fits of one frame share them, so their
+    joint covariance is known. Rows: offset across the line to its right, m; azimuth, rad; z, m.
+    """
+
+    point_m: Array  # (3,)
+    azimuth_rad: float
+    own: Array  # (3, M) noise of the points, and prior knowledge of the lines' geometry
+    common: Array  # (3, K) pose, calibration and deck
+    relative: Array  # (3, K) the same as seen from the aircraft
+    errors: LineErrors | None = None  # None: not known
+
+    @property
+    def direction(self) -> Array:
+        return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad)])
+
+    @property
+    def right(self) -> Array:
+        return np.array([-np.sin(self.azimuth_rad), np.cos(self.azimuth_rad)])
+
+    @property
+    def covariance(self) -> Array:
+        return self.own @ self.own.T + self.common @ self.common.T
+
+    @property
+    def relative_covariance(self) -> Array:
+        return self.own @ self.own.T + self.relative @ self.relative.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +60,7 @@ class NearEnds:
     along_m: Array  # (2,)
     variance: Array  # (2,) m2, of each alone
     common_m: Array  # (K,) what common sources of 1-sigma move their mean by
-    reach: float  # distance along the deck per height above it: what a line taken for too low ends nearer by
+    reach: float  # distance along the deck per height above it: by how much a height error moves the ends
 
     @property
     def apart_m(self) -> float:
@@ -36,76 +71,77 @@ def runway_line(fit: LineFit) -> RunwayLine:
     return RunwayLine(fit.point_m, fit.azimuth_rad, fit.covariance, fit.relative_covariance, fit.errors)
 
 
-def pixel_contradiction(lines: dict[str, PixelLine]) -> str:
-    """Why the two image lines cannot be left and right of one runway, or an empty string.
+def check_pixel_order(lines: dict[str, PixelLine]) -> Notice | None:
+    """Why the two image lines cannot be left and right of one runway.
 
     Compared at the near end of the line that ends farther up, where both were seen.
     """
     if set(lines) != set(SIDES):
-        return ""
+        return None
     row = min(line.ends_px[0, 1] for line in lines.values())
     u = {side: _u_at(line, row) for side, line in lines.items()}
     if u["left"] < u["right"]:
-        return ""
-    return f"the left line passes right of the right line in the image (u {u['left']:.0f} and {u['right']:.0f} px)"
+        return None
+    found = f"u {u['left']:.0f} and {u['right']:.0f} px"
+    return Notice(Reason.CROSSED, f"the left line passes right of the right line in the image ({found})")
 
 
-def drop_contradictions(fits: dict[str, LineFit], config: AgreementConfig) -> tuple[dict[str, LineFit], str]:
+def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Notices]:
     """The fits that do not contradict each other, and why others were dropped.
 
     Of two lines that contradict each other in spacing or direction, the clearly surer one stays, or neither; of two
-    whose order is wrong neither stays, as the names are in doubt. The fits must not know of each other.
+    whose order is wrong neither stays, as their names are in doubt. The fits must be independent of each other.
     """
     if not set(SIDES) <= set(fits):
-        return fits, ""
+        return fits, ()
     left, right = fits["left"], fits["right"]
     spacing, spacing_sigma = _spacing(left, right)
     angle = abs(float(wrap_angle(left.azimuth_rad - right.azimuth_rad)))
     sigma = float(np.linalg.norm(left.own[1] - right.own[1]))
     if spacing <= 0:
-        return {}, f"the left line lies {-spacing:.1f} m right of the right line"
-    if not config.min_spacing_m - 2 * spacing_sigma <= spacing <= config.max_spacing_m + 2 * spacing_sigma:
-        reason = f"the lines are {spacing:.1f} m apart, expected {config.min_spacing_m:g} to {config.max_spacing_m:g} m"
-    elif angle > config.max_angle_rad + 2 * sigma:
-        reason = f"the lines differ by {np.rad2deg(angle):.1f} degrees in direction"
+        return {}, (Notice(Reason.CROSSED, f"the left line lies {-spacing:.1f} m right of the right line"),)
+    if not MIN_SPACING_M - 2 * spacing_sigma <= spacing <= MAX_SPACING_M + 2 * spacing_sigma:
+        reason = Reason.LINE_SPACING
+        message = f"the lines are {spacing:.1f} m apart, expected {MIN_SPACING_M:g} to {MAX_SPACING_M:g} m"
+    elif angle > MAX_ANGLE_RAD + 2 * sigma:
+        reason = Reason.LINE_ANGLE
+        message = f"the lines differ by {np.rad2deg(angle):.1f} degrees in direction"
     else:
-        return fits, ""
-    sure = {side: float(np.linalg.norm(fits[side].own[1])) for side in SIDES}
-    best = min(sure, key=lambda side: sure[side])
-    if max(sure.values()) < config.clearly_better * sure[best]:
-        return {}, f"{reason}; neither is clearly the better one"
-    return {best: fits[best]}, f"{reason}; only the surer one, {best}, is kept"
+        return fits, ()
+    azimuth_sigma = {side: float(np.linalg.norm(fits[side].own[1])) for side in SIDES}
+    best = min(azimuth_sigma, key=lambda side: azimuth_sigma[side])
+    if max(azimuth_sigma.values()) < CLEARLY_BETTER * azimuth_sigma[best]:
+        return {}, (Notice(reason, f"{message}; neither is clearly the better one"),)
+    return {best: fits[best]}, (Notice(reason, f"{message}; only the surer one, {best}, is kept"),)
 
 
-def drop_unsure(fits: dict[str, LineFit], config: AgreementConfig) -> tuple[dict[str, LineFit], str]:
-    """The fits whose direction is of use, and which were dropped."""
-    kept = {side: fit for side, fit in fits.items() if np.sqrt(fit.covariance[1, 1]) <= config.max_azimuth_sigma_rad}
-    return kept, "; ".join(f"the direction of the {side} line is too uncertain" for side in fits if side not in kept)
+def drop_unsure(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Notices]:
+    """The fits whose direction is certain enough, and which were dropped."""
+    kept = {side: fit for side, fit in fits.items() if np.sqrt(fit.covariance[1, 1]) <= MAX_AZIMUTH_SIGMA_RAD}
+    dropped = (side for side in fits if side not in kept)
+    return kept, tuple(Notice(Reason.UNSURE, f"the direction of the {side} line is too uncertain") for side in dropped)
 
 
 def centre_line(left: LineFit, right: LineFit) -> LineFit:
-    """The line midway: directions and offsets averaged (SPEC section 4.5).
-
-    What the lines know of each other they know already, so both count alike.
-    """
+    """The line midway: directions and offsets averaged, both lines with equal weight (Li et al. 2024, section 3.2)."""
     difference = float(wrap_angle(right.azimuth_rad - left.azimuth_rad))
     azimuth = float(wrap_angle(left.azimuth_rad + difference / 2))
     direction = np.array([np.cos(azimuth), np.sin(azimuth)])
     middle = (left.point_m + right.point_m) / 2
-    beside, levers = [], []
+    feet, levers = [], []
     for fit in (left, right):
         along = (middle[:2] - fit.point_m[:2]) @ direction / (fit.direction @ direction)
-        beside.append(fit.point_m[:2] + along * fit.direction)
+        feet.append(fit.point_m[:2] + along * fit.direction)
         levers.append(along)
-    point = np.array([*(beside[0] + beside[1]) / 2, middle[2]])
+    point = np.array([*(feet[0] + feet[1]) / 2, middle[2]])
     own, common, relative = (
-        _mix(getattr(left, name), getattr(right, name), levers) for name in ("own", "common", "relative")
+        _average(getattr(left, name), getattr(right, name), levers) for name in ("own", "common", "relative")
     )
     return LineFit(point, azimuth, own, common, relative)
 
 
-def shifted_line(fit: LineFit, right_m: float, sigma_m: float) -> LineFit:
-    """The same line moved to its right, m, give or take a 1-sigma."""
+def shift_line(fit: LineFit, right_m: float, sigma_m: float) -> LineFit:
+    """The same line moved to its right by a distance, m, with its 1-sigma."""
     shift = np.array([[sigma_m], [0.0], [0.0]])
     point = fit.point_m + right_m * np.array([*fit.right, 0.0])
     return replace(fit, point_m=point, own=np.hstack([fit.own, shift]), errors=None)
@@ -117,15 +153,15 @@ def near_ends(
     located: dict[str, DeckPoints],
     centre: LineFit,
     region_px: Region | None,
-) -> NearEnds | str:
-    """Where both lines begin, or why it is not known: both must end inside what the detector looked at.
+) -> NearEnds | Notice:
+    """Where both lines begin, or why it is not known: both must end inside the part that the detector searched.
 
     Points come row by row or column by column, so a true end lies anywhere between the last one with the line and the
-    next: the middle of that gap is taken, and the whole gap on the ground is its 1-sigma, as a detector may lose it.
+    next. The middle of that gap is taken, and the whole gap on the ground is its 1-sigma.
     """
     pose = frame.world_from_camera
     if pose is None:
-        return "no pose"
+        return NO_POSE
     ends, variances, shared, reaches = [], [], [], []
     for side in SIDES:
         line = located[side]
@@ -136,12 +172,12 @@ def near_ends(
         step = _step(seen, nearer)
         margin = max(MARGIN_STEPS * step, MARGIN_SHARE * nearer, key=np.linalg.norm)
         if not _inside(seen[nearest] + margin, frame, region_px):
-            return f"the near end of the {side} line is not in view"
+            return Notice(Reason.NO_RAMP, f"no ramp: the near end of the {side} line is not in view")
         rays = pose.rotation.apply(frame.camera.rays(np.stack([seen[nearest], seen[nearest] + step])))
         ground = intersect_plane(pose.translation, rays, float(line.points_m[nearest, 2]))
         gap = float(abs((ground[0, :2] - ground[1, :2]) @ centre.direction))
         if not np.isfinite(gap):
-            return f"the near end of the {side} line cannot be placed on the deck"
+            return Notice(Reason.NO_RAMP, f"no ramp: the near end of the {side} line cannot be placed on the deck")
         ends.append(float(along_m[nearest]) - gap / 2)
         variances.append(gap**2 + float((line.depth_m[nearest, :2] @ centre.direction) ** 2))
         shared.append(line.common_m[:, nearest, :2] @ centre.direction)
@@ -150,16 +186,16 @@ def near_ends(
     return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2, float(np.mean(reaches)))
 
 
-def begin_apart(ends: NearEnds, left: LineFit, right: LineFit, config: AgreementConfig) -> str:
-    """Why lines that begin there are not both edges of one runway, or an empty string.
+def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Notice | None:
+    """Why lines that begin there are not both edges of one runway.
 
-    On a deck that banks one line lies higher than it is taken to be; what the fits say of that is allowed for.
+    On a deck that rolls one line lies higher than assumed; the tolerance includes the fits' height difference.
     """
     higher = np.concatenate([left.own[2] - right.own[2], left.relative[2] - right.relative[2]])
     variance = ends.variance.sum() + ends.reach**2 * (higher @ higher)
-    if ends.apart_m <= config.max_step_m + 3 * np.sqrt(variance):
-        return ""
-    return f"the lines begin {ends.apart_m:.0f} m apart along the runway"
+    if ends.apart_m <= MAX_END_STEP_M + 3 * np.sqrt(variance):
+        return None
+    return Notice(Reason.LINE_ENDS, f"the lines begin {ends.apart_m:.0f} m apart along the runway")
 
 
 def ramp(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:
@@ -180,15 +216,15 @@ def _spacing(left: LineFit, right: LineFit) -> tuple[float, float]:
     across /= np.linalg.norm(across)
     along = np.array([across[1], -across[0]])
     middle = (left.point_m[:2] + right.point_m[:2]) / 2
-    offsets, moved = [], []
+    offsets, sensitivities = [], []
     for fit in (left, right):
         step = (middle - fit.point_m[:2]) @ along / (fit.direction @ along)
         offsets.append((fit.point_m[:2] + step * fit.direction) @ across)
-        moved.append(fit.own[0] + step * fit.own[1])
-    return float(offsets[1] - offsets[0]), float(np.linalg.norm(moved[1] - moved[0]))
+        sensitivities.append(fit.own[0] + step * fit.own[1])
+    return float(offsets[1] - offsets[0]), float(np.linalg.norm(sensitivities[1] - sensitivities[0]))
 
 
-def _mix(left: Array, right: Array, levers: list[float]) -> Array:
+def _average(left: Array, right: Array, levers: list[float]) -> Array:
     offset = (left[0] + levers[0] * left[1] + right[0] + levers[1] * right[1]) / 2
     return np.stack([offset, (left[1] + right[1]) / 2, (left[2] + right[2]) / 2])
 

@@ -6,17 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
-from deckline.track.state import HEIGHT, RISE, SIZE, TILT, State
+from deckline.track.filter import HEAVE, HEIGHT, PITCH, SIZE, State
 from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior
 
 Array = NDArray[np.float64]
-SHIP_M_S = 15.0  # 1-sigma of a ship's unknown speed; 29 knots
-PUSH_M_S15 = 0.1  # how fast it changes
-SAME_ERROR_S = 1.0  # a wrong attitude and the same row of points move all ramps of so many seconds alike
-MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which nothing is placed on it anew
-LEAST_OWN = 0.1  # of a ramp's 1-sigma, what does not come from the deck's height
-LONGEST_M = 400.0  # a far end beyond this is a grazing ray, not a runway; decks are 333 m long, SPEC section 7
-LENGTH_M = 220.0  # of a runway whose far end was never seen; SPEC section 7: 218 to 239 m
+SHIP_SPEED_SIGMA_M_S = 15.0  # of an unknown ship; 29 knots
+KNOWN_SPEED_SIGMA_M_S = 0.5  # of a ship whose velocity is stated
+SPEED_M_S15 = 0.1  # noise density of it
+CORRELATION_S = 1.0  # over which ramp positions share the same error of attitude and of the detector
+MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which a ramp is not moved onto the deck's present height
+MIN_OWN_SHARE = 0.1  # of a ramp's 1-sigma that does not come from the deck's height
+MIN_RAMP_SIGMA_M = 0.1
+MAX_LENGTH_M = 400.0  # a far end beyond this is a grazing ray, not a runway; decks are 333 m long
+DEFAULT_LENGTH_M = 220.0  # of a runway whose far end was never in view; those of large carriers are 218 to 239 m
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +27,8 @@ class Extent:
 
     near_m: Array  # (3,)
     speed_m_s: float  # along the line
-    covariance: Array  # (2, 2) of place and speed along the line
-    is_ramp: bool  # the end itself was seen; else the nearest part of the lines
+    covariance: Array  # (2, 2) of position and speed along the line
+    is_ramp: bool  # the end itself was in view; else the nearest part of the lines
     length_m: float
 
     @property
@@ -34,8 +36,8 @@ class Extent:
         return float(np.sqrt(self.covariance[0, 0]))
 
 
-def seen_extent(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[float, float] | None:
-    """Nearest and farthest seen part of the lines, m from the state's point; None without a pose or lines."""
+def visible_extent(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[float, float] | None:
+    """Nearest and farthest visible part of the lines, m from the state's point; None without a pose or lines."""
     pose = frame.world_from_camera
     if pose is None or not estimate.pixel_lines:
         return None
@@ -46,105 +48,106 @@ def seen_extent(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[f
     return (float(x.min()), float(x.max())) if len(x) > 1 else None
 
 
-def seen_ramp(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[Array, float] | None:
-    """The near end (3,) of the lines where the camera saw it, on the deck as the track has it, and its 1-sigma along.
+def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[Array, float] | None:
+    """The near end (3,) of the lines on the track's present deck height, and its 1-sigma along the deck.
 
-    One frame alone may know the deck's height by its mean only, and on a higher deck a ramp far ahead is nearer.
+    One frame alone may know the deck's mean height only, and on a higher deck a ramp far ahead is nearer.
     """
     pose, ramp, sigma_m = frame.world_from_camera, estimate.ramp_m, estimate.ramp_sigma_m
     if pose is None or ramp is None or sigma_m is None or not estimate.lines:
         return None
-    way = ramp - pose.translation
+    ray = ramp - pose.translation
     row = np.zeros(SIZE)
-    row[[HEIGHT, RISE, TILT]] = 1.0, 1.0, float(state.local(ramp)[0])
+    row[[HEIGHT, HEAVE, PITCH]] = 1.0, 1.0, float(state.local(ramp)[0])
     down = float(state.point_m[2] + row @ state.mean - pose.translation[2])
-    if min(way[2], down) < MIN_HEIGHT_M:
+    if min(ray[2], down) < MIN_HEIGHT_M:
         return ramp, sigma_m
     line = next(iter(estimate.lines.values()))
     alone = line.covariance if line.relative_covariance is None else line.relative_covariance
-    per_metre = float(np.hypot(way[0], way[1])) / way[2]
-    own = max(sigma_m**2 - per_metre**2 * float(alone[2, 2]), (LEAST_OWN * sigma_m) ** 2)
-    spread = own + per_metre**2 * float(row @ state.covariance @ row)
-    return pose.translation + down / way[2] * way, float(np.sqrt(spread))
+    per_metre = float(np.hypot(ray[0], ray[1])) / ray[2]
+    own = max(sigma_m**2 - per_metre**2 * float(alone[2, 2]), (MIN_OWN_SHARE * sigma_m) ** 2)
+    variance = own + per_metre**2 * float(row @ state.covariance @ row)
+    return pose.translation + down / ray[2] * ray, float(np.sqrt(variance))
 
 
-def extended(
+def update_extent(
     before: Extent | None,
     state: State,
-    seen: tuple[float, float] | None,
+    visible: tuple[float, float] | None,
     ramp: tuple[Array, float] | None,
-    frame_s: float,
+    step_s: float,
     ship_m_s: float | None,
 ) -> Extent | None:
-    """What is known of the ends after one more frame; None while nothing is.
+    """The ends after one more frame; None while nothing is known of them.
 
     Args:
-        before: from the frame before, `frame_s` earlier.
+        before: from the frame before, `step_s` earlier.
         state: of this frame.
-        seen: as `seen_extent` gives it.
-        ramp: place (3,) and 1-sigma along the deck, where it was seen.
+        visible: as `visible_extent` gives it.
+        ramp: place (3,) and 1-sigma along the deck, where it was in view.
         ship_m_s: speed of the ship along the line, where it is known.
     """
-    moved = None if before is None else sailed(before, state, frame_s)
+    extent = None if before is None else advance_extent(before, state, step_s)
     if ramp is not None:
-        place, sigma_m = float(state.local(ramp[0])[0]), max(ramp[1], 0.1)
-        if moved is None or not moved.is_ramp:
-            speed_sigma = SHIP_M_S if ship_m_s is None else 0.5
+        place, sigma_m = float(state.local(ramp[0])[0]), max(ramp[1], MIN_RAMP_SIGMA_M)
+        if extent is None or not extent.is_ramp:
+            speed_sigma = SHIP_SPEED_SIGMA_M_S if ship_m_s is None else KNOWN_SPEED_SIGMA_M_S
             covariance = np.diag([sigma_m**2, speed_sigma**2])
-            moved = Extent(_at(state, place), ship_m_s or 0.0, covariance, True, _length(moved))
+            length = 0.0 if extent is None else extent.length_m
+            extent = Extent(_point_at(state, place), ship_m_s or 0.0, covariance, True, length)
         else:
-            moved = _measured(moved, state, place, sigma_m**2 * max(1.0, 2 * SAME_ERROR_S / max(frame_s, 1e-3)))
-    elif moved is None and seen is not None:
-        covariance = np.diag([(seen[1] - seen[0]) ** 2, SHIP_M_S**2])
-        moved = Extent(_at(state, seen[0]), ship_m_s or 0.0, covariance, False, seen[1] - seen[0])
-    if moved is None or seen is None:
-        return moved
-    near = float(state.local(moved.near_m)[0])
-    if not moved.is_ramp and seen[0] < near:
-        moved, near = replace(moved, near_m=_at(state, seen[0]), length_m=moved.length_m + near - seen[0]), seen[0]
-    reach = seen[1] - near
-    return replace(moved, length_m=max(moved.length_m, reach)) if reach <= LONGEST_M else moved
+            inflation = max(1.0, 2 * CORRELATION_S / max(step_s, 1e-3))
+            extent = _measure_ramp(extent, state, place, sigma_m**2 * inflation)
+    elif extent is None and visible is not None:
+        length = visible[1] - visible[0]
+        covariance = np.diag([length**2, SHIP_SPEED_SIGMA_M_S**2])
+        extent = Extent(_point_at(state, visible[0]), ship_m_s or 0.0, covariance, False, length)
+    if extent is None or visible is None:
+        return extent
+    near = float(state.local(extent.near_m)[0])
+    if not extent.is_ramp and visible[0] < near:
+        length = extent.length_m + near - visible[0]
+        extent, near = replace(extent, near_m=_point_at(state, visible[0]), length_m=length), visible[0]
+    reach = visible[1] - near
+    return replace(extent, length_m=max(extent.length_m, reach)) if reach <= MAX_LENGTH_M else extent
 
 
-def _length(before: Extent | None) -> float:
-    return 0.0 if before is None else before.length_m
-
-
-def _at(state: State, x_m: float) -> Array:
+def _point_at(state: State, x_m: float) -> Array:
     return state.point_m + x_m * state.along
 
 
-def sailed(before: Extent, state: State, frame_s: float) -> Extent:
-    """The ends `frame_s` later, on the line as it is then believed."""
-    move = np.array([[1.0, frame_s], [0.0, 1.0]])
-    push = PUSH_M_S15**2 * np.array([[frame_s**3 / 3, frame_s**2 / 2], [frame_s**2 / 2, frame_s]])
-    x = float(state.local(before.near_m)[0]) + frame_s * before.speed_m_s
-    return replace(before, near_m=_at(state, x), covariance=move @ before.covariance @ move.T + push)
+def advance_extent(before: Extent, state: State, step_s: float) -> Extent:
+    """The ends `step_s` later, on the line of the present state."""
+    transition = np.array([[1.0, step_s], [0.0, 1.0]])
+    process = SPEED_M_S15**2 * np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
+    x = float(state.local(before.near_m)[0]) + step_s * before.speed_m_s
+    covariance = transition @ before.covariance @ transition.T + process
+    return replace(before, near_m=_point_at(state, x), covariance=covariance)
 
 
-def _measured(before: Extent, state: State, place_m: float, variance: float) -> Extent:
+def _measure_ramp(before: Extent, state: State, place_m: float, variance: float) -> Extent:
     x = float(state.local(before.near_m)[0])
     gain = before.covariance[:, 0] / (before.covariance[0, 0] + variance)
     rest = np.eye(2) - np.outer(gain, [1.0, 0.0])
     return replace(
         before,
-        near_m=_at(state, x + gain[0] * (place_m - x)),
+        near_m=_point_at(state, x + gain[0] * (place_m - x)),
         speed_m_s=before.speed_m_s + gain[1] * (place_m - x),
         covariance=rest @ before.covariance @ rest.T + variance * np.outer(gain, gain),
     )
 
 
-def runway_prior(state: State, extent: Extent, lines: dict[str, RunwayLine], unseen_s: float) -> RunwayPrior:
-    """Ends of both edge lines where they should be now, and how wrong that may be, as seen from the aircraft.
+def runway_prior(state: State, extent: Extent, lines: dict[str, RunwayLine], step_s: float) -> RunwayPrior:
+    """Ends of both edge lines where they should be now, with their 1-sigma as seen from the aircraft.
 
     Args:
         state: predicted to now.
-        extent: as it was `unseen_s` ago.
+        extent: as it was `step_s` ago.
         lines: of `state`.
     """
-    now = sailed(extent, state, unseen_s)
+    now = advance_extent(extent, state, step_s)
     near = float(state.local(now.near_m)[0])
-    reach = near + (now.length_m or LENGTH_M)
+    reach = near + (now.length_m or DEFAULT_LENGTH_M)
     ends = {}
     for side in SIDES:
         from_point = np.array([near, reach]) - float(state.local(lines[side].point_m)[0])

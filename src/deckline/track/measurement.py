@@ -1,47 +1,48 @@
-"""One frame's lines as the filter takes them: what was measured, what the state does to it, and its noise.
+"""One frame's lines as a measurement of the filter: innovation, design matrix, noise, and the gate before the update.
 
-Errors that all frames have in common - attitude, deck height, depth scale, focal length, a late pose - and the deck's
-motion are states of the filter; only the rest is averaged over frames. A line says itself what such errors do to it.
-Where it does not, it is taken for one through points that were each placed in the world alone.
+Errors that all frames share (attitude, deck height, depth scale, focal length, a late pose) and the deck's motion are
+states of the filter; only the rest averages over frames. A line carries its sensitivities to them. Where it does not,
+it is modelled as a line through points that were each placed in the world alone.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2, norm
 
+from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
-from deckline.track.config import TrackConfig
-from deckline.track.state import (
+from deckline.track.filter import (
     ANGLE,
+    ATTITUDE_X,
+    ATTITUDE_Y,
     AZIMUTH,
-    BANK,
     DECK,
     DELAY,
     FOCAL,
+    HEAVE,
     HEIGHT,
     LEFT,
     OFFSET,
     PITCH,
     RIGHT,
-    RISE,
     ROLL,
     SCALE,
     SIGN,
     SIZE,
     SPACING,
-    TILT,
-    Pose,
     State,
     error_sigmas,
 )
-from deckline.types import SIDES, DepthMode, RunwayLine
+from deckline.track.motion import Pose
+from deckline.types import SIDES, DepthMode, Notice, Notices, Reason, RunwayLine
 
 Array = NDArray[np.float64]
-OWN_SHARE = 0.02  # of a measurement's variance, at least, that is its own and not common to all frames
-OWN_SIGMA = 1e-5  # m, rad; a line that states no noise at all is taken for this sure
-MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which sensitivities are not believed
-SLOPE_SEEN = 0.05  # share of a slope that a frame must show for its slope to be used
+MIN_OWN_SHARE = 0.02  # of a measurement's variance that is its own and not shared by all frames
+MIN_OWN_SIGMA = 1e-5  # m, rad; floor of a line's own noise
+MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which sensitivities are not valid
+MIN_SLOPE_GAIN = 0.05  # share of a slope that a frame must show for its slope to be used
 DOWN = np.array([0.0, 0.0, 1.0, 0.0, 0.0])  # of offset, azimuth, z and slopes
 
 
@@ -50,7 +51,7 @@ class Measurement:
     """Rows of a filter update: offset and azimuth of each line that was seen, the deck's height and slopes once."""
 
     sides: tuple[str, ...]
-    values: Array  # (m,) measured minus predicted: offset, m, and azimuth, rad, of every side; z, m; slopes, rad
+    innovation: Array  # (m,) measured minus predicted: offset, m, and azimuth, rad, of every side; z, m; slopes, rad
     design: Array  # (m, 20)
     noise: Array  # (m, m)
     x_m: float  # mean place along the line where it was measured
@@ -58,14 +59,13 @@ class Measurement:
     def rows(self, name: str) -> list[int]:
         """Rows of "left", "right" or "height"."""
         if name == "height":
-            return list(range(2 * len(self.sides), len(self.values)))
+            return list(range(2 * len(self.sides), len(self.innovation)))
         return [2 * self.sides.index(name) + i for i in (0, 1)]
 
-    def take(self, rows: list[int]) -> "Measurement":
-        """The measurement without the rows that are not named; `sides` stay as they were."""
-        return Measurement(
-            self.sides, self.values[rows], self.design[rows], self.noise[np.ix_(rows, rows)], self.x_m
-        )  # fmt: skip
+    def subset(self, rows: list[int]) -> "Measurement":
+        """The measurement with these rows alone; `sides` stay the same."""
+        noise = self.noise[np.ix_(rows, rows)]
+        return Measurement(self.sides, self.innovation[rows], self.design[rows], noise, self.x_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,86 +82,84 @@ class _Row:
 
 
 def measure(
-    state: State, lines: dict[str, RunwayLine], mode: DepthMode, pose: Pose, frame_s: float, config: TrackConfig
+    state: State, lines: dict[str, RunwayLine], mode: DepthMode, pose: Pose, config: RunConfig
 ) -> Measurement | None:
-    """Rows of the edge lines among `lines`; None where there are none.
+    """The measurement by the edge lines among `lines`; None where there are none.
 
     Args:
         state: predicted to the frame's time.
         lines: world, as localization gives them.
-        mode: FINE or COARSE: decides how common errors act on lines that do not say so themselves.
-        pose: of the aircraft in this frame.
-        frame_s: time between frames: an error that lasts longer than that is averaged less.
+        mode: FINE or COARSE: decides how shared errors act on lines that carry no sensitivities.
+        pose: of the camera in this frame.
     """
     sides = tuple(side for side in SIDES if side in lines)
     if not sides:
         return None
     hub = np.mean([state.local(lines[side].point_m) for side in sides], axis=0)
     parts = [_line_row(state, lines[side], side, mode, pose, hub, config) for side in sides]
-    slower = max(1.0, 2 * config.noise_correlation_s / max(frame_s, 1e-3))
-    own = _stacked([part.own for part in parts])
-    white = _stacked([part.white for part in parts])
-    noise = slower * _positive(own @ own.T) + white @ white.T
-    values = _stacked([part.residual[:, None] for part in parts])[:, 0]
-    return Measurement(sides, values, _stacked([part.design for part in parts]), noise, float(hub[0]))
+    own = _stack([part.own for part in parts])
+    white = _stack([part.white for part in parts])
+    noise = _regularise(own @ own.T) + white @ white.T
+    innovation = _stack([part.residual[:, None] for part in parts])[:, 0]
+    return Measurement(sides, innovation, _stack([part.design for part in parts]), noise, float(hub[0]))
 
 
-def _stacked(parts: list[Array]) -> Array:
-    """Offset and azimuth of every line, then the mean of all else: a frame's height and slopes are one."""
+def _stack(parts: list[Array]) -> Array:
+    """Offset and azimuth of every line, then the mean of all else: a frame has one height and one pair of slopes."""
     return np.concatenate([*(part[:2] for part in parts), np.mean([part[2:] for part in parts], axis=0)])
 
 
 def _line_row(
-    state: State, line: RunwayLine, side: str, mode: DepthMode, pose: Pose, hub: Array, config: TrackConfig
+    state: State, line: RunwayLine, side: str, mode: DepthMode, pose: Pose, hub: Array, config: RunConfig
 ) -> _Row:
     sign = SIGN[side]
     x, y, z = state.local(line.point_m)
     expected = sign / 2 * (state.mean[SPACING] + state.mean[ANGLE] * x)
-    turned = float(wrap_angle(line.azimuth_rad - state.azimuth_rad - sign / 2 * state.mean[ANGLE]))
+    azimuth = float(wrap_angle(line.azimuth_rad - state.azimuth_rad - sign / 2 * state.mean[ANGLE]))
     slopes = np.zeros(2) if line.errors is None else line.errors.slopes_rad
-    residual = np.array([y - expected, turned, z, *slopes])
-    away = state.local(pose.position_m)
-    away = np.array([x - away[0], expected - away[1], max(z - away[2], MIN_HEIGHT_M)])
-    effects, own = _effects_and_own(state, line, side, away, mode, config)
-    # A turn about z carries the line along; so does a shift to the side, and one down unless the deck's height is
-    # believed more than the aircraft's.
-    carried = np.column_stack([effects[:, :2], [away[0], 1.0, 0, 0, 0], [1.0, 0, 0, 0, 0], DOWN - effects[:, 2]])
+    residual = np.array([y - expected, azimuth, z, *slopes])
+    camera = state.local(pose.position_m)
+    ahead = np.array([x - camera[0], expected - camera[1], max(z - camera[2], MIN_HEIGHT_M)])
+    effects, own = _effects_and_own(state, line, side, ahead, mode, config)
+    # An error of heading or of lateral position moves the line with the aircraft; one of height does unless the
+    # reported deck height is trusted more than the aircraft's.
+    rigid = np.column_stack([effects[:, :2], [ahead[0], 1.0, 0, 0, 0], [1.0, 0, 0, 0, 0], DOWN - effects[:, 2]])
     design = np.zeros((5, SIZE))
     design[0, [OFFSET, AZIMUTH, SPACING, ANGLE]] = 1.0, x, sign / 2, sign / 2 * x
     design[1, [AZIMUTH, ANGLE]] = 1.0, sign / 2
     design[2, HEIGHT] = 1.0
-    design[:, [ROLL, PITCH, DECK, FOCAL, SCALE]] = effects[:, :5]
-    rises = np.array([[1.0, x, expected], [1.0, hub[0], hub[1]]])  # by rise, tilt, bank: at the line, and midway
-    design[:, [RISE, TILT, BANK]] = np.outer(DOWN, rises[0]) - np.outer(effects[:, 2], rises[1])
-    design[:, [TILT, BANK]] += effects[:, 5:]
-    design[[3, 4], [TILT, BANK]] += 1.0
-    design[:, DELAY] = -carried @ _per_second(state, pose)
+    design[:, [ATTITUDE_X, ATTITUDE_Y, DECK, FOCAL, SCALE]] = effects[:, :5]
+    rises = np.array([[1.0, x, expected], [1.0, hub[0], hub[1]]])  # by heave, pitch, roll: at the line, and midway
+    design[:, [HEAVE, PITCH, ROLL]] = np.outer(DOWN, rises[0]) - np.outer(effects[:, 2], rises[1])
+    design[:, [PITCH, ROLL]] += effects[:, 5:]
+    design[[3, 4], [PITCH, ROLL]] += 1.0
+    design[:, DELAY] = -rigid @ _motion_per_second(state, pose)
     design[0, LEFT if side == "left" else RIGHT] = 1.0
-    residual -= design[:, RISE:] @ state.mean[RISE:]
-    e = config.errors
-    white = carried * np.array([e.attitude_white_rad] * 3 + [e.position_white_m] * 2)
-    # Only a depth camera sees slopes themselves; without it they are guessed from the lines' directions.
-    keep = [0, 1, 2, *(k for k in (3, 4) if mode is DepthMode.FINE and 1 + effects[k, 2 + k] > SLOPE_SEEN)]
+    residual -= design[:, HEAVE:] @ state.mean[HEAVE:]
+    s = config.sensors
+    white = rigid * np.array([s.attitude_white_rad] * 3 + [s.position_white_m] * 2)
+    # Only a depth camera measures slopes; without it they follow from the assumed directions of the lines.
+    keep = [0, 1, 2, *(k for k in (3, 4) if mode is DepthMode.FINE and 1 + effects[k, 2 + k] > MIN_SLOPE_GAIN)]
     return _Row(residual[keep], design[keep], white[keep], own[keep])
 
 
 def _effects_and_own(
-    state: State, line: RunwayLine, side: str, away_m: Array, mode: DepthMode, config: TrackConfig
+    state: State, line: RunwayLine, side: str, ahead_m: Array, mode: DepthMode, config: RunConfig
 ) -> tuple[Array, Array]:
-    """What common errors do to a line, (5, 7) as in `LineErrors` but turned to its own axes, and its own noise (5, M).
+    """Effects of shared errors on a line, (5, 7) as in `LineErrors` but in its own axes, and its own noise (5, M).
 
     Args:
-        away_m: (3,) from the camera to the line's measured point, along, right, down.
+        ahead_m: (3,) from the camera to the line's measured point, along, right, down.
     """
     if line.errors is not None:
         cos, sin = state.along[:2]
         effects = line.errors.effects.copy()
         effects[:, :2] = effects[:, :2] @ [[cos, -sin], [sin, cos]]
-        return effects, np.hstack([line.errors.own, OWN_SIGMA * np.eye(5)])
-    effects = _alone(away_m, mode)
+        return effects, np.hstack([line.errors.own, MIN_OWN_SIGMA * np.eye(5)])
+    effects = _point_effects(ahead_m, mode)
     known = line.covariance if line.relative_covariance is None else line.relative_covariance
-    roll, pitch, deck, scale, focal = error_sigmas(config)[:5]
-    rest = _rest(known, effects[:3, :5] * [roll, pitch, deck, focal, scale])
+    about_x, about_y, deck, scale, focal = error_sigmas(config)[:5]
+    rest = _own_covariance(known, effects[:3, :5] * [about_x, about_y, deck, focal, scale])
     # Square root with one column for z, which both lines share: a frame's height is not better by the second line.
     root = np.linalg.cholesky(rest[::-1, ::-1])[::-1, ::-1]
     own = np.zeros((5, 5))
@@ -169,9 +167,9 @@ def _effects_and_own(
     return effects, own
 
 
-def _alone(away_m: Array, mode: DepthMode) -> Array:
-    """What errors do to a line through points that were each placed in the world alone, (5, 7); slopes are not seen."""
-    x, y, h = away_m
+def _point_effects(ahead_m: Array, mode: DepthMode) -> Array:
+    """Effects (5, 7) on a line through points that were each placed in the world alone, which show no slopes."""
+    x, y, h = ahead_m
     effects = np.zeros((5, 7))
     effects[[3, 4], [5, 6]] = -1.0
     if mode is DepthMode.FINE:
@@ -182,23 +180,89 @@ def _alone(away_m: Array, mode: DepthMode) -> Array:
     return effects
 
 
-def _per_second(state: State, pose: Pose) -> Array:
+def _motion_per_second(state: State, pose: Pose) -> Array:
     """How the aircraft turns about x, y, z and moves along y, z, (5,)."""
     axes = np.stack([state.along, state.right, DOWN[:3]])
-    return np.concatenate([axes @ pose.turning_rad_s, axes[1:] @ pose.velocity_m_s])
+    return np.concatenate([axes @ pose.turn_rate_rad_s, axes[1:] @ pose.velocity_m_s])
 
 
-def _rest(covariance: Array, shared: Array) -> Array:
-    """What is left of a covariance (3, 3) when the common part, effects (3, K), is taken out of it."""
-    root = np.linalg.cholesky(covariance + OWN_SIGMA**2 * np.eye(3))
+def _own_covariance(covariance: Array, shared: Array) -> Array:
+    """A covariance (3, 3) without its shared part, effects (3, K)."""
+    root = np.linalg.cholesky(covariance + MIN_OWN_SIGMA**2 * np.eye(3))
     whitened = np.linalg.solve(root, shared)
     values, vectors = np.linalg.eigh(np.eye(3) - whitened @ whitened.T)
-    kept = root @ vectors
-    return (kept * np.maximum(values, OWN_SHARE)) @ kept.T
+    scaled = root @ vectors
+    return (scaled * np.maximum(values, MIN_OWN_SHARE)) @ scaled.T
 
 
-def _positive(matrix: Array) -> Array:
+def _regularise(matrix: Array) -> Array:
     """The nearest covariance that can be inverted."""
     scale = np.sqrt(np.diag(matrix))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     return (vectors * np.maximum(values, 1e-6)) @ vectors.T * np.outer(scale, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class GatedMeasurement:
+    """The part of a measurement that may update the filter."""
+
+    kept: Measurement | None  # None: nothing of it
+    excluded: Notices  # LEFT, RIGHT, HEIGHT: why it was left out
+    distance2: float  # squared Mahalanobis distance of what was kept
+    degrees: int  # of freedom of that
+
+
+NAMES = {
+    "left": (Reason.LEFT, "the left line"),
+    "right": (Reason.RIGHT, "the right line"),
+    "height": (Reason.HEIGHT, "the deck's height"),
+}
+
+
+def select_consistent(state: State, measurement: Measurement, gate_sigma: float) -> GatedMeasurement:
+    """Chi-square innovation gate: drop the one component whose removal makes the innovation consistent.
+
+    One contradiction is assumed at most: each line and the height is left out in turn, and the rest that agrees best is
+    kept. When none agrees, nothing is kept.
+
+    Args:
+        gate_sigma: standard deviations of a normal error with the same probability of being exceeded.
+    """
+    all_rows = list(range(len(measurement.innovation)))
+    distance2 = _distance2(state, measurement, all_rows)
+    if distance2 <= _gate(gate_sigma, len(all_rows)):
+        return GatedMeasurement(measurement, (), distance2, len(all_rows))
+    names = [*measurement.sides, "height"]
+    best: GatedMeasurement | None = None
+    for name in names:
+        rows = [row for row in all_rows if row not in measurement.rows(name)]
+        rest = _distance2(state, measurement, rows)
+        # A line's direction can be right where its place is not; only the rest has to agree.
+        if len(rows) > 1 and rest <= _gate(gate_sigma, len(rows)) and (best is None or rest < best.distance2):
+            best = GatedMeasurement(measurement.subset(rows), (_deviation(measurement, name),), rest, len(rows))
+    if best is not None:
+        return best
+    return GatedMeasurement(None, tuple(_deviation(measurement, name) for name in names), distance2, len(all_rows))
+
+
+def _gate(sigma: float, degrees: int) -> float:
+    return float(chi2.isf(2 * norm.sf(sigma), degrees))
+
+
+def _distance2(state: State, measurement: Measurement, rows: list[int]) -> float:
+    if not rows:
+        return 0.0
+    part = measurement.subset(rows)
+    variance = part.design @ state.covariance @ part.design.T + part.noise
+    return float(part.innovation @ np.linalg.solve(variance, part.innovation))
+
+
+def _deviation(measurement: Measurement, name: str) -> Notice:
+    """How far off a component of the measurement is."""
+    rows, (reason, what) = measurement.rows(name), NAMES[name]
+    first = float(measurement.innovation[rows[0]])
+    if name == "height":
+        return Notice(reason, f"{what} is {abs(first):.1f} m {'lower' if first > 0 else 'higher'} than expected")
+    turn = np.rad2deg(measurement.innovation[rows[1]])
+    side = "right" if first > 0 else "left"
+    return Notice(reason, f"{what} is {abs(first):.1f} m to the {side} and {turn:+.1f} degrees off")

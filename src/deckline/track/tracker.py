@@ -4,218 +4,249 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deckline.track.aircraft import Aircraft, first_seen, flown, pose_of
-from deckline.track.config import TrackConfig
-from deckline.track.extent import Extent, extended, runway_prior, sailed, seen_extent, seen_ramp
-from deckline.track.frozen import Look, looked
-from deckline.track.gate import Gated, gated
-from deckline.track.integrity import protection
-from deckline.track.measurement import measure
-from deckline.track.output import lines, rates_of
-from deckline.track.state import Pose, State, initial_state, predict, shifted, updated
-from deckline.track.watch import Watch, alarms, confused
-from deckline.types import SIDES, Flag, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Track, TrackState
+from deckline.config import RunConfig
+from deckline.track.extent import (
+    Extent,
+    advance_extent,
+    locate_ramp,
+    runway_prior,
+    update_extent,
+    visible_extent,
+)
+from deckline.track.filter import State, initial_state, predict, shift_reference, update
+from deckline.track.integrity import protection_levels
+from deckline.track.measurement import GatedMeasurement, measure, select_consistent
+from deckline.track.monitor import FaultMonitor, FrozenImageMonitor, check_order
+from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
+from deckline.track.output import track_lines, track_rates
+from deckline.types import (
+    SIDES,
+    Frame,
+    Notice,
+    Notices,
+    Reason,
+    RunwayEstimate,
+    RunwayLine,
+    RunwayPrior,
+    Track,
+    TrackState,
+)
 
-BACK_S = 2.0  # a time this far back is another flight, not a late frame
+NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 ROUNDING_S = 1e-6  # of sums of times
-FROZEN = Flag("frozen", "the camera shows the same picture while the aircraft moves")
+MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE = 1e-5, 1e-3, 1e-4  # floors of exact sensors
+FROZEN = Notice(Reason.FROZEN, "the camera shows the same picture while the aircraft moves")
+NO_POSE = Notice(Reason.NO_POSE, "the frame has no pose")
 
 
 @dataclass(frozen=True, eq=False)
-class _Memory:
+class TrackMemory:
     """What is carried from frame to frame."""
 
     state: State
     aircraft: Aircraft
     extent: Extent | None
     seen_s: float  # when lines were last used
-    agreed_s: float  # when lines were last used, or none were there to contradict
-    began_s: float
+    consistent_s: float  # when lines were last used, or none were there to contradict
+    start_s: float
 
 
 @dataclass(frozen=True, eq=False)
-class _Moment:
+class FrameContext:
     """One frame as the track sees it."""
 
     frame: Frame
     estimate: RunwayEstimate
-    found: dict[str, RunwayLine]  # the edge lines that may be used
+    lines: dict[str, RunwayLine]  # the edge lines that may be used
     step_s: float  # since the frame before; 0 at the beginning
-    flags: tuple[Flag, ...]  # found before any filtering
-    reason: str  # why the frame, or the track before it, is not used
+    flags: Notices  # found before any filtering
+    notices: Notices  # why the frame, or the track before it, is not used
 
 
 class Tracker:
     """Follows the runway through the frames of one flight, in the order of their times.
 
-    Frames that cannot be used are ridden out and say why in `Track.reason`: without pose, without a line, with a time
+    Frames that cannot be used are bridged and say why in `Track.notices`: without pose, without a line, with a time
     that is not a number, repeated, or a little earlier than one before. A time more than two seconds back, a gap longer
-    than `coast_s`, or a pose that jumps begins a new track.
+    than `tracking.coast_s`, or a pose that jumps starts a new track.
 
     `Track.flags` names what lasts and would mislead; a single measurement that was left out is in `Track.excluded`.
+
+    Args:
+        config: sensors, deck, approach, tracking and integrity.
     """
 
-    def __init__(self, config: TrackConfig | None = None) -> None:
-        self.config = config or TrackConfig()
-        self._memory: _Memory | None = None
-        self._watch = Watch()
-        self._look: Look | None = None
+    def __init__(self, config: RunConfig | None = None) -> None:
+        config = config or RunConfig()
+        sensors = config.sensors.with_floor(MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE)
+        self.config = replace(config, sensors=sensors)
+        self._memory: TrackMemory | None = None
+        self._faults = FaultMonitor()
+        self._images = FrozenImageMonitor()
         self._time_s: float | None = None
         self._last: Track | None = None
 
     def update(self, frame: Frame, estimate: RunwayEstimate) -> Track:
         """The track after one more frame."""
-        refused = self._refused(frame.time_s)
-        if refused:
+        refused = self._check_time(frame.time_s)
+        if refused is not None:
             if self._last is None:
-                return Track(frame.time_s, TrackState.LOST, {}, reason=refused)
-            return replace(self._last, reason=refused, excluded=())
+                return Track(frame.time_s, TrackState.LOST, {}, notices=(refused,))
+            return replace(self._last, notices=(refused,), excluded=())
         before, self._time_s = self._time_s, frame.time_s
-        self._last = self._advanced(frame, estimate, None if before is None else frame.time_s - before)
+        self._last = self._advance(frame, estimate, None if before is None else frame.time_s - before)
         return self._last
 
     def runway_prior(self, frame: Frame) -> RunwayPrior | None:
-        """Where the runway should be in a frame that comes next, before it is looked at; None when it is lost."""
+        """Where the runway should be in the next frame, before its picture is searched; None when the track is lost."""
         memory = self._memory
-        if memory is None or memory.extent is None or self._refused(frame.time_s):
+        if memory is None or memory.extent is None or self._check_time(frame.time_s) is not None:
             return None
-        if not 0 <= frame.time_s - memory.seen_s <= self.config.coast_s + ROUNDING_S:
+        step_s = frame.time_s - memory.seen_s
+        if not 0 <= step_s <= self.config.tracking.coast_s + ROUNDING_S:
             return None
         camera = frame.world_from_camera
-        place = None if camera is None else camera.translation
-        state = predict(memory.state, frame.time_s, place, self.config)
-        pose = pose_of(memory.aircraft, frame)
-        return runway_prior(state, memory.extent, lines(state, pose, 0.0, self.config), frame.time_s - memory.seen_s)
+        state = predict(memory.state, frame.time_s, None if camera is None else camera.translation, self.config)
+        lines = track_lines(state, memory.aircraft.camera_pose(frame), 0.0, self.config)
+        return runway_prior(state, memory.extent, lines, step_s)
 
-    def _refused(self, time_s: float) -> str:
-        """Why a frame of this time cannot be used, or an empty text."""
+    def _check_time(self, time_s: float) -> Notice | None:
+        """Why a frame of this time cannot be used."""
         if not np.isfinite(time_s):
-            return "the frame's time is not a number"
-        if self._time_s is None or time_s < self._time_s - BACK_S or time_s > self._time_s:
-            return ""
+            return Notice(Reason.BAD_TIME, "the frame's time is not a number")
+        if self._time_s is None or time_s < self._time_s - NEW_FLIGHT_S or time_s > self._time_s:
+            return None
         if time_s == self._time_s:
-            return f"the frame's time {time_s:.3f} s was there before"
-        return f"the frame is {self._time_s - time_s:.3f} s older than the one before"
+            return Notice(Reason.BAD_TIME, f"the frame's time {time_s:.3f} s was there before")
+        return Notice(Reason.BAD_TIME, f"the frame is {self._time_s - time_s:.3f} s older than the one before")
 
-    def _advanced(self, frame: Frame, estimate: RunwayEstimate, step_s: float | None) -> Track:
-        memory, reason = self._predicted(frame, step_s)
-        self._look, frozen = looked(self._look, frame, estimate)
-        found = {side: estimate.lines[side] for side in SIDES if side in estimate.lines}
+    def _advance(self, frame: Frame, estimate: RunwayEstimate, step_s: float | None) -> Track:
+        memory, restart = self._predict(frame, step_s)
+        notices = () if restart is None else (restart,)
+        self._images = self._images.update(frame, estimate)
+        lines = {side: estimate.lines[side] for side in SIDES if side in estimate.lines}
         if frame.world_from_body is None:
-            found, reason = {}, reason or "the frame has no pose"
-        crossed = confused(found)
-        if crossed or frozen:
-            found, reason = {}, "; ".join(filter(None, [reason, FROZEN.reason if frozen else crossed]))
-        flags = (FROZEN,) if frozen else (Flag("swapped", crossed),) if crossed else ()
-        moment = _Moment(frame, estimate, found, step_s or 0.0, flags, reason)
+            lines, notices = {}, notices or (NO_POSE,)
+        flag = FROZEN if self._images.is_frozen else check_order(lines)
+        if flag is not None:
+            lines, notices = {}, (*notices, flag)
+        flags = () if flag is None else (flag,)
         if memory is not None:
-            return self._followed(memory, moment)
-        return self._begun(replace(moment, step_s=0.0))
+            return self._continue_track(memory, FrameContext(frame, estimate, lines, step_s or 0.0, flags, notices))
+        return self._start_track(FrameContext(frame, estimate, lines, 0.0, flags, notices))
 
-    def _predicted(self, frame: Frame, step_s: float | None) -> tuple[_Memory | None, str]:
+    def _predict(self, frame: Frame, step_s: float | None) -> tuple[TrackMemory | None, Notice | None]:
         """The memory at the frame's time; None, and why, where the track ends."""
         memory = self._memory
         if memory is None or step_s is None:
-            return None, ""
-        young = frame.time_s - step_s == memory.began_s  # one frame is no track: unrelated frames lose nothing
+            return None, None
+        young = frame.time_s - step_s == memory.start_s  # one frame is no track: unrelated frames lose nothing
         if step_s < 0:
-            self._watch = Watch()
-            return None, "" if young else "began anew: the time went back"
-        if step_s > self.config.coast_s + ROUNDING_S:
-            return None, "" if young else f"began anew: no frame for {step_s:.1f} s"
-        aircraft, jump_m = flown(memory.aircraft, frame, self.config.errors.position_white_m)
+            self._faults = FaultMonitor()
+            return None, None if young else _restart("the time went back")
+        if step_s > self.config.tracking.coast_s + ROUNDING_S:
+            return None, None if young else _restart(f"no frame for {step_s:.1f} s")
+        aircraft, jump_m = advance_aircraft(memory.aircraft, frame, self.config.sensors.position_white_m)
         if jump_m:
-            return None, "" if young else f"began anew: the pose jumped by {jump_m:.0f} m"
+            return None, None if young else _restart(f"the pose jumped by {jump_m:.0f} m")
         camera = frame.world_from_camera
         state = predict(memory.state, frame.time_s, None if camera is None else camera.translation, self.config)
-        return replace(memory, state=state, aircraft=aircraft or memory.aircraft), ""
+        return replace(memory, state=state, aircraft=aircraft or memory.aircraft), None
 
-    def _begun(self, moment: _Moment) -> Track:
+    def _start_track(self, context: FrameContext) -> Track:
         """A new track where both lines are seen: one alone may be any line of the deck."""
         before, self._memory = self._memory, None
-        self._watch = self._watch.anew(None if before is None else before.state)
-        frame, found = moment.frame, moment.found
-        aircraft = first_seen(frame, self.config.errors.position_white_m)
-        if len(found) < len(SIDES) or aircraft is None:
-            return self._lost(moment, None, moment.flags)
-        line = moment.estimate.lines.get("centre") or found["left"]
+        self._faults = self._faults.restart(None if before is None else before.state)
+        frame, lines = context.frame, context.lines
+        aircraft = start_aircraft(frame, self.config.sensors.position_white_m)
+        if len(lines) < len(SIDES) or aircraft is None:
+            return _lost_track(context, None, context.flags)
+        line = context.estimate.lines.get("centre") or lines["left"]
         bare = initial_state(frame.time_s, line, None, self.config)
-        seen = seen_extent(frame, moment.estimate, bare)
-        near = moment.estimate.ramp_m if seen is None else bare.point_m + seen[0] * bare.along
+        visible = visible_extent(frame, context.estimate, bare)
+        near = context.estimate.ramp_m if visible is None else bare.point_m + visible[0] * bare.along
         state = initial_state(frame.time_s, line, near, self.config)
-        return self._followed(_Memory(state, aircraft, None, -np.inf, frame.time_s, frame.time_s), moment)
+        return self._continue_track(TrackMemory(state, aircraft, None, -np.inf, frame.time_s, frame.time_s), context)
 
-    def _followed(self, memory: _Memory, moment: _Moment) -> Track:
-        """The predicted memory with the frame's lines, kept for the next frame."""
-        config, time_s = self.config, moment.frame.time_s
-        pose = pose_of(memory.aircraft, moment.frame)
-        gate = None
-        if pose is not None and moment.found:
-            measured = measure(memory.state, moment.found, moment.estimate.mode, pose, moment.step_s, config)
-            gate = None if measured is None else gated(memory.state, measured, config.gate)
-        self._watch = self._watch.after(gate, time_s, moment.step_s, config)
-        memory = self._taken(memory, gate, moment)
-        too_long = time_s - memory.seen_s > config.coast_s + ROUNDING_S
-        if too_long or time_s - memory.agreed_s > config.reacquire_s + ROUNDING_S:
+    def _continue_track(self, memory: TrackMemory, context: FrameContext) -> Track:
+        """Update the predicted memory with the frame's lines and keep it for the next frame."""
+        config, time_s = self.config, context.frame.time_s
+        pose = memory.aircraft.camera_pose(context.frame)
+        gated = None
+        if pose is not None and context.lines:
+            measurement = measure(memory.state, context.lines, context.estimate.mode, pose, config)
+            if measurement is not None:
+                gated = select_consistent(memory.state, measurement, config.tracking.gate_sigma)
+        self._faults = self._faults.update(gated, time_s, context.step_s, config)
+        memory = self._update_memory(memory, gated, context)
+        unseen_s, inconsistent_s = time_s - memory.seen_s, time_s - memory.consistent_s
+        if unseen_s > config.tracking.coast_s + ROUNDING_S or inconsistent_s > config.tracking.reacquire_s + ROUNDING_S:
             self._memory = None
             if np.isfinite(memory.seen_s):
-                self._watch = self._watch.anew(memory.state)
-            return self._lost(moment, gate, moment.flags + alarms(self._watch, gate, None, None, time_s, config))
+                self._faults = self._faults.restart(memory.state)
+            flags = context.flags + self._faults.active_flags(gated, None, None, time_s, config)
+            return _lost_track(context, gated, flags)
         self._memory = memory
-        flags = moment.flags + alarms(self._watch, gate, memory.state, memory.extent, time_s, config)
-        return self._told(memory, moment, pose, gate, flags)
+        flags = context.flags + self._faults.active_flags(gated, memory.state, memory.extent, time_s, config)
+        return self._track(memory, context, pose, gated, flags)
 
-    def _taken(self, memory: _Memory, gate: Gated | None, moment: _Moment) -> _Memory:
-        """The memory after what the gate let through."""
-        time_s = moment.frame.time_s
-        if gate is None:
-            return replace(memory, agreed_s=time_s)
-        if gate.kept is None:
+    def _update_memory(self, memory: TrackMemory, gated: GatedMeasurement | None, context: FrameContext) -> TrackMemory:
+        """The memory after the part of the measurement that passed the gate."""
+        time_s = context.frame.time_s
+        if gated is None:
+            return replace(memory, consistent_s=time_s)
+        if gated.kept is None:
             return memory
-        state = updated(memory.state, gate.kept.values, gate.kept.design, gate.kept.noise)
-        state = shifted(state, gate.kept.x_m)
-        ramp = seen_ramp(moment.frame, moment.estimate, state)
-        speed = self.config.motion.ship_velocity_m_s
+        state = update(memory.state, gated.kept.innovation, gated.kept.design, gated.kept.noise)
+        state = shift_reference(state, gated.kept.x_m)
+        ramp = locate_ramp(context.frame, context.estimate, state)
+        speed = self.config.deck.ship_velocity_m_s
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
-        seen = seen_extent(moment.frame, moment.estimate, state)
-        since_s = 0.0 if memory.extent is None else time_s - memory.seen_s
-        extent = extended(memory.extent, state, seen, ramp, since_s, along)
-        return replace(memory, state=state, extent=extent, seen_s=time_s, agreed_s=time_s)
+        visible = visible_extent(context.frame, context.estimate, state)
+        step_s = 0.0 if memory.extent is None else time_s - memory.seen_s
+        extent = update_extent(memory.extent, state, visible, ramp, step_s, along)
+        return replace(memory, state=state, extent=extent, seen_s=time_s, consistent_s=time_s)
 
-    def _lost(self, moment: _Moment, gate: Gated | None, flags: tuple[Flag, ...]) -> Track:
-        excluded = _excluded(gate)
-        reason = "; ".join(filter(None, [moment.reason, *(flag.reason for flag in excluded)]))
-        time_s = moment.frame.time_s
-        return Track(time_s, TrackState.LOST, {}, flags=flags, excluded=excluded, reason=reason)
-
-    def _told(
-        self, memory: _Memory, moment: _Moment, pose: Pose | None, gate: Gated | None, flags: tuple[Flag, ...]
+    def _track(
+        self,
+        memory: TrackMemory,
+        context: FrameContext,
+        pose: Pose | None,
+        gated: GatedMeasurement | None,
+        flags: Notices,
     ) -> Track:
-        """What is said of the memory."""
         extent, state, config = memory.extent, memory.state, self.config
         if extent is not None:
-            extent = sailed(extent, state, moment.frame.time_s - memory.seen_s)
+            extent = advance_extent(extent, state, context.frame.time_s - memory.seen_s)
         ramp = extent if extent is not None and extent.is_ramp else None
-        touchdown = None if extent is None else float(state.local(extent.near_m)[0]) + config.touchdown_m
+        touchdown = None
+        if extent is not None:
+            touchdown = float(state.local(extent.near_m)[0]) + config.approach.touchdown_m
         at_m = touchdown or 0.0
-        lateral, height, closing = rates_of(state, memory.aircraft, pose, ramp, at_m, config)
-        used = gate is not None and gate.kept is not None
+        lateral, height, closing = track_rates(state, memory.aircraft, pose, ramp, at_m, config)
+        used = gated is not None and gated.kept is not None
         return Track(
-            moment.frame.time_s,
+            context.frame.time_s,
             TrackState.TRACKING if used else TrackState.COASTING,
-            lines(state, pose, at_m, config),
-            protection=None if pose is None else protection(state, pose, touchdown, config),
+            track_lines(state, pose, at_m, config),
+            protection=None if pose is None else protection_levels(state, pose, touchdown, config),
             flags=flags,
-            excluded=_excluded(gate),
+            excluded=() if gated is None else gated.excluded,
             ramp_m=None if ramp is None else ramp.near_m,
             ramp_sigma_m=None if ramp is None else ramp.sigma_m,
             lateral_rate_m_s=lateral,
             height_rate_m_s=height,
             closing_m_s=closing,
-            reason=moment.reason,
-            age_s=moment.frame.time_s - memory.began_s,
+            notices=context.notices,
+            age_s=context.frame.time_s - memory.start_s,
         )
 
 
-def _excluded(gate: Gated | None) -> tuple[Flag, ...]:
-    return () if gate is None else tuple(Flag(name, reason) for name, reason in gate.left_out.items())
+def _lost_track(context: FrameContext, gated: GatedMeasurement | None, flags: Notices) -> Track:
+    excluded = () if gated is None else gated.excluded
+    notices = context.notices + excluded
+    return Track(context.frame.time_s, TrackState.LOST, {}, flags=flags, excluded=excluded, notices=notices)
+
+
+def _restart(why: str) -> Notice:
+    return Notice(Reason.RESTARTED, f"began anew: {why}")

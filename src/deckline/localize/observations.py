@@ -5,19 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import Mode
 from deckline.geometry import intersect_plane
-from deckline.localize.config import LocalizeConfig
-from deckline.localize.depth import independent, sample_depth
-from deckline.types import Frame, LinePoints, PixelLine
+from deckline.localize.depth import MIN_LINE_POINTS, MIN_SIGMA_PX, NO_POSE, sample_depth, select_independent
+from deckline.types import Frame, LinePoints, Notice, Notices, PixelLine, Reason
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 ROW_SIGMA_PX = 0.05  # of a point's v, which detectors take as exact; bounds the weight of lines along the image's rows
-LEAST_DOWN = 1e-6  # z of a world ray of unit optical depth that still goes down to the deck
+MIN_DOWN = 1e-6  # z of a world ray of unit optical depth that still goes down to the deck
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Observations:
     """All points of one frame, L lines together.
 
     Rays are in the camera's optical frame with z = 1, lens distortion removed.
@@ -37,69 +37,70 @@ class Sight:
     def world_rays(self) -> Array:
         return self.rays @ self.turn.T
 
-    def take(self, names: tuple[str, ...]) -> "Sight":
-        """The sight of some of the lines, in the order given."""
-        parts = [np.flatnonzero(self.line == self.names.index(name)) for name in names]
-        keep = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
-        line = np.repeat(np.arange(len(names)), [len(part) for part in parts])
+    def select(self, names: tuple[str, ...]) -> "Observations":
+        """The observations of some of the lines, in the order given."""
+        index = [np.flatnonzero(self.line == self.names.index(name)) for name in names]
+        keep = np.concatenate([np.zeros(0, dtype=np.int64), *index])
+        line = np.repeat(np.arange(len(names)), [len(part) for part in index])
         rest = (self.row_step, self.log_depth[keep], self.body_m, self.camera_m, self.turn)
-        return Sight(names, line, self.rays[keep], self.steps[keep], *rest)
+        return Observations(names, line, self.rays[keep], self.steps[keep], *rest)
 
 
-def sight(
-    frame: Frame, points: dict[str, LinePoints], pixel_lines: dict[str, PixelLine], config: LocalizeConfig
-) -> tuple[Sight, list[str]]:
-    """Points of the lines that have enough of them on the deck, and what is missing, for people.
+def observe(
+    frame: Frame, points: dict[str, LinePoints], pixel_lines: dict[str, PixelLine], mode: Mode
+) -> tuple[Observations, Notices]:
+    """Points of the lines that have enough of them on the deck, and which lines have not.
 
-    A point that looks above the horizon is on no deck and is left out. One without a depth counts: it lies on the deck
-    that the others measure. Of points so close together that they would share pixels of the depth image, one has a
-    depth.
+    A point above the horizon is on no deck and is left out. One without a depth counts: it lies on the deck that the
+    others measure. Of points so close together that they would share pixels of the depth image, one has a depth.
 
     Args:
         frame: camera, pose and, unless coarse mode was asked for, the depth image.
         points: the detected points of each line.
         pixel_lines: which of them are inliers.
-        config: mode, noise and `min_points`.
+        mode: as asked for.
 
     Raises:
         ValueError: a frame without a pose.
     """
     pose = frame.world_from_camera
     if pose is None or frame.world_from_body is None:
-        raise ValueError(f"{frame.file}: no pose: give poses.csv")
+        raise ValueError(f"{frame.file}: {NO_POSE.message}")
     turn = pose.rotation.as_matrix()
     parts, missing = {}, []
     for side, line in pixel_lines.items():
-        part = _line_rays(frame, points[side], line, turn, config)
-        if len(part[0]) < max(config.min_points, 3):
-            missing.append(f"the {side} line has too few points on the deck")
+        part = _line_rays(frame, points[side], line, turn, mode)
+        if len(part[0]) < MIN_LINE_POINTS:
+            missing.append(Notice(Reason.NO_POINTS, f"the {side} line has too few points on the deck"))
         else:
             parts[side] = part
     nothing = (np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
     rays, steps, log_depth = (np.concatenate(column) for column in zip(nothing, *parts.values(), strict=True))
     index = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts.values()])
     rest = (ROW_SIGMA_PX / frame.camera.fy, log_depth, frame.world_from_body.translation, pose.translation, turn)
-    return Sight(tuple(parts), index, rays, steps, *rest), missing
+    return Observations(tuple(parts), index, rays, steps, *rest), tuple(missing)
 
 
 def _line_rays(
-    frame: Frame, points: LinePoints, line: PixelLine, turn: Array, config: LocalizeConfig
+    frame: Frame, points: LinePoints, line: PixelLine, turn: Array, mode: Mode
 ) -> tuple[Array, Array, Array]:
     px, sigma = points.points_px[line.inliers], points.sigma_px[line.inliers]
-    step = np.column_stack([np.maximum(sigma, config.noise.min_pixel), np.zeros(len(px))])
+    step = np.column_stack([np.maximum(sigma, MIN_SIGMA_PX), np.zeros(len(px))])
     rays = frame.camera.rays(px)
     steps = (frame.camera.rays(px + step) - frame.camera.rays(px - step))[:, :2] / 2
     log_depth = np.full(len(px), np.nan)
-    if config.mode != "coarse" and frame.depth_m is not None:
+    if mode != "coarse" and frame.depth_m is not None:
         depth = sample_depth(frame.depth_m, px)
-        log_depth = np.log(np.where(independent(px, np.isfinite(depth)), depth, np.nan))
-    keep = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ turn[2] > LEAST_DOWN)
+        log_depth = np.log(np.where(select_independent(px, np.isfinite(depth)), depth, np.nan))
+    keep = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ turn[2] > MIN_DOWN)
     return rays[keep], steps[keep], log_depth[keep]
 
 
-def first_height(view: Sight, deck_z_m: float | None, fine: bool) -> float | None:
-    """World z of the deck to begin with: the depth camera's median in fine mode, else the reported one; None: neither
-    is above the water of the camera, that is, below it in the picture."""
+def initial_height(view: Observations, deck_z_m: float | None, fine: bool) -> float | None:
+    """World z of the deck to start from: the depth camera's median in fine mode, else the reported height.
+
+    None when there is neither, or when the deck would lie above the camera.
+    """
     seen = np.isfinite(view.log_depth)
     if seen.any() and (fine or deck_z_m is None):
         z = float(np.median(view.camera_m[2] + np.exp(view.log_depth[seen]) * view.world_rays[seen, 2]))
@@ -110,10 +111,10 @@ def first_height(view: Sight, deck_z_m: float | None, fine: bool) -> float | Non
     return z if z > view.camera_m[2] else None
 
 
-def first_line(view: Sight, number: int, normal: Array, z_m: float) -> tuple[Array, float] | None:
-    """Where an image line lies on the plane z = z_m: a point (3,) in the middle of what was seen, and its azimuth.
+def initial_line(view: Observations, number: int, normal: Array, z_m: float) -> tuple[Array, float] | None:
+    """Where an image line lies on the plane z = z_m: a point (3,) in the middle of its points, and its azimuth.
 
-    Points count by the inverse square of their distance, as a pixel is worth less far away.
+    The weight of a point is the inverse square of its distance.
 
     Args:
         view: the points.

@@ -1,92 +1,76 @@
-"""A horizontal line w0 + w1 x + w2 y = 0, z = w3 on the deck, what noise moves it, and the paper's way to fit it."""
+"""The paper's own line estimator: each line alone in the world, by stochastic gradient descent.
+
+The baseline of Table 6's first rows; nothing that flies uses it.
+"""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
-from deckline.localize.config import NoiseConfig
-from deckline.localize.depth import DeckPoints
-from deckline.localize.spread import inflation
-from deckline.types import LineErrors
+from deckline.localize.depth import MIN_LINE_POINTS, DeckPoints
+from deckline.localize.localize import PlacedLines, localize, locate_inliers
+from deckline.localize.noise import CORRELATION, CORRELATION_SIGMA, noise_inflation
+from deckline.localize.runway import LineFit, drop_contradictions, drop_unsure
+from deckline.types import DepthMode, Detection, Frame, Notice, PixelLine, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]
 MIN_SIGMA_M = 1e-6  # keeps residuals of noiseless points finite
 
 
-@dataclass(frozen=True, eq=False)
-class LineFit:
-    """A fitted line and what each noise source moves it by.
-
-    Columns of the sensitivities are independent sources of 1-sigma each; fits of one frame share them, so their
-    joint covariance is known. Rows: offset across the line to its right, m; azimuth, rad; z, m.
-    """
-
-    point_m: Array  # (3,)
-    azimuth_rad: float
-    own: Array  # (3, M) noise of the points, and what is known of the lines' lie
-    common: Array  # (3, K) pose, calibration and deck
-    relative: Array  # (3, K) the same as seen from the aircraft
-    errors: LineErrors | None = None  # None: not known
-
-    @property
-    def direction(self) -> Array:
-        return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad)])
-
-    @property
-    def right(self) -> Array:
-        return np.array([-np.sin(self.azimuth_rad), np.cos(self.azimuth_rad)])
-
-    @property
-    def covariance(self) -> Array:
-        return self.own @ self.own.T + self.common @ self.common.T
-
-    @property
-    def relative_covariance(self) -> Array:
-        return self.own @ self.own.T + self.relative @ self.relative.T
+def localize_by_descent(
+    frame: Frame, detection: Detection, config: RunConfig, rng: np.random.Generator
+) -> RunwayEstimate:
+    """`localize` with the paper's estimator in place of the joint fit."""
+    return localize(frame, detection, config, rng, place_alone)
 
 
-def fit_alone(
-    points: dict[str, DeckPoints], camera_m: Array, min_points: int, noise: NoiseConfig, rng: np.random.Generator
-) -> dict[str, LineFit]:
-    """The paper's lines: each alone, all its points alike, by stochastic gradient descent in the world.
+def place_alone(
+    frame: Frame,
+    detection: Detection,
+    pixel_lines: dict[str, PixelLine],
+    mode: DepthMode,
+    config: RunConfig,
+    rng: np.random.Generator,
+) -> PlacedLines:
+    """Each inlier into the world, then each line alone through its points."""
+    located = {
+        side: locate_inliers(frame, getattr(detection, side), line, mode, config.noise)
+        for side, line in pixel_lines.items()
+    }
+    pose = frame.world_from_camera
+    fits = {} if pose is None else fit_alone(located, pose.translation, rng)
+    missing = tuple(
+        Notice(Reason.NO_POINTS, f"the {side} line has too few points on the deck")
+        for side in pixel_lines
+        if side not in fits
+    )
+    sure, unsure = drop_unsure(fits)
+    kept, contradictions = drop_contradictions(sure)
+    return PlacedLines(kept, located, (*missing, *unsure, *contradictions))
 
-    Sensitivities are those of the least-squares line that the descent goes to.
+
+def fit_alone(points: dict[str, DeckPoints], camera_m: Array, rng: np.random.Generator) -> dict[str, LineFit]:
+    """Each line alone, all its points with equal weight, by stochastic gradient descent in the world.
+
+    Sensitivities are those of the least-squares line that the descent converges to.
 
     Args:
-        points: the points of each line; a line with fewer than `min_points` is left out.
+        points: the points of each line; a line with too few is left out.
         camera_m: (3,) the camera in the world; lines point away from it, in the direction of landing.
-        min_points: points a line needs.
-        noise: how far neighbouring points are expected to err alike.
         rng: order of the points in the descent.
 
-    Source: paper, section on line fitting; SPEC section 4.4.
+    Source: Li et al. 2024, section 3.2.
     """
-    points = {side: p for side, p in points.items() if len(p) >= max(min_points, 3)}
-    total = sum(len(p) for p in points.values())
-    fits, first = {}, 0
+    points = {side: line for side, line in points.items() if len(line) >= MIN_LINE_POINTS}
+    total = sum(len(line) for line in points.values())
+    fits, start = {}, 0
     for side, line in points.items():
-        fits[side] = _fit(line, first, total, camera_m, noise, rng)
-        first += len(line)
+        fits[side] = _fit(line, start, total, camera_m, rng)
+        start += len(line)
     return fits
-
-
-def weighted_line(xy_m: Array, weights: Array) -> tuple[Array, float]:
-    """Weighted total least squares line in the plane: centre (2,) and azimuth, rad, up to half a turn.
-
-    Minimises sum w_i d_i^2 over the perpendicular distances d_i in closed form.
-
-    Raises:
-        ValueError: fewer than two points.
-    """
-    if len(xy_m) < 2:
-        raise ValueError(f"a line needs at least 2 points, got {len(xy_m)}")
-    centre = weights @ xy_m / weights.sum()
-    offsets = xy_m - centre
-    _, vectors = np.linalg.eigh((offsets * weights[:, None]).T @ offsets)
-    return centre, float(np.arctan2(vectors[1, 1], vectors[0, 1]))
 
 
 def fit_sgd(
@@ -110,7 +94,7 @@ def fit_sgd(
 
     Raises:
         ValueError: fewer than two points.
-    Source: paper, section on line fitting; SPEC section 4.4.
+    Source: Li et al. 2024, section 3.2.
     """
     if len(points_m) < 2:
         raise ValueError(f"a line needs at least 2 points, got {len(points_m)}")
@@ -136,9 +120,7 @@ def fit_sgd(
     return np.array([w0, line[1], line[2], points_m[:, 2] @ w / w.sum()])
 
 
-def _fit(
-    line: DeckPoints, first: int, total: int, camera_m: Array, noise: NoiseConfig, rng: np.random.Generator
-) -> LineFit:
+def _fit(line: DeckPoints, start: int, total: int, camera_m: Array, rng: np.random.Generator) -> LineFit:
     w0, w1, w2, z = fit_sgd(line.points_m, rng)
     xy, count = line.points_m[:, :2], len(line)
     middle = xy.mean(axis=0)
@@ -152,13 +134,13 @@ def _fit(
     gradient[0, :, :2] = right / count
     gradient[1, :, :2] = (along / (along @ along))[:, None] * right
     gradient[2, :, 2] = 1 / count
-    moved = np.stack([line.pixel_m, line.depth_m])
+    displacements = np.stack([line.pixel_m, line.depth_m])
     own = np.zeros((3, 2, total))
-    own[:, :, first : first + count] = np.einsum("rnk,snk->rsn", gradient, moved)
-    sigma = np.sqrt(((moved[..., :2] @ right) ** 2).sum(axis=0))
+    own[:, :, start : start + count] = np.einsum("rnk,snk->rsn", gradient, displacements)
+    sigma = np.sqrt(((displacements[..., :2] @ right) ** 2).sum(axis=0))
     across = ((xy - middle) @ right) / np.maximum(sigma, MIN_SIGMA_M)
     in_order = across[np.argsort(along)]
-    own[:2] *= inflation([in_order], noise.point_correlation, noise.point_correlation_sigma)[0]
+    own[:2] *= noise_inflation([in_order], CORRELATION, CORRELATION_SIGMA)[0]
     return LineFit(
         np.array([*middle, z]),
         azimuth,

@@ -1,0 +1,436 @@
+"""One configuration: what is known of sensors, deck and approach, and which models run.
+
+Each quantity exists once, here, and is passed on to fit, tracker, integrity, guidance, simulator and evaluations.
+Everything in a `RunConfig` can stand in a TOML file; angles are degrees there, as people read them.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+
+Grade = Literal["standard", "good", "tactical", "exact"]
+Mode = Literal["auto", "fine", "coarse"]
+Picture = Literal["hazy", "dehazed"]
+
+# Deck motion of a large carrier at sea states 4, 5 and 6, amplitudes of single sines: public figures, as the simulator.
+SEA_STATES = (0.0, 4.0, 5.0, 6.0)
+ROLL_DEG = (0.0, 0.62, 0.98, 1.44)
+PITCH_DEG = (0.0, 0.52, 0.82, 1.24)
+HEAVE_M = (0.0, 0.68, 1.09, 1.63)
+PITCH_ARM_M = 130.0  # from the pitch axis amidships to the visible lines: 166 m to the ramp, 96 m to the touchdown
+CALM_HEAVE_M = 0.02  # 1-sigma of what still moves a deck in a calm sea, as height
+CALM_SLOPE_DEG = 0.05  # and as slope
+
+
+def _check_numbers(config: object, section: str, least: float | None = None, above: float | None = None) -> None:
+    for name, value in vars(config).items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        for number in numbers:
+            if isinstance(number, bool) or not isinstance(number, int | float):
+                continue
+            if not np.isfinite(number):
+                raise ValueError(f"{section}.{name} must be finite, got {number}")
+            if least is not None and number < least:
+                raise ValueError(f"{section}.{name} must be at least {least:g}, got {number}")
+            if above is not None and not number > above:
+                raise ValueError(f"{section}.{name} must be greater than {above:g}, got {number}")
+
+
+def _check_choice(name: str, value: str, choices: object) -> None:
+    if value not in get_args(choices):
+        raise ValueError(f"{name} must be one of {', '.join(get_args(choices))}, got {value!r}")
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """1-sigma of what the aircraft and the ship measure.
+
+    The defaults, grade `standard`, assume a small aircraft with satellite-aided inertial navigation and a calibrated
+    camera. Protection levels rest on these numbers: state your own.
+
+    Args:
+        position_m: of the pose's position along each axis, m.
+        position_white_m: the part of it that is new in every frame, m; the rest drifts.
+        attitude_deg: of the pose's attitude about each axis, camera mounting included, degrees.
+        attitude_white_deg: the part of it that is new in every frame, degrees.
+        drift_s: time constant of the drift, s.
+        deck_z_m: of the deck height that the ship reports, on a calm sea, m.
+        focal_fraction: of the focal length, as a share.
+        depth_fraction: of each depth sample, independent of its neighbours, as a share.
+        depth_scale: of all depth samples together, as a share.
+        delay_s: of the pose's time against the picture's, s.
+        line_m: of a line that the detector sets beside its middle all the time, m.
+
+    Raises:
+        ValueError: a number out of range.
+    """
+
+    position_m: float = 0.1
+    position_white_m: float = 0.05
+    attitude_deg: float = 0.1
+    attitude_white_deg: float = 0.02
+    drift_s: float = 60.0
+    deck_z_m: float = 0.1
+    focal_fraction: float = 0.001
+    depth_fraction: float = 0.01
+    depth_scale: float = 0.005
+    delay_s: float = 0.02
+    line_m: float = 0.05
+
+    def __post_init__(self) -> None:
+        _check_numbers(self, "sensors", least=0.0)
+        if not self.drift_s > 0:
+            raise ValueError(f"sensors.drift_s must be positive, got {self.drift_s}")
+        for name in ("position_m", "attitude_deg"):
+            whole, white = getattr(self, name), getattr(self, name.replace("_", "_white_"))
+            if white > whole:
+                raise ValueError(f"sensors.{name} includes its white part of {white}, so must not be less, got {whole}")
+
+    @property
+    def attitude_rad(self) -> float:
+        return float(np.deg2rad(self.attitude_deg))
+
+    @property
+    def attitude_white_rad(self) -> float:
+        return float(np.deg2rad(self.attitude_white_deg))
+
+    @property
+    def position_drift_m(self) -> float:
+        return float(np.sqrt(self.position_m**2 - self.position_white_m**2))
+
+    @property
+    def attitude_drift_deg(self) -> float:
+        return float(np.sqrt(self.attitude_deg**2 - self.attitude_white_deg**2))
+
+    def with_floor(self, angle_rad: float, length_m: float, share: float) -> "Sensors":
+        """The same sensors, none of them better than these 1-sigmas: an estimator cannot divide by nothing."""
+        floors = {"attitude": float(np.rad2deg(angle_rad)), "position": length_m, "deck": length_m}
+        floors |= {"focal": share, "depth": share, "delay": length_m, "line": length_m}
+        values = {name: max(value, floors.get(name.split("_")[0], 0.0)) for name, value in vars(self).items()}
+        return replace(self, **values)
+
+
+def _white_and_drift(white: float, drift: float) -> float:
+    return float(np.hypot(drift, white))
+
+
+GRADES: dict[Grade, Sensors] = {
+    "standard": Sensors(),
+    # Position aided by satellite carrier phase, a navigation-grade gyro.
+    "good": Sensors(
+        position_m=_white_and_drift(0.02, 0.1),
+        position_white_m=0.02,
+        attitude_deg=_white_and_drift(0.005, 0.02),
+        attitude_white_deg=0.005,
+    ),
+    # Position aided by satellite code, a tactical-grade gyro.
+    "tactical": Sensors(
+        position_m=_white_and_drift(0.1, 1.5),
+        position_white_m=0.1,
+        attitude_deg=_white_and_drift(0.02, 0.1),
+        attitude_white_deg=0.02,
+    ),
+    # All but the detector, whose `line_m` stays.
+    "exact": Sensors(0.0, 0.0, 0.0, 0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+}
+
+
+@dataclass(frozen=True)
+class Deck:
+    """What is known of the deck and its lines.
+
+    Args:
+        sea_state: 0 to 6: how much the deck moves about the rest that the ship reports; 0 for a runway on land.
+        slope_deg: 1-sigma of the deck's slope that one frame allows, degrees; None: as the sea state says.
+        width_m: between the middles of both lines at the ramp, m; None: not known, it is learned.
+        width_sigma_m: 1-sigma of that, m.
+        angle_deg: the right line's direction minus the left line's, degrees.
+        angle_sigma_deg: 1-sigma of that; painted lines are not exactly parallel (Li et al. 2024: 0.37 degrees).
+        ship_velocity_m_s: north, east of the ship in the world, m/s; None: not known.
+
+    Raises:
+        ValueError: a number out of range.
+    """
+
+    sea_state: float = 4.0  # to trust a still deck too much misleads; to trust it too little costs some precision
+    slope_deg: float | None = None
+    width_m: float | None = None
+    width_sigma_m: float = 0.1
+    angle_deg: float = 0.0
+    angle_sigma_deg: float = 0.3
+    ship_velocity_m_s: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        _check_numbers(self, "deck")
+        if not 0 <= self.sea_state <= SEA_STATES[-1]:
+            raise ValueError(f"deck.sea_state must lie between 0 and {SEA_STATES[-1]:g}, got {self.sea_state}")
+        if self.width_m is not None and not self.width_m > 0:
+            raise ValueError(f"deck.width_m must be positive, got {self.width_m}")
+        for name in ("width_sigma_m", "angle_sigma_deg"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"deck.{name} must be positive, got {getattr(self, name)}")
+        if self.slope_deg is not None and not self.slope_deg >= 0:
+            raise ValueError(f"deck.slope_deg must not be negative, got {self.slope_deg}")
+
+    @cached_property
+    def motion(self) -> "DeckMotion":
+        """How the deck moves about its rest."""
+        roll, pitch, heave = (
+            float(np.interp(self.sea_state, SEA_STATES, table) / np.sqrt(2))
+            for table in (np.deg2rad(ROLL_DEG), np.deg2rad(PITCH_DEG), HEAVE_M)
+        )
+        calm = float(np.deg2rad(CALM_SLOPE_DEG))
+        rise = float(np.hypot(pitch * PITCH_ARM_M, heave))
+        return DeckMotion(
+            float(np.hypot(CALM_HEAVE_M, rise)), float(np.hypot(calm, pitch)), float(np.hypot(calm, roll))
+        )
+
+    @property
+    def slope_rad(self) -> float:
+        """1-sigma of the slope that one frame allows."""
+        return self.motion.pitch_rad if self.slope_deg is None else float(np.deg2rad(self.slope_deg))
+
+    @property
+    def angle_rad(self) -> float:
+        return float(np.deg2rad(self.angle_deg))
+
+    @property
+    def angle_sigma_rad(self) -> float:
+        return float(np.deg2rad(self.angle_sigma_deg))
+
+
+@dataclass(frozen=True)
+class DeckMotion:
+    """1-sigma of a deck's motion about its rest, at the touchdown point."""
+
+    heave_m: float  # of its height
+    pitch_rad: float  # of its slope along the lines
+    roll_rad: float  # of its slope across them
+
+
+@dataclass(frozen=True)
+class Approach:
+    """The wanted approach.
+
+    Args:
+        glideslope_deg: above the deck; 3.5 is usual, 3.75 to 4 in strong wind.
+        touchdown_m: aim point beyond the ramp, along the centre line, m; 230 ft.
+        point_m: the point of the aircraft that all deviations are of (its hook, its wheels, the pilot's eye), forward,
+            right, down of the body origin, m.
+
+    Raises:
+        ValueError: a number out of range.
+    """
+
+    glideslope_deg: float = 3.5
+    touchdown_m: float = 70.0
+    point_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check_numbers(self, "approach")
+        if not 0 < self.glideslope_deg < 45:
+            raise ValueError(f"approach.glideslope_deg must lie between 0 and 45, got {self.glideslope_deg}")
+        if not self.touchdown_m >= 0:
+            raise ValueError(f"approach.touchdown_m must not be negative, got {self.touchdown_m}")
+
+    @property
+    def slope(self) -> float:
+        """Height per distance of the glideslope."""
+        return float(np.tan(np.deg2rad(self.glideslope_deg)))
+
+
+@dataclass(frozen=True)
+class RunwaySurvey:
+    """A runway whose place in the world is known beforehand: the prior of the search. Without a ramp there is none.
+
+    Args:
+        ramp_m: (3,) world, middle between both lines' near ends, m.
+        heading_deg: direction of landing, from world x (north) towards world y (east), degrees.
+        width_m: between the middles of the two lines, m.
+        length_m: of the lines, m.
+        sigma_m: 1-sigma of the runway's place as the aircraft sees it, its own position error included, m.
+        heading_sigma_deg: 1-sigma of its direction as the aircraft sees it, its own heading error included, degrees.
+
+    Raises:
+        ValueError: a number out of range.
+    """
+
+    ramp_m: tuple[float, float, float] | None = None
+    heading_deg: float = 0.0
+    width_m: float = 24.0
+    length_m: float = 240.0
+    sigma_m: float = 20.0
+    heading_sigma_deg: float = 2.0
+
+    def __post_init__(self) -> None:
+        _check_numbers(self, "survey")
+        for name in ("width_m", "length_m"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"survey.{name} must be positive, got {getattr(self, name)}")
+        for name in ("sigma_m", "heading_sigma_deg"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"survey.{name} must not be negative, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class Models:
+    """Which dehazer and detector run; a name of the shipped ones or the path of an ONNX file.
+
+    Args:
+        dehazer: of the picture for people.
+        detector: of the lines.
+        detect_in: the picture that the detector sees. `dehazed` is the published chain; the shipped detector was
+            trained on haze and finds more in the hazy picture.
+    """
+
+    dehazer: str = "coarse-t"
+    detector: str = "hybrid"
+    detect_in: Picture = "hazy"
+
+    def __post_init__(self) -> None:
+        _check_choice("models.detect_in", self.detect_in, Picture)
+
+
+@dataclass(frozen=True)
+class Localization:
+    """How one frame's points become lines in the world.
+
+    Args:
+        mode: `fine` demands the depth camera, `coarse` the deck plane. `auto` uses both and calls the frame fine when
+            most points have a depth.
+    """
+
+    mode: Mode = "auto"
+
+    def __post_init__(self) -> None:
+        _check_choice("localization.mode", self.mode, Mode)
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """The filter over frames.
+
+    Args:
+        enabled: frames are one flight in their order; else every frame is for itself.
+        coast_s: time without a line that the track survives, s.
+        reacquire_s: time of contradicting lines after which the track begins again, s.
+        gate_sigma: standard deviations beyond which a measurement is left out.
+    """
+
+    enabled: bool = True
+    coast_s: float = 2.0
+    reacquire_s: float = 1.0
+    gate_sigma: float = 5.0
+
+    def __post_init__(self) -> None:
+        _check_numbers(self, "tracking", above=0.0)
+
+
+@dataclass(frozen=True)
+class Integrity:
+    """When something is flagged, and what a protection level covers.
+
+    Args:
+        risk: that an error without a flag exceeds its protection level, per frame and direction.
+        alarm_sigma: standard deviations of a test statistic from which there is a flag.
+        missed_sigma: standard deviations more that a fault needs to be noticed for sure; 3.3: 1 in 2000 is missed.
+        persist_s: a measurement that is left out for so long is a flag, s.
+        window_s: over which residuals are judged, s.
+        excess: mean squared normalised residual from which there is a flag.
+        max_boresight_deg: the largest mounting error of the camera that is thought possible, about each axis, degrees.
+        max_deck_z_m: the same of the reported deck height, m.
+        max_depth_scale: the same of all depths, as a share.
+        max_focal_fraction: the same of the focal length, as a share.
+        max_delay_s: the same of a pose behind its picture, s.
+        max_line_m: the same of a line: another marking beside it, m. Foul lines lie up to 6 m outside the edge lines.
+    """
+
+    risk: float = 1e-7
+    alarm_sigma: float = 5.0
+    missed_sigma: float = 3.3
+    persist_s: float = 0.4
+    window_s: float = 1.5
+    excess: float = 4.0
+    max_boresight_deg: float = 1.0
+    max_deck_z_m: float = 3.0
+    max_depth_scale: float = 0.03
+    max_focal_fraction: float = 0.005
+    max_delay_s: float = 0.2
+    max_line_m: float = 6.0
+
+    def __post_init__(self) -> None:
+        _check_numbers(self, "integrity", above=0.0)
+        if not self.risk < 1:
+            raise ValueError(f"integrity.risk must lie between 0 and 1, got {self.risk}")
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Everything that decides what a flight answers.
+
+    Args:
+        sensors: how good navigation, calibration and depth are.
+        deck: what is known of deck and lines.
+        approach: the wanted approach.
+        survey: where the runway is, if that is known.
+        models: dehazer and detector.
+        localization: its depth mode.
+        tracking: the filter over frames.
+        integrity: flags and protection levels.
+        seed: of RANSAC's draws; every frame has its own generator.
+    """
+
+    sensors: Sensors = field(default_factory=Sensors)
+    deck: Deck = field(default_factory=Deck)
+    approach: Approach = field(default_factory=Approach)
+    survey: RunwaySurvey = field(default_factory=RunwaySurvey)
+    models: Models = field(default_factory=Models)
+    localization: Localization = field(default_factory=Localization)
+    tracking: Tracking = field(default_factory=Tracking)
+    integrity: Integrity = field(default_factory=Integrity)
+    seed: int = 0
+
+    @cached_property
+    def noise(self) -> "FrameNoise":
+        """What one frame's measurements err by."""
+        sensors = self.sensors
+        return FrameNoise(
+            attitude_rad=sensors.attitude_rad,
+            position_m=sensors.position_m,
+            deck_z_m=self.deck_height_sigma_m,
+            slope_rad=self.deck.slope_rad,
+            focal_fraction=sensors.focal_fraction,
+            depth_fraction=sensors.depth_fraction,
+            depth_scale=sensors.depth_scale,
+        )
+
+    @cached_property
+    def frame_deck(self) -> Deck:
+        """The deck as one frame's fit knows it: a tracker that is told the width must see what the lines say of it."""
+        return replace(self.deck, width_m=None) if self.tracking.enabled else self.deck
+
+    @cached_property
+    def deck_rest_sigma_m(self) -> float:
+        """1-sigma of the reported deck height against the deck at rest."""
+        reported = self.sensors.deck_z_m
+        return float(np.sqrt(reported**2 - CALM_HEAVE_M**2)) if reported > CALM_HEAVE_M else reported
+
+    @cached_property
+    def deck_height_sigma_m(self) -> float:
+        """1-sigma of the reported deck height against the deck as one frame sees it, its motion included."""
+        return float(np.hypot(self.deck_rest_sigma_m, self.deck.motion.heave_m))
+
+
+@dataclass(frozen=True)
+class FrameNoise:
+    """1-sigma of what one frame is told and measures. All but `depth_fraction` is common to all of its points."""
+
+    attitude_rad: float  # about each axis
+    position_m: float  # along each axis
+    deck_z_m: float  # of the reported deck height, the deck's motion included
+    slope_rad: float  # of the deck, along and across the runway
+    focal_fraction: float  # share
+    depth_fraction: float  # of each depth sample alone, share
+    depth_scale: float  # of all depth samples together, share
