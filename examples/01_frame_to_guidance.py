@@ -7,13 +7,12 @@ RECORDING is anything `deckline run` takes; `deckline demo` unpacks one into dem
 
 import sys
 
-from deckline.pipeline import Pipeline
-from deckline.recording import open_recording
+from deckline import Flight, open_recording
 
 
 def main(recording: str, index: int = 0) -> None:
     frame = open_recording(recording).load(index)
-    result = Pipeline()(frame)
+    result = Flight.from_config()(frame)
     print(frame.file, result.guidance.status, result.guidance.mode, result.guidance.reason)
     for name in ("lateral_deviation_m", "heading_error_rad", "height_above_deck_m", "distance_to_ramp_m"):
         measured = getattr(result.guidance, name)

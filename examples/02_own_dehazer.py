@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.pipeline import Pipeline
-from deckline.recording import open_recording
+from deckline import Flight, open_recording
 
 
 class Clahe:
@@ -27,10 +26,13 @@ class Clahe:
 
 
 def main(recording: str) -> None:
-    shipped, own = Pipeline(), Pipeline()
-    own.dehaze = Clahe()
+    shipped, own = Flight.from_config(), Flight.from_config(dehazer=Clahe())
     for frame in open_recording(recording):
-        print(frame.file, *(f"{p.dehaze.name}: {p(frame).guidance.status}" for p in (shipped, own)), sep="  ")
+        print(
+            frame.file,
+            *(f"{flight.dehazer.name}: {flight(frame).guidance.status}" for flight in (shipped, own)),
+            sep="  ",
+        )
 
 
 if __name__ == "__main__":

@@ -28,11 +28,20 @@ def read_config(cls: type[T], path: Path, base: T | None = None) -> T:
         ValueError: the file is no TOML, or a key is unknown, missing, of a wrong type or out of its range; the message
             names file, key and value.
     """
+    return config_from_table(cls, read_toml(path), base, str(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is no TOML.
+    """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:  # of TOML or of UTF-8
         raise ValueError(f"{path}: not a TOML file: {error}") from None
-    return config_from_table(cls, table, base, str(path))
 
 
 def config_from_table(cls: type[T], table: Mapping[str, Any], base: T | None = None, source: str = "config") -> T:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import Approach
 from deckline.geometry import wrap_angle
 from deckline.guide import guidance
 from deckline.types import (
@@ -19,7 +20,6 @@ from deckline.types import (
     Value,
 )
 
-TOUCHDOWN_M = 70.0  # past the ramp, where the hook meets the deck (Li et al. 2024, section 3.5)
 ACROSS_DEG = 89.0  # direction error from which a line lies across the runway and passes nothing of it
 METRES = (
     "lateral_deviation_m",
@@ -54,10 +54,10 @@ def true_segments(truth: Truth | None) -> dict[str, Segment]:
     return {"left": truth.left, "right": truth.right, "centre": centre}
 
 
-def touchdown(centre: Segment) -> Array:
+def touchdown(centre: Segment, touchdown_m: float) -> Array:
     """The touchdown point (3,) on a true centre line, in the world."""
     along = centre.p1_m - centre.p0_m
-    return centre.p0_m + TOUCHDOWN_M / float(np.hypot(along[0], along[1])) * along
+    return centre.p0_m + touchdown_m / float(np.hypot(along[0], along[1])) * along
 
 
 def range_to_ramp_m(frame: Frame) -> float:
@@ -107,7 +107,7 @@ def compare_line(line: RunwayLine, truth: Segment) -> dict[str, float]:
     return errors
 
 
-def true_guidance(frame: Frame) -> Guidance | None:
+def true_guidance(frame: Frame, approach: Approach) -> Guidance | None:
     """Guidance from the true lines and the true pose, the deck's height that of the touchdown point.
 
     None without truth, runway or pose.
@@ -115,9 +115,9 @@ def true_guidance(frame: Frame) -> Guidance | None:
     centre = true_centre(frame.truth)
     if centre is None or frame.true_world_from_body is None:
         return None
-    line = replace(true_line(centre), point_m=touchdown(centre))
+    line = replace(true_line(centre), point_m=touchdown(centre, approach.touchdown_m))
     exact = RunwayEstimate(Status.OK, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
-    return guidance(replace(frame, world_from_body=frame.true_world_from_body), exact)
+    return guidance(replace(frame, world_from_body=frame.true_world_from_body), exact, None, approach)
 
 
 def errors_against(

@@ -1,25 +1,29 @@
 """`deckline eval chain` and `deckline eval recording`: the whole chain against truth, frame by frame."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
+from deckline.config import Models, Picture, RunConfig, Tracking
 from deckline.evaluation.frames import FrameSet, Recorded, Sample, rendered_sets, score_frames
 from deckline.evaluation.metrics import below_horizon, normal_pixel_error, psnr_db, ssim
 from deckline.evaluation.statistics import RANGE_M, VISIBILITY_M, by_band, share
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import Figures, JsonFile, MarkdownFile, Table, number, publish
-from deckline.pipeline import FrameResult, Picture, Pipeline, PipelineConfig
+from deckline.flight import Flight, FrameResult
+from deckline.options import RunOptions
 from deckline.report.provenance import settings_of
 from deckline.truth import compare_line, range_to_ramp_m, true_segments
 from deckline.types import SIDES, DepthMode, Status
 
 SCORES_FILE = "chain.jsonl"
+FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
+DEFAULTS = RunOptions()
 MEANS = ("psnr", "ssim", "seconds")  # figures that are averaged; of the others median and 95 % are given
 BAND_COLUMNS = {
     "found": "found_rate",
@@ -48,6 +52,17 @@ class FrameScore:
     errors: Figures  # by dotted name; those that do not exist are left out
 
 
+def single_frames(config: RunConfig | None = None) -> RunConfig:
+    """The same configuration for unrelated frames: without a track."""
+    config = config or RunConfig()
+    return replace(config, tracking=replace(config.tracking, enabled=False))
+
+
+def single_frames_with(dehazer: str, detector: str, detect_in: Picture = "dehazed") -> RunConfig:
+    """The default configuration for unrelated frames with other models."""
+    return RunConfig(models=Models(dehazer, detector, detect_in), tracking=Tracking(enabled=False))
+
+
 def chain(
     frames: int = 200,
     seed: int = 1000,
@@ -55,9 +70,7 @@ def chain(
     visibility: str = "500..3000",
     range_m: tuple[float, float] = (60.0, 800.0),
     fov_deg: float = 90.0,
-    dehazer: str = PipelineConfig.dehazer,
-    detector: str = PipelineConfig.detector,
-    detect_in: Picture = PipelineConfig.detect_in,
+    options: FlightOptions = DEFAULTS,
     out: Path | None = None,
     json_file: JsonFile = None,
     markdown_file: MarkdownFile = None,
@@ -71,9 +84,7 @@ def chain(
         visibility: metres at 2 % contrast, LOW..HIGH.
         range_m: distance from the ramp, nearest and farthest.
         fov_deg: horizontal field of view.
-        dehazer: name or .onnx file; none to skip dehazing.
-        detector: name or .onnx file.
-        detect_in: the picture that lines are looked for in.
+        options: of the configuration that flies.
         out: folder of every frame's errors; a stopped command resumes from it.
         json_file: write the figures here as well.
         markdown_file: write the tables here as well.
@@ -82,14 +93,12 @@ def chain(
     title = (
         f"{frames} simulated frames, preset {preset}, seed {seed}, V {visibility} m, {range_m[0]:g}-{range_m[1]:g} m"
     )
-    return _evaluate(sets, title, PipelineConfig(dehazer, detector, detect_in=detect_in), out, json_file, markdown_file)
+    return _evaluate(sets, title, single_frames(options.run_config()), out, json_file, markdown_file)
 
 
 def recording(
     source: tyro.conf.Positional[Path],
-    dehazer: str = PipelineConfig.dehazer,
-    detector: str = PipelineConfig.detector,
-    detect_in: Picture = PipelineConfig.detect_in,
+    options: FlightOptions = DEFAULTS,
     out: Path | None = None,
     json_file: JsonFile = None,
     markdown_file: MarkdownFile = None,
@@ -98,35 +107,33 @@ def recording(
 
     Args:
         source: recording folder.
-        dehazer: name or .onnx file; none to skip dehazing.
-        detector: name or .onnx file.
-        detect_in: the picture that lines are looked for in.
+        options: of the configuration that flies.
         out: folder of every frame's errors; a stopped command resumes from it.
         json_file: write the figures here as well.
         markdown_file: write the tables here as well.
     """
-    config = PipelineConfig(dehazer, detector, detect_in=detect_in)
-    return _evaluate([Recorded(source)], str(source), config, out, json_file, markdown_file)
+    return _evaluate([Recorded(source)], str(source), options.run_config(), out, json_file, markdown_file)
 
 
 def _evaluate(
     sets: Sequence[FrameSet],
     title: str,
-    config: PipelineConfig,
+    config: RunConfig,
     out: Path | None,
     json_file: Path | None,
     markdown_file: Path | None,
 ) -> int:
-    pipeline = Pipeline(config)
-    store = Store(out, SCORES_FILE, {**settings_of(pipeline), "frames": [item.settings for item in sets]})
+    flight = Flight.from_config(config)
+    store = Store(out, SCORES_FILE, {**settings_of(flight), "frames": [item.settings for item in sets]})
 
     def score(sample: Sample) -> dict[str, Any]:
-        return asdict(score_frame(pipeline(sample.frame)))
+        return asdict(score_frame(flight(sample.frame)))
 
     [rows] = score_frames(sets, [(store, score)])
     scores = [FrameScore(**row) for row in rows]
     figures = summarise(scores)
-    title += f"; dehazer {config.dehazer}, detector {config.detector} in the {config.detect_in} picture"
+    models = config.models
+    title += f"; dehazer {models.dehazer}, detector {models.detector} in the {models.detect_in} picture"
     tables = [Table("all frames", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()])]
     tables.append(_band_table("range to the ramp", by_band(scores, lambda score: score.range_m, RANGE_M, short=True)))
     by_visibility = by_band(scores, lambda score: score.visibility_m, VISIBILITY_M, short=True)

@@ -8,7 +8,9 @@ from typing import Annotated, Any
 import tyro
 
 from deckline import __version__
+from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
+from deckline.evaluation.chain import single_frames_with
 from deckline.evaluation.dehazing_cost import Cost, CostTask, measure_costs
 from deckline.evaluation.dehazing_methods import build_dehazer, by_name, model_of, shown_name, size_of
 from deckline.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
@@ -17,7 +19,7 @@ from deckline.evaluation.dehazing_sheet import sheet
 from deckline.evaluation.dehazing_tables import Results, dehazing_tables, json_of
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import JsonFile, made_with, publish
-from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.flight import Flight
 from deckline.progress import progress
 from deckline.recording import FrameError
 from deckline.report.draw import check_picture_name, write_picture
@@ -63,9 +65,9 @@ class DehazingConfig:
     """
 
     sources: tyro.conf.Positional[tuple[Path, ...]]
-    dehazer: tuple[str, ...] = (NOT_DEHAZED, "dark-channel", "geometry", PipelineConfig.dehazer)
+    dehazer: tuple[str, ...] = (NOT_DEHAZED, "dark-channel", "geometry", Models.dehazer)
     reference: str = NOT_DEHAZED
-    detector: str = PipelineConfig.detector
+    detector: str = Models.detector
     every: int = 1
     deck_z_m: float | None = None
     sea_z_m: float | None = None
@@ -96,7 +98,7 @@ class Bench:
 
     named: Mapping[str, str]  # name -> as given
     dehazers: Mapping[str, Dehazer]
-    pipeline: Pipeline | None  # detector and what follows, without a dehazer of its own; None: no lines
+    flight: Flight | None  # detector and what follows, without a dehazer of its own; None: no lines
     reference: str
     sources: tuple[PairSource, ...]
 
@@ -134,19 +136,19 @@ def _load(config: DehazingConfig) -> Bench:
     reference = config.reference if config.reference in named else shown_name(config.reference)
     named = by_name((*named.values(), named.get(reference, config.reference)))
     dehazers = {name: build_dehazer(given, config.full_size) for name, given in named.items()}
-    pipeline = None
+    flight = None
     if config.detector != NO_DETECTOR:
-        pipeline = Pipeline(PipelineConfig(dehazer=NOT_DEHAZED, detector=config.detector))
+        flight = Flight.from_config(single_frames_with(NOT_DEHAZED, config.detector))
     heights = config.deck_z_m, config.sea_z_m
     sources = tuple(open_pairs(path, config.every, *heights, config.with_depth) for path in config.sources)
     if not any(source.keys for source in sources):
         raise ValueError(f"zero frames: no hazy and clear pair in {', '.join(map(str, config.sources))}")
-    return Bench(named, dehazers, pipeline, reference, sources)
+    return Bench(named, dehazers, flight, reference, sources)
 
 
 def _settings(config: DehazingConfig, bench: Bench) -> dict[str, Any]:
     """What decides a row's numbers."""
-    chain = {} if bench.pipeline is None else settings_of(bench.pipeline)
+    chain = {} if bench.flight is None else settings_of(bench.flight)
     return {
         "deckline": __version__,
         "sources": [source.name for source in bench.sources],
@@ -181,9 +183,9 @@ def _score(bench: Bench, source: str, key: str, name: str, pair: Pair) -> ImageS
     restored = restore(bench.dehazers[name], pair.frame)
     figures = restoration(restored.image_rgb, pair.clear_rgb, pair.surface)
     score = ImageScore(source, key, name, pair.visibility_m, figures, restored.note, pair.film)
-    if bench.pipeline is None or pair.lines is None:
+    if bench.flight is None or pair.lines is None:
         return score
-    found, distances_px = score_lines(bench.pipeline(replace(pair.frame, image_rgb=restored.image_rgb)), pair.lines)
+    found, distances_px = score_lines(bench.flight(replace(pair.frame, image_rgb=restored.image_rgb)), pair.lines)
     return replace(score, found=found, distances_px=distances_px)
 
 

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import tyro
 
+from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED
+from deckline.evaluation.chain import single_frames_with
 from deckline.evaluation.dehazing_methods import SharedDehazer, file_label
 from deckline.evaluation.detection_score import (
     DetectionScore,
@@ -26,7 +28,7 @@ from deckline.evaluation.frames import FrameSet, Sample, name_sets, open_sets, s
 from deckline.evaluation.statistics import paired_difference, share
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import MISSING, Figures, JsonFile, MarkdownFile, Table, number, publish
-from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.flight import Flight
 from deckline.report.provenance import settings_of
 from deckline.types import Detection
 
@@ -69,7 +71,7 @@ def detection(
     range_m: tuple[float, float] | None = None,
     fov_deg: float = 90.0,
     dehazer: str = NOT_DEHAZED,
-    detector: str = PipelineConfig.detector,
+    detector: str = Models.detector,
     prior_sigma_m: float | None = None,
     out: Path | None = None,
     worst: int = 0,
@@ -104,26 +106,26 @@ def detection(
     if prior_sigma_m is not None and not (math.isfinite(prior_sigma_m) and prior_sigma_m >= 0):
         raise ValueError(f"--prior-sigma-m must be a number of metres, 0 or more, got {prior_sigma_m}")
     sets = open_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
-    pipeline = Pipeline(PipelineConfig(dehazer, detector, detect_in="dehazed"))
-    settings = {**settings_of(pipeline), "prior_sigma_m": prior_sigma_m}
+    flight = Flight.from_config(single_frames_with(dehazer, detector))
+    settings = {**settings_of(flight), "prior_sigma_m": prior_sigma_m}
 
     def find(sample: Sample) -> Detection:
         prior = None if prior_sigma_m is None else draw_runway_prior(sample.frame, prior_sigma_m)
-        return pipeline(sample.frame, prior).detection
+        return flight(sample.frame, prior=prior).detection
 
     [scores] = score_detections(sets, [(out, settings, find)])
     title = f"{name_sets(sets)}; dehazer {dehazer}, detector {detector}"
     title += "" if prior_sigma_m is None else f"; runway prior with 1-sigma of {prior_sigma_m:g} m"
     publish(title, detection_tables(scores), flat_figures(scores), json_file, markdown_file, [NOTES])
     if out is not None and worst:
-        print(write_worst(out, {item.name: item for item in sets}, scores, worst, pipeline))
+        print(write_worst(out, {item.name: item for item in sets}, scores, worst, flight))
     return 0
 
 
 def detectors(
     sources: tyro.conf.Positional[tuple[Path, ...]] = (),
-    detector: tuple[str, ...] = (PipelineConfig.detector,),
-    dehazer: tuple[str, ...] = (NOT_DEHAZED, PipelineConfig.dehazer),
+    detector: tuple[str, ...] = (Models.detector,),
+    dehazer: tuple[str, ...] = (NOT_DEHAZED, Models.dehazer),
     frames: int | None = None,
     deckless: int | None = None,
     preset: tuple[str, ...] = ("paper",),
@@ -159,13 +161,13 @@ def detectors(
     methods: dict[Key, tuple[Path | None, dict[str, str], Find]] = {}
     for each in dict.fromkeys(detector):
         for before in dict.fromkeys(dehazer):
-            pipeline = Pipeline(PipelineConfig(before, each, detect_in="dehazed"))
-            restorer = restorers.setdefault(before, SharedDehazer(pipeline.dehaze))
+            flight = Flight.from_config(single_frames_with(before, each))
+            restorer = restorers.setdefault(before, SharedDehazer(flight.dehazer))
             key = (label(each), label(before))
             if key in methods:
                 raise ValueError(f"two methods would be called {' behind '.join(key)}: give their files other names")
-            find = partial(_find_restored, restorer, pipeline.detect)
-            methods[key] = (None if out is None else out / "+".join(key), settings_of(pipeline), find)
+            find = partial(_find_restored, restorer, flight.detector)
+            methods[key] = (None if out is None else out / "+".join(key), settings_of(flight), find)
     scores = dict(zip(methods, score_detections(sets, list(methods.values())), strict=True))
     title = f"{name_sets(sets)}, visibility of rendered frames {visibility} m"
     summaries = {"+".join(key): summarise(found) for key, found in scores.items()}

@@ -9,8 +9,8 @@ from deckline.atomic import write_atomic
 from deckline.evaluation.detection_score import DetectionScore
 from deckline.evaluation.detection_truth import ExpectedLines, Scene
 from deckline.evaluation.frames import FrameSet
+from deckline.flight import Flight
 from deckline.geometry import Camera
-from deckline.pipeline import Pipeline
 from deckline.report.draw import CENTRE, Image, draw_dashes, write_picture
 from deckline.report.overlay import draw_overlay, draw_panels
 from deckline.types import SIDES
@@ -20,7 +20,7 @@ FOLDER = "worst"
 
 
 def write_worst(
-    out: Path, sets: Mapping[str, FrameSet], scores: Sequence[DetectionScore], count: int, pipeline: Pipeline
+    out: Path, sets: Mapping[str, FrameSet], scores: Sequence[DetectionScore], count: int, flight: Flight
 ) -> Path:
     """Write `out`/worst.md and a PNG of each of the `count` worst frames, the worst first; returns the page.
 
@@ -35,7 +35,7 @@ def write_worst(
         if sample is None:
             continue
         name = f"{FOLDER}/{rank:03d}.png"
-        result = pipeline(sample.frame)
+        result = flight(sample.frame)
         pictures = draw_panels(result)
         _draw_truth(pictures.hazy, sample.expected, sample.frame.camera)
         write_picture(out / name, draw_overlay(sample.frame, result.guidance, pictures))

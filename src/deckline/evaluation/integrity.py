@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -11,16 +11,19 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from deckline.config import Models, RunConfig
+from deckline.config_file import to_toml_text
 from deckline.dehaze import NOT_DEHAZED
+from deckline.evaluation.chain import single_frames
 from deckline.evaluation.integrity_faults import FAULTS
 from deckline.evaluation.integrity_measure import ALERT_S, FaultRow, Moment, fault_row, flags_raised, share_interval
 from deckline.evaluation.integrity_points import PointNoise
-from deckline.evaluation.integrity_runs import NOMINAL, Run, fly_points, fly_shots, seen_shots
+from deckline.evaluation.integrity_runs import NOMINAL, Run, detect_shots, fly_points, fly_shots
 from deckline.evaluation.localization_book import Book
-from deckline.evaluation.localization_flights import FlightsConfig
+from deckline.evaluation.localization_flights import FlightsConfig, plain, sensors_text
 from deckline.evaluation.tables import MISSING as NONE
 from deckline.evaluation.tables import JsonFile, Table, publish
-from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.flight import Flight
 from deckline.processes import map_ordered
 from deckline.progress import progress
 from deckline.report.provenance import settings_of
@@ -51,7 +54,6 @@ class IntegrityConfig:
         rendered: render the flights and let the detector look at them; takes a second a frame.
         flights: what is flown.
         noise: of the points where nothing is rendered.
-        detector: name or .onnx file. Of rendered flights.
         alert_s: time to alert.
         jobs: processes, where nothing is rendered; 0: one for every core.
         out: folder of every run's frames.
@@ -65,7 +67,6 @@ class IntegrityConfig:
     rendered: bool = False
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
     noise: PointNoise = field(default_factory=PointNoise)
-    detector: str = PipelineConfig.detector
     alert_s: float = ALERT_S
     jobs: int = 1
     out: Path | None = None
@@ -90,13 +91,13 @@ class IntegrityConfig:
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    pipeline = Pipeline(PipelineConfig(NOT_DEHAZED, config.detector)) if config.rendered else None
-    seen_by = {"points": asdict(config.noise)} if pipeline is None else settings_of(pipeline)
-    made_with = {**asdict(config.flights), "localize": str(config.flights.localize), "track": str(config.flights.track)}
+    detector = Flight.from_config(_detecting(config.flights.run)) if config.rendered else None
+    seen_by = {"points": asdict(config.noise)} if detector is None else settings_of(detector)
+    made_with = {**plain(config.flights), "run": to_toml_text(config.flights.run)}
     book = Book(config.out, BOOK_FILE, {**made_with, "seen by": seen_by})
     missing = [run for run in config.wanted if run.name not in book.runs]
     with progress("flying", len(config.wanted), len(config.wanted) - len(missing)) as advance:
-        for run, moments in flown(missing, config, pipeline):
+        for run, moments in fly_runs(missing, config, detector):
             book.add(run.name, [asdict(moment) for moment in moments])
             advance()
     by_fault: dict[str, list[list[Moment]]] = {}
@@ -106,18 +107,23 @@ def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int
     return 0
 
 
+def _detecting(run: RunConfig) -> RunConfig:
+    """The configuration that finds the points of rendered frames, each frame for itself."""
+    return replace(single_frames(run), models=Models(NOT_DEHAZED, run.models.detector))
+
+
 def moment_from(row: dict[str, Any]) -> Moment:
     """A frame as the book holds it."""
     return Moment(**(row | {"flags": tuple(row["flags"])}))
 
 
-def flown(
-    runs: Sequence[Run], config: IntegrityConfig, pipeline: Pipeline | None
+def fly_runs(
+    runs: Sequence[Run], config: IntegrityConfig, detector: Flight | None
 ) -> Iterator[tuple[Run, list[Moment]]]:
     """Every run with its frames, as they are flown."""
-    if pipeline is not None:
+    if detector is not None:
         for number in dict.fromkeys(run.number for run in runs):
-            shots = list(seen_shots(pipeline, config.flights, number))
+            shots = list(detect_shots(detector, config.flights, number))
             for run in runs:
                 if run.number == number:
                     yield run, fly_shots(shots, run, config.flights)
@@ -207,12 +213,12 @@ def _nominal(runs: Sequence[Sequence[Moment]]) -> dict[str, int]:
 
 
 def _report(by_fault: Mapping[str, Sequence[Sequence[Moment]]], config: IntegrityConfig) -> None:
-    flights = config.flights
-    how = f"rendered, detector {config.detector}" if config.rendered else f"{config.noise}"
+    flights, run = config.flights, config.flights.run
+    how = f"rendered, detector {run.models.detector}" if config.rendered else f"{config.noise}"
     title = (
         f"{config.runs} runs of each fault, {config.nominal} without; preset {flights.preset}, "
         f"{flights.frames} frames, V {flights.visibility} m, {flights.range_m[0]:g} to {flights.range_m[1]:g} m, "
-        f"navigation {flights.navigation}, sea state {flights.sea_state:g}, seed {flights.seed}; "
+        f"navigation {sensors_text(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; "
         f"time to alert {config.alert_s:g} s; {how}"
     )
     tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)

@@ -10,9 +10,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import Sensors
 from deckline.evaluation.integrity_faults import Shot
 from deckline.evaluation.integrity_points import PointNoise, seen_points, sparse_depth
-from deckline.evaluation.localization_flights import ERRORS, miscalibrated
+from deckline.evaluation.localization_flights import miscalibrate
 from deckline.sim import SimConfig
 from deckline.sim.camera.measure import measured_pose
 from deckline.sim.flight.approach import approach_view
@@ -26,18 +27,17 @@ from deckline.types import Detection, Frame, Truth
 POINTS, MOTION, AIR = 31, 32, 33  # random streams
 
 
-def point_flight(config: SimConfig, noise: PointNoise) -> Iterator[Shot]:
+def point_flight(config: SimConfig, sensors: Sensors, noise: PointNoise) -> Iterator[Shot]:
     """Every frame of an approach of a named preset, with the detector's points.
 
     The pose is the navigation unit's; calibration, deck height and depths are wrong as in `eval localization`.
     """
     layout = class_layout(load_class(config.preset))
-    exact = config.navigation.exact
     motion = draw_motion(config.motion, False, np.random.default_rng([config.seed, MOTION]))
     visibility_m = draw_visibility(config.visibility_m, np.random.default_rng([config.seed, AIR]))
     size = (config.height + config.frames, config.width, 3)
     grain = np.random.default_rng([config.seed, POINTS]).integers(0, 256, size, np.uint8)
-    far_m, depth_sigma = noise.seen_share * visibility_m, 0.0 if exact else ERRORS.depth_fraction
+    far_m, depth_sigma = noise.seen_share * visibility_m, sensors.depth_fraction
     for index in range(config.frames):
         view = approach_view(config, layout, index, motion)
         segments = truth_segments(layout.posed(ship_pose(layout, motion, view.time_s)))
@@ -48,7 +48,7 @@ def point_flight(config: SimConfig, noise: PointNoise) -> Iterator[Shot]:
         truth = Truth(*segments, visibility_m=visibility_m, world_from_body=view.world_from_body)
         frame = _frame(view, config, truth, grain[index : index + config.height], index)
         frame = replace(frame, depth_m=depth, deck_z_m=float(layout.world_from_ship.translation[2]))
-        yield Shot(frame if exact else miscalibrated(frame, config.seed), Detection(left, right))
+        yield Shot(miscalibrate(frame, sensors, config.seed), Detection(left, right))
 
 
 def _frame(view: Viewpoint, config: SimConfig, truth: Truth, image: NDArray[np.uint8], index: int) -> Frame:

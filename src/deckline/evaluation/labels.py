@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import tyro
 
+from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED
+from deckline.evaluation.chain import single_frames_with
 from deckline.evaluation.frames import Recorded, Sample, score_frames
 from deckline.evaluation.metrics import distance_px
 from deckline.evaluation.statistics import median_and_p95, share
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import MISSING, Figures, JsonFile, MarkdownFile, Table, publish
+from deckline.flight import Flight, FrameResult
 from deckline.labels import Labels
-from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
 from deckline.report.provenance import settings_of
 from deckline.types import SIDES, Status
 
@@ -41,7 +43,7 @@ def labels(
     folders: tyro.conf.Positional[tuple[Path, ...]],
     deck_z_m: float | None = None,
     dehazer: str = NOT_DEHAZED,
-    detector: str = PipelineConfig.detector,
+    detector: str = Models.detector,
     out: Path | None = None,
     json_file: JsonFile = None,
     markdown_file: MarkdownFile = None,
@@ -57,14 +59,14 @@ def labels(
         json_file: write the figures here as well.
         markdown_file: write the tables here as well.
     """
-    pipeline = Pipeline(PipelineConfig(dehazer, detector, detect_in="dehazed"))
+    flight = Flight.from_config(single_frames_with(dehazer, detector))
     sets = [Recorded(folder, deck_z_m) for folder in folders]
-    store = Store(out, SCORES_FILE, {**settings_of(pipeline), "frames": [item.settings for item in sets]})
+    store = Store(out, SCORES_FILE, {**settings_of(flight), "frames": [item.settings for item in sets]})
 
     def score(sample: Sample) -> dict[str, Any]:
         if sample.labels is None:
             raise ValueError(f"{sample.source}: no labels.json: nothing to compare with")
-        return asdict(score_labels(pipeline(sample.frame), sample.labels))
+        return asdict(score_labels(flight(sample.frame), sample.labels))
 
     [rows] = score_frames(sets, [(store, score)])
     scores = [LabelScore(**row) for row in rows]

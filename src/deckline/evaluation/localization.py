@@ -5,7 +5,7 @@ import io
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +16,7 @@ from deckline.atomic import write_atomic
 from deckline.evaluation.cramer_rao import cramer_rao
 from deckline.evaluation.integrity_points import PointNoise
 from deckline.evaluation.localization_book import Book
-from deckline.evaluation.localization_flights import FlightsConfig, fly
+from deckline.evaluation.localization_flights import FlightsConfig, fly, plain, sensors_text
 from deckline.evaluation.localization_measure import (
     Figures,
     Score,
@@ -24,17 +24,17 @@ from deckline.evaluation.localization_measure import (
     frame_figures,
 )
 from deckline.evaluation.localization_methods import Bench, Method, load, methods_of
-from deckline.evaluation.localization_points import POINT_METHODS, fly_points, modelled_bench
+from deckline.evaluation.localization_points import fly_points, point_bench, point_methods, point_rng
 from deckline.evaluation.localization_tables import NOTES, flat_figures, localization_tables
 from deckline.evaluation.tables import JsonFile, publish
-from deckline.localize import LocalizeConfig
-from deckline.pipeline import FrameResult, PipelineConfig
+from deckline.flight import FrameResult
+from deckline.localize import localize
 from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
-from deckline.track import TrackConfig, Tracker
 from deckline.truth import range_to_ramp_m, touchdown, true_centre
-from deckline.types import SIDES, Frame, Track
+from deckline.types import SIDES, Detection, Frame, Track
 
+Sighting = tuple[Frame, Detection | None]  # a frame, and what is detected in it where that is modelled
 BOOK_FILE, CSV_FILE, FIGURES = "localization.jsonl", "localization.csv", "figures"
 
 
@@ -50,8 +50,6 @@ class LocalizationConfig:
     Args:
         approaches: how many are flown.
         flights: how.
-        dehazer: of the dehazed rows: name or .onnx file.
-        detector: of our rows: name or .onnx file.
         ufld: detector of the first row, without dehazing: name or .onnx file.
         resa: .onnx file of a RESA network; its row is left out without it.
         enet_sad: .onnx file of an ENet-SAD network; its row is left out without it.
@@ -67,8 +65,6 @@ class LocalizationConfig:
 
     approaches: int = 10
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
-    dehazer: str = PipelineConfig.dehazer
-    detector: str = PipelineConfig.detector
     ufld: str = "ufld"
     resa: Path | None = None
     enet_sad: Path | None = None
@@ -90,7 +86,7 @@ def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) 
     work = _prepare(config)
     if config.out is not None:
         from deckline.evaluation.localization_figures import write_figure  # likewise
-    book = Book(config.out, BOOK_FILE, {**asdict(config.flights), "methods": work.bench.settings})
+    book = Book(config.out, BOOK_FILE, {**plain(config.flights), "methods": work.bench.settings})
     _fly_all(book, config, work)
     scores = [score_from(values) for number in range(config.approaches) for values in book.runs[_run_name(number)]]
     by_method = {method.name: [score for score in scores if score.method == method.name] for method in work.methods}
@@ -99,7 +95,7 @@ def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) 
         _write_csv(config.out / CSV_FILE, [score for scores in by_method.values() for score in scores])
         for method in work.methods:
             drawn = by_method[method.name]
-            if method.estimator == "joint" and any("centre.lateral_m" in score.figures for score in drawn):
+            if method.localizer is localize and any("centre.lateral_m" in score.figures for score in drawn):
                 path = config.out / FIGURES / f"{_file_name(method.name)}.png"
                 write_figure(path, method.name, drawn)
                 print(path)
@@ -113,17 +109,18 @@ class Work:
     methods: list[Method]
     notes: list[str]  # what is left out, and why
     bench: Bench
-    fly: Callable[[int], Iterator[Frame]]  # the frames of an approach
+    fly: Callable[[int], Iterator[Sighting]]  # the frames of an approach
 
 
 def _prepare(config: LocalizationConfig) -> Work:
     flights = config.flights
     if config.points:
-        bench, seen = modelled_bench(flights.localize, config.noise)
-        return Work(POINT_METHODS, [], bench, lambda number: fly_points(flights, number, config.noise, seen))
+        methods = point_methods(flights.run)
+        bench = point_bench(methods, config.noise)
+        return Work(methods, [], bench, lambda number: fly_points(flights, number, config.noise))
     rivals = {"resa": config.resa, "enet-sad": config.enet_sad}
-    methods, notes = methods_of(config.dehazer, config.detector, config.ufld, rivals)
-    return Work(methods, notes, load(methods, flights.localize), lambda number: fly(flights, number))
+    methods, notes = methods_of(flights.run, config.ufld, rivals)
+    return Work(methods, notes, load(methods), lambda number: ((frame, None) for frame in fly(flights, number)))
 
 
 def _fly_all(book: Book, config: LocalizationConfig, work: Work) -> None:
@@ -141,7 +138,7 @@ def _fly_all(book: Book, config: LocalizationConfig, work: Work) -> None:
             return
         for number in missing:
             scores: list[Score] = []
-            for of_frame in score_approach(work.fly(number), number, work.methods, work.bench, flights.track):
+            for of_frame in score_approach(work.fly(number), number, work.methods, work.bench):
                 scores += of_frame
                 advance()
             book.add(_run_name(number), [_row(score) for score in scores])
@@ -156,7 +153,7 @@ def _prepared(config: LocalizationConfig) -> Work:
 def _flown(number: int, config: LocalizationConfig) -> list[dict[str, Any]]:
     """One approach in a process of its own."""
     work = _prepared(config)
-    frames = score_approach(work.fly(number), number, work.methods, work.bench, config.flights.track)
+    frames = score_approach(work.fly(number), number, work.methods, work.bench)
     return [_row(score) for scores in frames for score in scores]
 
 
@@ -176,27 +173,19 @@ def score_from(row: dict[str, Any]) -> Score:
 
 
 def score_approach(
-    frames: Iterator[Frame], approach: int, methods: Sequence[Method], bench: Bench, track_config: TrackConfig
+    sightings: Iterator[Sighting], approach: int, methods: Sequence[Method], bench: Bench
 ) -> Iterator[list[Score]]:
-    """All methods' scores of each frame of one approach, frames in order of time.
-
-    A detector that sees both lines by itself looks nowhere else: then a track takes what its chain made of the frame.
-    """
-    trackers = {method.name: Tracker(track_config) for method in methods if method.tracked}
-    for index, frame in enumerate(frames):
+    """All methods' scores of each frame of one approach, frames in order of time."""
+    flights = {method.name: bench.start(method) for method in methods}
+    for index, (frame, detection) in enumerate(sightings):
         scores = []
-        alone: dict[tuple[str, str, str], FrameResult] = {}
         for method in methods:
-            pipeline, tracker = bench.pipelines[method.name], trackers.get(method.name)
-            chain = (method.dehazer, method.detector, method.estimator)
-            if tracker is None:
-                result = alone[chain] = pipeline(frame)
-                lines, extra = result.estimate.lines, bound_of(result, pipeline.config.localize, bench.correlation)
+            rng = None if detection is None else point_rng(frame.file)
+            result = flights[method.name](frame, detection=detection, rng=rng)
+            if result.track is None:
+                lines, extra = result.estimate.lines, bound_of(result, method, bench.correlation)
             else:
-                expected, known = tracker.runway_prior(frame), alone.get(chain)
-                result = known if known is not None and _sees_both(known) else pipeline(frame, expected)
-                track = tracker.update(frame, result.estimate)
-                lines, extra = track.lines, track_figures(track)
+                lines, extra = result.track.lines, track_figures(result.track)
             visibility = frame.truth.visibility_m if frame.truth else None
             scores.append(
                 Score(
@@ -206,15 +195,11 @@ def score_approach(
                     range_to_ramp_m(frame),
                     float("nan") if visibility is None else visibility,
                     str(result.estimate.mode),
-                    frame_figures(frame, lines) | extra,
+                    frame_figures(frame, lines, method.config.approach.touchdown_m) | extra,
                 )
             )
         bench.forget()
         yield scores
-
-
-def _sees_both(result: FrameResult) -> bool:
-    return min(len(result.detection.left), len(result.detection.right)) > 0
 
 
 def track_figures(track: Track) -> Figures:
@@ -226,14 +211,14 @@ def track_figures(track: Track) -> Figures:
     return figures
 
 
-def bound_of(result: FrameResult, config: LocalizeConfig, correlation: float) -> Figures:
+def bound_of(result: FrameResult, method: Method, correlation: float) -> Figures:
     """The least errors that the points of a frame, whose neighbours err alike by so much, allow its centre line.
 
     As seen from the aircraft. Nothing where the joint estimator is not used, or gave no centre line.
     """
     frame, estimate, seen = result.frame, result.estimate, result.detection
     centre = true_centre(frame.truth)
-    if config.method != "joint" or centre is None or "centre" not in estimate.lines:
+    if method.localizer is not localize or centre is None or "centre" not in estimate.lines:
         return {}
     lines = {"left": seen.left, "right": seen.right, "centre": seen.centre}
     kept = {side: line.inliers for side, line in estimate.pixel_lines.items()}
@@ -243,9 +228,9 @@ def bound_of(result: FrameResult, config: LocalizeConfig, correlation: float) ->
         frame,
         {side: lines[side].points_px[keep] for side, keep in kept.items()},
         {side: lines[side].sigma_px[keep] for side, keep in kept.items()},
-        config.mode,
-        config,
-        beside_m=touchdown(centre),
+        method.config.localization.mode,
+        method.config,
+        beside_m=touchdown(centre, method.config.approach.touchdown_m),
         relative=True,
         correlation=correlation,
     )
@@ -253,12 +238,12 @@ def bound_of(result: FrameResult, config: LocalizeConfig, correlation: float) ->
 
 
 def _report(scores: dict[str, list[Score]], work: Work, config: LocalizationConfig) -> None:
-    flights = config.flights
-    seen_by = f"{config.noise}" if config.points else f"dehazer {config.dehazer}, detector {config.detector}"
+    flights, run = config.flights, config.flights.run
+    seen_by = f"{config.noise}" if config.points else f"dehazer {run.models.dehazer}, detector {run.models.detector}"
     title = (
         f"{config.approaches} approaches of {flights.frames} frames, preset {flights.preset}, "
         f"V {flights.visibility} m, {flights.range_m[0]:g} to {flights.range_m[1]:g} m, navigation "
-        f"{flights.navigation}, sea state {flights.sea_state:g}, seed {flights.seed}; {seen_by}"
+        f"{sensors_text(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; {seen_by}"
     )
     tables = localization_tables(scores, work.methods)
     publish(title, tables, flat_figures(scores), config.json_file, config.markdown, [*work.notes, NOTES])

@@ -49,10 +49,10 @@ def line_figures(line: RunwayLine, truth: Segment, side: str) -> Figures:
     return {f"{name}.{side}": value for name, value in figures.items()}
 
 
-def pilot_figures(frame: Frame, line: RunwayLine) -> Figures:
+def pilot_figures(frame: Frame, line: RunwayLine, touchdown_m: float) -> Figures:
     """Errors of a centre line as seen from the aircraft: what its own position and heading are wrong by is taken out.
 
-    `lateral_m` and `height_m` are at the touchdown point, 70 m past the ramp: how far right and how far below the true
+    `lateral_m` and `height_m` are at the touchdown point: how far right and how far below the true
     one the estimate lies; `deviation_m` is the same sideways beside the aircraft, `heading_deg` of the direction.
     `*_sigma*` is what the estimate says of itself there, `ratio.*` an error of the line's own state over its 1-sigma.
 
@@ -65,7 +65,7 @@ def pilot_figures(frame: Frame, line: RunwayLine) -> Figures:
         raise ValueError(f"{frame.file}: a pilot's errors need the pose and the true lines")
     seen = carried(line, measured, true)
     covariance = line.covariance if line.relative_covariance is None else line.relative_covariance
-    place = touchdown(centre)
+    place = touchdown(centre, touchdown_m)
     lateral, height = passing_distance_m(seen, centre, place)
     error = state_error(seen, centre)
     figures = {
@@ -142,7 +142,7 @@ def bound_figures(covariance: Array) -> Figures:
     return {"lateral_m": float(offset), "heading_deg": float(np.rad2deg(azimuth)), "height_m": float(height)}
 
 
-def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine]) -> Figures:
+def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine], touchdown_m: float) -> Figures:
     """All figures of the lines that were found: Table 6's of left and right, the pilot's of the centre line.
 
     `true_slope`, `true_intercept_m`, `true_height_m` and `unit_figures` are given of both sides, found or not.
@@ -162,5 +162,6 @@ def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine]) -> Figures:
         if side in lines:
             figures |= line_figures(lines[side], segments[side], side)
     if "centre" in lines:
-        figures |= {f"centre.{name}": value for name, value in pilot_figures(frame, lines["centre"]).items()}
+        pilot = pilot_figures(frame, lines["centre"], touchdown_m)
+        figures |= {f"centre.{name}": value for name, value in pilot.items()}
     return figures

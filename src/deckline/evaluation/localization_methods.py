@@ -1,59 +1,67 @@
 """The rows of `deckline eval localization`: which chain each is, and how they share what they have in common."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import Models, RunConfig
 from deckline.dehaze import NOT_DEHAZED
 from deckline.detect import Detector
+from deckline.evaluation.chain import single_frames
 from deckline.evaluation.dehazing_methods import SharedDehazer
-from deckline.localize import LocalizeConfig
-from deckline.pipeline import FrameResult, Pipeline, PipelineConfig
+from deckline.flight import Flight
+from deckline.localize import Localizer, localize
 from deckline.report.provenance import settings_of
-from deckline.types import Detection, Frame, RunwayPrior
+from deckline.research.sgd import localize_by_descent
+from deckline.types import Detection
 
-Estimator = Literal["paper", "joint"]
 Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class Method:
-    """A chain. Dehazer and detector are names or paths of .onnx files."""
+    """A row of the tables: a configuration, and the estimator of its lines in the world."""
 
     name: str
-    dehazer: str
-    detector: str
-    estimator: Estimator
-    tracked: bool = False
+    config: RunConfig
+    localizer: Localizer = localize
+
+    @property
+    def tracked(self) -> bool:
+        return self.config.tracking.enabled
 
 
-def methods_of(
-    dehazer: str, detector: str, ufld: str, others: Mapping[str, Path | None]
-) -> tuple[list[Method], list[str]]:
+def methods_of(config: RunConfig, ufld: str, others: Mapping[str, Path | None]) -> tuple[list[Method], list[str]]:
     """The rows of the table, the one that improvements refer to first, and what is left out and why.
 
     Args:
-        dehazer, detector: of our rows.
+        config: of our rows; the last one flies it as `deckline run` does, but for the picture for people.
         ufld: the detector of the first row, which sees the haze.
         others: rivals by name; None leaves one out.
     """
+    single, models = single_frames(config), config.models
+
+    def hazy(detector: str) -> RunConfig:
+        return replace(single, models=Models(NOT_DEHAZED, detector, "hazy"))
+
+    dehazed = replace(models, detect_in="dehazed")
     rivals = [
-        Method(f"{name}, hazy, paper's", NOT_DEHAZED, str(path), "paper") for name, path in others.items() if path
+        Method(f"{name}, hazy, paper's", hazy(str(path)), localize_by_descent) for name, path in others.items() if path
     ]
     notes = [
         f"no row for {name}: give its network with --{name} FILE.onnx" for name, path in others.items() if not path
     ]
     ours = [
-        Method("dehazed, paper's", dehazer, detector, "paper"),
-        Method("dehazed, ours", dehazer, detector, "joint"),
-        Method("dehazed, ours, tracked", dehazer, detector, "joint", tracked=True),
-        Method("hazy, ours, tracked", NOT_DEHAZED, detector, "joint", tracked=True),
+        Method("dehazed, paper's", replace(single, models=dehazed), localize_by_descent),
+        Method("dehazed, ours", replace(single, models=dehazed)),
+        Method("dehazed, ours, tracked", replace(config, models=dehazed)),
+        Method("hazy, ours, tracked", replace(config, models=hazy(models.detector).models)),
     ]
-    return [Method("ufld, hazy, paper's", NOT_DEHAZED, ufld, "paper"), *rivals, *ours], notes
+    return [Method("ufld, hazy, paper's", hazy(ufld), localize_by_descent), *rivals, *ours], notes
 
 
 class SharedDetector:
@@ -66,7 +74,9 @@ class SharedDetector:
 
     def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
         for image, box, detection in self._known:
-            if image is image_rgb and box == prior_box:
+            # A detector that sees both lines by itself does not look at the box.
+            sees_both = box is None and min(len(detection.left), len(detection.right)) > 0
+            if image is image_rgb and (box == prior_box or sees_both):
                 return detection
         found = self._detector(image_rgb, prior_box)
         self._known.append((image_rgb, prior_box, found))
@@ -77,46 +87,37 @@ class SharedDetector:
         self._known.clear()
 
 
-class Chain(Protocol):
-    """A pipeline, or what stands in for one."""
-
-    @property
-    def config(self) -> PipelineConfig: ...
-
-    def __call__(self, frame: Frame, prior: RunwayPrior | None = None) -> FrameResult: ...
-
-
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """Every method's chain, loaded once."""
+    """Every method's models, loaded once."""
 
-    pipelines: Mapping[str, Chain]  # by the method's name
+    start: Callable[[Method], Flight]  # a new flight of a method
     forget: Callable[[], None]  # between frames
     settings: dict[str, Any]  # what decides the numbers: plain values
     correlation: float = 0.0  # of neighbouring points' errors, where they are drawn: what the bound counts
 
 
-def load(methods: list[Method], localize: LocalizeConfig, seed: int = 0) -> Bench:
-    """Build the chains; those that share a dehazer or a detector share its work.
+def load(methods: Sequence[Method]) -> Bench:
+    """Load the models; methods that share a dehazer or a detector share its work.
 
     Raises:
         ValueError: an unknown dehazer or detector, or a file that is none.
     """
-    pipelines: dict[str, Pipeline] = {}
     settings: dict[str, Any] = {}
     dehazers: dict[str, SharedDehazer] = {}
     detectors: dict[str, SharedDetector] = {}
     for method in methods:
-        estimator = replace(localize, method=method.estimator)
-        config = PipelineConfig(method.dehazer, method.detector, estimator, seed=seed, detect_in="dehazed")
-        pipeline = Pipeline(config)
-        settings[method.name] = {**settings_of(pipeline), "tracked": method.tracked}
-        pipeline.dehaze = dehazers.setdefault(method.dehazer, SharedDehazer(pipeline.dehaze))
-        pipeline.detect = detectors.setdefault(method.detector, SharedDetector(pipeline.detect))
-        pipelines[method.name] = pipeline
+        flight = Flight.from_config(method.config)
+        settings[method.name] = {**settings_of(flight), "estimator": method.localizer.__name__}
+        dehazers.setdefault(method.config.models.dehazer, SharedDehazer(flight.dehazer))
+        detectors.setdefault(method.config.models.detector, SharedDetector(flight.detector))
+
+    def start(method: Method) -> Flight:
+        models = method.config.models
+        return Flight(method.config, dehazers[models.dehazer], detectors[models.detector], method.localizer)
 
     def forget() -> None:
         for detector in detectors.values():
             detector.forget()
 
-    return Bench(pipelines, forget, settings)
+    return Bench(start, forget, settings)

@@ -2,60 +2,58 @@
 
 import zlib
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
-from deckline.dehaze import NOT_DEHAZED
+from deckline.config import RunConfig
+from deckline.dehaze import DEHAZERS, NOT_DEHAZED
+from deckline.detect import ClassicalDetector
+from deckline.evaluation.chain import single_frames
 from deckline.evaluation.integrity_points import PointNoise
 from deckline.evaluation.localization_flights import FlightsConfig
 from deckline.evaluation.localization_methods import Bench, Method
 from deckline.extras import needs_extra
-from deckline.guide import guidance
-from deckline.localize import LocalizeConfig, localize
-from deckline.pipeline import FrameResult, PipelineConfig
-from deckline.types import Detection, Frame, RunwayPrior
-
-MODELLED = "modelled"
-POINT_METHODS = [
-    Method("paper's", NOT_DEHAZED, MODELLED, "paper"),
-    Method("ours", NOT_DEHAZED, MODELLED, "joint"),
-    Method("ours, tracked", NOT_DEHAZED, MODELLED, "joint", tracked=True),
-]
+from deckline.flight import Flight
+from deckline.report.provenance import settings_of
+from deckline.research.sgd import localize_by_descent
+from deckline.types import Detection, Frame
 
 
-@dataclass(frozen=True, eq=False)
-class ModelledChain:
-    """Everything after detection; what was detected in a frame is known beforehand."""
-
-    config: PipelineConfig
-    seen: dict[str, Detection]  # by the frame's name
-
-    def __call__(self, frame: Frame, prior: RunwayPrior | None = None) -> FrameResult:
-        detection = self.seen[frame.file]
-        rng = np.random.default_rng(zlib.crc32(frame.file.encode()))
-        estimate = localize(frame, detection, self.config.localize, rng)
-        return FrameResult(frame, frame.image_rgb, detection, estimate, guidance(frame, estimate), {})
+def point_methods(config: RunConfig) -> list[Method]:
+    """The rows that need no picture."""
+    single = single_frames(config)
+    return [
+        Method("paper's", single, localize_by_descent),
+        Method("ours", single),
+        Method("ours, tracked", config),
+    ]
 
 
-def modelled_bench(config: LocalizeConfig, noise: PointNoise) -> tuple[Bench, dict[str, Detection]]:
-    """The rows that need no picture, and where they look up what was detected."""
-    seen: dict[str, Detection] = {}
-    configs = {m.name: PipelineConfig(localize=replace(config, method=m.estimator)) for m in POINT_METHODS}
-    chains = {name: ModelledChain(chosen, seen) for name, chosen in configs.items()}
-    settings = {"points": asdict(noise)} | {name: str(chosen.localize) for name, chosen in configs.items()}
-    return Bench(chains, lambda: None, settings, noise.correlation), seen
+def point_bench(methods: list[Method], noise: PointNoise) -> Bench:
+    """Flights that are given their detections."""
+
+    def start(method: Method) -> Flight:
+        return Flight(method.config, DEHAZERS[NOT_DEHAZED](), ClassicalDetector(), method.localizer)
+
+    settings: dict[str, Any] = {"points": asdict(noise)}
+    settings |= {method.name: settings_of(start(method)) for method in methods}
+    return Bench(start, lambda: None, settings, noise.correlation)
 
 
-def fly_points(flights: FlightsConfig, number: int, noise: PointNoise, seen: dict[str, Detection]) -> Iterator[Frame]:
-    """The frames of one approach; `seen` holds what the detector saw in the one given last.
+def fly_points(flights: FlightsConfig, number: int, noise: PointNoise) -> Iterator[tuple[Frame, Detection]]:
+    """The frames of one approach with the modelled detections.
 
     Raises:
         ImportError: the sim extra is not installed.
     """
     with needs_extra("sim"):
         from deckline.evaluation.integrity_flights import point_flight
-    for shot in point_flight(flights.approach(number), noise):
-        seen.clear()
-        seen[shot.frame.file] = shot.detection
-        yield shot.frame
+    for shot in point_flight(flights.approach(number), flights.run.sensors, noise):
+        yield shot.frame, shot.detection
+
+
+def point_rng(file: str) -> np.random.Generator:
+    """RANSAC's draws of one frame."""
+    return np.random.default_rng(zlib.crc32(file.encode()))

@@ -31,6 +31,7 @@ from deckline.evaluation.localization_summary import (
 )
 from deckline.evaluation.tables import MISSING as NONE
 from deckline.evaluation.tables import Table
+from deckline.localize import localize
 from deckline.types import SIDES
 
 Scores = Mapping[str, Sequence[Score]]  # method -> its frames
@@ -74,7 +75,7 @@ def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table
         bands = (("range to the ramp", by_range), ("visibility", by_visibility))
         tables += [_pilot_table(f"pilot, {name}, by {what}", of(scores[name])) for what, of in bands]
     tables += [marks_table(scores), honesty_table(scores)]
-    joint = next((m.name for m in methods if m.estimator == "joint" and not m.tracked), None)
+    joint = next((m.name for m in methods if m.localizer is localize and not m.tracked), None)
     if joint is not None:
         tables.append(efficiency_table(joint, scores[joint]))
     return tables + ([protection_table(scores, tracked)] if tracked else [])

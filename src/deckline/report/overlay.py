@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.flight import FrameResult
 from deckline.geometry import Camera, intersect_plane
-from deckline.pipeline import FrameResult
 from deckline.report.draw import (
     BACKGROUND,
     CENTRE,

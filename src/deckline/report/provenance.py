@@ -4,7 +4,7 @@ import platform
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,7 @@ from typing import Any
 from deckline import __version__
 from deckline.dehaze import OnnxDehazer
 from deckline.detect import OnnxDetector
-from deckline.flight import Flight
-from deckline.pipeline import FrameResult, Pipeline
+from deckline.flight import Flight, FrameResult
 from deckline.recording import Stream
 from deckline.runtime import sha256_of
 from deckline.types import Frame
@@ -21,21 +20,18 @@ from deckline.types import Frame
 Settings = dict[str, str]
 
 
-def settings_of(pipeline: Callable[[Frame], FrameResult]) -> Settings:
-    """Everything that decides what the pipeline gives, label -> value: a run is resumed only with the same."""
-    if isinstance(pipeline, Flight):
-        tracker = pipeline.tracker
-        tracking = "off" if tracker is None else ", ".join(_options(tracker.config))
-        return settings_of(pipeline.pipeline) | {"track": tracking, "approach": ", ".join(_options(pipeline.guide))}
+def settings_of(chain: Callable[[Frame], FrameResult]) -> Settings:
+    """Everything that decides what a flight answers, label -> value: a run is resumed only with the same."""
     settings = {"deckline": __version__}
-    if isinstance(pipeline, Pipeline):
-        config = pipeline.config
-        settings["dehazer"] = _model(config.dehazer, pipeline.dehaze)
-        settings["detector"] = _model(config.detector, pipeline.detect)
-        settings["localization"] = ", ".join(_options(config.localize))
-        if config.runway.ramp_m is not None:
-            settings["surveyed runway"] = ", ".join(_options(config.runway))
-        settings["looks for lines in"] = f"the {config.detect_in} picture"
+    if isinstance(chain, Flight):
+        config = chain.config
+        settings["dehazer"] = _model(config.models.dehazer, chain.dehazer)
+        settings["detector"] = _model(config.models.detector, chain.detector)
+        settings["detects in"] = f"the {config.models.detect_in} picture"
+        for section in ("sensors", "deck", "approach", "localization", "tracking", "integrity"):
+            settings[section] = ", ".join(_options(getattr(config, section)))
+        if config.survey.ramp_m is not None:
+            settings["survey"] = ", ".join(_options(config.survey))
         settings["seed"] = str(config.seed)
     return settings
 
@@ -63,11 +59,6 @@ def _model(name: str, stage: object) -> str:
     return f"{name} ({file}SHA-256 {sha256_of(path)})"
 
 
-def _options(config: Any, prefix: str = "") -> list[str]:
-    """`name = value` of every setting, those of nested configurations with dotted names."""
-    options = []
-    for item in fields(config):
-        value = getattr(config, item.name)
-        nested = is_dataclass(value)
-        options += _options(value, f"{prefix}{item.name}.") if nested else [f"{prefix}{item.name} = {value}"]
-    return options
+def _options(config: Any) -> list[str]:
+    """`name = value` of every setting."""
+    return [f"{item.name} = {getattr(config, item.name)}" for item in fields(config)]

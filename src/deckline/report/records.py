@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from deckline.pipeline import FrameResult
+from deckline.config import Approach
+from deckline.flight import FrameResult
 from deckline.recording import BadFrame
 from deckline.truth import errors_against, range_to_ramp_m, true_guidance
-from deckline.types import SIDES, Guidance, RunwayLine, Track, Value
+from deckline.types import SIDES, Guidance, Notices, RunwayLine, Track, Value
 
 DIGITS = 9  # significant digits written,
 DECIMALS = 6  # but never fewer decimals than these: microseconds of a Unix time, micrometres of a far origin
@@ -41,8 +42,13 @@ STAGES = ("dehaze", "detect", "localize", "guide", "track")
 Record = dict[str, Any]
 
 
-def frame_record(result: FrameResult) -> Record:
-    """What is written about one frame; plain JSON values only."""
+def frame_record(result: FrameResult, approach: Approach) -> Record:
+    """What is written about one frame; plain JSON values only.
+
+    Args:
+        result: of the frame.
+        approach: the wanted one, for what the guidance should have been.
+    """
     frame, estimate, detection = result.frame, result.estimate, result.detection
     lines: Record = {}
     for side, points in (("left", detection.left), ("right", detection.right)):
@@ -57,12 +63,14 @@ def frame_record(result: FrameResult) -> Record:
         "status": str(estimate.status),
         "mode": str(estimate.mode),
         "reason": result.guidance.reason,
+        "reasons": [str(notice.reason) for notice in result.guidance.notices],
         "lines": lines,
         "ramp": None if estimate.ramp_m is None else {"point_m": estimate.ramp_m, "sigma_m": estimate.ramp_sigma_m},
         "guidance": guidance_record(result.guidance),
         "protection": result.guidance.protection and vars(result.guidance.protection),
+        "flags": _notices(result.guidance.flags),
         "track": result.track and _track(result.track),
-        **_truth(result),
+        **_truth(result, approach),
         "seconds": result.seconds,
     }
     return {key: _plain(value) for key, value in record.items()}
@@ -190,22 +198,26 @@ def _value(guidance: Guidance, name: str) -> Record | None:
     return {key: np.rad2deg(number) if in_degrees else number for key, number in vars(value).items()}
 
 
+def _notices(notices: Notices) -> list[Record]:
+    return [{"name": str(notice.reason), "reason": notice.message} for notice in notices]
+
+
 def _track(track: Track) -> Record:
     return {
         "state": str(track.state),
         "age_s": track.age_s,
-        "flags": [vars(flag) for flag in track.flags],
-        "excluded": [vars(flag) for flag in track.excluded],
+        "flags": _notices(track.flags),
+        "excluded": _notices(track.excluded),
         "lines": {line: _world(track.lines.get(line)) for line in LINES},
     }
 
 
-def _truth(result: FrameResult) -> Record:
+def _truth(result: FrameResult, approach: Approach) -> Record:
     """Truth and errors of a frame; None where it carries no truth."""
     frame, truth = result.frame, result.frame.truth
     if truth is None:
         return {"truth": None, "errors": None}
-    exact = true_guidance(frame)
+    exact = true_guidance(frame, approach)
     values = {} if exact is None else guidance_record(exact)
     known = {
         "has_runway": truth.left is not None,

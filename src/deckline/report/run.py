@@ -14,7 +14,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from deckline.pipeline import FrameResult
+from deckline.config import RunConfig
+from deckline.flight import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
 from deckline.report.html import Pictures, report_html
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
@@ -22,15 +23,16 @@ from deckline.report.provenance import run_info, settings_of
 from deckline.report.records import Record, frame_record, lookup, read_records, skipped_record, to_line, write_csv
 from deckline.report.run_folder import CSV, JSONL, REPORT, VIDEO, PictureSample, RunFolder, resume_folder, start_folder
 from deckline.report.video import VideoPiece, join
-from deckline.types import Flag, Frame, Status
+from deckline.types import Frame, Notice, Reason, Status
 
 INTERRUPTED, NOTHING_USABLE = 130, 1  # exit codes
-RESUMED = Flag("resumed", "the run was interrupted here: the track began anew")
+RESUMED = Notice(Reason.RESUMED, "the run was interrupted here: the track began anew")
 KINDS = (*map(str, Status), "skipped")
 REPORT_RECORDS = 2000  # records that plots are made of, at most, besides those with pictures
 REPORT_SKIPPED = 200  # skipped frames always among them, at most
 
 Chain = Callable[[Frame], FrameResult]
+DEFAULTS = RunConfig()
 Counts = dict[str, int]
 
 
@@ -55,6 +57,7 @@ def run(
     chain: Chain,
     out: Path,
     *,
+    config: RunConfig = DEFAULTS,
     max_frames: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -68,8 +71,9 @@ def run(
 
     Args:
         source: frames in their order.
-        chain: the stages.
+        chain: a flight.
         out: folder, made when missing.
+        config: what the flight is built from.
         max_frames: stop after so many frames of the source, unusable ones included.
         resume: go on after the last whole line of an interrupted run in `out`.
         overwrite: replace the results of an older run in `out`, at the end.
@@ -86,7 +90,7 @@ def run(
     state = {"source": source.name, "frames": str(source.length)} | settings
     folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
     sample = PictureSample(folder.pictures)
-    counts, stopped = _process(source, chain, folder, sample, total)
+    counts, stopped = _process(source, chain, folder, sample, total, config)
     frames = sum(counts.values())
     info = run_info(source, frames, total, stopped and total is not None) | settings
     try:
@@ -119,7 +123,7 @@ def explain_missing(records: Iterable[Record]) -> str:
 
 
 def _process(
-    source: Stream, chain: Chain, folder: RunFolder, sample: PictureSample, total: int | None
+    source: Stream, chain: Chain, folder: RunFolder, sample: PictureSample, total: int | None, config: RunConfig
 ) -> tuple[Counts, bool]:
     """Process every frame that is still missing.
 
@@ -140,7 +144,10 @@ def _process(
                 outcome = _apply(chain, item)
                 if index >= folder.recorded:
                     outcome = _flag_resumed(outcome) if 0 < index == folder.recorded else outcome
-                    record = skipped_record(outcome) if isinstance(outcome, BadFrame) else frame_record(outcome)
+                    if isinstance(outcome, BadFrame):
+                        record = skipped_record(outcome)
+                    else:
+                        record = frame_record(outcome, config.approach)
                     lines.write(to_line(record).encode())  # in a single write: a kill cuts off one line at most
                     counts[_kind(record)] += 1
                 if isinstance(outcome, BadFrame):
@@ -184,8 +191,8 @@ def _flag_resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
     """The first result after a break of the run, whose track knows nothing of the frames before it."""
     if isinstance(outcome, BadFrame) or outcome.track is None:
         return outcome
-    flags = (*outcome.track.flags, RESUMED)
-    track, guidance = replace(outcome.track, flags=flags), replace(outcome.guidance, flags=flags)
+    track = replace(outcome.track, flags=(*outcome.track.flags, RESUMED))
+    guidance = replace(outcome.guidance, flags=(*outcome.guidance.flags, RESUMED))
     return replace(outcome, track=track, guidance=guidance)
 
 

@@ -1,0 +1,129 @@
+"""The command-line options of a `RunConfig`, the same for every command that flies."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from deckline.config import GRADES, Grade, Mode, Picture, RunConfig
+from deckline.config_file import config_from_table, read_toml
+
+TARGETS = {  # option -> section and field of the RunConfig
+    "position_sigma_m": ("sensors", "position_m"),
+    "attitude_sigma_deg": ("sensors", "attitude_deg"),
+    "deck_z_sigma_m": ("sensors", "deck_z_m"),
+    "focal_sigma": ("sensors", "focal_fraction"),
+    "depth_sigma": ("sensors", "depth_fraction"),
+    "delay_sigma_s": ("sensors", "delay_s"),
+    "sea_state": ("deck", "sea_state"),
+    "runway_width_m": ("deck", "width_m"),
+    "glideslope_deg": ("approach", "glideslope_deg"),
+    "touchdown_m": ("approach", "touchdown_m"),
+    "point_m": ("approach", "point_m"),
+    "ramp_m": ("survey", "ramp_m"),
+    "heading_deg": ("survey", "heading_deg"),
+    "dehazer": ("models", "dehazer"),
+    "detector": ("models", "detector"),
+    "detect_in": ("models", "detect_in"),
+    "mode": ("localization", "mode"),
+    "track": ("tracking", "enabled"),
+}
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What differs from the configuration file, or without one from the defaults.
+
+    Args:
+        config: TOML file with any part of the configuration; options below override it.
+        grade: accuracy of the navigation: standard (0.1 m, 0.1 degrees; the default), good, tactical, exact.
+        position_sigma_m: 1-sigma of the pose's position.
+        attitude_sigma_deg: 1-sigma of the pose's attitude, camera mounting included.
+        deck_z_sigma_m: 1-sigma of the reported deck height.
+        focal_sigma: 1-sigma of the focal length, as a share.
+        depth_sigma: 1-sigma of a depth sample, as a share.
+        delay_sigma_s: 1-sigma of the pose's time against the picture's.
+        sea_state: 0 to 6: how much the deck moves (default 4); 0 for a runway on land.
+        runway_width_m: between the middles of both lines; learned when not given.
+        glideslope_deg: of the wanted approach (3.5).
+        touchdown_m: aim point beyond the ramp (70).
+        point_m: point of the aircraft that deviations refer to: forward, right, down of the body origin.
+        ramp_m: where the runway begins in the world, if that is known; with --heading-deg it guides the search.
+        heading_deg: direction of landing of that runway.
+        dehazer: name (see `deckline info`) or .onnx file; none: no dehazing.
+        detector: name (see `deckline info`) or .onnx file.
+        detect_in: the picture that the detector sees: hazy, or dehazed as published.
+        mode: where distances come from: depth camera (fine), deck plane (coarse), or both (auto).
+        track: filter over the frames of one flight; --no-track treats every frame alone.
+    """
+
+    config: Path | None = None
+    grade: Grade | None = None
+    position_sigma_m: float | None = None
+    attitude_sigma_deg: float | None = None
+    deck_z_sigma_m: float | None = None
+    focal_sigma: float | None = None
+    depth_sigma: float | None = None
+    delay_sigma_s: float | None = None
+    sea_state: float | None = None
+    runway_width_m: float | None = None
+    glideslope_deg: float | None = None
+    touchdown_m: float | None = None
+    point_m: tuple[float, float, float] | None = None
+    ramp_m: tuple[float, float, float] | None = None
+    heading_deg: float | None = None
+    dehazer: str | None = None
+    detector: str | None = None
+    detect_in: Picture | None = None
+    mode: Mode | None = None
+    track: bool | None = None
+
+    def run_config(self, base: RunConfig | None = None) -> RunConfig:
+        """The configuration: `base`, overridden by the file, overridden by the options.
+
+        Raises:
+            OSError: the file cannot be read.
+            ValueError: an unknown key in the file, or a number out of range.
+        """
+        config = base or RunConfig()
+        if self.config is not None:
+            config = read_run_config(self.config, config)
+        if self.grade is not None:
+            config = replace(config, sensors=GRADES[self.grade])
+        sections: dict[str, dict[str, Any]] = {}
+        for option, (section, name) in TARGETS.items():
+            if (value := getattr(self, option)) is not None:
+                sections.setdefault(section, {})[name] = value
+        for section, values in sections.items():
+            part = getattr(config, section)
+            if section == "sensors":
+                values = _with_white_parts(part, values)
+            config = replace(config, **{section: replace(part, **values)})
+        return config
+
+
+def read_run_config(path: Path, base: RunConfig | None = None) -> RunConfig:
+    """A configuration from a TOML file; `sensors.grade` names the numbers that the rest of that table overrides.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: an unknown key or grade, or a value of a wrong type or out of range.
+    """
+    table, config = read_toml(path), base or RunConfig()
+    sensors = table.get("sensors")
+    if isinstance(sensors, dict) and "grade" in sensors:
+        grade = sensors.pop("grade")
+        if grade not in GRADES:
+            raise ValueError(f"{path}: sensors.grade must be one of {', '.join(GRADES)}, got {grade!r}")
+        config = replace(config, sensors=GRADES[grade])
+    return config_from_table(RunConfig, table, config, str(path))
+
+
+def _with_white_parts(sensors: Any, values: dict[str, Any]) -> dict[str, Any]:
+    """White noise keeps its share of an error whose total is stated anew."""
+    parts = dict(values)
+    for kind, unit in (("position", "m"), ("attitude", "deg")):
+        total = f"{kind}_{unit}"
+        if total in values and getattr(sensors, total) > 0:
+            share = values[total] / getattr(sensors, total)
+            parts[f"{kind}_white_{unit}"] = share * getattr(sensors, f"{kind}_white_{unit}")
+    return parts
