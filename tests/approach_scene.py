@@ -3,16 +3,18 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from deckline.config import Deck, RunConfig
+from deckline.flight import FrameResult
 from deckline.geometry import Camera, attitude
 from deckline.guide import guidance
-from deckline.localize import LocalizeConfig, localize
-from deckline.pipeline import FrameResult
+from deckline.localize import localize
 from deckline.recording import FrameError, Source
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(320, 180, np.deg2rad(60))
 LEFT = Segment(np.array([0.0, -8.0, -20.0]), np.array([200.0, -8.0, -20.0]))
 RIGHT = Segment(np.array([0.0, 8.0, -20.0]), np.array([200.0, 8.0, -20.0]))
+STILL = RunConfig(deck=Deck(sea_state=0.0, slope_deg=0.0))  # a deck that lies still and level
 LATERAL_M, HEIGHT_M = 3.0, 15.0
 
 
@@ -43,9 +45,11 @@ def chain(at: Frame, sides: tuple[str, ...] = ("left", "right")) -> FrameResult:
     lines = {"left": LEFT, "right": RIGHT}
     found = {side: points(at, lines[side]) if side in sides else LinePoints.empty() for side in lines}
     detection = Detection(found["left"], found["right"])
-    estimate = localize(at, detection, LocalizeConfig(), np.random.default_rng(0))
+    estimate = localize(at, detection, STILL, np.random.default_rng(0))
     seconds = {"dehaze": 0.2, "detect": 0.04, "localize": 0.002, "guide": 0.0001}
-    return FrameResult(at, at.image_rgb // 2, detection, estimate, guidance(at, estimate), seconds)
+    return FrameResult(
+        at, at.image_rgb // 2, detection, estimate, guidance(at, estimate, None, STILL.approach), seconds
+    )
 
 
 class Approach(Source):

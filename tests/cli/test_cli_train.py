@@ -10,7 +10,7 @@ from deckline.cli.main import main
 from deckline.cli.train import DehazeFlags, DetectFlags, find_weights, make_recipe
 from deckline.detect import DETECTORS, OnnxDetector
 from deckline.extras import needs_extra
-from deckline.pipeline import PipelineConfig
+from deckline.config import Models
 from deckline.runtime import shipped_weights
 from deckline.train import loop
 from deckline.train.checkpoint import read_progress
@@ -54,10 +54,10 @@ def test_shipped_weights_are_those_that_fly(tmp_path, monkeypatch):
     given = []
     monkeypatch.setattr(commands.train_detect, "train_detect", lambda *args: given.extend(args))
     assert main(["train", "detect", str(tmp_path), "--out", str(tmp_path), "--start-from", "shipped"]) == 0
-    flying = DETECTORS[PipelineConfig.detector]()
+    flying = DETECTORS[Models.detector]()
     assert isinstance(flying, OnnxDetector)
     config, first = given[0], given[3]
-    assert (config.network, first) == (PipelineConfig.detector, flying.session.path)
+    assert (config.network, first) == (Models.detector, flying.session.path)
 
 
 def test_first_weights_have_the_names_of_shipped_models():

@@ -3,11 +3,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from approach_scene import STILL
 from deckline.evaluation.chain import score_frame, summarise
+from deckline.flight import FrameResult
 from deckline.geometry import Camera, pose
 from deckline.guide import guidance
-from deckline.localize import LocalizeConfig, localize
-from deckline.pipeline import FrameResult
+from deckline.localize import localize
 from deckline.types import DepthMode, Detection, Frame, LinePoints, Segment, Status, Truth
 
 LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
@@ -37,8 +38,10 @@ def seen(frame: Frame, segment: Segment, shift_m: float = 0.0) -> LinePoints:
 
 def result_of(frame: Frame, left: LinePoints, right: LinePoints) -> FrameResult:
     detection = Detection(left, right)
-    estimate = localize(frame, detection, LocalizeConfig(), np.random.default_rng(0))
-    return FrameResult(frame, GREY, detection, estimate, guidance(frame, estimate), {"detect": 0.5})
+    estimate = localize(frame, detection, STILL, np.random.default_rng(0))
+    return FrameResult(
+        frame, GREY, detection, estimate, guidance(frame, estimate, None, STILL.approach), {"detect": 0.5}
+    )
 
 
 def test_perfect_points_have_no_error():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
+from approach_scene import STILL
 from deckline.evaluation.dehazing_pairs import film_of, labelled_lines, seen_length_px, true_lines
 from deckline.evaluation.dehazing_score import (
     ImageScore,
@@ -13,10 +14,10 @@ from deckline.evaluation.dehazing_score import (
     summarise_film,
     worse_lines,
 )
+from deckline.flight import FrameResult
 from deckline.geometry import Camera, pose
 from deckline.guide import guidance
-from deckline.localize import LocalizeConfig, localize
-from deckline.pipeline import FrameResult
+from deckline.localize import localize
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(640, 360, np.pi / 2)
@@ -42,8 +43,8 @@ def result_of(left: np.ndarray, right: np.ndarray) -> FrameResult:
     frame = frame_at()
     points = (LinePoints(px, np.ones(len(px)), np.full(len(px), 0.3)) for px in (left, right))
     detection = Detection(*points)
-    estimate = localize(frame, detection, LocalizeConfig(), np.random.default_rng(0))
-    return FrameResult(frame, GREY, detection, estimate, guidance(frame, estimate), {})
+    estimate = localize(frame, detection, STILL, np.random.default_rng(0))
+    return FrameResult(frame, GREY, detection, estimate, guidance(frame, estimate, None, STILL.approach), {})
 
 
 def score(key: str, dehazer: str, psnr_db: float, visibility_m: float = 800.0, **more) -> ImageScore:

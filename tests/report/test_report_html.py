@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
+from deckline.config import Approach
+from deckline.flight import FrameResult
 from deckline.geometry import Camera
 from deckline.guide import guidance
-from deckline.pipeline import FrameResult
 from deckline.recording import BadFrame
 from deckline.report.figures import (
     band_rows,
@@ -34,7 +35,9 @@ from deckline.types import (
     Detection,
     Frame,
     LinePoints,
+    Notice,
     PixelLine,
+    Reason,
     RunwayEstimate,
     RunwayLine,
     Segment,
@@ -60,7 +63,7 @@ def record(offset_m=0.0, range_m=200.0, status=Status.OK, with_truth=True, with_
         world_from_body=RigidTransform.from_translation([-range_m, 3.0, -12.0]) if with_pose else None,
         truth=Truth(left, right, 900.0) if with_truth else None,
     )
-    return frame_record(_result(frame, offset_m, status))
+    return frame_record(_result(frame, offset_m, status), Approach())
 
 
 def _result(frame, offset_m, status):
@@ -81,10 +84,12 @@ def _result(frame, offset_m, status):
         located,
         np.array([0.0, offset_m, 0.0]) if "centre" in located else None,
         2.0 if "centre" in located else None,
-        "" if located else "no pose",
+        () if located else (Notice(Reason.NO_POSE, "no pose"),),
     )
     seconds = {"dehaze": 0.1, "detect": 0.05, "localize": 0.01, "guide": 0.001}
-    return FrameResult(frame, frame.image_rgb, Detection(**found), estimate, guidance(frame, estimate), seconds)
+    return FrameResult(
+        frame, frame.image_rgb, Detection(**found), estimate, guidance(frame, estimate, None, Approach()), seconds
+    )
 
 
 def report(records, pictures=None, **info):

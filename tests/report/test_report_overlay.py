@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
 from approach_scene import CAMERA, chain, frame
+from deckline.config import Approach
 from deckline.guide import guidance
 from deckline.report.draw import FLAG, LEFT, NEEDLE, RIGHT, measure_text, shorten, wrap
 from deckline.report.instrument import (
@@ -30,9 +31,10 @@ from deckline.report.overlay import (
 )
 from deckline.types import (
     DepthMode,
-    Flag,
     Guidance,
+    Notice,
     Protection,
+    Reason,
     RunwayEstimate,
     RunwayLine,
     Status,
@@ -46,7 +48,7 @@ def guide(lateral_m=0.0, height_m=20.0, distance_m=250.0, **changes) -> Guidance
     line = RunwayLine(np.array([-distance_m, 0.0, 0.0]), 0.0, covariance)
     ramp = RunwayEstimate(Status.OK, DepthMode.FINE, {}, {"centre": line}, np.zeros(3), 2.0)
     at = replace(frame(), world_from_body=RigidTransform.from_translation([-distance_m, lateral_m, -height_m]))
-    return replace(guidance(at, ramp), **changes)
+    return replace(guidance(at, ramp, None, Approach()), **changes)
 
 
 def has(image, colour, tolerance=12) -> bool:
@@ -76,7 +78,7 @@ def test_the_glideslope_band_is_the_spread_of_the_needle():
 
 
 def test_unknown_is_a_flag_and_never_a_needle():
-    nothing = Guidance(0.0, Status.NOT_SEEN, DepthMode.NONE, reason="no line in the image")
+    nothing = Guidance(0.0, Status.NOT_SEEN, DepthMode.NONE, notices=(Notice(Reason.NO_LINE, "no line in the image"),))
     assert lateral_needle(nothing) is None
     assert glideslope_needle(nothing) is None
     left, top, side = FACE
@@ -98,7 +100,9 @@ def test_the_protection_level_stands_beside_the_needle_while_it_is_on_the_scale(
 def test_a_flag_is_red_and_goes_before_the_tracks_state():
     column = slice(FACE[0] + FACE[2], None)
     tracked = draw_instrument(guide(track=TrackState.TRACKING))[144:180, column]
-    flagged = draw_instrument(guide(track=TrackState.TRACKING, flags=(Flag("height", "2 m off"),)))[144:180, column]
+    flagged = draw_instrument(guide(track=TrackState.TRACKING, flags=(Notice(Reason.HEIGHT, "2 m off"),)))[
+        144:180, column
+    ]
     assert not has(tracked, FLAG)
     assert has(flagged, FLAG)
     assert (tracked != flagged).any()

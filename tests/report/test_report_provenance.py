@@ -2,15 +2,16 @@
 
 from pathlib import Path
 
+from deckline.config import Models, RunConfig
 from deckline.detect.prior import RunwaySurvey
-from deckline.pipeline import Pipeline, PipelineConfig
+from deckline.flight import Flight
 from deckline.report.provenance import settings_of
 from deckline.runtime import sha256_of, shipped_weights
 
 
 def test_a_network_is_named_by_the_one_file_that_it_runs() -> None:
     """Several shipped networks dehaze; only the one in use belongs into a report."""
-    settings = settings_of(Pipeline(PipelineConfig(dehazer="fast", detector="ufld")))
+    settings = settings_of(Flight.from_config(RunConfig(models=Models(dehazer="fast", detector="ufld"))))
     dehaze, detect = shipped_weights("coarse-t"), shipped_weights("ufld")
     assert settings["dehazer"] == f"fast ({dehaze.name}, SHA-256 {sha256_of(dehaze)})"
     assert settings["detector"] == f"ufld ({detect.name}, SHA-256 {sha256_of(detect)})"
@@ -18,15 +19,15 @@ def test_a_network_is_named_by_the_one_file_that_it_runs() -> None:
 
 def test_a_file_is_named_as_given_and_a_method_without_weights_by_its_name() -> None:
     given = str(Path(shipped_weights("paper-scene")))
-    settings = settings_of(Pipeline(PipelineConfig(dehazer=given, detector="classical")))
+    settings = settings_of(Flight.from_config(RunConfig(models=Models(dehazer=given, detector="classical"))))
     assert settings["dehazer"] == f"{given} (SHA-256 {sha256_of(Path(given))})"
     assert settings["detector"] == "classical"
 
 
 def test_what_a_frame_is_expected_from_is_named() -> None:
-    plain = settings_of(Pipeline(PipelineConfig("none", "classical", detect_in="dehazed")))
+    plain = settings_of(Flight.from_config(RunConfig(models=Models("none", "classical", "dehazed"))))
     survey = RunwaySurvey((1.0, 2.0, -20.0), heading_deg=30.0)
-    told = settings_of(Pipeline(PipelineConfig("none", "classical", runway=survey)))
-    assert set(told) - set(plain) == {"surveyed runway"}
-    assert plain["looks for lines in"] == "the dehazed picture"
-    assert "ramp_m = (1.0, 2.0, -20.0), heading_deg = 30.0" in told["surveyed runway"]
+    told = settings_of(Flight.from_config(RunConfig(models=Models("none", "classical"), survey=survey)))
+    assert set(told) - set(plain) == {"survey"}
+    assert plain["detects in"] == "the dehazed picture"
+    assert "ramp_m = (1.0, 2.0, -20.0), heading_deg = 30.0" in told["survey"]

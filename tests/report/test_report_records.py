@@ -9,11 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from approach_scene import HEIGHT_M, LATERAL_M, chain, frame
+from deckline.config import Approach
 from deckline.flight import Flight
 from deckline.recording import BadFrame
+from deckline.report import records as report_records
 from deckline.report.records import (
     COLUMNS,
-    frame_record,
     keep_whole_lines,
     lookup,
     read_records,
@@ -21,7 +22,11 @@ from deckline.report.records import (
     to_line,
     write_csv,
 )
-from deckline.types import Flag
+from deckline.types import Notice, Reason
+
+
+def frame_record(result):
+    return report_records.frame_record(result, Approach())
 
 
 def test_numbers_are_those_of_the_scene_in_degrees_and_metres():
@@ -143,7 +148,7 @@ def test_every_column_is_found_in_a_whole_record():
 
 def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):
     result = tracked(blind=("frame_003.png",))[-1]
-    flag = Flag("height", "2 m off")
+    flag = Notice(Reason.HEIGHT, "2 m off")
     result = replace(result, track=replace(result.track, flags=(flag,)))
     record = frame_record(result)
     assert record["status"] == "not seen"

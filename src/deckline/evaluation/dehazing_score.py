@@ -18,7 +18,7 @@ from deckline.evaluation.statistics import (
     share,
 )
 from deckline.evaluation.tables import Figures
-from deckline.pipeline import FrameResult
+from deckline.flight import FrameResult
 from deckline.types import SIDES, Status
 
 MOST_PSNR_DB = 60.0  # what an untouched picture counts, so that means are finite
