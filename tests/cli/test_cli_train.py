@@ -8,9 +8,9 @@ from clear_scene import clear_recording, interrupting
 from deckline.cli import train as commands
 from deckline.cli.main import main
 from deckline.cli.train import DehazeFlags, DetectFlags, find_weights, make_recipe
+from deckline.config import Models
 from deckline.detect import DETECTORS, OnnxDetector
 from deckline.extras import needs_extra
-from deckline.config import Models
 from deckline.runtime import shipped_weights
 from deckline.train import loop
 from deckline.train.checkpoint import read_progress
