@@ -40,7 +40,7 @@ def point_flight(config: SimConfig, sensors: Sensors, noise: PointNoise) -> Iter
     far_m, depth_sigma = noise.seen_share * visibility_m, sensors.depth_fraction
     for index in range(config.frames):
         view = approach_view(config, layout, index, motion)
-        segments = truth_segments(layout.posed(ship_pose(layout, motion, view.time_s)))
+        segments = truth_segments(layout.at_pose(ship_pose(layout, motion, view.time_s)))
         rng = np.random.default_rng([config.seed, POINTS, index])
         camera, pose = view.camera, view.world_from_camera
         left, right = (seen_points(segment, pose, camera, far_m, noise, rng) for segment in segments)

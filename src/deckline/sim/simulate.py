@@ -141,7 +141,7 @@ class Simulator:
             ValueError: a camera that is not above the sea.
         """
         config, ship, weather, camera = self.config, self.ship, scenery.weather, view.camera
-        layout = ship.layout.posed(ship_pose(ship.layout, self.motion, view.time_s))
+        layout = ship.layout.at_pose(ship_pose(ship.layout, self.motion, view.time_s))
         pose, how = view.world_from_camera, (scenery.with_ship, scenery.quality, layout.world_from_ship)
         shot = self.imaging.take(
             self.renderer.render(Scene(pinhole_for(camera), pose, weather, view.time_s, *how)),

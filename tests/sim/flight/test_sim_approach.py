@@ -44,7 +44,7 @@ def sailed(layout, time_s, motion=UNDER_WAY):
     yaw = layout.world_from_ship.rotation.as_euler("ZYX")[0]
     shift = motion.speed_m_s * time_s * np.array([np.cos(yaw), np.sin(yaw), 0.0])
     moved = np.array(layout.world_from_ship.translation) + shift
-    return layout.posed(type(layout.world_from_ship).from_components(moved, layout.world_from_ship.rotation))
+    return layout.at_pose(type(layout.world_from_ship).from_components(moved, layout.world_from_ship.rotation))
 
 
 def positions(views):

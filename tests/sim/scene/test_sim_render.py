@@ -366,7 +366,7 @@ def test_frame_buffers_of_old_sizes_are_given_back(renderer):
 
 
 def test_labels_say_what_the_depth_lies_on(renderer):
-    layout = class_layout(PAPER).posed(
+    layout = class_layout(PAPER).at_pose(
         RigidTransform.from_translation([3.0, 0.0, -1.0]) * class_layout(PAPER).world_from_ship
     )
     renderer.load(clean_ship(class_layout(PAPER), PAPER_EDGE), SUN)

@@ -230,7 +230,7 @@ def gusts_at(path: Path, time_s: float) -> list[tuple[float, float]]:
 
 def steady_layout(path: Path, time_s: float) -> Layout:
     """The ship where it has sailed to, without its roll, pitch and heave, which an aircraft does not follow."""
-    return path.layout.posed(steady_pose(path.layout, path.motion, time_s))
+    return path.layout.at_pose(steady_pose(path.layout, path.motion, time_s))
 
 
 def crab_angle(path: Path) -> float:

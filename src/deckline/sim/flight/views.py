@@ -56,7 +56,7 @@ def random_view(
         layout: the ship as it lies at time 0.
     """
     rise = deck_rise(layout, motion, float(index), layout.centre_m[0])
-    layout = layout.posed(steady_pose(layout, motion, float(index)))
+    layout = layout.at_pose(steady_pose(layout, motion, float(index)))
     kind = rng.random() if config.preset == "train" else 1.0
     if kind < DECK_SHARE:
         view = deck_view(config, layout, rng)

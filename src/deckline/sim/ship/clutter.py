@@ -1,249 +1,371 @@
-"""What stands on deck: aircraft in rows, clusters and anywhere, vehicles, crates, people, gear along the edge."""
+"""What stands on deck: aircraft in rows, packs and anywhere, vehicles, crates, people, gear along the edge.
 
+Aircraft are prototypes of unit length around the origin, nose to +x, wheels on z = 0, colours as tints.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
+from numpy.typing import ArrayLike
 
-from deckline.sim.ship.aircraft import KINDS, extents, prototype
-from deckline.sim.ship.clearance import edge_distance, has_room, runway_distance
-from deckline.sim.ship.layout import Layout
-from deckline.sim.ship.mesh import Mesh, bars, box, boxes, instances, join, place, quads, rectangle
+from deckline.sim.ship.layout import Layout, edge_distance, has_room, runway_distance
+from deckline.sim.ship.mesh import (
+    WHITE,
+    Array,
+    Mesh,
+    at_height,
+    boxes,
+    disc,
+    frustum,
+    instances,
+    join,
+    loft,
+    place,
+    quads,
+    rectangle,
+    rods,
+)
 from deckline.sim.ship.ship_class import Island
 
-COATS = np.array(
-    [
-        [0.62, 0.64, 0.67],
-        [0.52, 0.55, 0.58],
-        [0.72, 0.74, 0.76],
-        [0.35, 0.38, 0.42],
-        [0.45, 0.55, 0.66],
-        [0.9, 0.9, 0.9],
-    ]
-)  # greys of aircraft, one blue-grey, white
-VEHICLES = np.array(
-    [[0.82, 0.66, 0.12], [0.85, 0.85, 0.83], [0.6, 0.15, 0.12], [0.3, 0.36, 0.27], [0.5, 0.52, 0.54], [0.2, 0.2, 0.22]]
+KINDS = {  # lengths, m, of aircraft of each kind
+    "delta": 15.0,
+    "swept": 18.3,
+    "folded": 18.3,
+    "propeller": 17.5,
+    "propeller folded": 17.5,
+    "helicopter": 17.0,
+    "helicopter folded": 17.0,
+    "trainer": 11.0,
+}
+WINGS = {  # starboard wings of jets
+    "delta": [[0.18, 0.05], [-0.33, 0.31], [-0.4, 0.31], [-0.4, 0.05]],
+    "swept": [[0.12, 0.05], [-0.15, 0.36], [-0.26, 0.36], [-0.26, 0.05]],
+    "folded": [[0.12, 0.05], [-0.04, 0.21], [-0.26, 0.21], [-0.26, 0.05]],
+    "trainer": [[0.06, 0.05], [-0.06, 0.37], [-0.18, 0.37], [-0.16, 0.05]],
+}
+GLASS, GREY = (0.12, 0.13, 0.16), (0.85, 0.85, 0.85)
+# Greys of aircraft, one blue-grey, white; colours of vehicles; jerseys of the crew's trades.
+COATS = np.array([[62, 64, 67], [52, 55, 58], [72, 74, 76], [35, 38, 42], [45, 55, 66], [90, 90, 90]]) / 100
+VEHICLES = np.array([[82, 66, 12], [85, 85, 83], [60, 15, 12], [30, 36, 27], [50, 52, 54], [20, 20, 22]]) / 100
+JERSEYS = (
+    np.array([[90, 80, 10], [15, 50, 20], [75, 12, 12], [90, 90, 90], [15, 25, 60], [45, 20, 50], [40, 26, 15]]) / 100
 )
-JERSEYS = np.array(
-    [
-        [0.9, 0.8, 0.1],
-        [0.15, 0.5, 0.2],
-        [0.75, 0.12, 0.12],
-        [0.9, 0.9, 0.9],
-        [0.15, 0.25, 0.6],
-        [0.45, 0.2, 0.5],
-        [0.4, 0.26, 0.15],
-    ]
-)  # the crew's trades by colour
 GAP_M = 0.8  # between parked things
+Pose = tuple[float, float, float]  # x, y, m, and yaw, rad, on deck
+
+
+@cache
+def prototype(kind: str) -> Mesh:
+    """An aircraft of length 1; its greys are multiplied by an instance's colour.
+
+    Raises:
+        ValueError: an unknown kind.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"an aircraft's kind must be one of {tuple(KINDS)}, got {kind!r}")
+    if kind.startswith("helicopter"):
+        return build_helicopter(kind.endswith("folded"))
+    return build_propeller(kind.endswith("folded")) if kind.startswith("propeller") else build_jet(kind)
+
+
+@cache
+def extents(kind: str) -> tuple[float, float]:
+    """Twice how far an aircraft of length 1 reaches from its origin, along and across."""
+    along, across = 2 * np.abs(prototype(kind)[:, :2]).max(axis=0)
+    return float(along), float(across)
+
+
+def build_fuselage(
+    stations: Sequence[float], radii: Sequence[float], middles_z: ArrayLike, rgb: ArrayLike = WHITE
+) -> Mesh:
+    """A body of hexagonal sections along x, their middles at one height or a height each."""
+    ring = disc(0.0, 0.0, 1.0, 6)
+    bodies = zip(stations, radii, np.broadcast_to(middles_z, len(stations)), strict=True)
+    return loft([np.column_stack([np.full(6, x), r * ring + [0.0, z]]) for x, r, z in bodies], rgb)
+
+
+def build_plates(outline: ArrayLike, z: float, thick: float = 0.012) -> list[Mesh]:
+    """A flat wing of any convex starboard outline (N, 2), its underside at z, and its mirror image to port."""
+    halves = [np.asarray(outline) * [1.0, side] for side in (1.0, -1.0)]
+    return [loft([at_height(half, z), at_height(half, z - thick)], (0.95, 0.95, 0.95)) for half in halves]
+
+
+def build_fin(x: float, y: float, base_z: float, chord: float, rise: float, cant: float = 0.0) -> Mesh:
+    """A swept vertical tail."""
+    corners = np.array([[0, 0], [chord, 0], [0.35 * chord, rise], [-0.15 * chord, rise]])
+    across = y + cant * corners[:, 1]
+    faces = [np.column_stack([x + corners[:, 0], across + side, base_z - corners[:, 1]]) for side in (-0.006, 0.006)]
+    return loft(faces, GREY)
+
+
+def build_gear(nose_x: float, main_x: float, main_y: float, z: float) -> Mesh:
+    """Three legs with wheels down to the deck."""
+    feet = np.array([[nose_x, 0.0, 0.0], [main_x, main_y, 0.0], [main_x, -main_y, 0.0]])
+    wheels = boxes(feet, (0.05, 0.02, 0.05), (0.15, 0.15, 0.15))
+    return join([rods(feet, feet + np.array([0.0, 0.0, z]), 0.014, GREY), wheels])
+
+
+def build_jet(kind: str) -> Mesh:
+    """A fighter with a delta, swept or folded wing, or a small trainer."""
+    z = -0.135
+    middles = [z, z, z, z - 0.005, z + 0.005]
+    parts = [build_fuselage([-0.5, -0.3, 0.1, 0.33, 0.5], [0.05, 0.062, 0.065, 0.04, 0.004], middles)]
+    parts.append(build_fuselage([0.12, 0.2, 0.3, 0.37], [0.01, 0.032, 0.03, 0.005], z - 0.05, GLASS))
+    parts += [build_gear(0.3, -0.1, 0.09, z), *build_plates(WINGS[kind], z)]
+    if kind == "folded":
+        tip = np.array([[-0.04, 0.0], [-0.26, 0.0], [-0.26, 0.14], [-0.15, 0.14]])
+        for side in (-1.0, 1.0):
+            faces = [np.column_stack([tip[:, 0], np.full(4, side * y), z - tip[:, 1]]) for y in (0.2, 0.212)]
+            parts.append(loft(faces, GREY))
+    if kind != "delta":
+        parts += build_plates([[-0.36, 0.05], [-0.46, 0.2], [-0.52, 0.2], [-0.5, 0.05]], z)
+    if kind in ("delta", "trainer"):
+        parts.append(build_fin(-0.48, 0.0, z - 0.05, 0.2, 0.17))
+    else:
+        parts += [build_fin(-0.42, side * 0.075, z - 0.04, 0.17, 0.15, side * 0.3) for side in (-1.0, 1.0)]
+        parts.append(boxes([[-0.1, side * 0.075, z + 0.05] for side in (-1.0, 1.0)], (0.42, 0.05, 0.09), GREY))
+    return join([*parts, build_fuselage([-0.515, -0.49], [0.045, 0.05], z, (0.25, 0.25, 0.25))])
+
+
+def build_propeller(folded: bool) -> Mesh:
+    """A twin turboprop with a rotating radome on its back."""
+    z = -0.16
+    stations, radii = [-0.5, -0.25, 0.3, 0.45, 0.5], [0.02, 0.07, 0.075, 0.05, 0.01]
+    parts = [build_fuselage(stations, radii, [z - 0.05, z, z, z, z])]
+    parts.append(build_fuselage([0.36, 0.4, 0.46], [0.01, 0.04, 0.01], z - 0.035, GLASS))
+    parts.append(build_gear(0.35, -0.02, 0.16, z))
+    half = 0.27 if folded else 0.68
+    parts += build_plates([[0.14, 0.0], [0.12, half], [0.01, half], [-0.02, 0.0]], z - 0.06, 0.02)
+    if folded:
+        for side in (1.0, -1.0):
+            rear = np.array([[0.0, 0.2], [-0.42, 0.22], [-0.42, 0.26], [0.0, 0.26]]) * [1.0, side]
+            parts.append(loft([at_height(rear, z - 0.15), at_height(rear, z)], GREY))
+    for side in (-1.0, 1.0):
+        nacelle = build_fuselage([-0.12, 0.2, 0.26], [0.025, 0.045, 0.02], z - 0.05)
+        nacelle[:, 1] += side * 0.19
+        hub = np.array([0.27, side * 0.19, z - 0.05])
+        tips = hub + 0.12 * np.array([[0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+        parts += [nacelle, rods(np.tile(hub, (4, 1)), tips, 0.018, (0.3, 0.3, 0.3))]
+        parts.append(build_fin(-0.5, side * 0.2, z - 0.02, 0.12, 0.13))
+    parts += build_plates([[-0.38, 0.0], [-0.4, 0.24], [-0.5, 0.24], [-0.5, 0.0]], z - 0.04)
+    dish = [at_height(disc(-0.1, 0.0, r, 12), z - up) for r, up in ((0.08, 0.14), (0.21, 0.165), (0.08, 0.195))]
+    return join([*parts, loft(dish, (0.9, 0.9, 0.9)), boxes((-0.1, 0.0, z - 0.05), (0.06, 0.03, 0.1), GREY)])
+
+
+def build_helicopter(folded: bool) -> Mesh:
+    """A transport helicopter with its rotor spread or folded aft."""
+    z, dark, mast = -0.11, (0.22, 0.22, 0.24), disc(0.12, 0.0, 0.02, 6)
+    middles = [z - 0.02, z, z, z, z + 0.02]
+    parts = [
+        build_fuselage([-0.12, 0.0, 0.3, 0.42, 0.48], [0.05, 0.08, 0.085, 0.06, 0.01], middles),
+        build_fuselage([-0.5, -0.1], [0.02, 0.045], [z - 0.07, z - 0.03]),
+        build_fuselage([0.28, 0.36, 0.44], [0.02, 0.06, 0.01], z - 0.025, GLASS),
+        boxes((0.1, 0.0, z - 0.06), (0.25, 0.09, 0.07), GREY),
+        build_fin(-0.5, 0.0, z - 0.06, 0.1, 0.15),
+        build_gear(-0.3, 0.2, 0.1, z),
+        frustum(mast, z - 0.1, mast, z - 0.17, GREY),
+    ]
+    hub = np.array([0.12, 0.0, z - 0.165])
+    angle = np.pi + np.linspace(-0.12, 0.12, 5) if folded else np.arange(5) * 2 * np.pi / 5 + 0.3
+    reach = np.column_stack([np.cos(angle), np.sin(angle), np.full(5, 0.08)]) * (0.55 if folded else 0.48)
+    parts.append(rods(np.tile(hub, (5, 1)), hub + reach, 0.022, dark))
+    tail = np.array([-0.49, 0.02, z - 0.2])
+    spokes = 0.09 * np.array([[1, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1]])
+    return join([*parts, rods(np.tile(tail, (4, 1)), tail + spokes, 0.015, dark)])
 
 
 @dataclass(eq=False)
 class Lot:
-    """The deck as a car park: what is taken so far."""
+    """The deck as a car park: which places are occupied so far."""
 
     layout: Layout
     runway: bool
-    taken_m: list[tuple[float, float, float]] = field(default_factory=list)  # x, y, radius
+    occupied_m: list[tuple[float, float, float]] = field(default_factory=list)  # x, y, radius
 
-    def take(self, footprint_m: NDArray[np.float64], edge_m: float = 0.0) -> bool:
-        """Whether a rectangle (4, 2) is free; if so it is taken."""
+    def reserve(self, footprint_m: Array, edge_m: float = 0.0) -> bool:
+        """Whether a rectangle (4, 2) is free; if so it is occupied from now on."""
         beside = np.roll(footprint_m, 1, axis=0)
         outline = np.concatenate([footprint_m + share * (beside - footprint_m) for share in (0.0, 0.25, 0.5, 0.75)])
         if not has_room(self.layout, self.runway, outline, edge_m):
             return False
         wanted = discs(footprint_m)
-        if self.taken_m:
-            others = np.array(self.taken_m)
+        if self.occupied_m:
+            others = np.array(self.occupied_m)
             gaps = np.hypot(*(others[:, None, :2] - wanted[:, :2]).transpose(2, 0, 1))
             if np.any(gaps < others[:, None, 2] + wanted[:, 2] + GAP_M):
                 return False
-        self.taken_m += [(float(x), float(y), float(radius)) for x, y, radius in wanted]
+        self.occupied_m += [(x, y, radius) for x, y, radius in wanted.tolist()]
         return True
 
+    def draw_point(self, margin: float, rng: Generator) -> tuple[float, float]:
+        """A point anywhere on deck, `margin` of its length away from stern and bow."""
+        x = rng.uniform(margin, 1.0 - margin) * self.layout.length_m
+        return x, rng.uniform(*self.layout.edges_at(x))
 
-def discs(rectangle_m: NDArray[np.float64]) -> NDArray[np.float64]:
+
+def discs(rectangle_m: Array) -> Array:
     """Circles (N, 3) of x, y, radius along a rectangle's longer axis, which stand for it."""
-    first, second = rectangle_m[1] - rectangle_m[0], rectangle_m[2] - rectangle_m[1]
-    long, short = sorted((first, second), key=lambda side: -float(np.hypot(*side)))
+    sides = (rectangle_m[1] - rectangle_m[0], rectangle_m[2] - rectangle_m[1])
+    long, short = sorted(sides, key=lambda side: -float(np.hypot(*side)))
     length, width = float(np.hypot(*long)), float(np.hypot(*short))
     share = np.linspace(-0.5, 0.5, int(np.ceil(length / width)) + 1)[:, None] * (1 - width / length)
     middles = rectangle_m.mean(axis=0) + share * long
     return np.column_stack([middles, np.full(len(middles), width / 2)])
 
 
-def clutter_mesh(layout: Layout, runway: bool, islands: tuple[Island, ...], rng: np.random.Generator) -> Mesh:
+def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng: Generator) -> Mesh:
     """Everything loose on deck; sometimes a full air wing, sometimes nothing."""
     lot = Lot(layout, runway)
     for island in islands:
         for x in np.arange(-0.5, 0.51, 0.25) * island.length_m + island.middle_m[0]:
-            lot.taken_m.append((float(x), island.middle_m[1], island.width_m * 0.5))
+            lot.occupied_m.append((float(x), island.middle_m[1], island.width_m * 0.5))
     fullness = rng.choice([0.0, 0.3, 1.0], p=[0.12, 0.38, 0.5])
-    return join([
-        aircraft_mesh(lot, islands, fullness, rng),
-        vehicles_mesh(lot, islands, fullness, rng),
-        people_mesh(lot, rng),
-        edge_mesh(layout, runway, rng),
-        deflectors_mesh(lot, rng),
-    ])  # fmt: skip
+    parts = [park_aircraft(lot, islands, fullness, rng), *park_vehicles(lot, islands, fullness, rng)]
+    parts += [*place_crew(lot, rng), *build_edge_gear(layout, runway, rng), *build_deflectors(lot, rng)]
+    return join(parts)
 
 
-def aircraft_mesh(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: np.random.Generator) -> Mesh:
+def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> Mesh:
     """Rows along the deck's edge, a pack beside the island, and some anywhere."""
-    names = list(KINDS)
-    wing = rng.choice(names, size=3)  # a ship carries few types
+    wing = rng.choice(list(KINDS), size=3)  # a ship carries few types
     coat = COATS[rng.integers(len(COATS))]
-    spots: list[tuple[float, float, float]] = []
+    spots: list[Pose] = []
     for side in (-1.0, 1.0):
         for _ in range(rng.integers(0, 1 + round(5 * fullness))):
             spots += row_spots(lot.layout, side, rng)
     for island in islands:
         if rng.random() < fullness:
-            x = island.middle_m[0] + rng.choice([-1.0, 1.0]) * (island.length_m / 2 + rng.uniform(12.0, 30.0))
-            spots += pack_spots(x, island.middle_m[1] - np.sign(island.middle_m[1]) * rng.uniform(0.0, 10.0), rng)
+            x, y = island.middle_m
+            x += rng.choice([-1.0, 1.0]) * (island.length_m / 2 + rng.uniform(12.0, 30.0))
+            spots += pack_spots(x, y - np.sign(y) * rng.uniform(0.0, 10.0), rng)
     if rng.random() < 0.6 * fullness:
         x = rng.uniform(0.7, 0.95) * lot.layout.length_m
         spots += pack_spots(x, rng.uniform(*lot.layout.edges_at(x)), rng)
     for _ in range(rng.integers(0, 1 + round(36 * fullness))):
-        x = rng.uniform(0.05, 0.95) * lot.layout.length_m
-        spots.append((x, rng.uniform(*lot.layout.edges_at(x)), rng.uniform(-np.pi, np.pi)))
-    parts: dict[str, list[tuple[float, ...]]] = {}
+        spots.append((*lot.draw_point(0.05, rng), rng.uniform(-np.pi, np.pi)))
+    parked: dict[str, list[tuple[float, ...]]] = {}
     kind, scale = str(wing[0]), min(1.0, lot.layout.length_m / 150.0)
     for x, y, yaw in spots:
         kind = str(rng.choice(wing)) if rng.random() < 0.3 else kind
         size = KINDS[kind] * scale
         length, width = extents(kind)
-        if lot.take(rectangle(x, y, size * length, size * width, yaw), -2.0):
-            parts.setdefault(kind, []).append((x, y, yaw, size, *(coat * rng.uniform(0.9, 1.1))))
-    meshes = []
-    for name, placed in parts.items():
-        table = np.array(placed)
-        at = np.column_stack([table[:, :2], np.zeros(len(table))])
-        meshes.append(instances(prototype(name), at, table[:, 2], table[:, 3:4], table[:, 4:]))
-    return join(meshes)
+        if lot.reserve(rectangle(x, y, size * length, size * width, yaw), -2.0):
+            parked.setdefault(kind, []).append((x, y, 0.0, yaw, size, *(coat * rng.uniform(0.9, 1.1))))
+    tables = {name: np.array(rows) for name, rows in parked.items()}
+    return join([instances(prototype(name), t[:, :3], t[:, 3], t[:, 4:5], t[:, 5:]) for name, t in tables.items()])
 
 
-def row_spots(layout: Layout, side: float, rng: np.random.Generator) -> list[tuple[float, float, float]]:
+def row_spots(layout: Layout, side: float, rng: Generator) -> list[Pose]:
     """Side by side along a deck edge, noses inwards at an angle."""
     start = rng.uniform(0.02, 0.8) * layout.length_m
     x = np.arange(start, min(start + rng.uniform(30.0, 140.0), 0.97 * layout.length_m), rng.uniform(8.0, 14.0))
-    edge = np.interp(x, layout.stations_m, layout.starboard_m if side > 0 else layout.port_m)
     turn = rng.uniform(0.35, 1.5) * (1.0 if rng.random() < 0.7 else -1.0)
     yaw = -side * (np.pi / 2 - turn * 0.6)
-    y = edge - side * rng.uniform(6.0, 9.5)
-    return [(float(a), float(b), float(yaw + rng.normal(0.0, 0.03))) for a, b in zip(x, y, strict=True)]
+    y = side * (layout.half_width_at(x, side) - rng.uniform(6.0, 9.5))
+    return [(a, b, yaw + rng.normal(0.0, 0.03)) for a, b in zip(x, y, strict=True)]
 
 
-def pack_spots(x_m: float, y_m: float, rng: np.random.Generator) -> list[tuple[float, float, float]]:
+def pack_spots(x_m: float, y_m: float, rng: Generator) -> list[Pose]:
     """A tight pack around a point: rows of aircraft that all point about the same way."""
     yaw, heading = rng.uniform(-np.pi, np.pi), rng.choice([0.0, np.pi / 2, -np.pi / 2])
     pitch = rng.uniform(11.0, 18.0), rng.uniform(9.0, 13.0)
     grid = np.stack(np.meshgrid(np.arange(rng.integers(1, 4)), np.arange(rng.integers(2, 6))), -1).reshape(-1, 2)
     turned = yaw if rng.random() < 0.4 else heading + rng.normal(0.0, 0.1)
     spots = place((grid - grid.mean(axis=0)) * pitch, x_m, y_m, turned) + rng.normal(0.0, 0.4, grid.shape)
-    return [(float(x), float(y), float(turned + rng.normal(0.0, 0.05))) for x, y in spots]
+    return [(x, y, turned + rng.normal(0.0, 0.05)) for x, y in spots]
 
 
-def vehicles_mesh(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: np.random.Generator) -> Mesh:
+def park_vehicles(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> list[Mesh]:
     """Tractors, fork lifts, fire engines, crates, pallets, and the big deck crane."""
     parts = []
     for _ in range(rng.integers(0, 3 + round(22 * fullness))):
-        x = rng.uniform(0.03, 0.97) * lot.layout.length_m
-        y, yaw = rng.uniform(*lot.layout.edges_at(x)), rng.uniform(-np.pi, np.pi)
+        (x, y), yaw = lot.draw_point(0.03, rng), rng.uniform(-np.pi, np.pi)
         if islands and rng.random() < 0.5:
-            x = islands[0].middle_m[0] + rng.normal(0.0, 0.7) * islands[0].length_m
-            y = islands[0].middle_m[1] - np.sign(islands[0].middle_m[1]) * rng.uniform(4.0, 14.0)
+            x, y = islands[0].middle_m
+            x += rng.normal(0.0, 0.7) * islands[0].length_m
+            y -= np.sign(y) * rng.uniform(4.0, 14.0)
         length, width = rng.uniform(1.5, 6.0), rng.uniform(0.8, 2.4)
-        if not lot.take(rectangle(x, y, length, width, yaw)):
+        if not lot.reserve(rectangle(x, y, length, width, yaw)):
             continue
         rgb = VEHICLES[rng.integers(len(VEHICLES))] * rng.uniform(0.8, 1.15)
-        parts.append(boxes([[x, y, -0.25]], (length, width, rng.uniform(0.5, 1.3)), yaw, rgb))
+        parts.append(boxes((x, y, -0.25), (length, width, rng.uniform(0.5, 1.3)), rgb, yaw))
         if rng.random() < 0.6:
-            shift = np.array([np.cos(yaw), np.sin(yaw)]) * length * rng.uniform(-0.3, 0.3)
+            at = np.array([x, y]) + np.array([np.cos(yaw), np.sin(yaw)]) * length * rng.uniform(-0.3, 0.3)
             cab = (0.3 * length, 0.85 * width, rng.uniform(0.5, 1.6))
-            parts.append(boxes([[*(np.array([x, y]) + shift), -0.8]], cab, yaw, rgb * rng.uniform(0.3, 1.1)))
-    if rng.random() < 0.25:
-        parts.append(deck_crane(lot, rng))
-    return join(parts)
+            parts.append(boxes((*at, -0.8), cab, rgb * rng.uniform(0.3, 1.1), yaw))
+    return parts + park_crane(lot, rng) if rng.random() < 0.25 else parts
 
 
-def deck_crane(lot: Lot, rng: np.random.Generator) -> Mesh:
-    """The yellow wheeled crane for crashed aircraft, its jib lowered."""
+def park_crane(lot: Lot, rng: Generator) -> list[Mesh]:
+    """The yellow wheeled crane for crashed aircraft, its jib lowered; none where ten tries find no room."""
     for _ in range(10):
         x, yaw = rng.uniform(0.2, 0.8) * lot.layout.length_m, rng.uniform(-np.pi, np.pi)
         y = rng.uniform(*lot.layout.edges_at(x))
-        footprint = rectangle(x, y, 20.0, 3.5, yaw)
-        if lot.take(footprint):
+        if lot.reserve(rectangle(x, y, 20.0, 3.5, yaw)):
             break
     else:
-        return join([])
-    rgb, ahead = np.array([0.8, 0.62, 0.1]) * rng.uniform(0.8, 1.1), np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    side = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        return []
+    rgb, up = np.array([0.8, 0.62, 0.1]) * rng.uniform(0.8, 1.1), np.array([0.0, 0.0, -1.0])
+    ahead, side = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     middle = np.array([x, y, 0.0])
-    back, tip = middle - 4.0 * ahead, middle + 9.5 * ahead - [0.0, 0.0, rng.uniform(3.0, 8.0)]
+    back, tip = middle - 4.0 * ahead, middle + 9.5 * ahead + rng.uniform(3.0, 8.0) * up
     wheels = np.array([back + a * ahead + b * side for a in (-3.0, 3.5) for b in (-1.2, 1.2)])
-    parts = [
-        boxes([back - [0, 0, 0.7]], (9.0, 2.8, 1.3), yaw, rgb),
-        boxes(wheels, (1.5, 0.6, 1.5), yaw, (0.12, 0.12, 0.12)),
+    heads, mast = np.array([back + 2.2 * up + 0.5 * k * side for k in (-1, 1)]), back + 6.5 * up
+    return [
+        boxes(back + 0.7 * up, (9.0, 2.8, 1.3), rgb, yaw),
+        boxes(wheels, (1.5, 0.6, 1.5), (0.12, 0.12, 0.12), yaw),
+        boxes(back - 2.0 * ahead + 2.0 * up, (3.0, 2.6, 1.8), rgb * 0.9, yaw),
+        rods(heads, [tip, tip], 0.35, rgb),
+        rods([back + 2.0 * up, mast], [mast, tip], [0.5, 0.12], rgb),
     ]
-    parts.append(boxes([back - 2.0 * ahead - [0, 0, 2.0]], (3.0, 2.6, 1.8), yaw, rgb * 0.9))
-    heads = np.array([back - [0, 0, 2.2] + 0.5 * k * side for k in (-1, 1)])
-    parts.append(bars(heads, np.array([tip, tip]), 0.35, rgb))
-    mast = back - [0, 0, 6.5]
-    parts.append(bars([back - [0, 0, 2.0], mast], [mast, tip], [0.5, 0.12], rgb))
-    return join(parts)
 
 
-def people_mesh(lot: Lot, rng: np.random.Generator) -> Mesh:
+def place_crew(lot: Lot, rng: Generator) -> list[Mesh]:
     """Crew in groups, jerseys by trade, and rows of them along an edge on some days."""
-    groups = int(rng.integers(0, 7))
-    layout = lot.layout
-    at = []
-    for _ in range(groups):
+    layout, at = lot.layout, [np.zeros((0, 2))]
+    for _ in range(rng.integers(0, 7)):
         x = rng.uniform(0.03, 0.95) * layout.length_m
         y = rng.uniform(*layout.edges_at(x))
         at.append(np.array([x, y]) + rng.normal(0.0, 3.0, (rng.integers(1, 9), 2)))
     if rng.random() < 0.08:
         manned = np.arange(0.1 * layout.length_m, 0.9 * layout.length_m, 3.0)
-        at.append(np.column_stack([manned, np.interp(manned, layout.stations_m, layout.starboard_m) - 1.0]))
-    points = np.concatenate(at) if at else np.zeros((0, 2))
+        at.append(np.column_stack([manned, layout.edges_at(manned)[1] - 1.0]))
+    points = np.concatenate(at)
     ahead = np.array([0.5, 0.0])  # where the edge turns sharply, the way across alone would mislead
     clear = np.minimum(edge_distance(layout, points + ahead), edge_distance(layout, points - ahead)) > 0.5
     if lot.runway:
         clear &= runway_distance(layout, points) > 4.0
     points = points[clear]
     if not len(points):
-        return join([])
+        return []
     yaw = rng.uniform(-np.pi, np.pi, len(points))
-    floor = np.column_stack([points, np.zeros(len(points))])
     jersey, legs = JERSEYS[rng.integers(len(JERSEYS), size=len(points))], np.array([0.2, 0.22, 0.3])
-    parts = [boxes(floor, (0.25, 0.4, 0.85), yaw, legs), boxes(floor - [0, 0, 0.85], (0.3, 0.5, 0.65), yaw, jersey)]
-    return join([*parts, boxes(floor - [0, 0, 1.5], (0.24, 0.24, 0.27), yaw, jersey)])
+    people = (((0.25, 0.4, 0.85), 0.0, legs), ((0.3, 0.5, 0.65), 0.85, jersey), ((0.24, 0.24, 0.27), 1.5, jersey))
+    return [boxes(at_height(points, -up), size, rgb, yaw) for size, up, rgb in people]
 
 
-def edge_mesh(layout: Layout, runway: bool, rng: np.random.Generator) -> Mesh:
-    """Whip aerials, upright or folded out, rafts, and the landing officer's platform with the optical landing aid."""
+def build_edge_gear(layout: Layout, runway: bool, rng: Generator) -> list[Mesh]:
+    """Whip aerials, upright or folded out, and the landing officer's platform with the optical landing aid."""
     parts = []
     count = int(rng.integers(0, 10))
     if count:
         side = rng.choice([-1.0, 1.0], count)
         x = rng.uniform(0.05, 0.95, count) * layout.length_m
-        edges = [np.interp(x, layout.stations_m, edge) for edge in (layout.port_m, layout.starboard_m)]
-        foot = np.column_stack([x, np.where(side > 0, *edges[::-1]) + side * 1.5, np.full(count, 0.9)])
-        folded = rng.random() < 0.5
-        lean = rng.uniform(0.95, 1.6, count) if folded else rng.uniform(0.0, 0.25, count)
+        port, starboard = layout.edges_at(x)
+        foot = np.column_stack([x, np.where(side > 0, starboard, port) + side * 1.5, np.full(count, 0.9)])
+        lean = rng.uniform(0.95, 1.6, count) if rng.random() < 0.5 else rng.uniform(0.0, 0.25, count)
         tall = rng.uniform(5.0, 11.0, count)
         tip = foot + np.column_stack([0 * x, side * np.sin(lean) * tall, -np.cos(lean) * tall])
-        clear = (runway_distance(layout, foot[:, :2]) > 4.0) & (runway_distance(layout, tip[:, :2]) > 4.0) | (
-            not runway
-        )
-        parts.append(bars(foot[clear], tip[clear], 0.22, np.full(3, rng.uniform(0.3, 0.9))))
-    if runway and rng.random() < 0.55:
-        parts.append(landing_aid(layout, rng))
-    return join(parts)
+        near = np.minimum(runway_distance(layout, foot[:, :2]), runway_distance(layout, tip[:, :2]))
+        clear = (near > 4.0) | (not runway)
+        parts.append(rods(foot[clear], tip[clear], 0.22, np.full(3, rng.uniform(0.3, 0.9))))
+    return parts + build_landing_aid(layout, rng) if runway and rng.random() < 0.55 else parts
 
 
-def landing_aid(layout: Layout, rng: np.random.Generator) -> Mesh:
+def build_landing_aid(layout: Layout, rng: Generator) -> list[Mesh]:
     """A lens between rows of green lamps beyond the port edge, and the landing officer's screen aft of it."""
     start, end = layout.left_m
     parts = []
@@ -252,25 +374,23 @@ def landing_aid(layout: Layout, rng: np.random.Generator) -> Mesh:
         y = layout.edges_at(x)[0] - wide / 2 - 0.3
         if runway_distance(layout, np.array([[x, y + wide / 2]]))[0] < 4.0:
             continue
-        parts.append(box(x, y, 1.4, (2.4, wide + 0.6, 0.4), 0.0, (0.35, 0.36, 0.38)))
-        parts.append(box(x, y, 1.0, (0.4, wide, tall), 0.0, (0.12, 0.12, 0.13)))
+        parts.append(boxes((x, y, 1.4), (2.4, wide + 0.6, 0.4), (0.35, 0.36, 0.38)))
+        parts.append(boxes((x, y, 1.0), (0.4, wide, tall), (0.12, 0.12, 0.13)))
         if tall < 1.7:
-            lamps = np.array([[x - 0.3, y + k * wide, 0.3] for k in (-0.4, -0.25, 0.25, 0.4)])
-            lit = rng.uniform(0.3, 1.0)
-            parts.append(boxes(lamps, (0.1, 0.13 * wide, 0.3), 0.0, lit * np.array([0.2, 0.95, 0.4])))
-            parts.append(boxes([[x - 0.3, y, 0.8]], (0.1, 0.08 * wide, 1.4), 0.0, lit * np.array([0.95, 0.5, 0.2])))
-    return join(parts)
+            lamps, lit = [[x - 0.3, y + k * wide, 0.3] for k in (-0.4, -0.25, 0.25, 0.4)], rng.uniform(0.3, 1.0)
+            parts.append(boxes(lamps, (0.1, 0.13 * wide, 0.3), lit * np.array([0.2, 0.95, 0.4])))
+            parts.append(boxes((x - 0.3, y, 0.8), (0.1, 0.08 * wide, 1.4), lit * np.array([0.95, 0.5, 0.2])))
+    return parts
 
 
-def deflectors_mesh(lot: Lot, rng: np.random.Generator) -> Mesh:
+def build_deflectors(lot: Lot, rng: Generator) -> list[Mesh]:
     """Raised jet blast deflectors: tilted plates on the foredeck."""
     parts = []
     for _ in range(rng.integers(0, 3)):
         x = rng.uniform(0.3, 0.75) * lot.layout.length_m
         y, wide, deep = rng.uniform(*lot.layout.edges_at(x)), rng.uniform(7.0, 11.0), rng.uniform(2.5, 4.0)
-        if not lot.take(rectangle(x, y, 4.5, wide)):
-            continue
-        y0, y1, up = y - wide / 2, y + wide / 2, -deep * 0.75
-        plate = np.array([[[x, y0, 0], [x, y1, 0], [x - 1.8, y1, up], [x - 1.8, y0, up]]])
-        parts += [quads(plate, (0.33, 0.33, 0.34)), quads(plate[:, ::-1] - [0.05, 0, 0], (0.25, 0.25, 0.26))]
-    return join(parts)
+        if lot.reserve(rectangle(x, y, 4.5, wide)):
+            y0, y1, up = y - wide / 2, y + wide / 2, -deep * 0.75
+            plate = np.array([[[x, y0, 0], [x, y1, 0], [x - 1.8, y1, up], [x - 1.8, y0, up]]])
+            parts += [quads(plate, (0.33, 0.33, 0.34)), quads(plate[:, ::-1] - [0.05, 0, 0], (0.25, 0.25, 0.26))]
+    return parts

@@ -1,17 +1,19 @@
-"""The hull under a deck: slab, flared sides, transom with its opening, bow, and a ski jump.
+"""The hull under a deck, with its transom, and what hangs on it: sponsons, openings, walks, numbers, rust.
 
 The hull is one loft through frames. A frame's corners lie on levels, from under the deck down to the keel; every
 level has its own stern, bow and half width, so that bows rake and sides flare.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
+from numpy.typing import ArrayLike
 
-from deckline.sim.ship.clearance import CLEAR_M, before_end, runway_distance
-from deckline.sim.ship.layout import Layout
-from deckline.sim.ship.mesh import Mesh, frustum, join, loft, quads
+from deckline.sim.ship.layout import CLEAR_M, Layout, runway_distance
+from deckline.sim.ship.mesh import Array, Mesh, at_height, boxes, disc, dome, facing, join, loft, quads, rods, strip
+from deckline.sim.ship.paint import figures
 from deckline.sim.ship.ship_class import Hull
 
 SLAB_M = 1.6  # depth of the deck's edge
@@ -19,7 +21,10 @@ DRAUGHT_M = 5.0  # how far hulls reach below the water, where the renderer cuts 
 BOOT_M = 1.2  # height of the dark stripe above the water
 STATIONS = np.array([0.0, 0.04, 0.12, 0.3, 0.5, 0.65, 0.76, 0.85, 0.92, 0.97, 1.0])  # of frames, along a level
 LIMIT_M = 0.5  # the hull's top stays this far inside the deck's edge
-BOOTS = ((0.16, 0.05, 0.05), (0.08, 0.08, 0.09), (0.35, 0.1, 0.08), (0.05, 0.07, 0.1))
+BOOTS = np.array([[0.16, 0.05, 0.05], [0.08, 0.08, 0.09], [0.35, 0.1, 0.08], [0.05, 0.07, 0.1]])
+PROUD_M = 0.12  # how far painted panels stand off the hull's side
+RAIL_M = 1.1  # height of a railing
+RUST = np.array([0.42, 0.26, 0.17])
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,176 +40,271 @@ class Form:
     curve: float  # exponent of the flare over height: 1 is straight
     bow_width: float  # width under the deck at the bow, of the beam: small is pointed
 
+    def ends(self, z_m: ArrayLike) -> tuple[Array, Array]:
+        """x of the transom and of the stem at heights."""
+        rise = self.rise(z_m)
+        stern = self.stern_m[0] + (self.stern_m[1] - self.stern_m[0]) * rise
+        return stern, self.bow_m[0] + (self.bow_m[1] - self.bow_m[0]) * rise
 
-def random_hull(layout: Layout, rng: np.random.Generator) -> Hull:
+    def rise(self, z_m: ArrayLike) -> Array:
+        """0 at the water, 1 under the deck."""
+        height = self.layout.deck_height_m
+        return np.clip((height - np.asarray(z_m)) / (height - SLAB_M), 0.0, 1.0)
+
+    def half_width(self, x_m: ArrayLike, z_m: ArrayLike, side: float) -> Array:
+        """Distance of the hull's side from the ship's axis; side -1 is port."""
+        stern, bow = self.ends(z_m)
+        s, t = np.clip((x_m - stern) / (bow - stern), 0.0, 1.0), self.transom
+        water = np.interp(s, [0.0, 0.12, 0.3, 0.6, 0.76, 0.9, 1.0], [t, (1 + t) / 2, 1.0, 1.0, 0.82, 0.38, 0.015])
+        widths = [(1 + t) / 2, 1.0, 1.0, (1 + self.bow_width) / 2, self.bow_width]
+        top = self.flare * np.interp(s, [0.0, 0.2, 0.75, 0.92, 1.0], widths)
+        half = self.beam_m * (water + (top - water) * self.rise(z_m) ** self.curve)
+        return np.minimum(half, np.maximum(self.layout.half_width_at(x_m, side) - LIMIT_M, 0.2))
+
+
+def random_hull(layout: Layout, rng: Generator) -> Hull:
     """Colours and proportions of a warship that nobody built."""
     width = float(np.median(layout.starboard_m - layout.port_m))
     bow = str(rng.choice(["blunt", "raked", "ski-jump"], p=[0.35, 0.45, 0.2]))
     grey = rng.uniform(0.4, 0.75) * np.array([0.97, 1.0, 1.03]) * rng.uniform(0.96, 1.04, 3)
     ramp = (rng.uniform(2.0, 6.0), rng.uniform(0.12, 0.22) * layout.length_m) if bow == "ski-jump" else (0.0, 0.0)
-    return Hull(
-        beam_m=float(rng.uniform(0.55, 0.85) * width),
-        bow=bow,  # type: ignore[arg-type]
-        rgb=(float(grey[0]), float(grey[1]), float(grey[2])),
-        stern_x_m=float(rng.uniform(0.5, 6.0)),
-        ramp_height_m=float(ramp[0]),
-        ramp_length_m=float(ramp[1]),
-        number=str(rng.integers(2, 99)) if rng.random() < 0.7 else "",
-    )
+    beam, stern_x = float(rng.uniform(0.55, 0.85) * width), float(rng.uniform(0.5, 6.0))
+    number = str(rng.integers(2, 99)) if rng.random() < 0.7 else ""
+    return Hull(beam, bow, tuple(grey.tolist()), stern_x, *ramp, number)  # type: ignore[arg-type]
 
 
-def random_form(layout: Layout, hull: Hull, rng: np.random.Generator) -> Form:
+def random_form(layout: Layout, hull: Hull, rng: Generator) -> Form:
     """The part of a hull's shape that its data leave open."""
-    length = layout.length_m
-    blunt = hull.bow == "blunt"
-    stem = length - rng.uniform(1.0, 3.0)
+    stem = layout.length_m - rng.uniform(1.0, 3.0)
     return Form(
         layout,
         beam_m=hull.beam_m / 2,
         stern_m=(hull.stern_x_m + rng.uniform(-0.3, 3.0), hull.stern_x_m),
-        bow_m=(stem - rng.uniform(0.02, 0.09) * length, stem),
+        bow_m=(stem - rng.uniform(0.02, 0.09) * layout.length_m, stem),
         transom=rng.uniform(0.7, 1.0),
         flare=rng.uniform(1.05, 1.5),
         curve=rng.uniform(1.0, 2.2),
-        bow_width=rng.uniform(0.5, 0.9) if blunt else rng.uniform(0.05, 0.35),
+        bow_width=rng.uniform(0.5, 0.9) if hull.bow == "blunt" else rng.uniform(0.05, 0.35),
     )
 
 
-def stem_and_stern(form: Form, z_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """x of the transom and of the stem at heights."""
-    rise = np.clip((form.layout.deck_height_m - z_m) / (form.layout.deck_height_m - SLAB_M), 0.0, 1.0)
-    stern = form.stern_m[0] + (form.stern_m[1] - form.stern_m[0]) * rise
-    return stern, form.bow_m[0] + (form.bow_m[1] - form.bow_m[0]) * rise
-
-
-def half_width(form: Form, x_m: NDArray[np.float64], z_m: NDArray[np.float64], side: float) -> NDArray[np.float64]:
-    """Distance of the hull's side from the ship's axis; side -1 is port."""
-    layout = form.layout
-    rise = np.clip((layout.deck_height_m - z_m) / (layout.deck_height_m - SLAB_M), 0.0, 1.0)
-    stern, bow = stem_and_stern(form, z_m)
-    s = np.clip((x_m - stern) / (bow - stern), 0.0, 1.0)
-    t = form.transom
-    water = np.interp(s, [0.0, 0.12, 0.3, 0.6, 0.76, 0.9, 1.0], [t, (1 + t) / 2, 1.0, 1.0, 0.82, 0.38, 0.015])
-    top = form.flare * np.interp(
-        s, [0.0, 0.2, 0.75, 0.92, 1.0], [(1 + t) / 2, 1.0, 1.0, (1 + form.bow_width) / 2, form.bow_width]
-    )
-    half = form.beam_m * (water + (top - water) * rise**form.curve)
-    edge = np.interp(x_m, layout.stations_m, layout.starboard_m if side > 0 else -layout.port_m)
-    return np.minimum(half, np.maximum(edge - LIMIT_M, 0.2))
-
-
-def hull_mesh(layout: Layout, hull: Hull, form: Form, rng: np.random.Generator) -> Mesh:
+def build_hull(hull: Hull, form: Form, rng: Generator) -> Mesh:
     """The hull with its boot stripe; its transom may open into a dark hangar or mooring deck."""
-    height = layout.deck_height_m
+    height = form.layout.deck_height_m
     top, bottom = SLAB_M + rng.uniform(0.5, 2.5), height * rng.uniform(0.42, 0.72)
     opening = (top, bottom) if rng.random() < 0.65 and bottom - top > 1.5 else None
     boot = height - BOOT_M * rng.uniform(0.3, 1.5)
-    inner = [*opening] if opening else [0.4 * height]
-    levels = np.array([SLAB_M, *inner, 0.82 * height, boot, height, height + max(DRAUGHT_M, 0.01)])
-    levels = np.sort(levels)
-    paint, dark = np.array(hull.rgb), np.array(BOOTS[rng.integers(len(BOOTS))])
-    stern, bow = stem_and_stern(form, levels)
+    levels = np.sort([SLAB_M, *(opening or [0.4 * height]), 0.82 * height, boot, height, height + DRAUGHT_M])
+    paint, dark = np.array(hull.rgb), BOOTS[rng.integers(len(BOOTS))]
+    stern, bow = form.ends(levels)
     x = stern + STATIONS[:, None] * (bow - stern)  # (K, L)
     z = np.broadcast_to(levels, x.shape)
-    sides = [np.stack([x, side * half_width(form, x, z, side), z], -1) for side in (-1.0, 1.0)]
+    sides = [np.stack([x, side * form.half_width(x, z, side), z], -1) for side in (-1.0, 1.0)]
     frames = np.concatenate([sides[0], sides[1][:, ::-1]], axis=1)
     middle = (levels[:-1] + levels[1:]) / 2
     band = np.where((middle > boot)[:, None], dark, paint * np.interp(middle, [0, height], [1.04, 0.9])[:, None])
     around = np.concatenate([band, dark[None], band[::-1], paint[None] * 0.5])
     shade = rng.uniform(0.94, 1.06, (len(STATIONS) - 1, len(around), 1))
     body = loft(frames, around * shade, (False, True))
-    return join([body, transom_mesh(sides[0][0], sides[1][0], band, opening, rng)])
+    return join([body, build_transom(sides[0][0], sides[1][0], band, opening, rng)])
 
 
-def transom_mesh(
-    port_m: NDArray[np.float64],
-    starboard_m: NDArray[np.float64],
-    band: NDArray[np.float64],
-    opening: tuple[float, float] | None,
-    rng: np.random.Generator,
+def build_transom(
+    port_m: Array, starboard_m: Array, band: Array, opening: tuple[float, float] | None, rng: Generator
 ) -> Mesh:
-    """The stern plate, level by level, around an opening between two levels."""
+    """The stern plate, level by level, around an opening between two levels, behind which lies a hall."""
     faces, colours, halls = [], [], []
     reach = rng.uniform(0.55, 0.92, 2)
-    for k in range(len(port_m) - 1):
-        p0, p1, s0, s1 = port_m[k], port_m[k + 1], starboard_m[k], starboard_m[k + 1]
+    for (p0, p1), (s0, s1), rgb in zip(pairwise(port_m), pairwise(starboard_m), band, strict=True):
         if opening and opening[0] <= (p0[2] + p1[2]) / 2 <= opening[1]:
             a, b = -reach[0] * min(-p0[1], -p1[1]), reach[1] * min(s0[1], s1[1])
             hole = np.array([[p0[0], a, p0[2]], [p0[0], b, p0[2]], [p1[0], b, p1[2]], [p1[0], a, p1[2]]])
             faces += [[p0, p1, hole[3], hole[0]], [hole[1], hole[2], s1, s0]]
-            colours += [band[k], band[k]]
-            halls.append(recess(hole, rng.uniform(4.0, 12.0), band[k] * rng.uniform(0.25, 0.6)))
+            colours += [rgb, rgb]
+            halls.append(build_recess(hole, rng.uniform(4.0, 12.0), rgb * rng.uniform(0.25, 0.6)))
         else:
             faces.append([p0, p1, s1, s0])
-            colours.append(band[k])
-    plate = quads(np.array(faces), np.array(colours) * rng.uniform(0.92, 1.05))
-    return join([plate, *halls])
+            colours.append(rgb)
+    return join([quads(np.array(faces), np.array(colours) * rng.uniform(0.92, 1.05)), *halls])
 
 
-def recess(hole_m: NDArray[np.float64], depth_m: float, rgb: NDArray[np.float64]) -> Mesh:
+def build_recess(hole_m: Array, depth_m: float, rgb: Array) -> Mesh:
     """Walls, floor, ceiling and back of a hall whose opening is `hole` (4, 3), seen from astern."""
-    back = hole_m + np.array([depth_m, 0.0, 0.0])
     a, b, c, d = hole_m
-    e, f, g, h = back
+    e, f, g, h = hole_m + np.array([depth_m, 0.0, 0.0])
     faces = np.array([[e, h, g, f], [a, e, f, b], [d, c, g, h], [a, d, h, e], [b, f, g, c]])
     return quads(faces, rgb * np.array([[0.75], [0.4], [1.25], [0.8], [0.8]]))
 
 
-def slab_mesh(layout: Layout, runway: bool, paint: NDArray[np.float64], rng: np.random.Generator) -> Mesh:
-    """Edge and underside of the deck; the stern may be a round-down, painted or not."""
-    edge = layout.outline_m
-    n = len(layout.stations_m)
-    walls = frustum(edge, SLAB_M, edge, 0.0, paint * rng.uniform(0.6, 1.1), cap=False)
-    left, right = edge[:n], edge[n:][::-1]
-    corners = np.stack([left[:-1], left[1:], right[1:], right[:-1]], 1)
-    under = quads(np.concatenate([corners, np.full((n - 1, 4, 1), SLAB_M)], 2), paint * 0.45)
-    parts = [walls, under]
-    if rng.random() < 0.7:
-        parts.append(round_down(layout, runway, paint, rng))
+def build_fittings(form: Form, number: str, paint: Array, rng: Generator) -> Mesh:
+    """Everything on both sides of the hull and on its stern."""
+    parts = [build_stern(form, paint, rng)]
+    rails = rng.random() < 0.8
+    for side in (-1.0, 1.0):
+        parts += [build_sponson(form, side, paint, rng, rails) for _ in range(rng.integers(1, 6))]
+        parts += [build_bay(form, side, paint, rng) for _ in range(rng.integers(0, 4))]
+        if number:
+            parts.append(build_side_number(form, side, number, rng))
+        if rng.random() < 0.75:
+            parts.append(build_walk(form.layout, side, paint, rng, rails))
+        parts.append(build_streaks(form, side, rng))
     return join(parts)
 
 
-def round_down(layout: Layout, runway: bool, paint: NDArray[np.float64], rng: np.random.Generator) -> Mesh:
-    """The stern's edge, curved or cut down to what the hook may strike, as wide as the runway or the stern."""
-    y0, y1 = layout.port_m[0], layout.starboard_m[0]
-    if runway and rng.random() < 0.5:
-        spare = rng.uniform(1.5, 4.0)
-        y0, y1 = max(y0, layout.left_m[0, 1] - spare), min(y1, layout.right_m[0, 1] + spare)
-    reach, drop = rng.uniform(0.3, 3.0), rng.uniform(1.5, 3.5)
-    profile = np.array([[0.0, 0.0], [-0.5, 0.15], [-0.85, 0.5], [-1.0, 1.0], [0.0, 1.0]]) * [reach, drop]
-    ends = [np.column_stack([profile[:, 0], np.full(5, y), profile[:, 1]]) for y in (y0, y1)]
-    white = rng.random() < 0.55
-    shade = np.full(3, rng.uniform(0.6, 0.95)) if white else paint * rng.uniform(0.7, 1.1)
-    colours = shade * np.array([1.0, 1.0, 1.0, 0.6, 0.6])[:, None]
-    return loft(ends, colours[None])
+def points_on_side(form: Form, x_m: ArrayLike, z_m: ArrayLike, side: float, out_m: float = PROUD_M) -> Array:
+    """Points (..., 3) of the hull's side at stations and heights, standing off by `out`."""
+    x, z = np.broadcast_arrays(np.asarray(x_m, dtype=np.float64), np.asarray(z_m, dtype=np.float64))
+    return np.stack([x, side * (form.half_width(x, z, side) + out_m), z], -1)
 
 
-def ski_jump(layout: Layout, runway: bool, hull: Hull, rgb: NDArray[np.float64]) -> Mesh:
-    """The bow's ramp: a curved wedge that keeps off the runway, on one side only where the runway passes."""
-    if hull.ramp_height_m <= 0 or hull.ramp_length_m <= 0:
+def gallery_ring(stations_m: Array, side: float, outer_m: Array, inner_m: Array) -> Array:
+    """A polygon (2 N, 2) along one side of a ship, from stations and distances from its axis (N,)."""
+    return np.column_stack([np.r_[stations_m, stations_m[::-1]], side * np.r_[outer_m, inner_m[::-1]]])
+
+
+def build_sponson(form: Form, side: float, paint: Array, rng: Generator, rails: bool) -> Mesh:
+    """A gallery under an overhang, wedge-shaped below, with a railing, a dome or a launcher."""
+    layout, reach = form.layout, rng.uniform(8.0, 55.0)
+    x = rng.uniform(0.0, 0.8 * layout.length_m - reach / 2)
+    z = rng.uniform(SLAB_M + 0.6, min(5.5, 0.4 * layout.deck_height_m))
+    low_z = min(z + rng.uniform(1.5, 8.0), 0.8 * layout.deck_height_m)
+    stations = x + reach * np.array([0.0, rng.uniform(0.02, 0.25), rng.uniform(0.75, 0.98), 1.0])
+    inner = form.half_width(stations, low_z, side) - 0.6
+    hull_top = form.half_width(stations, z, side)
+    outer = np.maximum(layout.half_width_at(stations, side) * rng.uniform(0.9, 1.06), hull_top)
+    outer[[0, 3]] = np.minimum(outer[[0, 3]], hull_top[[0, 3]] + rng.uniform(0.0, 4.0))
+    top, low = (gallery_ring(stations, side, edge, inner) for edge in (outer, inner + 0.3))
+    lip = z + rng.uniform(0.5, 1.8)
+    tint = paint * rng.uniform(0.85, 1.12)
+    rings = [at_height(ring, up) for ring, up in ((low, max(low_z, lip + 0.3)), (top, lip), (top, z))]
+    parts = [loft(rings, tint)]
+    walk = np.column_stack([stations, side * (outer - 0.15), np.full(4, z)])
+    if rails:
+        parts.append(build_railing(walk, tint * 1.05))
+    at = walk[1] + (walk[2] - walk[1]) * rng.uniform(0.1, 0.9) - [0.0, side * 1.8, 0.0]
+    kind = rng.integers(4) if runway_distance(layout, at[:2]) > CLEAR_M + 2.0 else -1
+    if kind == 0:  # a close-in gun's white dome
+        white = np.full(3, rng.uniform(0.7, 0.92))
+        parts += [boxes(at, (1.6, 1.6, 1.0), tint), dome(at[0], at[1], z - 1.9, 0.9, white, 6)]
+    elif kind == 1:
+        parts.append(boxes(at, (3.0, 2.4, 1.8), tint * 0.9, rng.uniform(0, np.pi)))
+    return join(parts)
+
+
+def build_railing(path_m: Array, rgb: ArrayLike, spacing_m: float = 4.0) -> Mesh:
+    """Two rails on posts along points (N, 3)."""
+    lifted = [path_m - [0.0, 0.0, up] for up in (0.55, RAIL_M)]
+    length = np.linalg.norm(np.diff(path_m, axis=0), axis=1).sum()
+    at = np.linspace(0.0, len(path_m) - 1.0, max(2, int(length / spacing_m)))
+    posts = np.stack([np.interp(at, np.arange(len(path_m)), path_m[:, k]) for k in range(3)], -1)
+    starts = np.concatenate([*(line[:-1] for line in lifted), posts])
+    ends = np.concatenate([*(line[1:] for line in lifted), posts - [0.0, 0.0, RAIL_M]])
+    return rods(starts, ends, 0.09, rgb)
+
+
+def build_bay(form: Form, side: float, paint: Array, rng: Generator) -> Mesh:
+    """An opening to the hangar or a boat deck: a dark panel with a lighter sill."""
+    height = form.layout.deck_height_m
+    first = rng.uniform(0.08, 0.7) * form.layout.length_m
+    x = np.linspace(first, first + rng.uniform(5.0, 26.0), 5)
+    top, sill = height * rng.uniform(0.2, 0.35), height * rng.uniform(0.42, 0.6)
+    shades = [paint * rng.uniform(0.2, 0.5), paint * rng.uniform(0.9, 1.2)]
+    rows = [points_on_side(form, x, z, side) for z in (top, sill, min(sill + 0.5, 0.95 * height))]
+    panels = zip(pairwise(rows), shades, strict=True)
+    return join([facing(strip(*pair), shade, (0.0, side, 0.0)) for pair, shade in panels])
+
+
+def build_walk(layout: Layout, side: float, paint: Array, rng: Generator, rails: bool) -> Mesh:
+    """A walk below the deck's edge and a safety net outside it, along parts of the side."""
+    edge = layout.starboard_m if side > 0 else layout.port_m
+    wide, drop = rng.uniform(0.9, 2.0), rng.uniform(0.4, 1.8)
+    slope = 0.35 if rng.random() < 0.5 else 0.0
+    x, y = layout.stations_m[::2], edge[::2] - side * 0.2
+    inner = np.stack([x, y, np.full_like(x, drop)], -1)
+    outer = np.stack([x, y + side * wide, np.full_like(x, drop - slope)], -1)
+    present = np.repeat(rng.random(-(-(len(x) - 1) // 4)) < 0.7, 4)[: len(x) - 1]
+    if not present.any():
         return join([])
-    x = layout.length_m - hull.ramp_length_m * np.linspace(1.0, 0.0, 9)
-    port, starboard = (np.interp(x, layout.stations_m, edge) for edge in (layout.port_m, layout.starboard_m))
-    low, high = clear_span(layout, x, port, starboard) if runway else (port, starboard)
-    if np.min(high - low) < 6.0:
+    shade = paint * rng.uniform(0.45, 1.0)
+    kerb = strip(outer, outer + np.array([0.0, 0.0, 0.35]))[present]
+    parts = [facing(strip(inner, outer)[present], shade, (0.0, 0.0, -1.0))]
+    parts.append(facing(kerb, shade * 0.8, (0.0, side, 0.0)))
+    if rails and drop >= RAIL_M:  # a lower walk's rail would stand above the deck
+        starts, ends = outer[:-1][present], outer[1:][present]
+        up = np.array([0.0, 0.0, RAIL_M])
+        parts.append(rods(np.concatenate([starts - up, starts]), np.concatenate([ends - up, starts - up]), 0.08, shade))
+    return join(parts)
+
+
+def number_triangles(text: str, height_m: float, side: float) -> tuple[Array, Array]:
+    """Corners (N,) of a number that is read from outside a ship: x about its middle, and z below its top."""
+    flat = figures(text, ((0.0, 0.0), (1.0, 0.0)), height_m, (1.0, 1.0, 1.0))[:, :2].astype(np.float64)
+    return side * (flat[:, 0] - flat[:, 0].mean()), flat[:, 1]
+
+
+def build_side_number(form: Form, side: float, number: str, rng: Generator) -> Mesh:
+    """The hull number near the bow."""
+    height = form.layout.deck_height_m
+    x, z = number_triangles(number, height * rng.uniform(0.18, 0.4), side)
+    at = form.bow_m[0] * rng.uniform(0.82, 0.93), height * rng.uniform(0.3, 0.5)
+    corners = points_on_side(form, at[0] + x, at[1] + z, side).reshape(-1, 3, 3)
+    return facing(corners, np.full(3, rng.uniform(0.6, 0.95)), (0.0, side, 0.0))
+
+
+def build_streaks(form: Form, side: float, rng: Generator) -> Mesh:
+    """Rust and water marks that run down from the deck."""
+    count = int(rng.integers(0, 26))
+    if count == 0:
         return join([])
-    z = -hull.ramp_height_m * np.linspace(0.0, 1.0, 9) ** 1.7
-    zero = np.zeros(9)
-    corners = [(low, zero), (high, zero), (high, z), (low, z)]
-    sections = np.stack([np.stack([x, y, up], -1) for y, up in corners], 1)
-    return loft(sections, rgb * np.array([1.0, 1.1, 1.0, 1.1])[None, :, None])
+    height = form.layout.deck_height_m
+    x = rng.uniform(0.03, 0.9, count) * form.layout.length_m
+    wide, top = rng.uniform(0.1, 0.6, count), rng.uniform(SLAB_M, 0.6 * height, count)
+    foot = np.minimum(top + rng.uniform(1.0, 8.0, count), height)
+    outline = ((-wide, top), (wide, top), (0.4 * wide, foot), (0 * x, foot))
+    corners = np.stack([points_on_side(form, x + dx, z, side, 0.07) for dx, z in outline], 1)
+    shade = rng.uniform(0.7, 1.1, (count, 1)) * (RUST if rng.random() < 0.6 else np.full(3, 0.3))
+    return facing(corners, shade, (0.0, side, 0.0))
 
 
-def clear_span(
-    layout: Layout, x_m: NDArray[np.float64], port_m: NDArray[np.float64], starboard_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The wider side of the deck (from y, to y) that no runway line comes near, at stations."""
-    y = np.linspace(port_m, starboard_m, 60)
-    points = np.stack([np.broadcast_to(x_m, y.shape), y], -1)
-    taken = (runway_distance(layout, points) < CLEAR_M + 1.5) & before_end(layout, points, 15.0)
-    if not taken.any():
-        return port_m, starboard_m
-    first = np.min(np.where(taken, y, np.inf), axis=0)
-    last = np.max(np.where(taken, y, -np.inf), axis=0)
-    high, low = np.minimum(starboard_m, first.min()), np.maximum(port_m, last.max())
-    return (low, starboard_m) if np.min(starboard_m - low) >= np.min(high - port_m) else (port_m, high)
+def build_stern(form: Form, paint: Array, rng: Generator) -> Mesh:
+    """Galleries with railings across the stern, lamps, fairleads, and the drop line below the ramp."""
+    height, parts = form.layout.deck_height_m, []
+    left, right = (float(form.half_width(form.stern_m[1], SLAB_M, side)) for side in (-1.0, 1.0))
+    for _ in range(rng.integers(0, 4)):
+        z = height * rng.uniform(0.3, 0.75)
+        x = float(form.ends(z)[0])
+        y = rng.uniform(-left, right * 0.6)
+        wide, deep = min(rng.uniform(4.0, 24.0), right - y), rng.uniform(1.0, 3.0)
+        low, top = ([[x + 0.5, y], [x - d, y], [x - d, y + wide], [x + 0.5, y + wide]] for d in (0.2, deep))
+        low, top = at_height(low, z + rng.uniform(0.8, 2.5)), at_height(top, z)
+        parts.append(loft([low, top], paint * rng.uniform(0.8, 1.15), (False, True)))
+        path = at_height([[x, y], [x - deep, y], [x - deep, y + wide], [x, y + wide]], z)
+        parts.append(build_railing(path, paint * rng.uniform(0.9, 1.4), 2.0))
+    count = int(rng.integers(0, 8))
+    if count:
+        heights = height * rng.uniform(0.15, 0.9, count)
+        at = np.stack([form.ends(heights)[0] - 0.05, rng.uniform(-left, right, count) * 0.85, heights], -1)
+        size = np.column_stack([np.full(count, 0.5), rng.uniform(0.5, 3.5, count), rng.uniform(0.4, 1.8, count)])
+        parts.append(boxes(at, size, paint * rng.uniform(0.3, 1.5, (count, 1))))
+    if rng.random() < 0.5:
+        parts.append(build_drop_line(form, rng))
+    if rng.random() < 0.3:  # round fairleads in a row just above the water
+        z = height * rng.uniform(0.6, 0.8)
+        x, ring = float(form.ends(z)[0]), disc(0.0, 0.0, rng.uniform(0.3, 0.6), 6)
+        for y in np.linspace(-left * 0.7, right * 0.7, int(rng.integers(3, 7))):
+            sections = [np.column_stack([np.full(6, x + dx), np.add(ring, (y, z))]) for dx in (0.3, -0.25)]
+            parts.append(loft(sections, (0.07, 0.07, 0.08)))
+    return join(parts)
+
+
+def build_drop_line(form: Form, rng: Generator) -> Mesh:
+    """The painted bar on the stern that continues the centre line downwards, white or with a yellow part."""
+    y, shares = form.layout.centre_m[0, 1], [rng.uniform(*part) for part in ((0.15, 0.35), (0.4, 0.6), (0.6, 0.9))]
+    z = SLAB_M + (form.layout.deck_height_m - SLAB_M) * np.array([0.0, *shares])
+    x = form.ends(z)[0] - rng.uniform(0.1, 0.6)
+    half = rng.uniform(0.3, 0.7)
+    port, starboard = (np.stack([x, np.full(4, y + side * half), z], -1) for side in (-1.0, 1.0))
+    faces = np.stack([port[:-1], starboard[:-1], starboard[1:], port[1:]], 1)
+    white = np.full(3, rng.uniform(0.6, 0.95))
+    middle = np.array([0.8, 0.65, 0.1]) if rng.random() < 0.5 else white
+    return facing(faces, np.array([white, middle, white]), (-1.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Flat-shaded triangles from lofted polygons: every solid is a row of polygons joined one to the next.
+"""Flat-shaded triangles: solids are rows of polygons, each joined to the next.
 
 Ship frame: x forward along the ship's axis, y to starboard, z down, origin on the deck plane at the stern.
 A mesh is float32 (N, 9): position, unit normal, colour (0..1) of three vertices per triangle. Normals follow the
@@ -6,19 +6,21 @@ winding, and those of a solid point out of it.
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Array = NDArray[np.float64]
 Mesh = NDArray[np.float32]
 Rgb = tuple[float, float, float]
+WHITE: Rgb = (1.0, 1.0, 1.0)
 FLAT_M2 = 1e-8  # a triangle with less than this (twice its area) is left out
 
 
-def triangles(corners_m: NDArray[np.float64], rgb: ArrayLike) -> Mesh:
+def triangles(corners_m: Array, rgb: ArrayLike) -> Mesh:
     """Mesh of triangles (N, 3, 3); normals follow the winding. Colour (3,), (N, 1, 3) or (N, 3, 3)."""
-    normal = _cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    normal = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
     length = np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
     normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
     out = np.empty((len(corners_m), 3, 9), dtype=np.float32)
@@ -35,6 +37,19 @@ def quads(corners_m: ArrayLike, rgb: ArrayLike) -> Mesh:
     return triangles(corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3), np.repeat(colour, 2, axis=0)[:, None])
 
 
+def facing(corners_m: Array, rgb: ArrayLike, direction: ArrayLike) -> Mesh:
+    """Triangles (N, 3, 3) or quads (N, 4, 3), flipped where needed so that they look along a direction (3,)."""
+    first, second, last = corners_m[:, 0], corners_m[:, 1], corners_m[:, -1]
+    back = np.cross(second - first, last - first) @ np.asarray(direction, dtype=np.float64) < 0
+    corners = np.where(back[:, None, None], corners_m[:, ::-1], corners_m)
+    return triangles(corners, rgb) if corners.shape[1] == 3 else quads(corners, rgb)
+
+
+def strip(first_m: Array, second_m: Array) -> Array:
+    """Corners (N - 1, 4, K) of the faces between two rows of points (N, K)."""
+    return np.stack([first_m[:-1], first_m[1:], second_m[1:], second_m[:-1]], axis=1)
+
+
 def loft(sections_m: ArrayLike, rgb: ArrayLike, ends: tuple[bool, bool] = (True, True)) -> Mesh:
     """A solid through polygons (K, N, 3), its normals pointing out.
 
@@ -45,7 +60,7 @@ def loft(sections_m: ArrayLike, rgb: ArrayLike, ends: tuple[bool, bool] = (True,
     """
     sections = np.asarray(sections_m, dtype=np.float64)
     count, around = sections.shape[:2]
-    beside = np.concatenate([sections[:, 1:], sections[:, :1]], axis=1)
+    beside = np.roll(sections, -1, axis=1)
     a, b, c, d = sections[:-1], beside[:-1], beside[1:], sections[1:]
     walls = np.concatenate([np.stack([a, b, c], 2).reshape(-1, 3, 3), np.stack([a, c, d], 2).reshape(-1, 3, 3)])
     middles = sections[[0, -1]].mean(axis=1)[:, None] + np.zeros((1, around, 1))
@@ -56,42 +71,38 @@ def loft(sections_m: ArrayLike, rgb: ArrayLike, ends: tuple[bool, bool] = (True,
     colours = np.concatenate([wall_rgb.reshape(-1, 3)] * 2 + [wall_rgb[0], wall_rgb[-1]])
     keep = np.repeat([True, True, *ends], [(count - 1) * around] * 2 + [around] * 2)
     origin = corners.reshape(-1, 3).mean(axis=0)
-    crossed = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    if np.sum((corners[:, 0] - origin) * crossed) < 0:  # six times the volume
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if np.sum((corners[:, 0] - origin) * normal) < 0:  # six times the volume
         corners = corners[:, ::-1]
-    keep &= np.einsum("ij,ij->i", crossed, crossed) > FLAT_M2**2
+    keep &= np.einsum("ij,ij->i", normal, normal) > FLAT_M2**2
     return triangles(corners[keep], colours[keep, None])
 
 
 def frustum(
-    lower_m: ArrayLike, lower_z_m: float, upper_m: ArrayLike, upper_z_m: float, rgb: ArrayLike, cap: bool = True
+    lower_m: ArrayLike, lower_z_m: float, upper_m: ArrayLike, upper_z_m: float, rgb: ArrayLike, lid: bool = True
 ) -> Mesh:
     """Walls between two polygons (N, 2) of equal length at two heights, and a lid on star-shaped upper ones."""
-    lower, upper = np.asarray(lower_m, dtype=np.float64), np.asarray(upper_m, dtype=np.float64)
-    if lower.shape != upper.shape or lower.ndim != 2 or lower.shape[1] != 2:
-        raise ValueError(f"frustum needs two polygons (N, 2) of equal length, got {lower.shape}, {upper.shape}")
-    return loft([at_height(lower, lower_z_m), at_height(upper, upper_z_m)], rgb, (False, cap))
+    return loft([at_height(lower_m, lower_z_m), at_height(upper_m, upper_z_m)], rgb, (False, lid))
 
 
-def at_height(points_m: ArrayLike, z_m: float) -> NDArray[np.float64]:
-    """Points (N, 2) at one height, (N, 3)."""
+def at_height(points_m: ArrayLike, z_m: ArrayLike) -> Array:
+    """Points (N, 2) at one height or at a height each, (N, 3)."""
     points = np.asarray(points_m, dtype=np.float64)
-    return np.column_stack([points, np.full(len(points), z_m)])
+    return np.column_stack([points, np.broadcast_to(z_m, len(points))])
 
 
 def instances(
-    mesh: Mesh, at_m: ArrayLike, yaw_rad: ArrayLike = 0.0, size: ArrayLike = 1.0, rgb: ArrayLike = (1.0, 1.0, 1.0)
+    mesh: Mesh, at_m: ArrayLike, yaw_rad: ArrayLike = 0.0, size: ArrayLike = 1.0, rgb: ArrayLike = WHITE
 ) -> Mesh:
     """Copies of a mesh: stretched by positive sizes, turned from x towards y, moved, their colours multiplied.
 
     Args:
-        at_m: (M, 3). yaw_rad: one or (M,). size: one, (M, 1) or (M, 3). rgb: (3,) or (M, 3).
+        at_m: (3,) or (M, 3). yaw_rad: one or (M,). size: one, (3,), (M, 1) or (M, 3). rgb: (3,) or (M, 3).
     """
     at = np.asarray(at_m, dtype=np.float32).reshape(-1, 1, 3)
     count = len(at)
-    scale = np.broadcast_to(np.asarray(size, dtype=np.float32), (count, 3))[:, None]
+    scale, colour = (np.broadcast_to(np.asarray(v, dtype=np.float32), (count, 3))[:, None] for v in (size, rgb))
     yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float32), (count,))[:, None]
-    colour = np.broadcast_to(np.asarray(rgb, dtype=np.float32), (count, 3))[:, None]
     c, s = np.cos(yaw), np.sin(yaw)
     position, normal = mesh[None, :, :3] * scale, mesh[None, :, 3:6] / scale
     normal /= np.sqrt(np.einsum("ijk,ijk->ij", normal, normal))[..., None]
@@ -105,48 +116,42 @@ def instances(
     return out.reshape(-1, 9)
 
 
-def rectangle(x_m: float, y_m: float, length_m: float, width_m: float, yaw_rad: float = 0.0) -> NDArray[np.float64]:
+def rectangle(x_m: float, y_m: float, length_m: float, width_m: float, yaw_rad: float = 0.0) -> Array:
     """Corners (4, 2) of a rectangle around (x, y), its length turned by yaw from x towards y."""
     corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * [length_m, width_m]
     return place(corners, x_m, y_m, yaw_rad)
 
 
-def place(corners_m: ArrayLike, x_m: float, y_m: float, yaw_rad: float) -> NDArray[np.float64]:
+def place(corners_m: ArrayLike, x_m: float, y_m: float, yaw_rad: float) -> Array:
     """Points (N, 2) turned by yaw about the origin and moved to (x, y)."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.asarray(corners_m) @ np.array([[c, s], [-s, c]]) + [x_m, y_m]
 
 
-@lru_cache(maxsize=1)
+@cache
 def unit_box() -> Mesh:
-    """A white cube of 1 m standing on the origin."""
-    return loft([at_height(rectangle(0, 0, 1, 1), z) for z in (0.0, -1.0)], (1.0, 1.0, 1.0))
+    """A white cube of 1 m that stands on the origin."""
+    return loft([at_height(rectangle(0, 0, 1, 1), z) for z in (0.0, -1.0)], WHITE)
 
 
-def boxes(at_m: ArrayLike, size_m: ArrayLike, yaw_rad: ArrayLike = 0.0, rgb: ArrayLike = (1.0, 1.0, 1.0)) -> Mesh:
-    """Closed boxes standing on the middles of their floors.
+def boxes(at_m: ArrayLike, size_m: ArrayLike, rgb: ArrayLike, yaw_rad: ArrayLike = 0.0) -> Mesh:
+    """Closed boxes that stand on the middles of their floors.
 
     Args:
-        at_m: (M, 3). size_m: length, width, height, (3,) or (M, 3). yaw_rad: one or (M,). rgb: (3,) or (M, 3).
+        at_m: (3,) or (M, 3). size_m: length, width, height, (3,) or (M, 3). rgb: (3,) or (M, 3). yaw_rad: one or (M,).
     """
     return instances(unit_box(), at_m, yaw_rad, size_m, rgb)
 
 
-def box(x_m: float, y_m: float, base_z_m: float, size_m: Sequence[float], yaw_rad: float, rgb: ArrayLike) -> Mesh:
-    """One closed box of (length, width, height) standing at z = base on the middle (x, y)."""
-    return boxes([[x_m, y_m, base_z_m]], size_m, yaw_rad, rgb)
-
-
-def bars(starts_m: ArrayLike, ends_m: ArrayLike, thick_m: ArrayLike, rgb: ArrayLike) -> Mesh:
-    """Square rods without ends between points (M, 3); thickness and colour one or per rod."""
-    starts = np.asarray(starts_m, dtype=np.float64).reshape(-1, 3)
-    ends = np.asarray(ends_m, dtype=np.float64).reshape(-1, 3)
+def rods(starts_m: ArrayLike, ends_m: ArrayLike, thick_m: ArrayLike, rgb: ArrayLike) -> Mesh:
+    """Square rods without ends between points (3,) or (M, 3); thickness and colour one or per rod."""
+    starts, ends = (np.asarray(points, dtype=np.float64).reshape(-1, 3) for points in (starts_m, ends_m))
     thick = np.broadcast_to(np.asarray(thick_m, dtype=np.float64), (len(starts),))[:, None] / 2
     along = ends - starts
     helper = np.where(np.abs(along[:, 2:]) > 0.9 * np.linalg.norm(along, axis=1)[:, None], [1.0, 0, 0], [0, 0, 1.0])
-    side = _cross(along, helper)
+    side = np.cross(along, helper)
     side *= thick / np.linalg.norm(side, axis=1)[:, None]
-    up = _cross(side, along)
+    up = np.cross(side, along)
     up *= thick / np.linalg.norm(up, axis=1)[:, None]
     ring = np.stack([side + up, side - up, -side - up, -side + up], 1)
     near, far = starts[:, None] + ring, ends[:, None] + ring
@@ -155,7 +160,7 @@ def bars(starts_m: ArrayLike, ends_m: ArrayLike, thick_m: ArrayLike, rgb: ArrayL
     return quads(faces, np.repeat(colour, 4, axis=0))
 
 
-def disc(x_m: float, y_m: float, radius_m: float, sides: int = 10) -> NDArray[np.float64]:
+def disc(x_m: float, y_m: float, radius_m: float, sides: int = 10) -> Array:
     """Regular polygon (sides, 2)."""
     angle = np.arange(sides) * 2 * np.pi / sides
     return np.stack([x_m + radius_m * np.cos(angle), y_m + radius_m * np.sin(angle)], axis=1)
@@ -171,12 +176,3 @@ def dome(x_m: float, y_m: float, middle_z_m: float, radius_m: float, rgb: ArrayL
 def join(meshes: Sequence[Mesh]) -> Mesh:
     """One mesh of many; empty for none."""
     return np.concatenate(meshes) if meshes else np.zeros((0, 9), dtype=np.float32)
-
-
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """np.cross of (..., 3) without its overhead, which small meshes feel."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out

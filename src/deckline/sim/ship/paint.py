@@ -9,40 +9,32 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deckline.sim.ship.mesh import Array, strip
+
 Coat = NDArray[np.float32]
 # Seven-segment figures: which of (top, upper left, upper right, middle, lower left, lower right, bottom) are painted.
-SEGMENTS = (
-    "1110111",
-    "0010010",
-    "1011101",
-    "1011011",
-    "0111010",
-    "1101011",
-    "1101111",
-    "1010010",
-    "1111111",
-    "1111011",
-)
+SEGMENTS = (0x77, 0x12, 0x5D, 0x5B, 0x3A, 0x6B, 0x6F, 0x52, 0x7F, 0x7B)  # a bit each, the top one first
 
 
-def fill(polygon_m: ArrayLike, rgb: ArrayLike, opacity: ArrayLike = 1.0, wear: float = 1.0) -> Coat:
-    """A convex polygon (N, 2); opacity may differ from corner to corner, (N,)."""
-    corners = np.asarray(polygon_m, dtype=np.float64)
-    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise ValueError(f"a painted polygon needs shape (N >= 3, 2), got {corners.shape}")
-    return polygons(corners[None], rgb, opacity, wear)
-
-
-def polygons(corners_m: NDArray[np.float64], rgb: ArrayLike, opacity: ArrayLike = 1.0, wear: float = 1.0) -> Coat:
-    """Many convex polygons (N, K, 2) at once.
+def polygons(corners_m: ArrayLike, rgb: ArrayLike, opacity: ArrayLike = 1.0, wear: float = 1.0) -> Coat:
+    """Convex polygons (N, K, 2), or one, (K, 2).
 
     Args:
+        corners_m: the polygons.
         rgb: (3,) of all, or (N, 1, 3) of each.
         opacity: of all, of each (N, 1), of each corner (K,), or all of them (N, K).
+        wear: of all.
+
+    Raises:
+        ValueError: polygons of another shape.
     """
-    count, sides, _ = corners_m.shape
-    vertices = np.empty((count, sides, 7), dtype=np.float32)
-    vertices[..., :2] = corners_m
+    corners = np.asarray(corners_m, dtype=np.float64)
+    if corners.ndim not in (2, 3) or corners.shape[-1] != 2 or corners.shape[-2] < 3:
+        raise ValueError(f"painted polygons need shape (N, K >= 3, 2) or (K >= 3, 2), got {corners.shape}")
+    corners = corners.reshape(-1, *corners.shape[-2:])
+    sides = corners.shape[1]
+    vertices = np.empty((len(corners), sides, 7), dtype=np.float32)
+    vertices[..., :2] = corners
     vertices[..., 2:5] = np.asarray(rgb, dtype=np.float32)
     vertices[..., 5] = opacity
     vertices[..., 6] = wear
@@ -50,8 +42,12 @@ def polygons(corners_m: NDArray[np.float64], rgb: ArrayLike, opacity: ArrayLike 
     return vertices[:, fan].reshape(-1, 7)
 
 
-def axes(start_m: ArrayLike, end_m: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Unit vector from start to end (2,), the unit vector to its right (2,), and the length."""
+def axes(start_m: ArrayLike, end_m: ArrayLike) -> tuple[Array, Array, float]:
+    """Unit vector from start to end (2,), the unit vector to its right (2,), and the length.
+
+    Raises:
+        ValueError: both ends are the same point.
+    """
     delta = np.asarray(end_m, dtype=np.float64) - np.asarray(start_m, dtype=np.float64)
     length = float(np.hypot(*delta))
     if length == 0:
@@ -61,52 +57,38 @@ def axes(start_m: ArrayLike, end_m: ArrayLike) -> tuple[NDArray[np.float64], NDA
 
 
 def bars(
-    start_m: ArrayLike,
-    end_m: ArrayLike,
+    line_m: ArrayLike,
     spans_m: ArrayLike,
     across_m: ArrayLike,
     rgb: ArrayLike,
     opacity: ArrayLike = 1.0,
     wear: float = 1.0,
 ) -> Coat:
-    """Rectangles along a line: `spans` (N, 2) from its start, `across` (2,) or (N, 2) to its right.
+    """Rectangles along a line (2, 2): `spans` (N, 2) from its start, `across` (2,) or (N, 2) to its right.
 
     Colours and opacities are those of `polygons`.
     """
-    along, right, _ = axes(start_m, end_m)
+    start, end = np.asarray(line_m)
+    along, right, _ = axes(start, end)
     spans = np.asarray(spans_m, dtype=np.float64).reshape(-1, 2)
     across = np.broadcast_to(np.asarray(across_m, dtype=np.float64), spans.shape)
     s, t = spans[:, [0, 1, 1, 0], None], across[:, [0, 0, 1, 1], None]
-    return polygons(np.asarray(start_m) + s * along + t * right, rgb, opacity, wear)
+    return polygons(start + s * along + t * right, rgb, opacity, wear)
 
 
-def stripe(start_m: ArrayLike, end_m: ArrayLike, width_m: float, rgb: ArrayLike, offset_m: float = 0.0) -> Coat:
-    """A solid stripe whose middle lies `offset` to the right of the line."""
-    length = axes(start_m, end_m)[2]
-    return bars(start_m, end_m, (0.0, length), (offset_m - width_m / 2, offset_m + width_m / 2), rgb)
+def stripe(line_m: ArrayLike, width_m: float, rgb: ArrayLike, offset_m: float = 0.0) -> Coat:
+    """A solid stripe whose middle lies `offset` to the right of the line (2, 2)."""
+    length = axes(*np.asarray(line_m))[2]
+    return bars(line_m, (0.0, length), (offset_m - width_m / 2, offset_m + width_m / 2), rgb)
 
 
-def dashes(
-    start_m: ArrayLike, end_m: ArrayLike, width_m: float, rgbs: Sequence[ArrayLike], dash_m: float, gap_m: float
-) -> Coat:
-    """A dashed stripe whose colours take turns."""
-    length = axes(start_m, end_m)[2]
+def dashes(line_m: ArrayLike, width_m: float, rgbs: Sequence[ArrayLike], dash_m: float, gap_m: float) -> Coat:
+    """A dashed stripe along a line (2, 2) whose colours take turns."""
+    length = axes(*np.asarray(line_m))[2]
     first = np.arange(0.0, length, dash_m + gap_m)
     colours = np.asarray(rgbs, dtype=np.float64)[np.arange(len(first)) % len(rgbs)]
     spans = np.column_stack([first, np.minimum(first + dash_m, length)])
-    return bars(start_m, end_m, spans, (-width_m / 2, width_m / 2), colours[:, None])
-
-
-def ladder(
-    start_m: ArrayLike, end_m: ArrayLike, width_m: float, rail_m: float, bar_m: float, pitch_m: float, rgb: ArrayLike
-) -> Coat:
-    """Two stripes (`rail` wide, `width` from outside to outside) joined by bars every `pitch`."""
-    length = axes(start_m, end_m)[2]
-    offset = (width_m - rail_m) / 2
-    first = np.arange(0.0, length - bar_m, pitch_m)
-    inner = width_m / 2 - rail_m
-    rungs = bars(start_m, end_m, np.column_stack([first, first + bar_m]), (-inner, inner), rgb)
-    return layers([stripe(start_m, end_m, rail_m, rgb, side * offset) for side in (-1, 1)] + [rungs])
+    return bars(line_m, spans, (-width_m / 2, width_m / 2), colours[:, None])
 
 
 def ring(middle_m: ArrayLike, radius_m: float, width_m: float, rgb: ArrayLike, sides: int = 28) -> Coat:
@@ -114,13 +96,10 @@ def ring(middle_m: ArrayLike, radius_m: float, width_m: float, rgb: ArrayLike, s
     angle = np.arange(sides + 1) * 2 * np.pi / sides
     unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     inner, outer = (radius_m - width_m / 2) * unit, (radius_m + width_m / 2) * unit
-    corners = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)
-    return polygons(corners + np.asarray(middle_m), rgb)
+    return polygons(strip(inner, outer) + np.asarray(middle_m), rgb)
 
 
-def soft_stripes(
-    starts_m: ArrayLike, ends_m: ArrayLike, widths_m: ArrayLike, rgbs: ArrayLike, opacities: ArrayLike
-) -> Coat:
+def streaks(starts_m: ArrayLike, ends_m: ArrayLike, widths_m: ArrayLike, rgbs: ArrayLike, opacities: ArrayLike) -> Coat:
     """Stains that fade from their middle line to their sides and ends.
 
     Args:
@@ -144,7 +123,7 @@ def soft_stripes(
     return np.stack([coat.reshape(len(start), 6, 7) for coat in coats], axis=1).reshape(-1, 7)
 
 
-def soft_discs(middles_m: ArrayLike, radii_m: ArrayLike, rgbs: ArrayLike, opacities: ArrayLike) -> Coat:
+def blots(middles_m: ArrayLike, radii_m: ArrayLike, rgbs: ArrayLike, opacities: ArrayLike) -> Coat:
     """Round stains (N, 2) of radii (N,) in colours (N, 3) that fade from their middle (N,) to the rim."""
     angle = np.arange(13) * np.pi / 6
     unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -156,22 +135,20 @@ def soft_discs(middles_m: ArrayLike, radii_m: ArrayLike, rgbs: ArrayLike, opacit
     return polygons(corners, np.repeat(np.asarray(rgbs), 12, axis=0)[:, None], strong, wear=0.3)
 
 
-def figures(text: str, start_m: ArrayLike, end_m: ArrayLike, height_m: float, rgb: ArrayLike) -> Coat:
-    """Digits in blocks, read along start -> end, their feet to the right of that line."""
-    wide, stroke = 0.6 * height_m, 0.14 * height_m
-    half, full = height_m / 2, height_m
-    spans = (
-        ((0, wide), (0, stroke)), ((0, stroke), (0, half)), ((wide - stroke, wide), (0, half)),
-        ((0, wide), (half - stroke / 2, half + stroke / 2)), ((0, stroke), (half, full)),
-        ((wide - stroke, wide), (half, full)), ((0, wide), (full - stroke, full)),
-    )  # fmt: skip
-    painted = [
-        ((span[0] + shift, span[1] + shift), across)
-        for shift, figure in zip(1.35 * wide * np.arange(len(text)), text, strict=True)
-        for on, (span, across) in zip(SEGMENTS[int(figure)], spans, strict=True)
-        if on == "1"
-    ]
-    return bars(start_m, end_m, [span for span, _ in painted], [across for _, across in painted], rgb)
+def figures(text: str, line_m: ArrayLike, height_m: float, rgb: ArrayLike) -> Coat:
+    """Digits in blocks, read along a line (2, 2) from its start, their feet to its right."""
+    wide, stroke, half = 0.6 * height_m, 0.14 * height_m, height_m / 2
+    columns = ((0, wide), (0, stroke), (wide - stroke, wide))
+    middle = (half - stroke / 2, half + stroke / 2)
+    rows = ((0, stroke), (0, half), middle, (half, height_m), (height_m - stroke, height_m))
+    segments = [(columns[c], rows[r]) for c, r in ((0, 0), (1, 1), (2, 1), (0, 2), (1, 3), (2, 3), (0, 4))]
+    spans, across = [], []
+    for shift, figure in zip(1.35 * wide * np.arange(len(text)), text, strict=True):
+        for bit, (column, row) in enumerate(segments):
+            if SEGMENTS[int(figure)] & 64 >> bit:
+                spans.append((column[0] + shift, column[1] + shift))
+                across.append(row)
+    return bars(line_m, spans, across, rgb)
 
 
 def layers(coats: Sequence[Coat]) -> Coat:

@@ -1,17 +1,149 @@
-"""Ship classes: plain TOML files in `classes`, read into frozen data. A wrong file is refused in one line."""
+"""Ship classes: plain TOML files in `classes`, read into frozen data. Random ships draw the same data.
+
+Ship frame: x forward, y to starboard, metres on the deck plane. Colours are display colours, 0..1.
+"""
 
 import tomllib
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from deckline.sim.ship.mesh import Rgb
-from deckline.sim.ship.plan import DeckSurface, Plan, Point
 
 SHIP_CLASSES = ("paper", "cvn", "axial", "small", "runway")
 SHIPS = Path(__file__).parent / "classes"
-T = TypeVar("T")
+Point = tuple[float, float]
+EdgeKind = Literal["ladder", "stripe", "double", "dashed"]
+
+
+@dataclass(frozen=True)
+class EdgeStyle:
+    """How an edge of the runway is painted; widths and lengths in metres."""
+
+    kind: EdgeKind
+    width_m: float  # outside to outside
+    rail_m: float  # one stripe of a ladder or a double line
+    bar_m: float
+    pitch_m: float
+    rgb: Rgb
+    opacity: float = 1.0
+    smear: float = 0.0  # opacity of paint that bleeds inwards, as coarse textures seen from afar do
+    smear_m: float = 0.0  # how far it bleeds
+
+    def __post_init__(self) -> None:
+        if not (self.width_m > 0 and self.rail_m > 0 and 0 < self.bar_m < self.pitch_m):
+            numbers = (self.width_m, self.rail_m, self.bar_m, self.pitch_m)
+            raise ValueError(
+                f"an edge needs width_m, rail_m, pitch_m > bar_m > 0, got width, rail, bar, pitch {numbers}"
+            )
+
+
+@dataclass(frozen=True)
+class LineStyle:
+    """A stripe, solid where the gap is zero and there is one colour; the dashes' colours take turns."""
+
+    width_m: float
+    rgbs: tuple[Rgb, ...]
+    dash_m: float = 5.0
+    gap_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.width_m > 0 and self.rgbs and self.dash_m > 0 and self.gap_m >= 0):
+            numbers = (self.width_m, len(self.rgbs), self.dash_m, self.gap_m)
+            raise ValueError(f"a line needs width_m, rgbs, dash_m > 0 and gap_m >= 0 (in this order), got {numbers}")
+
+
+@dataclass(frozen=True)
+class Stripe:
+    """A painted line anywhere on the deck."""
+
+    start_m: Point
+    end_m: Point
+    style: LineStyle
+
+
+@dataclass(frozen=True)
+class Catapult:
+    """A dark slot in a painted band, and the jet blast deflector behind it."""
+
+    start_m: Point
+    end_m: Point
+    width_m: float
+    rgb: Rgb
+    slot_m: float = 0.4
+    border_m: float = 0.0  # distance of thin lines on both sides; 0: none
+    deflector_m: float = 0.0  # across; 0: none
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A rectangle of another tone: elevator, hatch, fresh paint; with or without an outline."""
+
+    middle_m: Point
+    length_m: float  # along the ship before the yaw
+    width_m: float
+    rgb: Rgb
+    opacity: float = 1.0
+    yaw_deg: float = 0.0
+    border: LineStyle | None = None
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A helicopter's landing circle, with a line that leads to its middle."""
+
+    middle_m: Point
+    radius_m: float
+    width_m: float
+    rgb: Rgb
+    lead_m: float = 0.0  # length of the line from the middle aft; 0: none
+    cross_m: float = 0.0  # half length of a bar across the middle; 0: none
+
+
+@dataclass(frozen=True)
+class Number:
+    """Digits read from astern."""
+
+    text: str
+    at_m: Point  # left foot of the first digit
+    height_m: float
+    rgb: Rgb
+    yaw_deg: float = 0.0  # to starboard
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All paint of a deck but its wear; a deck without a runway shows only what stands from `stern_m` on."""
+
+    edge: EdgeStyle
+    right_edge: EdgeStyle | None = None  # where it differs from the left one
+    centre: LineStyle | None = None
+    area_rgb: Rgb = (0.0, 0.0, 0.0)  # tone of the landing area
+    area_opacity: float = 0.0
+    ramp_m: float = 0.0  # depth of the painted stripe at the runway's beginning
+    wires_m: tuple[float, ...] = ()  # distances from the runway's beginning
+    wire_width_m: float = 0.15
+    fouls: tuple[tuple[float, LineStyle], ...] = ()  # outside the edge lines: distance (negative: left), style
+    stern_m: float = 0.0  # depth of a painted stripe across the whole stern
+    paint_rgb: Rgb = (0.86, 0.87, 0.88)  # of ramp, stern and deck edge stripes
+    port_border_m: float = 0.0  # width of a line along the port deck edge; 0: none
+    starboard_border_m: float = 0.0
+    catapults: tuple[Catapult, ...] = ()
+    panels: tuple[Panel, ...] = ()
+    spots: tuple[Spot, ...] = ()
+    stripes: tuple[Stripe, ...] = ()
+    numbers: tuple[Number, ...] = ()
+
+
+@dataclass(frozen=True)
+class DeckSurface:
+    """Bare deck and the state of what is on it."""
+
+    rgb: Rgb
+    grain: float  # contrast of the deck's noise
+    wear: float  # 0: fresh paint, 1: half gone
+    noise_offset: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -22,14 +154,6 @@ class Strip:
     port_angle_deg: float
     spacing_m: tuple[float, float]  # of the line middles: at the beginning, and at the end of the longer line
     lengths_m: tuple[float, float]  # left, right
-
-
-@dataclass(frozen=True)
-class LineEnds:
-    """Runway lines by their ends in the ship frame, ramp end first."""
-
-    left_m: tuple[Point, Point]
-    right_m: tuple[Point, Point]
 
 
 @dataclass(frozen=True)
@@ -77,7 +201,7 @@ class Island:
 
 @dataclass(frozen=True)
 class ShipClass:
-    """One ship that can be asked for by name. Exactly one of `strip`, `lines` and `world_lines` is given."""
+    """One ship that can be asked for by name. Exactly one of `strip` and `world_lines` is given."""
 
     name: str
     about: str
@@ -88,7 +212,6 @@ class ShipClass:
     plan: Plan
     surface: DeckSurface
     strip: Strip | None = None
-    lines: LineEnds | None = None
     world_lines: WorldLines | None = None
     place: Place = Place()
     on_land: bool = False
@@ -96,9 +219,8 @@ class ShipClass:
     islands: tuple[Island, ...] = ()
 
     def __post_init__(self) -> None:
-        given = [kind for kind in ("strip", "lines", "world_lines") if getattr(self, kind) is not None]
-        if len(given) != 1:
-            raise ValueError(f"a ship needs one of strip, lines and world_lines, got {given or 'none'}")
+        if (self.strip is None) == (self.world_lines is None):
+            raise ValueError(f"a ship needs either strip or world_lines, got {self.strip} and {self.world_lines}")
         if (self.hull is None) != self.on_land:
             raise ValueError(f"a hull belongs to a ship and none to a runway on land, got on_land {self.on_land}")
         for edge in (self.port_m, self.starboard_m):
@@ -125,53 +247,27 @@ def read_class(path: Path) -> ShipClass:
         ValueError: not TOML, an unknown or missing key, a value of another kind, or numbers that are no ship.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-        return build(ShipClass, table | {"name": path.stem}, "")
+        return convert(ShipClass, tomllib.loads(path.read_text(encoding="utf-8")) | {"name": path.stem}, "ship")
     except ValueError as error:  # tomllib's too
         raise ValueError(f"{path.name}: {error}") from None
 
 
-def build(kind: type[T], table: Any, where: str) -> T:
-    """A dataclass from a table; `where` is the path of keys so far, for the message."""
-    if not isinstance(table, dict):
-        raise ValueError(f"{where} must be a table, got {table!r}")
-    hints = get_type_hints(kind)
-    known = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
-    prefix = f"{where}." if where else ""
-    for key in table:
-        if key not in known:
-            raise ValueError(f"unknown key {prefix}{key}, expected one of {', '.join(known)}")
-    for key, item in known.items():
-        if key not in table and item.default is MISSING:
-            raise ValueError(f"missing key {prefix}{key}")
-    return kind(**{key: convert(hints[key], value, f"{prefix}{key}") for key, value in table.items()})
-
-
 def convert(kind: Any, value: Any, where: str) -> Any:
-    """A TOML value as the type a field wants."""
+    """A TOML value as the type that a field wants; `where` is the path of keys, for the message."""
     if get_origin(kind) is UnionType:  # X | None: TOML has no null, so a value that is there is an X
-        return convert(next(k for k in get_args(kind) if k is not type(None)), value, where)
-    if get_origin(kind) is tuple:
-        return _tuple(get_args(kind), value, where)
-    if get_origin(kind) is Literal:
-        if value not in get_args(kind):
-            raise ValueError(f"{where} must be one of {get_args(kind)}, got {value!r}")
-        return value
-    if is_dataclass(kind) and isinstance(kind, type):
-        return build(kind, value, where)
-    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+        kind = get_args(kind)[0]
+    if is_dataclass(kind) and isinstance(kind, type) and isinstance(value, dict):
+        hints = get_type_hints(kind)
+        try:
+            return kind(**{key: convert(hints.get(key, object), item, f"{where}.{key}") for key, item in value.items()})
+        except TypeError as error:  # an unknown or a missing key
+            raise ValueError(f"{where}: {error}") from None
+    kinds = get_args(kind)
+    if get_origin(kind) is tuple and isinstance(value, list) and (kinds[-1] is ... or len(value) == len(kinds)):
+        kinds = kinds[:1] * len(value) if kinds[-1] is ... else kinds
+        return tuple(convert(k, item, f"{where}[{i}]") for i, (k, item) in enumerate(zip(kinds, value, strict=True)))
+    if kind is float and type(value) is int:
         return float(value)
-    if not isinstance(value, kind):
-        raise ValueError(f"{where} must be a {kind.__name__}, got {value!r}")
+    if not (value in kinds if get_origin(kind) is Literal else get_origin(kind) is None and isinstance(value, kind)):
+        raise ValueError(f"{where} must be a {getattr(kind, '__name__', kind)} {kinds or ''}, got {value!r}")
     return value
-
-
-def _tuple(kinds: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
-    """A TOML array as a tuple of fixed length, or of any length where the type ends in `...`."""
-    if not isinstance(value, list):
-        raise ValueError(f"{where} must be an array, got {value!r}")
-    if kinds[-1] is Ellipsis:
-        kinds = (kinds[0],) * len(value)
-    if len(value) != len(kinds):
-        raise ValueError(f"{where} must have {len(kinds)} entries, got {len(value)}")
-    return tuple(convert(kind, item, f"{where}[{k}]") for k, (kind, item) in enumerate(zip(kinds, value, strict=True)))
