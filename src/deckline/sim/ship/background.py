@@ -10,26 +10,11 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from deckline.sim.ship import mesh as m
 from deckline.sim.ship.clutter import prototype
 from deckline.sim.ship.hull import DRAUGHT_M
 from deckline.sim.ship.layout import Layout, random_layout, world_points
-from deckline.sim.ship.mesh import (
-    Array,
-    Mesh,
-    at_height,
-    boxes,
-    disc,
-    dome,
-    frustum,
-    instances,
-    join,
-    loft,
-    quads,
-    rectangle,
-    rods,
-    strip,
-    triangles,
-)
+from deckline.sim.ship.mesh import Array, Mesh
 from deckline.sim.ship.structure import build_mast, build_structure
 
 Kind = Literal["none", "fair", "random", "ships", "coast"]
@@ -74,7 +59,7 @@ def background_mesh(layout: Layout, rng: Generator, kind: Kind = "random") -> Me
         parts += [build_coast(layout, rng) for _ in range(rng.integers(1, 3))]
         if not layout.on_land:
             parts += [place_rock(layout, rng) for _ in range(rng.integers(0, 3))]
-    return join(parts)
+    return m.join(parts)
 
 
 def approach_axis(layout: Layout) -> tuple[Array, Array, float]:
@@ -99,7 +84,7 @@ def place_vessel(layout: Layout, rng: Generator) -> Mesh:
     """A vessel with its wake somewhere around, on a course of its own or in formation; none where there is no room."""
     mesh, length = vessel_mesh(str(rng.choice(list(VESSELS), p=list(VESSELS.values()))), rng)
     if rng.random() < 0.7:  # under way
-        mesh = join([mesh, build_foam(length, 0.12 * length, rng)])
+        mesh = m.join([mesh, build_foam(length, 0.12 * length, rng)])
     reach = float(np.hypot(mesh[:, 0], mesh[:, 1]).max())
     middle = world_points(layout, np.array([[layout.length_m / 2, 0.0]]))[0, :2]
     own = float(np.hypot(*(layout.outline_m - [layout.length_m / 2, 0.0]).T).max())
@@ -111,8 +96,8 @@ def place_vessel(layout: Layout, rng: Generator) -> Mesh:
         at = middle + distance * np.array([np.cos(bearing), np.sin(bearing)])
         if not blocks_approach(layout, at, reach):
             yaw = course + rng.normal(0.0, 0.1) if rng.random() < 0.4 else rng.uniform(-np.pi, np.pi)
-            return instances(mesh, (*at, layout.sea_z_m), yaw)
-    return join([])
+            return m.instances(mesh, (*at, layout.sea_z_m), yaw)
+    return m.join([])
 
 
 def profile_noise(angle: Array, rng: Generator, octaves: int = 5) -> Array:
@@ -142,14 +127,14 @@ def build_coast(layout: Layout, rng: Generator) -> Mesh:
     directions, rows = np.column_stack([np.cos(angle), np.sin(angle)]), []
     for share, up in zip(shares, ups, strict=True):
         xy = ramp + (shore + share * depth)[:, None] * directions
-        rows.append(at_height(xy, layout.sea_z_m - np.clip(up, 0.0, None)))
-    faces = np.stack([strip(low, top) for low, top in pairwise(rows)])
+        rows.append(m.at_height(xy, layout.sea_z_m - np.clip(up, 0.0, None)))
+    faces = np.stack([m.strip(low, top) for low, top in pairwise(rows)])
     sand, slopes = SHORES[rng.integers(len(SHORES))], SLOPES[rng.integers(len(SLOPES), size=2)]
     patch = rng.random(faces.shape[:2])[..., None]
     colour = slopes[0] * patch + slopes[1] * (1 - patch)
     colour[0] = sand * (0.85 + 0.3 * patch[0])
-    hills = quads(faces.reshape(-1, 4, 3), colour.reshape(-1, 3))
-    return join([hills, *build_town(rows[0], rows[1], rng)])
+    hills = m.quads(faces.reshape(-1, 4, 3), colour.reshape(-1, 3))
+    return m.join([hills, *build_town(rows[0], rows[1], rng)])
 
 
 def build_town(shore_m: Array, above_m: Array, rng: Generator) -> list[Mesh]:
@@ -162,10 +147,10 @@ def build_town(shore_m: Array, above_m: Array, rng: Generator) -> list[Mesh]:
     at = above_m[k] * (1 - share) + above_m[k + 1] * share
     size = rng.uniform([8.0, 8.0, 6.0], [40.0, 25.0, 25.0], (count, 3))
     tint = rng.uniform(0.55, 0.92, (count, 1)) * np.array([1.0, 0.97, 0.92])
-    parts = [boxes(at + np.array([0.0, 0.0, 3.0]), size, tint, rng.uniform(-np.pi, np.pi, count))]
+    parts = [m.boxes(at + np.array([0.0, 0.0, 3.0]), size, tint, rng.uniform(-np.pi, np.pi, count))]
     if rng.random() < 0.4:
         foot = shore_m[rng.integers(1, len(shore_m) - 1)]
-        parts.append(boxes(foot, (6.0, 6.0, rng.uniform(20.0, 45.0)), (0.9, 0.88, 0.85)))
+        parts.append(m.boxes(foot, (6.0, 6.0, rng.uniform(20.0, 45.0)), (0.9, 0.88, 0.85)))
     return parts
 
 
@@ -176,19 +161,19 @@ def place_rock(layout: Layout, rng: Generator) -> Mesh:
     rough = 1.0 + 0.2 * profile_noise(np.linspace(0.0, 1.0, 14), rng)
     rings = []
     for share, up in ((1.0, 0.0), (0.93, 0.25), (0.6, 0.75), (0.2, 1.0)):
-        ring = disc(0.0, 0.0, share * wide, 14) * rough[:, None] * rng.uniform(0.9, 1.1, (14, 1))
-        rings.append(at_height(ring * [1.0, rng.uniform(0.5, 0.9)], -up * tall * wide))
+        ring = m.disc(0.0, 0.0, share * wide, 14) * rough[:, None] * rng.uniform(0.9, 1.1, (14, 1))
+        rings.append(m.at_height(ring * [1.0, rng.uniform(0.5, 0.9)], -up * tall * wide))
     base, slope = SHORES[rng.integers(len(SHORES))], SLOPES[rng.integers(len(SLOPES))]
     colours = np.array([base, slope, slope * 1.1])[:, None] * rng.uniform(0.8, 1.2, (3, 14, 1))
-    mesh = loft(rings, colours, (False, True))
+    mesh = m.loft(rings, colours, (False, True))
     reach = float(np.hypot(mesh[:, 0], mesh[:, 1]).max())
     for _ in range(20):
         bearing = course + rng.uniform(-2.2, 2.2)
         distance = np.exp(rng.uniform(*np.log(ROCK_RANGE_M))) + reach
         at = ramp + distance * np.array([np.cos(bearing), np.sin(bearing)])
         if not blocks_approach(layout, at, reach):
-            return instances(mesh, (*at, layout.sea_z_m), rng.uniform(-np.pi, np.pi))
-    return join([])
+            return m.instances(mesh, (*at, layout.sea_z_m), rng.uniform(-np.pi, np.pi))
+    return m.join([])
 
 
 def vessel_mesh(kind: str, rng: Generator) -> tuple[Mesh, float]:
@@ -201,7 +186,7 @@ def vessel_mesh(kind: str, rng: Generator) -> tuple[Mesh, float]:
     if kind not in builders:
         raise ValueError(f"a vessel must be one of {tuple(VESSELS)}, got {kind!r}")
     parts, length = builders[kind](rng)
-    mesh = join(parts)
+    mesh = m.join(parts)
     mesh[:, 6:] = np.clip(mesh[:, 6:], 0.0, 1.0)
     return mesh, length
 
@@ -221,7 +206,7 @@ def build_body(
     sides = [np.stack([np.stack([a, side * half, z], -1) for a, half, z in levels], 1) for side in (-1.0, 1.0)]
     frames = np.concatenate([sides[0], sides[1][:, ::-1]], axis=1)
     paint, low = np.asarray(rgb, dtype=np.float64), np.asarray(boot, dtype=np.float64)
-    return loft(frames, np.array([paint, low, low, low, paint, 0.8 * paint])[None])
+    return m.loft(frames, np.array([paint, low, low, low, paint, 0.8 * paint])[None])
 
 
 def build_escort(rng: Generator) -> tuple[list[Mesh], float]:
@@ -232,24 +217,27 @@ def build_escort(rng: Generator) -> tuple[list[Mesh], float]:
     parts = [build_body(length, beam, free, grey, DARK, 0.02 * length)]
     houses = [(-0.2, 0.16, 0.8, 0.05), (0.02, 0.2, 0.6, 0.04), (0.17, 0.16, 0.9, 0.075), (0.17, 0.09, 0.75, 0.11)]
     for s, span, wide, tall in houses:
-        base = rectangle(s * length, 0.0, span * length * rng.uniform(0.8, 1.2), wide * beam)
+        base = m.rectangle(s * length, 0.0, span * length * rng.uniform(0.8, 1.2), wide * beam)
         lean = (base - [s * length, 0.0]) * [0.92, 0.82] + [s * length, 0.0]
         rise = tall * length * rng.uniform(0.8, 1.15)
-        parts.append(frustum(base, -free + 0.5, lean, -free - rise, grey * rng.uniform(0.92, 1.08)))
-    parts.append(boxes((0.17 * length, 0.0, -free - 0.085 * length), (0.11 * length, 0.86 * beam, 1.1), DARK))
+        parts.append(m.frustum(base, -free + 0.5, lean, -free - rise, grey * rng.uniform(0.92, 1.08)))
+    parts.append(m.boxes((0.17 * length, 0.0, -free - 0.085 * length), (0.11 * length, 0.86 * beam, 1.1), DARK))
     for s in rng.choice([[0.08], [0.08, -0.08], [-0.04]][rng.integers(3)], 1):
-        foot = rectangle(s * length, 0.0, 0.06 * length, 0.4 * beam)
-        parts.append(frustum(foot, -free, foot * [1, 0.8], -free - 0.1 * length, grey))
-        parts.append(boxes((s * length, 0.0, -free - 0.1 * length), (0.05 * length, 0.3 * beam, 1.0), DARK))
+        foot = m.rectangle(s * length, 0.0, 0.06 * length, 0.4 * beam)
+        parts.append(m.frustum(foot, -free, foot * [1, 0.8], -free - 0.1 * length, grey))
+        parts.append(m.boxes((s * length, 0.0, -free - 0.1 * length), (0.05 * length, 0.3 * beam, 1.0), DARK))
     parts += build_mast(0.13 * length, 0.0, free + 0.1 * length, length * rng.uniform(0.08, 0.16), grey, rng)
     gun = np.array([0.33 * length, 0.0, -free - 0.006 * length])
-    parts += [boxes(gun, (4.5, 3.2, 2.6), grey), rods(np.add(gun, (0, 0, -1.8)), np.add(gun, (7, 0, -2.6)), 0.35, grey)]
-    parts.append(dome(-0.2 * length, 0.0, -free - 0.065 * length, 1.3, white, 6))
+    parts += [
+        m.boxes(gun, (4.5, 3.2, 2.6), grey),
+        m.rods(np.add(gun, (0, 0, -1.8)), np.add(gun, (7, 0, -2.6)), 0.35, grey),
+    ]
+    parts.append(m.dome(-0.2 * length, 0.0, -free - 0.065 * length, 1.3, white, 6))
     deck = np.array([-0.41 * length, 0.0, -free - 0.06])
-    parts.append(boxes(deck, (0.16 * length, 0.84 * beam, 0.05), grey * 0.45))
-    parts += [boxes(np.add(deck, (0, y * beam, -0.06)), (0.15 * length, 0.3, 0.02), white) for y in (-0.3, 0.0, 0.3)]
+    parts.append(m.boxes(deck, (0.16 * length, 0.84 * beam, 0.05), grey * 0.45))
+    parts += [m.boxes(np.add(deck, (0, y * beam, -0.06)), (0.15 * length, 0.3, 0.02), white) for y in (-0.3, 0.0, 0.3)]
     if rng.random() < 0.3:
-        parts.append(instances(prototype("helicopter"), deck - [0, 0, 0.1], 0.0, 14.0, grey))
+        parts.append(m.instances(prototype("helicopter"), deck - [0, 0, 0.1], 0.0, 14.0, grey))
     return parts, length
 
 
@@ -261,32 +249,32 @@ def build_merchant(rng: Generator) -> tuple[list[Mesh], float]:
     tall, white = rng.uniform(12.0, 24.0), np.full(3, rng.uniform(0.75, 0.92))
     parts = [
         build_body(length, beam, free, hull, (0.42, 0.12, 0.1), 0.01 * length),
-        boxes((-0.05 * length, 0.0, -free), (0.7 * length, 0.8 * beam, 0.1), deck),
-        boxes((-0.4 * length, 0.0, -free + 0.3), (0.07 * length, 0.8 * beam, tall), white),
-        boxes((-0.39 * length, 0.0, -free - tall), (0.04 * length, 1.05 * beam, 3.0), white),
-        boxes((-0.368 * length, 0.0, -free - tall - 0.9), (0.3, 1.0 * beam, 1.2), DARK),
+        m.boxes((-0.05 * length, 0.0, -free), (0.7 * length, 0.8 * beam, 0.1), deck),
+        m.boxes((-0.4 * length, 0.0, -free + 0.3), (0.07 * length, 0.8 * beam, tall), white),
+        m.boxes((-0.39 * length, 0.0, -free - tall), (0.04 * length, 1.05 * beam, 3.0), white),
+        m.boxes((-0.368 * length, 0.0, -free - tall - 0.9), (0.3, 1.0 * beam, 1.2), DARK),
     ]
     rows = np.arange(4.0, tall - 1.0, 3.0)
-    panes = at_height(np.full((len(rows), 2), [-0.4 * length, 0.0]), -free - rows)
-    parts.append(boxes(panes, (0.0705 * length, 0.7 * beam, 0.9), DARK * 2))
+    panes = m.at_height(np.full((len(rows), 2), [-0.4 * length, 0.0]), -free - rows)
+    parts.append(m.boxes(panes, (0.0705 * length, 0.7 * beam, 0.9), DARK * 2))
     funnel = (0.03 * length, 0.25 * beam, tall + 5.0)
-    parts.append(boxes((-0.45 * length, 0.0, -free), funnel, CARGO[rng.integers(6)]))
+    parts.append(m.boxes((-0.45 * length, 0.0, -free), funnel, CARGO[rng.integers(6)]))
     kind = rng.integers(3)
     if kind == 0:
         starts = np.array([[-0.35 * length, y * beam, -free - 1.5] for y in (-0.08, 0.0, 0.08)])
-        parts.append(rods(starts, starts + np.array([0.75 * length, 0, 0]), 0.7, deck * 1.3))
+        parts.append(m.rods(starts, starts + np.array([0.75 * length, 0, 0]), 0.7, deck * 1.3))
         posts = np.array([[x * length, side * 3.0, -free] for x in (-0.1, 0.1, 0.3) for side in (-1, 1)])
-        parts.append(rods(posts, posts - [0, 0, 10.0], 0.6, white))
+        parts.append(m.rods(posts, posts - [0, 0, 10.0], 0.6, white))
     elif kind == 1:
         hatches = np.array([[x * length, 0.0, -free] for x in np.arange(-0.28, 0.36, 0.1)])
-        parts.append(boxes(hatches, (0.07 * length, 0.6 * beam, 2.0), deck * 1.2))
+        parts.append(m.boxes(hatches, (0.07 * length, 0.6 * beam, 2.0), deck * 1.2))
         cranes = hatches[::2] + np.array([0.05 * length, 0.0, 0.0])
-        parts.append(rods(cranes, cranes - [0, 0, 16.0], 1.5, white))
+        parts.append(m.rods(cranes, cranes - [0, 0, 16.0], 1.5, white))
     else:
         x, y = np.meshgrid(np.arange(-0.33, 0.38, 13.5 / length) * length, np.arange(-0.42, 0.43, 5.2 / beam) * beam)
-        stacks = at_height(np.column_stack([x.ravel(), y.ravel()]), -free)
-        size = at_height(np.full((x.size, 2), [12.3, 5.0]), 2.6 * rng.integers(1, 7, x.size))
-        parts.append(boxes(stacks, size, CARGO[rng.integers(6, size=x.size)]))
+        stacks = m.at_height(np.column_stack([x.ravel(), y.ravel()]), -free)
+        size = m.at_height(np.full((x.size, 2), [12.3, 5.0]), 2.6 * rng.integers(1, 7, x.size))
+        parts.append(m.boxes(stacks, size, CARGO[rng.integers(6, size=x.size)]))
     return parts, length
 
 
@@ -298,13 +286,13 @@ def build_boat(rng: Generator) -> tuple[list[Mesh], float]:
     parts = [build_body(length, beam, free, hull, hull * 0.5, 0.05 * length)]
     if rng.random() < 0.25:
         sail = np.array([[0.28, 0.0, -0.1], [-0.3, 0.0, -0.12], [0.05, 0.0, -1.15]]) * length
-        parts += [triangles(sail[None], white), triangles(sail[None, ::-1], white)]
+        parts += [m.triangles(sail[None], white), m.triangles(sail[None, ::-1], white)]
         mast = ((0.05 * length, 0, -free), (0.05 * length, 0, -1.2 * length))
-        return [*parts, rods(*mast, 0.15, white * 0.7)], length
+        return [*parts, m.rods(*mast, 0.15, white * 0.7)], length
     at = rng.uniform(-0.25, 0.15) * length
-    parts.append(boxes((at, 0.0, -free), (0.28 * length, 0.65 * beam, 0.14 * length), white))
-    parts.append(boxes((at, 0.0, -free - 0.08 * length), (0.285 * length, 0.67 * beam, 0.035 * length), DARK))
-    return [*parts, rods((at, 0, -free), (at, 0, -free - 0.4 * length), 0.02 * length, white * 0.8)], length
+    parts.append(m.boxes((at, 0.0, -free), (0.28 * length, 0.65 * beam, 0.14 * length), white))
+    parts.append(m.boxes((at, 0.0, -free - 0.08 * length), (0.285 * length, 0.67 * beam, 0.035 * length), DARK))
+    return [*parts, m.rods((at, 0, -free), (at, 0, -free - 0.4 * length), 0.02 * length, white * 0.8)], length
 
 
 def build_carrier(rng: Generator) -> tuple[list[Mesh], float]:
@@ -313,9 +301,9 @@ def build_carrier(rng: Generator) -> tuple[list[Mesh], float]:
     while layout.on_land:
         layout = random_layout(rng)
     solids = build_structure(layout, False, rng)[0]
-    edges = [at_height(np.column_stack([layout.stations_m, y]), 0.0) for y in (layout.port_m, layout.starboard_m)]
-    deck = quads(strip(*edges)[:, ::-1], rng.uniform(0.2, 0.38) * np.ones(3))  # looking up
-    whole = join([solids, deck])
+    edges = [m.at_height(np.column_stack([layout.stations_m, y]), 0.0) for y in (layout.port_m, layout.starboard_m)]
+    deck = m.quads(m.strip(*edges)[:, ::-1], rng.uniform(0.2, 0.38) * np.ones(3))  # looking up
+    whole = m.join([solids, deck])
     whole[:, :3] -= np.array([layout.length_m / 2, 0.0, layout.deck_height_m], dtype=np.float32)
     return [whole], layout.length_m
 
@@ -325,5 +313,5 @@ def build_foam(length_m: float, beam_m: float, rng: Generator) -> Mesh:
     stretch = length_m * rng.uniform(1.0, 4.0)
     x = -length_m / 2 - stretch * np.linspace(0.0, 1.0, 7)
     half = beam_m * (0.4 + 0.6 * np.linspace(0.0, 1.0, 7)) * rng.uniform(0.8, 1.2, 7)
-    left, right = (at_height(np.column_stack([x, side * half]), -0.03) for side in (-1.0, 1.0))
-    return quads(strip(left, right), np.linspace(0.75, 0.3, 6)[:, None] * np.array([0.9, 1.0, 1.02]))
+    left, right = (m.at_height(np.column_stack([x, side * half]), -0.03) for side in (-1.0, 1.0))
+    return m.quads(m.strip(left, right), np.linspace(0.75, 0.3, 6)[:, None] * np.array([0.9, 1.0, 1.02]))

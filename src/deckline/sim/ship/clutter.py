@@ -11,23 +11,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from deckline.sim.ship import mesh as m
 from deckline.sim.ship.layout import Layout, edge_distance, has_room, runway_distance
-from deckline.sim.ship.mesh import (
-    WHITE,
-    Array,
-    Mesh,
-    at_height,
-    boxes,
-    disc,
-    frustum,
-    instances,
-    join,
-    loft,
-    place,
-    quads,
-    rectangle,
-    rods,
-)
+from deckline.sim.ship.mesh import WHITE, Array, Mesh
 from deckline.sim.ship.ship_class import Island
 
 KINDS = {  # lengths, m, of aircraft of each kind
@@ -82,15 +68,15 @@ def build_fuselage(
     stations: Sequence[float], radii: Sequence[float], middles_z: ArrayLike, rgb: ArrayLike = WHITE
 ) -> Mesh:
     """A body of hexagonal sections along x, their middles at one height or a height each."""
-    ring = disc(0.0, 0.0, 1.0, 6)
+    ring = m.disc(0.0, 0.0, 1.0, 6)
     bodies = zip(stations, radii, np.broadcast_to(middles_z, len(stations)), strict=True)
-    return loft([np.column_stack([np.full(6, x), r * ring + [0.0, z]]) for x, r, z in bodies], rgb)
+    return m.loft([np.column_stack([np.full(6, x), r * ring + [0.0, z]]) for x, r, z in bodies], rgb)
 
 
 def build_plates(outline: ArrayLike, z: float, thick: float = 0.012) -> list[Mesh]:
     """A flat wing of any convex starboard outline (N, 2), its underside at z, and its mirror image to port."""
     halves = [np.asarray(outline) * [1.0, side] for side in (1.0, -1.0)]
-    return [loft([at_height(half, z), at_height(half, z - thick)], (0.95, 0.95, 0.95)) for half in halves]
+    return [m.loft([m.at_height(half, z), m.at_height(half, z - thick)], (0.95, 0.95, 0.95)) for half in halves]
 
 
 def build_fin(x: float, y: float, base_z: float, chord: float, rise: float, cant: float = 0.0) -> Mesh:
@@ -98,14 +84,14 @@ def build_fin(x: float, y: float, base_z: float, chord: float, rise: float, cant
     corners = np.array([[0, 0], [chord, 0], [0.35 * chord, rise], [-0.15 * chord, rise]])
     across = y + cant * corners[:, 1]
     faces = [np.column_stack([x + corners[:, 0], across + side, base_z - corners[:, 1]]) for side in (-0.006, 0.006)]
-    return loft(faces, GREY)
+    return m.loft(faces, GREY)
 
 
 def build_gear(nose_x: float, main_x: float, main_y: float, z: float) -> Mesh:
     """Three legs with wheels down to the deck."""
     feet = np.array([[nose_x, 0.0, 0.0], [main_x, main_y, 0.0], [main_x, -main_y, 0.0]])
-    wheels = boxes(feet, (0.05, 0.02, 0.05), (0.15, 0.15, 0.15))
-    return join([rods(feet, feet + np.array([0.0, 0.0, z]), 0.014, GREY), wheels])
+    wheels = m.boxes(feet, (0.05, 0.02, 0.05), (0.15, 0.15, 0.15))
+    return m.join([m.rods(feet, feet + np.array([0.0, 0.0, z]), 0.014, GREY), wheels])
 
 
 def build_jet(kind: str) -> Mesh:
@@ -119,15 +105,15 @@ def build_jet(kind: str) -> Mesh:
         tip = np.array([[-0.04, 0.0], [-0.26, 0.0], [-0.26, 0.14], [-0.15, 0.14]])
         for side in (-1.0, 1.0):
             faces = [np.column_stack([tip[:, 0], np.full(4, side * y), z - tip[:, 1]]) for y in (0.2, 0.212)]
-            parts.append(loft(faces, GREY))
+            parts.append(m.loft(faces, GREY))
     if kind != "delta":
         parts += build_plates([[-0.36, 0.05], [-0.46, 0.2], [-0.52, 0.2], [-0.5, 0.05]], z)
     if kind in ("delta", "trainer"):
         parts.append(build_fin(-0.48, 0.0, z - 0.05, 0.2, 0.17))
     else:
         parts += [build_fin(-0.42, side * 0.075, z - 0.04, 0.17, 0.15, side * 0.3) for side in (-1.0, 1.0)]
-        parts.append(boxes([[-0.1, side * 0.075, z + 0.05] for side in (-1.0, 1.0)], (0.42, 0.05, 0.09), GREY))
-    return join([*parts, build_fuselage([-0.515, -0.49], [0.045, 0.05], z, (0.25, 0.25, 0.25))])
+        parts.append(m.boxes([[-0.1, side * 0.075, z + 0.05] for side in (-1.0, 1.0)], (0.42, 0.05, 0.09), GREY))
+    return m.join([*parts, build_fuselage([-0.515, -0.49], [0.045, 0.05], z, (0.25, 0.25, 0.25))])
 
 
 def build_propeller(folded: bool) -> Mesh:
@@ -142,39 +128,39 @@ def build_propeller(folded: bool) -> Mesh:
     if folded:
         for side in (1.0, -1.0):
             rear = np.array([[0.0, 0.2], [-0.42, 0.22], [-0.42, 0.26], [0.0, 0.26]]) * [1.0, side]
-            parts.append(loft([at_height(rear, z - 0.15), at_height(rear, z)], GREY))
+            parts.append(m.loft([m.at_height(rear, z - 0.15), m.at_height(rear, z)], GREY))
     for side in (-1.0, 1.0):
         nacelle = build_fuselage([-0.12, 0.2, 0.26], [0.025, 0.045, 0.02], z - 0.05)
         nacelle[:, 1] += side * 0.19
         hub = np.array([0.27, side * 0.19, z - 0.05])
         tips = hub + 0.12 * np.array([[0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-        parts += [nacelle, rods(np.tile(hub, (4, 1)), tips, 0.018, (0.3, 0.3, 0.3))]
+        parts += [nacelle, m.rods(np.tile(hub, (4, 1)), tips, 0.018, (0.3, 0.3, 0.3))]
         parts.append(build_fin(-0.5, side * 0.2, z - 0.02, 0.12, 0.13))
     parts += build_plates([[-0.38, 0.0], [-0.4, 0.24], [-0.5, 0.24], [-0.5, 0.0]], z - 0.04)
-    dish = [at_height(disc(-0.1, 0.0, r, 12), z - up) for r, up in ((0.08, 0.14), (0.21, 0.165), (0.08, 0.195))]
-    return join([*parts, loft(dish, (0.9, 0.9, 0.9)), boxes((-0.1, 0.0, z - 0.05), (0.06, 0.03, 0.1), GREY)])
+    dish = [m.at_height(m.disc(-0.1, 0.0, r, 12), z - up) for r, up in ((0.08, 0.14), (0.21, 0.165), (0.08, 0.195))]
+    return m.join([*parts, m.loft(dish, (0.9, 0.9, 0.9)), m.boxes((-0.1, 0.0, z - 0.05), (0.06, 0.03, 0.1), GREY)])
 
 
 def build_helicopter(folded: bool) -> Mesh:
     """A transport helicopter with its rotor spread or folded aft."""
-    z, dark, mast = -0.11, (0.22, 0.22, 0.24), disc(0.12, 0.0, 0.02, 6)
+    z, dark, mast = -0.11, (0.22, 0.22, 0.24), m.disc(0.12, 0.0, 0.02, 6)
     middles = [z - 0.02, z, z, z, z + 0.02]
     parts = [
         build_fuselage([-0.12, 0.0, 0.3, 0.42, 0.48], [0.05, 0.08, 0.085, 0.06, 0.01], middles),
         build_fuselage([-0.5, -0.1], [0.02, 0.045], [z - 0.07, z - 0.03]),
         build_fuselage([0.28, 0.36, 0.44], [0.02, 0.06, 0.01], z - 0.025, GLASS),
-        boxes((0.1, 0.0, z - 0.06), (0.25, 0.09, 0.07), GREY),
+        m.boxes((0.1, 0.0, z - 0.06), (0.25, 0.09, 0.07), GREY),
         build_fin(-0.5, 0.0, z - 0.06, 0.1, 0.15),
         build_gear(-0.3, 0.2, 0.1, z),
-        frustum(mast, z - 0.1, mast, z - 0.17, GREY),
+        m.frustum(mast, z - 0.1, mast, z - 0.17, GREY),
     ]
     hub = np.array([0.12, 0.0, z - 0.165])
     angle = np.pi + np.linspace(-0.12, 0.12, 5) if folded else np.arange(5) * 2 * np.pi / 5 + 0.3
     reach = np.column_stack([np.cos(angle), np.sin(angle), np.full(5, 0.08)]) * (0.55 if folded else 0.48)
-    parts.append(rods(np.tile(hub, (5, 1)), hub + reach, 0.022, dark))
+    parts.append(m.rods(np.tile(hub, (5, 1)), hub + reach, 0.022, dark))
     tail = np.array([-0.49, 0.02, z - 0.2])
     spokes = 0.09 * np.array([[1, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1]])
-    return join([*parts, rods(np.tile(tail, (4, 1)), tail + spokes, 0.015, dark)])
+    return m.join([*parts, m.rods(np.tile(tail, (4, 1)), tail + spokes, 0.015, dark)])
 
 
 @dataclass(eq=False)
@@ -225,7 +211,7 @@ def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng
     fullness = rng.choice([0.0, 0.3, 1.0], p=[0.12, 0.38, 0.5])
     parts = [park_aircraft(lot, islands, fullness, rng), *park_vehicles(lot, islands, fullness, rng)]
     parts += [*place_crew(lot, rng), *build_edge_gear(layout, runway, rng), *build_deflectors(lot, rng)]
-    return join(parts)
+    return m.join(parts)
 
 
 def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> Mesh:
@@ -252,10 +238,10 @@ def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: G
         kind = str(rng.choice(wing)) if rng.random() < 0.3 else kind
         size = KINDS[kind] * scale
         length, width = extents(kind)
-        if lot.reserve(rectangle(x, y, size * length, size * width, yaw), -2.0):
+        if lot.reserve(m.rectangle(x, y, size * length, size * width, yaw), -2.0):
             parked.setdefault(kind, []).append((x, y, 0.0, yaw, size, *(coat * rng.uniform(0.9, 1.1))))
     tables = {name: np.array(rows) for name, rows in parked.items()}
-    return join([instances(prototype(name), t[:, :3], t[:, 3], t[:, 4:5], t[:, 5:]) for name, t in tables.items()])
+    return m.join([m.instances(prototype(name), t[:, :3], t[:, 3], t[:, 4:5], t[:, 5:]) for name, t in tables.items()])
 
 
 def row_spots(layout: Layout, side: float, rng: Generator) -> list[Pose]:
@@ -274,7 +260,7 @@ def pack_spots(x_m: float, y_m: float, rng: Generator) -> list[Pose]:
     pitch = rng.uniform(11.0, 18.0), rng.uniform(9.0, 13.0)
     grid = np.stack(np.meshgrid(np.arange(rng.integers(1, 4)), np.arange(rng.integers(2, 6))), -1).reshape(-1, 2)
     turned = yaw if rng.random() < 0.4 else heading + rng.normal(0.0, 0.1)
-    spots = place((grid - grid.mean(axis=0)) * pitch, x_m, y_m, turned) + rng.normal(0.0, 0.4, grid.shape)
+    spots = m.place((grid - grid.mean(axis=0)) * pitch, x_m, y_m, turned) + rng.normal(0.0, 0.4, grid.shape)
     return [(x, y, turned + rng.normal(0.0, 0.05)) for x, y in spots]
 
 
@@ -288,14 +274,14 @@ def park_vehicles(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: G
             x += rng.normal(0.0, 0.7) * islands[0].length_m
             y -= np.sign(y) * rng.uniform(4.0, 14.0)
         length, width = rng.uniform(1.5, 6.0), rng.uniform(0.8, 2.4)
-        if not lot.reserve(rectangle(x, y, length, width, yaw)):
+        if not lot.reserve(m.rectangle(x, y, length, width, yaw)):
             continue
         rgb = VEHICLES[rng.integers(len(VEHICLES))] * rng.uniform(0.8, 1.15)
-        parts.append(boxes((x, y, -0.25), (length, width, rng.uniform(0.5, 1.3)), rgb, yaw))
+        parts.append(m.boxes((x, y, -0.25), (length, width, rng.uniform(0.5, 1.3)), rgb, yaw))
         if rng.random() < 0.6:
             at = np.array([x, y]) + np.array([np.cos(yaw), np.sin(yaw)]) * length * rng.uniform(-0.3, 0.3)
             cab = (0.3 * length, 0.85 * width, rng.uniform(0.5, 1.6))
-            parts.append(boxes((*at, -0.8), cab, rgb * rng.uniform(0.3, 1.1), yaw))
+            parts.append(m.boxes((*at, -0.8), cab, rgb * rng.uniform(0.3, 1.1), yaw))
     return parts + park_crane(lot, rng) if rng.random() < 0.25 else parts
 
 
@@ -304,7 +290,7 @@ def park_crane(lot: Lot, rng: Generator) -> list[Mesh]:
     for _ in range(10):
         x, yaw = rng.uniform(0.2, 0.8) * lot.layout.length_m, rng.uniform(-np.pi, np.pi)
         y = rng.uniform(*lot.layout.edges_at(x))
-        if lot.reserve(rectangle(x, y, 20.0, 3.5, yaw)):
+        if lot.reserve(m.rectangle(x, y, 20.0, 3.5, yaw)):
             break
     else:
         return []
@@ -315,11 +301,11 @@ def park_crane(lot: Lot, rng: Generator) -> list[Mesh]:
     wheels = np.array([back + a * ahead + b * side for a in (-3.0, 3.5) for b in (-1.2, 1.2)])
     heads, mast = np.array([back + 2.2 * up + 0.5 * k * side for k in (-1, 1)]), back + 6.5 * up
     return [
-        boxes(back + 0.7 * up, (9.0, 2.8, 1.3), rgb, yaw),
-        boxes(wheels, (1.5, 0.6, 1.5), (0.12, 0.12, 0.12), yaw),
-        boxes(back - 2.0 * ahead + 2.0 * up, (3.0, 2.6, 1.8), rgb * 0.9, yaw),
-        rods(heads, [tip, tip], 0.35, rgb),
-        rods([back + 2.0 * up, mast], [mast, tip], [0.5, 0.12], rgb),
+        m.boxes(back + 0.7 * up, (9.0, 2.8, 1.3), rgb, yaw),
+        m.boxes(wheels, (1.5, 0.6, 1.5), (0.12, 0.12, 0.12), yaw),
+        m.boxes(back - 2.0 * ahead + 2.0 * up, (3.0, 2.6, 1.8), rgb * 0.9, yaw),
+        m.rods(heads, [tip, tip], 0.35, rgb),
+        m.rods([back + 2.0 * up, mast], [mast, tip], [0.5, 0.12], rgb),
     ]
 
 
@@ -344,7 +330,7 @@ def place_crew(lot: Lot, rng: Generator) -> list[Mesh]:
     yaw = rng.uniform(-np.pi, np.pi, len(points))
     jersey, legs = JERSEYS[rng.integers(len(JERSEYS), size=len(points))], np.array([0.2, 0.22, 0.3])
     people = (((0.25, 0.4, 0.85), 0.0, legs), ((0.3, 0.5, 0.65), 0.85, jersey), ((0.24, 0.24, 0.27), 1.5, jersey))
-    return [boxes(at_height(points, -up), size, rgb, yaw) for size, up, rgb in people]
+    return [m.boxes(m.at_height(points, -up), size, rgb, yaw) for size, up, rgb in people]
 
 
 def build_edge_gear(layout: Layout, runway: bool, rng: Generator) -> list[Mesh]:
@@ -361,7 +347,7 @@ def build_edge_gear(layout: Layout, runway: bool, rng: Generator) -> list[Mesh]:
         tip = foot + np.column_stack([0 * x, side * np.sin(lean) * tall, -np.cos(lean) * tall])
         near = np.minimum(runway_distance(layout, foot[:, :2]), runway_distance(layout, tip[:, :2]))
         clear = (near > 4.0) | (not runway)
-        parts.append(rods(foot[clear], tip[clear], 0.22, np.full(3, rng.uniform(0.3, 0.9))))
+        parts.append(m.rods(foot[clear], tip[clear], 0.22, np.full(3, rng.uniform(0.3, 0.9))))
     return parts + build_landing_aid(layout, rng) if runway and rng.random() < 0.55 else parts
 
 
@@ -374,12 +360,12 @@ def build_landing_aid(layout: Layout, rng: Generator) -> list[Mesh]:
         y = layout.edges_at(x)[0] - wide / 2 - 0.3
         if runway_distance(layout, np.array([[x, y + wide / 2]]))[0] < 4.0:
             continue
-        parts.append(boxes((x, y, 1.4), (2.4, wide + 0.6, 0.4), (0.35, 0.36, 0.38)))
-        parts.append(boxes((x, y, 1.0), (0.4, wide, tall), (0.12, 0.12, 0.13)))
+        parts.append(m.boxes((x, y, 1.4), (2.4, wide + 0.6, 0.4), (0.35, 0.36, 0.38)))
+        parts.append(m.boxes((x, y, 1.0), (0.4, wide, tall), (0.12, 0.12, 0.13)))
         if tall < 1.7:
             lamps, lit = [[x - 0.3, y + k * wide, 0.3] for k in (-0.4, -0.25, 0.25, 0.4)], rng.uniform(0.3, 1.0)
-            parts.append(boxes(lamps, (0.1, 0.13 * wide, 0.3), lit * np.array([0.2, 0.95, 0.4])))
-            parts.append(boxes((x - 0.3, y, 0.8), (0.1, 0.08 * wide, 1.4), lit * np.array([0.95, 0.5, 0.2])))
+            parts.append(m.boxes(lamps, (0.1, 0.13 * wide, 0.3), lit * np.array([0.2, 0.95, 0.4])))
+            parts.append(m.boxes((x - 0.3, y, 0.8), (0.1, 0.08 * wide, 1.4), lit * np.array([0.95, 0.5, 0.2])))
     return parts
 
 
@@ -389,8 +375,8 @@ def build_deflectors(lot: Lot, rng: Generator) -> list[Mesh]:
     for _ in range(rng.integers(0, 3)):
         x = rng.uniform(0.3, 0.75) * lot.layout.length_m
         y, wide, deep = rng.uniform(*lot.layout.edges_at(x)), rng.uniform(7.0, 11.0), rng.uniform(2.5, 4.0)
-        if lot.reserve(rectangle(x, y, 4.5, wide)):
+        if lot.reserve(m.rectangle(x, y, 4.5, wide)):
             y0, y1, up = y - wide / 2, y + wide / 2, -deep * 0.75
             plate = np.array([[[x, y0, 0], [x, y1, 0], [x - 1.8, y1, up], [x - 1.8, y0, up]]])
-            parts += [quads(plate, (0.33, 0.33, 0.34)), quads(plate[:, ::-1] - [0.05, 0, 0], (0.25, 0.25, 0.26))]
+            parts += [m.quads(plate, (0.33, 0.33, 0.34)), m.quads(plate[:, ::-1] - [0.05, 0, 0], (0.25, 0.25, 0.26))]
     return parts

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from deckline.sim.ship import mesh as m
 from deckline.sim.ship.clutter import build_clutter
 from deckline.sim.ship.hull import (
     SLAB_M,
@@ -15,24 +16,7 @@ from deckline.sim.ship.hull import (
     random_hull,
 )
 from deckline.sim.ship.layout import CLEAR_M, Layout, before_end, clear_runway, has_room, runway_distance
-from deckline.sim.ship.mesh import (
-    Array,
-    Mesh,
-    at_height,
-    boxes,
-    disc,
-    dome,
-    facing,
-    frustum,
-    join,
-    loft,
-    place,
-    quads,
-    rectangle,
-    rods,
-    strip,
-    triangles,
-)
+from deckline.sim.ship.mesh import Array, Mesh
 from deckline.sim.ship.ship_class import Hull, Island, ShipClass
 
 STRAIGHT = 1e-5  # change of an edge's slope that makes no corner
@@ -67,7 +51,7 @@ def build_structure(layout: Layout, runway: bool, rng: Generator, spec: ShipClas
         *(build_island(layout, island, runway, paint, rng) for island in islands),
         build_clutter(layout, runway, islands, rng),
     ]
-    mesh = clear_runway(layout, join(parts)) if runway else join(parts)
+    mesh = clear_runway(layout, m.join(parts)) if runway else m.join(parts)
     mesh[:, 6:] = np.clip(mesh[:, 6:], 0.0, 1.0)
     return mesh, float(form.half_width(form.stern_m[0], layout.deck_height_m, 1.0))
 
@@ -77,9 +61,9 @@ def deck_mesh(layout: Layout) -> Mesh:
     edges = np.column_stack([layout.port_m, layout.starboard_m])
     slopes = np.diff(edges, axis=0) / np.diff(layout.stations_m)[:, None]
     corner = np.concatenate([[True], np.any(np.abs(np.diff(slopes, axis=0)) > STRAIGHT, axis=1), [True]])
-    port, starboard = (at_height(np.column_stack([layout.stations_m, y])[corner], 0.0) for y in edges.T)
-    p0, p1, s1, s0 = strip(port, starboard).transpose(1, 0, 2)
-    return triangles(np.concatenate([np.stack([p0, s1, p1], 1), np.stack([p0, s0, s1], 1)]), (0.0, 0.0, 0.0))
+    port, starboard = (m.at_height(np.column_stack([layout.stations_m, y])[corner], 0.0) for y in edges.T)
+    p0, p1, s1, s0 = m.strip(port, starboard).transpose(1, 0, 2)
+    return m.triangles(np.concatenate([np.stack([p0, s1, p1], 1), np.stack([p0, s0, s1], 1)]), (0.0, 0.0, 0.0))
 
 
 def build_slab(layout: Layout, runway: bool, paint: Array, rng: Generator) -> Mesh:
@@ -88,10 +72,10 @@ def build_slab(layout: Layout, runway: bool, paint: Array, rng: Generator) -> Me
     A round-down is what the hook may strike, curved or cut down, as wide as the runway or the stern.
     """
     edge, n = layout.outline_m, len(layout.stations_m)
-    walls = frustum(edge, SLAB_M, edge, 0.0, paint * rng.uniform(0.6, 1.1), lid=False)
-    under = quads(strip(at_height(edge[:n], SLAB_M), at_height(edge[n:][::-1], SLAB_M)), paint * 0.45)
+    walls = m.frustum(edge, SLAB_M, edge, 0.0, paint * rng.uniform(0.6, 1.1), lid=False)
+    under = m.quads(m.strip(m.at_height(edge[:n], SLAB_M), m.at_height(edge[n:][::-1], SLAB_M)), paint * 0.45)
     if rng.random() >= 0.7:
-        return join([walls, under])
+        return m.join([walls, under])
     y0, y1 = layout.port_m[0], layout.starboard_m[0]
     if runway and rng.random() < 0.5:
         spare = rng.uniform(1.5, 4.0)
@@ -102,13 +86,13 @@ def build_slab(layout: Layout, runway: bool, paint: Array, rng: Generator) -> Me
     white = rng.random() < 0.55
     shade = np.full(3, rng.uniform(0.6, 0.95)) if white else paint * rng.uniform(0.7, 1.1)
     colours = shade * np.array([1.0, 1.0, 1.0, 0.6, 0.6])[:, None]
-    return join([walls, under, loft(ends, colours[None])])
+    return m.join([walls, under, m.loft(ends, colours[None])])
 
 
 def build_ski_jump(layout: Layout, runway: bool, hull: Hull, rgb: Array) -> Mesh:
     """The bow's ramp: a curved wedge that keeps off the runway, on the wider side only where the runway passes."""
     if hull.ramp_height_m <= 0 or hull.ramp_length_m <= 0:
-        return join([])
+        return m.join([])
     x = layout.length_m - hull.ramp_length_m * np.linspace(1.0, 0.0, 9)
     low, high = port, starboard = layout.edges_at(x)
     y = np.linspace(port, starboard, 60)
@@ -119,11 +103,11 @@ def build_ski_jump(layout: Layout, runway: bool, hull: Hull, rgb: Array) -> Mesh
         wider = np.min(starboard - to_starboard) >= np.min(to_port - port)
         low, high = (to_starboard, starboard) if wider else (port, to_port)
     if np.min(high - low) < 6.0:
-        return join([])
+        return m.join([])
     z, zero = -hull.ramp_height_m * np.linspace(0.0, 1.0, 9) ** 1.7, np.zeros(9)
     corners = [(low, zero), (high, zero), (high, z), (low, z)]
     sections = np.stack([np.stack([x, y, up], -1) for y, up in corners], 1)
-    return loft(sections, rgb * np.array([1.0, 1.1, 1.0, 1.1])[None, :, None])
+    return m.loft(sections, rgb * np.array([1.0, 1.1, 1.0, 1.1])[None, :, None])
 
 
 def random_islands(layout: Layout, runway: bool, rng: Generator) -> tuple[Island, ...]:
@@ -139,7 +123,7 @@ def random_islands(layout: Layout, runway: bool, rng: Generator) -> tuple[Island
             out = rng.uniform(-5.0, 1.0) if attempt < 8 else rng.uniform(0.0, OVERHANG) * width
             y = side * (layout.half_width_at(x, side) - width / 2 + out)
             apart = all(abs(x - other.middle_m[0]) > (length + other.length_m) / 2 + 6 for other in islands)
-            if apart and has_room(layout, runway, rectangle(x, y, length + 3.0, width + 3.0), -width - 2.0):
+            if apart and has_room(layout, runway, m.rectangle(x, y, length + 3.0, width + 3.0), -width - 2.0):
                 islands.append(Island((x, y), length, width, height, height * rng.uniform(0.4, 1.4)))
                 break
     return tuple(islands)
@@ -163,7 +147,7 @@ def build_island(layout: Layout, island: Island, runway: bool, paint: Array, rng
         foot, shift = base * scale, shift + rng.uniform(-0.3, 0.6) * k
         flare = rng.uniform(1.0, 1.04) if k == bridge else rng.uniform(0.95, 1.0)
         at = np.array([x + shift, y])
-        parts.append(frustum(foot + at, -up, foot * flare + at, -up - rise, tint * rng.uniform(0.93, 1.07)))
+        parts.append(m.frustum(foot + at, -up, foot * flare + at, -up - rise, tint * rng.uniform(0.93, 1.07)))
         parts += build_level(foot + at, at, up, rise, k == bridge, tint, rng)
         up += rise
     roof = x + shift, y, *np.ptp(foot, axis=0)
@@ -171,7 +155,7 @@ def build_island(layout: Layout, island: Island, runway: bool, paint: Array, rng
     parts.append(build_wall_number(island, rng))
     parts.append(build_support(layout, island, paint))
     parts.append(build_footing(layout, island, runway, tint, rng))
-    return join(parts)
+    return m.join(parts)
 
 
 def build_level(
@@ -183,19 +167,19 @@ def build_level(
     if bridge or rng.random() < 0.2:
         sill = -up_m - rise_m * rng.uniform(0.45, 0.6)
         tall = min(rng.uniform(0.8, 1.3), rise_m * 0.4)
-        parts.append(frustum(grown, sill, (grown - at_m) * 1.02 + at_m, sill - tall, GLASS + rng.uniform(0.0, 0.1)))
+        parts.append(m.frustum(grown, sill, (grown - at_m) * 1.02 + at_m, sill - tall, GLASS + rng.uniform(0.0, 0.1)))
     if rng.random() < 0.65:
         ledge = (foot_m - at_m) * (1.0 + 2 * rng.uniform(0.4, 1.4) / np.ptp(foot_m, axis=0)) + at_m
-        floor, rail = (at_height(ledge, -up_m - rise_m - above) for above in (0.0, 1.0))
-        parts.append(loft([np.add(floor, (0.0, 0.0, 0.25)), floor], paint * rng.uniform(0.7, 1.1)))
+        floor, rail = (m.at_height(ledge, -up_m - rise_m - above) for above in (0.0, 1.0))
+        parts.append(m.loft([np.add(floor, (0.0, 0.0, 0.25)), floor], paint * rng.uniform(0.7, 1.1)))
         ends = np.concatenate([np.roll(rail, -1, 0), np.add(rail, (0.0, 0.0, 1.0))])
-        parts.append(rods(np.concatenate([rail, rail]), ends, 0.1, paint * rng.uniform(0.8, 1.3)))
+        parts.append(m.rods(np.concatenate([rail, rail]), ends, 0.1, paint * rng.uniform(0.8, 1.3)))
     count = int(rng.integers(2, 9))
     corner, share = rng.integers(len(foot_m), size=count), rng.uniform(0.1, 0.9, (count, 1))
     spots = grown[corner] * share + np.roll(grown, -1, axis=0)[corner] * (1 - share)
-    spots = at_height(spots, -up_m - rise_m * rng.uniform(0.05, 0.7, count))
+    spots = m.at_height(spots, -up_m - rise_m * rng.uniform(0.05, 0.7, count))
     size = rng.uniform([0.5, 0.5, 0.6], [2.2, 0.9, 2.1], (count, 3))
-    return [*parts, boxes(spots, size, paint * rng.uniform(0.25, 1.35, (count, 1)))]
+    return [*parts, m.boxes(spots, size, paint * rng.uniform(0.25, 1.35, (count, 1)))]
 
 
 def build_roof(
@@ -205,11 +189,11 @@ def build_roof(
     x, y, length, width = roof_m
     parts = []
     if rng.random() < 0.6:
-        foot = rectangle(x - length * rng.uniform(0.1, 0.35), y, length * rng.uniform(0.15, 0.3), width * 0.6)
+        foot = m.rectangle(x - length * rng.uniform(0.1, 0.35), y, length * rng.uniform(0.15, 0.3), width * 0.6)
         rise, shade = rng.uniform(2.0, 6.0), paint * rng.uniform(0.85, 1.0)
         lean = np.array([-rise * rng.uniform(0.0, 0.35), 0.0])
-        parts.append(frustum(foot, -up_m, foot + lean, -up_m - rise, shade))
-        parts.append(frustum(foot + lean, -up_m - rise, foot + 1.2 * lean, -up_m - rise - 1.0, GLASS))
+        parts.append(m.frustum(foot, -up_m, foot + lean, -up_m - rise, shade))
+        parts.append(m.frustum(foot + lean, -up_m - rise, foot + 1.2 * lean, -up_m - rise - 1.0, GLASS))
     if mast_m > 0:
         parts += build_mast(x + length * rng.uniform(-0.1, 0.3), y, up_m, mast_m, paint, rng)
         if mast_m > 8 and rng.random() < 0.35:
@@ -218,16 +202,16 @@ def build_roof(
     for _ in range(rng.integers(0, 4)):
         radius = rng.uniform(0.6, 2.0)
         spot = x + length * rng.uniform(-0.45, 0.45), y + width * rng.uniform(-0.4, 0.4)
-        foot = disc(*spot, radius * 0.5, 6)
-        parts.append(frustum(foot, -up_m, foot, -up_m - radius, paint))
-        parts.append(dome(*spot, -up_m - 1.7 * radius, radius, np.full(3, rng.uniform(0.6, 0.92))))
+        foot = m.disc(*spot, radius * 0.5, 6)
+        parts.append(m.frustum(foot, -up_m, foot, -up_m - radius, paint))
+        parts.append(m.dome(*spot, -up_m - 1.7 * radius, radius, np.full(3, rng.uniform(0.6, 0.92))))
     if rng.random() < 0.5:
         parts += build_radar(x + length * rng.uniform(-0.3, 0.3), y, up_m, paint, rng)
     whips = int(rng.integers(0, 7))
     if whips:
         starts = np.array([x, y, -up_m]) + rng.uniform(-0.5, 0.5, (whips, 3)) * [length, width, 0.0]
         lean = rng.normal(0.0, 0.6, (whips, 3)) * [1, 1, 0] - [0, 0, 1] * rng.uniform(3, 9, (whips, 1))
-        parts.append(rods(starts, starts + lean, 0.12, paint * rng.uniform(0.6, 1.5)))
+        parts.append(m.rods(starts, starts + lean, 0.12, paint * rng.uniform(0.6, 1.5)))
     return parts
 
 
@@ -237,25 +221,25 @@ def build_mast(x_m: float, y_m: float, up_m: float, rise_m: float, paint: Array,
     kind = rng.integers(3)
     shade = paint * rng.uniform(0.6, 1.25)
     if kind == 0:
-        parts = [frustum(disc(x_m, y_m, thick, 6), z, disc(x_m, y_m, thick * 0.4, 6), z - rise_m, shade)]
+        parts = [m.frustum(m.disc(x_m, y_m, thick, 6), z, m.disc(x_m, y_m, thick * 0.4, 6), z - rise_m, shade)]
     elif kind == 1:
         parts = [build_lattice(x_m, y_m, z, rise_m, rng.uniform(1.2, 2.5), shade)]
     else:
-        foot = disc(x_m, y_m, rng.uniform(1.5, 2.8), 6)
+        foot = m.disc(x_m, y_m, rng.uniform(1.5, 2.8), 6)
         top = (foot - [x_m, y_m]) * rng.uniform(0.3, 0.6) + [x_m, y_m]
-        parts = [frustum(foot, z, top, z - 0.7 * rise_m, shade)]
-        parts.append(rods((x_m, y_m, z - 0.7 * rise_m), (x_m, y_m, z - rise_m), 0.5, shade))
+        parts = [m.frustum(foot, z, top, z - 0.7 * rise_m, shade)]
+        parts.append(m.rods((x_m, y_m, z - 0.7 * rise_m), (x_m, y_m, z - rise_m), 0.5, shade))
     count = int(rng.integers(2, 6))
     at = z - rise_m * np.sort(rng.uniform(0.25, 0.97, count))
     half = rng.uniform(0.08, 0.34, count) * rise_m
-    middle, across = at_height(np.full((count, 2), [x_m, y_m]), at), half[:, None] * [0.0, 1.0, 0.0]
-    parts.append(rods(middle - across, middle + across, rng.uniform(0.15, 0.4, count), shade))
+    middle, across = m.at_height(np.full((count, 2), [x_m, y_m]), at), half[:, None] * [0.0, 1.0, 0.0]
+    parts.append(m.rods(middle - across, middle + across, rng.uniform(0.15, 0.4, count), shade))
     ends = np.concatenate([middle + across * share for share in (-1.0, -0.6, 0.6, 1.0)])
-    parts.append(rods(ends, ends - [0, 0, 1] * rng.uniform(0.5, 2.2, (len(ends), 1)), 0.14, shade))
+    parts.append(m.rods(ends, ends - [0, 0, 1] * rng.uniform(0.5, 2.2, (len(ends), 1)), 0.14, shade))
     size, yaw = rng.uniform([0.8, 0.8, 0.3], [2.6, 2.6, 1.8], (count, 3)), rng.uniform(-1, 1, count)
-    parts.append(boxes(middle, size, shade * rng.uniform(0.7, 1.3, (count, 1)), yaw))
+    parts.append(m.boxes(middle, size, shade * rng.uniform(0.7, 1.3, (count, 1)), yaw))
     if rng.random() < 0.6:
-        parts.append(dome(x_m, y_m, z - rise_m - 0.4, rng.uniform(0.6, 1.5), np.full(3, rng.uniform(0.5, 0.9))))
+        parts.append(m.dome(x_m, y_m, z - rise_m - 0.4, rng.uniform(0.6, 1.5), np.full(3, rng.uniform(0.5, 0.9))))
     if rng.random() < 0.6:
         parts += build_radar(x_m, y_m, up_m + rise_m * rng.uniform(0.3, 0.8), shade, rng)
     return parts
@@ -265,33 +249,33 @@ def build_lattice(x_m: float, y_m: float, z_m: float, rise_m: float, half_m: flo
     """Four legs that close towards the top, with rings and diagonals."""
     rings = max(3, int(rise_m / 2.5))
     share = np.linspace(0.0, 1.0, rings + 1)
-    corners = rectangle(0, 0, 2, 2)[None] * (half_m * (1 - 0.75 * share))[:, None, None] + [x_m, y_m]
+    corners = m.rectangle(0, 0, 2, 2)[None] * (half_m * (1 - 0.75 * share))[:, None, None] + [x_m, y_m]
     points = np.concatenate([corners, np.broadcast_to((z_m - rise_m * share)[:, None, None], (rings + 1, 4, 1))], 2)
     beside = np.roll(points, -1, axis=1)
     starts, ends = [points[:-1], points[1:], points[:-1]], [points[1:], beside[1:], beside[1:]]
-    return rods(np.reshape(starts, (-1, 3)), np.reshape(ends, (-1, 3)), 0.16, rgb)
+    return m.rods(np.reshape(starts, (-1, 3)), np.reshape(ends, (-1, 3)), 0.16, rgb)
 
 
 def build_radar(x_m: float, y_m: float, up_m: float, paint: Array, rng: Generator) -> list[Mesh]:
     """A flat or grated antenna on a pedestal, turned anywhere."""
     wide, tall = rng.uniform(2.0, 7.0), rng.uniform(0.5, 3.0)
     yaw = rng.uniform(-np.pi, np.pi)
-    pedestal = boxes((x_m, y_m, -up_m), (0.9, 0.9, 1.4), paint, yaw)
-    return [pedestal, boxes((x_m, y_m, -up_m - 1.3), (0.4, wide, tall), paint * rng.uniform(0.5, 1.3), yaw)]
+    pedestal = m.boxes((x_m, y_m, -up_m), (0.9, 0.9, 1.4), paint, yaw)
+    return [pedestal, m.boxes((x_m, y_m, -up_m - 1.3), (0.4, wide, tall), paint * rng.uniform(0.5, 1.3), yaw)]
 
 
 def build_wall_number(island: Island, rng: Generator) -> Mesh:
     """The ship's number on the island's sides, sometimes."""
     if rng.random() < 0.5 or island.height_m < 6:
-        return join([])
+        return m.join([])
     tall = min(rng.uniform(1.5, 4.0), island.length_m * 0.25)
     text, parts = str(rng.integers(1, 99)), []
     for side in (-1.0, 1.0):
         x, z = number_triangles(text, tall, side)
         y = np.full(len(x), island.middle_m[1] + side * (island.width_m / 2 + 0.1))
         corners = np.stack([island.middle_m[0] + x, y, z - 0.2 * island.height_m - tall], -1).reshape(-1, 3, 3)
-        parts.append(facing(corners, np.full(3, rng.uniform(0.7, 0.95)), (0.0, side, 0.0)))
-    return join(parts)
+        parts.append(m.facing(corners, np.full(3, rng.uniform(0.7, 0.95)), (0.0, side, 0.0)))
+    return m.join(parts)
 
 
 def build_support(layout: Layout, island: Island, paint: Array) -> Mesh:
@@ -303,10 +287,10 @@ def build_support(layout: Layout, island: Island, paint: Array) -> Mesh:
     outer = np.maximum(abs(y) + island.width_m / 2 + 0.8, edge)
     outer[[0, 3]] = edge[[0, 3]]
     if np.max(outer - edge) < 0.5:
-        return join([])
+        return m.join([])
     top, low = gallery_ring(stations, side, outer, edge - 2.0), gallery_ring(stations, side, edge - 3.0, edge - 4.0)
     depth = min(8.0, 0.6 * layout.deck_height_m)
-    return loft([at_height(low, depth), at_height(top, 1.6), at_height(top, -0.02)], paint)
+    return m.loft([m.at_height(low, depth), m.at_height(top, 1.6), m.at_height(top, -0.02)], paint)
 
 
 def build_footing(layout: Layout, island: Island, runway: bool, paint: Array, rng: Generator) -> Mesh:
@@ -316,15 +300,15 @@ def build_footing(layout: Layout, island: Island, runway: bool, paint: Array, rn
     for _ in range(rng.integers(0, 4)):
         at = x + rng.uniform(-0.5, 0.5) * island.length_m, y - np.sign(y) * (island.width_m / 2 + rng.uniform(0.8, 1.5))
         size = rng.uniform(1.0, 4.0), rng.uniform(0.8, 1.6), rng.uniform(0.8, 2.4)
-        if has_room(layout, runway, rectangle(*at, size[0], size[1])):
-            parts.append(boxes((*at, 0.0), size, paint * rng.uniform(0.6, 1.3)))
+        if has_room(layout, runway, m.rectangle(*at, size[0], size[1])):
+            parts.append(m.boxes((*at, 0.0), size, paint * rng.uniform(0.6, 1.3)))
     reach, yaw = rng.uniform(8.0, 20.0), rng.uniform(-np.pi, np.pi)
     foot = np.array([x - (island.length_m / 2 + rng.uniform(4.0, 10.0)) * rng.choice([-1.0, 1.0]), y])
-    tip = place([[reach, 0.0]], foot[0], foot[1], yaw)[0]
+    tip = m.place([[reach, 0.0]], foot[0], foot[1], yaw)[0]
     if rng.random() < 0.45 and has_room(layout, runway, np.array([foot - 1.5, foot + 1.5, tip, foot, tip + 1.0])):
         shade = (0.75, 0.58, 0.1) if rng.random() < 0.4 else paint
         rise = rng.uniform(3.0, 8.0)
         head, end = np.array([*foot, -rise]), np.array([*tip, -rise - reach * rng.uniform(0.0, 0.6)])
-        parts.append(boxes((*foot, 0.0), (1.6, 1.6, rise), shade, yaw))
-        parts.append(rods([head, head], [end, end + np.array([0, 0, 0.9])], 0.5, shade))
-    return join(parts)
+        parts.append(m.boxes((*foot, 0.0), (1.6, 1.6, rise), shade, yaw))
+        parts.append(m.rods([head, head], [end, end + np.array([0, 0, 0.9])], 0.5, shade))
+    return m.join(parts)
