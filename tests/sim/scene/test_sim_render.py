@@ -13,14 +13,13 @@ from deckline.sim.scene.render import KEPT_TARGETS, Renderer
 from deckline.sim.scene.textures import noise_field, texture_size
 from deckline.sim.scene.view import Label, Quality, Scene
 from deckline.sim.scene.weather import random_weather
+from deckline.sim.ship.deck_paint import paint_edge
 from deckline.sim.ship.layout import class_layout, random_layout, world_points
-from deckline.sim.ship.markings import edge_coat
 from deckline.sim.ship.mesh import box
 from deckline.sim.ship.paint import axes, layers
-from deckline.sim.ship.plan import DeckSurface
 from deckline.sim.ship.random_plan import random_edge
 from deckline.sim.ship.ship import Ship
-from deckline.sim.ship.ship_class import SHIP_CLASSES, load_class
+from deckline.sim.ship.ship_class import SHIP_CLASSES, DeckSurface, load_class
 from deckline.sim.ship.structure import deck_mesh
 
 SUN = np.array([0.6, 0.0, 0.8])
@@ -40,7 +39,7 @@ def clean_ship(layout, style, solids=None):
     if solids is None:
         solids = box(layout.length_m - 2.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0, (0.1, 0.1, 0.1))
     surface = DeckSurface((0.1, 0.1, 0.1), grain=0.0, wear=0.0, noise_offset=(0.0, 0.0))
-    coat = layers([edge_coat(layout.left_m, style), edge_coat(layout.right_m, style)])
+    coat = layers([paint_edge(layout.left_m, style), paint_edge(layout.right_m, style)])
     return Ship(layout, coat, surface, solids, 15.0, texels_per_m=12.0)
 
 

@@ -5,15 +5,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.sim.ship.clearance import runway_distance
 from deckline.sim.ship.layout import (
     DECKS,
+    EDGE_MARGIN_M,
+    before_end,
     class_layout,
     class_variant,
+    clear_runway,
+    edge_distance,
+    has_room,
+    random_edges,
     random_layout,
+    runway_distance,
     ship_layout,
+    sponson_edge,
+    stepped_edge,
+    straight_edge,
+    tapered_edge,
     world_points,
 )
+from deckline.sim.ship.mesh import box, join, rectangle
 from deckline.sim.ship.paint import axes
 from deckline.sim.ship.ship_class import SHIP_CLASSES, LineEnds, load_class
 
@@ -129,3 +140,84 @@ def test_a_ship_without_a_strip_has_no_variants():
 def test_a_few_runways_lie_on_land():
     on_land = [random_layout(np.random.default_rng(seed)).on_land for seed in range(1000)]
     assert np.mean(on_land) == pytest.approx(DECKS["land"], abs=3 * np.sqrt(0.04 * 0.96 / 1000))
+
+
+LEFT, RIGHT = np.array([[2.0, -9.0], [150.0, -25.0]]), np.array([[2.0, 9.0], [150.0, -7.0]])
+
+
+def test_outline_goes_through_its_corners_and_makes_room_for_the_lines():
+    stations, port, starboard = deck_edges(200.0, [(0, -15), (200, -15)], [(0, 15), (100, 25), (200, 15)], LEFT, RIGHT)
+    assert np.interp(100.0, stations, starboard) == pytest.approx(25.0)
+    assert np.interp(198.0, stations, port) == pytest.approx(-15.0)
+    assert np.interp(150.0, stations, port) == pytest.approx(-25.0 - EDGE_MARGIN_M - 2.0)
+
+
+@pytest.mark.parametrize("shape", [stepped_edge, sponson_edge, straight_edge, tapered_edge])
+def test_shapes_run_from_stern_to_bow_on_their_side(shape):
+    for seed in range(50):
+        corners = shape(240.0, 16.0, np.random.default_rng(seed))
+        x, y = np.transpose(sorted(corners))
+        assert x[0] == 0.0
+        assert x[-1] == 240.0
+        assert y.min() > 2.0
+        assert y.max() < 2.0 * 16.0
+
+
+def test_random_outlines_are_decks():
+    for seed in range(100):
+        stations, port, starboard = random_edges(200.0, LEFT, RIGHT, np.random.default_rng(seed))
+        assert np.all(starboard - port > 3.0)
+        inside = stations <= 150.0
+        assert np.all(port[inside] <= np.interp(stations[inside], *LEFT.T) - EDGE_MARGIN_M)
+        assert np.all(np.isfinite(port + starboard))
+
+
+@pytest.fixture(scope="module")
+def cvn():
+    return class_layout(load_class("cvn"))
+
+
+def test_runway_distance_is_the_distance_to_the_nearer_line(cvn):
+    along = (cvn.right_m[1] - cvn.right_m[0]) / np.linalg.norm(cvn.right_m[1] - cvn.right_m[0])
+    right = np.array([-along[1], along[0]])
+    middle = cvn.right_m.mean(axis=0)
+    np.testing.assert_allclose(
+        runway_distance(cvn, middle + np.outer([5.0, 0.0, -3.0], right)), [5.0, 0.0, -3.0], atol=1e-9
+    )
+    left_middle = cvn.left_m.mean(axis=0)
+    assert runway_distance(cvn, left_middle - 7.0 * right) == pytest.approx(7.0)
+
+
+def test_edge_distance_changes_sign_at_the_edge(cvn):
+    x = 120.0
+    port, starboard = cvn.edges_at(x)
+    points = np.array([[x, port + 2.0], [x, starboard + 1.0], [3.0, 0.0]])
+    np.testing.assert_allclose(edge_distance(cvn, points), [2.0, -1.0, 3.0])
+
+
+def test_has_room_refuses_the_runway_and_the_water(cvn):
+    on_runway = rectangle(*cvn.centre_m.mean(axis=0), 5.0, 5.0)
+    assert not has_room(cvn, True, on_runway)
+    assert has_room(cvn, False, on_runway)
+    beside = rectangle(150.0, 28.0, 5.0, 5.0)
+    assert has_room(cvn, True, beside)
+    assert not has_room(cvn, True, beside + np.array([0.0, 20.0]))
+
+
+def test_before_end_follows_the_runway(cvn):
+    along = (cvn.centre_m[1] - cvn.centre_m[0]) / np.linalg.norm(cvn.centre_m[1] - cvn.centre_m[0])
+    reach = max(np.linalg.norm(line[1] - line[0]) for line in (cvn.left_m, cvn.right_m))
+    points = cvn.centre_m[0] + np.outer([-500.0, reach + 1.9, reach + 2.1], along)
+    np.testing.assert_array_equal(before_end(cvn, points, 2.0), [True, True, False])
+
+
+def test_clear_of_runway_drops_what_stands_there_and_keeps_the_rest(cvn):
+    middle = cvn.centre_m.mean(axis=0)
+    offending, below, beside = (
+        box(*middle, 0.0, (2, 2, 2), 0.0, (1, 1, 1)),
+        box(*middle, 5.0, (2, 2, 2), 0.0, (1, 1, 1)),
+        box(150.0, 28.0, 0.0, (2, 2, 2), 0.0, (1, 1, 1)),
+    )
+    kept = clear_runway(cvn, join([offending, below, beside]))
+    floor = offending[np.repeat((offending[::3, 2] == 0) & (offending[1::3, 2] == 0) & (offending[2::3, 2] == 0), 3)]
+    np.testing.assert_array_equal(kept, join([floor, below, beside]))

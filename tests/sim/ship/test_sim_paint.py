@@ -5,14 +5,14 @@ from hypothesis import strategies as st
 
 from deckline.sim.ship.paint import (
     bars,
+    blots,
     dashes,
     figures,
     fill,
     ladder,
     layers,
     ring,
-    soft_discs,
-    soft_stripes,
+    streaks,
     stripe,
 )
 
@@ -69,7 +69,7 @@ def test_bars_lie_along_and_across_their_line():
 
 
 def test_soft_stripes_fade_to_their_sides_and_ends():
-    coat = soft_stripes([(0, 0), (0, 20)], [(10, 0), (10, 20)], [2.0, 4.0], [WHITE, (0, 0, 0)], [0.6, 0.3])
+    coat = streaks([(0, 0), (0, 20)], [(10, 0), (10, 20)], [2.0, 4.0], [WHITE, (0, 0, 0)], [0.6, 0.3])
     first, second = coat[:36], coat[36:]
     assert first[:, 5].max() == pytest.approx(0.6)
     assert second[:, 5].max() == pytest.approx(0.3)
@@ -81,7 +81,7 @@ def test_soft_stripes_fade_to_their_sides_and_ends():
 
 
 def test_soft_discs_fade_to_their_rims():
-    coat = soft_discs([(1, 2), (30, 40)], [3.0, 1.0], [WHITE, WHITE], [0.7, 0.2])
+    coat = blots([(1, 2), (30, 40)], [3.0, 1.0], [WHITE, WHITE], [0.7, 0.2])
     for disc, middle, radius, strong in ((coat[:36], (1, 2), 3.0, 0.7), (coat[36:], (30, 40), 1.0, 0.2)):
         distance = np.hypot(*(disc[:, :2] - middle).T)
         assert distance.max() == pytest.approx(radius, rel=1e-5)
@@ -96,8 +96,8 @@ def test_ring_has_the_area_of_its_polygons():
 
 
 def test_no_stains_are_no_paint():
-    assert soft_stripes([], [], [], np.zeros((0, 3)), []).shape == (0, 7)
-    assert soft_discs([], [], np.zeros((0, 3)), []).shape == (0, 7)
+    assert streaks([], [], [], np.zeros((0, 3)), []).shape == (0, 7)
+    assert blots([], [], np.zeros((0, 3)), []).shape == (0, 7)
 
 
 def test_figures_have_their_segments():

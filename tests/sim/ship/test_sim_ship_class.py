@@ -1,6 +1,8 @@
+from dataclasses import replace
+
 import pytest
 
-from deckline.sim.ship.ship_class import SHIP_CLASSES, SHIPS, load_class, read_class
+from deckline.sim.ship.ship_class import SHIP_CLASSES, SHIPS, LineStyle, Plan, load_class, read_class
 
 CVN = (SHIPS / "cvn.toml").read_text(encoding="utf-8")
 
@@ -65,3 +67,27 @@ def test_an_unknown_class_is_named():
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, old, new, message):
     assert old in CVN
     assert message in refused(tmp_path, CVN.replace(old, new, 1))
+
+
+EDGE = load_class("cvn").plan.edge
+
+
+def test_both_edges_share_a_style_unless_the_right_one_has_its_own():
+    other = replace(EDGE, kind="stripe")
+    assert Plan(edge=EDGE).edges == (EDGE, EDGE)
+    assert Plan(edge=EDGE, right_edge=other).edges == (EDGE, other)
+
+
+def test_an_empty_plan_paints_nothing_beside_its_edges():
+    plan = Plan(edge=EDGE)
+    assert not any((plan.catapults, plan.panels, plan.spots, plan.stripes, plan.numbers, plan.wires_m, plan.fouls))
+    assert plan.area_opacity == plan.ramp_m == plan.stern_m == plan.port_border_m == plan.starboard_border_m == 0.0
+
+
+def test_impossible_styles_are_refused():
+    with pytest.raises(ValueError, match=r"pitch > bar > 0, got width, rail, bar, pitch \(3.4, 0.75, 4.0, 3.6\)"):
+        replace(EDGE, bar_m=4.0)
+    with pytest.raises(ValueError, match=r"got 0 colours and \(0.5, 5.0, 0.0\)"):
+        LineStyle(0.5, ())
+    with pytest.raises(ValueError, match=r"dash > 0 and gap >= 0, got 1 colours and \(0.5, 5.0, -1.0\)"):
+        LineStyle(0.5, ((1, 1, 1),), gap_m=-1.0)

@@ -16,16 +16,8 @@ from deckline.sim.ship.layout import Layout, edge_distance, has_room, runway_dis
 from deckline.sim.ship.mesh import WHITE, Array, Mesh
 from deckline.sim.ship.ship_class import Island
 
-KINDS = {  # lengths, m, of aircraft of each kind
-    "delta": 15.0,
-    "swept": 18.3,
-    "folded": 18.3,
-    "propeller": 17.5,
-    "propeller folded": 17.5,
-    "helicopter": 17.0,
-    "helicopter folded": 17.0,
-    "trainer": 11.0,
-}
+KINDS = ("delta", "swept", "folded", "propeller", "propeller folded", "helicopter", "helicopter folded", "trainer")
+LENGTHS_M = dict(zip(KINDS, (15.0, 18.3, 18.3, 17.5, 17.5, 17.0, 17.0, 11.0), strict=True))
 WINGS = {  # starboard wings of jets
     "delta": [[0.18, 0.05], [-0.33, 0.31], [-0.4, 0.31], [-0.4, 0.05]],
     "swept": [[0.12, 0.05], [-0.15, 0.36], [-0.26, 0.36], [-0.26, 0.05]],
@@ -36,22 +28,14 @@ GLASS, GREY = (0.12, 0.13, 0.16), (0.85, 0.85, 0.85)
 # Greys of aircraft, one blue-grey, white; colours of vehicles; jerseys of the crew's trades.
 COATS = np.array([[62, 64, 67], [52, 55, 58], [72, 74, 76], [35, 38, 42], [45, 55, 66], [90, 90, 90]]) / 100
 VEHICLES = np.array([[82, 66, 12], [85, 85, 83], [60, 15, 12], [30, 36, 27], [50, 52, 54], [20, 20, 22]]) / 100
-JERSEYS = (
-    np.array([[90, 80, 10], [15, 50, 20], [75, 12, 12], [90, 90, 90], [15, 25, 60], [45, 20, 50], [40, 26, 15]]) / 100
-)
+JERSEYS = [[90, 80, 10], [15, 50, 20], [75, 12, 12], [90, 90, 90], [15, 25, 60], [45, 20, 50], [40, 26, 15]]
 GAP_M = 0.8  # between parked things
 Pose = tuple[float, float, float]  # x, y, m, and yaw, rad, on deck
 
 
 @cache
 def prototype(kind: str) -> Mesh:
-    """An aircraft of length 1; its greys are multiplied by an instance's colour.
-
-    Raises:
-        ValueError: an unknown kind.
-    """
-    if kind not in KINDS:
-        raise ValueError(f"an aircraft's kind must be one of {tuple(KINDS)}, got {kind!r}")
+    """An aircraft of length 1; its greys are multiplied by an instance's colour."""
     if kind.startswith("helicopter"):
         return build_helicopter(kind.endswith("folded"))
     return build_propeller(kind.endswith("folded")) if kind.startswith("propeller") else build_jet(kind)
@@ -177,29 +161,23 @@ class Lot:
         outline = np.concatenate([footprint_m + share * (beside - footprint_m) for share in (0.0, 0.25, 0.5, 0.75)])
         if not has_room(self.layout, self.runway, outline, edge_m):
             return False
-        wanted = discs(footprint_m)
+        sides = (footprint_m[1] - footprint_m[0], footprint_m[2] - footprint_m[1])
+        long, short = sorted(sides, key=lambda side: -float(np.hypot(*side)))
+        length, width = float(np.hypot(*long)), float(np.hypot(*short))
+        share = np.linspace(-0.5, 0.5, int(np.ceil(length / width)) + 1)[:, None] * (1 - width / length)
+        wanted = footprint_m.mean(axis=0) + share * long  # middles of discs along the longer axis
         if self.occupied_m:
             others = np.array(self.occupied_m)
-            gaps = np.hypot(*(others[:, None, :2] - wanted[:, :2]).transpose(2, 0, 1))
-            if np.any(gaps < others[:, None, 2] + wanted[:, 2] + GAP_M):
+            gaps = np.hypot(*(others[:, None, :2] - wanted).transpose(2, 0, 1))
+            if np.any(gaps < others[:, None, 2] + width / 2 + GAP_M):
                 return False
-        self.occupied_m += [(x, y, radius) for x, y, radius in wanted.tolist()]
+        self.occupied_m += [(x, y, width / 2) for x, y in wanted.tolist()]
         return True
 
     def draw_point(self, margin: float, rng: Generator) -> tuple[float, float]:
         """A point anywhere on deck, `margin` of its length away from stern and bow."""
         x = rng.uniform(margin, 1.0 - margin) * self.layout.length_m
         return x, rng.uniform(*self.layout.edges_at(x))
-
-
-def discs(rectangle_m: Array) -> Array:
-    """Circles (N, 3) of x, y, radius along a rectangle's longer axis, which stand for it."""
-    sides = (rectangle_m[1] - rectangle_m[0], rectangle_m[2] - rectangle_m[1])
-    long, short = sorted(sides, key=lambda side: -float(np.hypot(*side)))
-    length, width = float(np.hypot(*long)), float(np.hypot(*short))
-    share = np.linspace(-0.5, 0.5, int(np.ceil(length / width)) + 1)[:, None] * (1 - width / length)
-    middles = rectangle_m.mean(axis=0) + share * long
-    return np.column_stack([middles, np.full(len(middles), width / 2)])
 
 
 def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng: Generator) -> Mesh:
@@ -216,7 +194,7 @@ def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng
 
 def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> Mesh:
     """Rows along the deck's edge, a pack beside the island, and some anywhere."""
-    wing = rng.choice(list(KINDS), size=3)  # a ship carries few types
+    wing = rng.choice(KINDS, size=3)  # a ship carries few types
     coat = COATS[rng.integers(len(COATS))]
     spots: list[Pose] = []
     for side in (-1.0, 1.0):
@@ -236,7 +214,7 @@ def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: G
     kind, scale = str(wing[0]), min(1.0, lot.layout.length_m / 150.0)
     for x, y, yaw in spots:
         kind = str(rng.choice(wing)) if rng.random() < 0.3 else kind
-        size = KINDS[kind] * scale
+        size = LENGTHS_M[kind] * scale
         length, width = extents(kind)
         if lot.reserve(m.rectangle(x, y, size * length, size * width, yaw), -2.0):
             parked.setdefault(kind, []).append((x, y, 0.0, yaw, size, *(coat * rng.uniform(0.9, 1.1))))
@@ -328,7 +306,7 @@ def place_crew(lot: Lot, rng: Generator) -> list[Mesh]:
     if not len(points):
         return []
     yaw = rng.uniform(-np.pi, np.pi, len(points))
-    jersey, legs = JERSEYS[rng.integers(len(JERSEYS), size=len(points))], np.array([0.2, 0.22, 0.3])
+    jersey, legs = np.array(JERSEYS)[rng.integers(len(JERSEYS), size=len(points))] / 100, np.array([0.2, 0.22, 0.3])
     people = (((0.25, 0.4, 0.85), 0.0, legs), ((0.3, 0.5, 0.65), 0.85, jersey), ((0.24, 0.24, 0.27), 1.5, jersey))
     return [m.boxes(m.at_height(points, -up), size, rgb, yaw) for size, up, rgb in people]
 

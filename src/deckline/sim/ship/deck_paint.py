@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from deckline.sim.ship.layout import Layout
 from deckline.sim.ship.mesh import Array, Rgb, place, rectangle
 from deckline.sim.ship.paint import Coat, axes, bars, blots, dashes, figures, layers, polygons, ring, streaks, stripe
-from deckline.sim.ship.ship_class import Catapult, DeckSurface, EdgeStyle, LineStyle, Number, Panel, Plan, Spot
+from deckline.sim.ship.ship_class import Catapult, DeckSurface, EdgeStyle, LineStyle, Plan
 
 ASTERN = ((0.0, 0.0), (1.0, 0.0))  # a line along the ship's axis
 DEFLECTOR_M = (-21.0, -12.0)  # a jet blast deflector along the catapult
@@ -39,11 +39,25 @@ def build_coat(layout: Layout, plan: Plan, surface: DeckSurface, runway: bool, w
 
 def paint_fixtures(layout: Layout, plan: Plan) -> Coat:
     """What a plan holds beside the runway."""
-    coats = [paint_panel(panel) for panel in plan.panels]
+    coats = []
+    for panel in plan.panels:
+        corners = rectangle(*panel.middle_m, panel.length_m, panel.width_m, np.deg2rad(panel.yaw_deg))
+        coats.append(polygons(corners, panel.rgb, panel.opacity))
+        if panel.border is not None:
+            coats += [paint_line(line, panel.border) for line in pairwise([*corners, corners[0]])]
     coats += [paint_catapult(catapult) for catapult in plan.catapults]
     coats += [paint_line((item.start_m, item.end_m), item.style) for item in plan.stripes]
-    coats += [paint_spot(spot) for spot in plan.spots]
-    coats += [paint_number(number) for number in plan.numbers]
+    for spot in plan.spots:
+        (x, y), style = spot.middle_m, (spot.width_m, spot.rgb)
+        coats.append(ring(spot.middle_m, spot.radius_m, *style))
+        if spot.lead_m > 0.0:
+            coats.append(stripe(((x - spot.lead_m, y), (x, y)), *style))
+        if spot.cross_m > 0.0:
+            coats.append(stripe(((x, y - spot.cross_m), (x, y + spot.cross_m)), *style))
+    for number in plan.numbers:
+        head = [[number.height_m, 0.0], [number.height_m, 1.0]]  # the feet point astern
+        line = place(head, *number.at_m, np.deg2rad(number.yaw_deg))
+        coats.append(figures(number.text, line, number.height_m, number.rgb))
     if plan.stern_m > 0.0:
         coats.append(bars(ASTERN, (0.0, plan.stern_m), (layout.port_m[0], layout.starboard_m[0]), plan.paint_rgb))
     sides = ((layout.port_m, plan.port_border_m, 1.0), (layout.starboard_m, plan.starboard_border_m, -1.0))
@@ -64,32 +78,6 @@ def paint_catapult(catapult: Catapult) -> Coat:
         coats += [stripe(line, 0.25, catapult.rgb, side * catapult.border_m) for side in (-1, 1)]
     half = catapult.deflector_m / 2
     return layers([*coats, bars(line, DEFLECTOR_M, (-half, half), STEEL, 0.9)] if half > 0.0 else coats)
-
-
-def paint_panel(panel: Panel) -> Coat:
-    """A rectangle and its outline."""
-    corners = rectangle(*panel.middle_m, panel.length_m, panel.width_m, np.deg2rad(panel.yaw_deg))
-    coats = [polygons(corners, panel.rgb, panel.opacity)]
-    if panel.border is not None:
-        coats += [paint_line(line, panel.border) for line in pairwise([*corners, corners[0]])]
-    return layers(coats)
-
-
-def paint_spot(spot: Spot) -> Coat:
-    """Circle, lead-in line, bar."""
-    x, y = spot.middle_m
-    coats = [ring(spot.middle_m, spot.radius_m, spot.width_m, spot.rgb)]
-    if spot.lead_m > 0.0:
-        coats.append(stripe(((x - spot.lead_m, y), (x, y)), spot.width_m, spot.rgb))
-    if spot.cross_m > 0.0:
-        coats.append(stripe(((x, y - spot.cross_m), (x, y + spot.cross_m)), spot.width_m, spot.rgb))
-    return layers(coats)
-
-
-def paint_number(number: Number) -> Coat:
-    """Digits whose feet point astern."""
-    line = place([[number.height_m, 0.0], [number.height_m, 1.0]], *number.at_m, np.deg2rad(number.yaw_deg))
-    return figures(number.text, line, number.height_m, number.rgb)
 
 
 def paint_line(line_m: ArrayLike, style: LineStyle) -> Coat:

@@ -117,23 +117,19 @@ def build_transom(
     reach = rng.uniform(0.55, 0.92, 2)
     for (p0, p1), (s0, s1), rgb in zip(pairwise(port_m), pairwise(starboard_m), band, strict=True):
         if opening and opening[0] <= (p0[2] + p1[2]) / 2 <= opening[1]:
-            a, b = -reach[0] * min(-p0[1], -p1[1]), reach[1] * min(s0[1], s1[1])
-            hole = np.array([[p0[0], a, p0[2]], [p0[0], b, p0[2]], [p1[0], b, p1[2]], [p1[0], a, p1[2]]])
+            y0, y1 = -reach[0] * min(-p0[1], -p1[1]), reach[1] * min(s0[1], s1[1])
+            hole = np.array([[p0[0], y0, p0[2]], [p0[0], y1, p0[2]], [p1[0], y1, p1[2]], [p1[0], y0, p1[2]]])
             faces += [[p0, p1, hole[3], hole[0]], [hole[1], hole[2], s1, s0]]
             colours += [rgb, rgb]
-            halls.append(build_recess(hole, rng.uniform(4.0, 12.0), rgb * rng.uniform(0.25, 0.6)))
+            a, b, c, d = hole
+            e, f, g, h = hole + np.array([rng.uniform(4.0, 12.0), 0.0, 0.0])
+            hall = np.array([[e, h, g, f], [a, e, f, b], [d, c, g, h], [a, d, h, e], [b, f, g, c]])
+            shades = np.array([[0.75], [0.4], [1.25], [0.8], [0.8]])  # back, ceiling, floor, walls
+            halls.append(quads(hall, rgb * rng.uniform(0.25, 0.6) * shades))
         else:
             faces.append([p0, p1, s1, s0])
             colours.append(rgb)
     return join([quads(np.array(faces), np.array(colours) * rng.uniform(0.92, 1.05)), *halls])
-
-
-def build_recess(hole_m: Array, depth_m: float, rgb: Array) -> Mesh:
-    """Walls, floor, ceiling and back of a hall whose opening is `hole` (4, 3), seen from astern."""
-    a, b, c, d = hole_m
-    e, f, g, h = hole_m + np.array([depth_m, 0.0, 0.0])
-    faces = np.array([[e, h, g, f], [a, e, f, b], [d, c, g, h], [a, d, h, e], [b, f, g, c]])
-    return quads(faces, rgb * np.array([[0.75], [0.4], [1.25], [0.8], [0.8]]))
 
 
 def build_fittings(form: Form, number: str, paint: Array, rng: Generator) -> Mesh:

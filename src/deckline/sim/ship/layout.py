@@ -6,7 +6,7 @@ Ship frame: x forward along the ship's axis, y to starboard, z down, origin on t
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -17,10 +17,7 @@ from deckline.sim.ship.mesh import Array, Mesh
 from deckline.sim.ship.paint import axes
 from deckline.sim.ship.ship_class import Place, Point, ShipClass, Strip, WorldLines, load_class
 
-DeckKind = Literal["large", "medium", "axial", "small", "variant", "land"]
-DECKS: dict[DeckKind, float] = {
-    "large": 0.28, "medium": 0.20, "axial": 0.17, "small": 0.10, "variant": 0.21, "land": 0.04,
-}  # fmt: skip
+DECKS = {"large": 0.28, "medium": 0.20, "axial": 0.17, "small": 0.10, "variant": 0.21, "land": 0.04}  # how often drawn
 SIZES = {  # least and greatest length, height and line spacing, m, part of the decks without angle, angle, degrees
     "large": ((260.0, 345.0), (15.0, 23.0), (18.0, 29.0), 0.0, (3.0, 11.0)),
     "medium": ((170.0, 270.0), (11.0, 18.0), (13.5, 22.0), 0.0, (3.0, 11.0)),
@@ -162,7 +159,7 @@ def class_variant(ship: ShipClass, rng: Generator) -> ShipClass:
         ValueError: a class whose lines are not given as a strip.
     """
     if ship.strip is None:
-        raise ValueError(f"only a ship with a strip can be varied, got {ship.name}")
+        raise ValueError(f"only a ship with a strip can be varied, got strip {ship.strip}")
     sx, sy, hand = rng.uniform(0.82, 1.06), rng.uniform(0.85, 1.15), 1.0 if rng.random() >= MIRRORED else -1.0
     edges = []
     for corners in (ship.port_m, ship.starboard_m):
@@ -184,7 +181,7 @@ def class_variant(ship: ShipClass, rng: Generator) -> ShipClass:
     return replace(ship, **sizes, strip=strip, place=place)
 
 
-def ship_layout(kind: DeckKind, rng: Generator) -> Layout:
+def ship_layout(kind: str, rng: Generator) -> Layout:
     """A ship of one kind."""
     *ranges, straight, angles_deg = SIZES[kind]
     angle_deg = 0.0 if straight and rng.random() < straight else rng.uniform(*angles_deg)

@@ -1,5 +1,6 @@
 """Paint of decks that nobody built: what may lie beside a runway, across it, and where there is none."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ WIDENED = 0.2  # of how far it bleeds inwards, a marking whose paint has run tog
 FADED = 0.25  # part of the others whose paint is worn thin
 UNEVEN = 0.06  # part of the runways whose right edge is painted in a style of its own
 # Deck coats seen on photographs: grey, warm and cold grey, green, brown, red oxide; relative to their grey.
-DECK_TINTS = np.array(
-    [[1, 1, 1], [1, 0.98, 0.95], [0.94, 1.0, 0.95], [1.05, 0.98, 0.89], [0.95, 0.98, 1.04], [0.89, 1.02, 0.93]]
+TINTS = np.array([[100, 100, 100], [100, 98, 95], [94, 100, 95], [105, 98, 89], [95, 98, 104], [89, 102, 93]]) / 100
+    np.array([[100, 100, 100], [100, 98, 95], [94, 100, 95], [105, 98, 89], [95, 98, 104], [89, 102, 93]]) / 100
 )
 RED_OXIDE = np.array([1.2, 0.92, 0.85])
 
@@ -52,7 +53,7 @@ def random_paint(rng: Generator) -> Rgb:
 def random_surface(rng: Generator) -> DeckSurface:
     """Deck from nearly black to light grey; greenish, brownish, bluish or red oxide."""
     grey = rng.uniform(0.12, 0.42) if rng.random() < 0.85 else rng.uniform(0.42, 0.58)
-    tint = RED_OXIDE if rng.random() < 0.07 else DECK_TINTS[rng.choice(6, p=[0.3, 0.2, 0.15, 0.12, 0.15, 0.08])]
+    tint = RED_OXIDE if rng.random() < 0.07 else TINTS[rng.choice(6, p=[0.3, 0.2, 0.15, 0.12, 0.15, 0.08])]
     red, green, blue = np.clip(grey * tint * rng.uniform(0.96, 1.04, 3), 0.0, 1.0)
     offset = rng.uniform(0, 100, 2)
     rgb = (float(red), float(green), float(blue))
@@ -74,7 +75,7 @@ def random_plan(layout: Layout, runway: bool, rng: Generator) -> Plan:
         stripes = stripes[1:]  # the first one is the long one
     return Plan(
         edge=edge,
-        right_edge=_other_edge(edge, rng) if rng.random() < UNEVEN else None,
+        right_edge=replace(random_edge(rng), rgb=edge.rgb, opacity=1.0, smear=0.0) if rng.random() < UNEVEN else None,
         centre=random_centre(edge.rgb, rng),
         area_rgb=_grey(rng.uniform(0.05, 0.5)),
         area_opacity=rng.uniform(0.1, 0.7) if rng.random() < 0.5 else 0.0,
@@ -104,12 +105,6 @@ def random_centre(rgb: Rgb, rng: Generator) -> LineStyle | None:
         return LineStyle(width, rgbs[-1:])
     gap = 0.0 if len(rgbs) == 2 and rng.random() < 0.5 else rng.uniform(1.0, 10.0)
     return LineStyle(width, rgbs, rng.uniform(2.0, 10.0), gap)
-
-
-def _other_edge(edge: EdgeStyle, rng: Generator) -> EdgeStyle:
-    """A style of its own in much the same paint."""
-    other = random_edge(rng)
-    return EdgeStyle(other.kind, other.width_m, other.rail_m, other.bar_m, other.pitch_m, edge.rgb)
 
 
 def _wires(layout: Layout, rng: Generator) -> tuple[float, ...]:

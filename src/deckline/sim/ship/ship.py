@@ -85,7 +85,12 @@ def build_lights(layout: Layout, runway: bool, solids: Mesh, rng: Generator) -> 
         points = at_height(layout.outline_m[:: rng.integers(4, 16)], -LAMP_UP_M)
         parts.append(lamps(points, BLUE if rng.random() < 0.6 else RED, rng.uniform(0.2, 0.6)))
     if not layout.on_land:
-        parts.append(flood_lamps(solids, rng))
+        # Flood lamps hang on those sides of an island that are seen from the deck, and from astern.
+        height, facing = -solids[:, 2], solids[:, 3] + solids[:, 4]
+        places = solids[(height > FLOOD_UP_M[0]) & (height < FLOOD_UP_M[1]) & (facing < -0.5)]
+        floods = places[rng.integers(len(places), size=rng.integers(0, 7))] if len(places) else places
+        rgb = WHITE if rng.random() < 0.6 else AMBER
+        parts.append(lamps(floods[:, :3] + 0.3 * floods[:, 3:6], rgb, FLOOD_STRENGTH))
     if runway:
         edge = (WHITE, WHITE, AMBER, GREEN)[rng.integers(4)]
         pitch = rng.uniform(30.0, 60.0) if layout.on_land else rng.uniform(6.0, 16.0)
@@ -117,19 +122,11 @@ def landing_aid_lamps(layout: Layout, rng: Generator) -> Mesh:
     """The optical landing aid at the port deck edge: a row of green lamps and an amber or red one in their middle."""
     x = layout.centre_m[0, 0] + rng.uniform(0.35, 0.6) * axes(*layout.centre_m)[2]
     side = rng.uniform(-1.5, 0.5) + layout.edges_at(x)[0]
-    y = np.concatenate([side + np.linspace(-2.5, -1.0, 4), side + np.linspace(1.0, 2.5, 4), [side]])
+    y = side + np.array([*np.linspace(-2.5, -1.0, 4), *np.linspace(1.0, 2.5, 4), 0.0])
     up = np.append(np.full(8, 2.0), 2.0 + rng.uniform(-0.8, 0.8))
     row = lamps(np.column_stack([np.full(9, x), y, -up]), GREEN, DATUM_STRENGTH)
     row[-1, 3:6] = AMBER if rng.random() < 0.7 else RED
     return row
-
-
-def flood_lamps(solids: Mesh, rng: Generator) -> Mesh:
-    """Flood lamps on those sides of an island that are seen from the deck, and from astern."""
-    low, high = FLOOD_UP_M
-    places = solids[(solids[:, 2] < -low) & (solids[:, 2] > -high) & (solids[:, 3] + solids[:, 4] < -0.5)]
-    chosen = places[rng.integers(len(places), size=rng.integers(0, 7))] if len(places) else places
-    return lamps(chosen[:, :3] + 0.3 * chosen[:, 3:6], WHITE if rng.random() < 0.6 else AMBER, FLOOD_STRENGTH)
 
 
 def build_airfield(layout: Layout, rng: Generator) -> Mesh:
@@ -195,7 +192,7 @@ def build_hangars(layout: Layout, rng: Generator) -> list[Mesh]:
     parts.append(boxes(tower, (6.0, 6.0, tall), wall, yaw))
     parts.append(boxes(tower - [0, 0, tall], (9.0, 9.0, 3.0), (0.1, 0.12, 0.14), yaw))
     parts.append(boxes(tower - [0, 0, tall + 3.0], (9.5, 9.5, 0.6), wall, yaw))
-    kind, count = str(rng.choice(list(KINDS))), int(rng.integers(0, 9))
+    kind, count = str(rng.choice(KINDS)), int(rng.integers(0, 9))
     at = first + (size[1] / 2 + 22.0) * inwards + 24.0 * np.arange(count)[:, None] * ahead
     return [*parts, instances(prototype(kind), at, yaw - side * np.pi / 2, 16.0, rng.uniform(0.4, 0.9) * np.ones(3))]
 

@@ -3,12 +3,11 @@
 Ship frame: x forward, y to starboard, metres on the deck plane. Colours are display colours, 0..1.
 """
 
-import tomllib
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Literal
 
+from deckline.config_file import read_config
 from deckline.sim.ship.mesh import Rgb
 
 SHIP_CLASSES = ("paper", "cvn", "axial", "small", "runway")
@@ -203,8 +202,6 @@ class Island:
 class ShipClass:
     """One ship that can be asked for by name. Exactly one of `strip` and `world_lines` is given."""
 
-    name: str
-    about: str
     length_m: float  # of the deck
     deck_height_m: float  # above the water or the ground
     port_m: tuple[Point, ...]  # corners of the port deck edge, stern to bow
@@ -233,41 +230,8 @@ def load_class(name: str) -> ShipClass:
     """A class that comes with the simulator.
 
     Raises:
-        ValueError: an unknown name.
+        ValueError: an unknown name, or a file that holds no ship.
     """
     if name not in SHIP_CLASSES:
         raise ValueError(f"ship class must be one of {SHIP_CLASSES}, got {name!r}")
-    return read_class(SHIPS / f"{name}.toml")
-
-
-def read_class(path: Path) -> ShipClass:
-    """A ship's file; its name is the class's.
-
-    Raises:
-        ValueError: not TOML, an unknown or missing key, a value of another kind, or numbers that are no ship.
-    """
-    try:
-        return convert(ShipClass, tomllib.loads(path.read_text(encoding="utf-8")) | {"name": path.stem}, "ship")
-    except ValueError as error:  # tomllib's too
-        raise ValueError(f"{path.name}: {error}") from None
-
-
-def convert(kind: Any, value: Any, where: str) -> Any:
-    """A TOML value as the type that a field wants; `where` is the path of keys, for the message."""
-    if get_origin(kind) is UnionType:  # X | None: TOML has no null, so a value that is there is an X
-        kind = get_args(kind)[0]
-    if is_dataclass(kind) and isinstance(kind, type) and isinstance(value, dict):
-        hints = get_type_hints(kind)
-        try:
-            return kind(**{key: convert(hints.get(key, object), item, f"{where}.{key}") for key, item in value.items()})
-        except TypeError as error:  # an unknown or a missing key
-            raise ValueError(f"{where}: {error}") from None
-    kinds = get_args(kind)
-    if get_origin(kind) is tuple and isinstance(value, list) and (kinds[-1] is ... or len(value) == len(kinds)):
-        kinds = kinds[:1] * len(value) if kinds[-1] is ... else kinds
-        return tuple(convert(k, item, f"{where}[{i}]") for i, (k, item) in enumerate(zip(kinds, value, strict=True)))
-    if kind is float and type(value) is int:
-        return float(value)
-    if not (value in kinds if get_origin(kind) is Literal else get_origin(kind) is None and isinstance(value, kind)):
-        raise ValueError(f"{where} must be a {getattr(kind, '__name__', kind)} {kinds or ''}, got {value!r}")
-    return value
+    return read_config(ShipClass, SHIPS / f"{name}.toml")
