@@ -15,12 +15,12 @@ from deckline.sim.flight.motion import Motion, ship_pose
 from deckline.sim.flight.views import pose_towards
 from deckline.sim.scene.view import Scene
 from deckline.sim.scene.weather import random_weather
-from deckline.sim.ship.markings import edge_coat, random_edge
-from deckline.sim.ship.mesh import box
+from deckline.sim.ship.deck_paint import paint_edge
+from deckline.sim.ship.mesh import boxes
 from deckline.sim.ship.paint import layers
-from deckline.sim.ship.plan import DeckSurface
+from deckline.sim.ship.random_plan import random_edge
 from deckline.sim.ship.ship import build_ship
-from deckline.sim.ship.ship_class import SHIP_CLASSES, load_class
+from deckline.sim.ship.ship_class import SHIP_CLASSES, DeckSurface, load_class
 from deckline.sim.simulate import frames
 
 SUN = np.array([0.6, 0.0, 0.8])
@@ -44,7 +44,7 @@ def clean(ship, style):
 
 def bare(ship):
     """The ship with all its paint and no solids but a crate at the bow."""
-    crate = box(ship.layout.length_m - 2.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0, (0.1, 0.1, 0.1))
+    crate = boxes((ship.layout.length_m - 2.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.1, 0.1, 0.1))
     return replace(ship, solids=crate, lights=ship.lights[:0], background=ship.background[:0])
 
 

@@ -15,7 +15,7 @@ from deckline.sim.scene.view import Label, Quality, Scene
 from deckline.sim.scene.weather import random_weather
 from deckline.sim.ship.deck_paint import paint_edge
 from deckline.sim.ship.layout import class_layout, random_layout, world_points
-from deckline.sim.ship.mesh import box
+from deckline.sim.ship.mesh import boxes
 from deckline.sim.ship.paint import axes, layers
 from deckline.sim.ship.random_plan import random_edge
 from deckline.sim.ship.ship import Ship
@@ -37,7 +37,7 @@ def shown(view):
 def clean_ship(layout, style, solids=None):
     """Nothing but the edge markings on an even dark deck, and a crate at the bow unless solids are given."""
     if solids is None:
-        solids = box(layout.length_m - 2.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0, (0.1, 0.1, 0.1))
+        solids = boxes((layout.length_m - 2.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.1, 0.1, 0.1))
     surface = DeckSurface((0.1, 0.1, 0.1), grain=0.0, wear=0.0, noise_offset=(0.0, 0.0))
     coat = layers([paint_edge(layout.left_m, style), paint_edge(layout.right_m, style)])
     return Ship(layout, coat, surface, solids, 15.0, texels_per_m=12.0)
@@ -143,7 +143,7 @@ def test_sea_depth_is_the_distance_to_the_water_and_the_sky_has_none(renderer):
 def test_nearer_solids_hide_the_deck(renderer):
     layout = class_layout(CVN)
     middle = layout.centre_m[0] + 30.0 * axes(*layout.centre_m)[0]
-    wall = box(middle[0], middle[1], 0.0, (2.0, 2.0, 6.0), 0.0, (1.0, 0.0, 0.0))
+    wall = boxes((middle[0], middle[1], 0.0), (2.0, 2.0, 6.0), (1.0, 0.0, 0.0))
     renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
     pose = camera_pose(layout, 20.0, 8.0, 0.0)
     view = renderer.render(Scene(CAMERA, pose, CALM))
@@ -154,7 +154,7 @@ def test_nearer_solids_hide_the_deck(renderer):
 
 def test_the_water_closes_over_what_reaches_below_it(renderer):
     layout = class_layout(CVN)
-    keel = box(-30.0, 0.0, 35.0, (2.0, 20.0, 25.0), 0.0, (1.0, 0.0, 0.0))  # from 10 to 35 m below the deck
+    keel = boxes((-30.0, 0.0, 35.0), (2.0, 20.0, 25.0), (1.0, 0.0, 0.0))  # from 10 to 35 m below the deck
     renderer.load(clean_ship(layout, CVN_EDGE, keel), SUN)
     pose = camera_pose(layout, 150.0, 25.0, 0.0)
     points = world_points(layout, np.full((2, 2), [-31.0, 0.0])) + np.array([[0.0, 0.0, 19.0], [0.0, 0.0, 21.5]])
@@ -169,7 +169,7 @@ def test_the_water_closes_over_what_reaches_below_it(renderer):
 
 def test_other_ships_keep_their_distance(renderer):
     layout = class_layout(CVN)
-    other = box(900.0, 0.0, layout.sea_z_m, (20.0, 80.0, 60.0), 0.0, (1.0, 0.0, 0.0))
+    other = boxes((900.0, 0.0, layout.sea_z_m), (20.0, 80.0, 60.0), (1.0, 0.0, 0.0))
     renderer.load(replace(clean_ship(layout, CVN_EDGE), background=other), SUN)
     away = RigidTransform.from_translation([5000.0, 300.0, 1.0]) * layout.world_from_ship
     pose = camera_pose(layout, 300.0, 60.0, 0.0)
@@ -189,7 +189,7 @@ def test_lamps_shine_when_lit_and_not_through_solids(renderer):
     lights = np.array([[*spot, -0.5, 0.0, 1.0, 0.0, 1.0]], dtype=np.float32)
     pose, seen = camera_pose(layout, 100.0, 20.0, 0.0), []
     (u, v), *_ = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, spot[None], 0.5)))).astype(int)
-    wall = box(spot[0] - 20.0, spot[1] + 3.0, 0.0, (1.0, 20.0, 20.0), 0.0, (0.3, 0.3, 0.3))
+    wall = boxes((spot[0] - 20.0, spot[1] + 3.0, 0.0), (1.0, 20.0, 20.0), (0.3, 0.3, 0.3))
     for lamps, solids in ((0.0, None), (1.0, None), (1.0, wall)):
         renderer.load(replace(clean_ship(layout, CVN_EDGE, solids), lights=lights), SUN)
         view = renderer.render(Scene(CAMERA, pose, replace(CALM, lamps=lamps)))
@@ -212,7 +212,7 @@ def test_land_lies_around_a_runway_on_land(renderer):
 
 def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
     layout = class_layout(CVN)
-    wall = box(40.0, 0.0, 0.0, (1.0, 20.0, 12.0), 0.0, (1.0, 0.0, 0.0))
+    wall = boxes((40.0, 0.0, 0.0), (1.0, 20.0, 12.0), (1.0, 0.0, 0.0))
     renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
     pose = camera_pose(layout, 30.0, 10.0, 0.0, nudge=(0.1, 0.0, 0.0))
     smooth, jagged = (shown(renderer.render(Scene(CAMERA, pose, CALM, quality=Quality(samples=n)))) for n in (4, 1))
@@ -264,7 +264,7 @@ def test_reflectance_is_a_display_colour_in_linear_light(renderer):
 @pytest.mark.parametrize("elevation_deg", [25.0, 45.0])
 def test_shadow_is_as_long_as_the_sun_is_low(renderer, elevation_deg):
     layout, height = class_layout(CVN), 12.0
-    crate = box(80.0, -10.0, 0.0, (6.0, 6.0, height), 0.0, (0.5, 0.5, 0.5))
+    crate = boxes((80.0, -10.0, 0.0), (6.0, 6.0, height), (0.5, 0.5, 0.5))
     elevation = np.deg2rad(elevation_deg)
     sun = np.array([0.0, np.cos(elevation), np.sin(elevation)])  # light travels to starboard
     weather = replace(CALM, sun_rgb=(1.0, 1.0, 1.0), shadow=1.0)
@@ -284,7 +284,7 @@ def test_shadow_is_as_long_as_the_sun_is_low(renderer, elevation_deg):
 
 def test_without_shadows_the_deck_is_even(renderer):
     layout = class_layout(CVN)
-    crate = box(80.0, -10.0, 0.0, (6.0, 6.0, 12.0), 0.0, (0.5, 0.5, 0.5))
+    crate = boxes((80.0, -10.0, 0.0), (6.0, 6.0, 12.0), (0.5, 0.5, 0.5))
     renderer.load(clean_ship(layout, CVN_EDGE, crate), np.array([0.0, 0.8, 0.6]))
     pose = camera_pose(layout, -60.0, 70.0, 0.0, look_m=81.0)
     spots = world_points(layout, np.array([[80.0, 2.0], [80.0, 28.0]]))

@@ -1,27 +1,13 @@
 import numpy as np
 import pytest
-from mesh_volume import volume
 
-from deckline.sim.ship.mesh import (
-    at_height,
-    bars,
-    box,
-    boxes,
-    disc,
-    dome,
-    frustum,
-    instances,
-    join,
-    loft,
-    quads,
-    rectangle,
-)
+from deckline.sim.ship import mesh as m
 
 WHITE = (1.0, 1.0, 1.0)
 
 
-def test_box_encloses_its_volume_with_outward_normals():
-    mesh = box(3.0, -2.0, 0.0, (4.0, 2.0, 5.0), 0.7, WHITE)
+def test_a_box_encloses_its_volume_with_outward_normals(volume):
+    mesh = m.boxes((3.0, -2.0, 0.0), (4.0, 2.0, 5.0), WHITE, 0.7)
     a, b, c = (mesh[k::3, :3].astype(float) for k in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     # Divergence theorem with the stored normals, independent of the winding.
@@ -32,30 +18,29 @@ def test_box_encloses_its_volume_with_outward_normals():
 
 
 @pytest.mark.parametrize("turn", [1, -1])
-def test_loft_points_outwards_whichever_way_its_polygons_run(turn):
-    low, top = rectangle(0, 0, 4, 2)[::turn], rectangle(0, 0, 2, 1)[::turn]
-    mesh = loft([at_height(low, 0.0), at_height(top, -3.0)], WHITE)
+def test_loft_points_outwards_whichever_way_its_polygons_run(turn, volume):
+    low, top = m.rectangle(0, 0, 4, 2)[::turn], m.rectangle(0, 0, 2, 1)[::turn]
+    mesh = m.loft([m.at_height(low, 0.0), m.at_height(top, -3.0)], WHITE)
     assert volume(mesh) == pytest.approx(3 / 3 * (8 + 2 + np.sqrt(16)), rel=1e-6)  # a pyramid's frustum
 
 
 def test_loft_of_an_angular_polygon_is_right_where_a_middle_would_mislead():
     shape = np.array([[0, 0], [10, 0], [10, 10], [9, 10], [9, 1], [0, 1]], dtype=float)  # an L
-    mesh = loft([at_height(shape, 0.0), at_height(shape, -1.0)], WHITE, (False, False))
+    mesh = m.loft([m.at_height(shape, 0.0), m.at_height(shape, -1.0)], WHITE, (False, False))
     inner = mesh[::3][np.abs(mesh[::3, 0] - 9.0) < 1e-6]
     walls_at_9 = inner[np.abs(inner[:, 3]) > 0.9]
     assert len(walls_at_9) and np.all(walls_at_9[:, 3] < 0)  # the L's inner wall looks towards -x
 
 
 def test_loft_leaves_out_faces_without_area():
-    point = np.full((4, 3), [0, 0, -2.0])
-    mesh = loft([at_height(rectangle(0, 0, 1, 1), 0.0), point], WHITE)
+    mesh = m.loft([m.at_height(m.rectangle(0, 0, 1, 1), 0.0), np.full((4, 3), [0, 0, -2.0])], WHITE)
     assert len(mesh) == 3 * 8  # four walls of one triangle each, four triangles of the floor
     np.testing.assert_allclose(np.linalg.norm(mesh[:, 3:6], axis=1), 1.0, atol=1e-6)
 
 
-def test_instances_stretch_turn_move_and_tint():
-    base = box(0.0, 0.0, 0.0, (1.0, 1.0, 1.0), 0.0, (0.5, 1.0, 1.0))
-    mesh = instances(base, [[10.0, 0.0, -1.0]], np.pi / 2, [[4.0, 2.0, 3.0]], (0.5, 0.5, 2.0))
+def test_instances_stretch_turn_move_and_tint(volume):
+    base = m.boxes((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.5, 1.0, 1.0))
+    mesh = m.instances(base, [10.0, 0.0, -1.0], np.pi / 2, [4.0, 2.0, 3.0], (0.5, 0.5, 2.0))
     np.testing.assert_allclose(np.ptp(mesh[:, :3], axis=0), [2, 4, 3], atol=1e-5)
     np.testing.assert_allclose(mesh[0, 6:], [0.25, 0.5, 1.0])
     assert volume(mesh) == pytest.approx(24.0, rel=1e-5)
@@ -66,14 +51,13 @@ def test_instances_stretch_turn_move_and_tint():
 
 def test_many_boxes_equal_one_after_another():
     at, size, yaw = [[0, 0, 0], [5, 1, -2]], [[1, 2, 3], [2, 2, 1]], [0.3, -1.0]
-    one = join([boxes(at[k], size[k], yaw[k], WHITE) for k in range(2)])
-    np.testing.assert_array_equal(boxes(at, size, yaw, WHITE), one)
+    one = m.join([m.boxes(at[k], size[k], WHITE, yaw[k]) for k in range(2)])
+    np.testing.assert_array_equal(m.boxes(at, size, WHITE, yaw), one)
 
 
-def test_bars_reach_from_end_to_end_with_outward_normals():
-    starts, ends = [[0, 0, 0], [1, 1, 0]], [[0, 0, -6], [4, 5, 0]]
-    mesh = bars(starts, ends, 0.2, WHITE)
-    for own, start, end in zip(np.split(mesh, 2), np.array(starts, float), np.array(ends, float), strict=True):
+def test_rods_reach_from_end_to_end_with_outward_normals():
+    starts, ends = np.array([[0.0, 0, 0], [1, 1, 0]]), np.array([[0.0, 0, -6], [4, 5, 0]])
+    for own, start, end in zip(np.split(m.rods(starts, ends, 0.2, WHITE), 2), starts, ends, strict=True):
         along = (end - start) / np.linalg.norm(end - start)
         reach = (own[:, :3] - start) @ along
         assert reach.min() == pytest.approx(0.0, abs=1e-5)
@@ -83,30 +67,28 @@ def test_bars_reach_from_end_to_end_with_outward_normals():
         assert np.all(np.sum(away * own[:, 3:6], axis=1) > 0)
 
 
-def test_dome_approaches_a_ball():
-    mesh = dome(1.0, 2.0, -10.0, 2.0, WHITE)
+def test_dome_approaches_a_ball(volume):
+    mesh = m.dome(1.0, 2.0, -10.0, 2.0, WHITE)
     np.testing.assert_allclose(np.linalg.norm(mesh[:, :3] - [1, 2, -10], axis=1), 2.0, rtol=1e-5)
     assert 0.6 * 4 / 3 * np.pi * 8 < volume(mesh) < 4 / 3 * np.pi * 8
 
 
 def test_quads_keep_a_colour_each():
-    corners = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0, 5], [1, 0, 5], [1, 1, 5], [0, 1, 5]]])
-    mesh = quads(corners, [[1, 0, 0], [0, 1, 0]])
+    square = m.rectangle(0, 0, 1, 1)
+    mesh = m.quads([m.at_height(square, 0.0), m.at_height(square, 5.0)], [[1, 0, 0], [0, 1, 0]])
     np.testing.assert_array_equal(mesh[mesh[:, 2] == 5, 6:], np.tile([0, 1, 0], (6, 1)))
 
 
-def test_rectangle_turns_from_x_towards_y():
-    np.testing.assert_allclose(np.ptp(rectangle(0, 0, 10, 2, np.pi / 2), axis=0), [2, 10], atol=1e-12)
+@pytest.mark.parametrize("corners", [3, 4])
+@pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
+def test_facing_turns_faces_to_a_direction(corners, direction):
+    face = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]]])[:, :corners]
+    for either in (face, face[:, ::-1]):
+        normals = m.facing(either, WHITE, direction)[:, 3:6]
+        np.testing.assert_allclose(normals, np.tile(direction, (len(normals), 1)), atol=1e-7)
 
 
-def test_disc_lies_on_its_circle():
-    np.testing.assert_allclose(np.linalg.norm(disc(1.0, 2.0, 3.0) - [1.0, 2.0], axis=1), 3.0)
-
-
-def test_frustum_names_unequal_polygons():
-    with pytest.raises(ValueError, match=r"equal length, got \(4, 2\), \(10, 2\)"):
-        frustum(rectangle(0, 0, 1, 1), 0.0, disc(0, 0, 1.0), -1.0, WHITE)
-
-
-def test_nothing_joined_is_empty():
-    assert join([]).shape == (0, 9)
+def test_flat_shapes_have_their_sizes():
+    np.testing.assert_allclose(np.ptp(m.rectangle(0, 0, 10, 2, np.pi / 2), axis=0), [2, 10], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(m.disc(1.0, 2.0, 3.0) - [1.0, 2.0], axis=1), 3.0)
+    assert m.join([]).shape == (0, 9)

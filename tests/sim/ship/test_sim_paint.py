@@ -3,20 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline.sim.ship.paint import (
-    bars,
-    blots,
-    dashes,
-    figures,
-    fill,
-    ladder,
-    layers,
-    ring,
-    streaks,
-    stripe,
-)
+from deckline.sim.ship.paint import bars, blots, dashes, figures, layers, polygons, ring, streaks, stripe
 
 WHITE = (1.0, 1.0, 1.0)
+AHEAD = ((0, 0), (10, 0))
 coordinates = st.floats(-200, 200)
 
 
@@ -31,44 +21,33 @@ def area_and_centroid(coat):
 def test_stripe_has_its_area_and_its_middle_on_the_line(x, y, angle, length, width):
     start = np.array([x, y])
     end = start + length * np.array([np.cos(angle), np.sin(angle)])
-    area, centroid = area_and_centroid(stripe(start, end, width, WHITE))
+    area, centroid = area_and_centroid(stripe((start, end), width, WHITE))
     assert area == pytest.approx(length * width, rel=1e-2, abs=1e-2)
     np.testing.assert_allclose(centroid, (start + end) / 2, atol=1e-2)
 
 
 def test_offset_goes_to_the_right_of_the_line():
-    _, centroid = area_and_centroid(stripe((0, 0), (10, 0), 0.5, WHITE, offset_m=3.0))
+    _, centroid = area_and_centroid(stripe(AHEAD, 0.5, WHITE, offset_m=3.0))
     np.testing.assert_allclose(centroid, [5.0, 3.0], atol=1e-6)  # x ahead, y to the right
 
 
-def test_ladder_has_two_rails_and_bars_and_is_symmetric():
-    coat = ladder((0, 0), (100, 0), width_m=3.0, rail_m=0.5, bar_m=0.4, pitch_m=2.0, rgb=WHITE)
-    area, centroid = area_and_centroid(coat)
-    bars = len(np.arange(0.0, 99.6, 2.0))
-    assert area == pytest.approx(2 * 0.5 * 100 + bars * 0.4 * 2.0, rel=1e-5)
-    assert centroid[1] == pytest.approx(0.0, abs=1e-5)
-    assert np.abs(coat[:, 1]).max() == pytest.approx(1.5)
-
-
 def test_dashes_take_turns_and_stay_on_the_line():
-    coat = dashes((0, 0), (25, 0), 1.0, [WHITE, (1.0, 1.0, 0.0)], dash_m=4.0, gap_m=6.0)
-    area, _ = area_and_centroid(coat)
-    assert area == pytest.approx(4 + 4 + 4)
+    coat = dashes(((0, 0), (25, 0)), 1.0, [WHITE, (1.0, 1.0, 0.0)], dash_m=4.0, gap_m=6.0)
+    assert area_and_centroid(coat)[0] == pytest.approx(4 + 4 + 4)
     assert [tuple(c) for c in coat[::6, 2:5]] == [WHITE, (1.0, 1.0, 0.0), WHITE]
     assert coat[:, 0].max() <= 25.0
 
 
 def test_bars_lie_along_and_across_their_line():
-    coat = bars((3, 4), (3, 10), [(0.0, 2.0), (5.0, 6.0)], [(-1.0, 1.0), (0.0, 3.0)], WHITE, [[0.5], [0.8]])
-    np.testing.assert_allclose(coat[:6, :2].min(axis=0), [2.0, 4.0], atol=1e-6)  # along +y, its right is -x
-    np.testing.assert_allclose(coat[:6, :2].max(axis=0), [4.0, 6.0], atol=1e-6)
-    np.testing.assert_allclose(coat[6:, :2].min(axis=0), [0.0, 9.0], atol=1e-6)
-    np.testing.assert_allclose(coat[6:, :2].max(axis=0), [3.0, 10.0], atol=1e-6)
+    coat = bars(((3, 4), (3, 10)), [(0.0, 2.0), (5.0, 6.0)], [(-1.0, 1.0), (0.0, 3.0)], WHITE, [[0.5], [0.8]])
+    first, second = coat[:6, :2], coat[6:, :2]  # along +y, its right is -x
+    np.testing.assert_allclose([first.min(axis=0), first.max(axis=0)], [[2.0, 4.0], [4.0, 6.0]], atol=1e-6)
+    np.testing.assert_allclose([second.min(axis=0), second.max(axis=0)], [[0.0, 9.0], [3.0, 10.0]], atol=1e-6)
     np.testing.assert_allclose(coat[:, 5], np.repeat([0.5, 0.8], 6))
     assert area_and_centroid(coat)[0] == pytest.approx(4.0 + 3.0)
 
 
-def test_soft_stripes_fade_to_their_sides_and_ends():
+def test_streaks_fade_to_their_sides_and_ends():
     coat = streaks([(0, 0), (0, 20)], [(10, 0), (10, 20)], [2.0, 4.0], [WHITE, (0, 0, 0)], [0.6, 0.3])
     first, second = coat[:36], coat[36:]
     assert first[:, 5].max() == pytest.approx(0.6)
@@ -76,16 +55,15 @@ def test_soft_stripes_fade_to_their_sides_and_ends():
     assert np.abs(second[:, 1] - 20).max() == pytest.approx(2.0)
     assert not first[np.abs(first[:, 1]) > 0.9, 5].any()
     assert not first[np.isin(first[:, 0], (0.0, 10.0)), 5].any()
-    assert first[:, 2].all()
-    assert not second[:, 2].any()
+    assert first[:, 2].all() and not second[:, 2].any()
 
 
-def test_soft_discs_fade_to_their_rims():
+def test_blots_fade_to_their_rims():
     coat = blots([(1, 2), (30, 40)], [3.0, 1.0], [WHITE, WHITE], [0.7, 0.2])
-    for disc, middle, radius, strong in ((coat[:36], (1, 2), 3.0, 0.7), (coat[36:], (30, 40), 1.0, 0.2)):
-        distance = np.hypot(*(disc[:, :2] - middle).T)
+    for blot, middle, radius, strong in ((coat[:36], (1, 2), 3.0, 0.7), (coat[36:], (30, 40), 1.0, 0.2)):
+        distance = np.hypot(*(blot[:, :2] - middle).T)
         assert distance.max() == pytest.approx(radius, rel=1e-5)
-        np.testing.assert_allclose(disc[:, 5], np.where(distance < 1e-6, strong, 0.0), atol=1e-6)
+        np.testing.assert_allclose(blot[:, 5], np.where(distance < 1e-6, strong, 0.0), atol=1e-6)
 
 
 def test_ring_has_the_area_of_its_polygons():
@@ -95,22 +73,18 @@ def test_ring_has_the_area_of_its_polygons():
     np.testing.assert_allclose(centroid, [5, -3], atol=1e-4)
 
 
-def test_no_stains_are_no_paint():
-    assert streaks([], [], [], np.zeros((0, 3)), []).shape == (0, 7)
-    assert blots([], [], np.zeros((0, 3)), []).shape == (0, 7)
+def test_nothing_painted_is_an_empty_coat():
+    none = np.zeros((0, 3))
+    assert layers([]).shape == streaks([], [], [], none, []).shape == blots([], [], none, []).shape == (0, 7)
 
 
-def test_figures_have_their_segments():
-    assert len(figures("8", (0, 0), (0, 1), 6.0, WHITE)) == 7 * 6
-    assert len(figures("17", (0, 0), (0, 1), 6.0, WHITE)) == (2 + 3) * 6
-
-
-def test_no_coats_are_an_empty_coat():
-    assert layers([]).shape == (0, 7)
+@pytest.mark.parametrize(("text", "segments"), [("8", 7), ("17", 2 + 3), ("6", 6)])
+def test_figures_have_their_segments(text, segments):
+    assert len(figures(text, ((0, 0), (0, 1)), 6.0, WHITE)) == segments * 6
 
 
 def test_wrong_shapes_are_named():
-    with pytest.raises(ValueError, match=r"shape \(N >= 3, 2\), got \(2, 2\)"):
-        fill([(0, 0), (1, 1)], WHITE)
-    with pytest.raises(ValueError, match=r"two different ends, got \[1, 2\] twice"):
-        bars((1, 2), (1, 2), (0, 1), (0, 1), WHITE)
+    with pytest.raises(ValueError, match=r"\(2, 2\)"):
+        polygons([(0, 0), (1, 1)], WHITE)
+    with pytest.raises(ValueError, match=r"\[1, 2\]"):
+        bars(((1, 2), (1, 2)), (0, 1), (0, 1), WHITE)

@@ -2,34 +2,23 @@ from dataclasses import replace
 
 import pytest
 
-from deckline.sim.ship.ship_class import SHIP_CLASSES, SHIPS, LineStyle, Plan, load_class, read_class
+from deckline.config_file import read_config
+from deckline.sim.ship.ship_class import SHIP_CLASSES, SHIPS, LineStyle, ShipClass, load_class
 
 CVN = (SHIPS / "cvn.toml").read_text(encoding="utf-8")
-
-
-def refused(tmp_path, text):
-    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=r"^mine\.toml: [^\n]+$") as error:
-        read_class(tmp_path / "mine.toml")
-    return str(error.value)
-
-
-@pytest.mark.parametrize("name", SHIP_CLASSES)
-def test_every_class_loads(name):
-    ship = load_class(name)
-    assert ship.name == name
-    assert ship.about.endswith(".")
-    assert (ship.hull is None) == ship.on_land
+EDGE = load_class("cvn").plan.edge
 
 
 def test_every_file_is_a_class():
     assert {path.name for path in SHIPS.iterdir()} == {f"{name}.toml" for name in SHIP_CLASSES}
+    for name in SHIP_CLASSES:
+        ship = load_class(name)
+        assert (ship.hull is None) == ship.on_land == (name == "runway")
 
 
 def test_values_arrive_as_written():
     ship = load_class("cvn")
-    assert ship.strip is not None
-    assert ship.strip.port_angle_deg == 8.49
+    assert ship.strip is not None and ship.strip.port_angle_deg == 8.49
     assert ship.port_m[1] == (25.0, -21.0)
     assert isinstance(ship.port_m[0][0], float)  # written as an integer
     assert ship.plan.wires_m == (52.0, 64.4, 76.8)
@@ -39,55 +28,36 @@ def test_values_arrive_as_written():
 
 
 def test_an_unknown_class_is_named():
-    with pytest.raises(ValueError, match=r"one of \('paper', 'cvn', .*got 'kuz'"):
+    with pytest.raises(ValueError, match=r"'paper', 'cvn', .*'kuz'"):
         load_class("kuz")
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("rail_m = 0.75", "rail = 0.75", "unknown key plan.edge.rail, expected one of kind, width_m"),
-        ("start_m = [2.5, 5.0]", "", "missing key strip.start_m"),
-        ("length_m = 332.85 ", 'length_m = "long" ', "length_m must be a float, got 'long'"),
-        ("stern_x_m = 2.0", "stern_x_m = true", "hull.stern_x_m must be a float, got True"),
-        ("start_m = [2.5, 5.0]", "start_m = [2.5]", "strip.start_m must have 2 entries, got 1"),
-        ("start_m = [2.5, 5.0]", "start_m = 2.5", "strip.start_m must be an array, got 2.5"),
-        ('kind = "ladder"', 'kind = "dots"', "plan.edge.kind must be one of ('ladder', 'stripe', 'double', 'dashed')"),
-        ("[332.85, -11]]", "[330, -11]]", "must run from x = 0 to 332.85 with growing x"),
-        ("[hull]", "[place]\n[hul]", "unknown key hul"),
+        ("rail_m = 0.75", "rail = 0.75", r"plan\.edge\.rail\b.*rail_m"),
+        ('kind = "ladder"', 'kind = "dots"', r"plan\.edge\.kind.*'ladder', 'stripe', 'double', 'dashed'.*'dots'"),
+        ("[332.85, -11]]", "[330, -11]]", r"332\.85.*330"),
         (
             "[strip]",
-            "[lines]\nleft_m = [[0, 0], [9, 0]]\nright_m = [[0, 9], [9, 9]]\n[strip]",
-            "got ['strip', 'lines']",
+            "[world_lines]\nleft = [0, 0]\nright = [0, 9]\nstart_x_m = 0\nlength_m = 9\n[strip]",
+            "world_lines",
         ),
-        ("about =", "on_land = true\nabout =", "a hull belongs to a ship and none to a runway on land"),
-        ("[strip]", "[strip", "Expected ']' at the end of a table"),
+        ("length_m", "on_land = true\nlength_m", "on_land True"),
+        ("[strip]", "[strip", "TOML"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, old, new, message):
     assert old in CVN
-    assert message in refused(tmp_path, CVN.replace(old, new, 1))
-
-
-EDGE = load_class("cvn").plan.edge
-
-
-def test_both_edges_share_a_style_unless_the_right_one_has_its_own():
-    other = replace(EDGE, kind="stripe")
-    assert Plan(edge=EDGE).edges == (EDGE, EDGE)
-    assert Plan(edge=EDGE, right_edge=other).edges == (EDGE, other)
-
-
-def test_an_empty_plan_paints_nothing_beside_its_edges():
-    plan = Plan(edge=EDGE)
-    assert not any((plan.catapults, plan.panels, plan.spots, plan.stripes, plan.numbers, plan.wires_m, plan.fouls))
-    assert plan.area_opacity == plan.ramp_m == plan.stern_m == plan.port_border_m == plan.starboard_border_m == 0.0
+    (tmp_path / "mine.toml").write_text(CVN.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"mine\.toml: [^\n]*{message}[^\n]*$"):
+        read_config(ShipClass, tmp_path / "mine.toml")
 
 
 def test_impossible_styles_are_refused():
-    with pytest.raises(ValueError, match=r"pitch > bar > 0, got width, rail, bar, pitch \(3.4, 0.75, 4.0, 3.6\)"):
+    with pytest.raises(ValueError, match=r"bar.*\(3.4, 0.75, 4.0, 3.6\)"):
         replace(EDGE, bar_m=4.0)
-    with pytest.raises(ValueError, match=r"got 0 colours and \(0.5, 5.0, 0.0\)"):
+    with pytest.raises(ValueError, match=r"rgbs.*\(0.5, 0, 5.0, 0.0\)"):
         LineStyle(0.5, ())
-    with pytest.raises(ValueError, match=r"dash > 0 and gap >= 0, got 1 colours and \(0.5, 5.0, -1.0\)"):
+    with pytest.raises(ValueError, match=r"gap_m.*\(0.5, 1, 5.0, -1.0\)"):
         LineStyle(0.5, ((1, 1, 1),), gap_m=-1.0)

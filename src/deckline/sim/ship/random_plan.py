@@ -19,8 +19,6 @@ FADED = 0.25  # part of the others whose paint is worn thin
 UNEVEN = 0.06  # part of the runways whose right edge is painted in a style of its own
 # Deck coats seen on photographs: grey, warm and cold grey, green, brown, red oxide; relative to their grey.
 TINTS = np.array([[100, 100, 100], [100, 98, 95], [94, 100, 95], [105, 98, 89], [95, 98, 104], [89, 102, 93]]) / 100
-    np.array([[100, 100, 100], [100, 98, 95], [94, 100, 95], [105, 98, 89], [95, 98, 104], [89, 102, 93]]) / 100
-)
 RED_OXIDE = np.array([1.2, 0.92, 0.85])
 
 
