@@ -26,8 +26,7 @@ def afloat():
     """Random layouts that have a hull, each with its generator."""
 
     def draw(count):
-        generators = [np.random.default_rng(seed) for seed in range(2 * count)]
-        layouts = [(random_layout(rng), rng) for rng in generators]
-        return [(layout, rng) for layout, rng in layouts if not layout.on_land][:count]
+        drawn = [(random_layout(rng), rng) for rng in map(np.random.default_rng, range(2 * count))]
+        return [(layout, rng) for layout, rng in drawn if not layout.on_land][:count]
 
     return draw

@@ -14,8 +14,8 @@ MANY = 300
 
 
 def draw_plans(runway):
-    generators = [np.random.default_rng(seed) for seed in range(MANY)]
-    return [(layout, random_plan(layout, runway, rng)) for rng in generators for layout in [random_layout(rng)]]
+    drawn = [(random_layout(rng), rng) for rng in map(np.random.default_rng, range(MANY))]
+    return [(layout, random_plan(layout, runway, rng)) for layout, rng in drawn]
 
 
 @pytest.fixture(scope="module")
