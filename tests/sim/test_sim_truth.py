@@ -37,7 +37,7 @@ TIME_S = 3.0
 def clean(ship, style):
     """The ship with nothing but its edge markings on an even dark deck, and a crate at the bow."""
     layout = ship.layout
-    coat = layers([edge_coat(line, style) for line in (layout.left_m, layout.right_m)])
+    coat = layers([paint_edge(line, style) for line in (layout.left_m, layout.right_m)])
     surface = DeckSurface((0.15, 0.15, 0.15), grain=0.0, wear=0.0, noise_offset=(0.0, 0.0))
     return replace(bare(ship), coat=coat, surface=surface)
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from deckline.sim.scene.gl import moderngl
 from deckline.sim.scene.view import SAMPLES
 from deckline.sim.scene.waves import TILE_TEXELS, wave_tile
-from deckline.sim.ship.paint import fill, layers
+from deckline.sim.ship.paint import layers, polygons
 from deckline.sim.ship.ship import Ship
 
 SRGB8_ALPHA8 = 0x8C43  # OpenGL's name: the texture unit turns display colours into linear light before it filters
@@ -32,7 +32,7 @@ def paint_deck(context: moderngl.Context, painter: moderngl.Program, ship: Ship)
     smooth.clear(0.0, 0.0, 0.0, 1.0)
     context.disable(moderngl.DEPTH_TEST)
     context.enable(moderngl.BLEND)
-    ground = fill([low, (high[0], low[1]), high, (low[0], high[1])], ship.surface.rgb, wear=0.0)
+    ground = polygons([low, (high[0], low[1]), high, (low[0], high[1])], ship.surface.rgb, wear=0.0)
     coats = context.buffer(layers([ground, ship.coat]).tobytes())
     array = context.vertex_array(painter, [(coats, "2f 4f 1f", "position", "colour", "worn")])
     array.render()
