@@ -25,7 +25,7 @@ from deckline.evaluation.tables import markdown
 from deckline.labels import LabelledImage, write_labels
 from deckline.labels.truth import label_frame
 from deckline.recording import RecordingWriter
-from deckline.recording.camera_file import camera_text
+from deckline.recording.camera_file import format_camera
 from deckline.types import Detection, LinePoints
 
 
@@ -134,7 +134,7 @@ def labelled_folder(folder):
     folder.mkdir()
     for name in ("a.png", "b.png", "c.png"):
         cv2.imwrite(str(folder / name), np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8))
-    (folder / "camera.toml").write_text(camera_text(CAMERA, frame().body_from_camera))
+    (folder / "camera.toml").write_text(format_camera(CAMERA, frame().body_from_camera))
     both = label_frame(frame(), "a.png")
     write_labels(folder / "labels.json", [both, LabelledImage("b.png", None, None)])
     return folder

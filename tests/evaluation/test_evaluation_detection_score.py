@@ -19,7 +19,7 @@ from deckline.evaluation.detection_truth import Scene
 from deckline.evaluation.frames import Sample
 from deckline.evaluation.lane_scores import CuLane, TuSimple
 from deckline.geometry import Camera, pose
-from deckline.labels.lines import resampled
+from deckline.labels.lines import resample
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(640, 360, np.pi / 2)
@@ -164,7 +164,7 @@ def test_contrast_is_the_fainter_lines_however_many_points_say_where_it_is():
     frame = dataclasses.replace(sample_at(-100.0).frame, image_rgb=image)
     left, right = (np.array([[u, 300.0], [u, 100.0]]) for u in (200.0, 400.0))
     nothing = Detection(points([]), points([]))
-    for lines in ((left, right), (resampled(left, 40), resampled(right, 300))):
+    for lines in ((left, right), (resample(left, 40), resample(right, 300))):
         sample = Sample(frame, "data", 0, "labelled", dict(zip(("left", "right"), lines, strict=True)))
         assert score_detection(sample, nothing).contrast == pytest.approx(20.0, rel=0.2)
     alone = Sample(frame, "data", 0, "labelled", {"left": left, "right": None})

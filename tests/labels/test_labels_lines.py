@@ -19,7 +19,7 @@ from deckline.labels import (
     write_labels,
     write_tusimple,
 )
-from deckline.labels.lines import at_rows, left_and_right, resampled
+from deckline.labels.lines import assign_sides, interpolate_rows, resample
 
 SIZE = (640, 360)
 PLAIN = st.none() | st.booleans() | st.integers(-5, 700) | st.floats() | st.text(max_size=4) | st.just(10**400)
@@ -158,31 +158,35 @@ def test_own_labels_are_read_and_bad_ones_named(tmp_path):
 
 def test_rows_are_crossed_where_the_line_is_and_nowhere_else():
     bent = line((100, 300), (200, 200), (200, 100))
-    np.testing.assert_allclose(at_rows(bent, [301, 300, 250, 200, 150, 99]), [np.nan, 100, 150, 200, 200, np.nan])
-    np.testing.assert_allclose(at_rows(bent[::-1], [250, 150]), [150, 200])
-    assert np.isnan(at_rows(line((10, 50), (90, 50)), [49, 50, 51])).all()  # a level line has no position on its row
+    np.testing.assert_allclose(
+        interpolate_rows(bent, [301, 300, 250, 200, 150, 99]), [np.nan, 100, 150, 200, 200, np.nan]
+    )
+    np.testing.assert_allclose(interpolate_rows(bent[::-1], [250, 150]), [150, 200])
+    assert np.isnan(
+        interpolate_rows(line((10, 50), (90, 50)), [49, 50, 51])
+    ).all()  # a level line has no position on its row
 
 
 def test_resampling_is_even_and_keeps_the_ends():
-    corner = resampled(line((0, 0), (30, 0), (30, 10)), 5)
+    corner = resample(line((0, 0), (30, 0), (30, 10)), 5)
     np.testing.assert_allclose(corner, [[0, 0], [10, 0], [20, 0], [30, 0], [30, 10]])
 
 
 def test_left_is_left_on_the_rows_that_both_lines_have():
     # Seen from far right: on shared rows the first is left, though its middle lies right of the other's.
     long, short = line((600, 300), (200, 100)), line((260, 120), (240, 100))
-    assert left_and_right([long, short], "x")[0] is long
-    assert left_and_right([short, long], "x")[0] is long
+    assert assign_sides([long, short], "x")[0] is long
+    assert assign_sides([short, long], "x")[0] is long
     apart = line((50, 90), (60, 10)), line((10, 300), (20, 200))
-    assert left_and_right(apart, "x")[0] is apart[1]
-    assert left_and_right([], "x") == (None, None)
+    assert assign_sides(apart, "x")[0] is apart[1]
+    assert assign_sides([], "x") == (None, None)
 
 
 @pytest.mark.parametrize(
     ("function", "message"),
     [
-        (partial(left_and_right, [line((0, 0), (1, 1))], "f: line 3"), "f: line 3: one line"),
-        (partial(left_and_right, [line((0, 0), (1, 1))] * 3, "f"), "f: 3 lines"),
+        (partial(assign_sides, [line((0, 0), (1, 1))], "f: line 3"), "f: line 3: one line"),
+        (partial(assign_sides, [line((0, 0), (1, 1))] * 3, "f"), "f: 3 lines"),
         (partial(LabelledImage, "a.png", None, line((1, 2))), r"a\.png: right_px"),
         (partial(LabelledImage, "a.png", line((1, 2), (np.nan, 3)), None), r"a\.png: left_px"),
     ],

@@ -5,7 +5,7 @@ import pytest
 from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
 
 from deckline.recording import BadFrame, FrameError, RecordingError, open_recording
-from deckline.recording.opening import natural_key
+from deckline.recording.opening import make_natural_key
 from deckline.types import Frame
 
 IMAGE = "img_Drone_0_0_1000000.png"
@@ -86,7 +86,7 @@ def test_images_come_in_natural_order_one_second_apart(tmp_path):
 
 def test_natural_key_orders_numbers_and_keeps_names_apart():
     names = ["b", "a10", "a9", "a09", "A9", "1a", "10"]
-    assert sorted(names, key=natural_key) == ["1a", "10", "A9", "a09", "a9", "a10", "b"]
+    assert sorted(names, key=make_natural_key) == ["1a", "10", "A9", "a09", "a9", "a10", "b"]
 
 
 def test_poses_are_read_by_header_in_any_order(tmp_path):

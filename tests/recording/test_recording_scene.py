@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from deckline.geometry import pose
 from deckline.recording import RecordingError
 from deckline.recording.scene import (
-    clear_image_path,
-    entry_text,
+    format_entry,
+    format_scene,
+    get_clear_image,
     read_scene,
-    scene_text,
     truth_from_mapping,
     truth_to_mapping,
 )
@@ -90,12 +90,14 @@ def test_bad_truth_says_what_is_wrong(values, message):
 @pytest.mark.parametrize("name", ["/etc/passwd", "../a.png", "clear/../../a.png", "C:\\a.png", "..\\a.png", "", 3])
 def test_clear_image_stays_inside_the_recording(name):
     with pytest.raises(ValueError, match="must be a path inside the recording"):
-        clear_image_path({"clear_image": name})
+        get_clear_image({"clear_image": name})
 
 
 def test_text_is_json_with_the_promised_keys(tmp_path):
     path = tmp_path / "scene.json"
-    path.write_text(scene_text(None, {"a.png": entry_text({"deck_z_m": -17.0}), "b.png": entry_text({})}, {"seed": 3}))
+    path.write_text(
+        format_scene(None, {"a.png": format_entry({"deck_z_m": -17.0}), "b.png": format_entry({})}, {"seed": 3})
+    )
     assert json.loads(path.read_text()) == {
         "format": "deckline-scene",
         "version": 1,
@@ -109,9 +111,9 @@ def test_text_is_json_with_the_promised_keys(tmp_path):
 
 def test_nan_never_reaches_the_file():
     with pytest.raises(RecordingError, match="plain finite JSON values"):
-        scene_text(None, {}, {"gust": math.nan})
+        format_scene(None, {}, {"gust": math.nan})
     with pytest.raises(RecordingError, match="plain finite JSON values"):
-        entry_text({"truth": {"visibility_m": math.inf}})
+        format_entry({"truth": {"visibility_m": math.inf}})
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from deckline.evaluation.statistics import (
     share,
 )
 from deckline.evaluation.tables import Figures
-from deckline.labels.lines import Line, at_rows
+from deckline.labels.lines import Line, interpolate_rows
 from deckline.types import SIDES, Detection
 
 RIGHT_PX = 3.0  # a point this near to its line, in an image of 1280 px, is right: the marks' 95th percentile
@@ -115,7 +115,12 @@ def _score_tusimple(predicted: list[Line], true: list[Line], width_px: int) -> T
     """On rows evenly spread over those that the true lines have: rows without any line would all count as right."""
     v = np.concatenate([line[:, 1] for line in true])
     rows = np.linspace(v.min(), v.max(), LANE_ROWS)
-    return tusimple([at_rows(line, rows) for line in predicted], [at_rows(line, rows) for line in true], rows, width_px)
+    return tusimple(
+        [interpolate_rows(line, rows) for line in predicted],
+        [interpolate_rows(line, rows) for line in true],
+        rows,
+        width_px,
+    )
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:

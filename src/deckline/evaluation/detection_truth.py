@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.labels.lines import Labels, Line, at_rows, resampled
-from deckline.labels.truth import SeenLine, line_contrast, seen_line, through_air
+from deckline.labels.lines import Labels, Line, interpolate_rows, resample
+from deckline.labels.truth import VisibleLine, compute_transmission, find_visible_line, measure_contrast
 from deckline.truth import range_to_ramp_m
 from deckline.types import SIDES, Frame, RunwayPrior, Segment
 
@@ -62,9 +62,9 @@ def expected_from_truth(frame: Frame) -> ExpectedLines:
     if pose is None:
         raise ValueError("no pose; true lines cannot be projected into the image")
     segments = (truth.left, truth.right)
-    seen = [seen_line(frame, segment) for segment in segments]
+    seen = [find_visible_line(frame, segment) for segment in segments]
     lines = {side: None if line is None else line.points_px for side, line in zip(SIDES, seen, strict=True)}
-    light = float(through_air(pose.inv().apply(np.stack([line.p0_m for line in segments])), frame).mean())
+    light = float(compute_transmission(pose.inv().apply(np.stack([line.p0_m for line in segments])), frame).mean())
     contrast = _contrast(frame.image_rgb, lines)
     return ExpectedLines(
         _scene(frame, segments, seen, lines), lines, range_to_ramp_m(frame), visibility, light, contrast
@@ -79,19 +79,19 @@ def expected_from_labels(labels: Labels, image_rgb: NDArray[np.uint8]) -> Expect
 
 
 def _scene(
-    frame: Frame, segments: tuple[Segment, Segment], seen: list[SeenLine | None], lines: Mapping[str, Line | None]
+    frame: Frame, segments: tuple[Segment, Segment], seen: list[VisibleLine | None], lines: Mapping[str, Line | None]
 ) -> Scene:
     if all(line is not None and line.share >= SEEN_SHARE and line.length_px >= SEEN_PX for line in seen):
         return Scene.DECK if _left_is_left(lines) else Scene.UNRATED
-    in_image = any(seen_line(frame, segment, within_visibility=False) is not None for segment in segments)
+    in_image = any(find_visible_line(frame, segment, within_visibility=False) is not None for segment in segments)
     return Scene.UNRATED if in_image else Scene.EMPTY
 
 
 def _contrast(image_rgb: NDArray[np.uint8], lines_px: Mapping[str, Line | None]) -> float:
-    lines = [resampled(line, CONTRAST_POINTS) for line in (lines_px[side] for side in SIDES) if line is not None]
+    lines = [resample(line, CONTRAST_POINTS) for line in (lines_px[side] for side in SIDES) if line is not None]
     if len(lines) < len(SIDES):
         return float("nan")
-    return min(float(np.median(line_contrast(image_rgb, *pair))) for pair in (lines, lines[::-1]))
+    return min(float(np.median(measure_contrast(image_rgb, *pair))) for pair in (lines, lines[::-1]))
 
 
 def _left_is_left(lines: Mapping[str, Line | None]) -> bool:
@@ -102,7 +102,7 @@ def _left_is_left(lines: Mapping[str, Line | None]) -> bool:
     if high <= low:
         return float(left[:, 0].mean()) < float(right[:, 0].mean())
     middle = [(low + high) / 2]
-    return float(at_rows(left, middle)[0]) < float(at_rows(right, middle)[0])
+    return float(interpolate_rows(left, middle)[0]) < float(interpolate_rows(right, middle)[0])
 
 
 def draw_runway_prior(frame: Frame, sigma_m: float, seed: int = 0) -> RunwayPrior | None:

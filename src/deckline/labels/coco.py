@@ -16,7 +16,7 @@ from deckline.labels.lines import (
     get_text,
     iterate_objects,
     parse_points,
-    resampled,
+    resample,
 )
 from deckline.recording.source import parse_json, read_text
 from deckline.types import SIDES
@@ -43,7 +43,7 @@ def write_coco(path: Path, images: Sequence[LabelledImage], line_points: int = 9
         "info": {"description": "runway lines, left and right in the direction of landing"},
         "images": [{"id": number, "file_name": image.file, **sizes[number]} for number, image in numbered],
         "annotations": [
-            _annotation(number, image, line_points)
+            _make_annotation(number, image, line_points)
             for number, image in numbered
             if any(line is not None for line in image.lines.values())
         ],
@@ -52,11 +52,11 @@ def write_coco(path: Path, images: Sequence[LabelledImage], line_points: int = 9
     write_atomic(path, (json.dumps(values, allow_nan=False) + "\n").encode())
 
 
-def _annotation(number: int, image: LabelledImage, line_points: int) -> dict[str, Any]:
+def _make_annotation(number: int, image: LabelledImage, line_points: int) -> dict[str, Any]:
     keypoints = np.zeros((len(SIDES), line_points, 3))
     for side, line in enumerate(image.lines.values()):
         if line is not None:
-            keypoints[side, :, :2] = np.round(resampled(line, line_points), DECIMALS)
+            keypoints[side, :, :2] = np.round(resample(line, line_points), DECIMALS)
             keypoints[side, :, 2] = VISIBLE
     labelled = keypoints[keypoints[:, :, 2] > 0][:, :2]
     low, size = labelled.min(axis=0), np.ptp(labelled, axis=0)
@@ -80,7 +80,7 @@ def read_coco(path: Path) -> LabelSet:
     Raises:
         ValueError: no labels, or an entry that is none; one line that names file, entry and what is wrong.
     """
-    file = _file(path)
+    file = _find_file(path)
     values = parse_json(read_text(file), str(file))
     if not isinstance(values, dict):
         raise ValueError(f"{file}: no COCO file: it must hold the lists images, annotations, categories")
@@ -90,25 +90,25 @@ def read_coco(path: Path) -> LabelSet:
         if not isinstance(keypoints, list) or not all(isinstance(name, str) for name in keypoints):
             raise ValueError(f"{where}: keypoints must be a list of names")
         if any(name.lower().startswith(SIDES) for name in keypoints):
-            names[_id(entry, "id", where)] = keypoints
+            names[_get_id(entry, "id", where)] = keypoints
     if not names:
         raise ValueError(f"{file}: no category has keypoints named left_1, left_2, ..., right_1, ...")
     found: dict[int | str, Labels] = {}
     for where, entry in iterate_objects(values.get("annotations"), f"{file}: annotations"):
-        category = _id(entry, "category_id", where)
+        category = _get_id(entry, "category_id", where)
         if category in names:
-            image = _id(entry, "image_id", where)
+            image = _get_id(entry, "image_id", where)
             if image in found:
                 raise ValueError(f"{where}: a second runway in image {image}; remove one")
-            found[image] = _lines(entry.get("keypoints"), names[category], where)
+            found[image] = _parse_lines(entry.get("keypoints"), names[category], where)
     entries = iterate_objects(values.get("images"), f"{file}: images")
-    images = tuple(_image(entry, found, where) for where, entry in entries)
+    images = tuple(_parse_image(entry, found, where) for where, entry in entries)
     if not images:
         raise ValueError(f"{file}: it names no images")
     return LabelSet(file.parent, images)
 
 
-def _file(path: Path) -> Path:
+def _find_file(path: Path) -> Path:
     if not path.is_dir():
         return path
     for pattern in USUAL_NAMES:
@@ -120,14 +120,14 @@ def _file(path: Path) -> Path:
     raise ValueError(f"{path}: no {USUAL_NAMES[0]} in this folder; name the label file itself")
 
 
-def _id(entry: dict[str, Any], name: str, where: str) -> int | str:
+def _get_id(entry: dict[str, Any], name: str, where: str) -> int | str:
     value = entry.get(name)
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise ValueError(f"{where}: {name} must be a number or a name")
     return value
 
 
-def _lines(keypoints: Any, names: list[str], where: str) -> Labels:
+def _parse_lines(keypoints: Any, names: list[str], where: str) -> Labels:
     if not isinstance(keypoints, list) or len(keypoints) != 3 * len(names):
         raise ValueError(f"{where}: keypoints must be 3 numbers for each of the {len(names)} names")
     triples = [keypoints[k : k + 3] for k in range(0, len(keypoints), 3)]
@@ -139,8 +139,8 @@ def _lines(keypoints: Any, names: list[str], where: str) -> Labels:
     return lines
 
 
-def _image(entry: dict[str, Any], found: dict[int | str, Labels], where: str) -> LabelledImage:
+def _parse_image(entry: dict[str, Any], found: dict[int | str, Labels], where: str) -> LabelledImage:
     file, width, height = get_text(entry, "file_name", where), entry.get("width"), entry.get("height")
     size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
-    lines = found.get(_id(entry, "id", where), dict.fromkeys(SIDES))
+    lines = found.get(_get_id(entry, "id", where), dict.fromkeys(SIDES))
     return LabelledImage(file, lines["left"], lines["right"], size)

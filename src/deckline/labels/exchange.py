@@ -12,12 +12,12 @@ import numpy as np
 from deckline.atomic import write_atomic
 from deckline.geometry import Camera, camera_mount
 from deckline.labels.coco import read_coco, write_coco
-from deckline.labels.lanes import MASK_FOLDER, mask_name, read_culane, read_tusimple, write_culane, write_tusimple
+from deckline.labels.lanes import MASK_FOLDER, get_mask_name, read_culane, read_tusimple, write_culane, write_tusimple
 from deckline.labels.lines import LABELS_FILE, LabelledImage, Labels, LabelSet, read_labels, write_labels
 from deckline.labels.truth import label_frame
 from deckline.progress import progress
 from deckline.recording import BadFrame, Source
-from deckline.recording.camera_file import CAMERA_FILE, MountedCamera, camera_text, read_camera_file
+from deckline.recording.camera_file import CAMERA_FILE, MountedCamera, format_camera, read_camera_file
 from deckline.recording.images import encode_image, read_bytes, read_image
 from deckline.recording.source import is_inside
 from deckline.types import Frame
@@ -61,11 +61,11 @@ def export_labels(
             if isinstance(item, BadFrame):
                 notes.append(f"skipped {item.file}: {item.reason}")
             elif labels is None or item.file in labels:
-                name = f"{IMAGE_FOLDERS[form]}/{_plain_name(item.file)}.png"
-                image = label_frame(item, name) if labels is None else _labelled(item, name, labels[item.file])
+                name = f"{IMAGE_FOLDERS[form]}/{_make_plain_name(item.file)}.png"
+                image = label_frame(item, name) if labels is None else _pick_lines(item, name, labels[item.file])
                 _write_picture(out, item, image, form)
                 images.append(image)
-                cameras.add(camera_text(item.camera, item.body_from_camera))
+                cameras.add(format_camera(item.camera, item.body_from_camera))
     if not images:
         raise ValueError(f"{folder}: no frame that could be labelled")
     _check_unique([image.file for image in images], f"{folder}: several frames would be called")
@@ -82,12 +82,12 @@ def export_labels(
     return images, notes
 
 
-def _plain_name(file: str) -> str:
+def _make_plain_name(file: str) -> str:
     """A file name's stem without spaces, slashes and what else a list file cannot hold."""
     return re.sub(r"[^\w.-]+", "_", file.rpartition(".")[0] or file)
 
 
-def _labelled(frame: Frame, name: str, lines: Labels) -> LabelledImage:
+def _pick_lines(frame: Frame, name: str, lines: Labels) -> LabelledImage:
     return LabelledImage(name, lines["left"], lines["right"], (frame.camera.width, frame.camera.height))
 
 
@@ -100,8 +100,8 @@ def _write_picture(out: Path, frame: Frame, image: LabelledImage, form: Format) 
         for value, line in enumerate(image.lines.values(), 1):
             if line is not None:
                 cv2.polylines(mask, [np.rint(line).astype(np.int32)], False, value, max(round(MASK_PX * width), 1))
-        (out / mask_name(image.file)).parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(out / mask_name(image.file), cv2.imencode(".png", mask)[1].tobytes())
+        (out / get_mask_name(image.file)).parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(out / get_mask_name(image.file), cv2.imencode(".png", mask)[1].tobytes())
 
 
 def import_labels(
@@ -128,31 +128,31 @@ def import_labels(
     beside = (path for path in (root / CAMERA_FILE, found.root / CAMERA_FILE) if path.exists())
     camera = camera or next(beside, None)
     mounted = None if camera is None else read_camera_file(camera)
-    names = _flat_names([image.file for image in found.images], source)
+    names = _flatten_names([image.file for image in found.images], source)
     _check_new(out, {*names, CAMERA_FILE})
     out.mkdir(parents=True, exist_ok=True)
     imported = []
     with progress("importing", len(names)) as advance:
         for image, name in zip(found.images, names, strict=True):
-            size = _image_size(root, image.file, source)
-            mounted = mounted or _pinhole(size, fov_deg, root)
+            size = _read_size(root, image.file, source)
+            mounted = mounted or _make_pinhole(size, fov_deg, root)
             _check_size(image, size, mounted.camera)
             write_atomic(out / name, read_bytes(root / image.file, "image"))
             imported.append(replace(image, file=name, size_px=size))
             advance()
     if mounted is not None:
-        write_atomic(out / CAMERA_FILE, camera_text(mounted.camera, mounted.body_from_camera).encode())
+        write_atomic(out / CAMERA_FILE, format_camera(mounted.camera, mounted.body_from_camera).encode())
     write_labels(out / LABELS_FILE, imported)
     return imported
 
 
-def _pinhole(size: tuple[int, int], fov_deg: float | None, root: Path) -> MountedCamera:
+def _make_pinhole(size: tuple[int, int], fov_deg: float | None, root: Path) -> MountedCamera:
     if fov_deg is None:
         raise ValueError(f"{root}: no {CAMERA_FILE}: give --camera FILE, or --fov-deg of a camera without distortion")
     return MountedCamera(Camera.from_fov(*size, np.deg2rad(fov_deg)), camera_mount())
 
 
-def _flat_names(files: list[str], source: Path) -> list[str]:
+def _flatten_names(files: list[str], source: Path) -> list[str]:
     """Names in one folder: the images' own where no two are the same, else with their folders in front."""
     for file in files:
         if not is_inside(file):
@@ -177,7 +177,7 @@ def _check_new(out: Path, unfinished: Collection[str]) -> None:
         raise ValueError(f"{out} holds {others[0]} already: choose a new folder")
 
 
-def _image_size(root: Path, file: str, source: Path) -> tuple[int, int]:
+def _read_size(root: Path, file: str, source: Path) -> tuple[int, int]:
     """Width and height of an image that can be read."""
     if not (root / file).is_file():
         raise ValueError(f"{source}: image {file} is not in {root}; give --images FOLDER where it is")

@@ -20,8 +20,8 @@ from deckline.labels.lines import (
     LabelledImage,
     LabelSet,
     Line,
+    assign_sides,
     get_text,
-    left_and_right,
     parse_points,
     sample_rows,
 )
@@ -68,27 +68,27 @@ def read_tusimple(path: Path) -> LabelSet:
     for file in files:
         for number, text in enumerate(read_text(file).splitlines(), 1):
             if text.strip():
-                images.append(_tusimple_image(text, f"{file}: line {number}"))
+                images.append(_parse_tusimple_image(text, f"{file}: line {number}"))
     if not images:
         raise ValueError(f"{files[0]}: no labels in it; expected one JSON object a line")
     return LabelSet(files[0].parent, tuple(images))
 
 
-def _tusimple_image(text: str, where: str) -> LabelledImage:
+def _parse_tusimple_image(text: str, where: str) -> LabelledImage:
     values = parse_json(text, where)
     if not isinstance(values, dict):
         raise ValueError(f"{where} must be an object with raw_file, h_samples and lanes")
     file, rows, lanes = get_text(values, "raw_file", where), values.get("h_samples"), values.get("lanes")
     if not isinstance(lanes, list) or not isinstance(rows, list):
         raise ValueError(f"{where}: h_samples and lanes must be lists")
-    lines = [_tusimple_line(lane, rows, f"{where}: lanes[{index}]") for index, lane in enumerate(lanes)]
+    lines = [_parse_tusimple_line(lane, rows, f"{where}: lanes[{index}]") for index, lane in enumerate(lanes)]
     present = [line for line in lines if line is not None]
     if len(lines) == 2 and len(present) < 2:
         return LabelledImage(file, lines[0], lines[1])
-    return LabelledImage(file, *left_and_right(present, where))
+    return LabelledImage(file, *assign_sides(present, where))
 
 
-def _tusimple_line(lane: Any, rows: list[Any], where: str) -> Line | None:
+def _parse_tusimple_line(lane: Any, rows: list[Any], where: str) -> Line | None:
     if not isinstance(lane, list) or len(lane) != len(rows):
         raise ValueError(f"{where} must hold one u for each of the {len(rows)} h_samples")
     try:
@@ -102,7 +102,7 @@ def _tusimple_line(lane: Any, rows: list[Any], where: str) -> Line | None:
 def write_culane(out: Path, images: Sequence[LabelledImage], row_step_px: int = 1) -> None:
     """Write .lines.txt files and list/train.txt and list/train_gt.txt below `out`, near end of every line first.
 
-    The masks that list/train_gt.txt names are pictures: whoever writes the images writes them (`mask_name`).
+    The masks that list/train_gt.txt names are pictures: whoever writes the images writes them (`get_mask_name`).
 
     Raises:
         ValueError: an image of unknown size, or a file name with spaces, which list files cannot hold.
@@ -114,25 +114,25 @@ def write_culane(out: Path, images: Sequence[LabelledImage], row_step_px: int = 
             raise ValueError(f"{image.file!r}: a CULane list cannot hold a file name with spaces")
         rows = np.arange(image.size[1] - 1, -1, -row_step_px)
         lines = sample_rows(image, rows)
-        text = "".join(_culane_row(u, rows) for u in lines if u is not None)
-        write_atomic(out / _lines_name(image.file), text.encode())
-        flags.append(f"/{image.file} /{mask_name(image.file)} {' '.join(str(int(u is not None)) for u in lines)}\n")
+        text = "".join(_format_culane_row(u, rows) for u in lines if u is not None)
+        write_atomic(out / _get_lines_name(image.file), text.encode())
+        flags.append(f"/{image.file} /{get_mask_name(image.file)} {' '.join(str(int(u is not None)) for u in lines)}\n")
     (out / LIST_FOLDER).mkdir(exist_ok=True)
     write_atomic(out / LIST_FOLDER / NAMES_FILE, "".join(f"/{image.file}\n" for image in images).encode())
     write_atomic(out / LIST_FOLDER / FLAGS_FILE, "".join(flags).encode())
 
 
-def _culane_row(u: np.ndarray, rows: np.ndarray) -> str:
+def _format_culane_row(u: np.ndarray, rows: np.ndarray) -> str:
     points = zip(u.tolist(), rows.tolist(), strict=True)
     return " ".join(f"{x:.{CULANE_DECIMALS}f} {v}" for x, v in points if np.isfinite(x)) + "\n"
 
 
-def mask_name(image: str) -> str:
+def get_mask_name(image: str) -> str:
     """Name of the picture in which an image's lines are drawn, left 1 and right 2."""
     return f"{MASK_FOLDER}/{image.rpartition('.')[0]}.png"
 
 
-def _lines_name(image: str) -> str:
+def _get_lines_name(image: str) -> str:
     return image.rpartition(".")[0] + LINES_SUFFIX
 
 
@@ -145,42 +145,44 @@ def read_culane(path: Path) -> LabelSet:
     if path.is_dir() and (path / LIST_FOLDER / FLAGS_FILE).exists():
         path = path / LIST_FOLDER / FLAGS_FILE
     if path.is_dir():
-        images = [_culane_beside(path, file) for file in sorted(path.rglob(f"*{LINES_SUFFIX}"))]
+        images = [_read_culane_beside(path, file) for file in sorted(path.rglob(f"*{LINES_SUFFIX}"))]
         root = path
     else:
         root = path.parent.parent if path.parent.name == LIST_FOLDER else path.parent
         rows = enumerate(read_text(path).splitlines(), 1)
-        images = [_culane_listed(root, text.split(), f"{path}: line {number}") for number, text in rows if text.strip()]
+        images = [
+            _read_culane_listed(root, text.split(), f"{path}: line {number}") for number, text in rows if text.strip()
+        ]
     if not images:
         raise ValueError(f"{path}: no labels: neither a list of images nor a folder with {LINES_SUFFIX} files")
     return LabelSet(root, tuple(images))
 
 
-def _culane_beside(root: Path, lines_file: Path) -> LabelledImage:
+def _read_culane_beside(root: Path, lines_file: Path) -> LabelledImage:
     stem = lines_file.name.removesuffix(LINES_SUFFIX)
     for suffix in IMAGE_SUFFIXES:
         image = lines_file.with_name(stem + suffix)
         if image.exists():
-            lines = left_and_right(_culane_lines(lines_file), str(lines_file))
+            lines = assign_sides(_read_culane_lines(lines_file), str(lines_file))
             return LabelledImage(image.relative_to(root).as_posix(), *lines)
     raise ValueError(f"{lines_file}: no image {stem}.* beside it")
 
 
-def _culane_listed(root: Path, words: list[str], where: str) -> LabelledImage:
+def _read_culane_listed(root: Path, words: list[str], where: str) -> LabelledImage:
     name = words[0].lstrip("/")
     flags = [word for word in words[1:] if word in ("0", "1")]
-    lines_file = root / _lines_name(name)
-    lines = _culane_lines(lines_file)
+    lines_file = root / _get_lines_name(name)
+    lines = _read_culane_lines(lines_file)
     if flags and len(flags) != 2:
         raise ValueError(f"{where}: {len(flags)} flags; a runway has two lines: left and right")
     if flags and flags.count("1") != len(lines):
         raise ValueError(f"{where}: flags {' '.join(flags)}, but {lines_file} holds {len(lines)} lines")
     if flags and len(lines) == 1:
         return LabelledImage(name, *((lines[0], None) if flags[0] == "1" else (None, lines[0])))
-    return LabelledImage(name, *left_and_right(lines, str(lines_file)))
+    return LabelledImage(name, *assign_sides(lines, str(lines_file)))
 
 
-def _culane_lines(path: Path) -> list[Line]:
+def _read_culane_lines(path: Path) -> list[Line]:
     lines = []
     for number, text in enumerate(read_text(path).splitlines(), 1):
         words = text.split()

@@ -93,7 +93,7 @@ def write_labels(path: Path, images: Sequence[LabelledImage]) -> None:
     write_atomic(path, ('{"frames": [\n' + ",\n".join(rows) + "\n]}\n").encode())
 
 
-def at_rows(line: Line, rows: ArrayLike) -> NDArray[np.float64]:
+def interpolate_rows(line: Line, rows: ArrayLike) -> NDArray[np.float64]:
     """Where a line crosses image rows: u (rows,), NaN beyond its ends; of several crossings the first one."""
     v = np.asarray(rows, dtype=np.float64)[:, None]
     start, end = line[:-1], line[1:]
@@ -112,13 +112,13 @@ def sample_rows(image: LabelledImage, rows: NDArray[np.int64]) -> list[NDArray[n
     """u (rows,) of the left and the right line, NaN where a row has none; None for fewer than two rows in the image."""
     samples: list[NDArray[np.float64] | None] = []
     for line in image.lines.values():
-        u = np.full(len(rows), np.nan) if line is None else at_rows(line, rows)
+        u = np.full(len(rows), np.nan) if line is None else interpolate_rows(line, rows)
         u[~((u >= 0) & (u <= image.size[0] - 1))] = np.nan
         samples.append(u if np.isfinite(u).sum() >= 2 else None)
     return samples
 
 
-def resampled(line: Line, count: int) -> Line:
+def resample(line: Line, count: int) -> Line:
     """`count` points evenly spaced along a line, its ends among them."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -126,7 +126,7 @@ def resampled(line: Line, count: int) -> Line:
     return np.stack([np.interp(wanted, along, line[:, axis]) for axis in (0, 1)], axis=1)
 
 
-def left_and_right(lines: Sequence[Line], where: str) -> tuple[Line | None, Line | None]:
+def assign_sides(lines: Sequence[Line], where: str) -> tuple[Line | None, Line | None]:
     """Which of the lines of a file that does not name them is which: on the rows that they share, left is left.
 
     Raises:
@@ -141,7 +141,11 @@ def left_and_right(lines: Sequence[Line], where: str) -> tuple[Line | None, Line
     first, second = lines
     low, high = (max(first[:, 1].min(), second[:, 1].min()), min(first[:, 1].max(), second[:, 1].max()))
     rows = np.linspace(low, high, 9)
-    apart = at_rows(second, rows) - at_rows(first, rows) if high > low else second[:, 0].mean() - first[:, 0].mean()
+    apart = (
+        interpolate_rows(second, rows) - interpolate_rows(first, rows)
+        if high > low
+        else second[:, 0].mean() - first[:, 0].mean()
+    )
     return (first, second) if np.nanmean(apart) >= 0 else (second, first)
 
 

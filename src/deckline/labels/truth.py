@@ -23,7 +23,7 @@ FLANK = 0.05  # on both sides of a step
 
 
 @dataclass(frozen=True, eq=False)
-class SeenLine:
+class VisibleLine:
     """The part of a true line that a camera sees."""
 
     points_px: NDArray[np.float64]  # (N, 2) in order along the line, N >= 2
@@ -35,21 +35,21 @@ class SeenLine:
         return float(np.linalg.norm(np.diff(self.points_px, axis=0), axis=1).sum())
 
 
-def image_line(
+def project_line(
     frame: Frame, segment: Segment, count: int = LINE_POINTS
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """A true line's pixels (N, 2), evenly spaced in the image and beyond it, and their ranges (N,) in metres.
 
     None for a line wholly behind the camera, and without a pose.
     """
-    ends = _ends_ahead(frame, segment)
+    ends = _clip_ends(frame, segment)
     if ends is None:
         return None
-    points = _evenly(ends, np.linspace(0.0, 1.0, count))
+    points = _sample_evenly(ends, np.linspace(0.0, 1.0, count))
     return frame.camera.project(points), np.linalg.norm(points, axis=1)
 
 
-def seen_line(frame: Frame, segment: Segment, within_visibility: bool = True) -> SeenLine | None:
+def find_visible_line(frame: Frame, segment: Segment, within_visibility: bool = True) -> VisibleLine | None:
     """The part of a true line that lies in the image and shows through the air; None where there is none.
 
     What is left of its contrast must be 2 % or more: the share of light that the air on the way lets through, where a
@@ -58,21 +58,21 @@ def seen_line(frame: Frame, segment: Segment, within_visibility: bool = True) ->
     Raises:
         ValueError: the recorded air is none.
     """
-    ends = _ends_ahead(frame, segment)
+    ends = _clip_ends(frame, segment)
     if ends is None:
         return None
     shares = np.linspace(0.0, 1.0, SEARCH_POINTS)
-    seen = np.flatnonzero(_is_seen(_evenly(ends, shares), frame, within_visibility))
+    seen = np.flatnonzero(_is_visible(_sample_evenly(ends, shares), frame, within_visibility))
     if not len(seen):
         return None
     low, high = shares[max(seen[0] - 1, 0)], shares[min(seen[-1] + 1, SEARCH_POINTS - 1)]
-    points = _evenly(ends, np.linspace(low, high, LINE_POINTS))
-    points = points[_is_seen(points, frame, within_visibility)]
+    points = _sample_evenly(ends, np.linspace(low, high, LINE_POINTS))
+    points = points[_is_visible(points, frame, within_visibility)]
     if len(points) < 2:
         return None
     length_m = np.linalg.norm(segment.p1_m - segment.p0_m)
     share = float(np.linalg.norm(points[-1] - points[0]) / length_m)
-    return SeenLine(frame.camera.project(points), np.linalg.norm(points, axis=1), share)
+    return VisibleLine(frame.camera.project(points), np.linalg.norm(points, axis=1), share)
 
 
 def label_frame(frame: Frame, file: str) -> LabelledImage:
@@ -88,13 +88,13 @@ def label_frame(frame: Frame, file: str) -> LabelledImage:
     for segment in (truth.left, truth.right):
         if segment is not None and frame.true_world_from_camera is None:
             raise ValueError(f"{frame.file}: no pose; true lines cannot be brought into the image")
-        seen = None if segment is None else seen_line(frame, segment)
+        seen = None if segment is None else find_visible_line(frame, segment)
         lines.append(None if seen is None or seen.length_px < SHORTEST_PX else seen.points_px)
     left, right = lines
     return LabelledImage(file, left, right, (frame.camera.width, frame.camera.height))
 
 
-def _ends_ahead(frame: Frame, segment: Segment) -> NDArray[np.float64] | None:
+def _clip_ends(frame: Frame, segment: Segment) -> NDArray[np.float64] | None:
     """Both ends (2, 3) of a line in the optical frame, cut where it passes the camera; None wholly behind it."""
     pose = frame.true_world_from_camera
     if pose is None:
@@ -109,7 +109,7 @@ def _ends_ahead(frame: Frame, segment: Segment) -> NDArray[np.float64] | None:
     return ends
 
 
-def _evenly(ends: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sample_evenly(ends: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (N, 3) at shares (N,) of a line's way through the image: even in 1/z is even there."""
     near, far = ends[0, 2], ends[1, 2]
     along = shares
@@ -118,7 +118,7 @@ def _evenly(ends: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[n
     return ends[0] + along[:, None] * (ends[1] - ends[0])
 
 
-def _is_seen(points_m: NDArray[np.float64], frame: Frame, within_visibility: bool) -> NDArray[np.bool_]:
+def _is_visible(points_m: NDArray[np.float64], frame: Frame, within_visibility: bool) -> NDArray[np.bool_]:
     camera = frame.camera
     pixels = camera.project(points_m)
     inside = np.all((pixels >= 0) & (pixels <= [camera.width - 1, camera.height - 1]), axis=1)
@@ -126,10 +126,10 @@ def _is_seen(points_m: NDArray[np.float64], frame: Frame, within_visibility: boo
         straight = points_m[inside, :2] / points_m[inside, 2:]
         off = np.abs(camera.rays(pixels[inside])[:, :2] - straight).max(axis=1)
         inside[inside] = off < SAME_RAY
-    return inside & (through_air(points_m, frame) >= CONTRAST_THRESHOLD) if within_visibility else inside
+    return inside & (compute_transmission(points_m, frame) >= CONTRAST_THRESHOLD) if within_visibility else inside
 
 
-def through_air(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
+def compute_transmission(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
     """Share (N,) of the light of points (N, 3) of the optical frame that the air lets through; 1 if nothing is known.
 
     Raises:
@@ -147,7 +147,7 @@ def through_air(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.float
     return np.asarray(np.exp(-min(air.extinction_per_m) * path), dtype=np.float64)
 
 
-def _kernels(at: NDArray[np.float64]) -> NDArray[np.float64]:
+def _build_kernels(at: NDArray[np.float64]) -> NDArray[np.float64]:
     """(K, N) over places `at` (N,): a stripe against what is beside it, one side of a step against the other."""
     parts = []
     for half in STRIPES:
@@ -158,10 +158,10 @@ def _kernels(at: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([one / one.sum() - other / other.sum() for one, other in parts])
 
 
-KERNELS = _kernels(OFFSETS)
+KERNELS = _build_kernels(OFFSETS)
 
 
-def line_contrast(image: NDArray, line_px: ArrayLike, other_px: ArrayLike) -> NDArray[np.float64]:
+def measure_contrast(image: NDArray, line_px: ArrayLike, other_px: ArrayLike) -> NDArray[np.float64]:
     """What sets a marking apart, (N,) grey levels: its stripe from both sides, or one side of its edge from the other.
 
     The greatest over widths and places of a marking, the mean along an eighth of the line. What haze, blur and distance

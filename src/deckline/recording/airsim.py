@@ -16,8 +16,8 @@ from deckline.geometry import Camera, camera_mount
 from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
 from deckline.recording.poses import Cells, parse_pose, read_table
-from deckline.recording.scene import Scene, clear_image_path, truth_from_mapping
-from deckline.recording.source import FrameError, Source, check_index, is_inside, number
+from deckline.recording.scene import Scene, get_clear_image, truth_from_mapping
+from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
 from deckline.types import Frame
 
 RECORD_FILE = "airsim_rec.txt"
@@ -96,7 +96,7 @@ class AirSimRecording(Source):
         images, options, entry = self.folder / IMAGE_FOLDER, self._options, self._entry(name)
         image = read_image(images / name)
         mounted = self._camera(entry, image.shape[:2])
-        heights = [number(entry[name], name) if name in entry else None for name in HEIGHTS]
+        heights = [check_number(entry[name], name) if name in entry else None for name in HEIGHTS]
         mounted = mounted.at(*heights).at(options.deck_z_m, options.sea_z_m)  # the caller's go before the files'
         depth = None
         if depth_name is not None:
@@ -104,9 +104,9 @@ class AirSimRecording(Source):
             depth = read_depth(depth_file, depth_name, mounted.camera, depth_type, options.pfm_rows, options.far_m)
         truth = None
         if "truth" in entry:
-            clear = clear_image_path(entry["truth"])
+            clear = get_clear_image(entry["truth"])
             truth = truth_from_mapping(entry["truth"], None if clear is None else read_image(self.folder / clear))
-        time_s = number(entry.get("time_s", time_ms / MS_PER_S), "time_s")
+        time_s = check_number(entry.get("time_s", time_ms / MS_PER_S), "time_s")
         return mounted.frame(name, time_s, image, depth_m=depth, world_from_body=world_from_body, truth=truth)
 
     def _entry(self, name: str) -> dict[str, Any]:

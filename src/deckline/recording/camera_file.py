@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import BODY_FROM_OPTICAL, Camera, pose
-from deckline.recording.source import RecordingError, number, numbers, read_text
+from deckline.recording.source import RecordingError, check_number, check_numbers, read_text
 from deckline.types import Frame
 
 CAMERA_FILE = "camera.toml"
@@ -84,12 +84,12 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
     heights = HEIGHTS if allow_heights else ()
     try:
         _check_keys(values, INTRINSICS, ("distortion", "body_from_camera", *heights))
-        width, height = (_whole(values[key], key) for key in INTRINSICS[:2])
-        fx, fy, cx, cy = (number(values[key], key) for key in INTRINSICS[2:])
-        k1, k2, p1, p2, k3 = numbers(values.get("distortion", [0.0] * 5), 5, "distortion (k1, k2, p1, p2, k3)")
+        width, height = (_check_whole(values[key], key) for key in INTRINSICS[:2])
+        fx, fy, cx, cy = (check_number(values[key], key) for key in INTRINSICS[2:])
+        k1, k2, p1, p2, k3 = check_numbers(values.get("distortion", [0.0] * 5), 5, "distortion (k1, k2, p1, p2, k3)")
         camera = Camera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
         mount = _mount(values.get("body_from_camera", {}))
-        return MountedCamera(camera, mount, **{key: number(values[key], key) for key in heights if key in values})
+        return MountedCamera(camera, mount, **{key: check_number(values[key], key) for key in heights if key in values})
     except ValueError as error:
         raise RecordingError(f"{where}: {error}") from None
 
@@ -104,7 +104,7 @@ def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[
     }
 
 
-def camera_text(camera: Camera, body_from_camera: RigidTransform) -> str:
+def format_camera(camera: Camera, body_from_camera: RigidTransform) -> str:
     """Text of a camera.toml that `read_camera_file` reads back."""
     values = camera_to_mapping(camera, body_from_camera)
     mount = values.pop("body_from_camera")
@@ -128,7 +128,9 @@ def transform_from_mapping(values: Any, name: str) -> RigidTransform:
     """
     try:
         _check_keys(values, TRANSFORM)
-        translation_m, quaternion = (numbers(values[key], n, key) for key, n in zip(TRANSFORM, (3, 4), strict=True))
+        translation_m, quaternion = (
+            check_numbers(values[key], n, key) for key, n in zip(TRANSFORM, (3, 4), strict=True)
+        )
         return pose(translation_m, quaternion)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
@@ -151,7 +153,7 @@ def _check_keys(values: Any, required: Collection[str], optional: Collection[str
         raise ValueError(f"{', '.join(missing)} missing from {', '.join(required)}")
 
 
-def _whole(value: Any, name: str) -> int:
+def _check_whole(value: Any, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError(f"{name} must be a whole number of px, got {value!r}")
     return value

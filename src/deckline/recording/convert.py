@@ -20,7 +20,7 @@ from deckline.recording.airsim import (
     read_rows,
 )
 from deckline.recording.camera_file import camera_to_mapping
-from deckline.recording.scene import SCENE_FILE, entry_text, known_heights, read_scene, scene_text
+from deckline.recording.scene import SCENE_FILE, format_entry, format_scene, get_heights, read_scene
 from deckline.recording.source import BadFrame, RecordingError, is_inside
 
 GENERATOR = "deckline convert"
@@ -58,12 +58,12 @@ def add_scene(
     if frame is None:
         raise RecordingError(f"{recording}: zero usable frames; {skipped[0].file}: {skipped[0].reason}")
     mount = frame.body_from_camera if body_from_camera is None else body_from_camera
-    entry = entry_text(known_heights(frame))
+    entry = format_entry(get_heights(frame))
     entries = {}
     for row in rows:
         with suppress(ValueError):  # a row without a picture
             entries[choose_images(row.images)[0]] = entry
-    scene = scene_text(camera_to_mapping(frame.camera, mount), entries, {"generator": GENERATOR})
+    scene = format_scene(camera_to_mapping(frame.camera, mount), entries, {"generator": GENERATOR})
     return _copy(recording, out, rows, notes, scene)
 
 

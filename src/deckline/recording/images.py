@@ -124,7 +124,7 @@ def read_depth(
     Args:
         name: of the file, in error messages.
         camera: of the image that it belongs to.
-        depth_type, far_m: see `along_axis`.
+        depth_type, far_m: see `convert_to_axial_depth`.
         rows: order of the rows in the file.
 
     Raises:
@@ -132,7 +132,7 @@ def read_depth(
     """
     stored = read_pfm(read_bytes(path, "depth map"), rows)
     check_depth_size(stored.shape, camera, name)
-    return along_axis(stored, camera, depth_type, far_m)
+    return convert_to_axial_depth(stored, camera, depth_type, far_m)
 
 
 def read_pfm(data: bytes, rows: PfmRows = "top-to-bottom") -> NDArray[np.float32]:
@@ -169,7 +169,7 @@ def write_pfm(values: NDArray[np.float32]) -> bytes:
     return b"Pf\n%d %d\n-1\n" % (width, height) + np.ascontiguousarray(values, dtype="<f4").tobytes()
 
 
-def along_axis(
+def convert_to_axial_depth(
     stored: NDArray[np.float32], camera: Camera, depth_type: int, far_m: float = FAR_DEPTH_M
 ) -> NDArray[np.float32]:
     """Stored depth (H, W) -> depth along the optical axis, metres, NaN where nothing was seen.
@@ -184,11 +184,11 @@ def along_axis(
     if depth_type == DEPTH_PLANAR:
         return depth
     intrinsics = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
-    return depth / _ray_lengths(*intrinsics, tuple(camera.distortion))
+    return depth / _cache_ray_lengths(*intrinsics, tuple(camera.distortion))
 
 
 @lru_cache(maxsize=4)
-def _ray_lengths(*intrinsics) -> NDArray[np.float32]:
+def _cache_ray_lengths(*intrinsics) -> NDArray[np.float32]:
     """Cached by value: a recording makes a new Camera for each frame."""
     return Camera(*intrinsics).ray_lengths()
 

@@ -42,7 +42,7 @@ class ImageFolder(Source):
         self._poses = poses
         self._depth_options = (DEPTH_PLANAR, pfm_rows, far_m)
         found = {*list_images(folder), *(poses.rows if poses else ())} if files is None else files
-        self.files = sorted(found, key=natural_key)
+        self.files = sorted(found, key=make_natural_key)
         no_poses = (f"{folder}: no poses.csv: no positions, and the images are taken to be 1 s apart",)
         self.notes = poses.notes if poses else no_poses
 
@@ -77,7 +77,7 @@ def list_images(folder: Path) -> list[str]:
     ]
 
 
-def natural_key(name: str) -> list[tuple[int, int, str]]:
+def make_natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sort key that puts frame_2 before frame_10."""
     parts = re.split(r"([0-9]+)", name.lower())
     return [*((1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts), (0, 0, name)]
@@ -150,13 +150,13 @@ def _open_images(
     depth_options: tuple[PfmRows, float],
 ) -> ImageFolder | Video:
     """A folder, a single image or a video, with the camera and the poses given or found beside them."""
-    is_video = path.is_file() and path.suffix.lower() not in IMAGE_SUFFIXES
+    is_video = not path.is_dir() and path.suffix.lower() not in IMAGE_SUFFIXES
     frames = count_frames(path) if is_video else 0
     if path.is_dir():
         _check_has_images(path)
     camera_file = camera_file or _find(path, CAMERA_FILE)
     if camera_file is None:
-        places = " or ".join(str(place) for place in _beside(path, CAMERA_FILE))
+        places = " or ".join(str(place) for place in _list_places(path, CAMERA_FILE))
         raise RecordingError(f"{path}: no camera file: write {places}, or give one; it holds {EXAMPLE}")
     mounted = read_camera_file(Path(camera_file)).at(*heights)
     poses_file = poses_file or _find(path, POSES_FILE)
@@ -177,10 +177,10 @@ def _check_has_images(folder: Path) -> None:
     )
 
 
-def _beside(path: Path, name: str) -> list[Path]:
+def _list_places(path: Path, name: str) -> list[Path]:
     """Where a camera or poses file of a source may lie."""
     return [path / name] if path.is_dir() else [path.with_name(f"{path.name}.{name}"), path.with_name(name)]
 
 
 def _find(path: Path, name: str) -> Path | None:
-    return next((place for place in _beside(path, name) if place.exists()), None)
+    return next((place for place in _list_places(path, name) if place.exists()), None)

@@ -13,7 +13,7 @@ from pathlib import Path
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import pose
-from deckline.recording.source import RecordingError, number, read_text
+from deckline.recording.source import RecordingError, check_number, read_text
 
 POSES_FILE = "poses.csv"
 NUMBERS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
@@ -114,4 +114,4 @@ def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransf
             values.append(float(text))
         except ValueError:
             raise ValueError(f"column {column} is no number: {text!r}") from None
-    return number(values[0], columns[0]), pose(values[1:4], values[4:8])
+    return check_number(values[0], columns[0]), pose(values[1:4], values[4:8])

@@ -25,7 +25,7 @@ from deckline.recording.camera_file import (
     transform_from_mapping,
     transform_to_mapping,
 )
-from deckline.recording.source import RecordingError, is_inside, number, numbers, parse_json, read_text
+from deckline.recording.source import RecordingError, check_number, check_numbers, is_inside, parse_json, read_text
 from deckline.types import Frame, Segment, Truth
 
 SCENE_FILE = "scene.json"
@@ -63,12 +63,12 @@ def read_scene(path: Path) -> Scene:
     return Scene(camera, frames, {key: value for key, value in values.items() if key not in RESERVED})
 
 
-def known_heights(frame: Frame) -> dict[str, float]:
+def get_heights(frame: Frame) -> dict[str, float]:
     """World z of deck and sea, as far as the frame knows them, for its entry."""
     return {name: float(getattr(frame, name)) for name in HEIGHTS if getattr(frame, name) is not None}
 
 
-def entry_text(entry: Mapping[str, Any], indent: int | None = None) -> str:
+def format_entry(entry: Mapping[str, Any], indent: int | None = None) -> str:
     """A frame's entry as JSON, by default in one line.
 
     Raises:
@@ -80,16 +80,16 @@ def entry_text(entry: Mapping[str, Any], indent: int | None = None) -> str:
         raise RecordingError(f"scene values must be plain finite JSON values: {error}") from None
 
 
-def scene_text(camera: Mapping | None, entries: Mapping[str, str], extra: Mapping) -> str:
+def format_scene(camera: Mapping | None, entries: Mapping[str, str], extra: Mapping) -> str:
     """Text of scene.json; one frame a line, never NaN or infinity.
 
     Args:
-        entries: what `entry_text` made of each frame's entry, by image file name.
+        entries: what `format_entry` made of each frame's entry, by image file name.
 
     Raises:
         RecordingError: a free key that JSON cannot hold.
     """
-    head = entry_text({"format": FORMAT, "version": VERSION, **extra, "camera": camera}, indent=1)
+    head = format_entry({"format": FORMAT, "version": VERSION, **extra, "camera": camera}, indent=1)
     lines = ",".join(f"\n  {json.dumps(name)}: {text}" for name, text in entries.items())
     return head[:-2] + ',\n "frames": {' + lines + "\n }\n}\n"
 
@@ -107,7 +107,7 @@ def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:
         "conditions": dict(truth.conditions) or None,
     }
     kept = {name: value for name, value in known.items() if value is not None or (clear_air and name == "visibility_m")}
-    return {"left": _segment_to(truth.left), "right": _segment_to(truth.right), **kept}
+    return {"left": _segment_to_mapping(truth.left), "right": _segment_to_mapping(truth.right), **kept}
 
 
 def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Truth:
@@ -125,15 +125,15 @@ def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Trut
     if centre is not None and not isinstance(centre, bool):
         raise ValueError(f"truth.centre_painted must be true or false, got {centre!r}")
     visibility = values.get("visibility_m")
-    if visibility is not None and (visibility := number(visibility, "truth.visibility_m")) <= 0:
+    if visibility is not None and (visibility := check_number(visibility, "truth.visibility_m")) <= 0:
         raise ValueError(f"truth.visibility_m must be metres > 0, got {visibility!r}")
     airlight = values.get("airlight_rgb")
     if airlight is not None:
-        red, green, blue = numbers(airlight, 3, "truth.airlight_rgb")
+        red, green, blue = check_numbers(airlight, 3, "truth.airlight_rgb")
         airlight = red, green, blue
     return Truth(
-        left=_segment_from(values.get("left"), "truth.left"),
-        right=_segment_from(values.get("right"), "truth.right"),
+        left=_segment_from_mapping(values.get("left"), "truth.left"),
+        right=_segment_from_mapping(values.get("right"), "truth.right"),
         centre_painted=centre,
         visibility_m=math.inf if values.get("clear_air") is True else visibility,
         airlight_rgb=airlight,
@@ -143,7 +143,7 @@ def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Trut
     )
 
 
-def clear_image_path(values: Any) -> str | None:
+def get_clear_image(values: Any) -> str | None:
     """Relative path of a frame's image without haze, or None.
 
     Raises:
@@ -155,15 +155,15 @@ def clear_image_path(values: Any) -> str | None:
     return name
 
 
-def _segment_to(segment: Segment | None) -> dict[str, Any] | None:
+def _segment_to_mapping(segment: Segment | None) -> dict[str, Any] | None:
     if segment is None:
         return None
     return {"p0_m": np.asarray(segment.p0_m).tolist(), "p1_m": np.asarray(segment.p1_m).tolist()}
 
 
-def _segment_from(values: Any, where: str) -> Segment | None:
+def _segment_from_mapping(values: Any, where: str) -> Segment | None:
     if values is None:
         return None
     if not isinstance(values, dict) or not {"p0_m", "p1_m"} <= set(values):
         raise ValueError(f"{where} must hold p0_m and p1_m, got {values!r}")
-    return Segment(*(np.array(numbers(values[key], 3, f"{where}.{key}")) for key in ("p0_m", "p1_m")))
+    return Segment(*(np.array(check_numbers(values[key], 3, f"{where}.{key}")) for key in ("p0_m", "p1_m")))

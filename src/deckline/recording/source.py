@@ -144,7 +144,7 @@ def is_inside(name: str) -> bool:
     return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and ":" not in path.parts[0]
 
 
-def number(value: Any, name: str) -> float:
+def check_number(value: Any, name: str) -> float:
     """A finite number.
 
     Raises:
@@ -155,7 +155,7 @@ def number(value: Any, name: str) -> float:
     return float(value)
 
 
-def numbers(values: Any, count: int, name: str) -> tuple[float, ...]:
+def check_numbers(values: Any, count: int, name: str) -> tuple[float, ...]:
     """So many finite numbers.
 
     Raises:
@@ -163,4 +163,4 @@ def numbers(values: Any, count: int, name: str) -> tuple[float, ...]:
     """
     if not isinstance(values, list) or len(values) != count:
         raise ValueError(f"{name} must be {count} finite numbers, got {values!r}")
-    return tuple(number(value, name) for value in values)
+    return tuple(check_number(value, name) for value in values)

@@ -89,7 +89,7 @@ def count_frames(path: Path) -> int:
         RecordingError: no video that can be opened, or one without frames.
     """
     with _open(path) as container:
-        count = sum(1 for packet in _packets(container) if packet is not None and packet.size)
+        count = sum(1 for packet in _read_packets(container) if packet is not None and packet.size)
     if count == 0:
         raise RecordingError(f"{path}: zero frames: the video holds no pictures")
     return count
@@ -107,7 +107,7 @@ def _open(path: Path) -> Any:
     return container
 
 
-def _packets(container: Any) -> Iterator[Any]:
+def _read_packets(container: Any) -> Iterator[Any]:
     """Packets of the picture stream; None once where reading breaks off."""
     stream = container.streams.video[0]
     stream.thread_type = "AUTO"
@@ -120,7 +120,7 @@ def _packets(container: Any) -> Iterator[Any]:
 def _decode(path: Path) -> Iterator[Any]:
     """Decoded pictures in their order; a text where a packet cannot be decoded."""
     with _open(path) as container:
-        for packet in _packets(container):
+        for packet in _read_packets(container):
             if packet is None:
                 yield "the file is damaged here: reading breaks off"
                 return

@@ -14,10 +14,10 @@ from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, encode_image, w
 from deckline.recording.scene import (
     RESERVED,
     SCENE_FILE,
-    entry_text,
-    known_heights,
+    format_entry,
+    format_scene,
+    get_heights,
     read_scene,
-    scene_text,
     truth_to_mapping,
 )
 from deckline.recording.source import RecordingError, read_text
@@ -56,7 +56,7 @@ def encode_frame(frame: Frame, image_format: ImageFormat = "png") -> EncodedFram
     pose = (*np.asarray(translation).tolist(), *rotation.as_quat(scalar_first=True).tolist())
     if not np.all(np.isfinite(pose)):
         raise ValueError(f"{frame.file}: pose is not finite: {list(pose)}")
-    entry: dict[str, Any] = dict(known_heights(frame))
+    entry: dict[str, Any] = dict(get_heights(frame))
     depth = clear = None
     if frame.depth_m is not None:
         depth = write_pfm(np.nan_to_num(frame.depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M))
@@ -110,7 +110,7 @@ class RecordingWriter:
             raise RecordingError(f"scene keys {', '.join(reserved)} are the writer's own")
         try:
             (self.out / IMAGE_FOLDER).mkdir(parents=True, exist_ok=True)
-            rows = self._whole_rows() if (self.out / RECORD_FILE).exists() else []
+            rows = self._read_whole_rows() if (self.out / RECORD_FILE).exists() else []
             self._write_scene()
             write_atomic(self.out / RECORD_FILE, ("\t".join(HEADER) + "\n" + "".join(rows)).encode())
             self._rows = (self.out / RECORD_FILE).open("a", encoding="utf-8", newline="\n")
@@ -152,7 +152,7 @@ class RecordingWriter:
         if encoded.clear is not None:
             (self.out / CLEAR_FOLDER).mkdir(exist_ok=True)
             write_atomic(self.out / CLEAR_FOLDER / name, encoded.clear)
-        self._frames[name] = entry_text(self._named_entry(encoded, name))
+        self._frames[name] = format_entry(self._make_entry(encoded, name))
         self._last_ns = ns
         time_ms = f"{encoded.time_s * MS_PER_S:.3f}".rstrip("0").rstrip(".")  # AirSim writes whole ms; we keep us
         cells = (self._vehicle, time_ms, *map(repr, encoded.pose), ";".join(names))
@@ -174,7 +174,7 @@ class RecordingWriter:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _whole_rows(self) -> list[str]:
+    def _read_whole_rows(self) -> list[str]:
         """Rows of an earlier writer up to the first that is not whole; takes over their scene entries."""
         if not (self.out / SCENE_FILE).exists():
             raise RecordingError(
@@ -193,7 +193,7 @@ class RecordingWriter:
                 break
             rows.append(line)
             name = choose_images(names)[0]
-            self._frames[name] = entry_text(entries[name])
+            self._frames[name] = format_entry(entries[name])
             self._last_ns = int(Path(name).stem.rpartition("_")[2])
         if scene.camera is not None:
             self._camera = camera_to_mapping(scene.camera.camera, scene.camera.body_from_camera)
@@ -208,7 +208,7 @@ class RecordingWriter:
                     f"choose another folder, or the same settings to go on with it"
                 )
 
-    def _named_entry(self, encoded: EncodedFrame, name: str) -> dict[str, Any]:
+    def _make_entry(self, encoded: EncodedFrame, name: str) -> dict[str, Any]:
         if self._camera is None:
             self._camera = encoded.camera
         entry: dict[str, Any] = {"time_s": encoded.time_s}
@@ -220,4 +220,4 @@ class RecordingWriter:
         return entry
 
     def _write_scene(self) -> None:
-        write_atomic(self.out / SCENE_FILE, scene_text(self._camera, self._frames, self._extra).encode())
+        write_atomic(self.out / SCENE_FILE, format_scene(self._camera, self._frames, self._extra).encode())

@@ -35,7 +35,7 @@ class Session:
             return tuple(self.session.run(None, inputs))
         except (InvalidArgument, RuntimeException) as error:
             shapes = {name: array.shape for name, array in inputs.items()}
-            raise ValueError(f"{self.path.name} cannot run on inputs {shapes}: {first_line(error)}") from error
+            raise ValueError(f"{self.path.name} cannot run on inputs {shapes}: {get_first_line(error)}") from error
 
 
 def load_session(path: Path | str, threads: int | None = None) -> Session:
@@ -65,7 +65,7 @@ def load_session(path: Path | str, threads: int | None = None) -> Session:
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except (*refused, *unsupported) as error:
-        raise ValueError(f"{path} is not a usable ONNX model: {first_line(error)}") from error
+        raise ValueError(f"{path} is not a usable ONNX model: {get_first_line(error)}") from error
     return Session(
         path=path,
         config=_read_config(path, session.get_modelmeta().custom_metadata_map),
@@ -75,7 +75,7 @@ def load_session(path: Path | str, threads: int | None = None) -> Session:
     )
 
 
-def first_line(error: Exception) -> str:
+def get_first_line(error: Exception) -> str:
     """The first line of an error's text: ONNX Runtime appends stacks of nodes."""
     return (str(error).splitlines() or [type(error).__name__])[0]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.labels.lines import LABELS_FILE, Labels, read_labels, resampled
-from deckline.labels.truth import LINE_POINTS, image_line
+from deckline.labels.lines import LABELS_FILE, Labels, read_labels, resample
+from deckline.labels.truth import LINE_POINTS, project_line
 from deckline.recording import open_recording
 from deckline.recording.airsim import RECORD_FILE
 from deckline.recording.images import read_image
@@ -46,7 +46,7 @@ def make_line_view(frame: Frame) -> LineView:
     if frame.true_world_from_camera is None:
         raise ValueError(f"{frame.file}: no pose; true lines cannot be brought into the image")
     ends = [(a + b) / 2 for a, b in ((truth.left.p0_m, truth.right.p0_m), (truth.left.p1_m, truth.right.p1_m))]
-    lines = [image_line(frame, segment) for segment in (truth.left, truth.right, Segment(*ends))]
+    lines = [project_line(frame, segment) for segment in (truth.left, truth.right, Segment(*ends))]
     if any(line is None for line in lines):
         return without_lines  # a line wholly behind the camera
     points, ranges = (np.stack(parts) for parts in zip(*(line for line in lines if line is not None), strict=True))
@@ -72,7 +72,7 @@ def load_labelled_view(folder: Path, file: str, labels: Labels) -> LineView:
     for k, side in enumerate(SIDES):
         line = labels[side]
         if line is not None:
-            lines[k] = resampled(line, LINE_POINTS)
+            lines[k] = resample(line, LINE_POINTS)
     return LineView(file, image, None if np.isnan(lines).all() else lines)
 
 

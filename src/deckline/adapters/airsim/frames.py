@@ -16,7 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.adapters.airsim.client import DEPTH_PLANAR, Connection, get_camera, get_vehicle_pose
 from deckline.adapters.airsim.protocol import read_pose
 from deckline.geometry import Camera, camera_mount
-from deckline.recording.images import along_axis, check_depth_size
+from deckline.recording.images import check_depth_size, convert_to_axial_depth
 from deckline.types import Frame
 
 NS_PER_S = 10**9  # whole, so that division by it keeps all of the time stamp
@@ -127,7 +127,7 @@ def read_frame(
         image_rgb=image,
         camera=camera,
         body_from_camera=body_from_camera,
-        depth_m=along_axis(stored, camera, DEPTH_PLANAR),
+        depth_m=convert_to_axial_depth(stored, camera, DEPTH_PLANAR),
         world_from_body=world_from_mount * camera_mount() * body_from_camera.inv(),
         deck_z_m=deck_z_m,
         sea_z_m=sea_z_m,
