@@ -1,8 +1,8 @@
-"""What the detector's thresholds cost and buy: lines found on decks against lines seen where there are none.
+"""What the detector's thresholds cost and buy: lines found on decks against lines views where there are none.
 
     python scripts/choose_thresholds.py SOURCE... [--detector hybrid] [--deckless 600 --seed 901]
 
-Sources are recordings with truth; further views without a runway are rendered. Every view is looked at once with
+Sources are recordings with truth; further views without a runway are rendered. Every view is searched once with
 thresholds that let everything pass; all combinations are then tried on what the network said. For every share of false
 lines the combination that finds most is printed, after the detector's own.
 """
@@ -46,13 +46,13 @@ NAMES = ("min_confidence", "min_probability", "min_lone_probability")
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ScoredView:
     """What is in a view, and what the network said of it."""
 
     camera: Camera
     expected: ExpectedLines
-    output: NetworkOutput  # of the last look
-    window: Crop  # where that was
+    output: NetworkOutput  # of the last crop
+    window: Crop  # where that lay
     runway: float  # probability of a runway
 
 
@@ -72,22 +72,24 @@ def with_thresholds(config: DetectConfig, thresholds: Thresholds) -> DetectConfi
     return replace(config, **named)
 
 
-def looked_at(sets: list[FrameSet], detector: OnnxDetector) -> list[Seen]:
+def run_on_sets(sets: list[FrameSet], detector: OnnxDetector) -> list[ScoredView]:
     """Every view of the sets that has a clear answer."""
     places = [(item, index) for item in sets for index in range(len(item))]
-    seen = []
-    for item, index in track(places, "looking"):
+    views = []
+    for item, index in track(places, "detecting"):
         try:
             sample = item.load(index)
         except FrameError as error:
             print(f"skipped {error}")
             continue
         if sample is not None and sample.expected.scene is not Scene.UNRATED:
-            seen.append(seen_in(sample.frame.image_rgb, sample.frame.camera, sample.expected, detector))
-    return seen
+            views.append(run_detector(sample.frame.image_rgb, sample.frame.camera, sample.expected, detector))
+    return views
 
 
-def seen_in(image_rgb: NDArray[np.uint8], camera: Camera, expected: ExpectedLines, detector: OnnxDetector) -> Seen:
+def run_detector(
+    image_rgb: NDArray[np.uint8], camera: Camera, expected: ExpectedLines, detector: OnnxDetector
+) -> ScoredView:
     outputs: list[NetworkOutput] = []
 
     def infer(view: NDArray[np.float32]) -> NetworkOutput:
@@ -98,10 +100,10 @@ def seen_in(image_rgb: NDArray[np.uint8], camera: Camera, expected: ExpectedLine
     u0, v0, u1, _ = detect_lines(image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
     window = Crop(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
     runway = runway_probability([decode_region(output.region, output.box).probability for output in outputs])
-    return Seen(camera, expected, outputs[-1], window, runway)
+    return ScoredView(camera, expected, outputs[-1], window, runway)
 
 
-def lines_of(one: Seen, config: DetectConfig) -> tuple[list[NDArray[np.float64]], float]:
+def lines_of(one: ScoredView, config: DetectConfig) -> tuple[list[NDArray[np.float64]], float]:
     """Distances of the points, px, of each line whose rows are sure enough, and the probability of the lines."""
     detection = decode_lines(one.output, one.window, config)
     errors = []
@@ -113,14 +115,14 @@ def lines_of(one: Seen, config: DetectConfig) -> tuple[list[NDArray[np.float64]]
     return errors, lines_probability(detection, one.runway)
 
 
-def trials(seen: list[Seen], config: DetectConfig, row: float) -> list[Trial]:
+def trials(views: list[ScoredView], config: DetectConfig, row: float) -> list[Trial]:
     """Every pair of thresholds of lines, with this one of rows."""
-    found_lines = [lines_of(one, with_thresholds(config, (row, 0.0, 0.0))) for one in seen]
-    errors, sure = [each for each, _ in found_lines], np.array([probability for _, probability in found_lines])
+    rated = [lines_of(one, with_thresholds(config, (row, 0.0, 0.0))) for one in views]
+    errors, sure = [each for each, _ in rated], np.array([probability for _, probability in rated])
     lines = np.array([len(sides) for sides in errors])
     wrong = np.array([len(sides) == 1 and not np.median(sides[0]) <= WRONG_PX for sides in errors])
-    deck = np.array([one.expected.scene is Scene.DECK for one in seen])
-    thick = np.array([one.expected.visibility_m < THICK_M for one in seen])
+    deck = np.array([one.expected.scene is Scene.DECK for one in views])
+    thick = np.array([one.expected.visibility_m < THICK_M for one in views])
     tried = []
     for both, lone in product(BOTH, LONE):
         found, alone = (lines == 2) & (sure >= both), (lines == 1) & (sure >= lone)
@@ -151,12 +153,12 @@ def main() -> None:
     detector = OnnxDetector(Path(given.detector)) if given.detector.endswith(".onnx") else DETECTORS[given.detector]()
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")
-    seen = looked_at(sets, detector)
-    tried = [trial for row in track(ROW, "trying") for trial in trials(seen, detector.config, row)]
+    views = run_on_sets(sets, detector)
+    tried = [trial for row in track(ROW, "trying") for trial in trials(views, detector.config, row)]
     usual = tuple(getattr(detector.config, name) for name in NAMES)
     best = [max((t for t in tried if t.false_share <= share), key=order) for share in FALSE_SHARES]
-    decks = sum(one.expected.scene is Scene.DECK for one in seen)
-    print(f"{decks} decks, {len(seen) - decks} views without a runway")
+    decks = sum(one.expected.scene is Scene.DECK for one in views)
+    print(f"{decks} decks, {len(views) - decks} views without a runway")
     print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; row, both, lone")
     for trial in [*(t for t in tried if t.thresholds == usual), *best]:
         found = ", ".join(f"{100 * share:.1f}" for share in trial.found)

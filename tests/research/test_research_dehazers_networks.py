@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from deckline.research.dehazers.aod_net import AodNet
-from deckline.research.dehazers.common import padded, reflected, residual_gain, set_first_weights
+from deckline.research.dehazers.common import pad_to_multiple, reflect_conv, residual_gain, set_first_weights
 from deckline.research.dehazers.dehaze_former import (
     Aggregation,
     DehazeFormer,
@@ -37,14 +37,14 @@ def test_sides_become_multiples_and_not_too_short(
     size: tuple[int, int], multiple: int, expected: tuple[int, int]
 ) -> None:
     image = torch.rand(2, 3, *size)
-    whole = padded(image, multiple)
+    whole = pad_to_multiple(image, multiple)
     assert whole.shape == (2, 3, *expected)
     torch.testing.assert_close(whole[:, :, : size[0], : size[1]], image)
     torch.testing.assert_close(whole[:, :, -1, -1], image[:, :, -1, -1])
 
 
 def test_reflected_convolution_sees_the_mirrored_border() -> None:
-    layer = reflected(1, 1, 3)
+    layer = reflect_conv(1, 1, 3)
     layer.weight.data.zero_()
     layer.bias.data.zero_()
     layer.weight.data[0, 0, 1, 0] = 1  # the left neighbour

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 
 from deckline.detect.anchors import decode, encode_region, rows_from_map
-from deckline.research.detectors.enet_sad import DISTIL_FROM, EnetSad, attention, distillation_loss, unpooled
+from deckline.research.detectors.enet_sad import DISTIL_FROM, EnetSad, attention, distillation_loss, unpool
 from deckline.research.detectors.painting import (
     MAP_KIND,
     STRIPE_PX,
@@ -78,7 +78,7 @@ def test_values_go_back_to_where_the_maxima_were() -> None:
     torch.manual_seed(0)
     before, x = torch.randn(2, 3, 8, 10), torch.randn(2, 3, 4, 5)
     _, places = F.max_pool2d(before, 2, return_indices=True)
-    torch.testing.assert_close(unpooled(x, before), F.max_unpool2d(x, places, 2), rtol=0, atol=0)
+    torch.testing.assert_close(unpool(x, before), F.max_unpool2d(x, places, 2), rtol=0, atol=0)
 
 
 def test_attention_is_a_distribution_over_places() -> None:

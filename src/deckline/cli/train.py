@@ -1,6 +1,6 @@
 """`deckline train`: everything behind it needs the train extra."""
 
-from dataclasses import dataclass, replace
+from dataclasses import fields, make_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
@@ -22,89 +22,51 @@ with needs_extra("train"):
 R = TypeVar("R", bound=Recipe)
 SHIPPED = "shipped"
 SWITCHES = ("cpu_minutes", "prior")  # not given, they leave the recipe's value
-DehazeNetworkName = Literal[
-    "coarse-t",
-    "coarse-s",
-    "coarse-b",
-    "full-t",
-    "full-s",
-    "full-b",
-    "aod-net",
-    "gca-net",
-    "grid-dehaze-net",
-    "g-unet-t",
-    "dehaze-former-t",
-]
-DetectNetworkName = Literal["hybrid", "ufld", "ufld-r18", "enet-sad", "resa-r18"]
+DEHAZE_NETWORKS, DETECT_NETWORKS = train_dehaze.NETWORKS | DEHAZERS, train_detect.NETWORKS | DETECTORS
 Device = Literal["auto", "cpu", "cuda"]
 
-
-def flag(text: str, default: Any, metavar: str = "N") -> Any:
-    """Help of a flag that overrides the recipe; `default` holds where neither says anything."""
-    shown = f"(default: {'no limit' if default is None else default}, or the recipe's)"
-    return tyro.conf.arg(help=text, metavar=metavar, help_behavior_hint=shown)
-
-
-def choices(kind: Any) -> str:
-    return "{" + ",".join(get_args(kind)) + "}"
-
-
-@dataclass(frozen=True)
-class DehazeFlags:
-    """What the command line may change of the recipe."""
-
-    network: Annotated[
-        DehazeNetworkName | None,
-        flag(
-            "ours on a grid of 4 px (coarse) or at full resolution (full), or one to compare it with.",
-            DehazeTrainConfig.network,
-            choices(DehazeNetworkName),
-        ),
-    ] = None
-    prior: Annotated[
-        bool, tyro.conf.arg(help="start from the geometry dehazer's picture, as shipped; coarse networks only.")
-    ] = False
-    minutes: Annotated[float | None, flag("training time, if that ends before the steps.", None)] = None
-    cpu_minutes: Annotated[bool, tyro.conf.arg(help="minutes are of computing: the same on a busy machine.")] = False
-    steps: Annotated[int | None, flag("training steps.", DehazeTrainConfig.steps)] = None
-    batch: Annotated[int | None, flag("crops a step.", DehazeTrainConfig.batch)] = None
-    crop_height: Annotated[int | None, flag("px.", DehazeTrainConfig.crop_height)] = None
-    crop_width: Annotated[int | None, flag("px.", DehazeTrainConfig.crop_width)] = None
-    lr: Annotated[float | None, flag("largest learning rate.", DehazeTrainConfig.lr)] = None
-    visible_share: Annotated[
-        float | None, flag("share of the loss on what haze leaves visible.", DehazeTrainConfig.visible_share)
-    ] = None
-    held_out: Annotated[
-        float | None, flag("share of each recording that is validated on.", DehazeTrainConfig.held_out)
-    ] = None
-    seed: Annotated[int | None, flag("of first weights and of all that is drawn.", DehazeTrainConfig.seed)] = None
-    threads: Annotated[int | None, flag("of torch on a CPU.", "torch's choice")] = None
-    device: Annotated[Device | None, flag("to train on.", DehazeTrainConfig.device, choices(Device))] = None
-    bf16: Annotated[bool | None, flag("half of the arithmetic in bfloat16.", "on CUDA only", "{True,False}")] = None
+# Flags that override the recipe: type and help.
+FLAGS: dict[str, tuple[Any, str]] = {
+    "minutes": (float, "training time, if that ends before the steps; inf: no limit."),
+    "cpu_minutes": (bool, "minutes are of computing: the same budget on a busy machine."),
+    "steps": (int, "training steps, if they end before the minutes."),
+    "batch": (int, "crops or views a step."),
+    "lr": (float, "largest learning rate."),
+    "held_out": (float, "share of each recording that is validated on."),
+    "seed": (int, "of first weights and of all that is drawn."),
+    "threads": (int, "of torch on a CPU; 0: torch's own choice."),
+    "device": (Device, "to train on."),
+    "bf16": (bool, "half of the arithmetic in bfloat16; None: on CUDA only."),
+}
+DEHAZE_FLAGS: dict[str, tuple[Any, str]] = {
+    "network": (Literal[*DEHAZE_NETWORKS], "ours on a grid of 4 px (coarse) or at full resolution, or one to compare."),
+    "prior": (bool, "start from the geometry dehazer's picture, as the shipped network does; coarse networks only."),
+    "crop_height": (int, "px."),
+    "crop_width": (int, "px."),
+    "visible_share": (float, "of the loss, on what haze leaves visible."),
+}
+DETECT_FLAGS: dict[str, tuple[Any, str]] = {"network": (Literal[*DETECT_NETWORKS], "a shipped one, or one to compare.")}
 
 
-@dataclass(frozen=True)
-class DetectFlags:
-    """What the command line may change of the recipe."""
+def make_flags(recipe: type[Recipe], flags: dict[str, tuple[Any, str]]) -> Any:
+    """A dataclass of flags; those that are not given are None, or False, and the recipe's value stays."""
+    defaults = {item.name: item.default for item in fields(recipe)}
+    items: list[tuple[str, Any, Any]] = []
+    for name, (kind, text) in flags.items():
+        if name in SWITCHES:
+            items.append((name, Annotated[bool, tyro.conf.arg(help=text)], False))
+            continue
+        choices = get_args(kind) or (("True", "False") if kind is bool else ())
+        metavar = "{" + ",".join(choices) + "}" if choices else "N"
+        hint = f"(default: {defaults[name]}, or the recipe's)"
+        option = tyro.conf.arg(help=text, metavar=metavar, help_behavior_hint=hint)
+        items.append((name, Annotated[kind | None, option], None))
+    return make_dataclass("Flags", items, frozen=True)
 
-    network: Annotated[
-        DetectNetworkName | None,
-        flag("a shipped one, or one to compare it with.", DetectTrainConfig.network, choices(DetectNetworkName)),
-    ] = None
-    minutes: Annotated[
-        float | None, flag("training time, if that ends before the steps; inf: no limit.", DetectTrainConfig.minutes)
-    ] = None
-    cpu_minutes: Annotated[bool, tyro.conf.arg(help="minutes are of computing: the same on a busy machine.")] = False
-    steps: Annotated[int | None, flag("training steps.", DetectTrainConfig.steps)] = None
-    batch: Annotated[int | None, flag("views a step.", DetectTrainConfig.batch)] = None
-    lr: Annotated[float | None, flag("largest learning rate, of the heads.", DetectTrainConfig.lr)] = None
-    held_out: Annotated[
-        float | None, flag("share of each recording that is validated on.", DetectTrainConfig.held_out)
-    ] = None
-    seed: Annotated[int | None, flag("of first weights and of all that is drawn.", DetectTrainConfig.seed)] = None
-    threads: Annotated[int | None, flag("of torch on a CPU.", "torch's choice")] = None
-    device: Annotated[Device | None, flag("to train on.", DetectTrainConfig.device, choices(Device))] = None
-    bf16: Annotated[bool | None, flag("half of the arithmetic in bfloat16.", "on CUDA only", "{True,False}")] = None
+
+DehazeFlags = make_flags(DehazeTrainConfig, DEHAZE_FLAGS | FLAGS)
+DetectFlags = make_flags(DetectTrainConfig, DETECT_FLAGS | FLAGS)
+NO_DEHAZE_FLAGS, NO_DETECT_FLAGS = DehazeFlags(), DetectFlags()
 
 
 def dehaze(
@@ -112,7 +74,7 @@ def dehaze(
     out: Path,
     recipe: Path | None = None,
     start_from: str | None = None,
-    flags: Annotated[DehazeFlags, tyro.conf.arg(name="")] = DehazeFlags(),
+    flags: Annotated[DehazeFlags, tyro.conf.arg(name="")] = NO_DEHAZE_FLAGS,  # type: ignore[valid-type]
 ) -> int:
     """Train a dehazing network on clear recordings with depth.
 
@@ -127,7 +89,7 @@ def dehaze(
     """
     config = make_recipe(DehazeTrainConfig, recipe, flags)
     first = find_weights(start_from, config.network)
-    train_dehaze.train_dehaze(config, list(recordings), out, first, train_dehaze.NETWORKS | DEHAZERS)
+    train_dehaze.train_dehaze(config, list(recordings), out, first, DEHAZE_NETWORKS)
     return 0
 
 
@@ -136,7 +98,7 @@ def detect(
     out: Path,
     recipe: Path | None = None,
     start_from: str | None = None,
-    flags: Annotated[DetectFlags, tyro.conf.arg(name="")] = DetectFlags(),
+    flags: Annotated[DetectFlags, tyro.conf.arg(name="")] = NO_DETECT_FLAGS,  # type: ignore[valid-type]
 ) -> int:
     """Train a line detector on clear recordings with depth and true lines, or on pictures of your own with labels.json.
 
@@ -153,11 +115,11 @@ def detect(
     """
     config = make_recipe(DetectTrainConfig, recipe, flags)
     first = find_weights(start_from, config.network)
-    train_detect.train_detect(config, list(recordings), out, first, train_detect.NETWORKS | DETECTORS)
+    train_detect.train_detect(config, list(recordings), out, first, DETECT_NETWORKS)
     return 0
 
 
-def make_recipe(cls: type[R], file: Path | None, flags: DehazeFlags | DetectFlags) -> R:
+def make_recipe(cls: type[R], file: Path | None, flags: Any) -> R:
     """The recipe of a file, or the defaults, with what the flags say."""
     base = cls() if file is None else read_config(cls, file)
     given = {name: value for name, value in vars(flags).items() if value is not None}

@@ -54,7 +54,7 @@ class Lite0Backbone(nn.Module):
     def forward(self, image: Tensor) -> list[Tensor]:
         """(B, 3, H, W) -> features at strides 4, 8, 16, 32."""
         with torch.set_grad_enabled(torch.is_grad_enabled() and self.frozen_blocks == 0):
-            x = F.relu6(_folded(image, self.stem[0], self.stem[1]))
+            x = F.relu6(_conv_norm(image, self.stem[0], self.stem[1]))
             for block in self.blocks[: self.frozen_blocks]:
                 x = _block(x, block)
         taps = []
@@ -69,13 +69,13 @@ def _block(x: Tensor, block: Any) -> Tensor:
     """An inverted residual block of EfficientNet-Lite: expand, depthwise, project; added to x where shapes agree."""
     y = x
     if hasattr(block, "_expand_conv"):
-        y = F.relu6(_folded(y, block._expand_conv, block._bn0), inplace=True)
-    y = F.relu6(_folded(y, block._depthwise_conv, block._bn1), inplace=True)
-    y = _folded(y, block._project_conv, block._bn2)
+        y = F.relu6(_conv_norm(y, block._expand_conv, block._bn0), inplace=True)
+    y = F.relu6(_conv_norm(y, block._depthwise_conv, block._bn1), inplace=True)
+    y = _conv_norm(y, block._project_conv, block._bn2)
     return y + x if y.shape == x.shape else y
 
 
-def _folded(x: Tensor, conv: Any, norm: Any) -> Tensor:
+def _conv_norm(x: Tensor, conv: Any, norm: Any) -> Tensor:
     """Convolution and batch norm as one convolution.
 
     The statistics are constants here, so this is exact, for gradients too, and spares two passes over the activations.

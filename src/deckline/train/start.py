@@ -38,10 +38,10 @@ def start_with(model: nn.Module, source: Path) -> None:
     missing = sorted(own.keys() - stored.keys())
     if missing:
         raise ValueError(f"{source} holds the weights of another network: it has no {missing[0]}")
-    model.load_state_dict({name: _fitted(stored[name], own[name], f"{source}: {name}") for name in own})
+    model.load_state_dict({name: _fit_shape(stored[name], own[name], f"{source}: {name}") for name in own})
 
 
-def _fitted(stored: Tensor, own: Tensor, where: str) -> Tensor:
+def _fit_shape(stored: Tensor, own: Tensor, where: str) -> Tensor:
     if stored.shape == own.shape:
         return stored
     if stored.ndim == 4 and own.ndim == 4 and stored.shape[1] < own.shape[1]:
@@ -102,7 +102,7 @@ def start_with_file(model: PyramidNetwork, path: Path) -> None:
         weight, bias = (stored.get(name) for name in node.input[1:3])
         if weight is None or bias is None:
             raise ValueError(f"{path} holds another network: {node.name} has no weights of its own")
-        found |= _unfolded(prefix, weight, bias, model)
+        found |= _unfold_norm(prefix, weight, bias, model)
     found |= {name.removeprefix("model."): value for name, value in stored.items() if name.startswith("model.")}
     wrong = [name for name, value in found.items() if name not in own or own[name].shape != value.shape]
     kept = [name for name in own if name.startswith("segmentation.") or name.endswith("num_batches_tracked")]
@@ -181,7 +181,7 @@ def _module_name(node_name: str) -> str:
     return ".".join(parts)
 
 
-def _unfolded(name: str, weight: Tensor, bias: Tensor, model: LineNetwork) -> dict[str, Tensor]:
+def _unfold_norm(name: str, weight: Tensor, bias: Tensor, model: LineNetwork) -> dict[str, Tensor]:
     """The convolution's weight, and statistics with which the batch norm after it adds the bias alone."""
     stem, _, last = name.rpartition(".")
     norm_name = f"{stem}.{NORM_OF.get(last, '')}"

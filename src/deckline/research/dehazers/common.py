@@ -8,7 +8,7 @@ from torch import Tensor, nn
 MIN_SIDE_PX = 32  # smaller images are continued first: reflection inside the networks needs more pixels than it adds
 
 
-def padded(image: Tensor, multiple: int) -> Tensor:
+def pad_to_multiple(image: Tensor, multiple: int) -> Tensor:
     """(N, C, H, W) continued below and right by its edge pixels, to sides that are a multiple and not too short, px."""
     height, width = image.shape[2:]
     least = -(-MIN_SIDE_PX // multiple) * multiple
@@ -17,7 +17,7 @@ def padded(image: Tensor, multiple: int) -> Tensor:
     return F.pad(image, (0, right, 0, bottom), mode="replicate")
 
 
-def reflected(channels_in: int, channels_out: int, kernel: int, groups: int = 1) -> nn.Conv2d:
+def reflect_conv(channels_in: int, channels_out: int, kernel: int, groups: int = 1) -> nn.Conv2d:
     """Convolution that keeps the size; the border is continued by reflection."""
     return nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, groups=groups, padding_mode="reflect")
 

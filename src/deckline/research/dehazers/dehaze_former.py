@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.research.dehazers.common import padded, reflected, residual_gain, set_first_weights
+from deckline.research.dehazers.common import pad_to_multiple, reflect_conv, residual_gain, set_first_weights
 from deckline.train.dehaze_blocks import SKFusion, down, up
 
 MULTIPLE = 4  # two halvings
@@ -97,7 +97,7 @@ class Aggregation(nn.Module):
         super().__init__()
         self.window, self.shift = window, shift
         self.value = nn.Conv2d(channels, channels, 1)
-        self.local = reflected(channels, channels, kernel, groups=channels)
+        self.local = reflect_conv(channels, channels, kernel, groups=channels)
         self.mix = nn.Conv2d(channels, channels, 1)
         self.query_key = None if heads is None else nn.Conv2d(channels, 2 * channels, 1)
         self.attention = None if heads is None else WindowAttention(heads, window)
@@ -160,7 +160,7 @@ class DehazeFormer(nn.Module):
         super().__init__()
         self.config = config = config or DehazeFormerConfig()
         full, half, quarter = config.channels[:3]
-        self.intro = reflected(3, full, 3)
+        self.intro = reflect_conv(3, full, 3)
         self.encoder_full, self.encoder_half, self.bottom, self.decoder_half, self.decoder_full = (
             stage(config, index) for index in range(5)
         )
@@ -168,12 +168,12 @@ class DehazeFormer(nn.Module):
         self.skip_full, self.skip_half = nn.Conv2d(full, full, 1), nn.Conv2d(half, half, 1)
         self.up_half, self.up_full = up(quarter), up(half)
         self.fuse_half, self.fuse_full = SKFusion(half, 8, bias=False), SKFusion(full, 8, bias=False)
-        self.outro = reflected(full, 4, 3)
+        self.outro = reflect_conv(full, 4, 3)
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
         signed = 2 * image - 1  # the network works on -1..1
-        full = self.encoder_full(self.intro(padded(signed, MULTIPLE)))
+        full = self.encoder_full(self.intro(pad_to_multiple(signed, MULTIPLE)))
         half = self.encoder_half(self.down_half(full))
         x = self.up_half(self.bottom(self.down_quarter(half)))
         x = self.up_full(self.decoder_half(self.fuse_half(x, self.skip_half(half)) + x))

@@ -10,7 +10,7 @@ The paper freezes BatchNorm's statistics towards the end of training; here they 
 import torch
 from torch import Tensor, nn
 
-from deckline.research.dehazers.common import padded, reflected, residual_gain, set_first_weights
+from deckline.research.dehazers.common import pad_to_multiple, reflect_conv, residual_gain, set_first_weights
 from deckline.train.dehaze_blocks import SKFusion, down, up
 
 DEPTHS = (2, 2, 2, 4, 2, 2, 2)  # blocks a stage: down, bottom, up; the paper's T
@@ -24,7 +24,7 @@ class GatedBlock(nn.Module):
         super().__init__()
         self.norm = nn.BatchNorm2d(channels)
         self.value = nn.Sequential(
-            nn.Conv2d(channels, channels, 1), reflected(channels, channels, kernel, groups=channels)
+            nn.Conv2d(channels, channels, 1), reflect_conv(channels, channels, kernel, groups=channels)
         )
         self.gate = nn.Conv2d(channels, channels, 1)
         self.mix = nn.Conv2d(channels, channels, 1)
@@ -52,7 +52,7 @@ class GUNet(nn.Module):
             nn.Sequential(*(GatedBlock(width, KERNEL, sum(depths)) for _ in range(depth)))
             for width, depth in zip(widths, depths, strict=True)
         ]
-        self.intro = reflected(3, channels, 3)
+        self.intro = reflect_conv(3, channels, 3)
         self.encoders = nn.ModuleList(stages[:halvings])
         self.downs = nn.ModuleList(down(width) for width in widths[:halvings])
         self.skips = nn.ModuleList(nn.Conv2d(width, width, 1) for width in widths[:halvings])
@@ -60,11 +60,11 @@ class GUNet(nn.Module):
         self.ups = nn.ModuleList(up(2 * width) for width in widths[halvings + 1 :])
         self.fusions = nn.ModuleList(SKFusion(width, 8, bias=False) for width in widths[halvings + 1 :])
         self.decoders = nn.ModuleList(stages[halvings + 1 :])
-        self.outro = reflected(channels, 3, 3)
+        self.outro = reflect_conv(channels, 3, 3)
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
-        x = self.intro(2 * padded(image, self.multiple) - 1)
+        x = self.intro(2 * pad_to_multiple(image, self.multiple) - 1)
         kept = []
         for encoder, to_half, skip in zip(self.encoders, self.downs, self.skips, strict=True):
             x = encoder(x)

@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.research.dehazers.common import padded
+from deckline.research.dehazers.common import pad_to_multiple
 
 MULTIPLE = 2  # one halving
 DILATIONS = (2, 2, 2, 4, 4, 4, 1)  # of the residual blocks at half size, px; published
@@ -87,7 +87,7 @@ class GcaNet(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
-        whole = padded(image, MULTIPLE)
+        whole = pad_to_multiple(image, MULTIPLE)
         shallow = self.encoder(torch.cat([whole - 0.5, edges(whole)], 1))
         middle = self.first_blocks(shallow)
         deep = self.last_blocks(middle)

@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.research.dehazers.common import padded
+from deckline.research.dehazers.common import pad_to_multiple
 
 ROWS = 3  # sizes; each row down has half the size and twice the channels; published
 COLUMNS = 6  # features flow down through the first half of them and up through the other; published
@@ -90,7 +90,7 @@ class GridDehazeNet(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
-        nodes = [self.intro(2 * padded(image, 2 ** (ROWS - 1)) - 1)]
+        nodes = [self.intro(2 * pad_to_multiple(image, 2 ** (ROWS - 1)) - 1)]
         for link in self.first_column:
             nodes.append(link(nodes[-1]))
         for column in self.columns:

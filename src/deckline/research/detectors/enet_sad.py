@@ -175,10 +175,10 @@ class _Up(nn.Module):
         )
 
     def forward(self, x: Tensor, pooled_from: Tensor) -> Tensor:
-        return F.relu(unpooled(self.straight(x), pooled_from) + self.branch(x))
+        return F.relu(unpool(self.straight(x), pooled_from) + self.branch(x))
 
 
-def unpooled(x: Tensor, pooled_from: Tensor) -> Tensor:
+def unpool(x: Tensor, pooled_from: Tensor) -> Tensor:
     """(B, C, h, w) at the places of (B, C, 2h, 2w) whose values are the maxima of their 2x2 blocks, 0 elsewhere.
 
     Comparing values in place of remembering indices runs in every ONNX runtime; equal maxima all get the value.
