@@ -83,11 +83,11 @@ def test_bad_files_are_one_line_that_says_where(tmp_path, text, message):
 
 
 def test_a_folder_must_hold_one_file_of_labels(tmp_path):
-    with pytest.raises(ValueError, match=r"no annotations\.json in this folder"):
+    with pytest.raises(ValueError, match=r"annotations\.json"):
         read_coco(tmp_path)
     for name in ("a.json", "b.json"):
         (tmp_path / name).write_text(broken())
-    with pytest.raises(ValueError, match=r"2 files \*\.json; name the one to read"):
+    with pytest.raises(ValueError, match=r"2 files \*\.json"):
         read_coco(tmp_path)
-    with pytest.raises(ValueError, match="at least 2 keypoints, got 1"):
+    with pytest.raises(ValueError, match=r"2 keypoints.*1"):
         write_coco(tmp_path / "x.json", [], 1)

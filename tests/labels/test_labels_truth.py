@@ -71,7 +71,7 @@ def test_in_recorded_air_a_line_is_seen_as_far_as_two_percent_of_its_light_come_
     assert compute_transmission(np.array([[0.0, 20.0, 0.0]]), frame_at(0.0, conditions=conditions)) == pytest.approx(
         np.exp(-20 * extinction * share)
     )  # straight down to the water
-    with pytest.raises(ValueError, match="an atmosphere has"):
+    with pytest.raises(ValueError, match="fog"):
         find_visible_line(frame_at(-100.0, conditions={"air": {"fog": 1}}), LEFT)
 
 
@@ -106,9 +106,9 @@ def test_labels_are_the_seen_lines_and_frames_without_any_are_labelled_so():
 
 def test_frames_that_cannot_be_labelled_are_named():
     bare = dataclasses.replace(frame_at(-100.0), truth=None)
-    with pytest.raises(ValueError, match=r"a\.png: no truth to label it from"):
+    with pytest.raises(ValueError, match=r"a\.png.*truth"):
         label_frame(bare, "b.png")
-    with pytest.raises(ValueError, match=r"a\.png: no pose"):
+    with pytest.raises(ValueError, match=r"a\.png.*pose"):
         label_frame(dataclasses.replace(frame_at(-100.0), world_from_body=None), "b.png")
 
 

@@ -169,8 +169,8 @@ def test_sizes_must_agree(tmp_path):
     (tmp_path / "depth").mkdir()
     (tmp_path / "depth" / "a.pfm").write_bytes(pfm([[1, 2]]))
     depth, size = open_recording(tmp_path).items()
-    assert "depth depth/a.pfm is 2x1 px but the image is 3x2 px" in depth.reason
-    assert "the intrinsics are for 3x2 px but the image is 3x1 px" in size.reason
+    assert all(text in depth.reason for text in ("depth/a.pfm", "2x1", "3x2"))
+    assert all(text in size.reason for text in ("3x2", "3x1"))
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_bad_truth_says_what_is_wrong(values, message):
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../a.png", "clear/../../a.png", "C:\\a.png", "..\\a.png", "", 3])
 def test_clear_image_stays_inside_the_recording(name):
-    with pytest.raises(ValueError, match="must be a path inside the recording"):
+    with pytest.raises(ValueError, match="clear_image"):
         get_clear_image({"clear_image": name})
 
 
@@ -110,20 +110,20 @@ def test_text_is_json_with_the_promised_keys(tmp_path):
 
 
 def test_nan_never_reaches_the_file():
-    with pytest.raises(RecordingError, match="plain finite JSON values"):
+    with pytest.raises(RecordingError, match="JSON"):
         format_scene(None, {}, {"gust": math.nan})
-    with pytest.raises(RecordingError, match="plain finite JSON values"):
+    with pytest.raises(RecordingError, match="JSON"):
         format_entry({"truth": {"visibility_m": math.inf}})
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "not valid JSON"),
-        ("[]", "not a deckline scene"),
-        ('{"format": "deckline-scene", "version": 2}', "scene version 2, this deckline reads 1"),
-        ('{"format": "deckline-scene", "version": 1, "frames": []}', "frames must be an object"),
-        ('{"format": "deckline-scene", "version": 1, "camera": {"width": 3}}', "height, fx, fy, cx, cy missing"),
+        ("{", "scene.json.*JSON"),
+        ("[]", "deckline-scene"),
+        ('{"format": "deckline-scene", "version": 2}', "version 2.* 1"),
+        ('{"format": "deckline-scene", "version": 1, "frames": []}', "frames.*list"),
+        ('{"format": "deckline-scene", "version": 1, "camera": {"width": 3}}', "camera: height, fx, fy, cx, cy"),
     ],
 )
 def test_bad_scene_file_says_what_is_wrong(tmp_path, text, message):

@@ -222,7 +222,7 @@ def test_somebody_elses_recording_is_left_alone(tmp_path):
 
 def test_folder_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match="file/rec: cannot be written"):
+    with pytest.raises(RecordingError, match="file/rec"):
         RecordingWriter(tmp_path / "file" / "rec")
 
 
@@ -231,7 +231,7 @@ def test_folder_that_cannot_be_written(tmp_path):
     [
         ({"image_format": "jpg"}, "image_format.*jpg"),
         ({"scene": {"frames": {}}}, "frames"),
-        ({"scene": {"gust": math.nan}}, "plain finite JSON values"),
+        ({"scene": {"gust": math.nan}}, "JSON"),
     ],
 )
 def test_wrong_options_say_what_is_wrong(tmp_path, options, text):
@@ -241,10 +241,10 @@ def test_wrong_options_say_what_is_wrong(tmp_path, options, text):
 
 def test_frame_without_pose_is_refused_and_leaves_nothing(tmp_path):
     with RecordingWriter(tmp_path) as writer:
-        with pytest.raises(ValueError, match="needs the pose"):
+        with pytest.raises(ValueError, match=r"frame 0.*world_from_body"):
             writer.add(frame(0, world_from_body=None))
         assert writer.count == 0
-    with pytest.raises(ValueError, match="is closed"):
+    with pytest.raises(ValueError, match=str(tmp_path)):
         writer.add(frame(0))
 
 
@@ -253,7 +253,7 @@ def test_a_file_that_the_disk_refuses_is_named_and_nothing_is_left(tmp_path):
     (tmp_path / "a.bin").write_bytes(b"old")
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     try:
-        with pytest.raises(OSError, match=r"too large: '.*/a\.bin'"):
+        with pytest.raises(OSError, match=r"a\.bin"):
             write_atomic(tmp_path / "a.bin", bytes(2000))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -39,7 +39,7 @@ def test_foreign_model_has_no_config(tmp_path: Path) -> None:
 def test_no_onnx_file(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "other.onnx"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"other\.onnx is not a usable ONNX model") as caught:
+    with pytest.raises(ValueError, match=r"other\.onnx") as caught:
         load_session(path)
     assert "\n" not in str(caught.value)
 
@@ -48,17 +48,17 @@ def test_missing_file_and_bad_arguments(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="does not exist"):
         load_session(tmp_path / "none.onnx")
     path = doubling_model(tmp_path / "double.onnx", "[1]")
-    with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
+    with pytest.raises(ValueError, match=r"threads.*0"):
         load_session(path, threads=0)
-    with pytest.raises(ValueError, match="must be a JSON object, got list"):
+    with pytest.raises(ValueError, match=r"deckline.*list"):
         load_session(path)
-    with pytest.raises(ValueError, match="is not JSON"):
+    with pytest.raises(ValueError, match="JSON"):
         load_session(doubling_model(tmp_path / "double.onnx", "{"))
 
 
 def test_wrong_inputs_are_named(tmp_path: Path) -> None:
     session = load_session(doubling_model(tmp_path / "double.onnx"))
-    with pytest.raises(ValueError, match=r"takes inputs \('x',\), got \('image',\)"):
+    with pytest.raises(ValueError, match=r"\('x',\).*\('image',\)"):
         session(image=np.zeros((1, 2), dtype=np.float32))
-    with pytest.raises(ValueError, match=r"cannot run on inputs \{'x': \(3, 2, 1\)\}"):
+    with pytest.raises(ValueError, match=r"\{'x': \(3, 2, 1\)\}"):
         session(x=np.zeros((3, 2, 1), dtype=np.float32))
