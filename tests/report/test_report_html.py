@@ -11,12 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import RigidTransform
 
-from deckline.config import Approach
-from deckline.flight import FrameResult
-from deckline.geometry import Camera
-from deckline.guide import guidance
 from deckline.recording import BadFrame
 from deckline.report.figures import (
     band_rows,
@@ -29,67 +24,39 @@ from deckline.report.figures import (
     stage_seconds,
 )
 from deckline.report.html import report_html
-from deckline.report.records import frame_record, skipped_record
-from deckline.types import (
-    DepthMode,
-    Detection,
-    Frame,
-    LinePoints,
-    Notice,
-    PixelLine,
-    Reason,
-    RunwayEstimate,
-    RunwayLine,
-    Segment,
-    Status,
-    Truth,
-)
+from deckline.report.records import skipped_record
 
 CHROMIUM = shutil.which("chromium")
-SIGMA_M = 0.4
 INFO = {"source": "flights/first", "command": "deckline run flights/first --out out", "date": "2024-06-24"}
 JPEG = b"\xff\xd8 not a real picture \xff\xd9"
+START_S = 1.7e9  # as a Unix time
+SKIPPED = skipped_record(BadFrame("b.png", "cut"))
 
 
-def record(offset_m=0.0, range_m=200.0, status=Status.OK, with_truth=True, with_pose=True, file="a.png", since_s=0.0):
-    """A frame that lands along +x between y = -8 and y = +8 and measures the centre line `offset_m` to the right."""
-    camera = Camera(width=64, height=36, fx=32.0, fy=32.0, cx=31.5, cy=17.5)
-    left, right = (Segment(np.array([0.0, y, 0.0]), np.array([200.0, y, 0.0])) for y in (-8.0, 8.0))
-    frame = Frame(
-        file,
-        since_s + range_m / 65.0,
-        np.zeros((36, 64, 3), dtype=np.uint8),
-        camera,
-        world_from_body=RigidTransform.from_translation([-range_m, 3.0, -12.0]) if with_pose else None,
-        truth=Truth(left, right, 900.0) if with_truth else None,
-    )
-    return frame_record(_result(frame, offset_m, status), Approach())
-
-
-def _result(frame, offset_m, status):
-    covariance = np.diag([SIGMA_M**2, 0.0, 0.01])
-    seen = {Status.OK: ("left", "right"), Status.ONE_LINE: ("left",), Status.NOT_SEEN: ()}[status]
-    middles = {"left": -8.0, "right": 8.0, "centre": 0.0}
-    names = (*seen, "centre") if status is Status.OK else seen
-    lines = {n: RunwayLine(np.array([50.0, middles[n] + offset_m, 0.0]), 0.0, covariance) for n in names}
-    points = LinePoints(np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]), np.array([0.5, 0.7, 0.9]), np.ones(3))
-    found = {side: points if side in seen else LinePoints.empty() for side in ("left", "right")}
-    ends = np.array([[5.0, 6.0], [1.0, 2.0]])
-    kept = {side: PixelLine(np.array([0.6, 0.8, 1.0]), np.array([True, True, False]), ends, 0.5) for side in seen}
-    located = lines if frame.world_from_body is not None else {}
-    estimate = RunwayEstimate(
-        status,
-        DepthMode.COARSE if located else DepthMode.NONE,
-        kept,
-        located,
-        np.array([0.0, offset_m, 0.0]) if "centre" in located else None,
-        2.0 if "centre" in located else None,
-        () if located else (Notice(Reason.NO_POSE, "no pose"),),
-    )
-    seconds = {"dehaze": 0.1, "detect": 0.05, "localize": 0.01, "guide": 0.001}
-    return FrameResult(
-        frame, frame.image_rgb, Detection(**found), estimate, guidance(frame, estimate, None, Approach()), seconds
-    )
+def record(offset_m=0.0, range_m=200.0, status="ok", truth=True, pose=True, file="a.png"):
+    """What the report reads of a frame 3 m right of the centre line, which is measured `offset_m` too far right."""
+    true = {"lateral_deviation_m": 3.0, "distance_to_ramp_m": range_m}
+    placed = status == "ok" and pose
+    measured = {"lateral_deviation_m": 3.0 - offset_m, "distance_to_ramp_m": range_m, "heading_error_deg": 0.0}
+    seen = {"ok": ("left", "right"), "one line": ("left",), "not seen": ()}[status]
+    line = {"points_px": [], "confidence": [0.5, 0.7, 0.9], "pixel_line": {"inliers": [True, True, False]}}
+    errors = {
+        "guidance": {"lateral_deviation_m": -offset_m if placed else None},
+        "lateral_error_at_ramp_m": {"left": abs(offset_m) if placed else None},
+        "direction_error_deg": {"centre": 0.0 if placed else None},
+    }
+    return {
+        "file": file,
+        "time_s": round(START_S + range_m / 65.0, 6),
+        "status": status,
+        "mode": "coarse" if pose else "none",
+        "reason": "" if pose else "no pose",
+        "lines": {side: line if side in seen else {} for side in ("left", "right")},
+        "guidance": {name: {"value": value, "sigma": 0.4} if placed else None for name, value in measured.items()},
+        "truth": {"has_runway": True, **true} if truth else None,
+        "errors": errors if truth else None,
+        "seconds": {"dehaze": 0.1, "detect": 0.05, "localize": 0.01, "guide": 0.001},
+    }
 
 
 def report(records, pictures=None, **info):
@@ -132,7 +99,7 @@ def test_errors_are_those_put_in():
 
 
 def test_no_truth_no_errors():
-    records = [record(with_truth=False)]
+    records = [record(truth=False)]
     assert error_rows(records) == []
     assert band_rows(records) == []
     assert found_rate(records) is None
@@ -140,7 +107,7 @@ def test_no_truth_no_errors():
 
 
 def test_bands_hold_the_frames_of_their_distance():
-    bands = band_rows([record(0.2, 150.0), record(0.4, 120.0), record(range_m=900.0, status=Status.NOT_SEEN)])
+    bands = band_rows([record(0.2, 150.0), record(0.4, 120.0), record(range_m=900.0, status="not seen")])
     assert [row[:5] for row in bands] == [
         ("100 to 200 m", "2", "100 %", "0.30 m", "0.39 m"),
         ("800 m and more", "1", "0 %", "–", "–"),
@@ -148,14 +115,14 @@ def test_bands_hold_the_frames_of_their_distance():
 
 
 def test_found_rate_counts_only_frames_with_a_runway():
-    empty = record(status=Status.ONE_LINE) | {"truth": {"has_runway": False}, "errors": None}
-    records = [record(), record(status=Status.ONE_LINE), record(), record(status=Status.NOT_SEEN), empty]
+    empty = record(status="one line") | {"truth": {"has_runway": False}, "errors": None}
+    records = [record(), record(status="one line"), record(), record(status="not seen"), empty]
     assert found_rate(records) == 0.5
     assert false_lines(records) == (1, 1)
 
 
 def test_times_and_reasons():
-    records = [record(with_pose=False), record(with_pose=False), record()]
+    records = [record(pose=False), record(pose=False), record()]
     assert stage_seconds(records) == {"dehaze": 0.1, "detect": 0.05, "localize": 0.01, "guide": 0.001}
     assert count_reasons(records) == [("no pose", 2)]
 
@@ -180,7 +147,7 @@ def test_percent():
 
 
 def test_summary_tells_counts_and_errors():
-    records = [record(0.25), record(-0.25), record(status=Status.NOT_SEEN), skipped_record(BadFrame("b.png", "cut"))]
+    records = [record(0.25), record(-0.25), record(status="not seen"), SKIPPED]
     text = " ".join(Tags(report(records)).texts)
     for part in ("ok (both lines)", "66.7 %", "0.25 m", "1 skipped", "cut", "Against truth", INFO["command"]):
         assert part in text
@@ -193,7 +160,7 @@ def test_notes_stand_above_everything():
 
 
 def test_data_behind_the_plots():
-    rows = embedded(report([record(0.5, since_s=1.7e9), skipped_record(BadFrame("b.png", "cut"))]))["rows"]
+    rows = embedded(report([record(0.5), SKIPPED]))["rows"]
     assert rows[0]["guidance"]["lateral_deviation_m"]["value"] == pytest.approx(2.5)
     assert rows[0]["truth"]["lateral_deviation_m"] == pytest.approx(3.0)
     assert rows[0]["errors"]["lateral_deviation_m"] == pytest.approx(-0.5)
@@ -250,9 +217,9 @@ def test_empty_run():
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
-@pytest.mark.parametrize(("with_pose", "plots"), [(True, 7), (False, 2)])
-def test_a_browser_draws_it(tmp_path, with_pose, plots):
-    records = [record(0.1 * k, 300.0 - 20 * k, with_pose=with_pose, since_s=1.7e9) for k in range(10)]
+@pytest.mark.parametrize(("pose", "plots"), [(True, 5), (False, 2)])
+def test_a_browser_draws_it(tmp_path, pose, plots):
+    records = [record(0.1 * k, 300.0 - 20 * k, pose=pose) for k in range(10)]
     page = tmp_path / "report.html"
     page.write_text(report(records, {0: (JPEG, JPEG), 5: (JPEG, JPEG)}), encoding="utf-8")
     options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
@@ -263,5 +230,5 @@ def test_a_browser_draws_it(tmp_path, with_pose, plots):
     assert "NaN" not in drawn and "undefined" not in drawn
     assert "picture 2 of 2" in drawn
     assert "· 1700000003.076923 s ·" in drawn and ">1700000" not in drawn  # the axis begins at the first frame
-    assert ("2.5 m right of the centre line" in drawn) == with_pose
-    assert ("No deviation (no pose)" in drawn) == (not with_pose)
+    assert ("2.5 m right of the centre line" in drawn) == pose
+    assert ("No deviation (no pose)" in drawn) == (not pose)

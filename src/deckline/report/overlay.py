@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.flight import FrameResult
-from deckline.geometry import Camera, intersect_plane
+from deckline.geometry import intersect_plane
 from deckline.report.draw import (
     BACKGROUND,
     CENTRE,
@@ -41,6 +41,9 @@ HEADER_PX = 40
 OVERLAY_PX = (2 * PANEL_PX[0], HEADER_PX + PANEL_PX[1] + BAND[1])  # width, height; both even, as H.264 wants
 
 
+Window = tuple[int, int, int, int]  # u0, v0, u1, v1, px, ends excluded
+
+
 @dataclass(frozen=True, eq=False)
 class Panels:
     """The two pictures of a frame, each at most 640x360 px, in the image's proportions."""
@@ -61,27 +64,33 @@ class View:
     def __call__(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
         return (points_px + 0.5 - [self.left_px, self.top_px]) * [self.x, self.y] - 0.5
 
+    def window(self, window: Window) -> NDArray[np.float64]:
+        """u0, v0, u1, v1 of a part of the image."""
+        return self(np.array(window, dtype=np.float64).reshape(2, 2)).ravel()
+
 
 def draw_panels(result: FrameResult) -> Panels:
     """The small pictures of one result."""
-    camera = result.frame.camera
-    size = _fitting(camera)
+    camera, hazy_rgb, clear_rgb = result.frame.camera, result.frame.image_rgb, result.dehazed_rgb
+    scale = min(PANEL_PX[0] / camera.width, PANEL_PX[1] / camera.height)
+    size = max(round(camera.width * scale), 2), max(round(camera.height * scale), 2)
     view = View(0.0, 0.0, size[0] / camera.width, size[1] / camera.height)
-    hazy, marked = _resized(result.frame.image_rgb, size), _resized(result.dehazed_rgb, size)
+    hazy, marked = _resize(hazy_rgb, size), _resize(clear_rgb, size)
     window = find_window(result, view.x)
     corner = None if window is None else find_corner(size, view, window)
     _mark(marked, view, result, with_points=corner is None)
     if window is not None and corner is not None:
-        close = _inset(result.dehazed_rgb, window)
         u0, v0, u1, v1 = window
-        _mark(close, View(u0, v0, INSET_PX[0] / (u1 - u0), INSET_PX[1] / (v1 - v0)), result, with_points=True)
-        for picture, inset in ((hazy, _inset(result.frame.image_rgb, window)), (marked, close)):
-            _place_inset(picture, inset, corner, view, window)
+        hazy_inset, marked_inset = (_resize(image[v0:v1, u0:u1], INSET_PX) for image in (hazy_rgb, clear_rgb))
+        close = View(u0, v0, INSET_PX[0] / (u1 - u0), INSET_PX[1] / (v1 - v0))
+        _mark(marked_inset, close, result, with_points=True)
+        _place_inset(hazy, hazy_inset, corner, view, window)
+        _place_inset(marked, marked_inset, corner, view, window)
     return Panels(hazy, marked)
 
 
-def find_window(result: FrameResult, scale: float) -> tuple[int, int, int, int] | None:
-    """u0, v0, u1, v1 (ends excluded) of the image part to magnify; None when the lines are large enough, or none.
+def find_window(result: FrameResult, scale: float) -> Window | None:
+    """The image part to magnify; None when the lines are large enough, or none.
 
     Args:
         result: what was found.
@@ -104,12 +113,12 @@ def find_window(result: FrameResult, scale: float) -> tuple[int, int, int, int] 
     return u0, v0, min(u0 + round(width), camera.width), min(v0 + round(height), camera.height)
 
 
-def find_corner(size: tuple[int, int], view: View, window: tuple[int, int, int, int]) -> tuple[int, int] | None:
+def find_corner(size: tuple[int, int], view: View, window: Window) -> tuple[int, int] | None:
     """Left and top of the magnified view in a panel of that size, where it leaves the window free.
 
     The upper left corner is the first choice, so that the view stays in place during an approach. None: no room.
     """
-    (u0, v0), (u1, v1) = _edges(view, window)
+    u0, v0, u1, v1 = view.window(window)
     far_left, far_top = (size[i] - INSET_PX[i] - INSET_MARGIN_PX for i in (0, 1))
     for top in (INSET_MARGIN_PX, far_top):
         for left in (INSET_MARGIN_PX, far_left):
@@ -134,8 +143,10 @@ def centre_line_px(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.float64
     along_m = along_m[np.isfinite(along_m)]
     if len(along_m) < 2:
         return None
-    from_to = line.point_m + np.array([along_m.min(), along_m.max()])[:, None] * line.direction
-    return _projected(pose.inv().apply(from_to), frame.camera)
+    along_m = np.linspace(along_m.min(), along_m.max(), 200)
+    optical = pose.inv().apply(line.point_m + along_m[:, None] * line.direction)
+    in_front = optical[optical[:, 2] > NEAR_M]
+    return frame.camera.project(in_front[[0, -1]]) if len(in_front) else None
 
 
 def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
@@ -147,12 +158,7 @@ def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
         top = HEADER_PX + (PANEL_PX[1] - height) // 2
         image[top : top + height, left : left + width] = picture
     image[HEADER_PX : HEADER_PX + PANEL_PX[1], PANEL_PX[0] - 1 : PANEL_PX[0] + 1] = BACKGROUND
-    _header(image, frame)
     image[HEADER_PX + PANEL_PX[1] :] = draw_instrument(guidance)
-    return image
-
-
-def _header(image: Image, frame: Frame) -> None:
     draw_text(image, "HAZY", (16, 26), 15, INK, 600)
     draw_text(image, "as the camera saw it", (68, 26), 14, DIM)
     draw_text(image, "DEHAZED", (PANEL_PX[0] + 16, 26), 15, INK, 600)
@@ -160,21 +166,7 @@ def _header(image: Image, frame: Frame) -> None:
     time = f"  ·  {frame.time_s:.6f} s"
     name = shorten(frame.file, 14, 380 - measure_text(time, 14)) + time
     draw_text(image, name, (OVERLAY_PX[0] - 16 - measure_text(name, 14), 26), 14, DIM)
-
-
-def _projected(optical: NDArray[np.float64], camera: Camera) -> NDArray[np.float64] | None:
-    """Ends of a line in the optical frame -> pixels, cut where it passes behind the camera."""
-    first, last = optical if optical[0, 2] < optical[1, 2] else optical[::-1]
-    if last[2] <= NEAR_M:
-        return None
-    if first[2] < NEAR_M:
-        first = first + (last - first) * (NEAR_M - first[2]) / (last[2] - first[2])
-    return camera.project(np.stack([first, last]))
-
-
-def _fitting(camera: Camera) -> tuple[int, int]:
-    scale = min(PANEL_PX[0] / camera.width, PANEL_PX[1] / camera.height)
-    return max(round(camera.width * scale), 2), max(round(camera.height * scale), 2)
+    return image
 
 
 def _mark(image: Image, view: View, result: FrameResult, with_points: bool) -> None:
@@ -218,17 +210,10 @@ def _centre_line(image: Image, ends: NDArray[np.float64]) -> None:
         draw_dashes(image, [start, end], CENTRE, 1)
 
 
-def _inset(image: Image, window: tuple[int, int, int, int]) -> Image:
-    u0, v0, u1, v1 = window
-    return _resized(image[v0:v1, u0:u1], INSET_PX)
-
-
-def _place_inset(
-    panel: Image, inset: Image, corner: tuple[int, int], view: View, window: tuple[int, int, int, int]
-) -> None:
+def _place_inset(panel: Image, inset: Image, corner: tuple[int, int], view: View, window: Window) -> None:
     """Frame the window and put its magnified view into a corner."""
     left, top = corner
-    (u0, v0), (u1, v1) = _edges(view, window)
+    u0, v0, u1, v1 = view.window(window)
     corners = [(u0, v0), (u1, v0), (u1, v1), (u0, v1)]
     for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
         draw_segment(panel, [start, end], INK, 1, halo=1)
@@ -236,12 +221,7 @@ def _place_inset(
     panel[top : top + INSET_PX[1], left : left + INSET_PX[0]] = inset
 
 
-def _edges(view: View, window: tuple[int, int, int, int]) -> NDArray[np.float64]:
-    """Upper left and lower right corner of a window in the panel, (2, 2)."""
-    return view(np.array([window[:2], window[2:]], dtype=np.float64))
-
-
-def _resized(image: Image, size: tuple[int, int]) -> Image:
+def _resize(image: Image, size: tuple[int, int]) -> Image:
     shrinks = size[0] < image.shape[1]
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
     return np.ascontiguousarray(small, dtype=np.uint8)
