@@ -30,17 +30,21 @@ def frame_record(result):
 
 
 def test_numbers_are_those_of_the_scene_in_degrees_and_metres():
-    record = frame_record(chain(frame()))
-    assert record["status"] == "ok"
-    assert record["mode"] == "coarse"
+    result = chain(frame())
+    record = frame_record(result)
+    assert (record["status"], record["mode"]) == ("ok", "coarse")
     values = {name: entry["value"] for name, entry in record["guidance"].items() if entry is not None}
     assert values["lateral_deviation_m"] == pytest.approx(LATERAL_M, abs=1e-3)
     assert values["heading_error_deg"] == pytest.approx(math.degrees(0.02), abs=1e-3)
     assert values["height_above_deck_m"] == pytest.approx(HEIGHT_M, abs=1e-6)
     ramp = record["guidance"]["distance_to_ramp_m"]
     assert abs(ramp["value"] - 120.0) < 2 * ramp["sigma"]  # the ramp lies somewhere before the nearest row
-    assert record["lines"]["left"]["world"]["height_m"] == pytest.approx(-20.0)
-    assert record["lines"]["left"]["world"]["azimuth_deg"] == pytest.approx(0.0, abs=1e-3)
+    left = record["lines"]["left"]
+    assert left["world"]["height_m"] == pytest.approx(-20.0)
+    assert left["world"]["azimuth_deg"] == pytest.approx(0.0, abs=1e-3)
+    assert np.shape(left["world"]["covariance"]) == (3, 3)
+    assert np.allclose(left["points_px"], result.detection.left.points_px)
+    assert len(left["confidence"]) == len(left["sigma_px"]) == len(left["pixel_line"]["inliers"]) == 20
 
 
 def test_truth_and_errors_stand_beside_the_estimate():
@@ -52,25 +56,20 @@ def test_truth_and_errors_stand_beside_the_estimate():
     assert truth["clear_air"] is True
     assert set(errors["direction_error_deg"]) == {"left", "right", "centre"}
     assert errors["lateral_error_at_ramp_m"]["centre"] == pytest.approx(0.0, abs=1e-3)
-    ramp_m = record["guidance"]["distance_to_ramp_m"]["value"]
-    assert errors["guidance"]["distance_to_ramp_m"] == pytest.approx(ramp_m - 120.0)
-
-
-def test_points_lie_under_the_documented_keys():
-    result = chain(frame())
-    left = frame_record(result)["lines"]["left"]
-    assert np.allclose(left["points_px"], result.detection.left.points_px)
-    assert len(left["confidence"]) == len(left["sigma_px"]) == len(left["pixel_line"]["inliers"]) == 20
-    assert np.shape(left["world"]["covariance"]) == (3, 3)
+    measured = {name: record["guidance"][name]["value"] for name in ("distance_to_ramp_m", "vertical_deviation_m")}
+    above_slope_m = HEIGHT_M - (120.0 + 70.0) * math.tan(math.radians(3.5))
+    assert truth["vertical_deviation_m"] == pytest.approx(above_slope_m)
+    assert truth["lateral_deviation_deg"] == pytest.approx(math.degrees(math.atan2(LATERAL_M, 190.0)))
+    assert errors["guidance"]["distance_to_ramp_m"] == pytest.approx(measured["distance_to_ramp_m"] - 120.0)
+    assert errors["guidance"]["vertical_deviation_m"] == pytest.approx(measured["vertical_deviation_m"] - above_slope_m)
 
 
 def test_times_keep_their_microseconds_in_record_and_table(tmp_path):
     times = [1_700_000_000.123456, 1_700_000_000.123457]
     records = [frame_record(chain(replace(frame(), time_s=time_s))) for time_s in times]
     assert [record["time_s"] for record in records] == times
-    write_csv(tmp_path / "guidance.csv", map(json.loads, map(to_line, records)))
-    with (tmp_path / "guidance.csv").open(newline="", encoding="utf-8") as file:
-        assert [row["time_s"] for row in csv.DictReader(file)] == ["1700000000.123456", "1700000000.123457"]
+    rows = read_table(tmp_path / "guidance.csv", map(json.loads, map(to_line, records)))
+    assert [row["time_s"] for row in rows] == ["1700000000.123456", "1700000000.123457"]
 
 
 def test_what_does_not_exist_is_null_and_never_zero():
@@ -84,13 +83,9 @@ def test_what_does_not_exist_is_null_and_never_zero():
     assert unseen["lines"]["left"]["points_px"] == []
     assert unseen["lines"]["left"]["world"] is None
     assert unseen["errors"]["direction_error_deg"] == {"left": None, "right": None, "centre": None}
-
-
-def test_a_scene_without_runway_has_truth_but_no_errors():
-    record = frame_record(chain(frame(runway=False), sides=()))
-    assert record["truth"]["has_runway"] is False
-    assert record["truth"]["range_to_ramp_m"] is None
-    assert record["errors"] is None
+    deckless = frame_record(chain(frame(runway=False), sides=()))
+    assert (deckless["truth"]["has_runway"], deckless["truth"]["range_to_ramp_m"]) == (False, None)
+    assert deckless["errors"] is None
 
 
 @pytest.mark.parametrize("sides", [(), ("left",), ("left", "right")])
@@ -120,10 +115,7 @@ def test_a_file_cut_anywhere_keeps_exactly_its_whole_lines(cut, tmp_path_factory
 
 def test_the_table_has_a_row_a_frame_and_empty_cells_for_what_is_missing(tmp_path):
     records = [frame_record(chain(frame())), skipped_record(BadFrame("b.png", "cut short"))]
-    path = tmp_path / "guidance.csv"
-    write_csv(path, records)
-    with path.open(newline="", encoding="utf-8") as file:
-        good, bad = csv.DictReader(file)
+    good, bad = read_table(tmp_path / "guidance.csv", records)
     assert float(good["lateral_deviation_m"]) == records[0]["guidance"]["lateral_deviation_m"]["value"]
     assert float(good["lateral_deviation_sigma_m"]) > 0
     ends = [float(good[f"right_{axis}_px"]) for axis in ("u0", "v0", "u1", "v1")]
@@ -132,6 +124,13 @@ def test_the_table_has_a_row_a_frame_and_empty_cells_for_what_is_missing(tmp_pat
     assert float(good["centre_direction_error_deg"]) == records[0]["errors"]["direction_error_deg"]["centre"]
     assert bad["skipped"] == "cut short"
     assert {value for name, value in bad.items() if name not in ("file", "skipped")} == {""}
+
+
+def read_table(path, records):
+    """The rows of guidance.csv made of the records."""
+    write_csv(path, records)
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def tracked(blind=()):
@@ -158,25 +157,6 @@ def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):
     assert record["protection"]["lateral_m"] == pytest.approx(result.guidance.protection.lateral_m)
     assert record["guidance"]["height_rate_m_s"]["value"] == pytest.approx(0.0, abs=0.5)
     assert record["guidance"]["closing_m_s"]["value"] == pytest.approx(60.0, abs=5.0)
-    path = tmp_path / "guidance.csv"
-    write_csv(path, [record])
-    with path.open(newline="", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = read_table(tmp_path / "guidance.csv", [record])
     assert (row["track_state"], row["track_flags"], row["track_excluded"]) == ("coasting", "height", "")
     assert float(row["height_rate_sigma_m_s"]) > 0
-
-
-def test_the_glideslope_is_compared_with_truth():
-    record = frame_record(chain(frame()))
-    slope_m = (120.0 + 70.0) * math.tan(math.radians(3.5))
-    assert record["truth"]["vertical_deviation_m"] == pytest.approx(HEIGHT_M - slope_m)
-    measured = record["guidance"]["vertical_deviation_m"]["value"]
-    assert record["errors"]["guidance"]["vertical_deviation_m"] == pytest.approx(measured - (HEIGHT_M - slope_m))
-    angle = math.degrees(math.atan2(LATERAL_M, 190.0))
-    assert record["truth"]["lateral_deviation_deg"] == pytest.approx(angle)
-
-
-def test_the_record_can_be_read_by_any_json_reader():
-    text = to_line(frame_record(chain(frame())))
-    assert "NaN" not in text
-    assert json.loads(text)["file"] == "frame_000.png"
