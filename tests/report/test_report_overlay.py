@@ -9,26 +9,7 @@ from scipy.spatial.transform import RigidTransform
 from approach_scene import CAMERA, chain, frame
 from deckline.config import Approach
 from deckline.guide import guidance
-from deckline.report.draw import FLAG, LEFT, NEEDLE, RIGHT, measure_text, shorten, wrap
-from deckline.report.instrument import (
-    BAND,
-    FACE,
-    FULL_SCALE_DOTS,
-    draw_instrument,
-    glideslope_needle,
-    lateral_limits_dots,
-    lateral_needle,
-)
-from deckline.report.overlay import (
-    INSET_PX,
-    OVERLAY_PX,
-    PANEL_PX,
-    View,
-    centre_line_px,
-    draw_overlay,
-    draw_panels,
-    find_corner,
-)
+from deckline.report import draw, instrument, overlay
 from deckline.types import (
     DepthMode,
     Guidance,
@@ -56,67 +37,66 @@ def has(image, colour, tolerance=12) -> bool:
 
 
 def test_the_needle_is_fly_to():
-    assert lateral_needle(guide(lateral_m=5.0)).value == -1.0  # right of the line: the line is to the left
-    assert lateral_needle(guide(lateral_m=-10.0)).value == 2.0
-    assert lateral_needle(guide(lateral_m=1000.0)).value == -FULL_SCALE_DOTS
+    assert instrument.lateral_needle(guide(lateral_m=5.0)).value == -1.0  # right of the line: the line is to the left
+    assert instrument.lateral_needle(guide(lateral_m=-10.0)).value == 2.0
+    assert instrument.lateral_needle(guide(lateral_m=1000.0)).value == -instrument.FULL_SCALE_DOTS
 
 
 def test_the_glideslope_needle_is_centred_on_the_slope_and_below_when_high():
     on_slope_m = np.tan(np.deg2rad(3.5)) * (250.0 + 70.0)
-    assert glideslope_needle(guide(height_m=on_slope_m)).value == pytest.approx(0.0, abs=1e-12)
+    assert instrument.glideslope_needle(guide(height_m=on_slope_m)).value == pytest.approx(0.0, abs=1e-12)
     one_dot_high_m = np.tan(np.deg2rad(3.85)) * (250.0 + 70.0)
-    assert glideslope_needle(guide(height_m=one_dot_high_m)).value == pytest.approx(-1.0)
+    assert instrument.glideslope_needle(guide(height_m=one_dot_high_m)).value == pytest.approx(-1.0)
 
 
 def test_the_glideslope_band_is_the_spread_of_the_needle():
     rng = np.random.default_rng(0)
     drawn = [
-        glideslope_needle(guide(height_m=20 + 0.1 * a, distance_m=250 + 2.0 * b)).value
+        instrument.glideslope_needle(guide(height_m=20 + 0.1 * a, distance_m=250 + 2.0 * b)).value
         for a, b in rng.normal(0, 1, (4000, 2))
     ]
-    assert np.std(drawn) == pytest.approx(glideslope_needle(guide()).sigma, rel=0.05)
+    assert np.std(drawn) == pytest.approx(instrument.glideslope_needle(guide()).sigma, rel=0.05)
 
 
 def test_unknown_is_a_flag_and_never_a_needle():
-    nothing = Guidance(0.0, Status.NOT_SEEN, DepthMode.NONE, notices=(Notice(Reason.NO_LINE, "no line in the image"),))
-    assert lateral_needle(nothing) is None
-    assert glideslope_needle(nothing) is None
-    left, top, side = FACE
-    face = draw_instrument(nothing)[top : top + side, left : left + side]
-    assert has(face, FLAG)
-    assert not has(face, NEEDLE)
-    known = draw_instrument(guide())[top : top + side, left : left + side]
-    assert has(known, NEEDLE)
-    assert not has(known, FLAG)
+    nothing = Guidance(0.0, Status.NOT_SEEN, DepthMode.NONE, notices=(Notice(Reason.NO_LINE, "no line"),))
+    assert instrument.lateral_needle(nothing) is None
+    assert instrument.glideslope_needle(nothing) is None
+    left, top, side = instrument.FACE
+    face = instrument.draw_instrument(nothing)[top : top + side, left : left + side]
+    assert has(face, draw.FLAG)
+    assert not has(face, draw.NEEDLE)
+    known = instrument.draw_instrument(guide())[top : top + side, left : left + side]
+    assert has(known, draw.NEEDLE)
+    assert not has(known, draw.FLAG)
 
 
 def test_the_protection_level_stands_beside_the_needle_while_it_is_on_the_scale():
-    assert lateral_limits_dots(guide(lateral_m=2.0)) is None
+    assert instrument.lateral_limits_dots(guide(lateral_m=2.0)) is None
     near = guide(lateral_m=2.0, protection=Protection(5.0, 1.0, 1e-7))
-    assert lateral_limits_dots(near) == pytest.approx((-1.4, 0.6))
-    assert lateral_limits_dots(guide(lateral_m=2.0, protection=Protection(30.0, 1.0, 1e-7))) is None
+    assert instrument.lateral_limits_dots(near) == pytest.approx((-1.4, 0.6))
+    assert instrument.lateral_limits_dots(guide(lateral_m=2.0, protection=Protection(30.0, 1.0, 1e-7))) is None
 
 
 def test_a_flag_is_red_and_goes_before_the_tracks_state():
-    column = slice(FACE[0] + FACE[2], None)
-    tracked = draw_instrument(guide(track=TrackState.TRACKING))[144:180, column]
-    flagged = draw_instrument(guide(track=TrackState.TRACKING, flags=(Notice(Reason.HEIGHT, "2 m off"),)))[
-        144:180, column
-    ]
-    assert not has(tracked, FLAG)
-    assert has(flagged, FLAG)
+    column = slice(instrument.FACE[0] + instrument.FACE[2], None)
+    tracked = instrument.draw_instrument(guide(track=TrackState.TRACKING))[144:180, column]
+    flags = (Notice(Reason.HEIGHT, "2 m off"),)
+    flagged = instrument.draw_instrument(guide(track=TrackState.TRACKING, flags=flags))[144:180, column]
+    assert not has(tracked, draw.FLAG)
+    assert has(flagged, draw.FLAG)
     assert (tracked != flagged).any()
 
 
 def test_over_the_touchdown_point_there_is_no_glideslope():
-    assert glideslope_needle(guide(distance_m=-65.0)) is None
+    assert instrument.glideslope_needle(guide(distance_m=-65.0)) is None
 
 
 @settings(deadline=None)
 @given(lateral=st.floats(-1e4, 1e4), height=st.floats(-50, 1e3), distance=st.floats(-500, 1e5))
 def test_any_guidance_can_be_drawn(lateral, height, distance):
-    band = draw_instrument(guide(lateral, height, distance))
-    assert band.shape == (BAND[1], BAND[0], 3)
+    band = instrument.draw_instrument(guide(lateral, height, distance))
+    assert band.shape == (instrument.BAND[1], instrument.BAND[0], 3)
 
 
 @pytest.mark.parametrize("sides", [(), ("left",), ("left", "right")])
@@ -124,23 +104,23 @@ def test_any_guidance_can_be_drawn(lateral, height, distance):
 def test_the_overlay_has_one_even_size_and_leaves_the_result_alone(sides, pose):
     result = chain(frame(pose=pose), sides)
     before = result.frame.image_rgb.copy(), result.dehazed_rgb.copy()
-    image = draw_overlay(result.frame, result.guidance, draw_panels(result))
-    assert image.shape == (OVERLAY_PX[1], OVERLAY_PX[0], 3)
+    image = overlay.draw_overlay(result.frame, result.guidance, overlay.draw_panels(result))
+    assert image.shape == (overlay.OVERLAY_PX[1], overlay.OVERLAY_PX[0], 3)
     assert image.dtype == np.uint8
-    assert not OVERLAY_PX[0] % 2
-    assert not OVERLAY_PX[1] % 2
+    assert not overlay.OVERLAY_PX[0] % 2
+    assert not overlay.OVERLAY_PX[1] % 2
     assert np.array_equal(result.frame.image_rgb, before[0])
     assert np.array_equal(result.dehazed_rgb, before[1])
 
 
 def test_lines_are_drawn_where_they_were_seen_in_their_colours():
-    both = draw_panels(chain(frame()))
-    assert both.marked.shape == both.hazy.shape == (PANEL_PX[1], PANEL_PX[0], 3)
-    assert has(both.marked, LEFT)
-    assert has(both.marked, RIGHT)
-    left_only = draw_panels(chain(frame(), ("left",)))
-    assert has(left_only.marked, LEFT)
-    assert not has(left_only.marked, RIGHT)
+    both = overlay.draw_panels(chain(frame()))
+    assert both.marked.shape == both.hazy.shape == (overlay.PANEL_PX[1], overlay.PANEL_PX[0], 3)
+    assert has(both.marked, draw.LEFT)
+    assert has(both.marked, draw.RIGHT)
+    left_only = overlay.draw_panels(chain(frame(), ("left",)))
+    assert has(left_only.marked, draw.LEFT)
+    assert not has(left_only.marked, draw.RIGHT)
 
 
 @pytest.mark.parametrize("size", [(64, 48), (101, 37), (300, 900)])
@@ -148,43 +128,43 @@ def test_pictures_of_any_shape_fit_into_their_panel(size):
     camera = CAMERA.resized(*size)
     shown = replace(frame(), camera=camera, image_rgb=np.zeros((size[1], size[0], 3), dtype=np.uint8))
     result = chain(shown, ())
-    pictures = draw_panels(result)
-    assert pictures.hazy.shape[0] <= PANEL_PX[1]
-    assert pictures.hazy.shape[1] <= PANEL_PX[0]
-    draw_overlay(shown, result.guidance, pictures)
+    pictures = overlay.draw_panels(result)
+    assert pictures.hazy.shape[0] <= overlay.PANEL_PX[1]
+    assert pictures.hazy.shape[1] <= overlay.PANEL_PX[0]
+    overlay.draw_overlay(shown, result.guidance, pictures)
 
 
 def test_the_centre_line_is_projected_between_its_edge_lines():
     result = chain(frame())
-    near, far = centre_line_px(result.frame, result.estimate)
+    near, far = overlay.centre_line_px(result.frame, result.estimate)
     truth = result.frame.camera.project(
         result.frame.world_from_camera.inv().apply([[0.0, 0.0, -20.0], [200.0, 0.0, -20.0]])
     )
     assert np.allclose([near, far], truth, atol=0.2)
     unplaced = chain(frame(pose=False))
-    assert centre_line_px(unplaced.frame, unplaced.estimate) is None
+    assert overlay.centre_line_px(unplaced.frame, unplaced.estimate) is None
 
 
 @given(u=st.integers(0, 600), v=st.integers(0, 330), width=st.integers(4, 200))
 def test_the_magnified_view_never_hides_what_it_magnifies(u, v, width):
     window = (u, v, u + width, v + width // 2)
-    corner = find_corner(PANEL_PX, View(0.0, 0.0, 1.0, 1.0), window)
+    corner = overlay.find_corner(overlay.PANEL_PX, overlay.View(0.0, 0.0, 1.0, 1.0), window)
     if corner is None:
         return
     left, top = corner
     assert left >= 0 and top >= 0
-    assert left + INSET_PX[0] <= PANEL_PX[0] and top + INSET_PX[1] <= PANEL_PX[1]
-    apart_u = left + INSET_PX[0] <= window[0] or left >= window[2] - 1
-    apart_v = top + INSET_PX[1] <= window[1] or top >= window[3] - 1
+    assert left + overlay.INSET_PX[0] <= overlay.PANEL_PX[0] and top + overlay.INSET_PX[1] <= overlay.PANEL_PX[1]
+    apart_u = left + overlay.INSET_PX[0] <= window[0] or left >= window[2] - 1
+    apart_v = top + overlay.INSET_PX[1] <= window[1] or top >= window[3] - 1
     assert apart_u or apart_v
 
 
 def test_a_far_runway_is_magnified_and_a_small_panel_has_no_room():
-    assert find_corner(PANEL_PX, View(0.0, 0.0, 1.0, 1.0), (300, 170, 340, 190)) is not None
-    assert find_corner((200, 100), View(0.0, 0.0, 1.0, 1.0), (90, 40, 110, 50)) is None
+    assert overlay.find_corner(overlay.PANEL_PX, overlay.View(0.0, 0.0, 1.0, 1.0), (300, 170, 340, 190)) is not None
+    assert overlay.find_corner((200, 100), overlay.View(0.0, 0.0, 1.0, 1.0), (90, 40, 110, 50)) is None
 
 
 @given(words=st.text(alphabet="abc xyz", max_size=60), width=st.integers(40, 300))
 def test_text_is_cut_to_its_room(words, width):
-    assert measure_text(shorten(words, 14, width), 14) <= width
-    assert all(measure_text(row, 14) <= width for row in wrap(words, 14, width, 2))
+    assert draw.measure_text(draw.shorten(words, 14, width), 14) <= width
+    assert all(draw.measure_text(row, 14) <= width for row in draw.wrap(words, 14, width, 2))
