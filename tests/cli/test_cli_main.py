@@ -67,16 +67,14 @@ def test_a_grey_image_without_poses_is_run_and_nothing_is_seen_in_it(images, tmp
     assert str(tmp_path / "out" / "report.html") in capsys.readouterr().out
 
 
-def test_localization_believes_the_deck_height_as_little_as_the_tracker_in_a_sea(images, tmp_path, monkeypatch):
+def test_options_of_the_configuration_arrive_in_the_flight(images, tmp_path, monkeypatch):
     flights = []
     monkeypatch.setattr("deckline.cli.run._run", lambda source, flight, *rest, **more: flights.append(flight) or 0)
-    for options in (["--sea-state", "0"], [], ["--sea-state", "5"]):
-        assert main(["run", images, "--out", str(tmp_path / "out"), "--dehazer", "none", *options]) == 0
-    told = [flight.pipeline.config.localize for flight in flights]
-    calm, usual, rough = (localize.noise.deck_z_m for localize in told)
-    assert rough == flights[2].tracker.config.errors.deck_z_m > 10 * calm
-    assert rough > usual > 5 * calm  # a ship's deck moves unless it is said not to
-    assert told[2].deck.tilt_rad > told[1].deck.tilt_rad > told[0].deck.tilt_rad
+    options = ["--dehazer", "none", "--sea-state", "5", "--position-sigma-m", "2", "--touchdown-m", "120"]
+    assert main(["run", images, "--out", str(tmp_path / "out"), *options]) == 0
+    config = flights[0].config
+    assert (config.deck.sea_state, config.sensors.position_m, config.approach.touchdown_m) == (5.0, 2.0, 120.0)
+    assert config.models.dehazer == "none"
 
 
 @pytest.mark.parametrize("group", [[], ["eval"], ["train"]])

@@ -51,6 +51,7 @@ def record(offset_m=0.0, range_m=200.0, status="ok", truth=True, pose=True, file
         "status": status,
         "mode": "coarse" if pose else "none",
         "reason": "" if pose else "no pose",
+        "reasons": [] if pose else ["no pose"],
         "lines": {side: line if side in seen else {} for side in ("left", "right")},
         "guidance": {name: {"value": value, "sigma": 0.4} if placed else None for name, value in measured.items()},
         "truth": {"has_runway": True, **true} if truth else None,
@@ -190,7 +191,7 @@ def test_nothing_comes_from_outside():
 def test_texts_from_outside_stay_texts(text):
     plain = Tags(report([record(), skipped_record(BadFrame("b", "c"))], source="plain", **{"note 1": "n"}))
     text = f"{text}</script><img src=x>$heading"
-    records = [record(file=text) | {"reason": ""}, skipped_record(BadFrame(text, text))]
+    records = [record(file=text) | {"reason": "", "reasons": []}, skipped_record(BadFrame(text, text))]
     html = report(records, source=text, **{"note 1": text})
     page = Tags(html)
     assert page.tags == plain.tags

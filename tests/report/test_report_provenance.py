@@ -1,8 +1,10 @@
 """What a result was made with: the very files, each once."""
 
+import tomllib
 from pathlib import Path
 
 from deckline.config import Models, RunConfig
+from deckline.config_file import config_from_table
 from deckline.detect.prior import RunwaySurvey
 from deckline.flight import Flight
 from deckline.report.provenance import settings_of
@@ -24,10 +26,7 @@ def test_a_file_is_named_as_given_and_a_method_without_weights_by_its_name() -> 
     assert settings["detector"] == "classical"
 
 
-def test_what_a_frame_is_expected_from_is_named() -> None:
-    plain = settings_of(Flight.from_config(RunConfig(models=Models("none", "classical", "dehazed"))))
-    survey = RunwaySurvey((1.0, 2.0, -20.0), heading_deg=30.0)
-    told = settings_of(Flight.from_config(RunConfig(models=Models("none", "classical"), survey=survey)))
-    assert set(told) - set(plain) == {"survey"}
-    assert plain["detects in"] == "the dehazed picture"
-    assert "ramp_m = (1.0, 2.0, -20.0), heading_deg = 30.0" in told["survey"]
+def test_the_configuration_is_told_as_toml_that_reads_back() -> None:
+    config = RunConfig(models=Models("none", "classical"), survey=RunwaySurvey((1.0, 2.0, -20.0), heading_deg=30.0))
+    text = settings_of(Flight.from_config(config))["configuration"]
+    assert config_from_table(RunConfig, tomllib.loads(text)) == config

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from approach_scene import HEIGHT_M, LATERAL_M, chain, frame
+from approach_scene import HEIGHT_M, LATERAL_M, STILL, chain, frame
 from deckline.config import Approach
+from deckline.dehaze import DEHAZERS
 from deckline.flight import Flight
 from deckline.recording import BadFrame
 from deckline.report import records as report_records
@@ -75,6 +76,7 @@ def test_times_keep_their_microseconds_in_record_and_table(tmp_path):
 def test_what_does_not_exist_is_null_and_never_zero():
     record = frame_record(chain(frame(pose=False)))
     assert record["mode"] == "none"
+    assert str(Reason.NO_POSE) in record["reasons"]
     assert set(record["guidance"].values()) == {None}
     assert record["truth"] is None
     assert record["errors"] is None
@@ -135,8 +137,11 @@ def read_table(path, records):
 
 def tracked(blind=()):
     """Results of four frames 15 m apart, followed; frames whose number is in `blind` show nothing."""
-    flight = Flight(lambda at, expected, prior_box: chain(at, () if at.file in blind else ("left", "right")))
-    return [flight(frame(index, 150.0 - 15.0 * index)) for index in range(4)]
+    frames = [frame(index, 150.0 - 15.0 * index) for index in range(4)]
+    sides = [() if at.file in blind else ("left", "right") for at in frames]
+    detections = iter([chain(*pair).detection for pair in zip(frames, sides, strict=True)])
+    flight = Flight(STILL, DEHAZERS["none"](), lambda picture, box: next(detections))
+    return [flight(at) for at in frames]
 
 
 def test_every_column_is_found_in_a_whole_record():

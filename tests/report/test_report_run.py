@@ -9,12 +9,15 @@ from dataclasses import replace
 import av
 import pytest
 
-from approach_scene import Approach, chain
+from approach_scene import STILL, Approach, chain
+from deckline.config import Models, RunConfig
+from deckline.config_file import read_config
 from deckline.flight import Flight
 from deckline.report.run import run
 from deckline.report.run_folder import UNFINISHED
 
-OUTPUTS = ["guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html"]
+CONFIG = replace(STILL, models=Models(dehazer="none", detector="classical"))
+OUTPUTS = ["guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html", "run.toml"]
 
 
 class Killed(BaseException):
@@ -50,6 +53,11 @@ def breaking(at: int, action, chain=chain):
     return broken
 
 
+def follow(flight):
+    """A chain that tracks what `chain` detects."""
+    return lambda frame: flight(frame, detection=chain(frame).detection)
+
+
 def press_ctrl_c():
     os.kill(os.getpid(), signal.SIGINT)
 
@@ -60,11 +68,12 @@ def kill():
 
 def test_a_run_writes_whole_files_and_counts_every_frame(tmp_path, capsys):
     out = tmp_path / "new" / "out"
-    summary = run(Approach(6, bad=(2,)), chain, out)
+    summary = run(Approach(6, bad=(2,)), chain, out, config=CONFIG)
     assert summary.exit_code == 0
     assert summary.counts == {"ok": 5, "one line": 0, "not seen": 0, "skipped": 1}
     assert sorted(path.name for path in summary.written) == OUTPUTS
     assert sorted(path.name for path in out.iterdir()) == OUTPUTS
+    assert read_config(RunConfig, out / "run.toml") == CONFIG
     assert [record["file"] for record in records(out)] == [f"frame_{i:03d}.png" for i in range(6)]
     assert records(out)[2] == {"file": "frame_002.png", "skipped": "cut short"}
     with (out / "guidance.csv").open(newline="", encoding="utf-8") as file:
@@ -108,7 +117,7 @@ def test_ctrl_c_leaves_whole_files_and_resume_gives_the_whole_run(tmp_path, caps
 
 
 def test_a_resumed_run_says_where_its_track_began_anew(tmp_path):
-    first, second = (Flight(lambda at, expected, prior_box: chain(at)) for _ in range(2))
+    first, second = (follow(Flight.from_config(CONFIG)) for _ in range(2))
     run(Approach(8), breaking(3, press_ctrl_c, first), tmp_path)
     run(Approach(8), breaking(8, kill, second), tmp_path, resume=True)
     flags = [[flag["name"] for flag in record["track"]["flags"]] for record in records(tmp_path)]
@@ -154,7 +163,7 @@ def test_frames_whose_pictures_were_lost_are_shown_again_but_recorded_once(tmp_p
 def test_a_new_run_never_leaves_outputs_of_the_old_one(tmp_path):
     run(Approach(3), chain, tmp_path)
     summary = run(Approach(2, bad=(0, 1)), chain, tmp_path, overwrite=True)
-    names = ["guidance.csv", "guidance.jsonl", "report.html"]  # without a frame there is no film
+    names = ["guidance.csv", "guidance.jsonl", "report.html", "run.toml"]  # without a frame there is no film
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in summary.written) == names
     assert len(records(tmp_path)) == 2
 

@@ -99,8 +99,14 @@ def median_sigma(records: list[Record], name: str) -> float | None:
 
 
 def count_reasons(records: Iterable[Record]) -> list[tuple[str, int]]:
-    """Why something is missing and in how many frames, most frequent first."""
-    return Counter(str(record["reason"]) for record in records if record.get("reason")).most_common()
+    """Why something is missing, in the words first given, and in how many frames; most frequent first."""
+    words: dict[tuple[str, ...], str] = {}
+    times: Counter[tuple[str, ...]] = Counter()
+    for record in records:
+        if codes := tuple(record.get("reasons") or ()):
+            words.setdefault(codes, record["reason"])
+            times[codes] += 1
+    return [(words[codes], count) for codes, count in times.most_common()]
 
 
 def count_flags(records: Iterable[Record]) -> list[tuple[str, int]]:

@@ -4,12 +4,11 @@ import platform
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from deckline import __version__
+from deckline.config_file import to_toml_text
 from deckline.dehaze import OnnxDehazer
 from deckline.detect import OnnxDetector
 from deckline.flight import Flight, FrameResult
@@ -24,15 +23,9 @@ def settings_of(chain: Callable[[Frame], FrameResult]) -> Settings:
     """Everything that decides what a flight answers, label -> value: a run is resumed only with the same."""
     settings = {"deckline": __version__}
     if isinstance(chain, Flight):
-        config = chain.config
-        settings["dehazer"] = _model(config.models.dehazer, chain.dehazer)
-        settings["detector"] = _model(config.models.detector, chain.detector)
-        settings["detects in"] = f"the {config.models.detect_in} picture"
-        for section in ("sensors", "deck", "approach", "localization", "tracking", "integrity"):
-            settings[section] = ", ".join(_options(getattr(config, section)))
-        if config.survey.ramp_m is not None:
-            settings["survey"] = ", ".join(_options(config.survey))
-        settings["seed"] = str(config.seed)
+        settings["dehazer"] = _model(chain.config.models.dehazer, chain.dehazer)
+        settings["detector"] = _model(chain.config.models.detector, chain.detector)
+        settings["configuration"] = to_toml_text(chain.config)
     return settings
 
 
@@ -57,8 +50,3 @@ def _model(name: str, stage: object) -> str:
     path = stage.session.path
     file = "" if name.endswith(".onnx") else f"{path.name}, "
     return f"{name} ({file}SHA-256 {sha256_of(path)})"
-
-
-def _options(config: Any) -> list[str]:
-    """`name = value` of every setting."""
-    return [f"{item.name} = {getattr(config, item.name)}" for item in fields(config)]

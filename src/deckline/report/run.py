@@ -2,7 +2,6 @@
 
 import signal
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -15,13 +14,25 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from deckline.config import RunConfig
+from deckline.config_file import to_toml_text
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
+from deckline.report.figures import count_reasons
 from deckline.report.html import Pictures, report_html
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
-from deckline.report.provenance import run_info, settings_of
+from deckline.report.provenance import Settings, run_info, settings_of
 from deckline.report.records import Record, frame_record, lookup, read_records, skipped_record, to_line, write_csv
-from deckline.report.run_folder import CSV, JSONL, REPORT, VIDEO, PictureSample, RunFolder, resume_folder, start_folder
+from deckline.report.run_folder import (
+    CONFIG,
+    CSV,
+    JSONL,
+    REPORT,
+    VIDEO,
+    PictureSample,
+    RunFolder,
+    resume_folder,
+    start_folder,
+)
 from deckline.report.video import VideoPiece, join
 from deckline.types import Frame, Notice, Reason, Status
 
@@ -62,7 +73,7 @@ def run(
     resume: bool = False,
     overwrite: bool = False,
 ) -> RunSummary:
-    """Run `chain` over `source` and write guidance.jsonl, guidance.csv, overlay.mp4 and report.html into `out`.
+    """Run `chain` over `source`; write guidance.jsonl, guidance.csv, overlay.mp4, report.html and run.toml into `out`.
 
     Frames that cannot be used are named on stderr, counted and left out. Ctrl-C ends the run after the current frame:
     what is written is whole, and `resume` goes on from there. A resumed run begins its track anew: the first record
@@ -94,12 +105,12 @@ def run(
     frames = sum(counts.values())
     info = run_info(source, frames, total, stopped and total is not None) | settings
     try:
-        written = _publish(folder, sample, info, counts)
+        written = _publish(folder, sample, info, counts, config)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"{folder.jsonl} is whole, film and report are not") from None
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     console.print(f"{info['frames'].partition(',')[0]} frames: {_counts_text(counts)}")
-    if reason := explain_missing(read_records(out / JSONL)):
+    if reason := explain_missing(read_records(out / JSONL), frames - counts["skipped"]):
         console.print(reason)
     if stopped and isinstance(source, Source):
         console.print("stopped; what was written is whole, and --resume goes on from there")
@@ -108,18 +119,12 @@ def run(
     return RunSummary(frames, counts, written, stopped and total is not None)
 
 
-def explain_missing(records: Iterable[Record]) -> str:
-    """One line that says why most frames have no distances; empty where most have."""
-    used = [0, 0]  # frames without distances, frames
-    reasons: Counter[str] = Counter()
-    for record in records:
-        if "skipped" not in record:
-            missing = lookup(record, ("guidance", "height_above_deck_m")) is None
-            used = [used[0] + missing, used[1] + 1]
-            reasons.update([record["reason"]] if missing else [])
-    if 2 * used[0] <= used[1]:
-        return ""
-    return f"no distances in {used[0]} of {used[1]} frames; most often: {reasons.most_common(1)[0][0]}"
+def explain_missing(records: Iterable[Record], used: int) -> str:
+    """One line that says why most of the used frames have no distances; empty where most have."""
+    frames = (record for record in records if "skipped" not in record)
+    reasons = count_reasons(frame for frame in frames if lookup(frame, ("guidance", "height_above_deck_m")) is None)
+    missing = sum(count for _, count in reasons)
+    return f"no distances in {missing} of {used} frames; most often: {reasons[0][0]}" if 2 * missing > used else ""
 
 
 def _process(
@@ -196,9 +201,10 @@ def _flag_resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
     return replace(outcome, track=track, guidance=guidance)
 
 
-def _publish(folder: RunFolder, sample: PictureSample, info: dict[str, str], counts: Counts) -> list[Path]:
+def _publish(folder: RunFolder, sample: PictureSample, info: Settings, counts: Counts, config: RunConfig) -> list[Path]:
     """Make the files that need the whole run, then rename them to where they belong."""
-    names = [CSV, REPORT]
+    names = [CSV, REPORT, CONFIG]
+    (folder.work / CONFIG).write_text(to_toml_text(config), encoding="utf-8")
     write_csv(folder.work / CSV, read_records(folder.jsonl))
     if join(folder.pieces(), folder.work / VIDEO):
         names.append(VIDEO)

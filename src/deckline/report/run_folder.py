@@ -1,9 +1,9 @@
 """The files of a run, whole at every moment.
 
 OUT/guidance.jsonl grows by whole lines while the run goes on. Everything that a stopped run needs to go on lies in
-OUT/.unfinished: the settings, the pieces of the film, the pictures for the report. When the run ends, guidance.csv,
-overlay.mp4 and report.html are made there and renamed into OUT, and .unfinished goes away. Where OUT already holds a
-run, the new guidance.jsonl grows in .unfinished too: until the new run ends, the old one stays as it was.
+OUT/.unfinished: the settings, the pieces of the film, the pictures for the report. When the run ends, the other files
+are made there and renamed into OUT, and .unfinished goes away. Where OUT already holds a run, the new guidance.jsonl
+grows in .unfinished too: until the new run ends, the old one stays as it was.
 """
 
 import json
@@ -17,7 +17,8 @@ from deckline.report.overlay import Panels
 from deckline.report.records import keep_whole_lines, read_records
 from deckline.report.video import count_pictures
 
-JSONL, CSV, VIDEO, REPORT = "guidance.jsonl", "guidance.csv", "overlay.mp4", "report.html"
+JSONL, CSV, VIDEO, REPORT, CONFIG = "guidance.jsonl", "guidance.csv", "overlay.mp4", "report.html", "run.toml"
+MADE_AT_THE_END = (REPORT, VIDEO, CSV, CONFIG)
 UNFINISHED = ".unfinished"
 STATE = "run.json"
 OTHER = "choose another folder"
@@ -56,12 +57,12 @@ class RunFolder:
     def publish(self, names: list[str]) -> list[Path]:
         """Rename finished files from `work` into `out`; outputs of an older run that have no successor go away."""
         self.jsonl.replace(self.out / JSONL)
-        for name in (CSV, VIDEO, REPORT):
+        for name in MADE_AT_THE_END:
             if name in names:
                 (self.work / name).replace(self.out / name)
             else:
                 (self.out / name).unlink(missing_ok=True)
-        return [self.out / name for name in (REPORT, VIDEO, CSV) if name in names] + [self.out / JSONL]
+        return [self.out / name for name in (*MADE_AT_THE_END, JSONL) if name in (*names, JSONL)]
 
     def finish(self) -> None:
         """Remove what the run needed to go on: it is complete."""
@@ -82,7 +83,7 @@ def start_folder(out: Path, state: State, overwrite: bool = False) -> RunFolder:
     work = out / UNFINISHED
     if not overwrite and work.exists():
         raise ValueError(f"{out} holds an unfinished run: go on with --resume, replace it with --overwrite, or {OTHER}")
-    if not overwrite and any((out / name).exists() for name in (REPORT, VIDEO, CSV, JSONL)):
+    if not overwrite and any((out / name).exists() for name in (*MADE_AT_THE_END, JSONL)):
         raise ValueError(f"{out} holds the results of another run: replace them with --overwrite, or {OTHER}")
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -134,10 +135,11 @@ def _first_unfilmed(folder: RunFolder) -> int:
 
 def _check_same(out: Path, before: State, now: State) -> None:
     for key in sorted({*before, *now}):
-        old, new = (json.dumps(state.get(key)) for state in (before, now))
+        old, new = (str(state.get(key, "unset")).splitlines() for state in (before, now))
         if old != new:
+            was, given = (", ".join(line for line in a if line not in b) for a, b in ((old, new), (new, old)))
             raise ValueError(
-                f"{out}: the unfinished run there has {key} {old}, not {new}: "
+                f"{out}: the unfinished run there has {key} {was}, not {given}: "
                 f"give the same to resume, or start again with --overwrite"
             )
 
