@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from line_scene import LINES_PX, two_lines
 
 from deckline.detect.anchors import RowGrid, decode_region
 from deckline.geometry import Camera
@@ -15,28 +16,22 @@ from deckline.train.detect_views import LineView
 
 GRID = RowGrid()
 PLAIN = {name: 0.0 for name in vars(DetectAugmentation()) if name.endswith("_share")}
-LEFT, RIGHT = (250.0, 300.0, 290.0, 180.0), (420.0, 305.0, 350.0, 185.0)  # u0, v0, u1, v1
-
-
-def line_points(line: tuple[float, ...], count: int = 257) -> np.ndarray:
-    return np.linspace(line[:2], line[2:], count)
 
 
 @pytest.fixture(scope="module")
 def view() -> LineView:
-    """A red left line and a green right one, 4 px wide, on dark grey; 300 m away."""
-    v, u = np.mgrid[0:360, 0:640]
-    image = np.full((360, 640, 3), 40.0)
-    for channel, (u0, v0, u1, v1) in enumerate((LEFT, RIGHT)):
-        middle = u0 + (v - v0) * (u1 - u0) / (v1 - v0)
-        cover = np.clip(2.5 - np.abs(u - middle), 0, 1) * ((v >= v1) & (v <= v0))
-        image[..., channel] += 200 * cover
-    clear = ClearView(
-        image.astype(np.uint8), np.full((360, 640), 300.0, np.float16), None, Camera.from_fov(640, 360, 1.2)
-    )
-    lines = [line_points(LEFT), line_points(RIGHT)]
-    points = np.stack([*lines, (lines[0] + lines[1]) / 2])
+    """Two lines 300 m away."""
+    clear = ClearView(two_lines(), np.full((360, 640), 300.0, np.float16), None, Camera.from_fov(640, 360, 1.2))
+    left, right = np.linspace(LINES_PX[:, 0], LINES_PX[:, 1], 257, axis=1)
+    points = np.stack([left, right, (left + right) / 2])
     return LineView("drawn", clear.clear_rgb, points, clear, np.full((3, 257), 300.0), True)
+
+
+@pytest.fixture(scope="module")
+def labelled(view) -> LineView:
+    """The same picture, labelled by a person."""
+    lines = np.concatenate([view.lines_px[:2], np.full((1, 257, 2), np.nan)])
+    return LineView("labelled", view.image_rgb, lines)
 
 
 def brightest(image: np.ndarray, channel: int, row: int) -> float:
@@ -59,7 +54,9 @@ def brightest(image: np.ndarray, channel: int, row: int) -> float:
         {"blur_share": 1.0, "vertical_blur_share": 1.0, "close_share": 1.0},
     ],
 )
-def test_targets_lie_on_the_drawn_lines(view, shares):
+@pytest.mark.parametrize("kind", ["view", "labelled"])
+def test_targets_lie_on_the_drawn_lines(kind, shares, request):
+    view = request.getfixturevalue(kind)
     augment = DetectAugmentation(**(PLAIN | shares), optical_depth_max=1.0)
     errors = []
     for seed in range(6):
@@ -137,8 +134,28 @@ def test_rotated_moves_points_with_the_image():
     np.testing.assert_allclose(found, matrix @ [140.3, 40.6] + offset, atol=0.02)
 
 
+def test_no_haze_is_added_to_labelled_pictures_and_the_contrast_is_left(labelled):
+    hazy = DetectAugmentation(**(PLAIN | {"haze_share": 1.0, "fade_share": 1.0}))
+    for seed in range(3):
+        one, other = (
+            make_sample(labelled, GRID, a, np.random.default_rng(seed)) for a in (hazy, DetectAugmentation(**PLAIN))
+        )
+        for first, second in zip(one, other, strict=True):
+            np.testing.assert_array_equal(first, second)
+
+
+def test_one_labelled_line_is_taught_alone_and_none_as_no_runway(labelled):
+    augment, lines = DetectAugmentation(**(PLAIN | {"close_share": 1.0})), labelled.lines_px.copy()
+    lines[1] = np.nan
+    one = make_sample(replace(labelled, lines_px=lines), GRID, augment, np.random.default_rng(0))
+    assert np.isfinite(one.cell[0]).sum() > 10 and np.isnan(one.cell[1]).all()
+    assert decode_region(np.log(one.region + 1e-12), one.box).probability > 0.9
+    none = make_sample(replace(labelled, lines_px=None), GRID, augment, np.random.default_rng(0))
+    assert np.isnan(none.cell).all() and none.region[-1] == 1.0
+
+
 def test_visible_box_and_its_absence():
-    lines = np.stack([line_points(LEFT), line_points(RIGHT)])
+    lines = np.linspace(LINES_PX[:, 0], LINES_PX[:, 1], 257, axis=1)
     seen = np.ones((2, 257), dtype=bool)
     np.testing.assert_allclose(visible_box(lines, seen, (0, 0, 639, 359)), [250, 180, 420, 305])
     assert visible_box(lines, ~seen, (0, 0, 639, 359)) is None
