@@ -182,13 +182,13 @@ def test_shares_are_probabilities():
         DetectAugmentation(haze_share=1.5)
 
 
-def test_without_a_runway_close_looks_are_at_things(view):
-    """A white box, nearer than all around it, is in most of them, and larger than looks at the whole image show it."""
+def test_without_a_runway_close_crops_are_at_objects(view):
+    """A white box, nearer than all around it, is in most of them, and larger than crops of the whole image show it."""
     image, ranges = view.image_rgb.copy(), view.clear.range_m.copy()
     image[:] = 0
     image[200:216, 100:120], ranges[200:216, 100:120] = 255, 100.0
     clear = replace(view.clear, clear_rgb=image, range_m=ranges)
-    augment = DetectAugmentation(**(PLAIN | {"close_share": 1.0, "thing_share": 1.0, "flip_share": 0.5}))
+    augment = DetectAugmentation(**(PLAIN | {"close_share": 1.0, "object_share": 1.0, "flip_share": 0.5}))
     samples = [
         make_sample(LineView("box", image, None, clear), GRID, augment, np.random.default_rng(seed))
         for seed in range(30)

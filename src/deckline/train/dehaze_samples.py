@@ -154,14 +154,14 @@ def make_pair(
 
     Returns:
         Hazy and clear (h, w, 3), transmission (h, w), and the geometry dehazer's picture (h, w, 3), which is the hazy
-        one again unless `prior` asks for it and luck gives it.
+        one again without `prior` and in the share of the views that get none.
     """
     hazy, t = add_random_haze(view, haze, rng)
-    guess = geometry_prior(view, hazy, rng) if prior and rng.random() < haze.prior_share else hazy
+    prior_rgb = geometry_prior(view, hazy, rng) if prior and rng.random() < haze.prior_share else hazy
     step_v = -1 if rng.random() < haze.flip_vertical else 1
     step_u = -1 if rng.random() < haze.flip_horizontal else 1
     flip = np.s_[::step_v, ::step_u]
-    return hazy[window][flip], view.clear_rgb[window][flip], t[window][flip], guess[window][flip]
+    return hazy[window][flip], view.clear_rgb[window][flip], t[window][flip], prior_rgb[window][flip]
 
 
 def random_window(
@@ -193,8 +193,8 @@ def make_batch(
     for _ in range(batch):
         view = views.draw(rng)
         window = random_window(view.clear_rgb.shape[:2], crop, haze.crop_scale, rng)
-        hazy, clear, t, guess = make_pair(view, window, haze, rng, prior)
-        pictures = [image_to_tensor(image) for image in (hazy, clear, guess)]
+        hazy, clear, t, prior_rgb = make_pair(view, window, haze, rng, prior)
+        pictures = [image_to_tensor(image) for image in (hazy, clear, prior_rgb)]
         sample = torch.from_numpy(np.concatenate([*pictures, np.ascontiguousarray(t)[None, None]], axis=1))
         if sample.shape[2:] != crop:
             sample = F.interpolate(sample, crop, mode="bilinear", antialias=True, align_corners=False)

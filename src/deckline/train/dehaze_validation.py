@@ -25,7 +25,7 @@ BEST_PSNR_DB = 60.0  # stands in means for the infinite PSNR of a view that come
 @torch.no_grad()
 def validate(model: nn.Module, views: Views[ClearView], seed: int, prior: bool = False) -> dict[str, float]:
     """PSNR (dB) and SSIM on whole held-out views, hazy as they come and dehazed; PSNR without the sky; PSNR on
-    haze-free views. A network that takes a prior is measured without one, and its PSNR with it as well.
+    haze-free views. A network that takes a prior is measured without one; its PSNR also with one.
 
     Haze depends on `seed` and the view alone, so that runs can be compared.
     """

@@ -15,16 +15,16 @@ class DetectAugmentation:
     optical_depth_max: float = 3.2  # of the haze up to the ramp; uniform from 0
     horizon_share: float = 0.4  # of the airlights are near the sky's colour, the others random
     fade_share: float = 0.25  # contrast taken off without haze
-    close_share: float = 0.55  # of close looks, around the runway; the others see most of the image
-    empty_share: float = 0.06  # of close looks beside the runway
-    thing_share: float = 0.8  # of those, and of close looks without a runway, at something: a ship, a coast
+    close_share: float = 0.55  # of close crops, around the runway; the others show most of the image
+    empty_share: float = 0.06  # of close crops beside the runway
+    object_share: float = 0.8  # of those, and of close crops without a runway, at an object: a ship, a coast
     flip_share: float = 0.5
     rotate_share: float = 0.35
     rotate_max_deg: float = 5.0
-    centre_jitter: float = 0.25  # of a close look, relative to the box
-    fill: tuple[float, float] = (0.36, 0.86)  # of a close look; the runtime aims at 0.6
-    min_width_px: tuple[float, float] = (30.0, 64.0)  # of a close look in 640-px frames
-    wide_scale: tuple[float, float] = (0.55, 1.3)  # of a wide look's window, relative to the whole image
+    centre_jitter: float = 0.25  # of a close crop, relative to the box
+    fill: tuple[float, float] = (0.36, 0.86)  # of a close crop by the runway; the runtime aims at 0.6
+    min_width_px: tuple[float, float] = (30.0, 64.0)  # of a close crop in 640-px frames
+    wide_scale: tuple[float, float] = (0.55, 1.3)  # of a wide crop, relative to the whole image
     colour_share: float = 0.7
     grey_share: float = 0.1
     blur_share: float = 0.25
@@ -107,7 +107,7 @@ def degrade(
 
 
 def _add_patches(image: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
-    """Up to three rectangles of one colour: what is parked, or flies, before the runway."""
+    """Up to three rectangles of one colour: parked or flying objects before the runway."""
     image = image.copy()
     height, width = image.shape[:2]
     for _ in range(rng.integers(1, 4)):

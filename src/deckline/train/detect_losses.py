@@ -104,7 +104,7 @@ def hybrid_loss(
 def anchor_loss(logits: Tensor, position: Tensor, ignored: Tensor) -> tuple[Tensor, Tensor]:
     """Cross-entropy of "crossed here or not" plus that of the cells, and smooth L1 of the expected cell.
 
-    Neither is focal nor weighted by class: what the network then says of an anchor is a probability.
+    Neither is focal nor weighted by class: the network's output for an anchor is then a probability.
 
     Args:
         logits: (B, lines, anchors, cells + 1).

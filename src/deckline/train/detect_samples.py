@@ -1,4 +1,4 @@
-"""One training sample: a clear view with its lines -> what the network sees, and what it should say."""
+"""One training sample: a view with its lines -> the network's input and its targets."""
 
 from typing import NamedTuple
 
@@ -18,12 +18,12 @@ from deckline.train.views import Views
 PAINT_CONTRAST = 100.0  # grey levels between white paint and a dark deck
 VISIBLE_CONTRAST = 1.5  # grey levels; paint with less of it left is "no line here"
 VISIBLE_SHARE = 0.15  # of both lines' points; with less there is no runway in the view
-CLOSE_MIN_PX = 4.0  # a box narrower than that in the frame gets no close look
+CLOSE_MIN_PX = 4.0  # a box narrower than that in the frame gets no close crop
 MIRRORED = [1, 0, 2]  # the left line is then the right one
-MARGIN_PX = 12  # kept around a window for blur and resampling
-THING_M = 5000.0  # farthest range that counts: the horizon is no thing
-THING_STEP = 0.1  # of a range's logarithm from one column to the next; the sea has none
-BESIDE = 0.35  # of a close look's size: how far a thing may lie from its middle
+MARGIN_PX = 12  # kept around a crop for blur and resampling
+OBJECT_M = 5000.0  # ranges are cut off here, so that the horizon is no object
+OBJECT_STEP = 0.1  # of a range's logarithm from one column to the next; the sea has no such step
+BESIDE = 0.35  # largest distance of an object from the middle of a close crop, relative to the crop's size
 
 
 class Sample(NamedTuple):
@@ -38,33 +38,33 @@ class Sample(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    """A hazy, flipped, turned view."""
+    """A hazy, flipped, rotated view."""
 
     image: NDArray[np.float32]  # (H, W, 3) grey levels
     lines_px: NDArray[np.float64]  # (3, N, 2) left, right, centre; N is 0 where there is no runway
     visible: NDArray[np.bool_]  # (3, N) painted and not lost in haze
     known: NDArray[np.bool_]  # (3,) lines whose truth is known
-    things_px: NDArray[np.float64]  # (0 or 1, 2) where something stands out: a ship, a coast
+    objects_px: NDArray[np.float64]  # (0 or 1, 2) edge of an object: a ship, a coast
 
 
 def make_sample(view: LineView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator) -> Sample:
-    """Haze, flip, turn, choose where to look, degrade, look: everything random comes from `rng`.
+    """Haze, flip, rotate, choose a crop, degrade it, sample it: everything random comes from `rng`.
 
-    A labelled picture keeps the haze that it was taken in.
+    A labelled picture gets no haze.
     """
     scene = _rotate(_flip(_add_haze(view, augment, rng), augment, rng), augment, rng)
     height, width = scene.image.shape[:2]
     box = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
-    window = choose_window(box, scene.things_px, (width, height), (grid.width, grid.height), augment, rng)
-    u0, v0, u1, v1 = window.bounds(grid.width, grid.height)
+    crop = choose_crop(box, scene.objects_px, (width, height), (grid.width, grid.height), augment, rng)
+    u0, v0, u1, v1 = crop.bounds(grid.width, grid.height)
     left, top = (int(np.clip(np.floor(edge) - MARGIN_PX, 0, None)) for edge in (u0, v0))
     left, top = min(left, width - 1), min(top, height - 1)
     right, bottom = int(max(np.ceil(u1) + MARGIN_PX, left + 1)), int(max(np.ceil(v1) + MARGIN_PX, top + 1))
     size = (1e3, 1e3) if box is None else (box[2] - box[0], box[3] - box[1])
     part = degrade(scene.image[top:bottom, left:right], size, augment, rng)
-    inner = Crop(window.left - left, window.top - top, window.step)
+    inner = Crop(crop.left - left, crop.top - top, crop.step)
     image = normalise(sample_crop(part, inner, (grid.width, grid.height)))
-    cell, *region = encode_view(scene.lines_px, scene.visible, window, (width, height), grid)
+    cell, *region = encode_view(scene.lines_px, scene.visible, crop, (width, height), grid)
     return Sample(image, cell, scene.known, *region)
 
 
@@ -81,22 +81,22 @@ def make_batch(
 def encode_view(
     lines_px: NDArray[np.float64],
     visible: NDArray[np.bool_],
-    window: Crop,
+    crop: Crop,
     image_size: tuple[int, int],
     grid: RowGrid,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Targets of a look: cell (3, rows), region classes, box offsets, box weights; the edges say where the runway is.
+    """Targets of a crop: cell (3, rows), region classes, box offsets, box weights; the edges say where the runway is.
 
     Args:
         lines_px: (3, N, 2) left, right and centre, image px.
-        visible: (3, N) which points are painted and left by haze.
-        window: where the network looks.
+        visible: (3, N) which points are painted and not lost in haze.
+        crop: the network's part of the image.
         image_size: width and height of the image.
         grid: the row anchors.
     """
     region_grid = (grid.width // STRIDE, grid.height // STRIDE)
-    lines = window.to_network(lines_px.reshape(-1, 2)).reshape(lines_px.shape)
-    edges = window.to_network([[-0.5, -0.5], [image_size[0] - 0.5, image_size[1] - 0.5]])
+    lines = crop.to_network(lines_px.reshape(-1, 2)).reshape(lines_px.shape)
+    edges = crop.to_network([[-0.5, -0.5], [image_size[0] - 0.5, image_size[1] - 0.5]])
     low, high = np.maximum(edges[0], 0), np.minimum(edges[1], [grid.width - 1, grid.height - 1])
     box = None
     if visible.size and visible[:2].mean() >= VISIBLE_SHARE:
@@ -133,9 +133,9 @@ def _add_haze(view: LineView, augment: DetectAugmentation, rng: np.random.Genera
     line_ranges = np.zeros((3, 0)) if view.ranges_m is None else view.ranges_m
     contrast = np.full(line_ranges.shape, PAINT_CONTRAST)
     contrast[2] *= bool(view.centre_painted)
-    thing, thing_m = _thing(ranges, rng)
+    object_px, object_m = _find_object(ranges, rng)
     if rng.random() < augment.haze_share:
-        ramp_m = float(line_ranges.min()) if line_ranges.size else thing_m
+        ramp_m = float(line_ranges.min()) if line_ranges.size else object_m
         beta = rng.uniform(0, augment.optical_depth_max) / max(ramp_m, 20.0)
         airlight = random_airlight(view.clear.horizon_rgb, augment.horizon_share, rng).astype(np.float32)
         image = airlight + (image - airlight) * np.exp(-np.float32(beta) * ranges)[..., None]
@@ -145,17 +145,17 @@ def _add_haze(view: LineView, augment: DetectAugmentation, rng: np.random.Genera
         image = np.float32(rng.uniform(40, 220)) * np.float32(1 - fade) + image * np.float32(fade)
         contrast = contrast * fade
     known = np.array([True, True, view.lines_px is None or view.centre_painted is not None])
-    return _Scene(image, lines, contrast >= VISIBLE_CONTRAST, known, thing)
+    return _Scene(image, lines, contrast >= VISIBLE_CONTRAST, known, object_px)
 
 
-def _thing(ranges_m: NDArray[np.float32], rng: np.random.Generator) -> tuple[NDArray[np.float64], float]:
+def _find_object(ranges_m: NDArray[np.float32], rng: np.random.Generator) -> tuple[NDArray[np.float64], float]:
     """A pixel (1, 2) at which the range (H, W) jumps from one column to the next, and how far the nearer side is, m.
 
     Where nothing stands out: no pixel (0, 2), and the median range.
     """
-    near = np.minimum(ranges_m, THING_M)
+    near = np.minimum(ranges_m, OBJECT_M)
     depth = np.log(np.maximum(near, 1.0))
-    jumps = np.flatnonzero(np.abs(np.diff(depth, axis=1)) > THING_STEP)
+    jumps = np.flatnonzero(np.abs(np.diff(depth, axis=1)) > OBJECT_STEP)
     if not len(jumps):
         return np.zeros((0, 2)), float(np.median(near))
     row, column = divmod(int(rng.choice(jumps)), ranges_m.shape[1] - 1)
@@ -167,10 +167,12 @@ def _flip(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) 
     if rng.random() >= augment.flip_share:
         return scene
     lines = scene.lines_px[MIRRORED]
-    things = scene.things_px.copy()
-    for points in (lines, things):
+    objects = scene.objects_px.copy()
+    for points in (lines, objects):
         points[..., 0] = scene.image.shape[1] - 1 - points[..., 0]
-    return scene._replace(image=scene.image[:, ::-1], lines_px=lines, visible=scene.visible[MIRRORED], things_px=things)
+    return scene._replace(
+        image=scene.image[:, ::-1], lines_px=lines, visible=scene.visible[MIRRORED], objects_px=objects
+    )
 
 
 def _rotate(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
@@ -178,21 +180,21 @@ def _rotate(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator
         return scene
     angle = np.deg2rad(rng.uniform(-augment.rotate_max_deg, augment.rotate_max_deg))
     image, matrix, offset = rotate(scene.image, angle)
-    lines, things = (points @ matrix.T + offset for points in (scene.lines_px, scene.things_px))
-    return scene._replace(image=image, lines_px=lines, things_px=things)
+    lines, objects = (points @ matrix.T + offset for points in (scene.lines_px, scene.objects_px))
+    return scene._replace(image=image, lines_px=lines, objects_px=objects)
 
 
-def choose_window(
+def choose_crop(
     box: NDArray[np.float64] | None,
-    things_px: NDArray[np.float64],
+    objects_px: NDArray[np.float64],
     image_size: tuple[int, int],
     network_size: tuple[int, int],
     augment: DetectAugmentation,
     rng: np.random.Generator,
 ) -> Crop:
-    """Where to look: close around the runway, at something else or anywhere, or at most of the image.
+    """A crop close around the runway, at an object or anywhere, or of most of the image.
 
-    Without a runway as many looks are close as with one: what a detector takes for a runway it looks at closely.
+    Without a runway as many crops are close as with one: a detector crops closely whatever it takes for a runway.
     """
     net = np.array(network_size, dtype=np.float64)
     size = np.array(image_size, dtype=np.float64)
@@ -206,8 +208,8 @@ def choose_window(
         step = min(step, whole.step * augment.wide_scale[1])
     elif (close and box is None) or rng.random() < augment.empty_share / max(1 - augment.close_share, 1e-6):
         step = float(np.exp(rng.uniform(np.log(narrowest), np.log(whole.step))))
-        if len(things_px) and rng.random() < augment.thing_share:
-            middle = things_px[0] + rng.uniform(-BESIDE, BESIDE, 2) * net * step
+        if len(objects_px) and rng.random() < augment.object_share:
+            middle = objects_px[0] + rng.uniform(-BESIDE, BESIDE, 2) * net * step
         else:
             middle = rng.uniform(0, 1, 2) * (size - 1)
     elif rng.random() < 0.4:

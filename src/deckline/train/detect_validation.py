@@ -102,7 +102,7 @@ def _add_haze(view: LineView, depth: float, augment: DetectAugmentation, rng: np
 
 
 def torch_infer(model: LineNetwork) -> Callable[[NDArray[np.float32]], NetworkOutput]:
-    """The network as the runtime's looks call it."""
+    """The network as the runtime's search calls it."""
     device = next(model.parameters()).device
 
     @torch.no_grad()
