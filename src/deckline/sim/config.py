@@ -1,4 +1,4 @@
-"""What to simulate."""
+"""What to simulate. A value out of its range is a ValueError that names the setting and the value."""
 
 from dataclasses import dataclass, field
 from math import inf
@@ -29,24 +29,16 @@ FARTHEST_M = 10000.0  # from the ramp; the renderer's far plane lies at 20 km
 
 @dataclass(frozen=True)
 class WeatherConfig:
-    """The weather; None: drawn widely for preset `train`, fair for the other presets.
+    """The weather; None: drawn widely for preset `train`, fair for the other presets."""
 
-    Args:
-        time_of_day: `day`, `dusk` or `night`; None: mostly day in training, always day in the named presets.
-        sky: `clear`, `broken` or `overcast`; None: any in training, not overcast in the named presets.
-        sea_state: 0 (glassy) to 6 (waves of 5 m); None: 0 to 6 in training, 1 to 4 in the named presets.
-        wind_m_s: at 10 m above the water; None: about what raises the sea.
-        seed: what the preset leaves open is drawn from this number, the same for every frame and recording that has it;
-            None: from the recording's own seed.
-
-    Raises:
-        ValueError: an unknown time or sky, or a number out of its range.
-    """
-
+    # `day`, `dusk` or `night`; None: mostly day in training, always day in the named presets
     time_of_day: TimeOfDay | None = None
-    sky: Sky | None = None
+    sky: Sky | None = None  # `clear`, `broken` or `overcast`; None: any in training, not overcast in the named presets
+    # 0 (glassy) to 6 (waves of 5 m); None: 0 to 6 in training, 1 to 4 in the named presets
     sea_state: int | None = None
-    wind_m_s: float | None = None
+    wind_m_s: float | None = None  # at 10 m above the water; None: about what raises the sea
+    # what the preset leaves open is drawn from this number, the same for every frame and recording that has it;
+    # None: from the recording's own seed
     seed: int | None = None
 
     def __post_init__(self) -> None:
@@ -56,19 +48,12 @@ class WeatherConfig:
 
 @dataclass(frozen=True)
 class MotionConfig:
-    """The ship's motion.
+    """The ship's motion."""
 
-    Args:
-        sea_state: 0 to 6, also between: roll, pitch and heave of the deck. Below 4 they shrink with the significant
-            wave height. None: a random state for preset `train`, 0 (still) for the others.
-        ship_speed_m_s: along the ship's heading, up to 30; 12.9 is 25 knots.
-
-    Raises:
-        ValueError: a number out of its range.
-    """
-
+    # 0 to 6, also between: roll, pitch and heave of the deck. Below 4 they shrink with the significant wave
+    # height. None: a random state for preset `train`, 0 (still) for the others.
     sea_state: float | None = None
-    ship_speed_m_s: float = 0.0
+    ship_speed_m_s: float = 0.0  # along the ship's heading, up to 30; 12.9 is 25 knots
 
     def __post_init__(self) -> None:
         check_numbers(self, sea_state=(0, 6), ship_speed_m_s=(0, 30))
@@ -80,29 +65,18 @@ class FlightConfig:
 
     Winds blow over the water; the ship's own speed comes on top. None: still air and no offset for the named presets,
     drawn widely for preset `train`.
-
-    Args:
-        glideslope_deg: of trajectory `approach`; the profile's heights are the paper's.
-        speed_m_s: horizontal speed through the air.
-        headwind_m_s: against the landing direction.
-        crosswind_m_s: from the right; the nose turns into it.
-        lateral_offset_m: to the right of the centre line at the start; the pilot closes it on the way.
-        vertical_offset_m: above the path at the start.
-        turbulence_m_s: 1-sigma of the gusts to the side and upwards; 1 is light, 3 severe.
-        pointing: where the camera looks. `ahead`: along the aircraft's axis; `runway`: turned to the touchdown point
-            with a level horizon. None: `runway` for trajectory `profile`, `ahead` for the others.
-
-    Raises:
-        ValueError: an unknown pointing, or a number out of its range.
     """
 
-    glideslope_deg: float = 3.5
-    speed_m_s: float = 65.0
-    headwind_m_s: float | None = None
-    crosswind_m_s: float | None = None
+    glideslope_deg: float = 3.5  # of trajectory `approach`; the profile's heights are the paper's
+    speed_m_s: float = 65.0  # horizontal speed through the air
+    headwind_m_s: float | None = None  # against the landing direction
+    crosswind_m_s: float | None = None  # from the right; the nose turns into it
+    # to the right of the centre line at the start; the pilot closes it on the way
     lateral_offset_m: float | None = None
-    vertical_offset_m: float | None = None
-    turbulence_m_s: float | None = None
+    vertical_offset_m: float | None = None  # above the path at the start
+    turbulence_m_s: float | None = None  # 1-sigma of the gusts to the side and upwards; 1 is light, 3 severe
+    # where the camera looks. `ahead`: along the aircraft's axis; `runway`: turned to the touchdown point with a
+    # level horizon. None: `runway` for trajectory `profile`, `ahead` for the others.
     pointing: Pointing | None = None
 
     def __post_init__(self) -> None:
@@ -114,54 +88,38 @@ class FlightConfig:
 
 @dataclass(frozen=True)
 class SimConfig:
-    """One simulated recording.
+    """One simulated recording."""
 
-    Args:
-        preset: which ship. `paper`: the published edge lines; `cvn`: a large carrier of public dimensions; `axial`: a
-            ship with a ski jump and an unangled deck; `small`: a short deck; `runway`: on land; `train`: another
-            random ship every `frames_per_ship` frames, some without a runway, in any light, weather and camera.
-        trajectory: `approach`: one final approach; `profile`: the paper's flight from 5 km; `random`: unrelated views
-            around the glide path; `deckless`: views without a runway (preset `train`): in turn open sea or land, other
-            ships, a coast, past a ship, a bare deck.
-        frames: how many.
-        visibility_m: lowest and highest visibility (2 % contrast), drawn uniformly for every random view and
-            once for a flight; both infinite: clear air.
-        seed: everything random follows from it and from the frame's index.
-        width, height: image size, px; up to 8192.
-        fov_deg: horizontal field of view; random views of preset `train` draw their own unless `fixed_fov`.
-        keep_clear: also give a view without its haze, rain and motion blur (Frame.truth.clear_rgb); none is given where
-            the visibility is infinite.
-        range_m: nearest and farthest distance to the ramp of a random view, up to 10 km; None: 60 to 800 m, and 30 to
-            1500 m for preset `train`.
-        elevation_deg: least and greatest glide angle to the touchdown point of a random view before the ramp, degrees;
-            None: 2 to 8, and at times 1.5 to 12 for preset `train`.
-        fixed_fov: keep `fov_deg` for the random views of preset `train`.
-        start_m, end_m: distance to the ramp where an approach begins, up to 10 km, and ends; the profile begins
-            at 5 km.
-        frames_per_ship: random views that share a ship, its paint and the sun's direction.
-        weather, motion, flight, air, lens, film, sensor, depth, navigation: light, sea and sky; the ship's motion; how
-            the approach is flown; haze; optics; exposure and rain; the picture; the depth camera; the pose's errors. A
-            sea state given to one of weather and motion counts for both.
-
-    Raises:
-        ValueError: an unknown preset or trajectory, or a number out of its range.
-    """
-
+    # which ship. `paper`: the published edge lines; `cvn`: a large carrier of public dimensions; `axial`: a ship
+    # with a ski jump and an unangled deck; `small`: a short deck; `runway`: on land; `train`: another random ship
+    # every `frames_per_ship` frames, some without a runway, in any light, weather and camera.
     preset: Preset = "paper"
+    # `approach`: one final approach; `profile`: the paper's flight from 5 km; `random`: unrelated views around
+    # the glide path; `deckless`: views without a runway (preset `train`): in turn open sea or land, other ships,
+    # a coast, past a ship, a bare deck
     trajectory: Trajectory = "approach"
-    frames: int = 100
+    frames: int = 100  # how many
+    # lowest and highest visibility (2 % contrast), drawn uniformly for every random view and once for a flight;
+    # both infinite: clear air
     visibility_m: tuple[float, float] = CLEAR
-    seed: int = 0
-    width: int = 1280
-    height: int = 720
-    fov_deg: float = 90.0
+    seed: int = 0  # everything random follows from it and from the frame's index
+    width: int = 1280  # of the image, px; up to 8192
+    height: int = 720  # likewise
+    fov_deg: float = 90.0  # horizontal field of view; random views of preset `train` draw their own unless `fixed_fov`
+    # also give a view without its haze, rain and motion blur (Frame.truth.clear_rgb); none is given where the
+    # visibility is infinite
     keep_clear: bool = True
+    # nearest and farthest distance to the ramp of a random view, up to 10 km; None: 60 to 800 m, and 30 to 1500 m
+    # for preset `train`
     range_m: tuple[float, float] | None = None
+    # least and greatest glide angle to the touchdown point of a random view before the ramp, degrees; None: 2 to
+    # 8, and at times 1.5 to 12 for preset `train`
     elevation_deg: tuple[float, float] | None = None
-    fixed_fov: bool = False
-    start_m: float = 800.0
-    end_m: float = 12.0
-    frames_per_ship: int = 4
+    fixed_fov: bool = False  # keep `fov_deg` for the random views of preset `train`
+    start_m: float = 800.0  # distance to the ramp where an approach begins, up to 10 km; the profile begins at 5 km
+    end_m: float = 12.0  # and where both end
+    frames_per_ship: int = 4  # random views that share a ship, its paint and the sun's direction
+    # A sea state given to one of weather and motion counts for both.
     weather: WeatherConfig = field(default_factory=WeatherConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     flight: FlightConfig = field(default_factory=FlightConfig)

@@ -53,36 +53,22 @@ SEEDS = 100  # simulator seeds that one dataset may use: seed * SEEDS and follow
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """The paper's dataset.
+    """The paper's dataset. A value out of its range is a ValueError that names the setting and the value."""
 
-    Args:
-        frames: clear and hazy pairs, training and test together.
-        test: how many of them are for testing, drawn by frame.
-        seed: same seed, same bytes on one machine.
-        visibility_m: lowest and highest visibility, m at 2 % contrast; one for a random view, one for a whole flight.
-        width, height: size of the images, px.
-        fov_deg: horizontal field of view.
-        depth_range_m: reach of the depth camera; inf records depth everywhere, which training a dehazer needs.
-        one_scene: the same light, sky and sea in every frame, as in one simulator's scene; else they are drawn anew for
-            every flight and every random view.
-        tiles: also cut every image into 8 overlapping squares.
-        tile_px: their side.
-
-    Raises:
-        ValueError: a number out of its range.
-    """
-
-    frames: int = 600
-    test: int = 179
-    seed: int = 0
+    frames: int = 600  # clear and hazy pairs, training and test together
+    test: int = 179  # how many of them are for testing, drawn by frame
+    seed: int = 0  # same seed, same bytes on one machine
+    # lowest and highest visibility, m at 2 % contrast; one for a random view, one for a whole flight
     visibility_m: tuple[float, float] = (300.0, 3000.0)
-    width: int = 1280
+    width: int = 1280  # of the images, px
     height: int = 720
-    fov_deg: float = 90.0
-    depth_range_m: float = inf
-    one_scene: bool = False
-    tiles: bool = True
-    tile_px: int = 512
+    fov_deg: float = 90.0  # horizontal field of view
+    depth_range_m: float = inf  # reach of the depth camera; inf records depth everywhere, as training a dehazer needs
+    one_scene: bool = (
+        False  # the same light, sky and sea in every frame; else drawn anew for each flight and random view
+    )
+    tiles: bool = True  # also cut every image into 8 overlapping squares
+    tile_px: int = 512  # their side
 
     def __post_init__(self) -> None:
         if not 0 < self.test < self.frames:

@@ -1,6 +1,7 @@
 """What the camera path can be told: lens, exposure, sensor, air, depth camera, navigation unit.
 
-None leaves a value open: preset `train` draws it widely, the other presets have the stated default.
+None leaves a value open: preset `train` draws it widely, the other presets have the stated default. A value out of its
+range is a ValueError that names the setting and the value.
 """
 
 from dataclasses import dataclass, field
@@ -43,17 +44,11 @@ def check_choices(config: Any, **kinds: Any) -> None:
 
 @dataclass(frozen=True)
 class LensConfig:
-    """The lens.
+    """The lens."""
 
-    Args:
-        distortion: k1, k2, p1, p2, k3 as OpenCV orders them; default none.
-        principal_offset_px: of the optical axis from the image's middle, right and down; default 0 0.
-
-    Raises:
-        ValueError: numbers that are not finite, or too few or many.
-    """
-
+    # k1, k2, p1, p2, k3 as OpenCV orders them; default none
     distortion: tuple[float, float, float, float, float] | None = None
+    # of the optical axis from the image's middle, right and down; default 0 0
     principal_offset_px: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -65,23 +60,14 @@ class LensConfig:
 
 @dataclass(frozen=True)
 class FilmConfig:
-    """What happens during the exposure.
+    """What happens during the exposure."""
 
-    Args:
-        exposure_s: how long the shutter is open; 0: no motion blur; default 0.
-        shake_deg_s: 1-sigma of the camera's turning about each axis, beside its flight; seen while the shutter is open;
-            default 0. Unless it is given, the picture smears by 2 % of its width at most.
-        rain_mm_h: rainfall, which also thickens the air unless the visibility is infinite; default 0.
-        lens_drops: drops on the lens; default 0.
-
-    Raises:
-        ValueError: a number out of its range.
-    """
-
-    exposure_s: float | None = None
+    exposure_s: float | None = None  # how long the shutter is open; 0: no motion blur; default 0
+    # 1-sigma of the camera's turning about each axis, beside its flight; seen while the shutter is open; default
+    # 0. Unless it is given, the picture smears by 2 % of its width at most.
     shake_deg_s: float | None = None
-    rain_mm_h: float | None = None
-    lens_drops: int | None = None
+    rain_mm_h: float | None = None  # rainfall, which also thickens the air unless the visibility is infinite; default 0
+    lens_drops: int | None = None  # drops on the lens; default 0
 
     def __post_init__(self) -> None:
         check_numbers(self, exposure_s=(0, 1), shake_deg_s=(0, 1000), rain_mm_h=(0, 500), lens_drops=(0, 1000))
@@ -89,31 +75,18 @@ class FilmConfig:
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """What the camera's picture path does.
+    """What the camera's picture path does."""
 
-    Args:
-        exposure_ev: stops off automatic exposure, which keeps up to a quarter of the scene's own stops; default within
-            0.1 mostly.
-        white_balance: gain of red, green and blue, up to 100; default within 2 %.
-        vignetting: 0 none, 1 falls to 56 % in the corners; default 0.
-        blur_px: 1-sigma of the lens' blur; default mostly 0.
-        tone: `gamma` (2.2), `srgb` or `filmic` (a shoulder for highlights); default `gamma`.
-        noise: 1-sigma of read-out noise, 8-bit steps; default about 0.3.
-        electrons: that a white pixel holds, for shot noise; 0: no shot noise; default above 40 000.
-        jpeg_quality: 1..100, 0: no JPEG; default 0.
-
-    Raises:
-        ValueError: an unknown tone, or a number out of its range.
-    """
-
+    # stops off automatic exposure, which keeps up to a quarter of the scene's own stops; default within 0.1
+    # mostly
     exposure_ev: float | None = None
-    white_balance: Triple | None = None
-    vignetting: float | None = None
-    blur_px: float | None = None
-    tone: Tone | None = None
-    noise: float | None = None
-    electrons: float | None = None
-    jpeg_quality: int | None = None
+    white_balance: Triple | None = None  # gain of red, green and blue, up to 100; default within 2 %
+    vignetting: float | None = None  # 0 none, 1 falls to 56 % in the corners; default 0
+    blur_px: float | None = None  # 1-sigma of the lens' blur; default mostly 0
+    tone: Tone | None = None  # `gamma` (2.2), `srgb` or `filmic` (a shoulder for highlights); default `gamma`
+    noise: float | None = None  # 1-sigma of read-out noise, 8-bit steps; default about 0.3
+    electrons: float | None = None  # that a white pixel holds, for shot noise; 0: no shot noise; default above 40 000
+    jpeg_quality: int | None = None  # 1..100, 0: no JPEG; default 0
 
     def __post_init__(self) -> None:
         check_choices(self, tone=Tone)
@@ -126,28 +99,18 @@ class SensorConfig:
 
 @dataclass(frozen=True)
 class AirConfig:
-    """The air.
+    """The air."""
 
-    Args:
-        model: `paper`: I = J t + A (1 - t) on 8-bit levels with one extinction; `physical`: in linear light, before
-            exposure, with what follows, all of which needs it; default `paper`.
-        scale_height_m: the extinction falls by e with each of these heights, at least 40; infinite: uniform air;
-            default 1000.
-        patchiness: 0 even, up to 0.9: banks of haze; default 0.
-        patch_m: their wavelength, at least 1: shorter waves than a pixel only cost time; default 400.
-        angstrom: exponent of the extinction's fall with wavelength: 0 grey fog, 1.3 bluish haze; default 0.
-        glow: how much brighter thick air is at the sun, as a share; default 1.
-
-    Raises:
-        ValueError: an unknown model, a number out of its range, or one that the paper's model does not know.
-    """
-
+    # `paper`: I = J t + A (1 - t) on 8-bit levels with one extinction; `physical`: in linear light, before
+    # exposure, with what follows, all of which needs it; default `paper`
     model: Model | None = None
+    # the extinction falls by e with each of these heights, at least 40; infinite: uniform air; default 1000
     scale_height_m: float | None = None
-    patchiness: float | None = None
-    patch_m: float | None = None
+    patchiness: float | None = None  # 0 even, up to 0.9: banks of haze; default 0
+    patch_m: float | None = None  # their wavelength, at least 1: shorter waves than a pixel only cost time; default 400
+    # exponent of the extinction's fall with wavelength: 0 grey fog, 1.3 bluish haze; default 0
     angstrom: float | None = None
-    glow: float | None = None
+    glow: float | None = None  # how much brighter thick air is at the sun, as a share; default 1
 
     def __post_init__(self) -> None:
         check_choices(self, model=Model)
@@ -176,27 +139,15 @@ class DepthConfig:
 
     A stereo camera with a base of 0.3 m, a focal length of 700 px and matches good to 0.1 px has
     noise_per_m 0.1 / (700 * 0.3) = 0.0005.
-
-    Args:
-        range_m: nothing is seen farther away than this, along the optical axis.
-        noise_m: 1-sigma that does not depend on depth.
-        noise_per_m: 1-sigma that grows with the depth's square: sigma = noise_m + noise_per_m * z^2.
-        dropout: share of the pixels that see nothing, at random.
-        edge_dropout: share of the pixels at the edges of things that see nothing.
-        step_m: depths come in multiples of this; 0: they do not.
-        half_precision: depths pass through 16-bit floating point numbers, as AirSim's can.
-
-    Raises:
-        ValueError: a number out of its range.
     """
 
-    range_m: float = 200.0
-    noise_m: float = 0.0
-    noise_per_m: float = 0.0
-    dropout: float = 0.0
-    edge_dropout: float = 0.0
-    step_m: float = 0.0
-    half_precision: bool = False
+    range_m: float = 200.0  # nothing is seen farther away than this, along the optical axis
+    noise_m: float = 0.0  # 1-sigma that does not depend on depth
+    noise_per_m: float = 0.0  # 1-sigma that grows with the depth's square: sigma = noise_m + noise_per_m * z^2
+    dropout: float = 0.0  # share of the pixels that see nothing, at random
+    edge_dropout: float = 0.0  # share of the pixels at the edges of things that see nothing
+    step_m: float = 0.0  # depths come in multiples of this; 0: they do not
+    half_precision: bool = False  # depths pass through 16-bit floating point numbers, as AirSim's can
 
     def __post_init__(self) -> None:
         if not self.range_m > 0:
@@ -211,23 +162,13 @@ class NavigationConfig:
 
     A good unit (satellite carrier phase aided, navigation grade): position_bias_m 0.1, position_sigma_m 0.02,
     attitude_bias_deg 0.02, attitude_sigma_deg 0.005. A tactical one (satellite code aided): 1.5, 0.1, 0.1, 0.02.
-
-    Args:
-        position_sigma_m: 1-sigma of white noise on each axis.
-        attitude_sigma_deg: 1-sigma of white noise about each body axis.
-        position_bias_m: 1-sigma of a slowly drifting error on each axis.
-        attitude_bias_deg: the same about each body axis.
-        drift_s: time constant of the drift (first-order Gauss-Markov), at least 1: faster errors are noise.
-
-    Raises:
-        ValueError: a number out of its range.
     """
 
-    position_sigma_m: float = 0.0
-    attitude_sigma_deg: float = 0.0
-    position_bias_m: float = 0.0
-    attitude_bias_deg: float = 0.0
-    drift_s: float = 60.0
+    position_sigma_m: float = 0.0  # 1-sigma of white noise on each axis
+    attitude_sigma_deg: float = 0.0  # 1-sigma of white noise about each body axis
+    position_bias_m: float = 0.0  # 1-sigma of a slowly drifting error on each axis
+    attitude_bias_deg: float = 0.0  # the same about each body axis
+    drift_s: float = 60.0  # time constant of the drift (first-order Gauss-Markov), at least 1: faster errors are noise
 
     def __post_init__(self) -> None:
         check_numbers(self, position_sigma_m=(0, UNLIMITED), attitude_sigma_deg=(0, UNLIMITED))
