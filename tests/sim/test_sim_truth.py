@@ -5,7 +5,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from pixel_truth import Shot, deck_and_sea, local_means, middle_offsets, moved_ship, recorded, turn
+from pixel_truth import Shot, deck_and_sea, local_means, middle_offsets, moved_ship, recorded, sight_lines, turn
 
 from deckline.geometry import Camera
 from deckline.sim.camera.lens import Lens, pinhole_for
@@ -114,6 +114,9 @@ def test_the_middle_of_the_paint_is_the_true_line(renderer, name, moving, distor
             assert np.abs(local_means(offsets)).max() < 0.4
             assert abs(offsets.mean()) < 0.2  # paint is drawn in texels of up to 3 px with four samples each
             assert np.percentile(np.abs(offsets), 80) < 0.5
+            if name in SHIP_CLASSES and not distorted:
+                assert abs(np.median(offsets)) < 0.1
+                assert np.percentile(np.abs(offsets), 99) < 0.5
     assert places > 300
 
 
@@ -152,7 +155,9 @@ def test_depth_is_the_distance_to_deck_and_sea(renderer, name, moving, distorted
         got = shot.depth[v, u]
         deck, sea = deck_and_sea(shot, np.column_stack([u, v]).astype(float))
         assert min(np.isfinite(deck).sum(), np.isfinite(sea).sum()) > 100
-        tolerance = 1e-3 if distorted else 5e-5  # the lens interpolates between the pinhole's pixels
+        upwards = (sight_lines(shot.camera, np.column_stack([u, v])) @ shot.world_from_camera[2, :3]) < -0.01
+        assert np.isnan(got[upwards & np.isnan(deck)]).sum() > 100  # the sky has none
+        tolerance = 1e-3 if distorted else 3e-5  # the lens interpolates between the pinhole's pixels
         for expected in (deck, sea):
             there = np.isfinite(expected)
             np.testing.assert_allclose(got[there], expected[there], rtol=tolerance)

@@ -10,16 +10,14 @@ from deckline.sim.flight.views import pose_towards
 from deckline.sim.scene import gl
 from deckline.sim.scene.gl import RendererError
 from deckline.sim.scene.render import KEPT_TARGETS, Renderer
-from deckline.sim.scene.textures import noise_field, texture_size
 from deckline.sim.scene.view import Label, Quality, Scene
 from deckline.sim.scene.weather import random_weather
 from deckline.sim.ship.deck_paint import paint_edge
 from deckline.sim.ship.layout import class_layout, random_layout, world_points
 from deckline.sim.ship.mesh import boxes
 from deckline.sim.ship.paint import axes, layers
-from deckline.sim.ship.random_plan import random_edge
 from deckline.sim.ship.ship import Ship
-from deckline.sim.ship.ship_class import SHIP_CLASSES, DeckSurface, load_class
+from deckline.sim.ship.ship_class import DeckSurface, load_class
 from deckline.sim.ship.structure import deck_mesh
 
 SUN = np.array([0.6, 0.0, 0.8])
@@ -49,95 +47,6 @@ def camera_pose(layout, range_m, height_m, lateral_m, nudge=(0.0, 0.0, 0.0), loo
     spots = layout.centre_m[0] + lateral_m * right + np.array([[-range_m], [look_m]]) * along
     position, target = world_points(layout, spots[:1], height_m)[0], world_points(layout, spots[1:])[0]
     return pose_towards(position, target, np.array(nudge)) * camera_mount()
-
-
-def marking_offsets(image, camera, world_from_camera, layout, line, half_width_m):
-    """Per image row: u of the painted marking's centroid minus u of the true line."""
-    along, right, length = axes(*line)
-    offsets = []
-    for s in np.linspace(6.0, 0.6 * length, 300):
-        at = line[0] + s * along
-        edges = np.array([at - 1.4 * half_width_m * right, at, at + 1.4 * half_width_m * right])
-        (u0, _), (_, v), (u1, _) = camera.project(world_from_camera.inv().apply(world_points(layout, edges)))
-        row = round(v)
-        low, high = int(np.floor(min(u0, u1))), int(np.ceil(max(u0, u1)))
-        if not (0 <= row < camera.height and low >= 0 and high < camera.width):
-            continue
-        truth = line_at_row(camera, world_from_camera, layout, line, row)
-        level = image[row, low : high + 1].mean(axis=1)
-        paint = np.clip(level - np.min(level) - 8.0, 0.0, None)
-        if paint.sum() > 40.0:
-            offsets.append((paint @ np.arange(low, high + 1)) / paint.sum() - truth)
-    return np.array(offsets)
-
-
-def line_at_row(camera, world_from_camera, layout, line, row):
-    ends = camera.project(world_from_camera.inv().apply(world_points(layout, line)))
-    slope = (ends[1, 0] - ends[0, 0]) / (ends[1, 1] - ends[0, 1])
-    return ends[0, 0] + slope * (row - ends[0, 1])
-
-
-def ships():
-    for name in SHIP_CLASSES:
-        ship_class = load_class(name)
-        yield name, class_layout(ship_class), ship_class.plan.edge
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        yield f"train {seed}", random_layout(rng), replace(random_edge(rng), opacity=1.0, smear=0.0)
-
-
-@pytest.mark.parametrize(("layout", "style"), [pytest.param(x, y, id=name) for name, x, y in ships()])
-def test_painted_middle_is_the_true_line(renderer, layout, style):
-    renderer.load(clean_ship(layout, style), SUN)
-    pose = camera_pose(layout, 45.0, 14.0, 3.0)
-    image = 255.0 * renderer.render(Scene(CAMERA, pose, CALM)).radiance
-    for line in (layout.left_m, layout.right_m):
-        offsets = marking_offsets(image, CAMERA, pose, layout, line, style.width_m / 2)
-        assert len(offsets) > 30
-        assert abs(np.median(offsets)) < 0.05
-        assert abs(np.mean(offsets)) < 0.05
-        assert np.percentile(np.abs(offsets), 99) < 0.5
-
-
-def test_a_line_painted_elsewhere_is_noticed(renderer):
-    layout = class_layout(CVN)
-    moved = replace(layout, left_m=layout.left_m + np.array([0.0, 0.5]))
-    renderer.load(clean_ship(moved, CVN_EDGE), SUN)
-    pose = camera_pose(layout, 45.0, 14.0, 3.0)
-    image = shown(renderer.render(Scene(CAMERA, pose, CALM)))
-    assert np.median(marking_offsets(image, CAMERA, pose, layout, layout.left_m, 2.2)) > 1.0
-
-
-@pytest.mark.parametrize("range_m", [60.0, 800.0])
-def test_deck_depth_is_the_distance_to_its_plane(renderer, range_m):
-    layout = class_layout(PAPER)
-    renderer.load(clean_ship(layout, PAPER_EDGE), SUN)
-    camera = Camera.from_fov(640, 360, np.deg2rad(60.0 if range_m < 100 else 12.0))
-    pose = camera_pose(layout, range_m, 0.06 * range_m + 8.0, 5.0, nudge=(0.1, 0.02, 0.03))
-    depth = renderer.render(Scene(camera, pose, CALM)).depth_m
-    along, _, length = axes(*layout.centre_m)
-    on_deck = world_points(layout, layout.centre_m[0] + np.linspace(10, 0.9 * length, 60)[:, None] * along)
-    pixels = np.rint(camera.project(pose.inv().apply(on_deck))).astype(int)
-    pixels = pixels[np.all((pixels >= 0) & (pixels < [640, 360]), axis=1)]
-    hits = intersect_plane(pose.translation, pose.rotation.apply(camera.rays(pixels)), 6.08)
-    expected = pose.inv().apply(hits)[:, 2]
-    assert len(pixels) > 30
-    np.testing.assert_allclose(depth[pixels[:, 1], pixels[:, 0]], expected, rtol=2e-5)
-
-
-def test_sea_depth_is_the_distance_to_the_water_and_the_sky_has_none(renderer):
-    layout = class_layout(CVN)
-    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
-    pose = camera_pose(layout, 400.0, 35.0, 0.0)
-    depth = renderer.render(Scene(CAMERA, pose, CALM, with_ship=False)).depth_m
-    v, u = np.mgrid[0:360:7, 0:640:11]
-    rays = pose.rotation.apply(CAMERA.rays(np.column_stack([u.ravel(), v.ravel()])))
-    expected = pose.inv().apply(intersect_plane(pose.translation, rays, 0.0))[:, 2]
-    got = depth[v.ravel(), u.ravel()]
-    np.testing.assert_array_equal(np.isnan(got), np.isnan(expected))
-    near = expected < 5000.0
-    assert near.sum() > 100
-    np.testing.assert_allclose(got[near], expected[near], rtol=1e-4)
 
 
 def test_nearer_solids_hide_the_deck(renderer):
@@ -302,21 +211,6 @@ def test_light_is_not_clipped(renderer):
     assert np.isnan(view.depth_m).all()
     blinding = renderer.render(Scene(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=1e9)))
     assert np.isfinite(blinding.radiance).all()
-
-
-def test_noise_is_tileable_and_centred():
-    noise = noise_field(64).astype(float)
-    np.testing.assert_allclose(noise.mean(axis=(0, 1)), 127.5, atol=2.0)
-    inner = np.abs(np.diff(noise, axis=0)).mean()
-    assert np.abs(noise[0] - noise[-1]).mean() < 1.5 * inner
-
-
-def test_deck_textures_halve_evenly():
-    for extent in ((333.0, 77.0), (150.0, 31.0), (201.0, 64.5)):
-        size = texture_size(np.array(extent), 8.0)
-        assert all(n & (n - 1) == 0 for n in size)
-        assert size[1] / extent[1] >= 8.0
-        assert 5.6 < size[0] / extent[0] < 11.4
 
 
 def test_wrong_use_is_named(renderer):

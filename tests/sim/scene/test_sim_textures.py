@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline.sim.scene.textures import light_from_ship
+from deckline.sim.scene.textures import light_from_ship, noise_field, texture_size
 from deckline.sim.scene.weather import sun_direction
 
 
@@ -24,3 +24,18 @@ def test_a_sun_along_the_ship_is_no_exception():
     matrix = light_from_ship(np.array([1.0, 0.0, 0.0]), np.eye(3))
     assert np.all(np.isfinite(matrix))
     assert np.linalg.matrix_rank(matrix) == 4
+
+
+def test_noise_is_tileable_and_centred():
+    noise = noise_field(64).astype(float)
+    np.testing.assert_allclose(noise.mean(axis=(0, 1)), 127.5, atol=2.0)
+    inner = np.abs(np.diff(noise, axis=0)).mean()
+    assert np.abs(noise[0] - noise[-1]).mean() < 1.5 * inner
+
+
+def test_deck_textures_halve_evenly():
+    for extent in ((333.0, 77.0), (150.0, 31.0), (201.0, 64.5)):
+        size = texture_size(np.array(extent), 8.0)
+        assert all(n & (n - 1) == 0 for n in size)
+        assert size[1] / extent[1] >= 8.0
+        assert 5.6 < size[0] / extent[0] < 11.4
