@@ -70,10 +70,6 @@ def test_thick_air_is_pale_under_a_gaudy_sky():
     gaudy = np.array([0.05, 0.5, 0.8])
     air = np.array([thick_air(gaudy, np.random.default_rng(k), wide=True) for k in range(100)])
     assert np.abs(air / air.mean(axis=1, keepdims=True) - 1).max() < 0.55
+    pale = np.array([thick_air(HORIZON, np.random.default_rng(k), wide=True) for k in range(200)])
+    assert 0.1 < pale.min() < pale.max() < 1.4
     assert np.all(thick_air(gaudy, np.random.default_rng(0), wide=False)[[0, 2]] / gaudy[[0, 2]] < 1.2)
-
-
-def test_thick_air_is_never_dark():
-    air = np.array([thick_air(HORIZON, np.random.default_rng(k), wide=True) for k in range(200)])
-    assert air.min() > 0.1
-    assert air.max() < 1.4

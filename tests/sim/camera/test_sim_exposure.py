@@ -14,9 +14,9 @@ LEVEL = camera_mount()  # looks north: optical z is world x
 VELOCITY, STEADY = np.array([60.0, 2.0, 3.0]), np.zeros(3)
 
 
-def drawn(config, seed=0, wide=True):
-    rngs = [np.random.default_rng([seed, k]) for k in range(2)]
-    return draw_exposure(config, CAMERA, LEVEL, VELOCITY, STEADY, *rngs, wide)
+def drawn(config, seed=0, wide=True, turning=STEADY, frame_seed=1):
+    rngs = [np.random.default_rng([seed, k]) for k in (0, frame_seed)]
+    return draw_exposure(config, CAMERA, LEVEL, VELOCITY, turning, *rngs, wide)
 
 
 def test_named_presets_are_still_and_dry():
@@ -49,26 +49,14 @@ def test_given_shake_has_its_sigma():
 
 
 def test_flight_turns_the_camera_in_the_optical_frame():
-    rngs = [np.random.default_rng(k) for k in range(2)]
     turning = np.array([0.1, 0.2, 0.3])  # about north, east and down: rolling, pitching up, yawing right
-    exposure = draw_exposure(FilmConfig(exposure_s=0.01), CAMERA, LEVEL, VELOCITY, turning, *rngs, wide=False)
+    exposure = drawn(FilmConfig(exposure_s=0.01), wide=False, turning=turning)
     np.testing.assert_allclose(exposure.turned_rad, [0.002, 0.003, 0.001], atol=1e-12)
-
-
-def test_stillness():
-    assert Exposure().still
-    assert not Exposure(turned_rad=(0.0, 1e-4, 0.0)).still
-    assert not Exposure(lens_drops=1).still
 
 
 def test_a_recording_keeps_its_shutter_and_the_drops_on_its_lens():
     config = FilmConfig(exposure_s=0.01, rain_mm_h=20.0, lens_drops=9)
-    first, second = (
-        draw_exposure(
-            config, CAMERA, LEVEL, VELOCITY, STEADY, np.random.default_rng(1), np.random.default_rng(k), wide=True
-        )
-        for k in (2, 3)
-    )
+    first, second = (drawn(config, frame_seed=k) for k in (2, 3))
     assert (first.lens_seed, first.streak_contrast) == (second.lens_seed, second.streak_contrast)
     assert first.seed != second.seed
     assert first.turned_rad != second.turned_rad

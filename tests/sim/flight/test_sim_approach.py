@@ -125,6 +125,9 @@ def test_offsets_are_closed_on_the_way():
     assert (lateral[0], height[0]) == (pytest.approx(60.0), pytest.approx(-9.0))
     np.testing.assert_allclose(lateral[29:], 0.0, atol=1e-9)
     assert (np.diff(lateral) < 1e-9).all()
+    left = np.array([offset_left(phase) for phase in np.linspace(0.0, 1.0, 1001)])
+    assert np.abs(np.diff(left, 2)).max() * 1000**2 < 5.78 / 0.7**2  # a quintic's largest curvature
+    assert left[350] == pytest.approx(0.5)
 
 
 def test_profile_passes_the_papers_points():
@@ -139,19 +142,16 @@ def test_profile_passes_the_papers_points():
     assert (np.diff(profile_height()(ranges)) < 0).all()
     speed = np.linalg.norm(np.diff(positions(views), axis=0), axis=1) / np.diff([view.time_s for view in views])
     np.testing.assert_allclose(speed, 65.0, rtol=0.02)
+    offset = replace(config, frames=600, flight=FlightConfig(lateral_offset_m=100.0))
+    velocity = np.array([approach_view(offset, layout, k).velocity_m_s for k in range(0, 600, 2)])
+    step_s = 2 * 4988.0 / 65.0 / 599
+    assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / step_s < 0.5 * 9.81  # no kinks
 
 
 def test_a_flight_that_ends_before_it_begins_is_refused():
     config = SimConfig(trajectory="profile", start_m=9000.0, end_m=6000.0)
     with pytest.raises(ValueError, match="trajectory profile begins at 5000 m, got end_m 6000"):
         approach_view(config, PAPER_SHIP, 0)
-
-
-def test_profile_has_no_kinks():
-    config = replace(PROFILE, frames=600, flight=FlightConfig(lateral_offset_m=100.0))
-    velocity = np.array([approach_view(config, PAPER_SHIP, k).velocity_m_s for k in range(0, 600, 2)])
-    step_s = 2 * 4988.0 / 65.0 / 599
-    assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / step_s < 0.5 * 9.81
 
 
 def test_the_profiles_camera_points_at_the_touchdown_point_with_a_level_horizon():
@@ -192,29 +192,28 @@ def test_a_frame_depends_on_seed_and_index_alone():
     assert np.abs(late.world_from_body.as_matrix() - other.world_from_body.as_matrix()).max() > 0.1
 
 
-ALONG = np.array([0.6, 0.8])
+ALONG, ACROSS = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
 STILL_AIR = np.zeros(2)
 
 
-def test_in_still_air_a_still_deck_is_closed_at_the_speed_of_flight():
-    assert closing_speed(ALONG, STILL_AIR, STILL_AIR, 65.0) == pytest.approx(65.0)
-
-
-def test_a_deck_that_sails_away_and_a_headwind_are_subtracted():
-    assert closing_speed(ALONG, 12.0 * ALONG, STILL_AIR, 65.0) == pytest.approx(53.0)
-    assert closing_speed(ALONG, 12.0 * ALONG, -8.0 * ALONG, 65.0) == pytest.approx(45.0)
-
-
-def test_a_crosswind_costs_what_pythagoras_says():
-    across = np.array([-0.8, 0.6])
-    assert closing_speed(ALONG, STILL_AIR, 25.0 * across, 65.0) == pytest.approx(60.0)
+@pytest.mark.parametrize(
+    ("ship", "wind", "expected"),
+    [
+        (STILL_AIR, STILL_AIR, 65.0),
+        (12.0 * ALONG, STILL_AIR, 53.0),
+        (12.0 * ALONG, -8.0 * ALONG, 45.0),
+        (STILL_AIR, 25.0 * ACROSS, 60.0),  # Pythagoras
+    ],
+)
+def test_the_deck_is_closed_at_the_speed_that_ship_and_wind_leave(ship, wind, expected):
+    assert closing_speed(ALONG, ship, wind, 65.0) == pytest.approx(expected)
 
 
 def test_too_much_wind_is_named():
     with pytest.raises(ValueError, match=r"an aircraft of 20 m/s cannot approach a deck that moves at 30.0 m/s"):
         closing_speed(ALONG, STILL_AIR, -30.0 * ALONG, 20.0)
     with pytest.raises(ValueError, match="cannot approach"):
-        closing_speed(ALONG, STILL_AIR, 30.0 * np.array([-0.8, 0.6]), 20.0)
+        closing_speed(ALONG, STILL_AIR, 30.0 * ACROSS, 20.0)
 
 
 def test_gusts_have_the_sigma_asked_for_and_move_the_aircraft_as_its_pilot_lets_them():
@@ -242,16 +241,6 @@ def test_gusts_follow_drydens_spectrum():
     edges = np.geomspace(0.02, 0.6, 25)
     low, high = edges[12], edges[24]
     assert share(low, high) / share(0.01, 0.7) == pytest.approx(dryden(low, high) / dryden(0.02, 0.6), rel=0.05)
-
-
-def test_offsets_close_smoothly():
-    phases = np.linspace(0.0, 1.0, 1001)
-    left = np.array([offset_left(phase) for phase in phases])
-    assert left[0] == 1.0
-    np.testing.assert_allclose(left[phases >= 0.7], 0.0, atol=1e-12)
-    assert (np.diff(left) <= 1e-12).all()
-    assert np.abs(np.diff(left, 2)).max() * 1000**2 < 5.78 / 0.7**2  # a quintic's largest curvature
-    assert left[350] == pytest.approx(0.5)
 
 
 def test_wander_is_a_smooth_function_about_one_in_size():

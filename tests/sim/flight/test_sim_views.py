@@ -1,9 +1,11 @@
 """Unrelated views and where a camera looks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from deckline.geometry import Camera, camera_mount
+from deckline.geometry import Camera
 from deckline.sim.config import SimConfig
 from deckline.sim.flight.motion import Motion, ship_pose
 from deckline.sim.flight.views import (
@@ -130,16 +132,9 @@ def test_training_draws_fields_of_view_that_show_something():
         width = np.hypot(*(layout.right_m[0] - layout.left_m[0]))
         apparent = width * Camera.from_fov(100, 50, fov).fx / range_m / 100
         assert APPARENT_WIDTH[0] <= apparent <= APPARENT_WIDTH[1]
-
-
-def test_fixed_field_of_view_is_kept():
-    config = SimConfig(preset="train", trajectory="random", fixed_fov=True, fov_deg=33.0)
-    views = [random_view(config, CVN, k, np.random.default_rng(k)) for k in range(30)]
-    focal = 640.0 / np.tan(np.deg2rad(16.5))
-    np.testing.assert_allclose([view.camera.fx for view in views], focal)
-
-
-PAPER_SHIP = class_layout(load_class("paper"))
+    fixed = replace(TRAIN, fixed_fov=True, fov_deg=33.0)
+    views = [random_view(fixed, CVN, k, np.random.default_rng(k)) for k in range(30)]
+    np.testing.assert_allclose([view.camera.fx for view in views], 320.0 / np.tan(np.deg2rad(16.5)))
 
 
 def test_nose_points_at_the_target():
@@ -150,15 +145,8 @@ def test_nose_points_at_the_target():
     assert abs(body.rotation.apply([0.0, 1.0, 0.0])[2]) < 1e-12  # wings level
 
 
-def test_camera_pose_is_the_body_then_the_mount():
-    body = pose_towards(np.array([1.0, 2.0, -30.0]), np.array([50.0, 0.0, 0.0]), np.array([0.1, 0.2, 0.3]))
-    mount = camera_mount((1.0, 0.5, 0.2))
-    view = Viewpoint(body, Camera.from_fov(64, 36, 1.0), 0.0, mount)
-    np.testing.assert_allclose(view.world_from_camera.as_matrix(), body.as_matrix() @ mount.as_matrix(), atol=1e-12)
-
-
 def test_runway_points_are_measured_from_the_ramp():
-    for layout in (PAPER_SHIP, CVN):
+    for layout in (class_layout(load_class("paper")), CVN):
         end = axes(*layout.centre_m)[2]
         np.testing.assert_allclose(
             runway_point(layout, end), layout.world_from_ship.apply([*layout.centre_m[1], 0.0]), atol=1e-9

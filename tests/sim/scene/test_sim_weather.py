@@ -108,10 +108,3 @@ def test_fair_days_are_days_without_an_overcast():
     assert {random_time_of_day(rng) for _ in range(200)} == {"day", "dusk", "night"}
     assert {random_sky(rng, True) for _ in range(100)} == {"clear", "broken"}
     assert {random_sky(rng, False) for _ in range(100)} == {"clear", "broken", "overcast"}
-
-
-def test_lamps_burn_when_it_is_dark():
-    rng = np.random.default_rng(2)
-    sun = sun_direction(rng)
-    assert random_daylight(rng, "day", "clear", sun, False).lamps == 0.0
-    assert random_daylight(rng, "night", "clear", sun, False).lamps > 0.0
