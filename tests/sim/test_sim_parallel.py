@@ -33,12 +33,12 @@ def test_frames_come_in_their_order_whoever_renders_them(jobs):
 
 
 def test_chunks_keep_a_ship_together_and_stay_small():
-    chunks = parallel._chunks([(SMALL, index) for index in range(7)] + [(FLIGHT, index) for index in range(6)])
+    chunks = parallel._split_chunks([(SMALL, index) for index in range(7)] + [(FLIGHT, index) for index in range(6)])
     assert [[index for _, index in chunk] for chunk in chunks] == [[0, 1, 2], [3, 4, 5], [6], [0, 1, 2, 3], [4, 5]]
 
 
 def test_a_ship_that_is_only_partly_asked_for_is_not_shared_with_the_next():
-    chunks = parallel._chunks([(SMALL, index) for index in (2, 3, 6)])
+    chunks = parallel._split_chunks([(SMALL, index) for index in (2, 3, 6)])
     assert [[index for _, index in chunk] for chunk in chunks] == [[2], [3], [6]]
 
 

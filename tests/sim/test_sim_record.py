@@ -18,13 +18,13 @@ from deckline.sim import SimConfig
 from deckline.sim.camera.config import DepthConfig
 from deckline.sim.config import WeatherConfig
 from deckline.sim.record import (
+    frame_settings,
     join_tiles,
+    json_values,
+    make_tile,
     parse_visibility,
-    plain,
     repeatable_command,
-    sheet_tile,
     visibility_text,
-    what_decides_a_frame,
 )
 from deckline.types import Frame, Segment, Truth
 
@@ -129,15 +129,15 @@ def test_a_wrong_key_or_value_of_the_file_is_named(text, named, tmp_path, capsys
 
 def test_what_decides_a_frame_is_plain_at_any_depth():
     config = SimConfig(trajectory="random", range_m=(30.0, 60.0), depth=DepthConfig(range_m=math.inf))
-    values = what_decides_a_frame(config)
+    values = frame_settings(config)
     assert values["depth"]["range_m"] == "inf"
     assert values["weather"]["seed"] is None
     assert values["visibility_m"] == ["inf", "inf"]
     assert values["range_m"] == [30.0, 60.0]
     json.dumps(values, allow_nan=False)
     assert "length" not in values  # more random views go on with the same recording
-    assert what_decides_a_frame(SimConfig(frames=7))["length"] == 7
-    assert plain((1, [math.nan])) == [1, ["nan"]]
+    assert frame_settings(SimConfig(frames=7))["length"] == 7
+    assert json_values((1, [math.nan])) == [1, ["nan"]]
 
 
 @pytest.mark.parametrize("words", [["--out", "x", "--jobs", "3"], ["--jobs=3", "--out=x"]])
@@ -183,7 +183,7 @@ def where(image: np.ndarray, colour: list[int]) -> np.ndarray:
 
 
 def test_lines_are_dotted_where_the_camera_sees_them():
-    image = sheet_tile(frame(), 64, True)
+    image = make_tile(frame(), 64, True)
     v, u = where(image, RED).T
     assert set(u.tolist()) == {16}
     assert (v.min(), v.max()) == (24, 40)
@@ -191,7 +191,7 @@ def test_lines_are_dotted_where_the_camera_sees_them():
 
 
 def test_lines_follow_the_shrunken_image():
-    image = sheet_tile(frame(), width_px=32, with_truth=True)
+    image = make_tile(frame(), width_px=32, with_truth=True)
     assert image.shape == (24, 32, 3)
     v, u = where(image, RED).T
     assert set(u.tolist()) == {8}
@@ -201,7 +201,7 @@ def test_lines_follow_the_shrunken_image():
 def test_lines_follow_the_true_pose_where_the_recorded_one_is_measured():
     measured = frame(world_from_body=pose([0, 0.5, 0], [1, 0, 0, 0]))
     true = Truth(measured.truth.left, measured.truth.right, world_from_body=pose([0, 0, 0], [1, 0, 0, 0]))
-    image = sheet_tile(frame(world_from_body=measured.world_from_body, truth=true), 64, True)
+    image = make_tile(frame(world_from_body=measured.world_from_body, truth=true), 64, True)
     assert set(where(image, RED)[:, 1].tolist()) == {16}
 
 
@@ -209,14 +209,14 @@ def test_a_tile_is_shrunk_by_area_never_enlarged_and_leaves_its_frame_alone():
     item = frame(image_rgb=np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8))
     before = item.image_rgb.copy()
     blocks = before.reshape(12, 4, 16, 4, 3).mean(axis=(1, 3))
-    assert np.abs(sheet_tile(item, 16, False) - blocks).max() <= 1.0
-    assert sheet_tile(item, 200, True).shape == (48, 64, 3)
+    assert np.abs(make_tile(item, 16, False) - blocks).max() <= 1.0
+    assert make_tile(item, 200, True).shape == (48, 64, 3)
     np.testing.assert_array_equal(item.image_rgb, before)
 
 
 def test_frames_without_truth_or_pose_stay_as_they_are():
     for item in (frame(truth=None), frame(world_from_body=None), frame(truth=Truth())):
-        np.testing.assert_array_equal(sheet_tile(item, 64, True), item.image_rgb)
+        np.testing.assert_array_equal(make_tile(item, 64, True), item.image_rgb)
 
 
 def test_tiles_are_placed_row_by_row():

@@ -120,12 +120,12 @@ class Rendered(FrameSet):
     """
 
     def __init__(self, config: Any) -> None:
-        from deckline.sim.record import what_decides_a_frame
+        from deckline.sim.record import frame_settings
 
         self._config, self._deckless = config, config.trajectory == "deckless"
         self._simulator: Any = None
         self.name = "no runway" if self._deckless else f"rendered {config.preset}"
-        self.settings = what_decides_a_frame(config)
+        self.settings = frame_settings(config)
 
     def __len__(self) -> int:
         return int(self._config.frames)

@@ -15,7 +15,7 @@ from deckline.evaluation.integrity_faults import Shot
 from deckline.evaluation.integrity_points import PointNoise, seen_points, sparse_depth
 from deckline.evaluation.localization_flights import miscalibrate
 from deckline.sim import SimConfig
-from deckline.sim.camera.measure import measured_pose
+from deckline.sim.camera.measure import measure_pose
 from deckline.sim.flight.approach import approach_view
 from deckline.sim.flight.motion import draw_motion, ship_pose
 from deckline.sim.flight.views import Viewpoint
@@ -59,6 +59,6 @@ def _frame(view: Viewpoint, config: SimConfig, truth: Truth, image: NDArray[np.u
         image,
         view.camera,
         view.body_from_camera,
-        world_from_body=measured_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
+        world_from_body=measure_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
         truth=truth,
     )

@@ -31,7 +31,7 @@ from deckline.recording.images import encode_image
 from deckline.recording.writer import EncodedFrame, encode_frame
 from deckline.runtime import sha256_of
 from deckline.sim.parallel import Item, map_frames
-from deckline.sim.record import plain, visibility_text
+from deckline.sim.record import json_values, visibility_text
 from deckline.types import Frame
 
 with needs_extra("sim"):
@@ -171,7 +171,7 @@ def make_sample(frame: Frame, config: DatasetConfig) -> Sample:
             part = np.s_[top : top + config.tile_px, left : left + config.tile_px]
             tiles.append((f"hazy/{{}}_{k}.png", encode_image(frame.image_rgb[part], "png")))
             tiles.append((f"clear/{{}}_{k}.png", encode_image(clear[part], "png")))
-            tiles.append((f"depth/{{}}_{k}.npy", _half(frame.depth_m[part])))
+            tiles.append((f"depth/{{}}_{k}.npy", _encode_half(frame.depth_m[part])))
     return Sample(encode_frame(frame), tuple(tiles))
 
 
@@ -182,7 +182,7 @@ def tile_corners(width: int, height: int, tile_px: int) -> list[tuple[int, int]]
     return [(left, top) for top in tops for left in lefts]
 
 
-def _half(depth_m: NDArray[np.float32]) -> bytes:
+def _encode_half(depth_m: NDArray[np.float32]) -> bytes:
     file = BytesIO()
     with np.errstate(over="ignore"):  # beyond 65504 m nothing is seen
         half = depth_m.astype(np.float16)
@@ -200,7 +200,7 @@ def _origin(config: DatasetConfig) -> dict[str, Any]:
             words.append(f"--{option}" if value else f"--no-{option}")
         else:
             words += [f"--{option}", visibility_text(value) if isinstance(value, tuple) else str(value)]
-    return {"generator": f"deckline {__version__}", "command": " ".join(words), "dataset": plain(values)}
+    return {"generator": f"deckline {__version__}", "command": " ".join(words), "dataset": json_values(values)}
 
 
 def _write_sample(writer: RecordingWriter, k: int, sample: Sample, start_s: float) -> None:

@@ -12,7 +12,7 @@ from deckline.types import Frame
 
 with needs_extra("sim"):
     from deckline.sim import SimConfig, open_simulator
-    from deckline.sim.simulate import block_of
+    from deckline.sim.simulate import ship_block
 
 CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs
 T = TypeVar("T")
@@ -36,7 +36,7 @@ def map_frames(task: Callable[[Frame], T], items: Sequence[Item], jobs: int = 1)
             for config, index in items:
                 yield task(stage.frame(config, index))
         return
-    with closing(map_ordered(partial(_render_chunk, task), _chunks(items), jobs)) as chunks:
+    with closing(map_ordered(partial(_render_chunk, task), _split_chunks(items), jobs)) as chunks:
         for results in chunks:
             yield from results
 
@@ -65,9 +65,9 @@ def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:
     return [task(_stage.frame(config, index)) for config, index in chunk]
 
 
-def _chunks(items: Sequence[Item]) -> Iterator[list[Item]]:
+def _split_chunks(items: Sequence[Item]) -> Iterator[list[Item]]:
     """Neighbours of one recording and one ship, at most CHUNK of them."""
-    for _, group in groupby(items, key=lambda item: (id(item[0]), block_of(*item))):
+    for _, group in groupby(items, key=lambda item: (id(item[0]), ship_block(*item))):
         same_ship = list(group)
         for first in range(0, len(same_ship), CHUNK):
             yield same_ship[first : first + CHUNK]

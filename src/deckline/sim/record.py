@@ -92,7 +92,7 @@ def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jo
     scene = {
         "generator": f"deckline {__version__}",
         "command": repeatable_command(),
-        **what_decides_a_frame(config),
+        **frame_settings(config),
     }
     with RecordingWriter(out, image_format=image_format, scene=scene) as writer:
         items = [(config, index) for index in range(writer.count, config.frames)]
@@ -118,7 +118,7 @@ def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1)
     out.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(out.parent, os.W_OK):
         raise ValueError(f"{out}: its folder cannot be written")
-    tile = partial(sheet_tile, width_px=sheet.tile_px, with_truth=sheet.truth)
+    tile = partial(make_tile, width_px=sheet.tile_px, with_truth=sheet.truth)
     rendered = closing(map_frames(tile, [(config, index) for index in range(config.frames)], jobs))
     tiles = []
     with progress("rendering", config.frames) as advance, rendered as pictures:
@@ -135,7 +135,7 @@ def join_tiles(tiles: Sequence[NDArray[np.uint8]], columns: int) -> NDArray[np.u
     return np.concatenate([np.concatenate(filled[k : k + columns], axis=1) for k in range(0, len(filled), columns)])
 
 
-def sheet_tile(frame: Frame, width_px: int, with_truth: bool) -> NDArray[np.uint8]:
+def make_tile(frame: Frame, width_px: int, with_truth: bool) -> NDArray[np.uint8]:
     """A frame's image, shrunk to a width when it is wider, with its true lines dotted if asked for.
 
     Raises:
@@ -171,21 +171,21 @@ def _dot_lines(frame: Frame, image: NDArray[np.uint8]) -> None:
         image[v, u] = colour
 
 
-def what_decides_a_frame(config: SimConfig) -> dict[str, Any]:
+def frame_settings(config: SimConfig) -> dict[str, Any]:
     """Kept in scene.json: a recording made with other values is never continued. Infinity is written as text."""
     values = asdict(config)
     length = values.pop("frames")
     if config.trajectory in FLIGHTS:  # more frames of an approach are other frames
         values["length"] = length
-    return {name: plain(value) for name, value in values.items()}
+    return {name: json_values(value) for name, value in values.items()}
 
 
-def plain(value: Any) -> Any:
+def json_values(value: Any) -> Any:
     """The value as JSON holds it: tuples are lists, infinity and NaN are text."""
     if isinstance(value, dict):
-        return {name: plain(item) for name, item in value.items()}
+        return {name: json_values(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [json_values(item) for item in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -11,7 +11,7 @@ from deckline.sim.camera.air import triple
 from deckline.sim.camera.config import ImagingConfig
 from deckline.sim.camera.imaging import Imaging, Shot, Surroundings
 from deckline.sim.camera.lens import pinhole_for, random_lens
-from deckline.sim.camera.measure import measured_pose
+from deckline.sim.camera.measure import measure_pose
 from deckline.sim.config import SimConfig, WeatherConfig
 from deckline.sim.flight.approach import approach_view
 from deckline.sim.flight.motion import Motion, draw_motion, ship_pose, ship_velocity
@@ -78,7 +78,7 @@ class Simulator:
 
     def frame(self, index: int) -> Frame:
         """Frame `index`: the same whatever was rendered before."""
-        block = block_of(self.config, index)
+        block = ship_block(self.config, index)
         if block != self.loaded:
             self.load(block)
         return self._frame(index)
@@ -161,7 +161,7 @@ class Simulator:
             camera=camera,
             body_from_camera=view.body_from_camera,
             depth_m=shot.depth_m,
-            world_from_body=measured_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
+            world_from_body=measure_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
             deck_z_m=float(ship.layout.world_from_ship.translation[2]),
             sea_z_m=float(layout.sea_z_m),
             truth=self._truth(shot, layout, view, weather),
@@ -219,7 +219,7 @@ class DecklessSimulator(Simulator):
         frame = self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, f"deckless_{index}.png")
         if frame.truth is None:
             raise AssertionError("unreachable: the simulator knows the truth of its frames")
-        conditions = {**frame.truth.conditions, "deckless": self._words(kind)}
+        conditions = {**frame.truth.conditions, "deckless": self._describe_kind(kind)}
         return replace(frame, truth=replace(frame.truth, conditions=conditions))
 
     def _bare_ship(self, index: int) -> int:
@@ -248,7 +248,7 @@ class DecklessSimulator(Simulator):
             return glide_view(config, layout, rng)
         return from_any_side(config, layout, rng, float(rng.uniform(-180.0, 180.0)))
 
-    def _words(self, kind: str) -> str:
+    def _describe_kind(self, kind: str) -> str:
         on_land = self.ship.layout.on_land
         if kind == BARE:
             return "bare deck"
@@ -282,7 +282,7 @@ def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterat
             yield simulator.frame(index)
 
 
-def block_of(config: SimConfig, index: int) -> int:
+def ship_block(config: SimConfig, index: int) -> int:
     """Which ship a frame shows: an approach has one, random views share one by `frames_per_ship`."""
     if config.trajectory == "deckless":
         return index

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deckline.sim.camera.air import draw_air, draw_model, draw_waves, rain_extinction, thick_air
+from deckline.sim.camera.air import draw_air, draw_airlight, draw_model, draw_waves, rain_extinction
 from deckline.sim.camera.config import AirConfig
 
 HORIZON, SUN = np.array([0.6, 0.7, 0.8]), np.array([0.6, 0.0, 0.8])
@@ -68,8 +68,8 @@ def test_waves_have_about_the_wavelength():
 
 def test_thick_air_is_pale_under_a_gaudy_sky():
     gaudy = np.array([0.05, 0.5, 0.8])
-    air = np.array([thick_air(gaudy, np.random.default_rng(k), wide=True) for k in range(100)])
+    air = np.array([draw_airlight(gaudy, np.random.default_rng(k), wide=True) for k in range(100)])
     assert np.abs(air / air.mean(axis=1, keepdims=True) - 1).max() < 0.55
-    pale = np.array([thick_air(HORIZON, np.random.default_rng(k), wide=True) for k in range(200)])
+    pale = np.array([draw_airlight(HORIZON, np.random.default_rng(k), wide=True) for k in range(200)])
     assert 0.1 < pale.min() < pale.max() < 1.4
-    assert np.all(thick_air(gaudy, np.random.default_rng(0), wide=False)[[0, 2]] / gaudy[[0, 2]] < 1.2)
+    assert np.all(draw_airlight(gaudy, np.random.default_rng(0), wide=False)[[0, 2]] / gaudy[[0, 2]] < 1.2)

@@ -6,7 +6,15 @@ import pytest
 from deckline.geometry import Camera, camera_mount
 from deckline.sim.camera import exposure as rain
 from deckline.sim.camera.config import FilmConfig
-from deckline.sim.camera.exposure import Exposure, Film, bright, draw_exposure, drops_on_lens, streak_quads, streaks
+from deckline.sim.camera.exposure import (
+    Exposure,
+    Film,
+    draw_exposure,
+    drops_on_lens,
+    mean_bright_light,
+    streak_quads,
+    streaks,
+)
 from deckline.sim.scene.view import View
 
 CAMERA = Camera.from_fov(640, 360, 1.0)
@@ -152,7 +160,7 @@ def test_drops_on_the_lens_turn_the_picture_upside_down_and_stay_local(film):
 def test_bright_is_the_mean_of_the_brightest_part():
     picture = np.zeros((40, 40, 3), np.float32)
     picture[:12] = [0.2, 0.4, 0.6]
-    np.testing.assert_allclose(bright(picture), [0.2, 0.4, 0.6], rtol=1e-6)
+    np.testing.assert_allclose(mean_bright_light(picture), [0.2, 0.4, 0.6], rtol=1e-6)
 
 
 def test_wrong_use_is_named(film):

@@ -6,7 +6,7 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import attitude
 from deckline.sim.camera.config import DepthConfig, NavigationConfig
-from deckline.sim.camera.measure import at_edges, drift, measure_depth, measured_pose
+from deckline.sim.camera.measure import drift, find_edges, measure_depth, measure_pose
 
 
 def measured(depth, seed=0, **settings):
@@ -41,7 +41,7 @@ def test_edges_drop_out_and_the_rest_does_not():
     depth[:, 150:] = 80.0
     depth[:40] = np.nan
     lost = np.isnan(measured(depth, edge_dropout=0.5)) & ~np.isnan(depth)
-    edge = at_edges(depth) & ~np.isnan(depth)
+    edge = find_edges(depth) & ~np.isnan(depth)
     assert edge.sum() == 2 * 160 + 298  # both sides of the step, and the row below the sky
     assert not np.any(lost & ~edge)
     assert lost.sum() == pytest.approx(edge.sum() / 2, abs=60)
@@ -69,14 +69,14 @@ TRUE = RigidTransform.from_components([100.0, -20.0, -30.0], attitude(0.1, -0.05
 
 def errors(config, times, seed=0):
     """Position (N, 3), m, and attitude (N, 3), degrees about the body's axes."""
-    poses = [measured_pose(TRUE, time, config, seed) for time in times]
+    poses = [measure_pose(TRUE, time, config, seed) for time in times]
     position = np.array([pose.translation - TRUE.translation for pose in poses])
     turns = [(TRUE.rotation.inv() * pose.rotation).as_rotvec() for pose in poses]
     return position, np.rad2deg(turns)
 
 
 def test_the_default_is_exact():
-    assert measured_pose(TRUE, 3.0, NavigationConfig(), 0) is TRUE
+    assert measure_pose(TRUE, 3.0, NavigationConfig(), 0) is TRUE
 
 
 def test_white_noise_has_its_sigma():
@@ -110,11 +110,11 @@ def test_bias_moves_smoothly():
 
 def test_the_error_follows_from_time_and_seed_alone():
     config = NavigationConfig(position_sigma_m=0.1, position_bias_m=1.0, attitude_bias_deg=0.1)
-    first, again = (measured_pose(TRUE, 12.3, config, 5) for _ in range(2))
+    first, again = (measure_pose(TRUE, 12.3, config, 5) for _ in range(2))
     np.testing.assert_array_equal(first.as_matrix(), again.as_matrix())
-    moved = measured_pose(RigidTransform.from_translation([5.0, 0.0, 0.0]), 12.3, config, 5)
+    moved = measure_pose(RigidTransform.from_translation([5.0, 0.0, 0.0]), 12.3, config, 5)
     np.testing.assert_allclose(moved.translation - [5.0, 0.0, 0.0], first.translation - TRUE.translation)
-    assert np.any(measured_pose(TRUE, 12.3, config, 6).translation != first.translation)
+    assert np.any(measure_pose(TRUE, 12.3, config, 6).translation != first.translation)
 
 
 def test_time_must_not_be_negative():

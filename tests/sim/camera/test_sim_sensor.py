@@ -15,17 +15,17 @@ from deckline.sim.camera.sensor import (
     WHITE,
     Sensor,
     add_noise,
-    blurred,
+    blur,
     develop,
     draw_sensor,
     falloff,
     finish,
     jpeg,
-    level_of,
     light_of_levels,
     meter,
     noise_sigma,
-    table,
+    tone_level,
+    tone_table,
 )
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -88,11 +88,11 @@ def test_vignetting_is_cos4_in_the_corners():
 def test_blur_keeps_the_light_and_spreads_a_point_as_a_gaussian():
     light = np.zeros((41, 41, 3), dtype=np.float32)
     light[20, 20] = 1.0
-    out = blurred(light, 1.5)[..., 0].astype(np.float64)
+    out = blur(light, 1.5)[..., 0].astype(np.float64)
     assert out.sum() == pytest.approx(1.0, abs=1e-5)
     x = np.arange(41) - 20.0
     assert np.sqrt((out.sum(axis=0) * x**2).sum()) == pytest.approx(1.5, rel=0.03)  # cut off at 3 sigma
-    np.testing.assert_allclose(blurred(GREY, 1.5), GREY, rtol=1e-5)
+    np.testing.assert_allclose(blur(GREY, 1.5), GREY, rtol=1e-5)
 
 
 def test_read_noise_has_its_sigma():
@@ -177,25 +177,26 @@ CURVES = [("gamma", 1.0, 0.0, 0.0), ("srgb", 0.8, 0.4, 0.05), ("filmic", 1.2, -0
 
 
 def test_known_values():
-    assert level_of(np.array(0.25), CURVES[0]) == pytest.approx(0.25 ** (1 / DISPLAY_GAMMA))
+    assert tone_level(np.array(0.25), CURVES[0]) == pytest.approx(0.25 ** (1 / DISPLAY_GAMMA))
     # IEC 61966-2-1: 18 % grey is level 0.4614 of sRGB, 0.1 % lies in the linear toe.
-    np.testing.assert_allclose(level_of(np.array([0.18, 0.001]), ("srgb", 1.0, 0.0, 0.0)), [0.4614, 0.01292], atol=1e-4)
-    filmic = level_of(np.array([1.0, 7.3]), ("filmic", 1.0, 0.0, 0.0))
+    srgb = tone_level(np.array([0.18, 0.001]), ("srgb", 1.0, 0.0, 0.0))
+    np.testing.assert_allclose(srgb, [0.4614, 0.01292], atol=1e-4)
+    filmic = tone_level(np.array([1.0, 7.3]), ("filmic", 1.0, 0.0, 0.0))
     np.testing.assert_allclose(filmic, [(2.54 / 3.16) ** (1 / DISPLAY_GAMMA), 1.0], atol=1e-3)
 
 
 @pytest.mark.parametrize("curve", CURVES)
 def test_curves_rise_from_black_to_white_and_can_be_undone(curve):
     light = np.linspace(0.0, WHITE[curve[0]], 5000)
-    level = level_of(light, curve)
+    level = tone_level(light, curve)
     assert np.all(np.diff(level) > 0)
     np.testing.assert_allclose([level[0], level[-1]], [curve[3], 1.0], atol=1e-4)
     shown = np.arange(int(np.ceil(255 * curve[3])), 256)
-    np.testing.assert_allclose(255 * level_of(light_of_levels(curve)[shown], curve), shown, atol=0.02)
+    np.testing.assert_allclose(255 * tone_level(light_of_levels(curve)[shown], curve), shown, atol=0.02)
 
 
 @pytest.mark.parametrize("curve", CURVES)
 def test_the_table_is_the_rounded_curve(curve):
     index = np.arange(0, STEPS, 37)
-    exact = 255 * level_of(WHITE[curve[0]] * (index / (STEPS - 1)) ** 2, curve)
-    np.testing.assert_array_equal(table(curve)[index], np.rint(exact))
+    exact = 255 * tone_level(WHITE[curve[0]] * (index / (STEPS - 1)) ** 2, curve)
+    np.testing.assert_array_equal(tone_table(curve)[index], np.rint(exact))

@@ -13,8 +13,8 @@ from deckline.sim.flight.approach import (
     draw_flight,
     flight_path,
     gust,
-    offset_left,
     profile_height,
+    remaining_offset,
     wander,
 )
 from deckline.sim.flight.motion import Motion, ship_pose
@@ -125,7 +125,7 @@ def test_offsets_are_closed_on_the_way():
     assert (lateral[0], height[0]) == (pytest.approx(60.0), pytest.approx(-9.0))
     np.testing.assert_allclose(lateral[29:], 0.0, atol=1e-9)
     assert (np.diff(lateral) < 1e-9).all()
-    left = np.array([offset_left(phase) for phase in np.linspace(0.0, 1.0, 1001)])
+    left = np.array([remaining_offset(phase) for phase in np.linspace(0.0, 1.0, 1001)])
     assert np.abs(np.diff(left, 2)).max() * 1000**2 < 5.78 / 0.7**2  # a quintic's largest curvature
     assert left[350] == pytest.approx(0.5)
 

@@ -22,7 +22,7 @@ from deckline.adapters.airsim.protocol import REQUEST_LIMIT, RESPONSE, Decoder, 
 from deckline.adapters.airsim.settings import Capture, Settings, parse_settings, read_settings
 from deckline.adapters.airsim.world import World
 from deckline.sim.config import SimConfig
-from deckline.sim.record import repeatable_command, what_decides_a_frame
+from deckline.sim.record import frame_settings, repeatable_command
 
 READ_BYTES = 1 << 16
 MAX_CONNECTIONS = 64  # times the request limit bounds the memory that clients can take
@@ -203,7 +203,7 @@ def serving_in_thread(config: SimConfig, settings: Settings, **options: Any) -> 
 
 async def serve_forever(config: SimConfig, settings: Settings, options: ServeConfig, out: Path) -> None:
     """Serve until the task is cancelled."""
-    scene = {"generator": f"deckline {__version__}", "command": repeatable_command(), **what_decides_a_frame(config)}
+    scene = {"generator": f"deckline {__version__}", "command": repeatable_command(), **frame_settings(config)}
     async with serving(config, settings, options.host, options.port, out, scene) as port:
         print_to_stderr(f"AirSim server on {options.host}:{port}, vehicle {settings.vehicle}; Ctrl-C ends it")
         await asyncio.Event().wait()

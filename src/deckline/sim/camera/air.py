@@ -52,12 +52,12 @@ def draw_air(
         sea_z_m: world z of the water.
         wide: draw what the configuration leaves open, as for preset train.
     """
-    drawn = _drawn(visibility_m, rng)
+    drawn = _draw_open_values(visibility_m, rng)
     values = drawn if wide else {"scale_height_m": SCALE_HEIGHT_M, "patchiness": 0.0, "patch_m": 400.0}
     values = {"angstrom": 0.0, "glow": 1.0} | values
     values |= {name: given for name in values if (given := getattr(config, name)) is not None}
     waves = draw_waves(values["patchiness"], values["patch_m"], rng)
-    airlight = thick_air(np.asarray(horizon, dtype=np.float64), rng, wide)
+    airlight = draw_airlight(np.asarray(horizon, dtype=np.float64), rng, wide)
     haze = 0.0 if math.isinf(visibility_m) else beta_from_visibility(visibility_m)
     extinction = haze * (WAVELENGTH_NM / WAVELENGTH_NM[1]) ** -values["angstrom"] + rain_extinction(rain_mm_h)
     return Atmosphere(
@@ -71,7 +71,7 @@ def draw_air(
     )
 
 
-def _drawn(visibility_m: float, rng: np.random.Generator) -> dict[str, float]:
+def _draw_open_values(visibility_m: float, rng: np.random.Generator) -> dict[str, float]:
     kinds = rng.random(4)
     height = float(np.exp(rng.uniform(np.log(40.0), np.log(3000.0))))
     patchiness, patch = rng.uniform(0.1, 0.9), np.exp(rng.uniform(np.log(100.0), np.log(2000.0)))
@@ -97,7 +97,7 @@ def draw_waves(patchiness: float, patch_m: float, rng: np.random.Generator) -> t
     return tuple((kx, ky, start, size) for kx, ky, start, size in waves.tolist())
 
 
-def thick_air(horizon: NDArray[np.float64], rng: np.random.Generator, wide: bool) -> NDArray[np.float64]:
+def draw_airlight(horizon: NDArray[np.float64], rng: np.random.Generator, wide: bool) -> NDArray[np.float64]:
     """Linear light (3,) of thick air under a sky with this horizon: the same within a few per cent, or if `wide`
     greyer, tinted or darker.
 

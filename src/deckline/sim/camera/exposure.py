@@ -161,7 +161,7 @@ class Film:
         falling, rng = np.array(exposure.rain_m_s), np.random.default_rng(exposure.seed)
         quads = streaks(camera, falling, exposure.exposure_s, exposure.rain_mm_h, rng)
         quads[..., 4] = np.minimum(quads[..., 4] * exposure.streak_contrast, MOST_OPAQUE)
-        self.streak["light"] = tuple(bright(radiance).tolist())
+        self.streak["light"] = tuple(mean_bright_light(radiance).tolist())
         self._draw(target, self.streak, quads)
 
     def _draw(self, target: moderngl.Framebuffer, program: moderngl.Program, quads: NDArray[np.float32]) -> None:
@@ -182,7 +182,7 @@ class Film:
         buffer.release()
 
 
-def bright(radiance: NDArray[np.float32]) -> NDArray[np.float64]:
+def mean_bright_light(radiance: NDArray[np.float32]) -> NDArray[np.float64]:
     """Mean light (3,) of a picture's brightest part, mostly its sky: a drop gathers light from all around."""
     pixels = radiance[::4, ::4].reshape(-1, 3).astype(np.float64)
     level = pixels.sum(axis=1)

@@ -83,14 +83,14 @@ class Imaging:
         exposure = draw_exposure(config.film, pinhole, world_from_camera, *moving, recording, frame, wide)
         model, air = self._air(scene, config.air, exposure.rain_mm_h, recording, wide)
         thick = model == "physical" and any(air.extinction_per_m)
-        seen = through_air(view, pinhole, world_from_camera, air) if thick else view
-        level = metered(seen, air, model == "paper")
+        seen = scatter_view(view, pinhole, world_from_camera, air) if thick else view
+        level = meter_view(seen, air, model == "paper")
         sensor = draw_sensor(config.sensor, 1.0 if wide else FAIR_STRENGTH, level, recording)
-        taken = self._taken(seen, pinhole, camera, exposure)
+        taken = self._expose(seen, pinhole, camera, exposure)
         image = clear = develop(taken.radiance, sensor)
         if keep_clear and (thick or not exposure.still):
-            clear = develop(self._taken(view, pinhole, camera, Exposure()).radiance, sensor)
-        airlight = shown(air.airlight, sensor)
+            clear = develop(self._expose(view, pinhole, camera, Exposure()).radiance, sensor)
+        airlight = display_levels(air.airlight, sensor)
         if model == "paper":
             image = paper_haze(image, taken.depth_m, camera, air.extinction_per_m[1], airlight)
         return Shot(
@@ -115,7 +115,7 @@ class Imaging:
             air = replace(air, extinction_per_m=grey, scale_height_m=math.inf, glow=0.0, waves=())
         return model, air
 
-    def _taken(self, view: View, pinhole: Camera, camera: Camera, exposure: Exposure) -> View:
+    def _expose(self, view: View, pinhole: Camera, camera: Camera, exposure: Exposure) -> View:
         """The view through the exposure and the lens."""
         exposed = self.film.expose(view, pinhole, exposure)
         return self.lens.warp(exposed, pinhole, camera) if camera.has_distortion else exposed
@@ -128,13 +128,13 @@ def visibility(scene: Surroundings, exposure: Exposure) -> float:
     return visibility_from_beta(beta_from_visibility(scene.visibility_m) + rain_extinction(exposure.rain_mm_h))
 
 
-def shown(light: Triple, sensor: Sensor) -> Triple:
+def display_levels(light: Triple, sensor: Sensor) -> Triple:
     """Levels 0..255 that a sensor shows of an even light."""
     level = develop(np.asarray(light, np.float32).reshape(1, 1, 3), sensor)[0, 0]
     return float(level[0]), float(level[1]), float(level[2])
 
 
-def through_air(view: View, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> View:
+def scatter_view(view: View, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> View:
     """A pinhole's view through air of the physical model."""
     directions, lengths = world_rays(pixel_rays(camera), world_from_camera.rotation.as_matrix())
     light = np.minimum(view.radiance, np.float32(BRIGHTEST))
@@ -142,7 +142,7 @@ def through_air(view: View, camera: Camera, world_from_camera: RigidTransform, a
     return View(scatter(light, view.depth_m * lengths, directions, eye, air), view.depth_m)
 
 
-def metered(view: View, air: Atmosphere, air_to_come: bool) -> float:
+def meter_view(view: View, air: Atmosphere, air_to_come: bool) -> float:
     """The light that automatic exposure goes by, on every fourth pixel of a view whose even air may be yet to come.
 
     Ray lengths are taken for depths here: exposure needs no more.

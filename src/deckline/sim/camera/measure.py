@@ -17,7 +17,7 @@ def measure_depth(depth_m: NDArray[np.float32], config: DepthConfig, rng: np.ran
     with np.errstate(invalid="ignore"):
         measured = np.where(depth_m <= config.range_m, depth_m, np.float32(np.nan))
     if config.edge_dropout > 0:
-        measured[at_edges(depth_m) & (rng.random(depth_m.shape, np.float32) < config.edge_dropout)] = np.nan
+        measured[find_edges(depth_m) & (rng.random(depth_m.shape, np.float32) < config.edge_dropout)] = np.nan
     if config.dropout > 0:
         measured[rng.random(depth_m.shape, np.float32) < config.dropout] = np.nan
     if config.noise_m > 0 or config.noise_per_m > 0:
@@ -32,7 +32,7 @@ def measure_depth(depth_m: NDArray[np.float32], config: DepthConfig, rng: np.ran
         return np.where(measured > 0, measured, np.float32(np.nan)).astype(np.float32)
 
 
-def at_edges(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+def find_edges(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Which pixels (H, W) have a neighbour above, below, left or right on another thing or in the sky."""
     near = 1.0 / np.where(np.isnan(depth_m), np.float32(np.inf), depth_m)
     edges = np.zeros(depth_m.shape, dtype=bool)
@@ -45,9 +45,7 @@ def at_edges(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
     return edges
 
 
-def measured_pose(
-    world_from_body: RigidTransform, time_s: float, config: NavigationConfig, seed: int
-) -> RigidTransform:
+def measure_pose(world_from_body: RigidTransform, time_s: float, config: NavigationConfig, seed: int) -> RigidTransform:
     """The pose as the unit measures it; its error follows from the time and the seed alone.
 
     Raises:

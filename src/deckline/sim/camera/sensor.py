@@ -66,14 +66,14 @@ def draw_sensor(config: SensorConfig, strength: float, scene_level: float, rng: 
     exposure = float(np.clip(automatic, *GAIN_LIMITS)) * 2.0**stops
     balance = np.exp([warmth, green, -warmth]) if config.white_balance is None else np.asarray(config.white_balance)
     red, green, blue = (float(gain) for gain in exposure * balance)
-    sensor = Sensor(gain=(red, green, blue), **_stray(strength, rng))
+    sensor = Sensor(gain=(red, green, blue), **_draw_strays(strength, rng))
     given = {item.name: getattr(config, item.name) for item in fields(config)}
     for name in ("exposure_ev", "white_balance"):
         del given[name]
     return replace(sensor, **{name: value for name, value in given.items() if value is not None})
 
 
-def _stray(strength: float, rng: np.random.Generator) -> dict[str, Any]:
+def _draw_strays(strength: float, rng: np.random.Generator) -> dict[str, Any]:
     """Everything but the gain. Draws as many random numbers whatever the strength."""
     kinds, wide = rng.random(6), strength >= 1.0
     tone: Tone = "filmic" if kinds[0] < 0.3 else "srgb" if kinds[0] < 0.55 else "gamma"
@@ -99,13 +99,13 @@ def _stray(strength: float, rng: np.random.Generator) -> dict[str, Any]:
 
 def develop(radiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.uint8]:
     """Image (H, W, 3) of linear light: vignetting, exposure, white balance, blur, saturation and tone; no noise."""
-    tone_table = table(sensor.curve)
+    levels = tone_table(sensor.curve)
     scale = np.asarray(sensor.gain, np.float32) / np.float32(WHITE[sensor.tone])
     light = radiance * scale
     if sensor.vignetting > 0:
         light *= falloff(radiance.shape[0], radiance.shape[1], sensor.vignetting)
     if sensor.blur_px > 0:
-        light = blurred(light, sensor.blur_px)
+        light = blur(light, sensor.blur_px)
     if sensor.saturation != 1.0:
         grey = (light @ LUMINANCE)[..., None]
         light *= np.float32(sensor.saturation)
@@ -114,7 +114,7 @@ def develop(radiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.uint8]:
     np.sqrt(light, out=light)
     light *= np.float32(STEPS - 1)
     light += np.float32(0.5)
-    return tone_table[light.astype(np.uint16)]
+    return levels[light.astype(np.uint16)]
 
 
 @lru_cache(maxsize=8)
@@ -125,7 +125,7 @@ def falloff(height: int, width: int, vignetting: float) -> NDArray[np.float32]:
     return (1.0 - vignetting * (1.0 - 1.0 / (1.0 + r2) ** 2)).astype(np.float32)[..., None]
 
 
-def blurred(light: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
+def blur(light: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
     """Gaussian blur of a picture (H, W, 3), its border repeated."""
     reach = int(np.ceil(BLUR_REACH * sigma_px))
     bell = np.exp(-0.5 * (np.arange(reach + 1) / sigma_px) ** 2)
@@ -151,7 +151,7 @@ def noise_sigma(sensor: Sensor) -> NDArray[np.float32]:
     light = light_of_levels(sensor.curve).astype(np.float64)
     step = 1e-3 + 0.01 * light
     low = np.maximum(light - step, 0.0)
-    slope = 255.0 * (level_of(light + step, sensor.curve) - level_of(low, sensor.curve)) / (light + step - low)
+    slope = 255.0 * (tone_level(light + step, sensor.curve) - tone_level(low, sensor.curve)) / (light + step - low)
     held = sensor.electrons / np.sqrt(max(sensor.gain[1], 1.0))  # half the stops come from the shutter and the iris
     return np.sqrt(sensor.noise**2 + slope**2 * light / held).astype(np.float32)
 
@@ -193,7 +193,7 @@ def finish(rgb: NDArray[np.uint8], sensor: Sensor, rng: np.random.Generator) -> 
     return jpeg(noisy, sensor.jpeg_quality) if sensor.jpeg_quality else noisy
 
 
-def level_of(light: NDArray[np.float64], curve: Curve) -> NDArray[np.float64]:
+def tone_level(light: NDArray[np.float64], curve: Curve) -> NDArray[np.float64]:
     """Level 0..1 of exposed linear light, 1 being white of the plain curves."""
     tone, gamma, contrast, black = curve
     x = np.clip(light, 0.0, WHITE[tone])
@@ -210,16 +210,16 @@ def level_of(light: NDArray[np.float64], curve: Curve) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=64)
-def table(curve: Curve) -> NDArray[np.uint8]:
+def tone_table(curve: Curve) -> NDArray[np.uint8]:
     """8-bit level of `STEPS` amounts of light, 0 to WHITE, equally spaced in their square root."""
-    return np.rint(255.0 * level_of(_light(curve), curve)).astype(np.uint8)
+    return np.rint(255.0 * tone_level(_light(curve), curve)).astype(np.uint8)
 
 
 @lru_cache(maxsize=64)
 def light_of_levels(curve: Curve) -> NDArray[np.float32]:
     """Light (256,) that a curve shows as each level; levels out of its reach get its darkest or brightest."""
     light = _light(curve)
-    return np.interp(np.arange(256) / 255.0, level_of(light, curve), light).astype(np.float32)
+    return np.interp(np.arange(256) / 255.0, tone_level(light, curve), light).astype(np.float32)
 
 
 def _light(curve: Curve) -> NDArray[np.float64]:

@@ -152,7 +152,7 @@ def closing_speed(
     return float(closing)
 
 
-def offset_left(phase: float) -> float:
+def remaining_offset(phase: float) -> float:
     """Part of the first offset that is left at a part 0..1 of the way; its rate starts and ends at 0."""
     x = float(np.clip(phase / CLOSED, 0.0, 1.0))
     return 1.0 - x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
@@ -203,7 +203,7 @@ def pose_at(path: Path, time_s: float) -> tuple[RigidTransform, RigidTransform]:
 def position_at(path: Path, time_s: float) -> NDArray[np.float64]:
     """Position (3,) in the world at a time."""
     rng = np.random.default_rng([path.seed, 1])
-    flight, left = path.flight, offset_left(time_s / path.duration_s)
+    flight, left = path.flight, remaining_offset(time_s / path.duration_s)
     range_m = path.start_m - path.closing_m_s * time_s
     shrink = np.clip(range_m / path.start_m, 0.15, 1.0)  # a pilot closes the deviations
     lateral, vertical = (shrink * size * wander(time_s, WANDER_HZ, rng) for size in DEVIATION_M)

@@ -101,7 +101,7 @@ class Renderer:
 
     def depth(self, scene: Scene) -> NDArray[np.float32]:
         """The depth (H, W) of `render` without its picture, which takes most of the time."""
-        return _unknown_in_sky(self._measure(scene, *self._place(scene)))
+        return _mask_sky(self._measure(scene, *self._place(scene)))
 
     def _place(self, scene: Scene) -> tuple[Uniforms, Uniforms]:
         """Tell all programs about a scene; returns what the ship and the rest of the world are drawn with."""
@@ -147,7 +147,7 @@ class Renderer:
         radiance = np.minimum(radiance, BRIGHTEST)  # the sun's glitter may be more
         depth = self._measure(scene, ship, world)
         rgb = radiance.reshape(*depth.shape, 4)[..., :3].astype(np.float32)
-        return View(rgb, _unknown_in_sky(depth))
+        return View(rgb, _mask_sky(depth))
 
     def _measure(self, scene: Scene, ship: Uniforms, world: Uniforms, labels: bool = False) -> NDArray[np.float32]:
         """Depth (H, W) along the optical axis, or what is seen; not positive in the sky."""
@@ -228,5 +228,5 @@ def _set(program: moderngl.Program, values: dict[str, ArrayLike]) -> None:
             program[name] = value.item() if value.ndim == 0 else tuple(value.ravel().tolist())
 
 
-def _unknown_in_sky(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def _mask_sky(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(depth_m > 0, depth_m, np.float32(np.nan))

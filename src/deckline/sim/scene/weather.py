@@ -208,7 +208,7 @@ def random_daylight(
     """Light of a time and a sky under a sun (3,): from true to life to the saturated colours of games."""
     horizon, zenith, ambient, beam = _colours(rng, time_of_day, sky, float(sun[2]))
     saturation = rng.uniform(0.95, 1.3) if fair else rng.uniform(0.8, 1.9)
-    horizon, zenith, ambient = (_saturated(rgb, saturation) for rgb in (horizon, zenith, ambient))
+    horizon, zenith, ambient = (_saturate(rgb, saturation) for rgb in (horizon, zenith, ambient))
     hidden = sky == "overcast"
     level = float(horizon.mean())
     dark = {"day": 0.0, "dusk": 0.35, "night": 1.0}[time_of_day]
@@ -269,7 +269,7 @@ def _colours(
     return horizon, zenith, ambient, beam
 
 
-def _saturated(rgb: NDArray[np.float64], by: float) -> NDArray[np.float64]:
+def _saturate(rgb: NDArray[np.float64], by: float) -> NDArray[np.float64]:
     return rgb.mean() * np.clip(1.0 + by * (rgb / rgb.mean() - 1.0), 0.05, None)
 
 
