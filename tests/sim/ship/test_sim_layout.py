@@ -115,7 +115,7 @@ def test_a_few_runways_lie_on_land():
 
 
 def test_deck_edges_go_through_their_corners_and_make_room_for_the_lines():
-    stations, port, starboard = ly.deck_edges(200.0, [(0, -15), (200, -15)], [(0, 15), (100, 25), (200, 15)], LINES)
+    stations, port, starboard = ly.deck_edges(200.0, ([(0, -15), (200, -15)], [(0, 15), (100, 25), (200, 15)]), LINES)
     assert np.interp(100.0, stations, starboard) == pytest.approx(25.0)
     assert np.interp([198.0, 150.0], stations, port) == pytest.approx([-15.0, -25.0 - ly.WIDE_MARGIN_M])
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline.sim.ship.paint import bars, blots, dashes, figures, layers, polygons, ring, streaks, stripe
+from deckline.sim.ship.paint import bars, blots, dashes, figures, layers, ring, streaks, stripe
 
 WHITE = (1.0, 1.0, 1.0)
 AHEAD = ((0, 0), (10, 0))
@@ -83,8 +83,6 @@ def test_figures_have_their_segments(text, segments):
     assert len(figures(text, ((0, 0), (0, 1)), 6.0, WHITE)) == segments * 6
 
 
-def test_wrong_shapes_are_named():
-    with pytest.raises(ValueError, match=r"\(2, 2\)"):
-        polygons([(0, 0), (1, 1)], WHITE)
+def test_a_line_without_length_is_named():
     with pytest.raises(ValueError, match=r"\[1, 2\]"):
         bars(((1, 2), (1, 2)), (0, 1), (0, 1), WHITE)

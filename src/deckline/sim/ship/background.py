@@ -180,17 +180,15 @@ def vessel_mesh(kind: str, rng: Generator) -> tuple[Mesh, float]:
     return mesh, length
 
 
-def build_body(
-    length_m: float, beam_m: float, freeboard_m: float, rgb: ArrayLike, boot: ArrayLike, sheer_m: float
-) -> Mesh:
+def build_body(length_m: float, beam_m: float, free_m: float, rgb: ArrayLike, boot: ArrayLike, sheer_m: float) -> Mesh:
     """A ship's hull: full amidships, raked and raised at the bow, with a boot stripe and a flat deck."""
     s = np.array([0.0, 0.08, 0.3, 0.6, 0.8, 0.92, 1.0])
     top = beam_m / 2 * np.array([0.85, 0.95, 1.0, 1.0, 0.85, 0.5, 0.03])
     water = beam_m / 2 * np.array([0.75, 0.9, 0.97, 0.95, 0.62, 0.25, 0.01])
-    up = -freeboard_m - sheer_m * np.clip((s - 0.5) / 0.5, 0.0, 1.0) ** 2
+    up = -free_m - sheer_m * np.clip((s - 0.5) / 0.5, 0.0, 1.0) ** 2
     x = (s - 0.5) * length_m
     rake = np.where(s > 0.7, (s - 0.7) / 0.3 * 0.06 * length_m, 0.0)
-    levels = [(x, top, up), (x - 0.8 * rake, water + 0.15 * (top - water), np.full(7, -0.12 * freeboard_m))]
+    levels = [(x, top, up), (x - 0.8 * rake, water + 0.15 * (top - water), np.full(7, -0.12 * free_m))]
     levels.append((x - rake, water, np.full(7, DRAUGHT_M)))
     sides = [np.stack([np.stack([a, side * half, z], -1) for a, half, z in levels], 1) for side in (-1.0, 1.0)]
     frames = np.concatenate([sides[0], sides[1][:, ::-1]], axis=1)

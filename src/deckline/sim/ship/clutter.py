@@ -3,7 +3,6 @@
 Aircraft are prototypes of unit length around the origin, nose to +x, wheels on z = 0, colours as tints.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from deckline.sim.ship import mesh as m
 from deckline.sim.ship.layout import Layout, edge_distance, has_room, runway_distance
-from deckline.sim.ship.mesh import WHITE, Array, Mesh
+from deckline.sim.ship.mesh import WHITE, Array, Mesh, Rgb
 from deckline.sim.ship.ship_class import Island
 
 KINDS = ("delta", "swept", "folded", "propeller", "propeller folded", "helicopter", "helicopter folded", "trainer")
@@ -48,13 +47,11 @@ def extents(kind: str) -> tuple[float, float]:
     return float(along), float(across)
 
 
-def build_fuselage(
-    stations: Sequence[float], radii: Sequence[float], middles_z: ArrayLike, rgb: ArrayLike = WHITE
-) -> Mesh:
+def build_fuselage(x: list[float], radii: list[float], middles_z: ArrayLike, rgb: Rgb = WHITE) -> Mesh:
     """A body of hexagonal sections along x, their middles at one height or a height each."""
     ring = m.disc(0.0, 0.0, 1.0, 6)
-    bodies = zip(stations, radii, np.broadcast_to(middles_z, len(stations)), strict=True)
-    return m.loft([np.column_stack([np.full(6, x), r * ring + [0.0, z]]) for x, r, z in bodies], rgb)
+    bodies = zip(x, radii, np.broadcast_to(middles_z, len(x)), strict=True)
+    return m.loft([np.column_stack([np.full(6, at), r * ring + [0.0, z]]) for at, r, z in bodies], rgb)
 
 
 def build_plates(outline: ArrayLike, z: float, thick: float = 0.012) -> list[Mesh]:

@@ -49,9 +49,9 @@ class Form:
     def rise(self, z_m: ArrayLike) -> Array:
         """0 at the water, 1 under the deck."""
         height = self.layout.deck_height_m
-        return np.clip((height - np.asarray(z_m)) / (height - SLAB_M), 0.0, 1.0)
+        return np.clip((height - np.asarray(z_m, dtype=np.float64)) / (height - SLAB_M), 0.0, 1.0)
 
-    def half_width(self, x_m: ArrayLike, z_m: ArrayLike, side: float) -> Array:
+    def half_width(self, x_m: float | Array, z_m: ArrayLike, side: float) -> Array:
         """Distance of the hull's side from the ship's axis; side -1 is port."""
         stern, bow = self.ends(z_m)
         s, t = np.clip((x_m - stern) / (bow - stern), 0.0, 1.0), self.transom
@@ -75,24 +75,19 @@ def random_hull(layout: Layout, rng: Generator) -> Hull:
 
 def random_form(layout: Layout, hull: Hull, rng: Generator) -> Form:
     """The part of a hull's shape that its data leave open."""
-    stem = layout.length_m - rng.uniform(1.0, 3.0)
-    return Form(
-        layout,
-        beam_m=hull.beam_m / 2,
-        stern_m=(hull.stern_x_m + rng.uniform(-0.3, 3.0), hull.stern_x_m),
-        bow_m=(stem - rng.uniform(0.02, 0.09) * layout.length_m, stem),
-        transom=rng.uniform(0.7, 1.0),
-        flare=rng.uniform(1.05, 1.5),
-        curve=rng.uniform(1.0, 2.2),
-        bow_width=rng.uniform(0.5, 0.9) if hull.bow == "blunt" else rng.uniform(0.05, 0.35),
-    )
+    stem, stern = layout.length_m - rng.uniform(1.0, 3.0), hull.stern_x_m
+    stern_m = (stern + rng.uniform(-0.3, 3.0), stern)
+    bow_m = (stem - rng.uniform(0.02, 0.09) * layout.length_m, stem)
+    transom, flare, curve = rng.uniform([0.7, 1.05, 1.0], [1.0, 1.5, 2.2])
+    bow_width = rng.uniform(0.5, 0.9) if hull.bow == "blunt" else rng.uniform(0.05, 0.35)
+    return Form(layout, hull.beam_m / 2, stern_m, bow_m, transom, flare, curve, bow_width)
 
 
 def build_hull(hull: Hull, form: Form, rng: Generator) -> Mesh:
     """The hull with its boot stripe; its transom may open into a dark hangar or mooring deck."""
     height = form.layout.deck_height_m
     top, bottom = SLAB_M + rng.uniform(0.5, 2.5), height * rng.uniform(0.42, 0.72)
-    opening = (top, bottom) if rng.random() < 0.65 and bottom - top > 1.5 else None
+    opening = (top, bottom) if rng.random() < 0.65 and bottom - top > 1.5 else ()
     boot = height - BOOT_M * rng.uniform(0.3, 1.5)
     levels = np.sort([SLAB_M, *(opening or [0.4 * height]), 0.82 * height, boot, height, height + DRAUGHT_M])
     paint, dark = np.array(hull.rgb), BOOTS[rng.integers(len(BOOTS))]
@@ -109,9 +104,7 @@ def build_hull(hull: Hull, form: Form, rng: Generator) -> Mesh:
     return join([body, build_transom(sides[0][0], sides[1][0], band, opening, rng)])
 
 
-def build_transom(
-    port_m: Array, starboard_m: Array, band: Array, opening: tuple[float, float] | None, rng: Generator
-) -> Mesh:
+def build_transom(port_m: Array, starboard_m: Array, band: Array, opening: tuple[float, ...], rng: Generator) -> Mesh:
     """The stern plate, level by level, around an opening between two levels, behind which lies a hall."""
     faces, colours, halls = [], [], []
     reach = rng.uniform(0.55, 0.92, 2)
@@ -153,7 +146,7 @@ def points_on_side(form: Form, x_m: ArrayLike, z_m: ArrayLike, side: float, out_
     return np.stack([x, side * (form.half_width(x, z, side) + out_m), z], -1)
 
 
-def gallery_ring(stations_m: Array, side: float, outer_m: Array, inner_m: Array) -> Array:
+def side_ring(stations_m: Array, side: float, outer_m: Array, inner_m: Array) -> Array:
     """A polygon (2 N, 2) along one side of a ship, from stations and distances from its axis (N,)."""
     return np.column_stack([np.r_[stations_m, stations_m[::-1]], side * np.r_[outer_m, inner_m[::-1]]])
 
@@ -169,7 +162,7 @@ def build_sponson(form: Form, side: float, paint: Array, rng: Generator, rails: 
     hull_top = form.half_width(stations, z, side)
     outer = np.maximum(layout.half_width_at(stations, side) * rng.uniform(0.9, 1.06), hull_top)
     outer[[0, 3]] = np.minimum(outer[[0, 3]], hull_top[[0, 3]] + rng.uniform(0.0, 4.0))
-    top, low = (gallery_ring(stations, side, edge, inner) for edge in (outer, inner + 0.3))
+    top, low = (side_ring(stations, side, edge, inner) for edge in (outer, inner + 0.3))
     lip = z + rng.uniform(0.5, 1.8)
     tint = paint * rng.uniform(0.85, 1.12)
     rings = [at_height(ring, up) for ring, up in ((low, max(low_z, lip + 0.3)), (top, lip), (top, z))]
@@ -232,7 +225,7 @@ def build_walk(layout: Layout, side: float, paint: Array, rng: Generator, rails:
     return join(parts)
 
 
-def number_triangles(text: str, height_m: float, side: float) -> tuple[Array, Array]:
+def digits(text: str, height_m: float, side: float) -> tuple[Array, Array]:
     """Corners (N,) of a number that is read from outside a ship: x about its middle, and z below its top."""
     flat = figures(text, ((0.0, 0.0), (1.0, 0.0)), height_m, (1.0, 1.0, 1.0))[:, :2].astype(np.float64)
     return side * (flat[:, 0] - flat[:, 0].mean()), flat[:, 1]
@@ -241,7 +234,7 @@ def number_triangles(text: str, height_m: float, side: float) -> tuple[Array, Ar
 def build_side_number(form: Form, side: float, number: str, rng: Generator) -> Mesh:
     """The hull number near the bow."""
     height = form.layout.deck_height_m
-    x, z = number_triangles(number, height * rng.uniform(0.18, 0.4), side)
+    x, z = digits(number, height * rng.uniform(0.18, 0.4), side)
     at = form.bow_m[0] * rng.uniform(0.82, 0.93), height * rng.uniform(0.3, 0.5)
     corners = points_on_side(form, at[0] + x, at[1] + z, side).reshape(-1, 3, 3)
     return facing(corners, np.full(3, rng.uniform(0.6, 0.95)), (0.0, side, 0.0))
@@ -272,8 +265,8 @@ def build_stern(form: Form, paint: Array, rng: Generator) -> Mesh:
         y = rng.uniform(-left, right * 0.6)
         wide, deep = min(rng.uniform(4.0, 24.0), right - y), rng.uniform(1.0, 3.0)
         low, top = ([[x + 0.5, y], [x - d, y], [x - d, y + wide], [x + 0.5, y + wide]] for d in (0.2, deep))
-        low, top = at_height(low, z + rng.uniform(0.8, 2.5)), at_height(top, z)
-        parts.append(loft([low, top], paint * rng.uniform(0.8, 1.15), (False, True)))
+        sections = [at_height(low, z + rng.uniform(0.8, 2.5)), at_height(top, z)]
+        parts.append(loft(sections, paint * rng.uniform(0.8, 1.15), (False, True)))
         path = at_height([[x, y], [x - deep, y], [x - deep, y + wide], [x, y + wide]], z)
         parts.append(build_railing(path, paint * rng.uniform(0.9, 1.4), 2.0))
     count = int(rng.integers(0, 8))

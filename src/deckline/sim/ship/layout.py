@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.sim.ship.mesh import Array, Mesh
 from deckline.sim.ship.paint import axes
-from deckline.sim.ship.ship_class import Place, Point, ShipClass, Strip, WorldLines, load_class
+from deckline.sim.ship.ship_class import Point, ShipClass, Strip, WorldLines, load_class
 
 DECKS = {"large": 0.28, "medium": 0.20, "axial": 0.17, "small": 0.10, "variant": 0.21, "land": 0.04}  # how often drawn
 SIZES = {  # least and greatest length, height and line spacing, m, part of the decks without angle, angle, degrees
@@ -36,6 +36,7 @@ FLUSH_M = 0.03  # what rises less than this above the deck hides nothing
 BEYOND_M = 6.0  # the runway stays clear this far beyond the end of its longer line
 CLEAR_M = 3.5  # nothing above the deck comes closer to a runway line's middle than this
 Edges = tuple[Array, Array, Array]  # stations (N,), port and starboard y (N,)
+Sides = Sequence[Sequence[Point]]  # corners of the port and starboard edge, stern to bow
 Lines = tuple[Array, Array]  # left and right runway line (2, 2) in the ship frame
 
 
@@ -67,11 +68,11 @@ class Layout:
         port = np.column_stack([self.stations_m, self.port_m])
         return np.concatenate([port, np.column_stack([self.stations_m, self.starboard_m])[::-1]])
 
-    def edges_at(self, x_m: ArrayLike) -> tuple[Any, Any]:
+    def edges_at(self, x_m: float | Array) -> tuple[Any, Any]:
         """Port and starboard edge, y, at a station, or arrays of them at many."""
         return np.interp(x_m, self.stations_m, self.port_m), np.interp(x_m, self.stations_m, self.starboard_m)
 
-    def half_width_at(self, x_m: ArrayLike, side: float) -> Any:
+    def half_width_at(self, x_m: float | Array, side: float) -> Any:
         """Distance of one edge from the ship's axis at stations; side -1 is port."""
         return np.interp(x_m, self.stations_m, self.starboard_m if side > 0 else -self.port_m)
 
@@ -93,15 +94,15 @@ def world_points(layout: Layout, points_m: Array, up_m: float = 0.0) -> Array:
 
 def class_layout(ship: ShipClass) -> Layout:
     """Layout of a ship class."""
-    stern = np.array([*ship.place.stern_m, ship.place.sea_z_m - ship.deck_height_m])
-    turn = Rotation.from_euler("z", np.deg2rad(ship.place.heading_deg))
+    stern = np.array([*ship.stern_m, ship.sea_z_m - ship.deck_height_m])
+    turn = Rotation.from_euler("z", np.deg2rad(ship.heading_deg))
     world_from_ship = RigidTransform.from_components(stern, turn)
     if ship.strip is not None:
         lines = strip_lines(ship.strip)
     elif ship.world_lines is not None:
         lines = lines_on_deck(ship.world_lines, world_from_ship)
-    edges = deck_edges(ship.length_m, ship.port_m, ship.starboard_m, lines)
-    return Layout(*edges, *lines, ship.deck_height_m, world_from_ship, ship.place.sea_z_m, ship.on_land)
+    edges = deck_edges(ship.length_m, (ship.port_m, ship.starboard_m), lines)
+    return Layout(*edges, *lines, ship.deck_height_m, world_from_ship, ship.sea_z_m, ship.on_land)
 
 
 def lines_on_deck(lines: WorldLines, world_from_ship: RigidTransform) -> Lines:
@@ -127,13 +128,10 @@ def strip_lines(strip: Strip) -> Lines:
     return lines[0], lines[1]
 
 
-def deck_edges(
-    length_m: float, port: Sequence[Point], starboard: Sequence[Point], lines_m: Lines, margin_m: float = WIDE_MARGIN_M
-) -> Edges:
-    """Deck edge through corner points, widened where a runway line needs deck under it."""
+def deck_edges(length_m: float, sides: Sides, lines_m: Lines, margin_m: float = WIDE_MARGIN_M) -> Edges:
+    """Deck edge through the corner points of both sides, widened where a runway line needs deck under it."""
     stations = np.linspace(0.0, length_m, round(length_m / STATION_M) + 1)
-    edge_port = np.interp(stations, *np.transpose(port))
-    edge_starboard = np.interp(stations, *np.transpose(starboard))
+    edge_port, edge_starboard = (np.interp(stations, *np.transpose(side)) for side in sides)
     for line in lines_m:
         on_line = (stations >= line[0, 0] - 6.0) & (stations <= line[1, 0] + 4.0)
         across = np.interp(stations[on_line], line[:, 0], line[:, 1])
@@ -175,10 +173,10 @@ def class_variant(ship: ShipClass, rng: Generator) -> ShipClass:
         (strip.lengths_m[0] * sx * rng.uniform(0.88, 1.0), strip.lengths_m[1] * sx * rng.uniform(0.88, 1.0)),
     )
     height, stern = ship.deck_height_m * rng.uniform(0.75, 1.15), rng.uniform(-PLACED_M, PLACED_M, 2)
-    place = Place((float(stern[0]), float(stern[1])), rng.uniform(-180.0, 180.0))
     port, starboard = edges if hand > 0.0 else edges[::-1]
-    sizes = {"length_m": ship.length_m * sx, "deck_height_m": height, "port_m": port, "starboard_m": starboard}
-    return replace(ship, **sizes, strip=strip, place=place)
+    ship = replace(ship, stern_m=(float(stern[0]), float(stern[1])), heading_deg=rng.uniform(-180.0, 180.0))
+    ship = replace(ship, strip=strip, deck_height_m=height)
+    return replace(ship, length_m=ship.length_m * sx, port_m=port, starboard_m=starboard)
 
 
 def ship_layout(kind: str, rng: Generator) -> Layout:
@@ -205,8 +203,8 @@ def land_layout(rng: Generator) -> Layout:
     first = rng.uniform(2.0, 30.0)
     half = spacing / 2 + shoulder
     lines = strip_lines(Strip((first, 0.0), 0.0, (spacing, spacing), (length - first - 8.0,) * 2))
-    port, starboard = ([(0.0, side * half), (length, side * half)] for side in (-1.0, 1.0))
-    edges = deck_edges(length, port, starboard, lines, min(shoulder, WIDE_MARGIN_M))
+    sides = [[(0.0, side * half), (length, side * half)] for side in (-1.0, 1.0)]
+    edges = deck_edges(length, sides, lines, min(shoulder, WIDE_MARGIN_M))
     height = rng.uniform(0.15, 0.5)
     return Layout(*edges, *lines, height, random_pose(height, rng), sea_z_m=0.0, on_land=True)
 
@@ -229,7 +227,7 @@ def random_edges(length_m: float, lines_m: Lines, rng: Generator) -> Edges:
         if rng.random() < 0.4:  # stern corner cut away
             corners = [(0.0, corners[0][1] * rng.uniform(0.5, 0.95)), (rng.uniform(5.0, 18.0), half), *corners[1:]]
         edges.append([(x, side * y) for x, y in sorted(corners)])
-    return deck_edges(length_m, edges[0], edges[1], lines_m, margin)
+    return deck_edges(length_m, edges, lines_m, margin)
 
 
 def random_corners(shape: str, length_m: float, half_m: float, rng: Generator) -> list[Point]:

@@ -78,11 +78,9 @@ def loft(sections_m: ArrayLike, rgb: ArrayLike, ends: tuple[bool, bool] = (True,
     return triangles(corners[keep], colours[keep, None])
 
 
-def frustum(
-    lower_m: ArrayLike, lower_z_m: float, upper_m: ArrayLike, upper_z_m: float, rgb: ArrayLike, lid: bool = True
-) -> Mesh:
+def frustum(low_m: ArrayLike, z_m: float, top_m: ArrayLike, top_z_m: float, rgb: ArrayLike, lid: bool = True) -> Mesh:
     """Walls between two polygons (N, 2) of equal length at two heights, and a lid on star-shaped upper ones."""
-    return loft([at_height(lower_m, lower_z_m), at_height(upper_m, upper_z_m)], rgb, (False, lid))
+    return loft([at_height(low_m, z_m), at_height(top_m, top_z_m)], rgb, (False, lid))
 
 
 def at_height(points_m: ArrayLike, z_m: ArrayLike) -> Array:

@@ -17,20 +17,11 @@ SEGMENTS = (0x77, 0x12, 0x5D, 0x5B, 0x3A, 0x6B, 0x6F, 0x52, 0x7F, 0x7B)  # a bit
 
 
 def polygons(corners_m: ArrayLike, rgb: ArrayLike, opacity: ArrayLike = 1.0, wear: float = 1.0) -> Coat:
-    """Convex polygons (N, K, 2), or one, (K, 2).
+    """Convex polygons (N, K, 2), or one, (K, 2); wear is that of all.
 
-    Args:
-        corners_m: the polygons.
-        rgb: (3,) of all, or (N, 1, 3) of each.
-        opacity: of all, of each (N, 1), of each corner (K,), or all of them (N, K).
-        wear: of all.
-
-    Raises:
-        ValueError: polygons of another shape.
+    Colour (3,) of all, or (N, 1, 3) of each; opacity of all, each (N, 1), each corner (K,), or all of them (N, K).
     """
     corners = np.asarray(corners_m, dtype=np.float64)
-    if corners.ndim not in (2, 3) or corners.shape[-1] != 2 or corners.shape[-2] < 3:
-        raise ValueError(f"painted polygons need shape (N, K >= 3, 2) or (K >= 3, 2), got {corners.shape}")
     corners = corners.reshape(-1, *corners.shape[-2:])
     sides = corners.shape[1]
     vertices = np.empty((len(corners), sides, 7), dtype=np.float32)
@@ -100,12 +91,9 @@ def ring(middle_m: ArrayLike, radius_m: float, width_m: float, rgb: ArrayLike, s
 
 
 def streaks(starts_m: ArrayLike, ends_m: ArrayLike, widths_m: ArrayLike, rgbs: ArrayLike, opacities: ArrayLike) -> Coat:
-    """Stains that fade from their middle line to their sides and ends.
+    """Stains of widths (N,) that fade from their middle line, between points (N, 2), to their sides and ends.
 
-    Args:
-        starts_m, ends_m: (N, 2), different from each other.
-        widths_m, opacities: (N,).
-        rgbs: (N, 3).
+    Colours (N, 3), opacities (N,).
     """
     start, end = (np.asarray(x, dtype=np.float64).reshape(-1, 2) for x in (starts_m, ends_m))
     delta = end - start

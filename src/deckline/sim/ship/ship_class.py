@@ -33,9 +33,7 @@ class EdgeStyle:
     def __post_init__(self) -> None:
         if not (self.width_m > 0 and self.rail_m > 0 and 0 < self.bar_m < self.pitch_m):
             numbers = (self.width_m, self.rail_m, self.bar_m, self.pitch_m)
-            raise ValueError(
-                f"an edge needs width_m, rail_m, pitch_m > bar_m > 0, got width, rail, bar, pitch {numbers}"
-            )
+            raise ValueError(f"an edge needs width, rail > 0 < bar < pitch, got width, rail, bar, pitch {numbers}")
 
 
 @dataclass(frozen=True)
@@ -166,15 +164,6 @@ class WorldLines:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where the ship lies in the world (NED)."""
-
-    stern_m: Point = (0.0, 0.0)  # north, east of the deck's stern end on the ship's axis
-    heading_deg: float = 0.0
-    sea_z_m: float = 0.0  # of the water, or of the ground under a runway on land
-
-
-@dataclass(frozen=True)
 class Hull:
     """What carries the deck."""
 
@@ -210,7 +199,9 @@ class ShipClass:
     surface: DeckSurface
     strip: Strip | None = None
     world_lines: WorldLines | None = None
-    place: Place = Place()
+    stern_m: Point = (0.0, 0.0)  # in the world (NED): north, east of the deck's stern end on the ship's axis
+    heading_deg: float = 0.0
+    sea_z_m: float = 0.0  # of the water, or of the ground under a runway on land
     on_land: bool = False
     hull: Hull | None = None
     islands: tuple[Island, ...] = ()

@@ -10,10 +10,10 @@ from deckline.sim.ship.hull import (
     SLAB_M,
     build_fittings,
     build_hull,
-    gallery_ring,
-    number_triangles,
+    digits,
     random_form,
     random_hull,
+    side_ring,
 )
 from deckline.sim.ship.layout import CLEAR_M, Layout, before_end, clear_runway, has_room, runway_distance
 from deckline.sim.ship.mesh import Array, Mesh
@@ -148,10 +148,10 @@ def build_island(layout: Layout, island: Island, runway: bool, paint: Array, rng
         flare = rng.uniform(1.0, 1.04) if k == bridge else rng.uniform(0.95, 1.0)
         at = np.array([x + shift, y])
         parts.append(m.frustum(foot + at, -up, foot * flare + at, -up - rise, tint * rng.uniform(0.93, 1.07)))
-        parts += build_level(foot + at, at, up, rise, k == bridge, tint, rng)
+        parts.append(build_level(foot + at, at, up, rise, k == bridge, tint, rng))
         up += rise
     roof = x + shift, y, *np.ptp(foot, axis=0)
-    parts += build_roof(roof, up, island.mast_m, tint, rng)
+    parts.append(build_roof(roof, up, island.mast_m, tint, rng))
     parts.append(build_wall_number(island, rng))
     parts.append(build_support(layout, island, paint))
     parts.append(build_footing(layout, island, runway, tint, rng))
@@ -160,7 +160,7 @@ def build_island(layout: Layout, island: Island, runway: bool, paint: Array, rng
 
 def build_level(
     foot_m: Array, at_m: Array, up_m: float, rise_m: float, bridge: bool, paint: Array, rng: Generator
-) -> list[Mesh]:
+) -> Mesh:
     """Window band, ledge with rail, doors and boxes on the walls of one level."""
     parts = []
     grown = (foot_m - at_m) * (1.0 + 0.12 / np.ptp(foot_m[:, 1])) + at_m
@@ -179,12 +179,10 @@ def build_level(
     spots = grown[corner] * share + np.roll(grown, -1, axis=0)[corner] * (1 - share)
     spots = m.at_height(spots, -up_m - rise_m * rng.uniform(0.05, 0.7, count))
     size = rng.uniform([0.5, 0.5, 0.6], [2.2, 0.9, 2.1], (count, 3))
-    return [*parts, m.boxes(spots, size, paint * rng.uniform(0.25, 1.35, (count, 1)))]
+    return m.join([*parts, m.boxes(spots, size, paint * rng.uniform(0.25, 1.35, (count, 1)))])
 
 
-def build_roof(
-    roof_m: tuple[float, float, float, float], up_m: float, mast_m: float, paint: Array, rng: Generator
-) -> list[Mesh]:
+def build_roof(roof_m: tuple[float, ...], up_m: float, mast_m: float, paint: Array, rng: Generator) -> Mesh:
     """Funnel, masts, radomes, a radar and whip aerials on a roof (x, y of its middle, length, width)."""
     x, y, length, width = roof_m
     parts = []
@@ -212,7 +210,7 @@ def build_roof(
         starts = np.array([x, y, -up_m]) + rng.uniform(-0.5, 0.5, (whips, 3)) * [length, width, 0.0]
         lean = rng.normal(0.0, 0.6, (whips, 3)) * [1, 1, 0] - [0, 0, 1] * rng.uniform(3, 9, (whips, 1))
         parts.append(m.rods(starts, starts + lean, 0.12, paint * rng.uniform(0.6, 1.5)))
-    return parts
+    return m.join(parts)
 
 
 def build_mast(x_m: float, y_m: float, up_m: float, rise_m: float, paint: Array, rng: Generator) -> list[Mesh]:
@@ -271,7 +269,7 @@ def build_wall_number(island: Island, rng: Generator) -> Mesh:
     tall = min(rng.uniform(1.5, 4.0), island.length_m * 0.25)
     text, parts = str(rng.integers(1, 99)), []
     for side in (-1.0, 1.0):
-        x, z = number_triangles(text, tall, side)
+        x, z = digits(text, tall, side)
         y = np.full(len(x), island.middle_m[1] + side * (island.width_m / 2 + 0.1))
         corners = np.stack([island.middle_m[0] + x, y, z - 0.2 * island.height_m - tall], -1).reshape(-1, 3, 3)
         parts.append(m.facing(corners, np.full(3, rng.uniform(0.7, 0.95)), (0.0, side, 0.0)))
@@ -288,7 +286,7 @@ def build_support(layout: Layout, island: Island, paint: Array) -> Mesh:
     outer[[0, 3]] = edge[[0, 3]]
     if np.max(outer - edge) < 0.5:
         return m.join([])
-    top, low = gallery_ring(stations, side, outer, edge - 2.0), gallery_ring(stations, side, edge - 3.0, edge - 4.0)
+    top, low = side_ring(stations, side, outer, edge - 2.0), side_ring(stations, side, edge - 3.0, edge - 4.0)
     depth = min(8.0, 0.6 * layout.deck_height_m)
     return m.loft([m.at_height(low, depth), m.at_height(top, 1.6), m.at_height(top, -0.02)], paint)
 
