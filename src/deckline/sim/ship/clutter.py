@@ -1,4 +1,4 @@
-"""What stands on deck: aircraft in rows, packs and anywhere, vehicles, crates, people, gear along the edge.
+"""What stands on deck: aircraft in rows, packs and anywhere, vehicles, crates, people, blast deflectors.
 
 Aircraft are prototypes of unit length around the origin, nose to +x, wheels on z = 0, colours as tints.
 """
@@ -11,6 +11,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from deckline.sim.ship import mesh as m
+from deckline.sim.ship.hull import build_edge_gear
 from deckline.sim.ship.layout import Layout, edge_distance, has_room, runway_distance
 from deckline.sim.ship.mesh import WHITE, Array, Mesh, Rgb
 from deckline.sim.ship.ship_class import Island
@@ -306,42 +307,6 @@ def place_crew(lot: Lot, rng: Generator) -> list[Mesh]:
     jersey, legs = np.array(JERSEYS)[rng.integers(len(JERSEYS), size=len(points))] / 100, np.array([0.2, 0.22, 0.3])
     people = (((0.25, 0.4, 0.85), 0.0, legs), ((0.3, 0.5, 0.65), 0.85, jersey), ((0.24, 0.24, 0.27), 1.5, jersey))
     return [m.boxes(m.at_height(points, -up), size, rgb, yaw) for size, up, rgb in people]
-
-
-def build_edge_gear(layout: Layout, runway: bool, rng: Generator) -> list[Mesh]:
-    """Whip aerials, upright or folded out, and the landing officer's platform with the optical landing aid."""
-    parts = []
-    count = int(rng.integers(0, 10))
-    if count:
-        side = rng.choice([-1.0, 1.0], count)
-        x = rng.uniform(0.05, 0.95, count) * layout.length_m
-        port, starboard = layout.edges_at(x)
-        foot = np.column_stack([x, np.where(side > 0, starboard, port) + side * 1.5, np.full(count, 0.9)])
-        lean = rng.uniform(0.95, 1.6, count) if rng.random() < 0.5 else rng.uniform(0.0, 0.25, count)
-        tall = rng.uniform(5.0, 11.0, count)
-        tip = foot + np.column_stack([0 * x, side * np.sin(lean) * tall, -np.cos(lean) * tall])
-        near = np.minimum(runway_distance(layout, foot[:, :2]), runway_distance(layout, tip[:, :2]))
-        clear = (near > 4.0) | (not runway)
-        parts.append(m.rods(foot[clear], tip[clear], 0.22, np.full(3, rng.uniform(0.3, 0.9))))
-    return parts + build_landing_aid(layout, rng) if runway and rng.random() < 0.55 else parts
-
-
-def build_landing_aid(layout: Layout, rng: Generator) -> list[Mesh]:
-    """A lens between rows of green lamps beyond the port edge, and the landing officer's screen aft of it."""
-    start, end = layout.left_m
-    parts = []
-    for share, wide, tall in ((rng.uniform(0.25, 0.5), rng.uniform(3.0, 8.0), 1.6), (rng.uniform(0.08, 0.2), 2.5, 1.8)):
-        x = float(start[0] + share * (end[0] - start[0]))
-        y = layout.edges_at(x)[0] - wide / 2 - 0.3
-        if runway_distance(layout, np.array([[x, y + wide / 2]]))[0] < 4.0:
-            continue
-        parts.append(m.boxes((x, y, 1.4), (2.4, wide + 0.6, 0.4), (0.35, 0.36, 0.38)))
-        parts.append(m.boxes((x, y, 1.0), (0.4, wide, tall), (0.12, 0.12, 0.13)))
-        if tall < 1.7:
-            lamps, lit = [[x - 0.3, y + k * wide, 0.3] for k in (-0.4, -0.25, 0.25, 0.4)], rng.uniform(0.3, 1.0)
-            parts.append(m.boxes(lamps, (0.1, 0.13 * wide, 0.3), lit * np.array([0.2, 0.95, 0.4])))
-            parts.append(m.boxes((x - 0.3, y, 0.8), (0.1, 0.08 * wide, 1.4), lit * np.array([0.95, 0.5, 0.2])))
-    return parts
 
 
 def build_deflectors(lot: Lot, rng: Generator) -> list[Mesh]:

@@ -1,4 +1,4 @@
-"""The hull under a deck, with its transom, and what hangs on it: sponsons, openings, walks, numbers, rust.
+"""The hull under a deck, with its transom, and what hangs on it: sponsons, openings, walks, numbers, rust, aerials.
 
 The hull is one loft through frames. A frame's corners lie on levels, from under the deck down to the keel; every
 level has its own stern, bow and half width, so that bows rake and sides flare.
@@ -253,6 +253,42 @@ def build_streaks(form: Form, side: float, rng: Generator) -> Mesh:
     corners = np.stack([points_on_side(form, x + dx, z, side, 0.07) for dx, z in outline], 1)
     shade = rng.uniform(0.7, 1.1, (count, 1)) * (RUST if rng.random() < 0.6 else np.full(3, 0.3))
     return facing(corners, shade, (0.0, side, 0.0))
+
+
+def build_edge_gear(layout: Layout, runway: bool, rng: Generator) -> list[Mesh]:
+    """Whip aerials, upright or folded out, and the landing officer's platform with the optical landing aid."""
+    parts = []
+    count = int(rng.integers(0, 10))
+    if count:
+        side = rng.choice([-1.0, 1.0], count)
+        x = rng.uniform(0.05, 0.95, count) * layout.length_m
+        port, starboard = layout.edges_at(x)
+        foot = np.column_stack([x, np.where(side > 0, starboard, port) + side * 1.5, np.full(count, 0.9)])
+        lean = rng.uniform(0.95, 1.6, count) if rng.random() < 0.5 else rng.uniform(0.0, 0.25, count)
+        tall = rng.uniform(5.0, 11.0, count)
+        tip = foot + np.column_stack([0 * x, side * np.sin(lean) * tall, -np.cos(lean) * tall])
+        near = np.minimum(runway_distance(layout, foot[:, :2]), runway_distance(layout, tip[:, :2]))
+        clear = (near > 4.0) | (not runway)
+        parts.append(rods(foot[clear], tip[clear], 0.22, np.full(3, rng.uniform(0.3, 0.9))))
+    return parts + build_landing_aid(layout, rng) if runway and rng.random() < 0.55 else parts
+
+
+def build_landing_aid(layout: Layout, rng: Generator) -> list[Mesh]:
+    """A lens between rows of green lamps beyond the port edge, and the landing officer's screen aft of it."""
+    start, end = layout.left_m
+    parts = []
+    for share, wide, tall in ((rng.uniform(0.25, 0.5), rng.uniform(3.0, 8.0), 1.6), (rng.uniform(0.08, 0.2), 2.5, 1.8)):
+        x = float(start[0] + share * (end[0] - start[0]))
+        y = layout.edges_at(x)[0] - wide / 2 - 0.3
+        if runway_distance(layout, np.array([[x, y + wide / 2]]))[0] < 4.0:
+            continue
+        parts.append(boxes((x, y, 1.4), (2.4, wide + 0.6, 0.4), (0.35, 0.36, 0.38)))
+        parts.append(boxes((x, y, 1.0), (0.4, wide, tall), (0.12, 0.12, 0.13)))
+        if tall < 1.7:
+            lamps, lit = [[x - 0.3, y + k * wide, 0.3] for k in (-0.4, -0.25, 0.25, 0.4)], rng.uniform(0.3, 1.0)
+            parts.append(boxes(lamps, (0.1, 0.13 * wide, 0.3), lit * np.array([0.2, 0.95, 0.4])))
+            parts.append(boxes((x - 0.3, y, 0.8), (0.1, 0.08 * wide, 1.4), lit * np.array([0.95, 0.5, 0.2])))
+    return parts
 
 
 def build_stern(form: Form, paint: Array, rng: Generator) -> Mesh:
