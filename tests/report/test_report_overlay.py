@@ -136,13 +136,13 @@ def test_pictures_of_any_shape_fit_into_their_panel(size):
 
 def test_the_centre_line_is_projected_between_its_edge_lines():
     result = chain(frame())
-    near, far = overlay.centre_line_px(result.frame, result.estimate)
+    near, far = overlay.project_centre_line(result.frame, result.estimate)
     truth = result.frame.camera.project(
         result.frame.world_from_camera.inv().apply([[0.0, 0.0, -20.0], [200.0, 0.0, -20.0]])
     )
     assert np.allclose([near, far], truth, atol=0.2)
     unplaced = chain(frame(pose=False))
-    assert overlay.centre_line_px(unplaced.frame, unplaced.estimate) is None
+    assert overlay.project_centre_line(unplaced.frame, unplaced.estimate) is None
 
 
 @given(u=st.integers(0, 600), v=st.integers(0, 330), width=st.integers(4, 200))

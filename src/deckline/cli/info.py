@@ -2,7 +2,6 @@
 
 import platform
 from importlib.metadata import PackageNotFoundError, version
-from typing import TextIO
 
 from deckline import __version__
 from deckline.dehaze import DEHAZERS
@@ -12,26 +11,27 @@ from deckline.runtime import shipped_models, shipped_weights
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "onnxruntime", "av", "moderngl", "torch")
 
 
-def print_info(out: TextIO) -> None:
-    """Write versions, providers, methods and checked weights as plain lines."""
+def info() -> int:
+    """Print versions, inference providers and the shipped weights with their measured figures."""
     import onnxruntime
 
-    print(f"deckline {__version__}, Python {platform.python_version()}, {platform.platform()}", file=out)
+    print(f"deckline {__version__}, Python {platform.python_version()}, {platform.platform()}")
     for package in PACKAGES:
-        print(f"  {package:24} {_version(package)}", file=out)
-    print(f"inference providers: {', '.join(onnxruntime.get_available_providers())}", file=out)
-    print(f"dehazers: {', '.join(DEHAZERS)}", file=out)
-    print(f"detectors: {', '.join(DETECTORS)}", file=out)
-    print("weights:", file=out)
+        print(f"  {package:24} {_version(package)}")
+    print(f"inference providers: {', '.join(onnxruntime.get_available_providers())}")
+    print(f"dehazers: {', '.join(DEHAZERS)}")
+    print(f"detectors: {', '.join(DETECTORS)}")
+    print("weights:")
     for name, model in shipped_models().items():
         path = shipped_weights(name)
-        print(f"  {name} ({model.kind}): {path.name}, {path.stat().st_size / 1e6:.2f} MB", file=out)
-        print(f"    sha256  {model.sha256} (checked)", file=out)
-        print(f"    made by {model.command}", file=out)
-        print(f"    on      {model.data}", file=out)
-        print(f"    with    seed {model.seed}, {model.steps} steps, {model.hardware}, {model.date}", file=out)
+        print(f"  {name} ({model.kind}): {path.name}, {path.stat().st_size / 1e6:.2f} MB")
+        print(f"    sha256  {model.sha256} (checked)")
+        print(f"    made by {model.command}")
+        print(f"    on      {model.data}")
+        print(f"    with    seed {model.seed}, {model.steps} steps, {model.hardware}, {model.date}")
         for figure, value in model.figures.items():
-            print(f"    {figure}: {value}", file=out)
+            print(f"    {figure}: {value}")
+    return 0
 
 
 def _version(package: str) -> str:

@@ -1,4 +1,4 @@
-"""`deckline demo`, `run`, `convert` and `info`. Optional parts are imported inside the command that needs them."""
+"""`deckline demo`, `run` and `convert`. Optional parts are imported inside the command that needs them."""
 
 import sys
 import zipfile
@@ -123,11 +123,3 @@ def _run(
     for path in summary.written:
         print(path)
     return summary.exit_code
-
-
-def info() -> int:
-    """Print versions, inference providers and the shipped weights with their measured figures."""
-    from deckline.cli.info import print_info
-
-    print_info(sys.stdout)
-    return 0

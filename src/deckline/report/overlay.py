@@ -128,7 +128,7 @@ def find_corner(size: tuple[int, int], view: View, window: Window) -> tuple[int,
     return None
 
 
-def centre_line_px(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.float64] | None:
+def project_centre_line(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.float64] | None:
     """Ends (2, 2), px, of the measured centre line in the image, as long as the lines beside it were seen.
 
     None without a pose or a centre line, or when it lies behind the camera.
@@ -170,14 +170,14 @@ def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
 
 
 def _mark(image: Image, view: View, result: FrameResult, with_points: bool) -> None:
-    centre = centre_line_px(result.frame, result.estimate)
+    centre = project_centre_line(result.frame, result.estimate)
     if centre is not None:
-        _centre_line(image, view(centre))
+        _draw_centre_line(image, view(centre))
     detected = {"left": result.detection.left, "right": result.detection.right}
     for side in SIDES:
         line = result.estimate.pixel_lines.get(side)
         if with_points:
-            _points(image, view, detected[side], line, COLOURS[side])
+            _draw_points(image, view, detected[side], line, COLOURS[side])
         if line is not None:
             colour = _tint(COLOURS[side]) if with_points else COLOURS[side]
             draw_segment(image, view(line.ends_px), colour, 1 if with_points else 2, halo=0)
@@ -189,7 +189,7 @@ def _tint(colour: Colour) -> Colour:
     return red, green, blue
 
 
-def _points(image: Image, view: View, points: LinePoints, line: PixelLine | None, colour: Colour) -> None:
+def _draw_points(image: Image, view: View, points: LinePoints, line: PixelLine | None, colour: Colour) -> None:
     """Points sized by their confidence; those that RANSAC left out are rings."""
     shown = view(points.points_px)
     kept = np.zeros(len(points), dtype=bool) if line is None else line.inliers
@@ -201,7 +201,7 @@ def _points(image: Image, view: View, points: LinePoints, line: PixelLine | None
         draw_dot(image, at, radius, colour, filled=bool(inlier), rim=radius > RIM_PX)
 
 
-def _centre_line(image: Image, ends: NDArray[np.float64]) -> None:
+def _draw_centre_line(image: Image, ends: NDArray[np.float64]) -> None:
     """Dashes, only where they are inside the picture: a near end may lie far outside."""
     height, width = image.shape[:2]
     whole = np.rint(np.clip(ends, -1e6, 1e6)).astype(int)

@@ -109,7 +109,7 @@ def run(
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"{folder.jsonl} is whole, film and report are not") from None
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
-    console.print(f"{info['frames'].partition(',')[0]} frames: {_counts_text(counts)}")
+    console.print(f"{info['frames'].partition(',')[0]} frames: {_format_counts(counts)}")
     if reason := explain_missing(read_records(out / JSONL), frames - counts["skipped"]):
         console.print(reason)
     if stopped and isinstance(source, Source):
@@ -136,16 +136,16 @@ def _process(
     """
     counts = dict.fromkeys(KINDS, 0)
     for record in read_records(folder.jsonl):
-        counts[_kind(record)] += 1
+        counts[_kind_of(record)] += 1
     first = min(folder.filmed, folder.recorded)
     with ExitStack() as stack:
-        stopped = stack.enter_context(_noticing_ctrl_c(source))
-        progress = stack.enter_context(_progress())
+        stopped = stack.enter_context(_catch_ctrl_c(source))
+        progress = stack.enter_context(_make_progress())
         lines = stack.enter_context(folder.jsonl.open("ab", buffering=0))
         piece = stack.enter_context(VideoPiece(folder.next_piece(), OVERLAY_PX))
-        task = progress.add_task("frames", total=total, completed=first, counts=_counts_text(counts))
+        task = progress.add_task("frames", total=total, completed=first, counts=_format_counts(counts))
         try:
-            for index, item in enumerate(_items(source, first, total), first):
+            for index, item in enumerate(_read_items(source, first, total), first):
                 outcome = _apply(chain, item)
                 if index >= folder.recorded:
                     outcome = _flag_resumed(outcome) if 0 < index == folder.recorded else outcome
@@ -154,7 +154,7 @@ def _process(
                     else:
                         record = frame_record(outcome, config.approach)
                     lines.write(to_line(record).encode())  # in a single write: a kill cuts off one line at most
-                    counts[_kind(record)] += 1
+                    counts[_kind_of(record)] += 1
                 if isinstance(outcome, BadFrame):
                     words = f"skipped {outcome.file}: {outcome.reason}"
                     progress.console.print(words, markup=False, highlight=False, soft_wrap=True)
@@ -162,7 +162,7 @@ def _process(
                     panels = draw_panels(outcome)
                     sample.add(index, panels)
                     piece.add(draw_overlay(outcome.frame, outcome.guidance, panels), outcome.frame.time_s)
-                progress.update(task, completed=index + 1, counts=_counts_text(counts))
+                progress.update(task, completed=index + 1, counts=_format_counts(counts))
                 if stopped.is_set() and index + 1 != total:
                     return counts, True
         except KeyboardInterrupt:
@@ -170,7 +170,7 @@ def _process(
     return counts, stopped.is_set() and sum(counts.values()) != total
 
 
-def _items(source: Stream, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
+def _read_items(source: Stream, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
     """Items `first` to `total` of the source. From the beginning it is iterated, as films are read best that way."""
     if first == 0 or not isinstance(source, Source):
         yield from islice(source.items(), total)
@@ -230,15 +230,15 @@ def _choose_records(jsonl: Path, sample: PictureSample, count: int) -> tuple[lis
     return records, pictures
 
 
-def _kind(record: Record) -> str:
+def _kind_of(record: Record) -> str:
     return "skipped" if "skipped" in record else str(record["status"])
 
 
-def _counts_text(counts: Counts) -> str:
+def _format_counts(counts: Counts) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts.items())
 
 
-def _progress() -> Progress:
+def _make_progress() -> Progress:
     words, counts = TextColumn("{task.description}"), TextColumn("{task.fields[counts]}", markup=False)
     return Progress(
         words, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), counts, console=Console(stderr=True)
@@ -246,7 +246,7 @@ def _progress() -> Progress:
 
 
 @contextmanager
-def _noticing_ctrl_c(source: Stream) -> Iterator[threading.Event]:
+def _catch_ctrl_c(source: Stream) -> Iterator[threading.Event]:
     """An event that the first Ctrl-C sets, so that the current frame is finished; the second one interrupts.
 
     A source that waits for its next frame is told to end the wait.
