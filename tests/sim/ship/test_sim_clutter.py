@@ -46,7 +46,7 @@ def test_some_decks_are_empty_and_some_full(cvn):
     assert max(counts) > 3 * 4000
 
 
-@pytest.mark.parametrize("kind", cl.KINDS)
+@pytest.mark.parametrize("kind", cl.load_aircraft()["kinds"])
 def test_prototypes_stand_on_their_wheels_and_are_about_one_long(kind):
     mesh = cl.prototype(kind)
     assert mesh[:, 2].max() == pytest.approx(0.0, abs=0.02)
@@ -66,5 +66,5 @@ def test_folded_ones_are_narrower(spread, share):
 
 
 def test_a_fuselage_of_equal_sections_has_the_volume_of_a_prism(volume):
-    mesh = cl.build_fuselage([0.0, 2.0], [0.5, 0.5], 0.0)
+    mesh = cl.build_body([0.0, 2.0], [0.5, 0.5], 0.0)
     assert volume(mesh) == pytest.approx(2.0 * 1.5 * np.sqrt(3) * 0.25, rel=1e-5)

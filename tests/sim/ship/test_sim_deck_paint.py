@@ -138,8 +138,10 @@ def test_numbers_stand_upright_seen_from_astern():
 
 
 @pytest.mark.parametrize("kind", ["ladder", "stripe", "double", "dashed"])
-def test_every_kind_of_edge_has_its_middle_on_the_line(kind):
-    aside, reach = across(dp.paint_edge(LAYOUT.left_m, replace(EDGE, kind=kind)), LAYOUT.left_m)
+def test_every_kind_of_edge_has_its_opacity_and_its_middle_on_the_line(kind):
+    coat = dp.paint_edge(LAYOUT.left_m, replace(EDGE, kind=kind, opacity=0.3))
+    np.testing.assert_allclose(coat[:, 5], 0.3)
+    aside, reach = across(coat, LAYOUT.left_m)
     half, length = EDGE.width_m / 2, axes(*LAYOUT.left_m)[2]
     assert [aside.min(), aside.max()] == pytest.approx([-half, half], abs=1e-3)
     assert reach.min() == pytest.approx(0.0, abs=1e-3)
@@ -150,10 +152,6 @@ def test_a_ladder_has_two_rails_and_its_rungs():
     style = replace(EDGE, width_m=3.0, rail_m=0.5, bar_m=0.4, pitch_m=2.0)
     area = area_and_middle(dp.paint_edge(np.array([[0.0, 0.0], [100.0, 0.0]]), style))[0]
     assert area == pytest.approx(2 * 0.5 * 100 + len(np.arange(0.0, 99.6, 2.0)) * 0.4 * 2.0, rel=1e-5)
-
-
-def test_opacity_thins_an_edge():
-    np.testing.assert_allclose(dp.paint_edge(LAYOUT.left_m, replace(EDGE, opacity=0.3))[:, 5], 0.3)
 
 
 @pytest.mark.parametrize(("line", "inward"), [(LAYOUT.left_m, 1.0), (LAYOUT.right_m, -1.0)])

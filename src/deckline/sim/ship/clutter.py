@@ -3,8 +3,11 @@
 Aircraft are prototypes of unit length around the origin, nose to +x, wheels on z = 0, colours as tints.
 """
 
+import tomllib
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -16,15 +19,7 @@ from deckline.sim.ship.layout import Layout, edge_distance, has_room, runway_dis
 from deckline.sim.ship.mesh import WHITE, Array, Mesh, Rgb
 from deckline.sim.ship.ship_class import Island
 
-KINDS = ("delta", "swept", "folded", "propeller", "propeller folded", "helicopter", "helicopter folded", "trainer")
-LENGTHS_M = dict(zip(KINDS, (15.0, 18.3, 18.3, 17.5, 17.5, 17.0, 17.0, 11.0), strict=True))
-WINGS = {  # starboard wings of jets
-    "delta": [[0.18, 0.05], [-0.33, 0.31], [-0.4, 0.31], [-0.4, 0.05]],
-    "swept": [[0.12, 0.05], [-0.15, 0.36], [-0.26, 0.36], [-0.26, 0.05]],
-    "folded": [[0.12, 0.05], [-0.04, 0.21], [-0.26, 0.21], [-0.26, 0.05]],
-    "trainer": [[0.06, 0.05], [-0.06, 0.37], [-0.18, 0.37], [-0.16, 0.05]],
-}
-GLASS, GREY = (0.12, 0.13, 0.16), (0.85, 0.85, 0.85)
+AIRCRAFT = Path(__file__).parent / "aircraft.toml"
 # Greys of aircraft, one blue-grey, white; colours of vehicles; jerseys of the crew's trades.
 COATS = np.array([[62, 64, 67], [52, 55, 58], [72, 74, 76], [35, 38, 42], [45, 55, 66], [90, 90, 90]]) / 100
 VEHICLES = np.array([[82, 66, 12], [85, 85, 83], [60, 15, 12], [30, 36, 27], [50, 52, 54], [20, 20, 22]]) / 100
@@ -34,11 +29,18 @@ Pose = tuple[float, float, float]  # x, y, m, and yaw, rad, on deck
 
 
 @cache
+def load_aircraft() -> dict[str, Any]:
+    """Lengths and parts of all kinds of aircraft, and the shapes of these parts."""
+    return tomllib.loads(AIRCRAFT.read_text(encoding="utf-8"))
+
+
+@cache
 def prototype(kind: str) -> Mesh:
     """An aircraft of length 1; its greys are multiplied by an instance's colour."""
-    if kind.startswith("helicopter"):
-        return build_helicopter(kind.endswith("folded"))
-    return build_propeller(kind.endswith("folded")) if kind.startswith("propeller") else build_jet(kind)
+    shapes = {"body": build_body, "wing": build_wing, "fin": build_fin, "rings": build_rings, "rotor": build_rotor}
+    builders: dict[str, Any] = shapes | {"solid": m.loft, "boxes": m.boxes, "rods": m.rods}
+    parts = [part for name in load_aircraft()["kinds"][kind]["parts"] for part in load_aircraft()["parts"][name]]
+    return m.join([builders[part["shape"]](**part["of"]) for part in parts])
 
 
 @cache
@@ -48,17 +50,19 @@ def extents(kind: str) -> tuple[float, float]:
     return float(along), float(across)
 
 
-def build_fuselage(x: list[float], radii: list[float], middles_z: ArrayLike, rgb: Rgb = WHITE) -> Mesh:
+def build_body(x: list[float], radii: list[float], z: float | list[float], rgb: Rgb = WHITE, y: float = 0.0) -> Mesh:
     """A body of hexagonal sections along x, their middles at one height or a height each."""
+    sections = zip(x, radii, np.broadcast_to(z, len(x)), strict=True)
     ring = m.disc(0.0, 0.0, 1.0, 6)
-    bodies = zip(x, radii, np.broadcast_to(middles_z, len(x)), strict=True)
-    return m.loft([np.column_stack([np.full(6, at), r * ring + [0.0, z]]) for at, r, z in bodies], rgb)
+    mesh = m.loft([np.column_stack([np.full(6, at), r * ring + [0.0, up]]) for at, r, up in sections], rgb)
+    mesh[:, 1] += y
+    return mesh
 
 
-def build_plates(outline: ArrayLike, z: float, thick: float = 0.012) -> list[Mesh]:
+def build_wing(outline: ArrayLike, z: float, thick: float = 0.012) -> Mesh:
     """A flat wing of any convex starboard outline (N, 2), its underside at z, and its mirror image to port."""
     halves = [np.asarray(outline) * [1.0, side] for side in (1.0, -1.0)]
-    return [m.loft([m.at_height(half, z), m.at_height(half, z - thick)], (0.95, 0.95, 0.95)) for half in halves]
+    return m.join([m.loft([m.at_height(half, up) for up in (z, z - thick)], (0.95, 0.95, 0.95)) for half in halves])
 
 
 def build_fin(x: float, y: float, base_z: float, chord: float, rise: float, cant: float = 0.0) -> Mesh:
@@ -66,83 +70,22 @@ def build_fin(x: float, y: float, base_z: float, chord: float, rise: float, cant
     corners = np.array([[0, 0], [chord, 0], [0.35 * chord, rise], [-0.15 * chord, rise]])
     across = y + cant * corners[:, 1]
     faces = [np.column_stack([x + corners[:, 0], across + side, base_z - corners[:, 1]]) for side in (-0.006, 0.006)]
-    return m.loft(faces, GREY)
+    return m.loft(faces, (0.85, 0.85, 0.85))
 
 
-def build_gear(nose_x: float, main_x: float, main_y: float, z: float) -> Mesh:
-    """Three legs with wheels down to the deck."""
-    feet = np.array([[nose_x, 0.0, 0.0], [main_x, main_y, 0.0], [main_x, -main_y, 0.0]])
-    wheels = m.boxes(feet, (0.05, 0.02, 0.05), (0.15, 0.15, 0.15))
-    return m.join([m.rods(feet, feet + np.array([0.0, 0.0, z]), 0.014, GREY), wheels])
+def build_rings(
+    x: float, radii: list[float], z: list[float], rgb: Rgb, sides: int, ends: tuple[bool, bool] = (True, True)
+) -> Mesh:
+    """A round body of upright axis."""
+    rings = [m.at_height(m.disc(x, 0.0, radius, sides), up) for radius, up in zip(radii, z, strict=True)]
+    return m.loft(rings, rgb, ends)
 
 
-def build_jet(kind: str) -> Mesh:
-    """A fighter with a delta, swept or folded wing, or a small trainer."""
-    z = -0.135
-    middles = [z, z, z, z - 0.005, z + 0.005]
-    parts = [build_fuselage([-0.5, -0.3, 0.1, 0.33, 0.5], [0.05, 0.062, 0.065, 0.04, 0.004], middles)]
-    parts.append(build_fuselage([0.12, 0.2, 0.3, 0.37], [0.01, 0.032, 0.03, 0.005], z - 0.05, GLASS))
-    parts += [build_gear(0.3, -0.1, 0.09, z), *build_plates(WINGS[kind], z)]
-    if kind == "folded":
-        tip = np.array([[-0.04, 0.0], [-0.26, 0.0], [-0.26, 0.14], [-0.15, 0.14]])
-        for side in (-1.0, 1.0):
-            faces = [np.column_stack([tip[:, 0], np.full(4, side * y), z - tip[:, 1]]) for y in (0.2, 0.212)]
-            parts.append(m.loft(faces, GREY))
-    if kind != "delta":
-        parts += build_plates([[-0.36, 0.05], [-0.46, 0.2], [-0.52, 0.2], [-0.5, 0.05]], z)
-    if kind in ("delta", "trainer"):
-        parts.append(build_fin(-0.48, 0.0, z - 0.05, 0.2, 0.17))
-    else:
-        parts += [build_fin(-0.42, side * 0.075, z - 0.04, 0.17, 0.15, side * 0.3) for side in (-1.0, 1.0)]
-        parts.append(m.boxes([[-0.1, side * 0.075, z + 0.05] for side in (-1.0, 1.0)], (0.42, 0.05, 0.09), GREY))
-    return m.join([*parts, build_fuselage([-0.515, -0.49], [0.045, 0.05], z, (0.25, 0.25, 0.25))])
-
-
-def build_propeller(folded: bool) -> Mesh:
-    """A twin turboprop with a rotating radome on its back."""
-    z = -0.16
-    stations, radii = [-0.5, -0.25, 0.3, 0.45, 0.5], [0.02, 0.07, 0.075, 0.05, 0.01]
-    parts = [build_fuselage(stations, radii, [z - 0.05, z, z, z, z])]
-    parts.append(build_fuselage([0.36, 0.4, 0.46], [0.01, 0.04, 0.01], z - 0.035, GLASS))
-    parts.append(build_gear(0.35, -0.02, 0.16, z))
-    half = 0.27 if folded else 0.68
-    parts += build_plates([[0.14, 0.0], [0.12, half], [0.01, half], [-0.02, 0.0]], z - 0.06, 0.02)
-    if folded:
-        for side in (1.0, -1.0):
-            rear = np.array([[0.0, 0.2], [-0.42, 0.22], [-0.42, 0.26], [0.0, 0.26]]) * [1.0, side]
-            parts.append(m.loft([m.at_height(rear, z - 0.15), m.at_height(rear, z)], GREY))
-    for side in (-1.0, 1.0):
-        nacelle = build_fuselage([-0.12, 0.2, 0.26], [0.025, 0.045, 0.02], z - 0.05)
-        nacelle[:, 1] += side * 0.19
-        hub = np.array([0.27, side * 0.19, z - 0.05])
-        tips = hub + 0.12 * np.array([[0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-        parts += [nacelle, m.rods(np.tile(hub, (4, 1)), tips, 0.018, (0.3, 0.3, 0.3))]
-        parts.append(build_fin(-0.5, side * 0.2, z - 0.02, 0.12, 0.13))
-    parts += build_plates([[-0.38, 0.0], [-0.4, 0.24], [-0.5, 0.24], [-0.5, 0.0]], z - 0.04)
-    dish = [m.at_height(m.disc(-0.1, 0.0, r, 12), z - up) for r, up in ((0.08, 0.14), (0.21, 0.165), (0.08, 0.195))]
-    return m.join([*parts, m.loft(dish, (0.9, 0.9, 0.9)), m.boxes((-0.1, 0.0, z - 0.05), (0.06, 0.03, 0.1), GREY)])
-
-
-def build_helicopter(folded: bool) -> Mesh:
-    """A transport helicopter with its rotor spread or folded aft."""
-    z, dark, mast = -0.11, (0.22, 0.22, 0.24), m.disc(0.12, 0.0, 0.02, 6)
-    middles = [z - 0.02, z, z, z, z + 0.02]
-    parts = [
-        build_fuselage([-0.12, 0.0, 0.3, 0.42, 0.48], [0.05, 0.08, 0.085, 0.06, 0.01], middles),
-        build_fuselage([-0.5, -0.1], [0.02, 0.045], [z - 0.07, z - 0.03]),
-        build_fuselage([0.28, 0.36, 0.44], [0.02, 0.06, 0.01], z - 0.025, GLASS),
-        m.boxes((0.1, 0.0, z - 0.06), (0.25, 0.09, 0.07), GREY),
-        build_fin(-0.5, 0.0, z - 0.06, 0.1, 0.15),
-        build_gear(-0.3, 0.2, 0.1, z),
-        m.frustum(mast, z - 0.1, mast, z - 0.17, GREY),
-    ]
-    hub = np.array([0.12, 0.0, z - 0.165])
+def build_rotor(hub: list[float], folded: bool) -> Mesh:
+    """Five rotor blades, spread or folded aft."""
     angle = np.pi + np.linspace(-0.12, 0.12, 5) if folded else np.arange(5) * 2 * np.pi / 5 + 0.3
     reach = np.column_stack([np.cos(angle), np.sin(angle), np.full(5, 0.08)]) * (0.55 if folded else 0.48)
-    parts.append(m.rods(np.tile(hub, (5, 1)), hub + reach, 0.022, dark))
-    tail = np.array([-0.49, 0.02, z - 0.2])
-    spokes = 0.09 * np.array([[1, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1]])
-    return m.join([*parts, m.rods(np.tile(tail, (4, 1)), tail + spokes, 0.015, dark)])
+    return m.rods(np.tile(hub, (5, 1)), hub + reach, 0.022, (0.22, 0.22, 0.24))
 
 
 @dataclass(eq=False)
@@ -192,7 +135,7 @@ def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng
 
 def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> Mesh:
     """Rows along the deck's edge, a pack beside the island, and some anywhere."""
-    wing = rng.choice(KINDS, size=3)  # a ship carries few types
+    wing = rng.choice(list(load_aircraft()["kinds"]), size=3)  # a ship carries few types
     coat = COATS[rng.integers(len(COATS))]
     spots: list[Pose] = []
     for side in (-1.0, 1.0):
@@ -212,7 +155,7 @@ def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: G
     kind, scale = str(wing[0]), min(1.0, lot.layout.length_m / 150.0)
     for x, y, yaw in spots:
         kind = str(rng.choice(wing)) if rng.random() < 0.3 else kind
-        size = LENGTHS_M[kind] * scale
+        size = load_aircraft()["kinds"][kind]["length_m"] * scale
         length, width = extents(kind)
         if lot.reserve(m.rectangle(x, y, size * length, size * width, yaw), -2.0):
             parked.setdefault(kind, []).append((x, y, 0.0, yaw, size, *(coat * rng.uniform(0.9, 1.1))))

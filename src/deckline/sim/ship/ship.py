@@ -10,7 +10,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from deckline.sim.ship.background import background_mesh
-from deckline.sim.ship.clutter import KINDS, prototype
+from deckline.sim.ship.clutter import load_aircraft, prototype
 from deckline.sim.ship.deck_paint import build_coat
 from deckline.sim.ship.layout import Layout, class_layout, random_layout
 from deckline.sim.ship.mesh import Array, Mesh, Rgb, at_height, boxes, disc, frustum, instances, join, loft
@@ -192,7 +192,7 @@ def build_hangars(layout: Layout, rng: Generator) -> list[Mesh]:
     parts.append(boxes(tower, (6.0, 6.0, tall), wall, yaw))
     parts.append(boxes(tower - [0, 0, tall], (9.0, 9.0, 3.0), (0.1, 0.12, 0.14), yaw))
     parts.append(boxes(tower - [0, 0, tall + 3.0], (9.5, 9.5, 0.6), wall, yaw))
-    kind, count = str(rng.choice(KINDS)), int(rng.integers(0, 9))
+    kind, count = str(rng.choice(list(load_aircraft()["kinds"]))), int(rng.integers(0, 9))
     at = first + (size[1] / 2 + 22.0) * inwards + 24.0 * np.arange(count)[:, None] * ahead
     return [*parts, instances(prototype(kind), at, yaw - side * np.pi / 2, 16.0, rng.uniform(0.4, 0.9) * np.ones(3))]
 
