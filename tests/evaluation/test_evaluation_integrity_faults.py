@@ -11,14 +11,14 @@ from deckline.evaluation.integrity_faults import (
     DEPTH_BIAS,
     FAULTS,
     FOUL_M,
-    Shot,
-    beside,
     inject,
-    moved_points,
+    move_points,
+    offset_line,
     pose_at,
     u_at,
 )
 from deckline.evaluation.metrics import normal_pixel_error
+from deckline.evaluation.modelled_detector import Sighting
 from deckline.geometry import Camera, attitude
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
@@ -34,7 +34,7 @@ def points(frame: Frame, line: Segment) -> LinePoints:
     return LinePoints(pixels, np.full(25, 0.9), np.full(25, 0.3))
 
 
-def shot(index: int) -> Shot:
+def sighting(index: int) -> Sighting:
     time_s = index / RATE_HZ
     body = RigidTransform.from_components(
         [-200.0 + SPEED_M_S * time_s, 1.0, -20.0], attitude(0.02 * time_s, -0.05, 0.01)
@@ -49,18 +49,18 @@ def shot(index: int) -> Shot:
         deck_z_m=5.0,
         truth=Truth(LEFT, RIGHT),
     )
-    return Shot(frame, Detection(points(frame, LEFT), points(frame, RIGHT)))
+    return Sighting(frame, Detection(points(frame, LEFT), points(frame, RIGHT)))
 
 
-SHOTS = [shot(index) for index in range(8)]
-ONSET_S = 0.7  # between the fourth and the fifth shot
+SIGHTINGS = [sighting(index) for index in range(8)]
+ONSET_S = 0.7  # between the fourth and the fifth frame
 
 
-def with_fault(name: str, seed: int = 0) -> list[Shot]:
-    return list(inject(SHOTS, FAULTS[name], ONSET_S, np.random.default_rng(seed)))
+def with_fault(name: str, seed: int = 0) -> list[Sighting]:
+    return list(inject(SIGHTINGS, FAULTS[name], ONSET_S, np.random.default_rng(seed)))
 
 
-def distance_px(at: Shot, side: str, line: Segment) -> np.ndarray:
+def distance_px(at: Sighting, side: str, line: Segment) -> np.ndarray:
     ends = at.frame.true_world_from_camera.inv().apply(np.stack([line.p0_m, line.p1_m]))
     return normal_pixel_error(getattr(at.detection, side).points_px, ends, at.frame.camera)
 
@@ -68,8 +68,8 @@ def distance_px(at: Shot, side: str, line: Segment) -> np.ndarray:
 @pytest.mark.parametrize("name", FAULTS)
 def test_sudden_faults_leave_what_was_before_untouched(name):
     faulty = with_fault(name)
-    assert len(faulty) == len(SHOTS)
-    same = [a is b for a, b in zip(faulty, SHOTS, strict=True)]
+    assert len(faulty) == len(SIGHTINGS)
+    same = [a is b for a, b in zip(faulty, SIGHTINGS, strict=True)]
     if FAULTS[name].sudden:
         assert all(same[:4])
     assert not same[4]
@@ -79,7 +79,7 @@ def test_sudden_faults_leave_what_was_before_untouched(name):
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_the_truth_stays_what_it_was(name):
-    for before, after in zip(SHOTS, with_fault(name), strict=True):
+    for before, after in zip(SIGHTINGS, with_fault(name), strict=True):
         assert after.frame.truth.left is LEFT
         assert after.frame.time_s == before.frame.time_s
         true = after.frame.true_world_from_body
@@ -87,13 +87,13 @@ def test_the_truth_stays_what_it_was(name):
 
 
 def test_without_a_fault_nothing_changes():
-    assert list(inject(SHOTS, None, 0.0, np.random.default_rng(0))) == SHOTS
+    assert list(inject(SIGHTINGS, None, 0.0, np.random.default_rng(0))) == SIGHTINGS
 
 
 def test_swapped_lines():
     after = with_fault("swapped lines")[5]
-    assert after.detection.left is SHOTS[5].detection.right
-    assert after.detection.right is SHOTS[5].detection.left
+    assert after.detection.left is SIGHTINGS[5].detection.right
+    assert after.detection.right is SIGHTINGS[5].detection.left
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -104,7 +104,7 @@ def test_a_foul_line_runs_beside_its_edge_outside(seed):
     ]
     assert len(sides) == 1
     outwards, line = (-1, LEFT) if sides[0] == "left" else (1, RIGHT)
-    near, far = (beside(line, outwards * reach, 0.0) for reach in FOUL_M)
+    near, far = (offset_line(line, outwards * reach, 0.0) for reach in FOUL_M)
     moved = getattr(after.detection, sides[0]).points_px
     limits = [u_at(edge, moved[:, 1], after.frame) for edge in (near, far)]
     assert np.all((moved[:, 0] >= np.minimum(*limits) - 1e-6) & (moved[:, 0] <= np.maximum(*limits) + 1e-6))
@@ -125,22 +125,22 @@ def test_a_catapult_track_is_no_parallel():
 
 def test_moved_points_keep_their_noise_and_leave_the_image():
     noise = np.random.default_rng(0).normal(0, 0.5, 25)
-    seen = SHOTS[0].detection.right
+    seen = SIGHTINGS[0].detection.right
     noisy = LinePoints(seen.points_px + np.column_stack([noise, np.zeros(25)]), seen.confidence, seen.sigma_px)
-    other = beside(RIGHT, 3.0, 0.05)
-    moved = moved_points(noisy, RIGHT, other, SHOTS[0].frame)
-    np.testing.assert_allclose(moved.points_px[:, 0] - u_at(other, moved.points_px[:, 1], SHOTS[0].frame), noise)
-    assert len(moved_points(noisy, RIGHT, beside(RIGHT, 1000.0, 0.0), SHOTS[0].frame)) == 0
+    other = offset_line(RIGHT, 3.0, 0.05)
+    moved = move_points(noisy, RIGHT, other, SIGHTINGS[0].frame)
+    np.testing.assert_allclose(moved.points_px[:, 0] - u_at(other, moved.points_px[:, 1], SIGHTINGS[0].frame), noise)
+    assert len(move_points(noisy, RIGHT, offset_line(RIGHT, 1000.0, 0.0), SIGHTINGS[0].frame)) == 0
 
 
 def test_where_a_line_crosses_rows():
-    seen = points(SHOTS[3].frame, LEFT).points_px
-    np.testing.assert_allclose(u_at(LEFT, seen[:, 1], SHOTS[3].frame), seen[:, 0], atol=1e-9)
-    assert np.isnan(u_at(LEFT, np.array([0.0]), SHOTS[3].frame)).all()  # above the horizon the line is behind
+    seen = points(SIGHTINGS[3].frame, LEFT).points_px
+    np.testing.assert_allclose(u_at(LEFT, seen[:, 1], SIGHTINGS[3].frame), seen[:, 0], atol=1e-9)
+    assert np.isnan(u_at(LEFT, np.array([0.0]), SIGHTINGS[3].frame)).all()  # above the horizon the line is behind
 
 
 def test_the_boresight_is_a_degree_off():
-    for before, after in zip(SHOTS, with_fault("boresight 1 deg"), strict=True):
+    for before, after in zip(SIGHTINGS, with_fault("boresight 1 deg"), strict=True):
         turn = before.frame.body_from_camera.rotation.inv() * after.frame.body_from_camera.rotation
         assert turn.magnitude() == pytest.approx(BORESIGHT_RAD)
 
@@ -153,14 +153,14 @@ def test_depths_are_scaled():
 def test_a_frozen_camera_shows_one_picture_while_the_pose_goes_on():
     after = with_fault("frozen camera")
     for k in (4, 5, 7):
-        assert after[k].frame.image_rgb is SHOTS[3].frame.image_rgb
-        assert after[k].detection is SHOTS[3].detection
-        assert after[k].frame.world_from_body is SHOTS[k].frame.world_from_body
+        assert after[k].frame.image_rgb is SIGHTINGS[3].frame.image_rgb
+        assert after[k].detection is SIGHTINGS[3].detection
+        assert after[k].frame.world_from_body is SIGHTINGS[k].frame.world_from_body
 
 
 def test_a_late_pose_is_where_the_aircraft_was():
     after = with_fault("pose late by 0.2 s")[6].frame
-    np.testing.assert_allclose(after.world_from_body.translation, SHOTS[5].frame.world_from_body.translation)
+    np.testing.assert_allclose(after.world_from_body.translation, SIGHTINGS[5].frame.world_from_body.translation)
     moved = after.true_world_from_body.translation - after.world_from_body.translation
     assert moved[0] == pytest.approx(0.2 * SPEED_M_S)
 
@@ -183,6 +183,6 @@ def test_a_wrong_deck_height_once_and_for_ever():
 
 
 def test_distorted_images_are_refused():
-    bent = replace(SHOTS[0].frame, camera=replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)))
+    bent = replace(SIGHTINGS[0].frame, camera=replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)))
     with pytest.raises(ValueError, match="distortion"):
         u_at(LEFT, np.array([200.0]), bent)

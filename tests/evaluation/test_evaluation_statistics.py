@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from deckline.evaluation.statistics import (
     RANGE_M,
@@ -71,12 +72,17 @@ def test_median_and_95_percent():
     assert median_and_p95([], "px") == {}
 
 
-def test_intervals_of_shares_against_closed_forms():
+def test_share_of_items_that_pass_a_test():
     assert share([1, 2, 3, 4], lambda item: item > 3) == 0.25
-    # Without a hit the upper end solves (1 - p)^n = 0.025.
-    low, high = share_interval(0, 30)
-    assert low == 0.0 and high == pytest.approx(1 - 0.025 ** (1 / 30))
-    assert share_interval(30, 30) == pytest.approx((1 - high, 1.0))
+
+
+def test_intervals_of_shares_hold_what_they_promise():
+    """The ends are where so many hits, or so few, have 2.5 %."""
+    low, high = share_interval(3, 100)
+    assert binom.sf(2, 100, low) == pytest.approx(0.025, rel=1e-3)
+    assert binom.cdf(3, 100, high) == pytest.approx(0.025, rel=1e-3)
+    assert share_interval(0, 300) == pytest.approx((0.0, 1 - 0.025 ** (1 / 300)))
+    assert np.all(np.diff([share_interval(k, 10)[0] for k in range(11)]) > 0)
     for hits, trials in ((1, 0), (3, 2), (-1, 2)):
         with pytest.raises(ValueError, match=f"{hits} of {trials}"):
             share_interval(hits, trials)

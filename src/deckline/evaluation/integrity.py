@@ -2,33 +2,40 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from dataclasses import asdict, astuple, dataclass, field, replace
+from functools import cached_property, partial
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 
-from deckline.config import Models, RunConfig
-from deckline.config_file import to_toml_text
+from deckline.config import Models
+from deckline.config_file import read_config, to_toml_text
 from deckline.dehaze import NOT_DEHAZED
+from deckline.evaluation.approaches import FlightsConfig, describe_sensors, flight_settings, fly
 from deckline.evaluation.chain import single_frames
 from deckline.evaluation.integrity_faults import FAULTS
-from deckline.evaluation.integrity_measure import ALERT_S, FaultRow, Moment, fault_row, flags_raised, share_interval
-from deckline.evaluation.integrity_points import PointNoise
-from deckline.evaluation.integrity_runs import NOMINAL, Run, detect_shots, fly_points, fly_shots
-from deckline.evaluation.localization_book import Book
-from deckline.evaluation.localization_flights import FlightsConfig, plain, sensors_text
-from deckline.evaluation.tables import MISSING as NONE
-from deckline.evaluation.tables import JsonFile, Table, publish
+from deckline.evaluation.integrity_score import (
+    ALERT_S,
+    NOMINAL,
+    FaultRow,
+    FrameState,
+    Run,
+    fault_row,
+    flags_raised,
+    fly_run,
+)
+from deckline.evaluation.modelled_detector import PointNoise, Sighting, fly_points
+from deckline.evaluation.statistics import share_interval
+from deckline.evaluation.store import Store
+from deckline.evaluation.tables import MISSING, Figures, JsonFile, MarkdownFile, Table, number, publish
 from deckline.flight import Flight
 from deckline.processes import map_ordered
 from deckline.progress import progress
 from deckline.report.provenance import settings_of
 
-BOOK_FILE = "integrity.jsonl"
+STATES_FILE = "integrity.jsonl"
 GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames
 NOTES = """\
 A frame misleads when the lateral deviation or the height above the deck is farther off than its protection level and no
@@ -45,7 +52,7 @@ class IntegrityConfig:
     raise an alarm.
 
     Without --rendered there are no pictures: true lines are projected and points drawn from a model of the detector's
-    noise. With --out, a stopped command goes on where it was when it is given again.
+    noise. With --out, a stopped command resumes.
 
     Args:
         runs: with each fault.
@@ -53,7 +60,7 @@ class IntegrityConfig:
         fault: which are put in.
         rendered: render the flights and let the detector look at them; takes a second a frame.
         flights: what is flown.
-        noise: of the points where nothing is rendered.
+        noise: TOML file of the modelled detector: seen_share, rows, sigma_px, correlation, outlier_share and others.
         alert_s: time to alert.
         jobs: processes, where nothing is rendered; 0: one for every core.
         out: folder of every run's frames.
@@ -66,12 +73,12 @@ class IntegrityConfig:
     fault: tuple[str, ...] = tuple(FAULTS)
     rendered: bool = False
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
-    noise: PointNoise = field(default_factory=PointNoise)
+    noise: Path | None = None
     alert_s: float = ALERT_S
     jobs: int = 1
     out: Path | None = None
     json_file: JsonFile = None
-    markdown: Path | None = None
+    markdown: MarkdownFile = None
 
     def __post_init__(self) -> None:
         for name, least in (("runs", 1), ("nominal", 1), ("alert_s", 0.0)):
@@ -80,6 +87,11 @@ class IntegrityConfig:
         unknown = [name for name in self.fault if name not in FAULTS]
         if unknown:
             raise ValueError(f"unknown fault {unknown[0]!r}: use any of {', '.join(FAULTS)}")
+
+    @cached_property
+    def point_noise(self) -> PointNoise:
+        """The modelled detector."""
+        return PointNoise() if self.noise is None else read_config(PointNoise, self.noise)
 
     @property
     def wanted(self) -> list[Run]:
@@ -91,56 +103,50 @@ class IntegrityConfig:
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    detector = Flight.from_config(_detecting(config.flights.run)) if config.rendered else None
-    seen_by = {"points": asdict(config.noise)} if detector is None else settings_of(detector)
-    made_with = {**plain(config.flights), "run": to_toml_text(config.flights.run)}
-    book = Book(config.out, BOOK_FILE, {**made_with, "seen by": seen_by})
-    missing = [run for run in config.wanted if run.name not in book.runs]
-    with progress("flying", len(config.wanted), len(config.wanted) - len(missing)) as advance:
-        for run, moments in fly_runs(missing, config, detector):
-            book.add(run.name, [asdict(moment) for moment in moments])
-            advance()
-    by_fault: dict[str, list[list[Moment]]] = {}
+    detector = None
+    if config.rendered:  # it finds the points of each frame for itself
+        models = Models(NOT_DEHAZED, config.flights.run.models.detector)
+        detector = Flight.from_config(replace(single_frames(config.flights.run), models=models))
+    points = {"points": asdict(config.point_noise)} if detector is None else settings_of(detector)
+    settings = {**flight_settings(config.flights), "run": to_toml_text(config.flights.run), "seen by": points}
+    with Store(config.out, STATES_FILE, settings) as store:
+        missing = [run for run in config.wanted if astuple(run) not in store.rows]
+        with progress("flying", len(config.wanted), len(config.wanted) - len(missing)) as advance:
+            for run, states in fly_runs(missing, config, detector):
+                store.add(astuple(run), [asdict(state) for state in states])
+                advance()
+    by_fault: dict[str, list[list[FrameState]]] = {}
     for run in config.wanted:
-        by_fault.setdefault(run.fault, []).append([moment_from(row) for row in book.runs[run.name]])
-    _report(by_fault, config)
+        by_fault.setdefault(run.fault, []).append([FrameState(**row) for row in store.rows[astuple(run)]])
+    _publish(by_fault, config)
     return 0
-
-
-def _detecting(run: RunConfig) -> RunConfig:
-    """The configuration that finds the points of rendered frames, each frame for itself."""
-    return replace(single_frames(run), models=Models(NOT_DEHAZED, run.models.detector))
-
-
-def moment_from(row: dict[str, Any]) -> Moment:
-    """A frame as the book holds it."""
-    return Moment(**(row | {"flags": tuple(row["flags"])}))
 
 
 def fly_runs(
     runs: Sequence[Run], config: IntegrityConfig, detector: Flight | None
-) -> Iterator[tuple[Run, list[Moment]]]:
-    """Every run with its frames, as they are flown."""
-    if detector is not None:
-        for number in dict.fromkeys(run.number for run in runs):
-            shots = list(detect_shots(detector, config.flights, number))
-            for run in runs:
-                if run.number == number:
-                    yield run, fly_shots(shots, run, config.flights)
-        return
-    by_flight = [list(group) for _, group in groupby(runs, key=lambda run: run.number)]  # a process caches its flight
-    work = partial(_fly_together, flights=config.flights, noise=config.noise)
-    with closing(map_ordered(work, by_flight, config.jobs)) as results:
-        for group, moments in zip(by_flight, results, strict=True):
-            yield from zip(group, moments, strict=True)
+) -> Iterator[tuple[Run, list[FrameState]]]:
+    """Every run with its frames, as they are flown. All faults are put into one flight after the other."""
+    by_flight = [list(group) for _, group in groupby(runs, key=lambda run: run.number)]
+    work = partial(_fly_together, flights=config.flights, noise=config.point_noise, detector=detector)
+    jobs = config.jobs if detector is None else 1
+    with closing(map_ordered(work, by_flight, jobs)) as results:
+        for group, states in zip(by_flight, results, strict=True):
+            yield from zip(group, states, strict=True)
 
 
-def _fly_together(runs: list[Run], flights: FlightsConfig, noise: PointNoise) -> list[list[Moment]]:
+def _fly_together(
+    runs: Sequence[Run], flights: FlightsConfig, noise: PointNoise, detector: Flight | None
+) -> list[list[FrameState]]:
     """The frames of runs that share a flight."""
-    return [fly_points(run, flights, noise) for run in runs]
+    number = runs[0].number
+    if detector is None:
+        sightings = list(fly_points(flights.approach(number), flights.run.sensors, noise))
+    else:
+        sightings = [Sighting(frame, detector(frame).detection) for frame in fly(flights, number)]
+    return [fly_run(sightings, run, flights) for run in runs]
 
 
-def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s: float) -> list[Table]:
+def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float) -> list[Table]:
     """Faults, then nominal flights."""
     rows = {name: fault_row(runs, alert_s) for name, runs in by_fault.items() if name != NOMINAL}
     tables = [faults_table(rows)] if rows else []
@@ -149,76 +155,68 @@ def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s
 
 
 def faults_table(rows: Mapping[str, FaultRow]) -> Table:
-    """One row a fault, and all of them together."""
+    """One row a fault; the title has all of them together."""
     cells = []
     for name, row in rows.items():
-        cells.append((name, *_counts(row), NONE if np.isnan(row.delay_s) else f"{row.delay_s:.1f}"))
+        counts = (row.runs, row.detected, row.harmless, row.misleading)
+        frames = (row.misleading_frames, row.excluding_frames, row.lost_frames)
+        shares = (f"{100 * count / row.frames:.2f}" for count in frames)
+        good_share = _share(row.detected + row.harmless, row.runs)
+        cells.append((name, *map(str, counts), good_share, *shares, number(row.delay_s, ".1f")))
     runs, good = sum(row.runs for row in rows.values()), sum(row.detected + row.harmless for row in rows.values())
-    together = f"{_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
-    columns = ("fault", "runs", "detected", "harmless", "misleading", "detected or harmless, %", "misleading frames, %",
-               "left out, %", "not guided, %", "flag after, s")  # fmt: skip
-    return Table(f"faults: {together}", columns, tuple(cells))
+    title = f"faults: {_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
+    columns = ("fault", "runs", "detected", "harmless", "misleading", "detected or harmless, %", "misleading frames, %")
+    return Table(title, (*columns, "left out, %", "not guided, %", "flag after, s"), cells)
 
 
-def _counts(row: FaultRow) -> tuple[str, ...]:
-    good = row.detected + row.harmless
-    counts = (str(count) for count in (row.runs, row.detected, row.harmless, row.misleading))
-    frames = (
-        f"{100 * count / row.frames:.2f}" for count in (row.misleading_frames, row.excluding_frames, row.lost_frames)
-    )
-    return (*counts, _share(good, row.runs), *frames)
-
-
-def nominal_table(runs: Sequence[Sequence[Moment]]) -> Table:
+def nominal_table(runs: Sequence[Sequence[FrameState]]) -> Table:
     """Flights without a fault."""
-    moments = [moment for run in runs for moment in run]
-    counts = [sum(getattr(m, name) for m in moments) for name in ("flagged", "misleading", "excluded")]
-    counts.append(sum(not moment.protected for moment in moments))
+    counts = _count_nominal(runs)
+    frames = counts["frames"]
     title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
-    cells = (str(len(runs)), str(len(moments)), *(_share(count, len(moments)) for count in counts))
-    return Table(
-        title, ("runs", "frames", "false alarms, %", "misleading, %", "left out, %", "not guided, %"), (cells,)
-    )
+    columns = ("runs", "frames", "false alarms, %", "misleading, %", "left out, %", "not guided, %")
+    shares = (counts["flagged"], counts["misleading"], counts["excluded"], frames - counts["protected"])
+    return Table(title, columns, [(str(len(runs)), str(frames), *(_share(count, frames) for count in shares))])
 
 
-def flags_table(by_fault: Mapping[str, Sequence[Sequence[Moment]]]) -> Table:
+def flags_table(by_fault: Mapping[str, Sequence[Sequence[FrameState]]]) -> Table:
     """Which flags each fault raised, in how many frames; one frame may raise several."""
     raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
     rows = (
-        (name, ", ".join(f"{flag} {count}" for flag, count in each.items()) or NONE) for name, each in raised.items()
+        (name, ", ".join(f"{flag} {count}" for flag, count in each.items()) or MISSING) for name, each in raised.items()
     )
     return Table("frames by flag", ("fault", "flags"), tuple(rows))
 
 
-def _share(hits: int, of: int) -> str:
-    low, high = share_interval(hits, of)
-    return f"{100 * hits / of:.2f} [{100 * low:.2f}, {100 * high:.2f}]"
+def _share(hits: int, trials: int) -> str:
+    low, high = share_interval(hits, trials)
+    return f"{100 * hits / trials:.2f} [{100 * low:.2f}, {100 * high:.2f}]"
 
 
-def flat_figures(by_fault: Mapping[str, Sequence[Sequence[Moment]]], alert_s: float) -> dict[str, float]:
+def flat_figures(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float) -> Figures:
     """The tables' numbers under dotted names."""
-    figures: dict[str, float] = {}
+    figures: Figures = {}
     for name, runs in by_fault.items():
-        row: dict[str, Any] = asdict(fault_row(runs, alert_s)) if name != NOMINAL else _nominal(runs)
+        row: dict[str, Any] = asdict(fault_row(runs, alert_s)) if name != NOMINAL else _count_nominal(runs)
         figures |= {f"{name}.{key}": float(value) for key, value in row.items()}
     return figures
 
 
-def _nominal(runs: Sequence[Sequence[Moment]]) -> dict[str, int]:
-    moments = [moment for run in runs for moment in run]
+def _count_nominal(runs: Sequence[Sequence[FrameState]]) -> dict[str, int]:
+    frames = [frame for run in runs for frame in run]
     counts = {
-        name: sum(getattr(m, name) for m in moments) for name in ("flagged", "misleading", "excluded", "protected")
+        name: sum(getattr(m, name) for m in frames) for name in ("flagged", "misleading", "excluded", "protected")
     }
-    return {"runs": len(runs), "frames": len(moments), **counts}
+    return {"runs": len(runs), "frames": len(frames), **counts}
 
 
-def _report(by_fault: Mapping[str, Sequence[Sequence[Moment]]], config: IntegrityConfig) -> None:
+def _publish(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], config: IntegrityConfig) -> None:
     flights, run = config.flights, config.flights.run
-    how = f"rendered, detector {run.models.detector}" if config.rendered else f"{config.noise}"
+    how = f"rendered, detector {run.models.detector}" if config.rendered else f"{config.point_noise}"
     title = (
         f"{config.runs} runs of each fault, {config.nominal} without; preset {flights.preset}, "
         f"{flights.frames} frames, V {flights.visibility} m, {flights.range_m[0]:g} to {flights.range_m[1]:g} m, "
-        f"navigation {sensors_text(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; "
+        f"navigation {describe_sensors(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; "
         f"time to alert {config.alert_s:g} s; {how}"
     )
     tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)

@@ -3,12 +3,14 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
-from deckline.geometry import Camera
-from deckline.types import SIDES, Detection, Frame, LinePoints, Segment
+from deckline.evaluation.modelled_detector import Sighting
+from deckline.truth import true_segments
+from deckline.types import SIDES, Frame, LinePoints, Segment
 
 BORESIGHT_RAD = float(np.deg2rad(1.0))
 DEPTH_BIAS = 0.03
@@ -20,15 +22,7 @@ DECK_M = (1.0, 3.0)  # of a wrong deck height, up or down
 MOST_POSES = 1000  # kept for a late pose: 0.2 s at 5 kHz
 
 
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """One frame of a flight and what the detector saw in it."""
-
-    frame: Frame
-    detection: Detection
-
-
-Step = Callable[[Shot, bool], Shot]  # a shot, and whether the fault is there by now
+Step = Callable[[Sighting, bool], Sighting]  # a sighting, and whether the fault is there by now
 
 
 @dataclass(frozen=True)
@@ -37,62 +31,86 @@ class Fault:
 
     Attributes:
         sudden: it comes in flight; otherwise it is there from the first frame.
-        begin: draws how bad it is; the result is given every shot in order of time.
+        begin: draws how bad it is; the result is given every sighting in order of time.
     """
 
     name: str
     sudden: bool
     begin: Callable[[np.random.Generator], Step]
 
+    def is_active(self, frame: Frame, onset_s: float) -> bool:
+        """Whether it has begun."""
+        return not self.sudden or frame.time_s >= onset_s
 
-def inject(shots: Iterable[Shot], fault: Fault | None, onset_s: float, rng: np.random.Generator) -> Iterator[Shot]:
-    """The shots with a fault from a time on; unchanged without a fault.
+
+def inject(
+    sightings: Iterable[Sighting], fault: Fault | None, onset_s: float, rng: np.random.Generator
+) -> Iterator[Sighting]:
+    """The sightings with a fault from a time on; unchanged without a fault.
 
     Args:
-        shots: in order of time.
+        sightings: in order of time.
+        fault: to put in.
         onset_s: of a sudden fault; the others are there from the start.
+        rng: draws how bad it is.
     """
-    step = None if fault is None else fault.begin(rng)
-    for shot in shots:
-        yield shot if step is None or fault is None else step(shot, not fault.sudden or shot.frame.time_s >= onset_s)
+    if fault is None:
+        yield from sightings
+        return
+    step = fault.begin(rng)
+    for sighting in sightings:
+        yield step(sighting, fault.is_active(sighting.frame, onset_s))
 
 
-def _swapped(rng: np.random.Generator) -> Step:
-    def step(shot: Shot, active: bool) -> Shot:
-        seen = shot.detection
-        return replace(shot, detection=replace(seen, left=seen.right, right=seen.left)) if active else shot
+def _change_frame(change: Callable[[Frame], dict[str, Any]]) -> Step:
+    """A step that replaces some of an active frame's values."""
+
+    def step(sighting: Sighting, active: bool) -> Sighting:
+        return sighting._replace(frame=replace(sighting.frame, **change(sighting.frame))) if active else sighting
 
     return step
+
+
+def _change_detection(change: Callable[[Sighting], dict[str, LinePoints]]) -> Step:
+    """A step that replaces some of the lines that are detected in an active frame."""
+
+    def step(sighting: Sighting, active: bool) -> Sighting:
+        if not active:
+            return sighting
+        lines: dict[str, Any] = change(sighting)
+        return sighting._replace(detection=replace(sighting.detection, **lines))
+
+    return step
+
+
+def _swap_lines(rng: np.random.Generator) -> Step:
+    return _change_detection(lambda sighting: {"left": sighting.detection.right, "right": sighting.detection.left})
 
 
 def _foul_line(rng: np.random.Generator) -> Step:
-    return _other_line(SIDES[rng.integers(2)], float(rng.uniform(*FOUL_M)), 0.0)
+    return _detect_other_line(SIDES[rng.integers(2)], float(rng.uniform(*FOUL_M)), 0.0)
 
 
-def _catapult(rng: np.random.Generator) -> Step:
+def _catapult_track(rng: np.random.Generator) -> Step:
     turn = float(rng.uniform(*CATAPULT_RAD)) * float(rng.choice([-1.0, 1.0]))
-    return _other_line(SIDES[rng.integers(2)], float(rng.uniform(*CATAPULT_M)), turn)
+    return _detect_other_line(SIDES[rng.integers(2)], float(rng.uniform(*CATAPULT_M)), turn)
 
 
-def _other_line(side: str, outwards_m: float, turn_rad: float) -> Step:
+def _detect_other_line(side: str, outwards_m: float, turn_rad: float) -> Step:
     """One edge's points lie on another line of the deck, with the noise they had."""
 
-    def step(shot: Shot, active: bool) -> Shot:
-        truth = shot.frame.truth
-        points = getattr(shot.detection, side)
-        if not active or truth is None or truth.left is None or truth.right is None or not len(points):
-            return shot
-        true = truth.left if side == "left" else truth.right
-        other = beside(true, -outwards_m if side == "left" else outwards_m, turn_rad)
-        moved = moved_points(points, true, other, shot.frame)
-        seen = shot.detection
-        seen = replace(seen, left=moved) if side == "left" else replace(seen, right=moved)
-        return replace(shot, detection=seen)
+    def change(sighting: Sighting) -> dict[str, LinePoints]:
+        frame, points = sighting.frame, getattr(sighting.detection, side)
+        true = true_segments(frame.truth).get(side)
+        if true is None or not len(points):
+            return {}
+        other = offset_line(true, -outwards_m if side == "left" else outwards_m, turn_rad)
+        return {side: move_points(points, true, other, frame)}
 
-    return step
+    return _change_detection(change)
 
 
-def beside(line: Segment, right_m: float, turn_rad: float) -> Segment:
+def offset_line(line: Segment, right_m: float, turn_rad: float) -> Segment:
     """A line in the same plane, its ramp end so far to the right and turned about that end (+: to the right)."""
     along = line.p1_m - line.p0_m
     ahead = along / np.hypot(along[0], along[1])
@@ -101,7 +119,7 @@ def beside(line: Segment, right_m: float, turn_rad: float) -> Segment:
     return Segment(start, start + np.cos(turn_rad) * along + np.sin(turn_rad) * np.linalg.norm(along[:2]) * right)
 
 
-def moved_points(points: LinePoints, line: Segment, other: Segment, frame: Frame) -> LinePoints:
+def move_points(points: LinePoints, line: Segment, other: Segment, frame: Frame) -> LinePoints:
     """Points of one true line as they would lie on another, in the same rows; those outside the image are gone."""
     v = points.points_px[:, 1]
     u = points.points_px[:, 0] + u_at(other, v, frame) - u_at(line, v, frame)
@@ -114,12 +132,14 @@ def u_at(line: Segment, v_px: np.ndarray, frame: Frame) -> np.ndarray:
     """Where a line, continued both ways, crosses image rows (N,); NaN for rows that it does not cross ahead.
 
     Raises:
-        ValueError: a frame without a pose.
+        ValueError: a frame without a pose, or with a distorted image, in which a straight line is none.
     """
     pose = frame.true_world_from_camera
     if pose is None:
         raise ValueError(f"{frame.file}: no pose, so nobody knows where a line is in the image")
-    camera = _pinhole(frame.camera)
+    camera = frame.camera
+    if camera.has_distortion:
+        raise ValueError(f"{frame.file}: lines are moved in pinhole images only, got a camera with distortion")
     start, along = pose.inv().apply(line.p0_m), pose.rotation.inv().apply(line.p1_m - line.p0_m)
     slope = (np.asarray(v_px) - camera.cy) / camera.fy
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -128,64 +148,42 @@ def u_at(line: Segment, v_px: np.ndarray, frame: Frame) -> np.ndarray:
         return np.asarray(np.where(z > 0, camera.cx + camera.fx * x / z, np.nan))
 
 
-def _pinhole(camera: Camera) -> Camera:
-    """The camera, if it has no distortion.
-
-    Raises:
-        ValueError: it has, and a straight line is none in its image.
-    """
-    if camera.has_distortion:
-        raise ValueError("lines are moved in pinhole images only, got a camera with distortion")
-    return camera
-
-
-def _boresight(rng: np.random.Generator) -> Step:
+def _turn_camera(rng: np.random.Generator) -> Step:
     axis = rng.normal(size=3)
     turn = RigidTransform.from_rotation(Rotation.from_rotvec(BORESIGHT_RAD * axis / np.linalg.norm(axis)))
-
-    def step(shot: Shot, active: bool) -> Shot:
-        if not active:
-            return shot
-        return replace(shot, frame=replace(shot.frame, body_from_camera=shot.frame.body_from_camera * turn))
-
-    return step
+    return _change_frame(lambda frame: {"body_from_camera": frame.body_from_camera * turn})
 
 
-def _depth_bias(rng: np.random.Generator) -> Step:
+def _scale_depth(rng: np.random.Generator) -> Step:
     scale = np.float32(1.0 + DEPTH_BIAS * rng.choice([-1.0, 1.0]))
-
-    def step(shot: Shot, active: bool) -> Shot:
-        depth = shot.frame.depth_m
-        return replace(shot, frame=replace(shot.frame, depth_m=depth * scale)) if active and depth is not None else shot
-
-    return step
+    return _change_frame(lambda frame: {} if frame.depth_m is None else {"depth_m": frame.depth_m * scale})
 
 
-def _frozen(rng: np.random.Generator) -> Step:
-    last: list[Shot] = []
+def _freeze_camera(rng: np.random.Generator) -> Step:
+    last: list[Sighting] = []
 
-    def step(shot: Shot, active: bool) -> Shot:
+    def step(sighting: Sighting, active: bool) -> Sighting:
         if not active or not last:
-            last[:] = [shot]
-            return shot
-        return Shot(replace(shot.frame, image_rgb=last[0].frame.image_rgb), last[0].detection)
+            last[:] = [sighting]
+            return sighting
+        return Sighting(replace(sighting.frame, image_rgb=last[0].frame.image_rgb), last[0].detection)
 
     return step
 
 
-def _late_pose(rng: np.random.Generator) -> Step:
+def _delay_pose(rng: np.random.Generator) -> Step:
     known: deque[tuple[float, RigidTransform]] = deque(maxlen=MOST_POSES)
 
-    def step(shot: Shot, active: bool) -> Shot:
-        frame = shot.frame
+    def step(sighting: Sighting, active: bool) -> Sighting:
+        frame = sighting.frame
         if frame.world_from_body is None:
-            return shot
+            return sighting
         known.append((frame.time_s, frame.world_from_body))
         if not active:
-            return shot
+            return sighting
         late = pose_at(list(known), frame.time_s - DELAY_S)
         truth = frame.truth and replace(frame.truth, world_from_body=frame.true_world_from_body)
-        return replace(shot, frame=replace(frame, world_from_body=late, truth=truth))
+        return sighting._replace(frame=replace(frame, world_from_body=late, truth=truth))
 
     return step
 
@@ -205,24 +203,19 @@ def pose_at(known: list[tuple[float, RigidTransform]], time_s: float) -> RigidTr
     return RigidTransform.from_components((1 - share) * before.translation + share * behind.translation, turn)
 
 
-def _deck_height(rng: np.random.Generator) -> Step:
-    wrong = float(rng.uniform(*DECK_M)) * float(rng.choice([-1.0, 1.0]))
-
-    def step(shot: Shot, active: bool) -> Shot:
-        deck = shot.frame.deck_z_m
-        return replace(shot, frame=replace(shot.frame, deck_z_m=deck + wrong)) if active and deck is not None else shot
-
-    return step
+def _shift_deck(rng: np.random.Generator) -> Step:
+    error_m = float(rng.uniform(*DECK_M)) * float(rng.choice([-1.0, 1.0]))
+    return _change_frame(lambda frame: {} if frame.deck_z_m is None else {"deck_z_m": frame.deck_z_m + error_m})
 
 
-def _deck_height_once(rng: np.random.Generator) -> Step:
-    always = _deck_height(rng)
+def _shift_deck_once(rng: np.random.Generator) -> Step:
+    shift = _shift_deck(rng)
     done = False
 
-    def step(shot: Shot, active: bool) -> Shot:
+    def step(sighting: Sighting, active: bool) -> Sighting:
         nonlocal done
         now, done = active and not done, done or active
-        return always(shot, now)
+        return shift(sighting, now)
 
     return step
 
@@ -230,14 +223,14 @@ def _deck_height_once(rng: np.random.Generator) -> Step:
 FAULTS = {
     fault.name: fault
     for fault in (
-        Fault("swapped lines", True, _swapped),
+        Fault("swapped lines", True, _swap_lines),
         Fault("foul line", True, _foul_line),
-        Fault("catapult track", True, _catapult),
-        Fault("boresight 1 deg", False, _boresight),
-        Fault("depth bias 3 %", False, _depth_bias),
-        Fault("frozen camera", True, _frozen),
-        Fault("pose late by 0.2 s", True, _late_pose),
-        Fault("deck height once", True, _deck_height_once),
-        Fault("deck height", False, _deck_height),
+        Fault("catapult track", True, _catapult_track),
+        Fault("boresight 1 deg", False, _turn_camera),
+        Fault("depth bias 3 %", False, _scale_depth),
+        Fault("frozen camera", True, _freeze_camera),
+        Fault("pose late by 0.2 s", True, _delay_pose),
+        Fault("deck height once", True, _shift_deck_once),
+        Fault("deck height", False, _shift_deck),
     )
 }

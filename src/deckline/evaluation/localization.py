@@ -2,40 +2,38 @@
 
 import csv
 import io
-import math
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from deckline.atomic import write_atomic
-from deckline.evaluation.cramer_rao import cramer_rao
-from deckline.evaluation.integrity_points import PointNoise
-from deckline.evaluation.localization_book import Book
-from deckline.evaluation.localization_flights import FlightsConfig, fly, plain, sensors_text
-from deckline.evaluation.localization_measure import (
-    Figures,
-    Score,
-    bound_figures,
-    frame_figures,
+from deckline.config_file import read_config
+from deckline.evaluation.approaches import FlightsConfig, describe_sensors, flight_settings, fly
+from deckline.evaluation.localization_methods import (
+    Bench,
+    Method,
+    Sighting,
+    load,
+    methods_of,
+    point_bench,
+    point_methods,
 )
-from deckline.evaluation.localization_methods import Bench, Method, load, methods_of
-from deckline.evaluation.localization_points import fly_points, point_bench, point_methods, point_rng
+from deckline.evaluation.localization_score import Score, score_approach
 from deckline.evaluation.localization_tables import NOTES, flat_figures, localization_tables
-from deckline.evaluation.tables import JsonFile, publish
-from deckline.flight import FrameResult
+from deckline.evaluation.modelled_detector import PointNoise, fly_points
+from deckline.evaluation.store import Store
+from deckline.evaluation.tables import JsonFile, MarkdownFile, publish
 from deckline.localize import localize
 from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
-from deckline.truth import range_to_ramp_m, touchdown, true_centre
-from deckline.types import SIDES, Detection, Frame, Track
 
-Sighting = tuple[Frame, Detection | None]  # a frame, and what is detected in it where that is modelled
-BOOK_FILE, CSV_FILE, FIGURES = "localization.jsonl", "localization.csv", "figures"
+SCORES_FILE, CSV_FILE, FIGURES = "localization.jsonl", "localization.csv", "figures"
 
 
 @dataclass(frozen=True)
@@ -44,8 +42,8 @@ class LocalizationConfig:
 
     Prints the paper's Table 6 and the improvement over its first row, a pilot's errors by range and visibility beside
     what landing asks for, whether covariances are honest, how near the errors come to their bound, and what protection
-    levels are worth. Every frame is rendered once and given to all rows. With --out, a stopped command goes on after
-    the last whole approach when it is given again.
+    levels are worth. Every frame is rendered once and given to all rows. With --out, a stopped command
+    resumes after the last whole approach.
 
     Args:
         approaches: how many are flown.
@@ -55,9 +53,8 @@ class LocalizationConfig:
         enet_sad: .onnx file of an ENet-SAD network; its row is left out without it.
         points: render nothing: project the true lines and draw points with a stated noise; only estimators and the
             tracker are compared then, in seconds an approach.
-        noise: of these points.
-        jobs: processes, each with a share of the cores; 0: one for every core. They say how far they are after every
-            approach, one process after every frame.
+        noise: TOML file of the modelled detector: seen_share, rows, sigma_px, correlation, outlier_share and others.
+        jobs: processes, each with a share of the cores; 0: one for every core.
         out: folder of the scores of every frame, as CSV too, and of pictures of our rows.
         json_file: write the tables' numbers here as well.
         markdown: write the tables here as well.
@@ -69,36 +66,37 @@ class LocalizationConfig:
     resa: Path | None = None
     enet_sad: Path | None = None
     points: bool = False
-    noise: PointNoise = field(default_factory=PointNoise)
+    noise: Path | None = None
     jobs: int = 1
     out: Path | None = None
     json_file: JsonFile = None
-    markdown: Path | None = None
+    markdown: MarkdownFile = None
 
     def __post_init__(self) -> None:
         if self.approaches < 1:
             raise ValueError(f"--approaches must be at least 1, got {self.approaches}")
+
+    @cached_property
+    def point_noise(self) -> PointNoise:
+        """The modelled detector."""
+        return PointNoise() if self.noise is None else read_config(PointNoise, self.noise)
 
 
 def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
     process_count(config.jobs)
     work = _prepare(config)
-    if config.out is not None:
-        from deckline.evaluation.localization_figures import write_figure  # likewise
-    book = Book(config.out, BOOK_FILE, {**plain(config.flights), "methods": work.bench.settings})
-    _fly_all(book, config, work)
-    scores = [score_from(values) for number in range(config.approaches) for values in book.runs[_run_name(number)]]
+    settings = {**flight_settings(config.flights), "methods": work.bench.settings}
+    with Store(config.out, SCORES_FILE, settings) as store:
+        _fly_all(store, config, work)
+    scores = [Score(**row) for number in range(config.approaches) for row in store.rows[number,]]
     by_method = {method.name: [score for score in scores if score.method == method.name] for method in work.methods}
-    _report(by_method, work, config)
+    _publish(by_method, work, config)
     if config.out is not None:
-        _write_csv(config.out / CSV_FILE, [score for scores in by_method.values() for score in scores])
-        for method in work.methods:
-            drawn = by_method[method.name]
-            if method.localizer is localize and any("centre.lateral_m" in score.figures for score in drawn):
-                path = config.out / FIGURES / f"{_file_name(method.name)}.png"
-                write_figure(path, method.name, drawn)
-                print(path)
+        _write_csv(config.out / CSV_FILE, [score for members in by_method.values() for score in members])
+        _write_figures(
+            config.out / FIGURES, {m.name: by_method[m.name] for m in work.methods if m.localizer is localize}
+        )
     return 0
 
 
@@ -116,134 +114,52 @@ def _prepare(config: LocalizationConfig) -> Work:
     flights = config.flights
     if config.points:
         methods = point_methods(flights.run)
-        bench = point_bench(methods, config.noise)
-        return Work(methods, [], bench, lambda number: fly_points(flights, number, config.noise))
+        bench = point_bench(methods, config.point_noise)
+        sensors, noise = flights.run.sensors, config.point_noise
+        return Work(methods, [], bench, lambda number: fly_points(flights.approach(number), sensors, noise))
     rivals = {"resa": config.resa, "enet-sad": config.enet_sad}
     methods, notes = methods_of(flights.run, config.ufld, rivals)
     return Work(methods, notes, load(methods), lambda number: ((frame, None) for frame in fly(flights, number)))
 
 
-def _fly_all(book: Book, config: LocalizationConfig, work: Work) -> None:
-    """Fly every approach that the book does not know yet."""
-    flights, count = config.flights, process_count(config.jobs)
-    missing = [number for number in range(config.approaches) if _run_name(number) not in book.runs]
-    total, left = (flown * flights.frames for flown in (config.approaches, len(missing)))
-    with progress("flying", total, total - left) as advance:
-        if count > 1:
-            with closing(map_ordered(partial(_flown, config=config), missing, count)) as results:
+def _fly_all(store: Store, config: LocalizationConfig, work: Work) -> None:
+    """Fly every approach that the store lacks."""
+    frames = config.flights.frames
+    missing = [number for number in range(config.approaches) if (number,) not in store.rows]
+    with progress("flying", config.approaches * frames, (config.approaches - len(missing)) * frames) as advance:
+        if process_count(config.jobs) > 1:
+            with closing(map_ordered(partial(_fly_in_process, config=config), missing, config.jobs)) as results:
                 for number, rows in zip(missing, results, strict=True):
-                    book.add(_run_name(number), rows)
-                    for _ in range(flights.frames):
+                    store.add((number,), rows)
+                    for _ in range(frames):
                         advance()
             return
         for number in missing:
-            scores: list[Score] = []
-            for of_frame in score_approach(work.fly(number), number, work.methods, work.bench):
-                scores += of_frame
+            rows = []
+            for scores in score_approach(work.fly(number), number, work.methods, work.bench):
+                rows += map(asdict, scores)
                 advance()
-            book.add(_run_name(number), [_row(score) for score in scores])
+            store.add((number,), rows)
 
 
-@lru_cache(maxsize=1)
-def _prepared(config: LocalizationConfig) -> Work:
-    """What a process needs, loaded once for all of its approaches."""
-    return _prepare(config)
+_prepare_once = lru_cache(maxsize=1)(_prepare)  # in a process, for all of its approaches
 
 
-def _flown(number: int, config: LocalizationConfig) -> list[dict[str, Any]]:
-    """One approach in a process of its own."""
-    work = _prepared(config)
+def _fly_in_process(number: int, config: LocalizationConfig) -> list[dict[str, Any]]:
+    work = _prepare_once(config)
     frames = score_approach(work.fly(number), number, work.methods, work.bench)
-    return [_row(score) for scores in frames for score in scores]
+    return [asdict(score) for scores in frames for score in scores]
 
 
-def _run_name(approach: int) -> str:
-    return f"approach {approach}"
-
-
-def _row(score: Score) -> dict[str, Any]:
-    """A score as JSON holds it: infinite numbers, as the visibility of clear air is one, as text."""
-    figures = {name: value for name, value in score.figures.items() if math.isfinite(value)}
-    return vars(score) | {"visibility_m": str(score.visibility_m), "figures": figures}
-
-
-def score_from(row: dict[str, Any]) -> Score:
-    """A score as the book holds it."""
-    return Score(**(row | {"visibility_m": float(row["visibility_m"])}))
-
-
-def score_approach(
-    sightings: Iterator[Sighting], approach: int, methods: Sequence[Method], bench: Bench
-) -> Iterator[list[Score]]:
-    """All methods' scores of each frame of one approach, frames in order of time."""
-    flights = {method.name: bench.start(method) for method in methods}
-    for index, (frame, detection) in enumerate(sightings):
-        scores = []
-        for method in methods:
-            rng = None if detection is None else point_rng(frame.file)
-            result = flights[method.name](frame, detection=detection, rng=rng)
-            if result.track is None:
-                lines, extra = result.estimate.lines, bound_of(result, method, bench.correlation)
-            else:
-                lines, extra = result.track.lines, track_figures(result.track)
-            visibility = frame.truth.visibility_m if frame.truth else None
-            scores.append(
-                Score(
-                    approach,
-                    index,
-                    method.name,
-                    range_to_ramp_m(frame),
-                    float("nan") if visibility is None else visibility,
-                    str(result.estimate.mode),
-                    frame_figures(frame, lines, method.config.approach.touchdown_m) | extra,
-                )
-            )
-        bench.forget()
-        yield scores
-
-
-def track_figures(track: Track) -> Figures:
-    """What a track promises: protection levels, and whether it warns."""
-    figures: Figures = {"flagged": float(bool(track.flags))}
-    if track.protection is not None:
-        figures["protection.lateral_m"] = track.protection.lateral_m
-        figures["protection.height_m"] = track.protection.vertical_m
-    return figures
-
-
-def bound_of(result: FrameResult, method: Method, correlation: float) -> Figures:
-    """The least errors that the points of a frame, whose neighbours err alike by so much, allow its centre line.
-
-    As seen from the aircraft. Nothing where the joint estimator is not used, or gave no centre line.
-    """
-    frame, estimate, seen = result.frame, result.estimate, result.detection
-    centre = true_centre(frame.truth)
-    if method.localizer is not localize or centre is None or "centre" not in estimate.lines:
-        return {}
-    lines = {"left": seen.left, "right": seen.right, "centre": seen.centre}
-    kept = {side: line.inliers for side, line in estimate.pixel_lines.items()}
-    if not set(SIDES) <= kept.keys():
-        return {}
-    bound = cramer_rao(
-        frame,
-        {side: lines[side].points_px[keep] for side, keep in kept.items()},
-        {side: lines[side].sigma_px[keep] for side, keep in kept.items()},
-        method.config.localization.mode,
-        method.config,
-        beside_m=touchdown(centre, method.config.approach.touchdown_m),
-        relative=True,
-        correlation=correlation,
-    )
-    return {f"bound.{name}": value for name, value in bound_figures(bound.centre).items()}
-
-
-def _report(scores: dict[str, list[Score]], work: Work, config: LocalizationConfig) -> None:
+def _publish(scores: dict[str, list[Score]], work: Work, config: LocalizationConfig) -> None:
     flights, run = config.flights, config.flights.run
-    seen_by = f"{config.noise}" if config.points else f"dehazer {run.models.dehazer}, detector {run.models.detector}"
+    seen_by = (
+        f"{config.point_noise}" if config.points else f"dehazer {run.models.dehazer}, detector {run.models.detector}"
+    )
     title = (
         f"{config.approaches} approaches of {flights.frames} frames, preset {flights.preset}, "
         f"V {flights.visibility} m, {flights.range_m[0]:g} to {flights.range_m[1]:g} m, navigation "
-        f"{sensors_text(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; {seen_by}"
+        f"{describe_sensors(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; {seen_by}"
     )
     tables = localization_tables(scores, work.methods)
     publish(title, tables, flat_figures(scores), config.json_file, config.markdown, [*work.notes, NOTES])
@@ -263,8 +179,19 @@ def _write_csv(path: Path, scores: Sequence[Score]) -> None:
     print(path)
 
 
-def _file_name(name: str) -> str:
-    return "-".join("".join(c if c.isalnum() else " " for c in name).split())
+def _write_figures(folder: Path, scores: dict[str, list[Score]]) -> None:
+    """A picture of every method that gave a centre line; one line on stderr without matplotlib."""
+    try:
+        from deckline.evaluation.localization_figures import write_figure
+    except ImportError as error:
+        print(f"no pictures in {folder}: {error}", file=sys.stderr)
+        return
+    for name, members in scores.items():
+        if any("centre.lateral_m" in score.figures for score in members):
+            words = "".join(c if c.isalnum() else " " for c in name).split()
+            path = folder / f"{'-'.join(words)}.png"
+            write_figure(path, name, members)
+            print(path)
 
 
 localization.__doc__ = LocalizationConfig.__doc__

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm
 
 from deckline.atomic import write_atomic
-from deckline.evaluation.localization_measure import STATES, Score
+from deckline.evaluation.localization_score import STATES, Score
 from deckline.extras import needs_extra
 
 with needs_extra("viz"):
@@ -72,12 +72,10 @@ def _error_panel(axis: Any, scores: Sequence[Score], what: str) -> None:
 
 def medians_by_range(scores: Sequence[Score], name: str) -> tuple[np.ndarray, np.ndarray]:
     """Middle of each stretch of range that has the figure, m, and the figure's median there."""
-    stretches: dict[int, list[float]] = {}
-    for score in scores:
-        if name in score.figures:
-            stretches.setdefault(int(score.range_m // RANGE_BIN_M), []).append(score.figures[name])
-    places = sorted(stretches)
-    return (np.array(places) + 0.5) * RANGE_BIN_M, np.array([np.median(stretches[place]) for place in places])
+    known = np.array([(score.range_m // RANGE_BIN_M, score.figures[name]) for score in scores if name in score.figures])
+    bins, values = known.reshape(-1, 2).T
+    places = np.unique(bins)
+    return (places + 0.5) * RANGE_BIN_M, np.array([np.median(values[bins == place]) for place in places])
 
 
 def _histogram(axis: Any, scores: Sequence[Score]) -> None:

@@ -1,7 +1,8 @@
 """The rows of `deckline eval localization`: which chain each is, and how they share what they have in common."""
 
+import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,17 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import Models, RunConfig
-from deckline.dehaze import NOT_DEHAZED
-from deckline.detect import Detector
+from deckline.dehaze import DEHAZERS, NOT_DEHAZED
+from deckline.detect import ClassicalDetector, Detector
 from deckline.evaluation.chain import single_frames
 from deckline.evaluation.dehazing_methods import SharedDehazer
+from deckline.evaluation.modelled_detector import PointNoise
 from deckline.flight import Flight
 from deckline.localize import Localizer, localize
 from deckline.report.provenance import settings_of
 from deckline.research.sgd import localize_by_descent
-from deckline.types import Detection
+from deckline.types import Detection, Frame
 
 Box = tuple[float, float, float, float]
+Sighting = tuple[Frame, Detection | None]  # a frame, and its detection where that is modelled
 
 
 @dataclass(frozen=True)
@@ -121,3 +124,29 @@ def load(methods: Sequence[Method]) -> Bench:
             detector.forget()
 
     return Bench(start, forget, settings)
+
+
+def point_methods(config: RunConfig) -> list[Method]:
+    """The rows that need no picture."""
+    single = single_frames(config)
+    return [
+        Method("paper's", single, localize_by_descent),
+        Method("ours", single),
+        Method("ours, tracked", config),
+    ]
+
+
+def point_bench(methods: list[Method], noise: PointNoise) -> Bench:
+    """Flights that are given their detections."""
+
+    def start(method: Method) -> Flight:
+        return Flight(method.config, DEHAZERS[NOT_DEHAZED](), ClassicalDetector(), method.localizer)
+
+    settings: dict[str, Any] = {"points": asdict(noise)}
+    settings |= {method.name: settings_of(start(method)) for method in methods}
+    return Bench(start, lambda: None, settings, noise.correlation)
+
+
+def point_rng(file: str) -> np.random.Generator:
+    """RANSAC's draws of one frame."""
+    return np.random.default_rng(zlib.crc32(file.encode()))

@@ -126,11 +126,11 @@ def add_depth_noise(frame: Frame, sensors: Sensors, seed: int, index: int) -> Fr
     """A frame whose depth camera errs by its stated noise, in patches."""
     if frame.depth_m is None or not np.isfinite(frame.depth_m).any():
         return frame
-    noise = patchy(frame.depth_m.shape, np.random.default_rng([seed, index, DEPTH]))
+    noise = draw_patchy_noise(frame.depth_m.shape, np.random.default_rng([seed, index, DEPTH]))
     return replace(frame, depth_m=frame.depth_m * (1.0 + np.float32(sensors.depth_fraction) * noise))
 
 
-def patchy(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
+def draw_patchy_noise(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
     """Noise (H, W) of unit variance whose neighbours resemble each other."""
     white = rng.standard_normal(shape, np.float32)
     size = 2 * int(np.ceil(4 * DEPTH_PATCH_PX)) + 1
@@ -139,7 +139,7 @@ def patchy(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float
     return np.asarray(blurred / np.float32((kernel**2).sum()), dtype=np.float32)
 
 
-def sensors_text(sensors: Sensors) -> str:
+def describe_sensors(sensors: Sensors) -> str:
     """The grade of the sensors, or their pose's accuracy where they have none."""
     for name, graded in GRADES.items():
         if sensors == graded:
@@ -147,6 +147,6 @@ def sensors_text(sensors: Sensors) -> str:
     return f"{sensors.position_m:g} m and {sensors.attitude_deg:g} degrees"
 
 
-def plain(flights: FlightsConfig) -> dict[str, Any]:
+def flight_settings(flights: FlightsConfig) -> dict[str, Any]:
     """What is flown as plain values, without the options of the configuration that flies."""
     return {name: value for name, value in vars(flights).items() if name not in ("options", "run")}

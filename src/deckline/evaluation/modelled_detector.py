@@ -1,19 +1,38 @@
-"""The noise of a detector that looks at no picture: points of true lines, and depth about them, from a stated model."""
+"""Flights without pictures: the simulator's path, ship and navigation, and a modelled detector.
 
+True lines are projected, and points and depth drawn about them from a stated model: thousands of frames a minute, so
+that rare things can be counted. What a picture would show of its own, such as glare or clutter, is not in them.
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import RigidTransform
 
-from deckline.evaluation.localization_flights import DEPTH_RANGE_M
+from deckline.config import Sensors
+from deckline.evaluation.approaches import DEPTH_RANGE_M, miscalibrate
+from deckline.extras import needs_extra
 from deckline.geometry import Camera
-from deckline.types import LinePoints, Segment
+from deckline.types import Detection, Frame, LinePoints, Segment, Truth
+
+if TYPE_CHECKING:
+    from deckline.sim import SimConfig
 
 PATCH_PX = 2  # depth is filled in so far around every point; localization looks 1 px around it
 SAMPLES = 2000  # along a line, to find what of it is in the image
 BORDER_PX = 1.0
+POINTS, MOTION, AIR = 31, 32, 33  # random streams
+
+
+class Sighting(NamedTuple):
+    """One frame of a flight and what the detector finds in it."""
+
+    frame: Frame
+    detection: Detection
 
 
 @dataclass(frozen=True)
@@ -42,7 +61,51 @@ class PointNoise:
     missed_share: float = 0.01
 
 
-def seen_points(
+def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iterator[Sighting]:
+    """Every frame of an approach of a named preset, with the detector's points.
+
+    The pose is the navigation unit's; calibration, deck height and depths err as in rendered flights. The picture is
+    grain, another in every frame, as a camera's is.
+
+    Raises:
+        ImportError: the sim extra is not installed.
+    """
+    with needs_extra("sim"):
+        from deckline.sim.camera.measure import measure_pose
+        from deckline.sim.flight.approach import approach_view
+        from deckline.sim.flight.motion import draw_motion, ship_pose
+        from deckline.sim.ship.layout import class_layout
+        from deckline.sim.ship.ship_class import load_class
+        from deckline.sim.simulate import draw_visibility, truth_segments
+    layout = class_layout(load_class(config.preset))
+    motion = draw_motion(config.motion, False, np.random.default_rng([config.seed, MOTION]))
+    visibility_m = draw_visibility(config.visibility_m, np.random.default_rng([config.seed, AIR]))
+    size = (config.height + config.frames, config.width, 3)
+    grain = np.random.default_rng([config.seed, POINTS]).integers(0, 256, size, np.uint8)
+    far_m, depth_sigma = noise.seen_share * visibility_m, sensors.depth_fraction
+    for index in range(config.frames):
+        view = approach_view(config, layout, index, motion)
+        segments = truth_segments(layout.at_pose(ship_pose(layout, motion, view.time_s)))
+        rng = np.random.default_rng([config.seed, POINTS, index])
+        camera, pose = view.camera, view.world_from_camera
+        left, right = (draw_points(segment, pose, camera, far_m, noise, rng) for segment in segments)
+        depth = sparse_depth(camera, pose, segments, [left, right], depth_sigma, rng)
+        truth = Truth(*segments, visibility_m=visibility_m, world_from_body=view.world_from_body)
+        frame = Frame(
+            f"point_{config.seed}_{index}",
+            view.time_s,
+            grain[index : index + config.height],
+            camera,
+            view.body_from_camera,
+            depth_m=depth,
+            world_from_body=measure_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
+            deck_z_m=float(layout.world_from_ship.translation[2]),
+            truth=truth,
+        )
+        yield Sighting(miscalibrate(frame, sensors, config.seed), Detection(left, right))
+
+
+def draw_points(
     segment: Segment,
     world_from_camera: RigidTransform,
     camera: Camera,
@@ -66,7 +129,7 @@ def seen_points(
     rows = np.linspace(v.min(), v.max(), min(noise.rows, int(10 * np.ptp(v))))
     order = np.argsort(v)
     u = np.interp(rows, v[order], pixels[inside, 0][order])
-    u += noise.sigma_px * correlated(len(rows), noise.correlation, rng)
+    u += noise.sigma_px * correlated_noise(len(rows), noise.correlation, rng)
     stray = rng.random(len(rows)) < noise.outlier_share
     u[stray] += rng.uniform(-noise.outlier_px, noise.outlier_px, int(stray.sum()))
     keep = (u >= 0) & (u <= camera.width - 1)
@@ -74,7 +137,7 @@ def seen_points(
     return LinePoints(points, np.full(len(points), 0.9), np.full(len(points), noise.sigma_px))
 
 
-def correlated(count: int, correlation: float, rng: np.random.Generator) -> NDArray[np.float64]:
+def correlated_noise(count: int, correlation: float, rng: np.random.Generator) -> NDArray[np.float64]:
     """Unit-variance noise (N,) whose neighbours have a correlation: a first-order autoregression."""
     white = rng.standard_normal(count)
     white[1:] *= np.sqrt(1.0 - correlation**2)

@@ -1,0 +1,187 @@
+"""Flights with faults: is a fault noticed, harmless, or does it mislead?"""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from deckline.dehaze import DEHAZERS, NOT_DEHAZED
+from deckline.detect import ClassicalDetector
+from deckline.evaluation.approaches import FlightsConfig
+from deckline.evaluation.integrity_faults import FAULTS, inject
+from deckline.evaluation.localization_score import pilot_figures
+from deckline.evaluation.modelled_detector import Sighting
+from deckline.flight import Flight, FrameResult
+
+ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
+ONSET = (0.2, 0.6)  # part of the flight after which a sudden fault comes, drawn between these
+NOMINAL = "nominal"  # a run without a fault
+DRAW, RANSAC = 41, 42  # random streams
+
+
+@dataclass(frozen=True)
+class Run:
+    """One flight; its number decides weather, errors and how bad the fault is."""
+
+    fault: str  # of FAULTS, or NOMINAL
+    number: int
+
+
+class Outcome(StrEnum):
+    """Of a run with a fault."""
+
+    DETECTED = "detected"  # a flag, or no guidance any more, and nothing misled for longer than the time to alert
+    HARMLESS = "harmless"  # no flag was needed: no error was ever beyond its protection level
+    MISLEADING = "misleading"
+
+
+@dataclass(frozen=True)
+class FrameState:
+    """One frame of a run, as the pilot has it."""
+
+    time_s: float
+    faulty: bool  # the fault is there by now
+    flagged: bool
+    lateral_m: float | None  # error of the lateral deviation; None: no centre line was given
+    height_m: float | None  # error of the height above the deck, at the touchdown point
+    lateral_level_m: float | None  # protection levels; None: none was given
+    height_level_m: float | None
+    excluded: bool = False  # a measurement contradicted the track and was left out of it
+    flags: tuple[str, ...] = ()  # names of what is flagged
+
+    @property
+    def protected(self) -> bool:
+        """A line with a protection level, and no warning: what a pilot would follow."""
+        given = (self.lateral_m, self.height_m, self.lateral_level_m, self.height_level_m)
+        return not self.flagged and None not in given
+
+    @property
+    def misleading(self) -> bool:
+        """Followed, and farther off than its protection level says."""
+        if self.flagged or self.lateral_m is None or self.height_m is None:
+            return False
+        if self.lateral_level_m is None or self.height_level_m is None:
+            return False
+        return abs(self.lateral_m) > self.lateral_level_m or abs(self.height_m) > self.height_level_m
+
+
+@dataclass(frozen=True)
+class FaultRow:
+    """All runs of one fault."""
+
+    runs: int
+    detected: int
+    harmless: int
+    misleading: int
+    frames: int  # while the fault was there
+    misleading_frames: int
+    flagged_frames: int
+    excluding_frames: int
+    lost_frames: int  # without a protected line, flagged or not
+    delay_s: float  # median from the fault's beginning to the first flag; NaN without one
+
+    @property
+    def good_share(self) -> float:
+        return (self.detected + self.harmless) / self.runs
+
+
+def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S) -> Outcome:
+    """What a fault led to.
+
+    A misleading frame is forgiven when a flag is up, or guidance gone, at most `alert_s` after it began to mislead.
+    """
+    since: float | None = None
+    for frame in run:
+        if not frame.faulty:
+            continue
+        if not frame.misleading:
+            since = None
+            continue
+        since = frame.time_s if since is None else since
+        if frame.time_s - since > alert_s:
+            return Outcome.MISLEADING
+    if since is not None:
+        return Outcome.MISLEADING  # it misled to the end and no flag came
+    warned = any(frame.faulty and frame.flagged for frame in run)
+    if warned:
+        return Outcome.DETECTED
+    return Outcome.MISLEADING if any(m.faulty and m.misleading for m in run) else Outcome.HARMLESS
+
+
+def fault_row(runs: Sequence[Sequence[FrameState]], alert_s: float = ALERT_S) -> FaultRow:
+    """Sum up the runs of one fault.
+
+    Raises:
+        ValueError: no run.
+    """
+    if not runs:
+        raise ValueError("no run of this fault")
+    outcomes = [outcome(run, alert_s) for run in runs]
+    faulty = [frame for run in runs for frame in run if frame.faulty]
+    delays = [delay for run in runs if (delay := detection_delay_s(run)) is not None]
+    return FaultRow(
+        runs=len(runs),
+        detected=outcomes.count(Outcome.DETECTED),
+        harmless=outcomes.count(Outcome.HARMLESS),
+        misleading=outcomes.count(Outcome.MISLEADING),
+        frames=len(faulty),
+        misleading_frames=sum(frame.misleading for frame in faulty),
+        flagged_frames=sum(frame.flagged for frame in faulty),
+        excluding_frames=sum(frame.excluded for frame in faulty),
+        lost_frames=sum(not frame.protected for frame in faulty),
+        delay_s=float(np.median(delays)) if delays else float("nan"),
+    )
+
+
+def flags_raised(runs: Iterable[Sequence[FrameState]]) -> dict[str, int]:
+    """How many frames raised each flag, the most frequent first."""
+    return dict(Counter(name for run in runs for frame in run for name in frame.flags).most_common())
+
+
+def detection_delay_s(run: Sequence[FrameState]) -> float | None:
+    """From the first frame with the fault to the first flag after it; None where none came."""
+    begun = next((frame.time_s for frame in run if frame.faulty), None)
+    flag = next((frame.time_s for frame in run if frame.faulty and frame.flagged), None)
+    return None if begun is None or flag is None else flag - begun
+
+
+def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> list[FrameState]:
+    """A run over frames in order of time."""
+    draw = np.random.default_rng([flights.seed, run.number, DRAW])
+    fault = FAULTS.get(run.fault)
+    still_air_s = (flights.range_m[0] - flights.range_m[1]) / flights.approach(0).flight.speed_m_s
+    onset_s = float(draw.uniform(*ONSET)) * still_air_s
+    flight = Flight(flights.run, DEHAZERS[NOT_DEHAZED](), ClassicalDetector())
+    states = []
+    for index, (frame, detection) in enumerate(inject(sightings, fault, onset_s, draw)):
+        rng = np.random.default_rng([flights.seed, run.number, index, RANSAC])
+        result = flight(frame, detection=detection, rng=rng)
+        faulty = fault is not None and fault.is_active(frame, onset_s)
+        states.append(state_of(result, faulty, flights.run.approach.touchdown_m))
+    return states
+
+
+def state_of(result: FrameResult, faulty: bool, touchdown_m: float) -> FrameState:
+    """A frame as the pilot has it, against its truth.
+
+    Raises:
+        ValueError: a flight without a track.
+    """
+    frame, track, flags = result.frame, result.track, result.guidance.flags
+    if track is None:
+        raise ValueError(f"{frame.file}: integrity needs a track, got a flight without one")
+    centre, protection = track.lines.get("centre"), track.protection
+    errors: dict[str, float] = {} if centre is None else pilot_figures(frame, centre, touchdown_m)
+    return FrameState(
+        frame.time_s,
+        faulty,
+        bool(flags),
+        errors.get("deviation_m"),
+        errors.get("height_m"),
+        None if protection is None else protection.lateral_m,
+        None if protection is None else protection.vertical_m,
+        bool(track.excluded),
+        tuple(str(flag.reason) for flag in flags),
+    )
