@@ -1,23 +1,32 @@
-"""`deckline eval ablation` on a tiny dataset: two steps a row, the table against a direct computation."""
+"""`deckline eval ablation` on a tiny dataset: what differs between the rows, their training, and the table."""
 
 import json
 import re
 import shutil
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from clear_scene import hazy_recording
+from clear_scene import QUICK, clear_recording, hazy_recording, interrupting
 from deckline.cli.main import main
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.metrics import psnr_db, ssim
 from deckline.evaluation.store import Store
 from deckline.recording import open_recording
-from deckline.research.ablation import HAZY, Scores, measure, summarise_rows
+from deckline.research.ablation import HAZY, measure, summarise_rows
+from deckline.research.ablation_rows import ROWS, check_pairs, is_finished, row_recipe
+from deckline.train import loop
+from deckline.train.checkpoint import read_progress
+from deckline.train.dehaze import build_ours
+from deckline.train.dehaze_samples import make_batch
+from deckline.train.dehaze_views import open_clear_views
+from deckline.train.export import network_cost
 
-ROWS = ["baseline", "mix-attention", "mobilevit", "augmentation"]
-BUDGET = ["--steps", "2", "--crop-height", "48", "--crop-width", "64", "--threads", "1", "--device", "cpu"]
+TINY = replace(QUICK, steps=2)
+OPTIONS = ["--steps", "2", "--crop-height", "48", "--crop-width", "64", "--threads", "1", "--device", "cpu"]
 
 
 @pytest.fixture(scope="module")
@@ -28,55 +37,84 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_rows_are_trained_measured_and_reported(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    command = ["eval", "ablation", str(dataset), "--out", str(tmp_path), *BUDGET]
-    assert main(command) == 0
-    printed = capsys.readouterr().out
-    assert "3 test images; 2 steps for each row" in printed
-    table = json.loads((tmp_path / "ablation.json").read_text())
-    assert [row["row"] for row in table["rows"]] == [HAZY, *ROWS]
+@pytest.fixture(scope="module")
+def trained(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The command's folder."""
+    out = tmp_path_factory.mktemp("rows")
+    assert main(["eval", "ablation", str(dataset), "--out", str(out), *OPTIONS]) == 0
+    return out
+
+
+def test_every_row_adds_one_part() -> None:
+    parts = [(row.attention, row.transformer, row.augmented) for row in ROWS]
+    assert parts[0] == ("depthwise", "plain", False)
+    assert parts[-1] == ("mix", "mobilevit", True)
+    for above, below in pairwise(parts):
+        assert sum(a != b for a, b in zip(above, below, strict=True)) == 1
+
+
+@pytest.mark.parametrize(("row", "as_recorded"), [(ROWS[2], True), (ROWS[3], False)], ids=["plain", "augmented"])
+def test_rows_without_augmentation_see_each_pair_as_it_was_recorded(row, as_recorded: bool, dataset: Path) -> None:
+    recipe = row_recipe(row, replace(TINY, crop_height=64, crop_width=96))  # crops as large as the pictures
+    views = open_clear_views([dataset / "train"], 640, 0.0)
+    recorded = {(views[k].clear_rgb.tobytes(), np.asarray(views[k].hazy_rgb).tobytes()) for k in range(len(views))}
+    for step in range(4):
+        hazy, clear, *_ = make_batch(views, 2, (64, 96), recipe.haze, [0, step])
+        for images in zip(clear, hazy, strict=True):
+            drawn = tuple((255 * x).round().byte().permute(1, 2, 0).numpy().tobytes() for x in images)
+            assert (drawn in recorded) == as_recorded
+
+
+def test_the_table_holds_the_figures_of_the_trained_networks(dataset: Path, trained: Path) -> None:
+    table = json.loads((trained / "ablation.json").read_text())
+    assert [row["row"] for row in table["rows"]] == [HAZY, *(row.key for row in ROWS)]
     test, above = open_recording(dataset / "test"), None
-    for row in table["rows"]:
-        dehazer = None if row["row"] == HAZY else OnnxDehazer(tmp_path / row["row"] / "dehaze.onnx", threads=1)
-        images = [test.load(k) for k in range(3)]
+    images = [test.load(k) for k in range(3)]
+    clear = [np.asarray(frame.truth.clear_rgb) for frame in images if frame.truth is not None]
+    for row, entry in zip([None, *ROWS], table["rows"], strict=True):
+        dehazer = None if row is None else OnnxDehazer(trained / row.key / "dehaze.onnx", threads=1)
         pictures = [frame.image_rgb if dehazer is None else dehazer(frame.image_rgb) for frame in images]
-        clear = [np.asarray(frame.truth.clear_rgb) for frame in images if frame.truth is not None]
         psnr = [psnr_db(a, b) for a, b in zip(pictures, clear, strict=True)]
+        assert entry["psnr_db"] == pytest.approx(np.mean(psnr))
         surface = [psnr_db(a[16:], b[16:]) for a, b in zip(pictures, clear, strict=True)]
-        assert row["psnr_db"] == pytest.approx(np.mean(psnr))
-        assert row["psnr_db_surface"] == pytest.approx(np.mean(surface))
-        assert row["ssim"] == pytest.approx(np.mean([ssim(a, b) for a, b in zip(pictures, clear, strict=True)]))
-        if above is not None:
-            gain = row["gains"]["psnr_db"]
+        assert entry["psnr_db_surface"] == pytest.approx(np.mean(surface))
+        assert entry["ssim"] == pytest.approx(np.mean([ssim(a, b) for a, b in zip(pictures, clear, strict=True)]))
+        if row is not None and above is not None and dehazer is not None:
+            gain, cost = entry["gains"]["psnr_db"], network_cost(build_ours(row_recipe(row, TINY)))
             assert gain["value"] == pytest.approx(np.mean(np.subtract(psnr, above)))
             assert gain["low"] <= gain["value"] <= gain["high"]
-            assert row["steps"] == 2
+            assert (entry["parameters"], entry["macs_256"], entry["steps"]) == (cost.parameters, cost.macs, 2)
+            network, haze = dehazer.session.config["network"], dehazer.session.config["recipe"]["haze"]
+            assert (network["attention"], network["transformer"]) == (row.attention, row.transformer)
+            assert haze["recorded_share"] == (0.0 if row.augmented else 1.0)
         above = psnr
-    markdown = (tmp_path / "ablation.md").read_text().splitlines()
-    assert markdown[5].startswith("| row | PSNR, dB | gain [95 %] |")
-    assert f"{table['rows'][1]['psnr_db']:.2f}" in markdown[8]
-    assert f"{table['rows'][1]['parameters'] / 1e6:.3f}" in markdown[8]
-    lines = (tmp_path / "images.jsonl").read_text()
+    markdown = (trained / "ablation.md").read_text()
+    assert "| row | PSNR, dB | gain [95 %] |" in markdown
+    assert f"{table['rows'][1]['psnr_db']:.2f}" in markdown
+    assert f"{table['rows'][1]['parameters'] / 1e6:.3f}" in markdown
+
+
+def test_rows_are_trained_and_measured_once(
+    dataset: Path, trained: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ["eval", "ablation", str(dataset), "--out", str(trained), *OPTIONS]
+    kept = {path: path.read_bytes() for path in trained.rglob("*") if path.suffix in (".onnx", ".jsonl")}
     assert main(command) == 0
-    assert (tmp_path / "images.jsonl").read_text() == lines, "nothing is measured twice"
-
-
-def test_measuring_goes_on_where_it_was_stopped(dataset: Path, tmp_path: Path) -> None:
-    source, calls = open_recording(dataset / "test"), []
-
-    def dehazer(image: np.ndarray) -> np.ndarray:
-        calls.append(1)
-        return image // 2
-
-    def run() -> Scores:
-        return measure({HAZY: None, "half": dehazer}, source, range(3), Store(tmp_path, "images.jsonl", {}))
-
-    whole = run()
-    assert len(calls) == 3
-    text = (tmp_path / "images.jsonl").read_text()
-    (tmp_path / "images.jsonl").write_text(text[: text.rindex("\n", 0, -1) + 10])  # killed in the middle of a line
-    assert run() == whole
-    assert len(calls) == 4
+    assert capsys.readouterr().out.count("finished before") == 4
+    assert {path: path.read_bytes() for path in kept} == kept
+    assert main([*command, "--batch", "1"]) == 2
+    assert "images.jsonl was made with batch 2, not 1" in capsys.readouterr().err
+    # A row that is missing is trained again, from where Ctrl-C stopped it.
+    last = trained / ROWS[-1].key
+    shutil.rmtree(last)
+    monkeypatch.setattr(loop, "_step", interrupting(loop._step, at=1))
+    assert main(command) == 130
+    monkeypatch.undo()
+    progress = read_progress(last)
+    assert progress is not None and progress["step"] == 1
+    assert not is_finished(TINY, last)
+    assert main(command) == 0
+    assert is_finished(TINY, last)
 
 
 def test_damaged_test_frames_are_skipped(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -86,6 +124,16 @@ def test_damaged_test_frames_are_skipped(dataset: Path, tmp_path: Path, capsys: 
     scores = measure({HAZY: None}, open_recording(tmp_path / "test"), range(3), Store(None, "images.jsonl", {}))
     assert list(scores[HAZY]) == [0, 2]
     assert f"skipped {images[1].name}" in capsys.readouterr().err
+
+
+def test_pictures_without_haze_are_no_pairs(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"clear.*0"):
+        check_pairs(clear_recording(tmp_path / "clear", frames=2), 0.5)
+    bad = hazy_recording(tmp_path / "bad", frames=1)
+    next((bad / "images").glob("*_0_*")).write_bytes(b"P6")
+    for held_out in (1.0, 0.05):  # none can be read; too few to hold any out
+        with pytest.raises(ValueError, match=str(bad)):
+            check_pairs(bad, held_out)
 
 
 @pytest.mark.parametrize(
@@ -105,13 +153,6 @@ def test_bad_input_is_one_line(
     assert re.search(message, error)
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
-
-
-def test_a_folder_that_is_no_dataset_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["eval", "ablation", str(tmp_path), "--out", str(tmp_path / "out"), "--steps", "1"]) == 2
-    error = capsys.readouterr().err
-    assert str(tmp_path / "test") in error
-    assert error.count("\n") == 1
 
 
 def test_each_row_gains_over_the_one_above() -> None:

@@ -1,8 +1,7 @@
 """`deckline eval ablation`: the paper's Table 5, trained and measured by one command.
 
-OUT/recipe.json            what the rows are made with
 OUT/<row>/                 checkpoint, ONNX file and figures of each row, as `deckline train dehaze` writes them
-OUT/images.jsonl           one line for each test image and row; a stopped command goes on after the last one
+OUT/images.jsonl           how the rows are made, and one line for each test image and row
 OUT/ablation.json, .md     the table
 """
 
@@ -15,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from deckline.dehaze import Dehazer, OnnxDehazer
+from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.dehazing_score import FIGURES, restoration
 from deckline.evaluation.statistics import Difference, paired_difference
 from deckline.evaluation.store import Store
@@ -87,18 +86,24 @@ def ablation(
         config: how each row is trained.
     """
     with needs_extra("train"):
-        from deckline.research.ablation_rows import ROWS, WEIGHTS_FILE, base_recipe, train_rows
+        from deckline.research.ablation_rows import (
+            ROWS,
+            WEIGHTS_FILE,
+            base_recipe,
+            check_pairs,
+            describe_rows,
+            train_rows,
+        )
     if every < 1:
         raise ValueError(f"--every must be at least 1, got {every}")
-    base = base_recipe(**asdict(config))
+    base, pairs = base_recipe(**asdict(config)), dataset / "train"
     test = open_recording(dataset / "test")
-    costs = train_rows(base, dataset / "train", out)
-    files = {row.key: out / row.key / WEIGHTS_FILE for row in ROWS}
-    dehazers: dict[str, Dehazer | None] = {HAZY: None}
-    dehazers |= {key: OnnxDehazer(file, threads=config.threads or None) for key, file in files.items()}
-    store = Store(out, IMAGES_FILE, {"weights": {key: sha256_of(file) for key, file in files.items()}})
-    rows = summarise_rows(measure(dehazers, test, range(0, len(test), every), store))
-    rows = [row | costs.get(row["row"], {}) for row in rows]
+    check_pairs(pairs, base.held_out)
+    with Store(out, IMAGES_FILE, describe_rows(base, pairs)) as store:
+        costs = train_rows(base, pairs, out)
+        dehazers = {row.key: OnnxDehazer(out / row.key / WEIGHTS_FILE, threads=config.threads or None) for row in ROWS}
+        scores = measure({HAZY: None, **dehazers}, test, range(0, len(test), every), store)
+    rows = [row | costs.get(row["row"], {}) for row in summarise_rows(scores)]
     names = {HAZY: ("hazy, left as it is", MISSING)}
     names |= {row.key: (row.name, f"{row.paper_psnr_db:.2f}") for row in ROWS}
     table = Table("the paper's Table 5", COLUMNS, [_cells(row, *names[row["row"]]) for row in rows], (CAPTION,))
@@ -109,26 +114,28 @@ def ablation(
     return 0
 
 
-def measure(dehazers: Mapping[str, Dehazer | None], source: Source, indices: range, store: Store) -> Scores:
+def measure(dehazers: Mapping[str, OnnxDehazer | None], source: Source, indices: range, store: Store) -> Scores:
     """Figures of each row and image, as far as they are not in the store already, to which they are added one by one.
 
     Args:
         dehazers: by row, from above; None gives the image back.
         source: frames with their clear pictures.
         indices: of the frames.
-        store: its settings hold the rows' weights.
+        store: its keys are an image and the SHA-256 of a row's weights.
 
     Raises:
         ValueError: a frame without a clear picture.
     """
-    with store, progress("measuring", len(indices)) as advance:
+    weights = {row: "" if dehazer is None else sha256_of(dehazer.session.path) for row, dehazer in dehazers.items()}
+    with progress("measuring", len(indices)) as advance:
         for index in indices:
-            missing = [row for row in dehazers if (index, row) not in store.rows]
+            missing = [row for row in dehazers if (index, weights[row]) not in store.rows]
             if missing and (frame := _load(source, index)) is not None:
                 for row in missing:
-                    store.add((index, row), _score(frame, dehazers[row]))
+                    store.add((index, weights[row]), _score(frame, dehazers[row]))
             advance()
-    return {row: {k: store.rows[k, row] for k in indices if (k, row) in store.rows} for row in dehazers}
+    rows = store.rows
+    return {row: {k: rows[k, sha] for k in indices if (k, sha) in rows} for row, sha in weights.items()}
 
 
 def _load(source: Source, index: int) -> Frame | None:
@@ -140,7 +147,7 @@ def _load(source: Source, index: int) -> Frame | None:
         return None
 
 
-def _score(frame: Frame, dehazer: Dehazer | None) -> Figures:
+def _score(frame: Frame, dehazer: OnnxDehazer | None) -> Figures:
     if frame.truth is None or frame.truth.clear_rgb is None:
         raise ValueError(f"{frame.file}: no clear picture to compare with; write the dataset with `deckline dataset`")
     surface = None if frame.depth_m is None else np.isfinite(frame.depth_m)

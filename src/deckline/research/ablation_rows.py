@@ -1,12 +1,10 @@
 """The rows of the paper's Table 5: what differs between them, and their training."""
 
-import json
 import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from deckline.atomic import write_atomic
 from deckline.recording import open_recording
 from deckline.train.checkpoint import read_progress
 from deckline.train.dehaze import DehazeTrainConfig, build_ours, train_dehaze
@@ -15,7 +13,7 @@ from deckline.train.dehaze_samples import HazeAugmentation
 from deckline.train.export import network_cost
 from deckline.train.loop import MACHINE
 
-RECIPE_FILE, WEIGHTS_FILE = "recipe.json", "dehaze.onnx"
+WEIGHTS_FILE = "dehaze.onnx"
 
 
 @dataclass(frozen=True)
@@ -81,23 +79,27 @@ def row_recipe(row: AblationRow, base: DehazeTrainConfig) -> DehazeTrainConfig:
     return replace(base, attention=row.attention, transformer=row.transformer, haze=haze)
 
 
+def describe_rows(base: DehazeTrainConfig, recording: Path) -> dict[str, Any]:
+    """What the rows are made with, but for the machine: JSON values."""
+    recipe = {name: value for name, value in asdict(base).items() if name not in MACHINE}
+    return {**recipe, "recording": str(recording.resolve())}
+
+
 def train_rows(base: DehazeTrainConfig, recording: Path, out: Path) -> dict[str, dict[str, float]]:
     """Train every row that is not finished in `out`/<key>, in order.
 
     Args:
         base: recipe and budget of each row.
         recording: pairs with depth.
-        out: folder; its recipe.json keeps rows of different budgets or recipes apart.
+        out: folder.
 
     Returns:
         parameters, macs_256, steps and minutes of each row, by key.
 
     Raises:
-        ValueError: no pairs, pairs that cannot be trained on, or a folder of another recipe.
+        ValueError: a row's folder holds a training by another recipe.
         KeyboardInterrupt: after Ctrl-C; the same call goes on.
     """
-    check_pairs(recording, base.held_out)
-    _claim_folder(out, base, recording)
     costs: dict[str, dict[str, float]] = {}
     for row in ROWS:
         recipe, folder = row_recipe(row, base), out / row.key
@@ -132,25 +134,3 @@ def check_pairs(recording: Path, held_out: float) -> None:
             raise ValueError(f"{recording}: {frame.file} is no pair of a hazy and a clear picture")
         return
     raise ValueError(f"{recording}: no frame can be read")
-
-
-def _claim_folder(out: Path, base: DehazeTrainConfig, recording: Path) -> None:
-    """Write down what the rows in `out` are made with, or check that they were made with the same.
-
-    Raises:
-        ValueError: rows of another recipe.
-    """
-    kept = {name: value for name, value in asdict(base).items() if name not in MACHINE}
-    recipe: dict[str, Any] = json.loads(json.dumps({**kept, "recording": str(recording.resolve())}))
-    path = out / RECIPE_FILE
-    if not path.is_file():
-        out.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, (json.dumps(recipe, indent=1) + "\n").encode())
-        return
-    try:
-        stored = dict(json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path} is damaged ({error}): use another folder") from error
-    changed = sorted(name for name in {*recipe, *stored} if stored.get(name) != recipe.get(name))
-    if changed:
-        raise ValueError(f"{out} holds an ablation with another {', '.join(changed)}: use another folder")
