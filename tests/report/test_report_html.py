@@ -154,6 +154,14 @@ def test_summary_tells_counts_and_errors():
         assert part in text
 
 
+def test_flags_are_told_without_a_track_too():
+    html = report([record() | {"flags": [{"name": "deck sign", "reason": "above the camera"}]}, record()])
+    words = Tags(html).texts
+    assert words[words.index("Flagged frames") + 1] == "1"
+    assert words[words.index("deck sign: at first above the camera") + 1] == "1"
+    assert [row["flags"] for row in embedded(html)["rows"]] == [["above the camera"], []]
+
+
 def test_notes_stand_above_everything():
     html = report([record()], **{"note 1": "two cameras of different size", "frames": "1 of 9, stopped"})
     assert html.index("two cameras of different size") < html.index("Lines found")

@@ -114,7 +114,7 @@ def count_flags(records: Iterable[Record]) -> list[tuple[str, int]]:
     first: dict[str, str] = {}
     times: Counter[str] = Counter()
     for record in records:
-        for flag in lookup(record, ("track", "flags")) or []:
+        for flag in record.get("flags") or ():
             first.setdefault(flag["name"], flag["reason"])
             times[flag["name"]] += 1
     return [(f"{name}: at first {first[name]}", count) for name, count in times.most_common()]
@@ -122,7 +122,7 @@ def count_flags(records: Iterable[Record]) -> list[tuple[str, int]]:
 
 def beyond_protection(records: list[Record]) -> tuple[int, int] | None:
     """Frames without a flag whose error is beyond its protection level, of those where both are known; None: none."""
-    bounded = [record for record in records if lookup(record, ("track", "flags")) == []]
+    bounded = [record for record in records if not record.get("flags")]
     paths = (("errors", "guidance", "lateral_deviation_m"), ("errors", "guidance", "height_above_deck_m"))
     across, above, *levels = _gather(bounded, *paths, ("protection", "lateral_m"), ("protection", "vertical_m"))
     beyond = (np.abs(across) > levels[0]) | (np.abs(above) > levels[1])

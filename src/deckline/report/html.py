@@ -86,7 +86,7 @@ def _row(record: Record) -> Record:
         values = lookup(record, keys)
         row[group] = values and {name: values.get(name) for name in GUIDANCE}
     row["track"] = lookup(record, ("track", "state"))
-    row["flags"] = [flag["reason"] for flag in lookup(record, ("track", "flags")) or []]
+    row["flags"] = [flag["reason"] for flag in record.get("flags") or ()]
     for side in SIDES:
         confidence = lookup(record, ("lines", side, "confidence")) or []
         inliers = lookup(record, ("lines", side, "pixel_line", "inliers"))
@@ -135,14 +135,15 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
 def _track_cards(seen: list[Record]) -> Iterator[tuple[str, str, str]]:
     """How much of the run was guided by a track, and what its integrity said."""
     tracks = [record["track"] for record in seen if record.get("track")]
-    if not tracks:
-        return
-    states = Counter(track["state"] for track in tracks)
-    detail = ", ".join(f"{states[name]} {name}" for name in ("coasting", "lost") if states[name]) or "without a break"
-    yield "Tracked", percent((states["tracking"] + states["coasting"]) / len(tracks)), detail
-    missed = figures.beyond_protection(seen)
-    words = "" if missed is None else f"{missed[0]} of {missed[1]} beyond their protection level without a flag"
-    yield "Flagged frames", f"{sum(bool(track['flags']) for track in tracks)}", words
+    if tracks:
+        states = Counter(track["state"] for track in tracks)
+        lost = ", ".join(f"{states[name]} {name}" for name in ("coasting", "lost") if states[name]) or "without a break"
+        yield "Tracked", percent((states["tracking"] + states["coasting"]) / len(tracks)), lost
+    flagged = sum(bool(record.get("flags")) for record in seen)
+    if tracks or flagged:
+        missed = figures.beyond_protection(seen)
+        words = "" if missed is None else f"{missed[0]} of {missed[1]} beyond their protection level without a flag"
+        yield "Flagged frames", f"{flagged}", words
 
 
 def _plots_note(seen: list[Record], counts: Mapping[str, int]) -> str:

@@ -96,36 +96,22 @@ def to_line(record: Record) -> str:
 
 
 def read_records(path: Path) -> Iterator[Record]:
-    """Records of a JSONL file, one at a time, up to the first line that is not whole."""
-    return (record for _, record in _read_lines(path))
+    """Records of a JSONL file, one at a time; half a line at its end, which an interrupted writer leaves, is none."""
+    with path.open("rb") as file:
+        for line in file:
+            if line.endswith(b"\n"):
+                yield json.loads(line)
 
 
 def keep_whole_lines(path: Path) -> int:
-    """Cut a JSONL file after its last whole line, as an interrupted writer may have left half of one.
-
-    Returns: the number of lines kept.
-    """
-    end = count = 0
-    for line_end, _ in _read_lines(path):
-        end, count = line_end, count + 1
+    """Cut a JSONL file after its last whole line; returns the number of lines kept."""
+    count = end = 0
     with path.open("r+b") as file:
+        for line in file:
+            if line.endswith(b"\n"):
+                count, end = count + 1, end + len(line)
         file.truncate(end)
     return count
-
-
-def _read_lines(path: Path) -> Iterator[tuple[int, Record]]:
-    """Whole lines: the byte where each one ends, and its record."""
-    end = 0
-    with path.open("rb") as file:
-        for line in file:
-            end += len(line)
-            try:
-                record = json.loads(line) if line.endswith(b"\n") else None
-            except ValueError:
-                return
-            if not isinstance(record, dict) or "file" not in record:
-                return
-            yield end, record
 
 
 def write_csv(path: Path, records: Iterable[Record]) -> None:
@@ -150,7 +136,7 @@ def lookup(record: Record, keys: Iterable[str | int]) -> Any:
 def _columns() -> dict[str, tuple[str | int, ...]]:
     """Column names with units -> where each value lies in a record."""
     columns: dict[str, tuple[str | int, ...]] = {
-        name: (name,) for name in ("file", "time_s", "status", "mode", "reason", "skipped")
+        name: (name,) for name in ("file", "time_s", "status", "mode", "reason", "flags", "skipped")
     }
     for name in GUIDANCE:
         unit = next(unit for unit in UNITS if name.endswith(unit))
