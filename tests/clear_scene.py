@@ -71,6 +71,16 @@ def hazy_recording(folder: Path, frames: int, visibility_m: float = 700.0) -> Pa
     return folder
 
 
+def striped_deck(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Dark sea and a striped deck, (height, width, 3) uint8 under haze and without it."""
+    rng = np.random.default_rng(0)
+    clear = rng.normal(60, 15, (height, width, 3)).clip(0, 255).astype(np.uint8)
+    clear[height // 2 :, width // 3 : width // 2] = 90
+    clear[height // 2 :, width // 3 : width // 3 + 4] = 230
+    ranges = np.linspace(2000, 50, height)[:, None] + np.zeros((1, width))
+    return add_haze(clear, ranges, beta_from_visibility(800.0), (180, 190, 200)), clear
+
+
 def interrupting(step: Callable[..., object], at: int) -> Callable[..., object]:
     """`step` during whose call number `at` a person presses Ctrl-C."""
     calls = []

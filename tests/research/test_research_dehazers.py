@@ -10,10 +10,9 @@ import torch
 from safetensors.torch import load_file
 from torch import nn
 
-from clear_scene import QUICK, clear_frame, clear_recording, interrupting
+from clear_scene import QUICK, clear_frame, clear_recording, interrupting, striped_deck
 from deckline.dehaze import OnnxDehazer
 from deckline.dehaze.network import image_to_tensor, pad
-from deckline.haze import add_haze, beta_from_visibility
 from deckline.research.dehazers import DEHAZERS
 from deckline.train import loop
 from deckline.train.checkpoint import CHECKPOINT_FILE, read_tensors
@@ -41,16 +40,6 @@ def perturb(name: str) -> nn.Module:
         for value in model.parameters():
             value += 0.02 * torch.randn(value.shape, generator=generator)
     return model
-
-
-def hazy_and_clear(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Dark sea and a striped deck, under haze and without it, uint8."""
-    rng = np.random.default_rng(0)
-    clear = rng.normal(60, 15, (height, width, 3)).clip(0, 255).astype(np.uint8)
-    clear[height // 2 :, width // 3 : width // 2] = 90
-    clear[height // 2 :, width // 3 : width // 3 + 4] = 230
-    ranges = np.linspace(2000, 50, height)[:, None] + np.zeros((1, width))
-    return add_haze(clear, ranges, beta_from_visibility(800.0), (180, 190, 200)), clear
 
 
 def macs_of_transposed(model: nn.Module) -> int:
@@ -96,7 +85,7 @@ def test_any_size_on_any_batch(name: str, size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("name", list(DEHAZERS))
 def test_one_step_lowers_the_loss(name: str) -> None:
     torch.manual_seed(0)
-    hazy, clear = (torch.from_numpy(image_to_tensor(image)) for image in hazy_and_clear(40, 48))
+    hazy, clear = (torch.from_numpy(image_to_tensor(image)) for image in striped_deck(40, 48))
     model = DEHAZERS[name](None).train()
     optimizer = torch.optim.AdamW(model.parameters(), DehazeTrainConfig().lr)
 
@@ -127,7 +116,7 @@ def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     assert not dehazer.coarse
     assert dehazer.session.config["network"] == network
     for height, width in [(5, 40), (75, 131)]:
-        image, _ = hazy_and_clear(height, width)
+        image, _ = striped_deck(height, width)
         with torch.no_grad():
             expected = model(torch.from_numpy(image_to_tensor(pad(image, 1))))[0, :, :height, :width]
         expected = (255 * expected.permute(1, 2, 0).numpy()).clip(0, 255)
