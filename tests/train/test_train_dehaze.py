@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from clear_scene import QUICK, clear_frame, clear_recording, interrupting
+from clear_scene import QUICK, clear_frame, clear_recording
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.metrics import psnr_db
 from deckline.runtime import load_session
-from deckline.train import loop
-from deckline.train.checkpoint import read_progress
 from deckline.train.dehaze import NETWORKS, DehazeTrainConfig, dehaze_loss, psnr_loss, train_dehaze
 from deckline.train.dehaze_samples import HazeAugmentation
 from deckline.train.loop import build_network
@@ -61,24 +59,6 @@ def test_a_network_with_a_prior_trains_and_runs_with_and_without_a_pose(recordin
     assert dehazer.cost[0] == pytest.approx(478_468)
 
 
-def test_interrupted_run_resumes_to_the_same_weights(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    train_dehaze(QUICK, [recording], tmp_path / "whole")
-    monkeypatch.setattr(loop, "_step", interrupting(loop._step, at=5))
-    with pytest.raises(KeyboardInterrupt):
-        train_dehaze(QUICK, [recording], tmp_path / "parts")
-    progress = read_progress(tmp_path / "parts")
-    assert progress is not None
-    assert progress["step"] == 5
-    assert not (tmp_path / "parts" / "dehaze.onnx").exists()
-    monkeypatch.undo()
-    train_dehaze(QUICK, [recording], tmp_path / "parts")
-    image = torch.rand(1, 3, 64, 96).numpy()
-    results = [load_session(tmp_path / p / "dehaze.onnx", 1)(image=image, working=image)[0] for p in ("whole", "parts")]
-    np.testing.assert_array_equal(*results)
-
-
 def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, tmp_path: Path) -> None:
     train_dehaze(replace(QUICK, steps=3), [recording], tmp_path / "first")
     still = replace(QUICK, steps=1, lr=1e-12, lr_end=1e-12, batch=1)
@@ -91,12 +71,6 @@ def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, 
     assert np.abs(first - image).max() > 1e-3, "the first run must have learned something"
     with pytest.raises(ValueError, match="holds no checkpoint"):
         train_dehaze(QUICK, [recording], tmp_path / "third", start_from=tmp_path / "none")
-
-
-def test_another_recipe_does_not_go_on(recording: Path, tmp_path: Path) -> None:
-    train_dehaze(replace(QUICK, steps=1), [recording], tmp_path)
-    with pytest.raises(ValueError, match=r"checkpoint of another recipe \(batch, haze differ\)"):
-        train_dehaze(replace(QUICK, batch=3, haze=HazeAugmentation(noise_share=0)), [recording], tmp_path)
 
 
 def test_a_loss_that_is_no_number_stops_the_run(

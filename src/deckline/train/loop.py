@@ -133,27 +133,20 @@ def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer,
         ValueError: a checkpoint of another recipe, or none that can be used.
     """
     recipe, progress = config.identity(), read_progress(out)
-    if progress is None:
-        write_recipe(out, config)
-        ema = {name: value.detach().clone() for name, value in model.state_dict().items()}
-        return Run(model, optimizer, out, recipe, ema)
-    stored = progress["recipe"]
-    changed = sorted(name for name in {*recipe, *stored} if stored.get(name) != recipe.get(name))
-    if changed:
-        raise ValueError(
-            f"{out} holds a checkpoint of another recipe ({', '.join(changed)} differ): use another folder"
-        )
-    averaged = load_checkpoint(out, model, optimizer)
-    write_recipe(out, config)
-    device = next(model.parameters()).device
-    ema = {name: value.to(device) for name, value in averaged.items()}
-    return Run(model, optimizer, out, recipe, ema, progress["step"], progress["seconds"])
-
-
-def write_recipe(out: Path, config: Recipe) -> None:
-    """Every value of the recipe as `out`/recipe.toml."""
+    ema = {name: value.detach().clone() for name, value in model.state_dict().items()}
+    run = Run(model, optimizer, out, recipe, ema)
+    if progress is not None:
+        stored = progress["recipe"]
+        changed = sorted(name for name in {*recipe, *stored} if stored.get(name) != recipe.get(name))
+        if changed:
+            different = ", ".join(changed)
+            raise ValueError(f"{out} holds a checkpoint of another recipe ({different} differ): use another folder")
+        device = next(model.parameters()).device
+        run.ema = {name: value.to(device) for name, value in load_checkpoint(out, model, optimizer).items()}
+        run.step, run.seconds = progress["step"], progress["seconds"]
     out.mkdir(parents=True, exist_ok=True)
     write_atomic(out / RECIPE_FILE, to_toml_text(config).encode())
+    return run
 
 
 def train(
