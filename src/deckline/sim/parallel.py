@@ -1,9 +1,10 @@
 """Renders frames over several processes and hands the results back in order."""
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from functools import partial
 from itertools import groupby
+from operator import itemgetter
 from typing import TypeVar
 
 from deckline.extras import needs_extra
@@ -12,7 +13,7 @@ from deckline.types import Frame
 
 with needs_extra("sim"):
     from deckline.sim import SimConfig, open_simulator
-    from deckline.sim.simulate import ship_block
+    from deckline.sim.simulate import Simulator, ship_block
 
 CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs
 T = TypeVar("T")
@@ -32,37 +33,26 @@ def map_frames(task: Callable[[Frame], T], items: Sequence[Item], jobs: int = 1)
         OSError: no OpenGL on this machine, or a process died.
     """
     if process_count(jobs) == 1:
-        with closing(_Stage()) as stage:
-            for config, index in items:
-                yield task(stage.frame(config, index))
+        for config, group in groupby(items, key=itemgetter(0)):
+            with open_simulator(config) as simulator:
+                for _, index in group:
+                    yield task(simulator.frame(index))
         return
     with closing(map_ordered(partial(_render_chunk, task), _split_chunks(items), jobs)) as chunks:
         for results in chunks:
             yield from results
 
 
-class _Stage:
-    """Renders items; keeps the simulator of the last one."""
-
-    def __init__(self) -> None:
-        self._config: SimConfig | None = None
-        self._open = ExitStack()
-
-    def frame(self, config: SimConfig, index: int) -> Frame:
-        if config != self._config:
-            self._open.close()
-            self._config, self._simulator = config, self._open.enter_context(open_simulator(config))
-        return self._simulator.frame(index)
-
-    def close(self) -> None:
-        self._open.close()
-
-
-_stage = _Stage()  # of a rendering process
+_opened: dict[SimConfig, Simulator] = {}  # the last recording's simulator in a rendering process
 
 
 def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:
-    return [task(_stage.frame(config, index)) for config, index in chunk]
+    config = chunk[0][0]
+    if config not in _opened:
+        for other in list(_opened):
+            _opened.pop(other).__exit__(None, None, None)
+        _opened[config] = open_simulator(config)
+    return [task(_opened[config].frame(index)) for _, index in chunk]
 
 
 def _split_chunks(items: Sequence[Item]) -> Iterator[list[Item]]:

@@ -123,12 +123,7 @@ class Simulator:
         return self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, name)
 
     def picture(
-        self,
-        view: Viewpoint,
-        scenery: Scenery,
-        recording: np.random.Generator,
-        frame: np.random.Generator,
-        name: str,
+        self, view: Viewpoint, scenery: Scenery, recording: np.random.Generator, frame: np.random.Generator, name: str
     ) -> Frame:
         """The picture of a view, its camera's lens included, of the ship as it lies at the view's time.
 

@@ -15,9 +15,10 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
 from deckline.sim.scene.gl import fullscreen, link, moderngl, open_context
-from deckline.sim.scene.textures import ShadowMap, noise_texture, paint_deck, wave_texture
+from deckline.sim.scene.textures import ShadowMap, noise_field, paint_deck, tile_texture
 from deckline.sim.scene.uniforms import CLEAR_AIR_M, Uniforms, scene_uniforms, solid_uniforms
 from deckline.sim.scene.view import SAMPLES, Label, Scene, View
+from deckline.sim.scene.waves import wave_tile
 from deckline.sim.ship.mesh import Mesh
 from deckline.sim.ship.ship import Ship
 from deckline.sim.ship.structure import deck_mesh
@@ -51,7 +52,7 @@ class Renderer:
         self.measure, self.painter = program("solid.vert", "depth.frag"), program("paint.vert", "paint.frag")
         self.lamp = program("lamp.vert", "lamp.frag")
         self.shadow = ShadowMap(self.context, program("shadow.vert", "shadow.frag"))
-        self.noise, self.waves = noise_texture(self.context), wave_texture(self.context)
+        self.noise, self.waves = (tile_texture(self.context, tile) for tile in (noise_field(), wave_tile()))
         self.backdrops = {each: fullscreen(self.context, each) for each in (self.sea, self.ground, self.sea_depth)}
         self.targets: dict[tuple[int, int], tuple[moderngl.Framebuffer, ...]] = {}
         self.ship: Ship | None = None

@@ -5,7 +5,6 @@ from numpy.typing import NDArray
 
 from deckline.sim.scene.gl import moderngl
 from deckline.sim.scene.view import SAMPLES
-from deckline.sim.scene.waves import TILE_TEXELS, wave_tile
 from deckline.sim.ship.paint import layers, polygons
 from deckline.sim.ship.ship import Ship
 
@@ -55,14 +54,9 @@ def texture_size(extent_m: NDArray[np.float64], texels_per_m: float) -> tuple[in
     return 2 ** round(wanted[0]), 2 ** int(np.ceil(wanted[1]))
 
 
-def noise_texture(context: moderngl.Context) -> moderngl.Texture:
-    """The shaders' tileable noise, mipmapped."""
-    return _mipmapped(context.texture((NOISE_SIZE, NOISE_SIZE), 4, noise_field(NOISE_SIZE).tobytes()))
-
-
-def wave_texture(context: moderngl.Context) -> moderngl.Texture:
-    """The sea's tile, mipmapped."""
-    return _mipmapped(context.texture((TILE_TEXELS, TILE_TEXELS), 4, wave_tile().tobytes()))
+def tile_texture(context: moderngl.Context, tile: NDArray[np.uint8]) -> moderngl.Texture:
+    """Mipmapped texture of a tile (N, N, 4)."""
+    return _mipmapped(context.texture(tile.shape[:2], 4, tile.tobytes()))
 
 
 def _mipmapped(texture: moderngl.Texture) -> moderngl.Texture:
@@ -71,7 +65,7 @@ def _mipmapped(texture: moderngl.Texture) -> moderngl.Texture:
     return texture
 
 
-def noise_field(size: int) -> NDArray[np.uint8]:
+def noise_field(size: int = NOISE_SIZE) -> NDArray[np.uint8]:
     """Four independent tileable fractal noises (size, size, 4), mean 127.5."""
     rng = np.random.default_rng(20240614)
     frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size))) * size

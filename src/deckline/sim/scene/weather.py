@@ -87,10 +87,7 @@ class Weather(Daylight):
 
 
 def random_weather(
-    rng: np.random.Generator,
-    fair: bool = False,
-    config: WeatherConfig = OPEN,
-    sun: NDArray[np.float64] | None = None,
+    rng: np.random.Generator, fair: bool = False, config: WeatherConfig = OPEN, sun: NDArray[np.float64] | None = None
 ) -> Weather:
     """From bright sun to moonlight, from glass to a sea of 5 m; `fair` keeps to days with few clouds.
 
