@@ -29,7 +29,7 @@ from deckline.detect.coarse_to_fine import (
 )
 from deckline.detect.crop import Crop
 from deckline.evaluation.detection_truth import ExpectedLines, Scene
-from deckline.evaluation.frames import FrameSet, open_recorded, rendered_sets
+from deckline.evaluation.frames import FrameSet, RenderOptions, open_recorded
 from deckline.evaluation.metrics import distance_px
 from deckline.geometry import Camera
 from deckline.recording import FrameError
@@ -149,7 +149,7 @@ def main() -> None:
     given = parser.parse_args()
     sets = open_recorded(tuple(given.sources))
     if given.deckless:
-        sets += rendered_sets(0, given.deckless, ("train",), given.seed, "200..3000", None, 90.0)
+        sets += RenderOptions(0, given.deckless, ("train",), given.seed, "200..3000").open_sets()
     detector = OnnxDetector(Path(given.detector)) if given.detector.endswith(".onnx") else DETECTORS[given.detector]()
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")

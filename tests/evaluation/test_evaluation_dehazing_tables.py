@@ -4,7 +4,7 @@ from dataclasses import replace
 from deckline.evaluation.dehazing_cost import Cost
 from deckline.evaluation.dehazing_score import ImageScore, summarise, summarise_film
 from deckline.evaluation.dehazing_tables import Results, dehazing_tables, json_of
-from deckline.evaluation.tables import publish
+from deckline.evaluation.tables import OutputFiles, publish
 
 
 def scores(name: str, psnr_db: float, found: bool) -> list[ImageScore]:
@@ -75,7 +75,7 @@ def test_cost_has_its_ratio_to_the_reference_and_a_failure_its_reason():
 def test_json_of_known_numbers(tmp_path):
     single = [*scores("none", 10.0, True)[:1], *scores("[net]", 14.0, True)[:1]]
     one = results(skipped=(("/a: 9.png", "cut short"),), summaries=summarise(single, "none", "none"))
-    publish("one pair", dehazing_tables(one), json_of(one), tmp_path / "f.json")
+    publish("one pair", dehazing_tables(one), json_of(one), OutputFiles(tmp_path / "f.json"))
     saved = json.loads((tmp_path / "f.json").read_text())
     assert saved["visibility"]["all"]["[net]"]["differences"]["psnr_db"]["low"] is None
     assert saved["skipped"] == [["/a: 9.png", "cut short"]]

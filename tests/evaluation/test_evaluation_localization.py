@@ -17,6 +17,7 @@ from deckline.evaluation.localization import LocalizationConfig, localization
 from deckline.evaluation.localization_methods import Bench, SharedDetector, load, methods_of, point_bench, point_methods
 from deckline.evaluation.localization_score import score_approach
 from deckline.evaluation.modelled_detector import PointNoise
+from deckline.evaluation.tables import OutputFiles
 from deckline.localize import localize
 from deckline.options import RunOptions
 from deckline.types import Detection, LinePoints
@@ -93,8 +94,8 @@ def run_command(tmp_path, monkeypatch, rendered, **changes) -> Path:
 
 
 def test_the_command_writes_tables_scores_and_pictures_and_resumes(tmp_path, capsys, monkeypatch):
-    rendered, files = [], {"json_file": tmp_path / "figures.json", "markdown": tmp_path / "tables.md"}
-    out = run_command(tmp_path, monkeypatch, rendered, **files)
+    rendered, files = [], OutputFiles(tmp_path / "figures.json", tmp_path / "tables.md")
+    out = run_command(tmp_path, monkeypatch, rendered, output=files)
     printed = capsys.readouterr().out
     assert "Table 6" in printed
     assert "no row for resa: give its network with --resa FILE.onnx" in printed

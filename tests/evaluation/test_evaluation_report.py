@@ -3,12 +3,12 @@ import json
 import pytest
 
 from deckline.cli.main import main
-from deckline.evaluation.tables import Table, publish
+from deckline.evaluation.tables import OutputFiles, Table, publish
 
 
 def save(path, title):
     table = Table("all frames", ("figure", "value"), [("found_rate", "0.97")], ("Of 3 frames.",))
-    publish(title, [table], {"found_rate": 0.97}, path, notes=["Rates are shares."])
+    publish(title, [table], {"found_rate": 0.97}, OutputFiles(path), notes=["Rates are shares."])
 
 
 def test_a_page_has_a_section_for_every_file(tmp_path, capsys):

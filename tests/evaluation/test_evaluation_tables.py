@@ -3,7 +3,7 @@ import math
 
 import pytest
 
-from deckline.evaluation.tables import Table, markdown, number, publish
+from deckline.evaluation.tables import OutputFiles, Table, markdown, number, publish
 
 TABLE = Table("errors", ("side", "m [1-sigma]"), [("left", "0.1 [0.0, 0.2]"), ("left", "-")], notes=("A note.",))
 
@@ -23,7 +23,13 @@ def test_a_table_as_markdown():
 
 def test_figures_are_saved_beside_what_they_were_made_with(tmp_path, capsys):
     files = tmp_path / "f.json", tmp_path / "t.md"
-    publish("two frames", [TABLE], {"a.median": math.nan, "b": {"c": [math.inf, 1.5]}}, *files, notes=["The end."])
+    publish(
+        "two frames",
+        [TABLE],
+        {"a.median": math.nan, "b": {"c": [math.inf, 1.5]}},
+        OutputFiles(*files),
+        notes=["The end."],
+    )
     saved = json.loads(files[0].read_text())
     assert saved["a.median"] is None and saved["b"] == {"c": [None, 1.5]}
     assert saved["_title"] == "two frames" and saved["_command"]

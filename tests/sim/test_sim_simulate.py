@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deckline.evaluation.frames import rendered_sets
+from deckline.evaluation.frames import RenderOptions
 from deckline.sim import SimConfig, frames
 from deckline.sim.camera.config import DepthConfig, NavigationConfig
 from deckline.sim.config import MotionConfig, WeatherConfig
@@ -156,7 +156,7 @@ def test_views_without_a_runway_show_each_kind_in_turn_whatever_came_before():
 
 
 def test_sets_of_the_command():
-    sets = rendered_sets(7, 3, ("paper", "cvn", "paper"), 5, "200..900", (50.0, 60.0), 40.0)
+    sets = RenderOptions(7, 3, ("paper", "cvn", "paper"), 5, "200..900", (50.0, 60.0), 40.0).open_sets()
     assert [(item.name, len(item)) for item in sets] == [
         ("rendered paper", 7),
         ("rendered cvn", 7),
@@ -164,4 +164,4 @@ def test_sets_of_the_command():
     ]
     assert sets[1].settings["visibility_m"] == [200.0, 900.0]
     assert sets[1].settings["fov_deg"] == 40.0
-    assert rendered_sets(0, 3, ("paper",), 5, "clear", None, 40.0)[0].settings["visibility_m"] == ["inf", "inf"]
+    assert RenderOptions(0, 3, visibility="clear").open_sets()[0].settings["visibility_m"] == ["inf", "inf"]

@@ -10,11 +10,11 @@ import tyro
 from numpy.typing import NDArray
 
 from deckline.config import Models, Picture, RunConfig, Tracking
-from deckline.evaluation.frames import FrameSet, Recorded, Sample, rendered_sets, score_frames
+from deckline.evaluation.frames import FrameSet, Recorded, RenderOptions, Sample, score_frames
 from deckline.evaluation.metrics import below_horizon, normal_pixel_error, psnr_db, ssim
 from deckline.evaluation.statistics import RANGE_M, VISIBILITY_M, by_band, share
 from deckline.evaluation.store import Store
-from deckline.evaluation.tables import Figures, JsonFile, MarkdownFile, Table, number, publish
+from deckline.evaluation.tables import TO_TERMINAL, Figures, Output, OutputFiles, Table, number, publish
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
 from deckline.report.provenance import settings_of
@@ -72,8 +72,7 @@ def chain(
     fov_deg: float = 90.0,
     options: FlightOptions = DEFAULTS,
     out: Path | None = None,
-    json_file: JsonFile = None,
-    markdown_file: MarkdownFile = None,
+    output: Output = TO_TERMINAL,
 ) -> int:
     """Run the whole chain on freshly rendered frames with exact truth and print its errors.
 
@@ -86,43 +85,33 @@ def chain(
         fov_deg: horizontal field of view.
         options: of the configuration that flies.
         out: folder of every frame's errors; a stopped command resumes from it.
-        json_file: write the figures here as well.
-        markdown_file: write the tables here as well.
+        output: files of the results.
     """
-    sets = rendered_sets(frames, 0, (preset,), seed, visibility, range_m, fov_deg, keep_clear=True)
+    sets = RenderOptions(frames, 0, (preset,), seed, visibility, range_m, fov_deg).open_sets(keep_clear=True)
     title = (
         f"{frames} simulated frames, preset {preset}, seed {seed}, V {visibility} m, {range_m[0]:g}-{range_m[1]:g} m"
     )
-    return _evaluate(sets, title, single_frames(options.run_config()), out, json_file, markdown_file)
+    return _evaluate(sets, title, single_frames(options.run_config()), out, output)
 
 
 def recording(
     source: tyro.conf.Positional[Path],
     options: FlightOptions = DEFAULTS,
-    out: Path | None = None,
-    json_file: JsonFile = None,
-    markdown_file: MarkdownFile = None,
+    output: Output = TO_TERMINAL,
 ) -> int:
     """Run the whole chain on a recording that carries truth (scene.json) and print its errors.
+
+    The frames fly in their order, as in `deckline run`: a stopped command begins again.
 
     Args:
         source: recording folder.
         options: of the configuration that flies.
-        out: folder of every frame's errors; a stopped command resumes from it.
-        json_file: write the figures here as well.
-        markdown_file: write the tables here as well.
+        output: files of the results.
     """
-    return _evaluate([Recorded(source)], str(source), options.run_config(), out, json_file, markdown_file)
+    return _evaluate([Recorded(source)], str(source), options.run_config(), None, output)
 
 
-def _evaluate(
-    sets: Sequence[FrameSet],
-    title: str,
-    config: RunConfig,
-    out: Path | None,
-    json_file: Path | None,
-    markdown_file: Path | None,
-) -> int:
+def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path | None, output: OutputFiles) -> int:
     flight = Flight.from_config(config)
     store = Store(out, SCORES_FILE, {**settings_of(flight), "frames": [item.settings for item in sets]})
 
@@ -138,7 +127,7 @@ def _evaluate(
     tables.append(_band_table("range to the ramp", by_band(scores, lambda score: score.range_m, RANGE_M, short=True)))
     by_visibility = by_band(scores, lambda score: score.visibility_m, VISIBILITY_M, short=True)
     tables.append(_band_table("visibility", by_visibility))
-    publish(title, tables, figures, json_file, markdown_file)
+    publish(title, tables, figures, output)
     return 0
 
 

@@ -18,7 +18,7 @@ from deckline.evaluation.dehazing_score import ImageScore, restoration, score_li
 from deckline.evaluation.dehazing_sheet import sheet
 from deckline.evaluation.dehazing_tables import Results, dehazing_tables, json_of
 from deckline.evaluation.store import Store
-from deckline.evaluation.tables import JsonFile, made_with, publish
+from deckline.evaluation.tables import TO_TERMINAL, Output, made_with, publish
 from deckline.flight import Flight
 from deckline.progress import progress
 from deckline.recording import FrameError
@@ -54,8 +54,7 @@ class DehazingConfig:
         cost: measure latency and peak memory as well, each run in a process of its own.
         cost_size: width and height of the picture for that, px.
         cost_runs: of each dehazer, interleaved.
-        json_file: write the numbers here as well.
-        markdown: write the tables here as well.
+        output: files of the results.
         sheet: write one picture with what every dehazer makes of a few pairs (.png or .jpg).
         sheet_visibility: of those pairs, m: for each the pair that comes nearest.
         out: folder for a row per image and dehazer.
@@ -76,8 +75,7 @@ class DehazingConfig:
     cost: bool = False
     cost_size: tuple[int, int] = (1280, 720)
     cost_runs: int = 5
-    json_file: JsonFile = None
-    markdown: Path | None = None
+    output: Output = TO_TERMINAL
     sheet: Path | None = None
     sheet_visibility: tuple[float, ...] = (400.0, 1000.0, 2500.0)
     out: Path | None = None
@@ -124,7 +122,7 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
     )
     figures = json_of(results) | {"about": made_with()}
     notes = [f"skipped {len(skipped)}; the first: {': '.join(skipped[0])}"] if skipped else []
-    publish(results.title, dehazing_tables(results), figures, config.json_file, config.markdown, notes)
+    publish(results.title, dehazing_tables(results), figures, config.output, notes)
     if config.sheet is not None:
         write_picture(config.sheet, sheet(bench.sources, bench.dehazers, scores, config.sheet_visibility))
         print(config.sheet)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -24,15 +24,16 @@ from deckline.evaluation.detection_score import (
 )
 from deckline.evaluation.detection_truth import Scene, draw_runway_prior
 from deckline.evaluation.detection_worst import write_worst
-from deckline.evaluation.frames import FrameSet, Sample, name_sets, open_sets, score_frames
+from deckline.evaluation.frames import FrameSet, RenderOptions, Sample, name_sets, score_frames
 from deckline.evaluation.statistics import paired_difference, share
 from deckline.evaluation.store import Store
-from deckline.evaluation.tables import MISSING, Figures, JsonFile, MarkdownFile, Table, number, publish
+from deckline.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline.flight import Flight
 from deckline.report.provenance import settings_of
 from deckline.types import Detection
 
 SCORES_FILE = "scores.jsonl"
+DETECTION_FRAMES, COMPARISON_FRAMES = RenderOptions(), RenderOptions(visibility="200..3000")
 COLUMNS = {  # heading: figure, factor, format
     "found %": ("found_rate", 100.0, ".1f"),
     "in 3 px %": ("placed_rate", 100.0, ".1f"),
@@ -63,20 +64,13 @@ Find = Callable[[Sample], Detection]
 
 def detection(
     sources: tyro.conf.Positional[tuple[Path, ...]] = (),
-    frames: int | None = None,
-    deckless: int | None = None,
-    preset: tuple[str, ...] = ("paper",),
-    seed: int = 1000,
-    visibility: str = "500..3000",
-    range_m: tuple[float, float] | None = None,
-    fov_deg: float = 90.0,
+    render: Annotated[RenderOptions, tyro.conf.arg(name="")] = DETECTION_FRAMES,
     dehazer: str = NOT_DEHAZED,
     detector: str = Models.detector,
     prior_sigma_m: float | None = None,
     out: Path | None = None,
     worst: int = 0,
-    json_file: JsonFile = None,
-    markdown_file: MarkdownFile = None,
+    output: Output = TO_TERMINAL,
 ) -> int:
     """Measure how well the lines are found in frames whose lines are known, and false lines in frames without.
 
@@ -85,27 +79,20 @@ def detection(
 
     Args:
         sources: recordings with truth, folders with labels.json, or folders of recordings.
-        frames: rendered of each preset, from random viewpoints; 200 when no source is given.
-        deckless: rendered without a runway in the image; 100 when no source is given.
-        preset: ships of the rendered frames: paper, cvn, axial, small, runway, train.
-        seed: of the simulator; the shipped weights never saw seeds from 1000 on.
-        visibility: of the rendered frames, metres at 2 % contrast, LOW..HIGH or clear.
-        range_m: distance of the rendered frames from the ramp; 60 to 800 m, 30 to 1500 m for preset train.
-        fov_deg: horizontal field of view of the rendered frames; preset train draws its own.
+        render: which frames are rendered.
         dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
         detector: name or .onnx file.
         prior_sigma_m: give the chain a runway prior with drawn errors of this 1-sigma and 2 degrees, and in frames
             without a runway a false one in view.
         out: folder of the scores of every frame and of the worst frames' pictures.
         worst: so many of the worst frames become pictures in --out, with a line of figures each in worst.md.
-        json_file: write the figures here as well.
-        markdown_file: write the tables here as well.
+        output: files of the results.
     """
     if worst < 0 or (worst and out is None):
         raise ValueError(f"--worst must not be negative and needs --out FOLDER for its pictures, got {worst}")
     if prior_sigma_m is not None and not (math.isfinite(prior_sigma_m) and prior_sigma_m >= 0):
         raise ValueError(f"--prior-sigma-m must be a number of metres, 0 or more, got {prior_sigma_m}")
-    sets = open_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
+    sets = render.open_sets(sources)
     flight = Flight.from_config(single_frames_with(dehazer, detector))
     settings = {**settings_of(flight), "prior_sigma_m": prior_sigma_m}
 
@@ -116,7 +103,7 @@ def detection(
     [scores] = score_detections(sets, [(out, settings, find)])
     title = f"{name_sets(sets)}; dehazer {dehazer}, detector {detector}"
     title += "" if prior_sigma_m is None else f"; runway prior with 1-sigma of {prior_sigma_m:g} m"
-    publish(title, detection_tables(scores), flat_figures(scores), json_file, markdown_file, [NOTES])
+    publish(title, detection_tables(scores), flat_figures(scores), output, [NOTES])
     if out is not None and worst:
         print(write_worst(out, {item.name: item for item in sets}, scores, worst, flight))
     return 0
@@ -126,16 +113,9 @@ def detectors(
     sources: tyro.conf.Positional[tuple[Path, ...]] = (),
     detector: tuple[str, ...] = (Models.detector,),
     dehazer: tuple[str, ...] = (NOT_DEHAZED, Models.dehazer),
-    frames: int | None = None,
-    deckless: int | None = None,
-    preset: tuple[str, ...] = ("paper",),
-    seed: int = 1000,
-    visibility: str = "200..3000",
-    range_m: tuple[float, float] | None = None,
-    fov_deg: float = 90.0,
+    render: Annotated[RenderOptions, tyro.conf.arg(name="")] = COMPARISON_FRAMES,
     out: Path | None = None,
-    json_file: JsonFile = None,
-    markdown_file: MarkdownFile = None,
+    output: Output = TO_TERMINAL,
 ) -> int:
     """Compare detectors, each behind every dehazer, on the same frames: does dehazing help to find the lines?
 
@@ -145,18 +125,11 @@ def detectors(
         sources: recordings with truth, folders with labels.json, or folders of recordings.
         detector: names or .onnx files, each behind every dehazer.
         dehazer: names or .onnx files; none does nothing.
-        frames: rendered of each preset, from random viewpoints; 200 when no source is given.
-        deckless: rendered without a runway in the image; 100 when no source is given.
-        preset: ships of the rendered frames: paper, cvn, axial, small, runway, train.
-        seed: of the simulator; the shipped weights never saw seeds from 1000 on.
-        visibility: of the rendered frames, metres at 2 % contrast, LOW..HIGH or clear.
-        range_m: distance of the rendered frames from the ramp; 60 to 800 m, 30 to 1500 m for preset train.
-        fov_deg: horizontal field of view of the rendered frames; preset train draws its own.
+        render: which frames are rendered.
         out: folder of the scores of every frame.
-        json_file: write the figures here as well.
-        markdown_file: write the tables here as well.
+        output: files of the results.
     """
-    sets = open_sets(sources, frames, deckless, preset, seed, visibility, range_m, fov_deg)
+    sets = render.open_sets(sources)
     restorers: dict[str, SharedDehazer] = {}
     methods: dict[Key, tuple[Path | None, dict[str, str], Find]] = {}
     for each in dict.fromkeys(detector):
@@ -169,10 +142,10 @@ def detectors(
             find = partial(_find_restored, restorer, flight.detector)
             methods[key] = (None if out is None else out / "+".join(key), settings_of(flight), find)
     scores = dict(zip(methods, score_detections(sets, list(methods.values())), strict=True))
-    title = f"{name_sets(sets)}, visibility of rendered frames {visibility} m"
+    title = f"{name_sets(sets)}, visibility of rendered frames {render.visibility} m"
     summaries = {"+".join(key): summarise(found) for key, found in scores.items()}
     figures = {f"{name}.{key}": value for name, part in summaries.items() for key, value in part.items()}
-    publish(title, comparison_tables(scores), figures, json_file, markdown_file, [NOTES, COMPARISON_NOTES])
+    publish(title, comparison_tables(scores), figures, output, [NOTES, COMPARISON_NOTES])
     return 0
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.dehazing_methods import build_dehazer, by_name
 from deckline.evaluation.flicker_score import REGIONS, flicker_figures, sequence_errors
-from deckline.evaluation.tables import JsonFile, MarkdownFile, Table, number, publish
+from deckline.evaluation.tables import TO_TERMINAL, Output, Table, number, publish
 from deckline.progress import progress
 from deckline.recording import FrameError, open_recording
 from deckline.types import Frame
@@ -34,8 +34,7 @@ def flicker(
     every: int = 1,
     limit: int | None = None,
     camera_depth_m: float = 200.0,
-    json_file: JsonFile = None,
-    markdown_file: MarkdownFile = None,
+    output: Output = TO_TERMINAL,
 ) -> int:
     """Measure how steady dehazed pictures are along a recording with poses, depth and clear truth.
 
@@ -52,8 +51,7 @@ def flicker(
         every: take every so many-th frame.
         limit: stop after so many frames.
         camera_depth_m: the dehazers see the recorded depth up to here, as a depth camera would; 0 hides it.
-        json_file: write the figures here as well.
-        markdown_file: write the tables here as well.
+        output: files of the results.
     """
     for name, value, least in (("every", every, 1), ("limit", limit, 2), ("camera-depth-m", camera_depth_m, 0)):
         if value is not None and not value >= least:
@@ -66,7 +64,7 @@ def flicker(
     figures = flicker_figures(list(sequence_errors(steps)), truth=CLEAR)
     title = f"{source}: pairs of frames: {figures['pairs']:.0f}, every {every}, depth up to {camera_depth_m:g} m"
     tables = [_table(region, [CLEAR, NOT_DEHAZED, *dehazers], figures) for region in REGIONS]
-    publish(title, tables, figures, json_file, markdown_file)
+    publish(title, tables, figures, output)
     return 0
 
 

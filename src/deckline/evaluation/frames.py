@@ -146,32 +146,6 @@ class Rendered(FrameSet):
             self._simulator = None
 
 
-def open_sets(
-    sources: Sequence[Path],
-    frames: int | None,
-    deckless: int | None,
-    presets: Sequence[str],
-    seed: int,
-    visibility: str,
-    range_m: tuple[float, float] | None,
-    fov_deg: float,
-) -> list[FrameSet]:
-    """Recorded frames, and rendered ones where they are asked for or nothing is recorded.
-
-    Raises:
-        ValueError: a source that cannot be evaluated, a negative number, an unknown preset, or a value that the
-            simulator refuses.
-        ImportError: the sim extra is not installed.
-    """
-    for name, value in (("--frames", frames), ("--deckless", deckless)):
-        if value is not None and value < 0:
-            raise ValueError(f"{name} must not be negative, got {value}")
-    sets = open_recorded(sources)
-    frames = frames if frames is not None else 0 if sources else FRAMES
-    deckless = deckless if deckless is not None else 0 if sources else DECKLESS
-    return sets + rendered_sets(frames, deckless, presets, seed, visibility, range_m, fov_deg)
-
-
 def open_recorded(paths: Sequence[Path]) -> list[FrameSet]:
     """Every source, a dataset's folder standing for the recordings in it.
 
@@ -191,42 +165,63 @@ def open_recorded(paths: Sequence[Path]) -> list[FrameSet]:
     return sets
 
 
-def rendered_sets(
-    frames: int,
-    deckless: int,
-    presets: Sequence[str],
-    seed: int,
-    visibility: str,
-    range_m: tuple[float, float] | None,
-    fov_deg: float,
-    keep_clear: bool = False,
-) -> list[FrameSet]:
-    """Fresh frames of every preset from random viewpoints, and some without a runway.
+@dataclass(frozen=True)
+class RenderOptions:
+    """Which frames are rendered.
 
-    Raises:
-        ValueError: an unknown preset, or a value that the simulator refuses.
-        ImportError: the sim extra is not installed.
+    Args:
+        frames: of each preset, from random viewpoints; 200 when no source is given.
+        deckless: without a runway in the image; 100 when no source is given.
+        preset: ships: paper, cvn, axial, small, runway, train.
+        seed: of the simulator; the shipped weights never saw seeds from 1000 on.
+        visibility: metres at 2 % contrast, LOW..HIGH or clear.
+        range_m: distance from the ramp; 60 to 800 m, 30 to 1500 m for preset train.
+        fov_deg: horizontal field of view; preset train draws its own.
     """
-    if not frames and not deckless:
-        return []
-    with needs_extra("sim"):
-        from deckline.sim import SimConfig
-        from deckline.sim.record import parse_visibility
-    shared: dict[str, Any] = {
-        "visibility_m": parse_visibility(visibility),
-        "seed": seed,
-        "fov_deg": fov_deg,
-        "range_m": range_m,
-        "keep_clear": keep_clear,
-    }
-    sets: list[FrameSet] = []
-    if frames:
-        random = shared | {"trajectory": "random", "frames": frames}
-        sets += [Rendered(SimConfig(preset=preset, **random)) for preset in dict.fromkeys(presets)]  # type: ignore[arg-type]
-    if deckless:
-        views = shared | {"trajectory": "deckless", "frames": deckless, "frames_per_ship": 1}
-        sets.append(Rendered(SimConfig(preset="train", **views)))
-    return sets
+
+    frames: int | None = None
+    deckless: int | None = None
+    preset: tuple[str, ...] = ("paper",)
+    seed: int = 1000
+    visibility: str = "500..3000"
+    range_m: tuple[float, float] | None = None
+    fov_deg: float = 90.0
+
+    def open_sets(self, sources: Sequence[Path] = (), keep_clear: bool = False) -> list[FrameSet]:
+        """Recorded frames, and rendered ones where they are asked for or nothing is recorded.
+
+        Args:
+            sources: of recorded frames.
+            keep_clear: rendered frames have a clear picture as well.
+
+        Raises:
+            ValueError: a source that cannot be evaluated, a negative number, an unknown preset, or a value that the
+                simulator refuses.
+            ImportError: the sim extra is not installed.
+        """
+        for name, value in (("--frames", self.frames), ("--deckless", self.deckless)):
+            if value is not None and value < 0:
+                raise ValueError(f"{name} must not be negative, got {value}")
+        frames = self.frames if self.frames is not None else 0 if sources else FRAMES
+        deckless = self.deckless if self.deckless is not None else 0 if sources else DECKLESS
+        sets = open_recorded(sources)
+        if not frames and not deckless:
+            return sets
+        with needs_extra("sim"):
+            from deckline.sim import SimConfig
+            from deckline.sim.record import parse_visibility
+        shared: dict[str, Any] = {
+            "visibility_m": parse_visibility(self.visibility),
+            "keep_clear": keep_clear,
+            **{name: getattr(self, name) for name in ("seed", "fov_deg", "range_m")},
+        }
+        if frames:
+            random = shared | {"trajectory": "random", "frames": frames}
+            sets += [Rendered(SimConfig(**random, preset=preset)) for preset in dict.fromkeys(self.preset)]  # type: ignore[arg-type]
+        if deckless:
+            views = shared | {"trajectory": "deckless", "frames": deckless, "frames_per_ship": 1}
+            sets.append(Rendered(SimConfig(**views, preset="train")))
+        return sets
 
 
 def name_sets(sets: Sequence[FrameSet]) -> str:

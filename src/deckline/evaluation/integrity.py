@@ -29,7 +29,7 @@ from deckline.evaluation.integrity_score import (
 from deckline.evaluation.modelled_detector import PointNoise, Sighting, fly_points
 from deckline.evaluation.statistics import share_interval
 from deckline.evaluation.store import Store
-from deckline.evaluation.tables import MISSING, Figures, JsonFile, MarkdownFile, Table, number, publish
+from deckline.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline.flight import Flight
 from deckline.processes import map_ordered
 from deckline.progress import progress
@@ -60,12 +60,11 @@ class IntegrityConfig:
         fault: which are put in.
         rendered: render the flights and let the detector look at them; takes a second a frame.
         flights: what is flown.
-        noise: TOML file of the modelled detector: seen_share, rows, sigma_px, correlation, outlier_share and others.
+        noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         alert_s: time to alert.
         jobs: processes, where nothing is rendered; 0: one for every core.
         out: folder of every run's frames.
-        json_file: write the figures here as well.
-        markdown: write the tables here as well.
+        output: files of the results.
     """
 
     runs: int = 30
@@ -77,8 +76,7 @@ class IntegrityConfig:
     alert_s: float = ALERT_S
     jobs: int = 1
     out: Path | None = None
-    json_file: JsonFile = None
-    markdown: MarkdownFile = None
+    output: Output = TO_TERMINAL
 
     def __post_init__(self) -> None:
         for name, least in (("runs", 1), ("nominal", 1), ("alert_s", 0.0)):
@@ -220,7 +218,7 @@ def _publish(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], config: Int
         f"time to alert {config.alert_s:g} s; {how}"
     )
     tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)
-    publish(title, tables, figures, config.json_file, config.markdown, [NOTES])
+    publish(title, tables, figures, config.output, [NOTES])
 
 
 integrity.__doc__ = IntegrityConfig.__doc__

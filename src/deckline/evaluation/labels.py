@@ -15,7 +15,7 @@ from deckline.evaluation.frames import Recorded, Sample, score_frames
 from deckline.evaluation.metrics import distance_px
 from deckline.evaluation.statistics import median_and_p95, share
 from deckline.evaluation.store import Store
-from deckline.evaluation.tables import MISSING, Figures, JsonFile, MarkdownFile, Table, publish
+from deckline.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, publish
 from deckline.flight import Flight, FrameResult
 from deckline.labels import Labels
 from deckline.report.provenance import settings_of
@@ -45,8 +45,7 @@ def labels(
     dehazer: str = NOT_DEHAZED,
     detector: str = Models.detector,
     out: Path | None = None,
-    json_file: JsonFile = None,
-    markdown_file: MarkdownFile = None,
+    output: Output = TO_TERMINAL,
 ) -> int:
     """Find the lines in images that carry labels (labels.json beside them) and print the distance to them in pixels.
 
@@ -56,8 +55,7 @@ def labels(
         dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
         detector: name or .onnx file.
         out: folder of every frame's errors; a stopped command resumes from it.
-        json_file: write the figures here as well.
-        markdown_file: write the tables here as well.
+        output: files of the results.
     """
     flight = Flight.from_config(single_frames_with(dehazer, detector))
     sets = [Recorded(folder, deck_z_m) for folder in folders]
@@ -76,7 +74,7 @@ def labels(
         _frames_table(scores),
         Table("all frames", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
     ]
-    publish(title, tables, figures, json_file, markdown_file)
+    publish(title, tables, figures, output)
     return 0
 
 

@@ -28,7 +28,7 @@ from deckline.evaluation.localization_score import Score, score_approach
 from deckline.evaluation.localization_tables import NOTES, flat_figures, localization_tables
 from deckline.evaluation.modelled_detector import PointNoise, fly_points
 from deckline.evaluation.store import Store
-from deckline.evaluation.tables import JsonFile, MarkdownFile, publish
+from deckline.evaluation.tables import TO_TERMINAL, Output, publish
 from deckline.localize import localize
 from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
@@ -53,11 +53,10 @@ class LocalizationConfig:
         enet_sad: .onnx file of an ENet-SAD network; its row is left out without it.
         points: render nothing: project the true lines and draw points with a stated noise; only estimators and the
             tracker are compared then, in seconds an approach.
-        noise: TOML file of the modelled detector: seen_share, rows, sigma_px, correlation, outlier_share and others.
+        noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         jobs: processes, each with a share of the cores; 0: one for every core.
         out: folder of the scores of every frame, as CSV too, and of pictures of our rows.
-        json_file: write the tables' numbers here as well.
-        markdown: write the tables here as well.
+        output: files of the results.
     """
 
     approaches: int = 10
@@ -69,8 +68,7 @@ class LocalizationConfig:
     noise: Path | None = None
     jobs: int = 1
     out: Path | None = None
-    json_file: JsonFile = None
-    markdown: MarkdownFile = None
+    output: Output = TO_TERMINAL
 
     def __post_init__(self) -> None:
         if self.approaches < 1:
@@ -162,7 +160,7 @@ def _publish(scores: dict[str, list[Score]], work: Work, config: LocalizationCon
         f"{describe_sensors(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; {seen_by}"
     )
     tables = localization_tables(scores, work.methods)
-    publish(title, tables, flat_figures(scores), config.json_file, config.markdown, [*work.notes, NOTES])
+    publish(title, tables, flat_figures(scores), config.output, [*work.notes, NOTES])
 
 
 def _write_csv(path: Path, scores: Sequence[Score]) -> None:

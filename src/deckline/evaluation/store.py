@@ -65,7 +65,7 @@ class Store:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if isinstance(error, KeyboardInterrupt):
-            lost = "nothing was written; with --out FOLDER the same command resumes where it was stopped"
+            lost = "nothing was written; commands with --out FOLDER resume where they were stopped"
             kept = f"{self.path} holds what was measured; the same command resumes there"
             raise KeyboardInterrupt(lost if self.path is None else kept) from None
 

@@ -26,8 +26,23 @@ PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime")  # whose version s
 MISSING = "-"
 
 Figures = dict[str, float]
-JsonFile = Annotated[Path | None, tyro.conf.arg(name="json")]
-MarkdownFile = Annotated[Path | None, tyro.conf.arg(name="markdown")]
+
+
+@dataclass(frozen=True)
+class OutputFiles:
+    """Where results go besides the terminal.
+
+    Args:
+        json: write the figures here as well.
+        markdown: write the tables here as well.
+    """
+
+    json: Path | None = None
+    markdown: Path | None = None
+
+
+Output = Annotated[OutputFiles, tyro.conf.arg(name="")]
+TO_TERMINAL = OutputFiles()
 
 
 @dataclass(frozen=True)
@@ -60,8 +75,7 @@ def publish(
     title: str,
     tables: Sequence[Table],
     figures: Mapping[str, Any],
-    json_file: Path | None = None,
-    markdown_file: Path | None = None,
+    output: OutputFiles = TO_TERMINAL,
     notes: Sequence[str] = (),
 ) -> None:
     """Print tables under a title, notes below them; write them where files are asked for.
@@ -70,8 +84,8 @@ def publish(
         title: what was measured, with which settings.
         tables: in order.
         figures: JSON values; numbers that are not finite are written as null.
-        json_file: gets the figures and, under names with an underscore, the command, what it ran on and the tables.
-        markdown_file: gets the tables.
+        output: its JSON file gets the figures and, under names with an underscore, the command, what it ran on and the
+            tables; its Markdown file gets the tables.
         notes: below the last table.
     """
     made = made_with()
@@ -84,11 +98,11 @@ def publish(
             console.print(note, highlight=False, markup=False)
     for note in notes:
         console.print(note, highlight=False, markup=False)
-    if markdown_file is not None:
+    if output.markdown is not None:
         parts = [f"{title}\n{', '.join(made.values())}", *map(markdown, tables), *notes]
-        write_atomic(markdown_file, ("\n\n".join(parts) + "\n").encode())
-        print(markdown_file)
-    if json_file is not None:
+        write_atomic(output.markdown, ("\n\n".join(parts) + "\n").encode())
+        print(output.markdown)
+    if output.json is not None:
         about = {
             "_title": title,
             "_command": shlex.join(["deckline", *sys.argv[1:]]),
@@ -96,8 +110,8 @@ def publish(
             "_notes": list(notes),
         }
         content = {**figures, **about, "_tables": [asdict(table) for table in tables]}
-        write_atomic(json_file, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
-        print(json_file)
+        write_atomic(output.json, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
+        print(output.json)
 
 
 def markdown(table: Table) -> str:

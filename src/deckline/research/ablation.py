@@ -18,7 +18,7 @@ from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.dehazing_score import FIGURES, restoration
 from deckline.evaluation.statistics import Difference, paired_difference
 from deckline.evaluation.store import Store
-from deckline.evaluation.tables import MISSING, Table, number, publish
+from deckline.evaluation.tables import MISSING, OutputFiles, Table, number, publish
 from deckline.extras import needs_extra
 from deckline.progress import progress
 from deckline.recording import FrameError, Source, open_recording
@@ -110,7 +110,7 @@ def ablation(
     made_with = {"dataset": str(dataset), "every": every, **asdict(config)}
     budget = " or ".join(f"{made_with[name]:g} {name}" for name in ("minutes", "steps") if made_with[name] is not None)
     title = f"{dataset}: {rows[0]['images']} test images; {budget} for each row"
-    publish(title, [table], {**made_with, "rows": rows}, out / "ablation.json", out / "ablation.md")
+    publish(title, [table], {**made_with, "rows": rows}, OutputFiles(out / "ablation.json", out / "ablation.md"))
     return 0
 
 
