@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from contextlib import closing
 
 import av
 import numpy as np
@@ -15,7 +16,7 @@ def picture(grey: int) -> np.ndarray:
 
 
 def write(path, greys, step_s=0.1):
-    with VideoPiece(path, SIZE) as piece:
+    with closing(VideoPiece(path, SIZE)) as piece:
         for number, grey in enumerate(greys):
             piece.add(picture(grey), number * step_s)
 
@@ -47,7 +48,7 @@ def test_the_film_is_what_browsers_play_with_its_index_first(tmp_path):
 
 
 def test_pauses_are_shortened_and_steps_back_survived(tmp_path):
-    with VideoPiece(tmp_path / "a.mp4", SIZE) as piece:
+    with closing(VideoPiece(tmp_path / "a.mp4", SIZE)) as piece:
         for time_s in (0.0, 100.0, 50.0):
             piece.add(picture(90), time_s)
     _, times = shown(tmp_path / "a.mp4")
@@ -66,7 +67,7 @@ def test_a_piece_cut_short_still_gives_its_whole_pictures(tmp_path):
 
 
 def test_no_pictures_make_no_film(tmp_path):
-    with VideoPiece(tmp_path / "empty.mp4", SIZE):
+    with closing(VideoPiece(tmp_path / "empty.mp4", SIZE)):
         pass
     (tmp_path / "rubbish.mp4").write_bytes(b"this is no film")
     assert join([tmp_path / "empty.mp4", tmp_path / "rubbish.mp4"], tmp_path / "film.mp4") == 0

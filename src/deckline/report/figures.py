@@ -8,18 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.evaluation.statistics import RANGE_M
-from deckline.report.records import LINES, STAGES, Record, lookup
+from deckline.report.records import GUIDANCE, KNOWN_TRUE, LINES, STAGES, Record, lookup
 
-GUIDANCE_NAMES = {
-    "lateral_deviation_m": "Lateral deviation",
-    "heading_error_deg": "Heading error",
-    "height_above_deck_m": "Height above deck",
-    "distance_to_ramp_m": "Distance to ramp",
-    "vertical_deviation_m": "Deviation from glideslope",
-    "lateral_deviation_deg": "Lateral deviation, angle",
-    "vertical_deviation_deg": "Deviation from glideslope, angle",
-    "distance_to_touchdown_m": "Distance to touchdown",
-}
 LINE_ERRORS = (
     ("direction_error_deg", "direction"),
     ("lateral_error_at_ramp_m", "sideways at the ramp"),
@@ -39,10 +29,10 @@ def error_rows(records: list[Record]) -> list[tuple[str, ...]]:
         shares of frames within 1 and 2 sigma.
     """
     rows = []
-    for key, name in GUIDANCE_NAMES.items():
+    for key in KNOWN_TRUE:
         errors, sigmas = _gather(records, ("errors", "guidance", key), ("guidance", key, "sigma"))
         within = [np.mean(np.abs(errors) <= k * sigmas) for k in (1, 2)] if len(errors) else []
-        rows.append((name, key, errors, np.mean(errors) if len(errors) else None, within))
+        rows.append((GUIDANCE[key], key, errors, np.mean(errors) if len(errors) else None, within))
     for key, what in LINE_ERRORS:
         for line in LINES:  # sizes without a sign, and no sigma is given
             (errors,) = _gather(records, ("errors", key, line))

@@ -12,10 +12,10 @@ from markupsafe import Markup
 from deckline.report import figures
 from deckline.report.figures import number, percent
 from deckline.report.records import GUIDANCE, Record, lookup
-from deckline.types import SIDES
+from deckline.types import SIDES, Status
 
 TEMPLATES = Path(__file__).parent / "templates"
-STATUSES = ("ok", "one line", "not seen", "skipped")
+STATUSES = (*map(str, Status), "skipped")
 MODES = {"fine": "depth camera", "coarse": "deck plane", "none": "no distance"}
 LISTED = 40  # rows of a list at most
 

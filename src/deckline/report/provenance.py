@@ -38,7 +38,7 @@ def run_info(source: Stream, frames: int, total: int | None, stopped: bool) -> S
         "frames": f"{count}, stopped before the end" if stopped else count,
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
         "version": f"deckline {__version__}, Python {platform.python_version()}, {machine}",
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "command": shlex.join([Path(sys.argv[0]).name.replace("__main__.py", "deckline"), *sys.argv[1:]]),
         **{f"note {number}": note for number, note in enumerate(source.notes, 1)},
     }
 

@@ -20,19 +20,19 @@ from deckline.types import SIDES, Guidance, Notices, RunwayLine, Track, Value
 
 DIGITS = 9  # significant digits written,
 DECIMALS = 6  # but never fewer decimals than these: microseconds of a Unix time, micrometres of a far origin
-GUIDANCE = (
-    "lateral_deviation_m",
-    "heading_error_deg",
-    "height_above_deck_m",
-    "distance_to_ramp_m",
-    "vertical_deviation_m",
-    "lateral_deviation_deg",
-    "vertical_deviation_deg",
-    "distance_to_touchdown_m",
-    "lateral_rate_m_s",
-    "height_rate_m_s",
-    "closing_m_s",
-)
+GUIDANCE = {  # what is written of the guidance, and what people call it
+    "lateral_deviation_m": "Lateral deviation",
+    "heading_error_deg": "Heading error",
+    "height_above_deck_m": "Height above deck",
+    "distance_to_ramp_m": "Distance to ramp",
+    "vertical_deviation_m": "Deviation from glideslope",
+    "lateral_deviation_deg": "Lateral deviation, angle",
+    "vertical_deviation_deg": "Deviation from glideslope, angle",
+    "distance_to_touchdown_m": "Distance to touchdown",
+    "lateral_rate_m_s": "Rate of the lateral deviation",
+    "height_rate_m_s": "Rate of the height",
+    "closing_m_s": "Closing speed",
+}
 KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith("_m_s"))  # one frame's truth has no rates
 UNITS = ("_m_s", "_deg", "_m")
 LINES = (*SIDES, "centre")

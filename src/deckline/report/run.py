@@ -3,7 +3,7 @@
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -18,7 +18,7 @@ from deckline.config_file import to_toml_text
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
 from deckline.report.figures import count_reasons
-from deckline.report.html import Pictures, report_html
+from deckline.report.html import STATUSES, Pictures, report_html
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
 from deckline.report.provenance import Settings, run_info, settings_of
 from deckline.report.records import Record, frame_record, lookup, read_records, skipped_record, to_line, write_csv
@@ -34,11 +34,10 @@ from deckline.report.run_folder import (
     start_folder,
 )
 from deckline.report.video import VideoPiece, join
-from deckline.types import Frame, Notice, Reason, Status
+from deckline.types import Frame, Notice, Reason
 
 INTERRUPTED, NOTHING_USABLE = 130, 1  # exit codes
 RESUMED = Notice(Reason.RESUMED, "the run was interrupted here: the track began anew")
-KINDS = (*map(str, Status), "skipped")
 REPORT_RECORDS = 2000  # records that plots are made of, at most, besides those with pictures
 REPORT_SKIPPED = 200  # skipped frames always among them, at most
 
@@ -134,7 +133,7 @@ def _process(
 
     Returns: counts of all records, and whether Ctrl-C ended it too early.
     """
-    counts = dict.fromkeys(KINDS, 0)
+    counts = dict.fromkeys(STATUSES, 0)
     for record in read_records(folder.jsonl):
         counts[_kind_of(record)] += 1
     first = min(folder.filmed, folder.recorded)
@@ -142,7 +141,7 @@ def _process(
         stopped = stack.enter_context(_catch_ctrl_c(source))
         progress = stack.enter_context(_make_progress())
         lines = stack.enter_context(folder.jsonl.open("ab", buffering=0))
-        piece = stack.enter_context(VideoPiece(folder.next_piece(), OVERLAY_PX))
+        piece = stack.enter_context(closing(VideoPiece(folder.next_piece(), OVERLAY_PX)))
         task = progress.add_task("frames", total=total, completed=first, counts=_format_counts(counts))
         try:
             for index, item in enumerate(_read_items(source, first, total), first):

@@ -7,8 +7,7 @@ pictures of all pieces (one per start of the program) into an MP4 whose index co
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import av
 import numpy as np
@@ -24,7 +23,7 @@ FIRST_STEP_S = 0.1  # how long the last picture is shown
 
 
 class VideoPiece:
-    """Writes RGB pictures (H, W, 3) uint8, all of one even size, with their times. A context manager."""
+    """Writes RGB pictures (H, W, 3) uint8, all of one even size, with their times, until `close`."""
 
     def __init__(self, path: Path, size: tuple[int, int]) -> None:
         """Args: path: file to write, anew; size: width and height, px."""
@@ -54,14 +53,6 @@ class VideoPiece:
             self._container.mux(self._stream.encode(None))
             self._container.close()
             self._stream = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def count_pictures(piece: Path) -> int:
