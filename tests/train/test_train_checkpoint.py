@@ -56,18 +56,18 @@ def test_the_file_is_no_pickle_and_nothing_else_is_left(tmp_path: Path) -> None:
 
 def test_no_checkpoint(tmp_path: Path) -> None:
     assert read_progress(tmp_path) is None
-    with pytest.raises(ValueError, match="holds no checkpoint"):
+    with pytest.raises(ValueError, match=str(tmp_path)):
         load_checkpoint(tmp_path, *model_and_optimizer())
 
 
 def test_another_model_and_a_broken_file(tmp_path: Path) -> None:
     save_checkpoint(tmp_path, *model_and_optimizer(4), {}, {})
-    with pytest.raises(ValueError, match="holds another model: size mismatch"):
+    with pytest.raises(ValueError, match=CHECKPOINT_FILE):
         load_checkpoint(tmp_path, *model_and_optimizer(5))
     (tmp_path / CHECKPOINT_FILE).write_bytes(b"\x80\x04garbage")
-    with pytest.raises(ValueError, match="is not a deckline checkpoint"):
+    with pytest.raises(ValueError, match=CHECKPOINT_FILE):
         load_checkpoint(tmp_path, *model_and_optimizer())
-    with pytest.raises(ValueError, match="is not a deckline checkpoint"):
+    with pytest.raises(ValueError, match=CHECKPOINT_FILE):
         read_progress(tmp_path)
 
 

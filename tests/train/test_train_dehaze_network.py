@@ -287,5 +287,5 @@ def test_shapes_that_cannot_be_built_are_refused(name: str, value: Any) -> None:
 
 
 def test_full_resolution_network_takes_no_working_image() -> None:
-    with pytest.raises(ValueError, match="give no working image"):
+    with pytest.raises(ValueError, match=r"unshuffle.*1"):
         DehazeNetwork(replace(TINY, unshuffle=1))(torch.rand(1, 3, 32, 32), torch.rand(1, 3, 32, 32))

@@ -84,7 +84,7 @@ def test_physical_haze_hides_the_sky_and_spares_what_is_near(view: ClearView) ->
         assert far < near
         light = linear_levels(np.arange(256))[hazy[-1]].mean(axis=0)
         assert (light > linear_levels(np.arange(256))[view.clear_rgb[-1]].mean(axis=0) * near - 1).all()
-    with pytest.raises(ValueError, match="needs the view's pose"):
+    with pytest.raises(ValueError, match="pose"):
         add_physical_haze(replace(view, world_from_camera=None), 400.0, np.ones(3), rng(0))
 
 
@@ -172,7 +172,7 @@ def test_batches_repeat_for_the_same_seed(recording: Path) -> None:
 
 
 def test_haze_config_errors() -> None:
-    with pytest.raises(ValueError, match="visibility_m must be 0 < low <= high, got 9"):
+    with pytest.raises(ValueError, match=r"visibility_m.*9.*3"):
         HazeAugmentation(visibility_m=(9.0, 3.0))
-    with pytest.raises(ValueError, match=r"clear_share must lie in 0\.\.1, got 2"):
+    with pytest.raises(ValueError, match=r"clear_share.*2"):
         HazeAugmentation(clear_share=2)

@@ -35,11 +35,11 @@ def test_large_view_is_averaged_down() -> None:
 
 def test_frame_without_depth_or_clear_image_is_refused() -> None:
     frame = clear_frame(0)
-    with pytest.raises(ValueError, match=r"000\.png: no depth"):
+    with pytest.raises(ValueError, match=r"000\.png.*depth"):
         make_clear_view(replace(frame, depth_m=None), 640)
-    with pytest.raises(ValueError, match=r"000\.png: no clear image"):
+    with pytest.raises(ValueError, match=r"000\.png.*clear"):
         make_clear_view(replace(frame, truth=Truth(visibility_m=900.0)), 640)
-    with pytest.raises(ValueError, match=r"000\.png: no clear image"):
+    with pytest.raises(ValueError, match=r"000\.png.*clear"):
         make_clear_view(replace(frame, truth=None), 640)
 
 
@@ -62,7 +62,7 @@ def test_held_out_views_are_no_training_views(recording: Path) -> None:
     assert len(open_clear_views([recording], 640, 0.25)) == 6
     assert len(open_clear_views([recording, recording], 640, 0.25)) == 12
     assert len(open_clear_views([recording, recording], 640, 0.25, train=False)) == 2
-    with pytest.raises(ValueError, match="no held-out views in"):
+    with pytest.raises(ValueError, match=str(recording)):
         open_clear_views([recording], 640, 0.0, train=False)
 
 
@@ -76,5 +76,5 @@ def test_unreadable_frames_are_named_and_others_drawn(tmp_path: Path) -> None:
     assert list(views.skipped) == [images[1].name]
     for image in images:
         image.write_bytes(b"P6")
-    with pytest.raises(ValueError, match="20 frames in a row cannot be used"):
+    with pytest.raises(ValueError, match=r"20.*\.ppm"):
         open_clear_views([tmp_path], 640, 0.0).draw(rng)

@@ -44,7 +44,7 @@ def test_backbone_taps_and_frozen_parts():
     assert not any(p.requires_grad for p in backbone.stem.parameters())
     assert all(p.requires_grad for p in backbone.blocks[2].parameters())
     assert not any(m.training for m in backbone.modules() if isinstance(m, torch.nn.BatchNorm2d))
-    with pytest.raises(ValueError, match=r"frozen_blocks must lie in 0\.\.2, got 3"):
+    with pytest.raises(ValueError, match=r"frozen_blocks.*3"):
         Lite0Backbone(pretrained=False, frozen_blocks=3)
 
 
@@ -75,7 +75,7 @@ def test_training_resumes_and_exports(network, recording, tmp_path):
     assert 0 <= figures["both_found.clear"] <= 1
     longer = replace(config, steps=3, batch=2)
     assert train_detect(longer, [recording], tmp_path)["steps"] == 3
-    with pytest.raises(ValueError, match=r"\(lr differ\)"):
+    with pytest.raises(ValueError, match=r"\(lr"):
         train_detect(replace(longer, lr=1.0), [recording], tmp_path)
     assert OnnxDetector(tmp_path / "detect.onnx").config.grid == RowGrid()
 

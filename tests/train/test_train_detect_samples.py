@@ -178,7 +178,7 @@ def test_blur_keeps_the_mean_and_its_axis():
 
 
 def test_shares_are_probabilities():
-    with pytest.raises(ValueError, match=r"haze_share must lie in 0\.\.1, got 1\.5"):
+    with pytest.raises(ValueError, match=r"haze_share.*1\.5"):
         DetectAugmentation(haze_share=1.5)
 
 

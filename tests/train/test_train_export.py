@@ -44,7 +44,7 @@ def test_export_leaves_the_model_training_and_no_part_file(exported: tuple[torch
 
 def test_fixed_size_stays_fixed(tmp_path: Path) -> None:
     path = export_onnx(torch.nn.ReLU(), (torch.rand(1, 4),), tmp_path / "relu.onnx", ["x"], ["y"], None, {})
-    with pytest.raises(ValueError, match="cannot run on inputs"):
+    with pytest.raises(ValueError, match=r"relu\.onnx.*5"):
         load_session(path, 1)(x=np.zeros((1, 5), dtype=np.float32))
 
 

@@ -47,7 +47,7 @@ def test_checkpoints_are_written_every_three_minutes(step_s: float, saved: list[
 
 def test_ctrl_c_saves_the_step_and_ends_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loop, "_step", interrupting(loop._step, at=4))
-    with pytest.raises(KeyboardInterrupt, match=f"{tmp_path} holds step 4"):
+    with pytest.raises(KeyboardInterrupt, match=f"{tmp_path}.*4"):
         run_loop(new_run(tmp_path))
     progress = read_progress(tmp_path)
     assert progress is not None and progress["step"] == 4
@@ -72,7 +72,7 @@ def test_the_recipe_lies_beside_the_checkpoint(tmp_path: Path) -> None:
     recipe = replace(RECIPE, lr=2e-3)
     run_loop(new_run(tmp_path, recipe), recipe)
     assert read_config(Recipe, tmp_path / "recipe.toml") == recipe
-    with pytest.raises(ValueError, match=r"another recipe \(batch, lr differ\)"):
+    with pytest.raises(ValueError, match="batch, lr"):
         new_run(tmp_path, replace(RECIPE, batch=2))
 
 

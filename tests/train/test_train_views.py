@@ -28,7 +28,7 @@ def test_the_end_of_every_recording_is_held_out() -> None:
     assert [training[k] for k in range(len(training))] == ["a", "b", "e", "e"]
     held_out = letters(sources, [A, B, B], 0.5, False)
     assert [held_out[k] for k in range(len(held_out))] == ["c", "d", "f"]
-    with pytest.raises(ValueError, match="no held-out views in"):
+    with pytest.raises(ValueError, match=r"held-out.*a.*b"):
         letters(sources, [A, B], 0.0, False)
 
 
@@ -38,7 +38,7 @@ def test_damaged_frames_are_noted_and_others_drawn() -> None:
     assert {views.draw(rng) for _ in range(20)} == {"a", "b"}
     assert views.skipped == {"1.png": "damaged"}
     assert views.get_usable(1) is None and views.get_usable(2) == "b"
-    with pytest.raises(ValueError, match=r"20 frames in a row cannot be used, 0\.png as damaged"):
+    with pytest.raises(ValueError, match=r"20.*0\.png.*damaged"):
         letters({A: "-"}, [A], 0.0).draw(rng)
 
 
