@@ -1,3 +1,5 @@
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -32,18 +34,18 @@ def test_options_of_the_camera_arrive_in_the_converted_recording(folder, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("options", "text"),
+    ("options", "names"),
     [
-        (["--plain", "--deck-z-m", "1"], "--plain drops what is known"),
-        (["--camera", "c.toml", "--mount-m", "1", "0", "0"], "leave --mount-m and --mount-deg out"),
-        (["--fov-deg", "180"], "--fov-deg must lie between 0 and 180"),
-        (["--deck-z-m", "nan"], "must be finite numbers"),
-        (["--camera", "nowhere.toml"], "nowhere.toml: cannot be read"),
-        (["--plain"], "has no scene.json"),
+        (["--plain", "--deck-z-m", "1"], "--plain"),
+        (["--camera", "c.toml", "--mount-m", "1", "0", "0"], "--mount-m"),
+        (["--fov-deg", "180"], "--fov-deg.*180"),
+        (["--deck-z-m", "nan"], "--deck-z-m"),
+        (["--camera", "nowhere.toml"], r"nowhere\.toml"),
+        (["--plain"], r"scene\.json"),
     ],
 )
-def test_wrong_options_are_one_line(folder, tmp_path, capsys, options, text):
+def test_wrong_options_are_one_line(folder, tmp_path, capsys, options, names):
     assert main(["convert", str(folder), "--out", str(tmp_path / "b"), *options]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert text in line
+    assert re.search(names, line)
     assert not (tmp_path / "b").exists()

@@ -170,10 +170,10 @@ def test_a_new_run_never_leaves_outputs_of_the_old_one(tmp_path):
 
 def test_resuming_another_source_or_a_whole_run_is_refused(tmp_path):
     run(Approach(4), breaking(1, press_ctrl_c), tmp_path)
-    with pytest.raises(ValueError, match="the unfinished run there has frames"):
+    with pytest.raises(ValueError, match=rf"{tmp_path}.*frames 4.* 5"):
         run(Approach(5), chain, tmp_path, resume=True)
     run(Approach(4), chain, tmp_path, resume=True)
-    with pytest.raises(ValueError, match="nothing to resume: the run there is whole"):
+    with pytest.raises(ValueError, match=rf"{tmp_path}.*resume"):
         run(Approach(4), chain, tmp_path, resume=True)
 
 
@@ -202,7 +202,7 @@ def test_the_terminal_says_why_most_frames_have_no_distances(tmp_path, capsys, p
 
 def test_ctrl_c_while_files_are_made_says_what_is_whole(tmp_path, monkeypatch):
     monkeypatch.setattr("deckline.report.run.write_csv", lambda *_: press_ctrl_c())
-    with pytest.raises(KeyboardInterrupt, match=r"guidance\.jsonl is whole"):
+    with pytest.raises(KeyboardInterrupt, match=r"guidance\.jsonl"):
         run(Approach(3), chain, tmp_path)
     monkeypatch.undo()
     assert run(Approach(3), chain, tmp_path, resume=True).counts["ok"] == 3
@@ -212,13 +212,13 @@ def test_max_frames_counts_bad_frames_as_well(tmp_path):
     summary = run(Approach(6, bad=(0,)), chain, tmp_path, max_frames=3)
     assert summary.frames == 3
     assert summary.counts["skipped"] == 1
-    with pytest.raises(ValueError, match="max_frames must be at least 1, got 0"):
+    with pytest.raises(ValueError, match=r"max_frames.* 0"):
         run(Approach(6), chain, tmp_path, max_frames=0)
 
 
 def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(ValueError, match=r"file/out: cannot be written"):
+    with pytest.raises(ValueError, match="file/out"):
         run(Approach(2), chain, tmp_path / "file" / "out")
 
 

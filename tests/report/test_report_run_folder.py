@@ -32,5 +32,5 @@ def test_a_sample_taken_over_goes_on_as_if_never_stopped(tmp_path):
 
 
 def test_fewer_than_two_pictures_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="at least 2 pictures must be kept, got 1"):
+    with pytest.raises(ValueError, match=r"pictures.* 1"):
         PictureSample(tmp_path, most=1)
