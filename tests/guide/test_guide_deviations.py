@@ -1,0 +1,207 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from deckline import guide
+from deckline.config import Approach
+from deckline.geometry import Camera, attitude
+from deckline.types import (
+    DepthMode,
+    Frame,
+    Notice,
+    Protection,
+    Reason,
+    RunwayEstimate,
+    RunwayLine,
+    Status,
+    Track,
+    TrackState,
+    Value,
+)
+
+APPROACH = Approach()
+CAMERA = Camera(4, 3, 2.0, 2.0, 1.5, 1.0)
+ONE, NOTHING = Notice(Reason.NO_CENTRE_LINE, "one line"), Notice(Reason.NO_LINE, "no line")
+NORTH = RunwayLine(np.array([0.0, 0.0, -20.0]), 0.0, np.diag([0.3, 0.01, 0.2]) ** 2)
+
+
+def frame(position, rotation=None):
+    pose = None if position is None else RigidTransform.from_components(position, rotation or Rotation.identity())
+    return Frame("a.png", 2.5, np.zeros((3, 4, 3), dtype=np.uint8), CAMERA, world_from_body=pose)
+
+
+def guidance(at, found, track=None, approach=APPROACH):
+    return guide.guidance(at, found, track, approach)
+
+
+def estimate(**changes):
+    values = dict(status=Status.OK, mode=DepthMode.COARSE, pixel_lines={}, lines={"centre": NORTH})
+    return RunwayEstimate(**values | changes)
+
+
+def test_signs_right_of_the_line_nose_right_above_and_before_the_ramp():
+    body = frame([-100.0, 4.0, -29.0], attitude(0.1, -0.05, 0.02))
+    found = guidance(body, estimate(ramp_m=np.array([-60.0, 0.0, -20.0]), ramp_sigma_m=1.5))
+    assert found.lateral_deviation_m.value == pytest.approx(4.0)
+    assert found.heading_error_rad.value == pytest.approx(0.02)
+    assert found.height_above_deck_m.value == pytest.approx(9.0)
+    assert found.distance_to_ramp_m.value == pytest.approx(40.0)
+    assert found.distance_to_ramp_m.sigma == 1.5
+    assert (found.time_s, found.status, found.mode, found.reason) == (2.5, Status.OK, DepthMode.COARSE, "")
+
+
+def test_sigma_of_the_lateral_deviation_grows_with_the_distance_to_the_line():
+    found = guidance(frame([-100.0, 4.0, -29.0]), estimate())
+    assert found.lateral_deviation_m.sigma == pytest.approx(np.hypot(0.3, 100 * 0.01))
+    assert found.heading_error_rad.sigma == pytest.approx(0.01)
+    assert found.height_above_deck_m.sigma == pytest.approx(0.2)
+
+
+def test_correlation_and_relative_covariance_are_used():
+    jacobian = np.array([1.0, 100.0, 0.0])  # an azimuth error that turns the line about the aircraft
+    turned = np.outer([1.0, 0.01, 0.0], [1.0, 0.01, 0.0])
+    line = RunwayLine(NORTH.point_m, 0.0, turned)
+    assert guidance(frame([-100.0, 0, -29.0]), estimate(lines={"centre": line})).lateral_deviation_m.sigma < 1e-7
+    assert jacobian @ np.diag(np.diag(turned)) @ jacobian > 1
+    relative = RunwayLine(NORTH.point_m, 0.0, turned, np.diag([0.04, 0.0, 0.0]))
+    found = guidance(frame([-100.0, 0, -29.0]), estimate(lines={"centre": relative}))
+    assert found.lateral_deviation_m.sigma == pytest.approx(0.2)
+
+
+@settings(deadline=None)
+@given(st.floats(-3.1, 3.1), st.floats(-50, 50), st.floats(-0.5, 0.5), st.floats(-500, -10))
+def test_deviations_do_not_depend_on_where_the_world_points(turn, lateral, heading, along):
+    c, s = np.cos(turn), np.sin(turn)
+    line = RunwayLine(np.array([7.0, -3.0, -20.0]), turn, NORTH.covariance)
+    position = line.point_m + along * np.array([c, s, 0]) + lateral * np.array([-s, c, 0]) + [0, 0, -5.0]
+    body = frame(position, attitude(0.2, 0.1, turn + heading))
+    found = guidance(body, estimate(lines={"centre": line}))
+    assert found.lateral_deviation_m.value == pytest.approx(lateral, abs=1e-9)
+    assert found.heading_error_rad.value == pytest.approx(heading, abs=1e-9)
+
+
+def test_one_line_gives_the_height_alone():
+    found = guidance(
+        frame([-100.0, 4.0, -29.0]), estimate(status=Status.ONE_LINE, lines={"left": NORTH}, notices=(ONE,))
+    )
+    assert found.height_above_deck_m.value == pytest.approx(9.0)
+    assert found.lateral_deviation_m is None
+    assert found.heading_error_rad is None
+    assert found.distance_to_ramp_m is None
+    assert (found.status, found.notices) == (Status.ONE_LINE, (ONE,))
+
+
+def test_no_ramp_no_distance():
+    assert guidance(frame([-100.0, 4.0, -29.0]), estimate()).distance_to_ramp_m is None
+
+
+@pytest.mark.parametrize(
+    ("position", "changes"),
+    [(None, {}), ([0.0, 0, -30], {"lines": {}}), ([0.0, 0, -30], {"lines": {}, "status": Status.NOT_SEEN})],
+)
+def test_nothing_to_say_is_said(position, changes):
+    found = guidance(frame(position), estimate(**changes))
+    assert found.height_above_deck_m is None
+    assert found.lateral_deviation_m is None
+    assert [notice.reason for notice in found.notices] == [Reason.NOT_LOCALIZED]
+
+
+def test_a_vertical_nose_has_no_heading():
+    found = guidance(frame([-100.0, 4.0, -29.0], attitude(0, np.pi / 2, 0)), estimate())
+    assert found.heading_error_rad is None
+    assert found.lateral_deviation_m.value == pytest.approx(4.0)
+    assert [notice.reason for notice in found.notices] == [Reason.NO_HEADING]
+
+
+ON_SLOPE_M = np.tan(np.deg2rad(3.5)) * (40.0 + 70.0)
+RAMP = dict(ramp_m=np.array([-60.0, 0.0, -20.0]), ramp_sigma_m=1.5)
+
+
+def track(state=TrackState.TRACKING, **changes):
+    values = dict(lines={"centre": NORTH}, protection=Protection(2.0, 1.0, 1e-7), age_s=1.0)
+    return Track(2.5, state, **values | changes)
+
+
+def test_on_the_glideslope_there_is_no_vertical_deviation():
+    found = guidance(frame([-100.0, 0.0, -20.0 - ON_SLOPE_M]), estimate(**RAMP))
+    assert found.distance_to_touchdown_m.value == pytest.approx(110.0)
+    assert found.vertical_deviation_m.value == pytest.approx(0.0, abs=1e-9)
+    assert found.vertical_deviation_rad.value == pytest.approx(0.0, abs=1e-12)
+    assert found.glideslope_rad == pytest.approx(np.deg2rad(3.5))
+
+
+@pytest.mark.parametrize(("above", "right"), [(2.0, 3.0), (-2.0, -3.0)])
+def test_above_and_right_are_positive_in_metres_and_as_angles_at_the_aim_point(above, right):
+    found = guidance(frame([-100.0, right, -20.0 - ON_SLOPE_M - above]), estimate(**RAMP))
+    assert found.vertical_deviation_m.value == pytest.approx(above)
+    assert found.lateral_deviation_rad.value == pytest.approx(np.arctan(right / 110.0))
+    angle = np.arctan((ON_SLOPE_M + above) / 110.0) - np.deg2rad(3.5)
+    assert found.vertical_deviation_rad.value == pytest.approx(angle)
+
+
+def test_spread_of_the_deviations_is_that_of_drawn_measurements():
+    rng = np.random.default_rng(0)
+    rows = []
+    for _ in range(3000):
+        line = RunwayLine(np.array([0.0, 0.0, rng.normal(-20.0, 0.2)]), 0.0, NORTH.covariance)
+        ramp = np.array([-60.0 + rng.normal(0, 1.5), 0.0, -20.0])
+        found = guidance(frame([-100.0, 4.0, -29.0]), estimate(lines={"centre": line}, ramp_m=ramp, ramp_sigma_m=1.5))
+        rows.append([found.vertical_deviation_m.value, found.vertical_deviation_rad.value])
+    for spread, stated in zip(
+        np.std(rows, axis=0), (found.vertical_deviation_m, found.vertical_deviation_rad), strict=True
+    ):
+        assert spread == pytest.approx(stated.sigma, rel=0.06)
+
+
+def test_another_slope_aim_point_and_hook():
+    approach = Approach(glideslope_deg=4.0, touchdown_m=50.0, point_m=(-2.0, 0.5, 3.0))
+    found = guidance(frame([-100.0, 0.0, -29.0]), estimate(**RAMP), approach=approach)
+    assert found.height_above_deck_m.value == pytest.approx(6.0)  # the hook hangs 3 m lower
+    assert found.lateral_deviation_m.value == pytest.approx(0.5)
+    assert found.distance_to_touchdown_m.value == pytest.approx(42.0 + 50.0)
+    assert found.vertical_deviation_m.value == pytest.approx(6.0 - 92.0 * np.tan(np.deg2rad(4.0)))
+    for wrong in ({"glideslope_deg": 0.0}, {"touchdown_m": -1.0}, {"point_m": (0.0, np.nan, 0.0)}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            Approach(**wrong)
+
+
+def test_over_the_aim_point_there_are_no_angles():
+    found = guidance(frame([5.0, 0.0, -22.0]), estimate(**RAMP))
+    assert found.vertical_deviation_m is not None
+    assert found.vertical_deviation_rad is None
+    assert found.lateral_deviation_rad is None
+
+
+def test_the_track_goes_before_the_frame_and_brings_rates_bounds_and_state():
+    ship = RunwayLine(np.array([0.0, 1.0, -21.0]), 0.0, NORTH.covariance)
+    rates = dict(lateral_rate_m_s=Value(0.5, 0.1), height_rate_m_s=Value(-3.9, 0.2), closing_m_s=Value(60.0, 0.5))
+    ramp = dict(ramp_m=np.array([-50.0, 1.0, -21.0]), ramp_sigma_m=0.5)
+    found = guidance(frame([-100.0, 4.0, -29.0]), estimate(**RAMP), track(lines={"centre": ship}, **ramp, **rates))
+    assert found.lateral_deviation_m.value == pytest.approx(3.0)
+    assert found.height_above_deck_m.value == pytest.approx(8.0)
+    assert found.distance_to_ramp_m.value == pytest.approx(50.0)
+    assert (found.height_rate_m_s.value, found.closing_m_s.value) == (-3.9, 60.0)
+    assert found.protection.lateral_m == 2.0
+    assert found.track is TrackState.TRACKING
+
+
+def test_a_lost_track_leaves_the_frame_unless_something_is_wrong():
+    here = frame([-100.0, 4.0, -29.0])
+    alone = guidance(here, estimate(), track(TrackState.LOST, lines={}, protection=None))
+    assert alone.lateral_deviation_m.value == pytest.approx(4.0)
+    assert (alone.track, alone.protection) == (TrackState.LOST, None)
+    wrong = Notice(Reason.SPACING, "the lines are 9 m apart")
+    doubted = guidance(here, estimate(), track(TrackState.LOST, lines={}, protection=None, flags=(wrong,)))
+    assert doubted.lateral_deviation_m is None
+    assert doubted.flags == (wrong,)
+    assert wrong in doubted.notices
+
+
+def test_a_coasting_track_guides_where_the_frame_shows_nothing():
+    nothing = estimate(lines={}, status=Status.NOT_SEEN, notices=(NOTHING,))
+    found = guidance(frame([-100.0, 4.0, -29.0]), nothing, track(TrackState.COASTING))
+    assert found.lateral_deviation_m.value == pytest.approx(4.0)
+    assert (found.status, found.track) == (Status.NOT_SEEN, TrackState.COASTING)
+    assert found.notices == (NOTHING,)

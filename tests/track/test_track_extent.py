@@ -1,0 +1,65 @@
+"""Where the runway begins and ends, and where it is expected in the next frame."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from point_flight import LENGTH_M, Flight, approach, true_lines
+from steady_view import seen, view
+
+from deckline.config import Deck, RunConfig
+from deckline.track import Tracker
+from deckline.track.extent import locate_ramp
+from deckline.track.filter import HEAVE, HEIGHT, PITCH, SIZE, initial_state
+
+CALM = RunConfig(deck=Deck(sea_state=0.0))
+
+
+@pytest.mark.parametrize("ship", [(0.0, 0.0), (8.0, -3.0)])
+def test_the_runway_is_expected_where_it_is_in_the_next_frame(ship):
+    flight = Flight(start_m=400.0, seed=8, rate_hz=5.0, ship_m_s=ship, modes="both")
+    tracker, beside, along = Tracker(RunConfig(deck=Deck(sea_state=0.0, ship_velocity_m_s=ship))), [], []
+    assert tracker.runway_prior(next(iter(approach(flight)))[0]) is None
+    for frame, estimate, truth in approach(flight, end_m=100.0):
+        expected = tracker.runway_prior(frame)
+        if expected is not None and frame.time_s > 1.0:
+            error = frame.world_from_body.translation - truth.translation
+            for side, ends in (("left", expected.left_m), ("right", expected.right_m)):
+                line = true_lines(flight, frame.time_s)[side]
+                right = np.array([-line.direction[1], line.direction[0], 0.0])
+                away = ends[0] - error - line.point_m
+                beside.append(abs(away @ right) / expected.sigma_m)
+                along.append(away @ line.direction)
+                assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(LENGTH_M, abs=40.0)
+        tracker.update(frame, estimate)
+    assert len(beside) > 30
+    assert np.percentile(beside, 95) < 3.0
+    assert np.abs(np.median(along)) < 2.0  # of one frame, the ramp is known within 1 m
+
+
+def test_a_lost_track_expects_nothing():
+    flight = Flight(start_m=400.0, seed=9, rate_hz=5.0)
+    tracker, shown = Tracker(CALM), list(approach(flight, end_m=100.0))
+    for frame, estimate, _ in shown[:5]:
+        tracker.update(frame, estimate)
+    assert tracker.runway_prior(shown[5][0]) is not None
+    assert tracker.runway_prior(shown[2][0]) is None  # a frame that is older than what was seen
+    assert tracker.runway_prior(shown[20][0]) is None  # more than two seconds later
+
+
+def test_a_ramp_is_placed_on_the_deck_that_the_track_knows():
+    """A camera 15 m above the reported deck and 100 m before the ramp; the deck has risen by 3 m and slopes."""
+    frame, estimate = view(0.0), seen(np.random.default_rng(0))
+    line = estimate.lines["left"]
+    sigma_alone, sigma_track = float(np.sqrt(line.relative_covariance[2, 2])), 0.2
+    measured = np.array([0.0, 0.0, -20.0])  # on the reported deck; the camera stands at (-100, 0, -35)
+    estimate = replace(estimate, ramp_m=measured, ramp_sigma_m=float(np.hypot(1.5, 100.0 / 15.0 * sigma_alone)))
+    state = initial_state(0.0, replace(line, point_m=np.array([50.0, 0.0, -20.0]), azimuth_rad=0.0), None, CALM)
+    mean, covariance = np.zeros(SIZE), np.zeros((SIZE, SIZE))
+    mean[[HEAVE, PITCH]] = -2.5, 0.01
+    covariance[HEIGHT, HEIGHT] = sigma_track**2
+    place, sigma_m = locate_ramp(frame, estimate, replace(state, mean=mean, covariance=covariance))
+    down = 15.0 - 2.5 - 0.01 * 50.0
+    np.testing.assert_allclose(place, [-100.0 + 100.0 * down / 15.0, 0.0, -35.0 + down])
+    assert sigma_m == pytest.approx(np.hypot(1.5, 100.0 / 15.0 * sigma_track))
+    assert locate_ramp(frame, replace(estimate, ramp_m=None), state) is None

@@ -1,0 +1,137 @@
+"""Faults put into flights: noticed, or within the protection level. Nothing is flagged where nothing is wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from point_flight import Flight, approach, draw_errors, true_lines
+from steady_view import seen, view
+from test_track_tracker import deviations
+
+from deckline.config import Deck, Integrity, RunConfig
+from deckline.track import Tracker
+from deckline.track.filter import DECK, SIZE, initial_state, update
+from deckline.track.integrity import bias_flag, protection_levels
+from deckline.track.motion import Pose
+from deckline.types import Reason, RunwayLine, TrackState
+
+SLOW = Flight(modes="both", rate_hz=4.0, start_m=500.0)
+KNOWN = RunConfig(deck=Deck(sea_state=0.0, width_m=15.0))
+CALM = RunConfig(deck=Deck(sea_state=0.0))
+
+
+def fly(flight, errors, config=KNOWN, change=lambda index, estimate: estimate):
+    """Reasons of all flags, and frames that mislead: beyond a protection level without a flag."""
+    tracker, names, misleading = Tracker(config), [], 0
+    for index, (frame, estimate, truth) in enumerate(approach(flight, errors=errors)):
+        track = tracker.update(frame, change(index, estimate))
+        names += [flag.reason for flag in track.flags]
+        if not track.lines or track.flags:
+            continue
+        centre = true_lines(flight, frame.time_s)["centre"]
+        away = deviations(frame.world_from_body, track.lines["centre"]) - deviations(truth, centre)
+        misleading += bool(abs(away[0]) > track.protection.lateral_m or abs(away[2]) > track.protection.vertical_m)
+    return names, misleading
+
+
+@pytest.mark.parametrize("config", [KNOWN, CALM])
+def test_nothing_is_flagged_or_misleads_where_errors_are_as_stated(config):
+    for seed in range(4):
+        flight = replace(SLOW, seed=seed)
+        assert fly(flight, draw_errors(flight), config) == ([], 0)
+
+
+FAULTS = {
+    "roll": (lambda e: replace(e, turn_rad=e.turn_rad + np.deg2rad([1.0, 0.0, 0.0])), False),
+    "pitch": (lambda e: replace(e, turn_rad=e.turn_rad + np.deg2rad([0.0, 1.0, 0.0])), True),
+    "yaw": (lambda e: replace(e, turn_rad=e.turn_rad + np.deg2rad([0.0, 0.0, 1.0])), False),
+    "depth": (lambda e: replace(e, depth_scale=0.03), False),
+    "deck height": (lambda e: replace(e, deck_z_m=-2.5), True),
+    "foul line": (lambda e: replace(e, line_m=e.line_m - np.array([4.0, 0.0])), True),
+    "late pose": (lambda e: replace(e, delay_s=0.2), True),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_flagged_or_bounded(name):
+    fault, noticed = FAULTS[name]
+    for seed in (11, 12):
+        flight = replace(SLOW, seed=seed)
+        flags, misleading = fly(flight, fault(draw_errors(flight)))
+        assert misleading == 0
+        assert bool(flags) or not noticed
+
+
+def test_a_foul_line_that_was_always_there_is_bounded_without_a_survey():
+    flight = replace(SLOW, seed=13)
+    errors = draw_errors(flight)
+    flags, misleading = fly(flight, replace(errors, line_m=errors.line_m + np.array([0.0, 5.0])), CALM)
+    assert (flags, misleading) == ([], 0)
+
+
+def test_lines_that_change_sides_are_called_swapped():
+    def swap(index, estimate):
+        if index < 8 or len(estimate.lines) < 2:
+            return estimate
+        return replace(estimate, lines={"left": estimate.lines["right"], "right": estimate.lines["left"]})
+
+    flight = replace(SLOW, seed=14)
+    flags, misleading = fly(flight, draw_errors(flight), change=swap)
+    assert set(flags) == {Reason.SWAPPED}
+    assert misleading == 0
+
+
+def test_one_wrong_height_is_left_out_and_a_lasting_one_is_flagged():
+    rng, tracker = np.random.default_rng(3), Tracker(KNOWN)
+    for index in range(20):
+        before = tracker.update(view(index / 10), seen(rng))
+    once = tracker.update(view(2.0), seen(rng, z_m=-14.0))
+    assert [notice.reason for notice in once.excluded] == [Reason.HEIGHT]
+    assert once.flags == ()
+    assert once.lines["centre"].height_m == pytest.approx(before.lines["centre"].height_m, abs=0.2)
+    assert tracker.update(view(2.1), seen(rng)).excluded == ()
+    names = [[flag.reason for flag in tracker.update(view(2.2 + i / 10), seen(rng, z_m=-14.0)).flags] for i in range(8)]
+    assert names[0] == []
+    assert Reason.HEIGHT in names[5]
+
+
+def test_a_lasting_contradiction_ends_the_track_and_the_next_one_remembers_the_spacing():
+    rng, tracker = np.random.default_rng(4), Tracker(CALM)
+    for index in range(20):
+        tracker.update(view(index / 10), seen(rng))
+    tracks = [tracker.update(view(2.0 + i / 10), seen(rng, spacing_m=24.0, aside_m=6.0)) for i in range(30)]
+    assert TrackState.LOST in {track.state for track in tracks}
+    assert tracks[-1].state is TrackState.TRACKING
+    assert [flag.reason for flag in tracks[-1].flags] == [Reason.SPACING]
+    assert "15.0 m" in tracks[-1].flags[0].message
+
+
+def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two():
+    """One state, one measurement: the test statistic and the bound in closed form."""
+    line = RunwayLine(np.zeros(3), 0.0, np.eye(3))
+    state = initial_state(0.0, line, None, KNOWN)
+    prior, noise, found = state.covariance[DECK, DECK], 0.02**2, 1.2
+    design = np.zeros((1, SIZE))
+    design[0, DECK] = 1.0
+    state = update(state, np.array([found]), design, np.array([[noise]]))
+    assert state.mean[DECK] == pytest.approx(found * prior / (prior + noise))
+    assert bias_flag(state, 0.0, KNOWN).reason is Reason.HEIGHT
+    small = update(initial_state(0.0, line, None, KNOWN), np.array([0.5]), design, np.array([[noise]]))
+    assert 0.5 * prior / (prior + noise) / np.sqrt(prior**2 / (prior + noise)) < 5
+    assert bias_flag(small, 0.0, KNOWN) is None
+
+
+def test_the_protection_level_is_that_of_chance_plus_the_worst_fault_that_nobody_sees():
+    line = RunwayLine(np.zeros(3), 0.0, np.eye(3))
+    state = initial_state(0.0, line, None, KNOWN)
+    covariance = np.zeros((SIZE, SIZE))
+    covariance[4, 4] = 0.3**2
+    covariance[4, DECK] = covariance[DECK, 4] = -0.02  # z moves with the deck height, which is as unsure as at first
+    covariance[DECK, DECK] = state.covariance[DECK, DECK]
+    state = replace(state, covariance=covariance)
+    pose = Pose(np.array([-100.0, 0.0, -10.0]), np.zeros(3), np.zeros(3))
+    level = protection_levels(state, pose, None, KNOWN)
+    sigma, prior = np.hypot(0.3, KNOWN.sensors.position_white_m), state.covariance[DECK, DECK]
+    assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / prior * KNOWN.integrity.max_deck_z_m, rel=1e-3)
+    rarer = protection_levels(state, pose, None, replace(KNOWN, integrity=Integrity(risk=1e-3)))
+    assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)

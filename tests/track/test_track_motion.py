@@ -1,0 +1,86 @@
+"""The aircraft's velocity from poses that may jump; the deck's oscillation against its differential equation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.spatial.transform import RigidTransform, Rotation
+from steady_view import view
+
+from deckline.track.motion import (
+    DAMPING,
+    advance_aircraft,
+    oscillate,
+    start_aircraft,
+    stationary_covariance,
+)
+
+VELOCITY_M_S, TURN_RAD_S, SIGMA_M = np.array([60.0, 1.0, 4.0]), 0.2, 0.05
+
+
+def at(time_s, rng=None):
+    noise = 0.0 if rng is None else rng.normal(0, SIGMA_M, 3)
+    turn = Rotation.from_rotvec([0.0, 0.0, TURN_RAD_S * time_s])
+    pose = RigidTransform.from_components(VELOCITY_M_S * time_s + noise, turn)
+    return replace(view(time_s), world_from_body=pose)
+
+
+def test_velocity_and_turning_are_those_advance_aircraft():
+    rng = np.random.default_rng(6)
+    aircraft = start_aircraft(at(0.0, rng), SIGMA_M)
+    for index in range(1, 40):
+        aircraft, jump_m = advance_aircraft(aircraft, at(index / 10, rng), SIGMA_M)
+        assert jump_m == 0.0
+    assert np.all(np.abs(aircraft.velocity_m_s - VELOCITY_M_S) < 4 * aircraft.velocity_sigma_m_s)
+    assert aircraft.velocity_sigma_m_s < 1.0
+    assert aircraft.turn_rate_rad_s == pytest.approx([0.0, 0.0, TURN_RAD_S], abs=1e-6)
+
+
+def test_a_jump_is_told_by_its_size_and_begins_anew():
+    aircraft = start_aircraft(at(0.0), SIGMA_M)
+    for index in range(1, 20):
+        aircraft, _ = advance_aircraft(aircraft, at(index / 10), SIGMA_M)
+    jumped = replace(
+        at(2.0), world_from_body=RigidTransform.from_translation([0.0, 20.0, 0.0]) * at(2.0).world_from_body
+    )
+    after, jump_m = advance_aircraft(aircraft, jumped, SIGMA_M)
+    assert jump_m == pytest.approx(20.0, abs=0.1)
+    assert np.array_equal(after.velocity_m_s, np.zeros(3))
+
+
+def test_no_pose_no_aircraft():
+    blind = replace(view(0.0), world_from_body=None)
+    assert start_aircraft(blind, SIGMA_M) is None
+    assert advance_aircraft(start_aircraft(at(0.0), SIGMA_M), blind, SIGMA_M) == (None, 0.0)
+
+
+OMEGA = 2 * np.pi / 12.0
+DRIFT = np.array([[0.0, 1.0], [-(OMEGA**2), -2 * DAMPING * OMEGA]])
+
+
+@pytest.mark.parametrize("dt_s", [0.01, 0.3, 2.0, 30.0])
+def test_the_move_is_the_oscillators_and_the_noise_the_integral_of_what_drives_it(dt_s):
+    move, noise = oscillate(dt_s, 12.0)
+    np.testing.assert_allclose(move, expm(DRIFT * dt_s), atol=1e-12)
+    push = 4 * DAMPING * OMEGA**3  # of white noise that keeps the deflection at 1-sigma 1
+
+    def grow(_, flat):
+        covariance = flat.reshape(2, 2)
+        return (DRIFT @ covariance + covariance @ DRIFT.T + [[0.0, 0.0], [0.0, push]]).ravel()
+
+    grown = solve_ivp(grow, (0.0, dt_s), np.zeros(4), rtol=1e-9, atol=1e-12).y[:, -1].reshape(2, 2)
+    np.testing.assert_allclose(noise, grown, atol=1e-7)
+
+
+def test_two_steps_are_one():
+    (once, first), (then, second), (whole, both) = oscillate(0.4, 22.0), oscillate(0.9, 22.0), oscillate(1.3, 22.0)
+    np.testing.assert_allclose(then @ once, whole, atol=1e-12)
+    np.testing.assert_allclose(then @ first @ then.T + second, both, atol=1e-12)
+
+
+def test_a_long_time_forgets_everything():
+    move, noise = oscillate(300.0, 12.0)
+    np.testing.assert_allclose(move, 0.0, atol=1e-12)
+    np.testing.assert_allclose(noise, stationary_covariance(12.0), atol=1e-12)

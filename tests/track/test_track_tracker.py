@@ -1,0 +1,157 @@
+"""The track against truth on approaches without pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from point_flight import Flight, approach, draw_errors, one_frame, true_lines
+from scipy.spatial.transform import RigidTransform
+from scipy.stats import chi2
+
+from deckline.config import Deck, RunConfig
+from deckline.track import Tracker
+from deckline.types import DepthMode, Notice, Reason, RunwayEstimate, Status, Track, TrackState
+
+NOTHING = RunwayEstimate(Status.NOT_SEEN, DepthMode.NONE, {}, {}, notices=(Notice(Reason.NO_LINE, "no line"),))
+
+
+CALM = RunConfig(deck=Deck(sea_state=0.0))
+
+
+def deviations(pose, line):
+    """Aircraft right of the line, m; nose right of it, rad; line below the aircraft, m."""
+    right = np.array([-np.sin(line.azimuth_rad), np.cos(line.azimuth_rad), 0.0])
+    nose, away = pose.rotation.apply([1.0, 0.0, 0.0]), pose.translation - line.point_m
+    return np.array([away @ right, np.arctan2(nose[1], nose[0]) - line.azimuth_rad, -away[2]])
+
+
+def errors_of(flight, frame, truth, line, side="centre"):
+    """Errors (3,) of what a pilot is told, and their covariance (3, 3) as the track states it."""
+    exact = deviations(truth, true_lines(flight, frame.time_s)[side])
+    behind = float((frame.world_from_body.translation - line.point_m) @ line.direction)
+    carry = np.array([[-1.0, -behind, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+    return deviations(frame.world_from_body, line) - exact, carry @ line.relative_covariance @ carry.T
+
+
+def follow(flight, config, without=()):
+    """Every frame with its track; frames of the times `without` (from, to) show nothing."""
+    tracker = Tracker(config)
+    for frame, estimate, truth in approach(flight):
+        hidden = any(low <= frame.time_s < high for low, high in without)
+        yield frame, truth, tracker.update(frame, NOTHING if hidden else estimate)
+
+
+@pytest.mark.parametrize("modes", ["coarse", "both"])
+def test_errors_are_as_large_as_the_track_says(modes):
+    squares = []
+    for seed in range(10):
+        flight = Flight(modes=modes, seed=seed, rate_hz=4.0)
+        for frame, truth, track in follow(flight, RunConfig(deck=Deck(sea_state=0.0, width_m=flight.spacing_m))):
+            if frame.time_s > 1.0 and frame.time_s % 2.0 < 0.2:
+                error, covariance = errors_of(flight, frame, truth, track.lines["centre"])
+                squares.append(error @ np.linalg.solve(covariance, error))
+    # Errors of one flight hang together: ten flights are worth about ten independent frames and more.
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * 10) / 10
+    assert low < np.mean(squares) < high
+    assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) > 0.9
+
+
+def test_two_seconds_without_lines_are_bridged_with_growing_and_honest_uncertainty():
+    flight = Flight(start_m=600.0, seed=3)
+    sigmas, states, misses = [], [], []
+    config = RunConfig(deck=Deck(sea_state=3.0, width_m=15.0))
+    for frame, truth, track in follow(flight, config, without=[(3.0, 4.95)]):
+        if 2.5 < frame.time_s < 5.5:
+            states.append(track.state)
+            error, covariance = errors_of(flight, frame, truth, track.lines["centre"])
+            sigmas.append(np.sqrt(np.diag(covariance)))
+            misses.append(np.abs(error) / sigmas[-1])
+    hidden = [state is TrackState.COASTING for state in states]
+    gone = np.array(sigmas)[hidden]
+    assert len(gone) == 20
+    assert np.all(np.diff(gone[:, 0]) > 0)
+    assert gone[-1, 2] > 1.1 * gone[0, 2]  # of a deck that swings, not all the way
+    assert np.max(misses) < 4.0
+    after = states[hidden.index(True) + 20 :]
+    assert set(after) == {TrackState.TRACKING}
+    assert sigmas[-1][0] < 1.2 * sigmas[0][0]
+
+
+def test_after_two_seconds_the_track_is_lost_and_begins_anew_when_lines_come_back():
+    flight = Flight(start_m=600.0, seed=4)
+    states = {}
+    for frame, _, track in follow(flight, CALM, without=[(2.0, 5.0)]):
+        states[round(frame.time_s, 2)] = track.state
+        assert bool(track.lines) == (track.state is not TrackState.LOST)
+    assert states[1.9] is TrackState.TRACKING
+    assert states[2.0] is TrackState.COASTING
+    assert states[3.9] is TrackState.COASTING
+    assert states[4.1] is TrackState.LOST
+    assert states[5.0] is TrackState.TRACKING
+
+
+def frames_of(flight, count, rate_hz=10.0):
+    errors, rng = draw_errors(flight), np.random.default_rng(9)
+    return [one_frame(flight, i / rate_hz, errors, rng)[:2] for i in range(count)]
+
+
+def same(one: Track, other: Track) -> bool:
+    if set(one.lines) != set(other.lines):
+        return False
+    return all(np.array_equal(one.lines[side].point_m, other.lines[side].point_m) for side in one.lines)
+
+
+@pytest.mark.parametrize(("time_s", "named"), [(np.nan, "time"), (np.inf, "time"), (0.9, "0.900 s"), (0.55, "0.350 s")])
+def test_a_time_that_cannot_be_changes_nothing_and_is_said(time_s, named):
+    shown = frames_of(Flight(seed=5), 12)
+    tracker, disturbed = Tracker(CALM), Tracker(CALM)
+    for frame, estimate in shown[:10]:
+        before = tracker.update(frame, estimate)
+        disturbed.update(frame, estimate)
+    odd = disturbed.update(replace(shown[10][0], time_s=time_s), shown[10][1])
+    assert [notice.reason for notice in odd.notices] == [Reason.BAD_TIME]
+    assert named in odd.notices[0].message
+    assert same(odd, before)
+    assert same(disturbed.update(*shown[11]), tracker.update(*shown[11]))
+
+
+def test_a_first_frame_without_a_time_is_lost_and_harmless():
+    frame, estimate = frames_of(Flight(seed=5), 1)[0]
+    tracker = Tracker(CALM)
+    assert tracker.update(replace(frame, time_s=np.nan), estimate).state is TrackState.LOST
+    assert tracker.update(frame, estimate).state is TrackState.TRACKING
+
+
+def test_frames_without_a_pose_are_bridged():
+    shown = frames_of(Flight(seed=6), 15)
+    tracker = Tracker(CALM)
+    for frame, estimate in shown[:10]:
+        tracker.update(frame, estimate)
+    for frame, _ in shown[10:13]:
+        track = tracker.update(replace(frame, world_from_body=None), replace(NOTHING, status=Status.OK))
+        assert track.state is TrackState.COASTING
+        assert Reason.NO_POSE in [notice.reason for notice in track.notices]
+        assert track.protection is None
+    assert tracker.update(*shown[14]).state is TrackState.TRACKING
+
+
+def test_a_pose_that_jumps_a_gap_and_a_new_flight_begin_a_new_track():
+    shown = frames_of(Flight(seed=7), 40)
+    for at, change, named in (
+        (11, {"world_from_body": None}, "30 m"),
+        (39, {}, "3.0 s"),
+        (0, {"time_s": -5.0}, "time"),
+    ):
+        tracker = Tracker(CALM)
+        for frame, estimate in shown[:10]:
+            tracker.update(frame, estimate)
+        frame, estimate = shown[at]
+        if "world_from_body" in change:
+            jump = RigidTransform.from_translation([0.0, 30.0, 0.0])
+            change = {"world_from_body": jump * frame.world_from_body}
+        track = tracker.update(replace(frame, **change), estimate)
+        assert [notice.reason for notice in track.notices] == [Reason.RESTARTED]
+        assert named in track.notices[0].message
+        assert track.state is TrackState.TRACKING
+        right = np.array([-np.sin(track.lines["left"].azimuth_rad), np.cos(track.lines["left"].azimuth_rad), 0.0])
+        assert abs((track.lines["left"].point_m - estimate.lines["left"].point_m) @ right) < 0.5
