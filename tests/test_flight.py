@@ -1,5 +1,6 @@
 """From frame to guidance: the stages joined, one seeded simulated approach through all of them."""
 
+import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +11,13 @@ from scipy.spatial.transform import RigidTransform
 
 import deckline
 from approach_scene import CAMERA, LEFT, RIGHT, STILL, frame, points
+from deckline.cli.main import main
 from deckline.config import Localization, Models, RunConfig, RunwaySurvey, Tracking
 from deckline.detect.prior import prior_from_survey
 from deckline.evaluation.chain import score_frame
 from deckline.flight import Flight
 from deckline.recording import open_recording
+from deckline.report.records import guidance_record
 from deckline.sim import SimConfig, frames
 from deckline.types import DepthMode, Detection, LinePoints, Reason, Status, TrackState
 
@@ -37,7 +40,7 @@ def results(flight):
 
 def test_an_approach_is_found_and_measured(results):
     """Three times what is measured: direction errors 0.03 degrees, lateral errors 0.04 m, in the median."""
-    scores = [score_frame(result) for result in results]
+    scores = [score_frame(result, SINGLE.approach) for result in results]
     assert [score.status for score in scores] == [Status.OK] * len(scores)
     for side in ("left", "right"):
         assert np.median([s.errors[f"direction_error_deg.{side}"] for s in scores]) < 0.09
@@ -102,6 +105,26 @@ def test_the_shipped_sample_is_whole_and_its_lines_are_found(flight, tmp_path):
     assert len(sample) == 24
     result = flight(sample.load(22))
     assert (result.guidance.status, result.estimate.mode) == (Status.OK, DepthMode.FINE)
+
+
+def test_demo_run_and_evaluation_give_the_same_guidance(tmp_path, monkeypatch):
+    scored = []
+
+    def record(result, approach):
+        scored.append(guidance_record(result.guidance))
+        return score_frame(result, approach)
+
+    monkeypatch.setattr("deckline.evaluation.chain.score_frame", record)
+    assert main(["demo", "--out", str(tmp_path / "demo")]) == 0
+    recording = str(tmp_path / "demo" / "approach")
+    assert main(["run", recording, "--out", str(tmp_path / "run")]) == 0
+    assert main(["eval", "recording", recording]) == 0
+    demo, run = ([json.loads(line) for line in (tmp_path / at / "guidance.jsonl").open()] for at in ("demo", "run"))
+    assert len(scored) == 24
+    for one, other, evaluated in zip(demo, run, scored, strict=True):
+        assert one["guidance"] == other["guidance"] == evaluated
+        for key in ("status", "protection", "reason", "flags"):
+            assert one[key] == other[key]
 
 
 class Detector:

@@ -46,7 +46,7 @@ def result_of(frame: Frame, left: LinePoints, right: LinePoints) -> FrameResult:
 
 def test_perfect_points_have_no_error():
     frame = frame_at()
-    score = score_frame(result_of(frame, seen(frame, LEFT), seen(frame, RIGHT)))
+    score = score_frame(result_of(frame, seen(frame, LEFT), seen(frame, RIGHT)), STILL.approach)
     assert score.status == Status.OK
     assert score.mode == DepthMode.COARSE
     assert score.range_m == pytest.approx(100.0)
@@ -57,15 +57,15 @@ def test_perfect_points_have_no_error():
 
 def test_a_line_seen_half_a_metre_aside_is_half_a_metre_wrong():
     frame = frame_at()
-    score = score_frame(result_of(frame, seen(frame, LEFT, 0.5), seen(frame, RIGHT)))
+    score = score_frame(result_of(frame, seen(frame, LEFT, 0.5), seen(frame, RIGHT)), STILL.approach)
     assert score.errors["lateral_error_at_ramp_m.left"] == pytest.approx(0.5, abs=0.01)
     assert score.errors["lateral_error_at_ramp_m.centre"] == pytest.approx(0.25, abs=0.15)
 
 
 def test_nothing_seen_counts_as_not_found_and_leaves_no_errors():
     frame = frame_at()
-    blind = score_frame(result_of(frame, LinePoints.empty(), LinePoints.empty()))
-    found = score_frame(result_of(frame, seen(frame, LEFT), seen(frame, RIGHT)))
+    blind = score_frame(result_of(frame, LinePoints.empty(), LinePoints.empty()), STILL.approach)
+    found = score_frame(result_of(frame, seen(frame, LEFT), seen(frame, RIGHT)), STILL.approach)
     figures = summarise([blind, found])
     assert not [name for name in blind.errors if "error" in name]
     assert figures["found_rate"] == 0.5
@@ -77,7 +77,7 @@ def test_nothing_seen_counts_as_not_found_and_leaves_no_errors():
 def test_lines_in_an_empty_scene_are_false_lines():
     empty = frame_at(left=None, right=None)
     points = seen(frame_at(), LEFT), seen(frame_at(), RIGHT)
-    figures = summarise([score_frame(result_of(empty, *points))])
+    figures = summarise([score_frame(result_of(empty, *points), STILL.approach)])
     assert figures["false_line_rate"] == 1.0
     assert "found_rate" not in figures
 
@@ -85,7 +85,7 @@ def test_lines_in_an_empty_scene_are_false_lines():
 def test_restoration_is_compared_with_the_clear_view():
     clear = np.full_like(GREY, 128 + 16)
     frame = frame_at(clear_rgb=clear)
-    score = score_frame(result_of(frame, LinePoints.empty(), LinePoints.empty()))
+    score = score_frame(result_of(frame, LinePoints.empty(), LinePoints.empty()), STILL.approach)
     assert score.errors["psnr_db"] == pytest.approx(20 * np.log10(255 / 16))
     assert score.errors["psnr_db_hazy"] == score.errors["psnr_db"]
 
@@ -94,7 +94,7 @@ def test_a_frame_without_truth_is_refused_by_name():
     frame = dataclasses.replace(frame_at(), truth=None)
     result = result_of(frame, LinePoints.empty(), LinePoints.empty())
     with pytest.raises(ValueError, match=r"a\.png"):
-        score_frame(result)
+        score_frame(result, STILL.approach)
 
 
 def test_no_frames_at_all_is_an_error():

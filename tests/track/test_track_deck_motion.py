@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deckline.evaluation.integrity_flights import point_flight
+from deckline.evaluation.integrity_points import PointNoise
+from deckline.evaluation.localization_flights import FlightsConfig
+from deckline.evaluation.localization_measure import pilot_figures
 from steady_view import HEIGHT_M, seen, view
 
 from deckline.config import Deck, RunConfig
 from deckline.dehaze import DEHAZERS
 from deckline.detect import DETECTORS
-from deckline.evaluation.integrity_flights import point_flight
-from deckline.evaluation.integrity_points import PointNoise
-from deckline.evaluation.localization_flights import FlightsConfig
-from deckline.evaluation.localization_measure import pilot_figures
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.track import Tracker

@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from deckline.config import Models, Picture, RunConfig, Tracking
+from deckline.config import Approach, Models, Picture, RunConfig, Tracking
 from deckline.evaluation.frames import FrameSet, Recorded, RenderOptions, Sample, score_frames
 from deckline.evaluation.metrics import below_horizon, normal_pixel_error, psnr_db, ssim
 from deckline.evaluation.statistics import RANGE_M, VISIBILITY_M, by_band, share
@@ -18,7 +18,7 @@ from deckline.evaluation.tables import TO_TERMINAL, Figures, Output, OutputFiles
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
 from deckline.report.provenance import settings_of
-from deckline.truth import compare_line, range_to_ramp_m, true_segments
+from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
 from deckline.types import SIDES, DepthMode, Status
 
 SCORES_FILE = "chain.jsonl"
@@ -116,7 +116,7 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
     store = Store(out, SCORES_FILE, {**settings_of(flight), "frames": [item.settings for item in sets]})
 
     def score(sample: Sample) -> dict[str, Any]:
-        return asdict(score_frame(flight(sample.frame)))
+        return asdict(score_frame(flight(sample.frame), config.approach))
 
     [rows] = score_frames(sets, [(store, score)])
     scores = [FrameScore(**row) for row in rows]
@@ -131,8 +131,12 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
     return 0
 
 
-def score_frame(result: FrameResult) -> FrameScore:
-    """Compare one result with its frame's truth.
+def score_frame(result: FrameResult, approach: Approach) -> FrameScore:
+    """Compare one result with its frame's truth: the lines of the frame alone, and the guidance that is flown.
+
+    Args:
+        result: of the frame.
+        approach: the wanted one, for what the guidance should have been.
 
     Raises:
         ValueError: the frame carries no truth.
@@ -151,12 +155,17 @@ def score_frame(result: FrameResult) -> FrameScore:
             ends = world_from_camera.inv().apply(np.stack([segment.p0_m, segment.p1_m]))
             if len(points):
                 errors[f"point_error_px.{side}"] = float(np.median(normal_pixel_error(points, ends, frame.camera)))
+    exact = true_guidance(frame, approach)
+    against = errors_against(truth, result.estimate, result.guidance, exact) or {"guidance": {}}
+    missed = {name: value for name, value in against["guidance"].items() if value is not None}
+    errors |= {f"guidance_error.{name}": abs(value) for name, value in missed.items()}
     if truth.clear_rgb is not None:
         errors |= _restoration(result, truth.clear_rgb)
     errors |= {f"seconds.{stage}": seconds for stage, seconds in result.seconds.items()}
     visibility = np.nan if truth.visibility_m is None else truth.visibility_m
     status, mode = result.estimate.status, result.estimate.mode
-    return FrameScore(frame.file, status, mode, truth.left is not None, range_to_ramp_m(frame), visibility, errors)
+    has_runway, range_m = truth.left is not None, range_to_ramp_m(frame)
+    return FrameScore(frame.file, status, mode, has_runway, range_m, visibility, errors)
 
 
 def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> Figures:

@@ -82,8 +82,9 @@ def skipped_record(bad: BadFrame) -> Record:
 
 
 def guidance_record(guidance: Guidance) -> Record:
-    """Values with their 1-sigma, under the names of `GUIDANCE`, angles in degrees; None for what is not known."""
-    return {name: _value(guidance, name) for name in GUIDANCE}
+    """Values with their 1-sigma as they are written, angles in degrees; None for what is not known."""
+    values: Record = _plain({name: _value(guidance, name) for name in GUIDANCE})
+    return values
 
 
 def to_line(record: Record) -> str:
