@@ -119,7 +119,8 @@ def test_demo_run_and_evaluation_give_the_same_guidance(tmp_path, monkeypatch):
     recording = str(tmp_path / "demo" / "approach")
     assert main(["run", recording, "--out", str(tmp_path / "run")]) == 0
     assert main(["eval", "recording", recording]) == 0
-    demo, run = ([json.loads(line) for line in (tmp_path / at / "guidance.jsonl").open()] for at in ("demo", "run"))
+    written = ((tmp_path / at / "guidance.jsonl").read_text().splitlines() for at in ("demo", "run"))
+    demo, run = ([json.loads(line) for line in lines] for lines in written)
     assert len(scored) == 24
     for one, other, evaluated in zip(demo, run, scored, strict=True):
         assert one["guidance"] == other["guidance"] == evaluated

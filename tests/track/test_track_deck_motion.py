@@ -5,15 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from deckline.evaluation.integrity_flights import point_flight
-from deckline.evaluation.integrity_points import PointNoise
-from deckline.evaluation.localization_flights import FlightsConfig
-from deckline.evaluation.localization_measure import pilot_figures
 from steady_view import HEIGHT_M, seen, view
 
 from deckline.config import Deck, RunConfig
 from deckline.dehaze import DEHAZERS
 from deckline.detect import DETECTORS
+from deckline.evaluation.approaches import FlightsConfig
+from deckline.evaluation.localization_score import pilot_figures
+from deckline.evaluation.modelled_detector import PointNoise, fly_points
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.track import Tracker
@@ -61,7 +60,7 @@ def test_memory_does_not_grow_with_the_flight():
 def fly(approach, config):
     """Every frame of an approach with its track."""
     flight = Flight(config, DEHAZERS["none"](), DETECTORS["classical"]())
-    for index, shot in enumerate(point_flight(approach, config.sensors, PointNoise())):
+    for index, shot in enumerate(fly_points(approach, config.sensors, PointNoise())):
         yield shot.frame, flight(shot.frame, detection=shot.detection, rng=np.random.default_rng(index)).track
 
 
