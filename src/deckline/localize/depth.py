@@ -1,4 +1,4 @@
-"""How far away detected points are: depth camera (fine) or deck plane (coarse)."""
+"""Distances of detected points: by the depth camera (fine) or by the deck plane (coarse)."""
 
 from dataclasses import dataclass
 
@@ -12,29 +12,30 @@ from deckline.types import DepthMode, Frame, Notice, Reason
 Array = NDArray[np.float64]
 WINDOW = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])  # px about a point
 WINDOW_PX = 3.0  # its side
-MIN_SAMPLES = 6  # of the window's 9: so many never lie on one image line, so a plane through them is determined
+MIN_SAMPLES = 6  # of the window's 9: six never lie on one image line, so they determine a plane
 # Of inverse depth, as a share of the window's median; a row of deck seen from 3 m height changes by 0.1.
 MAX_INVERSE_DEPTH_STEP = 0.25
 MIN_LINE_POINTS = 6  # that a line needs a distance for
 MIN_DEPTH_SHARE = 0.5  # of a line's inliers with a depth, below which `auto` prefers coarse
 MIN_SIGMA_PX = 0.1  # floor of a detected point's 1-sigma
+MIN_DOWN = 1e-6  # z of a world ray of unit optical depth that still goes down to the deck
 NO_POSE = Notice(Reason.NO_POSE, "no pose: give poses.csv")
 
 
 @dataclass(frozen=True, eq=False)
 class DeckPoints:
-    """Points of one line in the world, with what noise moves them.
+    """Points of one line in the world and their displacements by noise.
 
-    Displacements are those of one standard deviation; K = 9 common sources are attitude about world x, y, z, position
+    Displacements are those of 1-sigma; K = 9 common sources are attitude about world x, y, z, position
     along x, y, z, deck height, focal length and depth scale.
     """
 
-    index: NDArray[np.int64]  # (N,) which detected points
+    index: NDArray[np.int64]  # (N,) numbers of the detected points
     points_m: Array  # (N, 3) world
     pixel_m: Array  # (N, 3) displacement by the detector's noise
     depth_m: Array  # (N, 3) displacement by the depth camera's noise; zero in coarse mode
     common_m: Array  # (K, N, 3)
-    relative_m: Array  # (K, N, 3) the same as seen from the aircraft, whose own wrong pose moves with them
+    relative_m: Array  # (K, N, 3) the same less the rigid motion by the aircraft's own heading and position errors
 
     def __len__(self) -> int:
         return len(self.points_m)
@@ -69,7 +70,7 @@ def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
 
 
 def select_independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of one line's usable points (N,) have windows that share no pixel, chosen from the near end on."""
+    """Mask (N,) of usable points whose windows share no pixel, selected from the near end of the line on."""
     kept = np.zeros(len(points_px), dtype=bool)
     if not usable.any():
         return kept
@@ -87,8 +88,8 @@ def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[Dept
     Args:
         frame: its depth, pose and deck height, as far as there are.
         inliers_px: the inliers (N, 2) of each line that was seen.
-        mode: `auto` takes fine when every line has enough inliers with a depth, and coarse when most have none; a mode
-            asked for by name is never replaced by the other.
+        mode: `auto` is fine when enough inliers of every line have a depth, else coarse; a mode given by name is never
+            replaced by the other one.
     """
     if frame.world_from_body is None:
         return DepthMode.NONE, NO_POSE
@@ -113,15 +114,15 @@ def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[Dept
     return DepthMode.COARSE, None
 
 
-def _no_deck_height(before: str) -> tuple[DepthMode, Notice]:
-    return DepthMode.NONE, Notice(Reason.NO_DECK_HEIGHT, f"{before} no deck height: give --deck-z-m")
+def _no_deck_height(found: str) -> tuple[DepthMode, Notice]:
+    return DepthMode.NONE, Notice(Reason.NO_DECK_HEIGHT, f"{found} no deck height: give --deck-z-m")
 
 
 def _no_depth(why: str) -> tuple[DepthMode, Notice]:
     return DepthMode.NONE, Notice(Reason.NO_DEPTH, f"fine mode was asked for: {why}")
 
 
-def deck_points(
+def locate_points(
     frame: Frame, points_px: Array, sigma_px: Array, index: NDArray[np.int64], mode: DepthMode, noise: FrameNoise
 ) -> DeckPoints:
     """Detected points back-projected into the world; points without a distance are left out.
@@ -132,7 +133,7 @@ def deck_points(
         frame: camera, pose and, by mode, depth image or deck height.
         points_px: (N, 2).
         sigma_px: (N,) 1-sigma of u.
-        index: (N,) rigid through.
+        index: (N,) numbers of the points, passed on to the result.
         mode: FINE or COARSE.
         noise: 1-sigma of everything else.
 
@@ -142,35 +143,33 @@ def deck_points(
     world_from_camera, depth = frame.world_from_camera, frame.depth_m
     if world_from_camera is None or frame.world_from_body is None:
         raise ValueError(f"{frame.file}: {NO_POSE.message}")
-    origin, turn = world_from_camera.translation, world_from_camera.rotation
-    rays = turn.apply(frame.camera.rays(points_px))
+    origin, rotation = world_from_camera.translation, world_from_camera.rotation
+    rays = rotation.apply(frame.camera.rays(points_px))
     if mode is DepthMode.FINE and depth is not None:
         points = origin + sample_depth(depth, points_px)[:, None] * rays
     elif mode is DepthMode.COARSE and frame.deck_z_m is not None:
         points = intersect_plane(origin, rays, frame.deck_z_m)
     else:
         raise ValueError(f"{frame.file}: mode {mode} needs what the frame does not have")
-    keep = np.isfinite(points).all(axis=1)
-    # A point on the deck plane has a ray that goes down; one that does not has no place on the plane to move to.
-    keep &= rays[:, 2] > 1e-6
+    keep = np.isfinite(points).all(axis=1) & (rays[:, 2] > MIN_DOWN)
     points, rays, px = points[keep], rays[keep], points_px[keep]
     distance = ((points - origin) * rays).sum(axis=1) / (rays**2).sum(axis=1)
     step = np.column_stack([np.maximum(sigma_px[keep], MIN_SIGMA_PX), np.zeros(len(px))])
-    turned = turn.apply(frame.camera.rays(px + step) - frame.camera.rays(px - step)) / 2
-    pixel = _project_on_plane(distance[:, None] * turned, rays)
-    along = distance[:, None] * rays * noise.depth_fraction
-    depth_step = along if mode is DepthMode.FINE else np.zeros_like(along)
-    body = frame.world_from_body.translation
+    ray_step = rotation.apply(frame.camera.rays(px + step) - frame.camera.rays(px - step)) / 2
+    pixel = _project_on_plane(distance[:, None] * ray_step, rays)
+    depth_step = distance[:, None] * rays * (noise.depth_fraction if mode is DepthMode.FINE else 0.0)
     flat = frame.camera.rays(px) * [-noise.focal_fraction, -noise.focal_fraction, 0.0]
-    calibration = distance[:, None] * np.stack([turn.apply(flat), rays * noise.depth_scale])
-    common, relative = _common(points, rays, calibration, body, mode, noise)
-    return DeckPoints(index[keep], points, pixel, depth_step, common, relative)
+    calibration = distance[:, None] * np.stack([rotation.apply(flat), rays * noise.depth_scale])
+    common = _common_displacements(points, rays, calibration, frame.world_from_body.translation, mode, noise)
+    return DeckPoints(index[keep], points, pixel, depth_step, *common)
 
 
-def _common(
+def _common_displacements(
     points: Array, rays: Array, calibration: Array, body: Array, mode: DepthMode, noise: FrameNoise
 ) -> tuple[Array, Array]:
-    """Displacements (9, N, 3) by all that is common to the points, in the world and as the aircraft sees them.
+    """Displacements (9, N, 3) by all that is common to the points, in the world and relative to the aircraft.
+
+    Errors of heading and position move points and aircraft together: relative to the aircraft these are zero.
 
     Args:
         points: (N, 3) world.
@@ -189,13 +188,12 @@ def _common(
         pose, calibration = _project_on_plane(pose, rays), _project_on_plane(calibration, rays)
         deck = (rays / rays[:, 2:] * noise.deck_z_m)[None]
     common = np.concatenate([pose, deck, calibration])
-    # A wrong heading and position of the aircraft move the line with it: as seen from the aircraft nothing changes.
     rigid = np.concatenate([zero, zero, turns[2:], shifts, zero, zero, zero])
     return common, common - rigid
 
 
 def _project_on_plane(displacements: Array, rays: Array) -> Array:
-    """Displacements (..., N, 3) continued along the rays (N, 3) back to the horizontal plane they left."""
+    """Displacements (..., N, 3) moved along the rays (N, 3) back onto the horizontal plane."""
     return displacements - rays * (displacements[..., 2:] / rays[:, 2:])
 
 

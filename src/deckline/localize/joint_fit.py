@@ -1,4 +1,4 @@
-"""Image lines in, line fits with their noise sensitivities out: start, joint fit, consistency tests."""
+"""The joint fit of one frame: initial state, solution, consistency tests, sensitivities of each line."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from deckline.localize.model import (
     NUISANCES,
     PARALLEL_FACTOR,
     State,
-    rights,
+    right_vectors,
 )
 from deckline.localize.observations import Observations, initial_height, initial_line, observe
 from deckline.localize.runway import LineFit, drop_contradictions
@@ -38,8 +38,8 @@ def fit_jointly(
 ) -> tuple[dict[str, LineFit], Notices]:
     """Fits of `left`, `right` and a painted `centre`, first without the prior of the lines' geometry, then with it.
 
-    The first fit tests the lines against each other, and the depth camera against the reported deck height. Of these
-    two the one that gives the frame its mode is believed when they contradict each other.
+    The first fit tests the lines against each other, and the depth camera against the reported deck height. When these
+    two contradict each other, the one that gives the frame its mode is kept.
 
     Args:
         frame: camera and pose, depth image and deck height as far as there are.
@@ -51,37 +51,45 @@ def fit_jointly(
     Returns:
         The fits that agree with each other, and why others are missing.
     """
-    noise, asked = _with_floor(config.noise), config.localization.mode
-    view, notices = observe(frame, points, pixel_lines, asked)
-    deck_z_m = None if asked == "fine" else frame.deck_z_m
-    view, start, lost = _start(frame, view, pixel_lines, deck_z_m, asked == "fine")
-    notices += lost
+    noise, requested = _apply_floor(config.noise), config.localization.mode
+    observations, notices = observe(frame, points, pixel_lines, requested)
+    deck_z_m = None if requested == "fine" else frame.deck_z_m
+    observations, start, missing = _initialize(frame, observations, pixel_lines, deck_z_m, requested == "fine")
+    notices += missing
     if start is None:
         return {}, notices
-    alone = solve(view, start, noise, config.frame_deck, deck_z_m)
-    if abs(alone.height_score) > HEIGHT_GATE_SIGMA and np.isfinite(view.log_depth).any():
-        believed = "depth camera" if mode is DepthMode.FINE else "deck height"
-        message = f"depth camera and reported deck height contradict each other: the {believed} is believed"
-        notices += (Notice(Reason.DEPTH_HEIGHT, message),)
-        if mode is DepthMode.FINE:
-            deck_z_m = None
-        else:
-            view = replace(view, log_depth=np.full(len(view.line), np.nan))
-        alone = solve(view, start, noise, config.frame_deck, deck_z_m)
-    names, contradictions = _select_consistent(line_fits(alone, view, noise), config.frame_deck)
+    free = solve(observations, start, noise, config.frame_deck, deck_z_m)
+    if abs(free.height_score) > HEIGHT_GATE_SIGMA and np.isfinite(observations.log_depth).any():
+        observations, deck_z_m, conflict = _drop_height_source(observations, deck_z_m, mode)
+        notices += (conflict,)
+        free = solve(observations, start, noise, config.frame_deck, deck_z_m)
+    names, contradictions = _select_consistent(line_fits(free, observations, noise), config.frame_deck)
     notices += contradictions
     if not set(SIDES) & set(names):
         return {}, notices
-    numbers = [view.names.index(name) for name in names]
-    state = replace(alone.state, points_m=alone.state.points_m[numbers], azimuths_rad=alone.state.azimuths_rad[numbers])
-    solution = solve(view.select(names), state, noise, config.frame_deck, deck_z_m, alone.inflation)
-    return line_fits(solution, view, noise), notices
+    start = free.state.select([observations.names.index(name) for name in names])
+    solution = solve(observations.select(names), start, noise, config.frame_deck, deck_z_m, free.inflation)
+    return line_fits(solution, observations, noise), notices
+
+
+def _drop_height_source(
+    observations: Observations, deck_z_m: float | None, mode: DepthMode
+) -> tuple[Observations, float | None, Notice]:
+    """Without the reported height in fine mode and without the depths in coarse mode, and a notice of the conflict."""
+    if mode is DepthMode.FINE:
+        believed, deck_z_m = "depth camera", None
+    else:
+        believed = "deck height"
+        observations = replace(observations, log_depth=np.full(len(observations.line), np.nan))
+    message = f"depth camera and reported deck height contradict each other: the {believed} is believed"
+    return observations, deck_z_m, Notice(Reason.DEPTH_HEIGHT, message)
 
 
 def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str, ...], Notices]:
     """Names of the lines that agree with each other, and why others do not.
 
-    A centre line near one of two edge lines shows that another marking was taken for an edge: neither is then believed.
+    A painted centre line far from midway between two edge lines shows that one of them is another marking. Neither edge
+    line is kept then.
     """
     kept, contradictions = drop_contradictions(fits)
     edges = tuple(name for name in kept if name in SIDES)
@@ -103,26 +111,26 @@ def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str,
     return edges, contradictions
 
 
-def line_fits(solution: Solution, view: Observations, noise: FrameNoise) -> dict[str, LineFit]:
+def line_fits(solution: Solution, observations: Observations, noise: FrameNoise) -> dict[str, LineFit]:
     """Each line of a solution with its sensitivities, in the world and as the aircraft sees it."""
     state, deck, fits = solution.state, solution.deck, {}
     slopes = state.nuisances[4:] * deck.slopes
     for k, name in enumerate(solution.names):
-        offset = deck.axes @ (state.points_m[k] - deck.hub_m)
-        chosen = np.zeros((3, len(solution.points)))
-        chosen[0, 2 * k] = chosen[1, 2 * k + 1] = chosen[2, -NUISANCES - 1] = 1.0
-        chosen[2, -2:] = offset * deck.slopes
-        relative = _relative(chosen @ solution.height, chosen @ solution.nuisances, noise)
+        offset = deck.axes @ (state.points_m[k] - deck.origin_m)
+        rows = np.zeros((3, len(solution.points)))
+        rows[0, 2 * k] = rows[1, 2 * k + 1] = rows[2, -NUISANCES - 1] = 1.0
+        rows[2, -2:] = offset * deck.slopes
+        relative = _relative_columns(rows @ solution.height, rows @ solution.nuisances, noise)
         point = np.array([*state.points_m[k], state.z_m + float(offset @ slopes)])
-        rigid = _rigid_motion(point - view.body_m, float(state.azimuths_rad[k]), noise)
+        rigid = _rigid_columns(point - observations.body_m, float(state.azimuths_rad[k]), noise)
         azimuth = float(wrap_angle(state.azimuths_rad[k]))
-        own = chosen @ solution.points
-        fits[name] = LineFit(point, azimuth, own, relative + rigid, relative, _errors(solution, chosen, noise))
+        own = rows @ solution.points
+        fits[name] = LineFit(point, azimuth, own, relative + rigid, relative, _line_errors(solution, rows, noise))
     return fits
 
 
-def _with_floor(noise: FrameNoise) -> FrameNoise:
-    """The same noise with every nuisance a little uncertain: the fit then shows its sensitivity to each."""
+def _apply_floor(noise: FrameNoise) -> FrameNoise:
+    """The same noise with no nuisance known exactly: the fit then has a sensitivity to each."""
     return replace(
         noise,
         attitude_rad=max(noise.attitude_rad, MIN_RAD),
@@ -132,70 +140,69 @@ def _with_floor(noise: FrameNoise) -> FrameNoise:
     )
 
 
-def _errors(solution: Solution, chosen: Array, noise: FrameNoise) -> LineErrors:
+def _line_errors(solution: Solution, rows: Array, noise: FrameNoise) -> LineErrors:
     """Sensitivity of a line and of the slopes to errors, and the part of their noise that is new in every frame.
 
-    A prior that is wrong by so much moves the fit by its column. The nuisances of attitude and focal length correct
+    An error of a prior moves the fit by its column. The nuisances of attitude and focal length correct
     the measurement, so their errors have the opposite sign; depth scale and slopes are the true values themselves.
 
     Args:
-        chosen: (3, P) the line's offset, azimuth and z, of the solution's unknowns.
+        rows: (3, P) the line's offset, azimuth and z, of the solution's unknowns.
     """
     slopes = solution.deck.slopes
-    both = max(float(np.hypot(noise.deck_z_m, noise.position_m)), MIN_SIGMA_M)
-    chosen = np.vstack([chosen, np.zeros((2, chosen.shape[1]))])
-    chosen[3:, -2:] = np.diag(slopes)
+    sigma_m = max(float(np.hypot(noise.deck_z_m, noise.position_m)), MIN_SIGMA_M)
+    rows = np.vstack([rows, np.zeros((2, rows.shape[1]))])
+    rows[3:, -2:] = np.diag(slopes)
     turn, stretch, scale = noise.attitude_rad, noise.focal_fraction, noise.depth_scale
-    nuisances = chosen @ solution.nuisances / [turn, turn, stretch, -scale, -slopes[0], -slopes[1]]
-    effects = np.column_stack([nuisances[:, :2], chosen @ solution.height / both, nuisances[:, 2:]])
-    return LineErrors(solution.state.nuisances[4:] * slopes, chosen @ solution.points, effects)
+    nuisances = rows @ solution.nuisances / [turn, turn, stretch, -scale, -slopes[0], -slopes[1]]
+    effects = np.column_stack([nuisances[:, :2], rows @ solution.height / sigma_m, nuisances[:, 2:]])
+    return LineErrors(solution.state.nuisances[4:] * slopes, rows @ solution.points, effects)
 
 
-def _relative(height: Array, nuisances: Array, noise: FrameNoise) -> Array:
+def _relative_columns(height: Array, nuisances: Array, noise: FrameNoise) -> Array:
     """Columns of SOURCES as seen from the aircraft; an error of its own height acts through the reported one alone."""
     columns = np.zeros((3, SOURCES))
     columns[:, :2] = nuisances[:, :2]
-    both = max(float(np.hypot(noise.deck_z_m, noise.position_m)), 1e-12)
-    columns[:, 5] = -height * noise.position_m / both
-    columns[:, 6] = height * noise.deck_z_m / both
+    sigma_m = max(float(np.hypot(noise.deck_z_m, noise.position_m)), 1e-12)
+    columns[:, 5] = -height * noise.position_m / sigma_m
+    columns[:, 6] = height * noise.deck_z_m / sigma_m
     columns[:, 7:] = nuisances[:, 2:]
     return columns
 
 
-def _rigid_motion(offset_m: Array, azimuth_rad: float, noise: FrameNoise) -> Array:
+def _rigid_columns(offset_m: Array, azimuth_rad: float, noise: FrameNoise) -> Array:
     """Columns of SOURCES by which errors of the aircraft's heading and position move a line `offset_m` from it."""
     columns = np.zeros((3, SOURCES))
-    right = rights(np.array([azimuth_rad]))[0]
+    right = right_vectors(np.array([azimuth_rad]))[0]
     columns[:2, 2] = np.array([right @ [-offset_m[1], offset_m[0]], 1.0]) * noise.attitude_rad
     columns[0, 3:5] = right * noise.position_m
     columns[2, 5] = noise.position_m
     return columns
 
 
-def _start(
-    frame: Frame, view: Observations, pixel_lines: dict[str, PixelLine], deck_z_m: float | None, fine: bool
+def _initialize(
+    frame: Frame, observations: Observations, pixel_lines: dict[str, PixelLine], deck_z_m: float | None, fine: bool
 ) -> tuple[Observations, State | None, Notices]:
-    """Observations of the lines that start somewhere on the deck, the state there, and why others have no start."""
-    if not view.names:
-        return view, None, ()
-    z_m = initial_height(view, deck_z_m, fine)
+    """Observations of the lines whose image meets the deck, the initial state, and why others have none."""
+    if not observations.names:
+        return observations, None, ()
+    z_m = initial_height(observations, deck_z_m, fine)
     if z_m is None:
-        return view, None, (Notice(Reason.ABOVE_CAMERA, "the deck is not below the camera"),)
+        return observations, None, (Notice(Reason.ABOVE_CAMERA, "the deck is not below the camera"),)
     found = {}
-    for number, name in enumerate(view.names):
+    for number, name in enumerate(observations.names):
         # The plane through the camera and an image line l has the normal K^T l in the optical frame.
-        normal = view.turn @ (frame.camera.matrix.T @ pixel_lines[name].coefficients)
-        line = initial_line(view, number, normal, z_m)
+        normal = observations.rotation @ (frame.camera.matrix.T @ pixel_lines[name].coefficients)
+        line = initial_line(observations, number, normal, z_m)
         if line is not None:
             found[name] = line
-    lost = tuple(
-        Notice(Reason.HORIZON, f"the {name} line lies along the horizon") for name in view.names if name not in found
-    )
+    others = [name for name in observations.names if name not in found]
+    notices = tuple(Notice(Reason.HORIZON, f"the {name} line lies along the horizon") for name in others)
     if not found:
-        return view, None, lost
+        return observations, None, notices
     points = np.stack([point[:2] for point, _ in found.values()])
     azimuths = np.array([azimuth for _, azimuth in found.values()])
-    return view.select(tuple(found)), State(points, azimuths, z_m, np.zeros(NUISANCES)), lost
+    return observations.select(tuple(found)), State(points, azimuths, z_m, np.zeros(NUISANCES)), notices
 
 
 def _is_between(fits: dict[str, LineFit], deck: Deck) -> bool:
@@ -222,5 +229,5 @@ def _mean_angle(centre: LineFit, edges: list[LineFit]) -> float:
 def _lateral_offset(centre: LineFit, edge: LineFit) -> tuple[float, float]:
     """How far right of a centre line's point an edge line passes, and how far along the edge from its own point, m."""
     lever = (centre.point_m[:2] - edge.point_m[:2]) @ edge.direction
-    foot = edge.point_m[:2] + lever * edge.direction
-    return float((foot - centre.point_m[:2]) @ centre.right), float(lever)
+    passing = edge.point_m[:2] + lever * edge.direction
+    return float((passing - centre.point_m[:2]) @ centre.right), float(lever)

@@ -1,4 +1,4 @@
-"""One frame's detected points -> runway lines in the world, or why not."""
+"""One frame's detected points -> runway lines in the world, or the reason why there are none."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,20 +6,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deckline.config import FrameNoise, RunConfig
-from deckline.localize.depth import DeckPoints, choose_mode, deck_points
+from deckline.localize.depth import DeckPoints, choose_mode, locate_points
 from deckline.localize.joint_fit import fit_jointly
 from deckline.localize.model import CENTRE_SIGMA_M
 from deckline.localize.ransac import fit_pixel_line
 from deckline.localize.runway import (
     LineFit,
-    centre_line,
+    average_lines,
     check_near_ends,
     check_pixel_order,
     drop_unsure,
-    near_ends,
-    ramp,
-    runway_line,
+    find_near_ends,
+    locate_ramp,
     shift_line,
+    to_runway_line,
 )
 from deckline.types import (
     SIDES,
@@ -36,7 +36,7 @@ from deckline.types import (
 )
 
 NO_LINE = Notice(Reason.NO_LINE, "no line in the image")
-USUAL_WIDTH_M = (10.0, 35.0)  # of a runway that a deck height of the right sign shows
+USUAL_WIDTH_M = (10.0, 35.0)  # of landing runways of ships; beyond, the sign of the deck height is checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class PlacedLines:
     """The lines that could be placed in the world."""
 
     fits: dict[str, LineFit]  # of left and right, and of a painted centre line
-    located: dict[str, DeckPoints]  # the inliers of left and right
+    deck_points: dict[str, DeckPoints]  # the inliers of left and right
     notices: Notices
 
 
@@ -68,14 +68,14 @@ def place_jointly(
     fits, notices = fit_jointly(frame, points, lines, mode, config)
     kept, unsure = drop_unsure(fits)
     # The ramp lies on the deck plane of the fit.
-    located = {}
+    inliers = {}
     for side in SIDES:
         if side in kept:
             height, sigma = float(kept[side].point_m[2]), float(np.sqrt(kept[side].relative_covariance[2, 2]))
             noise = replace(config.noise, deck_z_m=sigma)
             on_deck = replace(frame, deck_z_m=height)
-            located[side] = locate_inliers(on_deck, points[side], pixel_lines[side], DepthMode.COARSE, noise)
-    return PlacedLines(kept, located, notices + unsure)
+            inliers[side] = locate_inliers(on_deck, points[side], pixel_lines[side], DepthMode.COARSE, noise)
+    return PlacedLines(kept, inliers, notices + unsure)
 
 
 def localize(
@@ -87,26 +87,24 @@ def localize(
 ) -> RunwayEstimate:
     """Where the runway lines are.
 
-    Status OK means both lines were found and agree with each other: in order, spacing, direction and in where they
-    begin, if that is in view. Lines that contradict each other are dropped: "not seen" is better than wrong. Without
-    pose, depth or deck height the image lines are given alone, in mode NONE, with the reason. Mode FINE means that at
-    least half of each line's points have a depth, COARSE that fewer have; the joint fit uses both sources unless one
-    was asked for by name.
+    Status OK: both lines were found, and agree in order, spacing, direction and near ends. Lines that contradict each
+    other are dropped: "not seen" is better than wrong. Without pose, depth or deck height only the image lines are
+    given, in mode NONE, with the reason. In mode FINE at least half of each line's points have a depth, in COARSE fewer
+    have; in mode `auto` the fit uses both depth and deck height.
 
     Args:
         frame: camera, pose, and depth or deck height.
         detection: points of the lines in the frame's image.
         config: sensors, deck and depth mode.
         rng: RANSAC's draws.
-        place: how image lines become lines in the world.
+        place: the estimator of the lines in the world.
 
     Source: Li et al. 2024, section 3.2.
     """
     points = {"left": detection.left, "right": detection.right}
     fitted = {side: fit_pixel_line(points[side], frame.camera, rng) for side in SIDES}
     pixel_lines = {side: line for side, line in fitted.items() if line is not None}
-    crossed = check_pixel_order(pixel_lines)
-    if crossed is not None:
+    if crossed := check_pixel_order(pixel_lines):
         return _not_seen((crossed,))
     if not pixel_lines:
         return _not_seen((NO_LINE,))
@@ -124,7 +122,7 @@ def localize(
 def locate_inliers(frame: Frame, points: LinePoints, line: PixelLine, mode: DepthMode, noise: FrameNoise) -> DeckPoints:
     """A line's inliers on the deck."""
     index = np.flatnonzero(line.inliers)
-    return deck_points(frame, points.points_px[index], points.sigma_px[index], index, mode, noise)
+    return locate_points(frame, points.points_px[index], points.sigma_px[index], index, mode, noise)
 
 
 def _estimate(
@@ -139,18 +137,18 @@ def _estimate(
     flags: Notices = ()
     ramp_m = ramp_sigma_m = None
     if set(SIDES) <= set(fits):
-        fits["centre"] = centre_line(fits["left"], fits["right"])
+        fits["centre"] = average_lines(fits["left"], fits["right"])
         points = {"left": detection.left, "right": detection.right}
-        ends = near_ends(frame, points, placed.located, fits["centre"], detection.region_px)
+        ends = find_near_ends(frame, points, placed.deck_points, fits["centre"], detection.region_px)
         if isinstance(ends, Notice):
             notices += (ends,)
         elif apart := check_near_ends(ends, fits["left"], fits["right"]):
             return _not_seen((*notices, apart))
         else:
-            ramp_m, ramp_sigma_m = ramp(ends, fits["centre"])
+            ramp_m, ramp_sigma_m = locate_ramp(ends, fits["centre"])
         flags = _check_deck_sign(frame, fits, config)
     elif "centre" in fits:
-        fits["centre"] = shift_line(fits["centre"], 0.0, CENTRE_SIGMA_M)  # painted, not the middle itself
+        fits["centre"] = shift_line(fits["centre"], 0.0, CENTRE_SIGMA_M)  # a painted line is not exactly midway
     else:
         side = next(iter(fits))
         width = config.frame_deck.width_m
@@ -159,14 +157,14 @@ def _estimate(
         else:
             half = width / 2 if side == "left" else -width / 2
             fits["centre"] = shift_line(fits[side], half, config.deck.width_sigma_m / 2)
-    lines = {side: runway_line(fit) for side, fit in fits.items()}
+    lines = {side: to_runway_line(fit) for side, fit in fits.items()}
     return RunwayEstimate(_status(pixel_lines), mode, pixel_lines, lines, ramp_m, ramp_sigma_m, notices, flags)
 
 
 def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) -> Notices:
-    """A flag where the reported deck height has the wrong sign: the lines come out too wide, and usual with the other.
+    """Flag a deck height of the wrong sign: the spacing of the lines is plausible only with the other sign.
 
-    The spacing of the lines is proportional to the camera's height over the deck.
+    The spacing is proportional to the camera's height above the deck.
     """
     pose, deck_z_m = frame.world_from_camera, frame.deck_z_m
     if pose is None or deck_z_m is None or config.deck.width_m is not None:

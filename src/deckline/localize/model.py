@@ -1,30 +1,30 @@
-"""What the camera should see of straight lines on one deck: residuals and their analytic Jacobian.
+"""Measurement model of straight lines on one deck: residuals and their analytic Jacobian.
 
 Unknowns are, for every line, its offset to its right, m, and its azimuth, rad; then the deck's z, m; then nuisances in
 units of their own 1-sigma: attitude about world x and y, focal length, depth scale, deck slope along and across.
 
-The aircraft's heading and position are no unknowns: in one frame an error of theirs moves the lines along with it and
-nothing shows it, except its height against the deck's reported one, which that prior counts.
+The aircraft's heading and position are not observable in one frame: their errors move the lines with them. Only the
+error of its height shows, against the reported deck height, and the prior of that height includes it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from deckline.config import Deck, FrameNoise
-from deckline.localize.observations import MIN_DOWN, Observations
+from deckline.localize.depth import MIN_DOWN
+from deckline.localize.observations import Observations
 
 Array = NDArray[np.float64]
 NUISANCES = 6
 MIN_SIGMA_M = 1e-4  # keeps weights of what is known exactly finite
 MIN_SIGMA_RAD = 1e-5
 MIN_DEPTH_FRACTION = 1e-4
-MIN_HEIGHT_M = 1e-2  # of the camera over the deck; a step below it is held there
+MIN_HEIGHT_M = 1e-2  # of the camera over the deck; smaller heights are clamped
 DOWN = np.array([0.0, 0.0, 1.0])
-# 1-sigma of the true angle between the lines in one frame, in units of the one that the deck's description states: one
-# frame may not see both lines at the same place, so it trusts the description half as much.
+# On the stated 1-sigma of the angle between the lines: one frame may not see both lines over the same stretch.
 PARALLEL_FACTOR = 2.0
 CENTRE_SIGMA_M = 0.1  # of a painted centre line's place midway between the edge lines
 CENTRE_SIGMA_RAD = float(np.deg2rad(0.05))  # and of its direction
@@ -36,14 +36,18 @@ class State:
 
     points_m: Array  # (L, 2) world x, y on every line
     azimuths_rad: Array  # (L,)
-    z_m: float  # of the deck at the hub
+    z_m: float  # of the deck at the origin of its plane
     nuisances: Array  # (6,) in 1-sigma
+
+    def select(self, numbers: list[int]) -> "State":
+        """The state of some of the lines."""
+        return replace(self, points_m=self.points_m[numbers], azimuths_rad=self.azimuths_rad[numbers])
 
     def step(self, step: Array) -> "State":
         """The state after a step (2 L + 1 + 6,) of the unknowns."""
         lines = step[: 2 * len(self.azimuths_rad)].reshape(-1, 2)
         return State(
-            self.points_m + lines[:, :1] * rights(self.azimuths_rad),
+            self.points_m + lines[:, :1] * right_vectors(self.azimuths_rad),
             self.azimuths_rad + lines[:, 1],
             self.z_m + float(step[2 * len(lines)]),
             self.nuisances + step[2 * len(lines) + 1 :],
@@ -52,137 +56,138 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class DeckPlane:
-    """The reference of the deck's slopes: heights are z at the hub plus slopes times the offset from it."""
+    """The sloping deck: z is that at the origin plus slopes times the offset from the origin."""
 
-    hub_m: Array  # (2,) world
+    origin_m: Array  # (2,) world
     axes: Array  # (2, 2) unit vectors along and across
     slopes: Array  # (2,) 1-sigma along and across, rad
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Whitened residuals (measured less expected, in 1-sigma), and how expectations follow the unknowns."""
+    """Normalised residuals (measured less expected, in 1-sigma) and the Jacobian of the expectations."""
 
     residuals: Array  # (M,)
     jacobian: Array  # (M, P)
 
 
-def rights(azimuths_rad: Array) -> Array:
+def right_vectors(azimuths_rad: Array) -> Array:
     """Unit vectors (L, 2) to the right of lines."""
     return np.stack([-np.sin(azimuths_rad), np.cos(azimuths_rad)], axis=1)
 
 
-def measurement_terms(view: Observations, state: State, deck: DeckPlane, noise: FrameNoise) -> tuple[Terms, Terms]:
+def linearize_measurements(
+    observations: Observations, state: State, plane: DeckPlane, noise: FrameNoise
+) -> tuple[Terms, Terms]:
     """Terms of all points' pixels (N,), normal to the line in the image, and of the existing depths (D,)."""
     attitude_error = Rotation.from_rotvec([*state.nuisances[:2] * noise.attitude_rad, 0.0]).as_matrix()
-    arm = attitude_error @ (view.camera_m - view.body_m)
-    turn = attitude_error @ view.turn
-    stretch = 1.0 + state.nuisances[2] * noise.focal_fraction
-    rays = view.rays / [stretch, stretch, 1.0]
-    world = rays @ turn.T
-    at = _Context(view, state, deck, noise, arm, turn, rays, world, stretch)
-    return _pixel_terms(at), _depth_terms(at)
+    lever_arm = attitude_error @ (observations.camera_m - observations.body_m)
+    rotation = attitude_error @ observations.rotation
+    focal_scale = 1.0 + state.nuisances[2] * noise.focal_fraction
+    rays = observations.rays / [focal_scale, focal_scale, 1.0]
+    world_rays = rays @ rotation.T
+    context = _Context(observations, state, plane, noise, lever_arm, rotation, rays, world_rays, focal_scale)
+    return _linearize_pixels(context), _linearize_depths(context)
 
 
 @dataclass(frozen=True, eq=False)
 class _Context:
-    view: Observations
+    observations: Observations
     state: State
-    deck: DeckPlane
+    plane: DeckPlane
     noise: FrameNoise
-    arm: Array  # (3,) camera from body, world
-    turn: Array  # (3, 3) world_from_camera as thought now
+    lever_arm: Array  # (3,) camera from body, world
+    rotation: Array  # (3, 3) world_from_camera of the state
     rays: Array  # (N, 3) optical
-    world: Array  # (N, 3)
-    stretch: float  # of the focal length
+    world_rays: Array  # (N, 3)
+    focal_scale: float  # true focal length over the stated one
 
     @property
     def camera_m(self) -> Array:
-        return self.view.body_m + self.arm
+        return self.observations.body_m + self.lever_arm
 
     @property
     def slopes(self) -> Array:
-        return self.state.nuisances[4:] * self.deck.slopes
+        return self.state.nuisances[4:] * self.plane.slopes
 
 
-def _pixel_terms(at: _Context) -> Terms:
+def _linearize_pixels(context: _Context) -> Terms:
     """n . ray = 0 for a ray to a line, n the normal of the plane through camera and line."""
-    state, line = at.state, at.view.line
-    count, noise, arm = len(state.azimuths_rad), at.noise, at.arm
-    ways = (state.points_m - at.deck.hub_m) @ at.deck.axes.T  # (L, 2) from the hub, along and across
+    state, line = context.state, context.observations.line
+    count, noise, lever_arm = len(state.azimuths_rad), context.noise, context.lever_arm
+    offsets = (state.points_m - context.plane.origin_m) @ context.plane.axes.T  # (L, 2) along and across
     heading = np.stack([np.cos(state.azimuths_rad), np.sin(state.azimuths_rad)], axis=1)
-    climbs = heading @ at.deck.axes.T  # (L, 2) of a line, per slope
-    point = np.column_stack([state.points_m, state.z_m + ways @ at.slopes]) - at.camera_m
-    direction = np.column_stack([heading, climbs @ at.slopes])
-    sideways = np.column_stack([-heading[:, 1], heading[:, 0], np.zeros(count)])
-    down, rolled, pitched = (
-        np.broadcast_to(v, (count, 3)) for v in (DOWN, [0.0, arm[2], -arm[1]], [-arm[2], 0.0, arm[0]])
-    )
-    normal, by_offset, by_azimuth, by_height, by_climb, by_roll, by_pitch = _cross(
-        np.stack([point, sideways, point, down, point, rolled, pitched]),
-        np.stack([direction, direction, sideways, direction, down, direction, direction]),
+    gains = heading @ context.plane.axes.T  # (L, 2) of a line, per slope
+    point = np.column_stack([state.points_m, state.z_m + offsets @ context.slopes]) - context.camera_m
+    direction = np.column_stack([heading, gains @ context.slopes])
+    lateral = np.column_stack([-heading[:, 1], heading[:, 0], np.zeros(count)])
+    arm_changes = ([0.0, lever_arm[2], -lever_arm[1]], [-lever_arm[2], 0.0, lever_arm[0]])
+    down, roll_arm, pitch_arm = (np.broadcast_to(v, (count, 3)) for v in (DOWN, *arm_changes))
+    normal, by_offset, by_azimuth, by_height, by_gain, by_roll, by_pitch = _cross(
+        np.stack([point, lateral, point, down, point, roll_arm, pitch_arm]),
+        np.stack([direction, direction, lateral, direction, down, direction, direction]),
     )
     zero = np.zeros(count)
     by_roll = by_roll + np.column_stack([zero, normal[:, 2], -normal[:, 1]])
     by_pitch = by_pitch + np.column_stack([-normal[:, 2], zero, normal[:, 0]])
-    by_slopes = [by_height * ways[:, k : k + 1] + by_climb * climbs[:, k : k + 1] for k in (0, 1)]
+    by_slopes = [by_height * offsets[:, k : k + 1] + by_gain * gains[:, k : k + 1] for k in (0, 1)]
     changes = np.stack([by_offset, by_azimuth, by_height, by_roll, by_pitch, *by_slopes], axis=1)
-    optical = (normal @ at.turn)[line]
-    residual = (optical * at.rays).sum(axis=1)
-    foot, sigma = _foot_points(at, optical, residual)
-    gradient = np.einsum("nck,nk->nc", changes[line], foot @ at.turn.T)  # (N, 7) changes of n . ray
+    optical = (normal @ context.rotation)[line]
+    residual = (optical * context.rays).sum(axis=1)
+    closest, sigma = _project_on_lines(context, optical, residual)
+    gradient = np.einsum("nck,nk->nc", changes[line], closest @ context.rotation.T)  # (N, 7) changes of n . ray
     jacobian = np.zeros((len(line), 2 * count + 1 + NUISANCES))
     rows = np.arange(len(line))
     jacobian[rows, 2 * line], jacobian[rows, 2 * line + 1] = gradient[:, 0], gradient[:, 1]
     jacobian[:, 2 * count] = gradient[:, 2]
     jacobian[:, 2 * count + 1 : 2 * count + 3] = gradient[:, 3:5] * noise.attitude_rad
-    jacobian[:, 2 * count + 3] = (optical * foot)[:, :2].sum(axis=1) * (-noise.focal_fraction / at.stretch)
-    jacobian[:, 2 * count + 5 :] = gradient[:, 5:] * at.deck.slopes
+    jacobian[:, 2 * count + 3] = (optical * closest)[:, :2].sum(axis=1) * (-noise.focal_fraction / context.focal_scale)
+    jacobian[:, 2 * count + 5 :] = gradient[:, 5:] * context.plane.slopes
     return Terms(-residual / sigma, jacobian / sigma[:, None])
 
 
-def _foot_points(at: _Context, optical: Array, residual: Array) -> tuple[Array, Array]:
-    """The foot point (N, 3) of each ray on its line, and 1-sigma of n . ray (N,).
+def _project_on_lines(context: _Context, optical: Array, residual: Array) -> tuple[Array, Array]:
+    """The point (N, 3) of each line closest to a ray, and 1-sigma of n . ray (N,).
 
-    Derivatives are taken at the foot point: at the noisy ray they would correlate with the residual and bias the fit.
+    Derivatives are taken there: at the noisy ray they would correlate with the residual and bias the fit.
     """
-    steps = at.view.steps / at.stretch
+    steps = context.observations.steps / context.focal_scale
     by_column = (optical[:, :2] * steps).sum(axis=1)
-    by_row = optical[:, 1] * at.view.row_step
+    by_row = optical[:, 1] * context.observations.row_step
     variance = by_column**2 + by_row**2
     shift = steps * by_column[:, None]
-    shift[:, 1] += by_row * at.view.row_step
-    foot = at.rays.copy()
-    foot[:, :2] -= shift * (residual / variance)[:, None]
-    return foot, np.sqrt(variance)
+    shift[:, 1] += by_row * context.observations.row_step
+    closest = context.rays.copy()
+    closest[:, :2] -= shift * (residual / variance)[:, None]
+    return closest, np.sqrt(variance)
 
 
-def _depth_terms(at: _Context) -> Terms:
-    """Logarithm of the distance to the deck along each ray that has a depth, against the measured one."""
-    has = np.isfinite(at.view.log_depth)
-    if not has.any():
-        return Terms(np.zeros(0), np.zeros((0, 2 * len(at.state.azimuths_rad) + 1 + NUISANCES)))
-    ray, count, arm = at.world[has], len(at.state.azimuths_rad), at.arm
-    level = np.array([*-(at.slopes @ at.deck.axes), 1.0])  # the deck's normal
-    down = np.array([*at.deck.hub_m, at.state.z_m]) - at.camera_m
-    height, fall = max(float(level @ down), MIN_HEIGHT_M), np.maximum(ray @ level, MIN_DOWN)
-    scale = 1.0 + at.state.nuisances[3] * at.noise.depth_scale
-    expected = np.log(height / fall * scale)
+def _linearize_depths(context: _Context) -> Terms:
+    """Logarithm of the distance to the deck along each ray with a depth, against the measured one."""
+    has_depth = np.isfinite(context.observations.log_depth)
+    if not has_depth.any():
+        return Terms(np.zeros(0), np.zeros((0, 2 * len(context.state.azimuths_rad) + 1 + NUISANCES)))
+    ray, count, lever_arm = context.world_rays[has_depth], len(context.state.azimuths_rad), context.lever_arm
+    normal = np.array([*-(context.slopes @ context.plane.axes), 1.0])  # the deck's normal
+    down = np.array([*context.plane.origin_m, context.state.z_m]) - context.camera_m
+    height, descent = max(float(normal @ down), MIN_HEIGHT_M), np.maximum(ray @ normal, MIN_DOWN)
+    scale = 1.0 + context.state.nuisances[3] * context.noise.depth_scale
+    expected = np.log(height / descent * scale)
     jacobian = np.zeros((len(ray), 2 * count + 1 + NUISANCES))
     jacobian[:, 2 * count] = 1.0 / height
     zero = np.zeros(len(ray))
     rotated = [np.column_stack([zero, -ray[:, 2], ray[:, 1]]), np.column_stack([ray[:, 2], zero, -ray[:, 0]])]
-    arm_shift = [[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]]]
+    lever_arm_change = [[0.0, -lever_arm[2], lever_arm[1]], [lever_arm[2], 0.0, -lever_arm[0]]]
     for k in (0, 1):
-        change = -(level @ arm_shift[k]) / height - rotated[k] @ level / fall
-        jacobian[:, 2 * count + 1 + k] = at.noise.attitude_rad * change
-        tilted = np.array([*-at.deck.axes[k], 0.0])
-        jacobian[:, 2 * count + 5 + k] = at.deck.slopes[k] * (tilted @ down / height - ray @ tilted / fall)
-    zoomed = at.rays[has] * [1.0, 1.0, 0.0] @ (level @ at.turn)
-    jacobian[:, 2 * count + 3] = at.noise.focal_fraction / at.stretch * zoomed / fall
-    jacobian[:, 2 * count + 4] = at.noise.depth_scale / scale
-    sigma = max(at.noise.depth_fraction, MIN_DEPTH_FRACTION)
-    return Terms((at.view.log_depth[has] - expected) / sigma, jacobian / sigma)
+        change = -(normal @ lever_arm_change[k]) / height - rotated[k] @ normal / descent
+        jacobian[:, 2 * count + 1 + k] = context.noise.attitude_rad * change
+        tilt = np.array([*-context.plane.axes[k], 0.0])
+        jacobian[:, 2 * count + 5 + k] = context.plane.slopes[k] * (tilt @ down / height - ray @ tilt / descent)
+    by_focal = context.rays[has_depth] * [1.0, 1.0, 0.0] @ (normal @ context.rotation)
+    jacobian[:, 2 * count + 3] = context.noise.focal_fraction / context.focal_scale * by_focal / descent
+    jacobian[:, 2 * count + 4] = context.noise.depth_scale / scale
+    sigma = max(context.noise.depth_fraction, MIN_DEPTH_FRACTION)
+    return Terms((context.observations.log_depth[has_depth] - expected) / sigma, jacobian / sigma)
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -190,14 +195,14 @@ def _cross(a: Array, b: Array) -> Array:
     return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
 
-def nuisance_terms(state: State) -> Terms:
+def linearize_nuisance_prior(state: State) -> Terms:
     """Prior of the nuisances: zero mean, unit variance in their own 1-sigma."""
     lines = np.zeros((NUISANCES, 2 * len(state.azimuths_rad) + 1))
     return Terms(-state.nuisances, np.hstack([lines, np.eye(NUISANCES)]))
 
 
-def height_term(state: State, deck_z_m: float | None, noise: FrameNoise) -> Terms:
-    """Prior of the deck height: as the ship reports it; no row without a reported height."""
+def linearize_height_prior(state: State, deck_z_m: float | None, noise: FrameNoise) -> Terms:
+    """Prior of the deck height: the reported one; no row without it."""
     size = 2 * len(state.azimuths_rad) + 1 + NUISANCES
     if deck_z_m is None:
         return Terms(np.zeros(0), np.zeros((0, size)))
@@ -212,7 +217,7 @@ def parallel_sigma(deck: Deck) -> float:
     return max(PARALLEL_FACTOR * deck.angle_sigma_rad, MIN_SIGMA_RAD)
 
 
-def deck_terms(names: tuple[str, ...], state: State, deck: Deck) -> Terms:
+def linearize_deck_prior(names: tuple[str, ...], state: State, deck: Deck) -> Terms:
     """Prior of the lines' geometry: angle, spacing, and the centre line's place between them."""
     pairs = {name: k for k, name in enumerate(names)}
     parallel, width, angle = parallel_sigma(deck), deck.width_m, deck.angle_rad

@@ -1,4 +1,4 @@
-"""The lines' points as the camera sees them: rays, their noise and depths, gathered for the joint fit."""
+"""Observations of one frame for the joint fit: rays of the lines' points, their noise and depths."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,12 @@ from numpy.typing import NDArray
 
 from deckline.config import Mode
 from deckline.geometry import intersect_plane
-from deckline.localize.depth import MIN_LINE_POINTS, MIN_SIGMA_PX, NO_POSE, sample_depth, select_independent
+from deckline.localize.depth import MIN_DOWN, MIN_LINE_POINTS, MIN_SIGMA_PX, NO_POSE, sample_depth, select_independent
 from deckline.types import Frame, LinePoints, Notice, Notices, PixelLine, Reason
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 ROW_SIGMA_PX = 0.05  # of a point's v, which detectors take as exact; bounds the weight of lines along the image's rows
-MIN_DOWN = 1e-6  # z of a world ray of unit optical depth that still goes down to the deck
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,23 +25,23 @@ class Observations:
     names: tuple[str, ...]  # (L,) the lines in order
     line: Index  # (N,) which line a point belongs to
     rays: Array  # (N, 3)
-    steps: Array  # (N, 2) what one standard deviation of the detector moves a ray by
-    row_step: float  # what one standard deviation of a point's row moves a ray by
+    steps: Array  # (N, 2) change of a ray by 1-sigma of the detector's u
+    row_step: float  # change of a ray by 1-sigma of the point's v
     log_depth: Array  # (N,) of the depth camera, metres; NaN where there is none
     body_m: Array  # (3,) world
     camera_m: Array  # (3,) world
-    turn: Array  # (3, 3) world_from_camera rotation
+    rotation: Array  # (3, 3) of world_from_camera
 
     @property
     def world_rays(self) -> Array:
-        return self.rays @ self.turn.T
+        return self.rays @ self.rotation.T
 
     def select(self, names: tuple[str, ...]) -> "Observations":
         """The observations of some of the lines, in the order given."""
         index = [np.flatnonzero(self.line == self.names.index(name)) for name in names]
         keep = np.concatenate([np.zeros(0, dtype=np.int64), *index])
         line = np.repeat(np.arange(len(names)), [len(part) for part in index])
-        rest = (self.row_step, self.log_depth[keep], self.body_m, self.camera_m, self.turn)
+        rest = (self.row_step, self.log_depth[keep], self.body_m, self.camera_m, self.rotation)
         return Observations(names, line, self.rays[keep], self.steps[keep], *rest)
 
 
@@ -51,8 +50,8 @@ def observe(
 ) -> tuple[Observations, Notices]:
     """Points of the lines that have enough of them on the deck, and which lines have not.
 
-    A point above the horizon is on no deck and is left out. One without a depth counts: it lies on the deck that the
-    others measure. Of points so close together that they would share pixels of the depth image, one has a depth.
+    A point above the horizon is on no deck and is left out. A point without a depth stays: it lies on the deck that the
+    others measure. Of points that share pixels of the depth image, only one gets a depth.
 
     Args:
         frame: camera, pose and, unless coarse mode was asked for, the depth image.
@@ -66,10 +65,10 @@ def observe(
     pose = frame.world_from_camera
     if pose is None or frame.world_from_body is None:
         raise ValueError(f"{frame.file}: {NO_POSE.message}")
-    turn = pose.rotation.as_matrix()
+    rotation = pose.rotation.as_matrix()
     parts, missing = {}, []
     for side, line in pixel_lines.items():
-        part = _line_rays(frame, points[side], line, turn, mode)
+        part = _line_rays(frame, points[side], line, rotation, mode)
         if len(part[0]) < MIN_LINE_POINTS:
             missing.append(Notice(Reason.NO_POINTS, f"the {side} line has too few points on the deck"))
         else:
@@ -77,12 +76,12 @@ def observe(
     nothing = (np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
     rays, steps, log_depth = (np.concatenate(column) for column in zip(nothing, *parts.values(), strict=True))
     index = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts.values()])
-    rest = (ROW_SIGMA_PX / frame.camera.fy, log_depth, frame.world_from_body.translation, pose.translation, turn)
+    rest = (ROW_SIGMA_PX / frame.camera.fy, log_depth, frame.world_from_body.translation, pose.translation, rotation)
     return Observations(tuple(parts), index, rays, steps, *rest), tuple(missing)
 
 
 def _line_rays(
-    frame: Frame, points: LinePoints, line: PixelLine, turn: Array, mode: Mode
+    frame: Frame, points: LinePoints, line: PixelLine, rotation: Array, mode: Mode
 ) -> tuple[Array, Array, Array]:
     px, sigma = points.points_px[line.inliers], points.sigma_px[line.inliers]
     step = np.column_stack([np.maximum(sigma, MIN_SIGMA_PX), np.zeros(len(px))])
@@ -92,32 +91,33 @@ def _line_rays(
     if mode != "coarse" and frame.depth_m is not None:
         depth = sample_depth(frame.depth_m, px)
         log_depth = np.log(np.where(select_independent(px, np.isfinite(depth)), depth, np.nan))
-    keep = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ turn[2] > MIN_DOWN)
+    keep = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ rotation[2] > MIN_DOWN)
     return rays[keep], steps[keep], log_depth[keep]
 
 
-def initial_height(view: Observations, deck_z_m: float | None, fine: bool) -> float | None:
+def initial_height(observations: Observations, deck_z_m: float | None, fine: bool) -> float | None:
     """World z of the deck to start from: the depth camera's median in fine mode, else the reported height.
 
     None when there is neither, or when the deck would lie above the camera.
     """
-    seen = np.isfinite(view.log_depth)
-    if seen.any() and (fine or deck_z_m is None):
-        z = float(np.median(view.camera_m[2] + np.exp(view.log_depth[seen]) * view.world_rays[seen, 2]))
+    valid = np.isfinite(observations.log_depth)
+    if valid.any() and (fine or deck_z_m is None):
+        below_m = np.exp(observations.log_depth[valid]) * observations.world_rays[valid, 2]
+        z = float(np.median(observations.camera_m[2] + below_m))
     elif deck_z_m is not None:
         z = deck_z_m
     else:
         return None
-    return z if z > view.camera_m[2] else None
+    return z if z > observations.camera_m[2] else None
 
 
-def initial_line(view: Observations, number: int, normal: Array, z_m: float) -> tuple[Array, float] | None:
+def initial_line(observations: Observations, number: int, normal: Array, z_m: float) -> tuple[Array, float] | None:
     """Where an image line lies on the plane z = z_m: a point (3,) in the middle of its points, and its azimuth.
 
     The weight of a point is the inverse square of its distance.
 
     Args:
-        view: the points.
+        observations: the points.
         number: which line.
         normal: (3,) world normal of the plane through the camera and the image line.
         z_m: height of the deck.
@@ -125,15 +125,15 @@ def initial_line(view: Observations, number: int, normal: Array, z_m: float) -> 
     Returns:
         None for an image line along the horizon, which is no line on the deck.
     """
-    rays = view.world_rays[view.line == number]
-    ground = intersect_plane(view.camera_m, rays, z_m)
+    rays = observations.world_rays[observations.line == number]
+    ground = intersect_plane(observations.camera_m, rays, z_m)
     weights = rays[:, 2] ** 2
     level = normal * [1.0, 1.0, 0.0]
     if np.linalg.norm(level) < 1e-9 * np.linalg.norm(normal):
         return None
     middle = weights @ ground / weights.sum()
-    middle = middle - level * (normal @ (middle - view.camera_m)) / (level @ level)
+    middle = middle - level * (normal @ (middle - observations.camera_m)) / (level @ level)
     azimuth = float(np.arctan2(-normal[0], normal[1]))
-    if (middle - view.camera_m)[:2] @ [np.cos(azimuth), np.sin(azimuth)] < 0:
+    if (middle - observations.camera_m)[:2] @ [np.cos(azimuth), np.sin(azimuth)] < 0:
         azimuth += np.pi
     return middle, azimuth

@@ -12,21 +12,21 @@ Array = NDArray[np.float64]
 SAMPLE_SIZE = 2  # points of one hypothesis
 DRAWS = 60  # hypotheses a round
 MAX_ROUNDS = 8  # rounds go on until one brings no lower error
-THRESHOLD_PX = 4.0  # of inliers; unsure points get three times their 1-sigma, at most four times this
+THRESHOLD_PX = 4.0  # distance of inliers; for unsure points three times their 1-sigma, at most four times this
 MIN_INLIERS = 6
 MIN_INLIER_SHARE = 0.5  # of the detected points
-MIN_LENGTH_PX = 4.0  # of the inliers' stretch
-MIN_SAMPLE_SPREAD_PX = 1.0  # points closer together than this give no direction
+MIN_LENGTH_PX = 4.0  # between the outermost inliers
+MIN_SAMPLE_SPREAD_PX = 1.0  # extent of a sample
 REFITS = 5  # of inliers and line in turn, after the draws
 
 
 @dataclass(frozen=True, eq=False)
 class _Weighted:
-    """Points to draw from, ideal pixels."""
+    """Points to draw samples from, in ideal pixels."""
 
     xy: Array  # (N, 2)
     weights: Array  # (N,)
-    limits: Array  # (N,) distance at which a point stops belonging to a line
+    limits: Array  # (N,) largest distance of an inlier
 
 
 def undistort(points_px: Array, camera: Camera) -> Array:
@@ -39,9 +39,8 @@ def undistort(points_px: Array, camera: Camera) -> Array:
 def fit_pixel_line(points: LinePoints, camera: Camera, rng: np.random.Generator) -> PixelLine | None:
     """RANSAC line through one line's detected points, refitted by weighted total least squares on its inliers.
 
-    A straight line in the world is curved behind a distorting lens. Everything here therefore happens in ideal
-    pixels (the same camera without distortion), and `coefficients` and `sigma_px` belong to them; `ends_px` is
-    brought back into the real image. Without distortion the two are the same.
+    Lens distortion bends straight lines. The fit therefore works in ideal pixels, those of the same camera without
+    distortion: `coefficients` and `sigma_px` belong to these, `ends_px` to the real image.
 
     Args:
         points: detected points; those with no confidence or a number that is not finite are never inliers.
@@ -64,12 +63,12 @@ def fit_pixel_line(points: LinePoints, camera: Camera, rng: np.random.Generator)
         points.confidence[index] / sigma**2,
         np.clip(3 * sigma, THRESHOLD_PX, 4 * THRESHOLD_PX),
     )
-    line = _best_draw(data, rng)
+    line = _find_best_draw(data, rng)
     if line is None:
         return None
     line, inside = _refit(line, data)
     needed = max(MIN_INLIERS, MIN_INLIER_SHARE * len(points))
-    ends = _ends(data.xy[inside], line)
+    ends = _find_ends(data.xy[inside], line)
     if inside.sum() < needed or np.linalg.norm(ends[0] - ends[1]) < MIN_LENGTH_PX:
         return None
     inliers = np.zeros(len(points), dtype=bool)
@@ -95,7 +94,7 @@ def least_squares_line(xy: Array, weights: Array | None = None) -> Array:
     return np.array([normal[0], normal[1], -normal @ centre])
 
 
-def _best_draw(data: _Weighted, rng: np.random.Generator) -> Array | None:
+def _find_best_draw(data: _Weighted, rng: np.random.Generator) -> Array | None:
     """Rounds of draws until the error (squared distance, cut off at the threshold) stops falling."""
     best, best_error = None, np.inf
     for _ in range(MAX_ROUNDS):
@@ -129,10 +128,10 @@ def _refit(line: Array, data: _Weighted) -> tuple[Array, NDArray[np.bool_]]:
         if inside.sum() < MIN_INLIERS:
             break
         line = least_squares_line(data.xy[inside], data.weights[inside])
-        again = np.abs(_distances(data.xy, line)) <= data.limits
-        if np.array_equal(again, inside):
+        updated = np.abs(_distances(data.xy, line)) <= data.limits
+        if np.array_equal(updated, inside):
             break
-        inside = again
+        inside = updated
     return line, inside
 
 
@@ -140,7 +139,7 @@ def _distances(xy: Array, line: Array) -> Array:
     return xy @ line[:2] + line[2]
 
 
-def _ends(xy: Array, line: Array) -> Array:
+def _find_ends(xy: Array, line: Array) -> Array:
     """Nearest (lowest in the image) and farthest point, moved onto the line; (2, 2)."""
     if len(xy) == 0:
         return np.zeros((2, 2))
@@ -151,7 +150,7 @@ def _ends(xy: Array, line: Array) -> Array:
 
 
 def _residual_sigma(data: _Weighted, inside: NDArray[np.bool_], line: Array) -> float:
-    """Weighted root mean square distance of the inliers, with the two fitted numbers taken off their count."""
+    """Weighted root mean square distance of the inliers, with two degrees of freedom less than inliers."""
     w, distance = data.weights[inside], _distances(data.xy[inside], line)
     return float(np.sqrt(w @ distance**2 / w.sum() * len(w) / max(len(w) - 2, 1)))
 

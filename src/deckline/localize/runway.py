@@ -1,4 +1,4 @@
-"""Fitted lines with their noise sensitivities, and what makes two of them a runway: agreement, centre line, ramp."""
+"""Fitted lines with their noise sensitivities; two of them as a runway: consistency, centre line, ramp."""
 
 from dataclasses import dataclass, replace
 
@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 Region = tuple[float, float, float, float]
 MIN_SPACING_M, MAX_SPACING_M = 5.0, 60.0  # of a runway's edge lines
 MAX_ANGLE_RAD = float(np.deg2rad(4.0))  # between the lines, beside twice its own 1-sigma
-MAX_AZIMUTH_SIGMA_RAD = float(np.deg2rad(2.0))  # a line that is less sure of its direction is not a line
-CLEARLY_BETTER = 3.0  # of two contradicting lines, one is kept when its azimuth is this much surer
+MAX_AZIMUTH_SIGMA_RAD = float(np.deg2rad(2.0))  # of a line that is kept
+CLEARLY_BETTER = 3.0  # ratio of azimuth 1-sigmas from which the surer of two contradicting lines is kept
 MAX_END_STEP_M = 10.0  # between the near ends of the lines along the runway, beside three times its 1-sigma
 # Between a line's near end and the edge of the searched part: detectors lose the end of a line that runs out of view.
 MARGIN_STEPS = 2.0  # from point to point
@@ -23,7 +23,7 @@ MARGIN_SHARE = 0.15  # of the line's visible length
 
 @dataclass(frozen=True, eq=False)
 class LineFit:
-    """A fitted line and what each noise source moves it by.
+    """A fitted line and its sensitivity to each noise source.
 
     Columns of the sensitivities are independent sources of 1-sigma each; fits of one frame share them, so their
     joint covariance is known. Rows: offset across the line to its right, m; azimuth, rad; z, m.
@@ -59,15 +59,15 @@ class NearEnds:
 
     along_m: Array  # (2,)
     variance: Array  # (2,) m2, of each alone
-    common_m: Array  # (K,) what common sources of 1-sigma move their mean by
-    reach: float  # distance along the deck per height above it: by how much a height error moves the ends
+    common_m: Array  # (K,) shift of their mean by common sources of 1-sigma
+    distance_per_height: float  # along the deck: shift of the ends per error of the height
 
     @property
-    def apart_m(self) -> float:
+    def separation_m(self) -> float:
         return float(abs(self.along_m[0] - self.along_m[1]))
 
 
-def runway_line(fit: LineFit) -> RunwayLine:
+def to_runway_line(fit: LineFit) -> RunwayLine:
     return RunwayLine(fit.point_m, fit.azimuth_rad, fit.covariance, fit.relative_covariance, fit.errors)
 
 
@@ -79,7 +79,7 @@ def check_pixel_order(lines: dict[str, PixelLine]) -> Notice | None:
     if set(lines) != set(SIDES):
         return None
     row = min(line.ends_px[0, 1] for line in lines.values())
-    u = {side: _u_at(line, row) for side, line in lines.items()}
+    u = {side: _column_at(line, row) for side, line in lines.items()}
     if u["left"] < u["right"]:
         return None
     found = f"u {u['left']:.0f} and {u['right']:.0f} px"
@@ -95,7 +95,7 @@ def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], N
     if not set(SIDES) <= set(fits):
         return fits, ()
     left, right = fits["left"], fits["right"]
-    spacing, spacing_sigma = _spacing(left, right)
+    spacing, spacing_sigma = _measure_spacing(left, right)
     angle = abs(float(wrap_angle(left.azimuth_rad - right.azimuth_rad)))
     sigma = float(np.linalg.norm(left.own[1] - right.own[1]))
     if spacing <= 0:
@@ -122,21 +122,20 @@ def drop_unsure(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Notices]:
     return kept, tuple(Notice(Reason.UNSURE, f"the direction of the {side} line is too uncertain") for side in dropped)
 
 
-def centre_line(left: LineFit, right: LineFit) -> LineFit:
+def average_lines(left: LineFit, right: LineFit) -> LineFit:
     """The line midway: directions and offsets averaged, both lines with equal weight (Li et al. 2024, section 3.2)."""
     difference = float(wrap_angle(right.azimuth_rad - left.azimuth_rad))
     azimuth = float(wrap_angle(left.azimuth_rad + difference / 2))
     direction = np.array([np.cos(azimuth), np.sin(azimuth)])
     middle = (left.point_m + right.point_m) / 2
-    feet, levers = [], []
+    nearest, levers = [], []
     for fit in (left, right):
         along = (middle[:2] - fit.point_m[:2]) @ direction / (fit.direction @ direction)
-        feet.append(fit.point_m[:2] + along * fit.direction)
+        nearest.append(fit.point_m[:2] + along * fit.direction)
         levers.append(along)
-    point = np.array([*(feet[0] + feet[1]) / 2, middle[2]])
-    own, common, relative = (
-        _average(getattr(left, name), getattr(right, name), levers) for name in ("own", "common", "relative")
-    )
+    point = np.array([*(nearest[0] + nearest[1]) / 2, middle[2]])
+    pairs = ((left.own, right.own), (left.common, right.common), (left.relative, right.relative))
+    own, common, relative = (_average_sensitivities(*pair, levers) for pair in pairs)
     return LineFit(point, azimuth, own, common, relative)
 
 
@@ -147,7 +146,7 @@ def shift_line(fit: LineFit, right_m: float, sigma_m: float) -> LineFit:
     return replace(fit, point_m=point, own=np.hstack([fit.own, shift]), errors=None)
 
 
-def near_ends(
+def find_near_ends(
     frame: Frame,
     points: dict[str, LinePoints],
     located: dict[str, DeckPoints],
@@ -162,18 +161,18 @@ def near_ends(
     pose = frame.world_from_camera
     if pose is None:
         return NO_POSE
-    ends, variances, shared, reaches = [], [], [], []
+    ends, variances, shared, ratios = [], [], [], []
     for side in SIDES:
         line = located[side]
         along_m = (line.points_m[:, :2] - centre.point_m[:2]) @ centre.direction
         nearest, farthest = int(np.argmin(along_m)), int(np.argmax(along_m))
-        seen = points[side].points_px[line.index]
-        nearer = seen[nearest] - seen[farthest]
-        step = _step(seen, nearer)
+        pixels = points[side].points_px[line.index]
+        nearer = pixels[nearest] - pixels[farthest]
+        step = _point_step(pixels, nearer)
         margin = max(MARGIN_STEPS * step, MARGIN_SHARE * nearer, key=np.linalg.norm)
-        if not _inside(seen[nearest] + margin, frame, region_px):
+        if not _is_inside(pixels[nearest] + margin, frame, region_px):
             return Notice(Reason.NO_RAMP, f"no ramp: the near end of the {side} line is not in view")
-        rays = pose.rotation.apply(frame.camera.rays(np.stack([seen[nearest], seen[nearest] + step])))
+        rays = pose.rotation.apply(frame.camera.rays(np.stack([pixels[nearest], pixels[nearest] + step])))
         ground = intersect_plane(pose.translation, rays, float(line.points_m[nearest, 2]))
         gap = float(abs((ground[0, :2] - ground[1, :2]) @ centre.direction))
         if not np.isfinite(gap):
@@ -181,9 +180,9 @@ def near_ends(
         ends.append(float(along_m[nearest]) - gap / 2)
         variances.append(gap**2 + float((line.depth_m[nearest, :2] @ centre.direction) ** 2))
         shared.append(line.common_m[:, nearest, :2] @ centre.direction)
-        way = line.points_m[nearest] - pose.translation
-        reaches.append(float(way[:2] @ centre.direction / way[2]))
-    return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2, float(np.mean(reaches)))
+        offset = line.points_m[nearest] - pose.translation
+        ratios.append(float(offset[:2] @ centre.direction / offset[2]))
+    return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2, float(np.mean(ratios)))
 
 
 def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Notice | None:
@@ -192,25 +191,25 @@ def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Notice | N
     On a deck that rolls one line lies higher than assumed; the tolerance includes the fits' height difference.
     """
     higher = np.concatenate([left.own[2] - right.own[2], left.relative[2] - right.relative[2]])
-    variance = ends.variance.sum() + ends.reach**2 * (higher @ higher)
-    if ends.apart_m <= MAX_END_STEP_M + 3 * np.sqrt(variance):
+    variance = ends.variance.sum() + ends.distance_per_height**2 * (higher @ higher)
+    if ends.separation_m <= MAX_END_STEP_M + 3 * np.sqrt(variance):
         return None
-    return Notice(Reason.LINE_ENDS, f"the lines begin {ends.apart_m:.0f} m apart along the runway")
+    return Notice(Reason.LINE_ENDS, f"the lines begin {ends.separation_m:.0f} m apart along the runway")
 
 
-def ramp(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:
+def locate_ramp(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:
     """Where the centre line begins, (3,) world, and its 1-sigma along the deck."""
-    variance = ends.variance.sum() / 4 + (ends.apart_m / 2) ** 2 + ends.common_m @ ends.common_m
+    variance = ends.variance.sum() / 4 + (ends.separation_m / 2) ** 2 + ends.common_m @ ends.common_m
     point = centre.point_m + ends.along_m.mean() * np.array([*centre.direction, 0.0])
     return point, float(np.sqrt(variance))
 
 
-def _u_at(line: PixelLine, row: float) -> float:
+def _column_at(line: PixelLine, row: float) -> float:
     (u0, v0), (u1, v1) = line.ends_px
     return float(u0 + (row - v0) * (u1 - u0) / (v1 - v0)) if abs(v1 - v0) > 1e-9 else float(min(u0, u1))
 
 
-def _spacing(left: LineFit, right: LineFit) -> tuple[float, float]:
+def _measure_spacing(left: LineFit, right: LineFit) -> tuple[float, float]:
     """Distance from the left to the right line, positive to the right, across their mean direction, and 1-sigma, m."""
     across = left.right + right.right
     across /= np.linalg.norm(across)
@@ -224,19 +223,19 @@ def _spacing(left: LineFit, right: LineFit) -> tuple[float, float]:
     return float(offsets[1] - offsets[0]), float(np.linalg.norm(sensitivities[1] - sensitivities[0]))
 
 
-def _average(left: Array, right: Array, levers: list[float]) -> Array:
+def _average_sensitivities(left: Array, right: Array, levers: list[float]) -> Array:
     offset = (left[0] + levers[0] * left[1] + right[0] + levers[1] * right[1]) / 2
     return np.stack([offset, (left[1] + right[1]) / 2, (left[2] + right[2]) / 2])
 
 
-def _step(seen_px: Array, nearer_px: Array) -> Array:
-    """From one point (N, 2) to the next one nearer to the aircraft, typically, (2,) px; `nearer_px` points there."""
+def _point_step(points_px: Array, nearer_px: Array) -> Array:
+    """Median step (2,) px from one point (N, 2) to the next nearer one, in the direction of `nearer_px`."""
     towards = nearer_px / max(float(np.linalg.norm(nearer_px)), 1e-9)
-    steps = np.diff(np.unique(seen_px @ towards))
+    steps = np.diff(np.unique(points_px @ towards))
     return towards * (float(np.median(steps)) if len(steps) else 1.0)
 
 
-def _inside(pixel: Array, frame: Frame, region_px: Region | None) -> bool:
+def _is_inside(pixel: Array, frame: Frame, region_px: Region | None) -> bool:
     u0, v0, u1, v1 = region_px or (0.0, 0.0, frame.camera.width - 1.0, frame.camera.height - 1.0)
     return bool(
         max(u0, 0) <= pixel[0] <= min(u1, frame.camera.width - 1)

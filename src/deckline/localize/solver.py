@@ -1,8 +1,8 @@
 """The joint fit: lines, deck height and the errors of camera and attitude, estimated together in the image.
 
-Robust Gauss-Newton on residuals in units of their noise, in pixels for points and in log depth for the depth camera,
-with priors of the deck, the pose and the calibration. The last step gives the sensitivity of the estimate to every
-source of noise, and with it the covariance.
+Robust Gauss-Newton on normalised residuals: pixels of points and logarithms of depth, with priors of the deck, the
+pose and the calibration. The last step gives the sensitivity of the estimate to every noise source, and from these
+its covariance.
 """
 
 from collections.abc import Callable
@@ -17,10 +17,10 @@ from deckline.localize.model import (
     DeckPlane,
     State,
     Terms,
-    deck_terms,
-    height_term,
-    measurement_terms,
-    nuisance_terms,
+    linearize_deck_prior,
+    linearize_height_prior,
+    linearize_measurements,
+    linearize_nuisance_prior,
 )
 from deckline.localize.noise import CORRELATION, CORRELATION_SIGMA, noise_inflation
 from deckline.localize.observations import Observations
@@ -28,39 +28,39 @@ from deckline.localize.observations import Observations
 Array = NDArray[np.float64]
 STEPS = 12  # Gauss-Newton; three or four are enough unless the reported height is far off
 CONVERGED = 1e-2  # 1-sigma; a smaller step ends the iteration
-HUBER = 2.5  # residuals beyond so many 1-sigma count by their size, not its square: 99 % efficient without outliers
-CUTOFF = 5.0  # residuals beyond so many are outliers and do not count
+HUBER = 2.5  # 1-sigma; cost of larger residuals grows linearly: 99 % efficient without outliers
+CUTOFF = 5.0  # 1-sigma; larger residuals are outliers of weight 0
 MIN_COMMON_DIRECTION = 1e-6  # length of the lines' summed directions that still has a direction
 MEDIAN_TO_SIGMA = 1.4826  # of a normal distribution's sizes
 DEPTH = "depth"  # beside the lines' names
-DAMPING = 10.0  # of a step that made things worse
+DAMPING = 10.0  # factor on the damping after a step that raises the cost
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A state with what follows from it."""
+    """A state and the residuals there."""
 
     state: State
-    measured: Terms
-    known: Terms
+    measurement: Terms
+    prior: Terms
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A state and how it follows the measurements: columns of `gain` are 1-sigma of one source each."""
+    """The estimated state and its sensitivities: each column is the change by one source of 1-sigma."""
 
     names: tuple[str, ...]
     state: State
     deck: DeckPlane
-    points: Array  # (P, M) by the points' noise and by the prior of the lines' geometry
-    height: Array  # (P,) by the error of the reported deck height less that of the aircraft; 0 without
-    nuisances: Array  # (P, 6)
-    height_score: float  # innovation of the reported deck height against all else, 1-sigma
+    points: Array  # (P, M) to the points' noise and the prior of the lines' geometry
+    height: Array  # (P,) to the error of the reported deck height less the aircraft's own; 0 without a report
+    nuisances: Array  # (P, 6) to the nuisances
+    height_score: float  # normalised innovation of the reported deck height
     inflation: dict[str, float]  # noise inflation of each line's points, and DEPTH of all depths
 
 
 def solve(
-    view: Observations,
+    observations: Observations,
     start: State,
     noise: FrameNoise,
     deck: Deck,
@@ -70,36 +70,37 @@ def solve(
     """The most probable state.
 
     Args:
-        view: the lines' points.
+        observations: the lines' points.
         start: of the iteration.
         noise: 1-sigma of pose, calibration and depth.
         deck: prior of the lines' geometry.
-        deck_z_m: the deck height that is reported; None: not to be used.
-        inflation: of an earlier solution; the prior of the lines' geometry is then used as well. None: it is measured
-            by a fit that does not use that prior.
+        deck_z_m: the reported deck height; None: it is not used.
+        inflation: of an earlier solution; the prior of the lines' geometry is then used too. None: a fit without
+            that prior measures it.
     """
-    plane = _deck_plane(view, start, noise)
-    blocks = _blocks(view)
+    plane = _deck_plane(observations, start, noise)
+    blocks = _number_blocks(observations)
 
     def terms(state: State) -> tuple[Terms, Terms]:
-        measured = _stack(*measurement_terms(view, state, plane, noise))
-        geometry = _no_terms(state) if inflation is None else deck_terms(view.names, state, deck)
-        return measured, _stack(geometry, height_term(state, deck_z_m, noise), nuisance_terms(state))
+        measurement = _concatenate(*linearize_measurements(observations, state, plane, noise))
+        geometry = _no_terms(state) if inflation is None else linearize_deck_prior(observations.names, state, deck)
+        height = linearize_height_prior(state, deck_z_m, noise)
+        return measurement, _concatenate(geometry, height, linearize_nuisance_prior(state))
 
-    keys = (*view.names, DEPTH)
+    keys = (*observations.names, DEPTH)
     if inflation is None:
         scale = np.ones(len(keys))
         fit = _minimise(terms, start, blocks, scale)
-        scale = _measure_inflation(fit.measured, blocks, view)
+        scale = _measure_inflation(fit.measurement, blocks, observations)
         fit = _minimise(terms, fit.state, blocks, scale) if (scale > 1.0).any() else fit
     else:
         scale = np.array([inflation[key] for key in keys])
         fit = _minimise(terms, start, blocks, scale)
-    found = dict(zip(keys, scale.tolist(), strict=True))
-    return _solution(found, fit, plane, blocks, scale, deck_z_m is not None)
+    factors = dict(zip(keys, scale.tolist(), strict=True))
+    return _solution(factors, fit, plane, blocks, scale, deck_z_m is not None)
 
 
-def _deck_plane(view: Observations, start: State, noise: FrameNoise) -> DeckPlane:
+def _deck_plane(observations: Observations, start: State, noise: FrameNoise) -> DeckPlane:
     along = np.array([np.cos(start.azimuths_rad).sum(), np.sin(start.azimuths_rad).sum()])
     length = float(np.linalg.norm(along))
     if length < MIN_COMMON_DIRECTION:  # lines in opposite directions
@@ -108,41 +109,41 @@ def _deck_plane(view: Observations, start: State, noise: FrameNoise) -> DeckPlan
     return DeckPlane(start.points_m.mean(axis=0), np.stack([forward, right]), np.full(2, noise.slope_rad))
 
 
-def _blocks(view: Observations) -> NDArray[np.int64]:
+def _number_blocks(observations: Observations) -> NDArray[np.int64]:
     """Block number (N + D,) of each measurement: one per line for its pixels and one for all depths."""
-    depths = int(np.isfinite(view.log_depth).sum())
-    return np.concatenate([view.line, np.full(depths, len(view.names), dtype=np.int64)])
+    depths = int(np.isfinite(observations.log_depth).sum())
+    return np.concatenate([observations.line, np.full(depths, len(observations.names), dtype=np.int64)])
 
 
 def _minimise(
     terms: Callable[[State], tuple[Terms, Terms]], start: State, blocks: NDArray[np.int64], scale: Array
 ) -> _Fit:
     state, damping = start, 0.0
-    measured, known = terms(state)
+    measurement, prior = terms(state)
     for _ in range(STEPS):
-        weights = _weights(measured.residuals, blocks) / scale[blocks] ** 2
-        cost = _cost(measured, known, weights)
-        normal = _normal(measured, known, weights)
-        right = measured.jacobian.T @ (weights * measured.residuals) + known.jacobian.T @ known.residuals
+        weights = _weights(measurement.residuals, blocks) / scale[blocks] ** 2
+        cost = _cost(measurement, prior, weights)
+        normal = _normal(measurement, prior, weights)
+        gradient = measurement.jacobian.T @ (weights * measurement.residuals) + prior.jacobian.T @ prior.residuals
         damped = normal + damping * np.diag(np.diag(normal))
-        step: Array = np.asarray(np.linalg.solve(damped, right), dtype=np.float64)
+        step: Array = np.asarray(np.linalg.solve(damped, gradient), dtype=np.float64)
         trial = state.step(step)
-        after = terms(trial)
-        if _cost(*after, weights) > cost * (1 + 1e-9) + 1e-9:
+        trial_terms = terms(trial)
+        if _cost(*trial_terms, weights) > cost * (1 + 1e-9) + 1e-9:
             damping = max(damping, 1e-4) * DAMPING
             continue
-        state, (measured, known), damping = trial, after, damping / DAMPING
+        state, (measurement, prior), damping = trial, trial_terms, damping / DAMPING
         if float(step @ normal @ step) < CONVERGED**2:
             break
-    return _Fit(state, measured, known)
+    return _Fit(state, measurement, prior)
 
 
-def _cost(measured: Terms, known: Terms, weights: Array) -> float:
-    return float(weights @ measured.residuals**2 + known.residuals @ known.residuals)
+def _cost(measurement: Terms, prior: Terms, weights: Array) -> float:
+    return float(weights @ measurement.residuals**2 + prior.residuals @ prior.residuals)
 
 
-def _normal(measured: Terms, known: Terms, weights: Array) -> Array:
-    return (measured.jacobian.T * weights) @ measured.jacobian + known.jacobian.T @ known.jacobian
+def _normal(measurement: Terms, prior: Terms, weights: Array) -> Array:
+    return (measurement.jacobian.T * weights) @ measurement.jacobian + prior.jacobian.T @ prior.jacobian
 
 
 def _weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
@@ -150,46 +151,46 @@ def _weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
     size = np.abs(residuals)
     deviation = np.ones(int(blocks.max()) + 1)
     for block in range(len(deviation)):
-        mine = np.sort(size[blocks == block])
-        if len(mine):
-            deviation[block] = max(1.0, MEDIAN_TO_SIGMA * float(mine[len(mine) // 2]))
+        members = np.sort(size[blocks == block])
+        if len(members):
+            deviation[block] = max(1.0, MEDIAN_TO_SIGMA * float(members[len(members) // 2]))
     size = size / deviation[blocks]
     return np.where(size > CUTOFF, 0.0, np.minimum(1.0, HUBER / np.maximum(size, HUBER)))
 
 
-def _measure_inflation(measured: Terms, blocks: NDArray[np.int64], view: Observations) -> Array:
+def _measure_inflation(measurement: Terms, blocks: NDArray[np.int64], observations: Observations) -> Array:
     """Noise inflation of each block, (L + 1,)."""
-    weights = _weights(measured.residuals, blocks)
-    nearness = view.world_rays[:, 2]
-    along = np.concatenate([nearness, nearness[np.isfinite(view.log_depth)]])
+    weights = _weights(measurement.residuals, blocks)
+    nearness = observations.world_rays[:, 2]
+    along = np.concatenate([nearness, nearness[np.isfinite(observations.log_depth)]])
     parts = []
-    for block in range(len(view.names) + 1):
-        mine = np.flatnonzero((blocks == block) & (weights > 0))
-        mine = mine[np.argsort(along[mine])]
-        parts.append(np.sqrt(weights[mine]) * measured.residuals[mine])
+    for block in range(len(observations.names) + 1):
+        members = np.flatnonzero((blocks == block) & (weights > 0))
+        members = members[np.argsort(along[members])]
+        parts.append(np.sqrt(weights[members]) * measurement.residuals[members])
     pixels = noise_inflation(parts[:-1], CORRELATION, CORRELATION_SIGMA)
     return np.concatenate([pixels, noise_inflation(parts[-1:], 0.0, CORRELATION_SIGMA)])
 
 
 def _solution(
-    inflation: dict[str, float], fit: _Fit, plane: DeckPlane, blocks: NDArray[np.int64], scale: Array, reported: bool
+    inflation: dict[str, float], fit: _Fit, plane: DeckPlane, blocks: NDArray[np.int64], scale: Array, has_height: bool
 ) -> Solution:
-    measured, known = fit.measured, fit.known
-    weights = _weights(measured.residuals, blocks) / scale[blocks] ** 2
-    inverse = np.linalg.inv(_normal(measured, known, weights))
-    by_points = inverse @ measured.jacobian.T * (weights * scale[blocks])
-    by_known = inverse @ known.jacobian.T
-    geometry = by_known[:, : -NUISANCES - 1 if reported else -NUISANCES]
+    measurement, prior = fit.measurement, fit.prior
+    weights = _weights(measurement.residuals, blocks) / scale[blocks] ** 2
+    inverse = np.linalg.inv(_normal(measurement, prior, weights))
+    by_points = inverse @ measurement.jacobian.T * (weights * scale[blocks])
+    by_prior = inverse @ prior.jacobian.T
+    geometry = by_prior[:, : -NUISANCES - 1 if has_height else -NUISANCES]
     height, score = np.zeros(len(inverse)), 0.0
-    if reported:
-        height, row = by_known[:, -NUISANCES - 1], known.jacobian[-NUISANCES - 1]
-        score = float(known.residuals[-NUISANCES - 1] / np.sqrt(max(1 - row @ height, 1e-12)))
+    if has_height:
+        height, row = by_prior[:, -NUISANCES - 1], prior.jacobian[-NUISANCES - 1]
+        score = float(prior.residuals[-NUISANCES - 1] / np.sqrt(max(1 - row @ height, 1e-12)))
     points = np.hstack([by_points, geometry])
-    nuisances = by_known[:, -NUISANCES:]
+    nuisances = by_prior[:, -NUISANCES:]
     return Solution(tuple(inflation)[:-1], fit.state, plane, points, height, nuisances, score, inflation)
 
 
-def _stack(*terms: Terms) -> Terms:
+def _concatenate(*terms: Terms) -> Terms:
     return Terms(np.concatenate([t.residuals for t in terms]), np.vstack([t.jacobian for t in terms]))
 
 

@@ -18,6 +18,8 @@ from deckline.types import DepthMode, Detection, Frame, Notice, PixelLine, Reaso
 
 Array = NDArray[np.float64]
 MIN_SIGMA_M = 1e-6  # keeps residuals of noiseless points finite
+EPOCHS = 400  # passes of the descent over the points
+LEARNING_RATE = 0.5  # eta of the first pass, per mean weight, on points scaled to unit size; falls as 1 / epoch
 
 
 def localize_by_descent(
@@ -36,20 +38,14 @@ def place_alone(
     rng: np.random.Generator,
 ) -> PlacedLines:
     """Each inlier into the world, then each line alone through its points."""
-    located = {
-        side: locate_inliers(frame, getattr(detection, side), line, mode, config.noise)
-        for side, line in pixel_lines.items()
-    }
-    pose = frame.world_from_camera
-    fits = {} if pose is None else fit_alone(located, pose.translation, rng)
-    missing = tuple(
-        Notice(Reason.NO_POINTS, f"the {side} line has too few points on the deck")
-        for side in pixel_lines
-        if side not in fits
-    )
+    noise, pose = config.noise, frame.world_from_camera
+    points = {s: locate_inliers(frame, getattr(detection, s), line, mode, noise) for s, line in pixel_lines.items()}
+    fits = {} if pose is None else fit_alone(points, pose.translation, rng)
+    others = (side for side in pixel_lines if side not in fits)
+    missing = (Notice(Reason.NO_POINTS, f"the {side} line has too few points on the deck") for side in others)
     sure, unsure = drop_unsure(fits)
     kept, contradictions = drop_contradictions(sure)
-    return PlacedLines(kept, located, (*missing, *unsure, *contradictions))
+    return PlacedLines(kept, points, (*missing, *unsure, *contradictions))
 
 
 def fit_alone(points: dict[str, DeckPoints], camera_m: Array, rng: np.random.Generator) -> dict[str, LineFit]:
@@ -73,24 +69,16 @@ def fit_alone(points: dict[str, DeckPoints], camera_m: Array, rng: np.random.Gen
     return fits
 
 
-def fit_sgd(
-    points_m: Array,
-    rng: np.random.Generator,
-    weights: Array | None = None,
-    epochs: int = 400,
-    learning_rate: float = 0.5,
-) -> Array:
+def fit_sgd(points_m: Array, rng: np.random.Generator, weights: Array | None = None) -> Array:
     """The paper's fit: w <- w - eta dL/dw on the squared distance, one point at a time; (w0, w1, w2, w3).
 
-    w1^2 + w2^2 = 1 is restored after every step. Points are centred and scaled first, and eta falls as 1 / epoch,
-    without which the steps never settle.
+    Every step ends with w1^2 + w2^2 = 1. Points are centred and scaled first. Eta falls as 1 / epoch, else the steps
+    never converge.
 
     Args:
         points_m: (N, 3) world points, metres.
         rng: order of the points.
         weights: (N,) weight of each squared distance; all equal by default.
-        epochs: passes over the points.
-        learning_rate: eta of the first pass, per mean weight, on points scaled to unit size.
 
     Raises:
         ValueError: fewer than two points.
@@ -107,8 +95,8 @@ def fit_sgd(
     length = math.hypot(*along)
     constant, across, down = 0.0, -float(along[1]) / length, float(along[0]) / length
     points, shares = scaled.tolist(), (w / w.max()).tolist()  # plain numbers: a tenth of the time of arrays of three
-    for epoch in range(epochs):
-        rate = learning_rate / (1.0 + epoch)
+    for epoch in range(EPOCHS):
+        rate = LEARNING_RATE / (1.0 + epoch)
         for i in rng.permutation(len(points)).tolist():
             x, y = points[i]
             step = rate * shares[i] * (constant + across * x + down * y)
