@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import Deck, FrameNoise, RunConfig
+from deckline.config import Deck, FrameNoise, Mode, RunConfig
 from deckline.geometry import wrap_angle
 from deckline.localize.model import (
     CENTRE_SIGMA_M,
@@ -51,11 +51,9 @@ def fit_jointly(
     Returns:
         The fits that agree with each other, and why others are missing.
     """
-    noise, requested = _apply_floor(config.noise), config.localization.mode
-    observations, notices = observe(frame, points, pixel_lines, requested)
-    deck_z_m = None if requested == "fine" else frame.deck_z_m
-    observations, start, missing = _initialize(frame, observations, pixel_lines, deck_z_m, requested == "fine")
-    notices += missing
+    noise = _apply_floor(config.noise)
+    deck_z_m = None if config.localization.mode == "fine" else frame.deck_z_m
+    observations, start, notices = _initialize(frame, points, pixel_lines, deck_z_m, config.localization.mode)
     if start is None:
         return {}, notices
     free = solve(observations, start, noise, config.frame_deck, deck_z_m)
@@ -181,14 +179,19 @@ def _rigid_columns(offset_m: Array, azimuth_rad: float, noise: FrameNoise) -> Ar
 
 
 def _initialize(
-    frame: Frame, observations: Observations, pixel_lines: dict[str, PixelLine], deck_z_m: float | None, fine: bool
+    frame: Frame,
+    points: dict[str, LinePoints],
+    pixel_lines: dict[str, PixelLine],
+    deck_z_m: float | None,
+    mode: Mode,
 ) -> tuple[Observations, State | None, Notices]:
     """Observations of the lines whose image meets the deck, the initial state, and why others have none."""
+    observations, notices = observe(frame, points, pixel_lines, mode)
     if not observations.names:
-        return observations, None, ()
-    z_m = initial_height(observations, deck_z_m, fine)
+        return observations, None, notices
+    z_m = initial_height(observations, deck_z_m, mode == "fine")
     if z_m is None:
-        return observations, None, (Notice(Reason.ABOVE_CAMERA, "the deck is not below the camera"),)
+        return observations, None, (*notices, Notice(Reason.ABOVE_CAMERA, "the deck is not below the camera"))
     found = {}
     for number, name in enumerate(observations.names):
         # The plane through the camera and an image line l has the normal K^T l in the optical frame.
@@ -197,12 +200,12 @@ def _initialize(
         if line is not None:
             found[name] = line
     others = [name for name in observations.names if name not in found]
-    notices = tuple(Notice(Reason.HORIZON, f"the {name} line lies along the horizon") for name in others)
+    notices += tuple(Notice(Reason.HORIZON, f"the {name} line lies along the horizon") for name in others)
     if not found:
         return observations, None, notices
-    points = np.stack([point[:2] for point, _ in found.values()])
+    points_m = np.stack([point[:2] for point, _ in found.values()])
     azimuths = np.array([azimuth for _, azimuth in found.values()])
-    return observations.select(tuple(found)), State(points, azimuths, z_m, np.zeros(NUISANCES)), notices
+    return observations.select(tuple(found)), State(points_m, azimuths, z_m, np.zeros(NUISANCES)), notices
 
 
 def _is_between(fits: dict[str, LineFit], deck: Deck) -> bool:

@@ -1,0 +1,115 @@
+"""An exact runway seen by an exact camera, and the noise to put on it."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from deckline.geometry import Camera, attitude, camera_mount, intersect_plane, wrap_angle
+from deckline.config import FrameNoise
+from deckline.types import Detection, Frame, LinePoints, RunwayLine, Segment
+
+DECK_Z_M = 6.08
+CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
+LENS = replace(CAMERA, distortion=(-0.28, 0.08, 0.001, -0.0005, -0.01))
+
+
+def segment(slope: float, constant: float) -> Segment:
+    """A line of the paper's Table 6, slope x + y + constant = 0, 220 m long and run towards -x."""
+    ends = [[x, -constant - slope * x, DECK_Z_M] for x in (0.0, -217.0)]
+    return Segment(np.array(ends[0]), np.array(ends[1]))
+
+
+LEFT, RIGHT = segment(0.16300, -35.788523), segment(0.15632, -20.889669)
+PARALLEL_RIGHT = segment(0.16300, -20.889669)
+PARALLEL_CENTRE = Segment((LEFT.p0_m + PARALLEL_RIGHT.p0_m) / 2, (LEFT.p1_m + PARALLEL_RIGHT.p1_m) / 2)
+
+
+def azimuth(line: Segment) -> float:
+    along = line.p1_m - line.p0_m
+    return float(np.arctan2(along[1], along[0]))
+
+
+def approach(range_m, height_m, lateral_m=3.0, roll=0.02, pitch=-0.05, yaw=0.03, camera=CAMERA, right=RIGHT) -> Frame:
+    """A frame without depth, `range` before the ramp."""
+    ramp = (LEFT.p0_m + right.p0_m) / 2
+    heading = (azimuth(LEFT) + azimuth(right)) / 2
+    along = np.array([np.cos(heading), np.sin(heading), 0.0])
+    across = np.array([-along[1], along[0], 0.0])
+    position = ramp - range_m * along + lateral_m * across - [0.0, 0.0, height_m]
+    return Frame(
+        "exact.png",
+        1.5,
+        np.zeros((camera.height, camera.width, 3), dtype=np.uint8),
+        camera,
+        camera_mount([0.4, 0.1, 0.2], Rotation.from_euler("y", -0.1)),
+        world_from_body=RigidTransform.from_components(position, attitude(roll, pitch, heading + yaw)),
+        deck_z_m=DECK_Z_M,
+    )
+
+
+def with_depth(frame: Frame, range_m: float = 400.0) -> Frame:
+    """The frame with the exact depth of the deck plane, NaN farther than `range`."""
+    v, u = np.mgrid[0 : frame.camera.height, 0 : frame.camera.width]
+    rays = frame.camera.rays(np.column_stack([u.ravel(), v.ravel()]).astype(float))
+    pose = frame.world_from_camera
+    hits = intersect_plane(pose.translation, pose.rotation.apply(rays), DECK_Z_M)
+    depth = pose.inv().apply(hits)[:, 2].reshape(v.shape)
+    return replace(frame, depth_m=np.where(depth < range_m, depth, np.nan).astype(np.float32))
+
+
+def line_points(frame: Frame, line: Segment, count: int = 40, sigma_px: float = 0.5) -> LinePoints:
+    """Exact points of a line, about evenly spaced in the image's rows, those inside the image."""
+    pose = frame.world_from_camera
+    near = line.p0_m + np.linspace(0, 1, 4000)[:, None] * (line.p1_m - line.p0_m)
+    pixels = frame.camera.project(pose.inv().apply(near))
+    inside = np.all((pixels >= 1) & (pixels <= [frame.camera.width - 2, frame.camera.height - 2]), axis=1)
+    near, pixels = near[inside], pixels[inside]
+    rows = np.linspace(pixels[0, 1], pixels[-1, 1], count)
+    chosen = pixels[np.searchsorted(-pixels[:, 1], -rows).clip(0, len(pixels) - 1)]
+    return LinePoints(chosen, np.full(count, 0.9), np.full(count, sigma_px))
+
+
+def detection(frame: Frame, right: Segment = RIGHT, count: int = 40, sigma_px: float = 0.5) -> Detection:
+    return Detection(line_points(frame, LEFT, count, sigma_px), line_points(frame, right, count, sigma_px))
+
+
+def noisy(frame: Frame, exact: Detection, noise: FrameNoise, rng: np.random.Generator) -> tuple[Frame, Detection]:
+    """The same scene as an imperfect aircraft measures it: every error of `noise`, and the detector's in u."""
+    pose = frame.world_from_body
+    turn = Rotation.from_rotvec(rng.normal(0, noise.attitude_rad, 3))
+    measured_pose = RigidTransform.from_components(
+        pose.translation + rng.normal(0, noise.position_m, 3), turn * pose.rotation
+    )
+    scale = np.float32(1 + rng.normal(0, noise.depth_scale))
+    lines, depth = [], None if frame.depth_m is None else frame.depth_m * scale
+    for points in (exact.left, exact.right):
+        shift = np.column_stack([rng.normal(0, points.sigma_px), np.zeros(len(points))])
+        lines.append(LinePoints(points.points_px + shift, points.confidence, points.sigma_px))
+        if depth is not None:
+            for u, v in np.rint(lines[-1].points_px).astype(int):
+                depth[v - 1 : v + 2, u - 1 : u + 2] *= 1 + rng.normal(0, noise.depth_fraction)
+    deck = DECK_Z_M + rng.normal(0, noise.deck_z_m)
+    zoom = 1 + rng.normal(0, noise.focal_fraction)
+    camera = replace(frame.camera, fx=frame.camera.fx * zoom, fy=frame.camera.fy * zoom)
+    measured = replace(frame, world_from_body=measured_pose, depth_m=depth, deck_z_m=deck, camera=camera)
+    return measured, Detection(*lines)
+
+
+def carried_back(line: RunwayLine, measured: Frame, true: Frame) -> tuple[np.ndarray, float]:
+    """Point (3,) and azimuth of a line after the aircraft's own wrong position and heading are taken out."""
+    turn = (measured.world_from_body.rotation * true.world_from_body.rotation.inv()).as_rotvec()[2]
+    way = line.point_m - measured.world_from_body.translation
+    back = Rotation.from_euler("z", -turn).apply(way)
+    return true.world_from_body.translation + back, line.azimuth_rad - turn
+
+
+def beside(point_m: np.ndarray, azimuth_rad: float, covariance: np.ndarray, truth: Segment, at_m: np.ndarray) -> tuple:
+    """Error (3,) of offset, azimuth and z of a line where it passes beside a point, and its covariance there."""
+    angle = azimuth(truth)
+    along, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+    turn = float(wrap_angle(azimuth_rad - angle))
+    lever = float((at_m - point_m) @ along)
+    off = float((point_m - truth.p0_m) @ right) + lever * np.tan(turn)
+    moved = np.array([[1.0, lever, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    return np.array([off, turn, point_m[2] - truth.p0_m[2]]), moved @ covariance @ moved.T
