@@ -1,13 +1,14 @@
-"""An exact runway seen by an exact camera, and the noise to put on it."""
+"""An exact runway seen by an exact camera, noise for its measurements, and configurations of a still deck."""
 
 from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.geometry import Camera, attitude, camera_mount, intersect_plane, wrap_angle
-from deckline.config import FrameNoise
-from deckline.types import Detection, Frame, LinePoints, RunwayLine, Segment
+from deckline.config import Deck, FrameNoise, Localization, Mode, RunConfig, Sensors, Tracking
+from deckline.geometry import Camera, attitude, camera_mount, wrap_angle
+from deckline.localize import localize
+from deckline.types import Detection, Frame, LinePoints, RunwayEstimate, RunwayLine, Segment
 
 DECK_Z_M = 6.08
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
@@ -23,6 +24,24 @@ def segment(slope: float, constant: float) -> Segment:
 LEFT, RIGHT = segment(0.16300, -35.788523), segment(0.15632, -20.889669)
 PARALLEL_RIGHT = segment(0.16300, -20.889669)
 PARALLEL_CENTRE = Segment((LEFT.p0_m + PARALLEL_RIGHT.p0_m) / 2, (LEFT.p1_m + PARALLEL_RIGHT.p1_m) / 2)
+
+
+def still_deck(mode: Mode = "auto", sensors: Sensors | None = None, **deck: float) -> RunConfig:
+    """A level deck at rest. Without tracking: one frame's fit may use a width."""
+    settings = Deck(**{"sea_state": 0.0, "slope_deg": 0.0, **deck})
+    return RunConfig(sensors or Sensors(), settings, localization=Localization(mode), tracking=Tracking(enabled=False))
+
+
+STILL = still_deck()
+NOISE = STILL.noise
+ANY_ANGLE, PARALLEL = {"angle_sigma_deg": 1e6}, {"angle_sigma_deg": 1e-9}
+
+
+def locate(
+    frame: Frame, found: Detection, config: RunConfig = STILL, rng: np.random.Generator | None = None
+) -> RunwayEstimate:
+    """`localize` with seed 0."""
+    return localize(frame, found, config, rng or np.random.default_rng(0))
 
 
 def azimuth(line: Segment) -> float:
@@ -48,14 +67,20 @@ def approach(range_m, height_m, lateral_m=3.0, roll=0.02, pitch=-0.05, yaw=0.03,
     )
 
 
-def with_depth(frame: Frame, range_m: float = 400.0) -> Frame:
-    """The frame with the exact depth of the deck plane, NaN farther than `range`."""
+def depth_of_plane(frame: Frame, point_m: np.ndarray, gradient: np.ndarray, range_m: float) -> np.ndarray:
+    """Exact depth (H, W) of a plane through a point, whose z grows by `gradient` (3,), NaN farther than `range_m`."""
     v, u = np.mgrid[0 : frame.camera.height, 0 : frame.camera.width]
-    rays = frame.camera.rays(np.column_stack([u.ravel(), v.ravel()]).astype(float))
     pose = frame.world_from_camera
-    hits = intersect_plane(pose.translation, pose.rotation.apply(rays), DECK_Z_M)
-    depth = pose.inv().apply(hits)[:, 2].reshape(v.shape)
-    return replace(frame, depth_m=np.where(depth < range_m, depth, np.nan).astype(np.float32))
+    rays = pose.rotation.apply(frame.camera.rays(np.column_stack([u.ravel(), v.ravel()]).astype(float)))
+    normal = np.array([0.0, 0.0, 1.0]) - gradient
+    with np.errstate(divide="ignore"):
+        depth = ((point_m - pose.translation) @ normal / (rays @ normal)).reshape(v.shape)
+    return np.where((depth > 0) & (depth < range_m), depth, np.nan).astype(np.float32)
+
+
+def with_depth(frame: Frame, range_m: float = 400.0) -> Frame:
+    """The frame with the exact depth of the level deck."""
+    return replace(frame, depth_m=depth_of_plane(frame, np.array([0.0, 0.0, DECK_Z_M]), np.zeros(3), range_m))
 
 
 def line_points(frame: Frame, line: Segment, count: int = 40, sigma_px: float = 0.5) -> LinePoints:
@@ -74,7 +99,13 @@ def detection(frame: Frame, right: Segment = RIGHT, count: int = 40, sigma_px: f
     return Detection(line_points(frame, LEFT, count, sigma_px), line_points(frame, right, count, sigma_px))
 
 
-def noisy(frame: Frame, exact: Detection, noise: FrameNoise, rng: np.random.Generator) -> tuple[Frame, Detection]:
+def shift_points(points: LinePoints, rng: np.random.Generator) -> LinePoints:
+    """Points whose u errs by their sigma."""
+    shift = np.column_stack([rng.normal(0, points.sigma_px), np.zeros(len(points))])
+    return replace(points, points_px=points.points_px + shift)
+
+
+def add_noise(frame: Frame, exact: Detection, noise: FrameNoise, rng: np.random.Generator) -> tuple[Frame, Detection]:
     """The same scene as an imperfect aircraft measures it: every error of `noise`, and the detector's in u."""
     pose = frame.world_from_body
     turn = Rotation.from_rotvec(rng.normal(0, noise.attitude_rad, 3))
@@ -84,8 +115,7 @@ def noisy(frame: Frame, exact: Detection, noise: FrameNoise, rng: np.random.Gene
     scale = np.float32(1 + rng.normal(0, noise.depth_scale))
     lines, depth = [], None if frame.depth_m is None else frame.depth_m * scale
     for points in (exact.left, exact.right):
-        shift = np.column_stack([rng.normal(0, points.sigma_px), np.zeros(len(points))])
-        lines.append(LinePoints(points.points_px + shift, points.confidence, points.sigma_px))
+        lines.append(shift_points(points, rng))
         if depth is not None:
             for u, v in np.rint(lines[-1].points_px).astype(int):
                 depth[v - 1 : v + 2, u - 1 : u + 2] *= 1 + rng.normal(0, noise.depth_fraction)
@@ -96,15 +126,17 @@ def noisy(frame: Frame, exact: Detection, noise: FrameNoise, rng: np.random.Gene
     return measured, Detection(*lines)
 
 
-def carried_back(line: RunwayLine, measured: Frame, true: Frame) -> tuple[np.ndarray, float]:
-    """Point (3,) and azimuth of a line after the aircraft's own wrong position and heading are taken out."""
+def remove_own_errors(line: RunwayLine, measured: Frame, true: Frame) -> tuple[np.ndarray, float]:
+    """Point (3,) and azimuth of a line less the errors of the aircraft's own position and heading."""
     turn = (measured.world_from_body.rotation * true.world_from_body.rotation.inv()).as_rotvec()[2]
     way = line.point_m - measured.world_from_body.translation
     back = Rotation.from_euler("z", -turn).apply(way)
     return true.world_from_body.translation + back, line.azimuth_rad - turn
 
 
-def beside(point_m: np.ndarray, azimuth_rad: float, covariance: np.ndarray, truth: Segment, at_m: np.ndarray) -> tuple:
+def error_at(
+    point_m: np.ndarray, azimuth_rad: float, covariance: np.ndarray, truth: Segment, at_m: np.ndarray
+) -> tuple:
     """Error (3,) of offset, azimuth and z of a line where it passes beside a point, and its covariance there."""
     angle = azimuth(truth)
     along, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])

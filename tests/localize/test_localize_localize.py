@@ -1,0 +1,400 @@
+"""One frame from detected points to lines, with errors of detection, scene and settings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from deckline.config import Sensors
+from deckline.geometry import wrap_angle
+from deckline.localize import runway
+from deckline.research.sgd import localize_by_descent
+from deckline.types import DepthMode, Detection, LinePoints, Reason, Segment, Status
+from runway_scene import (
+    ANY_ANGLE,
+    CAMERA,
+    DECK_Z_M,
+    LEFT,
+    LENS,
+    PARALLEL,
+    PARALLEL_CENTRE,
+    PARALLEL_RIGHT,
+    RIGHT,
+    STILL,
+    approach,
+    azimuth,
+    depth_of_plane,
+    detection,
+    error_at,
+    line_points,
+    locate,
+    shift_points,
+    still_deck,
+    with_depth,
+)
+
+LATERAL = np.array([-np.sin(azimuth(LEFT)), np.cos(azimuth(LEFT)), 0.0])
+WIDTH_M = float((PARALLEL_RIGHT.p0_m - LEFT.p0_m) @ LATERAL)
+EMPTY = LinePoints.empty()
+NEAR = approach(60.0, 8.0)
+MIDDLE = approach(90.0, 9.0, right=PARALLEL_RIGHT)
+FAR = approach(120.0, 10.0, right=PARALLEL_RIGHT)
+
+
+def reasons(estimate):
+    return [notice.reason for notice in estimate.notices]
+
+
+def shift_left_line(metres, turn_rad=0.0):
+    """The left line shifted to its right and turned about its ramp end."""
+    angle = azimuth(LEFT) + turn_rad
+    start = LEFT.p0_m + metres * LATERAL
+    return Segment(start, start + 217 * np.array([np.cos(angle), np.sin(angle), 0.0]))
+
+
+def keep(points, mask, sigma_px=None):
+    sigma = points.sigma_px[mask] if sigma_px is None else np.full(np.count_nonzero(mask), sigma_px)
+    return LinePoints(points.points_px[mask], points.confidence[mask], sigma)
+
+
+def nearest(points, count, sigma_px):
+    rows = points.points_px[:, 1]
+    return keep(points, rows >= np.sort(rows)[-count], sigma_px)
+
+
+def ramp_error(line, truth):
+    return error_at(line.point_m, line.azimuth_rad, line.covariance, truth, truth.p0_m)[0]
+
+
+@pytest.mark.parametrize(("paper", "camera"), [(False, CAMERA), (False, LENS), (True, CAMERA)])
+@pytest.mark.parametrize("mode", ["coarse", "fine"])
+def test_exact_points_give_the_papers_lines(paper, camera, mode):
+    frame = approach(40.0, 6.0, camera=camera)
+    frame = with_depth(frame) if mode == "fine" else frame
+    # These lines are 0.37 degrees apart: the prior of their angle is left out.
+    config, rng = still_deck(mode, **ANY_ANGLE), np.random.default_rng(0)
+    estimate = (localize_by_descent if paper else locate)(frame, detection(frame), config, rng)
+    # The depth image is float32 and, behind a lens, inverse depth is not exactly linear between its pixels.
+    tolerance = 1e-6 if mode == "coarse" else 1e-3
+    assert (estimate.status, estimate.mode, estimate.flags) == (Status.OK, DepthMode(mode), ())
+    for side, slope, constant in (("left", 0.16300, -35.788523), ("right", 0.15632, -20.889669)):
+        line = estimate.lines[side]
+        assert line.slope == pytest.approx(-slope, abs=tolerance)
+        assert line.intercept_m == pytest.approx(-constant, abs=20 * tolerance)
+        assert line.height_m == pytest.approx(DECK_Z_M, abs=tolerance)
+        assert np.cos(line.azimuth_rad) < 0
+    centre = estimate.lines["centre"]
+    along = (centre.point_m[0] - LEFT.p0_m[0]) / (LEFT.p1_m[0] - LEFT.p0_m[0])
+    middle = (1 - along) * (LEFT.p0_m + RIGHT.p0_m) / 2 + along * (LEFT.p1_m + RIGHT.p1_m) / 2
+    np.testing.assert_allclose(centre.point_m, middle, atol=0.01)  # "midway" of lines 0.37 degrees apart is not sharp
+    between = sorted([abs(wrap_angle(estimate.lines[side].azimuth_rad)) for side in ("left", "right")])
+    assert between[0] <= abs(centre.azimuth_rad) <= between[1]
+
+
+def test_larger_sensor_noise_gives_larger_sigma():
+    rough = still_deck(sensors=Sensors(position_m=1.0, attitude_deg=float(np.rad2deg(0.01)), deck_z_m=1.0))
+    variances = [np.diag(locate(NEAR, detection(NEAR), c).lines["centre"].covariance) for c in (STILL, rough)]
+    assert (np.sqrt(variances[1]) > 3 * np.sqrt(variances[0])).all()
+
+
+def test_ramp_is_found_within_its_sigma_only_when_in_view():
+    estimate = locate(NEAR, detection(NEAR, count=60))
+    assert 0.1 < estimate.ramp_sigma_m < 3
+    assert np.linalg.norm(estimate.ramp_m - (LEFT.p0_m + RIGHT.p0_m) / 2) < 2 * estimate.ramp_sigma_m
+    over_deck = approach(-40.0, 4.0)  # the lines leave the image through its lower border
+    found = detection(NEAR)
+    bottom = float(found.left.points_px[:, 1].max()) + 1.0
+    cropped = Detection(found.left, found.right, (0.0, 0.0, 1279.0, bottom))
+    for estimate in (locate(over_deck, detection(over_deck)), locate(NEAR, cropped)):
+        assert (estimate.status, estimate.ramp_m, reasons(estimate)) == (Status.OK, None, [Reason.NO_RAMP])
+
+
+def test_lines_that_begin_far_apart_are_rejected(monkeypatch):
+    found = detection(NEAR)
+    rows = found.left.points_px[:, 1]
+    found = Detection(keep(found.left, rows < np.percentile(rows, 40)), found.right)
+    estimate = locate(NEAR, found)
+    assert (estimate.status, estimate.lines, reasons(estimate)) == (Status.NOT_SEEN, {}, [Reason.LINE_ENDS])
+    monkeypatch.setattr(runway, "MAX_END_STEP_M", 1000.0)
+    assert locate(NEAR, found).status is Status.OK
+
+
+def test_slope_sigma_allows_the_near_ends_of_a_banked_deck_to_differ():
+    """5 degrees of bank, projected onto a level deck from 6 m above it, put 16 m between the near ends."""
+    frame = approach(60.0, 6.0, right=PARALLEL_RIGHT)
+    rise = np.array([0.0, 0.0, 7.45 * np.sin(np.deg2rad(5.0))])
+    lines = [Segment(line.p0_m + up, line.p1_m + up) for line, up in ((LEFT, -rise), (PARALLEL_RIGHT, rise))]
+    banked = Detection(*(line_points(frame, line) for line in lines))
+    level = locate(frame, banked)
+    assert (level.status, reasons(level)) == (Status.NOT_SEEN, [Reason.LINE_ENDS])
+    assert " 16 m" in level.reason
+    assert locate(frame, banked, still_deck(slope_deg=3.0)).status is Status.OK
+
+
+def test_one_line_has_a_centre_only_with_a_known_width():
+    found = Detection(EMPTY, detection(NEAR).right)
+    estimate = locate(NEAR, found)
+    assert (estimate.status, set(estimate.lines)) == (Status.ONE_LINE, {"right"})
+    assert reasons(estimate) == [Reason.NO_CENTRE_LINE]
+    known = locate(NEAR, found, still_deck(width_m=14.0))
+    assert set(known.lines) == {"right", "centre"}
+    line, centre = known.lines["right"], known.lines["centre"]
+    right = np.array([-np.sin(line.azimuth_rad), np.cos(line.azimuth_rad), 0.0])
+    np.testing.assert_allclose(centre.point_m - line.point_m, -7 * right, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_one_line_is_located_exactly(side):
+    found = detection(FAR, PARALLEL_RIGHT)
+    estimate = locate(FAR, replace(found, **{"right" if side == "left" else "left": EMPTY}))
+    assert estimate.status is Status.ONE_LINE
+    truth = {"left": LEFT, "right": PARALLEL_RIGHT}[side]
+    np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-6)
+
+
+LEFT_POINTS, RIGHT_POINTS = detection(NEAR).left, detection(NEAR).right
+SAME_MARKING = replace(LEFT_POINTS, points_px=LEFT_POINTS.points_px + np.array([1.0, 0.0]))
+TURNED = shift_left_line(14.0, np.deg2rad(12))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "reason", "kept"),
+    [
+        (EMPTY, EMPTY, Reason.NO_LINE, set()),
+        (RIGHT_POINTS, LEFT_POINTS, Reason.CROSSED, set()),
+        (LEFT_POINTS, SAME_MARKING, Reason.LINE_SPACING, set()),
+        (LEFT_POINTS, line_points(NEAR, TURNED), Reason.LINE_ANGLE, set()),
+        # Of two lines in different directions, the clearly surer one stays.
+        (detection(NEAR, sigma_px=0.3).left, line_points(NEAR, TURNED, sigma_px=4.0), Reason.LINE_ANGLE, {"left"}),
+        # The direction of 8 points is not known.
+        (nearest(LEFT_POINTS, 8, 8.0), RIGHT_POINTS, Reason.UNSURE, {"right"}),
+    ],
+    ids=["nothing", "swapped", "same marking", "directions", "one surer", "too short"],
+)
+def test_contradicting_lines_are_dropped_with_the_reason(left, right, reason, kept):
+    estimate = locate(NEAR, Detection(left, right), still_deck(**ANY_ANGLE))
+    assert estimate.status is (Status.ONE_LINE if kept else Status.NOT_SEEN)
+    assert (set(estimate.pixel_lines), set(estimate.lines)) == (kept, kept)
+    assert reasons(estimate)[0] is reason
+
+
+def test_without_a_pose_only_the_image_lines_are_given():
+    estimate = locate(replace(NEAR, world_from_body=None), detection(NEAR))
+    assert (estimate.status, estimate.mode, estimate.lines) == (Status.OK, DepthMode.NONE, {})
+    assert set(estimate.pixel_lines) == {"left", "right"}
+    assert reasons(estimate) == [Reason.NO_POSE]
+
+
+def test_third_of_outliers_does_not_bias():
+    generator = np.random.default_rng(2)
+    exact = detection(FAR, PARALLEL_RIGHT, 40, 0.3)
+    errors = []
+    for _ in range(20):
+        lines = []
+        for points in (exact.left, exact.right):
+            noisy = shift_points(points, generator)
+            noisy.points_px[generator.choice(40, 12, replace=False), 0] += generator.uniform(-60, 60, 12)
+            lines.append(noisy)
+        estimate = locate(FAR, Detection(*lines), STILL, generator)
+        assert estimate.status is Status.OK
+        line = estimate.lines["left"]
+        error, covariance = error_at(line.point_m, line.azimuth_rad, line.covariance, LEFT, LEFT.p0_m)
+        errors.append(error[:2] / np.sqrt(np.diag(covariance)[:2]))
+    assert np.abs(errors).max() < 3
+    assert np.abs(ramp_error(line, LEFT)[0]) < 0.3
+
+
+def test_outliers_within_the_reach_of_ransac_have_no_weight():
+    """A tenth of the points is off by 3 px, ten times their sigma."""
+    exact = detection(FAR, PARALLEL_RIGHT, 40, 0.3)
+    exact.left.points_px[::10, 0] += 3.0
+    np.testing.assert_allclose(ramp_error(locate(FAR, exact).lines["left"], LEFT)[:2], 0, atol=1e-4)
+
+
+@pytest.mark.parametrize("roll_deg", [-20.0, 20.0, 75.0])
+def test_rolled_camera_changes_nothing(roll_deg):
+    """At 75 degrees the lines run nearly along the image's rows."""
+    frame = approach(90.0, 9.0, roll=np.deg2rad(roll_deg), pitch=-0.08, right=PARALLEL_RIGHT)
+    estimate = locate(frame, detection(frame, PARALLEL_RIGHT))
+    assert estimate.status is Status.OK
+    for side, truth in (("left", LEFT), ("right", PARALLEL_RIGHT)):
+        np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-5)
+
+
+def test_camera_mounted_upside_down_in_the_settings_gives_no_runway():
+    mount = MIDDLE.body_from_camera
+    turned = RigidTransform.from_components(mount.translation, mount.rotation * Rotation.from_euler("z", np.pi))
+    estimate = locate(replace(MIDDLE, body_from_camera=turned), detection(MIDDLE, PARALLEL_RIGHT))
+    assert (estimate.status, estimate.lines, reasons(estimate)) == (Status.NOT_SEEN, {}, [Reason.CROSSED])
+
+
+def test_deck_above_the_camera_gives_no_runway():
+    estimate = locate(replace(MIDDLE, deck_z_m=-40.0), detection(MIDDLE, PARALLEL_RIGHT))
+    assert (estimate.status, reasons(estimate)) == (Status.NOT_SEEN, [Reason.ABOVE_CAMERA])
+
+
+def test_tiny_runway_is_found_with_a_large_sigma():
+    """2 km away both lines are within 8 px of height."""
+    frame = approach(2000.0, 130.0, right=PARALLEL_RIGHT)
+    generator = np.random.default_rng(1)
+    exact = detection(frame, PARALLEL_RIGHT, 12, 0.2)
+    scores = []
+    for _ in range(20):
+        found = Detection(shift_points(exact.left, generator), shift_points(exact.right, generator))
+        estimate = locate(frame, found, STILL, generator)
+        assert estimate.status is Status.OK
+        centre = estimate.lines["centre"]
+        sigma = np.sqrt(centre.covariance[1, 1])
+        scores.append(wrap_angle(centre.azimuth_rad - azimuth(LEFT)) / sigma)
+        assert np.rad2deg(sigma) > 0.1
+    assert np.abs(scores).max() < 3
+
+
+def test_gaps_and_bad_far_samples_of_depth_do_no_harm():
+    frame = with_depth(approach(60.0, 7.0, right=PARALLEL_RIGHT))
+    generator = np.random.default_rng(3)
+    depth = frame.depth_m.copy()
+    far = depth > 120
+    depth[far] *= 1 + 0.03 * generator.standard_normal(int(far.sum())).astype(np.float32)
+    depth[generator.random(depth.shape) < 0.1] = np.nan
+    depth[:, 640:660] = 3000.0
+    estimate = locate(replace(frame, depth_m=depth), detection(frame, PARALLEL_RIGHT))
+    assert estimate.mode is DepthMode.FINE
+    assert estimate.lines["centre"].height_m == pytest.approx(DECK_Z_M, abs=0.05)
+    assert abs(ramp_error(estimate.lines["left"], LEFT)[0]) < 0.05
+
+
+def test_auto_weighs_depth_and_deck_height_by_their_noise():
+    frame = with_depth(approach(100.0, 9.0, right=PARALLEL_RIGHT))
+    off = replace(frame, deck_z_m=DECK_Z_M + 0.2)
+    heights, variances = {}, {}
+    for mode in ("fine", "coarse", "auto"):
+        centre = locate(off, detection(frame, PARALLEL_RIGHT), still_deck(mode)).lines["centre"]
+        heights[mode], variances[mode] = centre.height_m, centre.relative_covariance[2, 2]
+    assert heights["fine"] == pytest.approx(DECK_Z_M, abs=1e-3)
+    assert heights["coarse"] == pytest.approx(DECK_Z_M + 0.2, abs=1e-3)
+    share = variances["fine"] / (variances["fine"] + variances["coarse"])
+    assert heights["auto"] == pytest.approx(DECK_Z_M + 0.2 * share, abs=0.01)
+    assert 1 / variances["auto"] == pytest.approx(1 / variances["fine"] + 1 / variances["coarse"], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("range_m", "scale", "deck_off_m", "mode"), [(75.0, 1.3, 0.0, DepthMode.COARSE), (400.0, 1.0, 1.0, DepthMode.FINE)]
+)
+def test_source_of_the_mode_is_believed_when_depth_and_deck_height_contradict(range_m, scale, deck_off_m, mode):
+    """A few depths that are 30 % too large, then a deck height that is 1 m off."""
+    frame = with_depth(approach(60.0, 6.0, right=PARALLEL_RIGHT), range_m)
+    wrong = replace(frame, depth_m=frame.depth_m * np.float32(scale), deck_z_m=DECK_Z_M + deck_off_m)
+    estimate = locate(wrong, detection(frame, PARALLEL_RIGHT))
+    assert (estimate.mode, reasons(estimate)) == (mode, [Reason.DEPTH_HEIGHT])
+    assert estimate.lines["centre"].height_m == pytest.approx(DECK_Z_M, abs=1e-3)
+
+
+def test_known_angle_gives_a_short_line_its_direction(monkeypatch):
+    monkeypatch.setattr(runway, "MAX_AZIMUTH_SIGMA_RAD", 1.0)
+    found = detection(MIDDLE, PARALLEL_RIGHT)
+    found = Detection(nearest(found.left, 8, 2.0), found.right)
+    lines = [locate(MIDDLE, found, still_deck(**angle)).lines["left"] for angle in (ANY_ANGLE, PARALLEL)]
+    assert lines[1].covariance[1, 1] < 0.3**2 * lines[0].covariance[1, 1]
+
+
+def test_known_angle_between_the_lines_is_kept():
+    angle = float(np.rad2deg(wrap_angle(azimuth(RIGHT) - azimuth(LEFT))))
+    known = still_deck(angle_deg=angle, angle_sigma_deg=float(np.rad2deg(0.5e-4)))
+    lines = locate(NEAR, detection(NEAR), known).lines
+    np.testing.assert_allclose(ramp_error(lines["left"], LEFT), 0, atol=1e-5)
+    np.testing.assert_allclose(ramp_error(lines["right"], RIGHT), 0, atol=1e-5)
+
+
+def test_known_width_corrects_the_height():
+    frame = approach(60.0, 8.0, right=PARALLEL_RIGHT)
+    off, found = replace(frame, deck_z_m=DECK_Z_M + 0.3), detection(frame, PARALLEL_RIGHT)
+    known = still_deck(width_m=WIDTH_M, width_sigma_m=0.02, **PARALLEL)
+    assert locate(off, found, known).lines["centre"].height_m == pytest.approx(DECK_Z_M, abs=0.05)
+    assert locate(off, found).lines["centre"].height_m == pytest.approx(DECK_Z_M + 0.3, abs=1e-3)
+
+
+def test_sloped_deck_needs_a_slope_sigma():
+    """One degree down along the runway, seen by a depth camera."""
+    frame = approach(60.0, 8.0, right=PARALLEL_RIGHT)
+    along = np.array([np.cos(azimuth(LEFT)), np.sin(azimuth(LEFT)), 0.0])
+    gradient = float(np.tan(np.deg2rad(1.0))) * along
+
+    def true_z(point):
+        return LEFT.p0_m[2] + (point - LEFT.p0_m) @ gradient
+
+    lines = [[np.array([*p[:2], true_z(p)]) for p in (line.p0_m, line.p1_m)] for line in (LEFT, PARALLEL_RIGHT)]
+    found = Detection(*(line_points(frame, Segment(*line)) for line in lines))
+    frame = replace(frame, depth_m=depth_of_plane(frame, LEFT.p0_m, gradient, 400.0))
+    level, sloped = (
+        locate(frame, found, still_deck("fine", slope_deg=slope)).lines["left"] for slope in (0.0, np.rad2deg(0.02))
+    )
+    assert abs(sloped.point_m[2] - true_z(sloped.point_m)) < 0.02 < abs(level.point_m[2] - true_z(level.point_m))
+    assert abs(wrap_angle(sloped.azimuth_rad - azimuth(LEFT))) < 1e-3
+
+
+def test_painted_centre_line_sharpens_the_middle_and_replaces_a_line():
+    exact = detection(FAR, PARALLEL_RIGHT, 20, 1.0)
+    centre = line_points(FAR, PARALLEL_CENTRE, 20, 1.0)
+    plain = locate(FAR, exact).lines["centre"]
+    painted = locate(FAR, replace(exact, centre=centre)).lines["centre"]
+    assert painted.relative_covariance[1, 1] < 0.9 * plain.relative_covariance[1, 1]
+    np.testing.assert_allclose(ramp_error(painted, PARALLEL_CENTRE), 0, atol=1e-5)
+    alone = locate(FAR, Detection(exact.left, EMPTY, centre=centre))
+    assert (alone.status, set(alone.lines)) == (Status.ONE_LINE, {"left", "centre"})
+    np.testing.assert_allclose(ramp_error(alone.lines["centre"], PARALLEL_CENTRE), 0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("off_m", "believed"), [(1.0, True), (-1.5, True), (4.0, False), (-4.0, False)])
+def test_centre_line_off_the_middle_is_left_out_and_far_off_rejects_the_edges(off_m, believed):
+    exact = detection(FAR, PARALLEL_RIGHT, 20, 0.5)
+    shift = np.array([0.0, off_m, 0.0])
+    wrong = line_points(FAR, Segment(PARALLEL_CENTRE.p0_m + shift, PARALLEL_CENTRE.p1_m + shift), 20, 0.5)
+    plain, estimate = locate(FAR, exact), locate(FAR, replace(exact, centre=wrong))
+    assert estimate.status is (Status.OK if believed else Status.NOT_SEEN)
+    assert Reason.CENTRE_LINE in reasons(estimate)
+    assert "14.7 m" in estimate.reason
+    if believed:
+        np.testing.assert_allclose(plain.lines["centre"].point_m, estimate.lines["centre"].point_m, atol=1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(-3.1, 3.1), st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.integers(0, 2**31))
+def test_estimate_is_invariant_under_motions_of_the_world(turn, north, east, seed):
+    frame = approach(100.0, 9.0)
+    generator = np.random.default_rng(seed)
+    exact = detection(frame, count=20)
+    found = Detection(shift_points(exact.left, generator), shift_points(exact.right, generator))
+    motion = RigidTransform.from_components([north, east, 0.0], Rotation.from_euler("z", turn))
+    moved = replace(frame, world_from_body=motion * frame.world_from_body)
+    one, other = (locate(f, found).lines for f in (frame, moved))
+    for name in ("left", "right", "centre"):
+        np.testing.assert_allclose(other[name].point_m, motion.apply(one[name].point_m), atol=2e-4)
+        assert abs(wrap_angle(other[name].azimuth_rad - one[name].azimuth_rad - turn)) < 1e-5
+        # Roll and pitch errors about the world axes have the same sigma; so have those of position.
+        np.testing.assert_allclose(other[name].covariance, one[name].covariance, rtol=1e-2, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("width_m", "reported_z_m", "known_width_m", "flagged"),
+    [
+        (WIDTH_M, 20.0, None, True),  # the lines come out 55 m apart, with the right sign 14.7 m
+        (WIDTH_M, -20.0, None, False),
+        (30.0, -20.0, None, False),
+        (45.0, -20.0, None, False),  # unusual, but no better with the other sign
+        (WIDTH_M, 20.0, 54.0, False),  # the stated width agrees
+    ],
+)
+def test_deck_height_of_the_wrong_sign_is_flagged(width_m, reported_z_m, known_width_m, flagged):
+    """A deck 20 m above the world's origin: z is down, so its height is -20 m."""
+    right = Segment(LEFT.p0_m + width_m * LATERAL, LEFT.p1_m + width_m * LATERAL)
+    frame = approach(90.0, 15.0, right=right)
+    raised = RigidTransform.from_translation([0.0, 0.0, -20.0 - DECK_Z_M]) * frame.world_from_body
+    reported = replace(frame, world_from_body=raised, deck_z_m=reported_z_m)
+    estimate = locate(reported, detection(frame, right), still_deck(width_m=known_width_m))
+    assert estimate.status is Status.OK
+    assert [flag.reason for flag in estimate.flags] == [Reason.DECK_SIGN] * flagged
+    assert not flagged or ("20 m" in estimate.flags[0].message and "55 m" in estimate.flags[0].message)
