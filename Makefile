@@ -4,7 +4,7 @@ CORE := .venv
 DEV := .venv-dev
 export PYTHONUTF8 := 1
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint docs clean
 
 demo: $(CORE)/.core
 	$(CORE)/bin/deckline demo --out demo-out
@@ -18,6 +18,10 @@ lint: $(DEV)/.dev
 	$(DEV)/bin/mypy
 	$(DEV)/bin/lint-imports
 
+docs: $(DEV)/.docs
+	$(DEV)/bin/mkdocs build --strict
+	@echo "open site/index.html"
+
 $(CORE)/.core: pyproject.toml
 	$(PYTHON) -m venv $(CORE)
 	$(CORE)/bin/pip install --quiet --editable .
@@ -29,10 +33,14 @@ $(DEV)/.dev: pyproject.toml
 	$(DEV)/bin/pip install --quiet --editable ".[sim,train,viz,dev]"
 	touch $@
 
+$(DEV)/.docs: $(DEV)/.dev
+	$(DEV)/bin/pip install --quiet --editable ".[docs]"
+	touch $@
+
 # EGL (the simulator) and Chromium (the report's tests) come from the system.
 .PHONY: system
 system:
 	@sh scripts/system-packages
 
 clean:
-	rm -rf $(CORE) $(DEV) demo-out build dist
+	rm -rf $(CORE) $(DEV) demo-out build dist site
