@@ -221,7 +221,7 @@ def test_a_picture_without_haze_is_kept(clear_frames: list[Frame], name: str) ->
 
 
 def test_the_network_keeps_a_clear_picture(clear_frames: list[Frame]) -> None:
-    """With a pose in other light as well. Not every one: docs/dehazing.md has the figures."""
+    """With a pose in other light as well. Not every one: docs/experiments/2026-11-dehazing-blend.md has the figures."""
     dehazer = DEHAZERS["coarse-t"]()
     bare = [dataclasses.replace(frame, world_from_body=None) for frame in clear_frames[:2]]
     for frame in [*clear_frames, *bare]:

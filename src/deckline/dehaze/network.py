@@ -23,7 +23,8 @@ Tensor = NDArray[np.float32]
 GUIDE_RADIUS, GUIDE_RIDGE = 4, 1e-4  # of the guided filter: window, px of the small image; on the variance, range 0..1
 MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the network needs more pixels than it adds
 
-# Chosen on 40 views of preset paper and 60 of train, 300 to 3000 m, and on 60 in 4 to 20 km; docs/dehazing.md.
+# Chosen on 40 views of preset paper and 60 of train, 300 to 3000 m, and on 60 in 4 to 20 km;
+# docs/experiments/2026-11-dehazing-blend.md has the figures.
 CLEAR_M = (4000.0, 8000.0)  # visibility: from here on geometry weighs more, and from here on alone
 HORIZON_SEA = (0.9, 1.0)  # of the airlight: water that far away mirrors the sky; a fit that has it brighter is wrong
 SKY_CLEAR = 2.0  # times that in the sky, which geometry leaves as it is

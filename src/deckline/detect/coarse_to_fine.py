@@ -30,13 +30,13 @@ class DetectConfig:
 
     grid: RowGrid = field(default_factory=RowGrid)
     decode: DecodeConfig = field(default_factory=DecodeConfig)
-    # Thresholds of `hybrid`, chosen by scripts/choose_thresholds.py (docs/detection.md). They are compared with the
-    # probability of a runway, in the coarse pass times the least of the others, times the lines' mean confidence.
+    # Thresholds of `hybrid`, chosen by scripts/choose_thresholds.py: docs/experiments/2026-11-detection-thresholds.md.
+    # They are compared with the runway's probability (coarse pass times least other pass) times the mean confidence.
     min_probability: float = 0.55  # of both lines; below it: not seen
     min_lone_probability: float = 0.8  # of one line alone: any marking may look like one edge
     min_prior_probability: float = 0.25  # of both lines in a prior's box
     fill: float = 0.6  # share of a crop's limiting dimension that the runway takes
-    min_width_px: float = 48.0  # image px of a crop; chosen on approaches from 800 m (docs/detection.md)
+    min_width_px: float = 48.0  # image px of a crop; chosen on approaches from 800 m (the same page)
     max_passes: int = 3  # the coarse pass included
     good_fill: tuple[float, float] = (0.42, 0.85)  # a crop whose runway fills this much is final
     min_rows: int = 3  # a line on fewer rows is not returned
