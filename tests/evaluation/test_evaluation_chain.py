@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from approach_scene import STILL
+from deckline.cli.main import main
 from deckline.evaluation.chain import score_frame, summarise
 from deckline.flight import FrameResult
 from deckline.geometry import Camera, pose
 from deckline.guide import guidance
 from deckline.localize import localize
+from deckline.recording import RecordingWriter
 from deckline.types import DepthMode, Detection, Frame, LinePoints, Segment, Status, Truth
 
 LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
@@ -100,3 +102,15 @@ def test_a_frame_without_truth_is_refused_by_name():
 def test_no_frames_at_all_is_an_error():
     with pytest.raises(ValueError, match="no frame"):
         summarise([])
+
+
+def test_a_stopped_command_says_what_it_wrote(tmp_path, capsys, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with RecordingWriter(tmp_path / "recording", scene={}) as writer:
+        writer.add(frame_at())
+    monkeypatch.setattr("deckline.evaluation.chain.score_frame", stop)
+    command = ["eval", "recording", str(tmp_path / "recording"), "--dehazer", "none", "--detector", "classical"]
+    assert main(command) == 130
+    assert "nothing was written" in capsys.readouterr().err

@@ -12,7 +12,6 @@ from deckline.evaluation.localization_tables import (
     USABLE,
     by_range,
     by_visibility,
-    consistency,
     efficiency,
     flat_figures,
     found_share,
@@ -21,12 +20,12 @@ from deckline.evaluation.localization_tables import (
     localization_tables,
     measure_mark,
     misleads,
-    percentile,
     run_mean,
     sizes,
     unusable_improvement,
     usable_share,
 )
+from deckline.evaluation.statistics import percentile
 
 # Table 6: errors of direction, degrees, of the lines without dehazing and with it.
 PRINTED = {"left": (8.5456, 1.3347), "right": (3.9949, 0.0559)}
@@ -92,29 +91,6 @@ def test_bands():
         "500 to 1000 m": 1,
     }
     assert list(by_visibility(scores)) == ["500 to 1000 m", "1000 to 2000 m", "2000 m and more"]
-
-
-def test_consistent_covariances_give_three_and_ninety_five_percent():
-    rng = np.random.default_rng(0)
-    scores = [score(k % 20, normalised=float(value)) for k, value in enumerate(rng.chisquare(3, 4000))]
-    found = consistency(scores, "normalised", rng)
-    assert found.low < 3.0 < found.high
-    assert found.high - found.low < 0.4
-    assert found.inside == pytest.approx(0.95, abs=0.012)
-    too_small = consistency([score(k, normalised=12.0) for k in range(3)], "normalised", rng)
-    assert (too_small.mean, too_small.low, too_small.inside) == (12.0, 12.0, 0.0)
-
-
-def test_frames_of_one_approach_do_not_narrow_the_interval():
-    shared = np.random.default_rng(1).chisquare(3, 10)
-    few, many = (
-        consistency(
-            [score(k, n=float(v)) for k, v in enumerate(shared) for _ in range(count)], "n", np.random.default_rng(2)
-        )
-        for count in (1, 50)
-    )
-    assert many.high - many.low == pytest.approx(few.high - few.low, rel=1e-9)
-    assert np.isnan(consistency([score(0, n=1.0)] * 9, "n", np.random.default_rng(0)).low)
 
 
 def test_efficiency_is_the_bound_over_the_mean_square():

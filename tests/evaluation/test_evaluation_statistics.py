@@ -5,6 +5,7 @@ from scipy.stats import binom
 from deckline.evaluation.statistics import (
     RANGE_M,
     by_band,
+    consistency,
     median_and_p95,
     paired_difference,
     share,
@@ -86,3 +87,21 @@ def test_intervals_of_shares_hold_what_they_promise():
     for hits, trials in ((1, 0), (3, 2), (-1, 2)):
         with pytest.raises(ValueError, match=f"{hits} of {trials}"):
             share_interval(hits, trials)
+
+
+def test_consistent_covariances_give_three_and_ninety_five_percent():
+    rng = np.random.default_rng(0)
+    found = consistency(rng.chisquare(3, (20, 200)).tolist(), 3, rng)
+    assert found.low < 3.0 < found.high
+    assert found.high - found.low < 0.4
+    assert found.inside == pytest.approx(0.95, abs=0.012)
+    too_small = consistency([[12.0]] * 3, 3, rng)
+    assert (too_small.mean, too_small.low, too_small.inside) == (12.0, 12.0, 0.0)
+    assert consistency([], 3, rng).frames == 0
+
+
+def test_frames_of_one_run_do_not_narrow_the_interval():
+    shared = np.random.default_rng(1).chisquare(3, 10)
+    few, many = (consistency([[float(v)] * count for v in shared], 3, np.random.default_rng(2)) for count in (1, 50))
+    assert many.high - many.low == pytest.approx(few.high - few.low, rel=1e-9)
+    assert np.isnan(consistency([[1.0] * 9], 3, np.random.default_rng(0)).low)

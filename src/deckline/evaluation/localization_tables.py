@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from deckline.evaluation.localization_methods import Method
 from deckline.evaluation.localization_score import STATES, Score
-from deckline.evaluation.statistics import APPROACH_RANGE_M, CONFIDENCE, RESAMPLES, VISIBILITY_M, by_band, share
+from deckline.evaluation.statistics import APPROACH_RANGE_M, VISIBILITY_M, by_band, consistency, percentile, share
 from deckline.evaluation.tables import MISSING, Figures, Table, number
 from deckline.localize import localize
 from deckline.types import SIDES
@@ -122,11 +121,6 @@ def run_mean(scores: Iterable[Score], name: str) -> float:
 def sizes(scores: Iterable[Score], *names: str) -> NDArray[np.float64]:
     """Absolute values (N,) of figures, pooled."""
     return np.abs([score.figures[name] for score in scores for name in names if name in score.figures])
-
-
-def percentile(values: NDArray[np.float64], percent: float) -> float:
-    """A percentile of values (N,); NaN without any."""
-    return float(np.percentile(values, percent)) if len(values) else float("nan")
 
 
 def line_means(scores: Sequence[Score], side: str, prefix: str = "") -> Figures:
@@ -243,38 +237,6 @@ def marks_table(scores: Scores) -> Table:
     return Table("accuracy asked for", ("error", "range", "limit", "from", UNIT, *scores), rows)
 
 
-@dataclass(frozen=True)
-class Consistency:
-    """How errors compare with the covariance that came with them."""
-
-    mean: float  # of e' C^-1 e; 3 is expected
-    low: float  # 95 % interval of the mean, approaches drawn with replacement; NaN with one approach
-    high: float
-    inside: float  # share of frames within the 95 % ellipsoid; 0.95 is expected
-    frames: int
-
-
-def consistency(scores: Iterable[Score], name: str, rng: np.random.Generator) -> Consistency:
-    """Normalised estimation error squared `name`: its mean with an interval, and how many lie where 95 % should.
-
-    Frames of one approach share the navigation unit's drift, so approaches are resampled, not frames.
-
-    Source: Bar-Shalom et al., "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.
-    """
-    runs = by_approach(scores, name)
-    if not runs:
-        return Consistency(*(float("nan"),) * 4, 0)
-    values = np.concatenate(runs)
-    low = high = float("nan")
-    if len(runs) > 1:
-        totals, counts = (np.array([of(run) for run in runs]) for of in (np.sum, len))
-        drawn = rng.integers(0, len(runs), (RESAMPLES, len(runs)))
-        means = totals[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-        low, high = (float(end) for end in np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]))
-    inside = float(np.mean(values <= chi2.ppf(CONFIDENCE, len(STATES))))
-    return Consistency(float(values.mean()), low, high, inside, len(values))
-
-
 def consistency_table(scores: Scores) -> Table:
     """Squared errors over their covariance, those of the centre line also by where the distances came from."""
     rng = np.random.default_rng(SEED)
@@ -285,7 +247,7 @@ def consistency_table(scores: Scores) -> Table:
         for mode in ("fine", "coarse"):
             lines[f"{centre}, {mode}"] = figure, [score for score in members if score.mode == mode]
         for line, (name, inside) in lines.items():
-            found = consistency(inside, name, rng)
+            found = consistency(by_approach(inside, name), len(STATES), rng)
             if found.frames:
                 interval = "" if np.isnan(found.low) else f" [{found.low:.2f}, {found.high:.2f}]"
                 cells = (str(found.frames), f"{found.mean:.2f}{interval}", f"{100 * found.inside:.1f}")
@@ -352,6 +314,6 @@ def flat_figures(scores: Scores) -> Figures:
                 values = sizes(inside, f"centre.{figure}")
                 figures[f"{prefix}.{figure}.median"] = percentile(values, 50.0)
                 figures[f"{prefix}.{figure}.p95"] = percentile(values, 95.0)
-        found = consistency(members, "centre.normalised", rng)
+        found = consistency(by_approach(members, "centre.normalised"), len(STATES), rng)
         figures |= {f"{name}.honesty.mean": found.mean, f"{name}.honesty.inside": found.inside}
     return figures

@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.stats import binomtest, bootstrap
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binomtest, bootstrap, chi2
 
 CONFIDENCE = 0.95
 RESAMPLES = 5000  # the ends of an interval then move by about 2 % of its width from seed to seed
@@ -59,6 +59,11 @@ def median_and_p95(values: ArrayLike, name: str) -> dict[str, float]:
     if not len(numbers):
         return {}
     return {f"{name}.median": float(np.median(numbers)), f"{name}.p95": float(np.percentile(numbers, 95))}
+
+
+def percentile(values: NDArray[np.float64], percent: float) -> float:
+    """A percentile of values (N,); NaN without any."""
+    return float(np.percentile(values, percent)) if len(values) else float("nan")
 
 
 def share_interval(hits: int, trials: int) -> tuple[float, float]:
@@ -116,3 +121,39 @@ def paired_difference(
         (values,), compute, n_resamples=RESAMPLES, confidence_level=CONFIDENCE, method="percentile", batch=500, rng=rng
     ).confidence_interval
     return Difference(value, float(interval.low), float(interval.high), len(values))
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """How errors compare with the covariance that came with them."""
+
+    mean: float  # of e' C^-1 e; the degrees of freedom are expected
+    low: float  # 95 % interval of the mean, runs drawn with replacement; NaN with one run
+    high: float
+    inside: float  # share of frames within the 95 % ellipsoid; 0.95 is expected
+    frames: int
+
+
+def consistency(runs: Sequence[Sequence[float]], degrees: int, rng: np.random.Generator) -> Consistency:
+    """Normalised estimation error squared: its mean with an interval, and how many lie where 95 % should.
+
+    Frames of one run share the navigation unit's drift, so runs are resampled, not frames.
+
+    Args:
+        runs: e' C^-1 e of each run's frames.
+        degrees: of freedom of e.
+        rng: draws the runs of each resample.
+
+    Source: Bar-Shalom et al., "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.
+    """
+    if not runs:
+        return Consistency(*(float("nan"),) * 4, 0)
+    values = np.concatenate(runs)
+    low = high = float("nan")
+    if len(runs) > 1:
+        totals, counts = (np.array([of(run) for run in runs]) for of in (np.sum, len))
+        drawn = rng.integers(0, len(runs), (RESAMPLES, len(runs)))
+        means = totals[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+        low, high = (float(end) for end in np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]))
+    inside = float(np.mean(values <= chi2.ppf(CONFIDENCE, degrees)))
+    return Consistency(float(values.mean()), low, high, inside, len(values))
