@@ -6,9 +6,11 @@ Everything in a `RunConfig` can stand in a TOML file; angles are degrees there, 
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
+
+from deckline.checks import check_choice, check_numbers
 
 Grade = Literal["standard", "good", "tactical", "exact"]
 Mode = Literal["auto", "fine", "coarse"]
@@ -22,25 +24,6 @@ HEAVE_M = (0.0, 0.68, 1.09, 1.63)
 PITCH_ARM_M = 130.0  # from the pitch axis amidships to the visible lines: 166 m to the ramp, 96 m to the touchdown
 CALM_HEAVE_M = 0.02  # 1-sigma of what still moves a deck in a calm sea, as height
 CALM_SLOPE_DEG = 0.05  # and as slope
-
-
-def _check_numbers(config: object, section: str, least: float | None = None, above: float | None = None) -> None:
-    for name, value in vars(config).items():
-        numbers = value if isinstance(value, tuple) else (value,)
-        for number in numbers:
-            if isinstance(number, bool) or not isinstance(number, int | float):
-                continue
-            if not np.isfinite(number):
-                raise ValueError(f"{section}.{name} must be finite, got {number}")
-            if least is not None and number < least:
-                raise ValueError(f"{section}.{name} must be at least {least:g}, got {number}")
-            if above is not None and not number > above:
-                raise ValueError(f"{section}.{name} must be greater than {above:g}, got {number}")
-
-
-def _check_choice(name: str, value: str, choices: object) -> None:
-    if value not in get_args(choices):
-        raise ValueError(f"{name} must be one of {', '.join(get_args(choices))}, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -80,9 +63,8 @@ class Sensors:
     line_m: float = 0.05
 
     def __post_init__(self) -> None:
-        _check_numbers(self, "sensors", least=0.0)
-        if not self.drift_s > 0:
-            raise ValueError(f"sensors.drift_s must be positive, got {self.drift_s}")
+        check_numbers(self, "sensors", least=0.0)
+        check_numbers(self, "sensors", "drift_s", above=0.0)
         for name in ("position_m", "attitude_deg"):
             whole, white = getattr(self, name), getattr(self, name.replace("_", "_white_"))
             if white > whole:
@@ -163,16 +145,10 @@ class Deck:
     ship_velocity_m_s: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        _check_numbers(self, "deck")
-        if not 0 <= self.sea_state <= SEA_STATES[-1]:
-            raise ValueError(f"deck.sea_state must lie between 0 and {SEA_STATES[-1]:g}, got {self.sea_state}")
-        if self.width_m is not None and not self.width_m > 0:
-            raise ValueError(f"deck.width_m must be positive, got {self.width_m}")
-        for name in ("width_sigma_m", "angle_sigma_deg"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"deck.{name} must be positive, got {getattr(self, name)}")
-        if self.slope_deg is not None and not self.slope_deg >= 0:
-            raise ValueError(f"deck.slope_deg must not be negative, got {self.slope_deg}")
+        check_numbers(self, "deck")
+        check_numbers(self, "deck", "sea_state", least=0.0, most=SEA_STATES[-1])
+        check_numbers(self, "deck", "slope_deg", least=0.0)
+        check_numbers(self, "deck", "width_m", "width_sigma_m", "angle_sigma_deg", above=0.0)
 
     @cached_property
     def motion(self) -> "DeckMotion":
@@ -229,11 +205,9 @@ class Approach:
     point_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        _check_numbers(self, "approach")
-        if not 0 < self.glideslope_deg < 45:
-            raise ValueError(f"approach.glideslope_deg must lie between 0 and 45, got {self.glideslope_deg}")
-        if not self.touchdown_m >= 0:
-            raise ValueError(f"approach.touchdown_m must not be negative, got {self.touchdown_m}")
+        check_numbers(self, "approach")
+        check_numbers(self, "approach", "glideslope_deg", above=0.0, most=45.0)
+        check_numbers(self, "approach", "touchdown_m", least=0.0)
 
     @property
     def slope(self) -> float:
@@ -265,13 +239,9 @@ class RunwaySurvey:
     heading_sigma_deg: float = 2.0
 
     def __post_init__(self) -> None:
-        _check_numbers(self, "survey")
-        for name in ("width_m", "length_m"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"survey.{name} must be positive, got {getattr(self, name)}")
-        for name in ("sigma_m", "heading_sigma_deg"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"survey.{name} must not be negative, got {getattr(self, name)}")
+        check_numbers(self, "survey")
+        check_numbers(self, "survey", "width_m", "length_m", above=0.0)
+        check_numbers(self, "survey", "sigma_m", "heading_sigma_deg", least=0.0)
 
 
 @dataclass(frozen=True)
@@ -290,7 +260,7 @@ class Models:
     detect_in: Picture = "hazy"
 
     def __post_init__(self) -> None:
-        _check_choice("models.detect_in", self.detect_in, Picture)
+        check_choice("models.detect_in", self.detect_in, Picture)
 
 
 @dataclass(frozen=True)
@@ -305,7 +275,7 @@ class Localization:
     mode: Mode = "auto"
 
     def __post_init__(self) -> None:
-        _check_choice("localization.mode", self.mode, Mode)
+        check_choice("localization.mode", self.mode, Mode)
 
 
 @dataclass(frozen=True)
@@ -325,7 +295,7 @@ class Tracking:
     gate_sigma: float = 5.0
 
     def __post_init__(self) -> None:
-        _check_numbers(self, "tracking", above=0.0)
+        check_numbers(self, "tracking", above=0.0)
 
 
 @dataclass(frozen=True)
@@ -361,9 +331,8 @@ class Integrity:
     max_line_m: float = 6.0
 
     def __post_init__(self) -> None:
-        _check_numbers(self, "integrity", above=0.0)
-        if not self.risk < 1:
-            raise ValueError(f"integrity.risk must lie between 0 and 1, got {self.risk}")
+        check_numbers(self, "integrity", above=0.0)
+        check_numbers(self, "integrity", "risk", below=1.0)
 
 
 @dataclass(frozen=True)
