@@ -17,7 +17,7 @@ def test_a_page_has_a_section_for_every_file(tmp_path, capsys):
     page = tmp_path / "docs" / "results.md"
     assert main(["eval", "report", str(tmp_path), "--out", str(page)]) == 0
     text = page.read_text()
-    assert text.index("## first") < text.index("## second")
+    assert text.index("## A\n\nfirst.") < text.index("## B\n\nsecond.")
     assert text.count("| found_rate | 0.97 |") == 2
     saved = json.loads((tmp_path / "a.json").read_text())
     for words in (saved["_command"], *saved["_made_with"].values(), "Of 3 frames.", "Rates are shares."):

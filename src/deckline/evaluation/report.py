@@ -19,8 +19,8 @@ that made it, what it ran on, and the date. Differences of time are only fair wi
 def report(folder: tyro.conf.Positional[Path], out: Path = Path("docs/results.md")) -> int:
     """Write one page of results from the JSON files that the evaluations save with --json.
 
-    Every file becomes a section with its title, command, machine, date and tables. Files are taken in the order of
-    their names.
+    Every file becomes a section, named after it, with its title, command, machine, date and tables, in the order of the
+    names.
 
     Args:
         folder: of JSON files.
@@ -46,7 +46,8 @@ def _section(path: Path) -> str:
         saved: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         tables = [Table(**table) for table in saved["_tables"]]
         made_with = ", ".join(saved["_made_with"].values())
-        parts = [f"## {_one_line(saved['_title'])}", f"```\n{_one_line(saved['_command'])}\n```", f"{made_with}."]
+        heading = path.stem.replace("-", " ").replace("_", " ").capitalize()
+        parts = [f"## {heading}", f"{_one_line(saved['_title'])}.", f"```\n{saved['_command']}\n```", f"{made_with}."]
         return "\n\n".join([*parts, *map(markdown, tables), *saved["_notes"]])
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: not the figures of an evaluation ({error!r}); save them with --json") from None
