@@ -8,7 +8,20 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.config import Deck, FrameNoise, Localization, Mode, RunConfig, Sensors, Tracking
 from deckline.geometry import Camera, attitude, camera_mount, wrap_angle
 from deckline.localize import localize
-from deckline.types import Detection, Frame, LinePoints, RunwayEstimate, RunwayLine, Segment
+from deckline.localize.observations import Observations, observe
+from deckline.localize.ransac import fit_pixel_line
+from deckline.types import (
+    SIDES,
+    Detection,
+    Frame,
+    LinePoints,
+    Notices,
+    PixelLine,
+    Reason,
+    RunwayEstimate,
+    RunwayLine,
+    Segment,
+)
 
 DECK_Z_M = 6.08
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
@@ -44,9 +57,17 @@ def locate(
     return localize(frame, found, config, rng or np.random.default_rng(0))
 
 
+def reasons(estimate: RunwayEstimate) -> list[Reason]:
+    return [notice.reason for notice in estimate.notices]
+
+
 def azimuth(line: Segment) -> float:
     along = line.p1_m - line.p0_m
     return float(np.arctan2(along[1], along[0]))
+
+
+LATERAL = np.array([-np.sin(azimuth(LEFT)), np.cos(azimuth(LEFT)), 0.0])  # to the right of the lines
+WIDTH_M = float((PARALLEL_RIGHT.p0_m - LEFT.p0_m) @ LATERAL)
 
 
 def approach(range_m, height_m, lateral_m=3.0, roll=0.02, pitch=-0.05, yaw=0.03, camera=CAMERA, right=RIGHT) -> Frame:
@@ -67,7 +88,7 @@ def approach(range_m, height_m, lateral_m=3.0, roll=0.02, pitch=-0.05, yaw=0.03,
     )
 
 
-def depth_of_plane(frame: Frame, point_m: np.ndarray, gradient: np.ndarray, range_m: float) -> np.ndarray:
+def depth_of_plane(frame: Frame, point_m: np.ndarray, gradient: np.ndarray, range_m: float = 400.0) -> np.ndarray:
     """Exact depth (H, W) of a plane through a point, whose z grows by `gradient` (3,), NaN farther than `range_m`."""
     v, u = np.mgrid[0 : frame.camera.height, 0 : frame.camera.width]
     pose = frame.world_from_camera
@@ -97,6 +118,26 @@ def line_points(frame: Frame, line: Segment, count: int = 40, sigma_px: float = 
 
 def detection(frame: Frame, right: Segment = RIGHT, count: int = 40, sigma_px: float = 0.5) -> Detection:
     return Detection(line_points(frame, LEFT, count, sigma_px), line_points(frame, right, count, sigma_px))
+
+
+def keep(points: LinePoints, mask: np.ndarray, sigma_px: float | None = None) -> LinePoints:
+    sigma = points.sigma_px[mask] if sigma_px is None else np.full(np.count_nonzero(mask), sigma_px)
+    return LinePoints(points.points_px[mask], points.confidence[mask], sigma)
+
+
+def nearest(points: LinePoints, count: int, sigma_px: float) -> LinePoints:
+    rows = points.points_px[:, 1]
+    return keep(points, rows >= np.sort(rows)[-count], sigma_px)
+
+
+def slope_deck(frame: Frame, origin_m: np.ndarray, gradient: np.ndarray) -> tuple[Frame, Detection]:
+    """Exact depth and points of the parallel lines when the deck's z grows by `gradient` (3,) from `origin_m`."""
+
+    def rise(point: np.ndarray) -> np.ndarray:
+        return point + np.array([0.0, 0.0, (point - origin_m) @ gradient])
+
+    lines = [line_points(frame, Segment(rise(line.p0_m), rise(line.p1_m))) for line in (LEFT, PARALLEL_RIGHT)]
+    return replace(frame, depth_m=depth_of_plane(frame, origin_m, gradient)), Detection(*lines)
 
 
 def shift_points(points: LinePoints, rng: np.random.Generator) -> LinePoints:
@@ -145,3 +186,12 @@ def error_at(
     off = float((point_m - truth.p0_m) @ right) + lever * np.tan(turn)
     moved = np.array([[1.0, lever, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     return np.array([off, turn, point_m[2] - truth.p0_m[2]]), moved @ covariance @ moved.T
+
+
+def observe_lines(
+    frame: Frame, found: Detection, mode: Mode = "auto", sides: tuple[str, ...] = SIDES
+) -> tuple[Observations, Notices, dict[str, PixelLine]]:
+    """Observations of the lines, notices, and the lines in the image."""
+    points = {side: getattr(found, side) for side in sides}
+    lines = {side: fit_pixel_line(points[side], frame.camera, np.random.default_rng(0)) for side in sides}
+    return *observe(frame, points, lines, mode), lines

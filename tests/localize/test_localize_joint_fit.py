@@ -11,24 +11,25 @@ from deckline.config import Sensors
 from deckline.evaluation.cramer_rao import cramer_rao
 from deckline.geometry import wrap_angle
 from deckline.localize import solver
-from deckline.types import SIDES, DepthMode, Detection, Segment, Status
+from deckline.types import SIDES, DepthMode, Status
 from runway_scene import (
     CAMERA,
     DECK_Z_M,
+    LATERAL,
     LEFT,
     PARALLEL,
     PARALLEL_CENTRE,
     PARALLEL_RIGHT,
     STILL,
+    WIDTH_M,
     add_noise,
     approach,
     azimuth,
-    depth_of_plane,
     detection,
     error_at,
-    line_points,
     locate,
     remove_own_errors,
+    slope_deck,
     still_deck,
     with_depth,
 )
@@ -44,8 +45,6 @@ CASES = {
 }
 AT_M = PARALLEL_CENTRE.p0_m
 HEADING = np.array([np.cos(azimuth(LEFT)), np.sin(azimuth(LEFT)), 0.0])
-LATERAL = np.array([-HEADING[1], HEADING[0], 0.0])
-WIDTH_M = float((PARALLEL_RIGHT.p0_m - LEFT.p0_m) @ LATERAL)
 
 
 def bounds(frame, exact, mode, config, relative):
@@ -114,13 +113,7 @@ def locate_with_error(index, step, config, fine, origin_m=LEFT.p0_m):
     exact = approach(90.0, 11.0, right=PARALLEL_RIGHT)
     slopes = step * np.array([index == ALONG, index == ACROSS])
     gradient = slopes[0] * HEADING + slopes[1] * LATERAL
-
-    def raise_point(point):
-        return point + np.array([0.0, 0.0, (point - origin_m) @ gradient])
-
-    lines = [Segment(raise_point(line.p0_m), raise_point(line.p1_m)) for line in (LEFT, PARALLEL_RIGHT)]
-    found = Detection(*(line_points(exact, line) for line in lines))
-    depth = depth_of_plane(exact, origin_m, gradient, 150.0) * np.float32(1 + step * (index == SCALE))
+    exact, found = slope_deck(exact, origin_m, gradient)
     turn = Rotation.from_rotvec(step * np.array([index == TURN_X, index == TURN_Y, 0.0]))
     pose, zoom = exact.world_from_body, 1 + step * (index == FOCAL)
     frame = replace(
@@ -128,7 +121,7 @@ def locate_with_error(index, step, config, fine, origin_m=LEFT.p0_m):
         world_from_body=RigidTransform.from_components(pose.translation, turn * pose.rotation),
         deck_z_m=DECK_Z_M + step * (index == REPORTED),
         camera=replace(CAMERA, fx=zoom * CAMERA.fx, fy=zoom * CAMERA.fy),
-        depth_m=depth if fine else None,
+        depth_m=exact.depth_m * np.float32(1 + step * (index == SCALE)) if fine else None,
     )
     estimate = locate(frame, found, config)
     assert estimate.mode is (DepthMode.FINE if fine else DepthMode.COARSE)

@@ -17,6 +17,7 @@ from runway_scene import (
     ANY_ANGLE,
     CAMERA,
     DECK_Z_M,
+    LATERAL,
     LEFT,
     LENS,
     PARALLEL,
@@ -24,45 +25,25 @@ from runway_scene import (
     PARALLEL_RIGHT,
     RIGHT,
     STILL,
+    WIDTH_M,
     approach,
     azimuth,
-    depth_of_plane,
     detection,
     error_at,
     line_points,
     locate,
+    nearest,
+    reasons,
     shift_points,
+    slope_deck,
     still_deck,
     with_depth,
 )
 
-LATERAL = np.array([-np.sin(azimuth(LEFT)), np.cos(azimuth(LEFT)), 0.0])
-WIDTH_M = float((PARALLEL_RIGHT.p0_m - LEFT.p0_m) @ LATERAL)
 EMPTY = LinePoints.empty()
 NEAR = approach(60.0, 8.0)
 MIDDLE = approach(90.0, 9.0, right=PARALLEL_RIGHT)
 FAR = approach(120.0, 10.0, right=PARALLEL_RIGHT)
-
-
-def reasons(estimate):
-    return [notice.reason for notice in estimate.notices]
-
-
-def shift_left_line(metres, turn_rad=0.0):
-    """The left line shifted to its right and turned about its ramp end."""
-    angle = azimuth(LEFT) + turn_rad
-    start = LEFT.p0_m + metres * LATERAL
-    return Segment(start, start + 217 * np.array([np.cos(angle), np.sin(angle), 0.0]))
-
-
-def keep(points, mask, sigma_px=None):
-    sigma = points.sigma_px[mask] if sigma_px is None else np.full(np.count_nonzero(mask), sigma_px)
-    return LinePoints(points.points_px[mask], points.confidence[mask], sigma)
-
-
-def nearest(points, count, sigma_px):
-    rows = points.points_px[:, 1]
-    return keep(points, rows >= np.sort(rows)[-count], sigma_px)
 
 
 def ramp_error(line, truth):
@@ -100,40 +81,6 @@ def test_larger_sensor_noise_gives_larger_sigma():
     assert (np.sqrt(variances[1]) > 3 * np.sqrt(variances[0])).all()
 
 
-def test_ramp_is_found_within_its_sigma_only_when_in_view():
-    estimate = locate(NEAR, detection(NEAR, count=60))
-    assert 0.1 < estimate.ramp_sigma_m < 3
-    assert np.linalg.norm(estimate.ramp_m - (LEFT.p0_m + RIGHT.p0_m) / 2) < 2 * estimate.ramp_sigma_m
-    over_deck = approach(-40.0, 4.0)  # the lines leave the image through its lower border
-    found = detection(NEAR)
-    bottom = float(found.left.points_px[:, 1].max()) + 1.0
-    cropped = Detection(found.left, found.right, (0.0, 0.0, 1279.0, bottom))
-    for estimate in (locate(over_deck, detection(over_deck)), locate(NEAR, cropped)):
-        assert (estimate.status, estimate.ramp_m, reasons(estimate)) == (Status.OK, None, [Reason.NO_RAMP])
-
-
-def test_lines_that_begin_far_apart_are_rejected(monkeypatch):
-    found = detection(NEAR)
-    rows = found.left.points_px[:, 1]
-    found = Detection(keep(found.left, rows < np.percentile(rows, 40)), found.right)
-    estimate = locate(NEAR, found)
-    assert (estimate.status, estimate.lines, reasons(estimate)) == (Status.NOT_SEEN, {}, [Reason.LINE_ENDS])
-    monkeypatch.setattr(runway, "MAX_END_STEP_M", 1000.0)
-    assert locate(NEAR, found).status is Status.OK
-
-
-def test_slope_sigma_allows_the_near_ends_of_a_banked_deck_to_differ():
-    """5 degrees of bank, projected onto a level deck from 6 m above it, put 16 m between the near ends."""
-    frame = approach(60.0, 6.0, right=PARALLEL_RIGHT)
-    rise = np.array([0.0, 0.0, 7.45 * np.sin(np.deg2rad(5.0))])
-    lines = [Segment(line.p0_m + up, line.p1_m + up) for line, up in ((LEFT, -rise), (PARALLEL_RIGHT, rise))]
-    banked = Detection(*(line_points(frame, line) for line in lines))
-    level = locate(frame, banked)
-    assert (level.status, reasons(level)) == (Status.NOT_SEEN, [Reason.LINE_ENDS])
-    assert " 16 m" in level.reason
-    assert locate(frame, banked, still_deck(slope_deg=3.0)).status is Status.OK
-
-
 def test_one_line_has_a_centre_only_with_a_known_width():
     found = Detection(EMPTY, detection(NEAR).right)
     estimate = locate(NEAR, found)
@@ -153,32 +100,6 @@ def test_one_line_is_located_exactly(side):
     assert estimate.status is Status.ONE_LINE
     truth = {"left": LEFT, "right": PARALLEL_RIGHT}[side]
     np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-6)
-
-
-LEFT_POINTS, RIGHT_POINTS = detection(NEAR).left, detection(NEAR).right
-SAME_MARKING = replace(LEFT_POINTS, points_px=LEFT_POINTS.points_px + np.array([1.0, 0.0]))
-TURNED = shift_left_line(14.0, np.deg2rad(12))
-
-
-@pytest.mark.parametrize(
-    ("left", "right", "reason", "kept"),
-    [
-        (EMPTY, EMPTY, Reason.NO_LINE, set()),
-        (RIGHT_POINTS, LEFT_POINTS, Reason.CROSSED, set()),
-        (LEFT_POINTS, SAME_MARKING, Reason.LINE_SPACING, set()),
-        (LEFT_POINTS, line_points(NEAR, TURNED), Reason.LINE_ANGLE, set()),
-        # Of two lines in different directions, the clearly surer one stays.
-        (detection(NEAR, sigma_px=0.3).left, line_points(NEAR, TURNED, sigma_px=4.0), Reason.LINE_ANGLE, {"left"}),
-        # The direction of 8 points is not known.
-        (nearest(LEFT_POINTS, 8, 8.0), RIGHT_POINTS, Reason.UNSURE, {"right"}),
-    ],
-    ids=["nothing", "swapped", "same marking", "directions", "one surer", "too short"],
-)
-def test_contradicting_lines_are_dropped_with_the_reason(left, right, reason, kept):
-    estimate = locate(NEAR, Detection(left, right), still_deck(**ANY_ANGLE))
-    assert estimate.status is (Status.ONE_LINE if kept else Status.NOT_SEEN)
-    assert (set(estimate.pixel_lines), set(estimate.lines)) == (kept, kept)
-    assert reasons(estimate)[0] is reason
 
 
 def test_without_a_pose_only_the_image_lines_are_given():
@@ -322,17 +243,12 @@ def test_sloped_deck_needs_a_slope_sigma():
     frame = approach(60.0, 8.0, right=PARALLEL_RIGHT)
     along = np.array([np.cos(azimuth(LEFT)), np.sin(azimuth(LEFT)), 0.0])
     gradient = float(np.tan(np.deg2rad(1.0))) * along
-
-    def true_z(point):
-        return LEFT.p0_m[2] + (point - LEFT.p0_m) @ gradient
-
-    lines = [[np.array([*p[:2], true_z(p)]) for p in (line.p0_m, line.p1_m)] for line in (LEFT, PARALLEL_RIGHT)]
-    found = Detection(*(line_points(frame, Segment(*line)) for line in lines))
-    frame = replace(frame, depth_m=depth_of_plane(frame, LEFT.p0_m, gradient, 400.0))
+    frame, found = slope_deck(frame, LEFT.p0_m, gradient)
     level, sloped = (
         locate(frame, found, still_deck("fine", slope_deg=slope)).lines["left"] for slope in (0.0, np.rad2deg(0.02))
     )
-    assert abs(sloped.point_m[2] - true_z(sloped.point_m)) < 0.02 < abs(level.point_m[2] - true_z(level.point_m))
+    level_error, sloped_error = (abs((line.point_m - LEFT.p0_m) @ ([0, 0, 1] - gradient)) for line in (level, sloped))
+    assert sloped_error < 0.02 < level_error
     assert abs(wrap_angle(sloped.azimuth_rad - azimuth(LEFT))) < 1e-3
 
 

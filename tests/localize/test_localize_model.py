@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -13,9 +11,8 @@ from deckline.localize.model import (
     linearize_measurements,
     linearize_nuisance_prior,
 )
-from deckline.localize.observations import observe
-from deckline.localize.ransac import fit_pixel_line
-from runway_scene import LEFT, LENS, NOISE, PARALLEL_RIGHT, approach, azimuth, detection, with_depth
+from deckline.types import SIDES
+from runway_scene import LEFT, LENS, NOISE, PARALLEL_RIGHT, approach, azimuth, detection, observe_lines, with_depth
 
 ALONG = np.array([np.cos(azimuth(LEFT)), np.sin(azimuth(LEFT))])
 PLANE = DeckPlane(np.array([-40.0, 35.0]), np.stack([ALONG, [-ALONG[1], ALONG[0]]]), np.array([0.01, 0.02]))
@@ -28,12 +25,12 @@ TRUTH = State(
 )
 
 
-def observe_lines(frame, mode="auto", sides=("left", "right"), shift_px=0.0):
+def measure(frame, mode="auto", sides=SIDES, shift_px=0.0):
+    """Observations of points that lie `shift_px` beside the lines."""
     found = detection(frame, PARALLEL_RIGHT, 15, sigma_px=0.5)
-    points = {side: getattr(found, side) for side in sides}
-    points = {side: replace(p, points_px=p.points_px + np.array([shift_px, 0.0])) for side, p in points.items()}
-    lines = {side: fit_pixel_line(p, frame.camera, np.random.default_rng(0)) for side, p in points.items()}
-    return observe(frame, points, lines, mode)[0]
+    for side in sides:
+        getattr(found, side).points_px[:, 0] += shift_px
+    return observe_lines(frame, found, mode, sides)[0]
 
 
 def derivative(residuals, k, size, step_size):
@@ -46,7 +43,7 @@ def derivative(residuals, k, size, step_size):
 @pytest.mark.parametrize("camera", [FRAME.camera, LENS], ids=["pinhole", "distorted"])
 def test_residuals_vanish_at_the_truth_and_the_jacobian_equals_finite_differences(camera):
     frame = approach(70.0, 8.0, roll=0.3, right=PARALLEL_RIGHT, camera=camera)
-    observations = observe_lines(with_depth(frame))
+    observations = measure(with_depth(frame))
 
     def residuals(state):
         return np.concatenate([t.residuals for t in linearize_measurements(observations, state, PLANE, NOISE)])
@@ -66,13 +63,13 @@ def test_residuals_vanish_at_the_truth_and_the_jacobian_equals_finite_difference
 
 
 def test_pixel_residual_is_the_distance_from_the_line_in_sigma():
-    observations = observe_lines(FRAME, sides=("left",), shift_px=1.0)
+    observations = measure(FRAME, sides=("left",), shift_px=1.0)
     residuals = linearize_measurements(observations, TRUTH.select([0]), PLANE, NOISE)[0].residuals
     np.testing.assert_allclose(np.abs(residuals), 2.0, rtol=0.02)  # 1 px of u at 0.5 px; a row's own sigma is small
 
 
 def test_coarse_mode_uses_no_depth():
-    observations = observe_lines(with_depth(FRAME), "coarse")
+    observations = measure(with_depth(FRAME), "coarse")
     assert len(linearize_measurements(observations, TRUTH, PLANE, NOISE)[1].residuals) == 0
 
 

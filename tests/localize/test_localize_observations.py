@@ -5,22 +5,19 @@ import pytest
 
 from deckline.localize.observations import initial_height, initial_line, observe
 from deckline.localize.ransac import fit_pixel_line
-from deckline.types import SIDES, Reason
-from runway_scene import DECK_Z_M, LEFT, LENS, approach, azimuth, detection, with_depth
+from deckline.types import Reason
+from runway_scene import DECK_Z_M, LEFT, LENS, approach, azimuth, detection, observe_lines, with_depth
 
 FRAME = approach(80.0, 8.0)
 
 
-def observe_lines(frame, mode="auto"):
-    found = detection(frame, count=20)
-    points = {side: getattr(found, side) for side in SIDES}
-    lines = {side: fit_pixel_line(points[side], frame.camera, np.random.default_rng(0)) for side in SIDES}
-    return *observe(frame, points, lines, mode), lines
+def observe_20(frame, mode="auto"):
+    return observe_lines(frame, detection(frame, count=20), mode)
 
 
 def test_rays_meet_the_line_and_steps_are_those_of_the_detector():
     frame = approach(80.0, 8.0, camera=LENS)
-    observations, notices, _ = observe_lines(frame)
+    observations, notices, _ = observe_20(frame)
     assert (observations.names, notices) == (("left", "right"), ())
     left = observations.world_rays[observations.line == 0]
     ground = observations.camera_m + left * ((DECK_Z_M - observations.camera_m[2]) / left[:, 2:])
@@ -33,16 +30,16 @@ def test_rays_meet_the_line_and_steps_are_those_of_the_detector():
 
 def test_depth_is_used_where_there_is_one():
     frame = with_depth(FRAME, 150.0)
-    observations, *_ = observe_lines(frame)
+    observations, *_ = observe_20(frame)
     valid = np.isfinite(observations.log_depth)
     assert 0 < valid.sum() < len(valid)
     heights = observations.camera_m[2] + np.exp(observations.log_depth[valid]) * observations.world_rays[valid, 2]
     np.testing.assert_allclose(heights, DECK_Z_M, atol=1e-3)
-    assert not np.isfinite(observe_lines(frame, "coarse")[0].log_depth).any()
+    assert not np.isfinite(observe_20(frame, "coarse")[0].log_depth).any()
 
 
 def test_lines_are_selected_in_the_order_given():
-    observations, *_ = observe_lines(with_depth(FRAME))
+    observations, *_ = observe_20(with_depth(FRAME))
     right = observations.select(("right",))
     assert right.names == ("right",)
     np.testing.assert_array_equal(right.rays, observations.rays[observations.line == 1])
@@ -61,7 +58,7 @@ def test_points_above_the_horizon_are_left_out():
 
 
 def test_initial_height():
-    observations, *_ = observe_lines(with_depth(FRAME))
+    observations, *_ = observe_20(with_depth(FRAME))
     assert initial_height(observations, 7.0, fine=True) == pytest.approx(DECK_Z_M, abs=1e-3)
     assert initial_height(observations, 7.0, fine=False) == 7.0
     assert initial_height(observations, None, fine=False) == pytest.approx(DECK_Z_M, abs=1e-3)
@@ -71,7 +68,7 @@ def test_initial_height():
 
 
 def test_initial_line_is_the_image_line_on_the_plane():
-    observations, _, lines = observe_lines(FRAME)
+    observations, _, lines = observe_20(FRAME)
     normal = observations.rotation @ (FRAME.camera.matrix.T @ lines["left"].coefficients)
     point, angle = initial_line(observations, 0, normal, DECK_Z_M)
     assert angle % (2 * np.pi) == pytest.approx(azimuth(LEFT) % (2 * np.pi), abs=1e-6)

@@ -4,21 +4,15 @@ import numpy as np
 import pytest
 
 from deckline.localize.model import NUISANCES, State
-from deckline.localize.observations import observe
-from deckline.localize.ransac import fit_pixel_line
 from deckline.localize.solver import solve
-from deckline.types import SIDES
-from runway_scene import LEFT, NOISE, PARALLEL_RIGHT, STILL, approach, azimuth, detection, with_depth
+from runway_scene import LEFT, NOISE, PARALLEL_RIGHT, STILL, approach, azimuth, detection, observe_lines, with_depth
 
 FRAME = with_depth(approach(80.0, 8.0, right=PARALLEL_RIGHT))
 
 
 def solve_from_offset(frame, found, mode="auto", deck_z_m=LEFT.p0_m[2]):
     """The solution from a start that is off by 0.3 m, 0.01 rad and 0.4 m of height."""
-    points = {side: getattr(found, side) for side in SIDES}
-    rng = np.random.default_rng(0)
-    lines = {side: fit_pixel_line(points[side], frame.camera, rng) for side in SIDES}
-    observations, _ = observe(frame, points, lines, mode)
+    observations, *_ = observe_lines(frame, found, mode)
     middles = np.stack([(line.p0_m + line.p1_m)[:2] / 2 for line in (LEFT, PARALLEL_RIGHT)])
     start = State(middles + 0.3, np.full(2, azimuth(LEFT) + 0.01), LEFT.p0_m[2] + 0.4, np.zeros(NUISANCES))
     return solve(observations, start, NOISE, STILL.deck, deck_z_m)
