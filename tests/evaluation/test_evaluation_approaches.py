@@ -7,7 +7,7 @@ from deckline.config import GRADES
 from deckline.evaluation.approaches import (
     FlightsConfig,
     add_depth_noise,
-    describe_sensors,
+    describe_flights,
     draw_patchy_noise,
     flight_settings,
     fly,
@@ -31,8 +31,9 @@ def test_the_simulator_draws_the_errors_of_the_configured_sensors():
     assert rendered.navigation.position_sigma_m == pytest.approx(0.1)
     assert rendered.navigation.attitude_bias_deg == pytest.approx(0.1)
     assert rendered.motion.sea_state == 5.0
-    assert describe_sensors(config.run.sensors) == "tactical"
-    assert describe_sensors(replace(SENSORS, position_m=0.5)).startswith("0.5 m")
+    assert "navigation tactical, sea state 5" in describe_flights(config)
+    own = FlightsConfig(options=RunOptions(position_sigma_m=0.5))
+    assert "navigation 0.5 m and 0.1 degrees" in describe_flights(own)
     assert "options" not in flight_settings(config)
 
 

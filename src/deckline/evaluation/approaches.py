@@ -139,12 +139,15 @@ def draw_patchy_noise(shape: tuple[int, ...], rng: np.random.Generator) -> NDArr
     return np.asarray(blurred / np.float32((kernel**2).sum()), dtype=np.float32)
 
 
-def describe_sensors(sensors: Sensors) -> str:
-    """The grade of the sensors, or their pose's accuracy where they have none."""
-    for name, graded in GRADES.items():
-        if sensors == graded:
-            return name
-    return f"{sensors.position_m:g} m and {sensors.attitude_deg:g} degrees"
+def describe_flights(config: FlightsConfig) -> str:
+    """Ship, visibility, ranges, sensors, sea and seed in words."""
+    sensors, (far_m, near_m) = config.run.sensors, config.range_m
+    grade = next((name for name, graded in GRADES.items() if sensors == graded), None)
+    navigation = grade or f"{sensors.position_m:g} m and {sensors.attitude_deg:g} degrees"
+    return (
+        f"{config.frames} frames, preset {config.preset}, V {config.visibility} m, {far_m:g} to {near_m:g} m, "
+        f"navigation {navigation}, sea state {config.run.deck.sea_state:g}, seed {config.seed}"
+    )
 
 
 def flight_settings(flights: FlightsConfig) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import tyro
 from deckline.config import Models
 from deckline.config_file import read_config, to_toml_text
 from deckline.dehaze import NOT_DEHAZED
-from deckline.evaluation.approaches import FlightsConfig, describe_sensors, flight_settings, fly
+from deckline.evaluation.approaches import FlightsConfig, describe_flights, flight_settings, fly
 from deckline.evaluation.chain import single_frames
 from deckline.evaluation.integrity_faults import FAULTS
 from deckline.evaluation.integrity_score import (
@@ -209,12 +209,10 @@ def _count_nominal(runs: Sequence[Sequence[FrameState]]) -> dict[str, int]:
 
 
 def _publish(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], config: IntegrityConfig) -> None:
-    flights, run = config.flights, config.flights.run
-    how = f"rendered, detector {run.models.detector}" if config.rendered else f"{config.point_noise}"
+    detector = config.flights.run.models.detector
+    how = f"rendered, detector {detector}" if config.rendered else f"{config.point_noise}"
     title = (
-        f"{config.runs} runs of each fault, {config.nominal} without; preset {flights.preset}, "
-        f"{flights.frames} frames, V {flights.visibility} m, {flights.range_m[0]:g} to {flights.range_m[1]:g} m, "
-        f"navigation {describe_sensors(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; "
+        f"{config.runs} runs of each fault, {config.nominal} without, of {describe_flights(config.flights)}; "
         f"time to alert {config.alert_s:g} s; {how}"
     )
     tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)

@@ -14,7 +14,7 @@ import tyro
 
 from deckline.atomic import write_atomic
 from deckline.config_file import read_config
-from deckline.evaluation.approaches import FlightsConfig, describe_sensors, flight_settings, fly
+from deckline.evaluation.approaches import FlightsConfig, describe_flights, flight_settings, fly
 from deckline.evaluation.localization_methods import (
     Bench,
     Method,
@@ -150,15 +150,10 @@ def _fly_in_process(number: int, config: LocalizationConfig) -> list[dict[str, A
 
 
 def _publish(scores: dict[str, list[Score]], work: Work, config: LocalizationConfig) -> None:
-    flights, run = config.flights, config.flights.run
-    seen_by = (
-        f"{config.point_noise}" if config.points else f"dehazer {run.models.dehazer}, detector {run.models.detector}"
-    )
-    title = (
-        f"{config.approaches} approaches of {flights.frames} frames, preset {flights.preset}, "
-        f"V {flights.visibility} m, {flights.range_m[0]:g} to {flights.range_m[1]:g} m, navigation "
-        f"{describe_sensors(run.sensors)}, sea state {run.deck.sea_state:g}, seed {flights.seed}; {seen_by}"
-    )
+    models = config.flights.run.models
+    names = f"dehazer {models.dehazer}, detector {models.detector}"
+    seen_by = f"{config.point_noise}" if config.points else names
+    title = f"{config.approaches} approaches of {describe_flights(config.flights)}; {seen_by}"
     tables = localization_tables(scores, work.methods)
     publish(title, tables, flat_figures(scores), config.output, [*work.notes, NOTES])
 
