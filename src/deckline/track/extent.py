@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
 from deckline.track.filter import HEAVE, HEIGHT, PITCH, SIZE, State
-from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior
+from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Value
 
 Array = NDArray[np.float64]
 SHIP_SPEED_SIGMA_M_S = 15.0  # of an unknown ship; 29 knots
@@ -34,6 +34,10 @@ class Extent:
     @property
     def sigma_m(self) -> float:
         return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def speed(self) -> Value:
+        return Value(self.speed_m_s, float(np.sqrt(self.covariance[1, 1])))
 
 
 def visible_extent(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[float, float] | None:

@@ -13,12 +13,18 @@ from deckline.track.extent import (
     update_extent,
     visible_extent,
 )
-from deckline.track.filter import State, initial_state, predict, shift_reference, update
-from deckline.track.integrity import protection_levels
+from deckline.track.filter import (
+    State,
+    initial_state,
+    predict,
+    shift_reference,
+    track_lines,
+    track_rates,
+    update,
+)
+from deckline.track.integrity import FaultMonitor, FrozenImageMonitor, check_order, protection_levels
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
-from deckline.track.monitor import FaultMonitor, FrozenImageMonitor, check_order
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
-from deckline.track.output import track_lines, track_rates
 from deckline.types import (
     SIDES,
     Frame,
@@ -223,7 +229,9 @@ class Tracker:
         if extent is not None:
             touchdown = float(state.local(extent.near_m)[0]) + config.approach.touchdown_m
         at_m = touchdown or 0.0
-        lateral, height, closing = track_rates(state, memory.aircraft, pose, ramp, at_m, config)
+        lateral, height, closing = track_rates(
+            state, memory.aircraft, pose, None if ramp is None else ramp.speed, at_m, config
+        )
         used = gated is not None and gated.kept is not None
         return Track(
             context.frame.time_s,

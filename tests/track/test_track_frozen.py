@@ -6,7 +6,7 @@ import numpy as np
 from point_flight import Flight, draw_errors, one_frame
 from scipy.spatial.transform import RigidTransform
 
-from deckline.track.monitor import FrozenImageMonitor
+from deckline.track.integrity import FrozenImageMonitor
 from deckline.types import DepthMode, RunwayEstimate, Status
 
 NOTHING = RunwayEstimate(Status.NOT_SEEN, DepthMode.NONE, {}, {})
