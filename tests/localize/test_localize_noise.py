@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -6,19 +8,25 @@ from deckline.localize.noise import noise_inflation
 SIGMA = 0.3
 
 
-def residuals(count, correlation, rng, dispersion=1.0):
-    """Residuals of a straight line fitted to autoregressive errors, and the errors of the fit (2,)."""
+@cache
+def regression(count, correlation):
+    """Design of a straight line (N, 2), its pseudo-inverse, and a root of the errors' covariance (N, N)."""
     design = np.column_stack([np.ones(count), np.linspace(-1, 1, count)])
     lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    errors = dispersion * np.linalg.cholesky(correlation**lag) @ rng.normal(size=count)
-    fitted = np.linalg.lstsq(design, errors, rcond=None)[0]
-    return errors - design @ fitted, fitted
+    return design, np.linalg.pinv(design), np.linalg.cholesky(correlation**lag)
+
+
+def residuals(count, correlation, rng, dispersion=1.0):
+    """Residuals of a straight line fitted to autoregressive errors, and the errors of the fit (2,)."""
+    design, inverse, root = regression(count, correlation)
+    errors = dispersion * root @ rng.normal(size=count)
+    return errors - design @ (inverse @ errors), inverse @ errors
 
 
 def error_ratio(count, correlation, prior, sigma=SIGMA, tries=300):
     """Mean squared error over the stated variance, per fitted number, of two lines."""
     rng = np.random.default_rng(4)
-    design = np.column_stack([np.ones(count), np.linspace(-1, 1, count)])
+    design = regression(count, correlation)[0]
     information = design.T @ design
     found = []
     for _ in range(tries):

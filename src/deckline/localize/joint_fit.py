@@ -111,13 +111,13 @@ def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str,
 
 def line_fits(solution: Solution, observations: Observations, noise: FrameNoise) -> dict[str, LineFit]:
     """Each line of a solution with its sensitivities, in the world and as the aircraft sees it."""
-    state, deck, fits = solution.state, solution.deck, {}
-    slopes = state.nuisances[4:] * deck.slopes
+    state, plane, fits = solution.state, solution.plane, {}
+    slopes = state.nuisances[4:] * plane.slopes
     for k, name in enumerate(solution.names):
-        offset = deck.axes @ (state.points_m[k] - deck.origin_m)
+        offset = plane.axes @ (state.points_m[k] - plane.origin_m)
         rows = np.zeros((3, len(solution.points)))
         rows[0, 2 * k] = rows[1, 2 * k + 1] = rows[2, -NUISANCES - 1] = 1.0
-        rows[2, -2:] = offset * deck.slopes
+        rows[2, -2:] = offset * plane.slopes
         relative = _relative_columns(rows @ solution.height, rows @ solution.nuisances, noise)
         point = np.array([*state.points_m[k], state.z_m + float(offset @ slopes)])
         rigid = _rigid_columns(point - observations.body_m, float(state.azimuths_rad[k]), noise)
@@ -141,13 +141,13 @@ def _apply_floor(noise: FrameNoise) -> FrameNoise:
 def _line_errors(solution: Solution, rows: Array, noise: FrameNoise) -> LineErrors:
     """Sensitivity of a line and of the slopes to errors, and the part of their noise that is new in every frame.
 
-    An error of a prior moves the fit by its column. The nuisances of attitude and focal length correct
+    Each column is the change of the fit by an error of one prior. The nuisances of attitude and focal length correct
     the measurement, so their errors have the opposite sign; depth scale and slopes are the true values themselves.
 
     Args:
         rows: (3, P) the line's offset, azimuth and z, of the solution's unknowns.
     """
-    slopes = solution.deck.slopes
+    slopes = solution.plane.slopes
     sigma_m = max(float(np.hypot(noise.deck_z_m, noise.position_m)), MIN_SIGMA_M)
     rows = np.vstack([rows, np.zeros((2, rows.shape[1]))])
     rows[3:, -2:] = np.diag(slopes)

@@ -85,7 +85,7 @@ def localize(
     rng: np.random.Generator,
     place: Placement = place_jointly,
 ) -> RunwayEstimate:
-    """Where the runway lines are.
+    """Runway lines in the world from the points of one frame.
 
     Status OK: both lines were found, and agree in order, spacing, direction and near ends. Lines that contradict each
     other are dropped: "not seen" is better than wrong. Without pose, depth or deck height only the image lines are
@@ -142,8 +142,8 @@ def _estimate(
         ends = find_near_ends(frame, points, placed.deck_points, fits["centre"], detection.region_px)
         if isinstance(ends, Notice):
             notices += (ends,)
-        elif apart := check_near_ends(ends, fits["left"], fits["right"]):
-            return _not_seen((*notices, apart))
+        elif contradiction := check_near_ends(ends, fits["left"], fits["right"]):
+            return _not_seen((*notices, contradiction))
         else:
             ramp_m, ramp_sigma_m = locate_ramp(ends, fits["centre"])
         flags = _check_deck_sign(frame, fits, config)

@@ -24,7 +24,7 @@ MIN_SIGMA_RAD = 1e-5
 MIN_DEPTH_FRACTION = 1e-4
 MIN_HEIGHT_M = 1e-2  # of the camera over the deck; smaller heights are clamped
 DOWN = np.array([0.0, 0.0, 1.0])
-# On the stated 1-sigma of the angle between the lines: one frame may not see both lines over the same stretch.
+# Factor on the stated 1-sigma of the angle between the lines: one frame may not see both over the same stretch.
 PARALLEL_FACTOR = 2.0
 CENTRE_SIGMA_M = 0.1  # of a painted centre line's place midway between the edge lines
 CENTRE_SIGMA_RAD = float(np.deg2rad(0.05))  # and of its direction

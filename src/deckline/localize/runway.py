@@ -149,21 +149,21 @@ def shift_line(fit: LineFit, right_m: float, sigma_m: float) -> LineFit:
 def find_near_ends(
     frame: Frame,
     points: dict[str, LinePoints],
-    located: dict[str, DeckPoints],
+    deck_points: dict[str, DeckPoints],
     centre: LineFit,
     region_px: Region | None,
 ) -> NearEnds | Notice:
     """Where both lines begin, or why it is not known: both must end inside the part that the detector searched.
 
-    Points come row by row or column by column, so a true end lies anywhere between the last one with the line and the
-    next. The middle of that gap is taken, and the whole gap on the ground is its 1-sigma.
+    Detectors give points by rows or columns of the image: the true end lies between the last point and the next row or
+    column. The estimate is the middle of that gap, its 1-sigma the whole gap on the ground.
     """
     pose = frame.world_from_camera
     if pose is None:
         return NO_POSE
     ends, variances, shared, ratios = [], [], [], []
     for side in SIDES:
-        line = located[side]
+        line = deck_points[side]
         along_m = (line.points_m[:, :2] - centre.point_m[:2]) @ centre.direction
         nearest, farthest = int(np.argmin(along_m)), int(np.argmax(along_m))
         pixels = points[side].points_px[line.index]

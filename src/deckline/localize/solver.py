@@ -26,13 +26,13 @@ from deckline.localize.noise import CORRELATION, CORRELATION_SIGMA, noise_inflat
 from deckline.localize.observations import Observations
 
 Array = NDArray[np.float64]
-STEPS = 12  # Gauss-Newton; three or four are enough unless the reported height is far off
+STEPS = 12  # of Gauss-Newton at most; three or four are usual
 CONVERGED = 1e-2  # 1-sigma; a smaller step ends the iteration
 HUBER = 2.5  # 1-sigma; cost of larger residuals grows linearly: 99 % efficient without outliers
 CUTOFF = 5.0  # 1-sigma; larger residuals are outliers of weight 0
-MIN_COMMON_DIRECTION = 1e-6  # length of the lines' summed directions that still has a direction
+MIN_COMMON_DIRECTION = 1e-6  # length of the sum of the lines' unit vectors; 0 for opposite directions
 MEDIAN_TO_SIGMA = 1.4826  # of a normal distribution's sizes
-DEPTH = "depth"  # beside the lines' names
+DEPTH = "depth"  # key of all depths in `Solution.inflation`
 DAMPING = 10.0  # factor on the damping after a step that raises the cost
 
 
@@ -51,7 +51,7 @@ class Solution:
 
     names: tuple[str, ...]
     state: State
-    deck: DeckPlane
+    plane: DeckPlane
     points: Array  # (P, M) to the points' noise and the prior of the lines' geometry
     height: Array  # (P,) to the error of the reported deck height less the aircraft's own; 0 without a report
     nuisances: Array  # (P, 6) to the nuisances
@@ -78,7 +78,7 @@ def solve(
         inflation: of an earlier solution; the prior of the lines' geometry is then used too. None: a fit without
             that prior measures it.
     """
-    plane = _deck_plane(observations, start, noise)
+    plane = _orient_plane(start, noise)
     blocks = _number_blocks(observations)
 
     def terms(state: State) -> tuple[Terms, Terms]:
@@ -90,17 +90,18 @@ def solve(
     keys = (*observations.names, DEPTH)
     if inflation is None:
         scale = np.ones(len(keys))
-        fit = _minimise(terms, start, blocks, scale)
+        fit = _minimize(terms, start, blocks, scale)
         scale = _measure_inflation(fit.measurement, blocks, observations)
-        fit = _minimise(terms, fit.state, blocks, scale) if (scale > 1.0).any() else fit
+        fit = _minimize(terms, fit.state, blocks, scale) if (scale > 1.0).any() else fit
     else:
         scale = np.array([inflation[key] for key in keys])
-        fit = _minimise(terms, start, blocks, scale)
+        fit = _minimize(terms, start, blocks, scale)
     factors = dict(zip(keys, scale.tolist(), strict=True))
-    return _solution(factors, fit, plane, blocks, scale, deck_z_m is not None)
+    return _derive_solution(factors, fit, plane, blocks, scale, deck_z_m is not None)
 
 
-def _deck_plane(observations: Observations, start: State, noise: FrameNoise) -> DeckPlane:
+def _orient_plane(start: State, noise: FrameNoise) -> DeckPlane:
+    """The plane of the deck through the lines, its axes along and across their mean direction."""
     along = np.array([np.cos(start.azimuths_rad).sum(), np.sin(start.azimuths_rad).sum()])
     length = float(np.linalg.norm(along))
     if length < MIN_COMMON_DIRECTION:  # lines in opposite directions
@@ -115,15 +116,15 @@ def _number_blocks(observations: Observations) -> NDArray[np.int64]:
     return np.concatenate([observations.line, np.full(depths, len(observations.names), dtype=np.int64)])
 
 
-def _minimise(
+def _minimize(
     terms: Callable[[State], tuple[Terms, Terms]], start: State, blocks: NDArray[np.int64], scale: Array
 ) -> _Fit:
     state, damping = start, 0.0
     measurement, prior = terms(state)
     for _ in range(STEPS):
-        weights = _weights(measurement.residuals, blocks) / scale[blocks] ** 2
+        weights = _robust_weights(measurement.residuals, blocks) / scale[blocks] ** 2
         cost = _cost(measurement, prior, weights)
-        normal = _normal(measurement, prior, weights)
+        normal = _normal_matrix(measurement, prior, weights)
         gradient = measurement.jacobian.T @ (weights * measurement.residuals) + prior.jacobian.T @ prior.residuals
         damped = normal + damping * np.diag(np.diag(normal))
         step: Array = np.asarray(np.linalg.solve(damped, gradient), dtype=np.float64)
@@ -142,11 +143,11 @@ def _cost(measurement: Terms, prior: Terms, weights: Array) -> float:
     return float(weights @ measurement.residuals**2 + prior.residuals @ prior.residuals)
 
 
-def _normal(measurement: Terms, prior: Terms, weights: Array) -> Array:
+def _normal_matrix(measurement: Terms, prior: Terms, weights: Array) -> Array:
     return (measurement.jacobian.T * weights) @ measurement.jacobian + prior.jacobian.T @ prior.jacobian
 
 
-def _weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
+def _robust_weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
     """Huber weights with a cut-off, in units of each block's median deviation where that exceeds the assumed noise."""
     size = np.abs(residuals)
     deviation = np.ones(int(blocks.max()) + 1)
@@ -160,7 +161,7 @@ def _weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
 
 def _measure_inflation(measurement: Terms, blocks: NDArray[np.int64], observations: Observations) -> Array:
     """Noise inflation of each block, (L + 1,)."""
-    weights = _weights(measurement.residuals, blocks)
+    weights = _robust_weights(measurement.residuals, blocks)
     nearness = observations.world_rays[:, 2]
     along = np.concatenate([nearness, nearness[np.isfinite(observations.log_depth)]])
     parts = []
@@ -172,12 +173,12 @@ def _measure_inflation(measurement: Terms, blocks: NDArray[np.int64], observatio
     return np.concatenate([pixels, noise_inflation(parts[-1:], 0.0, CORRELATION_SIGMA)])
 
 
-def _solution(
+def _derive_solution(
     inflation: dict[str, float], fit: _Fit, plane: DeckPlane, blocks: NDArray[np.int64], scale: Array, has_height: bool
 ) -> Solution:
     measurement, prior = fit.measurement, fit.prior
-    weights = _weights(measurement.residuals, blocks) / scale[blocks] ** 2
-    inverse = np.linalg.inv(_normal(measurement, prior, weights))
+    weights = _robust_weights(measurement.residuals, blocks) / scale[blocks] ** 2
+    inverse = np.linalg.inv(_normal_matrix(measurement, prior, weights))
     by_points = inverse @ measurement.jacobian.T * (weights * scale[blocks])
     by_prior = inverse @ prior.jacobian.T
     geometry = by_prior[:, : -NUISANCES - 1 if has_height else -NUISANCES]
