@@ -2,10 +2,21 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import tyro
 
 from deckline.config import GRADES, Grade, Mode, Picture, RunConfig
 from deckline.config_file import config_from_table, read_toml
+
+
+def _flag(metavar: str) -> Any:
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
+Number = Annotated[float | None, _flag("N")]
+Point = Annotated[tuple[float, float, float] | None, _flag("X Y Z")]
+Model = Annotated[str | None, _flag("MODEL")]
 
 TARGETS = {  # option -> section and field of the RunConfig
     "position_sigma_m": ("sensors", "position_m"),
@@ -25,7 +36,6 @@ TARGETS = {  # option -> section and field of the RunConfig
     "detector": ("models", "detector"),
     "detect_in": ("models", "detect_in"),
     "mode": ("localization", "mode"),
-    "track": ("tracking", "enabled"),
 }
 
 
@@ -53,29 +63,29 @@ class RunOptions:
         detector: name (see `deckline info`) or .onnx file.
         detect_in: the picture that the detector sees: hazy, or dehazed as published.
         mode: where distances come from: depth camera (fine), deck plane (coarse), or both (auto).
-        track: filter over the frames of one flight; --no-track treats every frame alone.
+        no_track: treat every frame alone, without the filter over the frames of one flight.
     """
 
-    config: Path | None = None
-    grade: Grade | None = None
-    position_sigma_m: float | None = None
-    attitude_sigma_deg: float | None = None
-    deck_z_sigma_m: float | None = None
-    focal_sigma: float | None = None
-    depth_sigma: float | None = None
-    delay_sigma_s: float | None = None
-    sea_state: float | None = None
-    runway_width_m: float | None = None
-    glideslope_deg: float | None = None
-    touchdown_m: float | None = None
-    point_m: tuple[float, float, float] | None = None
-    ramp_m: tuple[float, float, float] | None = None
-    heading_deg: float | None = None
-    dehazer: str | None = None
-    detector: str | None = None
-    detect_in: Picture | None = None
-    mode: Mode | None = None
-    track: bool | None = None
+    config: Annotated[Path | None, _flag("FILE")] = None
+    grade: Annotated[Grade | None, _flag("{standard,good,tactical,exact}")] = None
+    position_sigma_m: Number = None
+    attitude_sigma_deg: Number = None
+    deck_z_sigma_m: Number = None
+    focal_sigma: Number = None
+    depth_sigma: Number = None
+    delay_sigma_s: Number = None
+    sea_state: Number = None
+    runway_width_m: Number = None
+    glideslope_deg: Number = None
+    touchdown_m: Number = None
+    point_m: Point = None
+    ramp_m: Point = None
+    heading_deg: Number = None
+    dehazer: Model = None
+    detector: Model = None
+    detect_in: Annotated[Picture | None, _flag("{hazy,dehazed}")] = None
+    mode: Annotated[Mode | None, _flag("{auto,fine,coarse}")] = None
+    no_track: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run_config(self, base: RunConfig | None = None) -> RunConfig:
         """The configuration: `base`, overridden by the file, overridden by the options.
@@ -89,7 +99,7 @@ class RunOptions:
             config = read_run_config(self.config, config)
         if self.grade is not None:
             config = replace(config, sensors=GRADES[self.grade])
-        sections: dict[str, dict[str, Any]] = {}
+        sections: dict[str, dict[str, Any]] = {"tracking": {"enabled": False}} if self.no_track else {}
         for option, (section, name) in TARGETS.items():
             if (value := getattr(self, option)) is not None:
                 sections.setdefault(section, {})[name] = value
