@@ -27,12 +27,7 @@ USUAL_NAMES = ("annotations.json", "annotations/*.json", "*.json")  # in a data 
 
 
 def write_coco(path: Path, images: Sequence[LabelledImage], line_points: int = 9) -> None:
-    """Write labels, `line_points` keypoints evenly spaced along each line, its ends among them.
-
-    Raises:
-        ValueError: fewer than two points a line, or an image of unknown size.
-        OSError: the disk refuses.
-    """
+    """Write labels, `line_points` keypoints (at least 2) evenly spaced along each line, its ends among them."""
     if line_points < 2:
         raise ValueError(f"a line needs at least 2 keypoints, got {line_points}")
     names = [f"{side}_{k}" for side in SIDES for k in range(1, line_points + 1)]

@@ -38,12 +38,7 @@ CULANE_DECIMALS = 3  # of u, px
 
 
 def write_tusimple(path: Path, images: Sequence[LabelledImage], row_step_px: int = 1) -> None:
-    """Write labels; a line is kept where it crosses rows 0, row_step_px, ... of the image.
-
-    Raises:
-        ValueError: an image of unknown size.
-        OSError: the disk refuses.
-    """
+    """Write labels; a line is kept where it crosses rows 0, row_step_px, ... of the image."""
     rows = []
     for image in images:
         v = np.arange(0, image.size[1], row_step_px)
@@ -56,11 +51,7 @@ def write_tusimple(path: Path, images: Sequence[LabelledImage], row_step_px: int
 
 
 def read_tusimple(path: Path) -> LabelSet:
-    """Read a label file, or every label_data*.json of a folder.
-
-    Raises:
-        ValueError: no labels, or a line that is none; one line that names file, line and what is wrong.
-    """
+    """Read a label file, or every label_data*.json of a folder; a ValueError names file, line and what is wrong."""
     files = sorted(path.glob(TUSIMPLE_NAMES)) if path.is_dir() else [path]
     if not files:
         raise ValueError(f"{path}: no {TUSIMPLE_NAMES} in this folder; name the label file itself")
@@ -103,10 +94,7 @@ def write_culane(out: Path, images: Sequence[LabelledImage], row_step_px: int = 
     """Write .lines.txt files and list/train.txt and list/train_gt.txt below `out`, near end of every line first.
 
     The masks that list/train_gt.txt names are pictures: whoever writes the images writes them (`get_mask_name`).
-
-    Raises:
-        ValueError: an image of unknown size, or a file name with spaces, which list files cannot hold.
-        OSError: the disk refuses.
+    A ValueError for an image of unknown size, or a file name with spaces, which list files cannot hold.
     """
     flags = []
     for image in images:
@@ -137,11 +125,7 @@ def _get_lines_name(image: str) -> str:
 
 
 def read_culane(path: Path) -> LabelSet:
-    """Read the images that a list file names, or every image of a folder that has a .lines.txt beside it.
-
-    Raises:
-        ValueError: no labels, or a row that is none; one line that names file, row and what is wrong.
-    """
+    """Read the images of a list file, or those of a folder with a .lines.txt beside them; errors as `read_tusimple`."""
     if path.is_dir() and (path / LIST_FOLDER / FLAGS_FILE).exists():
         path = path / LIST_FOLDER / FLAGS_FILE
     if path.is_dir():

@@ -25,11 +25,7 @@ Labels = dict[str, Line | None]  # side -> labelled line, None: no such line
 
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
-    """Where the two runway lines are in one image.
-
-    Raises:
-        ValueError: a line that is not two or more finite points.
-    """
+    """Where the two runway lines are in one image; each is two or more finite points, else a ValueError."""
 
     file: str  # of the image, relative to its data set's folder
     left_px: Line | None  # None: there is no such line in the image
@@ -63,11 +59,7 @@ class LabelSet:
 
 
 def read_labels(path: Path) -> dict[str, Labels]:
-    """Labelled lines by image file.
-
-    Raises:
-        ValueError: not JSON, or not of the form above; the line names the file and the entry.
-    """
+    """Labelled lines by image file; a ValueError names the file and the entry that is none."""
     values = parse_json(read_text(path), str(path))
     frames = values.get("frames") if isinstance(values, dict) else None
     labels = {}
@@ -81,11 +73,7 @@ def read_labels(path: Path) -> dict[str, Labels]:
 
 
 def write_labels(path: Path, images: Sequence[LabelledImage]) -> None:
-    """Write labels.json, one frame a line.
-
-    Raises:
-        OSError: the disk refuses.
-    """
+    """Write labels.json, one frame a line."""
     rows = []
     for image in images:
         lines = {f"{side}_px": None if x is None else x.round(DECIMALS).tolist() for side, x in image.lines.items()}
@@ -129,8 +117,7 @@ def resample(line: Line, count: int) -> Line:
 def assign_sides(lines: Sequence[Line], where: str) -> tuple[Line | None, Line | None]:
     """Which of the lines of a file that does not name them is which: on the rows that they share, left is left.
 
-    Raises:
-        ValueError: one line alone, or more than two; begins with `where`.
+    One line alone, or more than two, are a ValueError that begins with `where`.
     """
     if not lines:
         return None, None

@@ -54,9 +54,6 @@ def find_visible_line(frame: Frame, segment: Segment, within_visibility: bool = 
 
     What is left of its contrast must be 2 % or more: the share of light that the air on the way lets through, where a
     recording holds its air (`Truth.conditions`); else the range must not exceed the visibility.
-
-    Raises:
-        ValueError: the recorded air is none.
     """
     ends = _clip_ends(frame, segment)
     if ends is None:
@@ -76,11 +73,7 @@ def find_visible_line(frame: Frame, segment: Segment, within_visibility: bool = 
 
 
 def label_frame(frame: Frame, file: str) -> LabelledImage:
-    """What a person could label in a frame: the true lines in the image, up to the visibility.
-
-    Raises:
-        ValueError: a frame without truth, or with true lines and no pose.
-    """
+    """The true lines in the image, up to the visibility; a ValueError for lines without a pose, or no truth."""
     truth = frame.truth
     if truth is None:
         raise ValueError(f"{frame.file}: no truth to label it from (a recording's scene.json holds it)")
@@ -130,11 +123,7 @@ def _is_visible(points_m: NDArray[np.float64], frame: Frame, within_visibility: 
 
 
 def compute_transmission(points_m: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
-    """Share (N,) of the light of points (N, 3) of the optical frame that the air lets through; 1 if nothing is known.
-
-    Raises:
-        ValueError: the recorded air is none.
-    """
+    """Share (N,) of light that the air lets through from points (N, 3), optical frame; 1 if nothing is known."""
     truth, pose = frame.truth, frame.true_world_from_camera
     ranges = np.linalg.norm(points_m, axis=1)
     if truth is None:

@@ -110,7 +110,6 @@ class AirSimRecording(Source):
         return mounted.frame(name, time_s, image, depth_m=depth, world_from_body=world_from_body, truth=truth)
 
     def _entry(self, name: str) -> dict[str, Any]:
-        """What scene.json says of this image."""
         if self._scene.frames is None:
             return {}
         entry = self._scene.frames.get(name)
@@ -129,11 +128,7 @@ class AirSimRecording(Source):
 
 
 def read_rows(path: Path) -> tuple[list[Row], list[str]]:
-    """Rows of airsim_rec.txt, by header, and notes about odd columns.
-
-    Raises:
-        RecordingError: missing or empty file, a missing or repeated column, no rows.
-    """
+    """Rows of airsim_rec.txt, by header, and notes about odd columns; errors as `read_table`."""
     rows, notes = read_table(path, "\t", REQUIRED, ("VehicleName", *CAR_COLUMNS))
     return [Row(line, cells) for line, cells in rows], notes
 

@@ -37,11 +37,7 @@ class MountedCamera:
         return replace(self, deck_z_m=deck_z_m, sea_z_m=self.sea_z_m if sea_z_m is None else sea_z_m)
 
     def frame(self, file: str, time_s: float, image_rgb: NDArray[np.uint8], **values: Any) -> Frame:
-        """A frame that this camera took.
-
-        Args:
-            file, time_s, image_rgb: see `Frame`.
-            values: other fields of `Frame`, such as depth_m, world_from_body, truth.
+        """A frame that this camera took; `values` are other fields of `Frame`, such as depth_m, world_from_body, truth.
 
         Raises:
             ValueError: intrinsics made for another image size.
@@ -76,11 +72,7 @@ def read_camera_file(path: Path) -> MountedCamera:
 
 
 def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False) -> MountedCamera:
-    """Camera from parsed TOML or JSON; `where` begins every error line.
-
-    Raises:
-        RecordingError: an unknown or missing key, or values that make no camera.
-    """
+    """Camera from parsed TOML or JSON; `where` begins the RecordingError for values that make no camera."""
     heights = HEIGHTS if allow_heights else ()
     try:
         _check_keys(values, INTRINSICS, ("distortion", "body_from_camera", *heights))
@@ -121,11 +113,7 @@ def transform_to_mapping(transform: RigidTransform) -> dict[str, list[float]]:
 
 
 def transform_from_mapping(values: Any, name: str) -> RigidTransform:
-    """Rigid transform from parsed TOML or JSON with translation_m and quaternion_wxyz; `name` begins error lines.
-
-    Raises:
-        ValueError: an unknown or missing key, or numbers that make no pose.
-    """
+    """Rigid transform from parsed TOML or JSON; `name` begins the ValueError for values that make none."""
     try:
         _check_keys(values, TRANSFORM)
         translation_m, quaternion = (

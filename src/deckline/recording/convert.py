@@ -70,10 +70,6 @@ def add_scene(
 def drop_scene(recording: Path, out: Path) -> Converted:
     """Copy a recording without scene.json and the clear images: AirSim's layout and nothing else.
 
-    Args:
-        recording: folder with airsim_rec.txt, images/ and scene.json.
-        out: new folder.
-
     Raises:
         RecordingError: no recording, one without scene.json, or `out` cannot be written.
     """

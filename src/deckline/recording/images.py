@@ -95,11 +95,7 @@ def encode_image(image_rgb: NDArray[np.uint8], image_format: str) -> bytes:
 
 
 def read_bytes(path: Path, what: str) -> bytes:
-    """All of a file.
-
-    Raises:
-        ValueError: missing, unreadable or empty.
-    """
+    """All of a file; a ValueError for a missing, unreadable or empty one begins with `what`."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -137,9 +133,6 @@ def read_depth(
 
 def read_pfm(data: bytes, rows: PfmRows = "top-to-bottom") -> NDArray[np.float32]:
     """One-channel PFM -> float32 (H, W), first row on top.
-
-    Args:
-        rows: order of the rows in the file; AirSim's is top to bottom.
 
     Raises:
         ValueError: not such a file, cut short, or scaled.

@@ -30,11 +30,7 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def at(self, file: str) -> tuple[float, RigidTransform]:
-        """Time in s and world_from_body of an image.
-
-        Raises:
-            ValueError: no row for it, a cell that is no number, or a quaternion that is none.
-        """
+        """Time in s and world_from_body of an image; a ValueError without a row for it, or one that is no pose."""
         if file not in self.rows:
             raise ValueError(f"{self.path} has no row for it; add one, or take the image away")
         line, cells = self.rows[file]
@@ -45,14 +41,10 @@ class Poses:
 
 
 def read_poses(path: Path, for_video: bool = False) -> Poses:
-    """Read poses.csv by its header.
-
-    Args:
-        for_video: rows go under plain frame numbers.
+    """Read poses.csv by its header; for a video, rows go under plain frame numbers.
 
     Raises:
-        RecordingError: missing, empty or unreadable file, a missing column, no rows, a file named twice, or for a video
-            one that is no frame number.
+        RecordingError: what `read_table` refuses, a file named twice, or for a video one that is no frame number.
     """
     table, notes = read_table(path, ",", COLUMNS)
     rows: dict[str, tuple[int, Cells]] = {}
@@ -102,11 +94,7 @@ def read_table(
 
 
 def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransform]:
-    """Time in the column's unit and world_from_body, from the columns of time, position and quaternion w, x, y, z.
-
-    Raises:
-        ValueError: a cell that is no finite number, or a quaternion whose norm is not 1 within 1 %.
-    """
+    """Time in its column's unit and world_from_body, of time, position, quaternion w, x, y, z; or a ValueError."""
     values = []
     for column in columns:
         text = cells.get(column, "")

@@ -45,11 +45,7 @@ class Scene:
 
 
 def read_scene(path: Path) -> Scene:
-    """Read scene.json.
-
-    Raises:
-        RecordingError: not JSON, another format or version, or a camera that is none.
-    """
+    """Read scene.json; a RecordingError for no JSON, another format or version, or a camera that is none."""
     values = parse_json(read_text(path), str(path))
     if not isinstance(values, dict) or values.get("format") != FORMAT:
         raise RecordingError(f'{path}: not a deckline scene (it must hold "format": "{FORMAT}")')
@@ -69,11 +65,7 @@ def get_heights(frame: Frame) -> dict[str, float]:
 
 
 def format_entry(entry: Mapping[str, Any], indent: int | None = None) -> str:
-    """A frame's entry as JSON, by default in one line.
-
-    Raises:
-        RecordingError: a value that JSON cannot hold, NaN or infinity.
-    """
+    """A frame's entry as JSON, by default in one line; NaN and infinity are a RecordingError."""
     try:
         return json.dumps(entry, indent=indent, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -81,13 +73,10 @@ def format_entry(entry: Mapping[str, Any], indent: int | None = None) -> str:
 
 
 def format_scene(camera: Mapping | None, entries: Mapping[str, str], extra: Mapping) -> str:
-    """Text of scene.json; one frame a line, never NaN or infinity.
+    """Text of scene.json, one frame a line; errors as `format_entry`.
 
     Args:
         entries: what `format_entry` made of each frame's entry, by image file name.
-
-    Raises:
-        RecordingError: a free key that JSON cannot hold.
     """
     head = format_entry({"format": FORMAT, "version": VERSION, **extra, "camera": camera}, indent=1)
     lines = ",".join(f"\n  {json.dumps(name)}: {text}" for name, text in entries.items())
@@ -111,11 +100,7 @@ def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:
 
 
 def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Truth:
-    """Truth of one frame.
-
-    Raises:
-        ValueError: values of the wrong kind or shape.
-    """
+    """Truth of one frame; a ValueError for values of the wrong kind or shape."""
     if not isinstance(values, dict):
         raise ValueError(f"truth must be an object, got {values!r}")
     conditions = values.get("conditions", {})
@@ -144,11 +129,7 @@ def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Trut
 
 
 def get_clear_image(values: Any) -> str | None:
-    """Relative path of a frame's image without haze, or None.
-
-    Raises:
-        ValueError: a path that leaves the recording's folder.
-    """
+    """Relative path of a frame's image without haze, or None; a ValueError for one that leaves the folder."""
     name = values.get("clear_image") if isinstance(values, dict) else None
     if name is not None and (not isinstance(name, str) or not is_inside(name)):
         raise ValueError(f"truth.clear_image must be a path inside the recording, got {name!r}")

@@ -108,11 +108,7 @@ class Source(Stream):
 
 
 def read_text(path: Path) -> str:
-    """UTF-8 text of a small file, a byte-order mark removed.
-
-    Raises:
-        RecordingError: it is missing, unreadable or no text.
-    """
+    """UTF-8 text of a small file without byte-order mark; a RecordingError when missing, unreadable or no text."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -122,11 +118,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_json(text: str, where: str) -> Any:
-    """Values of a JSON text.
-
-    Raises:
-        RecordingError: it is none; begins with `where`.
-    """
+    """Values of a JSON text, or a RecordingError that begins with `where`."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -145,22 +137,14 @@ def is_inside(name: str) -> bool:
 
 
 def check_number(value: Any, name: str) -> float:
-    """A finite number.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """A finite number; anything else is a ValueError."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{name} must be a finite number, got {value!r}")
     return float(value)
 
 
 def check_numbers(values: Any, count: int, name: str) -> tuple[float, ...]:
-    """So many finite numbers.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """So many finite numbers of a list; anything else is a ValueError."""
     if not isinstance(values, list) or len(values) != count:
         raise ValueError(f"{name} must be {count} finite numbers, got {values!r}")
     return tuple(check_number(value, name) for value in values)

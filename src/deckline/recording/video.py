@@ -83,11 +83,7 @@ class Video(Source):
 
 
 def count_frames(path: Path) -> int:
-    """Number of coded frames, by reading the file's packets without decoding them.
-
-    Raises:
-        RecordingError: no video that can be opened, or one without frames.
-    """
+    """Number of coded frames, without decoding them; a RecordingError for no video, or one without frames."""
     with _open(path) as container:
         count = sum(1 for packet in _read_packets(container) if packet is not None and packet.size)
     if count == 0:

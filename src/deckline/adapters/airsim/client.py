@@ -90,11 +90,7 @@ class Connection:
         return answer.result
 
     def call_camera(self, method: str, *params: Any) -> Any:
-        """Like `call`. Classic AirSim wants one more argument here than Cosys-AirSim; the first call finds out.
-
-        Raises:
-            CallError, ConnectionLostError, StoppedError: as `call`.
-        """
+        """Like `call`. Classic AirSim wants one more argument here than Cosys-AirSim; the first call finds out."""
         try:
             return self.call(method, *params, *((False,) if self._is_classic else ()))
         except CallError as error:
@@ -142,11 +138,7 @@ class Connection:
 
 
 def parse_address(address: str) -> tuple[str, int, str]:
-    """airsim://HOST[:PORT][/VEHICLE] -> host, port, and the vehicle's name ("" is the first one).
-
-    Raises:
-        ValueError: it is no such address.
-    """
+    """airsim://HOST[:PORT][/VEHICLE] -> host, port, and the vehicle's name ("" is the first one); or a ValueError."""
     try:
         parts = urlsplit(address)
         host, port = parts.hostname, parts.port
@@ -160,12 +152,7 @@ def parse_address(address: str) -> tuple[str, int, str]:
 
 
 def get_images(connection: Connection, camera: str, vehicle: str) -> tuple[Mapping, Mapping]:
-    """Raw picture and planar float depth of one instant: one call asks for both.
-
-    Raises:
-        CallError, ConnectionLostError, StoppedError: as Connection.call.
-        ValueError: an answer that is not two images.
-    """
+    """Raw picture and planar float depth of one instant, in one call; errors as `Connection.call`, or ValueError."""
     common = {"camera_name": camera, "compress": False, "annotation_name": ""}
     requests = [
         common | {"image_type": image_type, "pixels_as_float": image_type == DEPTH_PLANAR}
@@ -178,12 +165,7 @@ def get_images(connection: Connection, camera: str, vehicle: str) -> tuple[Mappi
 
 
 def get_camera(connection: Connection, camera: str, vehicle: str) -> tuple[RigidTransform, float]:
-    """Pose of a camera, world_from_mount (x along its view), and its horizontal field of view in rad.
-
-    Raises:
-        CallError, ConnectionLostError, StoppedError: as Connection.call.
-        ValueError: an answer without these numbers.
-    """
+    """world_from_mount of a camera (x along its view) and its horizontal field of view, rad; errors as `get_images`."""
     answer = connection.call_camera("simGetCameraInfo", camera, vehicle)
     fov_deg = answer.get("fov") if isinstance(answer, Mapping) else None
     if not isinstance(fov_deg, int | float) or not 0.0 < fov_deg < 180.0:
@@ -192,17 +174,12 @@ def get_camera(connection: Connection, camera: str, vehicle: str) -> tuple[Rigid
 
 
 def get_vehicle_pose(connection: Connection, vehicle: str) -> RigidTransform:
-    """world_from_body of a vehicle at the instant at which the simulator answers.
-
-    Raises:
-        CallError, ConnectionLostError, StoppedError: as Connection.call.
-        ValueError: an answer that is no pose.
-    """
+    """world_from_body of a vehicle when the simulator answers; errors as `get_images`."""
     return read_pose(connection.call("simGetVehiclePose", vehicle), f"vehicle {vehicle!r}")
 
 
 def _error_text(error: Any) -> str:
-    """The text of an answered error, which some servers wrap in a list, as one line of plain text."""
+    """An answered error, which some servers wrap in a list, as one line of plain text."""
     if isinstance(error, list | tuple) and error:
         return _error_text(error[0])
     return ascii(error if isinstance(error, str) else repr(error))[1:-1][:ERROR_LENGTH]

@@ -73,11 +73,7 @@ class SolarClock:
     step_s: float = 60.0
 
     def at(self, time_s: float) -> datetime:
-        """Date and time at a simulated time.
-
-        Raises:
-            ValueError: it lies beyond the calendar.
-        """
+        """Date and time at a simulated time; a ValueError beyond the calendar."""
         steps = math.floor((time_s - self.since_s) / self.step_s)
         try:
             return self.start + timedelta(seconds=steps * self.step_s * self.speed)
@@ -86,11 +82,7 @@ class SolarClock:
 
 
 def read_time(text: object) -> datetime:
-    """'2026-02-12 15:20:00' as AirSim writes it.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """'2026-02-12 15:20:00' as AirSim writes it; anything else is a ValueError."""
     try:
         return datetime.strptime(str(text), FORMAT)
     except ValueError:

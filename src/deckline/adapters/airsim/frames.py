@@ -40,10 +40,7 @@ class MountMeasurement:
 def measure_mount(connection: Connection, camera: str, vehicle: str) -> MountMeasurement:
     """Ask for the camera's pose between two poses of the vehicle, and take the vehicle to be half way.
 
-    The difference of the vehicle's poses bounds the error: each answer is of the instant at which it is asked for.
-
-    Raises:
-        CallError, ConnectionLostError, StoppedError, ValueError: as get_camera.
+    The difference of the vehicle's poses bounds the error. Errors as `get_images`.
     """
     before = get_vehicle_pose(connection, vehicle)
     world_from_mount, fov_rad = get_camera(connection, camera, vehicle)
@@ -56,11 +53,7 @@ def measure_mount(connection: Connection, camera: str, vehicle: str) -> MountMea
 
 
 def measure_still_mount(connection: Connection, camera: str, vehicle: str) -> MountMeasurement:
-    """The measurement of several during which the vehicle moved least; the first of a vehicle that stands still.
-
-    Raises:
-        CallError, ConnectionLostError, StoppedError, ValueError: as get_camera.
-    """
+    """The measurement of several during which the vehicle moved least; the first of a vehicle that stands still."""
     best = measure_mount(connection, camera, vehicle)
     for _ in range(MEASUREMENTS - 1):
         if best.motion_m <= STILL_M and best.rotation_rad <= STILL_RAD:
@@ -162,11 +155,7 @@ def _read_depth(answer: Mapping[str, Any]) -> NDArray[np.float32]:
 
 
 def read_image_pose(answer: Mapping[str, Any], name: str) -> RigidTransform:
-    """world_from_mount of the camera when it drew an image.
-
-    Raises:
-        ValueError: no pose, or not finite.
-    """
+    """world_from_mount of the camera when it drew an image, or a ValueError."""
     parts = {"position": answer.get("camera_position"), "orientation": answer.get("camera_orientation")}
     return read_pose(parts, name)
 

@@ -43,11 +43,7 @@ class ImageRequest:
 
 
 def read_requests(values: Any, settings: Settings) -> list[ImageRequest]:
-    """The list that clients send.
-
-    Raises:
-        ValueError: no such list, an unknown camera, or a type or form of picture that there is not.
-    """
+    """The list that clients send; a ValueError names an unknown camera, type or form of picture."""
     if not isinstance(values, list) or len(values) > MAX_IMAGES:
         raise ValueError(f"image requests must be a list of at most {MAX_IMAGES}")
     return [_read_request(value, settings) for value in values]
@@ -106,7 +102,6 @@ def get_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
 
 
 def _image_header(request: ImageRequest, camera: Camera, pose: Struct, time_ns: int) -> Struct:
-    """Everything of a response but its pixels."""
     return {
         "camera_name": request.requested_name,
         "camera_position": pose["position"],
@@ -152,11 +147,7 @@ def draw_depth(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def record_frame(world: World) -> Frame:
-    """The picture, depth and pose of the recorded camera now, its time in s since 1970; only on the world's own thread.
-
-    Raises:
-        ValueError: a camera that is not above the sea.
-    """
+    """The recorded camera's frame of now, its time in s since 1970; only on the world's own thread."""
     time_s = world.clock.seconds()
     frame = world.picture(world.settings.recorded, SCENE, world.state, time_s)
     return replace(frame, time_s=world.clock.nanoseconds(time_s) / 1e9)
@@ -187,15 +178,10 @@ class Recorder:
 
     @property
     def is_on(self) -> bool:
-        """Whether it records."""
         return self._task is not None and not self._task.done()
 
     async def start(self) -> None:
-        """Begin a recording; nothing when one is on.
-
-        Raises:
-            ValueError: the folder cannot be written.
-        """
+        """Begin a recording, unless one is on; a ValueError for a folder that cannot be written."""
         if self.is_on:
             return
         writer = await asyncio.to_thread(self._open)
@@ -238,7 +224,6 @@ class Recorder:
 
 
 def has_moved(before: Frame, after: Frame) -> bool:
-    """Whether the vehicle is elsewhere."""
     if before.world_from_body is None or after.world_from_body is None:
         return True
     motion = before.world_from_body.inv() * after.world_from_body

@@ -189,11 +189,7 @@ SIGNATURES = {name: inspect.signature(handler) for name, handler in METHODS.item
 
 
 async def call_method(service: Service, method: str, params: tuple[Any, ...]) -> Any:
-    """The result of a call.
-
-    Raises:
-        ValueError: no such method or vehicle, or wrong parameters.
-    """
+    """The result of a call; a ValueError for an unknown method or vehicle and for wrong parameters."""
     if method not in METHODS:
         raise ValueError(f"no method {method!r:.80}; there are {len(METHODS)}: {', '.join(sorted(METHODS))}")
     try:

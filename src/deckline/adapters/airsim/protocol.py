@@ -72,11 +72,7 @@ class Decoder:
         return self._received - self._decoded
 
     def feed(self, data: bytes) -> Iterator[Request | Response]:
-        """The messages that `data` completes.
-
-        Raises:
-            ProtocolError: bytes that are no msgpack-rpc, or a message that is too large; nothing more may be fed.
-        """
+        """The messages that `data` completes; after a ProtocolError nothing more may be fed."""
         try:
             self._unpacker.feed(data)
             self._received += len(data)
@@ -113,16 +109,11 @@ def _parse_message(message: Any) -> Request | Response:
 
 
 def encode_request(number: int, method: str, params: tuple[Any, ...]) -> bytes:
-    """A call as bytes."""
     return encode([REQUEST, number, method, list(params)])
 
 
 def encode(value: Any) -> bytes:
-    """A value as MessagePack; a float array (N,) is written as a list of single-precision numbers.
-
-    Raises:
-        TypeError: a value that MessagePack has no form for.
-    """
+    """A value as MessagePack; a float array (N,) is written as a list of single-precision numbers."""
     return b"".join(_encode_parts(value))
 
 
@@ -160,22 +151,14 @@ def quote(value: Any) -> str:
 
 
 def read_number(value: Any, name: str, low: float, high: float) -> float:
-    """A number in [low, high].
-
-    Raises:
-        ValueError: anything else, NaN and booleans included.
-    """
+    """A number in [low, high]; NaN, booleans and all else are a ValueError."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise ValueError(f"{name} must be a number between {low:g} and {high:g}, got {value!r:.40}")
     return float(value)
 
 
 def read_flag(value: Any, name: str) -> bool:
-    """A boolean.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """A boolean; all else is a ValueError."""
     if not isinstance(value, bool):
         raise ValueError(f"{name} must be true or false, got {value!r:.40}")
     return value

@@ -77,7 +77,6 @@ class Connections:
         task.add_done_callback(self._tasks.discard)
 
     async def close(self) -> None:
-        """End all connections."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -110,7 +109,7 @@ class Connections:
         await asyncio.sleep(0)  # a peer that sends many calls at once must not hold up the others
 
     async def _call(self, request: Request, peer: str) -> tuple[str | None, Any]:
-        """Error and result of a call."""
+        """Error and result."""
         try:
             return None, await call_method(self._service, request.method, request.params)
         except ValueError as error:
@@ -176,11 +175,7 @@ async def serving(
 
 @contextmanager
 def serving_in_thread(config: SimConfig, settings: Settings, **options: Any) -> Iterator[int]:
-    """`serving` with its options on a thread of its own, for a program without an event loop.
-
-    Raises:
-        RendererError, ValueError: as `serving`; errors of the server are raised here.
-    """
+    """`serving` with its options on a thread of its own, for a program without an event loop; same errors."""
     ports: Queue[tuple[int, asyncio.AbstractEventLoop] | None] = Queue()
     stop = asyncio.Event()
 
@@ -202,7 +197,6 @@ def serving_in_thread(config: SimConfig, settings: Settings, **options: Any) -> 
 
 
 async def serve_forever(config: SimConfig, settings: Settings, options: ServeConfig, out: Path) -> None:
-    """Serve until the task is cancelled."""
     scene = {"generator": f"deckline {__version__}", "command": repeatable_command(), **frame_settings(config)}
     async with serving(config, settings, options.host, options.port, out, scene) as port:
         print_to_stderr(f"AirSim server on {options.host}:{port}, vehicle {settings.vehicle}; Ctrl-C ends it")
@@ -210,12 +204,7 @@ async def serve_forever(config: SimConfig, settings: Settings, options: ServeCon
 
 
 def serve_sim(config: SimConfig, options: ServeConfig, out: Path | None) -> None:
-    """Serve until interrupted; recordings become folders in `out`.
-
-    Raises:
-        ValueError: settings that cannot be, or an address that cannot be listened on.
-        OSError: no OpenGL on this machine, or no such settings file.
-    """
+    """Serve until interrupted; recordings become folders in `out`. What cannot be is a ValueError or OSError."""
     config = replace(config, trajectory="approach", keep_clear=False)
     default = Capture(config.width, config.height, config.fov_deg)
     settings = parse_settings({}, default) if options.settings is None else read_settings(options.settings, default)

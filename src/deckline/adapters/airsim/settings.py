@@ -48,7 +48,6 @@ class CameraSetting:
     captures: Mapping[int, Capture]
 
     def capture(self, image_type: int) -> Capture:
-        """The capture of an image type: its own, or that of all."""
         return self.captures.get(image_type, self.captures[ALL_TYPES])
 
 
@@ -66,11 +65,7 @@ class Settings:
     unused: tuple[str, ...] = ()  # keys that have no effect here
 
     def find_camera(self, name: str) -> str:
-        """A camera's own name, of a name or a number.
-
-        Raises:
-            ValueError: there is none of this name.
-        """
+        """A camera's own name, of a name or a number; a ValueError when there is none."""
         own = ALIASES.get(name, name) if name not in self.cameras else name
         if own not in self.cameras:
             raise ValueError(f"no camera {name[:40]!r}; there are {', '.join(self.cameras)}")
@@ -85,7 +80,6 @@ def read_settings(path: Path, default: Capture) -> Settings:
 
     Raises:
         ValueError: no JSON, or a value that cannot be; says which.
-        OSError: the file cannot be read.
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
@@ -99,11 +93,7 @@ def read_settings(path: Path, default: Capture) -> Settings:
 
 
 def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}") -> Settings:
-    """Settings of the parsed file; of an empty one AirSim's five cameras.
-
-    Raises:
-        ValueError: a value that cannot be, or more than one vehicle.
-    """
+    """Settings of the parsed file, of an empty one AirSim's five cameras; a ValueError names what cannot be."""
     defaults = _mapping(values.get("CameraDefaults", {}), "CameraDefaults")
     common = _captures(defaults, {ALL_TYPES: default}, "CameraDefaults")
     vehicles = _mapping(values.get("Vehicles", {}), "Vehicles")

@@ -33,7 +33,6 @@ WINDOW = 10  # frames over which that is judged
 
 
 def print_to_stderr(line: str) -> None:
-    """Log a line for people."""
     print(line, file=sys.stderr)
 
 

@@ -94,11 +94,7 @@ class World:
         return self._ship_at(self.clock.seconds())
 
     def picture(self, name: str, image_type: int, state: State, time_s: float) -> Frame:
-        """A camera's picture in a state of the world; only on the world's own thread.
-
-        Raises:
-            ValueError: a camera that is not above the sea.
-        """
+        """A camera's picture; only on the world's own thread. A camera that is not above the sea is a ValueError."""
         view, weather, air_rng, picture_rng = self._view(name, image_type, state, time_s)
         scenery = self._scenery(state, weather, draw_visibility(self.config.visibility_m, air_rng))
         return self._simulator.picture(view, scenery, picture_rng, self._noise_rng(), f"{name} {image_type}")
@@ -108,10 +104,7 @@ class World:
     ) -> tuple[Camera, NDArray[np.float32] | None]:
         """Camera with its lens, and depth (H, W) of `picture`, m along the axis, NaN where nothing is seen.
 
-        Only a lens with distortion makes it draw the picture.
-
-        Raises:
-            ValueError: a camera that is not above the sea.
+        Only a lens with distortion makes it draw the picture. Errors as `picture`.
         """
         view, weather, _, _ = self._view(name, image_type, state, time_s)
         if view.camera.has_distortion:
@@ -121,11 +114,7 @@ class World:
         return view.camera, measure_depth(true_m, self.config.depth, self._noise_rng())
 
     def segmentation(self, name: str, state: State, time_s: float) -> NDArray[np.uint8]:
-        """The labels of a camera's pixels (H, W, 3) in the colours of `LABEL_RGB`, without distortion.
-
-        Raises:
-            ValueError: a camera that is not above the sea.
-        """
+        """The labels of a camera's pixels (H, W, 3) in `LABEL_RGB`, without distortion; errors as `picture`."""
         view, weather, _, _ = self._view(name, SEGMENTATION, state, time_s)
         camera = self.camera(name, SEGMENTATION, state)
         pose, ship = view.world_from_camera, self._ship_at(time_s)
@@ -146,7 +135,6 @@ class World:
         return view, weather, air_rng, picture_rng
 
     def _noise_rng(self) -> np.random.Generator:
-        """Randomness of one picture alone."""
         self._drawn += 1
         return np.random.default_rng([self.config.seed, FRAME, self._drawn])
 
