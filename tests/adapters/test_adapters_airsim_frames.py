@@ -4,7 +4,8 @@ from airsim_stand_in import BGR, DEPTH, HALF, StandIn, pose, quaternion, respons
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.adapters.airsim.client import Connection
-from deckline.adapters.airsim.frames import (
+from deckline.adapters.airsim.protocol import read_pose
+from deckline.adapters.airsim.source import (
     MountMeasurement,
     interpolate_middle,
     measure_still_mount,
@@ -12,7 +13,6 @@ from deckline.adapters.airsim.frames import (
     read_frame,
     update_mount,
 )
-from deckline.adapters.airsim.protocol import read_pose
 from deckline.geometry import Camera, attitude, camera_mount
 
 LEVEL = camera_mount()

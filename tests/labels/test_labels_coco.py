@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pycocotools.coco import COCO
 
-from deckline.labels import LabelledImage, read_coco, write_coco
+from deckline.labels import LabelledImage
+from deckline.labels.formats import read_coco, write_coco
 
 SIZE = (640, 360)
 LEFT, RIGHT = np.array([[100.0, 300.0], [200.0, 100.0]]), np.array([[500.0, 300.0], [400.0, 100.0]])

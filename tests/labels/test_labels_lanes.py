@@ -4,7 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deckline.labels import LabelledImage, read_culane, read_tusimple, write_culane, write_tusimple
+from deckline.labels import LabelledImage
+from deckline.labels.formats import read_culane, read_tusimple, write_culane, write_tusimple
 
 # A row of TuSimple's own kind: four rows, -2 where a lane is not.
 OFFICIAL = {"lanes": [[-2, 50, 40, 30], [-2, -2, 80, 95]], "h_samples": [160, 170, 180, 190], "raw_file": "clips/a.jpg"}

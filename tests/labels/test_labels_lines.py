@@ -8,17 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.labels import (
-    LabelledImage,
-    read_coco,
-    read_culane,
-    read_labels,
-    read_tusimple,
-    write_coco,
-    write_culane,
-    write_labels,
-    write_tusimple,
-)
+from deckline.labels import LabelledImage, read_labels, write_labels
+from deckline.labels.formats import read_coco, read_culane, read_tusimple, write_coco, write_culane, write_tusimple
 from deckline.labels.lines import assign_sides, interpolate_rows, resample
 
 SIZE = (640, 360)

@@ -4,7 +4,7 @@ from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
 
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.recording import BadFrame, RecordingError, RecordingWriter, open_recording
-from deckline.recording.airsim import AirSimOptions
+from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import read_camera_file
 from deckline.recording.convert import add_scene, drop_scene
 from deckline.types import Frame
@@ -24,9 +24,9 @@ def contents(folder):
 
 def test_camera_mount_and_deck_are_laid_beside_and_found_again(tmp_path):
     mount = camera_mount([0.5, 0.0, 0.1], attitude(0.0, -0.2, 0.0))
-    options = AirSimOptions(fov_deg=2 * np.degrees(np.arctan(0.5)), deck_z_m=-18.5)
+    options = ReadOptions(fov_deg=2 * np.degrees(np.arctan(0.5)), deck_z_m=-18.5)
     done = add_scene(plain(tmp_path / "a"), tmp_path / "b", options, mount)
-    assert (done.rows, done.files, done.notes) == (2, 4, ())
+    assert done == (2, 4, [])
     frames = list(open_recording(tmp_path / "b"))
     assert [frame.time_s for frame in frames] == [0.1, 0.35]
     for frame in frames:
@@ -42,7 +42,7 @@ def test_camera_mount_and_deck_are_laid_beside_and_found_again(tmp_path):
 
 def test_there_and_back_gives_the_same_bytes(tmp_path):
     before = contents(plain(tmp_path / "a"))
-    add_scene(tmp_path / "a", tmp_path / "b", AirSimOptions())
+    add_scene(tmp_path / "a", tmp_path / "b", ReadOptions())
     assert contents(tmp_path / "a") == before
     drop_scene(tmp_path / "b", tmp_path / "c")
     assert contents(tmp_path / "c") == before
@@ -53,7 +53,7 @@ def test_a_camera_file_gives_intrinsics_mount_and_deck(tmp_path):
     (tmp_path / "c.toml").write_text(
         CAMERA + "deck_z_m = -7.0\nsea_z_m = 3.0\n[body_from_camera]\ntranslation_m = [5, 0, 1]\n"
     )
-    options = AirSimOptions(camera=read_camera_file(tmp_path / "c.toml"))
+    options = ReadOptions(camera=read_camera_file(tmp_path / "c.toml"))
     add_scene(plain(tmp_path / "a"), tmp_path / "b", options)
     frame = open_recording(tmp_path / "b").load(0)
     assert (frame.camera.fx, frame.camera.fy, frame.deck_z_m, frame.sea_z_m) == (4.0, 5.0, -7.0, 3.0)
@@ -64,9 +64,8 @@ def test_damaged_rows_stay_what_they_are_and_missing_files_are_named(tmp_path):
     files = {name: data for name, data in FILES.items() if name != "img_Drone_0_1_8.pfm"}
     files["img_Drone_0_0_7.png"] = png(PIXELS)[:-9]
     folder = recording(tmp_path / "a", [row(7, types="01"), row(8), row(9)], files)
-    done = add_scene(folder, tmp_path / "b", AirSimOptions())
-    assert done.files == 3
-    assert done.notes == ("1 files named in airsim_rec.txt are missing, such as img_Drone_0_0_9.png",)
+    done = add_scene(folder, tmp_path / "b", ReadOptions())
+    assert done == (3, 3, ["1 files named in airsim_rec.txt are missing, such as img_Drone_0_0_9.png"])
     items = list(open_recording(tmp_path / "b").items())
     assert [isinstance(item, BadFrame) for item in items] == [True, False, True]
     assert "cut short" in items[0].reason
@@ -94,7 +93,7 @@ def test_names_that_leave_the_folder_are_not_copied(tmp_path):
     (tmp_path / "secret.png").write_bytes(png(PIXELS))
     line = row(7).replace("img_Drone_0_0_7.png", "img_Drone_0_0_7.png;../../secret.png")
     folder = recording(tmp_path / "a", [line], FILES)
-    assert add_scene(folder, tmp_path / "b", AirSimOptions()).files == 1
+    assert add_scene(folder, tmp_path / "b", ReadOptions())[1] == 1
 
 
 @pytest.mark.parametrize(
@@ -117,6 +116,6 @@ def test_what_cannot_be_converted_is_one_line_and_leaves_nothing(tmp_path, prepa
     prepare(folder, tmp_path / "b")
     before = contents(tmp_path)
     with pytest.raises(RecordingError, match=text) as raised:
-        convert(folder, tmp_path / "b", *([AirSimOptions()] if convert is add_scene else []))
+        convert(folder, tmp_path / "b", *([ReadOptions()] if convert is add_scene else []))
     assert "\n" not in str(raised.value)
     assert contents(tmp_path) == before

@@ -42,7 +42,7 @@ def test_the_record_file_itself_opens_its_folder(tmp_path):
 )
 def test_wrong_options_say_what_is_wrong(tmp_path, options, text):
     folder = recording(tmp_path / "rec", [row(1)], {})
-    with pytest.raises(RecordingError, match=text):
+    with pytest.raises(ValueError, match=text):
         open_recording(folder, **options)
 
 

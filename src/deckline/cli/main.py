@@ -179,13 +179,14 @@ def _description(command: Callable[..., int]) -> str:
 
 
 def _single_commands() -> dict[str, Callable[..., int]]:
+    from deckline.cli import convert as convert_commands
     from deckline.cli import info as info_commands
     from deckline.cli import run as run_commands
 
     return {
         "demo": run_commands.demo,
         "run": run_commands.run,
-        "convert": run_commands.convert,
+        "convert": convert_commands.convert,
         "info": info_commands.info,
     }
 

@@ -1,4 +1,4 @@
-"""`deckline demo`, `run` and `convert`. Optional parts are imported inside the command that needs them."""
+"""`deckline demo` and `run`. Optional parts are imported inside the command that needs them."""
 
 import sys
 import zipfile
@@ -72,37 +72,6 @@ def run(
             source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
         )
     return _run(opened, flight, out, max_frames, resume, overwrite)
-
-
-def convert(
-    recording: tyro.conf.Positional[Path],
-    out: Path,
-    plain: bool = False,
-    camera: Path | None = None,
-    fov_deg: float = 90.0,
-    mount_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    deck_z_m: float | None = None,
-) -> int:
-    """Copy an AirSim recording into deckline's layout with scene.json, or back with --plain.
-
-    Args:
-        recording: folder with airsim_rec.txt and images.
-        out: new folder.
-        plain: leave scene.json and the clear images out, for AirSim's own tools.
-        camera: camera.toml with intrinsics and mount; goes before the options below.
-        fov_deg: horizontal field of view.
-        mount_m: where the camera sits on the vehicle: forward, right, down of its centre.
-        mount_deg: how the camera is turned on the vehicle: roll, pitch (up is positive), yaw.
-        deck_z_m: world z (down, metres) of the deck plane.
-    """
-    from deckline.cli.convert import convert_recording
-
-    done = convert_recording(recording, out, plain, camera, fov_deg, mount_m, mount_deg, deck_z_m)
-    for note in done.notes:
-        print(f"note: {note}", file=sys.stderr)
-    print(f"{out}: {done.rows} rows, {done.files} image files")
-    return 0
 
 
 def _run(

@@ -11,8 +11,16 @@ import numpy as np
 
 from deckline.atomic import write_atomic
 from deckline.geometry import Camera, camera_mount
-from deckline.labels.coco import read_coco, write_coco
-from deckline.labels.lanes import MASK_FOLDER, get_mask_name, read_culane, read_tusimple, write_culane, write_tusimple
+from deckline.labels.formats import (
+    MASK_FOLDER,
+    get_mask_name,
+    read_coco,
+    read_culane,
+    read_tusimple,
+    write_coco,
+    write_culane,
+    write_tusimple,
+)
 from deckline.labels.lines import LABELS_FILE, LabelledImage, Labels, LabelSet, read_labels, write_labels
 from deckline.labels.truth import label_frame
 from deckline.progress import progress
@@ -36,13 +44,11 @@ MASK_PX = 16.0 / 1640.0  # width of a line in a mask over the image's width: CUL
 def export_labels(
     source: Source, folder: Path, out: Path, form: Format, row_step_px: int, line_points: int
 ) -> tuple[list[LabelledImage], list[str]]:
-    """Write images and labels below `out`; the labels' file comes last.
+    """Write images and labels below `out`, a new folder; the labels' file comes last.
 
     Args:
         source: frames with truth, or those of a folder with labels.json.
         folder: where labels.json lies, if there is one.
-        out: new folder.
-        form: which format.
         row_step_px: rows between points, of formats that keep rows.
         line_points: keypoints of a line, of COCO.
 
@@ -107,12 +113,10 @@ def _write_picture(out: Path, frame: Frame, image: LabelledImage, form: Format) 
 def import_labels(
     source: Path, form: Format, out: Path, images: Path | None, camera: Path | None, fov_deg: float | None
 ) -> list[LabelledImage]:
-    """Copy labelled images into one folder and write labels.json and camera.toml beside them, labels.json last.
+    """Copy labelled images into a new folder and write labels.json and camera.toml beside them, labels.json last.
 
     Args:
         source: label file, or the data set's folder.
-        form: its format.
-        out: new folder.
         images: folder that the images' names are relative to; None: where the labels lie.
         camera: camera.toml; None: the one beside the labels, if there is one.
         fov_deg: horizontal field of view of a pinhole, where there is no camera file.

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from deckline.checks import check_choice, check_numbers
 from deckline.geometry import Camera, camera_mount
 from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
-from deckline.recording.poses import Cells, parse_pose, read_table
-from deckline.recording.scene import Scene, get_clear_image, truth_from_mapping
+from deckline.recording.poses import Cells, Rows, parse_pose, read_table
+from deckline.recording.scene import SCENE_FILE, Scene, get_clear_image, read_scene, truth_from_mapping
 from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
 from deckline.types import Frame
 
@@ -31,29 +32,23 @@ MS_PER_S = 1000.0
 _IMAGE_NAME = re.compile(r"(?P<camera>img_.*)_(?P<type>\d+)_(?P<ns>\d+)\.(?P<suffix>\w+)")
 
 
-@dataclass(frozen=True)
-class Row:
-    """One line of airsim_rec.txt."""
-
-    line: int  # counted from 1
-    cells: Cells  # as written
-
-    @property
-    def images(self) -> tuple[str, ...]:
-        return tuple(name for name in self.cells.get("ImageFile", "").split(";") if name)
-
-
 @dataclass(frozen=True, eq=False)
-class AirSimOptions:
+class ReadOptions:
     """How to read what a recording does not say itself."""
 
-    fov_deg: float = 90.0  # horizontal, of a recording without camera; 90 is AirSim's default
-    camera: MountedCamera | None = None  # given by the user: goes before scene.json's
-    fallback_camera: MountedCamera | None = None  # camera.toml in the folder: used when scene.json has none
+    fov_deg: float = 90.0  # horizontal, of an AirSim recording without camera; 90 is AirSim's default
+    camera: MountedCamera | None = None  # given by the user: goes before the files'
     deck_z_m: float | None = None  # world z of the deck plane; None: as the recording says
+    sea_z_m: float | None = None  # world z of the water; None: as the recording says
     pfm_rows: PfmRows = "top-to-bottom"  # AirSim's order
     far_m: float = FAR_DEPTH_M  # stored depths from here on mean "nothing seen"
-    sea_z_m: float | None = None  # world z of the water; None: as the recording says
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "", "fov_deg", above=0.0, below=180.0)
+        check_numbers(self, "", "deck_z_m", "sea_z_m")
+        check_choice("pfm_rows", self.pfm_rows, PfmRows)
+        if not self.far_m > 0:
+            raise ValueError(f"far_m must be > 0 m, got {self.far_m}")
 
 
 class AirSimRecording(Source):
@@ -63,14 +58,15 @@ class AirSimRecording(Source):
         RecordingError: airsim_rec.txt is missing, empty, or lacks a column.
     """
 
-    def __init__(self, folder: Path, scene: Scene | None, options: AirSimOptions) -> None:
+    def __init__(self, folder: Path, options: ReadOptions, fallback: MountedCamera | None = None) -> None:
         self.folder = folder
         self.name = str(folder)
-        self._scene = scene or Scene()
+        self._scene = read_scene(folder / SCENE_FILE) if (folder / SCENE_FILE).exists() else Scene()
         self._options = options
+        self._fallback = fallback
         rows, notes = read_rows(folder / RECORD_FILE)
-        vehicle = rows[0].cells.get("VehicleName", "")
-        self._rows = [row for row in rows if row.cells.get("VehicleName", "") == vehicle]
+        vehicle = rows[0][1].get("VehicleName", "")
+        self._rows = [row for row in rows if row[1].get("VehicleName", "") == vehicle]
         if len(self._rows) < len(rows):
             notes.append(f"{len(rows) - len(self._rows)} rows of vehicles other than {vehicle!r} are left out")
         self.notes = tuple(notes)
@@ -80,19 +76,19 @@ class AirSimRecording(Source):
 
     def load(self, index: int) -> Frame:
         check_index(index, len(self), self.name)
-        row = self._rows[index]
-        place = f"{RECORD_FILE} line {row.line}"
+        line, cells = self._rows[index]
+        place = f"{RECORD_FILE} line {line}"
         try:
-            name, depth_name, depth_type = choose_images(row.images)
+            name, depth_name, depth_type = choose_images(list_images(cells))
         except ValueError as error:
             raise FrameError(place, str(error)) from None
         try:
-            return self._frame(row, name, depth_name, depth_type)
+            return self._frame(cells, name, depth_name, depth_type)
         except ValueError as error:
             raise FrameError(name, f"{error} ({place})") from None
 
-    def _frame(self, row: Row, name: str, depth_name: str | None, depth_type: int) -> Frame:
-        time_ms, world_from_body = parse_pose(row.cells, POSE_COLUMNS)
+    def _frame(self, cells: Cells, name: str, depth_name: str | None, depth_type: int) -> Frame:
+        time_ms, world_from_body = parse_pose(cells, POSE_COLUMNS)
         images, options, entry = self.folder / IMAGE_FOLDER, self._options, self._entry(name)
         image = read_image(images / name)
         mounted = self._camera(entry, image.shape[:2])
@@ -123,14 +119,18 @@ class AirSimRecording(Source):
         if "camera" in entry:
             return camera_from_mapping(entry["camera"], "scene.json: camera")
         fov_rad = math.radians(self._options.fov_deg)
-        known = self._scene.camera or self._options.fallback_camera
+        known = self._scene.camera or self._fallback
         return known or MountedCamera(Camera.from_fov(shape[1], shape[0], fov_rad), camera_mount())
 
 
-def read_rows(path: Path) -> tuple[list[Row], list[str]]:
+def read_rows(path: Path) -> tuple[Rows, list[str]]:
     """Rows of airsim_rec.txt, by header, and notes about odd columns; errors as `read_table`."""
-    rows, notes = read_table(path, "\t", REQUIRED, ("VehicleName", *CAR_COLUMNS))
-    return [Row(line, cells) for line, cells in rows], notes
+    return read_table(path, "\t", REQUIRED, ("VehicleName", *CAR_COLUMNS))
+
+
+def list_images(cells: Cells) -> tuple[str, ...]:
+    """Names of the images of a row."""
+    return tuple(name for name in cells.get("ImageFile", "").split(";") if name)
 
 
 def choose_images(names: tuple[str, ...]) -> tuple[str, str | None, int]:

@@ -5,7 +5,6 @@ Rows and image files are copied byte for byte: both ways together give back the 
 
 import shutil
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from scipy.spatial.transform import RigidTransform
@@ -13,38 +12,34 @@ from scipy.spatial.transform import RigidTransform
 from deckline.recording.airsim import (
     IMAGE_FOLDER,
     RECORD_FILE,
-    AirSimOptions,
     AirSimRecording,
-    Row,
+    ReadOptions,
     choose_images,
+    list_images,
     read_rows,
 )
 from deckline.recording.camera_file import camera_to_mapping
+from deckline.recording.poses import Rows
 from deckline.recording.scene import SCENE_FILE, format_entry, format_scene, get_heights, read_scene
 from deckline.recording.source import BadFrame, RecordingError, is_inside
 
 GENERATOR = "deckline convert"
 
 
-@dataclass(frozen=True)
-class Converted:
-    """What was copied."""
-
-    rows: int
-    files: int
-    notes: tuple[str, ...]  # what is odd, one line each, for people
+Copied = tuple[int, int, list[str]]  # rows; files; what is odd, one line each, for people
 
 
 def add_scene(
-    recording: Path, out: Path, options: AirSimOptions, body_from_camera: RigidTransform | None = None
-) -> Converted:
+    recording: Path, out: Path, options: ReadOptions, body_from_camera: RigidTransform | None = None
+) -> Copied:
     """Copy a plain AirSim recording and lay scene.json with its camera and deck height beside it.
 
     Args:
-        recording: folder with airsim_rec.txt and images/, without scene.json.
-        out: new folder.
         options: camera with its mount, or fov_deg; deck height.
         body_from_camera: mount of a camera that is known by fov_deg; by default forward from the vehicle's middle.
+
+    Returns:
+        numbers of rows and of copied files; what is odd, one line each, for people.
 
     Raises:
         RecordingError: no recording, one that has scene.json, no usable frame, or `out` cannot be written.
@@ -52,7 +47,7 @@ def add_scene(
     if (recording / SCENE_FILE).exists():
         raise RecordingError(f"{recording} has {SCENE_FILE} already: nothing to add")
     rows, notes = read_rows(recording / RECORD_FILE)
-    source, skipped = AirSimRecording(recording, None, options), list[BadFrame]()
+    source, skipped = AirSimRecording(recording, options), list[BadFrame]()
     source.on_skip = skipped.append
     frame = next(iter(source), None)
     if frame is None:
@@ -60,19 +55,15 @@ def add_scene(
     mount = frame.body_from_camera if body_from_camera is None else body_from_camera
     entry = format_entry(get_heights(frame))
     entries = {}
-    for row in rows:
+    for _, cells in rows:
         with suppress(ValueError):  # a row without a picture
-            entries[choose_images(row.images)[0]] = entry
+            entries[choose_images(list_images(cells))[0]] = entry
     scene = format_scene(camera_to_mapping(frame.camera, mount), entries, {"generator": GENERATOR})
     return _copy(recording, out, rows, notes, scene)
 
 
-def drop_scene(recording: Path, out: Path) -> Converted:
-    """Copy a recording without scene.json and the clear images: AirSim's layout and nothing else.
-
-    Raises:
-        RecordingError: no recording, one without scene.json, or `out` cannot be written.
-    """
+def drop_scene(recording: Path, out: Path) -> Copied:
+    """Copy a recording without scene.json and the clear images: AirSim's layout and nothing else; as `add_scene`."""
     if not (recording / SCENE_FILE).exists():
         raise RecordingError(f"{recording} has no {SCENE_FILE}: it is in AirSim's own layout already")
     read_scene(recording / SCENE_FILE)
@@ -80,7 +71,7 @@ def drop_scene(recording: Path, out: Path) -> Converted:
     return _copy(recording, out, rows, notes, None)
 
 
-def _copy(recording: Path, out: Path, rows: list[Row], notes: list[str], scene: str | None) -> Converted:
+def _copy(recording: Path, out: Path, rows: Rows, notes: list[str], scene: str | None) -> Copied:
     """Under a temporary name, renamed when whole."""
     work = out.with_name(f".{out.name}.unfinished")
     files, missing = 0, []
@@ -90,7 +81,7 @@ def _copy(recording: Path, out: Path, rows: list[Row], notes: list[str], scene: 
         if work.exists():
             shutil.rmtree(work)
         (work / IMAGE_FOLDER).mkdir(parents=True)
-        for name in dict.fromkeys(name for row in rows for name in row.images if is_inside(name)):
+        for name in dict.fromkeys(name for _, cells in rows for name in list_images(cells) if is_inside(name)):
             if (recording / IMAGE_FOLDER / name).is_file():
                 (work / IMAGE_FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(recording / IMAGE_FOLDER / name, work / IMAGE_FOLDER / name)
@@ -105,4 +96,4 @@ def _copy(recording: Path, out: Path, rows: list[Row], notes: list[str], scene: 
         raise RecordingError(f"{out}: cannot be written: {error.strerror or error}") from None
     if missing:
         notes = [*notes, f"{len(missing)} files named in {RECORD_FILE} are missing, such as {missing[0]}"]
-    return Converted(len(rows), files, tuple(notes))
+    return len(rows), files, notes

@@ -1,15 +1,13 @@
 """open_recording: from a path to frames; folders of images, with camera.toml, poses.csv and depth/<stem>.pfm."""
 
-import math
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from deckline.recording.airsim import RECORD_FILE, AirSimOptions, AirSimRecording
+from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
 from deckline.recording.camera_file import CAMERA_FILE, EXAMPLE, MountedCamera, read_camera_file
 from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows, read_depth, read_image
 from deckline.recording.poses import POSES_FILE, Poses, read_poses
-from deckline.recording.scene import SCENE_FILE, read_scene
 from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, check_index, is_inside
 from deckline.recording.video import Video, count_frames
 from deckline.types import Frame
@@ -32,15 +30,14 @@ class ImageFolder(Source):
         folder: Path,
         mounted: MountedCamera,
         poses: Poses | None,
-        pfm_rows: PfmRows = "top-to-bottom",
-        far_m: float = FAR_DEPTH_M,
+        options: ReadOptions,
         files: Sequence[str] | None = None,
     ) -> None:
         self.folder = folder
         self.name = str(folder if files is None else folder / files[0])
         self._mounted = mounted
         self._poses = poses
-        self._depth_options = (DEPTH_PLANAR, pfm_rows, far_m)
+        self._depth_options = (DEPTH_PLANAR, options.pfm_rows, options.far_m)
         found = {*list_images(folder), *(poses.rows if poses else ())} if files is None else files
         self.files = sorted(found, key=make_natural_key)
         no_poses = (f"{folder}: no poses.csv: no positions, and the images are taken to be 1 s apart",)
@@ -113,17 +110,11 @@ def open_recording(
 
     Raises:
         RecordingError: the source cannot be opened; one line that says what, where, and how to mend it.
+        ValueError: an option out of its range.
     """
     path = Path(path)
-    if pfm_rows not in ("top-to-bottom", "bottom-to-top"):
-        raise RecordingError(f'pfm_rows must be "top-to-bottom" or "bottom-to-top", got {pfm_rows!r}')
-    if not 0.0 < fov_deg < 180.0:
-        raise RecordingError(f"fov_deg must lie between 0 and 180, got {fov_deg}")
-    for name, value in (("deck_z_m", deck_z_m), ("sea_z_m", sea_z_m)):
-        if value is not None and not math.isfinite(value):
-            raise RecordingError(f"{name} must be a finite number of metres, got {value}")
-    if not far_m > 0:
-        raise RecordingError(f"far_m must be > 0 m, got {far_m}")
+    camera = None if camera_file is None else read_camera_file(Path(camera_file))
+    options = ReadOptions(fov_deg, camera, deck_z_m, sea_z_m, pfm_rows, far_m)
     if path.name == RECORD_FILE:
         path = path.parent
     if not path.exists():
@@ -131,40 +122,34 @@ def open_recording(
     if (path / RECORD_FILE).exists():
         if poses_file is not None:
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
-        scene = read_scene(path / SCENE_FILE) if (path / SCENE_FILE).exists() else None
-        camera = None if camera_file is None else read_camera_file(Path(camera_file))
         fallback = read_camera_file(path / CAMERA_FILE) if (path / CAMERA_FILE).exists() else None
-        options = AirSimOptions(fov_deg, camera, fallback, deck_z_m, pfm_rows, far_m, sea_z_m)
-        source: Source = AirSimRecording(path, scene, options)
+        source: Source = AirSimRecording(path, options, fallback)
     else:
-        source = _open_images(path, camera_file, poses_file, (deck_z_m, sea_z_m), (pfm_rows, far_m))
+        source = _open_images(path, poses_file, options)
     source.on_skip = on_skip
     return source
 
 
-def _open_images(
-    path: Path,
-    camera_file: Path | str | None,
-    poses_file: Path | str | None,
-    heights: tuple[float | None, float | None],
-    depth_options: tuple[PfmRows, float],
-) -> ImageFolder | Video:
+def _open_images(path: Path, poses_file: Path | str | None, options: ReadOptions) -> ImageFolder | Video:
     """A folder, a single image or a video, with the camera and the poses given or found beside them."""
     is_video = not path.is_dir() and path.suffix.lower() not in IMAGE_SUFFIXES
     frames = count_frames(path) if is_video else 0
     if path.is_dir():
         _check_has_images(path)
-    camera_file = camera_file or _find(path, CAMERA_FILE)
-    if camera_file is None:
-        places = " or ".join(str(place) for place in _list_places(path, CAMERA_FILE))
-        raise RecordingError(f"{path}: no camera file: write {places}, or give one; it holds {EXAMPLE}")
-    mounted = read_camera_file(Path(camera_file)).at(*heights)
+    mounted = options.camera
+    if mounted is None:
+        camera_file = _find(path, CAMERA_FILE)
+        if camera_file is None:
+            places = " or ".join(str(place) for place in _list_places(path, CAMERA_FILE))
+            raise RecordingError(f"{path}: no camera file: write {places}, or give one; it holds {EXAMPLE}")
+        mounted = read_camera_file(camera_file)
+    mounted = mounted.at(options.deck_z_m, options.sea_z_m)
     poses_file = poses_file or _find(path, POSES_FILE)
     poses = None if poses_file is None else read_poses(Path(poses_file), is_video)
     if is_video:
         return Video(path, mounted, poses, frames)
     folder, files = (path, None) if path.is_dir() else (path.parent, [path.name])
-    return ImageFolder(folder, mounted, poses, *depth_options, files)
+    return ImageFolder(folder, mounted, poses, options, files)
 
 
 def _check_has_images(folder: Path) -> None:

@@ -19,6 +19,7 @@ POSES_FILE = "poses.csv"
 NUMBERS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 COLUMNS = ("file", *NUMBERS)
 Cells = Mapping[str, str]  # a row's texts by column
+Rows = list[tuple[int, Cells]]  # with the number of the line
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,7 @@ def read_poses(path: Path, for_video: bool = False) -> Poses:
 
 def read_table(
     path: Path, delimiter: str, required: Sequence[str], optional: Sequence[str] = ()
-) -> tuple[list[tuple[int, Cells]], list[str]]:
+) -> tuple[Rows, list[str]]:
     """Line number and cells of each row of a text table with a header, and notes about unknown columns.
 
     Raises:
@@ -72,7 +73,7 @@ def read_table(
     reader = csv.reader(read_text(path).splitlines(), delimiter=delimiter)
     try:
         header = [cell.strip() for cell in next(reader, [])]
-        rows: list[tuple[int, Cells]] = [
+        rows: Rows = [
             (reader.line_num, dict(zip(header, (cell.strip() for cell in cells), strict=False)))
             for cells in reader
             if any(cell.strip() for cell in cells)

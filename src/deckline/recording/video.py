@@ -19,12 +19,7 @@ class Video(Source):
     """A video file. Frame n is called <video>#<n>, counted from 0; without poses its time is the film's own clock.
 
     Iterating streams. `load` decodes from the last frame it gave, or from the beginning: going backwards is slow.
-
-    Args:
-        path: the film.
-        mounted: camera, its mounting, heights of deck and sea.
-        poses: rows by frame number; None: positions are not known.
-        count: number of frames (`count_frames`).
+    `poses` are rows by frame number; `count` is what `count_frames` found.
     """
 
     def __init__(self, path: Path, mounted: MountedCamera, poses: Poses | None, count: int) -> None:

@@ -32,8 +32,6 @@ _View = tuple[str, int, int, float]  # camera, width, height, focal length
 
 @dataclass(frozen=True)
 class ImageRequest:
-    """A request for one picture."""
-
     camera: str  # the camera's own name
     requested_name: str  # its name in the request
     image_type: int
@@ -158,7 +156,6 @@ class Recorder:
 
     Args:
         out: each recording becomes a folder in it, named by date and time.
-        settings: interval, camera, whether only moves count.
         take: gives the frame of now.
         scene: free keys of scene.json.
         log: gets a line when a recording begins and ends.

@@ -59,7 +59,6 @@ def set_pose(service: Service, pose: Any, ignore_collision: bool = True, vehicle
 
 
 def get_multirotor(service: Service, vehicle: str = "") -> Struct:
-    """The whole state of a vehicle in flight."""
     time_ns = service.world.clock.nanoseconds(service.world.clock.seconds())
     return multirotor_struct(service.world.state.world_from_body, service.world.settings.origin, time_ns)
 
@@ -81,7 +80,6 @@ def arm(service: Service, armed: bool, vehicle: str = "") -> bool:
 async def get_all_images(
     service: Service, requests: Any, vehicle: str = "", external: bool = False, annotation: str = ""
 ) -> list[Struct]:
-    """Pictures of one instant."""
     wanted = read_requests(requests, service.world.settings)
     responses: list[Struct] = await service.render(get_images, service.world, wanted)
     return responses
@@ -90,14 +88,13 @@ async def get_all_images(
 async def get_image(
     service: Service, camera: Any, image_type: int, vehicle: str = "", annotation: Any = "", external: bool = False
 ) -> bytes:
-    """One picture as a PNG file."""
+    """A PNG file."""
     responses = await get_all_images(service, [{"camera_name": str(camera), "image_type": image_type}])
     data: bytes = responses[0]["image_data_uint8"]
     return data
 
 
 def get_camera(service: Service, camera: Any, vehicle: str = "", external: bool = False) -> Struct:
-    """Pose in the world, field of view, projection matrix."""
     world = service.world
     name = world.settings.find_camera(str(camera))
     return camera_struct(world.state.world_from_body * world.mount(name), world.camera(name, SCENE))

@@ -136,9 +136,6 @@ async def serving(
     """Serve while the context is open; gives the port.
 
     Args:
-        config: ship, weather, air and camera.
-        settings: vehicle and cameras.
-        host: address to listen on; other machines reach all but loopback addresses.
         port: 0 takes a free one.
         out: recordings become folders in it.
         scene: free keys of a recording's scene.json.

@@ -1,35 +1,198 @@
-"""A simulator that speaks AirSim's protocol, as a stream of frames."""
+"""A simulator that speaks AirSim's protocol, as a stream of frames.
+
+AirSim notes the camera's pose when it draws, and gives it with each image. The vehicle's pose has to be asked for, and
+is of a later instant. So a frame's pose comes from the image alone: world_from_body = world_from_camera of the image *
+camera_from_body of the mount, which hardly changes.
+"""
 
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.adapters.airsim.client import (
+    DEPTH_PLANAR,
     POLL_S,
     SCHEME,
     Connection,
     ConnectionLostError,
     StoppedError,
+    get_camera,
     get_images,
+    get_vehicle_pose,
     parse_address,
 )
-from deckline.adapters.airsim.frames import (
-    STILL_M,
-    MountMeasurement,
-    measure_mount,
-    measure_still_mount,
-    name_frame,
-    read_frame,
-    update_mount,
-)
+from deckline.adapters.airsim.protocol import read_pose
+from deckline.geometry import Camera, camera_mount
 from deckline.recording import BadFrame, RecordingError, Stream
+from deckline.recording.images import check_depth_size, convert_to_axial_depth
 from deckline.types import Frame
 
+NS_PER_S = 10**9  # whole, so that division by it keeps all of the time stamp
+SAME_POSE_M = 0.01  # poses of picture and depth: farther apart, the depth is not the picture's
+SAME_POSE_RAD = 2e-4  # about as much at the 50 m at which the lines fill the picture; single precision leaves 1e-6
+STILL_M = 0.01  # a vehicle that moves less during a measurement of the mount stands still
+STILL_RAD = 1e-3  # a vehicle that turns less: 0.06 deg, half of which is the error
+MEASUREMENTS = 20  # of a mount, at most
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to connect again; each wait doubles
 SLOW = 1.25  # frames that take so many times the wanted period are slow
 WINDOW = 10  # frames over which that is judged
+
+
+@dataclass(frozen=True, eq=False)
+class MountMeasurement:
+    """Where a camera sits on its vehicle, measured once."""
+
+    body_from_camera: RigidTransform  # optical frame
+    fov_rad: float  # horizontal
+    motion_m: float  # of the vehicle during the measurement
+    rotation_rad: float
+
+
+def measure_mount(connection: Connection, camera: str, vehicle: str) -> MountMeasurement:
+    """Ask for the camera's pose between two poses of the vehicle, and take the vehicle to be half way.
+
+    The difference of the vehicle's poses bounds the error. Errors as `get_images`.
+    """
+    before = get_vehicle_pose(connection, vehicle)
+    world_from_mount, fov_rad = get_camera(connection, camera, vehicle)
+    after = get_vehicle_pose(connection, vehicle)
+    motion = before.inv() * after
+    mount = interpolate_middle(before, after).inv() * world_from_mount * camera_mount()
+    return MountMeasurement(
+        mount, fov_rad, float(np.linalg.norm(motion.translation)), float(motion.rotation.magnitude())
+    )
+
+
+def measure_still_mount(connection: Connection, camera: str, vehicle: str) -> MountMeasurement:
+    """The measurement of several during which the vehicle moved least; the first of a vehicle that stands still."""
+    best = measure_mount(connection, camera, vehicle)
+    for _ in range(MEASUREMENTS - 1):
+        if best.motion_m <= STILL_M and best.rotation_rad <= STILL_RAD:
+            break
+        best = min(best, measure_mount(connection, camera, vehicle), key=lambda one: one.motion_m)
+    return best
+
+
+def update_mount(mount: RigidTransform, measured: MountMeasurement) -> RigidTransform:
+    """The known body_from_camera, updated with the part of a new measurement that is sharp enough.
+
+    So the mount follows a camera that is turned on its vehicle, and a fast vehicle does not blur its position.
+    """
+    if measured.rotation_rad > STILL_RAD:
+        return mount
+    position = measured.body_from_camera.translation if measured.motion_m <= STILL_M else mount.translation
+    return RigidTransform.from_components(position, measured.body_from_camera.rotation)
+
+
+def interpolate_middle(first: RigidTransform, second: RigidTransform) -> RigidTransform:
+    """The pose half way between two near poses."""
+    rotation = Rotation.concatenate([first.rotation, second.rotation]).mean()
+    return RigidTransform.from_components(np.add(first.translation, second.translation) / 2, rotation)
+
+
+def name_frame(camera: str, scene: Mapping[str, Any]) -> str:
+    """The name of a live frame: the camera and the picture's time in ns."""
+    return f"{camera}#{scene.get('time_stamp')}"
+
+
+def read_frame(
+    name: str,
+    scene: Mapping[str, Any],
+    depth: Mapping[str, Any],
+    body_from_camera: RigidTransform,
+    fov_rad: float,
+    deck_z_m: float | None = None,
+    sea_z_m: float | None = None,
+) -> Frame:
+    """A frame from the answers to simGetImages for the picture and the planar depth.
+
+    Args:
+        scene: the picture, raw bytes in the order B, G, R.
+        depth: metres along the axis, one float a pixel, top row first.
+        body_from_camera: the camera's mount, optical frame.
+        deck_z_m, sea_z_m: world z (down) of the deck plane and of the water.
+
+    Raises:
+        ValueError: an answer that is empty or broken, or answers that do not belong together.
+    """
+    image, stored = _read_image(scene), _read_depth(depth)
+    camera = Camera.from_fov(image.shape[1], image.shape[0], fov_rad)
+    check_depth_size(stored.shape, camera, "DepthPlanar")
+    world_from_mount = read_image_pose(scene, "Scene")
+    _check_same_pose(world_from_mount, read_image_pose(depth, "DepthPlanar"))
+    stamp_ns = scene.get("time_stamp")
+    if isinstance(stamp_ns, bool) or not isinstance(stamp_ns, int) or stamp_ns < 0:
+        raise ValueError(f"Scene has no time stamp in ns, got {stamp_ns!r}")
+    return Frame(
+        file=name,
+        time_s=stamp_ns / NS_PER_S,
+        image_rgb=image,
+        camera=camera,
+        body_from_camera=body_from_camera,
+        depth_m=convert_to_axial_depth(stored, camera, DEPTH_PLANAR),
+        world_from_body=world_from_mount * camera_mount() * body_from_camera.inv(),
+        deck_z_m=deck_z_m,
+        sea_z_m=sea_z_m,
+    )
+
+
+def _read_image(answer: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """Raw picture B, G, R -> RGB uint8 (H, W, 3)."""
+    height, width = _read_size(answer, "Scene")
+    data = answer.get("image_data_uint8")
+    if not isinstance(data, bytes) or len(data) != height * width * 3:
+        found = f"{len(data)} bytes" if isinstance(data, bytes) else type(data).__name__
+        raise ValueError(f"Scene of {width}x{height} px must have {height * width * 3} bytes (B, G, R), got {found}")
+    bgr = np.frombuffer(data, np.uint8).reshape(height, width, 3)
+    return np.ascontiguousarray(bgr[:, :, ::-1])
+
+
+def _read_depth(answer: Mapping[str, Any]) -> NDArray[np.float32]:
+    """Float depth -> float32 (H, W), as sent."""
+    height, width = _read_size(answer, "DepthPlanar")
+    data = answer.get("image_data_float")
+    count = len(data) if isinstance(data, list) else 0
+    if count <= 1 < height * width:
+        raise ValueError(f"DepthPlanar of {width}x{height} px came without numbers: its grey levels are no metres")
+    try:
+        values = np.array(data, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise ValueError("DepthPlanar holds a value that is no number") from None
+    if values.shape != (height * width,):
+        raise ValueError(f"DepthPlanar of {width}x{height} px must have {height * width} numbers, got {count}")
+    return values.reshape(height, width)
+
+
+def read_image_pose(answer: Mapping[str, Any], name: str) -> RigidTransform:
+    """world_from_mount of the camera when it drew an image, or a ValueError."""
+    parts = {"position": answer.get("camera_position"), "orientation": answer.get("camera_orientation")}
+    return read_pose(parts, name)
+
+
+def _read_size(answer: Mapping[str, Any], name: str) -> tuple[int, int]:
+    size = answer.get("height"), answer.get("width")
+    if not all(isinstance(value, int) and value > 0 for value in size):
+        message = answer.get("message") or "the simulator says nothing about it"
+        raise ValueError(f"{name} came empty ({message}); is the camera set up for this image type?")
+    return int(size[0] or 0), int(size[1] or 0)
+
+
+def _check_same_pose(scene: RigidTransform, depth: RigidTransform) -> None:
+    motion = scene.inv() * depth
+    metres, radians = float(np.linalg.norm(motion.translation)), float(motion.rotation.magnitude())
+    if metres > SAME_POSE_M or radians > SAME_POSE_RAD:
+        raise ValueError(
+            f"picture and depth were taken {metres:.3g} m and {np.rad2deg(radians):.3g} deg apart: "
+            f"they are not of one instant; fly slower or pause the simulator"
+        )
 
 
 def print_to_stderr(line: str) -> None:
