@@ -22,7 +22,7 @@ def test_a_table_as_markdown():
 
 
 def test_figures_are_saved_beside_what_they_were_made_with(tmp_path, capsys):
-    files = tmp_path / "f.json", tmp_path / "t.md"
+    files = tmp_path / "new" / "f.json", tmp_path / "t.md"
     publish(
         "two frames",
         [TABLE],

@@ -89,6 +89,9 @@ def publish(
         notes: below the last table.
     """
     made = made_with()
+    for path in (output.json, output.markdown):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
     console = Console(width=None if sys.stdout.isatty() else FILE_COLUMNS)
     console.print(title, style="bold", markup=False)
     console.print(", ".join(made.values()), highlight=False, markup=False)
