@@ -58,7 +58,8 @@ def encode_picture(image: Image, suffix: str, jpeg_quality: int = 95) -> bytes:
     Raises:
         ValueError: an image that cannot be encoded.
     """
-    done, data = cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in (".jpg", ".jpeg") else []
+    done, data = cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
         raise ValueError(f"a picture of shape {image.shape} cannot be encoded as {suffix}")
     return data.tobytes()
