@@ -22,8 +22,7 @@ import msgpack
 from deckline.adapters.airsim.protocol import encode_request
 from deckline.adapters.airsim.server import serving_in_thread
 from deckline.adapters.airsim.settings import PLANAR, SCENE, SEGMENTATION, Capture, parse_settings
-from deckline.sim.camera.config import DepthConfig
-from deckline.sim.config import SimConfig
+from deckline.sim.config import DepthConfig, SimConfig
 
 PEER = "ping"
 READ_BYTES = 1 << 20

@@ -25,8 +25,8 @@ import numpy as np
 
 from deckline.processes import process_count
 from deckline.sim import SimConfig
-from deckline.sim.camera.config import DepthConfig
-from deckline.sim.parallel import CHUNK, map_frames
+from deckline.sim.config import DepthConfig
+from deckline.sim.record import CHUNK, map_frames
 from deckline.sim.simulate import Simulator
 from deckline.types import Frame
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from deckline.recording import RecordingWriter
 from deckline.sim import SimConfig, frames
-from deckline.sim.camera.config import DepthConfig
+from deckline.sim.config import DepthConfig
 from deckline.truth import range_to_ramp_m
 from deckline.types import Frame
 

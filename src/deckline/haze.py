@@ -19,6 +19,12 @@ MAX_FALL = 60.0  # scale heights; its exponential is a float32, and patches end 
 CONTRAST_THRESHOLD = 0.02  # Koschmieder's 2 %; the meteorological optical range uses 5 %
 
 
+def triple(values: ArrayLike) -> Triple:
+    """Three numbers as plain floats."""
+    first, second, third = np.asarray(values, dtype=np.float64).tolist()
+    return first, second, third
+
+
 def beta_from_visibility(visibility_m: float, contrast: float = CONTRAST_THRESHOLD) -> float:
     """Extinction coefficient, 1/m. Infinite visibility gives 0."""
     if not visibility_m > 0:

@@ -13,8 +13,7 @@ from deckline.adapters.airsim.protocol import Decoder, encode_request
 from deckline.adapters.airsim.server import serving_in_thread
 from deckline.adapters.airsim.settings import Capture, parse_settings
 from deckline.sim import RendererError
-from deckline.sim.camera.config import DepthConfig, SensorConfig
-from deckline.sim.config import SimConfig
+from deckline.sim.config import DepthConfig, SensorConfig, SimConfig
 
 WIDTH, HEIGHT, FOV_DEG = 96, 54, 90.0
 EPOCH_NS = 1_700_000_000_000_000_000

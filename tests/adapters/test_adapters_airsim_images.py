@@ -14,7 +14,7 @@ from deckline.adapters.airsim.settings import PERSPECTIVE, PLANAR, SCENE, Captur
 from deckline.adapters.airsim.world import World
 from deckline.geometry import Camera
 from deckline.recording import open_recording
-from deckline.sim.camera.config import LensConfig
+from deckline.sim.config import LensConfig
 from deckline.types import Frame
 
 INTERVAL = replace(parse_settings({}, Capture(8, 6, 90.0)), interval_s=0.01)

@@ -10,7 +10,7 @@ from deckline.evaluation.flicker import clear_picture, without_truth
 from deckline.evaluation.flicker_score import flicker_figures, sequence_errors
 from deckline.recording import RecordingWriter, open_recording
 from deckline.sim import SimConfig, frames
-from deckline.sim.camera.config import DepthConfig
+from deckline.sim.config import DepthConfig
 from deckline.types import Frame
 
 COUNT = 4

@@ -20,8 +20,7 @@ from deckline.evaluation.flicker_score import (
 )
 from deckline.geometry import Camera, attitude
 from deckline.sim import SimConfig
-from deckline.sim.camera.config import DepthConfig
-from deckline.sim.config import MotionConfig
+from deckline.sim.config import DepthConfig, MotionConfig
 from deckline.sim.simulate import Simulator
 from deckline.types import Frame, Truth
 

@@ -5,8 +5,17 @@ from dataclasses import replace
 import pytest
 
 from deckline.sim import SimConfig
-from deckline.sim.camera.config import AirConfig, DepthConfig, FilmConfig, LensConfig, NavigationConfig, SensorConfig
-from deckline.sim.config import FlightConfig, MotionConfig, WeatherConfig
+from deckline.sim.config import (
+    AirConfig,
+    DepthConfig,
+    FilmConfig,
+    FlightConfig,
+    LensConfig,
+    MotionConfig,
+    NavigationConfig,
+    SensorConfig,
+    WeatherConfig,
+)
 from deckline.sim.dataset import DatasetConfig
 from deckline.sim.record import SheetConfig
 

@@ -5,8 +5,7 @@ import pytest
 
 from deckline.evaluation.frames import RenderOptions
 from deckline.sim import SimConfig, frames
-from deckline.sim.camera.config import DepthConfig, NavigationConfig
-from deckline.sim.config import MotionConfig, WeatherConfig
+from deckline.sim.config import DepthConfig, MotionConfig, NavigationConfig, WeatherConfig
 
 FAR = DepthConfig(range_m=float("inf"))
 SMALL = {"width": 160, "height": 90}

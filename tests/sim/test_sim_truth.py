@@ -11,8 +11,7 @@ from deckline.geometry import Camera
 from deckline.sim.camera.lens import Lens, pinhole_for
 from deckline.sim.camera.sensor import DISPLAY_GAMMA
 from deckline.sim.config import Preset, SimConfig
-from deckline.sim.flight.motion import Motion, ship_pose
-from deckline.sim.flight.views import pose_towards
+from deckline.sim.flight.views import Motion, pose_towards, ship_pose
 from deckline.sim.scene.view import Scene
 from deckline.sim.scene.weather import random_weather
 from deckline.sim.ship.deck_paint import paint_edge

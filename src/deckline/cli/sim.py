@@ -16,8 +16,7 @@ from deckline.config_file import config_from_table, read_config, to_toml_text
 from deckline.recording.writer import ImageFormat
 from deckline.research.dataset_check import check_dataset
 from deckline.sim import CLEAR, SimConfig
-from deckline.sim.camera.config import DepthConfig, Model
-from deckline.sim.config import Preset, Sky, TimeOfDay, Trajectory
+from deckline.sim.config import DepthConfig, Model, Preset, Sky, TimeOfDay, Trajectory
 from deckline.sim.dataset import MANIFEST, DatasetConfig, write_dataset
 from deckline.sim.record import SheetConfig, parse_visibility, simulate, visibility_text, write_sheet
 
@@ -66,69 +65,41 @@ SERVED = SimSettings(visibility_m=CLEAR, depth=DepthConfig(range_m=math.inf))
 
 @dataclass(frozen=True)
 class SimFlags:
-    """The flags of `deckline sim`.
+    """The flags of `deckline sim`."""
 
-    Args:
-        out: folder of the recording; with --serve, of the clients' recordings.
-        contact_sheet: write this .png or .jpg of all the frames instead.
-        serve: answer AirSim's clients until Ctrl-C.
-        config: TOML file of settings.
-        set: settings as the file has them, such as film.rain_mm_h=10.
-        print_config: print all settings as TOML and stop.
-        jobs: processes that render; 0: one for every core.
-        image_format: png, or ppm where OpenCV is not installed.
-        preset: the ship; train: random ships, light, weather, cameras.
-        trajectory: one approach, the paper's profile, unrelated views.
-        frames: how many.
-        visibility: metres at 2 % contrast: one value, LOW..HIGH or clear.
-        seed: the same seed makes the same files.
-        width: of the image, px.
-        height: of the image, px.
-        fov_deg: horizontal field of view.
-        keep_clear: also write every view without its haze.
-        range_m: nearest and farthest random view from the ramp.
-        start_m: distance to the ramp where an approach begins.
-        end_m: where it ends.
-        frames_per_ship: random views that share a ship.
-        weather_time_of_day: None: day; train draws it.
-        weather_sky: None: not overcast; train draws it.
-        weather_sea_state: 0 to 6, of sea and ship. None: drawn.
-        air_model: haze on 8-bit levels as in the paper, or on light.
-        depth_range_m: reach of the depth camera; inf: to the horizon.
-        host: address that the server listens on.
-        port: of the server.
-        settings: AirSim's settings.json for the server.
-    """
-
-    out: Path | None
-    contact_sheet: Path | None
-    serve: bool
-    config: Path | None
-    set: tuple[str, ...]
-    print_config: bool
-    jobs: int
-    image_format: ImageFormat
-    preset: Preset
-    trajectory: Trajectory
-    frames: int
-    visibility: str
-    seed: int
-    width: int
-    height: int
-    fov_deg: float
-    keep_clear: bool
-    range_m: tuple[float, float] | None
-    start_m: float
-    end_m: float
-    frames_per_ship: int
+    out: Path | None  # folder of the recording; with --serve, of the clients' recordings
+    contact_sheet: Path | None  # write this .png or .jpg of all the frames instead
+    serve: bool  # answer AirSim's clients until Ctrl-C
+    config: Path | None  # TOML file of settings
+    set: tuple[str, ...]  # settings as the file has them, such as film.rain_mm_h=10
+    print_config: bool  # print all settings as TOML and stop
+    jobs: int  # processes that render; 0: one for every core
+    image_format: ImageFormat  # png, or ppm where OpenCV is not installed
+    preset: Preset  # the ship; train: random ships, light, weather, cameras
+    trajectory: Trajectory  # one approach, the paper's profile, unrelated views
+    frames: int  # how many
+    visibility: str  # metres at 2 % contrast: one value, LOW..HIGH or clear
+    seed: int  # the same seed makes the same files
+    width: int  # of the image, px
+    height: int  # of the image, px
+    fov_deg: float  # horizontal field of view
+    keep_clear: bool  # also write every view without its haze
+    range_m: tuple[float, float] | None  # nearest and farthest random view from the ramp
+    start_m: float  # distance to the ramp where an approach begins
+    end_m: float  # where it ends
+    frames_per_ship: int  # random views that share a ship
+    # None: day; train draws it
     weather_time_of_day: Annotated[TimeOfDay | None, tyro.conf.arg(name="weather.time-of-day")]
-    weather_sky: Annotated[Sky | None, tyro.conf.arg(name="weather.sky")]
+    weather_sky: Annotated[Sky | None, tyro.conf.arg(name="weather.sky")]  # None: not overcast; train draws it
+    # 0 to 6, of sea and ship. None: drawn
     weather_sea_state: Annotated[int | None, tyro.conf.arg(name="weather.sea-state")]
+    # haze on 8-bit levels as in the paper, or on light
     air_model: Annotated[Model | None, tyro.conf.arg(name="air.model")]
+    # reach of the depth camera; inf: to the horizon
     depth_range_m: Annotated[float, tyro.conf.arg(name="depth.range-m")]
-    host: str
-    port: int
-    settings: Path | None
+    host: str  # address that the server listens on
+    port: int  # of the server
+    settings: Path | None  # AirSim's settings.json for the server
 
 
 def sim(args: Sequence[str]) -> int:
@@ -213,39 +184,22 @@ def _apply_flags(settings: SimSettings, flags: SimFlags) -> SimSettings:
 
 @dataclass(frozen=True)
 class DatasetFlags:
-    """The flags of `deckline dataset`.
+    """The flags of `deckline dataset`."""
 
-    Args:
-        out: folder of the dataset.
-        check: render nothing; compare every file with the manifest.
-        jobs: processes that render; 0: one for every core.
-        frames: clear and hazy pairs, training and test together.
-        test: how many of them are for testing.
-        seed: the same seed makes the same files.
-        visibility: metres at 2 % contrast: one value or LOW..HIGH.
-        width: of the images, px.
-        height: of the images, px.
-        fov_deg: horizontal field of view.
-        depth_range_m: reach of the depth camera.
-        one_scene: the same light, sky and sea in every frame.
-        tiles: also cut every image into 8 overlapping squares.
-        tile_px: their side.
-    """
-
-    out: tyro.conf.Positional[Path]
-    check: bool = False
-    jobs: int = 1
-    frames: int = DatasetConfig.frames
-    test: int = DatasetConfig.test
-    seed: int = DatasetConfig.seed
-    visibility: str = visibility_text(DatasetConfig.visibility_m)
-    width: int = DatasetConfig.width
-    height: int = DatasetConfig.height
-    fov_deg: float = DatasetConfig.fov_deg
-    depth_range_m: float = DatasetConfig.depth_range_m
-    one_scene: bool = DatasetConfig.one_scene
-    tiles: bool = DatasetConfig.tiles
-    tile_px: int = DatasetConfig.tile_px
+    out: tyro.conf.Positional[Path]  # folder of the dataset
+    check: bool = False  # render nothing; compare every file with the manifest
+    jobs: int = 1  # processes that render; 0: one for every core
+    frames: int = DatasetConfig.frames  # clear and hazy pairs, training and test together
+    test: int = DatasetConfig.test  # how many of them are for testing
+    seed: int = DatasetConfig.seed  # the same seed makes the same files
+    visibility: str = visibility_text(DatasetConfig.visibility_m)  # metres at 2 % contrast: one value or LOW..HIGH
+    width: int = DatasetConfig.width  # of the images, px
+    height: int = DatasetConfig.height  # of the images, px
+    fov_deg: float = DatasetConfig.fov_deg  # horizontal field of view
+    depth_range_m: float = DatasetConfig.depth_range_m  # reach of the depth camera
+    one_scene: bool = DatasetConfig.one_scene  # the same light, sky and sea in every frame
+    tiles: bool = DatasetConfig.tiles  # also cut every image into 8 overlapping squares
+    tile_px: int = DatasetConfig.tile_px  # their side
 
 
 def dataset(args: Sequence[str]) -> int:

@@ -69,8 +69,7 @@ class FlightsConfig:
         """
         with needs_extra("sim"):
             from deckline.sim import SimConfig
-            from deckline.sim.camera.config import DepthConfig, NavigationConfig
-            from deckline.sim.config import MotionConfig
+            from deckline.sim.config import DepthConfig, MotionConfig, NavigationConfig
             from deckline.sim.record import parse_visibility
         sensors = self.run.sensors
         navigation = NavigationConfig(

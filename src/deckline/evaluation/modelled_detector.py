@@ -73,7 +73,7 @@ def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iter
     with needs_extra("sim"):
         from deckline.sim.camera.measure import measure_pose
         from deckline.sim.flight.approach import approach_view
-        from deckline.sim.flight.motion import draw_motion, ship_pose
+        from deckline.sim.flight.views import draw_motion, ship_pose
         from deckline.sim.ship.layout import class_layout
         from deckline.sim.ship.ship_class import load_class
         from deckline.sim.simulate import draw_visibility, truth_segments

@@ -23,24 +23,20 @@ from numpy.typing import NDArray
 
 from deckline import __version__
 from deckline.atomic import write_atomic
-from deckline.extras import needs_extra
+from deckline.checks import check_numbers
 from deckline.processes import map_ordered
-from deckline.progress import progress
 from deckline.recording import RecordingWriter
 from deckline.recording.images import encode_image
 from deckline.recording.writer import EncodedFrame, encode_frame
 from deckline.runtime import sha256_of
-from deckline.sim.parallel import Item, map_frames
-from deckline.sim.record import json_values, visibility_text
+from deckline.sim.config import FLIGHTS, DepthConfig, SimConfig, WeatherConfig
+from deckline.sim.record import Item, json_values, map_frames, show_progress, visibility_text
+from deckline.sim.scene.gl import open_context
 from deckline.types import Frame
 
-with needs_extra("sim"):
-    from deckline.sim import SimConfig
-    from deckline.sim.camera.config import DepthConfig, check_numbers
-    from deckline.sim.config import FLIGHTS, WeatherConfig
-    from deckline.sim.scene.gl import open_context
-
 MANIFEST = "manifest.json"
+# A pair as its files hold it; a tile: folder and suffix with {} for the frame's number, and the file.
+Sample = tuple[EncodedFrame, list[tuple[str, bytes]]]
 FORMAT, VERSION = "deckline-dataset", 1
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "moderngl")
 SPLITS = ("train", "test")
@@ -64,28 +60,18 @@ class DatasetConfig:
     height: int = 720
     fov_deg: float = 90.0  # horizontal field of view
     depth_range_m: float = inf  # reach of the depth camera; inf records depth everywhere, as training a dehazer needs
-    one_scene: bool = (
-        False  # the same light, sky and sea in every frame; else drawn anew for each flight and random view
-    )
+    one_scene: bool = False  # the same light, sky and sea everywhere; else drawn anew for each flight and random view
     tiles: bool = True  # also cut every image into 8 overlapping squares
     tile_px: int = 512  # their side
 
     def __post_init__(self) -> None:
         if not 0 < self.test < self.frames:
             raise ValueError(f"test must lie between 1 and frames - 1 = {self.frames - 1}, got {self.test}")
-        check_numbers(self, seed=(0, inf))
+        check_numbers(self, "", "seed", least=0)
         if not 0 < self.visibility_m[0] <= self.visibility_m[1] < inf:
             raise ValueError(f"visibility_m must be 0 < low <= high < inf, got {self.visibility_m}")
         if self.tiles and not 1 <= self.tile_px <= min(self.width, self.height):
             raise ValueError(f"tile_px must lie between 1 and the image's smaller side, got {self.tile_px}")
-
-
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """One pair as its files hold it."""
-
-    encoded: EncodedFrame
-    tiles: tuple[tuple[str, bytes], ...]  # folder and suffix with {} for the frame's number, and the file
 
 
 def write_dataset(config: DatasetConfig, out: Path, jobs: int = 1) -> None:
@@ -115,13 +101,16 @@ def write_dataset(config: DatasetConfig, out: Path, jobs: int = 1) -> None:
 
 def _render(config: DatasetConfig, writers: dict[str, RecordingWriter], left: list[int], jobs: int) -> None:
     items, test = dataset_items(config), set(split_frames(config)["test"])
-    samples = map_frames(partial(make_sample, config=config), [items[k] for k in left], jobs)
-    bar = progress("rendering", config.frames, config.frames - len(left))
-    with closing(samples), bar as advance:
-        for k, sample in zip(left, samples, strict=True):
+    samples = map_frames(partial(make_sample, config=config), [items[k] for k in left], jobs, config.frames)
+    with closing(samples):
+        for k, (encoded, tiles) in zip(left, samples, strict=True):
+            writer = writers["test" if k in test else "train"]
+            for name, data in tiles:  # first: a frame with a row in its recording is whole
+                path = writer.out / "tiles" / name.format(f"{k:05d}")
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomic(path, data)
             flight = items[k][0].seed - SEEDS * config.seed
-            _write_sample(writers["test" if k in test else "train"], k, sample, flight * FLIGHT_GAP_S)
-            advance()
+            writer.append(replace(encoded, time_s=encoded.time_s + flight * FLIGHT_GAP_S))
 
 
 def dataset_items(config: DatasetConfig) -> list[Item]:
@@ -172,7 +161,7 @@ def make_sample(frame: Frame, config: DatasetConfig) -> Sample:
             tiles.append((f"hazy/{{}}_{k}.png", encode_image(frame.image_rgb[part], "png")))
             tiles.append((f"clear/{{}}_{k}.png", encode_image(clear[part], "png")))
             tiles.append((f"depth/{{}}_{k}.npy", _encode_half(frame.depth_m[part])))
-    return Sample(encode_frame(frame), tuple(tiles))
+    return encode_frame(frame), tiles
 
 
 def tile_corners(width: int, height: int, tile_px: int) -> list[tuple[int, int]]:
@@ -203,15 +192,6 @@ def _origin(config: DatasetConfig) -> dict[str, Any]:
     return {"generator": f"deckline {__version__}", "command": " ".join(words), "dataset": json_values(values)}
 
 
-def _write_sample(writer: RecordingWriter, k: int, sample: Sample, start_s: float) -> None:
-    """Tiles first: a frame with a row in its recording is whole."""
-    for name, data in sample.tiles:
-        path = writer.out / "tiles" / name.format(f"{k:05d}")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, data)
-    writer.append(replace(sample.encoded, time_s=sample.encoded.time_s + start_s))
-
-
 def write_manifest(out: Path, values: Mapping[str, Any], jobs: int = 1) -> None:
     """Write manifest.json of a complete dataset: the given values, versions, counts and hashes; no dates, no paths.
 
@@ -219,14 +199,8 @@ def write_manifest(out: Path, values: Mapping[str, Any], jobs: int = 1) -> None:
         jobs: processes that read files; 0: one for every core.
     """
     files = file_hashes(out, jobs)
-    content = {
-        "format": FORMAT,
-        "version": VERSION,
-        **values,
-        "versions": versions(),
-        "counts": count_files(files),
-        "files": files,
-    }
+    content = {"format": FORMAT, "version": VERSION, **values, "versions": versions()}
+    content |= {"counts": count_files(files), "files": files}
     write_atomic(out / MANIFEST, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
@@ -234,13 +208,8 @@ def file_hashes(out: Path, jobs: int = 1) -> dict[str, str]:
     """SHA-256 of every file below `out` but the manifest, by relative path in order."""
     names = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
     names = [name for name in names if name != MANIFEST]
-    hashes = {}
-    paths = [out / name for name in names]
-    with progress("hashing", len(names)) as advance, closing(map_ordered(sha256_of, paths, jobs)) as digests:
-        for name, digest in zip(names, digests, strict=True):
-            hashes[name] = digest
-            advance()
-    return hashes
+    digests = map_ordered(sha256_of, [out / name for name in names], jobs)
+    return dict(zip(names, show_progress("hashing", digests, len(names)), strict=True))
 
 
 def count_files(files: Mapping[str, str]) -> dict[str, dict[str, int]]:

@@ -1,56 +1,105 @@
-"""`deckline sim`: simulator frames into an AirSim-layout recording, or into one picture to look at."""
+"""`deckline sim`: frames rendered over processes, into an AirSim-layout recording or into one picture to look at."""
 
 import math
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deckline import __version__
-from deckline.extras import needs_extra
+from deckline.checks import check_numbers
+from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
 from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
-from deckline.sim.parallel import map_frames
+from deckline.sim.config import FLIGHTS, LARGEST_PX, SimConfig
+from deckline.sim.simulate import Simulator, open_simulator, ship_block
 from deckline.types import Frame
 
-with needs_extra("sim"):
-    from deckline.sim import SimConfig
-    from deckline.sim.camera.config import check_numbers
-    from deckline.sim.config import FLIGHTS, LARGEST_PX
-
+CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs
+T = TypeVar("T")
+Item = tuple[SimConfig, int]  # a recording and the index of one of its frames
 NOT_DECIDING = ("--out", "--jobs")  # options of a command that do not change what it makes
 LEFT_RGB, RIGHT_RGB = (255, 0, 0), (0, 255, 0)  # of the true lines in a contact sheet
 DOTS = 240  # of each true line: close views show a tenth of it
 
 
-@dataclass(frozen=True)
-class SheetConfig:
-    """A contact sheet.
+def map_frames(
+    task: Callable[[Frame], T], items: Sequence[Item], jobs: int = 1, total: int | None = None
+) -> Generator[T, None, None]:
+    """`task(frame)` of every item, in their order and the same whatever `jobs` is; see `map_ordered`.
 
     Args:
-        tile_px: width of a frame in the picture; frames are rendered at their full size and shrunk.
-        columns: frames beside each other.
-        truth: dot the true lines, left red and right green.
+        task: what is done to a frame where it is rendered; picklable when jobs is not 1.
+        items: frames; neighbours that share a ship are rendered by one process.
+        jobs: processes; 1 renders in this process, 0 takes as many as there are cores.
+        total: frames of the whole work, of which the items are the last, for a bar on the screen; None: no bar.
 
     Raises:
-        ValueError: a number out of its range.
+        ValueError: negative jobs.
+        OSError: no OpenGL on this machine, or a process died.
     """
+    if total is not None:
+        yield from show_progress("rendering", map_frames(task, items, jobs), total, total - len(items))
+    elif process_count(jobs) == 1:
+        for config, group in groupby(items, key=itemgetter(0)):
+            with open_simulator(config) as simulator:
+                for _, index in group:
+                    yield task(simulator.frame(index))
+    else:
+        with closing(map_ordered(partial(_render_chunk, task), _split_chunks(items), jobs)) as chunks:
+            for results in chunks:
+                yield from results
 
-    tile_px: int = 320
-    columns: int = 6
-    truth: bool = False
+
+def show_progress(what: str, results: Generator[T, None, None], total: int, done: int = 0) -> Generator[T, None, None]:
+    """The results, which are closed at last, with a bar on the screen."""
+    with closing(results), progress(what, total, done) as advance:
+        for result in results:
+            yield result
+            advance()
+
+
+_opened: dict[SimConfig, Simulator] = {}  # the last recording's simulator in a rendering process
+
+
+def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:
+    config = chunk[0][0]
+    if config not in _opened:
+        for other in list(_opened):
+            _opened.pop(other).__exit__(None, None, None)
+        _opened[config] = open_simulator(config)
+    return [task(_opened[config].frame(index)) for _, index in chunk]
+
+
+def _split_chunks(items: Sequence[Item]) -> Iterator[list[Item]]:
+    """Neighbours of one recording and one ship, at most CHUNK of them."""
+    for _, group in groupby(items, key=lambda item: (id(item[0]), ship_block(*item))):
+        same_ship = list(group)
+        for first in range(0, len(same_ship), CHUNK):
+            yield same_ship[first : first + CHUNK]
+
+
+@dataclass(frozen=True)
+class SheetConfig:
+    """A contact sheet."""
+
+    tile_px: int = 320  # width of a frame in the picture; frames are rendered at their full size and shrunk
+    columns: int = 6  # frames beside each other
+    truth: bool = False  # dot the true lines, left red and right green
 
     def __post_init__(self) -> None:
-        check_numbers(self, tile_px=(1, LARGEST_PX), columns=(1, LARGEST_PX))
+        check_numbers(self, "sheet", least=1, most=LARGEST_PX)
 
 
 def parse_visibility(text: str) -> tuple[float, float]:
@@ -89,19 +138,13 @@ def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jo
         ValueError: `out` holds a recording made with other settings.
         OSError: the disk refuses, or rendering stopped.
     """
-    scene = {
-        "generator": f"deckline {__version__}",
-        "command": repeatable_command(),
-        **frame_settings(config),
-    }
-    with RecordingWriter(out, image_format=image_format, scene=scene) as writer:
+    origin = {"generator": f"deckline {__version__}", "command": repeatable_command()}
+    with RecordingWriter(out, image_format=image_format, scene=origin | frame_settings(config)) as writer:
         items = [(config, index) for index in range(writer.count, config.frames)]
         encode = partial(encode_frame, image_format=image_format)
-        rendered = closing(map_frames(encode, items, jobs))
-        with progress("rendering", config.frames, writer.count) as advance, rendered as encoded_frames:
+        with closing(map_frames(encode, items, jobs, config.frames)) as encoded_frames:
             for encoded in encoded_frames:
                 writer.append(encoded)
-                advance()
     print(out)
 
 
@@ -119,13 +162,9 @@ def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1)
     if not os.access(out.parent, os.W_OK):
         raise ValueError(f"{out}: its folder cannot be written")
     tile = partial(make_tile, width_px=sheet.tile_px, with_truth=sheet.truth)
-    rendered = closing(map_frames(tile, [(config, index) for index in range(config.frames)], jobs))
-    tiles = []
-    with progress("rendering", config.frames) as advance, rendered as pictures:
-        for picture in pictures:
-            tiles.append(picture)
-            advance()
-    write_picture(out, join_tiles(tiles, sheet.columns))
+    items = [(config, index) for index in range(config.frames)]
+    with closing(map_frames(tile, items, jobs, config.frames)) as tiles:
+        write_picture(out, join_tiles(list(tiles), sheet.columns))
     print(out)
 
 

@@ -7,20 +7,21 @@ from typing import Self
 
 import numpy as np
 
-from deckline.sim.camera.air import triple
-from deckline.sim.camera.config import ImagingConfig
-from deckline.sim.camera.imaging import Imaging, Shot, Surroundings
+from deckline.sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline.sim.camera.lens import pinhole_for, random_lens
 from deckline.sim.camera.measure import measure_pose
-from deckline.sim.config import SimConfig, WeatherConfig
+from deckline.sim.config import ImagingConfig, SimConfig, WeatherConfig
 from deckline.sim.flight.approach import approach_view
-from deckline.sim.flight.motion import Motion, draw_motion, ship_pose, ship_velocity
 from deckline.sim.flight.views import (
+    Motion,
     Viewpoint,
     away_view,
+    draw_motion,
     from_any_side,
     glide_view,
     random_view,
+    ship_pose,
+    ship_velocity,
     view_towards,
 )
 from deckline.sim.scene.render import Renderer

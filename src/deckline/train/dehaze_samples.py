@@ -14,8 +14,8 @@ from deckline.dehaze.geometry import GeometryDehazer, display_levels, linear_lev
 from deckline.dehaze.network import image_to_tensor
 from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
-from deckline.sim.camera.air import draw_air
-from deckline.sim.camera.config import AirConfig
+from deckline.sim.camera.imaging import draw_air
+from deckline.sim.config import AirConfig
 from deckline.train.dehaze_views import ClearView
 from deckline.train.views import Views
 from deckline.types import Frame

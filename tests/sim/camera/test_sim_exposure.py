@@ -5,7 +5,6 @@ import pytest
 
 from deckline.geometry import Camera, camera_mount
 from deckline.sim.camera import exposure as rain
-from deckline.sim.camera.config import FilmConfig
 from deckline.sim.camera.exposure import (
     Exposure,
     Film,
@@ -15,6 +14,7 @@ from deckline.sim.camera.exposure import (
     streak_quads,
     streaks,
 )
+from deckline.sim.config import FilmConfig
 from deckline.sim.scene.view import View
 
 CAMERA = Camera.from_fov(640, 360, 1.0)

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deckline.geometry import Camera
-from deckline.sim.camera.config import LensConfig
 from deckline.sim.camera.lens import Lens, pinhole_for, pixel_rays, random_lens
+from deckline.sim.config import LensConfig
 from deckline.sim.scene.view import View
 
 BARREL = Camera(320, 200, 180.0, 184.0, 165.0, 96.0, (-0.15, 0.03, 0.002, -0.001, -0.004))

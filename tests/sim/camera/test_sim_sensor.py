@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from undo_sensor import undo_sensor
 
-from deckline.sim.camera.config import SensorConfig
 from deckline.sim.camera.sensor import (
     DISPLAY_GAMMA,
     STEPS,
@@ -27,6 +26,7 @@ from deckline.sim.camera.sensor import (
     tone_level,
     tone_table,
 )
+from deckline.sim.config import SensorConfig
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 

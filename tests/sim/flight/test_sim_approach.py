@@ -17,8 +17,7 @@ from deckline.sim.flight.approach import (
     remaining_offset,
     wander,
 )
-from deckline.sim.flight.motion import Motion, ship_pose
-from deckline.sim.flight.views import runway_in_view
+from deckline.sim.flight.views import Motion, runway_in_view, ship_pose
 from deckline.sim.ship.layout import class_layout
 from deckline.sim.ship.paint import axes
 from deckline.sim.ship.ship_class import load_class

@@ -1,17 +1,21 @@
+"""The renderer: pictures, depth, labels, textures, projection."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, camera_mount, intersect_plane
 from deckline.sim.camera.sensor import DISPLAY_GAMMA
 from deckline.sim.flight.views import pose_towards
 from deckline.sim.scene import gl
-from deckline.sim.scene.gl import RendererError
+from deckline.sim.scene.gl import RendererError, light_from_ship, noise_field, texture_size
 from deckline.sim.scene.render import KEPT_TARGETS, Renderer
-from deckline.sim.scene.view import Label, Quality, Scene
-from deckline.sim.scene.weather import random_weather
+from deckline.sim.scene.view import Label, Quality, Scene, clip_from_optical, sea_uniforms, solid_uniforms
+from deckline.sim.scene.weather import random_weather, sun_direction
 from deckline.sim.ship.deck_paint import paint_edge
 from deckline.sim.ship.layout import class_layout, random_layout, world_points
 from deckline.sim.ship.mesh import boxes
@@ -271,3 +275,61 @@ def test_labels_say_what_the_depth_lies_on(renderer):
     assert np.all(np.abs(crate[:, 0] - (layout.length_m - 2.0)) < 1.01)
     again = renderer.render(Scene(CAMERA, seen_from, CALM, world_from_ship=where)).depth_m
     np.testing.assert_array_equal(again, depth)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_every_caster_lies_on_the_map_and_light_runs_along_its_depth(seed):
+    rng = np.random.default_rng(seed)
+    sun, points = sun_direction(rng), rng.uniform(-200.0, 200.0, (30, 3))
+    matrix = light_from_ship(sun, points)
+    spots = points @ matrix[:3, :3].T + matrix[:3, 3]
+    assert np.all((spots > 0.0) & (spots < 1.0))
+    step = matrix[:3, :3] @ sun
+    np.testing.assert_allclose(step[:2], 0.0, atol=1e-12)
+    assert step[2] > 0
+
+
+def test_a_sun_along_the_ship_is_no_exception():
+    matrix = light_from_ship(np.array([1.0, 0.0, 0.0]), np.eye(3))
+    assert np.all(np.isfinite(matrix))
+    assert np.linalg.matrix_rank(matrix) == 4
+
+
+def test_noise_is_tileable_and_centred():
+    noise = noise_field(64).astype(float)
+    np.testing.assert_allclose(noise.mean(axis=(0, 1)), 127.5, atol=2.0)
+    inner = np.abs(np.diff(noise, axis=0)).mean()
+    assert np.abs(noise[0] - noise[-1]).mean() < 1.5 * inner
+
+
+def test_deck_textures_halve_evenly():
+    for extent in ((333.0, 77.0), (150.0, 31.0), (201.0, 64.5)):
+        size = texture_size(np.array(extent), 8.0)
+        assert all(n & (n - 1) == 0 for n in size)
+        assert size[1] / extent[1] >= 8.0
+        assert 5.6 < size[0] / extent[0] < 11.4
+
+
+CAMERA = Camera.from_fov(640, 360, np.deg2rad(60.0))
+WEATHER = random_weather(np.random.default_rng(0))
+
+
+def test_projection_agrees_with_the_camera():
+    points = np.array([[3.0, -2.0, 40.0], [-30.0, 10.0, 90.0], [0.0, 0.0, 5.0]])
+    clip = np.column_stack([points, np.ones(3)]) @ clip_from_optical(CAMERA).T
+    pixels = (clip[:, :2] / clip[:, 3:] + 1) / 2 * [640, 360] - 0.5
+    np.testing.assert_allclose(pixels, CAMERA.project(points), atol=1e-9)
+
+
+def test_depth_row_gives_the_depth_along_the_axis():
+    pose = RigidTransform.from_translation([4.0, 5.0, 6.0])
+    values = solid_uniforms(Scene(CAMERA, RigidTransform.identity(), WEATHER), pose, 100.0)
+    assert values["depth_row"] @ np.array([1.0, 2.0, 3.0, 1.0]) == pytest.approx(9.0)
+
+
+def test_long_waves_run_faster():
+    weather = WEATHER
+    drift = np.array(sea_uniforms(weather, 2.0)["drift_m"])
+    assert drift[0] > drift[1] > drift[2] > 0
+    assert drift[0] == pytest.approx(2.0 * np.sqrt(9.81 * weather.wave_length_m / (2 * np.pi)))
+    assert sea_uniforms(weather, 0.0)["drift_m"] == [0.0] * 4

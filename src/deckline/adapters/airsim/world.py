@@ -19,8 +19,7 @@ from deckline.sim.camera.lens import random_lens
 from deckline.sim.camera.measure import measure_depth
 from deckline.sim.config import SimConfig
 from deckline.sim.flight.approach import approach_view
-from deckline.sim.flight.motion import ship_pose
-from deckline.sim.flight.views import Viewpoint
+from deckline.sim.flight.views import Viewpoint, ship_pose
 from deckline.sim.scene.view import Scene
 from deckline.sim.scene.weather import Weather, random_weather
 from deckline.sim.simulate import FLIGHT, FRAME, Scenery, Simulator, draw_visibility

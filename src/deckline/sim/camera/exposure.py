@@ -7,9 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
-from deckline.haze import Triple
-from deckline.sim.camera.air import triple
-from deckline.sim.camera.config import FilmConfig
+from deckline.haze import Triple, triple
+from deckline.sim.config import FilmConfig
 from deckline.sim.scene.gl import fullscreen, image_texture, link, moderngl
 from deckline.sim.scene.view import View
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from deckline.geometry import Camera
-from deckline.sim.camera.config import LensConfig
+from deckline.sim.config import LensConfig
 from deckline.sim.scene.gl import fullscreen, image_texture, link, moderngl
 from deckline.sim.scene.view import View
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.sim.camera.config import DepthConfig, NavigationConfig
+from deckline.sim.config import DepthConfig, NavigationConfig
 
 HALF_FAR_M = 65504.0  # largest half-precision number, AirSim's "nothing seen"
 EDGE_RATIO = 1.05  # of neighbouring depths, from which there is an edge between them

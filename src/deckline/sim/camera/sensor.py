@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.haze import Triple
-from deckline.sim.camera.config import SensorConfig, Tone
+from deckline.sim.config import SensorConfig, Tone
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
 TARGET = 0.27  # what automatic exposure makes of a picture's metered light; level 0.55 of a plain display

@@ -10,8 +10,18 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, camera_mount
 from deckline.sim.config import FlightConfig, Pointing, SimConfig
-from deckline.sim.flight.motion import STILL, Motion, deck_rise, steady_pose, steady_velocity
-from deckline.sim.flight.views import RAMP_CLEARANCE_M, TOUCHDOWN_M, Viewpoint, pose_towards, runway_point
+from deckline.sim.flight.views import (
+    RAMP_CLEARANCE_M,
+    STILL,
+    TOUCHDOWN_M,
+    Motion,
+    Viewpoint,
+    deck_rise,
+    pose_towards,
+    runway_point,
+    steady_pose,
+    steady_velocity,
+)
 from deckline.sim.ship.layout import Layout
 
 # The paper's profile enters the landing track at 5 km, descends to 300 m, passes 60 m at 800 m, and glides down to the

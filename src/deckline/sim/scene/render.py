@@ -14,10 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
-from deckline.sim.scene.gl import fullscreen, link, moderngl, open_context
-from deckline.sim.scene.textures import ShadowMap, noise_field, paint_deck, tile_texture
-from deckline.sim.scene.uniforms import CLEAR_AIR_M, Uniforms, scene_uniforms, solid_uniforms
-from deckline.sim.scene.view import SAMPLES, Label, Scene, View
+from deckline.sim.scene.gl import (
+    ShadowMap,
+    fullscreen,
+    link,
+    moderngl,
+    noise_field,
+    open_context,
+    paint_deck,
+    tile_texture,
+)
+from deckline.sim.scene.view import CLEAR_AIR_M, SAMPLES, Label, Scene, Uniforms, View, scene_uniforms, solid_uniforms
 from deckline.sim.scene.waves import wave_tile
 from deckline.sim.ship.mesh import Mesh
 from deckline.sim.ship.ship import Ship
