@@ -80,12 +80,9 @@ def test_columns_are_found_by_their_names_and_unknown_ones_noted(tmp_path, heade
     frame = source.load(0)
     assert (frame.file, frame.time_s) == (IMAGE, 0.001)
     np.testing.assert_allclose(frame.world_from_body.translation, [1.0, 2.0, -3.0])
-
-
-def test_windows_line_ends_and_blank_lines(tmp_path):
-    folder = recording(tmp_path / "rec", [], PICTURE)
-    (folder / "airsim_rec.txt").write_bytes(f"{HEADER}\t\r\n\r\n{row(1_000_000)}\r\n".encode())
-    assert [frame.file for frame in open_recording(folder)] == [IMAGE]
+    text = (tmp_path / "rec" / "airsim_rec.txt").read_text()
+    (tmp_path / "rec" / "airsim_rec.txt").write_bytes(text.replace("\n", "\r\n\r\n").encode())  # Windows, blank lines
+    assert [frame.file for frame in open_recording(tmp_path / "rec")] == [IMAGE]
 
 
 def test_joined_names_give_image_and_depth_of_the_same_camera(tmp_path):
@@ -94,16 +91,17 @@ def test_joined_names_give_image_and_depth_of_the_same_camera(tmp_path):
     frame = only(tmp_path, row(7).replace("img_Drone_0_0_7.png", names), files)
     assert frame.file == "img_Drone_low_0_7.png"
     assert frame.depth_m.tolist() == DEPTH  # AirSim's first row is the top one
-
-
-def test_names_of_vehicle_and_camera_may_hold_underscores_and_digits(tmp_path):
-    name = "img_My_Drone_2_front_center_0_1_0_99.ppm"
-    frame = only(tmp_path, row(99).replace("img_Drone_0_0_99.png", name), {name: b"P6\n3 2\n255\n" + PIXELS.tobytes()})
+    name = "img_My_Drone_2_front_center_0_1_0_99.ppm"  # vehicle and camera may hold underscores and digits
+    files = {name: b"P6\n3 2\n255\n" + PIXELS.tobytes()}
+    frame = only(tmp_path / "ppm", row(99).replace("img_Drone_0_0_99.png", name), files)
     np.testing.assert_array_equal(frame.image_rgb, PIXELS)
 
 
-def test_rows_of_standard_pfm_are_turned_when_told(tmp_path):
-    assert depth(tmp_path, {PLANAR: pfm(DEPTH)}, pfm_rows="bottom-to-top").tolist() == DEPTH[::-1]
+@pytest.mark.parametrize(
+    ("types", "options", "expected"), [("021", {}, DEPTH), ("01", {"pfm_rows": "bottom-to-top"}, DEPTH[::-1])]
+)
+def test_planar_depth_goes_first_and_its_rows_are_turned_when_told(tmp_path, types, options, expected):
+    assert depth(tmp_path, {PLANAR: pfm(DEPTH)}, types, **options).tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -126,10 +124,6 @@ def test_perspective_depth_is_brought_to_the_axis_and_its_far_value_judged_as_st
     found = depth(tmp_path, {PERSPECTIVE: pfm(ranges.tolist())}, "02", camera_file=tmp_path / "c.toml")
     np.testing.assert_allclose(found, axis, rtol=1e-6)
     assert np.isnan(depth(tmp_path / "far", {PERSPECTIVE: pfm([[65504.0] * 3] * 2)}, "02")).all()
-
-
-def test_planar_depth_is_preferred_to_perspective(tmp_path):
-    assert depth(tmp_path, {PLANAR: pfm(DEPTH)}, types="021").tolist() == DEPTH
 
 
 def test_cut_png_in_the_middle_is_skipped_and_named(tmp_path):

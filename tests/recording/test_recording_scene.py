@@ -45,12 +45,6 @@ def test_truth_round_trip(truth):
             np.testing.assert_array_equal([after.p0_m, after.p1_m], [before.p0_m, before.p1_m])
 
 
-def test_clear_air_is_null_in_the_file():
-    values = truth_to_mapping(Truth(visibility_m=math.inf), "clear/a.png")
-    both = {"left": None, "right": None}
-    assert values == both | {"visibility_m": None, "clear_air": True, "clear_image": "clear/a.png"}
-
-
 def test_poses_and_conditions_round_trip():
     rolled = pose([1.0, -2.0, 3.5], [0.5, 0.1, -0.7, 0.5])
     truth = Truth(world_from_ship=rolled, world_from_body=rolled.inv(), conditions={"air": {"rain_mm_h": 3.0}})
@@ -58,9 +52,6 @@ def test_poses_and_conditions_round_trip():
     np.testing.assert_allclose(back.world_from_ship.as_matrix(), rolled.as_matrix(), atol=1e-12)
     np.testing.assert_allclose(back.world_from_body.as_matrix(), rolled.inv().as_matrix(), atol=1e-12)
     assert back.conditions == {"air": {"rain_mm_h": 3.0}}
-
-
-def test_visibility_that_nobody_knows_is_none():
     assert truth_from_mapping({"left": None, "right": None, "visibility_m": None}).visibility_m is None
 
 

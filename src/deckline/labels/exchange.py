@@ -67,7 +67,8 @@ def export_labels(
             if isinstance(item, BadFrame):
                 notes.append(f"skipped {item.file}: {item.reason}")
             elif labels is None or item.file in labels:
-                name = f"{IMAGE_FOLDERS[form]}/{_make_plain_name(item.file)}.png"
+                stem = re.sub(r"[^\w.-]+", "_", item.file.rpartition(".")[0] or item.file)  # list files hold no spaces
+                name = f"{IMAGE_FOLDERS[form]}/{stem}.png"
                 image = label_frame(item, name) if labels is None else _pick_lines(item, name, labels[item.file])
                 _write_picture(out, item, image, form)
                 images.append(image)
@@ -86,11 +87,6 @@ def export_labels(
     else:
         write_coco(out / COCO_FILE, images, line_points)
     return images, notes
-
-
-def _make_plain_name(file: str) -> str:
-    """A file name's stem without spaces, slashes and what else a list file cannot hold."""
-    return re.sub(r"[^\w.-]+", "_", file.rpartition(".")[0] or file)
 
 
 def _pick_lines(frame: Frame, name: str, lines: Labels) -> LabelledImage:
@@ -138,7 +134,9 @@ def import_labels(
     imported = []
     with progress("importing", len(names)) as advance:
         for image, name in zip(found.images, names, strict=True):
-            size = _read_size(root, image.file, source)
+            if not (root / image.file).is_file():
+                raise ValueError(f"{source}: image {image.file} is not in {root}; give --images FOLDER where it is")
+            size = _read_size(root / image.file)
             mounted = mounted or _make_pinhole(size, fov_deg, root)
             _check_size(image, size, mounted.camera)
             write_atomic(out / name, read_bytes(root / image.file, "image"))
@@ -181,14 +179,11 @@ def _check_new(out: Path, unfinished: Collection[str]) -> None:
         raise ValueError(f"{out} holds {others[0]} already: choose a new folder")
 
 
-def _read_size(root: Path, file: str, source: Path) -> tuple[int, int]:
-    """Width and height of an image that can be read."""
-    if not (root / file).is_file():
-        raise ValueError(f"{source}: image {file} is not in {root}; give --images FOLDER where it is")
+def _read_size(path: Path) -> tuple[int, int]:
     try:
-        height, width = read_image(root / file).shape[:2]
+        height, width = read_image(path).shape[:2]
     except ValueError as error:
-        raise ValueError(f"{root / file}: {error}") from None
+        raise ValueError(f"{path}: {error}") from None
     return width, height
 
 

@@ -69,9 +69,7 @@ def read_tusimple(path: Path) -> LabelSet:
         raise ValueError(f"{path}: no {TUSIMPLE_NAMES} in this folder; name the label file itself")
     images = []
     for file in files:
-        for number, text in enumerate(read_text(file).splitlines(), 1):
-            if text.strip():
-                images.append(_parse_tusimple_image(text, f"{file}: line {number}"))
+        images += [_parse_tusimple_image(text, f"{file}: line {number}") for number, text in _read_lines(file)]
     if not images:
         raise ValueError(f"{files[0]}: no labels in it; expected one JSON object a line")
     return LabelSet(files[0].parent, tuple(images))
@@ -114,17 +112,13 @@ def write_culane(out: Path, images: Sequence[LabelledImage], row_step_px: int = 
             raise ValueError(f"{image.file!r}: a CULane list cannot hold a file name with spaces")
         rows = np.arange(image.size[1] - 1, -1, -row_step_px)
         lines = sample_rows(image, rows)
-        text = "".join(_format_culane_row(u, rows) for u in lines if u is not None)
+        pairs = [[(x, v) for x, v in zip(u, rows, strict=True) if np.isfinite(x)] for u in lines if u is not None]
+        text = "".join(" ".join(f"{x:.{CULANE_DECIMALS}f} {v}" for x, v in line) + "\n" for line in pairs)
         write_atomic(out / _get_lines_name(image.file), text.encode())
         flags.append(f"/{image.file} /{get_mask_name(image.file)} {' '.join(str(int(u is not None)) for u in lines)}\n")
     (out / LIST_FOLDER).mkdir(exist_ok=True)
     write_atomic(out / LIST_FOLDER / NAMES_FILE, "".join(f"/{image.file}\n" for image in images).encode())
     write_atomic(out / LIST_FOLDER / FLAGS_FILE, "".join(flags).encode())
-
-
-def _format_culane_row(u: np.ndarray, rows: np.ndarray) -> str:
-    points = zip(u.tolist(), rows.tolist(), strict=True)
-    return " ".join(f"{x:.{CULANE_DECIMALS}f} {v}" for x, v in points if np.isfinite(x)) + "\n"
 
 
 def get_mask_name(image: str) -> str:
@@ -145,10 +139,7 @@ def read_culane(path: Path) -> LabelSet:
         root = path
     else:
         root = path.parent.parent if path.parent.name == LIST_FOLDER else path.parent
-        rows = enumerate(read_text(path).splitlines(), 1)
-        images = [
-            _read_culane_listed(root, text.split(), f"{path}: line {number}") for number, text in rows if text.strip()
-        ]
+        images = [_read_culane_listed(root, text, f"{path}: line {number}") for number, text in _read_lines(path)]
     if not images:
         raise ValueError(f"{path}: no labels: neither a list of images nor a folder with {LINES_SUFFIX} files")
     return LabelSet(root, tuple(images))
@@ -164,7 +155,8 @@ def _read_culane_beside(root: Path, lines_file: Path) -> LabelledImage:
     raise ValueError(f"{lines_file}: no image {stem}.* beside it")
 
 
-def _read_culane_listed(root: Path, words: list[str], where: str) -> LabelledImage:
+def _read_culane_listed(root: Path, text: str, where: str) -> LabelledImage:
+    words = text.split()
     name = words[0].lstrip("/")
     flags = [word for word in words[1:] if word in ("0", "1")]
     lines_file = root / _get_lines_name(name)
@@ -180,12 +172,16 @@ def _read_culane_listed(root: Path, words: list[str], where: str) -> LabelledIma
 
 def _read_culane_lines(path: Path) -> list[Line]:
     lines = []
-    for number, text in enumerate(read_text(path).splitlines(), 1):
+    for number, text in _read_lines(path):
         words = text.split()
-        if words:
-            pairs = [words[k : k + 2] for k in range(0, len(words), 2)]
-            lines.append(parse_points(pairs, f"{path}: line {number}"))
+        pairs = [words[k : k + 2] for k in range(0, len(words), 2)]
+        lines.append(parse_points(pairs, f"{path}: line {number}"))
     return lines
+
+
+def _read_lines(path: Path) -> list[tuple[int, str]]:
+    """The lines of a text that are not blank, with their numbers."""
+    return [(number, text) for number, text in enumerate(read_text(path).splitlines(), 1) if text.strip()]
 
 
 def write_coco(path: Path, images: Sequence[LabelledImage], line_points: int = 9) -> None:

@@ -127,12 +127,10 @@ def assign_sides(lines: Sequence[Line], where: str) -> tuple[Line | None, Line |
         raise ValueError(f"{where}: {len(lines)} lines; a runway has two, left and right: remove the others")
     first, second = lines
     low, high = (max(first[:, 1].min(), second[:, 1].min()), min(first[:, 1].max(), second[:, 1].max()))
-    rows = np.linspace(low, high, 9)
-    apart = (
-        interpolate_rows(second, rows) - interpolate_rows(first, rows)
-        if high > low
-        else second[:, 0].mean() - first[:, 0].mean()
-    )
+    apart = second[:, 0].mean() - first[:, 0].mean()
+    if high > low:
+        rows = np.linspace(low, high, 9)
+        apart = interpolate_rows(second, rows) - interpolate_rows(first, rows)
     return (first, second) if np.nanmean(apart) >= 0 else (second, first)
 
 

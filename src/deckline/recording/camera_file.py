@@ -48,9 +48,7 @@ class MountedCamera:
                 f"the intrinsics are for {camera.width}x{camera.height} px but the image is {width}x{height} px; "
                 f"give a camera file made for this size"
             )
-        heights = {"deck_z_m": self.deck_z_m, "sea_z_m": self.sea_z_m}
-        mounted = {"camera": camera, "body_from_camera": self.body_from_camera, **heights}
-        return Frame(file=file, time_s=time_s, image_rgb=image_rgb, **{**mounted, **values})
+        return Frame(file=file, time_s=time_s, image_rgb=image_rgb, **{**vars(self), **values})
 
 
 def read_camera_file(path: Path) -> MountedCamera:
@@ -76,11 +74,17 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
     heights = HEIGHTS if allow_heights else ()
     try:
         _check_keys(values, INTRINSICS, ("distortion", "body_from_camera", *heights))
-        width, height = (_check_whole(values[key], key) for key in INTRINSICS[:2])
+        width, height = values["width"], values["height"]
+        for name, value in (("width", width), ("height", height)):
+            if isinstance(value, bool) or not isinstance(value, int):
+                raise ValueError(f"{name} must be a whole number of px, got {value!r}")
         fx, fy, cx, cy = (check_number(values[key], key) for key in INTRINSICS[2:])
         k1, k2, p1, p2, k3 = check_numbers(values.get("distortion", [0.0] * 5), 5, "distortion (k1, k2, p1, p2, k3)")
         camera = Camera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
-        mount = _mount(values.get("body_from_camera", {}))
+        mount = values.get("body_from_camera", {})
+        if isinstance(mount, Mapping):
+            mount = {"translation_m": [0.0] * 3, "quaternion_wxyz": FORWARD, **mount}
+        mount = transform_from_mapping(mount, "body_from_camera")
         return MountedCamera(camera, mount, **{key: check_number(values[key], key) for key in heights if key in values})
     except ValueError as error:
         raise RecordingError(f"{where}: {error}") from None
@@ -116,18 +120,9 @@ def transform_from_mapping(values: Any, name: str) -> RigidTransform:
     """Rigid transform from parsed TOML or JSON; `name` begins the ValueError for values that make none."""
     try:
         _check_keys(values, TRANSFORM)
-        translation_m, quaternion = (
-            check_numbers(values[key], n, key) for key, n in zip(TRANSFORM, (3, 4), strict=True)
-        )
-        return pose(translation_m, quaternion)
+        return pose(*(check_numbers(values[key], count, key) for key, count in zip(TRANSFORM, (3, 4), strict=True)))
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-
-
-def _mount(values: Any) -> RigidTransform:
-    if isinstance(values, Mapping):
-        values = {"translation_m": [0.0] * 3, "quaternion_wxyz": FORWARD, **values}
-    return transform_from_mapping(values, "body_from_camera")
 
 
 def _check_keys(values: Any, required: Collection[str], optional: Collection[str] = ()) -> None:
@@ -139,9 +134,3 @@ def _check_keys(values: Any, required: Collection[str], optional: Collection[str
     missing = [key for key in required if key not in values]
     if missing:
         raise ValueError(f"{', '.join(missing)} missing from {', '.join(required)}")
-
-
-def _check_whole(value: Any, name: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError(f"{name} must be a whole number of px, got {value!r}")
-    return value

@@ -96,7 +96,12 @@ def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:
         "conditions": dict(truth.conditions) or None,
     }
     kept = {name: value for name, value in known.items() if value is not None or (clear_air and name == "visibility_m")}
-    return {"left": _segment_to_mapping(truth.left), "right": _segment_to_mapping(truth.right), **kept}
+    sides = {"left": truth.left, "right": truth.right}
+    lines = {
+        side: None if x is None else {key: value.tolist() for key, value in vars(x).items()}
+        for side, x in sides.items()
+    }
+    return {**lines, **kept}
 
 
 def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Truth:
@@ -114,14 +119,13 @@ def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Trut
         raise ValueError(f"truth.visibility_m must be metres > 0, got {visibility!r}")
     airlight = values.get("airlight_rgb")
     if airlight is not None:
-        red, green, blue = check_numbers(airlight, 3, "truth.airlight_rgb")
-        airlight = red, green, blue
+        airlight = check_numbers(airlight, 3, "truth.airlight_rgb")
     return Truth(
         left=_segment_from_mapping(values.get("left"), "truth.left"),
         right=_segment_from_mapping(values.get("right"), "truth.right"),
         centre_painted=centre,
         visibility_m=math.inf if values.get("clear_air") is True else visibility,
-        airlight_rgb=airlight,
+        airlight_rgb=None if airlight is None else (airlight[0], airlight[1], airlight[2]),
         clear_rgb=clear_rgb,
         conditions=conditions,
         **{name: transform_from_mapping(values[name], f"truth.{name}") for name in POSES if name in values},
@@ -134,12 +138,6 @@ def get_clear_image(values: Any) -> str | None:
     if name is not None and (not isinstance(name, str) or not is_inside(name)):
         raise ValueError(f"truth.clear_image must be a path inside the recording, got {name!r}")
     return name
-
-
-def _segment_to_mapping(segment: Segment | None) -> dict[str, Any] | None:
-    if segment is None:
-        return None
-    return {"p0_m": np.asarray(segment.p0_m).tolist(), "p1_m": np.asarray(segment.p1_m).tolist()}
 
 
 def _segment_from_mapping(values: Any, where: str) -> Segment | None:

@@ -71,12 +71,6 @@ def get_object_pose(service: Service, name: str, ned: bool = True) -> Struct:
     return pose_struct(service.world.ship_pose())
 
 
-def arm(service: Service, armed: bool, vehicle: str = "") -> bool:
-    """Accept: there are no motors."""
-    read_flag(armed, "arm")
-    return True
-
-
 async def get_all_images(
     service: Service, requests: Any, vehicle: str = "", external: bool = False, annotation: str = ""
 ) -> list[Struct]:
@@ -154,7 +148,7 @@ METHODS: dict[str, Callable[..., Any]] = {
         api_control=read_flag(enabled, "is_enabled")
     ),
     "isApiControlEnabled": lambda service, vehicle="": service.world.state.api_control,
-    "armDisarm": arm,
+    "armDisarm": lambda service, armed, vehicle="": read_flag(armed, "arm") or True,  # there are no motors
     "simPause": lambda service, paused: service.world.clock.pause(read_flag(paused, "is_paused")),
     "simIsPaused": lambda service: service.world.clock.paused,
     "simContinueForTime": lambda service, seconds: service.world.clock.run_for(

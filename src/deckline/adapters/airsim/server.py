@@ -21,6 +21,7 @@ from deckline.adapters.airsim.methods import METHODS, Service, call_method
 from deckline.adapters.airsim.protocol import REQUEST_LIMIT, RESPONSE, Decoder, ProtocolError, Request, encode
 from deckline.adapters.airsim.settings import Capture, Settings, parse_settings, read_settings
 from deckline.adapters.airsim.world import World
+from deckline.checks import check_numbers
 from deckline.sim.config import SimConfig
 from deckline.sim.record import frame_settings, repeatable_command
 
@@ -43,9 +44,6 @@ class ServeConfig:
         host: address to listen on. Other machines reach all but loopback addresses, and there is no password.
         port: TCP port; 0 takes a free one.
         settings: AirSim's settings.json: vehicle, cameras and their picture sizes, recording.
-
-    Raises:
-        ValueError: a port that there is not.
     """
 
     host: str = HOST
@@ -53,8 +51,7 @@ class ServeConfig:
     settings: Path | None = None
 
     def __post_init__(self) -> None:
-        if not 0 <= self.port <= 65535:
-            raise ValueError(f"port must lie between 0 and 65535, got {self.port}")
+        check_numbers(self, "", "port", least=0, most=65535)
 
 
 class Connections:

@@ -66,9 +66,7 @@ def measure_mount(connection: Connection, camera: str, vehicle: str) -> MountMea
     after = get_vehicle_pose(connection, vehicle)
     motion = before.inv() * after
     mount = interpolate_middle(before, after).inv() * world_from_mount * camera_mount()
-    return MountMeasurement(
-        mount, fov_rad, float(np.linalg.norm(motion.translation)), float(motion.rotation.magnitude())
-    )
+    return MountMeasurement(mount, fov_rad, *_measure_motion(motion))
 
 
 def measure_still_mount(connection: Connection, camera: str, vehicle: str) -> MountMeasurement:
@@ -79,6 +77,11 @@ def measure_still_mount(connection: Connection, camera: str, vehicle: str) -> Mo
             break
         best = min(best, measure_mount(connection, camera, vehicle), key=lambda one: one.motion_m)
     return best
+
+
+def _measure_motion(motion: RigidTransform) -> tuple[float, float]:
+    """Length, m, and angle, rad."""
+    return float(np.linalg.norm(motion.translation)), float(motion.rotation.magnitude())
 
 
 def update_mount(mount: RigidTransform, measured: MountMeasurement) -> RigidTransform:
@@ -96,11 +99,6 @@ def interpolate_middle(first: RigidTransform, second: RigidTransform) -> RigidTr
     """The pose half way between two near poses."""
     rotation = Rotation.concatenate([first.rotation, second.rotation]).mean()
     return RigidTransform.from_components(np.add(first.translation, second.translation) / 2, rotation)
-
-
-def name_frame(camera: str, scene: Mapping[str, Any]) -> str:
-    """The name of a live frame: the camera and the picture's time in ns."""
-    return f"{camera}#{scene.get('time_stamp')}"
 
 
 def read_frame(
@@ -186,8 +184,7 @@ def _read_size(answer: Mapping[str, Any], name: str) -> tuple[int, int]:
 
 
 def _check_same_pose(scene: RigidTransform, depth: RigidTransform) -> None:
-    motion = scene.inv() * depth
-    metres, radians = float(np.linalg.norm(motion.translation)), float(motion.rotation.magnitude())
+    metres, radians = _measure_motion(scene.inv() * depth)
     if metres > SAME_POSE_M or radians > SAME_POSE_RAD:
         raise ValueError(
             f"picture and depth were taken {metres:.3g} m and {np.rad2deg(radians):.3g} deg apart: "
@@ -276,7 +273,7 @@ class LiveSource(Stream):
         name = self._camera
         try:
             scene, depth = get_images(self._connection, self._camera, self._vehicle)
-            name = name_frame(self._camera, scene)
+            name = f"{self._camera}#{scene.get('time_stamp')}"
             measured = measure_mount(self._connection, self._camera, self._vehicle)
             self._mount = update_mount(self._mount, measured)
             return read_frame(name, scene, depth, self._mount, measured.fov_rad, *self._heights)
@@ -287,11 +284,10 @@ class LiveSource(Stream):
         """Connect and measure the camera's mount. Raises ConnectionLostError, StoppedError or ValueError."""
         self._connection = Connection(self._host, self._port, self._stopped)
         try:
-            first = measure_still_mount(self._connection, self._camera, self._vehicle)
+            return measure_still_mount(self._connection, self._camera, self._vehicle)
         except (ConnectionLostError, ValueError):
             self._hang_up()
             raise
-        return first
 
     def _connect_again(self, error: ConnectionLostError) -> None:
         """Wait until the simulator is back and has the camera. Raises StoppedError."""
