@@ -20,11 +20,13 @@ from datetime import date
 from pathlib import Path
 
 from deckline.cli.run import SAMPLE
-from deckline.dehaze import DEHAZERS, restore
-from deckline.detect import DETECTORS, Detector, OnnxDetector
+from deckline.config import Models, RunConfig, Tracking
+from deckline.dehaze import DEHAZERS, NOT_DEHAZED
+from deckline.detect import DETECTORS, OnnxDetector
 from deckline.detect.crop import full_crop, normalise, sample_crop
+from deckline.flight import Flight
 from deckline.recording import open_recording
-from deckline.types import Frame
+from deckline.types import Frame, Reason
 
 PEERS = {"dehaze": "dehaze dark-channel", "detect": "detect classical", "infer": "infer ufld"}  # by kind of stage
 FRAME = 21  # of the shipped approach: the ship near, in haze that the sea tells
@@ -41,39 +43,40 @@ def load_frame() -> Frame:
     return replace(frame, sea_z_m=frame.deck_z_m + SEA_BELOW_DECK_M)
 
 
-def list_stages(frame: Frame, detectors: list[Path]) -> dict[str, Callable[[], object]]:
-    """Every stage by name."""
-    stages: dict[str, Callable[[], object]] = {}
-    for name, build in DEHAZERS.items():
-        if name != "none":
-            dehazer = build()
-            stages[f"dehaze {name}"] = lambda dehazer=dehazer: restore(dehazer, frame)
-    named: dict[str, Detector] = {name: build() for name, build in DETECTORS.items()}
-    named |= {path.stem: OnnxDetector(path) for path in detectors}
-    for name, detector in named.items():
-        stages[f"detect {name}"] = lambda detector=detector: detector(frame.image_rgb)
-        if isinstance(detector, OnnxDetector):
-            size = (detector.config.grid.width, detector.config.grid.height)
+def list_stages(frame: Frame, detectors: list[str]) -> dict[str, Callable[[], float]]:
+    """Every stage by name; a call runs it and returns its wall time, s."""
+    stages: dict[str, Callable[[], float]] = {}
+    single = RunConfig(tracking=Tracking(enabled=False))
+    for name in DEHAZERS:
+        if name != NOT_DEHAZED:
+            flight = Flight.from_config(replace(single, models=Models(name, "classical")))
+            if Reason.NOT_DEHAZED in (notice.reason for notice in flight(frame).guidance.notices):
+                raise SystemExit(f"{name} leaves frame {FRAME} as it is")
+            stages[f"dehaze {name}"] = lambda flight=flight: flight(frame).seconds["dehaze"]
+    for name in (*DETECTORS, *detectors):
+        flight = Flight.from_config(replace(single, models=Models(NOT_DEHAZED, name)))
+        stages[f"detect {Path(name).stem}"] = lambda flight=flight: flight(frame).seconds["detect"]
+        if isinstance(flight.detector, OnnxDetector):
+            size = flight.detector.config.grid.size
             window = full_crop((frame.camera.width, frame.camera.height), size)
             view = normalise(sample_crop(frame.image_rgb, window, size))
-            stages[f"infer {name}"] = lambda infer=detector.infer, view=view: infer(view)
+            stages[f"infer {Path(name).stem}"] = lambda infer=flight.detector.infer, view=view: time_call(infer, view)
     return stages
 
 
-def main(repeats: int, detectors: list[Path], peer: str | None) -> None:
+def time_call(function: Callable[..., object], *arguments: object) -> float:
+    """Wall time of a call, s."""
+    start = time.perf_counter()
+    function(*arguments)
+    return time.perf_counter() - start
+
+
+def main(repeats: int, detectors: list[str], peer: str | None) -> None:
     stages = list_stages(load_frame(), detectors)
     if peer is not None and peer not in stages:
         raise SystemExit(f"--peer {peer!r} is none of {', '.join(stages)}")
-    for name, stage in stages.items():
-        if note := getattr(stage(), "note", ""):  # a dehazer that leaves the frame as it is costs nothing
-            raise SystemExit(f"{name}: {note}")
-    seconds: dict[str, list[float]] = {name: [] for name in stages}
-    for _ in range(repeats):
-        for name, stage in stages.items():
-            start = time.perf_counter()
-            stage()
-            seconds[name].append(time.perf_counter() - start)
-    medians = {name: statistics.median(values) for name, values in seconds.items()}
+    rounds = [{name: stage() for name, stage in stages.items()} for _ in range(repeats + 1)][1:]  # the first warms up
+    medians = {name: statistics.median(seconds[name] for seconds in rounds) for name in stages}
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {date.today()}")
     print(f"{'stage':26} {'ms':>8} {'ratio':>7}  peer")
     for name, median in medians.items():
@@ -84,7 +87,7 @@ def main(repeats: int, detectors: list[Path], peer: str | None) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=10)
-    parser.add_argument("--detector", type=Path, nargs="*", default=[], help=".onnx files to measure too")
+    parser.add_argument("--detector", nargs="*", default=[], help=".onnx files to measure too")
     parser.add_argument("--peer", help="one peer for all stages: a stage's name, as printed")
     given = parser.parse_args()
     main(given.repeats, given.detector, given.peer)

@@ -190,10 +190,10 @@ def test_an_atmosphere_survives_its_record():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"extinction_per_m": (0.1, -0.1, 0.1)}, "extinction must not be negative"),
-        ({"scale_height_m": 0.0}, "scale_height_m must be positive, got 0.0"),
-        ({"glow_g": 1.0}, r"glow_g must lie in \[0, 1\), got 1.0"),
-        ({"waves": ((0.1, 0.1, 0.0, 0.7), (0.1, 0.2, 0.0, -0.6))}, "must not add up to more than 1"),
+        ({"extinction_per_m": (0.1, -0.1, 0.1)}, r"extinction_per_m.*-0\.1"),
+        ({"scale_height_m": 0.0}, r"scale_height_m.*0\.0"),
+        ({"glow_g": 1.0}, r"glow_g.*1\.0"),
+        ({"waves": ((0.1, 0.1, 0.0, 0.7), (0.1, 0.2, 0.0, -0.6))}, r"amplitudes.*0\.7.*-0\.6"),
     ],
 )
 def test_impossible_air_is_named(values, message):

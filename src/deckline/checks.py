@@ -3,6 +3,7 @@
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def check_numbers(
@@ -51,3 +52,9 @@ def check_choice(name: str, value: str, choices: Any) -> None:
     """
     if value not in get_args(choices):
         raise ValueError(f"{name} must be one of {', '.join(get_args(choices))}, got {value!r}")
+
+
+def check_image(image_rgb: NDArray[np.uint8]) -> None:
+    """Raise ValueError unless this is an image (H, W, 3) of uint8 with at least one pixel."""
+    if image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.size == 0 or image_rgb.dtype != np.uint8:
+        raise ValueError(f"expected an image (H, W, 3) of uint8, got {image_rgb.shape} of {image_rgb.dtype}")

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deckline.checks import check_numbers
+
 Triple = tuple[float, float, float]
 Wave = tuple[float, float, float, float]
 MAX_FALL = 60.0  # scale heights; its exponential is a float32, and patches end at 100 km
@@ -88,12 +90,10 @@ class Atmosphere:
     waves: tuple[Wave, ...] = ()
 
     def __post_init__(self) -> None:
-        if min(self.extinction_per_m) < 0:
-            raise ValueError(f"extinction must not be negative, got {self.extinction_per_m} 1/m")
+        check_numbers(self, "atmosphere", "extinction_per_m", least=0)
+        check_numbers(self, "atmosphere", "glow_g", least=0, below=1)
         if not self.scale_height_m > 0:
             raise ValueError(f"scale_height_m must be positive, got {self.scale_height_m}")
-        if not 0 <= self.glow_g < 1:
-            raise ValueError(f"glow_g must lie in [0, 1), got {self.glow_g}")
         if sum(abs(wave[3]) for wave in self.waves) > 1:
             raise ValueError(f"the patches' amplitudes must not add up to more than 1, got {self.waves}")
 

@@ -169,7 +169,7 @@ def test_errors() -> None:
         average_down(np.zeros((1, 3, 4, 5), dtype=np.float32), 2)
     with pytest.raises(ValueError, match="working_long_side_px must be at least 32, got 3"):
         reduction_factor(10, 10, 3)
-    with pytest.raises(ValueError, match="must be uint8"):
+    with pytest.raises(ValueError, match="float64"):
         image_to_tensor(np.zeros((2, 2, 3)))
 
 

@@ -79,6 +79,7 @@ EXAMPLES = {
     ),
 }
 DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
+GROUPS = ("train", "eval", "labels")
 HELP = ("-h", "--help")
 HELP_COLUMNS = 100
 INTERRUPTED = 130  # the shell's code for a program ended by Ctrl-C
@@ -128,17 +129,12 @@ def _run_command(args: list[str]) -> Any:
         from deckline.cli import sim as sim_commands
 
         return sim_commands.sim(rest) if name == "sim" else sim_commands.dataset(rest)
+    commands = _load_commands(name)
     if name in GROUPS:
-        commands = GROUPS[name]()
         summaries = {key: " ".join(_description(f).partition("\n\n")[0].split()) for key, f in commands.items()}
-        sub_name, rest = _choose(prog, SUMMARIES[name], summaries, rest)
-        return _call(f"{prog} {sub_name}", commands[sub_name], rest)
-    return _call(prog, _single_commands()[name], rest)
-
-
-def _call(prog: str, command: Callable[..., int], args: list[str]) -> int:
-    """Parse the arguments of one command and run it. Its help begins with its examples."""
-    return tyro.cli(command, prog=prog, description=_examples(prog) + _description(command), args=args)
+        name, rest = _choose(prog, SUMMARIES[name], summaries, rest)
+        prog = f"{prog} {name}"
+    return tyro.cli(commands[name], prog=prog, description=_examples(prog) + _description(commands[name]), args=rest)
 
 
 def _choose(prog: str, description: str, summaries: Mapping[str, str], args: list[str]) -> tuple[str, list[str]]:
@@ -178,58 +174,28 @@ def _description(command: Callable[..., int]) -> str:
     return (inspect.getdoc(command) or "").partition("\n\nArgs:")[0]
 
 
-def _single_commands() -> dict[str, Callable[..., int]]:
-    from deckline.cli import convert as convert_commands
-    from deckline.cli import info as info_commands
-    from deckline.cli import run as run_commands
+def _load_commands(name: str) -> dict[str, Callable[..., int]]:
+    """The commands of a group, or a command by itself. Imported only when asked for: they need extras."""
+    functions: tuple[Callable[..., int], ...]
+    if name == "train":
+        from deckline.cli import train
 
-    return {
-        "demo": run_commands.demo,
-        "run": run_commands.run,
-        "convert": convert_commands.convert,
-        "info": info_commands.info,
-    }
+        functions = (train.dehaze, train.detect)
+    elif name == "eval":
+        from deckline.evaluation import chain, dehazing, detection, flicker, integrity, labels, localization, report
+        from deckline.research.ablation import ablation
 
+        functions = (chain.chain, chain.recording, labels.labels, flicker.flicker, ablation, dehazing.dehazing)
+        functions += (detection.detection, detection.detectors, integrity.integrity, localization.localization)
+        functions += (report.report,)
+    elif name == "labels":
+        from deckline.cli.labels import export, import_
 
-def _train_group() -> dict[str, Callable[..., int]]:
-    from deckline.cli import train as train_commands
+        functions = (export, import_)
+    else:
+        from deckline.cli.convert import convert
+        from deckline.cli.info import info
+        from deckline.cli.run import demo, run
 
-    return {"dehaze": train_commands.dehaze, "detect": train_commands.detect}
-
-
-def _eval_group() -> dict[str, Callable[..., int]]:
-    from deckline.evaluation import (
-        chain,
-        dehazing,
-        detection,
-        flicker,
-        integrity,
-        labels,
-        localization,
-        report,
-    )
-    from deckline.research import ablation
-
-    return {
-        "chain": chain.chain,
-        "recording": chain.recording,
-        "labels": labels.labels,
-        "flicker": flicker.flicker,
-        "ablation": ablation.ablation,
-        "dehazing": dehazing.dehazing,
-        "detection": detection.detection,
-        "detectors": detection.detectors,
-        "integrity": integrity.integrity,
-        "localization": localization.localization,
-        "report": report.report,
-    }
-
-
-def _labels_group() -> dict[str, Callable[..., int]]:
-    from deckline.cli import labels as label_commands
-
-    return {"export": label_commands.export, "import": label_commands.import_}
-
-
-# Imported only when asked for: they need extras.
-GROUPS = {"train": _train_group, "eval": _eval_group, "labels": _labels_group}
+        functions = (demo, run, convert, info)
+    return {function.__name__.strip("_"): function for function in functions}

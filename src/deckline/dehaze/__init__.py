@@ -15,7 +15,6 @@ from deckline.runtime import shipped_weights
 __all__ = ["DEHAZERS", "NOT_DEHAZED", "DarkChannelDehazer", "Dehazer", "GeometryDehazer", "OnnxDehazer", "restore"]
 
 FAST_PX = 320  # working size of the fast path: a quarter of the network's work; fine structures are lost
-
 NOT_DEHAZED = IdentityDehazer.name
 
 DEHAZERS: dict[str, Callable[[], Dehazer]] = {

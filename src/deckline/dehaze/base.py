@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.checks import check_image
 from deckline.types import Frame
 
 
@@ -51,11 +52,3 @@ def restore(dehazer: Dehazer, frame: Frame) -> Restored:
     if isinstance(dehazer, FrameDehazer):
         return dehazer.restore(frame)
     return Restored(dehazer(frame.image_rgb))
-
-
-def check_image(image_rgb: NDArray[np.uint8]) -> None:
-    """Raise ValueError unless this is a (H, W, 3) uint8 image of at least one pixel."""
-    if image_rgb.dtype != np.uint8:
-        raise ValueError(f"image must be uint8, got {image_rgb.dtype}")
-    if image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.size == 0:
-        raise ValueError(f"image must have shape (H, W, 3) with H, W >= 1, got {image_rgb.shape}")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze.base import check_image
+from deckline.checks import check_image, check_numbers
 
 Image = NDArray[np.floating]  # float32; (H, W, 3) in 0..1 or (H, W)
 
@@ -28,9 +28,7 @@ class DarkChannelConfig:
     def __post_init__(self) -> None:
         if self.patch_px < 1 or self.patch_px % 2 == 0:
             raise ValueError(f"patch_px must be odd and positive, got {self.patch_px}")
-        for name in ("omega", "airlight_fraction", "min_transmission"):
-            if not 0 < getattr(self, name) <= 1:
-                raise ValueError(f"{name} must lie in (0, 1], got {getattr(self, name)}")
+        check_numbers(self, "", "omega", "airlight_fraction", "min_transmission", above=0, most=1)
 
 
 class DarkChannelDehazer:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.dehaze.base import Restored, check_image
+from deckline.checks import check_image
+from deckline.dehaze.base import Restored
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
     LIGHT_WATER,
@@ -141,21 +142,17 @@ def _remove_haze(
 ) -> tuple[NDArray[np.uint8], Image]:
     """A frame's image (H, W, 3) with its haze thinned to a clear day's, and how surely ranges are known (H, W).
 
-    Args:
-        frame: image, camera, and depth where a depth camera gives it.
-        pose: of its camera, world_from_camera.
-        sea_z_m: world z of the water.
-        haze: its air.
-        certainty: how surely something is nearer than the sea, of the whole image at any resolution.
-        bound: its least transmission, of that resolution.
-        config: the rest.
+    `certainty` says how surely something is nearer than the sea, `bound` is its least transmission; both cover the
+    whole image at any resolution.
     """
     import cv2
 
     height, width = frame.image_rgb.shape[:2]
-    size, smooth = (width, height), cv2.INTER_LINEAR
-    certainty, bound = (np.asarray(cv2.resize(a, size, interpolation=smooth), np.float32) for a in (certainty, bound))
-    levels = level_table(config.light)
+    certainty, bound = (
+        np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+        for part in (certainty, bound)
+    )
+    levels, airlight = level_table(config.light), haze.airlight.astype(np.float32)[:, None, None]
     clear, known = np.empty_like(frame.image_rgb), certainty.copy()
     step = max(1, STRIP_PX // width)
     for top in range(0, height, step):
@@ -165,18 +162,12 @@ def _remove_haze(
         known[rows][view.is_sea if range_m is None else view.is_sea | np.isfinite(range_m)] = 1
         t, clear_t = transmissions(view, certainty[rows], bound[rows], range_m, haze, config)
         planes = np.ascontiguousarray(np.moveaxis(frame.image_rgb[rows], 2, 0))
-        solved = _replace_air(levels[planes], view, haze, t, clear_t, config)
+        usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight)
+        solved = airlight + clear_t * (estimate_scene(levels[planes], usual, airlight, t, config) - airlight)
+        solved = display_levels(solved) if config.light == "linear" else solved
         solved = np.clip(np.rint(solved), 0, 255).astype(np.uint8)
         clear[rows] = np.moveaxis(np.where(t == 1, planes, solved), 0, 2)
     return clear, known
-
-
-def _replace_air(image: Image, view: SeaView, haze: HazeFit, t: Image, clear_t: Image, config: GeometryConfig) -> Image:
-    """Display levels (3, H, W) of what is seen through clear air where `image` (3, H, W) shows it through haze."""
-    airlight = haze.airlight.astype(np.float32)[:, None, None]
-    usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight)
-    clear = airlight + clear_t * (estimate_scene(image, usual, airlight, t, config) - airlight)
-    return display_levels(clear) if config.light == "linear" else clear
 
 
 def level_table(light: str) -> Image:

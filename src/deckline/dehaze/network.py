@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze.base import Restored, check_image
+from deckline.checks import check_image
+from deckline.dehaze.base import Restored
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
 from deckline.runtime import load_session

@@ -11,10 +11,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.checks import check_choice, check_numbers
 from deckline.dehaze.haze_fit import HazeFit, SeaView
 from deckline.haze import transmission
 
 Image = NDArray[np.float32]
+Light = Literal["display", "linear"]  # what haze adds to: the image's levels, or sRGB's light
 
 REFERENCE_PX = 1280  # image width that lengths in pixels are meant for
 OBJECT_SIGMAS = (1.0, 2.5)  # of noise off the airlight where haze hides the sea: as object_levels
@@ -27,7 +29,7 @@ MIN_SKY_BIN_PX = 60
 class GeometryConfig:
     """Settings of the geometry dehazer. Lengths in pixels are meant for images 1280 px wide and scaled for others."""
 
-    light: Literal["display", "linear"] = "display"  # what haze adds to: the image's levels, or sRGB's light
+    light: Light = "display"
     sea_below_deck_m: float = 20.0  # where the frame does not know the sea's height; Nimitz class
     clear_beta_per_m: float = 1e-4  # what is left in the image: a clear day's air, visibility 39 km
     level_sigma: float = 2.0  # of a pixel's noise, levels 0..255, at least; a sky that shows more raises it
@@ -41,11 +43,8 @@ class GeometryConfig:
     min_object_t: float = 0.2  # above the horizon; fainter objects are left in the haze
 
     def __post_init__(self) -> None:
-        if self.light not in ("display", "linear"):
-            raise ValueError(f'light must be "display" or "linear", got {self.light!r}')
-        for name in ("level_sigma", "scene_sigma", "window_px", "min_object_t"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        check_choice("light", self.light, Light)
+        check_numbers(self, "", "level_sigma", "scene_sigma", "window_px", "min_object_t", above=0)
 
 
 def find_objects(
@@ -57,8 +56,8 @@ def find_objects(
         image: (3, H, W) levels 0..255, of the display or of light, as `haze` was fitted.
         view: the sea in this image.
         deck: the deck's plane, seen as if it were endless.
-        haze: its air.
-        config: the rest.
+        haze: air and sea.
+        config: thresholds.
     """
     airlight = haze.airlight.astype(np.float32)[:, None, None]
     sea_t = np.exp(-haze.optical_depth(view.range_m))
@@ -165,13 +164,8 @@ def transmissions(
 ) -> tuple[Image, Image]:
     """Transmission of the haze and of the clear day's air that replaces it, (H, W) each; 1 in a plain sky.
 
-    Args:
-        view: the sea.
-        certainty: (H, W) how surely something is nearer than the sea.
-        bound: (H, W) its least transmission.
-        range_m: (H, W) measured ray lengths, NaN where unknown; None without a depth camera.
-        haze: the air.
-        config: the rest.
+    `certainty` and `bound` (H, W) are those of `find_objects`; `range_m` (H, W) holds measured ray lengths, NaN where
+    unknown, and is None without a depth camera.
     """
     sea_t = np.exp(-haze.optical_depth(view.range_m))
     clear_sea_t = certainty + (1 - certainty) * transmission(view.range_m, config.clear_beta_per_m)

@@ -270,9 +270,8 @@ def decode_region(logits: Float32, offsets: Float32) -> Region:
     row, column = np.mgrid[0:height, 0:width]
     votes = shares * ((np.abs(row - best_row) <= 1) & (np.abs(column - best_column) <= 1))
     votes /= votes.sum()
-    mean = [(votes * offsets[k]).sum() for k in range(4)]
-    centre_x = ((votes * column).sum() + mean[0] + 0.5) * STRIDE - 0.5
-    centre_y = ((votes * row).sum() + mean[1] + 0.5) * STRIDE - 0.5
-    half_width, half_height = SIZE_PX * np.exp(np.clip(mean[2:], -5.0, 3.0)) / 2
-    box = [centre_x - half_width, centre_y - half_height, centre_x + half_width, centre_y + half_height]
-    return Region(np.array(box), float(1.0 - none))
+    mean = [(votes * offset).sum() for offset in offsets]
+    at = np.array([(votes * column).sum(), (votes * row).sum()])
+    centre = (at + mean[:2] + 0.5) * STRIDE - 0.5
+    half = SIZE_PX * np.exp(np.clip(mean[2:], -5.0, 3.0)) / 2
+    return Region(np.concatenate([centre - half, centre + half]), float(1.0 - none))

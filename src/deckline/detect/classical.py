@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.detect.crop import Box, check_box, check_image
+from deckline.checks import check_image
+from deckline.detect.crop import Box, box_around, check_box
 from deckline.detect.stripes import StripeConfig, StripeLine, find_stripes, midline
 from deckline.types import Detection, LinePoints
 
@@ -90,9 +91,7 @@ def _find_runway(image_rgb: NDArray[np.uint8], config: ClassicalConfig) -> Detec
     if pair is None:
         return Detection(LinePoints.empty(), LinePoints.empty())
     left, right = (_line_points(side.line, config) for side in (pair.left, pair.right))
-    points = np.concatenate([left.points_px, right.points_px])
-    (u0, v0), (u1, v1) = points.min(axis=0), points.max(axis=0)
-    return Detection(left, right, (float(u0), float(v0), float(u1), float(v1)))
+    return Detection(left, right, box_around(left, right))
 
 
 def _line_points(line: StripeLine, config: ClassicalConfig) -> LinePoints:
@@ -189,8 +188,8 @@ def _ratio(one: float, other: float) -> float:
 
 def _ladders_agree(left: _Marking, right: _Marking, width_px: float, config: ClassicalConfig) -> bool:
     """Whether both ladders are about as wide, and as wide as a ladder is for a pair of that width."""
-    low, high = config.ladder
-    fits = all(low * width_px <= side.spacing_px <= high * width_px for side in (left, right))
+    low, high = (share * width_px for share in config.ladder)
+    fits = all(low <= side.spacing_px <= high for side in (left, right))
     return fits and _ratio(left.spacing_px, right.spacing_px) >= config.ladder_ratio
 
 

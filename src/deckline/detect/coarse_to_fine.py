@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.checks import check_image, check_numbers
 from deckline.detect.anchors import DecodeConfig, NetworkOutput, RowGrid, RowPoints, decode, decode_region
-from deckline.detect.crop import Box, Crop, check_image, crop_around, full_crop, normalise, sample_crop
+from deckline.detect.crop import Box, Crop, box_around, crop_around, full_crop, normalise, sample_crop
 from deckline.types import Detection, LinePoints
 
 MIN_SLOPE = 0.01  # dv / du; a flatter line's sigma of u is not stretched further
@@ -46,10 +47,7 @@ class DetectConfig:
     min_straight_share: float = 0.5  # of a line's points; a line that is split more evenly is not seen
 
     def __post_init__(self) -> None:
-        if self.max_passes < 1 or self.min_rows < 1:
-            raise ValueError(
-                f"detection needs at least 1 pass and 1 row, got max_passes={self.max_passes}, min_rows={self.min_rows}"
-            )
+        check_numbers(self, "", "max_passes", "min_rows", least=1)
 
 
 def detect_lines(
@@ -96,7 +94,11 @@ def _refine(
             break
         closer = _closer_crop(region.box, crop, (image_rgb.shape[1], image_rgb.shape[0]), config)
         if number == config.max_passes or _is_final(closer, crop, config):
-            return _reject_improbable(decode_lines(output, crop, config), runway, min_probability, config)
+            found = decode_lines(output, crop, config)
+            least = min_probability if _count_lines(found) == 2 else config.min_lone_probability
+            if lines_probability(found, runway) >= least:
+                return found
+            return Detection(LinePoints.empty(), LinePoints.empty(), found.region_px)
         crop = closer
     return Detection(LinePoints.empty(), LinePoints.empty())
 
@@ -112,38 +114,28 @@ def lines_probability(found: Detection, runway: float) -> float:
     return runway * float(np.mean(confidence)) if confidence else 0.0
 
 
-def _reject_improbable(found: Detection, runway: float, min_probability: float, config: DetectConfig) -> Detection:
-    """What was found, if both lines, or the only one, are probable enough; else no lines."""
-    least = min_probability if _count_lines(found) == 2 else config.min_lone_probability
-    if lines_probability(found, runway) >= least:
-        return found
-    return Detection(LinePoints.empty(), LinePoints.empty(), found.region_px)
-
-
 def _count_lines(detection: Detection) -> int:
     return sum(len(points) > 0 for points in (detection.left, detection.right))
 
 
 def _is_centred_in(detection: Detection, box: Box) -> bool:
-    """Whether the middle of what was found lies in a box."""
-    points = np.concatenate([detection.left.points_px, detection.right.points_px])
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    return bool((middle >= box[:2]).all() and (middle <= box[2:]).all())
+    u0, v0, u1, v1 = box_around(detection.left, detection.right)
+    return box[0] <= (u0 + u1) / 2 <= box[2] and box[1] <= (v0 + v1) / 2 <= box[3]
 
 
 def _agrees(refined: Detection, found: Detection) -> bool:
     """Whether every line of `found` is in `refined` too."""
     pairs = ((found.left, refined.left), (found.right, refined.right))
-    return all(_is_same_line(one.points_px, other.points_px) for one, other in pairs if len(one))
+    return all(_lies_on(one.points_px, other.points_px) for one, other in pairs if len(one))
 
 
-def _is_same_line(one_px: Float64, other_px: Float64) -> bool:
-    """Whether points (N, 2) lie on the straight line through others (M, 2); none lie on no line."""
-    if len(other_px) < 2:
+def _lies_on(points_px: Float64, line_px: Float64) -> bool:
+    """Whether points (N, 2) lie on the straight line through others (M, 2)."""
+    if len(line_px) < 2:
         return False
-    middle = other_px.mean(axis=0)
-    _, _, axes = np.linalg.svd(other_px - middle)
-    return bool(np.median(np.abs((one_px - middle) @ axes[1])) <= SAME_LINE_PX)
+    middle = line_px.mean(axis=0)
+    _, _, axes = np.linalg.svd(line_px - middle)
+    return bool(np.median(np.abs((points_px - middle) @ axes[1])) <= SAME_LINE_PX)
 
 
 def _closer_crop(box: Float64, crop: Crop, image_size: tuple[int, int], config: DetectConfig) -> Crop:
@@ -183,7 +175,6 @@ def decode_lines(output: NetworkOutput, crop: Crop, config: DetectConfig) -> Det
 
 
 def _is_right_of(one: RowPoints, other: RowPoints) -> bool:
-    """Whether a line passes right of another on most rows that have both."""
     both = np.isfinite(one.x_px) & np.isfinite(other.x_px)
     return bool(both.any() and np.median(other.x_px[both] - one.x_px[both]) <= 0)
 

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
+from deckline.types import LinePoints
+
 CONTRAST_FLOOR = 3.0  # grey levels; less contrast than that in a crop is noise, and is not amplified further
 
 Box = tuple[float, float, float, float]  # u0, v0, u1, v1, image px
@@ -41,18 +43,19 @@ class Crop:
         return (u0, v0, u0 + width * self.step, v0 + height * self.step)
 
 
-def check_image(image_rgb: NDArray[np.uint8]) -> None:
-    """Raise ValueError unless this is an image (H, W, 3) of uint8."""
-    if image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.dtype != np.uint8:
-        raise ValueError(f"expected an image (H, W, 3) of uint8, got {image_rgb.shape} of {image_rgb.dtype}")
-
-
 def check_box(box_px: ArrayLike) -> Box:
     """The box as four floats; raise ValueError unless it is finite and has width and height."""
     u0, v0, u1, v1 = (float(value) for value in np.asarray(box_px, dtype=np.float64))
     if not (np.isfinite([u0, v0, u1, v1]).all() and u1 > u0 and v1 > v0):
         raise ValueError(f"a box needs finite u0 < u1 and v0 < v1, px, got {(u0, v0, u1, v1)}")
     return u0, v0, u1, v1
+
+
+def box_around(left: LinePoints, right: LinePoints) -> Box:
+    """The smallest box around the points of two lines."""
+    points = np.concatenate([left.points_px, right.points_px])
+    (u0, v0), (u1, v1) = points.min(axis=0), points.max(axis=0)
+    return float(u0), float(v0), float(u1), float(v1)
 
 
 def full_crop(image_size: tuple[int, int], network_size: tuple[int, int]) -> Crop:
@@ -96,8 +99,8 @@ def sample_crop(image_rgb: NDArray, crop: Crop, network_size: tuple[int, int]) -
     """
     net_width, net_height = network_size
     height, width = image_rgb.shape[:2]
-    rows, first_row, valid_row = _weights(crop.top, crop.step, net_height, height)
-    columns, first_column, valid_column = _weights(crop.left, crop.step, net_width, width)
+    rows, first_row, valid_row = _resampling_weights(crop.top, crop.step, net_height, height)
+    columns, first_column, valid_column = _resampling_weights(crop.left, crop.step, net_width, width)
     part = image_rgb[first_row : first_row + rows.shape[1], first_column : first_column + columns.shape[1]]
     tall = rows @ part.astype(np.float32).reshape(len(part), -1)
     wide = columns @ tall.reshape(-1, columns.shape[1], 3).transpose(1, 0, 2).reshape(columns.shape[1], -1)
@@ -107,8 +110,8 @@ def sample_crop(image_rgb: NDArray, crop: Crop, network_size: tuple[int, int]) -
     return np.ascontiguousarray(seen)
 
 
-def _weights(start: float, step: float, count: int, size: int) -> tuple[csr_array, int, NDArray[np.bool_]]:
-    """Resampling weights along one axis: (count, part), the first pixel of the part, which outputs lie in the image."""
+def _resampling_weights(start: float, step: float, count: int, size: int) -> tuple[csr_array, int, NDArray[np.bool_]]:
+    """Along one axis: weights (count, part), the first pixel of the part, which outputs lie in the image."""
     centres = start + (np.arange(count) + 0.5) * step - 0.5
     reach = max(step, 1.0)
     first = int(np.clip(np.floor(centres[0] - reach), 0, size - 1))

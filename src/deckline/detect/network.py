@@ -32,14 +32,11 @@ class OnnxDetector:
     def __init__(self, path: Path, config: DetectConfig | None = None) -> None:
         self.name = path.stem
         self.session = load_session(path)
-        outputs = self.session.output_names
+        outputs, stored = self.session.output_names, self.session.config
         if all(set(outputs) != set(names) for names in KNOWN_OUTPUTS):
-            raise ValueError(
-                f"{path}: no row-anchor detector (its outputs are {', '.join(outputs)}, "
-                f"expected {', '.join(ROW_OUTPUTS)})"
-            )
+            expected = ", ".join(ROW_OUTPUTS)
+            raise ValueError(f"{path}: no row-anchor detector (its outputs are {', '.join(outputs)}, not {expected})")
         config = config or (DetectConfig() if "column_logits" in outputs else ROWS_ALONE)
-        stored = self.session.config
         try:
             decode = DecodeConfig(**stored["decode"]) if "decode" in stored else config.decode
             self.config = replace(config, grid=RowGrid(**stored["grid"]), decode=decode)

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import RunwaySurvey
-from deckline.detect.crop import Box
+from deckline.detect.crop import Box, box_around
 from deckline.geometry import Camera
-from deckline.types import SIDES, Detection, Frame, RunwayEstimate, RunwayPrior, Status
+from deckline.types import Detection, Frame, RunwayEstimate, RunwayPrior, Status
 
 Array = NDArray[np.float64]
 
@@ -113,7 +113,5 @@ class ImagePrior:
         """Remember what was seen in a frame, if both lines were and agree."""
         if estimate.status is not Status.OK:
             return
-        points = np.concatenate([getattr(detection, side).points_px for side in SIDES])
-        (u0, v0), (u1, v1) = points.min(axis=0), points.max(axis=0)
-        box = (float(u0), float(v0), float(u1), float(v1))
+        box = box_around(detection.left, detection.right)
         self._last = frame.time_s, (frame.camera.width, frame.camera.height), box

@@ -1,7 +1,7 @@
 """Figures of a run for its report: what was found, how far from truth, how fast."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -10,16 +10,12 @@ from numpy.typing import NDArray
 from deckline.evaluation.statistics import RANGE_M
 from deckline.report.records import GUIDANCE, KNOWN_TRUE, LINES, STAGES, Record, lookup
 
+NONE = "–"
 LINE_ERRORS = (
     ("direction_error_deg", "direction"),
     ("lateral_error_at_ramp_m", "sideways at the ramp"),
     ("height_error_m", "height"),
 )
-
-
-def seen_frames(records: Iterable[Record]) -> list[Record]:
-    """Records of frames that went through the chain: all but the skipped ones."""
-    return [record for record in records if "skipped" not in record]
 
 
 def error_rows(records: list[Record]) -> list[tuple[str, ...]]:
@@ -90,24 +86,23 @@ def median_sigma(records: list[Record], name: str) -> float | None:
 
 def count_reasons(records: Iterable[Record]) -> list[tuple[str, int]]:
     """Why something is missing, in the words first given, and in how many frames; most frequent first."""
-    words: dict[tuple[str, ...], str] = {}
-    times: Counter[tuple[str, ...]] = Counter()
-    for record in records:
-        if codes := tuple(record.get("reasons") or ()):
-            words.setdefault(codes, record["reason"])
-            times[codes] += 1
-    return [(words[codes], count) for codes, count in times.most_common()]
+    return _count((tuple(record["reasons"]), record["reason"]) for record in records if record.get("reasons"))
 
 
 def count_flags(records: Iterable[Record]) -> list[tuple[str, int]]:
     """What was flagged, with the reason first given, and in how many frames; most frequent first."""
-    first: dict[str, str] = {}
-    times: Counter[str] = Counter()
-    for record in records:
-        for flag in record.get("flags") or ():
-            first.setdefault(flag["name"], flag["reason"])
-            times[flag["name"]] += 1
-    return [(f"{name}: at first {first[name]}", count) for name, count in times.most_common()]
+    flags = (flag for record in records for flag in record.get("flags") or ())
+    return _count((flag["name"], f"{flag['name']}: at first {flag['reason']}") for flag in flags)
+
+
+def _count(items: Iterable[tuple[Hashable, str]]) -> list[tuple[str, int]]:
+    """The first text of each key and how often the key comes, most frequent first."""
+    texts: dict[Hashable, str] = {}
+    times: Counter[Hashable] = Counter()
+    for key, text in items:
+        texts.setdefault(key, text)
+        times[key] += 1
+    return [(texts[key], count) for key, count in times.most_common()]
 
 
 def beyond_protection(records: list[Record]) -> tuple[int, int] | None:
@@ -122,7 +117,7 @@ def beyond_protection(records: list[Record]) -> tuple[int, int] | None:
 def number(value: float | None, unit: str, sign: bool = False) -> str:
     """A figure to three digits with a true minus sign; a dash where there is none."""
     if value is None:
-        return "–"
+        return NONE
     places = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
     text = f"{value:{'+' if sign else ''}.{places}f}".replace("-", "−")
     text = text.lstrip("+−") if not float(f"{value:.{places}f}") else text
@@ -131,9 +126,7 @@ def number(value: float | None, unit: str, sign: bool = False) -> str:
 
 def percent(share: float | None) -> str:
     """A share 0..1 as text; a dash where there is none."""
-    if share is None:
-        return "–"
-    return f"{100 * share:.1f} %" if 0 < share < 1 else f"{100 * share:.0f} %"
+    return NONE if share is None else f"{100 * share:.{1 if 0 < share < 1 else 0}f} %"
 
 
 def _gather(records: Iterable[Record], *paths: tuple[str, ...]) -> NDArray[np.float64]:

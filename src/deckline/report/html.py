@@ -22,12 +22,7 @@ LISTED = 40  # rows of a list at most
 Pictures = dict[int, tuple[bytes, bytes]]
 
 
-def report_html(
-    info: Mapping[str, str],
-    records: list[Record],
-    pictures: Pictures,
-    counts: Mapping[str, int],
-) -> str:
+def report_html(info: Mapping[str, str], records: list[Record], pictures: Pictures, counts: Mapping[str, int]) -> str:
     """The report as one HTML text: styles, script, data and images inside.
 
     Args:
@@ -39,12 +34,10 @@ def report_html(
             the lines found.
         counts: frames of the whole run by status: "ok", "one line", "not seen" and "skipped".
     """
-    seen = figures.seen_frames(records)
+    seen = [record for record in records if "skipped" not in record]
     source = info.get("source", "recording")
-    shown = [
-        {"record": index, "hazy": _base64(hazy), "marked": _base64(marked)}
-        for index, (hazy, marked) in pictures.items()
-    ]
+    coded = {index: [base64.b64encode(jpeg).decode() for jpeg in pair] for index, pair in pictures.items()}
+    shown = [{"record": index, "hazy": hazy, "marked": marked} for index, (hazy, marked) in coded.items()]
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -53,8 +46,8 @@ def report_html(
     return environment.get_template("report.html").render(
         heading=Path(source).name or source,
         info=info,
-        style=Markup(_read_template("report.css")),
-        script=Markup(_read_template("report.js")),
+        style=Markup((TEMPLATES / "report.css").read_text(encoding="utf-8")),
+        script=Markup((TEMPLATES / "report.js").read_text(encoding="utf-8")),
         cards=list(_cards(info, seen, counts)),
         bars=_bars(seen, counts),
         plots_note=_plots_note(seen, counts),
@@ -65,16 +58,8 @@ def report_html(
         skipped_frames=counts.get("skipped", 0),
         reasons=figures.count_reasons(seen),
         listed=LISTED,
-        data={"rows": [_row(record) for record in records], "pictures": shown},
+        data={"rows": [_row(record) for record in records], "pictures": shown, "titles": GUIDANCE},
     )
-
-
-def _read_template(name: str) -> str:
-    return (TEMPLATES / name).read_text(encoding="utf-8")
-
-
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")
 
 
 def _row(record: Record) -> Record:

@@ -62,6 +62,7 @@ class View:
     y: float
 
     def __call__(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Image pixels (N, 2) as they are shown."""
         return (points_px + 0.5 - [self.left_px, self.top_px]) * [self.x, self.y] - 0.5
 
     def window(self, window: Window) -> NDArray[np.float64]:
@@ -90,12 +91,7 @@ def draw_panels(result: FrameResult) -> Panels:
 
 
 def find_window(result: FrameResult, scale: float) -> Window | None:
-    """The image part to magnify; None when the lines are large enough, or none.
-
-    Args:
-        result: what was found.
-        scale: panel pixels per image pixel.
-    """
+    """The image part to magnify; None when the lines are large enough, or none. `scale`: panel px an image px."""
     lines = result.estimate.pixel_lines.values()
     camera = result.frame.camera
     if not lines:
@@ -173,20 +169,15 @@ def _mark(image: Image, view: View, result: FrameResult, with_points: bool) -> N
     centre = project_centre_line(result.frame, result.estimate)
     if centre is not None:
         _draw_centre_line(image, view(centre))
-    detected = {"left": result.detection.left, "right": result.detection.right}
     for side in SIDES:
         line = result.estimate.pixel_lines.get(side)
+        colour = COLOURS[side]
         if with_points:
-            _draw_points(image, view, detected[side], line, COLOURS[side])
+            _draw_points(image, view, getattr(result.detection, side), line, colour)
+            red, green, blue = (round(c + 0.65 * (255 - c)) for c in colour)  # mixed with white, to be seen on points
+            colour = red, green, blue
         if line is not None:
-            colour = _tint(COLOURS[side]) if with_points else COLOURS[side]
             draw_segment(image, view(line.ends_px), colour, 1 if with_points else 2, halo=0)
-
-
-def _tint(colour: Colour) -> Colour:
-    """The colour mixed with white, to be seen on points of that colour."""
-    red, green, blue = (round(c + 0.65 * (255 - c)) for c in colour)
-    return red, green, blue
 
 
 def _draw_points(image: Image, view: View, points: LinePoints, line: PixelLine | None, colour: Colour) -> None:

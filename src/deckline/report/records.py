@@ -43,17 +43,12 @@ Record = dict[str, Any]
 
 
 def frame_record(result: FrameResult, approach: Approach) -> Record:
-    """What is written about one frame; plain JSON values only.
-
-    Args:
-        result: of the frame.
-        approach: the wanted one, for what the guidance should have been.
-    """
+    """What is written about one frame, plain JSON values only; `approach` tells what the guidance should have been."""
     frame, estimate, detection = result.frame, result.estimate, result.detection
     lines: Record = {}
-    for side, points in (("left", detection.left), ("right", detection.right)):
+    for side in SIDES:
         line = estimate.pixel_lines.get(side)
-        lines[side] = _pick(points, "points_px", "confidence", "sigma_px")
+        lines[side] = _pick(getattr(detection, side), "points_px", "confidence", "sigma_px")
         lines[side]["pixel_line"] = line and _pick(line, "coefficients", "ends_px", "sigma_px", "inliers")
         lines[side]["world"] = _world(estimate.lines.get(side))
     lines["centre"] = {"world": _world(estimate.lines.get("centre"))}
@@ -227,10 +222,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, float | np.floating):
-        return _cut(float(value)) if math.isfinite(value) else None
+        if not math.isfinite(value):
+            return None
+        return (
+            round(float(value), DECIMALS) if abs(value) >= 10 ** (DIGITS - DECIMALS) else float(f"{value:.{DIGITS}g}")
+        )
     return value
-
-
-def _cut(number: float) -> float:
-    whole_digits = DIGITS - DECIMALS
-    return round(number, DECIMALS) if abs(number) >= 10**whole_digits else float(f"{number:.{DIGITS}g}")

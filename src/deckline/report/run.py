@@ -99,7 +99,7 @@ def run(
     settings = settings_of(chain)
     state = {"source": source.name, "frames": str(source.length)} | settings
     folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
-    sample = PictureSample(folder.pictures)
+    sample = PictureSample(folder.work / "pictures")
     counts, stopped = _process(source, chain, folder, sample, total, config)
     frames = sum(counts.values())
     info = run_info(source, frames, total, stopped and total is not None) | settings
@@ -141,17 +141,16 @@ def _process(
         stopped = stack.enter_context(_catch_ctrl_c(source))
         progress = stack.enter_context(_make_progress())
         lines = stack.enter_context(folder.jsonl.open("ab", buffering=0))
-        piece = stack.enter_context(closing(VideoPiece(folder.next_piece(), OVERLAY_PX)))
+        piece_path = folder.work / f"film-{len(folder.pieces()):04d}.mp4"
+        piece = stack.enter_context(closing(VideoPiece(piece_path, OVERLAY_PX)))
         task = progress.add_task("frames", total=total, completed=first, counts=_format_counts(counts))
         try:
             for index, item in enumerate(_read_items(source, first, total), first):
                 outcome = _apply(chain, item)
+                if 0 < index == folder.recorded:
+                    outcome = _flag_resumed(outcome)
+                record = _make_record(outcome, config)
                 if index >= folder.recorded:
-                    outcome = _flag_resumed(outcome) if 0 < index == folder.recorded else outcome
-                    if isinstance(outcome, BadFrame):
-                        record = skipped_record(outcome)
-                    else:
-                        record = frame_record(outcome, config.approach)
                     lines.write(to_line(record).encode())  # in a single write: a kill cuts off one line at most
                     counts[_kind_of(record)] += 1
                 if isinstance(outcome, BadFrame):
@@ -227,6 +226,10 @@ def _choose_records(jsonl: Path, sample: PictureSample, count: int) -> tuple[lis
         if index % step == 0 or index in kept or listed:
             records.append(record)
     return records, pictures
+
+
+def _make_record(outcome: FrameResult | BadFrame, config: RunConfig) -> Record:
+    return skipped_record(outcome) if isinstance(outcome, BadFrame) else frame_record(outcome, config.approach)
 
 
 def _kind_of(record: Record) -> str:

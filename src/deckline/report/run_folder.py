@@ -41,15 +41,6 @@ class RunFolder:
     def work(self) -> Path:
         return self.out / UNFINISHED
 
-    @property
-    def pictures(self) -> Path:
-        """Folder of the pictures for the report."""
-        return self.work / "pictures"
-
-    def next_piece(self) -> Path:
-        """File for the next piece of the film."""
-        return self.work / f"film-{len(self.pieces()):04d}.mp4"
-
     def pieces(self) -> list[Path]:
         """Pieces of the film, in order."""
         return sorted(self.work.glob("film-*.mp4"))

@@ -18,6 +18,7 @@ CODEC = "libx264"
 ENCODER = {"preset": "veryfast", "crf": "21", "bf": "0", "rc-lookahead": "0", "sc_threshold": "0"}
 KEY_EVERY = 12  # frames: what is lost at most when the program is killed
 FRAGMENTS = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "flush_packets": "1"}
+FASTSTART = {"movflags": "+faststart"}
 MIN_STEP_S, MAX_STEP_S = 1 / 120, 0.5  # a picture is shown in real time, but neither shorter nor longer than this
 FIRST_STEP_S = 0.1  # how long the last picture is shown
 
@@ -69,7 +70,7 @@ def join(pieces: list[Path], path: Path) -> int:
     if not readable:
         return 0
     count = 0
-    with av.open(str(readable[0])) as first, av.open(str(path), "w", format="mp4", options=_FASTSTART) as output:
+    with av.open(str(readable[0])) as first, av.open(str(path), "w", format="mp4", options=FASTSTART) as output:
         stream: Any = output.add_stream_from_template(first.streams.video[0])
         offset, step = 0, round(FIRST_STEP_S / TIME_BASE)
         for piece in readable:
@@ -83,9 +84,6 @@ def join(pieces: list[Path], path: Path) -> int:
                 count += 1
             offset += last + step
     return count
-
-
-_FASTSTART = {"movflags": "+faststart"}
 
 
 def _packets(piece: Path) -> Iterator[Any]:

@@ -1,17 +1,18 @@
 "use strict";
 (() => {
-  const { rows, pictures } = JSON.parse(document.getElementById("data").textContent);
+  const { rows, pictures, titles } = JSON.parse(document.getElementById("data").textContent);
   const byId = (id) => document.getElementById(id);
   const GUIDANCE = [
-    { key: "lateral_deviation_m", title: "Lateral deviation", unit: "m", digits: 2, sides: ["right of", "left of"], level: "lateral_m" },
-    { key: "vertical_deviation_m", title: "Deviation from glideslope", unit: "m", digits: 2, sides: ["above", "below"] },
-    { key: "heading_error_deg", title: "Heading error", unit: "°", digits: 2, sides: ["nose right", "nose left"] },
-    { key: "height_above_deck_m", title: "Height above deck", unit: "m", digits: 2, level: "vertical_m" },
-    { key: "distance_to_ramp_m", title: "Distance to ramp", unit: "m", digits: 1 },
-    { key: "lateral_rate_m_s", title: "Rate of the lateral deviation", unit: "m/s", digits: 2, sides: ["right", "left"] },
-    { key: "height_rate_m_s", title: "Rate of the height", unit: "m/s", digits: 2, sides: ["climbing", "sinking"] },
-    { key: "closing_m_s", title: "Closing speed", unit: "m/s", digits: 1 },
-  ].filter(({ key }) => rows.some((row) => row.guidance && row.guidance[key]));
+    { key: "lateral_deviation_m", unit: "m", digits: 2, sides: ["right of", "left of"], level: "lateral_m" },
+    { key: "vertical_deviation_m", unit: "m", digits: 2, sides: ["above", "below"] },
+    { key: "heading_error_deg", unit: "°", digits: 2, sides: ["nose right", "nose left"] },
+    { key: "height_above_deck_m", unit: "m", digits: 2, level: "vertical_m" },
+    { key: "distance_to_ramp_m", unit: "m", digits: 1 },
+    { key: "lateral_rate_m_s", unit: "m/s", digits: 2, sides: ["right", "left"] },
+    { key: "height_rate_m_s", unit: "m/s", digits: 2, sides: ["climbing", "sinking"] },
+    { key: "closing_m_s", unit: "m/s", digits: 1 },
+  ].filter(({ key }) => rows.some((row) => row.guidance && row.guidance[key]))
+    .map((value) => ({ ...value, title: titles[value.key] }));
   const hasLevels = rows.some((row) => row.protection);
   const STATUSES = ["ok", "one-line", "not-seen", "skipped"];
   const MARGIN = { left: 52, right: 12, top: 8, bottom: 40 };
