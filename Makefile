@@ -19,7 +19,7 @@ lint: $(DEV)/.dev
 	$(DEV)/bin/lint-imports
 
 docs: $(DEV)/.docs
-	$(DEV)/bin/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(DEV)/bin/mkdocs build --strict
 	@echo "open site/index.html"
 
 $(CORE)/.core: pyproject.toml
