@@ -6,7 +6,6 @@ Runs are interleaved, so that a busy machine disturbs all alike; medians are pri
 byte sent to its last byte received; nothing is decoded, so that the server's time is what is seen.
 """
 
-import argparse
 import os
 import platform
 import socket
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import msgpack
+import tyro
 
 from deckline.adapters.airsim.protocol import encode_request
 from deckline.adapters.airsim.server import serving_in_thread
@@ -28,7 +28,7 @@ PEER = "ping"
 READ_BYTES = 1 << 20
 
 
-def main(repeats: int, width: int, height: int) -> None:
+def main(repeats: int = 10, width: int = 1280, height: int = 720) -> None:
     config = SimConfig(width=width, height=height, keep_clear=False, depth=DepthConfig(range_m=float("inf")))
     settings = parse_settings({}, Capture(config.width, config.height, config.fov_deg))
     seconds: dict[str, list[float]] = {name: [] for name in CALLS}
@@ -92,9 +92,4 @@ def exchange(connection: socket.socket, method: str, params: tuple[Any, ...]) ->
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=10)
-    parser.add_argument("--width", type=int, default=1280)
-    parser.add_argument("--height", type=int, default=720)
-    arguments = parser.parse_args()
-    main(arguments.repeats, arguments.width, arguments.height)
+    tyro.cli(main, description=__doc__)

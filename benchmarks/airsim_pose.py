@@ -6,7 +6,6 @@ A second client moves the vehicle along its nose without a pause. Each picture c
 instant; the vehicle's pose, asked for when the picture has come, is farther on. A ping in the same run is the peer.
 """
 
-import argparse
 import os
 import platform
 import statistics
@@ -15,6 +14,7 @@ import time
 from datetime import date
 
 import numpy as np
+import tyro
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.client import Connection, get_images, get_vehicle_pose, parse_address
@@ -26,7 +26,7 @@ STEP_S = 0.002  # between two poses of the moving vehicle
 CAMERA = "0"
 
 
-def main(address: str, frames: int, speed_m_s: float) -> None:
+def main(address: tyro.conf.Positional[str], frames: int = 50, speed_m_s: float = 65.0) -> None:
     host, port, vehicle = parse_address(address)
     with Connection(host, port) as mover, Connection(host, port) as watcher:
         mount = measure_still_mount(watcher, CAMERA, vehicle).body_from_camera
@@ -77,8 +77,4 @@ def set_pose(mover: Connection, vehicle: str, start: RigidTransform, ahead_m: fl
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("address")
-    parser.add_argument("--frames", type=int, default=50)
-    parser.add_argument("--speed-m-s", type=float, default=65.0)
-    main(**vars(parser.parse_args()))
+    tyro.cli(main, description=__doc__)

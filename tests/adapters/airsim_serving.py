@@ -40,7 +40,7 @@ class Running:
 
 
 @contextmanager
-def running_server(out, config=CONFIG, **options):
+def run_server(out, config=CONFIG, **options):
     """A server until the block ends; an error in it is raised here."""
     running = Running(0, [], out, [0.0])
     clock = Clock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)
@@ -54,7 +54,7 @@ def running_server(out, config=CONFIG, **options):
 
 
 @contextmanager
-def published_client(port):
+def open_client(port):
     """The real client of PyPI, on an event loop of its own; it leaves loop and tasks to whoever made it."""
     airsim = pytest.importorskip("cosysairsim")
     loop = asyncio.new_event_loop()
@@ -75,14 +75,14 @@ def published_client(port):
         asyncio.set_event_loop(None)
 
 
-def connected(port):
+def connect(port):
     """A plain socket to the server."""
     peer = socket.create_connection(("127.0.0.1", port), timeout=30.0)
     peer.settimeout(30.0)
     return peer
 
 
-def asked(peer, method, *params):
+def ask(peer, method, *params):
     """(error, result) of a call over a plain socket."""
     peer.sendall(encode_request(7, method, params))
     decoder = Decoder(limit=1 << 28)
@@ -92,7 +92,7 @@ def asked(peer, method, *params):
     raise ConnectionError("closed without an answer")
 
 
-def ended(peer):
+def is_closed(peer):
     """Whether the server closes the connection."""
     try:
         while peer.recv(1 << 16):

@@ -1,7 +1,7 @@
 from contextlib import closing
 
 import pytest
-from airsim_serving import CONFIG, WORLD_SETTINGS, published_client, running_server
+from airsim_serving import CONFIG, WORLD_SETTINGS, open_client, run_server
 
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.world import World
@@ -10,14 +10,14 @@ from deckline.sim import RendererError
 
 @pytest.fixture(scope="session")
 def server(tmp_path_factory):
-    with running_server(tmp_path_factory.mktemp("recordings")) as running:
+    with run_server(tmp_path_factory.mktemp("recordings")) as running:
         yield running
 
 
 @pytest.fixture
 def client(server):
     """The published client, the world as it was at the beginning."""
-    with published_client(server.port) as made:
+    with open_client(server.port) as made:
         made.reset()
         server.ticks[0] = 0.0
         server.lines.clear()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from airsim_serving import CONFIG, running_server
+from airsim_serving import CONFIG, run_server
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.client import Connection
@@ -34,7 +34,7 @@ class Clockwork:
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory):
-    with running_server(tmp_path_factory.mktemp("flown"), replace(CONFIG, width=320, height=180)) as server:
+    with run_server(tmp_path_factory.mktemp("flown"), replace(CONFIG, width=320, height=180)) as server:
         server.ticks = Clockwork()
         yield server
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from airsim_serving import CONFIG, EPOCH_NS, HEIGHT, WIDTH, asked, connected
+from airsim_serving import CONFIG, EPOCH_NS, HEIGHT, WIDTH, ask, connect
 
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
@@ -193,8 +193,8 @@ def test_a_camera_under_water_is_an_error_for_its_own_client_only(client, server
 
 def test_classic_clients_give_three_parameters(client, server):
     request = {"camera_name": "0", "image_type": 0, "pixels_as_float": False, "compress": False}
-    with connected(server.port) as peer:
-        error, (response,) = asked(peer, "simGetImages", [request], "", False)
+    with connect(server.port) as peer:
+        error, (response,) = ask(peer, "simGetImages", [request], "", False)
     assert error is None
     np.testing.assert_array_equal(
         np.frombuffer(response["image_data_uint8"], np.uint8), bytes_of(client.simGetImages([raw()])[0]).ravel()

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgpack
 import numpy as np
 import pytest
-from airsim_serving import asked, connected, ended, published_client, running_server
+from airsim_serving import ask, connect, is_closed, open_client, run_server
 
 from deckline.adapters.airsim import HOST, PORT
 from deckline.adapters.airsim import server as airsim_server
@@ -35,7 +35,7 @@ def test_sixteen_clients_at_once_see_the_same(client, server):
     expected = client.simGetImage("0", 0)
 
     def take_two(_number):
-        with published_client(server.port) as other:
+        with open_client(server.port) as other:
             return [other.simGetImage("0", 0) for _ in range(2)]
 
     with ThreadPoolExecutor(16) as pool:
@@ -46,16 +46,16 @@ def test_sixteen_clients_at_once_see_the_same(client, server):
 
 def test_more_connections_than_there_may_be_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(airsim_server, "MAX_CONNECTIONS", 2)
-    with running_server(tmp_path) as few, connected(few.port) as first, connected(few.port) as second:
-        assert asked(first, "ping") == asked(second, "ping") == (None, True)
-        with connected(few.port) as third:
-            assert ended(third)
-        assert asked(first, "ping") == (None, True)
+    with run_server(tmp_path) as few, connect(few.port) as first, connect(few.port) as second:
+        assert ask(first, "ping") == ask(second, "ping") == (None, True)
+        with connect(few.port) as third:
+            assert is_closed(third)
+        assert ask(first, "ping") == (None, True)
         assert few.lines[0].endswith("refused, 2 connections are open")
         second.close()
         for _ in range(100):  # until the server notices that a place is free
-            with suppress(ConnectionError), connected(few.port) as again:
-                assert asked(again, "ping") == (None, True)
+            with suppress(ConnectionError), connect(few.port) as again:
+                assert ask(again, "ping") == (None, True)
                 break
             time.sleep(0.01)
         else:
@@ -69,12 +69,12 @@ def test_many_requests_keep_memory_flat(server):
         with Path("/proc/self/statm").open() as file:
             return int(file.read().split()[1]) * 4096 / 2**20
 
-    with connected(server.port) as peer:
+    with connect(server.port) as peer:
         for _ in range(20):
-            asked(peer, "simGetImages", requests, "")
+            ask(peer, "simGetImages", requests, "")
         before = resident_mib()
         for _ in range(100):
-            error, answers = asked(peer, "simGetImages", requests, "")
+            error, answers = ask(peer, "simGetImages", requests, "")
             assert error is None and len(answers) == 3
         assert resident_mib() - before < 8.0  # 100 times the answers are 12 MiB, the frames behind them 60
 
@@ -89,40 +89,40 @@ def test_many_requests_keep_memory_flat(server):
     ],
 )
 def test_broken_connections_are_named_and_closed(client, server, data, says):
-    with connected(server.port) as peer:
+    with connect(server.port) as peer:
         peer.sendall(data)
         peer.shutdown(1)
-        assert ended(peer)
+        assert is_closed(peer)
     assert client.ping() is True
     assert len(server.lines) == 1 and server.lines[0].startswith("127.0.0.1:") and says in server.lines[0]
 
 
 def test_what_is_too_large_is_refused_as_it_comes(tmp_path, server):
-    with running_server(tmp_path, message_limit=100_000) as small, connected(small.port) as peer:
+    with run_server(tmp_path, message_limit=100_000) as small, connect(small.port) as peer:
         with pytest.raises(OSError):
             for _ in range(400):
                 peer.sendall(encode_request(1, "ping", ())[:2] + b"\xc5\xff\xff" + b"x" * 65535)
                 time.sleep(0.001)
-        with connected(small.port) as other:
-            assert asked(other, "ping") == (None, True)
+        with connect(small.port) as other:
+            assert ask(other, "ping") == (None, True)
         assert "closed" in small.lines[0]
 
 
 def test_a_peer_that_takes_no_answer_is_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(airsim_server, "PATIENCE_S", 0.2)
     images = [picture(1, as_float=True)] * 64
-    with running_server(tmp_path) as server, connected(server.port) as peer, connected(server.port) as other:
+    with run_server(tmp_path) as server, connect(server.port) as peer, connect(server.port) as other:
         peer.sendall(encode_request(1, "simGetImages", (images, "")) * 12)  # 20 MB of answers
         for _ in range(500):
             if server.lines:
                 break
-            assert asked(other, "ping") == (None, True)
+            assert ask(other, "ping") == (None, True)
             time.sleep(0.01)
         assert "took no answer for 0.2 s" in server.lines[0]
 
 
 def test_half_open_connections_hold_up_nobody(client, server):
-    peers = [connected(server.port) for _ in range(20)]
+    peers = [connect(server.port) for _ in range(20)]
     for peer in peers:
         peer.sendall(encode_request(1, "simGetImages", (["x" * 100],))[:-50])
     assert client.ping() is True
@@ -134,7 +134,7 @@ def test_half_open_connections_hold_up_nobody(client, server):
 @pytest.fixture(scope="module")
 def fuzzed(tmp_path_factory):
     """A server of its own: odd calls leave its clock anywhere, and reset leaves the clock alone."""
-    with running_server(tmp_path_factory.mktemp("recordings")) as running:
+    with run_server(tmp_path_factory.mktemp("recordings")) as running:
         yield running
 
 
@@ -178,14 +178,14 @@ def odd_value(rng, depth=0):
 
 def test_broken_bytes_hurt_nobody_else(fuzzed):
     rng = np.random.default_rng(20)
-    with connected(fuzzed.port) as good:
+    with connect(fuzzed.port) as good:
         for _ in range(ROUNDS):
-            with connected(fuzzed.port) as peer:
+            with connect(fuzzed.port) as peer:
                 peer.sendall(break_call(rng))
                 peer.shutdown(socket.SHUT_WR)
-                assert ended(peer)
-            assert asked(good, "ping") == (None, True)
-        error, images = asked(good, "simGetImages", [picture(0)], "")
+                assert is_closed(peer)
+            assert ask(good, "ping") == (None, True)
+        error, images = ask(good, "simGetImages", [picture(0)], "")
         assert error is None and images[0]["image_data_uint8"].startswith(b"\x89PNG")
     assert not any("failed" in line for line in fuzzed.lines)
 
@@ -194,15 +194,15 @@ def test_odd_parameters_are_answered_and_break_nothing(fuzzed):
     rng = np.random.default_rng(21)
     methods = [name for name in METHODS if name not in WRITING]
     refused = 0
-    with connected(fuzzed.port) as peer:
+    with connect(fuzzed.port) as peer:
         for _ in range(CALLS):
             method = methods[rng.integers(len(methods))]
-            error, _ = asked(peer, method, *(odd_value(rng) for _ in range(rng.integers(5))))
+            error, _ = ask(peer, method, *(odd_value(rng) for _ in range(rng.integers(5))))
             refused += error is not None
             assert error is None or "failed in the server" not in error, (method, error)
         assert refused > CALLS // 4
-        assert asked(peer, "reset") == (None, None)
-        assert asked(peer, "ping") == (None, True)
+        assert ask(peer, "reset") == (None, None)
+        assert ask(peer, "ping") == (None, True)
     assert all(line.isprintable() for line in fuzzed.lines)
 
 

@@ -160,7 +160,7 @@ def live(server, vehicle="", **options):
     return LiveSource(address, **({"rate_hz": 1000.0, "log": log.append} | options)), log
 
 
-def numbered():
+def number_images():
     """simGetImages whose pictures come one second after each other, from 0."""
     count = iter(range(1000))
 
@@ -172,7 +172,7 @@ def numbered():
 
 
 def test_frames_come_until_the_source_is_stopped():
-    with StandIn(simGetImages=numbered()) as server:
+    with StandIn(simGetImages=number_images()) as server:
         source, log = live(server, camera="front", vehicle="Drone1", deck_z_m=-18.0, sea_z_m=2.0)
         assert source.length is None
         assert source.name == f"airsim://127.0.0.1:{server.port}/Drone1 camera front"
@@ -304,7 +304,7 @@ def test_frames_that_come_too_slowly_are_said_once_with_the_reason():
 
 
 def test_run_takes_frames_live_and_writes_whole_results(tmp_path, capsys):
-    with StandIn(simGetImages=numbered()) as server:
+    with StandIn(simGetImages=number_images()) as server:
         address = f"airsim://127.0.0.1:{server.port}"
         words = ["run", address, "--out", str(tmp_path), "--camera", "0", "--rate", "1000", "--max-frames", "3"]
         assert main([*words, "--dehazer", "none"]) == 0
@@ -319,7 +319,7 @@ def test_run_takes_frames_live_and_writes_whole_results(tmp_path, capsys):
 
 
 def test_ctrl_c_ends_a_live_run_with_everything_whole_also_while_it_waits(tmp_path, capsys):
-    images = numbered()
+    images = number_images()
     asked = []
 
     def two_then_silence(*params):

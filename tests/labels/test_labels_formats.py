@@ -33,9 +33,8 @@ def culane_folder(tmp_path, lines=TWO_LINES, listed=None) -> Path:
 
 def test_tusimple_rows_of_the_published_form_are_read_from_a_folder(tmp_path):
     tusimple_file(tmp_path, OFFICIAL, "\n", OFFICIAL | {"lanes": [[-2] * 4, [-2, -2, 80, 95]]})
-    found = read_tusimple(tmp_path)
-    assert found.root == tmp_path
-    image, right_alone = found.images
+    root, (image, right_alone) = read_tusimple(tmp_path)
+    assert root == tmp_path
     assert image.file == "clips/a.jpg"
     np.testing.assert_array_equal(image.left_px, [[50, 170], [40, 180], [30, 190]])
     np.testing.assert_array_equal(image.right_px, [[80, 180], [95, 190]])
@@ -81,9 +80,8 @@ def test_bad_tusimple_files_are_one_line_that_says_where(tmp_path, entry, messag
     "listed", [None, "/driver/a.jpg\n", "/driver/a.jpg 1 1\n", "/driver/a.jpg /laneseg_label_w16/driver/a.png 1 1\n\n"]
 )
 def test_culane_files_of_the_published_form_are_read_from_folder_and_list(tmp_path, listed):
-    found = read_culane(culane_folder(tmp_path, listed=listed))
-    (image,) = found.images
-    assert found.root == tmp_path
+    root, (image,) = read_culane(culane_folder(tmp_path, listed=listed))
+    assert root == tmp_path
     assert image.file == "driver/a.jpg"
     np.testing.assert_array_equal(image.left_px, [[10, 300], [60.5, 200], [110, 100]])
     np.testing.assert_array_equal(image.right_px, [[400, 300], [380, 200]])
@@ -93,7 +91,7 @@ def test_culane_files_of_the_published_form_are_read_from_folder_and_list(tmp_pa
     ("lines", "flags", "sides"), [("1 2 3 4\n", "1 0", ["left"]), ("1 2 3 4\n", "0 1", ["right"]), ("", "0 0", [])]
 )
 def test_culane_flags_say_which_line_a_single_one_is(tmp_path, lines, flags, sides):
-    (image,) = read_culane(culane_folder(tmp_path, lines, f"/driver/a.jpg {flags}\n")).images
+    _, (image,) = read_culane(culane_folder(tmp_path, lines, f"/driver/a.jpg {flags}\n"))
     assert [name for name, line in image.lines.items() if line is not None] == sides
 
 
@@ -157,9 +155,8 @@ def test_keypoints_are_read_by_their_names(tmp_path):
     values, path = coco_example(), tmp_path / "person_keypoints.json"
     values["annotations"][0]["keypoints"][9:] = [7, 8, 2]
     path.write_text(json.dumps(values))
-    found = read_coco(tmp_path)
-    assert found.root == tmp_path
-    first, second = found.images
+    root, (first, second) = read_coco(tmp_path)
+    assert root == tmp_path
     np.testing.assert_array_equal(first.left_px, [[1, 2], [3, 4]])
     np.testing.assert_array_equal(first.right_px, [[5, 6], [7, 8]])
     assert first.size_px == (640, 360)

@@ -19,7 +19,7 @@ NUMBERS = st.lists(st.integers(-2, 300), min_size=2, max_size=4)
 ONE = st.just(1) | ANYTHING
 
 
-def listed(**fields):
+def list_of(**fields):
     """Lists of objects with these fields, and of anything."""
     return st.lists(st.fixed_dictionaries(fields) | ANYTHING)
 
@@ -30,12 +30,12 @@ TUSIMPLE = st.fixed_dictionaries(
 SIX = st.lists(st.integers(0, 9), min_size=6, max_size=6) | ANYTHING
 COCO = st.fixed_dictionaries(
     {
-        "images": listed(id=ONE, file_name=ANYTHING),
-        "categories": listed(id=ONE, keypoints=st.just(["left_1", "left_2"]) | ANYTHING),
-        "annotations": listed(image_id=ONE, category_id=ONE, keypoints=SIX),
+        "images": list_of(id=ONE, file_name=ANYTHING),
+        "categories": list_of(id=ONE, keypoints=st.just(["left_1", "left_2"]) | ANYTHING),
+        "annotations": list_of(image_id=ONE, category_id=ONE, keypoints=SIX),
     }
 )
-OWN = st.fixed_dictionaries({"frames": listed(file=ANYTHING, left_px=ANYTHING, right_px=ANYTHING) | ANYTHING})
+OWN = st.fixed_dictionaries({"frames": list_of(file=ANYTHING, left_px=ANYTHING, right_px=ANYTHING) | ANYTHING})
 
 
 def line(*points):
@@ -85,7 +85,7 @@ def test_what_is_written_is_read_back(form, tolerance_px, image, step):
                 write_culane(folder, [image], step)
             else:
                 write_coco(folder / "annotations.json", [image], step + 1)
-            (read,) = {"tusimple": read_tusimple, "culane": read_culane, "coco": read_coco}[form](folder).images
+            _, (read,) = {"tusimple": read_tusimple, "culane": read_culane, "coco": read_coco}[form](folder)
             lines, step = read.lines, 0 if form == "coco" else step + 1
             assert read.file == image.file
     for side, line in image.lines.items():

@@ -16,7 +16,7 @@ from deckline.recording.images import encode_image, read_image, read_pfm, write_
 NOISE = np.random.default_rng(3).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 
 
-def encoded(suffix: str) -> bytes:
+def encode(suffix: str) -> bytes:
     options = [cv2.IMWRITE_WEBP_QUALITY, 101] if suffix == ".webp" else []  # 101: lossless
     return cv2.imencode(suffix, NOISE[:, :, ::-1], options)[1].tobytes()
 
@@ -54,11 +54,11 @@ def test_every_kind_becomes_red_green_blue_of_8_bits(tmp_path, data, expected):
 
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".ppm", ".webp"])
 def test_lossless_formats_agree_with_opencvs_writer(tmp_path, suffix):
-    np.testing.assert_array_equal(read(tmp_path, encoded(suffix)), NOISE)
+    np.testing.assert_array_equal(read(tmp_path, encode(suffix)), NOISE)
 
 
 def test_jpeg_agrees_with_opencvs_reader(tmp_path):
-    data = encoded(".jpg")
+    data = encode(".jpg")
     np.testing.assert_array_equal(read(tmp_path, data), cv2.imdecode(np.frombuffer(data, np.uint8), 1)[:, :, ::-1])
 
 
@@ -94,7 +94,7 @@ def test_exif_orientation_is_applied(tmp_path, form):
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from([".png", ".jpg", ".bmp", ".ppm", ".tif", ".webp"]), st.floats(0.0, 1.0))
 def test_no_part_of_a_file_is_used_as_an_image(tmp_path_factory, suffix, part):
-    data = encoded(suffix)
+    data = encode(suffix)
     path = tmp_path_factory.mktemp("cut") / f"image{suffix}"
     behind_pixels = 5 if suffix == ".png" else 1  # the last checksum of a PNG is that of an empty chunk
     path.write_bytes(data[: min(int(part * len(data)), len(data) - behind_pixels)])
@@ -105,7 +105,7 @@ def test_no_part_of_a_file_is_used_as_an_image(tmp_path_factory, suffix, part):
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from([".png", ".jpg", ".bmp", ".ppm", ".tif", ".webp"]), st.data())
 def test_damaged_bytes_are_an_image_or_a_value_error(tmp_path_factory, suffix, data):
-    whole = bytearray(encoded(suffix))
+    whole = bytearray(encode(suffix))
     for place in data.draw(st.lists(st.integers(0, min(len(whole) - 1, 400)), min_size=1, max_size=5)):
         whole[place] ^= data.draw(st.integers(1, 255))
     path = tmp_path_factory.mktemp("damaged") / "image"
@@ -119,7 +119,7 @@ def test_damaged_bytes_are_an_image_or_a_value_error(tmp_path_factory, suffix, d
 
 
 def test_cut_jpeg_is_found_though_its_thumbnail_is_whole(tmp_path):
-    whole, thumbnail = encoded(".jpg"), cv2.imencode(".jpg", NOISE[:8, :8])[1].tobytes()
+    whole, thumbnail = encode(".jpg"), cv2.imencode(".jpg", NOISE[:8, :8])[1].tobytes()
     exif = b"Exif\0\0" + thumbnail
     data = whole[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + whole[2:]
     assert read(tmp_path, data).shape == NOISE.shape
@@ -134,7 +134,7 @@ def test_progressive_jpeg_with_bytes_behind_its_end_is_whole(tmp_path):
 
 
 def test_damaged_png_is_refused(tmp_path):
-    data = bytearray(encoded(".png"))
+    data = bytearray(encode(".png"))
     data[len(data) // 2] ^= 1
     with pytest.raises(ValueError, match=r"PNG.*IDAT"):
         read(tmp_path, bytes(data))

@@ -150,7 +150,7 @@ def test_a_frame_encoded_in_another_format_is_refused(tmp_path):
         writer.append(encode_frame(frame(0), "ppm"))
 
 
-def killed(out: Path, frames: list[Frame]) -> None:
+def write_without_close(out: Path, frames: list[Frame]) -> None:
     """A writer that is never closed, as after a kill."""
     writer = RecordingWriter(out, scene={"seed": 1})
     for item in frames:
@@ -161,7 +161,7 @@ def killed(out: Path, frames: list[Frame]) -> None:
 def test_killed_and_resumed_is_the_same_as_written_at_once(tmp_path):
     frames = [frame(index) for index in range(40)]
     write(tmp_path / "once", frames, scene={"seed": 1})
-    killed(tmp_path / "twice", frames[:33])
+    write_without_close(tmp_path / "twice", frames[:33])
     with RecordingWriter(tmp_path / "twice", scene={"seed": 1}) as writer:
         assert writer.count == 25  # scene.json is written every 25 frames
     assert len(open_recording(tmp_path / "twice")) == 25
@@ -170,7 +170,7 @@ def test_killed_and_resumed_is_the_same_as_written_at_once(tmp_path):
 
 
 def test_killed_before_the_first_scene_starts_anew(tmp_path):
-    killed(tmp_path, [frame(index) for index in range(3)])
+    write_without_close(tmp_path, [frame(index) for index in range(3)])
     items = list(open_recording(tmp_path).items())
     assert [isinstance(item, BadFrame) for item in items] == [True] * 3  # never with a guessed camera
     with RecordingWriter(tmp_path, scene={"seed": 1}) as writer:
@@ -235,7 +235,7 @@ def test_folder_that_cannot_be_written(tmp_path):
     ],
 )
 def test_wrong_options_say_what_is_wrong(tmp_path, options, text):
-    with pytest.raises(RecordingError, match=text):
+    with pytest.raises(ValueError, match=text):
         RecordingWriter(tmp_path, **options)
 
 

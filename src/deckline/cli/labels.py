@@ -36,7 +36,7 @@ def export(
     images, notes = export_labels(opened, source, out, format, row_step_px, line_points)
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
-    print(f"{out}: {_counted(images)}")
+    print(f"{out}: {_format_counts(images)}")
     return 0
 
 
@@ -59,11 +59,11 @@ def import_(
         fov_deg: horizontal field of view of a camera without distortion, where there is no camera.toml.
     """
     imported = import_labels(source, format, out, images, camera, fov_deg)
-    print(f"{out / LABELS_FILE}: {_counted(imported)}")
+    print(f"{out / LABELS_FILE}: {_format_counts(imported)}")
     return 0
 
 
-def _counted(images: list[LabelledImage]) -> str:
+def _format_counts(images: list[LabelledImage]) -> str:
     both = sum(all(line is not None for line in image.lines.values()) for image in images)
     none = sum(all(line is None for line in image.lines.values()) for image in images)
     return f"{len(images)} images: {both} with both lines, {len(images) - both - none} with one, {none} with none"

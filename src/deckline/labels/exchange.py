@@ -123,17 +123,17 @@ def import_labels(
     Raises:
         ValueError: labels that cannot be read, an image that is missing or damaged, or no camera.
     """
-    found = READERS[form](source)
-    root = images or found.root
-    beside = (path for path in (root / CAMERA_FILE, found.root / CAMERA_FILE) if path.exists())
+    label_root, labelled = READERS[form](source)
+    root = images or label_root
+    beside = (path for path in (root / CAMERA_FILE, label_root / CAMERA_FILE) if path.exists())
     camera = camera or next(beside, None)
     mounted = None if camera is None else read_camera_file(camera)
-    names = _flatten_names([image.file for image in found.images], source)
+    names = _flatten_names([image.file for image in labelled], source)
     _check_new(out, {*names, CAMERA_FILE})
     out.mkdir(parents=True, exist_ok=True)
     imported = []
     with progress("importing", len(names)) as advance:
-        for image, name in zip(found.images, names, strict=True):
+        for image, name in zip(labelled, names, strict=True):
             if not (root / image.file).is_file():
                 raise ValueError(f"{source}: image {image.file} is not in {root}; give --images FOLDER where it is")
             size = _read_size(root / image.file)

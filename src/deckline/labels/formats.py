@@ -72,7 +72,7 @@ def read_tusimple(path: Path) -> LabelSet:
         images += [_parse_tusimple_image(text, f"{file}: line {number}") for number, text in _read_lines(file)]
     if not images:
         raise ValueError(f"{files[0]}: no labels in it; expected one JSON object a line")
-    return LabelSet(files[0].parent, tuple(images))
+    return files[0].parent, images
 
 
 def _parse_tusimple_image(text: str, where: str) -> LabelledImage:
@@ -142,7 +142,7 @@ def read_culane(path: Path) -> LabelSet:
         images = [_read_culane_listed(root, text, f"{path}: line {number}") for number, text in _read_lines(path)]
     if not images:
         raise ValueError(f"{path}: no labels: neither a list of images nor a folder with {LINES_SUFFIX} files")
-    return LabelSet(root, tuple(images))
+    return root, images
 
 
 def _read_culane_beside(root: Path, lines_file: Path) -> LabelledImage:
@@ -255,10 +255,10 @@ def read_coco(path: Path) -> LabelSet:
                 raise ValueError(f"{where}: a second runway in image {image}; remove one")
             found[image] = _parse_lines(entry.get("keypoints"), names[category], where)
     entries = iterate_objects(values.get("images"), f"{file}: images")
-    images = tuple(_parse_image(entry, found, where) for where, entry in entries)
+    images = [_parse_image(entry, found, where) for where, entry in entries]
     if not images:
         raise ValueError(f"{file}: it names no images")
-    return LabelSet(file.parent, images)
+    return file.parent, images
 
 
 def _find_file(path: Path) -> Path:

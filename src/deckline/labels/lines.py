@@ -50,12 +50,7 @@ class LabelledImage:
         return self.size_px
 
 
-@dataclass(frozen=True, eq=False)
-class LabelSet:
-    """What a reader found."""
-
-    root: Path  # folder that the images' names are relative to
-    images: tuple[LabelledImage, ...]
+LabelSet = tuple[Path, list[LabelledImage]]  # the folder that the images' names are relative to
 
 
 def read_labels(path: Path) -> dict[str, Labels]:

@@ -79,7 +79,7 @@ class AirSimRecording(Source):
         line, cells = self._rows[index]
         place = f"{RECORD_FILE} line {line}"
         try:
-            name, depth_name, depth_type = choose_images(list_images(cells))
+            name, depth_name, depth_type = choose_images(list_row_images(cells))
         except ValueError as error:
             raise FrameError(place, str(error)) from None
         try:
@@ -128,7 +128,7 @@ def read_rows(path: Path) -> tuple[Rows, list[str]]:
     return read_table(path, "\t", REQUIRED, ("VehicleName", *CAR_COLUMNS))
 
 
-def list_images(cells: Cells) -> tuple[str, ...]:
+def list_row_images(cells: Cells) -> tuple[str, ...]:
     """Names of the images of a row."""
     return tuple(name for name in cells.get("ImageFile", "").split(";") if name)
 

@@ -15,7 +15,7 @@ from deckline.recording.airsim import (
     AirSimRecording,
     ReadOptions,
     choose_images,
-    list_images,
+    list_row_images,
     read_rows,
 )
 from deckline.recording.camera_file import camera_to_mapping
@@ -57,7 +57,7 @@ def add_scene(
     entries = {}
     for _, cells in rows:
         with suppress(ValueError):  # a row without a picture
-            entries[choose_images(list_images(cells))[0]] = entry
+            entries[choose_images(list_row_images(cells))[0]] = entry
     scene = format_scene(camera_to_mapping(frame.camera, mount), entries, {"generator": GENERATOR})
     return _copy(recording, out, rows, notes, scene)
 
@@ -81,7 +81,7 @@ def _copy(recording: Path, out: Path, rows: Rows, notes: list[str], scene: str |
         if work.exists():
             shutil.rmtree(work)
         (work / IMAGE_FOLDER).mkdir(parents=True)
-        for name in dict.fromkeys(name for _, cells in rows for name in list_images(cells) if is_inside(name)):
+        for name in dict.fromkeys(name for _, cells in rows for name in list_row_images(cells) if is_inside(name)):
             if (recording / IMAGE_FOLDER / name).is_file():
                 (work / IMAGE_FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(recording / IMAGE_FOLDER / name, work / IMAGE_FOLDER / name)

@@ -134,8 +134,11 @@ def _open_images(path: Path, poses_file: Path | str | None, options: ReadOptions
     """A folder, a single image or a video, with the camera and the poses given or found beside them."""
     is_video = not path.is_dir() and path.suffix.lower() not in IMAGE_SUFFIXES
     frames = count_frames(path) if is_video else 0
-    if path.is_dir():
-        _check_has_images(path)
+    if path.is_dir() and not list_images(path):
+        inside = next((child for child in sorted(path.iterdir()) if (child / RECORD_FILE).exists()), None)
+        hint = f"; did you mean {inside}/?" if inside else ""
+        places = f"neither {RECORD_FILE} nor images ({' '.join(IMAGE_SUFFIXES)}) in this folder"
+        raise RecordingError(f"{path}: zero frames: {places}{hint}")
     mounted = options.camera
     if mounted is None:
         camera_file = _find(path, CAMERA_FILE)
@@ -150,16 +153,6 @@ def _open_images(path: Path, poses_file: Path | str | None, options: ReadOptions
         return Video(path, mounted, poses, frames)
     folder, files = (path, None) if path.is_dir() else (path.parent, [path.name])
     return ImageFolder(folder, mounted, poses, options, files)
-
-
-def _check_has_images(folder: Path) -> None:
-    if list_images(folder):
-        return
-    inside = [f"{child.name}/" for child in sorted(folder.iterdir()) if (child / RECORD_FILE).exists()]
-    hint = f"; did you mean {folder / inside[0]}?" if inside else ""
-    raise RecordingError(
-        f"{folder}: zero frames: neither {RECORD_FILE} nor images ({' '.join(IMAGE_SUFFIXES)}) in this folder{hint}"
-    )
 
 
 def _list_places(path: Path, name: str) -> list[Path]:

@@ -8,6 +8,7 @@ from typing import Any, Literal, Self, TextIO
 import numpy as np
 
 from deckline.atomic import write_atomic
+from deckline.checks import check_choice
 from deckline.recording.airsim import HEADER, IMAGE_FOLDER, MS_PER_S, RECORD_FILE, SCENE, choose_images
 from deckline.recording.camera_file import camera_to_mapping
 from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, encode_image, write_pfm
@@ -83,6 +84,7 @@ class RecordingWriter:
 
     Raises:
         RecordingError: the folder cannot be written, or holds another recording.
+        ValueError: another image format.
     """
 
     def __init__(
@@ -94,8 +96,7 @@ class RecordingWriter:
         vehicle: str = "deckline",
         camera_name: str = "0",
     ) -> None:
-        if image_format not in ("png", "ppm"):
-            raise RecordingError(f'image_format must be "png" or "ppm", got {image_format!r}')
+        check_choice("image_format", image_format, ImageFormat)
         self.out = Path(out)
         self._format: ImageFormat = image_format
         self._extra = dict(scene or {})

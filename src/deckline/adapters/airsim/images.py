@@ -57,8 +57,7 @@ def _read_request(value: Any, settings: Settings) -> ImageRequest:
     as_float = bool(value.get("pixels_as_float", False))
     if as_float and image_type not in FLOATS:
         raise ValueError(f"{TYPES[image_type]} has no float pixels: ask for it with pixels_as_float False")
-    annotation = str(value.get("annotation_name", ""))[:80]
-    compress = bool(value.get("compress", True))
+    annotation, compress = str(value.get("annotation_name", ""))[:80], bool(value.get("compress", True))
     return ImageRequest(settings.find_camera(name), name, image_type, as_float, compress, annotation)
 
 
@@ -75,8 +74,7 @@ def get_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
     frames: dict[_View, Frame] = {}
     depths: dict[_View, tuple[Camera, NDArray[np.float32] | None]] = {}
     views = [
-        (request.camera, camera.width, camera.height, camera.fx)
-        for request, camera in zip(requests, cameras, strict=True)
+        (one.camera, camera.width, camera.height, camera.fx) for one, camera in zip(requests, cameras, strict=True)
     ]
     scenes = {view for view, request in zip(views, requests, strict=True) if request.image_type == SCENE}
     responses = []

@@ -1,12 +1,12 @@
 """AirSim's settings.json for the server: the vehicle, its cameras and recordings."""
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.protocol import read_flag, read_number
@@ -117,15 +117,11 @@ def _recording(settings: Settings, values: Mapping[str, Any]) -> Settings:
     """The settings with the values of Recording; pictures and depth are recorded of the first camera it names."""
     recorded = settings.recorded
     if cameras := _objects(values, "Cameras", "Recording"):
-        first = cameras[0]
-        recorded = settings.find_camera(str(first.get("CameraName", first.get("CameraID", "0"))))
+        recorded = settings.find_camera(str(cameras[0].get("CameraName", cameras[0].get("CameraID", "0"))))
     interval_s = values.get("RecordInterval", settings.interval_s)
-    return replace(
-        settings,
-        interval_s=read_number(interval_s, "RecordInterval", MIN_INTERVAL_S, 3600.0),
-        on_move=read_flag(values.get("RecordOnMove", False), "RecordOnMove"),
-        recorded=recorded,
-    )
+    interval_s = read_number(interval_s, "RecordInterval", MIN_INTERVAL_S, 3600.0)
+    on_move = read_flag(values.get("RecordOnMove", False), "RecordOnMove")
+    return replace(settings, interval_s=interval_s, on_move=on_move, recorded=recorded)
 
 
 def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: str) -> Mapping[int, Capture]:
@@ -143,22 +139,19 @@ def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: s
 
 def _mount(values: Mapping[str, Any], usual: RigidTransform, place: str) -> RigidTransform:
     """body_from_mount of X, Y, Z, Roll, Pitch, Yaw; what is not given stays as usual."""
+
+    def read(name: str, default: float, most: float) -> float:
+        return read_number(values.get(name, default), f"{place}.{name}", -most, most)
+
     yaw, pitch, roll = usual.rotation.as_euler("ZYX", degrees=True).tolist()
-    angles = {"Roll": roll, "Pitch": pitch, "Yaw": yaw}
-    for name in angles:
-        angles[name] = math.radians(read_number(values.get(name, angles[name]), f"{place}.{name}", -360.0, 360.0))
-    position = [
-        read_number(values.get(name, usual.translation[axis]), f"{place}.{name}", -1e4, 1e4)
-        for axis, name in enumerate("XYZ")
-    ]
-    return RigidTransform.from_components(position, attitude(*angles.values()))
+    angles = np.deg2rad([read("Roll", roll, 360.0), read("Pitch", pitch, 360.0), read("Yaw", yaw, 360.0)])
+    position_m = [read(name, default, 1e4) for name, default in zip("XYZ", usual.translation, strict=True)]
+    return RigidTransform.from_components(position_m, attitude(*angles))
 
 
 def _default_mount(name: str) -> RigidTransform:
     right_m, yaw_deg, pitch_deg = MOUNTS.get(name, (0.0, 0.0, 0.0))
-    return RigidTransform.from_components(
-        [0.0, right_m, 0.0], attitude(0.0, math.radians(pitch_deg), math.radians(yaw_deg))
-    )
+    return RigidTransform.from_components([0.0, right_m, 0.0], attitude(*np.deg2rad([0.0, pitch_deg, yaw_deg])))
 
 
 def _origin(values: Mapping[str, Any]) -> tuple[float, float, float]:

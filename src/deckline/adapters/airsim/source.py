@@ -207,7 +207,8 @@ class LiveSource(Stream):
         log: gets a line when the simulator goes away, comes back, or is too slow.
 
     Raises:
-        RecordingError: a wrong address or rate, nobody answers, or there is no such camera.
+        RecordingError: a wrong rate, nobody answers, or there is no such camera.
+        ValueError: a wrong address.
     """
 
     def __init__(
@@ -221,10 +222,7 @@ class LiveSource(Stream):
     ) -> None:
         if not 0.0 < rate_hz <= 1000.0:
             raise RecordingError(f"rate must lie between 0 and 1000 frames a second, got {rate_hz}")
-        try:
-            self._host, self._port, self._vehicle = parse_address(address)
-        except ValueError as error:
-            raise RecordingError(str(error)) from None
+        self._host, self._port, self._vehicle = parse_address(address)
         vehicle = f"/{self._vehicle}" if self._vehicle else ""
         self.name = f"{SCHEME}://{self._host}:{self._port}{vehicle} camera {camera}"
         self._camera, self._rate_hz, self._heights = camera, rate_hz, (deck_z_m, sea_z_m)

@@ -88,9 +88,10 @@ class World:
         fov_deg = (state or self.state).fovs_deg.get(name, capture.fov_deg)
         return Camera.from_fov(capture.width, capture.height, math.radians(fov_deg))
 
-    def ship_pose(self) -> RigidTransform:
-        """world_from_ship now."""
-        return self._ship_at(self.clock.seconds())
+    def ship_pose(self, time_s: float | None = None) -> RigidTransform:
+        """world_from_ship at a simulated time; None: now."""
+        time_s = self.clock.seconds() if time_s is None else time_s
+        return ship_pose(self._simulator.ship.layout, self._simulator.motion, time_s)
 
     def picture(self, name: str, image_type: int, state: State, time_s: float) -> Frame:
         """A camera's picture; only on the world's own thread. A camera that is not above the sea is a ValueError."""
@@ -108,7 +109,7 @@ class World:
         view, weather, _, _ = self._view(name, image_type, state, time_s)
         if view.camera.has_distortion:
             return view.camera, self.picture(name, image_type, state, time_s).depth_m
-        pose, ship = view.world_from_camera, self._ship_at(time_s)
+        pose, ship = view.world_from_camera, self.ship_pose(time_s)
         true_m = self._simulator.renderer.depth(Scene(view.camera, pose, weather, time_s, world_from_ship=ship))
         return view.camera, measure_depth(true_m, self.config.depth, self._noise_rng())
 
@@ -116,7 +117,7 @@ class World:
         """The labels of a camera's pixels (H, W, 3) in `LABEL_RGB`, without distortion; errors as `picture`."""
         view, weather, _, _ = self._view(name, SEGMENTATION, state, time_s)
         camera = self.camera(name, SEGMENTATION, state)
-        pose, ship = view.world_from_camera, self._ship_at(time_s)
+        pose, ship = view.world_from_camera, self.ship_pose(time_s)
         labels = self._simulator.renderer.labels(Scene(camera, pose, weather, time_s, world_from_ship=ship))
         return LABEL_RGB[labels]
 
@@ -136,9 +137,6 @@ class World:
     def _noise_rng(self) -> np.random.Generator:
         self._drawn += 1
         return np.random.default_rng([self.config.seed, FRAME, self._drawn])
-
-    def _ship_at(self, time_s: float) -> RigidTransform:
-        return ship_pose(self._simulator.ship.layout, self._simulator.motion, time_s)
 
     def _scenery(self, state: State, weather: Weather, clear_m: float) -> Scenery:
         imaging = self.config.imaging
