@@ -122,15 +122,14 @@ def test_picture_and_depth_are_asked_for_in_one_call(connect):
     assert asked == [("front", 0, False, False), ("front", 1, True, False)]
 
 
-@pytest.mark.parametrize("answer", [[], [{}], "x", [1, 2], None])
-def test_other_answers_than_two_images_are_refused(answer, connect):
-    connection, _ = connect(simGetImages=lambda *params: answer)
-    with pytest.raises(ValueError, match="two images"):
-        get_images(connection, "0", "")
-
-
-@pytest.mark.parametrize("fov", [None, 0.0, 180.0, float("nan"), "90"])
-def test_a_camera_without_a_field_of_view_is_refused(fov, connect):
-    connection, _ = connect(simGetCameraInfo=lambda *params: {"pose": pose(), "fov": fov})
-    with pytest.raises(ValueError, match=r"'0'.*0 and 180"):
-        get_camera(connection, "0", "")
+def test_other_answers_than_two_images_and_cameras_without_a_field_of_view_are_refused(connect):
+    answers = iter([[], [{}], "x", [1, 2], None])
+    fovs = iter([None, 0.0, 180.0, float("nan"), "90"])
+    connection, _ = connect(
+        simGetImages=lambda *params: next(answers), simGetCameraInfo=lambda *params: {"pose": pose(), "fov": next(fovs)}
+    )
+    for _ in range(5):
+        with pytest.raises(ValueError, match="two images"):
+            get_images(connection, "0", "")
+        with pytest.raises(ValueError, match=r"'0'.*0 and 180"):
+            get_camera(connection, "0", "")

@@ -77,7 +77,10 @@ def test_pictures_are_those_of_a_recording(client, server, flight, tmp_path):
         assert scene.time_stamp == planar.time_stamp == EPOCH_NS + round(frame.time_s * 1e9)
 
 
-def test_poses_are_kept_where_they_are_nan(client):
+def test_poses_are_kept_where_they_are_nan_and_the_ship_is_an_object(client, flight):
+    carrier = client.simGetObjectPose("Carrier")
+    np.testing.assert_allclose(list(carrier.position), flight[0].truth.world_from_ship.translation)
+    assert client.simGetObjectPose("Cube").containsNan()
     client.simSetVehiclePose(airsim.Pose(airsim.Vector3r(1, 2, -30), TURNED), True)
     before = client.simGetVehiclePose()
     np.testing.assert_allclose(list(before.position), [1, 2, -30])
@@ -151,13 +154,6 @@ def test_recordings_are_read_by_deckline(client, server):
     assert all(frame.image_rgb.shape == (HEIGHT, WIDTH, 3) and frame.depth_m is not None for frame in loaded)
     assert loaded[0].truth.left is not None and loaded[0].deck_z_m is not None
     assert any("recorded" in line for line in server.lines)
-
-
-def test_the_ship_is_an_object(client, flight):
-    carrier = client.simGetObjectPose("Carrier")
-    where = flight[0].truth.world_from_ship
-    np.testing.assert_allclose(list(carrier.position), where.translation)
-    assert client.simGetObjectPose("Cube").containsNan()
 
 
 @pytest.mark.parametrize(

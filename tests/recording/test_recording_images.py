@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from PIL import Image
 from recording_bytes import PIXELS, pfm, png
 
-from deckline.recording.images import encode_image, read_image, read_pfm, write_pfm
+from deckline.recording.images import read_image, read_pfm, write_pfm
 
 NOISE = np.random.default_rng(3).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 
@@ -55,11 +55,6 @@ def test_every_kind_becomes_red_green_blue_of_8_bits(tmp_path, data, expected):
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".ppm", ".webp"])
 def test_lossless_formats_agree_with_opencvs_writer(tmp_path, suffix):
     np.testing.assert_array_equal(read(tmp_path, encode(suffix)), NOISE)
-
-
-def test_jpeg_agrees_with_opencvs_reader(tmp_path):
-    data = encode(".jpg")
-    np.testing.assert_array_equal(read(tmp_path, data), cv2.imdecode(np.frombuffer(data, np.uint8), 1)[:, :, ::-1])
 
 
 def significant_bits(data: bytes, bits: int) -> bytes:
@@ -127,10 +122,11 @@ def test_cut_jpeg_is_found_though_its_thumbnail_is_whole(tmp_path):
         read(tmp_path, data[: len(data) // 2 + len(exif) // 2])
 
 
-def test_progressive_jpeg_with_bytes_behind_its_end_is_whole(tmp_path):
-    options = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_RST_INTERVAL, 1]
+@pytest.mark.parametrize("options", [[], [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_RST_INTERVAL, 1]])
+def test_jpeg_with_bytes_behind_its_end_agrees_with_opencvs_reader(tmp_path, options):
     data = cv2.imencode(".jpg", NOISE, options)[1].tobytes()
-    assert read(tmp_path, data + b"maker's notes").shape == NOISE.shape
+    opencv = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
+    np.testing.assert_array_equal(read(tmp_path, data + b"maker's notes"), opencv)
 
 
 def test_damaged_png_is_refused(tmp_path):
@@ -160,26 +156,18 @@ def test_missing_file_and_folder_are_named(tmp_path, name):
         read_image(tmp_path / name)
 
 
-@pytest.mark.parametrize("image_format", ["png", "ppm"])
-def test_encoded_images_read_back(tmp_path, image_format):
-    np.testing.assert_array_equal(read(tmp_path, encode_image(NOISE, image_format)), NOISE)
-
-
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_first_row_of_a_pfm_is_the_top_one_as_airsim_writes_it(order):
     depth = read_pfm(pfm([[1.0, 2.0], [3.0, 4.0], [5.0, 6.5]], order))
     assert depth.tolist() == [[1.0, 2.0], [3.0, 4.0], [5.0, 6.5]]
     assert depth.dtype == np.float32
+    assert write_pfm(depth) == pfm([[1.0, 2.0], [3.0, 4.0], [5.0, 6.5]])
 
 
 def test_pfm_from_bottom_to_top_agrees_with_opencv():
     data = pfm([[1.5, 2.0], [3.0, 4.25], [-5.0, 6.0]])
     opencv = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(read_pfm(data, "bottom-to-top"), opencv)
-
-
-def test_written_pfm_is_airsims():
-    assert write_pfm(np.array([[1.0, 2.0], [3.0, 4.0]], np.float32)) == pfm([[1.0, 2.0], [3.0, 4.0]])
 
 
 @given(arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=6)))

@@ -79,14 +79,11 @@ def test_poses_without_frame_numbers_are_refused(film, row, text):
         open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + row))
 
 
-def test_files_named_after_the_film_go_first(film):
-    beside(film, camera__toml=CAMERA, approach__mp4__camera__toml=CAMERA.replace("fx = 50", "fx = 70"))
-    assert open_recording(film).load(0).camera.fx == 70.0
-
-
-def test_film_without_camera_file_says_where_to_write_one(film):
+def test_the_camera_file_named_after_the_film_goes_first(film):
     with pytest.raises(RecordingError, match=r"approach\.mp4\.camera\.toml or .*camera\.toml"):
         open_recording(film)
+    beside(film, camera__toml=CAMERA, approach__mp4__camera__toml=CAMERA.replace("fx = 50", "fx = 70"))
+    assert open_recording(film).load(0).camera.fx == 70.0
 
 
 def test_intrinsics_for_another_resolution(film):

@@ -145,11 +145,6 @@ def test_frames_encoded_elsewhere_are_written_the_same(tmp_path):
     assert folder_bytes(tmp_path / "there") == folder_bytes(tmp_path / "here")
 
 
-def test_a_frame_encoded_in_another_format_is_refused(tmp_path):
-    with RecordingWriter(tmp_path) as writer, pytest.raises(ValueError, match=r"png .*ppm"):
-        writer.append(encode_frame(frame(0), "ppm"))
-
-
 def write_without_close(out: Path, frames: list[Frame]) -> None:
     """A writer that is never closed, as after a kill."""
     writer = RecordingWriter(out, scene={"seed": 1})
@@ -239,8 +234,10 @@ def test_wrong_options_say_what_is_wrong(tmp_path, options, text):
         RecordingWriter(tmp_path, **options)
 
 
-def test_frame_without_pose_is_refused_and_leaves_nothing(tmp_path):
+def test_frame_without_pose_or_in_another_format_is_refused_and_leaves_nothing(tmp_path):
     with RecordingWriter(tmp_path) as writer:
+        with pytest.raises(ValueError, match=r"png .*ppm"):
+            writer.append(encode_frame(frame(0), "ppm"))
         with pytest.raises(ValueError, match=r"frame 0.*world_from_body"):
             writer.add(frame(0, world_from_body=None))
         assert writer.count == 0
