@@ -75,26 +75,25 @@ def test_ray_lengths_turn_depth_into_range():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("call", "message"),
     [
-        ((0, 10, 1, 1, 0, 0), "positive, got 0x10 px"),
-        ((10, 10, -1, 1, 0, 0), "fx=-1"),
-        ((10, 10, 1, 1, float("nan"), 0), "cx=nan"),
-        ((10, 10, 1, 1, 0, 0, (0.1, 0.2)), "k1, k2, p1, p2, k3; got 2 numbers"),
+        (lambda: Camera(0, 10, 1, 1, 0, 0), "size.*0x10 px"),
+        (lambda: Camera(10, 10, -1, 1, 0, 0), "fx=-1"),
+        (lambda: Camera(10, 10, 1, 1, float("nan"), 0), "cx=nan"),
+        (lambda: Camera(10, 10, 1, 1, 0, 0, (0.1, 0.2)), "distortion.* 2 "),
+        (lambda: Camera.from_fov(10, 10, 4.0), r"field of view.*4\.0"),
+        (lambda: CAMERA.rays(np.zeros(3)), r"\(N, 2\).*\(3,\)"),
+        (lambda: CAMERA.project([[1.0, 2.0]]), r"\(N, 3\).*\(1, 2\)"),
+        (lambda: pose([0, 0], [1, 0, 0, 0]), r"\(2,\) and \(4,\)"),
+        (lambda: pose([0, 0, np.nan], [1, 0, 0, 0]), "position.*nan"),
+        (lambda: pose([0, 0, 0], [1, 0, 0, np.inf]), "quaternion.*inf"),
+        (lambda: pose([0, 0, 0], [0, 0, 0, 0]), "quaternion.*length 0,"),
+        (lambda: pose([0, 0, 0], [0.52, 0, 0, 0]), "quaternion.*0.52"),
     ],
 )
-def test_impossible_cameras_are_named(arguments, message):
+def test_impossible_cameras_points_and_poses_are_named(call, message):
     with pytest.raises(ValueError, match=message):
-        Camera(*arguments)
-
-
-def test_impossible_calls_are_named():
-    with pytest.raises(ValueError, match="between 0 and pi rad, got 4"):
-        Camera.from_fov(10, 10, 4.0)
-    with pytest.raises(ValueError, match=r"shape \(N, 2\), got \(3,\)"):
-        CAMERA.rays(np.zeros(3))
-    with pytest.raises(ValueError, match=r"shape \(N, 3\), got \(1, 2\)"):
-        CAMERA.project([[1.0, 2.0]])
+        call()
 
 
 quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
@@ -114,21 +113,6 @@ def test_poses_form_a_group(a, b, c):
 def test_pose_reads_a_scalar_first_quaternion():
     quarter = pose([1, 2, 3], [np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)])
     np.testing.assert_allclose(quarter.apply([1.0, 0, 0]), [1, 3, 3], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("translation", "quaternion", "message"),
-    [
-        ([0, 0], [1, 0, 0, 0], r"got shapes \(2,\) and \(4,\)"),
-        ([0, 0, np.nan], [1, 0, 0, 0], "position is not finite"),
-        ([0, 0, 0], [1, 0, 0, np.inf], "quaternion is not finite"),
-        ([0, 0, 0], [0, 0, 0, 0], "quaternion.*length 0,"),
-        ([0, 0, 0], [0.52, 0, 0, 0], "quaternion.*0.52"),
-    ],
-)
-def test_impossible_poses_are_named(translation, quaternion, message):
-    with pytest.raises(ValueError, match=message):
-        pose(translation, quaternion)
 
 
 def test_attitude_turns_yaw_right_pitch_up_roll_right():

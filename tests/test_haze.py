@@ -35,17 +35,6 @@ def test_visibility_round_trip(visibility):
     assert visibility_from_beta(beta_from_visibility(visibility)) == pytest.approx(visibility)
 
 
-@pytest.mark.parametrize("visibility", [0.0, -1.0, float("nan")])
-def test_impossible_visibility_is_named(visibility):
-    with pytest.raises(ValueError, match=f"positive metres, got {visibility}"):
-        beta_from_visibility(visibility)
-
-
-def test_negative_extinction_is_named():
-    with pytest.raises(ValueError, match="not be negative, got -1"):
-        visibility_from_beta(-1)
-
-
 def test_transmission_at_the_visibility_is_the_contrast_threshold():
     beta = beta_from_visibility(800.0)
     np.testing.assert_allclose(transmission([0.0, 800.0, np.inf, np.nan], beta), [1, 0.02, 0, 0], rtol=1e-5)
@@ -69,11 +58,6 @@ def test_thicker_haze_is_nearer_to_the_airlight(seed):
     ranges, airlight = rng.uniform(1, 500, (4, 5)), rng.uniform(0, 255, 3)
     thin, thick = (add_haze(clear, ranges, beta, airlight).astype(float) for beta in (0.001, 0.01))
     assert (np.abs(thick - airlight) <= np.abs(thin - airlight) + 1.0).all()  # one grey level of rounding
-
-
-def test_shapes_that_differ_are_named():
-    with pytest.raises(ValueError, match=r"image is \(2, 3\) but range is \(3, 2\)"):
-        add_haze(np.zeros((2, 3, 3), np.uint8), np.zeros((3, 2)), 0.1, [1, 2, 3])
 
 
 EYE = np.array([30.0, -20.0, -45.0])  # 45 m above the water
@@ -103,23 +87,19 @@ def integrated(direction, range_m, atmosphere):
     return quad(density, 0.0, 1e5 if np.isnan(range_m) else range_m, limit=2000)[0]
 
 
-@pytest.mark.parametrize("height_m", [25.0, 300.0, 1e7])
-def test_height_profile_is_the_integral_along_each_ray(height_m):
-    atmosphere = replace(UNIFORM, scale_height_m=height_m, base_z_m=2.0)
+@pytest.mark.parametrize(
+    ("atmosphere", "rel"),
+    [(replace(UNIFORM, scale_height_m=height_m, base_z_m=2.0), 2e-4) for height_m in (25.0, 300.0, 1e7)]
+    + [(PATCHY, 1e-3)],
+)
+def test_the_air_path_is_the_integral_along_each_ray(atmosphere, rel):
     directions, ranges = rays_about()
     got = air_path(ranges, directions, EYE, atmosphere)
     for at in np.ndindex(*ranges.shape):
-        if height_m < 1e5 or at != (0, 0):
-            assert got[at] == pytest.approx(integrated(directions[at].astype(float), ranges[at], atmosphere), rel=2e-4)
-
-
-def test_patches_are_the_integral_along_each_ray():
-    directions, ranges = rays_about(1)
-    got = air_path(ranges, directions, EYE, PATCHY)
-    for at in np.ndindex(*ranges.shape):
-        if at != (0, 0):
-            assert got[at] == pytest.approx(integrated(directions[at].astype(float), ranges[at], PATCHY), rel=1e-3)
-    assert np.std(got[1:] / ranges[1:]) > 0.05
+        if atmosphere.scale_height_m < 1e5 or at != (0, 0):
+            assert got[at] == pytest.approx(integrated(directions[at].astype(float), ranges[at], atmosphere), rel=rel)
+    if atmosphere.waves:
+        assert np.std(got[1:] / ranges[1:]) > 0.05
 
 
 def test_endless_rays_meet_all_the_air_above_them():
@@ -183,22 +163,29 @@ def test_an_atmosphere_survives_its_record():
     for air in (UNIFORM, replace(PATCHY, scale_height_m=120.0, glow=1.0, sun=(0.6, 0.0, 0.8))):
         text = json.dumps(air.to_mapping(), allow_nan=False)
         assert atmosphere_from_mapping(json.loads(text)) == air
-    with pytest.raises(ValueError, match="an atmosphere has"):
-        atmosphere_from_mapping({"glow": 1.0})
 
 
 @pytest.mark.parametrize(
-    ("values", "message"),
+    ("call", "message"),
     [
-        ({"extinction_per_m": (0.1, -0.1, 0.1)}, r"extinction_per_m.*-0\.1"),
-        ({"scale_height_m": 0.0}, r"scale_height_m.*0\.0"),
-        ({"glow_g": 1.0}, r"glow_g.*1\.0"),
-        ({"waves": ((0.1, 0.1, 0.0, 0.7), (0.1, 0.2, 0.0, -0.6))}, r"amplitudes.*0\.7.*-0\.6"),
+        (lambda: replace(UNIFORM, extinction_per_m=(0.1, -0.1, 0.1)), r"extinction_per_m.*-0\.1"),
+        (lambda: replace(UNIFORM, scale_height_m=0.0), r"scale_height_m.*0\.0"),
+        (lambda: replace(UNIFORM, glow_g=1.0), r"glow_g.*1\.0"),
+        (
+            lambda: replace(UNIFORM, waves=((0.1, 0.1, 0.0, 0.7), (0.1, 0.2, 0.0, -0.6))),
+            r"amplitudes.*0\.7.*-0\.6",
+        ),
+        (lambda: atmosphere_from_mapping({"glow": 1.0}), "atmosphere.*glow"),
+        (lambda: beta_from_visibility(0.0), r"visibility.*0\.0"),
+        (lambda: beta_from_visibility(-1.0), r"visibility.*-1\.0"),
+        (lambda: beta_from_visibility(float("nan")), "visibility.*nan"),
+        (lambda: visibility_from_beta(-1), "extinction.*-1"),
+        (lambda: add_haze(np.zeros((2, 3, 3), np.uint8), np.zeros((3, 2)), 0.1, [1, 2, 3]), r"\(2, 3\).*\(3, 2\)"),
     ],
 )
-def test_impossible_air_is_named(values, message):
+def test_impossible_air_and_shapes_are_named(call, message):
     with pytest.raises(ValueError, match=message):
-        replace(UNIFORM, **values)
+        call()
 
 
 @pytest.mark.parametrize("height_m", [300.0, 3000.0, 9000.0, 40000.0])

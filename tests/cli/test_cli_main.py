@@ -91,11 +91,6 @@ def test_an_unknown_command_is_one_line_with_the_nearest_name(words, name, near,
     assert re.search(rf"'{name}'.*'{near}'", error_line(capsys))
 
 
-def test_the_version_is_printed(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"deckline {__version__}\n"
-
-
 @pytest.mark.parametrize("command", ["demo", "sim", "dataset", "info", "", "run"])
 def test_every_command_has_help_that_begins_with_examples(command, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "100")
@@ -112,11 +107,13 @@ def test_every_command_has_help_that_begins_with_examples(command, monkeypatch, 
     assert all(line.startswith("  deckline ") for line in lines[first + 1 : first + 3])
 
 
-def test_info_lists_the_checked_weights(capsys):
+def test_info_lists_the_checked_weights_and_version_the_version(capsys):
     assert main(["info"]) == 0
     text = capsys.readouterr().out
     assert "(checked)" in text
     assert "CPUExecutionProvider" in text
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"deckline {__version__}\n"
 
 
 @pytest.mark.parametrize(("said", "line"), [("", "deckline: stopped"), ("3 rows", "deckline: stopped: 3 rows")])

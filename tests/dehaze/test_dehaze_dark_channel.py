@@ -63,17 +63,10 @@ def test_uniform_haze_is_removed_as_the_model_says() -> None:
     assert np.abs(result[inner, inner] - np.clip(expected[inner, inner], 0, 255)).mean() < 3.0
 
 
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ({"patch_px": 4}, "patch_px.*4"),
-        ({"omega": 1.5}, r"omega.*1\.5"),
-        ({"min_transmission": 0.0}, r"min_transmission.*0\.0"),
-    ],
-)
-def test_config_errors(keys: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        DarkChannelConfig(**keys)
+@pytest.mark.parametrize(("name", "value"), [("patch_px", 4), ("omega", 1.5), ("min_transmission", 0.0)])
+def test_config_errors(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name}.*{value}"):
+        DarkChannelConfig(**{name: value})
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3), (33, 31)])

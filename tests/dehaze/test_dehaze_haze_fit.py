@@ -137,20 +137,16 @@ def test_the_share_of_explained_bins():
 
 
 def test_near_water_is_where_a_flat_sea_is():
-    view = view_sea(CAMERA, POSE, SEA_Z_M)
-    u, v = 200.0, 170.0
-    ray = (POSE).rotation.apply(CAMERA.rays([[u, v]]))
+    ray = POSE.rotation.apply(CAMERA.rays([[200.0, 170.0]]))
     hit = intersect_plane(POSE.translation, ray, SEA_Z_M)[0]
-    assert view.range_m[170, 200] == pytest.approx(np.linalg.norm(hit - POSE.translation), rel=1e-3)
-    assert view.height_m == -EYE_Z_M
-    np.testing.assert_allclose(view.down, ray_z(world_from_body()), atol=1e-6)
+    assert VIEW.range_m[170, 200] == pytest.approx(np.linalg.norm(hit - POSE.translation), rel=1e-3)
+    assert VIEW.height_m == -EYE_Z_M
+    np.testing.assert_allclose(VIEW.down, ray_z(world_from_body()), atol=1e-6)
 
 
 def test_the_points_lie_on_the_sphere():
-    view = view_sea(CAMERA, POSE, SEA_Z_M)
-    sea = view.is_sea
-    ranges, down = view.range_m[sea].astype(float), view.down[sea].astype(float)
-    above_centre = EARTH_RADIUS_M + view.height_m - ranges * down
+    ranges, down = VIEW.range_m[VIEW.is_sea].astype(float), VIEW.down[VIEW.is_sea].astype(float)
+    above_centre = EARTH_RADIUS_M + VIEW.height_m - ranges * down
     across_sq = ranges**2 * (1 - down**2)
     height = np.hypot(above_centre, np.sqrt(across_sq)) - EARTH_RADIUS_M
     near = ranges < 10_000  # beyond, a pixel's float32 sine moves the point by more
@@ -182,8 +178,7 @@ def test_pixels_without_a_ray_are_sky():
 @pytest.mark.parametrize("distortion", [(0.0,) * 5, (-0.2, 0.05, 0.001, -0.002, 0.0)])
 def test_rows_are_the_same_as_in_the_whole_picture(distortion):
     camera = Camera(40, 30, 30.0, 31.0, 19.0, 16.0, distortion)
-    pose = POSE
-    whole, rows = view_sea(camera, pose, SEA_Z_M), view_sea(camera, pose, SEA_Z_M, slice(11, 23))
+    whole, rows = view_sea(camera, POSE, SEA_Z_M), view_sea(camera, POSE, SEA_Z_M, slice(11, 23))
     np.testing.assert_array_equal(rows.down, whole.down[11:23])
     np.testing.assert_array_equal(rows.range_m, whole.range_m[11:23])
 
@@ -192,10 +187,9 @@ def test_rows_are_the_same_as_in_the_whole_picture(distortion):
 def test_a_lens_bends_the_rays_as_the_camera_says(size):
     width, height = size
     camera = Camera(width, height, 400.0, 410.0, 0.48 * width, 0.53 * height, (-0.1, 0.02, 0.001, -0.002, 0.0))
-    pose = POSE
-    view = view_sea(camera, pose, SEA_Z_M)
+    view = view_sea(camera, POSE, SEA_Z_M)
     v, u = np.mgrid[0:height, 0:width]
-    rays = pose.rotation.apply(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1)))
+    rays = POSE.rotation.apply(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1)))
     exact = (rays[:, 2] / np.linalg.norm(rays, axis=1)).reshape(height, width)
     assert np.abs(view.down - exact).max() < 2e-5
     np.testing.assert_allclose(ray_lengths(camera), camera.ray_lengths(), atol=3e-5)

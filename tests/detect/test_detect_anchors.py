@@ -25,6 +25,8 @@ def test_grid_cells_and_rows_are_centred_on_four_pixel_bands():
     assert GRID.row_y[-1] == 285.5
     assert GRID.x_from_cell(0) == 1.5
     assert GRID.cell_from_x(509.5) == 127.0
+    assert GRID.transposed == RowGrid(width=288, height=512, cells=72, rows=128)
+    assert GRID.transposed.transposed == GRID
 
 
 def test_encode_is_the_line_at_every_row_anchor():
@@ -33,11 +35,7 @@ def test_encode_is_the_line_at_every_row_anchor():
     inside = (GRID.row_y >= 20) & (GRID.row_y <= 220)
     np.testing.assert_array_equal(np.isfinite(cell), inside)
     np.testing.assert_allclose(GRID.x_from_cell(cell[inside]), GRID.row_y[inside] + 80, atol=1e-4)
-
-
-def test_encode_does_not_mind_the_order_of_points():
-    points = np.array([[100.0, 20.0], [180.0, 100.0], [300.0, 220.0]])
-    np.testing.assert_array_equal(encode(points, np.ones(3), GRID), encode(points[::-1], np.ones(3), GRID))
+    np.testing.assert_array_equal(encode(points[::-1], [True, True], GRID), cell)  # in any order
 
 
 def test_encode_leaves_out_what_is_outside_or_not_seen():
@@ -65,10 +63,16 @@ def test_decode_inverts_encode_to_a_hundredth_of_a_pixel(x0, x1, y0, y1):
     np.testing.assert_allclose(rows.sigma_px[line], floor, rtol=0.01)
 
 
-def test_decode_is_not_dragged_by_a_far_tail():
+def row_logits(shares_by_cell):
+    """Logits of rows that all have these shares on some cells; cell -1 is "no line"."""
     shares = np.full((GRID.rows, GRID.cells + 1), 1e-9)
-    shares[:, 10], shares[:, 11], shares[:, 110] = 0.45, 0.45, 0.1
-    rows = decode(np.log(shares), GRID)
+    for cell, share in shares_by_cell.items():
+        shares[:, cell] = share
+    return np.log(shares)
+
+
+def test_decode_is_not_dragged_by_a_far_tail():
+    rows = decode(row_logits({10: 0.45, 11: 0.45, 110: 0.1}), GRID)
     np.testing.assert_allclose(rows.x_px, GRID.x_from_cell(10.5), atol=1e-3)
     np.testing.assert_allclose(rows.confidence, 0.9, atol=1e-3)  # the tail is another place
 
@@ -84,29 +88,20 @@ def test_sigma_grows_with_the_spread():
 
 
 def test_a_row_between_two_cells_has_a_line_by_its_share_or_by_its_best_class():
-    shares = np.full((GRID.rows, GRID.cells + 1), 1e-9)
-    shares[:, 40], shares[:, 41], shares[:, -1] = 0.3, 0.3, 0.4
-    assert np.isnan(decode(np.log(shares), GRID).x_px).all()  # the best class is "no line"
-    by_share = decode(np.log(shares), GRID, DecodeConfig(min_line_share=0.5))
+    logits = row_logits({40: 0.3, 41: 0.3, -1: 0.4})
+    assert np.isnan(decode(logits, GRID).x_px).all()  # the best class is "no line"
+    by_share = decode(logits, GRID, DecodeConfig(min_line_share=0.5))
     np.testing.assert_allclose(by_share.x_px, GRID.x_from_cell(40.5), atol=1e-6)
     np.testing.assert_allclose(by_share.confidence, 0.6, atol=1e-6)
-    assert np.isnan(decode(np.log(shares), GRID, DecodeConfig(min_line_share=0.7)).x_px).all()
+    assert np.isnan(decode(logits, GRID, DecodeConfig(min_line_share=0.7)).x_px).all()
 
 
 def test_the_width_of_a_taught_stripe_is_no_uncertainty():
-    shares = np.full((GRID.rows, GRID.cells + 1), 1e-9)
-    shares[:, 39:42] = 1 / 3  # three cells, alike: variance 2/3; a stripe of 2 sqrt(2) cells has as much
-    narrow = decode(np.log(shares), GRID, DecodeConfig(stripe_cells=2 * 2**0.5))
+    # Three cells, alike: variance 2/3; a stripe of 2 sqrt(2) cells has as much.
+    logits = row_logits(dict.fromkeys((39, 40, 41), 1 / 3))
+    narrow = decode(logits, GRID, DecodeConfig(stripe_cells=2 * 2**0.5))
     np.testing.assert_allclose(narrow.sigma_px, DecodeConfig().sigma_floor_cells * GRID.cell_px, rtol=1e-3)
-    np.testing.assert_allclose(
-        decode(np.log(shares), GRID).sigma_px, (2 / 3 + 0.12**2) ** 0.5 * GRID.cell_px, rtol=1e-3
-    )
-
-
-def test_columns_are_the_rows_of_the_turned_image():
-    turned = GRID.transposed
-    assert (turned.width, turned.height, turned.cells, turned.rows) == (288, 512, 72, 128)
-    assert turned.transposed == GRID
+    np.testing.assert_allclose(decode(logits, GRID).sigma_px, (2 / 3 + 0.12**2) ** 0.5 * GRID.cell_px, rtol=1e-3)
 
 
 def test_shares_are_the_cells_means() -> None:
@@ -147,19 +142,13 @@ def test_decode_inverts_encode(x0, y0, width, height):
     assert region.probability > 0.95
 
 
-def test_no_runway_is_the_last_class():
-    classes, _, weight = encode_region(None, REGIONS)
+def test_no_runway_is_the_last_class_and_no_division_by_zero():
+    classes, offsets, weight = encode_region(None, REGIONS)
     assert classes[-1] == 1.0 and classes[:-1].sum() == 0.0 and weight.sum() == 0.0
-    region = decode_region(np.log(classes + 1e-12), np.zeros((4, 18, 32), dtype=np.float32))
-    assert region.probability < 1e-6
-
-
-def test_a_certain_no_is_no_division_by_zero():
-    logits = np.full(577, -2000.0)
-    logits[-1] = 0.0
-    region = decode_region(logits, np.zeros((4, 18, 32), dtype=np.float32))
-    assert region.probability == 0.0
-    assert np.isfinite(region.box).all()
+    assert decode_region(np.log(classes + 1e-12), offsets).probability < 1e-6
+    certain = decode_region(2000.0 * (classes - 1), offsets)
+    assert certain.probability == 0.0
+    assert np.isfinite(certain.box).all()
 
 
 @pytest.mark.parametrize(

@@ -38,27 +38,27 @@ def test_a_mirrored_picture_has_its_sides_swapped() -> None:
     np.testing.assert_allclose(799 - np.polyval(turned, [200, 400]), np.polyval(line, [200, 400]), atol=0.2)
 
 
-def test_one_stripe_is_no_runway() -> None:
-    assert seen(ClassicalDetector()(deck([0.0]))) == (False, False)
-
-
-def test_parallel_stripes_are_no_runway() -> None:
+def parallel_stripes() -> np.ndarray:
     image = np.full((480, 800, 3), 70, np.uint8)
     image[100:400, 200:205] = image[100:400, 500:505] = 210
-    assert seen(ClassicalDetector()(image)) == (False, False)
+    return image
 
 
-def test_two_runways_are_none() -> None:
-    """Four stripes of which any two could be the edges: it does not choose."""
-    assert seen(ClassicalDetector()(deck([0.0, 0.25, 0.6, 1.0]))) == (False, False)
-
-
-def test_what_is_as_bright_between_as_on_the_stripes_is_no_runway() -> None:
+def foam_between_stripes() -> np.ndarray:
     image = deck([0.0, 1.0])
     v, u = np.mgrid[0:480, 0:800]
     foam = np.random.default_rng(1).integers(40, 255, (480, 800))
     between = (u > at(v, 0.1)) & (u < at(v, 0.9))
     image[between] = foam[between][:, None]
+    return image
+
+
+# Of four stripes any two could be the edges: it does not choose.
+NO_RUNWAYS = [deck([0.0]), parallel_stripes(), deck([0.0, 0.25, 0.6, 1.0]), foam_between_stripes()]
+
+
+@pytest.mark.parametrize("image", NO_RUNWAYS, ids=["one stripe", "parallel", "two runways", "foam"])
+def test_what_is_no_runway_or_not_the_only_one_is_not_seen(image: np.ndarray) -> None:
     assert seen(ClassicalDetector()(image)) == (False, False)
 
 

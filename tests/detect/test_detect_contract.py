@@ -29,13 +29,9 @@ def test_contract(detector, size):
         assert inside.all()
 
 
-def test_detector_has_a_name(detector):
+def test_a_detector_has_a_name_and_sees_nothing_in_an_empty_sky(detector):
     assert isinstance(detector.name, str) and detector.name
-
-
-def test_nothing_is_seen_in_an_empty_sky(detector):
-    sky = np.full((720, 1280, 3), 170, dtype=np.uint8)
-    detection = detector(sky)
+    detection = detector(np.full((720, 1280, 3), 170, dtype=np.uint8))
     assert len(detection.left) == len(detection.right) == 0
 
 

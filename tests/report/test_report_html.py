@@ -24,7 +24,7 @@ from deckline.report.figures import (
     stage_seconds,
 )
 from deckline.report.html import report_html
-from deckline.report.records import skipped_record
+from deckline.report.records import GUIDANCE, skipped_record
 
 CHROMIUM = shutil.which("chromium")
 INFO = {"source": "flights/first", "command": "deckline run flights/first --out out", "date": "2024-06-24"}
@@ -141,10 +141,7 @@ def test_times_and_reasons():
 )
 def test_numbers_as_people_read_them(value, unit, sign, text):
     assert number(value, unit, sign) == text
-
-
-def test_percent():
-    assert [percent(share) for share in (0.0, 1.0, 0.125)] == ["0 %", "100 %", "12.5 %"]
+    assert [percent(share) for share in (0.0, 1.0, 0.125, None)] == ["0 %", "100 %", "12.5 %", "–"]
 
 
 def test_summary_tells_counts_and_errors():
@@ -169,7 +166,10 @@ def test_notes_stand_above_everything():
 
 
 def test_data_behind_the_plots():
-    rows = embedded(report([record(0.5), SKIPPED]))["rows"]
+    data = embedded(report([record(0.5), SKIPPED], {0: (JPEG, JPEG + b"2")}))
+    (picture,), rows = data["pictures"], data["rows"]
+    assert [base64.b64decode(picture[name]) for name in ("hazy", "marked")] == [JPEG, JPEG + b"2"]
+    assert data["titles"] == GUIDANCE
     assert rows[0]["guidance"]["lateral_deviation_m"]["value"] == pytest.approx(2.5)
     assert rows[0]["truth"]["lateral_deviation_m"] == pytest.approx(3.0)
     assert rows[0]["errors"]["lateral_deviation_m"] == pytest.approx(-0.5)
@@ -177,12 +177,6 @@ def test_data_behind_the_plots():
     assert rows[0]["time_s"] == 1_700_000_003.076923
     assert rows[0]["seconds"] == pytest.approx(0.161)
     assert rows[1] == {"file": "b.png", "skipped": True}
-
-
-def test_pictures_are_inside():
-    (picture,) = embedded(report([record()], {0: (JPEG, JPEG + b"2")}))["pictures"]
-    assert base64.b64decode(picture["hazy"]) == JPEG
-    assert base64.b64decode(picture["marked"]) == JPEG + b"2"
 
 
 def test_nothing_comes_from_outside():
@@ -208,20 +202,13 @@ def test_texts_from_outside_stay_texts(text):
     assert page.texts.count(text) >= 4  # source, note twice, and the skipped frame's file or reason
 
 
-def test_thinned_records_are_told():
-    html = report_html(INFO, [record(), record()], {}, {"ok": 5000})
-    assert "2 of 5000 frames" in html
-
-
-def test_long_lists_are_cut_and_say_so():
+def test_thinned_records_and_long_lists_say_so_and_an_empty_run_too():
+    assert "2 of 5000 frames" in report_html(INFO, [record(), record()], {}, {"ok": 5000})
     records = [skipped_record(BadFrame(f"{k}.png", "cut")) for k in range(45)]
-    html = report_html(INFO, records, {}, {"skipped": 70})
-    assert "39.png" in html.split("application/json")[0]
-    assert "40.png" not in html.split("application/json")[0]
-    assert "30 more are not listed" in html
-
-
-def test_empty_run():
+    page = report_html(INFO, records, {}, {"skipped": 70}).split("application/json")[0]
+    assert "39.png" in page
+    assert "40.png" not in page
+    assert "30 more are not listed" in page
     assert "no frames" in report_html({}, [], {}, {})
 
 

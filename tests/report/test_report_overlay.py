@@ -36,17 +36,15 @@ def has(image, colour, tolerance=12) -> bool:
     return bool(np.any(np.all(np.abs(image.astype(int) - colour) <= tolerance, axis=2)))
 
 
-def test_the_needle_is_fly_to():
+def test_the_needles_are_fly_to():
     assert instrument.lateral_needle(guide(lateral_m=5.0)).value == -1.0  # right of the line: the line is to the left
     assert instrument.lateral_needle(guide(lateral_m=-10.0)).value == 2.0
     assert instrument.lateral_needle(guide(lateral_m=1000.0)).value == -instrument.FULL_SCALE_DOTS
-
-
-def test_the_glideslope_needle_is_centred_on_the_slope_and_below_when_high():
     on_slope_m = np.tan(np.deg2rad(3.5)) * (250.0 + 70.0)
     assert instrument.glideslope_needle(guide(height_m=on_slope_m)).value == pytest.approx(0.0, abs=1e-12)
     one_dot_high_m = np.tan(np.deg2rad(3.85)) * (250.0 + 70.0)
     assert instrument.glideslope_needle(guide(height_m=one_dot_high_m)).value == pytest.approx(-1.0)
+    assert instrument.glideslope_needle(guide(distance_m=-65.0)) is None  # over the touchdown point
 
 
 def test_the_glideslope_band_is_the_spread_of_the_needle():
@@ -86,10 +84,6 @@ def test_a_flag_is_red_and_goes_before_the_tracks_state():
     assert not has(tracked, draw.FLAG)
     assert has(flagged, draw.FLAG)
     assert (tracked != flagged).any()
-
-
-def test_over_the_touchdown_point_there_is_no_glideslope():
-    assert instrument.glideslope_needle(guide(distance_m=-65.0)) is None
 
 
 @settings(deadline=None)
@@ -160,8 +154,9 @@ def test_the_magnified_view_never_hides_what_it_magnifies(u, v, width):
 
 
 def test_a_far_runway_is_magnified_and_a_small_panel_has_no_room():
-    assert overlay.find_corner(overlay.PANEL_PX, overlay.View(0.0, 0.0, 1.0, 1.0), (300, 170, 340, 190)) is not None
-    assert overlay.find_corner((200, 100), overlay.View(0.0, 0.0, 1.0, 1.0), (90, 40, 110, 50)) is None
+    unscaled = overlay.View(0.0, 0.0, 1.0, 1.0)
+    assert overlay.find_corner(overlay.PANEL_PX, unscaled, (300, 170, 340, 190)) is not None
+    assert overlay.find_corner((200, 100), unscaled, (90, 40, 110, 50)) is None
 
 
 @given(words=st.text(alphabet="abc xyz", max_size=60), width=st.integers(40, 300))

@@ -30,7 +30,5 @@ def test_a_sample_taken_over_goes_on_as_if_never_stopped(tmp_path):
         stopped.add(index, SMALL)
     assert stopped.kept() == whole.kept()
 
-
-def test_fewer_than_two_pictures_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"pictures.* 1"):
         PictureSample(tmp_path, most=1)
