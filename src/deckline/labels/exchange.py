@@ -21,7 +21,7 @@ from deckline.labels.formats import (
     write_culane,
     write_tusimple,
 )
-from deckline.labels.lines import LABELS_FILE, LabelledImage, Labels, LabelSet, read_labels, write_labels
+from deckline.labels.lines import LABELS_FILE, LabelledImage, LabelSet, read_labels, write_labels
 from deckline.labels.truth import label_frame
 from deckline.progress import progress
 from deckline.recording import BadFrame, Source
@@ -69,7 +69,11 @@ def export_labels(
             elif labels is None or item.file in labels:
                 stem = re.sub(r"[^\w.-]+", "_", item.file.rpartition(".")[0] or item.file)  # list files hold no spaces
                 name = f"{IMAGE_FOLDERS[form]}/{stem}.png"
-                image = label_frame(item, name) if labels is None else _pick_lines(item, name, labels[item.file])
+                if labels is None:
+                    image = label_frame(item, name)
+                else:
+                    left, right = labels[item.file].values()
+                    image = LabelledImage(name, left, right, (item.camera.width, item.camera.height))
                 _write_picture(out, item, image, form)
                 images.append(image)
                 cameras.add(format_camera(item.camera, item.body_from_camera))
@@ -87,10 +91,6 @@ def export_labels(
     else:
         write_coco(out / COCO_FILE, images, line_points)
     return images, notes
-
-
-def _pick_lines(frame: Frame, name: str, lines: Labels) -> LabelledImage:
-    return LabelledImage(name, lines["left"], lines["right"], (frame.camera.width, frame.camera.height))
 
 
 def _write_picture(out: Path, frame: Frame, image: LabelledImage, form: Format) -> None:

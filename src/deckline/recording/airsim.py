@@ -136,10 +136,8 @@ def list_row_images(cells: Cells) -> tuple[str, ...]:
 def choose_images(names: tuple[str, ...]) -> tuple[str, str | None, int]:
     """The first camera's Scene image, and its depth file and depth type when there is one.
 
-    Planar depth is preferred to perspective depth. Other image types are left alone.
-
-    Raises:
-        ValueError: no Scene image, depth that is no PFM, or a name that leaves the folder.
+    Planar depth is preferred to perspective depth. Other image types are left alone. A ValueError without a Scene
+    image, for depth that is no PFM, and for a name that leaves the folder.
     """
     parsed = [(name, match) for name in names if (match := _IMAGE_NAME.fullmatch(name)) and is_inside(name)]
     scenes = [(name, match) for name, match in parsed if int(match["type"]) == SCENE]

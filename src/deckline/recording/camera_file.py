@@ -37,11 +37,7 @@ class MountedCamera:
         return replace(self, deck_z_m=deck_z_m, sea_z_m=self.sea_z_m if sea_z_m is None else sea_z_m)
 
     def frame(self, file: str, time_s: float, image_rgb: NDArray[np.uint8], **values: Any) -> Frame:
-        """A frame that this camera took; `values` are other fields of `Frame`, such as depth_m, world_from_body, truth.
-
-        Raises:
-            ValueError: intrinsics made for another image size.
-        """
+        """A frame of this camera, other fields in `values`; intrinsics for another image size are a ValueError."""
         camera, (height, width) = self.camera, image_rgb.shape[:2]
         if (camera.height, camera.width) != (height, width):
             raise ValueError(

@@ -132,11 +132,7 @@ def read_depth(
 
 
 def read_pfm(data: bytes, rows: PfmRows = "top-to-bottom") -> NDArray[np.float32]:
-    """One-channel PFM -> float32 (H, W), first row on top.
-
-    Raises:
-        ValueError: not such a file, cut short, or scaled.
-    """
+    """One-channel PFM -> float32 (H, W), first row on top; a ValueError for other files, cut short or scaled ones."""
     header = _PFM_HEADER.match(data)
     if header is None:
         raise ValueError("not a PFM file (Pf)")

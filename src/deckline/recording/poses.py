@@ -42,11 +42,7 @@ class Poses:
 
 
 def read_poses(path: Path, for_video: bool = False) -> Poses:
-    """Read poses.csv by its header; for a video, rows go under plain frame numbers.
-
-    Raises:
-        RecordingError: what `read_table` refuses, a file named twice, or for a video one that is no frame number.
-    """
+    """Read poses.csv by its header; for a video, rows go under plain frame numbers. Errors as `read_table`."""
     table, notes = read_table(path, ",", COLUMNS)
     rows: dict[str, tuple[int, Cells]] = {}
     for line, cells in table:

@@ -46,11 +46,7 @@ class EncodedFrame:
 
 
 def encode_frame(frame: Frame, image_format: ImageFormat = "png") -> EncodedFrame:
-    """Encode a frame's image, its depth and its view without haze, when it has them.
-
-    Raises:
-        ValueError: a frame without a finite pose.
-    """
+    """Encode a frame's image, its depth and its view without haze; a ValueError without a finite pose."""
     if frame.world_from_body is None:
         raise ValueError(f"{frame.file}: a recording needs the pose world_from_body of every frame")
     translation, rotation = frame.world_from_body.as_components()
@@ -133,12 +129,7 @@ class RecordingWriter:
         self.append(encode_frame(frame, self._format))
 
     def append(self, encoded: EncodedFrame) -> None:
-        """Write the files of a frame that `encode_frame` made.
-
-        Raises:
-            ValueError: a frame in another image format, or a writer that is closed.
-            OSError: the disk refuses.
-        """
+        """Write the files of a frame that `encode_frame` made; errors as `add`."""
         if self._rows is None:
             raise ValueError(f"the writer of {self.out} is closed")
         if encoded.image_format != self._format:

@@ -39,7 +39,6 @@ class Connection:
     """One TCP connection to a simulator, a context manager. Not for several threads at once.
 
     Args:
-        host, port: where it listens.
         stopped: when set, a wait for an answer ends with StoppedError.
         timeout_s: how long to wait for each answer.
 

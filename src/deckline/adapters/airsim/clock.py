@@ -33,7 +33,6 @@ class Clock:
         self._run = (0.0, ticks(), math.inf)  # seconds at the start of this run, its tick, how long it may last
 
     def seconds(self) -> float:
-        """Simulated seconds."""
         start_s, tick, limit_s = self._run
         return start_s + min(self._ticks() - tick, limit_s)
 
@@ -43,7 +42,6 @@ class Clock:
 
     @property
     def paused(self) -> bool:
-        """Whether it stands still."""
         _, tick, limit_s = self._run
         return self._ticks() - tick >= limit_s
 
@@ -58,19 +56,12 @@ class Clock:
 
 @dataclass(frozen=True)
 class SolarClock:
-    """A running date and time.
+    """A running date and time, local solar."""
 
-    Args:
-        start: local solar time when it was set.
-        since_s: simulated time when it was set.
-        speed: seconds of the sun for a simulated one.
-        step_s: simulated seconds between two moves of the sun.
-    """
-
-    start: datetime
-    since_s: float
-    speed: float = 1.0
-    step_s: float = 60.0
+    start: datetime  # when it was set
+    since_s: float  # simulated time when it was set
+    speed: float = 1.0  # seconds of the sun for a simulated one
+    step_s: float = 60.0  # simulated seconds between two moves of the sun
 
     def at(self, time_s: float) -> datetime:
         """Date and time at a simulated time; a ValueError beyond the calendar."""

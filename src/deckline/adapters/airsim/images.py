@@ -62,10 +62,9 @@ def _read_request(value: Any, settings: Settings) -> ImageRequest:
 
 
 def get_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
-    """ImageResponses, all of one instant; only on the world's own thread. Each view is drawn once.
+    """ImageResponses of one instant, each view drawn once; only on the world's own thread.
 
-    Raises:
-        ValueError: a camera that is not above the sea, or too many pixels.
+    A ValueError for too many pixels; else errors as `World.picture`.
     """
     state, time_s = world.state, world.clock.seconds()
     cameras = [world.camera(request.camera, request.image_type, state) for request in requests]

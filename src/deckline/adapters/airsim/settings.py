@@ -73,14 +73,7 @@ class Settings:
 
 
 def read_settings(path: Path, default: Capture) -> Settings:
-    """A settings.json.
-
-    Args:
-        default: the capture of cameras that the file leaves out.
-
-    Raises:
-        ValueError: no JSON, or a value that cannot be; says which.
-    """
+    """A settings.json; `default` is for cameras that it leaves out. A ValueError says what cannot be."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
         values = json.loads(text)

@@ -47,16 +47,9 @@ class State:
 
 
 class World:
-    """Make it, take its pictures and close it on one thread.
+    """Make it, take its pictures and close it on one thread; a RendererError where there is no OpenGL through EGL.
 
-    Args:
-        config: ship, seed, weather, air and camera, as for a recorded approach, whose first frame is where the vehicle
-            starts.
-        settings: vehicle and cameras.
-        clock: the simulated time.
-
-    Raises:
-        RendererError: no OpenGL through EGL on this machine.
+    The vehicle starts where the first frame of a recorded approach of this config is.
     """
 
     def __init__(self, config: SimConfig, settings: Settings, clock: Clock) -> None:
