@@ -23,7 +23,7 @@ BESIDE = ("frag", "vert", "glsl", "html", "js", "css")
 MARKS = {"source": 27_000, "tests": 19_000, "words": 9_000}
 ENTRIES = {
     "run": "deckline.report.run",
-    "training view": "deckline.train.detect_views",
+    "training view": "deckline.train.views",
     "eval localization": "deckline.evaluation.localization",
 }
 FLAG = re.compile(r"^\W*(?:-\w,\s*)?(--[a-z][\w.-]*)", re.MULTILINE)  # --on, --no-on stand in one line: one flag

@@ -22,8 +22,8 @@ from deckline.train import loop
 from deckline.train.checkpoint import read_progress
 from deckline.train.dehaze import build_ours
 from deckline.train.dehaze_samples import make_batch
-from deckline.train.dehaze_views import open_clear_views
 from deckline.train.export import network_cost
+from deckline.train.views import open_clear_views
 
 TINY = replace(QUICK, steps=2)
 OPTIONS = ["--steps", "2", "--crop-height", "48", "--crop-width", "64", "--threads", "1", "--device", "cpu"]

@@ -16,8 +16,7 @@ from deckline.dehaze.network import image_to_tensor, pad
 from deckline.research.dehazers import DEHAZERS
 from deckline.train import loop
 from deckline.train.checkpoint import CHECKPOINT_FILE, read_tensors
-from deckline.train.dehaze import NETWORKS, DehazeTrainConfig, dehaze_loss, train_dehaze
-from deckline.train.dehaze_validation import export_dehaze
+from deckline.train.dehaze import NETWORKS, DehazeTrainConfig, dehaze_loss, export_dehaze, train_dehaze
 from deckline.train.export import network_cost
 
 # Parameters and MACs at 256x256 that were published: AOD-Net, GCANet and GridDehazeNet as tabulated by Song et al. 2023

@@ -13,9 +13,8 @@ from deckline.research.detectors import DETECTORS
 from deckline.research.detectors.enet_sad import EnetSad
 from deckline.research.detectors.resa import Resa
 from deckline.research.detectors.ufld_r18 import UfldR18
-from deckline.train.detect import NETWORKS, DetectTrainConfig
+from deckline.train.detect import NETWORKS, DetectTrainConfig, export_detect, runtime_parameters, torch_infer
 from deckline.train.detect_losses import DetectTargets, LossWeights
-from deckline.train.detect_validation import export_detect, runtime_parameters, torch_infer
 from deckline.train.export import count_parameters, network_cost
 from deckline.train.line_networks import Hybrid, LineNetwork, PyramidConfig, Ufld
 from deckline.train.loop import build_network

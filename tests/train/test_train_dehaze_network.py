@@ -15,6 +15,7 @@ from deckline.dehaze.geometry import GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.network import average_down, image_to_tensor, pad
 from deckline.geometry import Camera
+from deckline.train.dehaze import export_dehaze
 from deckline.train.dehaze_blocks import (
     DepthwiseSeparable,
     PooledSelfAttention,
@@ -32,7 +33,6 @@ from deckline.train.dehaze_network import (
     linear_in_guide,
     luma,
 )
-from deckline.train.dehaze_validation import export_dehaze
 from deckline.train.export import count_parameters, network_cost
 from deckline.types import Frame
 

@@ -23,7 +23,7 @@ from deckline.train.dehaze_samples import (
     random_airlight,
     random_window,
 )
-from deckline.train.dehaze_views import ClearView, lowest_z, make_clear_view, open_clear_views
+from deckline.train.views import ClearView, lowest_z, make_clear_view, open_clear_views
 
 CAMERA = Camera.from_fov(320, 180, np.radians(60))
 EYE_M, DECK_Z_M, SEA_Z_M = 60.0, -8.0, 12.0

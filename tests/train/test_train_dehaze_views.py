@@ -8,7 +8,7 @@ import pytest
 
 from clear_scene import CAMERA, clear_frame, clear_recording
 from deckline.geometry import Camera
-from deckline.train.dehaze_views import horizon_colour, make_clear_view, open_clear_views
+from deckline.train.views import horizon_colour, make_clear_view, open_clear_views
 from deckline.types import Truth
 
 

@@ -15,8 +15,7 @@ from deckline.detect.anchors import RowGrid
 from deckline.labels import LabelledImage, write_labels
 from deckline.recording import RecordingWriter
 from deckline.train.backbone import CHANNELS, DepthwiseConv2d, Lite0Backbone
-from deckline.train.detect import DetectTrainConfig, train_detect
-from deckline.train.detect_validation import summarise
+from deckline.train.detect import DetectTrainConfig, summarise, train_detect
 from deckline.train.export import count_parameters
 from deckline.train.line_networks import PyramidConfig, Ufld
 from deckline.types import Detection, LinePoints

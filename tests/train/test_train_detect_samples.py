@@ -9,10 +9,8 @@ from line_scene import LINES_PX, two_lines
 from deckline.detect.anchors import RowGrid, decode_region
 from deckline.geometry import Camera
 from deckline.sim.camera.sensor import jpeg
-from deckline.train.dehaze_views import ClearView
-from deckline.train.detect_augment import DetectAugmentation, blur, compress, rotate
-from deckline.train.detect_samples import make_sample, visible_box
-from deckline.train.detect_views import LineView
+from deckline.train.detect_samples import DetectAugmentation, blur, compress, make_sample, rotate, visible_box
+from deckline.train.views import ClearView, LineView
 
 GRID = RowGrid()
 PLAIN = {name: 0.0 for name in vars(DetectAugmentation()) if name.endswith("_share")}

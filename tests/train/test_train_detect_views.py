@@ -7,7 +7,7 @@ from line_scene import LINES_PX, line_frame, two_lines
 
 from clear_scene import clear_recording
 from deckline.labels import LabelledImage, write_labels
-from deckline.train.detect_views import is_labelled_folder, make_line_view, open_line_views
+from deckline.train.views import is_labelled_folder, make_line_view, open_line_views
 
 
 @pytest.fixture

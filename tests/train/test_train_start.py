@@ -10,9 +10,9 @@ import torch
 from deckline.research.detectors import DETECTORS
 from deckline.runtime import load_session, shipped_weights
 from deckline.train.checkpoint import save_checkpoint
+from deckline.train.dehaze import export_dehaze
 from deckline.train.dehaze_network import DehazeNetwork, DehazeNetworkConfig
-from deckline.train.dehaze_validation import export_dehaze
-from deckline.train.detect_validation import export_detect
+from deckline.train.detect import export_detect
 from deckline.train.line_networks import Hybrid, PyramidConfig, PyramidNetwork, Ufld
 from deckline.train.start import settle_norms, start_detector, start_with
 

@@ -16,8 +16,7 @@ from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
 from deckline.sim.camera.imaging import draw_air
 from deckline.sim.config import AirConfig
-from deckline.train.dehaze_views import ClearView
-from deckline.train.views import Views
+from deckline.train.views import ClearView, Views
 from deckline.types import Frame
 
 GREY_LEVELS = (70.0, 245.0)  # airlight of a random colour, 0..255
