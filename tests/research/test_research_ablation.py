@@ -59,7 +59,7 @@ def test_rows_without_augmentation_see_each_pair_as_it_was_recorded(row, as_reco
     views = open_clear_views([dataset / "train"], 640, 0.0)
     recorded = {(views[k].clear_rgb.tobytes(), np.asarray(views[k].hazy_rgb).tobytes()) for k in range(len(views))}
     for step in range(4):
-        hazy, clear, *_ = make_batch(views, 2, (64, 96), recipe.haze, [0, step])
+        hazy, clear, *_ = make_batch(views, 2, (64, 96), recipe.haze, [0, step], False)
         for images in zip(clear, hazy, strict=True):
             drawn = tuple((255 * x).round().byte().permute(1, 2, 0).numpy().tobytes() for x in images)
             assert (drawn in recorded) == as_recorded

@@ -165,7 +165,7 @@ def test_windows_fit() -> None:
 
 def test_batches_repeat_for_the_same_seed(recording: Path) -> None:
     views = open_clear_views([recording], 640, 0.25)
-    first, second, other = (make_batch(views, 3, (48, 64), HazeAugmentation(), [0, k]) for k in (7, 7, 8))
+    first, second, other = (make_batch(views, 3, (48, 64), HazeAugmentation(), [0, k], False) for k in (7, 7, 8))
     assert [tuple(x.shape) for x in first] == [(3, 3, 48, 64), (3, 3, 48, 64), (3, 1, 48, 64), (3, 3, 48, 64)]
     torch.testing.assert_close(first, second, rtol=0, atol=0)
     assert not torch.equal(first[0], other[0])

@@ -1,6 +1,6 @@
 """Checkpoints without pickle: one safetensors file holds model, optimizer and averaged weights, progress as JSON.
 
-One file, written beside its final name and renamed, so a killed run leaves the whole old or the whole new one.
+A killed run leaves the whole old file or the whole new one.
 """
 
 import json
@@ -14,8 +14,10 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
+
+from deckline.atomic import write_atomic
 
 CHECKPOINT_FILE = "checkpoint.safetensors"
 PROGRESS_KEY = "deckline_progress"
@@ -25,14 +27,7 @@ Tensors = dict[str, Tensor]  # by name
 def save_checkpoint(
     folder: Path, model: nn.Module, optimizer: torch.optim.Optimizer, ema: Tensors, progress: dict[str, Any]
 ) -> Path:
-    """Write `folder`/checkpoint.safetensors.
-
-    Args:
-        folder: made if it does not exist.
-        model, optimizer: as `load_checkpoint` gets them again.
-        ema: averaged weights by the model's own names.
-        progress: anything JSON can hold: recipe, step, time used.
-    """
+    """Write `folder`/checkpoint.safetensors; `ema` are averaged weights, `progress` is anything JSON can hold."""
     tensors = {f"model.{name}": value for name, value in model.state_dict().items()}
     tensors |= {f"ema.{name}": value for name, value in ema.items()}
     for index, state in optimizer.state_dict()["state"].items():
@@ -41,17 +36,12 @@ def save_checkpoint(
     plain = {name: value.detach().cpu().contiguous().clone() for name, value in tensors.items()}
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / CHECKPOINT_FILE
-    partial = path.with_name(path.name + ".part")
-    save_file(plain, partial, metadata={PROGRESS_KEY: json.dumps(progress)})
-    partial.replace(path)
+    write_atomic(path, save(plain, metadata={PROGRESS_KEY: json.dumps(progress)}))
     return path
 
 
 def load_checkpoint(folder: Path, model: nn.Module, optimizer: torch.optim.Optimizer) -> Tensors:
-    """Fill model and optimizer from `folder`'s checkpoint.
-
-    Returns:
-        Averaged weights.
+    """Fill model and optimizer from `folder`'s checkpoint; returns the averaged weights.
 
     Raises:
         ValueError: no checkpoint, an unreadable one, or weights of another model.
@@ -83,11 +73,7 @@ def read_tensors(folder: Path, group: str) -> Tensors:
 
 
 def read_progress(folder: Path) -> dict[str, Any] | None:
-    """Progress of `folder`'s checkpoint; None without one.
-
-    Raises:
-        ValueError: an unreadable file.
-    """
+    """Progress of `folder`'s checkpoint; None without one."""
     if not (folder / CHECKPOINT_FILE).is_file():
         return None
     with _open(folder) as file:

@@ -23,6 +23,7 @@ from deckline.train.start import start_with
 from deckline.train.views import ClearView, Views, make_ahead, open_clear_views
 
 Batch = tuple[Tensor, Tensor, Tensor, Tensor]  # hazy, clear, transmission, prior
+BEST_LOSS_PSNR_DB = 50.0  # better than that earns nothing, or the clear images would outweigh the hazy ones
 VALIDATION_VISIBILITY_M = (500.0, 3000.0)  # uniform; the range that the project's mark is set for
 VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
 HORIZON_SHARE = 1.0  # of the airlights: haze by day has the colour of the sky at the horizon
@@ -42,7 +43,7 @@ class DehazeTrainConfig(Recipe):
     crop_height: int = 288  # px
     crop_width: int = 512  # px
     visible_share: float = 0.5  # of the loss is PSNRLoss weighted by transmission; the paper's is 0
-    best_psnr_db: float = 50.0  # better than that earns nothing, or the clear images would outweigh the hazy ones
+    best_psnr_db: float = BEST_LOSS_PSNR_DB  # of the loss
     working_long_side_px: int = 640  # a coarse network sees larger images averaged down to about this
     haze: HazeAugmentation = field(default_factory=HazeAugmentation)
     steps: int = 600_000
@@ -61,11 +62,7 @@ class DehazeTrainConfig(Recipe):
 
 
 def build_ours(config: DehazeTrainConfig) -> DehazeNetwork:
-    """Our network in the recipe's shape.
-
-    Raises:
-        ValueError: a network that is not in SHAPES, or parts that do not fit together.
-    """
+    """Our network in the recipe's shape."""
     if config.shape is None:
         raise ValueError(f"network must be one of {', '.join(SHAPES)}, got {config.network!r}")
     return DehazeNetwork(config.shape)
@@ -75,35 +72,31 @@ NETWORKS: dict[str, Callable[[DehazeTrainConfig], nn.Module]] = dict.fromkeys(SH
 
 
 def psnr_loss(
-    restored: Tensor, clear: Tensor, weight: Tensor | None = None, best_psnr_db: float = DehazeTrainConfig.best_psnr_db
+    restored: Tensor, clear: Tensor, weight: Tensor | float = 1.0, best_psnr_db: float = BEST_LOSS_PSNR_DB
 ) -> Tensor:
     """PSNRLoss: mean over images of -PSNR in dB. Source: Li et al. 2024, section 4.1.1.
 
     Args:
         restored, clear: (B, 3, H, W) in 0..1.
-        weight: (B, 1, H, W) of each pixel's squared error; None counts all alike.
+        weight: (B, 1, H, W) of each pixel's squared error.
         best_psnr_db: what a perfect picture counts as.
     """
     squared = ((restored - clear) ** 2).mean(1, keepdim=True)
-    weight = torch.ones_like(squared) if weight is None else weight
+    weight = weight * torch.ones_like(squared)
     total = weight.sum((1, 2, 3)).clamp(min=1)  # an image that shows less than one pixel's worth teaches nothing
     mse = (weight * squared).sum((1, 2, 3)) / total
     return 10 * torch.log10(mse + 10 ** (-best_psnr_db / 10)).mean()
 
 
 def dehaze_loss(
-    restored: Tensor,
-    clear: Tensor,
-    t: Tensor,
-    visible_share: float,
-    best_psnr_db: float = DehazeTrainConfig.best_psnr_db,
+    restored: Tensor, clear: Tensor, t: Tensor, visible_share: float, best_psnr_db: float = BEST_LOSS_PSNR_DB
 ) -> Tensor:
     """PSNRLoss over the whole image, and over what still shows through the haze (weighted by transmission t).
 
     The sky and far water are hidden completely and their error cannot be learned away; without the second part it
     would drown the deck's.
     """
-    whole, visible = (psnr_loss(restored, clear, weight, best_psnr_db) for weight in (None, t))
+    whole, visible = (psnr_loss(restored, clear, weight, best_psnr_db) for weight in (1.0, t))
     return (1 - visible_share) * whole + visible_share * visible
 
 
@@ -114,7 +107,7 @@ def train_dehaze(
     start_from: Path | None = None,
     networks: Mapping[str, Callable[[DehazeTrainConfig], nn.Module]] = NETWORKS,
 ) -> dict[str, float]:
-    """Train until the budget is used, then validate and export `out`/dehaze.onnx.
+    """Train until the budget is used, then validate and export; returns the measured figures.
 
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget and machine apart.
@@ -122,9 +115,6 @@ def train_dehaze(
         out: folder of checkpoint.safetensors, dehaze.onnx and figures.json.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
-
-    Returns:
-        Measured figures by name.
 
     Raises:
         ValueError: recordings without what training needs, or another recipe's checkpoint.
@@ -186,7 +176,6 @@ def validate(model: nn.Module, views: Views[ClearView], seed: int, prior: bool =
 
 
 def _figures(model: nn.Module, view: ClearView, rng: np.random.Generator, prior: bool) -> dict[str, float]:
-    """Figures of one view."""
     clear = view.clear_rgb
     airlight = random_airlight(view.horizon_rgb, HORIZON_SHARE, rng)
     hazy = add_haze(clear, view.range_m, beta_from_visibility(rng.uniform(*VALIDATION_VISIBILITY_M)), airlight)
@@ -217,17 +206,16 @@ def export_dehaze(
 ) -> Path:
     """Write the network as ONNX with dynamic height and width; recipe and network config go into the metadata.
 
+    A coarse network's file takes a working image whose sides are multiples of `unshuffle`, and an image larger by a
+    whole factor; OnnxDehazer pads images to that. A full-resolution network's file takes any size.
+
     Args:
         model: takes an image (1, 3, H, W), and a working image where `network` has an `unshuffle` above 1, of six
             channels where it has a `prior`.
         path: of the file.
         network: what the model was built from; its `unshuffle` is 1 for every network at full resolution.
         working_long_side_px: the size of images that it was trained on.
-        recipe: of the training.
-        step: how many were trained.
-
-    A coarse network's file takes a working image whose sides are multiples of `unshuffle`, and an image larger by a
-    whole factor; OnnxDehazer pads images to that. A full-resolution network's file takes any size.
+        recipe, step: of the training.
     """
     coarse, prior = network["unshuffle"] > 1, network.get("prior", False)
     device = next(model.parameters()).device
@@ -251,7 +239,6 @@ def export_dehaze(
 
 
 def _dehaze(model: nn.Module, image_rgb: NDArray[np.uint8], prior_rgb: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
-    """An image through the network; `prior_rgb` for one that takes a prior."""
     device = next(model.parameters()).device
     hazy = torch.from_numpy(image_to_tensor(image_rgb)).to(device)
     if prior_rgb is None:

@@ -25,9 +25,8 @@ class ChannelNorm(nn.Module):
 def feed_forward(channels: int, expansion: int) -> nn.Sequential:
     """LayerNorm, 1x1 expand, GELU, 1x1 reduce; its input is added outside."""
     hidden = channels * expansion
-    return nn.Sequential(
-        ChannelNorm(channels), nn.Conv2d(channels, hidden, 1), nn.GELU(), nn.Conv2d(hidden, channels, 1)
-    )
+    widen, narrow = nn.Conv2d(channels, hidden, 1), nn.Conv2d(hidden, channels, 1)
+    return nn.Sequential(ChannelNorm(channels), widen, nn.GELU(), narrow)
 
 
 def depthwise(channels: int, kernel: int) -> nn.Conv2d:

@@ -7,12 +7,13 @@ Source: Li et al. 2024, section 3.1.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from deckline.checks import check_choice, check_numbers
 from deckline.train.dehaze_blocks import (
     ChannelNorm,
     DepthwiseSeparable,
@@ -48,20 +49,15 @@ class DehazeNetworkConfig:
     transformer: Transformer = "mobilevit"  # or conventional transformers in its place: the paper's Table 5
 
     def __post_init__(self) -> None:
-        if self.channels < 1 or self.unshuffle < 1 or self.guide_radius < 1:
-            raise ValueError(
-                "channels, unshuffle and guide_radius must be at least 1, "
-                f"got {self.channels}, {self.unshuffle}, {self.guide_radius}"
-            )
+        check_numbers(self, "", "channels", "unshuffle", "guide_radius", least=1)
         if self.prior and self.unshuffle == 1:
             raise ValueError("prior needs a coarse grid: unshuffle above 1")
         if len(self.depths) != 5 or len(self.vit_layers) != 3:
             raise ValueError(f"need 5 depths and 3 vit_layers, got {self.depths} and {self.vit_layers}")
         if self.spatial_kernel % 2 == 0:
             raise ValueError(f"spatial_kernel must be odd, got {self.spatial_kernel}")
-        for name, kinds in (("attention", get_args(Attention)), ("transformer", get_args(Transformer))):
-            if getattr(self, name) not in kinds:
-                raise ValueError(f"{name} must be one of {', '.join(kinds)}, got {getattr(self, name)!r}")
+        check_choice("attention", self.attention, Attention)
+        check_choice("transformer", self.transformer, Transformer)
 
     @property
     def multiple(self) -> int:
@@ -110,7 +106,7 @@ class DehazeNetwork(nn.Module):
         self.log_guide_eps = nn.Parameter(torch.tensor(-7.0))  # of the guided filter, image range 0..1; learned
 
     def forward(self, image: Tensor, working: Tensor | None = None) -> Tensor:
-        """Remove haze.
+        """Remove haze: (B, 3, H, W), not clipped to 0..1.
 
         Args:
             image: (B, 3, H, W) RGB in 0..1: what K and B are applied to. The hazy picture, or with `prior` what
@@ -118,12 +114,6 @@ class DehazeNetwork(nn.Module):
             working: (B, 3, h, w) the same picture averaged down by a whole factor H / h = W / w, on which K and B
                 are estimated (coarse networks only); None estimates them on `image` itself. With `prior` it is
                 needed, (B, 6, h, w): the hazy picture, then the other one.
-
-        Returns:
-            (B, 3, H, W), not clipped to 0..1.
-
-        Raises:
-            ValueError: `working` given to a full-resolution network, or not given to one with a prior.
         """
         if self.config.prior and working is None:
             raise ValueError("a network with a prior needs the working pictures: the hazy one, then the prior")
@@ -160,10 +150,8 @@ class DehazeNetwork(nn.Module):
         Source: fast guided filter (He and Sun 2015): K and B are linear in the guide within a window.
         """
         guide = F.avg_pool2d(luma(self._pad(working[:, -3:])), self.config.unshuffle)
-        slope, offset = linear_in_guide(
-            self._estimate(working), guide, torch.exp(self.log_guide_eps), self.config.guide_radius
-        )
-        unshuffle = self.config.unshuffle
+        unshuffle, eps = self.config.unshuffle, torch.exp(self.log_guide_eps)
+        slope, offset = linear_in_guide(self._estimate(working), guide, eps, self.config.guide_radius)
         rows, columns = -(-working.shape[2] // unshuffle), -(-working.shape[3] // unshuffle)
         factor = image.shape[2] // working.shape[2] * unshuffle
         models = torch.cat([slope, offset], 1)[:, :, :rows, :columns]
@@ -175,7 +163,6 @@ class DehazeNetwork(nn.Module):
 
 
 def _attention_stages(config: DehazeNetworkConfig) -> list[nn.Module]:
-    """Of all five stages."""
     block = MixAttention if config.attention == "mix" else DepthwiseSeparable
     return [
         nn.Sequential(*(block(config.channels * wider, config.spatial_kernel, config.expansion) for _ in range(depth)))

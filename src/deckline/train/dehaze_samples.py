@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 from torch import Tensor
 
+from deckline.checks import check_numbers
 from deckline.dehaze.geometry import GeometryDehazer, display_levels, linear_levels
 from deckline.dehaze.network import image_to_tensor
 from deckline.geometry import Camera
@@ -52,10 +53,8 @@ class HazeAugmentation:
             low, high = getattr(self, name)
             if not 0 < low <= high:
                 raise ValueError(f"{name} must be 0 < low <= high, got {low} and {high}")
-        shares = [name for name in self.__dataclass_fields__ if name.endswith("_share") or name.startswith("flip_")]
-        for name in shares:
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} must lie in 0..1, got {getattr(self, name)}")
+        shares = [name for name in vars(self) if name.endswith("_share") or name.startswith("flip_")]
+        check_numbers(self, "", *shares, least=0, most=1)
 
 
 def random_airlight(
@@ -97,11 +96,7 @@ def add_random_haze(
 def add_physical_haze(
     view: ClearView, visibility_m: float, horizon_rgb: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """A view (H, W, 3) in air drawn as the simulator draws it, light taken as sRGB's; and the transmission (H, W).
-
-    Raises:
-        ValueError: a view without a pose.
-    """
+    """A view (H, W, 3) in air drawn as the simulator draws it, light taken as sRGB's; and the transmission (H, W)."""
     if view.world_from_camera is None:
         raise ValueError("haze that varies with height needs the view's pose")
     air = draw_air(
@@ -157,9 +152,7 @@ def make_pair(
     """
     hazy, t = add_random_haze(view, haze, rng)
     prior_rgb = geometry_prior(view, hazy, rng) if prior and rng.random() < haze.prior_share else hazy
-    step_v = -1 if rng.random() < haze.flip_vertical else 1
-    step_u = -1 if rng.random() < haze.flip_horizontal else 1
-    flip = np.s_[::step_v, ::step_u]
+    flip = tuple(slice(None, None, -1 if rng.random() < p else 1) for p in (haze.flip_vertical, haze.flip_horizontal))
     return hazy[window][flip], view.clear_rgb[window][flip], t[window][flip], prior_rgb[window][flip]
 
 
@@ -175,17 +168,10 @@ def random_window(
 
 
 def make_batch(
-    views: Views[ClearView],
-    batch: int,
-    crop: tuple[int, int],
-    haze: HazeAugmentation,
-    seed: list[int],
-    prior: bool = False,
+    views: Views[ClearView], batch: int, crop: tuple[int, int], haze: HazeAugmentation, seed: list[int], prior: bool
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Hazy and clear (batch, 3, h, w) in 0..1, transmission (batch, 1, h, w), and the picture (batch, 3, h, w) that a
-    network with a prior starts from.
-
-    The same for the same seed, so a resumed run sees what it would have seen.
+    network with a prior starts from. The same for the same seed, so a resumed run sees what it would have seen.
     """
     rng = np.random.default_rng(seed)
     samples = []
@@ -205,8 +191,7 @@ def make_batch(
 def _random_sun(rng: np.random.Generator) -> NDArray[np.float64]:
     """Unit vector (3,) from the sun to the ground, world z down."""
     elevation, azimuth = np.deg2rad(rng.uniform(*SUN_ELEVATION_DEG)), rng.uniform(0, 2 * np.pi)
-    level = np.cos(elevation)
-    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
 @lru_cache(maxsize=64)

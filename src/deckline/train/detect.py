@@ -73,7 +73,7 @@ def train_detect(
     start_from: Path | None = None,
     networks: Mapping[str, Callable[[DetectTrainConfig], LineNetwork]] = NETWORKS,
 ) -> dict[str, float]:
-    """Train until the budget is used, then validate and export `out`/detect.onnx.
+    """Train until the budget is used, then validate and export `out`/detect.onnx; returns the measured figures.
 
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget, batch and machine apart.
@@ -81,9 +81,6 @@ def train_detect(
         out: folder of checkpoint.safetensors and detect.onnx.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
-
-    Returns:
-        Measured figures by name.
 
     Raises:
         ValueError: recordings without what training needs, or another recipe's checkpoint.
@@ -126,9 +123,10 @@ def train_detect(
 
 
 def _optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Optimizer:
-    learned = [(name, value) for name, value in model.named_parameters() if value.requires_grad]
-    backbone = [value for name, value in learned if name.startswith("backbone.")]
-    rest = [value for name, value in learned if not name.startswith("backbone.")]
+    backbone, rest = (
+        [p for name, p in model.named_parameters() if p.requires_grad and name.startswith("backbone.") == of_backbone]
+        for of_backbone in (True, False)
+    )
     groups: list[dict[str, Any]] = [{"params": backbone, RATE: config.backbone_lr}, {"params": rest}]
     return torch.optim.AdamW(groups, config.lr, weight_decay=config.weight_decay)
 
@@ -227,10 +225,9 @@ class _Exported(torch.nn.Module):
     def __init__(self, model: LineNetwork) -> None:
         super().__init__()
         self.model = model
-        self.outputs = model.kind.output_names
 
     def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        return tuple(self.model(image)[: len(self.outputs)])
+        return tuple(self.model(image)[: len(self.model.kind.output_names)])
 
 
 def export_detect(model: LineNetwork, path: Path, recipe: dict[str, Any], step: int) -> Path:

@@ -14,6 +14,8 @@ from deckline.detect.anchors import RowGrid
 NEAR_CELLS = 4  # around the target: where the expected position is taken for its loss
 FLATTEST, STEEPEST = 4.0, 4.0  # |dx/dy| and |dy/dx| beyond which rows, or columns, are not asked: cells per anchor
 
+Losses = tuple[Tensor, dict[str, float]]  # weighted sum, and its parts by name
+
 
 class UfldOutput(NamedTuple):
     """What a row-anchor network says of a batch."""
@@ -61,7 +63,7 @@ class LossWeights:
     shape: float = 0.05  # second differences: runway edges are straight in a pinhole image
 
 
-def ufld_loss(output: UfldOutput, targets: DetectTargets, weights: LossWeights) -> tuple[Tensor, dict[str, float]]:
+def ufld_loss(output: UfldOutput, targets: DetectTargets, weights: LossWeights) -> Losses:
     """Weighted sum of the row-anchor network's losses, and every part by name."""
     logits = output.rows.float()
     parts = {
@@ -79,7 +81,7 @@ def ufld_loss(output: UfldOutput, targets: DetectTargets, weights: LossWeights) 
 
 def hybrid_loss(
     output: HybridOutput, targets: DetectTargets, anchors: tuple[Tensor, Tensor, Tensor], weights: LossWeights
-) -> tuple[Tensor, dict[str, float]]:
+) -> Losses:
     """Weighted sum of the hybrid network's losses, and every part by name; `anchors` are `anchor_targets`."""
     rows, columns, between = anchors
     hidden = ~targets.known[..., None]
@@ -126,7 +128,6 @@ def anchor_targets(x_px: Tensor, grid: RowGrid) -> tuple[Tensor, Tensor, Tensor]
 
     Args:
         x_px: (B, lines, height) on every pixel row, NaN where there is no line.
-        grid: the network's.
 
     Returns:
         rows (B, lines, rows) in cells and columns (B, lines, cells) in rows, NaN for "does not cross here"; and which
@@ -239,9 +240,12 @@ def segmentation_loss(logits: Tensor, cell: Tensor, cells: int) -> Tensor:
     label = torch.zeros(batch, height, width, dtype=torch.long, device=cell.device)
     for line in range(cell.shape[1]):
         label[distance[:, line] <= cells_per_column] = line + 1
-    weight = torch.ones(logits.shape[1], device=logits.device)
-    weight[0] = 0.2
-    return F.cross_entropy(logits, label, weight=weight)
+    return F.cross_entropy(logits, label, weight=class_weights(logits, 0.2))
+
+
+def class_weights(logits: Tensor, background: float) -> Tensor:
+    """Weights of the classes (B, classes, h, w): the background's, and 1 of every line."""
+    return torch.tensor([background, *[1.0] * (logits.shape[1] - 1)], device=logits.device)
 
 
 def _expected(logits: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from deckline.checks import check_numbers
 from deckline.detect.anchors import STRIDE, RowGrid, encode, encode_region
 from deckline.detect.crop import Crop, full_crop, normalise, sample_crop
 from deckline.train.dehaze_samples import random_airlight
@@ -55,20 +56,18 @@ class DetectAugmentation:
     patch_share: float = 0.2
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name.endswith("_share") and not 0 <= value <= 1:
-                raise ValueError(f"{name} must lie in 0..1, got {value}")
+        check_numbers(self, "", *(name for name in vars(self) if name.endswith("_share")), least=0, most=1)
 
 
 class Sample(NamedTuple):
-    """One view and its encoded truth."""
+    """One view and its encoded truth: what `DetectTargets` has, of one image."""
 
     image: NDArray[np.float32]  # (3, height, width)
-    cell: NDArray[np.float32]  # (3, rows), NaN: no line
-    known: NDArray[np.bool_]  # (3,) lines whose truth is known
-    region: NDArray[np.float32]  # (region cells + 1,)
-    box: NDArray[np.float32]  # (4, region rows, region columns)
-    box_weight: NDArray[np.float32]  # (region rows, region columns)
+    cell: NDArray[np.float32]
+    known: NDArray[np.bool_]
+    region: NDArray[np.float32]
+    box: NDArray[np.float32]
+    box_weight: NDArray[np.float32]
 
 
 class _Scene(NamedTuple):
@@ -82,10 +81,7 @@ class _Scene(NamedTuple):
 
 
 def make_sample(view: LineView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator) -> Sample:
-    """Haze, flip, rotate, choose a crop, degrade it, sample it: everything random comes from `rng`.
-
-    A labelled picture gets no haze.
-    """
+    """Haze, flip, rotate, choose a crop, degrade it, sample it. A labelled picture gets no haze."""
     scene = _rotate(_flip(_add_haze(view, augment, rng), augment, rng), augment, rng)
     height, width = scene.image.shape[:2]
     box = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))

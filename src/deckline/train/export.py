@@ -3,9 +3,8 @@
 import copy
 import json
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import nn
@@ -27,13 +26,10 @@ def export_onnx(
     dynamic: dict[str, dict[int, str]] | None,
     metadata: dict[str, Any],
 ) -> Path:
-    """Write `model` as ONNX.
+    """Write `model` as ONNX; it is put into evaluation mode for that, and back afterwards.
 
     Args:
-        model: put into evaluation mode for the export, back afterwards.
         args: example inputs; sizes that `dynamic` does not name are fixed to theirs.
-        path: of the file; written beside it and renamed.
-        input_names, output_names: of the graph.
         dynamic: free axes, {input or output name: {axis: name}}; None for a fixed size.
         metadata: stored as JSON; `load_session` returns it as `.config`.
     """
@@ -58,8 +54,7 @@ def export_onnx(
         )
     model.train(was_training)
     proto = onnx.load(str(partial))
-    entry = proto.metadata_props.add()
-    entry.key, entry.value = METADATA_KEY, json.dumps(metadata)
+    proto.metadata_props.add(key=METADATA_KEY, value=json.dumps(metadata))
     onnx.checker.check_model(proto)
     onnx.save(proto, str(partial))
     partial.replace(path)
@@ -69,10 +64,8 @@ def export_onnx(
 def manifest_entry(path: Path, **keys: Any) -> str:
     """A [[model]] block for weights/manifest.toml; keys are ShippedModel's, `figures` a flat dict."""
     figures = keys.pop("figures", {})
-    lines = ["[[model]]"]
-    lines += [
-        f"{name} = {_toml(value)}" for name, value in ({"file": path.name, "sha256": sha256_of(path)} | keys).items()
-    ]
+    values = {"file": path.name, "sha256": sha256_of(path)} | keys
+    lines = ["[[model]]", *(f"{name} = {_toml(value)}" for name, value in values.items())]
     lines += ["[model.figures]", *(f"{_toml(name)} = {_toml(value)}" for name, value in figures.items())]
     return "\n".join(lines) + "\n"
 
@@ -81,8 +74,7 @@ def _toml(value: str | int | float) -> str:
     return json.dumps(value, ensure_ascii=False)  # JSON strings and finite numbers are valid TOML
 
 
-@dataclass(frozen=True)
-class NetworkCost:
+class NetworkCost(NamedTuple):
     """Cost of one image."""
 
     parameters: int
@@ -104,7 +96,6 @@ def network_cost(
     much. Nothing is computed: the shapes alone go through a copy without data.
 
     Args:
-        model: left as it is.
         size_px: height and width of the images.
         channels: C of each of them.
     """

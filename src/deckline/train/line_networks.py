@@ -11,7 +11,7 @@ for flat ones).
 
 from abc import abstractmethod
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -22,6 +22,7 @@ from deckline.train.backbone import CHANNELS, Lite0Backbone, conv_norm, separabl
 from deckline.train.detect_losses import (
     DetectTargets,
     HybridOutput,
+    Losses,
     LossWeights,
     UfldOutput,
     anchor_targets,
@@ -55,9 +56,7 @@ class LineNetwork(nn.Module):
     kind: NetworkKind
 
     @abstractmethod
-    def loss(
-        self, output: NamedTuple, targets: DetectTargets, weights: LossWeights, fraction: float
-    ) -> tuple[Tensor, dict[str, float]]:
+    def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
         """Loss of a batch and its parts by name.
 
         Args:
@@ -122,9 +121,7 @@ class Ufld(PyramidNetwork):
         region, box = self.region(eighth, sixteenth)
         return UfldOutput(self.rows(quarter), region, box, self.segmentation(eighth) if self.training else None)
 
-    def loss(  # type: ignore[override]  # the output is its own
-        self, output: UfldOutput, targets: DetectTargets, weights: LossWeights, fraction: float
-    ) -> tuple[Tensor, dict[str, float]]:
+    def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
         return ufld_loss(output, targets, weights)
 
 
@@ -157,9 +154,7 @@ class Hybrid(PyramidNetwork):
         region, box = self.region(eighth, sixteenth)
         return HybridOutput(rows, columns, region, box, self.segmentation(eighth) if self.training else None)
 
-    def loss(  # type: ignore[override]  # the output is its own
-        self, output: HybridOutput, targets: DetectTargets, weights: LossWeights, fraction: float
-    ) -> tuple[Tensor, dict[str, float]]:
+    def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
         return hybrid_loss(output, targets, anchor_targets(targets.cell, self.kind.grid), weights)
 
 
@@ -170,14 +165,21 @@ class _RowConv(nn.Module):
         super().__init__()
         self.blocks = nn.Sequential(separable(width, width, 5), separable(width, width, 5))
         self.cells = nn.Conv2d(width, LINES, 1)
-        self.none = nn.Sequential(
-            nn.Conv1d(2 * width, width, 5, padding=2), nn.ReLU(), nn.Conv1d(width, LINES, 5, padding=2)
-        )
+        self.none = anchor_layers(width, LINES)
 
     def forward(self, features: Tensor) -> Tensor:
         features = self.blocks(features)
-        pooled = torch.cat([features.mean(3), features.amax(3)], dim=1)
-        return torch.cat([self.cells(features), self.none(pooled)[..., None]], dim=3)
+        return torch.cat([self.cells(features), self.none(pool(features, 3))[..., None]], dim=3)
+
+
+def anchor_layers(width: int, lines: int) -> nn.Sequential:
+    """(B, 2 width, anchors) -> (B, lines, anchors)."""
+    return nn.Sequential(nn.Conv1d(2 * width, width, 5, padding=2), nn.ReLU(), nn.Conv1d(width, lines, 5, padding=2))
+
+
+def pool(features: Tensor, axis: int | tuple[int, int]) -> Tensor:
+    """Mean and maximum along an axis, twice the channels."""
+    return torch.cat([features.mean(axis), features.amax(axis)], dim=1)
 
 
 class _Crossed(nn.Module):
@@ -185,13 +187,11 @@ class _Crossed(nn.Module):
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.layers = nn.Sequential(
-            nn.Conv1d(2 * width, width, 5, padding=2), nn.ReLU(), nn.Conv1d(width, ALL_LINES, 5, padding=2)
-        )
+        self.layers = anchor_layers(width, ALL_LINES)
 
     def forward(self, features: Tensor, along: int) -> Tensor:
         """(B, C, h, w) -> (B, 3, anchors) logits; `along` is the axis that is pooled."""
-        return self.layers(torch.cat([features.mean(along), features.amax(along)], dim=1))
+        return self.layers(pool(features, along))
 
 
 def join_classes(cells: Tensor, crossed: Tensor) -> Tensor:
@@ -215,5 +215,5 @@ class RegionHead(nn.Module):
     def forward(self, eighth: Tensor, sixteenth: Tensor) -> tuple[Tensor, Tensor]:
         hidden = self.hidden(torch.cat([F.max_pool2d(eighth, STRIDE // 8), sixteenth], dim=1))
         cells = self.cells(hidden)
-        none = self.none(torch.cat([hidden.mean((2, 3)), hidden.amax((2, 3))], dim=1))
+        none = self.none(pool(hidden, (2, 3)))
         return torch.cat([cells[:, 0].flatten(1), none], dim=1), cells[:, 1:]

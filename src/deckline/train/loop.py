@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor, nn
 
 from deckline.atomic import write_atomic
+from deckline.checks import check_numbers
 from deckline.config_file import to_toml_text
 from deckline.train.checkpoint import load_checkpoint, read_progress, save_checkpoint, stop_on_interrupt
 
@@ -30,11 +31,7 @@ Loss = tuple[Tensor, Mapping[str, float]]  # and its parts by name
 
 @dataclass(frozen=True)
 class Recipe:
-    """What every training's configuration says.
-
-    Raises:
-        ValueError: a count below 1, or a time that is not positive.
-    """
+    """What every training's configuration says."""
 
     COUNTS: ClassVar[tuple[str, ...]] = ("steps", "batch")
 
@@ -57,9 +54,7 @@ class Recipe:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in self.COUNTS:
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        check_numbers(self, "", *self.COUNTS, least=1)
         for name in ("minutes", "checkpoint_minutes"):
             value = getattr(self, name)
             if value is not None and value <= 0:
@@ -67,9 +62,7 @@ class Recipe:
 
     def identity(self) -> dict[str, Any]:
         """What must stay the same when a run goes on: all but budget and machine; as JSON gives it back."""
-        keys = {name: value for name, value in asdict(self).items() if name not in (*BUDGET, *MACHINE)}
-        recipe: dict[str, Any] = json.loads(json.dumps(keys))
-        return recipe
+        return json.loads(json.dumps({k: v for k, v in asdict(self).items() if k not in (*BUDGET, *MACHINE)}))
 
     def fraction_done(self, step: int, seconds: float) -> float:
         """Share of the budget that is used, whichever of steps and training time is further; 1 is the end."""
@@ -79,21 +72,15 @@ class Recipe:
 
 @dataclass(eq=False)
 class Run:
-    """A training under way: what a checkpoint holds.
-
-    Args:
-        recipe: what must stay the same when it goes on; plain JSON values.
-        ema: averaged weights, by the model's names.
-        seconds: of training so far.
-    """
+    """A training under way: what a checkpoint holds."""
 
     model: nn.Module
     optimizer: torch.optim.Optimizer
     out: Path
-    recipe: dict[str, Any]
-    ema: dict[str, Tensor]
+    recipe: dict[str, Any]  # what must stay the same when it goes on; JSON values
+    ema: dict[str, Tensor]  # averaged weights, by the model's names
     step: int = 0
-    seconds: float = 0.0
+    seconds: float = 0.0  # of training so far
     recent: dict[str, float] = field(default_factory=dict)  # smoothed losses
 
     def save(self) -> None:
@@ -102,11 +89,7 @@ class Run:
 
 
 def build_network(networks: Mapping[str, Callable[[Any], nn.Module]], config: Recipe) -> Any:
-    """The recipe's network, with first weights from its seed.
-
-    Raises:
-        ValueError: a name that is not in `networks`.
-    """
+    """The recipe's network, with first weights from its seed."""
     if config.network not in networks:
         raise ValueError(f"network must be one of {', '.join(networks)}, got {config.network!r}")
     torch.manual_seed(config.seed)
@@ -114,11 +97,7 @@ def build_network(networks: Mapping[str, Callable[[Any], nn.Module]], config: Re
 
 
 def select_device(config: Recipe) -> torch.device:
-    """The recipe's device; torch gets its threads.
-
-    Raises:
-        ValueError: a CUDA device was asked for and there is none.
-    """
+    """The recipe's device; torch gets its threads."""
     if config.threads:
         torch.set_num_threads(config.threads)
     if config.device == "cuda" and not torch.cuda.is_available():
@@ -137,10 +116,9 @@ def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer,
     run = Run(model, optimizer, out, recipe, ema)
     if progress is not None:
         stored = progress["recipe"]
-        changed = sorted(name for name in {*recipe, *stored} if stored.get(name) != recipe.get(name))
+        changed = ", ".join(sorted(name for name in {*recipe, *stored} if stored.get(name) != recipe.get(name)))
         if changed:
-            different = ", ".join(changed)
-            raise ValueError(f"{out} holds a checkpoint of another recipe ({different} differ): use another folder")
+            raise ValueError(f"{out} holds a checkpoint of another recipe ({changed} differ): use another folder")
         device = next(model.parameters()).device
         run.ema = {name: value.to(device) for name, value in load_checkpoint(out, model, optimizer).items()}
         run.step, run.seconds = progress["step"], progress["seconds"]

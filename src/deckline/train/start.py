@@ -3,12 +3,14 @@
 A detector's file has its batch norms folded into the convolutions before them; they are unfolded here.
 """
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import onnx
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from deckline.runtime import load_session
@@ -29,9 +31,6 @@ def start_with(model: nn.Module, source: Path) -> None:
     Args:
         model: changed in place.
         source: folder with a checkpoint, or an .onnx file made by `deckline train`.
-
-    Raises:
-        ValueError: no weights there, or those of another network.
     """
     stored = _read_onnx(source)[1] if source.is_file() else read_tensors(source, "ema")
     own = model.state_dict()
@@ -66,9 +65,6 @@ def start_detector(model: LineNetwork, source: Path) -> None:
         model: changed in place.
         source: folder with a checkpoint, or an .onnx file of the same network; from one of `ufld`, `hybrid` takes what
             both have.
-
-    Raises:
-        ValueError: no weights there, or those of another network.
     """
     if not source.is_file():
         start_with(model, source)
@@ -87,13 +83,6 @@ def start_with_file(model: PyramidNetwork, path: Path) -> None:
 
     A folded convolution's weights become the convolution's, its bias that of a batch norm which does nothing else: the
     model then computes what the file does, which is checked.
-
-    Args:
-        model: changed in place.
-        path: detect.onnx of `deckline train detect`, or a shipped file.
-
-    Raises:
-        ValueError: no detector of deckline, or one of another network or shape.
     """
     graph, stored = _read_onnx(path)
     own = model.state_dict()
@@ -104,9 +93,9 @@ def start_with_file(model: PyramidNetwork, path: Path) -> None:
             raise ValueError(f"{path} holds another network: {node.name} has no weights of its own")
         found |= _unfold_norm(prefix, weight, bias, model)
     found |= {name.removeprefix("model."): value for name, value in stored.items() if name.startswith("model.")}
+    kept = {name for name in own if name.startswith("segmentation.") or name.endswith("num_batches_tracked")}
     wrong = [name for name, value in found.items() if name not in own or own[name].shape != value.shape]
-    kept = [name for name in own if name.startswith("segmentation.") or name.endswith("num_batches_tracked")]
-    wrong += [name for name in own if name not in found and name not in kept]
+    wrong += [name for name in own if name not in found.keys() | kept]
     if wrong:
         raise ValueError(f"{path} holds another network: {wrong[0]} does not fit")
     model.load_state_dict({**own, **found})
@@ -114,25 +103,29 @@ def start_with_file(model: PyramidNetwork, path: Path) -> None:
 
 
 def settle_norms(model: LineNetwork, views: Tensor) -> None:
-    """Give the batch norms that training uses the statistics of some views, and the weights that undo the difference.
+    """Give the batch norms that training uses the statistics of views (B, 3, H, W), and weights that undo the change.
 
     What the model computes stays the same. In a file batch norms are folded away; without this the first training step
     would scale every feature anew.
-
-    Args:
-        model: changed in place.
-        views: (B, 3, H, W) normalised views, on the model's device.
     """
-    backbone = {id(part) for name, part in model.named_modules() if name.startswith("backbone.")}
-    norms = [part for part in model.modules() if isinstance(part, nn.BatchNorm2d) and id(part) not in backbone]
-    hooks = [norm.register_forward_pre_hook(_settle) for norm in norms]
-    was_training = model.training
-    model.eval()
-    with torch.no_grad():
-        model(views)
-    model.train(was_training)
+    hooks = [
+        part.register_forward_pre_hook(_settle)
+        for name, part in model.named_modules()
+        if isinstance(part, nn.BatchNorm2d) and not name.startswith("backbone.")
+    ]
+    _evaluate(model, views)
     for hook in hooks:
         hook.remove()
+
+
+@torch.no_grad()
+def _evaluate(model: LineNetwork, views: Tensor) -> list[NDArray[np.float32]]:
+    """The exported outputs for views, in evaluation mode."""
+    was_training = model.training
+    model.eval()
+    outputs = model(views.to(next(model.parameters()).device))[: len(model.kind.output_names)]
+    model.train(was_training)
+    return [output.cpu().numpy() for output in outputs]
 
 
 def _settle(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
@@ -160,25 +153,18 @@ def _start_hybrid(model: Hybrid, path: Path) -> None:
 
 def _convolutions(graph: Any, model: PyramidNetwork) -> list[tuple[Any, str]]:
     """Every convolution that a batch norm was folded into, and its module's name; the backbone's are in order."""
-    in_order = [f"backbone.{name}" for name, part in model.backbone.named_modules() if isinstance(part, nn.Conv2d)]
-    named, backbone = [], iter(in_order)
-    for node in graph.node:
-        if node.op_type != "Conv" or node.input[1].startswith("model."):
-            continue
-        name = next(backbone, "") if node.name.startswith(BACKBONE) else _module_name(node.name)
-        named.append((node, name))
-    return named
+    names = (f"backbone.{name}" for name, part in model.backbone.named_modules() if isinstance(part, nn.Conv2d))
+    return [
+        (node, next(names, "") if node.name.startswith(BACKBONE) else _module_name(node.name))
+        for node in graph.node
+        if node.op_type == "Conv" and not node.input[1].startswith("model.")
+    ]
 
 
 def _module_name(node_name: str) -> str:
     """/model/rows/blocks/blocks.0/blocks.0.0/Conv -> rows.blocks.0.0."""
-    parts: list[str] = []
-    for part in node_name.split("/")[2:-1]:
-        if parts and part.startswith(f"{parts[-1]}."):
-            parts[-1] = part
-        else:
-            parts.append(part)
-    return ".".join(parts)
+    parts = node_name.split("/")[2:-1]
+    return ".".join(part for part, below in pairwise([*parts, ""]) if not below.startswith(f"{part}."))
 
 
 def _unfold_norm(name: str, weight: Tensor, bias: Tensor, model: LineNetwork) -> dict[str, Tensor]:
@@ -195,15 +181,9 @@ def _unfold_norm(name: str, weight: Tensor, bias: Tensor, model: LineNetwork) ->
 
 def _check_same(model: LineNetwork, path: Path) -> None:
     session = load_session(path, threads=1)
-    grid, names = model.kind.grid, model.kind.output_names
+    grid = model.kind.grid
     view = np.random.default_rng(0).standard_normal((1, 3, grid.height, grid.width), dtype=np.float32)
-    was_training = model.training
-    model.eval()
-    with torch.no_grad():
-        outputs = model(torch.from_numpy(view).to(next(model.parameters()).device))
-        ours = [tensor.cpu().numpy() for tensor in outputs[: len(names)]]
-    model.train(was_training)
     theirs = dict(zip(session.output_names, session(image=view), strict=True))
-    for name, value in zip(names, ours, strict=True):
+    for name, value in zip(model.kind.output_names, _evaluate(model, torch.from_numpy(view)), strict=True):
         if np.abs(value - theirs[name]).max() > SAME * max(float(np.abs(theirs[name]).max()), 1.0):
             raise ValueError(f"{path} holds another network: its {name} are not what this one computes")

@@ -5,6 +5,7 @@ Detection CNNs by Self Attention Distillation", 2019. Ours are the region branch
 """
 
 from itertools import pairwise
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -19,7 +20,7 @@ from deckline.research.detectors.painting import (
     paint_stripes,
 )
 from deckline.research.detectors.parts import RegionBranch
-from deckline.train.detect_losses import DetectTargets, LossWeights
+from deckline.train.detect_losses import DetectTargets, Losses, LossWeights
 from deckline.train.line_networks import LINES, LineNetwork
 
 DISTIL_WEIGHT, OVERLAP_WEIGHT = 0.1, 0.1  # published
@@ -67,9 +68,7 @@ class EnetSad(LineNetwork):
         encoded = (half, quarter, eighth, deepest) if self.training else ()
         return MapOutput(self.map(x), self.existence(deepest), region, box, encoded)
 
-    def loss(  # type: ignore[override]  # the output is its own
-        self, output: MapOutput, targets: DetectTargets, weights: LossWeights, fraction: float
-    ) -> tuple[Tensor, dict[str, float]]:
+    def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
         total, parts = map_loss(output, targets, weights)
         parts["overlap"] = overlap_loss(output.map.float(), paint_stripes(targets.cell, output.map.shape[3]))
         total = total + OVERLAP_WEIGHT * parts["overlap"]

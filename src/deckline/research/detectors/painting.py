@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.detect.anchors import MAP_OUTPUTS, DecodeConfig, RowGrid
-from deckline.train.detect_losses import DetectTargets, LossWeights, box_loss, region_loss
+from deckline.train.detect_losses import DetectTargets, LossWeights, box_loss, class_weights, region_loss
 from deckline.train.line_networks import NetworkKind
 
 STRIPE_PX = 12.0  # width along a row of the stripe that is painted; at 512 px about the 30 px of 1640 that CULane draws
@@ -81,22 +81,15 @@ def map_loss(output: MapOutput, targets: DetectTargets, weights: LossWeights) ->
     """Cross-entropy of the painted lines, existence, region and box: weighted sum, and every part by name."""
     logits = output.map.float()
     label = paint_stripes(targets.cell, logits.shape[3])
-    classes = torch.ones(logits.shape[1], device=logits.device)
-    classes[0] = BACKGROUND_WEIGHT
     there = (~torch.isnan(targets.cell)).any(2).float()
     parts = {
-        "map": F.cross_entropy(logits, label, weight=classes),
+        "map": F.cross_entropy(logits, label, weight=class_weights(logits, BACKGROUND_WEIGHT)),
         "existence": F.binary_cross_entropy_with_logits(output.lines.float(), there),
         "region": region_loss(output.region.float(), targets.region),
         "box": box_loss(output.box.float(), targets.box, targets.box_weight),
     }
-    total = (
-        weights.rows * parts["map"]
-        + EXISTENCE_WEIGHT * parts["existence"]
-        + weights.region * parts["region"]
-        + weights.box * parts["box"]
-    )
-    return total, parts
+    total = weights.rows * parts["map"] + EXISTENCE_WEIGHT * parts["existence"]
+    return total + weights.region * parts["region"] + weights.box * parts["box"], parts
 
 
 def overlap_loss(logits: Tensor, label: Tensor) -> Tensor:

@@ -5,13 +5,15 @@ the paper's "LaneDet". Ours are the region branch (`parts`), the view of 512x288
 weights.
 """
 
+from typing import Any
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.research.detectors.painting import MAP_KIND, LineExistence, MapOutput, map_loss
 from deckline.research.detectors.parts import WIDTHS, RegionBranch, ResNet
-from deckline.train.detect_losses import DetectTargets, LossWeights
+from deckline.train.detect_losses import DetectTargets, Losses, LossWeights
 from deckline.train.line_networks import LINES, LineNetwork
 
 WIDTH = 128  # channels that are passed on; published
@@ -49,9 +51,7 @@ class Resa(LineNetwork):
         region, box = self.region(features)
         return MapOutput(self.decoder(features), self.existence(features), region, box)
 
-    def loss(  # type: ignore[override]  # the output is its own
-        self, output: MapOutput, targets: DetectTargets, weights: LossWeights, fraction: float
-    ) -> tuple[Tensor, dict[str, float]]:
+    def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
         total, parts = map_loss(output, targets, weights)
         return total, {name: float(value.detach()) for name, value in parts.items()}
 

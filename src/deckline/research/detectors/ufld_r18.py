@@ -4,13 +4,15 @@ Source: Qin, Wang and Li, "Ultra Fast Structure-aware Deep Lane Detection", 2020
 and the view of 512x288 px, which every compared network has; the backbone starts from random weights.
 """
 
+from typing import Any
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.detect.anchors import RowGrid
 from deckline.research.detectors.parts import WIDTHS, RegionBranch, ResNet
-from deckline.train.detect_losses import DetectTargets, LossWeights, UfldOutput, ufld_loss
+from deckline.train.detect_losses import DetectTargets, Losses, LossWeights, UfldOutput, ufld_loss
 from deckline.train.line_networks import LINES, LineNetwork, NetworkKind
 
 PUBLISHED_CELLS, PUBLISHED_ROWS = 100, 56  # on TuSimple
@@ -48,9 +50,7 @@ class UfldR18(LineNetwork):
         region, box = self.region(taps[0], taps[1])
         return UfldOutput(rows, region, box, self.segmentation(taps) if self.training else None)
 
-    def loss(  # type: ignore[override]  # the output is its own
-        self, output: UfldOutput, targets: DetectTargets, weights: LossWeights, fraction: float
-    ) -> tuple[Tensor, dict[str, float]]:
+    def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
         return ufld_loss(output, targets, weights)
 
 
