@@ -28,18 +28,9 @@ from deckline.types import Frame
 HAZY = "hazy"  # the row that does nothing
 IMAGES_FILE = "images.jsonl"
 COLUMNS = (
-    "row",
-    "PSNR, dB",
-    "gain [95 %]",
-    "SSIM",
-    "no sky, dB",
-    "gain [95 %]",
-    "M param.",
-    "GMACs",
-    "steps",
-    "minutes",
-    "paper, dB",
-)
+    "row", "PSNR, dB", "gain [95 %]", "SSIM", "no sky, dB", "gain [95 %]",
+    "M param.", "GMACs", "steps", "minutes", "paper, dB",
+)  # fmt: skip
 CAPTION = (
     "Each row adds one part to the row above, and its gain is over that row on the same images. MACs at 256x256 px. "
     "The paper's PSNR is on its own pictures. Images of one flight resemble each other: the intervals are too narrow."
@@ -86,26 +77,20 @@ def ablation(
         config: how each row is trained.
     """
     with needs_extra("train"):
-        from deckline.research.ablation_rows import (
-            ROWS,
-            WEIGHTS_FILE,
-            base_recipe,
-            check_pairs,
-            describe_rows,
-            train_rows,
-        )
+        from deckline.research import ablation_rows as trained
     if every < 1:
         raise ValueError(f"--every must be at least 1, got {every}")
-    base, pairs = base_recipe(**asdict(config)), dataset / "train"
+    base, pairs = trained.base_recipe(**asdict(config)), dataset / "train"
     test = open_recording(dataset / "test")
-    check_pairs(pairs, base.held_out)
-    with Store(out, IMAGES_FILE, describe_rows(base, pairs)) as store:
-        costs = train_rows(base, pairs, out)
-        dehazers = {row.key: OnnxDehazer(out / row.key / WEIGHTS_FILE, threads=config.threads or None) for row in ROWS}
+    trained.check_pairs(pairs, base.held_out)
+    with Store(out, IMAGES_FILE, trained.describe_rows(base, pairs)) as store:
+        costs = trained.train_rows(base, pairs, out)
+        files = {row.key: out / row.key / trained.WEIGHTS_FILE for row in trained.ROWS}
+        dehazers = {key: OnnxDehazer(file, threads=config.threads or None) for key, file in files.items()}
         scores = measure({HAZY: None, **dehazers}, test, range(0, len(test), every), store)
     rows = [row | costs.get(row["row"], {}) for row in summarise_rows(scores)]
     names = {HAZY: ("hazy, left as it is", MISSING)}
-    names |= {row.key: (row.name, f"{row.paper_psnr_db:.2f}") for row in ROWS}
+    names |= {row.key: (row.name, f"{row.paper_psnr_db:.2f}") for row in trained.ROWS}
     table = Table("the paper's Table 5", COLUMNS, [_cells(row, *names[row["row"]]) for row in rows], (CAPTION,))
     made_with = {"dataset": str(dataset), "every": every, **asdict(config)}
     budget = " or ".join(f"{made_with[name]:g} {name}" for name in ("minutes", "steps") if made_with[name] is not None)
@@ -122,9 +107,6 @@ def measure(dehazers: Mapping[str, OnnxDehazer | None], source: Source, indices:
         source: frames with their clear pictures.
         indices: of the frames.
         store: its keys are an image and the SHA-256 of a row's weights.
-
-    Raises:
-        ValueError: a frame without a clear picture.
     """
     weights = {row: "" if dehazer is None else sha256_of(dehazer.session.path) for row, dehazer in dehazers.items()}
     with progress("measuring", len(indices)) as advance:
@@ -139,7 +121,6 @@ def measure(dehazers: Mapping[str, OnnxDehazer | None], source: Source, indices:
 
 
 def _load(source: Source, index: int) -> Frame | None:
-    """A frame, or None and a line on the screen when it cannot be read."""
     try:
         return source.load(index)
     except FrameError as error:
@@ -156,15 +137,7 @@ def _score(frame: Frame, dehazer: OnnxDehazer | None) -> Figures:
 
 
 def summarise_rows(scores: Mapping[str, Mapping[int, Figures]], seed: int = 0) -> list[dict[str, Any]]:
-    """Name, count of images, means, and gains over the row above, of every row; what does not exist is left out.
-
-    Args:
-        scores: row -> image -> figures, the table's rows from above; the first row gains over none.
-        seed: of the intervals.
-
-    Raises:
-        ValueError: a row without images.
-    """
+    """Name, count of images, means, and gains over the row above, of every row; what does not exist is left out."""
     rows: list[dict[str, Any]] = []
     above: Mapping[int, Figures] = {}
     for key, images in scores.items():
@@ -185,18 +158,12 @@ def summarise_rows(scores: Mapping[str, Mapping[int, Figures]], seed: int = 0) -
 
 
 def _cells(row: Mapping[str, Any], name: str, paper: str) -> list[str]:
-    cost = {key: row[key] / unit for key, unit in (("parameters", 1e6), ("macs_256", 1e9)) if key in row}
-    gains = {key: Difference(**gain).text("+.2f") for key, gain in row["gains"].items()}
-    return [
-        name,
-        number(row.get("psnr_db"), ".2f"),
-        gains.get("psnr_db", MISSING),
-        number(row.get("ssim"), ".4f"),
-        number(row.get("psnr_db_surface"), ".2f"),
-        gains.get("psnr_db_surface", MISSING),
-        number(cost.get("parameters"), ".3f"),
-        number(cost.get("macs_256"), ".3f"),
-        number(row.get("steps"), ".0f"),
-        number(row.get("minutes"), ".1f"),
-        paper,
-    ]
+    shown = {**row, **{key: row[key] / unit for key, unit in (("parameters", 1e6), ("macs_256", 1e9)) if key in row}}
+    formats = {"psnr_db": ".2f", "ssim": ".4f", "psnr_db_surface": ".2f"}
+    formats |= {"parameters": ".3f", "macs_256": ".3f", "steps": ".0f", "minutes": ".1f"}
+    cells = [name]
+    for key, digits in formats.items():
+        cells.append(number(shown.get(key), digits))
+        if key.startswith("psnr_db"):
+            cells.append(Difference(**row["gains"][key]).text("+.2f") if key in row["gains"] else MISSING)
+    return [*cells, paper]

@@ -45,11 +45,7 @@ def base_recipe(
     flip_vertical: float,
     **same: Any,
 ) -> DehazeTrainConfig:
-    """What the rows have in common; the arguments are `AblationConfig`'s, `same` those that recipes have too.
-
-    Raises:
-        ValueError: no budget, or a number out of its range.
-    """
+    """What the rows have in common; the arguments are `AblationConfig`'s, `same` those that recipes have too."""
     if minutes is None and steps is None:
         raise ValueError("give each row a budget: --minutes, --steps, or both (whichever ends first)")
     return DehazeTrainConfig(
@@ -86,19 +82,10 @@ def describe_rows(base: DehazeTrainConfig, recording: Path) -> dict[str, Any]:
 
 
 def train_rows(base: DehazeTrainConfig, recording: Path, out: Path) -> dict[str, dict[str, float]]:
-    """Train every row that is not finished in `out`/<key>, in order.
-
-    Args:
-        base: recipe and budget of each row.
-        recording: pairs with depth.
-        out: folder.
+    """Train every row that is not finished in `out`/<key>, in order, on pairs with depth; the same call goes on.
 
     Returns:
         parameters, macs_256, steps and minutes of each row, by key.
-
-    Raises:
-        ValueError: a row's folder holds a training by another recipe.
-        KeyboardInterrupt: after Ctrl-C; the same call goes on.
     """
     costs: dict[str, dict[str, float]] = {}
     for row in ROWS:

@@ -85,12 +85,7 @@ class WindowAttention(nn.Module):
 class Aggregation(nn.Module):
     """A depthwise convolution of the values, plus window attention where `heads` are given; mixed by a 1x1 convolution.
 
-    Args:
-        channels: of the features.
-        kernel: of the convolution, px.
-        heads: of the attention; None for the convolution alone.
-        window: px.
-        shift: of the windows, px.
+    `kernel`, `window` and the windows' `shift` are in px.
     """
 
     def __init__(self, channels: int, kernel: int, heads: int | None, window: int, shift: int) -> None:

@@ -38,9 +38,7 @@ class GatedBlock(nn.Module):
 class GUNet(nn.Module):
     """U-net whose skips are fused by selective kernels; what comes out is added to the image.
 
-    Args:
-        channels: at full size; doubled at every halving.
-        depths: blocks of every stage.
+    `channels` at full size are doubled at every halving; `depths` are blocks of every stage.
     """
 
     def __init__(self, channels: int = 24, depths: tuple[int, ...] = DEPTHS) -> None:

@@ -71,11 +71,8 @@ class GcaNet(nn.Module):
         def normed(conv: nn.Module) -> nn.Sequential:
             return nn.Sequential(conv, nn.InstanceNorm2d(c, affine=True), nn.ReLU())
 
-        self.encoder = nn.Sequential(
-            normed(nn.Conv2d(4, c, 3, padding=1, bias=False)),
-            normed(nn.Conv2d(c, c, 3, padding=1, bias=False)),
-            normed(nn.Conv2d(c, c, 3, stride=2, padding=1, bias=False)),
-        )
+        shapes = ((4, 1), (c, 1), (c, 2))  # channels and stride
+        self.encoder = nn.Sequential(*(normed(nn.Conv2d(n, c, 3, stride, 1, bias=False)) for n, stride in shapes))
         blocks = [SmoothDilatedBlock(c, dilation) for dilation in DILATIONS]
         self.first_blocks, self.last_blocks = nn.Sequential(*blocks[:MIDDLE]), nn.Sequential(*blocks[MIDDLE:])
         self.gate = nn.Conv2d(3 * c, 3, 3, padding=1)

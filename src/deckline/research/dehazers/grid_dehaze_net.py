@@ -34,30 +34,20 @@ class ResidualDenseBlock(nn.Module):
 
 def grid_down(channels: int) -> nn.Sequential:
     """Half the size, then twice the channels."""
-    return nn.Sequential(
-        nn.Conv2d(channels, channels, 3, stride=2, padding=1),
-        nn.ReLU(),
-        nn.Conv2d(channels, 2 * channels, 3, padding=1),
-        nn.ReLU(),
-    )
+    halve, widen = nn.Conv2d(channels, channels, 3, 2, 1), nn.Conv2d(channels, 2 * channels, 3, padding=1)
+    return nn.Sequential(halve, nn.ReLU(), widen, nn.ReLU())
 
 
 def grid_up(channels: int) -> nn.Sequential:
     """Twice the size, then half the channels."""
-    return nn.Sequential(
-        nn.ConvTranspose2d(channels, channels, 3, stride=2, padding=1, output_padding=1),
-        nn.ReLU(),
-        nn.Conv2d(channels, channels // 2, 3, padding=1),
-        nn.ReLU(),
-    )
+    double = nn.ConvTranspose2d(channels, channels, 3, 2, 1, output_padding=1)
+    return nn.Sequential(double, nn.ReLU(), nn.Conv2d(channels, channels // 2, 3, padding=1), nn.ReLU())
 
 
 class GridColumn(nn.Module):
     """One column: every row through a dense block, plus what comes from the row before, weighted for every channel.
 
-    Args:
-        channels: of the first row.
-        downwards: whether features flow from larger to smaller rows; else the other way.
+    `channels` are of the first row; features flow `downwards`, from larger to smaller rows, or the other way.
     """
 
     def __init__(self, channels: int, downwards: bool) -> None:

@@ -4,6 +4,7 @@ Sources: Paszke, Chaurasia, Kim and Culurciello, "ENet", 2016; Hou, Ma, Liu and 
 Detection CNNs by Self Attention Distillation", 2019. Ours are the region branch (`parts`) and the view of 512x288 px.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -11,15 +12,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.research.detectors.painting import (
-    MAP_KIND,
-    LineExistence,
-    MapOutput,
-    map_loss,
-    overlap_loss,
-    paint_stripes,
-)
-from deckline.research.detectors.parts import RegionBranch
+from deckline.research.detectors import parts
+from deckline.research.detectors.parts import MAP_KIND, MapOutput
 from deckline.train.detect_losses import DetectTargets, Losses, LossWeights
 from deckline.train.line_networks import LINES, LineNetwork
 
@@ -34,12 +28,10 @@ CONTEXT: tuple[tuple[str, int], ...] = (  # kernels and dilations of the second 
 class EnetSad(LineNetwork):
     """The published network; encoder blocks E1 to E4 are ENet's initial block and stages one to three.
 
-    Args:
-        lines: how many.
-        size_px: width and height of the view, which 16 divides.
+    `size_px` are width and height of the view, which 16 divides.
     """
 
-    def __init__(self, lines: int = LINES, size_px: tuple[int, int] = (MAP_KIND.grid.width, MAP_KIND.grid.height)):
+    def __init__(self, lines: int = LINES, size_px: tuple[int, int] = MAP_KIND.grid.size) -> None:
         super().__init__()
         self.kind = MAP_KIND
         self.initial = _Initial()
@@ -54,8 +46,8 @@ class EnetSad(LineNetwork):
         self.up5 = _Up(64, 16)
         self.stage5 = _Bottleneck(16, 16, "square", act=nn.ReLU)
         self.map = nn.ConvTranspose2d(16, lines + 1, 3, 2, 1, output_padding=1, bias=False)
-        self.existence = LineExistence(128, 32, lines, (size_px[0] // 8, size_px[1] // 8))
-        self.region = RegionBranch(128)
+        self.existence = parts.LineExistence(128, 32, lines, (size_px[0] // 8, size_px[1] // 8))
+        self.region = parts.RegionBranch(128)
 
     def forward(self, image: Tensor) -> MapOutput:
         half = self.initial(image)
@@ -69,16 +61,17 @@ class EnetSad(LineNetwork):
         return MapOutput(self.map(x), self.existence(deepest), region, box, encoded)
 
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
-        total, parts = map_loss(output, targets, weights)
-        parts["overlap"] = overlap_loss(output.map.float(), paint_stripes(targets.cell, output.map.shape[3]))
-        total = total + OVERLAP_WEIGHT * parts["overlap"]
+        total, losses = parts.map_loss(output, targets, weights)
+        stripes = parts.paint_stripes(targets.cell, output.map.shape[3])
+        losses["overlap"] = parts.overlap_loss(output.map.float(), stripes)
+        total = total + OVERLAP_WEIGHT * losses["overlap"]
         if fraction >= DISTIL_FROM and output.encoded:
-            parts["distil"] = distillation_loss(output.encoded[1:])
-            total = total + DISTIL_WEIGHT * parts["distil"]
-        return total, {name: float(value.detach()) for name, value in parts.items()}
+            losses["distil"] = distillation_loss(output.encoded[1:])
+            total = total + DISTIL_WEIGHT * losses["distil"]
+        return total, {name: float(value.detach()) for name, value in losses.items()}
 
 
-def attention(features: Tensor, size: tuple[int, int]) -> Tensor:
+def attention(features: Tensor, size: Sequence[int]) -> Tensor:
     """Where a block looks, (B, h * w), sum 1: squares summed over channels, resized, softmax over places.
 
     Source: Hou et al. 2019, equation of G^2_sum with bilinear resizing and spatial softmax.
@@ -89,10 +82,10 @@ def attention(features: Tensor, size: tuple[int, int]) -> Tensor:
 
 def distillation_loss(blocks: tuple[Tensor, ...]) -> Tensor:
     """Squared distance of every block's attention from that of the next deeper one, which is only looked at."""
-    losses = []
-    for shallow, deep in pairwise(blocks):
-        size = (shallow.shape[2], shallow.shape[3])
-        losses.append(((attention(shallow, size) - attention(deep, size).detach()) ** 2).sum(1).mean())
+    losses = [
+        ((attention(shallow, shallow.shape[2:]) - attention(deep, shallow.shape[2:]).detach()) ** 2).sum(1).mean()
+        for shallow, deep in pairwise(blocks)
+    ]
     return torch.stack(losses).sum()
 
 
@@ -130,10 +123,7 @@ class _Bottleneck(nn.Module):
         self.step = step
         main = [nn.Conv2d(inner, inner, 3, padding=dilation, dilation=dilation, bias=False)]
         if shape == "asymmetric":
-            main = [
-                nn.Conv2d(inner, inner, (5, 1), padding=(2, 0), bias=False),
-                nn.Conv2d(inner, inner, (1, 5), padding=(0, 2), bias=False),
-            ]
+            main = [nn.Conv2d(inner, inner, size, padding="same", bias=False) for size in ((5, 1), (1, 5))]
         self.branch = nn.Sequential(
             nn.Conv2d(channels_in, inner, step, step, bias=False),
             nn.BatchNorm2d(inner),

@@ -11,8 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.research.detectors.painting import MAP_KIND, LineExistence, MapOutput, map_loss
-from deckline.research.detectors.parts import WIDTHS, RegionBranch, ResNet
+from deckline.research.detectors.parts import MAP_KIND, WIDTHS, LineExistence, MapOutput, RegionBranch, ResNet, map_loss
 from deckline.train.detect_losses import DetectTargets, Losses, LossWeights
 from deckline.train.line_networks import LINES, LineNetwork
 
@@ -25,18 +24,10 @@ GAIN = 2.0  # of what is passed on; published
 class Resa(LineNetwork):
     """The published network at stride 8. The backbone ends after its third stage, which fits the published cost.
 
-    Args:
-        layers: of the backbone, 18 or 34.
-        lines: how many.
-        size_px: width and height of the view, which 16 divides.
+    `layers` of the backbone are 18 or 34; `size_px` are width and height of the view, which 16 divides.
     """
 
-    def __init__(
-        self,
-        layers: int = 18,
-        lines: int = LINES,
-        size_px: tuple[int, int] = (MAP_KIND.grid.width, MAP_KIND.grid.height),
-    ) -> None:
+    def __init__(self, layers: int = 18, lines: int = LINES, size_px: tuple[int, int] = MAP_KIND.grid.size) -> None:
         super().__init__()
         self.kind = MAP_KIND
         self.body = ResNet(layers, stages=3, dilated=True)
@@ -108,11 +99,10 @@ class _Factored(nn.Module):
     def __init__(self, channels: int) -> None:
         super().__init__()
         layers: list[nn.Module] = []
-        for last in (False, True):
+        for _ in range(2):
             layers += [nn.Conv2d(channels, channels, (3, 1), padding=(1, 0)), nn.ReLU()]
-            layers += [nn.Conv2d(channels, channels, (1, 3), padding=(0, 1)), nn.BatchNorm2d(channels)]
-            layers += [] if last else [nn.ReLU()]
-        self.branch = nn.Sequential(*layers)
+            layers += [nn.Conv2d(channels, channels, (1, 3), padding=(0, 1)), nn.BatchNorm2d(channels), nn.ReLU()]
+        self.branch = nn.Sequential(*layers[:-1])
 
     def forward(self, x: Tensor) -> Tensor:
         return F.relu(x + self.branch(x))
