@@ -8,25 +8,19 @@ lines the combination that finds most is printed, after the detector's own.
 """
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
 from deckline.detect import DETECTORS, OnnxDetector
+from deckline.detect import coarse_to_fine as search
 from deckline.detect.anchors import decode_region
-from deckline.detect.coarse_to_fine import (
-    DetectConfig,
-    NetworkOutput,
-    decode_lines,
-    detect_lines,
-    lines_probability,
-    runway_probability,
-)
+from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput
 from deckline.detect.crop import Crop
 from deckline.evaluation.detection_truth import ExpectedLines, Scene
 from deckline.evaluation.frames import FrameSet, RenderOptions, open_recorded
@@ -45,8 +39,7 @@ Thresholds = tuple[float, float, float]  # of NAMES
 NAMES = ("min_confidence", "min_probability", "min_lone_probability")
 
 
-@dataclass(frozen=True, eq=False)
-class ScoredView:
+class ScoredView(NamedTuple):
     """What is in a view, and what the network said of it."""
 
     camera: Camera
@@ -56,8 +49,7 @@ class ScoredView:
     runway: float  # probability of a runway
 
 
-@dataclass(frozen=True)
-class Trial:
+class Trial(NamedTuple):
     """What a combination gives."""
 
     thresholds: Thresholds
@@ -97,27 +89,27 @@ def run_detector(
         return outputs[-1]
 
     config = with_thresholds(detector.config, (0.0, 0.0, 0.0))
-    u0, v0, u1, _ = detect_lines(image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
+    u0, v0, u1, _ = search.detect_lines(image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
     window = Crop(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
-    runway = runway_probability([decode_region(output.region, output.box).probability for output in outputs])
+    runway = search.runway_probability([decode_region(output.region, output.box).probability for output in outputs])
     return ScoredView(camera, expected, outputs[-1], window, runway)
 
 
-def lines_of(one: ScoredView, config: DetectConfig) -> tuple[list[NDArray[np.float64]], float]:
+def measure_lines(one: ScoredView, config: DetectConfig) -> tuple[list[NDArray[np.float64]], float]:
     """Distances of the points, px, of each line whose rows are sure enough, and the probability of the lines."""
-    detection = decode_lines(one.output, one.window, config)
+    detection = search.decode_lines(one.output, one.window, config)
     errors = []
     for side in SIDES:
         points, line = getattr(detection, side), one.expected.lines_px[side]
         if len(points):
-            none = np.full(len(points), np.inf)
-            errors.append(none if line is None else distance_px(points.points_px, line, one.camera))
-    return errors, lines_probability(detection, one.runway)
+            infinite = np.full(len(points), np.inf)
+            errors.append(infinite if line is None else distance_px(points.points_px, line, one.camera))
+    return errors, search.lines_probability(detection, one.runway)
 
 
-def trials(views: list[ScoredView], config: DetectConfig, row: float) -> list[Trial]:
+def try_thresholds(views: list[ScoredView], config: DetectConfig, row: float) -> list[Trial]:
     """Every pair of thresholds of lines, with this one of rows."""
-    rated = [lines_of(one, with_thresholds(config, (row, 0.0, 0.0))) for one in views]
+    rated = [measure_lines(one, with_thresholds(config, (row, 0.0, 0.0))) for one in views]
     errors, sure = [each for each, _ in rated], np.array([probability for _, probability in rated])
     lines = np.array([len(sides) for sides in errors])
     wrong = np.array([len(sides) == 1 and not np.median(sides[0]) <= WRONG_PX for sides in errors])
@@ -135,7 +127,7 @@ def trials(views: list[ScoredView], config: DetectConfig, row: float) -> list[Tr
     return tried
 
 
-def order(trial: Trial) -> tuple[float, int, float]:
+def rank(trial: Trial) -> tuple[float, int, float]:
     """What is better is larger: both lines on more decks, then one line on more, then fewer false ones."""
     return trial.found[2], trial.alone[0] - trial.alone[1], -trial.false_share
 
@@ -154,9 +146,9 @@ def main() -> None:
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")
     views = run_on_sets(sets, detector)
-    tried = [trial for row in track(ROW, "trying") for trial in trials(views, detector.config, row)]
+    tried = [trial for row in track(ROW, "trying") for trial in try_thresholds(views, detector.config, row)]
     usual = tuple(getattr(detector.config, name) for name in NAMES)
-    best = [max((t for t in tried if t.false_share <= share), key=order) for share in FALSE_SHARES]
+    best = [max((t for t in tried if t.false_share <= share), key=rank) for share in FALSE_SHARES]
     decks = sum(one.expected.scene is Scene.DECK for one in views)
     print(f"{decks} decks, {len(views) - decks} views without a runway")
     print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; row, both, lone")

@@ -15,16 +15,16 @@ from deckline.runtime.weights import MANIFEST, WEIGHTS, shipped_models
 from deckline.train.export import manifest_entry
 
 TABLE = "[[model]]"
+TEXTS = ("name", "command", "data", "hardware")  # of an entry, as they are given
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Put a trained model into the package.")
     parser.add_argument("model", type=Path, help="the exported file")
-    for name in ("name", "command", "data", "hardware"):
+    for name in TEXTS:
         parser.add_argument(f"--{name}", required=True, help=f"{name} in the manifest")
     parser.add_argument("--figures", type=Path, required=True, help="JSON of measured figures")
-    arguments = parser.parse_args()
-    ship(arguments, WEIGHTS)
+    ship(parser.parse_args(), WEIGHTS)
 
 
 def ship(arguments: argparse.Namespace, folder: Path) -> None:
@@ -33,22 +33,13 @@ def ship(arguments: argparse.Namespace, folder: Path) -> None:
     figures = {name: round(value, 4) for name, value in json.loads(arguments.figures.read_text()).items()}
     target = folder / f"{arguments.name}.onnx"
     shutil.copyfile(arguments.model, target)
-    entry = manifest_entry(
-        target,
-        name=arguments.name,
-        kind=config["kind"],
-        command=arguments.command,
-        data=arguments.data,
-        seed=config["recipe"]["seed"],
-        steps=config["step"],
-        hardware=arguments.hardware,
-        date=str(datetime.date.today()),
-        figures=figures,
-    )
+    keys = {name: getattr(arguments, name) for name in TEXTS} | {"kind": config["kind"], "steps": config["step"]}
+    keys |= {"seed": config["recipe"]["seed"], "date": str(datetime.date.today()), "figures": figures}
     manifest = folder / MANIFEST
     head, *blocks = manifest.read_text().split(TABLE)
     kept = [TABLE + block for block in blocks if f'\nname = "{arguments.name}"\n' not in block]
-    manifest.write_text("\n\n".join(part.strip() for part in [head, *kept, entry]) + "\n")
+    parts = [head, *kept, manifest_entry(target, **keys)]
+    manifest.write_text("\n\n".join(part.strip() for part in parts) + "\n")
     print(f"{target}: {shipped_models(folder)[arguments.name].sha256}")
 
 

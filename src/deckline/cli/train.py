@@ -1,6 +1,6 @@
 """`deckline train`: everything behind it needs the train extra."""
 
-from dataclasses import fields, make_dataclass, replace
+from dataclasses import make_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
@@ -50,7 +50,6 @@ DETECT_FLAGS: dict[str, tuple[Any, str]] = {"network": (Literal[*DETECT_NETWORKS
 
 def make_flags(recipe: type[Recipe], flags: dict[str, tuple[Any, str]]) -> Any:
     """A dataclass of flags; those that are not given are None, or False, and the recipe's value stays."""
-    defaults = {item.name: item.default for item in fields(recipe)}
     items: list[tuple[str, Any, Any]] = []
     for name, (kind, text) in flags.items():
         if name in SWITCHES:
@@ -58,7 +57,7 @@ def make_flags(recipe: type[Recipe], flags: dict[str, tuple[Any, str]]) -> Any:
             continue
         choices = get_args(kind) or (("True", "False") if kind is bool else ())
         metavar = "{" + ",".join(choices) + "}" if choices else "N"
-        hint = f"(default: {defaults[name]}, or the recipe's)"
+        hint = f"(default: {getattr(recipe, name)}, or the recipe's)"
         option = tyro.conf.arg(help=text, metavar=metavar, help_behavior_hint=hint)
         items.append((name, Annotated[kind | None, option], None))
     return make_dataclass("Flags", items, frozen=True)
@@ -88,8 +87,8 @@ def dehaze(
         flags: over the recipe.
     """
     config = make_recipe(DehazeTrainConfig, recipe, flags)
-    first = find_weights(start_from, config.network)
-    train_dehaze.train_dehaze(config, list(recordings), out, first, DEHAZE_NETWORKS)
+    start = find_weights(start_from, config.network)
+    train_dehaze.train_dehaze(config, list(recordings), out, start, DEHAZE_NETWORKS)
     return 0
 
 
@@ -114,8 +113,8 @@ def detect(
         flags: over the recipe.
     """
     config = make_recipe(DetectTrainConfig, recipe, flags)
-    first = find_weights(start_from, config.network)
-    train_detect.train_detect(config, list(recordings), out, first, DETECT_NETWORKS)
+    start = find_weights(start_from, config.network)
+    train_detect.train_detect(config, list(recordings), out, start, DETECT_NETWORKS)
     return 0
 
 
@@ -127,16 +126,9 @@ def make_recipe(cls: type[R], file: Path | None, flags: Any) -> R:
 
 
 def find_weights(source: str | None, network: str) -> Path | None:
-    """Where first weights lie.
-
-    Args:
-        source: `shipped` for the shipped weights of `network`, a shipped model's name, or a path; None for none.
-        network: that is trained.
-
-    Raises:
-        ValueError: no weights of that network are shipped.
-    """
-    name = network if source == SHIPPED else source
-    if source is None or name is None:
+    """Where first weights lie: `shipped` means those of `network`; else a shipped model's name, a path, or None."""
+    if source is None:
         return None
-    return shipped_weights(name) if source == SHIPPED or name in shipped_models() else Path(source)
+    if source == SHIPPED or source in shipped_models():
+        return shipped_weights(network if source == SHIPPED else source)
+    return Path(source)

@@ -40,12 +40,16 @@ def shipped_models(folder: Path = WEIGHTS) -> dict[str, ShippedModel]:
         raise ValueError(f"weights manifest {path} cannot be read: {error.strerror}") from error
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"weights manifest {path} is not TOML: {error}") from error
+    known = {item.name for item in fields(ShippedModel)}
     models: dict[str, ShippedModel] = {}
     for entry in content.get("model", []):
-        model = _model(path, entry)
-        if model.name in models:
-            raise ValueError(f"{path}: model {model.name!r} is listed twice")
-        models[model.name] = model
+        name, missing, unknown = entry.get("name", "?"), known - {"figures"} - entry.keys(), entry.keys() - known
+        if missing or unknown:
+            keys = f"lacks keys {sorted(missing)} and has unknown keys {sorted(unknown)}"
+            raise ValueError(f"{path}: model {name!r} {keys}")
+        if name in models:
+            raise ValueError(f"{path}: model {name!r} is listed twice")
+        models[name] = ShippedModel(**entry)
     return models
 
 
@@ -63,9 +67,8 @@ def shipped_weights(name: str, folder: Path = WEIGHTS) -> Path:
         raise ValueError(f"shipped weights {path} are missing")
     found = sha256_of(path)
     if found != models[name].sha256:
-        raise ValueError(
-            f"{path} was changed: SHA-256 is {found}, the manifest says {models[name].sha256}; it is not loaded"
-        )
+        listed = models[name].sha256
+        raise ValueError(f"{path} was changed: SHA-256 is {found}, the manifest says {listed}; it is not loaded")
     return path
 
 
@@ -73,14 +76,3 @@ def sha256_of(path: Path) -> str:
     """Hexadecimal SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _model(path: Path, entry: dict[str, Any]) -> ShippedModel:
-    known = {item.name for item in fields(ShippedModel)}
-    missing = sorted(known - {"figures"} - set(entry))
-    unknown = sorted(set(entry) - known)
-    if missing or unknown:
-        raise ValueError(
-            f"{path}: model {entry.get('name', '?')!r} lacks keys {missing} and has unknown keys {unknown}"
-        )
-    return ShippedModel(**entry)

@@ -225,25 +225,16 @@ def export_dehaze(
         dynamic["working"] = {2: "working_height", 3: "working_width"}
         args.append(torch.rand(1, 6 if prior else 3, 64, 96, device=device))
     cost = network_cost(model, channels=(3, 6) if prior else (3,))
-    metadata = {
-        "kind": "dehaze",
-        "network": network,
-        "parameters": cost.parameters,
-        "macs_256": cost.macs,
-        "working_long_side_px": working_long_side_px,
-        "recipe": recipe,
-        "step": step,
-    }
+    metadata = {"kind": "dehaze", "network": network, "parameters": cost.parameters, "macs_256": cost.macs}
+    metadata |= {"working_long_side_px": working_long_side_px, "recipe": recipe, "step": step}
     names = ["image", "working"] if coarse else ["image"]
     return export_onnx(model, tuple(args), path, names, ["clear"], dynamic, metadata)
 
 
 def _dehaze(model: nn.Module, image_rgb: NDArray[np.uint8], prior_rgb: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
     device = next(model.parameters()).device
-    hazy = torch.from_numpy(image_to_tensor(image_rgb)).to(device)
-    if prior_rgb is None:
-        restored = model(hazy)
-    else:
-        prior = torch.from_numpy(image_to_tensor(prior_rgb)).to(device)
-        restored = model(prior, torch.cat([hazy, prior], 1))
+    hazy, *prior = (
+        torch.from_numpy(image_to_tensor(image)).to(device) for image in (image_rgb, prior_rgb) if image is not None
+    )
+    restored = model(*prior, torch.cat([hazy, *prior], 1)) if prior else model(hazy)
     return tensor_to_image(restored.float().cpu().numpy())

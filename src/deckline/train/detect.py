@@ -14,22 +14,13 @@ from torch import Tensor
 from deckline.detect.anchors import DecodeConfig, network_output
 from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput, detect_lines
 from deckline.haze import add_haze
+from deckline.train import loop
 from deckline.train.dehaze_samples import random_airlight
 from deckline.train.detect_losses import DetectTargets, LossWeights
 from deckline.train.detect_samples import DetectAugmentation, make_batch
 from deckline.train.export import count_parameters, export_onnx, network_cost
 from deckline.train.line_networks import Hybrid, LineNetwork, PyramidConfig, Ufld
-from deckline.train.loop import (
-    RATE,
-    Loss,
-    Recipe,
-    autocast,
-    build_network,
-    open_run,
-    print_figures,
-    select_device,
-    train,
-)
+from deckline.train.loop import Recipe
 from deckline.train.start import settle_norms, start_detector
 from deckline.train.views import LineView, Views, make_ahead, open_line_views
 from deckline.types import SIDES, Detection, LinePoints
@@ -88,8 +79,8 @@ def train_detect(
         KeyboardInterrupt: after Ctrl-C; the checkpoint is written.
     """
     console = Console()
-    device = select_device(config)
-    model: LineNetwork = build_network(networks, config)
+    device = loop.select_device(config)
+    model: LineNetwork = loop.build_network(networks, config)
     views = open_line_views(recordings, config.held_out)
     grid = model.kind.target_grid
     if start_from is not None:
@@ -97,27 +88,27 @@ def train_detect(
         settle_norms(model, make_batch(views, START_VIEWS, grid, config.augment, [config.seed])[0])
     model.to(device)
     model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs lack this form
-    run = open_run(config, model, _optimizer(config, model), out)
+    run = loop.open_run(config, model, _optimizer(config, model), out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
 
     def make(step: int) -> tuple[Tensor, DetectTargets]:
         return make_batch(views, config.batch, grid, config.augment, [config.seed, step])
 
-    def loss(batch: tuple[Tensor, DetectTargets], fraction: float) -> Loss:
+    def loss(batch: tuple[Tensor, DetectTargets], fraction: float) -> loop.Loss:
         image = batch[0].to(device, memory_format=torch.channels_last)
         targets = DetectTargets(*(tensor.to(device) for tensor in batch[1])).first(model.kind.lines)
         model.train()
-        with autocast(config, device):
+        with loop.autocast(config, device):
             output = model(image)
         return model.loss(output, targets, config.losses, fraction)
 
-    train(config, run, make_ahead(make, run.step, config.steps), loss, console)
+    loop.train(config, run, make_ahead(make, run.step, config.steps), loss, console)
     model.load_state_dict(run.ema)
     path = export_detect(model, out / "detect.onnx", run.recipe, run.step)
     held_out = open_line_views(recordings, config.held_out, train=False)
     figures = validate(model, held_out, config.augment, config.seed)
     figures |= {"steps": run.step, "minutes": run.seconds / 60}
-    print_figures(console, figures, views.skipped | held_out.skipped)
+    loop.print_figures(console, figures, views.skipped | held_out.skipped)
     console.print(str(path))
     return figures
 
@@ -127,7 +118,7 @@ def _optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Opt
         [p for name, p in model.named_parameters() if p.requires_grad and name.startswith("backbone.") == of_backbone]
         for of_backbone in (True, False)
     )
-    groups: list[dict[str, Any]] = [{"params": backbone, RATE: config.backbone_lr}, {"params": rest}]
+    groups: list[dict[str, Any]] = [{"params": backbone, loop.RATE: config.backbone_lr}, {"params": rest}]
     return torch.optim.AdamW(groups, config.lr, weight_decay=config.weight_decay)
 
 
@@ -233,19 +224,12 @@ class _Exported(torch.nn.Module):
 def export_detect(model: LineNetwork, path: Path, recipe: dict[str, Any], step: int) -> Path:
     """Write the network as ONNX for one view at a time; recipe, grid, decoding and cost go into the metadata."""
     grid, decode = model.kind.grid, model.kind.decode
-    exported = _Exported(model)
-    metadata = {
-        "kind": "detect",
-        "grid": asdict(grid),
-        "parameters": runtime_parameters(model),
-        "macs": network_cost(exported, (grid.height, grid.width)).macs,  # of one view
-        "recipe": recipe,
-        "step": step,
-    }
+    exported = _Exported(model).train(model.training)
+    cost = {"parameters": runtime_parameters(model), "macs": network_cost(exported, (grid.height, grid.width)).macs}
+    metadata = {"kind": "detect", "grid": asdict(grid), **cost, "recipe": recipe, "step": step}
     if decode != DecodeConfig():
         metadata["decode"] = asdict(decode)
     args = (torch.zeros(1, 3, grid.height, grid.width, device=next(model.parameters()).device),)
-    exported.train(model.training)
     return export_onnx(exported, args, path, ["image"], list(model.kind.output_names), None, metadata)
 
 

@@ -60,9 +60,9 @@ class DetectAugmentation:
 
 
 class Sample(NamedTuple):
-    """One view and its encoded truth: what `DetectTargets` has, of one image."""
+    """One view (3, height, width), and its encoded truth: what `DetectTargets` has, of one image."""
 
-    image: NDArray[np.float32]  # (3, height, width)
+    image: NDArray[np.float32]
     cell: NDArray[np.float32]
     known: NDArray[np.bool_]
     region: NDArray[np.float32]
@@ -82,7 +82,7 @@ class _Scene(NamedTuple):
 
 def make_sample(view: LineView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator) -> Sample:
     """Haze, flip, rotate, choose a crop, degrade it, sample it. A labelled picture gets no haze."""
-    scene = _rotate(_flip(_add_haze(view, augment, rng), augment, rng), augment, rng)
+    scene = _turn(_add_haze(view, augment, rng), augment, rng)
     height, width = scene.image.shape[:2]
     box = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
     crop = choose_crop(box, scene.objects_px, (width, height), (grid.width, grid.height), augment, rng)
@@ -109,12 +109,8 @@ def make_batch(
 
 
 def encode_view(
-    lines_px: NDArray[np.float64],
-    visible: NDArray[np.bool_],
-    crop: Crop,
-    image_size: tuple[int, int],
-    grid: RowGrid,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    lines_px: NDArray[np.float64], visible: NDArray[np.bool_], crop: Crop, image_size: tuple[int, int], grid: RowGrid
+) -> tuple[NDArray[np.float32], ...]:
     """Targets of a crop: cell (3, rows), region classes, box offsets, box weights; the edges say where the runway is.
 
     Args:
@@ -192,26 +188,18 @@ def _find_object(ranges_m: NDArray[np.float32], rng: np.random.Generator) -> tup
     return np.array([[column + 0.5, row]]), float(near[row, column : column + 2].min())
 
 
-def _flip(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
-    """Mirrored left to right; the left line is then the right one."""
-    if rng.random() >= augment.flip_share:
-        return scene
-    lines = scene.lines_px[MIRRORED]
-    objects = scene.objects_px.copy()
-    for points in (lines, objects):
-        points[..., 0] = scene.image.shape[1] - 1 - points[..., 0]
-    return scene._replace(
-        image=scene.image[:, ::-1], lines_px=lines, visible=scene.visible[MIRRORED], objects_px=objects
-    )
-
-
-def _rotate(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
-    if rng.random() >= augment.rotate_share:
-        return scene
-    angle = np.deg2rad(rng.uniform(-augment.rotate_max_deg, augment.rotate_max_deg))
-    image, matrix, offset = rotate(scene.image, angle)
-    lines, objects = (points @ matrix.T + offset for points in (scene.lines_px, scene.objects_px))
-    return scene._replace(image=image, lines_px=lines, objects_px=objects)
+def _turn(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) -> _Scene:
+    """Mirrored left to right and rotated, each at random."""
+    image, lines, visible, known, objects = scene
+    if rng.random() < augment.flip_share:
+        image, lines, visible, objects = image[:, ::-1], lines[MIRRORED], visible[MIRRORED], objects.copy()
+        for points in (lines, objects):
+            points[..., 0] = image.shape[1] - 1 - points[..., 0]
+    if rng.random() < augment.rotate_share:
+        angle = np.deg2rad(rng.uniform(-augment.rotate_max_deg, augment.rotate_max_deg))
+        image, matrix, offset = rotate(image, angle)
+        lines, objects = (points @ matrix.T + offset for points in (lines, objects))
+    return _Scene(image, lines, visible, known, objects)
 
 
 def choose_crop(
