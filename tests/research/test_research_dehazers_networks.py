@@ -7,26 +7,11 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from deckline.research.dehazers import dehaze_former, grid_dehaze_net
 from deckline.research.dehazers.aod_net import AodNet
 from deckline.research.dehazers.common import pad_to_multiple, reflect_conv, residual_gain, set_first_weights
-from deckline.research.dehazers.dehaze_former import (
-    Aggregation,
-    DehazeFormer,
-    DehazeFormerConfig,
-    RescaleNorm,
-    WindowAttention,
-    log_offsets,
-    stage,
-)
 from deckline.research.dehazers.g_unet import GatedBlock, GUNet
 from deckline.research.dehazers.gca_net import GcaNet, SharedSmoothing, SmoothDilatedBlock, edges
-from deckline.research.dehazers.grid_dehaze_net import (
-    GridColumn,
-    GridDehazeNet,
-    ResidualDenseBlock,
-    grid_down,
-    grid_up,
-)
 
 
 @pytest.mark.parametrize(
@@ -62,21 +47,14 @@ def test_first_weights_have_the_papers_spread() -> None:
     assert layer[0].bias.abs().max() == 0
 
 
-def test_untrained_aod_net_returns_its_input() -> None:
-    image = torch.rand(2, 3, 20, 30)
-    with torch.no_grad():
-        torch.testing.assert_close(AodNet()(image), image)
-
-
 def test_aod_net_with_constant_k_is_the_papers_equation() -> None:
-    """With K held by the last bias: J = K I - K + 1, K never negative."""
-    model = AodNet()
-    model.fifth.bias.data = torch.tensor([1.5, 0.5, -2.0])
-    image = torch.rand(1, 3, 20, 30)
-    with torch.no_grad():
-        clear = model(image)
+    """Untrained: the input. With K held by the last bias: J = K I - K + 1, K never negative."""
+    model, image = AodNet(), torch.rand(2, 3, 20, 30)
     k = torch.tensor([1.5, 0.5, 0.0]).reshape(1, 3, 1, 1)
-    torch.testing.assert_close(clear, k * (image - 1) + 1)
+    with torch.no_grad():
+        torch.testing.assert_close(model(image), image)
+        model.fifth.bias.data = torch.tensor([1.5, 0.5, -2.0])
+        torch.testing.assert_close(model(image), k * (image - 1) + 1)
 
 
 def test_k_sees_seven_pixels_around() -> None:
@@ -93,13 +71,13 @@ def test_k_sees_seven_pixels_around() -> None:
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (8, 22, 8, 22)
 
 
-SMALL = DehazeFormerConfig(
+SMALL = dehaze_former.DehazeFormerConfig(
     channels=(4, 8, 16, 8, 4), depths=(1, 1, 1, 1, 1), attentive=(0, 1, 1, 0, 0), heads=(1, 2, 2, 1, 1), window=4
 )
 
 
 def test_norm_takes_scale_and_offset_out_and_hands_them_back() -> None:
-    norm, x = RescaleNorm(4), 3 + 5 * torch.randn(2, 4, 6, 7)
+    norm, x = dehaze_former.RescaleNorm(4), 3 + 5 * torch.randn(2, 4, 6, 7)
     for layer in (norm.rescale, norm.rebias):  # let both be the identity of the statistics
         layer.weight.data.fill_(1.0)
         layer.bias.data.zero_()
@@ -111,7 +89,7 @@ def test_norm_takes_scale_and_offset_out_and_hands_them_back() -> None:
 
 
 def test_log_offsets() -> None:
-    offsets = log_offsets(3).reshape(9, 9, 2)
+    offsets = dehaze_former.log_offsets(3).reshape(9, 9, 2)
     torch.testing.assert_close(offsets[0, 8], torch.tensor([-math.log(3), -math.log(3)]))  # two px up and left
     torch.testing.assert_close(offsets[5, 3], torch.tensor([0.0, math.log(3)]))
     torch.testing.assert_close(offsets, -offsets.transpose(0, 1))
@@ -119,7 +97,7 @@ def test_log_offsets() -> None:
 
 def test_attention_is_torchs_own_in_every_window() -> None:
     torch.manual_seed(0)
-    attention, qkv = WindowAttention(2, 4), torch.randn(2, 18, 8, 12)
+    attention, qkv = dehaze_former.WindowAttention(2, 4), torch.randn(2, 18, 8, 12)
     with torch.no_grad():
         out = attention(qkv)
         bias = attention.position(attention.offsets).T.reshape(2, 16, 16)
@@ -134,7 +112,7 @@ def test_attention_is_torchs_own_in_every_window() -> None:
 def test_windows_see_themselves_alone(shift: int) -> None:
     """A change in pixel (5, 5) reaches the window around it: rows and columns 4..7, or 2..5 when shifted by 2."""
     torch.manual_seed(0)
-    layer, x = Aggregation(4, 3, 2, 4, shift), torch.randn(1, 12, 16, 12)
+    layer, x = dehaze_former.Aggregation(4, 3, 2, 4, shift), torch.randn(1, 12, 16, 12)
     touched = x.clone()
     touched[:, :, 5, 5] += 1
     with torch.no_grad():
@@ -146,15 +124,15 @@ def test_windows_see_themselves_alone(shift: int) -> None:
 
 
 def test_second_blocks_shift_and_last_ones_attend() -> None:
-    config = DehazeFormerConfig()
-    assert [block.aggregation.shift for block in stage(config, 1)] == [0, 4, 0, 4]
-    attentive = [[block.norm is not None for block in stage(config, index)] for index in range(5)]
+    config = dehaze_former.DehazeFormerConfig()
+    assert [block.aggregation.shift for block in dehaze_former.stage(config, 1)] == [0, 4, 0, 4]
+    attentive = [[block.norm is not None for block in dehaze_former.stage(config, index)] for index in range(5)]
     assert attentive == [[False] * 4, [False, False, True, True], [True] * 4, [False] * 2, [False] * 2]
 
 
 def test_dehaze_former_reconstructs_on_minus_one_to_one() -> None:
     """With K and B held by the last bias: on -1..1 the output is K I - B + I."""
-    model = DehazeFormer(SMALL)
+    model = dehaze_former.DehazeFormer(SMALL)
     model.outro.weight.data.zero_()
     model.outro.bias.data = torch.tensor([0.5, 0.1, 0.2, 0.3])
     image = torch.rand(1, 3, 37, 45)
@@ -185,9 +163,8 @@ def test_g_unet_adds_to_the_image() -> None:
 
 def test_widths_double_down_and_halve_up() -> None:
     model = GUNet()
-    assert [stage[0].mix.in_channels for stage in [*model.encoders, model.bottom, *model.decoders]] == [
-        24, 48, 96, 192, 96, 48, 24,
-    ]  # fmt: skip
+    widths = [stage[0].mix.in_channels for stage in [*model.encoders, model.bottom, *model.decoders]]
+    assert widths == [24, 48, 96, 192, 96, 48, 24]
     assert model.multiple == 8
 
 
@@ -254,7 +231,7 @@ def test_gate_weighs_three_depths() -> None:
 
 
 def test_dense_block_is_its_input_when_it_fuses_nothing() -> None:
-    block, x = ResidualDenseBlock(4, 3, 5), torch.rand(1, 4, 6, 7)
+    block, x = grid_dehaze_net.ResidualDenseBlock(4, 3, 5), torch.rand(1, 4, 6, 7)
     assert [layer.in_channels for layer in block.layers] == [4, 9, 14]
     assert block.fuse.in_channels == 19
     block.fuse.weight.data.zero_()
@@ -265,15 +242,14 @@ def test_dense_block_is_its_input_when_it_fuses_nothing() -> None:
 
 def test_sizes_halve_and_double() -> None:
     x = torch.rand(1, 8, 12, 20)
-    with torch.no_grad():
-        assert grid_down(8)(x).shape == (1, 16, 6, 10)
-        assert grid_up(8)(x).shape == (1, 4, 24, 40)
+    assert grid_dehaze_net.grid_down(8)(x).shape == (1, 16, 6, 10)
+    assert grid_dehaze_net.grid_up(8)(x).shape == (1, 4, 24, 40)
 
 
 @pytest.mark.parametrize("downwards", [True, False])
 def test_column_joins_rows_with_its_weights(downwards: bool) -> None:
     torch.manual_seed(0)
-    column = GridColumn(4, downwards)
+    column = grid_dehaze_net.GridColumn(4, downwards)
     nodes = [torch.rand(1, 4 * 2**row, 16 // 2**row, 24 // 2**row) for row in range(3)]
     for joint in column.joints:
         joint.data = torch.rand_like(joint)
@@ -288,4 +264,10 @@ def test_column_joins_rows_with_its_weights(downwards: bool) -> None:
 
 
 def test_first_half_of_the_columns_goes_down() -> None:
-    assert [column.downwards for column in GridDehazeNet(4).columns] == [True, True, False, False, False]
+    assert [column.downwards for column in grid_dehaze_net.GridDehazeNet(4).columns] == [
+        True,
+        True,
+        False,
+        False,
+        False,
+    ]

@@ -6,16 +6,9 @@ import torch
 import torch.nn.functional as F
 
 from deckline.detect.anchors import decode, encode_region, rows_from_map
+from deckline.research.detectors import parts
 from deckline.research.detectors.enet_sad import DISTIL_FROM, EnetSad, attention, distillation_loss, unpool
-from deckline.research.detectors.parts import (
-    MAP_KIND,
-    STRIPE_PX,
-    MapOutput,
-    ResNet,
-    map_loss,
-    overlap_loss,
-    paint_stripes,
-)
+from deckline.research.detectors.parts import MAP_KIND, STRIPE_PX, MapOutput, ResNet
 from deckline.research.detectors.resa import GAIN, ROUNDS, FeatureShift
 from deckline.train.detect_losses import DetectTargets, LossWeights
 from deckline.train.export import count_parameters, network_cost
@@ -38,8 +31,8 @@ def test_taps_have_their_strides() -> None:
 
 
 def test_dilation_changes_no_weight_s_shape() -> None:
-    plain, dilated = (ResNet(18, dilated=flag).state_dict() for flag in (False, True))
-    assert {name: value.shape for name, value in plain.items()} == {n: value.shape for n, value in dilated.items()}
+    shapes = [{n: v.shape for n, v in ResNet(18, dilated=flag).state_dict().items()} for flag in (False, True)]
+    assert shapes[0] == shapes[1]
 
 
 def one_tap(module: FeatureShift) -> None:
@@ -115,7 +108,7 @@ def test_the_stripe_has_its_width_on_every_row() -> None:
     cell = torch.full((1, 2, 5), float("nan"))
     cell[0, 0, 1:4] = torch.tensor([20.0, 20.5, 21.0])
     cell[0, 1, 2] = 40.0
-    label = paint_stripes(cell, 64)
+    label = parts.paint_stripes(cell, 64)
     assert (label[0] == 1).sum(1).tolist() == [0, STRIPE_PX + 1, STRIPE_PX, STRIPE_PX + 1, 0]
     assert (label[0, 2] == 2).nonzero().flatten().tolist() == list(range(34, 47))
     assert label[0, 0].max() == label[0, 4].max() == 0
@@ -126,21 +119,19 @@ def test_overlap_is_one_minus_intersection_over_union() -> None:
     label[0, :, 0] = 1
     logits = torch.full((1, 3, 2, 4), -20.0)
     logits[0, 0], logits[0, 1, :, :2] = 0.0, 20.0  # twice as wide as the stripe; the second line is not there
-    assert overlap_loss(logits, label).item() == pytest.approx(0.5, abs=1e-6)
+    assert parts.overlap_loss(logits, label).item() == pytest.approx(0.5, abs=1e-6)
 
 
 def test_a_perfect_answer_costs_nothing_and_a_wrong_one_does() -> None:
     _, targets = painted_batch(128, 32)
-    label = paint_stripes(targets.cell, 128)
+    label = parts.paint_stripes(targets.cell, 128)
     logits = 40.0 * torch.nn.functional.one_hot(label, 3).permute(0, 3, 1, 2).float()
     lines = torch.tensor([[40.0, 40.0], [-40.0, -40.0]])
     region = torch.log(targets.region + 1e-12)
-    right, parts = map_loss(MapOutput(logits, lines, region, targets.box), targets, LossWeights())
-    assert parts["map"].item() == pytest.approx(0, abs=1e-6)
-    assert parts["existence"].item() == pytest.approx(0, abs=1e-6)
-    assert parts["box"].item() == 0
+    right, losses = parts.map_loss(MapOutput(logits, lines, region, targets.box), targets, LossWeights())
+    assert [losses[name].item() for name in ("map", "existence", "box")] == pytest.approx([0] * 3, abs=1e-6)
     swapped = MapOutput(logits[:, [0, 2, 1]], lines, region, targets.box)  # left for right
-    assert map_loss(swapped, targets, LossWeights())[0].item() > right.item() + 1
+    assert parts.map_loss(swapped, targets, LossWeights())[0].item() > right.item() + 1
 
 
 def test_what_is_taught_is_what_is_decoded() -> None:
@@ -148,7 +139,7 @@ def test_what_is_taught_is_what_is_decoded() -> None:
     grid = MAP_KIND.grid
     y = np.arange(grid.height)
     x = np.stack([100.3 + 0.21 * y, 400.8 - 0.37 * y])
-    label = paint_stripes(torch.from_numpy(x[None]).float(), grid.width)[0].numpy()
+    label = parts.paint_stripes(torch.from_numpy(x[None]).float(), grid.width)[0].numpy()
     logits = 12.0 * (label[None] == np.arange(3)[:, None, None])
     rows = rows_from_map(logits.astype(np.float32), np.array([9.0, -9.0], np.float32), grid)
     found = decode(rows[0], grid, MAP_KIND.decode)

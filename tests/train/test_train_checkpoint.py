@@ -7,13 +7,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from deckline.train.checkpoint import (
-    CHECKPOINT_FILE,
-    load_checkpoint,
-    read_progress,
-    save_checkpoint,
-    stop_on_interrupt,
-)
+from deckline.train import checkpoint
+from deckline.train.checkpoint import CHECKPOINT_FILE, load_checkpoint, read_progress, save_checkpoint
 
 
 def model_and_optimizer(width: int = 4) -> tuple[torch.nn.Module, torch.optim.Optimizer]:
@@ -50,17 +45,13 @@ def test_the_file_is_no_pickle_and_nothing_else_is_left(tmp_path: Path) -> None:
     path = save_checkpoint(tmp_path / "new", model, optimizer, {}, {})
     assert [item.name for item in path.parent.iterdir()] == [CHECKPOINT_FILE]
     header = int.from_bytes(path.read_bytes()[:8], "little")  # safetensors: length of a JSON header
-    assert path.read_bytes()[8:9] == b"{"
-    assert 0 < header < path.stat().st_size
+    assert path.read_bytes()[8:9] == b"{" and 0 < header < path.stat().st_size
 
 
-def test_no_checkpoint(tmp_path: Path) -> None:
+def test_no_checkpoint_another_model_and_a_broken_file(tmp_path: Path) -> None:
     assert read_progress(tmp_path) is None
     with pytest.raises(ValueError, match=str(tmp_path)):
         load_checkpoint(tmp_path, *model_and_optimizer())
-
-
-def test_another_model_and_a_broken_file(tmp_path: Path) -> None:
     save_checkpoint(tmp_path, *model_and_optimizer(4), {}, {})
     with pytest.raises(ValueError, match=CHECKPOINT_FILE):
         load_checkpoint(tmp_path, *model_and_optimizer(5))
@@ -73,7 +64,7 @@ def test_another_model_and_a_broken_file(tmp_path: Path) -> None:
 
 def test_first_interrupt_sets_the_event_second_one_interrupts() -> None:
     before = signal.getsignal(signal.SIGINT)
-    with stop_on_interrupt() as stopped:
+    with checkpoint.stop_on_interrupt() as stopped:
         assert not stopped.is_set()
         signal.raise_signal(signal.SIGINT)
         assert stopped.is_set()
@@ -86,7 +77,7 @@ def test_other_threads_may_train_as_well() -> None:
     seen = []
 
     def body() -> None:
-        with stop_on_interrupt() as stopped:
+        with checkpoint.stop_on_interrupt() as stopped:
             seen.append(stopped.is_set())
 
     thread = threading.Thread(target=body)

@@ -5,21 +5,8 @@ import pytest
 import torch
 
 from deckline.detect.anchors import RowGrid, decode
-from deckline.train.detect_losses import (
-    DetectTargets,
-    LossWeights,
-    UfldOutput,
-    anchor_loss,
-    anchor_targets,
-    box_loss,
-    line_anchors,
-    position_loss,
-    row_loss,
-    row_targets,
-    segmentation_loss,
-    shape_loss,
-    ufld_loss,
-)
+from deckline.train import detect_losses as losses
+from deckline.train.detect_losses import LossWeights, anchor_loss, line_anchors, position_loss, row_loss, row_targets
 from deckline.train.line_networks import Hybrid, PyramidConfig, join_classes
 
 CELLS = 128
@@ -42,19 +29,15 @@ def cell() -> torch.Tensor:
 def test_row_targets_are_two_cells_by_nearness():
     shares = row_targets(torch.tensor([3.25, 0.0, 127.0, 127.4, torch.nan]), CELLS)
     assert shares.sum(-1).tolist() == pytest.approx([1.0] * 5)
-    assert shares[0, 3].item() == pytest.approx(0.75)
-    assert shares[0, 4].item() == pytest.approx(0.25)
-    assert shares[1, 0] == 1.0
-    assert shares[2, 127] == 1.0
-    assert shares[3, 127] == 1.0
-    assert shares[4, 128] == 1.0
+    assert shares[0, 3:5].tolist() == pytest.approx([0.75, 0.25])
+    assert shares[[1, 2, 3, 4], [0, 127, 127, 128]].tolist() == [1.0] * 4
 
 
 def test_perfect_rows_lose_nothing(cell):
     logits = perfect(cell)
     assert row_loss(logits, cell, 2.0).item() == pytest.approx(0.0, abs=1e-4)
     assert position_loss(logits, cell).item() == pytest.approx(0.0, abs=1e-4)
-    assert shape_loss(logits, cell).item() == pytest.approx(0.0, abs=1e-4)
+    assert losses.shape_loss(logits, cell).item() == pytest.approx(0.0, abs=1e-4)
 
 
 def test_row_loss_is_the_focal_loss_of_one_hot_targets():
@@ -72,15 +55,15 @@ def test_shifted_rows_lose_position_by_their_shift(cell):
 def test_bent_lines_lose_shape():
     rows = torch.arange(72.0)
     bent = (40 + 0.02 * (rows - 36) ** 2)[None, None]
-    assert shape_loss(perfect(bent), bent).item() == pytest.approx(0.5 * 0.04**2, rel=0.05)
+    assert losses.shape_loss(perfect(bent), bent).item() == pytest.approx(0.5 * 0.04**2, rel=0.05)
 
 
 def test_box_loss_counts_only_images_with_a_runway():
     box, target = torch.ones(2, 4, 3, 3), torch.zeros(2, 4, 3, 3)
     weight = torch.zeros(2, 3, 3)
-    assert box_loss(box, target, weight).item() == 0.0
+    assert losses.box_loss(box, target, weight).item() == 0.0
     weight[0, 1, 1] = 1.0
-    assert box_loss(box, target, weight).item() == pytest.approx(4 * (1 - 0.05))
+    assert losses.box_loss(box, target, weight).item() == pytest.approx(4 * (1 - 0.05))
 
 
 def test_segmentation_knows_left_from_right():
@@ -92,18 +75,18 @@ def test_segmentation_knows_left_from_right():
         right_answer[0, :, :, column - 1 : column + 2] = 0.0
         right_answer[0, line, :, column - 1 : column + 2] = 5.0
     swapped = right_answer[:, [0, 2, 1]]
-    assert segmentation_loss(right_answer, cell, CELLS) < 0.5 * segmentation_loss(swapped, cell, CELLS)
+    assert losses.segmentation_loss(right_answer, cell, CELLS) < 0.5 * losses.segmentation_loss(swapped, cell, CELLS)
 
 
 def test_total_is_the_weighted_sum(cell):
-    output = UfldOutput(torch.randn(1, 2, 72, 129), torch.randn(1, 577), torch.randn(1, 4, 18, 32), None)
+    output = losses.UfldOutput(torch.randn(1, 2, 72, 129), torch.randn(1, 577), torch.randn(1, 4, 18, 32), None)
     region = torch.zeros(1, 577)
     region[0, 40] = 1.0
-    targets = DetectTargets(
+    targets = losses.DetectTargets(
         cell, torch.ones(1, 2, dtype=torch.bool), region, torch.zeros(1, 4, 18, 32), torch.ones(1, 18, 32) / 576
     )
     weights = LossWeights()
-    total, parts = ufld_loss(output, targets, weights)
+    total, parts = losses.ufld_loss(output, targets, weights)
     assert float(total) == pytest.approx(sum(getattr(weights, k) * v for k, v in parts.items()), rel=1e-5)
     assert np.isfinite(list(parts.values())).all()
 
@@ -143,7 +126,7 @@ def test_a_line_between_crosses_both_and_none_crosses_nothing() -> None:
 
 def test_a_batch_is_its_lines() -> None:
     lines = np.stack([pixel_rows(100, 280, 140, 80), pixel_rows(50, 100, 450, 110)]).astype(np.float32)
-    parts = anchor_targets(torch.from_numpy(lines)[None], GRID)
+    parts = losses.anchor_targets(torch.from_numpy(lines)[None], GRID)
     assert [tuple(part.shape) for part in parts] == [(1, 2, 72), (1, 2, 128), (1, 2, 128)]
     for index, line in enumerate(lines):
         for whole, single in zip(parts, line_anchors(line.astype(np.float64), GRID), strict=True):

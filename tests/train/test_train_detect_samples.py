@@ -13,7 +13,12 @@ from deckline.train.detect_samples import DetectAugmentation, blur, compress, ma
 from deckline.train.views import ClearView, LineView
 
 GRID = RowGrid()
-PLAIN = {name: 0.0 for name in vars(DetectAugmentation()) if name.endswith("_share")}
+SHARES = [name for name in vars(DetectAugmentation()) if name.endswith("_share")]
+
+
+def certain(*names: str, **values: float) -> DetectAugmentation:
+    """What is named happens to every view, nothing else to any."""
+    return DetectAugmentation(**{share: float(share.removesuffix("_share") in names) for share in SHARES} | values)
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +37,10 @@ def labelled(view) -> LineView:
     return LineView("labelled", view.image_rgb, lines)
 
 
+def rng(seed: int) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
 def brightest(image: np.ndarray, channel: int, row: int) -> float:
     """Column of the line of one colour in a row, by its centroid."""
     level = np.clip(image[channel, row] - image[2, row], 0, None)
@@ -41,26 +50,17 @@ def brightest(image: np.ndarray, channel: int, row: int) -> float:
 
 @pytest.mark.parametrize(
     "shares",
-    [
-        {},
-        {"close_share": 1.0},
-        {"close_share": 1.0, "flip_share": 1.0},
-        {"close_share": 1.0, "rotate_share": 1.0},
-        {"close_share": 1.0, "rotate_share": 1.0, "flip_share": 1.0},
-        {"flip_share": 1.0},
-        {"haze_share": 1.0, "close_share": 1.0},
-        {"blur_share": 1.0, "vertical_blur_share": 1.0, "close_share": 1.0},
-    ],
+    ["", "close", "close flip", "close rotate", "close rotate flip", "flip", "haze close", "blur vertical_blur close"],
 )
 @pytest.mark.parametrize("kind", ["view", "labelled"])
 def test_targets_lie_on_the_drawn_lines(kind, shares, request):
     view = request.getfixturevalue(kind)
-    augment = DetectAugmentation(**(PLAIN | shares), optical_depth_max=1.0)
+    augment = certain(*shares.split(), optical_depth_max=1.0)
     errors = []
     for seed in range(6):
-        sample = make_sample(view, GRID, augment, np.random.default_rng(seed))
+        sample = make_sample(view, GRID, augment, rng(seed))
         for line in (0, 1):
-            channel = 1 - line if shares.get("flip_share") else line  # mirrored, the red line is the right one
+            channel = 1 - line if "flip" in shares else line  # mirrored, the red line is the right one
             rows = np.flatnonzero(np.isfinite(sample.cell[line]))
             for row in rows[2:-2:3]:
                 y = int(GRID.row_y[row])
@@ -74,7 +74,7 @@ def test_targets_lie_on_the_drawn_lines(kind, shares, request):
 def test_left_stays_left_of_right_after_flips(view):
     augment = DetectAugmentation()
     for seed in range(20):
-        cell = make_sample(view, GRID, augment, np.random.default_rng(seed)).cell
+        cell = make_sample(view, GRID, augment, rng(seed)).cell
         both = np.isfinite(cell).all(axis=0)
         assert (cell[1, both] > cell[2, both]).all()
         assert (cell[2, both] > cell[0, both]).all()
@@ -82,29 +82,25 @@ def test_left_stays_left_of_right_after_flips(view):
 
 @pytest.mark.parametrize(("painted", "known", "seen"), [(True, True, True), (False, True, False), (None, False, False)])
 def test_a_centre_line_is_taught_where_it_is_painted_and_left_open_where_nobody_knows(view, painted, known, seen):
-    sample = make_sample(
-        replace(view, centre_painted=painted), GRID, DetectAugmentation(**PLAIN), np.random.default_rng(2)
-    )
+    sample = make_sample(replace(view, centre_painted=painted), GRID, certain(), rng(2))
     assert sample.known.tolist() == [True, True, known]
     assert np.isfinite(sample.cell[2]).any() == seen
     assert np.isfinite(sample.cell[:2]).any(axis=1).all()
 
 
 def test_region_box_is_around_both_lines(view):
-    sample = make_sample(view, GRID, DetectAugmentation(**(PLAIN | {"close_share": 1.0})), np.random.default_rng(1))
+    sample = make_sample(view, GRID, certain("close"), rng(1))
     region = decode_region(np.log(sample.region + 1e-12), sample.box)
     rows = np.flatnonzero(np.isfinite(sample.cell).any(axis=0))
     x = GRID.x_from_cell(sample.cell[np.isfinite(sample.cell)])
-    assert region.box[0] == pytest.approx(x.min(), abs=3)
-    assert region.box[2] == pytest.approx(x.max(), abs=3)
-    assert region.box[1] == pytest.approx(GRID.row_y[rows[0]], abs=5)
-    assert region.box[3] == pytest.approx(GRID.row_y[rows[-1]], abs=5)
+    assert region.box[[0, 2]] == pytest.approx([x.min(), x.max()], abs=3)
+    assert region.box[[1, 3]] == pytest.approx(GRID.row_y[rows[[0, -1]]], abs=5)
 
 
 def test_thick_haze_leaves_no_runway(view):
     far = replace(view, centre_painted=None)
-    augment = DetectAugmentation(**(PLAIN | {"haze_share": 1.0}), optical_depth_max=40.0)
-    samples = [make_sample(far, GRID, augment, np.random.default_rng(seed)) for seed in range(12)]
+    augment = certain("haze", optical_depth_max=40.0)
+    samples = [make_sample(far, GRID, augment, rng(seed)) for seed in range(12)]
     hidden = [s for s in samples if s.region[-1] == 1.0]
     assert len(hidden) >= 6
     assert all(np.isnan(s.cell).all() and s.box_weight.sum() == 0 for s in hidden)
@@ -112,14 +108,13 @@ def test_thick_haze_leaves_no_runway(view):
 
 def test_no_runway_no_targets(view):
     empty = LineView("sea", view.image_rgb, None, view.clear)
-    sample = make_sample(empty, GRID, DetectAugmentation(), np.random.default_rng(3))
+    sample = make_sample(empty, GRID, DetectAugmentation(), rng(3))
     assert np.isnan(sample.cell).all()
     assert sample.region[-1] == 1.0
 
 
 def test_same_seed_same_sample(view):
-    first, second = (make_sample(view, GRID, DetectAugmentation(), np.random.default_rng(5)) for _ in range(2))
-    for one, other in zip(first, second, strict=True):
+    for one, other in zip(*(make_sample(view, GRID, DetectAugmentation(), rng(5)) for _ in range(2)), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -133,22 +128,19 @@ def test_rotated_moves_points_with_the_image():
 
 
 def test_no_haze_is_added_to_labelled_pictures_and_the_contrast_is_left(labelled):
-    hazy = DetectAugmentation(**(PLAIN | {"haze_share": 1.0, "fade_share": 1.0}))
+    hazy = certain("haze", "fade")
     for seed in range(3):
-        one, other = (
-            make_sample(labelled, GRID, a, np.random.default_rng(seed)) for a in (hazy, DetectAugmentation(**PLAIN))
-        )
-        for first, second in zip(one, other, strict=True):
+        for first, second in zip(*(make_sample(labelled, GRID, a, rng(seed)) for a in (hazy, certain())), strict=True):
             np.testing.assert_array_equal(first, second)
 
 
 def test_one_labelled_line_is_taught_alone_and_none_as_no_runway(labelled):
-    augment, lines = DetectAugmentation(**(PLAIN | {"close_share": 1.0})), labelled.lines_px.copy()
+    augment, lines = certain("close"), labelled.lines_px.copy()
     lines[1] = np.nan
-    one = make_sample(replace(labelled, lines_px=lines), GRID, augment, np.random.default_rng(0))
+    one = make_sample(replace(labelled, lines_px=lines), GRID, augment, rng(0))
     assert np.isfinite(one.cell[0]).sum() > 10 and np.isnan(one.cell[1]).all()
     assert decode_region(np.log(one.region + 1e-12), one.box).probability > 0.9
-    none = make_sample(replace(labelled, lines_px=None), GRID, augment, np.random.default_rng(0))
+    none = make_sample(replace(labelled, lines_px=None), GRID, augment, rng(0))
     assert np.isnan(none.cell).all() and none.region[-1] == 1.0
 
 
@@ -162,7 +154,7 @@ def test_visible_box_and_its_absence():
 
 @pytest.mark.parametrize(("quality", "scale"), [(25, 2.0), (50, 1.0), (90, 0.2)])
 def test_compression_is_jpeg_at_the_scale_of_its_tables(quality: int, scale: float) -> None:
-    image = np.random.default_rng(0).normal(100, 20, (33, 50, 1)).repeat(3, axis=2)
+    image = rng(0).normal(100, 20, (33, 50, 1)).repeat(3, axis=2)
     levels = np.rint(image).clip(0, 255).astype(np.uint8)
     np.testing.assert_array_equal(compress(image.astype(np.float32), scale), jpeg(levels, quality))
 
@@ -186,14 +178,10 @@ def test_without_a_runway_close_crops_are_at_objects(view):
     image[:] = 0
     image[200:216, 100:120], ranges[200:216, 100:120] = 255, 100.0
     clear = replace(view.clear, clear_rgb=image, range_m=ranges)
-    augment = DetectAugmentation(**(PLAIN | {"close_share": 1.0, "object_share": 1.0, "flip_share": 0.5}))
-    samples = [
-        make_sample(LineView("box", image, None, clear), GRID, augment, np.random.default_rng(seed))
-        for seed in range(30)
-    ]
-    white = [
-        int((sample.image[0] > sample.image[0].mean() + 0.5 * np.ptp(sample.image[0])).sum()) for sample in samples
-    ]
+    augment = certain("close", "object", flip_share=0.5)
+    samples = [make_sample(LineView("box", image, None, clear), GRID, augment, rng(seed)) for seed in range(30)]
+    reds = [sample.image[0] for sample in samples]
+    white = [int((red > red.mean() + 0.5 * np.ptp(red)).sum()) for red in reds]
     assert np.mean(np.array(white) > 0) > 0.8
     whole_px = 20 * 16 * (GRID.width / image.shape[1]) ** 2
     assert np.median(white) > 3 * whole_px
