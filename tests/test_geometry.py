@@ -77,9 +77,10 @@ def test_ray_lengths_turn_depth_into_range():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Camera(0, 10, 1, 1, 0, 0), "size.*0x10 px"),
-        (lambda: Camera(10, 10, -1, 1, 0, 0), "fx=-1"),
-        (lambda: Camera(10, 10, 1, 1, float("nan"), 0), "cx=nan"),
+        (lambda: Camera(0, 10, 1, 1, 0, 0), r"camera\.width.* 0"),
+        (lambda: Camera(10, 10, -1, 1, 0, 0), r"camera\.fx.*-1"),
+        (lambda: Camera(10, 10, 1, 1, float("nan"), 0), r"camera\.cx.*nan"),
+        (lambda: Camera(10, 10, 1, 1, 0, 0, (float("inf"), 0, 0, 0, 0)), r"camera\.distortion.*inf"),
         (lambda: Camera(10, 10, 1, 1, 0, 0, (0.1, 0.2)), "distortion.* 2 "),
         (lambda: Camera.from_fov(10, 10, 4.0), r"field of view.*4\.0"),
         (lambda: CAMERA.rays(np.zeros(3)), r"\(N, 2\).*\(3,\)"),

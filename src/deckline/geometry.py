@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from deckline.checks import check_numbers
+
 UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distortion at the corner
 UNDISTORT_MIN_STEP = 1e-12  # of normalised image coordinates; smaller steps change nothing
 UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; a larger residual does not converge
@@ -42,14 +44,9 @@ class Camera:
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1:
-            raise ValueError(f"camera size must be positive, got {self.width}x{self.height} px")
-        values = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
-        if not np.all(np.isfinite(values)) or self.fx <= 0 or self.fy <= 0:
-            raise ValueError(
-                f"camera needs finite fx, fy > 0 and finite cx, cy, got fx={self.fx}, fy={self.fy}, "
-                f"cx={self.cx}, cy={self.cy}, distortion={self.distortion}"
-            )
+        check_numbers(self, "camera", "width", "height", least=1)
+        check_numbers(self, "camera", "fx", "fy", above=0)
+        check_numbers(self, "camera", "cx", "cy", "distortion")
         if len(self.distortion) != 5:
             raise ValueError(f"distortion must be k1, k2, p1, p2, k3; got {len(self.distortion)} numbers")
 
@@ -142,10 +139,9 @@ def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform
         raise ValueError(
             f"pose needs 3 metres and 4 quaternion numbers, got shapes {translation.shape} and {quaternion.shape}"
         )
-    if not np.all(np.isfinite(translation)):
-        raise ValueError(f"position is not finite: {translation.tolist()}")
-    if not np.all(np.isfinite(quaternion)):
-        raise ValueError(f"quaternion is not finite: {quaternion.tolist()}")
+    for name, numbers in (("position", translation), ("quaternion", quaternion)):
+        if not np.all(np.isfinite(numbers)):
+            raise ValueError(f"{name} is not finite: {numbers.tolist()}")
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1) > QUATERNION_TOLERANCE:
         raise ValueError(f"quaternion has length {length:.3g}, expected 1: {quaternion.tolist()}")

@@ -170,7 +170,6 @@ def _examples(prog: str) -> str:
 
 
 def _description(command: Callable[..., int]) -> str:
-    """The docstring of a command up to its arguments."""
     return (inspect.getdoc(command) or "").partition("\n\nArgs:")[0]
 
 

@@ -196,11 +196,8 @@ def fit_haze(
     Where what lies below the horizon does not fade as a sea does, the sides of the image are tried: a deck just ahead
     hides the sea in its middle.
 
-    Args:
-        image: (H, W, 3) levels, of the display or of light.
-        view: the sea in this image.
-        water: what colour a sea has, in the same levels.
-        noise_sigma: of a pixel, levels; it shifts the quantile below the median.
+    `water` says what colour a sea has in the same levels, `noise_sigma` how noisy a pixel is, levels: noise shifts the
+    quantile below the median.
     """
     airlight = _band_airlight(image, view)
     if airlight is None:

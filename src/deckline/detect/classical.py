@@ -55,15 +55,7 @@ class ClassicalDetector:
         self.config = config or ClassicalConfig()
 
     def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
-        """Both lines in an image (H, W, 3) uint8 RGB.
-
-        Args:
-            image_rgb: the image.
-            prior_box: u0, v0, u1, v1 of where the runway should be, px; searched if the whole shows no runway.
-
-        Raises:
-            ValueError: anything but such an image, or a box that is empty or not finite.
-        """
+        """Both lines in an image (H, W, 3) uint8 RGB; `prior_box` is searched if the whole image shows no runway."""
         check_image(image_rgb)
         found = _find_runway(image_rgb, self.config)
         if prior_box is None or len(found.left):
@@ -125,7 +117,6 @@ def _find_in_box(image_rgb: NDArray[np.uint8], box: Box, config: ClassicalConfig
 
 
 def _find_markings(lines: list[StripeLine], config: ClassicalConfig) -> list[_Marking]:
-    """Every stripe, and every two that could be a ladder."""
     found = [_Marking(line, 0.0) for line in lines]
     for left in lines:
         for right in lines:

@@ -59,12 +59,6 @@ def detect_lines(
     Where the search misses a line, the prior's box is searched. Its result replaces the first one if it has both
     lines, its middle lies in the box, and it agrees with any line of the first search.
 
-    Args:
-        image_rgb: the image.
-        infer: the network.
-        config: thresholds and crops.
-        prior_box: u0, v0, u1, v1 of where the runway should be, image px.
-
     Raises:
         ValueError: anything but such an image, or a box that is empty or not finite.
     """

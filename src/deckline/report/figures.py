@@ -140,7 +140,6 @@ def _median(values: NDArray[np.float64]) -> float | None:
 
 
 def _quantiles(errors: NDArray[np.float64], key: str) -> tuple[str, str]:
-    """Median and 95 % of the absolute errors as texts."""
     size = np.abs(errors)
     p95 = float(np.percentile(size, 95)) if len(size) else None
     return number(_median(size), _unit(key)), number(p95, _unit(key))

@@ -63,7 +63,6 @@ def report_html(info: Mapping[str, str], records: list[Record], pictures: Pictur
 
 
 def _row(record: Record) -> Record:
-    """What plots and numbers need of a record."""
     if "skipped" in record:
         return {"file": record["file"], "skipped": True}
     row = {key: record.get(key) for key in ("file", "time_s", "status", "mode", "reason", "guidance", "protection")}

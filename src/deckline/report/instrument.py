@@ -8,19 +8,8 @@ shows a red flag, never a centred needle.
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.report import draw
 from deckline.report.draw import (
-    BACKGROUND,
-    CAUTION,
-    CENTRE,
-    DIM,
-    EDGE,
-    FLAG,
-    GOOD,
-    INK,
-    LEFT,
-    NEEDLE,
-    PANEL,
-    RIGHT,
     Image,
     draw_box,
     draw_dot,
@@ -42,14 +31,14 @@ SIGMA_OPACITY = 0.28  # of the band around a needle
 FACE = (16, 12, 224)  # left, top, side
 
 STATUS_TAGS = {
-    Status.OK: ("BOTH LINES", GOOD, (8, 20, 16)),
-    Status.ONE_LINE: ("ONE LINE", CAUTION, (30, 28, 4)),
-    Status.NOT_SEEN: ("NO LINES", FLAG, (255, 255, 255)),
+    Status.OK: ("BOTH LINES", draw.GOOD, (8, 20, 16)),
+    Status.ONE_LINE: ("ONE LINE", draw.CAUTION, (30, 28, 4)),
+    Status.NOT_SEEN: ("NO LINES", draw.FLAG, (255, 255, 255)),
 }
 TRACK_TAGS = {
-    TrackState.TRACKING: ("TRACKING", GOOD, (8, 20, 16)),
-    TrackState.COASTING: ("COASTING", CAUTION, (30, 28, 4)),
-    TrackState.LOST: ("NO TRACK", EDGE, INK),
+    TrackState.TRACKING: ("TRACKING", draw.GOOD, (8, 20, 16)),
+    TrackState.COASTING: ("COASTING", draw.CAUTION, (30, 28, 4)),
+    TrackState.LOST: ("NO TRACK", draw.EDGE, draw.INK),
 }
 MODES = {
     DepthMode.FINE: "fine: distances from the depth camera",
@@ -79,7 +68,7 @@ def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
 
 def draw_instrument(guidance: Guidance) -> Image:
     """The band (248, 1280, 3) below the pictures: indicator, numbers, status."""
-    image = np.full((BAND[1], BAND[0], 3), BACKGROUND, dtype=np.uint8)
+    image = np.full((BAND[1], BAND[0], 3), draw.BACKGROUND, dtype=np.uint8)
     _draw_indicator(image, guidance)
     for column, tile in enumerate(_tiles(guidance)):
         _draw_tile(image, column, *tile)
@@ -98,11 +87,11 @@ def _needle(deviation: Value | None, dot: float) -> Value | None:
 def _draw_indicator(image: Image, guidance: Guidance) -> None:
     left, top, side = FACE
     x, y = middle = np.array([left + side // 2, top + side // 2])
-    draw_box(image, (left, top), (side, side), EDGE, 14)
+    draw_box(image, (left, top), (side, side), draw.EDGE, 14)
     draw_box(image, (left + 2, top + 2), (side - 4, side - 4), (10, 13, 17), 12)
     for step in (-2, -1, 1, 2):
-        draw_dot(image, (x + step * DOT_PX, y), 4, DIM, filled=False)
-        draw_dot(image, (x, y + step * DOT_PX), 4, DIM, filled=False)
+        draw_dot(image, (x + step * DOT_PX, y), 4, draw.DIM, filled=False)
+        draw_dot(image, (x, y + step * DOT_PX), 4, draw.DIM, filled=False)
     right, up, reach = np.array([DOT_PX, 0]), np.array([0, -DOT_PX]), side // 2 - 10
     lateral, glideslope = lateral_needle(guidance), glideslope_needle(guidance)
     needles = []
@@ -112,22 +101,22 @@ def _draw_indicator(image: Image, guidance: Guidance) -> None:
             _brighten(image, centre, np.abs(needle.sigma * across + arm))
             needles.append([centre - arm, centre + arm])
     for limit in lateral_limits_dots(guidance) or ():
-        draw_segment(image, [middle + limit * right + [0, end] for end in (-18, 18)], CAUTION, 2)
+        draw_segment(image, [middle + limit * right + [0, end] for end in (-18, 18)], draw.CAUTION, 2)
     for ends in needles:
-        draw_segment(image, ends, NEEDLE, 3)
+        draw_segment(image, ends, draw.NEEDLE, 3)
     # The aircraft: the fixed mark in the middle.
-    draw_segment(image, [(x - 16, y), (x - 6, y)], CENTRE, 2)
-    draw_segment(image, [(x + 6, y), (x + 16, y)], CENTRE, 2)
-    draw_dot(image, (x, y), 3, CENTRE)
+    draw_segment(image, [(x - 16, y), (x - 6, y)], draw.CENTRE, 2)
+    draw_segment(image, [(x + 6, y), (x + 16, y)], draw.CENTRE, 2)
+    draw_dot(image, (x, y), 3, draw.CENTRE)
     if lateral is None:
-        draw_tag(image, "LOC", (left + 12, top + 12), 15, FLAG, INK)
+        draw_tag(image, "LOC", (left + 12, top + 12), 15, draw.FLAG, draw.INK)
     if glideslope is None:
-        draw_tag(image, "GS", (left + side - 48, top + 12), 15, FLAG, INK)
+        draw_tag(image, "GS", (left + side - 48, top + 12), 15, draw.FLAG, draw.INK)
     if guidance.status is Status.NOT_SEEN:
-        draw_box(image, (x - 70, y - 21), (140, 42), FLAG, 5)
-        draw_text(image, "NO LINES", (x - measure_text("NO LINES", 22, 700) / 2, y + 8), 22, INK, 700)
-    draw_text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, DIM)
-    draw_text(image, f"dot {GLIDESLOPE_DOT_DEG:g}°", (left + side - 62, top + side - 12), 12, DIM)
+        draw_box(image, (x - 70, y - 21), (140, 42), draw.FLAG, 5)
+        draw_text(image, "NO LINES", (x - measure_text("NO LINES", 22, 700) / 2, y + 8), 22, draw.INK, 700)
+    draw_text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, draw.DIM)
+    draw_text(image, f"dot {GLIDESLOPE_DOT_DEG:g}°", (left + side - 62, top + side - 12), 12, draw.DIM)
 
 
 def _brighten(image: Image, centre: NDArray[np.float64], half: NDArray[np.float64]) -> None:
@@ -137,7 +126,7 @@ def _brighten(image: Image, centre: NDArray[np.float64], half: NDArray[np.float6
     ends = np.clip([centre - half, centre + half], low, low + side - 20)
     (x0, y0), (x1, y1) = np.rint(ends).astype(int)
     part = image[y0:y1, x0:x1]
-    part[:] = np.rint(part + SIGMA_OPACITY * (np.array(NEEDLE) - part.astype(np.float64))).astype(np.uint8)
+    part[:] = np.rint(part + SIGMA_OPACITY * (np.array(draw.NEEDLE) - part.astype(np.float64))).astype(np.uint8)
 
 
 def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
@@ -167,21 +156,21 @@ def _draw_tile(
     image: Image, column: int, title: str, value: Value | None, unit: str, digits: int, meaning: str
 ) -> None:
     left, top = FACE[0] + FACE[2] + 16 + column * 254, 12
-    draw_box(image, (left, top), (245, 118), PANEL, 10)
-    draw_text(image, title, (left + 14, top + 24), 13, DIM, 500)
+    draw_box(image, (left, top), (245, 118), draw.PANEL, 10)
+    draw_text(image, title, (left + 14, top + 24), 13, draw.DIM, 500)
     if value is None:
-        draw_text(image, "- - -", (left + 14, top + 66), 34, EDGE, 600)
-        draw_text(image, "not known", (left + 14, top + 100), 14, DIM)
+        draw_text(image, "- - -", (left + 14, top + 66), 34, draw.EDGE, 600)
+        draw_text(image, "not known", (left + 14, top + 100), 14, draw.DIM)
         return
     sign = "+" if column < 2 else ""
     space = "" if unit == "°" else " "
     number = f"{value.value:{sign}.{digits}f}"
-    used = draw_text(image, number, (left + 14, top + 66), 36, INK, 600)
-    used += draw_text(image, f"{space}{unit}", (left + 16 + used, top + 66), 20, INK)
+    used = draw_text(image, number, (left + 14, top + 66), 36, draw.INK, 600)
+    used += draw_text(image, f"{space}{unit}", (left + 16 + used, top + 66), 20, draw.INK)
     # One more digit where a small 1-sigma would read as zero.
     decimals = digits if value.sigma >= 0.95 * 10**-digits else digits + 1
-    draw_text(image, f"± {value.sigma:.{decimals}f}{space}{unit}", (left + 26 + used, top + 66), 16, DIM)
-    draw_text(image, meaning, (left + 14, top + 100), 14, DIM)
+    draw_text(image, f"± {value.sigma:.{decimals}f}{space}{unit}", (left + 26 + used, top + 66), 16, draw.DIM)
+    draw_text(image, meaning, (left + 14, top + 100), 14, draw.DIM)
 
 
 def _draw_status(image: Image, guidance: Guidance) -> None:
@@ -189,22 +178,22 @@ def _draw_status(image: Image, guidance: Guidance) -> None:
     words, colour, ink = STATUS_TAGS[guidance.status]
     left += draw_tag(image, words, (left, top), 18, colour, ink) + 14
     if guidance.flags:
-        left += draw_tag(image, "DO NOT FOLLOW", (left, top), 18, FLAG, INK) + 14
+        left += draw_tag(image, "DO NOT FOLLOW", (left, top), 18, draw.FLAG, draw.INK) + 14
     elif guidance.track is not None:
         left += draw_tag(image, TRACK_TAGS[guidance.track][0], (left, top), 18, *TRACK_TAGS[guidance.track][1:]) + 14
-    left += draw_text(image, MODES[guidance.mode], (left, top + 22), 16, INK) + 18
+    left += draw_text(image, MODES[guidance.mode], (left, top + 22), 16, draw.INK) + 18
     for row, line in enumerate(wrap(guidance.reason, 14, BAND[0] - 16 - left, 2)):
-        draw_text(image, line, (left, top + (21 if row == 0 else 41)), 14, DIM)
+        draw_text(image, line, (left, top + (21 if row == 0 else 41)), 14, draw.DIM)
 
 
 def _draw_legend(image: Image, glideslope_rad: float | None) -> None:
     left, y = FACE[0] + FACE[2] + 16, 222
-    for name, colour in (("left line", LEFT), ("right line", RIGHT), ("centre line", CENTRE)):
+    for name, colour in (("left line", draw.LEFT), ("right line", draw.RIGHT), ("centre line", draw.CENTRE)):
         draw_box(image, (left, y - 8), (22, 6), colour, 2)
-        left += 30 + draw_text(image, name, (left + 30, y), 14, DIM) + 22
+        left += 30 + draw_text(image, name, (left + 30, y), 14, draw.DIM) + 22
     slope = "" if glideslope_rad is None else f" off the {np.rad2deg(glideslope_rad):.3g}° slope"
     notes = (
         f"Fly to the needles.  Dot: {LATERAL_DOT_M:g} m, {GLIDESLOPE_DOT_DEG:g}°{slope}.  "
         "±: 1-sigma; within: protection level."
     )
-    draw_text(image, shorten(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, DIM)
+    draw_text(image, shorten(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, draw.DIM)

@@ -8,22 +8,8 @@ from numpy.typing import NDArray
 
 from deckline.flight import FrameResult
 from deckline.geometry import intersect_plane
-from deckline.report.draw import (
-    BACKGROUND,
-    CENTRE,
-    DIM,
-    INK,
-    LEFT,
-    RIGHT,
-    Colour,
-    Image,
-    draw_dashes,
-    draw_dot,
-    draw_segment,
-    draw_text,
-    measure_text,
-    shorten,
-)
+from deckline.report import draw
+from deckline.report.draw import Colour, Image, draw_dashes, draw_dot, draw_segment, draw_text, measure_text, shorten
 from deckline.report.instrument import BAND, draw_instrument
 from deckline.types import SIDES, Frame, Guidance, LinePoints, PixelLine, RunwayEstimate
 
@@ -35,12 +21,10 @@ WINDOW_SHARE = 0.6  # of the magnified view's width or height that the lines fil
 MIN_WINDOW_PX = 48  # width of the magnified part of the image, at least
 DOT_PX = (1.5, 4.0)  # radius of a point of no and of full confidence, where points lie apart
 RIM_PX = 2.2  # smaller points have no dark rim: they would be all rim
-COLOURS = {"left": LEFT, "right": RIGHT}
+COLOURS = {"left": draw.LEFT, "right": draw.RIGHT}
 NEAR_M = 1.0  # the centre line is drawn from this far in front of the camera
 HEADER_PX = 40
 OVERLAY_PX = (2 * PANEL_PX[0], HEADER_PX + PANEL_PX[1] + BAND[1])  # width, height; both even, as H.264 wants
-
-
 Window = tuple[int, int, int, int]  # u0, v0, u1, v1, px, ends excluded
 
 
@@ -147,21 +131,21 @@ def project_centre_line(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.fl
 
 def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
     """The whole overlay picture, (648, 1280, 3)."""
-    image = np.full((OVERLAY_PX[1], OVERLAY_PX[0], 3), BACKGROUND, dtype=np.uint8)
+    image = np.full((OVERLAY_PX[1], OVERLAY_PX[0], 3), draw.BACKGROUND, dtype=np.uint8)
     for column, picture in enumerate((pictures.hazy, pictures.marked)):
         height, width = picture.shape[:2]
         left = column * PANEL_PX[0] + (PANEL_PX[0] - width) // 2
         top = HEADER_PX + (PANEL_PX[1] - height) // 2
         image[top : top + height, left : left + width] = picture
-    image[HEADER_PX : HEADER_PX + PANEL_PX[1], PANEL_PX[0] - 1 : PANEL_PX[0] + 1] = BACKGROUND
+    image[HEADER_PX : HEADER_PX + PANEL_PX[1], PANEL_PX[0] - 1 : PANEL_PX[0] + 1] = draw.BACKGROUND
     image[HEADER_PX + PANEL_PX[1] :] = draw_instrument(guidance)
-    draw_text(image, "HAZY", (16, 26), 15, INK, 600)
-    draw_text(image, "as the camera saw it", (68, 26), 14, DIM)
-    draw_text(image, "DEHAZED", (PANEL_PX[0] + 16, 26), 15, INK, 600)
-    draw_text(image, "with the lines found", (PANEL_PX[0] + 100, 26), 14, DIM)
+    draw_text(image, "HAZY", (16, 26), 15, draw.INK, 600)
+    draw_text(image, "as the camera saw it", (68, 26), 14, draw.DIM)
+    draw_text(image, "DEHAZED", (PANEL_PX[0] + 16, 26), 15, draw.INK, 600)
+    draw_text(image, "with the lines found", (PANEL_PX[0] + 100, 26), 14, draw.DIM)
     time = f"  ·  {frame.time_s:.6f} s"
     name = shorten(frame.file, 14, 380 - measure_text(time, 14)) + time
-    draw_text(image, name, (OVERLAY_PX[0] - 16 - measure_text(name, 14), 26), 14, DIM)
+    draw_text(image, name, (OVERLAY_PX[0] - 16 - measure_text(name, 14), 26), 14, draw.DIM)
     return image
 
 
@@ -198,17 +182,16 @@ def _draw_centre_line(image: Image, ends: NDArray[np.float64]) -> None:
     whole = np.rint(np.clip(ends, -1e6, 1e6)).astype(int)
     inside, start, end = cv2.clipLine((0, 0, width, height), whole[0].tolist(), whole[1].tolist())
     if inside:
-        draw_dashes(image, [start, end], CENTRE, 1)
+        draw_dashes(image, [start, end], draw.CENTRE, 1)
 
 
 def _place_inset(panel: Image, inset: Image, corner: tuple[int, int], view: View, window: Window) -> None:
-    """Frame the window and put its magnified view into a corner."""
     left, top = corner
     u0, v0, u1, v1 = view.window(window)
     corners = [(u0, v0), (u1, v0), (u1, v1), (u0, v1)]
     for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
-        draw_segment(panel, [start, end], INK, 1, halo=1)
-    cv2.rectangle(panel, (left - 2, top - 2), (left + INSET_PX[0] + 1, top + INSET_PX[1] + 1), INK, -1)
+        draw_segment(panel, [start, end], draw.INK, 1, halo=1)
+    cv2.rectangle(panel, (left - 2, top - 2), (left + INSET_PX[0] + 1, top + INSET_PX[1] + 1), draw.INK, -1)
     panel[top : top + INSET_PX[1], left : left + INSET_PX[0]] = inset
 
 
