@@ -1,7 +1,8 @@
 """One configuration: what is known of sensors, deck and approach, and which models run.
 
 Each quantity exists once, here, and is passed on to fit, tracker, integrity, guidance, simulator and evaluations.
-Everything in a `RunConfig` can stand in a TOML file; angles are degrees there, as people read them.
+Everything in a `RunConfig` can stand in a TOML file; angles are degrees there, as people read them. A number out of
+range raises a `ValueError` that names field and value.
 """
 
 from dataclasses import dataclass, field, replace
@@ -45,9 +46,6 @@ class Sensors:
         depth_scale: of all depth samples together, as a share.
         delay_s: of the pose's time against the picture's, s.
         line_m: of a line that the detector sets beside its middle all the time, m.
-
-    Raises:
-        ValueError: a number out of range.
     """
 
     position_m: float = 0.1
@@ -94,26 +92,13 @@ class Sensors:
         return replace(self, **values)
 
 
-def _white_and_drift(white: float, drift: float) -> float:
-    return float(np.hypot(drift, white))
-
-
+# Position and attitude: the total, which is that of drift and white noise, then the white noise.
 GRADES: dict[Grade, Sensors] = {
     "standard": Sensors(),
     # Position aided by satellite carrier phase, a navigation-grade gyro.
-    "good": Sensors(
-        position_m=_white_and_drift(0.02, 0.1),
-        position_white_m=0.02,
-        attitude_deg=_white_and_drift(0.005, 0.02),
-        attitude_white_deg=0.005,
-    ),
+    "good": Sensors(float(np.hypot(0.1, 0.02)), 0.02, float(np.hypot(0.02, 0.005)), 0.005),
     # Position aided by satellite code, a tactical-grade gyro.
-    "tactical": Sensors(
-        position_m=_white_and_drift(0.1, 1.5),
-        position_white_m=0.1,
-        attitude_deg=_white_and_drift(0.02, 0.1),
-        attitude_white_deg=0.02,
-    ),
+    "tactical": Sensors(float(np.hypot(1.5, 0.1)), 0.1, float(np.hypot(0.1, 0.02)), 0.02),
     # All but the detector, whose `line_m` stays.
     "exact": Sensors(0.0, 0.0, 0.0, 0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
@@ -131,9 +116,6 @@ class Deck:
         angle_deg: the right line's direction minus the left line's, degrees.
         angle_sigma_deg: 1-sigma of that; painted lines are not exactly parallel (Li et al. 2024: 0.37 degrees).
         ship_velocity_m_s: north, east of the ship in the world, m/s; None: not known.
-
-    Raises:
-        ValueError: a number out of range.
     """
 
     sea_state: float = 4.0  # to trust a still deck too much misleads; to trust it too little costs some precision
@@ -153,15 +135,11 @@ class Deck:
     @cached_property
     def motion(self) -> "DeckMotion":
         """How the deck moves about its rest."""
-        roll, pitch, heave = (
-            float(np.interp(self.sea_state, SEA_STATES, table) / np.sqrt(2))
-            for table in (np.deg2rad(ROLL_DEG), np.deg2rad(PITCH_DEG), HEAVE_M)
-        )
+        amplitudes = (np.deg2rad(ROLL_DEG), np.deg2rad(PITCH_DEG), HEAVE_M)
+        roll, pitch, heave = (float(np.interp(self.sea_state, SEA_STATES, a) / np.sqrt(2)) for a in amplitudes)
         calm = float(np.deg2rad(CALM_SLOPE_DEG))
-        rise = float(np.hypot(pitch * PITCH_ARM_M, heave))
-        return DeckMotion(
-            float(np.hypot(CALM_HEAVE_M, rise)), float(np.hypot(calm, pitch)), float(np.hypot(calm, roll))
-        )
+        rise = np.hypot(CALM_HEAVE_M, np.hypot(pitch * PITCH_ARM_M, heave))
+        return DeckMotion(float(rise), float(np.hypot(calm, pitch)), float(np.hypot(calm, roll)))
 
     @property
     def slope_rad(self) -> float:
@@ -195,9 +173,6 @@ class Approach:
         touchdown_m: aim point beyond the ramp, along the centre line, m; 230 ft.
         point_m: the point of the aircraft that all deviations are of (its hook, its wheels, the pilot's eye), forward,
             right, down of the body origin, m.
-
-    Raises:
-        ValueError: a number out of range.
     """
 
     glideslope_deg: float = 3.5
@@ -226,9 +201,6 @@ class RunwaySurvey:
         length_m: of the lines, m.
         sigma_m: 1-sigma of the runway's place as the aircraft sees it, its own position error included, m.
         heading_sigma_deg: 1-sigma of its direction as the aircraft sees it, its own heading error included, degrees.
-
-    Raises:
-        ValueError: a number out of range.
     """
 
     ramp_m: tuple[float, float, float] | None = None

@@ -99,8 +99,7 @@ class Segment:
     p1_m: NDArray[np.float64]  # (3,) its far end
 
     def __post_init__(self) -> None:
-        _check(self.p0_m, (3,), "Segment.p0_m")
-        _check(self.p1_m, (3,), "Segment.p1_m")
+        _check(self, p0_m=(3,), p1_m=(3,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +171,7 @@ class LinePoints:
 
     def __post_init__(self) -> None:
         n = len(self.points_px)
-        _check(self.points_px, (n, 2), "LinePoints.points_px")
-        _check(self.confidence, (n,), "LinePoints.confidence")
-        _check(self.sigma_px, (n,), "LinePoints.sigma_px")
+        _check(self, points_px=(n, 2), confidence=(n,), sigma_px=(n,))
 
     def __len__(self) -> int:
         return len(self.points_px)
@@ -204,8 +201,7 @@ class PixelLine:
     sigma_px: float  # 1-sigma of an inlier normal to the line
 
     def __post_init__(self) -> None:
-        _check(self.coefficients, (3,), "PixelLine.coefficients")
-        _check(self.ends_px, (2, 2), "PixelLine.ends_px")
+        _check(self, coefficients=(3,), ends_px=(2, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,9 +221,7 @@ class LineErrors:
     effects: NDArray[np.float64]  # (5, 7) what each common error adds to offset, azimuth, z and slopes
 
     def __post_init__(self) -> None:
-        _check(self.slopes_rad, (2,), "LineErrors.slopes_rad")
-        _check(self.own, (5, self.own.shape[-1]), "LineErrors.own")
-        _check(self.effects, (5, 7), "LineErrors.effects")
+        _check(self, slopes_rad=(2,), own=(5, self.own.shape[-1]), effects=(5, 7))
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,10 +240,14 @@ class RunwayLine:
     errors: LineErrors | None = None  # what `relative_covariance` is made of; None: not known
 
     def __post_init__(self) -> None:
-        _check(self.point_m, (3,), "RunwayLine.point_m")
-        _check(self.covariance, (3, 3), "RunwayLine.covariance")
+        _check(self, point_m=(3,), covariance=(3, 3))
         if self.relative_covariance is not None:
-            _check(self.relative_covariance, (3, 3), "RunwayLine.relative_covariance")
+            _check(self, relative_covariance=(3, 3))
+
+    @property
+    def aircraft_covariance(self) -> NDArray[np.float64]:
+        """(3, 3) as seen from the aircraft; `covariance`, which bounds it, where that is not known."""
+        return self.covariance if self.relative_covariance is None else self.relative_covariance
 
     @property
     def direction(self) -> NDArray[np.float64]:
@@ -282,8 +280,7 @@ class RunwayPrior:
     azimuth_sigma_rad: float  # 1-sigma of its direction, seen from the aircraft
 
     def __post_init__(self) -> None:
-        _check(self.left_m, (2, 3), "RunwayPrior.left_m")
-        _check(self.right_m, (2, 3), "RunwayPrior.right_m")
+        _check(self, left_m=(2, 3), right_m=(2, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,6 +377,9 @@ class Guidance:
         return message_of(self.notices)
 
 
-def _check(array: NDArray, shape: tuple[int, ...], name: str) -> None:
-    if np.shape(array) != shape:
-        raise ValueError(f"{name} must have shape {shape}, got {np.shape(array)}")
+def _check(owner: Any, **shapes: tuple[int, ...]) -> None:
+    for name, shape in shapes.items():
+        if np.shape(getattr(owner, name)) != shape:
+            raise ValueError(
+                f"{type(owner).__name__}.{name} must have shape {shape}, got {np.shape(getattr(owner, name))}"
+            )

@@ -123,7 +123,7 @@ def pilot_figures(frame: Frame, line: RunwayLine, touchdown_m: float) -> Figures
     if centre is None or measured is None or true is None:
         raise ValueError(f"{frame.file}: a pilot's errors need the pose and the true lines")
     seen = move_with_pose(line, measured, true)
-    covariance = line.covariance if line.relative_covariance is None else line.relative_covariance
+    covariance = line.aircraft_covariance
     place = touchdown(centre, touchdown_m)
     lateral, height = passing_distance_m(seen, centre, place)
     error = state_error(seen, centre)

@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Approach
 from deckline.geometry import wrap_angle
 from deckline.types import Frame, Guidance, Notice, Reason, RunwayEstimate, RunwayLine, Track, Value
 
-Array = NDArray[np.float64]
 MIN_LEVEL_SHARE = 0.1  # horizontal share of the nose's direction below which it has no heading
 MIN_BASE_M = 10.0  # closer to the aim point an angle says nothing
 NOT_LOCALIZED = Notice(Reason.NOT_LOCALIZED, "no line was localized")
@@ -52,16 +50,19 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         return replace(base, notices=notices or (NOT_LOCALIZED,))
     place = body.apply(np.array(approach.point_m))
     centre = source.lines.get("centre")
-    height = _height(place, centre or next(iter(source.lines.values())))
+    line = centre or next(iter(source.lines.values()))
+    height = Value(float(line.height_m - place[2]), float(np.sqrt(line.aircraft_covariance[2, 2])))
     if centre is None:
         return replace(base, height_above_deck_m=height, notices=notices)
-    heading = _heading(body, centre)
+    heading, ramp = _heading(body, centre), None
+    if source.ramp_m is not None and source.ramp_sigma_m is not None:
+        ramp = Value(float((source.ramp_m - place) @ centre.direction), source.ramp_sigma_m)
     found = replace(
         base,
         lateral_deviation_m=_lateral(place, centre),
         heading_error_rad=heading,
         height_above_deck_m=height,
-        distance_to_ramp_m=_distance(place, centre, source),
+        distance_to_ramp_m=ramp,
         notices=notices if heading is not None else (*notices, NO_HEADING),
     )
     if track is not None and source.lines is track.lines:
@@ -110,16 +111,12 @@ def _angle(across: Value, ahead_sigma_m: float, ahead_m: float) -> Value:
     return Value(float(np.arctan2(across.value, ahead_m)), float(sigma))
 
 
-def _covariance(line: RunwayLine) -> Array:
-    return line.covariance if line.relative_covariance is None else line.relative_covariance
-
-
-def _lateral(place_m: Array, centre: RunwayLine) -> Value:
+def _lateral(place_m: np.ndarray, centre: RunwayLine) -> Value:
     right = np.array([-np.sin(centre.azimuth_rad), np.cos(centre.azimuth_rad), 0.0])
     offset = place_m - centre.point_m
     # The line's offset abreast of the aircraft: its offset at its point plus azimuth times the distance to it.
     lever = np.array([1.0, float(offset @ centre.direction), 0.0])
-    return Value(float(offset @ right), float(np.sqrt(lever @ _covariance(centre) @ lever)))
+    return Value(float(offset @ right), float(np.sqrt(lever @ centre.aircraft_covariance @ lever)))
 
 
 def _heading(body: RigidTransform, centre: RunwayLine) -> Value | None:
@@ -127,14 +124,4 @@ def _heading(body: RigidTransform, centre: RunwayLine) -> Value | None:
     if np.hypot(nose[0], nose[1]) < MIN_LEVEL_SHARE:
         return None
     error = wrap_angle(np.arctan2(nose[1], nose[0]) - centre.azimuth_rad)
-    return Value(float(error), float(np.sqrt(_covariance(centre)[1, 1])))
-
-
-def _height(place_m: Array, line: RunwayLine) -> Value:
-    return Value(float(line.height_m - place_m[2]), float(np.sqrt(_covariance(line)[2, 2])))
-
-
-def _distance(place_m: Array, centre: RunwayLine, source: RunwayEstimate) -> Value | None:
-    if source.ramp_m is None or source.ramp_sigma_m is None:
-        return None
-    return Value(float((source.ramp_m - place_m) @ centre.direction), source.ramp_sigma_m)
+    return Value(float(error), float(np.sqrt(centre.aircraft_covariance[1, 1])))

@@ -55,7 +55,7 @@ def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
     samples = depth_m[clipped[..., 1], clipped[..., 0]].astype(np.float64)
     valid = inside & np.isfinite(samples) & (samples > 0)
     inverse = 1.0 / np.where(valid, samples, 1.0)
-    median = _masked_median(inverse, valid)
+    median = np.ma.median(np.ma.array(inverse, mask=~valid), axis=1).filled(0.0)
     valid &= np.abs(inverse - median[:, None]) <= MAX_INVERSE_DEPTH_STEP * median[:, None]
     enough = valid.sum(axis=1) >= MIN_SAMPLES
     result = np.full(len(points_px), np.nan)
@@ -195,12 +195,3 @@ def _common_displacements(
 def _project_on_plane(displacements: Array, rays: Array) -> Array:
     """Displacements (..., N, 3) moved along the rays (N, 3) back onto the horizontal plane."""
     return displacements - rays * (displacements[..., 2:] / rays[:, 2:])
-
-
-def _masked_median(values: Array, valid: NDArray[np.bool_]) -> Array:
-    """Row medians of the valid values, (N,); 0 for a row without any."""
-    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
-    count = valid.sum(axis=1)
-    rows = np.arange(len(values))
-    low, high = ordered[rows, np.maximum(count - 1, 0) // 2], ordered[rows, np.minimum(count // 2, values.shape[1] - 1)]
-    return np.where(count > 0, (low + np.where(count > 0, high, 0.0)) / 2, 0.0)

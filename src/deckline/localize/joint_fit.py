@@ -118,9 +118,14 @@ def line_fits(solution: Solution, observations: Observations, noise: FrameNoise)
         rows = np.zeros((3, len(solution.points)))
         rows[0, 2 * k] = rows[1, 2 * k + 1] = rows[2, -NUISANCES - 1] = 1.0
         rows[2, -2:] = offset * plane.slopes
-        relative = _relative_columns(rows @ solution.height, rows @ solution.nuisances, noise)
         point = np.array([*state.points_m[k], state.z_m + float(offset @ slopes)])
-        rigid = _rigid_columns(point - observations.body_m, float(state.azimuths_rad[k]), noise)
+        relative, rigid = _source_columns(
+            rows @ solution.height,
+            rows @ solution.nuisances,
+            point - observations.body_m,
+            right_vectors(state.azimuths_rad)[k],
+            noise,
+        )
         azimuth = float(wrap_angle(state.azimuths_rad[k]))
         own = rows @ solution.points
         fits[name] = LineFit(point, azimuth, own, relative + rigid, relative, _line_errors(solution, rows, noise))
@@ -157,25 +162,27 @@ def _line_errors(solution: Solution, rows: Array, noise: FrameNoise) -> LineErro
     return LineErrors(solution.state.nuisances[4:] * slopes, rows @ solution.points, effects)
 
 
-def _relative_columns(height: Array, nuisances: Array, noise: FrameNoise) -> Array:
-    """Columns of SOURCES as seen from the aircraft; an error of its own height acts through the reported one alone."""
-    columns = np.zeros((3, SOURCES))
-    columns[:, :2] = nuisances[:, :2]
+def _source_columns(
+    height: Array, nuisances: Array, offset_m: Array, right: Array, noise: FrameNoise
+) -> tuple[Array, Array]:
+    """Columns (3, 11) of SOURCES: as seen from the aircraft, and what its own heading and position errors add.
+
+    An error of the aircraft's own height is seen from it through the reported deck height alone.
+
+    Args:
+        height, nuisances: (3,) and (3, 6) sensitivities of the line.
+        offset_m: (3,) from the aircraft to the line's point.
+        right: (2,) unit vector to the right of the line.
+    """
+    relative, rigid = np.zeros((2, 3, SOURCES))
     sigma_m = max(float(np.hypot(noise.deck_z_m, noise.position_m)), 1e-12)
-    columns[:, 5] = -height * noise.position_m / sigma_m
-    columns[:, 6] = height * noise.deck_z_m / sigma_m
-    columns[:, 7:] = nuisances[:, 2:]
-    return columns
-
-
-def _rigid_columns(offset_m: Array, azimuth_rad: float, noise: FrameNoise) -> Array:
-    """Columns of SOURCES by which errors of the aircraft's heading and position move a line `offset_m` from it."""
-    columns = np.zeros((3, SOURCES))
-    right = right_vectors(np.array([azimuth_rad]))[0]
-    columns[:2, 2] = np.array([right @ [-offset_m[1], offset_m[0]], 1.0]) * noise.attitude_rad
-    columns[0, 3:5] = right * noise.position_m
-    columns[2, 5] = noise.position_m
-    return columns
+    relative[:, :2], relative[:, 7:] = nuisances[:, :2], nuisances[:, 2:]
+    relative[:, 5] = -height * noise.position_m / sigma_m
+    relative[:, 6] = height * noise.deck_z_m / sigma_m
+    rigid[:2, 2] = np.array([right @ [-offset_m[1], offset_m[0]], 1.0]) * noise.attitude_rad
+    rigid[0, 3:5] = right * noise.position_m
+    rigid[2, 5] = noise.position_m
+    return relative, rigid
 
 
 def _initialize(

@@ -19,7 +19,6 @@ from deckline.localize.runway import (
     find_near_ends,
     locate_ramp,
     shift_line,
-    to_runway_line,
 )
 from deckline.types import (
     SIDES,
@@ -157,7 +156,7 @@ def _estimate(
         else:
             half = width / 2 if side == "left" else -width / 2
             fits["centre"] = shift_line(fits[side], half, config.deck.width_sigma_m / 2)
-    lines = {side: to_runway_line(fit) for side, fit in fits.items()}
+    lines = {side: fit.runway_line for side, fit in fits.items()}
     return RunwayEstimate(_status(pixel_lines), mode, pixel_lines, lines, ramp_m, ramp_sigma_m, notices, flags)
 
 

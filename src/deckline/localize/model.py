@@ -39,6 +39,11 @@ class State:
     z_m: float  # of the deck at the origin of its plane
     nuisances: Array  # (6,) in 1-sigma
 
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return 2 * len(self.azimuths_rad) + 1 + NUISANCES
+
     def select(self, numbers: list[int]) -> "State":
         """The state of some of the lines."""
         return replace(self, points_m=self.points_m[numbers], azimuths_rad=self.azimuths_rad[numbers])
@@ -69,6 +74,10 @@ class Terms:
 
     residuals: Array  # (M,)
     jacobian: Array  # (M, P)
+
+
+def empty_terms(state: State) -> Terms:
+    return Terms(np.zeros(0), np.zeros((0, state.size)))
 
 
 def right_vectors(azimuths_rad: Array) -> Array:
@@ -136,7 +145,7 @@ def _linearize_pixels(context: _Context) -> Terms:
     residual = (optical * context.rays).sum(axis=1)
     closest, sigma = _project_on_lines(context, optical, residual)
     gradient = np.einsum("nck,nk->nc", changes[line], closest @ context.rotation.T)  # (N, 7) changes of n . ray
-    jacobian = np.zeros((len(line), 2 * count + 1 + NUISANCES))
+    jacobian = np.zeros((len(line), state.size))
     rows = np.arange(len(line))
     jacobian[rows, 2 * line], jacobian[rows, 2 * line + 1] = gradient[:, 0], gradient[:, 1]
     jacobian[:, 2 * count] = gradient[:, 2]
@@ -166,14 +175,14 @@ def _linearize_depths(context: _Context) -> Terms:
     """Logarithm of the distance to the deck along each ray with a depth, against the measured one."""
     has_depth = np.isfinite(context.observations.log_depth)
     if not has_depth.any():
-        return Terms(np.zeros(0), np.zeros((0, 2 * len(context.state.azimuths_rad) + 1 + NUISANCES)))
+        return empty_terms(context.state)
     ray, count, lever_arm = context.world_rays[has_depth], len(context.state.azimuths_rad), context.lever_arm
     normal = np.array([*-(context.slopes @ context.plane.axes), 1.0])  # the deck's normal
     down = np.array([*context.plane.origin_m, context.state.z_m]) - context.camera_m
     height, descent = max(float(normal @ down), MIN_HEIGHT_M), np.maximum(ray @ normal, MIN_DOWN)
     scale = 1.0 + context.state.nuisances[3] * context.noise.depth_scale
     expected = np.log(height / descent * scale)
-    jacobian = np.zeros((len(ray), 2 * count + 1 + NUISANCES))
+    jacobian = np.zeros((len(ray), context.state.size))
     jacobian[:, 2 * count] = 1.0 / height
     zero = np.zeros(len(ray))
     rotated = [np.column_stack([zero, -ray[:, 2], ray[:, 1]]), np.column_stack([ray[:, 2], zero, -ray[:, 0]])]
@@ -203,12 +212,11 @@ def linearize_nuisance_prior(state: State) -> Terms:
 
 def linearize_height_prior(state: State, deck_z_m: float | None, noise: FrameNoise) -> Terms:
     """Prior of the deck height: the reported one; no row without it."""
-    size = 2 * len(state.azimuths_rad) + 1 + NUISANCES
     if deck_z_m is None:
-        return Terms(np.zeros(0), np.zeros((0, size)))
+        return empty_terms(state)
     sigma = max(float(np.hypot(noise.deck_z_m, noise.position_m)), MIN_SIGMA_M)
-    row = np.zeros((1, size))
-    row[0, size - NUISANCES - 1] = 1 / sigma
+    row = np.zeros((1, state.size))
+    row[0, -NUISANCES - 1] = 1 / sigma
     return Terms(np.array([(deck_z_m - state.z_m) / sigma]), row)
 
 
@@ -240,7 +248,7 @@ def linearize_deck_prior(names: tuple[str, ...], state: State, deck: Deck) -> Te
             sigma = CENTRE_SIGMA_M if both else np.hypot(CENTRE_SIGMA_M, deck.width_sigma_m)
             rows.append(_offset_row(state, between, half, float(sigma)))
     if not rows:
-        return Terms(np.zeros(0), np.zeros((0, 2 * len(names) + 1 + NUISANCES)))
+        return empty_terms(state)
     return Terms(np.array([row[0] for row in rows]), np.stack([row[1] for row in rows]))
 
 
@@ -248,7 +256,7 @@ def _azimuth_row(state: State, shares: dict[int, float], expected: float, sigma:
     """A weighted sum of azimuths, whose weights add up to zero, against its expectation."""
     first = state.azimuths_rad[0]
     azimuths = np.arctan2(np.sin(state.azimuths_rad - first), np.cos(state.azimuths_rad - first))
-    row = np.zeros(2 * len(azimuths) + 1 + NUISANCES)
+    row = np.zeros(state.size)
     for k, share in shares.items():
         row[2 * k + 1] = share / sigma
     return (expected - sum(share * float(azimuths[k]) for k, share in shares.items())) / sigma, row
@@ -262,7 +270,7 @@ def _offset_row(state: State, shares: dict[int, float], expected: float, sigma: 
     along /= np.linalg.norm(along)
     across = np.array([-along[1], along[0]])
     middle = state.points_m[numbers].mean(axis=0)
-    row, total = np.zeros(2 * len(state.azimuths_rad) + 1 + NUISANCES), 0.0
+    row, total = np.zeros(state.size), 0.0
     for k, share in shares.items():
         heading = np.array([np.cos(state.azimuths_rad[k]), np.sin(state.azimuths_rad[k])])
         lever = float((middle - state.points_m[k]) @ along / (heading @ along))

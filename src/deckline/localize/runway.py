@@ -37,6 +37,10 @@ class LineFit:
     errors: LineErrors | None = None  # None: not known
 
     @property
+    def runway_line(self) -> RunwayLine:
+        return RunwayLine(self.point_m, self.azimuth_rad, self.covariance, self.relative_covariance, self.errors)
+
+    @property
     def direction(self) -> Array:
         return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad)])
 
@@ -65,10 +69,6 @@ class NearEnds:
     @property
     def separation_m(self) -> float:
         return float(abs(self.along_m[0] - self.along_m[1]))
-
-
-def to_runway_line(fit: LineFit) -> RunwayLine:
-    return RunwayLine(fit.point_m, fit.azimuth_rad, fit.covariance, fit.relative_covariance, fit.errors)
 
 
 def check_pixel_order(lines: dict[str, PixelLine]) -> Notice | None:

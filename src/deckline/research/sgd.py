@@ -12,8 +12,8 @@ from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
 from deckline.localize.depth import MIN_LINE_POINTS, DeckPoints
 from deckline.localize.localize import PlacedLines, localize, locate_inliers
-from deckline.localize.noise import CORRELATION, CORRELATION_SIGMA, noise_inflation
 from deckline.localize.runway import LineFit, drop_contradictions, drop_unsure
+from deckline.localize.solver import CORRELATION, CORRELATION_SIGMA, noise_inflation
 from deckline.types import DepthMode, Detection, Frame, Notice, PixelLine, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]

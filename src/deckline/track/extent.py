@@ -67,9 +67,8 @@ def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[A
     if min(ray[2], down) < MIN_HEIGHT_M:
         return ramp, sigma_m
     line = next(iter(estimate.lines.values()))
-    alone = line.covariance if line.relative_covariance is None else line.relative_covariance
     per_metre = float(np.hypot(ray[0], ray[1])) / ray[2]
-    own = max(sigma_m**2 - per_metre**2 * float(alone[2, 2]), (MIN_OWN_SHARE * sigma_m) ** 2)
+    own = max(sigma_m**2 - per_metre**2 * float(line.aircraft_covariance[2, 2]), (MIN_OWN_SHARE * sigma_m) ** 2)
     variance = own + per_metre**2 * float(row @ state.covariance @ row)
     return pose.translation + down / ray[2] * ray, float(np.sqrt(variance))
 
@@ -156,8 +155,7 @@ def runway_prior(state: State, extent: Extent, lines: dict[str, RunwayLine], ste
     for side in SIDES:
         from_point = np.array([near, reach]) - float(state.local(lines[side].point_m)[0])
         ends[side] = lines[side].point_m + from_point[:, None] * lines[side].direction
-    centre = lines["centre"]
-    known = centre.covariance if centre.relative_covariance is None else centre.relative_covariance
+    known = lines["centre"].aircraft_covariance
     return RunwayPrior(
         ends["left"], ends["right"], float(np.sqrt(known[0, 0] + known[2, 2])), float(np.sqrt(known[1, 1]))
     )

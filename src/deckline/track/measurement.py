@@ -157,9 +157,8 @@ def _effects_and_own(
         effects[:, :2] = effects[:, :2] @ [[cos, -sin], [sin, cos]]
         return effects, np.hstack([line.errors.own, MIN_OWN_SIGMA * np.eye(5)])
     effects = _point_effects(ahead_m, mode)
-    known = line.covariance if line.relative_covariance is None else line.relative_covariance
     about_x, about_y, deck, scale, focal = error_sigmas(config)[:5]
-    rest = _own_covariance(known, effects[:3, :5] * [about_x, about_y, deck, focal, scale])
+    rest = _own_covariance(line.aircraft_covariance, effects[:3, :5] * [about_x, about_y, deck, focal, scale])
     # Square root with one column for z, which both lines share: a frame's height is not better by the second line.
     root = np.linalg.cholesky(rest[::-1, ::-1])[::-1, ::-1]
     own = np.zeros((5, 5))
