@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 from scipy.stats import norm
 
 from deckline.config import RunConfig
@@ -66,36 +67,15 @@ MESSAGES = {
 SCALES = {"degrees": float(np.rad2deg(1.0)), "percent": 100.0, "m": 1.0, "s": 1.0}
 
 
-@dataclass(frozen=True)
-class Residuals:
-    """Exponentially fading sums of squared normalised residuals and of their number."""
-
-    squares: float = 0.0
-    number: float = 0.0
-
-    def update(self, gated: GatedMeasurement | None, step_s: float, window_s: float) -> "Residuals":
-        fade = float(np.exp(-step_s / window_s))
-        squares, degrees = (0.0, 0) if gated is None or gated.kept is None else (gated.distance2, gated.degrees)
-        return Residuals(fade * self.squares + squares, fade * self.number + degrees)
-
-
-def prior_variances(config: RunConfig) -> dict[int, float]:
-    """Prior variance of every state that is tested against what was stated."""
-    variances = dict(zip(range(ATTITUDE_X, SIZE), (error_sigmas(config) ** 2).tolist(), strict=True))
-    variances[ANGLE] = config.deck.angle_sigma_rad**2
+def stated_priors(config: RunConfig) -> dict[int, tuple[float, float]]:
+    """Prior mean and variance of every state that is tested against what was stated."""
+    priors = {index: (0.0, float(sigma**2)) for index, sigma in enumerate(error_sigmas(config), ATTITUDE_X)}
+    priors[ANGLE] = config.deck.angle_rad, config.deck.angle_sigma_rad**2
     if config.deck.width_m is not None:
-        variances[SPACING] = width_sigma_m(config) ** 2
+        priors[SPACING] = config.deck.width_m, width_sigma_m(config) ** 2
     if config.deck.ship_velocity_m_s is not None:
-        variances[DRIFT] = drift_sigma(config) ** 2
-    return variances
-
-
-def prior_means(config: RunConfig) -> Array:
-    """What the states are expected to be, (20,)."""
-    expected = np.zeros(SIZE)
-    expected[ANGLE] = config.deck.angle_rad
-    expected[SPACING] = config.deck.width_m or 0.0
-    return expected
+        priors[DRIFT] = 0.0, drift_sigma(config) ** 2
+    return priors
 
 
 def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
@@ -105,8 +85,7 @@ def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
         near_m: where the runway begins, m along the line from the state's point: there it has its stated spacing.
     """
     worst, found = config.integrity.alarm_sigma, None
-    expected = prior_means(config)
-    for index, variance in prior_variances(config).items():
+    for index, (expected, variance) in stated_priors(config).items():
         row = np.zeros(SIZE)
         row[index] = 1.0
         if index == SPACING:
@@ -114,21 +93,13 @@ def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
         observed = variance - float(row @ state.covariance @ row)
         if observed <= OBSERVED_SHARE * variance:
             continue
-        bias = float(row @ state.mean - expected[index])
+        bias = float(row @ state.mean - expected)
         if abs(bias) / np.sqrt(observed) > worst:
             worst, found = float(abs(bias) / np.sqrt(observed)), (index, bias)
     if found is None:
         return None
     reason, unit, message = MESSAGES[found[0]]
     return Notice(reason, message.format(SCALES[unit] * found[1]))
-
-
-def residual_flag(residuals: Residuals, config: RunConfig) -> Notice | None:
-    """Residuals that are too large for too long, each of them small enough to pass the gate."""
-    if residuals.number < MIN_RESIDUALS or residuals.squares < config.integrity.excess * residuals.number:
-        return None
-    excess = float(np.sqrt(residuals.squares / residuals.number))
-    return Notice(Reason.RESIDUALS, f"measurements scatter {excess:.1f} times as much as they should")
 
 
 def protection_levels(state: State, pose: Pose, touchdown_m: float | None, config: RunConfig) -> Protection:
@@ -171,17 +142,20 @@ def _undetected_error(state: State, row: Array, config: RunConfig) -> float:
 class FaultMonitor:
     """Memory of contradictions between measurements and track."""
 
-    residuals: Residuals = field(default_factory=Residuals)
+    squares: float = 0.0  # exponentially fading sum of squared normalised residuals
+    degrees: float = 0.0  # and of their degrees of freedom
     since_s: dict[Reason, float] = field(default_factory=dict)  # since when a measurement is left out
     learned: State | None = None  # with the spacing that was learned before the track began again
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
         """After one more frame; a frame without a line says nothing of those that are left out."""
-        residuals = self.residuals.update(gated, step_s, config.integrity.window_s)
-        if gated is None:
-            return replace(self, residuals=residuals)
-        since = {notice.reason: self.since_s.get(notice.reason, time_s) for notice in gated.excluded}
-        return replace(self, residuals=residuals, since_s=since)
+        fade, since_s = float(np.exp(-step_s / config.integrity.window_s)), self.since_s
+        squares, degrees = fade * self.squares, fade * self.degrees
+        if gated is not None:
+            since_s = {notice.reason: self.since_s.get(notice.reason, time_s) for notice in gated.excluded}
+            if gated.kept is not None:
+                squares, degrees = squares + gated.distance2, degrees + gated.degrees
+        return replace(self, squares=squares, degrees=degrees, since_s=since_s)
 
     def restart(self, before: State | None) -> "FaultMonitor":
         """For a new track: what was learned of the old one is kept."""
@@ -204,9 +178,16 @@ class FaultMonitor:
                 flags.append(Notice(notice.reason, f"{notice.message}, for {time_s - since:.1f} s"))
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
-            flags += [bias_flag(state, near_m, config), residual_flag(self.residuals, config)]
+            flags += [bias_flag(state, near_m, config), self._residual_flag(config)]
             flags += [] if self.learned is None else [_spacing_flag(self.learned, state, config)]
         return tuple(flag for flag in flags if flag is not None)
+
+    def _residual_flag(self, config: RunConfig) -> Notice | None:
+        """Residuals that are too large for too long, each of them small enough to pass the gate."""
+        if self.degrees < MIN_RESIDUALS or self.squares < config.integrity.excess * self.degrees:
+            return None
+        excess = float(np.sqrt(self.squares / self.degrees))
+        return Notice(Reason.RESIDUALS, f"measurements scatter {excess:.1f} times as much as they should")
 
 
 def check_order(lines: dict[str, RunwayLine]) -> Notice | None:
@@ -244,7 +225,7 @@ class FrozenImageMonitor:
     """
 
     sample: NDArray[np.uint8] | None = None
-    frame: Frame | None = None  # without pictures
+    pose: RigidTransform | None = None  # world_from_camera of the last frame
     estimate: RunwayEstimate | None = None
     resting: int = 0  # frames in a row in which lines rested though they should have moved
     is_frozen: bool = False
@@ -252,16 +233,23 @@ class FrozenImageMonitor:
     def update(self, frame: Frame, estimate: RunwayEstimate) -> "FrozenImageMonitor":
         """After one more frame."""
         sample = frame.image_rgb[::SAMPLE_PX, ::SAMPLE_PX].copy()
-        bare = _without_pictures(frame)
-        if self.sample is None or self.frame is None or self.sample.shape != sample.shape:
-            return FrozenImageMonitor(sample, bare, estimate)
-        same = bool(np.ptp(sample)) and bool(np.array_equal(self.sample, sample)) and _has_moved(self.frame, frame)
+        pose = frame.world_from_camera
+        if self.sample is None or self.sample.shape != sample.shape:
+            return FrozenImageMonitor(sample, pose, estimate)
+        same = bool(np.ptp(sample)) and bool(np.array_equal(self.sample, sample)) and self._has_moved(pose)
         resting = self.resting + 1 if self._lines_rest(frame, estimate) else 0
-        return FrozenImageMonitor(sample, bare, estimate, resting, same or resting >= MIN_RESTING_FRAMES)
+        return FrozenImageMonitor(sample, pose, estimate, resting, same or resting >= MIN_RESTING_FRAMES)
+
+    def _has_moved(self, pose: RigidTransform | None) -> bool:
+        """Whether the camera turned or moved by what every picture shows."""
+        if self.pose is None or pose is None:
+            return False
+        turn = (self.pose.rotation.inv() * pose.rotation).magnitude()
+        return bool(turn > MIN_TURN_RAD or np.linalg.norm(pose.translation - self.pose.translation) > MIN_MOVE_M)
 
     def _lines_rest(self, frame: Frame, estimate: RunwayEstimate) -> bool:
         """Whether all lines lie where they lay although they should have moved."""
-        before, pose = None if self.frame is None else self.frame.world_from_camera, frame.world_from_camera
+        before, pose = self.pose, frame.world_from_camera
         if before is None or pose is None or self.estimate is None:
             return False
         sides = set(self.estimate.pixel_lines) & set(estimate.pixel_lines) & set(self.estimate.lines)
@@ -278,19 +266,3 @@ class FrozenImageMonitor:
                 expected_px = max(expected_px, float(np.nanmax(np.abs(expected))))
             actual_px = max(actual_px, float(np.max(np.abs(line.ends_px @ [a, b] + c))))
         return expected_px > MIN_EXPECTED_MOTION_PX and actual_px < MAX_REST_SHARE * expected_px
-
-
-def _without_pictures(frame: Frame) -> Frame:
-    """The frame's pose and camera; pictures would keep memory."""
-    height, width = frame.camera.height, frame.camera.width
-    black = np.broadcast_to(np.zeros((1, 1, 3), dtype=np.uint8), (height, width, 3))
-    return replace(frame, image_rgb=black, depth_m=None, truth=None)
-
-
-def _has_moved(before: Frame, now: Frame) -> bool:
-    """Whether the camera turned or moved by what every picture shows."""
-    first, second = before.world_from_camera, now.world_from_camera
-    if first is None or second is None:
-        return False
-    turn = (first.rotation.inv() * second.rotation).magnitude()
-    return bool(turn > MIN_TURN_RAD or np.linalg.norm(second.translation - first.translation) > MIN_MOVE_M)

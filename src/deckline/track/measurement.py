@@ -68,19 +68,6 @@ class Measurement:
         return Measurement(self.sides, self.innovation[rows], self.design[rows], noise, self.x_m)
 
 
-@dataclass(frozen=True, eq=False)
-class _Row:
-    """One line: residual (K,), design (K, 20), the pose's white noise (K, 5), its own noise (K, M).
-
-    K rows: offset, azimuth, z, and slopes where they were measured.
-    """
-
-    residual: Array
-    design: Array
-    white: Array
-    own: Array
-
-
 def measure(
     state: State, lines: dict[str, RunwayLine], mode: DepthMode, pose: Pose, config: RunConfig
 ) -> Measurement | None:
@@ -96,22 +83,24 @@ def measure(
     if not sides:
         return None
     hub = np.mean([state.local(lines[side].point_m) for side in sides], axis=0)
-    parts = [_line_row(state, lines[side], side, mode, pose, hub, config) for side in sides]
-    own = _stack([part.own for part in parts])
-    white = _stack([part.white for part in parts])
+    parts = [_linearize_line(state, lines[side], side, mode, pose, hub, config) for side in sides]
+    innovation, design, white, own = (_stack(part) for part in zip(*parts, strict=True))
     noise = _regularise(own @ own.T) + white @ white.T
-    innovation = _stack([part.residual[:, None] for part in parts])[:, 0]
-    return Measurement(sides, innovation, _stack([part.design for part in parts]), noise, float(hub[0]))
+    return Measurement(sides, innovation[:, 0], design, noise, float(hub[0]))
 
 
-def _stack(parts: list[Array]) -> Array:
+def _stack(parts: tuple[Array, ...]) -> Array:
     """Offset and azimuth of every line, then the mean of all else: a frame has one height and one pair of slopes."""
     return np.concatenate([*(part[:2] for part in parts), np.mean([part[2:] for part in parts], axis=0)])
 
 
-def _line_row(
+def _linearize_line(
     state: State, line: RunwayLine, side: str, mode: DepthMode, pose: Pose, hub: Array, config: RunConfig
-) -> _Row:
+) -> tuple[Array, Array, Array, Array]:
+    """Residual (K, 1), design (K, 20), the pose's white noise (K, 5) and own noise (K, M) of one line.
+
+    K rows: offset, azimuth, z, and slopes where they were measured.
+    """
     sign = SIGN[side]
     x, y, z = state.local(line.point_m)
     expected = sign / 2 * (state.mean[SPACING] + state.mean[ANGLE] * x)
@@ -133,14 +122,16 @@ def _line_row(
     design[:, [HEAVE, PITCH, ROLL]] = np.outer(DOWN, rises[0]) - np.outer(effects[:, 2], rises[1])
     design[:, [PITCH, ROLL]] += effects[:, 5:]
     design[[3, 4], [PITCH, ROLL]] += 1.0
-    design[:, DELAY] = -rigid @ _motion_per_second(state, pose)
+    axes = np.stack([state.along, state.right, DOWN[:3]])
+    motion = np.concatenate([axes @ pose.turn_rate_rad_s, axes[1:] @ pose.velocity_m_s])  # a second's turn and shift
+    design[:, DELAY] = -rigid @ motion
     design[0, LEFT if side == "left" else RIGHT] = 1.0
     residual -= design[:, HEAVE:] @ state.mean[HEAVE:]
     s = config.sensors
     white = rigid * np.array([s.attitude_white_rad] * 3 + [s.position_white_m] * 2)
     # Only a depth camera measures slopes; without it they follow from the assumed directions of the lines.
     keep = [0, 1, 2, *(k for k in (3, 4) if mode is DepthMode.FINE and 1 + effects[k, 2 + k] > MIN_SLOPE_GAIN)]
-    return _Row(residual[keep], design[keep], white[keep], own[keep])
+    return residual[keep, None], design[keep], white[keep], own[keep]
 
 
 def _effects_and_own(
@@ -177,12 +168,6 @@ def _point_effects(ahead_m: Array, mode: DepthMode) -> Array:
         effects[:3, [0, 1, 2]] = [[-(h + y * y / h), x * y / h, y / h], [0.0, y / h, 0.0], [0.0, 0.0, 1.0]]
         effects[1, 5] = -y / h
     return effects
-
-
-def _motion_per_second(state: State, pose: Pose) -> Array:
-    """How the aircraft turns about x, y, z and moves along y, z, (5,)."""
-    axes = np.stack([state.along, state.right, DOWN[:3]])
-    return np.concatenate([axes @ pose.turn_rate_rad_s, axes[1:] @ pose.velocity_m_s])
 
 
 def _own_covariance(covariance: Array, shared: Array) -> Array:
@@ -231,7 +216,7 @@ def select_consistent(state: State, measurement: Measurement, gate_sigma: float)
     distance2 = _distance2(state, measurement, all_rows)
     if distance2 <= _gate(gate_sigma, len(all_rows)):
         return GatedMeasurement(measurement, (), distance2, len(all_rows))
-    names = [*measurement.sides, "height"]
+    names = (*measurement.sides, "height")
     best: GatedMeasurement | None = None
     for name in names:
         rows = [row for row in all_rows if row not in measurement.rows(name)]
@@ -249,8 +234,6 @@ def _gate(sigma: float, degrees: int) -> float:
 
 
 def _distance2(state: State, measurement: Measurement, rows: list[int]) -> float:
-    if not rows:
-        return 0.0
     part = measurement.subset(rows)
     variance = part.design @ state.covariance @ part.design.T + part.noise
     return float(part.innovation @ np.linalg.solve(variance, part.innovation))
