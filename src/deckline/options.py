@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from deckline.config import GRADES, Grade, Mode, Picture, RunConfig
+from deckline.config import GRADES, Grade, Mode, Picture, RunConfig, Sensors
 from deckline.config_file import config_from_table, read_toml
 
 
@@ -106,7 +106,7 @@ class RunOptions:
         for section, values in sections.items():
             part = getattr(config, section)
             if section == "sensors":
-                values = _with_white_parts(part, values)
+                values = _white_parts(part, values) | values
             config = replace(config, **{section: replace(part, **values)})
         return config
 
@@ -128,12 +128,8 @@ def read_run_config(path: Path, base: RunConfig | None = None) -> RunConfig:
     return config_from_table(RunConfig, table, config, str(path))
 
 
-def _with_white_parts(sensors: Any, values: dict[str, Any]) -> dict[str, Any]:
+def _white_parts(sensors: Sensors, values: dict[str, Any]) -> dict[str, Any]:
     """White noise keeps its share of an error whose total is stated anew."""
-    parts = dict(values)
-    for kind, unit in (("position", "m"), ("attitude", "deg")):
-        total = f"{kind}_{unit}"
-        if total in values and getattr(sensors, total) > 0:
-            share = values[total] / getattr(sensors, total)
-            parts[f"{kind}_white_{unit}"] = share * getattr(sensors, f"{kind}_white_{unit}")
-    return parts
+    pairs = {"position_m": "position_white_m", "attitude_deg": "attitude_white_deg"}
+    stated = [(total, getattr(sensors, total)) for total in pairs if total in values]
+    return {pairs[name]: values[name] / total * getattr(sensors, pairs[name]) for name, total in stated if total > 0}

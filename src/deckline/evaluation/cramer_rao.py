@@ -23,6 +23,7 @@ from deckline.localize.model import (
     parallel_sigma,
 )
 from deckline.localize.observations import ROW_SIGMA_PX
+from deckline.localize.ransac import least_squares_line
 from deckline.types import SIDES, Frame
 
 Array = NDArray[np.float64]
@@ -40,8 +41,6 @@ class Bound(NamedTuple):
 
 
 class _Line(NamedTuple):
-    """A line through the points of one side, on a level deck."""
-
     pixels: Array  # (N, 2)
     point: Array  # (2,) of the line
     azimuth: float
@@ -119,22 +118,6 @@ def _nuisance_sigmas(config: RunConfig, relative: bool) -> dict[str, float]:
     }
 
 
-def _weighted_line(xy_m: Array, weights: Array) -> tuple[Array, float]:
-    """Weighted total least squares line in the plane: centre (2,) and azimuth, rad, up to half a turn.
-
-    Minimises sum w_i d_i^2 over the perpendicular distances d_i in closed form.
-
-    Raises:
-        ValueError: fewer than two points.
-    """
-    if len(xy_m) < 2:
-        raise ValueError(f"a line needs at least 2 points, got {len(xy_m)}")
-    centre = weights @ xy_m / weights.sum()
-    offsets = xy_m - centre
-    _, vectors = np.linalg.eigh((offsets * weights[:, None]).T @ offsets)
-    return centre, float(np.arctan2(vectors[1, 1], vectors[0, 1]))
-
-
 def _build_scene(frame: Frame, points_px: dict[str, Array], mode: Mode, beside_m: Array | None) -> _Scene:
     pose = frame.world_from_camera
     if pose is None:
@@ -158,7 +141,8 @@ def _build_scene(frame: Frame, points_px: dict[str, Array], mode: Mode, beside_m
     pivot = all_weights @ every / all_weights.sum() if beside_m is None else np.asarray(beside_m, dtype=np.float64)[:2]
     lines = {}
     for side, xy in ground.items():
-        middle, azimuth = _weighted_line(xy, weights[side])
+        across_x, across_y, _ = least_squares_line(xy, weights[side])
+        middle, azimuth = weights[side] @ xy / weights[side].sum(), float(np.arctan2(across_x, -across_y))
         if (middle - pose.translation[:2]) @ [np.cos(azimuth), np.sin(azimuth)] < 0:
             azimuth += np.pi
         along = np.array([np.cos(azimuth), np.sin(azimuth)])

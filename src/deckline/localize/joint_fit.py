@@ -41,13 +41,6 @@ def fit_jointly(
     The first fit tests the lines against each other, and the depth camera against the reported deck height. When these
     two contradict each other, the one that gives the frame its mode is kept.
 
-    Args:
-        frame: camera and pose, depth image and deck height as far as there are.
-        points: the detected points of each line.
-        pixel_lines: the lines in the image.
-        mode: FINE when most points have a depth.
-        config: sensors and deck.
-
     Returns:
         The fits that agree with each other, and why others are missing.
     """
@@ -58,8 +51,13 @@ def fit_jointly(
         return {}, notices
     free = solve(observations, start, noise, config.frame_deck, deck_z_m)
     if abs(free.height_score) > HEIGHT_GATE_SIGMA and np.isfinite(observations.log_depth).any():
-        observations, deck_z_m, conflict = _drop_height_source(observations, deck_z_m, mode)
-        notices += (conflict,)
+        if mode is DepthMode.FINE:
+            believed, deck_z_m = "depth camera", None
+        else:
+            believed = "deck height"
+            observations = replace(observations, log_depth=np.full(len(observations.line), np.nan))
+        message = f"depth camera and reported deck height contradict each other: the {believed} is believed"
+        notices += (Notice(Reason.DEPTH_HEIGHT, message),)
         free = solve(observations, start, noise, config.frame_deck, deck_z_m)
     names, contradictions = _select_consistent(line_fits(free, observations, noise), config.frame_deck)
     notices += contradictions
@@ -68,19 +66,6 @@ def fit_jointly(
     start = free.state.select([observations.names.index(name) for name in names])
     solution = solve(observations.select(names), start, noise, config.frame_deck, deck_z_m, free.inflation)
     return line_fits(solution, observations, noise), notices
-
-
-def _drop_height_source(
-    observations: Observations, deck_z_m: float | None, mode: DepthMode
-) -> tuple[Observations, float | None, Notice]:
-    """Without the reported height in fine mode and without the depths in coarse mode, and a notice of the conflict."""
-    if mode is DepthMode.FINE:
-        believed, deck_z_m = "depth camera", None
-    else:
-        believed = "deck height"
-        observations = replace(observations, log_depth=np.full(len(observations.line), np.nan))
-    message = f"depth camera and reported deck height contradict each other: the {believed} is believed"
-    return observations, deck_z_m, Notice(Reason.DEPTH_HEIGHT, message)
 
 
 def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str, ...], Notices]:

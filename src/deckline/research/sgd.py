@@ -51,12 +51,8 @@ def place_alone(
 def fit_alone(points: dict[str, DeckPoints], camera_m: Array, rng: np.random.Generator) -> dict[str, LineFit]:
     """Each line alone, all its points with equal weight, by stochastic gradient descent in the world.
 
-    Sensitivities are those of the least-squares line that the descent converges to.
-
-    Args:
-        points: the points of each line; a line with too few is left out.
-        camera_m: (3,) the camera in the world; lines point away from it, in the direction of landing.
-        rng: order of the points in the descent.
+    Sensitivities are those of the least-squares line that the descent converges to. A line with too few points is left
+    out. Lines point away from the camera (3,), in the direction of landing.
 
     Source: Li et al. 2024, section 3.2.
     """

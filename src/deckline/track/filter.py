@@ -236,7 +236,7 @@ def delay_effect(state: State, pose: Pose, ahead_m: float) -> Array:
 
 def track_rates(
     state: State,
-    aircraft: Aircraft | None,
+    aircraft: Aircraft,
     pose: Pose | None,
     ramp_speed: Value | None,
     at_m: float,
@@ -250,7 +250,7 @@ def track_rates(
         ramp_speed: of the ramp along the line, m/s; None: not known.
         at_m: where the height is evaluated, from the state's point.
     """
-    if aircraft is None or pose is None or aircraft.velocity_sigma_m_s > MAX_SPEED_SIGMA_M_S:
+    if pose is None or aircraft.velocity_sigma_m_s > MAX_SPEED_SIGMA_M_S:
         return None, None, None
     own, velocity = aircraft.velocity_sigma_m_s, aircraft.velocity_m_s
     ship = np.array([*(config.deck.ship_velocity_m_s or (0.0, 0.0)), 0.0])

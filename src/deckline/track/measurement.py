@@ -68,10 +68,8 @@ class Measurement:
         return Measurement(self.sides, self.innovation[rows], self.design[rows], noise, self.x_m)
 
 
-def measure(
-    state: State, lines: dict[str, RunwayLine], mode: DepthMode, pose: Pose, config: RunConfig
-) -> Measurement | None:
-    """The measurement by the edge lines among `lines`; None where there are none.
+def measure(state: State, lines: dict[str, RunwayLine], mode: DepthMode, pose: Pose, config: RunConfig) -> Measurement:
+    """The measurement by the edge lines among `lines`, at least one.
 
     Args:
         state: predicted to the frame's time.
@@ -80,8 +78,6 @@ def measure(
         pose: of the camera in this frame.
     """
     sides = tuple(side for side in SIDES if side in lines)
-    if not sides:
-        return None
     hub = np.mean([state.local(lines[side].point_m) for side in sides], axis=0)
     parts = [_linearize_line(state, lines[side], side, mode, pose, hub, config) for side in sides]
     innovation, design, white, own = (_stack(part) for part in zip(*parts, strict=True))

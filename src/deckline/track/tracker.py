@@ -77,9 +77,6 @@ class Tracker:
     than `tracking.coast_s`, or a pose that jumps starts a new track.
 
     `Track.flags` names what lasts and would mislead; a single measurement that was left out is in `Track.excluded`.
-
-    Args:
-        config: sensors, deck, approach, tracking and integrity.
     """
 
     def __init__(self, config: RunConfig | None = None) -> None:
@@ -177,12 +174,10 @@ class Tracker:
     def _continue_track(self, memory: TrackMemory, context: FrameContext) -> Track:
         """Update the predicted memory with the frame's lines and keep it for the next frame."""
         config, time_s = self.config, context.frame.time_s
-        pose = memory.aircraft.camera_pose(context.frame)
-        gated = None
+        pose, gated = memory.aircraft.camera_pose(context.frame), None
         if pose is not None and context.lines:
             measurement = measure(memory.state, context.lines, context.estimate.mode, pose, config)
-            if measurement is not None:
-                gated = select_consistent(memory.state, measurement, config.tracking.gate_sigma)
+            gated = select_consistent(memory.state, measurement, config.tracking.gate_sigma)
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
         memory = self._update_memory(memory, gated, context)
         unseen_s, inconsistent_s = time_s - memory.seen_s, time_s - memory.consistent_s
@@ -221,13 +216,11 @@ class Tracker:
         gated: GatedMeasurement | None,
         flags: Notices,
     ) -> Track:
-        extent, state, config = memory.extent, memory.state, self.config
+        extent, state, config, touchdown = memory.extent, memory.state, self.config, None
         if extent is not None:
             extent = advance_extent(extent, state, context.frame.time_s - memory.seen_s)
-        ramp = extent if extent is not None and extent.is_ramp else None
-        touchdown = None
-        if extent is not None:
             touchdown = float(state.local(extent.near_m)[0]) + config.approach.touchdown_m
+        ramp = extent if extent is not None and extent.is_ramp else None
         at_m = touchdown or 0.0
         lateral, height, closing = track_rates(
             state, memory.aircraft, pose, None if ramp is None else ramp.speed, at_m, config
