@@ -1,68 +1,48 @@
-import dataclasses
+"""Scores of dehazers, and their tables."""
+
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+from level_deck import CAMERA, LEFT, RIGHT, frame_at, pixels_of, result_of
 
-from approach_scene import STILL
+from deckline.evaluation.dehazers import Cost
 from deckline.evaluation.dehazing_pairs import film_of, labelled_lines, seen_length_px, true_lines
 from deckline.evaluation.dehazing_score import (
     ImageScore,
+    Results,
+    dehazing_tables,
+    json_of,
     restoration,
     score_lines,
     summarise,
     summarise_film,
     worse_lines,
 )
-from deckline.flight import FrameResult
-from deckline.geometry import Camera, pose
-from deckline.guide import guidance
-from deckline.localize import localize
-from deckline.types import Detection, Frame, LinePoints, Segment, Truth
+from deckline.evaluation.metrics import psnr_db, ssim
+from deckline.evaluation.tables import OutputFiles, publish
+from deckline.types import Segment, Truth
 
-CAMERA = Camera.from_fov(640, 360, np.pi / 2)
-LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
-RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
-GREY = np.full((360, 640, 3), 128, np.uint8)
 FILMED = {"a": "dry and sharp", "b": "rain", "c": "rain", "d": None}
 
 
-def frame_at(x_m: float = -100.0, **changes) -> Frame:
-    truth = Truth(left=LEFT, right=RIGHT, visibility_m=800.0)
-    frame = Frame("a.png", 0.0, GREY, CAMERA, world_from_body=pose([x_m, 0, -20], [1, 0, 0, 0]), deck_z_m=0.0)
-    return dataclasses.replace(frame, **({"truth": truth} | changes))
-
-
-def pixels(segment: Segment, count: int = 30) -> np.ndarray:
-    along = segment.p0_m + np.linspace(0.05, 0.95, count)[:, None] * (segment.p1_m - segment.p0_m)
-    frame = frame_at()
-    return CAMERA.project(frame.world_from_camera.inv().apply(along))
-
-
-def result_of(left: np.ndarray, right: np.ndarray) -> FrameResult:
-    frame = frame_at()
-    points = (LinePoints(px, np.ones(len(px)), np.full(len(px), 0.3)) for px in (left, right))
-    detection = Detection(*points)
-    estimate = localize(frame, detection, STILL, np.random.default_rng(0))
-    return FrameResult(frame, GREY, detection, estimate, guidance(frame, estimate, None, STILL.approach), {})
+def pixels(segment: Segment) -> np.ndarray:
+    return pixels_of(frame_at(), segment)
 
 
 def score(key: str, dehazer: str, psnr_db: float, visibility_m: float = 800.0, **more) -> ImageScore:
     return ImageScore("here", key, dehazer, visibility_m, {"psnr_db": psnr_db}, **more)
 
 
-def test_figures_agree_with_scikit_image():
+def test_figures_are_of_the_whole_picture_and_of_the_surface():
     rng = np.random.default_rng(0)
-    clear = rng.integers(40, 200, (48, 64, 3)).astype(np.uint8)
-    image = np.clip(clear + rng.normal(0, 12, clear.shape), 0, 255).astype(np.uint8)
+    clear, image = (rng.integers(40, 200, (48, 64, 3)).astype(np.uint8) for _ in range(2))
     surface = np.zeros((48, 64), dtype=bool)
     surface[30:, 10:] = True
-    found = restoration(image, clear, surface)
-    assert found["psnr_db"] == pytest.approx(peak_signal_noise_ratio(clear, image), abs=1e-9)
-    below = peak_signal_noise_ratio(clear[30:, 10:], image[30:, 10:])
-    assert found["psnr_db_surface"] == pytest.approx(below, abs=1e-9)
-    options = {"channel_axis": 2, "gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
-    assert found["ssim"] == pytest.approx(structural_similarity(clear, image, **options), abs=1e-6)
+    below = psnr_db(image[30:, 10:], clear[30:, 10:])
+    expected = {"psnr_db": psnr_db(image, clear), "psnr_db_surface": below, "ssim": ssim(image, clear)}
+    assert restoration(image, clear, surface) == pytest.approx(expected, abs=1e-12)
 
 
 def test_an_untouched_picture_counts_60_db_and_what_does_not_exist_is_left_out():
@@ -82,21 +62,21 @@ def test_lines_behind_the_aircraft_or_a_speck_far_away_are_not_asked_for():
     assert true_lines(frame_at()) is not None
     assert true_lines(frame_at(x_m=300.0)) is None
     assert true_lines(frame_at(x_m=-9000.0)) is None  # 20 m high: the 200 m of the line are 0.02 px tall
-    assert true_lines(frame_at(truth=None)) is None
-    assert true_lines(frame_at(truth=Truth(visibility_m=500.0))) is None
+    assert true_lines(replace(frame_at(), truth=None)) is None
+    assert true_lines(replace(frame_at(), truth=Truth(visibility_m=500.0))) is None
 
 
 def test_exact_points_are_found_with_no_error_and_shifted_ones_are_off_by_the_shift():
     left, right = pixels(LEFT), pixels(RIGHT)
     lines = true_lines(frame_at())
-    found, distances_px = score_lines(result_of(left, right), lines)
+    found, distances_px = score_lines(result_of(frame_at(), left, right), lines)
     assert found
     np.testing.assert_allclose(distances_px, np.zeros(60), atol=1e-9)
     slope = np.diff(left[[0, -1]], axis=0)[0]
     normal = np.array([-slope[1], slope[0]]) / np.linalg.norm(slope)
-    _, distances_px = score_lines(result_of(left + 3.0 * normal, right), lines)
+    _, distances_px = score_lines(result_of(frame_at(), left + 3.0 * normal, right), lines)
     np.testing.assert_allclose(distances_px, [3.0] * 30 + [0.0] * 30, atol=1e-9)
-    assert score_lines(result_of(np.zeros((0, 2)), np.zeros((0, 2))), lines) == (False, [])
+    assert score_lines(result_of(frame_at(), [], []), lines) == (False, [])
 
 
 def test_labelled_lines_give_the_same_distances_as_true_ones():
@@ -111,7 +91,7 @@ def test_labelled_lines_give_the_same_distances_as_true_ones():
 def test_means_and_paired_differences_of_known_numbers():
     hazy = [score(str(i), "none", 10.0 + i) for i in range(4)]
     better = [score(str(i), "net", 12.5 + i, note="left" if i == 3 else "") for i in range(4)]
-    summary = summarise([*better, *hazy], "none", "none")["all"]
+    summary = summarise([*better, *hazy], "none")["all"]
     assert summary["none"].means == {"psnr_db": 11.5} and summary["net"].means == {"psnr_db": 14.0}
     assert summary["none"].differences == {}
     gain = summary["net"].differences["psnr_db"]
@@ -121,7 +101,7 @@ def test_means_and_paired_differences_of_known_numbers():
 
 def test_only_images_measured_both_ways_are_paired():
     scores = [score("a", "none", 10.0), score("b", "none", 20.0), score("b", "net", 21.0), score("c", "net", 50.0)]
-    gain = summarise(scores, "none", "none")["all"]["net"].differences["psnr_db"]
+    gain = summarise(scores, "none")["all"]["net"].differences["psnr_db"]
     assert (gain.value, gain.images) == (1.0, 1)
 
 
@@ -138,20 +118,20 @@ def test_only_images_measured_both_ways_are_paired():
     ],
 )
 def test_an_image_is_in_one_band(visibility_m, band):
-    assert list(summarise([score("a", "none", 10.0, visibility_m)], "none", "none")) == ["all", band]
+    assert list(summarise([score("a", "none", 10.0, visibility_m)], "none")) == ["all", band]
 
 
 def test_unknown_visibility_counts_in_all_alone_and_nothing_is_refused():
-    assert list(summarise([score("a", "none", 10.0, np.nan)], "none", "none")) == ["all"]
+    assert list(summarise([score("a", "none", 10.0, np.nan)], "none")) == ["all"]
     with pytest.raises(ValueError, match="no image"):
-        summarise([], "none", "none")
+        summarise([], "none")
 
 
 def test_line_figures_pool_all_points_and_compare_medians_image_by_image():
     scores = [score(str(i), "none", 10.0, found=True, distances_px=[1.0, 1.0, 4.0]) for i in range(10)]
     scores += [score(str(i), "net", 12.0, found=i < 5, distances_px=[2.0, 2.0]) for i in range(9)]
     scores += [score("9", "net", 12.0, found=False), score("10", "net", 12.0)]
-    summary = summarise(scores, "none", "none")["all"]
+    summary = summarise(scores, "none")["all"]
     assert summary["none"].lines == {"found_rate": 1.0, "point_error_px.median": 1.0, "point_error_px.p95": 4.0}
     assert summary["net"].asked == 10 and summary["net"].images == 11
     assert summary["net"].lines["found_rate"] == 0.5
@@ -168,7 +148,7 @@ def test_higher_psnr_with_worse_lines_is_named_and_no_other():
         for name, (psnr, found, px) in names.items()
         for i in range(12)
     ]
-    assert worse_lines(summarise(scores, "none", "none")["all"], "none") == ["worse", "farther"]
+    assert worse_lines(summarise(scores, "none")["all"]) == ["worse", "farther"]
 
 
 def test_rain_and_blur_are_summed_up_apart():
@@ -176,12 +156,12 @@ def test_rain_and_blur_are_summed_up_apart():
         *(score(key, "none", 10.0 + index, film=film) for index, (key, film) in enumerate(FILMED.items())),
         *(score(key, "net", 20.0 + 2 * index, film=film) for index, (key, film) in enumerate(FILMED.items())),
     ]
-    groups = summarise_film(scores, "none", "none")
+    groups = summarise_film(scores, "none")
     assert list(groups) == ["dry and sharp", "rain"]
     assert groups["rain"]["net"].means["psnr_db"] == pytest.approx(23.0)
     assert groups["rain"]["net"].differences["psnr_db"].value == pytest.approx(11.5)
     assert groups["dry and sharp"]["net"].images == 1
-    assert summarise_film([one for one in scores if one.film != "rain"], "none", "none") == {}
+    assert summarise_film([one for one in scores if one.film != "rain"], "none") == {}
 
 
 @pytest.mark.parametrize(
@@ -200,3 +180,76 @@ def test_rain_and_blur_are_summed_up_apart():
 def test_rain_and_blur_are_told_from_what_truth_holds(exposure, film):
     assert film_of({"exposure": exposure}) == film
     assert film_of({}) is None
+
+
+def scores(name: str, psnr_db: float, found: bool) -> list[ImageScore]:
+    lines = {"found": found, "distances_px": [1.0, 3.0]}
+    return [ImageScore("/a", str(i), name, 400.0, {"psnr_db": psnr_db + i}, **lines) for i in range(8)]
+
+
+def results(**changes) -> Results:
+    both = [*scores("none", 10.0, True), *scores("[net]", 14.0, False)]
+    plain = Results(
+        title="8 pairs",
+        reference="[net]",
+        summaries=summarise(both, "[net]"),
+        film={},
+        sizes={"none": None, "[net]": (1_500_000, 2_340_000_000)},
+        costs={},
+        cost_size_px=(1280, 720),
+        failed={},
+        skipped=(),
+    )
+    return replace(plain, **changes)
+
+
+def rows_of(table) -> dict[str, dict[str, str]]:
+    return {row[table.columns.index("dehazer")]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
+
+
+def test_cells_of_known_numbers():
+    first, _, lines = dehazing_tables(results())
+    net, none = rows_of(first)["[net]"], rows_of(first)["none"]
+    assert (net["PSNR, dB"], net["to [net], dB"], net["SSIM"]) == ("17.50", "-", "-")
+    assert none["to [net], dB"] == "-4.00 [-4.00, -4.00]"
+    assert (net["parameters"], net["MACs 256x256"], none["parameters"]) == ("1.500 M", "2.34 G", "-")
+    assert "below horizon, dB" not in first.columns
+    assert rows_of(lines)["[net]"]["difference, points"] == "-100.0 [-100.0, -100.0]"
+    assert rows_of(lines)["none"]["points, median px"] == "2.00"
+
+
+def test_rain_has_a_table_of_its_own():
+    wet = [replace(one, film="rain") for one in scores("none", 10.0, True)]
+    measured = results(film=summarise_film(wet, "[net]"))
+    first, _, film, _ = dehazing_tables(measured)
+    assert film.columns[0] == "rain and motion blur" and "rain and motion blur" not in first.columns
+    assert [row[:4] for row in film.rows] == [("rain", "none", "8", "13.50")]
+    assert json_of(measured)["film"]["rain"]["none"]["images"] == 8
+    assert not any("rain" in table.title for table in dehazing_tables(results()))
+
+
+def test_a_higher_psnr_with_worse_lines_is_said():
+    assert "Higher PSNR, worse lines: [net] (all), [net] (300-500 m)." in dehazing_tables(results())[-1].notes
+    both = [*scores("none", 10.0, True), *scores("[net]", 14.0, True)]
+    assert not any("worse" in line for line in dehazing_tables(results(summaries=summarise(both, "none")))[-1].notes)
+
+
+def test_cost_has_its_ratio_to_the_reference_and_a_failure_its_reason():
+    costs = {"none": Cost(0.05, 10 * 2.0**20), "[net]": Cost(0.2, 40 * 2.0**20)}
+    row = rows_of(dehazing_tables(results(costs=costs))[0])["none"]
+    assert (row["ms at 1280x720"], row["peak MiB"]) == ("50.0 (0.25)", "10 (0.25)")
+    compared_with_nothing = results(costs=costs, reference="none")
+    assert rows_of(dehazing_tables(compared_with_nothing)[0])["[net]"]["ms at 1280x720"] == "200.0"
+    broken = dehazing_tables(results(costs={"[net]": Cost(0.2, None)}, failed={"none": "no memory"}))[0]
+    assert rows_of(broken)["none"]["peak MiB"] == rows_of(broken)["[net]"]["peak MiB"] == "-"
+    assert "none: no cost: no memory" in broken.notes
+
+
+def test_json_of_known_numbers(tmp_path):
+    single = [*scores("none", 10.0, True)[:1], *scores("[net]", 14.0, True)[:1]]
+    one = results(skipped=(("/a: 9.png", "cut short"),), summaries=summarise(single, "none"))
+    publish("one pair", dehazing_tables(one), json_of(one), OutputFiles(tmp_path / "f.json"))
+    saved = json.loads((tmp_path / "f.json").read_text())
+    assert saved["visibility"]["all"]["[net]"]["differences"]["psnr_db"]["low"] is None
+    assert saved["skipped"] == [["/a: 9.png", "cut short"]]
+    assert json_of(results())["higher_psnr_worse_lines"] == {"all": ["[net]"], "300-500 m": ["[net]"]}

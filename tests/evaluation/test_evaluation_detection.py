@@ -16,11 +16,10 @@ from deckline.evaluation.detection import (
     label,
     score_detections,
 )
-from deckline.evaluation.detection_score import DetectionScore
+from deckline.evaluation.detection_score import DetectionScore, TuSimple
 from deckline.evaluation.detection_truth import Scene
-from deckline.evaluation.detection_worst import figures_line, write_worst
 from deckline.evaluation.frames import Recorded, name_sets, open_recorded
-from deckline.evaluation.lane_scores import TuSimple
+from deckline.evaluation.pictures import figures_line, write_worst
 from deckline.evaluation.tables import markdown
 from deckline.labels import LabelledImage, write_labels
 from deckline.labels.truth import label_frame

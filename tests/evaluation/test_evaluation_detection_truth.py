@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from level_deck import frame_at
 
 from deckline.detect.prior import project_prior
 from deckline.evaluation.detection_truth import (
@@ -12,20 +13,7 @@ from deckline.evaluation.detection_truth import (
     expected_from_labels,
     expected_from_truth,
 )
-from deckline.geometry import Camera, attitude, pose
-from deckline.types import Frame, Segment, Truth
-
-CAMERA = Camera.from_fov(640, 360, np.pi / 2)
-LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
-RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
-
-
-def frame_at(x_m: float, yaw_rad: float = 0.0, camera: Camera = CAMERA, **truth) -> Frame:
-    """20 m above the lines' plane, `-x_m` before the ramp."""
-    image = np.zeros((camera.height, camera.width, 3), np.uint8)
-    turned = attitude(0.0, 0.0, yaw_rad).as_quat(scalar_first=True)
-    known = Truth(**({"left": LEFT, "right": RIGHT, "visibility_m": 800.0} | truth))
-    return Frame("a.png", 0.0, image, camera, world_from_body=pose([x_m, 0.0, -20.0], turned), truth=known)
+from deckline.types import Frame
 
 
 def test_what_there_is_to_find():
@@ -56,7 +44,7 @@ def test_frames_without_truth_or_pose_are_named():
 
 
 def named(file: str, **truth) -> Frame:
-    return dataclasses.replace(frame_at(-500.0, **truth), file=file)
+    return dataclasses.replace(frame_at(-500.0, deck_z_m=None, **truth), file=file)
 
 
 def test_prior_errors_have_the_stated_sigmas():

@@ -3,11 +3,10 @@ import json
 import pytest
 
 from deckline.cli.main import main
-from deckline.evaluation.approaches import FlightsConfig
+from deckline.evaluation.approaches import FlightsConfig, PointNoise, fly_points
 from deckline.evaluation.integrity import IntegrityConfig, flat_figures, integrity_tables
 from deckline.evaluation.integrity_faults import FAULTS
 from deckline.evaluation.integrity_score import NOMINAL, FrameState, Run, fly_run
-from deckline.evaluation.modelled_detector import PointNoise, fly_points
 from deckline.options import RunOptions
 
 CALM = RunOptions(grade="good", sea_state=0.0)
@@ -96,8 +95,8 @@ def test_a_stopped_command_resumes(tmp_path, capsys):
     ("words", "says"),
     [
         (("--fault", "gremlins"), "gremlins"),
-        (("--runs", "0"), "--runs"),
-        (("--frames", "1"), "--frames"),
+        (("--runs", "0"), "runs"),
+        (("--frames", "1"), "frames"),
         (("--visibility", "fog"), "fog"),
         (("--jobs", "-1", "--runs", "1", "--nominal", "1"), "jobs"),
     ],

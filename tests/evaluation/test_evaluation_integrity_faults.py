@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from deckline.evaluation.approaches import Sighting
 from deckline.evaluation.integrity_faults import (
     BORESIGHT_RAD,
     CATAPULT_M,
@@ -18,7 +19,6 @@ from deckline.evaluation.integrity_faults import (
     u_at,
 )
 from deckline.evaluation.metrics import normal_pixel_error
-from deckline.evaluation.modelled_detector import Sighting
 from deckline.geometry import Camera, attitude
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 

@@ -11,12 +11,11 @@ from approach_scene import chain, frame
 from deckline.cli.main import main
 from deckline.config import Models, RunConfig
 from deckline.dehaze.base import Restored
-from deckline.evaluation.approaches import FlightsConfig
-from deckline.evaluation.dehazing_methods import SharedDehazer
+from deckline.evaluation.approaches import FlightsConfig, PointNoise
+from deckline.evaluation.dehazers import SharedDehazer
 from deckline.evaluation.localization import LocalizationConfig, localization
 from deckline.evaluation.localization_methods import Bench, SharedDetector, load, methods_of, point_bench, point_methods
 from deckline.evaluation.localization_score import score_approach
-from deckline.evaluation.modelled_detector import PointNoise
 from deckline.evaluation.tables import OutputFiles
 from deckline.localize import localize
 from deckline.options import RunOptions
@@ -115,7 +114,6 @@ def test_the_command_writes_tables_scores_and_pictures_and_resumes(tmp_path, cap
 
 
 def test_without_matplotlib_the_pictures_are_left_out(tmp_path, capsys, monkeypatch):
-    monkeypatch.delitem(sys.modules, "deckline.evaluation.localization_figures", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     out = run_command(tmp_path, monkeypatch, [])
     assert (out / "localization.csv").exists() and not (out / "figures").exists()

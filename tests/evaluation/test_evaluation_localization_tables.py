@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from deckline.config import RunConfig
-from deckline.evaluation.localization_figures import medians_by_range, write_figure
 from deckline.evaluation.localization_methods import point_methods
 from deckline.evaluation.localization_score import Score
 from deckline.evaluation.localization_tables import (
@@ -25,7 +24,8 @@ from deckline.evaluation.localization_tables import (
     unusable_improvement,
     usable_share,
 )
-from deckline.evaluation.statistics import percentile
+from deckline.evaluation.pictures import medians_by_range, write_figure
+from deckline.statistics import percentile
 
 # Table 6: errors of direction, degrees, of the lines without dehazing and with it.
 PRINTED = {"left": (8.5456, 1.3347), "right": (3.9949, 0.0559)}

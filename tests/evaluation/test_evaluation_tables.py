@@ -1,8 +1,11 @@
+"""Tables and their files, and the page of results."""
+
 import json
 import math
 
 import pytest
 
+from deckline.cli.main import main
 from deckline.evaluation.tables import OutputFiles, Table, markdown, number, publish
 
 TABLE = Table("errors", ("side", "m [1-sigma]"), [("left", "0.1 [0.0, 0.2]"), ("left", "-")], notes=("A note.",))
@@ -45,3 +48,36 @@ def test_figures_are_saved_beside_what_they_were_made_with(tmp_path, capsys):
 @pytest.mark.parametrize(("value", "text"), [(1.234, "1.2"), (None, "-"), (math.nan, "-"), (math.inf, "-")])
 def test_numbers_in_cells(value, text):
     assert number(value, ".1f") == text
+
+
+def save(path, title):
+    table = Table("all frames", ("figure", "value"), [("found_rate", "0.97")], ("Of 3 frames.",))
+    publish(title, [table], {"found_rate": 0.97}, OutputFiles(path), notes=["Rates are shares."])
+
+
+def test_a_page_has_a_section_for_every_file(tmp_path, capsys):
+    save(tmp_path / "b.json", "second")
+    save(tmp_path / "a.json", "first")
+    page = tmp_path / "docs" / "results.md"
+    assert main(["eval", "report", str(tmp_path), "--out", str(page)]) == 0
+    text = page.read_text()
+    assert text.index("## A\n\nfirst.") < text.index("## B\n\nsecond.")
+    assert text.count("| found_rate | 0.97 |") == 2
+    saved = json.loads((tmp_path / "a.json").read_text())
+    for words in (saved["_command"], *saved["_made_with"].values(), "Of 3 frames.", "Rates are shares."):
+        assert words in text
+    assert capsys.readouterr().out.strip().endswith(str(page))
+
+
+@pytest.mark.parametrize("content", ['{"found_rate": 0.97}', "[1]", '{"_tables": ', '{"_tables": [{"title": 1}]}'])
+def test_a_file_that_no_evaluation_saved_is_one_line(tmp_path, capsys, content):
+    (tmp_path / "other.json").write_text(content)
+    assert main(["eval", "report", str(tmp_path), "--out", str(tmp_path / "r.md")]) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1 and "other.json" in error[0]
+    assert not (tmp_path / "r.md").exists()
+
+
+def test_a_folder_without_figures_is_one_line(tmp_path, capsys):
+    assert main(["eval", "report", str(tmp_path)]) == 2
+    assert str(tmp_path) in capsys.readouterr().err

@@ -10,9 +10,8 @@ from steady_view import HEIGHT_M, seen, view
 from deckline.config import Deck, RunConfig
 from deckline.dehaze import DEHAZERS
 from deckline.detect import DETECTORS
-from deckline.evaluation.approaches import FlightsConfig
+from deckline.evaluation.approaches import FlightsConfig, PointNoise, fly_points
 from deckline.evaluation.localization_score import pilot_figures
-from deckline.evaluation.modelled_detector import PointNoise, fly_points
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.track import Tracker

@@ -181,12 +181,12 @@ def _load_commands(name: str) -> dict[str, Callable[..., int]]:
 
         functions = (train.dehaze, train.detect)
     elif name == "eval":
-        from deckline.evaluation import chain, dehazing, detection, flicker, integrity, labels, localization, report
+        from deckline.evaluation import chain, dehazing, detection, flicker, integrity, localization, tables
         from deckline.research.ablation import ablation
 
-        functions = (chain.chain, chain.recording, labels.labels, flicker.flicker, ablation, dehazing.dehazing)
+        functions = (chain.chain, chain.recording, chain.labels, flicker.flicker, ablation, dehazing.dehazing)
         functions += (detection.detection, detection.detectors, integrity.integrity, localization.localization)
-        functions += (report.report,)
+        functions += (tables.report,)
     elif name == "labels":
         from deckline.cli.labels import export, import_
 

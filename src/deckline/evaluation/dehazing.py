@@ -8,15 +8,32 @@ from typing import Annotated, Any
 import tyro
 
 from deckline import __version__
+from deckline.checks import check_numbers
 from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.chain import single_frames_with
-from deckline.evaluation.dehazing_cost import Cost, CostTask, measure_costs
-from deckline.evaluation.dehazing_methods import build_dehazer, by_name, model_of, shown_name, size_of
+from deckline.evaluation.dehazers import (
+    Cost,
+    CostTask,
+    build_dehazer,
+    by_name,
+    measure_costs,
+    model_of,
+    shown_name,
+    size_of,
+)
 from deckline.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
-from deckline.evaluation.dehazing_score import ImageScore, restoration, score_lines, summarise, summarise_film
-from deckline.evaluation.dehazing_sheet import sheet
-from deckline.evaluation.dehazing_tables import Results, dehazing_tables, json_of
+from deckline.evaluation.dehazing_score import (
+    ImageScore,
+    Results,
+    dehazing_tables,
+    json_of,
+    restoration,
+    score_lines,
+    summarise,
+    summarise_film,
+)
+from deckline.evaluation.pictures import sheet
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import TO_TERMINAL, Output, made_with, publish
 from deckline.flight import Flight
@@ -85,9 +102,7 @@ class DehazingConfig:
             raise ValueError("give at least one recording with clear pictures, or folder with hazy and clear pairs")
         if self.sheet is not None:
             check_picture_name(self.sheet, "a sheet")
-        for name, value in (("every", self.every), ("cost_runs", self.cost_runs), ("cost_size", min(self.cost_size))):
-            if value < 1:
-                raise ValueError(f"{name} must be 1 or more, got {value}")
+        check_numbers(self, "", "every", "cost_runs", "cost_size", least=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +127,8 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
     results = Results(
         title=_title(config, len({score.image for score in scores})),
         reference=bench.reference,
-        summaries=summarise(scores, bench.reference, NOT_DEHAZED),
-        film=summarise_film(scores, bench.reference, NOT_DEHAZED),
+        summaries=summarise(scores, bench.reference),
+        film=summarise_film(scores, bench.reference),
         sizes={name: size_of(dehazer) for name, dehazer in bench.dehazers.items()},
         costs=costs,
         cost_size_px=config.cost_size,
@@ -158,7 +173,7 @@ def _settings(config: DehazingConfig, bench: Bench) -> dict[str, Any]:
 
 
 def _score_all(bench: Bench, store: Store) -> tuple[list[ImageScore], list[tuple[str, str]]]:
-    """Fill in the rows that are missing; returns all scores, and the images that cannot be used with the reason."""
+    """All scores, those that the store lacks measured; and the images that cannot be used with the reason."""
     pairs = [(source, key) for source in bench.sources for key in source.keys]
     skipped = []
     with progress("evaluating", len(pairs) * len(bench.dehazers)) as advance:

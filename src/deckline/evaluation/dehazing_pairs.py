@@ -56,14 +56,6 @@ class PairSource:
     load: Callable[[str], Pair]
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """What labels.json says of a hazy image."""
-
-    clear_file: str
-    visibility_m: float
-
-
 def open_pairs(
     path: Path,
     every: int = 1,
@@ -88,12 +80,9 @@ def open_pairs(
     if isinstance(source, ImageFolder) and (path / LABELS_FILE).is_file():
         return _labelled(path, source, every, with_depth)
 
-    def load(key: str) -> Pair:
-        return _recorded(source.load(int(key)), with_depth)
-
-    keys = tuple(str(index) for index in range(0, len(source), every))
     _check_clear(path, source)
-    return PairSource(str(path.resolve()), keys, load)
+    keys = tuple(str(index) for index in range(0, len(source), every))
+    return PairSource(str(path.resolve()), keys, lambda key: _recorded(source.load(int(key)), with_depth))
 
 
 def _check_clear(path: Path, source: Source) -> None:
@@ -130,18 +119,15 @@ def _labelled(folder: Path, source: ImageFolder, every: int, with_depth: bool) -
         print(f'{folder}: no hazy pair: no frame in {LABELS_FILE} has "pair_of"', file=sys.stderr)
 
     def load(key: str) -> Pair:
-        return _labelled_pair(source.load(source.files.index(key)), folder, entries[key], labels[key], with_depth)
+        frame, (clear_file, visibility_m) = source.load(source.files.index(key)), entries[key]
+        try:
+            clear = read_image(folder / clear_file)
+        except ValueError as error:
+            raise FrameError(frame.file, f"its clear picture {clear_file}: {error}") from None
+        return _pair(frame, clear, visibility_m, labelled_lines(labels[key], frame.camera), with_depth)
 
     keys = tuple(file for file in source.files if file in entries)[::every]
     return PairSource(str(folder.resolve()), keys, load)
-
-
-def _labelled_pair(frame: Frame, folder: Path, entry: _Entry, labels: Labels, with_depth: bool) -> Pair:
-    try:
-        clear = read_image(folder / entry.clear_file)
-    except ValueError as error:
-        raise FrameError(frame.file, f"its clear picture {entry.clear_file}: {error}") from None
-    return _pair(frame, clear, entry.visibility_m, labelled_lines(labels, frame.camera), with_depth)
 
 
 def _pair(
@@ -159,8 +145,8 @@ def _pair(
     return Pair(replace(frame, truth=None, depth_m=depth_m), clear_rgb, surface, visibility_m, lines)
 
 
-def read_pairs(path: Path) -> dict[str, _Entry]:
-    """Hazy image file -> its clear file and visibility, from a labels.json that `read_labels` takes.
+def read_pairs(path: Path) -> dict[str, tuple[str, float]]:
+    """Hazy image file -> its clear file and visibility, m, NaN when unknown; from a labels.json.
 
     Raises:
         ValueError: an image named twice, a `pair_of` that is no other file's name in the folder, or a visibility that
@@ -182,7 +168,7 @@ def read_pairs(path: Path) -> dict[str, _Entry]:
         known = isinstance(visibility, int | float) and not isinstance(visibility, bool)
         if visibility is not None and not (known and visibility > 0):
             raise ValueError(f"{where}: visibility_m must be positive metres, or left out, got {visibility!r}")
-        entries[entry["file"]] = _Entry(clear, math.nan if visibility is None else float(visibility))
+        entries[entry["file"]] = (clear, math.nan if visibility is None else float(visibility))
     return entries
 
 

@@ -13,7 +13,7 @@ import tyro
 from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED
 from deckline.evaluation.chain import single_frames_with
-from deckline.evaluation.dehazing_methods import SharedDehazer, file_label
+from deckline.evaluation.dehazers import SharedDehazer, file_label
 from deckline.evaluation.detection_score import (
     DetectionScore,
     groups,
@@ -23,13 +23,13 @@ from deckline.evaluation.detection_score import (
     with_scene,
 )
 from deckline.evaluation.detection_truth import Scene, draw_runway_prior
-from deckline.evaluation.detection_worst import write_worst
 from deckline.evaluation.frames import FrameSet, RenderOptions, Sample, name_sets, score_frames
-from deckline.evaluation.statistics import paired_difference, share
+from deckline.evaluation.pictures import write_worst
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline.flight import Flight
 from deckline.report.provenance import settings_of
+from deckline.statistics import paired_difference, share
 from deckline.types import Detection
 
 SCORES_FILE = "scores.jsonl"

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from deckline.checks import check_numbers
 from deckline.evaluation.detection_truth import ExpectedLines, expected_from_labels, expected_from_truth
 from deckline.evaluation.store import Store
 from deckline.extras import needs_extra
@@ -51,15 +52,10 @@ class Sample:
 
 
 class FrameSet(ABC):
-    """Frames that can be loaded in any order.
+    """Frames that can be loaded in any order."""
 
-    Attributes:
-        name: what tables and files call it.
-        settings: plain values; a stopped evaluation resumes only with the same.
-    """
-
-    name: str
-    settings: dict[str, Any]
+    name: str  # what tables and files call it
+    settings: dict[str, Any]  # plain values; a stopped evaluation resumes only with the same
 
     @abstractmethod
     def __len__(self) -> int: ...
@@ -95,9 +91,8 @@ class Recorded(FrameSet):
         scene = path / SCENE_FILE
         if self._labels is None and not scene.exists():
             raise ValueError(f"{path}: neither truth ({SCENE_FILE}) nor {LABELS_FILE}: nothing to compare with")
-        self._ship = "labelled" if labelled else str(read_scene(scene).extra.get("preset", "unknown"))
-        if self._ship == "train":
-            self._ship = RANDOM_SHIPS
+        preset = "labelled" if labelled else str(read_scene(scene).extra.get("preset", "unknown"))
+        self._ship = RANDOM_SHIPS if preset == "train" else preset
         self.settings = {"source": str(path.resolve()), "frames": len(self), "deck_z_m": deck_z_m}
 
     def __len__(self) -> int:
@@ -113,11 +108,7 @@ class Recorded(FrameSet):
 
 
 class Rendered(FrameSet):
-    """Fresh frames of the simulator.
-
-    Args:
-        config: a `deckline.sim.SimConfig` of random views, or of views without a runway.
-    """
+    """Fresh frames of the simulator: a `deckline.sim.SimConfig` of random views, or of views without a runway."""
 
     def __init__(self, config: Any) -> None:
         from deckline.sim.record import frame_settings
@@ -199,9 +190,7 @@ class RenderOptions:
                 simulator refuses.
             ImportError: the sim extra is not installed.
         """
-        for name, value in (("--frames", self.frames), ("--deckless", self.deckless)):
-            if value is not None and value < 0:
-                raise ValueError(f"{name} must not be negative, got {value}")
+        check_numbers(self, "", "frames", "deckless", least=0)
         frames = self.frames if self.frames is not None else 0 if sources else FRAMES
         deckless = self.deckless if self.deckless is not None else 0 if sources else DECKLESS
         sets = open_recorded(sources)

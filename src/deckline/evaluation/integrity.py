@@ -10,10 +10,19 @@ from typing import Annotated, Any
 
 import tyro
 
+from deckline.checks import check_numbers
 from deckline.config import Models
 from deckline.config_file import read_config, to_toml_text
 from deckline.dehaze import NOT_DEHAZED
-from deckline.evaluation.approaches import FlightsConfig, describe_flights, flight_settings, fly
+from deckline.evaluation.approaches import (
+    FlightsConfig,
+    PointNoise,
+    Sighting,
+    describe_flights,
+    flight_settings,
+    fly,
+    fly_points,
+)
 from deckline.evaluation.chain import single_frames
 from deckline.evaluation.integrity_faults import FAULTS
 from deckline.evaluation.integrity_score import (
@@ -26,14 +35,13 @@ from deckline.evaluation.integrity_score import (
     flags_raised,
     fly_run,
 )
-from deckline.evaluation.modelled_detector import PointNoise, Sighting, fly_points
-from deckline.evaluation.statistics import share_interval
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline.flight import Flight
 from deckline.processes import map_ordered
 from deckline.progress import progress
 from deckline.report.provenance import settings_of
+from deckline.statistics import share_interval
 
 STATES_FILE = "integrity.jsonl"
 GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames
@@ -79,9 +87,8 @@ class IntegrityConfig:
     output: Output = TO_TERMINAL
 
     def __post_init__(self) -> None:
-        for name, least in (("runs", 1), ("nominal", 1), ("alert_s", 0.0)):
-            if not getattr(self, name) >= least:
-                raise ValueError(f"--{name.replace('_', '-')} must be at least {least:g}, got {getattr(self, name)}")
+        check_numbers(self, "", "runs", "nominal", least=1)
+        check_numbers(self, "", "alert_s", least=0)
         unknown = [name for name in self.fault if name not in FAULTS]
         if unknown:
             raise ValueError(f"unknown fault {unknown[0]!r}: use any of {', '.join(FAULTS)}")
@@ -116,7 +123,13 @@ def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int
     by_fault: dict[str, list[list[FrameState]]] = {}
     for run in config.wanted:
         by_fault.setdefault(run.fault, []).append([FrameState(**row) for row in store.rows[astuple(run)]])
-    _publish(by_fault, config)
+    how = f"rendered, detector {config.flights.run.models.detector}" if config.rendered else f"{config.point_noise}"
+    title = (
+        f"{config.runs} runs of each fault, {config.nominal} without, of {describe_flights(config.flights)}; "
+        f"time to alert {config.alert_s:g} s; {how}"
+    )
+    tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)
+    publish(title, tables, figures, config.output, [NOTES])
     return 0
 
 
@@ -135,7 +148,6 @@ def fly_runs(
 def _fly_together(
     runs: Sequence[Run], flights: FlightsConfig, noise: PointNoise, detector: Flight | None
 ) -> list[list[FrameState]]:
-    """The frames of runs that share a flight."""
     number = runs[0].number
     if detector is None:
         sightings = list(fly_points(flights.approach(number), flights.run.sensors, noise))
@@ -145,14 +157,22 @@ def _fly_together(
 
 
 def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float) -> list[Table]:
-    """Faults, then nominal flights."""
+    """Faults, then nominal flights, then which flags were raised: one frame may raise several."""
     rows = {name: fault_row(runs, alert_s) for name, runs in by_fault.items() if name != NOMINAL}
-    tables = [faults_table(rows)] if rows else []
-    tables += [nominal_table(by_fault[NOMINAL])] if by_fault.get(NOMINAL) else []
-    return [*tables, flags_table(by_fault)]
+    tables = [_faults_table(rows)] if rows else []
+    if by_fault.get(NOMINAL):
+        counts = _count_nominal(by_fault[NOMINAL])
+        runs, frames, lost = counts["runs"], counts["frames"], counts["frames"] - counts["protected"]
+        hits = (counts["flagged"], counts["misleading"], counts["excluded"], lost)
+        title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
+        columns = ("runs", "frames", "false alarms, %", "misleading, %", "left out, %", "not guided, %")
+        tables.append(Table(title, columns, [(str(runs), str(frames), *(_share(count, frames) for count in hits))]))
+    raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
+    flags = [(name, ", ".join(f"{flag} {n}" for flag, n in each.items()) or MISSING) for name, each in raised.items()]
+    return [*tables, Table("frames by flag", ("fault", "flags"), flags)]
 
 
-def faults_table(rows: Mapping[str, FaultRow]) -> Table:
+def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
     """One row a fault; the title has all of them together."""
     cells = []
     for name, row in rows.items():
@@ -165,25 +185,6 @@ def faults_table(rows: Mapping[str, FaultRow]) -> Table:
     title = f"faults: {_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
     columns = ("fault", "runs", "detected", "harmless", "misleading", "detected or harmless, %", "misleading frames, %")
     return Table(title, (*columns, "left out, %", "not guided, %", "flag after, s"), cells)
-
-
-def nominal_table(runs: Sequence[Sequence[FrameState]]) -> Table:
-    """Flights without a fault."""
-    counts = _count_nominal(runs)
-    frames = counts["frames"]
-    title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
-    columns = ("runs", "frames", "false alarms, %", "misleading, %", "left out, %", "not guided, %")
-    shares = (counts["flagged"], counts["misleading"], counts["excluded"], frames - counts["protected"])
-    return Table(title, columns, [(str(len(runs)), str(frames), *(_share(count, frames) for count in shares))])
-
-
-def flags_table(by_fault: Mapping[str, Sequence[Sequence[FrameState]]]) -> Table:
-    """Which flags each fault raised, in how many frames; one frame may raise several."""
-    raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
-    rows = (
-        (name, ", ".join(f"{flag} {count}" for flag, count in each.items()) or MISSING) for name, each in raised.items()
-    )
-    return Table("frames by flag", ("fault", "flags"), tuple(rows))
 
 
 def _share(hits: int, trials: int) -> str:
@@ -206,17 +207,6 @@ def _count_nominal(runs: Sequence[Sequence[FrameState]]) -> dict[str, int]:
         name: sum(getattr(m, name) for m in frames) for name in ("flagged", "misleading", "excluded", "protected")
     }
     return {"runs": len(runs), "frames": len(frames), **counts}
-
-
-def _publish(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], config: IntegrityConfig) -> None:
-    detector = config.flights.run.models.detector
-    how = f"rendered, detector {detector}" if config.rendered else f"{config.point_noise}"
-    title = (
-        f"{config.runs} runs of each fault, {config.nominal} without, of {describe_flights(config.flights)}; "
-        f"time to alert {config.alert_s:g} s; {how}"
-    )
-    tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)
-    publish(title, tables, figures, config.output, [NOTES])
 
 
 integrity.__doc__ = IntegrityConfig.__doc__

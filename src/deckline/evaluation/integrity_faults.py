@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
-from deckline.evaluation.modelled_detector import Sighting
+from deckline.evaluation.approaches import Sighting
 from deckline.truth import true_segments
 from deckline.types import SIDES, Frame, LinePoints, Segment
 
@@ -27,16 +27,11 @@ Step = Callable[[Sighting, bool], Sighting]  # a sighting, and whether the fault
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that goes wrong.
-
-    Attributes:
-        sudden: it comes in flight; otherwise it is there from the first frame.
-        begin: draws how bad it is; the result is given every sighting in order of time.
-    """
+    """Something that goes wrong."""
 
     name: str
-    sudden: bool
-    begin: Callable[[np.random.Generator], Step]
+    sudden: bool  # it comes in flight; otherwise it is there from the first frame
+    begin: Callable[[np.random.Generator], Step]  # draws how bad it is; the step gets sightings in order of time
 
     def is_active(self, frame: Frame, onset_s: float) -> bool:
         """Whether it has begun."""
@@ -46,14 +41,7 @@ class Fault:
 def inject(
     sightings: Iterable[Sighting], fault: Fault | None, onset_s: float, rng: np.random.Generator
 ) -> Iterator[Sighting]:
-    """The sightings with a fault from a time on; unchanged without a fault.
-
-    Args:
-        sightings: in order of time.
-        fault: to put in.
-        onset_s: of a sudden fault; the others are there from the start.
-        rng: draws how bad it is.
-    """
+    """The sightings, in order of time, with a fault; a sudden one comes at `onset_s`."""
     if fault is None:
         yield from sightings
         return
@@ -63,8 +51,6 @@ def inject(
 
 
 def _change_frame(change: Callable[[Frame], dict[str, Any]]) -> Step:
-    """A step that replaces some of an active frame's values."""
-
     def step(sighting: Sighting, active: bool) -> Sighting:
         return sighting._replace(frame=replace(sighting.frame, **change(sighting.frame))) if active else sighting
 
@@ -72,8 +58,6 @@ def _change_frame(change: Callable[[Frame], dict[str, Any]]) -> Step:
 
 
 def _change_detection(change: Callable[[Sighting], dict[str, LinePoints]]) -> Step:
-    """A step that replaces some of the lines that are detected in an active frame."""
-
     def step(sighting: Sighting, active: bool) -> Sighting:
         if not active:
             return sighting

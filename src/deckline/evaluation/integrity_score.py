@@ -9,10 +9,9 @@ import numpy as np
 
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED
 from deckline.detect import ClassicalDetector
-from deckline.evaluation.approaches import FlightsConfig
+from deckline.evaluation.approaches import FlightsConfig, Sighting
 from deckline.evaluation.integrity_faults import FAULTS, inject
 from deckline.evaluation.localization_score import pilot_figures
-from deckline.evaluation.modelled_detector import Sighting
 from deckline.flight import Flight, FrameResult
 
 ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
@@ -60,11 +59,10 @@ class FrameState:
     @property
     def misleading(self) -> bool:
         """Followed, and farther off than its protection level says."""
-        if self.flagged or self.lateral_m is None or self.height_m is None:
-            return False
-        if self.lateral_level_m is None or self.height_level_m is None:
-            return False
-        return abs(self.lateral_m) > self.lateral_level_m or abs(self.height_m) > self.height_level_m
+        pairs = (self.lateral_m, self.lateral_level_m), (self.height_m, self.height_level_m)
+        return self.protected and any(
+            error is not None and level is not None and abs(error) > level for error, level in pairs
+        )
 
 
 @dataclass(frozen=True)
@@ -82,10 +80,6 @@ class FaultRow:
     lost_frames: int  # without a protected line, flagged or not
     delay_s: float  # median from the fault's beginning to the first flag; NaN without one
 
-    @property
-    def good_share(self) -> float:
-        return (self.detected + self.harmless) / self.runs
-
 
 def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S) -> Outcome:
     """What a fault led to.
@@ -102,12 +96,12 @@ def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S) -> Outcome:
         since = frame.time_s if since is None else since
         if frame.time_s - since > alert_s:
             return Outcome.MISLEADING
+    faulty = [frame for frame in run if frame.faulty]
     if since is not None:
         return Outcome.MISLEADING  # it misled to the end and no flag came
-    warned = any(frame.faulty and frame.flagged for frame in run)
-    if warned:
+    if any(frame.flagged for frame in faulty):
         return Outcome.DETECTED
-    return Outcome.MISLEADING if any(m.faulty and m.misleading for m in run) else Outcome.HARMLESS
+    return Outcome.MISLEADING if any(frame.misleading for frame in faulty) else Outcome.HARMLESS
 
 
 def fault_row(runs: Sequence[Sequence[FrameState]], alert_s: float = ALERT_S) -> FaultRow:
@@ -142,9 +136,8 @@ def flags_raised(runs: Iterable[Sequence[FrameState]]) -> dict[str, int]:
 
 def detection_delay_s(run: Sequence[FrameState]) -> float | None:
     """From the first frame with the fault to the first flag after it; None where none came."""
-    begun = next((frame.time_s for frame in run if frame.faulty), None)
-    flag = next((frame.time_s for frame in run if frame.faulty and frame.flagged), None)
-    return None if begun is None or flag is None else flag - begun
+    faulty = [frame for frame in run if frame.faulty]
+    return next((frame.time_s - faulty[0].time_s for frame in faulty if frame.flagged), None)
 
 
 def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> list[FrameState]:

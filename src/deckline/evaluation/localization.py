@@ -14,7 +14,7 @@ import tyro
 
 from deckline.atomic import write_atomic
 from deckline.config_file import read_config
-from deckline.evaluation.approaches import FlightsConfig, describe_flights, flight_settings, fly
+from deckline.evaluation.approaches import FlightsConfig, PointNoise, describe_flights, flight_settings, fly, fly_points
 from deckline.evaluation.localization_methods import (
     Bench,
     Method,
@@ -26,7 +26,7 @@ from deckline.evaluation.localization_methods import (
 )
 from deckline.evaluation.localization_score import Score, score_approach
 from deckline.evaluation.localization_tables import NOTES, flat_figures, localization_tables
-from deckline.evaluation.modelled_detector import PointNoise, fly_points
+from deckline.evaluation.pictures import write_figure
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import TO_TERMINAL, Output, publish
 from deckline.localize import localize
@@ -174,16 +174,15 @@ def _write_csv(path: Path, scores: Sequence[Score]) -> None:
 
 def _write_figures(folder: Path, scores: dict[str, list[Score]]) -> None:
     """A picture of every method that gave a centre line; one line on stderr without matplotlib."""
-    try:
-        from deckline.evaluation.localization_figures import write_figure
-    except ImportError as error:
-        print(f"no pictures in {folder}: {error}", file=sys.stderr)
-        return
     for name, members in scores.items():
         if any("centre.lateral_m" in score.figures for score in members):
             words = "".join(c if c.isalnum() else " " for c in name).split()
             path = folder / f"{'-'.join(words)}.png"
-            write_figure(path, name, members)
+            try:
+                write_figure(path, name, members)
+            except ImportError as error:
+                print(f"no pictures in {folder}: {error}", file=sys.stderr)
+                return
             print(path)
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from deckline.config import Models, RunConfig
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED
 from deckline.detect import ClassicalDetector, Detector
+from deckline.evaluation.approaches import PointNoise
 from deckline.evaluation.chain import single_frames
-from deckline.evaluation.dehazing_methods import SharedDehazer
-from deckline.evaluation.modelled_detector import PointNoise
+from deckline.evaluation.dehazers import SharedDehazer
 from deckline.flight import Flight
 from deckline.localize import Localizer, localize
 from deckline.report.provenance import settings_of

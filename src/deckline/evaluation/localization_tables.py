@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from deckline.evaluation.localization_methods import Method
 from deckline.evaluation.localization_score import STATES, Score
-from deckline.evaluation.statistics import APPROACH_RANGE_M, VISIBILITY_M, by_band, consistency, percentile, share
 from deckline.evaluation.tables import MISSING, Figures, Table, number
 from deckline.localize import localize
+from deckline.statistics import APPROACH_RANGE_M, VISIBILITY_M, by_band, consistency, percentile, share
 from deckline.types import SIDES
 
 Scores = Mapping[str, Sequence[Score]]  # method -> its frames
@@ -57,11 +57,9 @@ class Mark:
     source: str
 
 
-def _of_both_lines(name: str) -> tuple[str, ...]:
-    return tuple(f"{name}.{side}" for side in SIDES)
-
-
-DIRECTION, LATERAL, HEIGHT = map(_of_both_lines, ("direction_error_deg", "lateral_error_m", "height_error_m"))
+DIRECTION, LATERAL, HEIGHT = (
+    tuple(f"{name}.{side}" for side in SIDES) for name in ("direction_error_deg", "lateral_error_m", "height_error_m")
+)
 NEAR_M, FAR_M = (0.0, 150.0), (150.0, 800.0)
 OWN, CARRIER, SATELLITE, CAT_IIIB = "own mark", "carrier, 1 ft", "shipboard satellite landing", "CAT IIIb, 95 %"
 MARKS = (  # public figures
@@ -124,19 +122,15 @@ def sizes(scores: Iterable[Score], *names: str) -> NDArray[np.float64]:
 
 
 def line_means(scores: Sequence[Score], side: str, prefix: str = "") -> Figures:
-    """LINE_FIGURES of one line of Table 6; what no frame has is left out.
+    """LINE_FIGURES of one line of Table 6, with prefix `unit.` of the navigation unit alone, `true_` of the true line.
 
-    Args:
-        scores: of one method.
-        side: of the line.
-        prefix: `unit.` for the navigation unit alone, `true_` for the true line.
+    What no frame has is left out.
     """
     means = {name: run_mean(scores, f"{prefix}{name}.{side}") for name in LINE_FIGURES}
     return {name: value for name, value in means.items() if np.isfinite(value)}
 
 
 def found_share(scores: Sequence[Score], side: str) -> float:
-    """Part of the frames with this line."""
     return share(scores, lambda score: f"slope.{side}" in score.figures)
 
 

@@ -2,13 +2,12 @@
 
 from collections import Counter
 from collections.abc import Hashable, Iterable
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.evaluation.statistics import RANGE_M
 from deckline.report.records import GUIDANCE, KNOWN_TRUE, LINES, STAGES, Record, lookup
+from deckline.statistics import RANGE_M, by_band, share
 
 NONE = "–"
 LINE_ERRORS = (
@@ -47,17 +46,14 @@ def band_rows(records: list[Record]) -> list[tuple[str, ...]]:
         heading and height.
     """
     rows: list[tuple[str, ...]] = []
-    ranges = [(lookup(record, ("truth", "distance_to_ramp_m")), record) for record in records]
-    for low, high in pairwise(RANGE_M):
-        members = [record for range_m, record in ranges if range_m is not None and low <= range_m < high]
-        if members:
-            names = ("lateral_deviation_m", "heading_error_deg", "height_above_deck_m")
-            lateral, heading, height = (
-                _quantiles(_gather(members, ("errors", "guidance", name))[0], name) for name in names
-            )
-            found = sum(record["status"] == "ok" for record in members) / len(members)
-            band = f"{low:.0f} m and more" if np.isinf(high) else f"{low:.0f} to {high:.0f} m"
-            rows.append((band, f"{len(members)}", percent(found), *lateral, heading[0], height[0]))
+    known = [record for record in records if lookup(record, ("truth", "distance_to_ramp_m")) is not None]
+    for band, members in by_band(known, lambda record: record["truth"]["distance_to_ramp_m"], RANGE_M).items():
+        names = ("lateral_deviation_m", "heading_error_deg", "height_above_deck_m")
+        lateral, heading, height = (
+            _quantiles(_gather(members, ("errors", "guidance", name))[0], name) for name in names
+        )
+        found = share(members, lambda record: record["status"] == "ok")
+        rows.append((band, f"{len(members)}", percent(found), *lateral, heading[0], height[0]))
     return rows
 
 

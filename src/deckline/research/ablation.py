@@ -16,13 +16,13 @@ import tyro
 
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.dehazing_score import FIGURES, restoration
-from deckline.evaluation.statistics import Difference, paired_difference
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import MISSING, OutputFiles, Table, number, publish
 from deckline.extras import needs_extra
 from deckline.progress import progress
 from deckline.recording import FrameError, Source, open_recording
 from deckline.runtime import sha256_of
+from deckline.statistics import Difference, paired_difference
 from deckline.types import Frame
 
 HAZY = "hazy"  # the row that does nothing

@@ -1,4 +1,4 @@
-"""Side by side: the pairs nearest in visibility, every picture labelled, nothing more than asked."""
+"""The pictures of evaluations."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ import pytest
 from deckline.dehaze.base import IdentityDehazer
 from deckline.evaluation.dehazing_pairs import Pair, PairSource
 from deckline.evaluation.dehazing_score import ImageScore
-from deckline.evaluation.dehazing_sheet import TILE_PX, nearest, sheet
+from deckline.evaluation.pictures import TILE_PX, nearest, sheet
 from deckline.geometry import Camera
 from deckline.types import Frame
 

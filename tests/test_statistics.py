@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from deckline.evaluation.statistics import (
+from deckline.statistics import (
     RANGE_M,
     by_band,
     consistency,
