@@ -186,7 +186,7 @@ def test_the_chain_gets_a_runway_prior_when_asked_to(recording, capsys, monkeypa
 
 def test_bad_input_is_one_line(recording, tmp_path, capsys):
     assert "--worst" in error_of(capsys, recording, "--worst", "3")
-    assert "--deckless" in error_of(capsys, recording, "--deckless", "-1")
+    assert "deckless" in error_of(capsys, recording, "--deckless", "-1")
     assert "--prior-sigma-m" in error_of(capsys, recording, "--prior-sigma-m", "-1")
     assert "titanic" in error_of(capsys, "--frames", "1", "--preset", "titanic")
     assert str(recording) in error_of(capsys, recording, recording)

@@ -142,7 +142,7 @@ def test_the_number_of_processes_changes_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("words", "name"),
     [
-        (("--approaches", "0"), "--approaches"),
+        (("--approaches", "0"), "approaches"),
         (("--jobs", "-1"), "jobs"),
         (("--detector", "nobody"), "nobody"),
         (("--visibility", "thick", "--detector", "classical", "--ufld", "classical"), "thick"),

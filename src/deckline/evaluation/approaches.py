@@ -73,12 +73,7 @@ class FlightsConfig:
         return self.options.run_config()
 
     def approach(self, number: int) -> "SimConfig":
-        """What the simulator is asked for.
-
-        Raises:
-            ValueError: what it refuses.
-            ImportError: the sim extra is not installed.
-        """
+        """What the simulator is asked for; a ValueError where it refuses, an ImportError without the sim extra."""
         with needs_extra("sim"):
             from deckline.sim import SimConfig
             from deckline.sim.config import DepthConfig, MotionConfig, NavigationConfig
@@ -107,11 +102,7 @@ class FlightsConfig:
 
 
 def fly(config: FlightsConfig, approach: int) -> Iterator[Frame]:
-    """The frames of one approach as its sensors have them.
-
-    Raises:
-        OSError: no OpenGL through EGL on this machine.
-    """
+    """The frames of one approach as its sensors have them; an OSError without OpenGL through EGL."""
     with needs_extra("sim"):
         from deckline.sim.simulate import Simulator
     rendered = config.approach(approach)
@@ -202,9 +193,6 @@ def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iter
     """Every frame of an approach with the modelled detector's points; its sensors err as in rendered flights.
 
     The picture is grain, another in every frame, as a camera's is.
-
-    Raises:
-        ImportError: the sim extra is not installed.
     """
     with needs_extra("sim"):
         from deckline.sim.camera.measure import measure_pose
@@ -288,13 +276,10 @@ def sparse_depth(
     sigma: float,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """Depth (H, W) of the deck around the points, the rest NaN, as is what lies beyond the depth camera's reach.
+    """Depth (H, W) of the deck around the points seen, the rest NaN, as is what lies beyond the depth camera's reach.
 
-    Args:
-        pose: world_from_camera.
-        segments: both true lines, which span the deck's plane.
-        seen: the points of each line.
-        sigma: of a depth, as a part of it; one draw for each point, as a matching window has.
+    The segments are both true lines, which span the deck's plane. A depth errs by its part `sigma`, with one draw for
+    each point, as a matching window has.
     """
     depth = np.full((camera.height, camera.width), np.nan, dtype=np.float32)
     window = np.array([(du, dv) for dv in range(-PATCH_PX, PATCH_PX + 1) for du in range(-PATCH_PX, PATCH_PX + 1)])

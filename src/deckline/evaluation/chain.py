@@ -135,10 +135,6 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
 def score_frame(result: FrameResult, approach: Approach) -> FrameScore:
     """Compare one result with its frame's truth: the lines of the frame alone, and the guidance that is flown.
 
-    Args:
-        result: of the frame.
-        approach: the wanted one, for what the guidance should have been.
-
     Raises:
         ValueError: the frame carries no truth.
     """
@@ -183,16 +179,11 @@ def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> Figures:
 
 
 def summarise(scores: Sequence[FrameScore]) -> Figures:
-    """Flat figures under dotted names: rates, and median / p95 / mean of every error.
-
-    Raises:
-        ValueError: no frames.
-    """
+    """Flat figures of one frame or more under dotted names: rates, and median / p95 / mean of every error."""
     if not scores:
         raise ValueError("no frame could be evaluated")
     figures = {"frames": float(len(scores))}
-    decks = [score for score in scores if score.has_runway]
-    empty = [score for score in scores if not score.has_runway]
+    decks, empty = ([score for score in scores if score.has_runway is has] for has in (True, False))
     if decks:
         rates = {"found_rate": Status.OK, "one_line_rate": Status.ONE_LINE, "not_seen_rate": Status.NOT_SEEN}
         for name, status in rates.items():
@@ -295,16 +286,11 @@ def score_labels(result: FrameResult, labels: Labels) -> LabelScore:
 
 
 def summarise_labels(scores: Sequence[LabelScore]) -> Figures:
-    """Found-rate, false lines and pixel errors under dotted names.
-
-    Raises:
-        ValueError: no frames.
-    """
+    """Found-rate, false lines and pixel errors of one frame or more under dotted names."""
     if not scores:
         raise ValueError("no labelled frame could be evaluated")
     figures = {"frames": float(len(scores))}
-    runway = [score for score in scores if score.labelled]
-    empty = [score for score in scores if not score.labelled]
+    runway, empty = ([score for score in scores if score.labelled is both] for both in (True, False))
     if runway:
         figures["found_rate"] = share(runway, lambda score: score.found)
         figures["ok_rate"] = share(runway, lambda score: score.status == Status.OK)

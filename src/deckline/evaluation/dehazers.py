@@ -47,11 +47,7 @@ def by_name(given: Iterable[str]) -> dict[str, str]:
 
 
 def shown_name(given: str) -> str:
-    """What a table calls it: the name itself; a file's, or its folder's for a file called dehaze.onnx.
-
-    Raises:
-        ValueError: neither a dehazer's name nor an .onnx file.
-    """
+    """What a table calls it: the name itself; a file's, or its folder's for a file called dehaze.onnx."""
     if given in DEHAZERS:
         return given
     if not given.endswith(".onnx"):
@@ -68,11 +64,9 @@ def file_label(path: Path) -> str:
 
 
 def build_dehazer(given: str, full_size: bool = False) -> Dehazer:
-    """A dehazer with its model loaded.
+    """A dehazer with its model loaded, by its name in DEHAZERS or the path of an .onnx file.
 
-    Args:
-        given: name in DEHAZERS, or path of an .onnx file.
-        full_size: networks without a coarse grid work on the whole picture, not on one averaged down.
+    With `full_size`, networks without a coarse grid work on the whole picture, not on one averaged down.
 
     Raises:
         ValueError: an .onnx file that is missing or no dehazer.
@@ -143,14 +137,9 @@ class Cost:
 def measure_costs(
     tasks: Mapping[str, CostTask], runs: int, done: Callable[[], None]
 ) -> tuple[dict[str, Cost], dict[str, str]]:
-    """Costs by name, and for what could not be measured the reason.
+    """Costs by the names of the tasks, and for what could not be measured the reason; `done` is called after every run.
 
     The runs are interleaved, so that a busy machine disturbs all alike; a dehazer that fails is not asked again.
-
-    Args:
-        tasks: by name.
-        runs: of each dehazer.
-        done: called after every run.
     """
     costs: dict[str, list[Cost]] = {name: [] for name in tasks}
     failed: dict[str, str] = {}

@@ -149,8 +149,7 @@ def read_pairs(path: Path) -> dict[str, tuple[str, float]]:
     """Hazy image file -> its clear file and visibility, m, NaN when unknown; from a labels.json.
 
     Raises:
-        ValueError: an image named twice, a `pair_of` that is no other file's name in the folder, or a visibility that
-            is no positive number.
+        ValueError: an image named twice, a `pair_of` that is no other file in the folder, or a visibility that is none.
     """
     frames: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["frames"]
     entries = {}

@@ -85,11 +85,8 @@ def restoration(
 ) -> Figures:
     """FIGURES of a restored picture (H, W, 3): PSNR (dB, at most 60) of all and of the surface's pixels, and SSIM.
 
-    SSIM is left out of pictures smaller than its window.
-
-    Args:
-        image_rgb, clear_rgb: the pictures to compare.
-        surface: (H, W) sea and ship; None or nowhere true: no figure for it. The sky behind haze can only be guessed.
+    SSIM is left out of pictures smaller than its window. The surface (H, W) is sea and ship, as the sky behind haze can
+    only be guessed; it is left out where it is None or nowhere true.
     """
     figures = {"psnr_db": min(psnr_db(image_rgb, clear_rgb), MOST_PSNR_DB)}
     if surface is not None and surface.any():

@@ -226,8 +226,6 @@ def reliability(scores: Sequence[DetectionScore]) -> Reliability:
 def calibration(confidence: ArrayLike, right: ArrayLike, bins: int = BINS) -> Reliability:
     """Confidences (N,) in 0..1 against whether each was right (N,).
 
-    Raises:
-        ValueError: different numbers of them, or confidences out of 0..1.
     Source: Guo et al., "On calibration of modern neural networks", 2017, equation 3.
     """
     values, hits = np.asarray(confidence, dtype=np.float64), np.asarray(right, dtype=np.float64)
@@ -267,13 +265,7 @@ def f1(tp: int, fp: int, fn: int) -> float:
 
 
 def tusimple(predicted: Sequence[Rows], true: Sequence[Rows], rows_v: Rows, width_px: int) -> TuSimple:
-    """TuSimple's scores of one image.
-
-    Args:
-        predicted, true: lines as u on each of `rows_v`, NaN where they are not.
-        rows_v: v of the rows.
-        width_px: of the image; the tolerance is 20 px in one of 1280.
-    """
+    """TuSimple's scores of one image; lines are u on each of `rows_v`, NaN where they are not."""
     if len(true) + 2 < len(predicted):
         return TuSimple(0.0, 0.0, 1.0)  # as published: guessing many lanes scores nothing
     best = []

@@ -108,12 +108,8 @@ def _left_is_left(lines: Mapping[str, Line | None]) -> bool:
 def draw_runway_prior(frame: Frame, sigma_m: float, seed: int = 0) -> RunwayPrior | None:
     """The true runway with drawn errors of position and azimuth; in a frame without a runway, a false one in view.
 
-    A frame draws the same whatever others do. None without truth or pose.
-
-    Args:
-        frame: with truth.
-        sigma_m: 1-sigma of the position along world x and y; a quarter of it in height.
-        seed: of the draws.
+    A frame draws the same whatever others do. None without truth or pose. `sigma_m` is of the position along world x
+    and y; a quarter of it in height.
     """
     pose = frame.true_world_from_camera
     if frame.truth is None or pose is None:

@@ -124,11 +124,7 @@ def without_truth(frame: Frame, camera_depth_m: float) -> Frame:
 
 
 def clear_picture(frame: Frame) -> NDArray[np.uint8]:
-    """The frame without its haze (H, W, 3).
-
-    Raises:
-        ValueError: there is none.
-    """
+    """The frame without its haze (H, W, 3); a ValueError where there is none."""
     if frame.truth is not None and frame.truth.clear_rgb is not None:
         return frame.truth.clear_rgb
     if frame.truth is not None and frame.truth.visibility_m == np.inf:
@@ -196,9 +192,6 @@ def inverse_depth(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64
     """Of each pixel 1 / depth (H, W), 1/m; its ray with z = 1 (H, W, 3), optical; the world z (H, W) of what it shows.
 
     1 / depth is 0 in the sky and NaN where the depth is unknown; world z is infinite in both.
-
-    Raises:
-        ValueError: no true pose, depth or deck height.
     """
     pose, depth_m, camera = frame.true_world_from_camera, frame.depth_m, frame.camera
     if pose is None or depth_m is None or frame.deck_z_m is None:
@@ -272,11 +265,9 @@ def patch_means(values: NDArray[np.float32], region: NDArray[np.bool_]) -> NDArr
 
 
 def sequence_errors(steps: Iterable[tuple[Frame, Mapping[str, Image]] | None]) -> Iterator[PairErrors]:
-    """Errors of each two frames that follow each other.
+    """Errors of each two frames that follow each other, of the pictures (H, W, 3) by name that come with each frame.
 
-    Args:
-        steps: a frame, and by name the pictures (H, W, 3) to measure; None for a frame that is missing, so that its
-            neighbours are not compared.
+    None stands for a frame that is missing, so that its neighbours are not compared.
     """
     last: tuple[Frame, Mapping[str, Image]] | None = None
     for step in steps:

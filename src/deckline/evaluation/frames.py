@@ -38,11 +38,7 @@ class Sample:
 
     @cached_property
     def expected(self) -> ExpectedLines:
-        """What should be found in it.
-
-        Raises:
-            FrameError: neither labels nor truth, or true lines without a pose.
-        """
+        """What should be found in it; a FrameError with neither labels nor truth, or true lines without a pose."""
         if self.labels is not None:
             return expected_from_labels(self.labels, self.frame.image_rgb)
         try:
@@ -73,11 +69,7 @@ class FrameSet(ABC):
 
 
 class Recorded(FrameSet):
-    """A recording with truth, or images with labels.json.
-
-    Args:
-        path: of either.
-        deck_z_m: world z of the deck plane; None: as the files say.
+    """A recording with truth, or images with labels.json; `deck_z_m` overrides the files' deck plane.
 
     Raises:
         ValueError: it cannot be opened, or has neither truth nor labels.
@@ -181,13 +173,8 @@ class RenderOptions:
     def open_sets(self, sources: Sequence[Path] = (), keep_clear: bool = False) -> list[FrameSet]:
         """Recorded frames, and rendered ones where they are asked for or nothing is recorded.
 
-        Args:
-            sources: of recorded frames.
-            keep_clear: rendered frames have a clear picture as well.
-
         Raises:
-            ValueError: a source that cannot be evaluated, a negative number, an unknown preset, or a value that the
-                simulator refuses.
+            ValueError: a source that cannot be evaluated, or a value that the simulator refuses.
             ImportError: the sim extra is not installed.
         """
         check_numbers(self, "", "frames", "deckless", least=0)
@@ -222,16 +209,9 @@ def name_sets(sets: Sequence[FrameSet]) -> str:
 def score_frames(
     sets: Sequence[FrameSet], tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]
 ) -> list[list[dict[str, Any]]]:
-    """Score every frame by every task whose store lacks it; each frame is loaded once.
+    """Score every frame by every task (a store, and what makes its rows) whose store lacks it; load each frame once.
 
-    A frame that cannot be used is skipped, counted and named on stderr.
-
-    Args:
-        sets: where the frames are.
-        tasks: a store and what makes its rows.
-
-    Returns:
-        For each task the rows of these frames.
+    A frame that cannot be used is skipped, counted and named on stderr. Returns the rows of each task.
     """
     places = [(item, index) for item in sets for index in range(len(item))]
     lacking = [[task for task in tasks if (item.name, index) not in task[0].rows] for item, index in places]

@@ -105,11 +105,7 @@ def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S) -> Outcome:
 
 
 def fault_row(runs: Sequence[Sequence[FrameState]], alert_s: float = ALERT_S) -> FaultRow:
-    """Sum up the runs of one fault.
-
-    Raises:
-        ValueError: no run.
-    """
+    """Sum up the runs of one fault, one at least."""
     if not runs:
         raise ValueError("no run of this fault")
     outcomes = [outcome(run, alert_s) for run in runs]
@@ -157,11 +153,7 @@ def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> 
 
 
 def state_of(result: FrameResult, faulty: bool, touchdown_m: float) -> FrameState:
-    """A frame as the pilot has it, against its truth.
-
-    Raises:
-        ValueError: a flight without a track.
-    """
+    """A frame of a flight with a track as the pilot has it, against its truth."""
     frame, track, flags = result.frame, result.track, result.guidance.flags
     if track is None:
         raise ValueError(f"{frame.file}: integrity needs a track, got a flight without one")

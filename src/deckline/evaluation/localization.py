@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import tyro
 
 from deckline.atomic import write_atomic
+from deckline.checks import check_numbers
 from deckline.config_file import read_config
 from deckline.evaluation.approaches import FlightsConfig, PointNoise, describe_flights, flight_settings, fly, fly_points
 from deckline.evaluation.localization_methods import (
@@ -71,8 +72,7 @@ class LocalizationConfig:
     output: Output = TO_TERMINAL
 
     def __post_init__(self) -> None:
-        if self.approaches < 1:
-            raise ValueError(f"--approaches must be at least 1, got {self.approaches}")
+        check_numbers(self, "", "approaches", least=1)
 
     @cached_property
     def point_noise(self) -> PointNoise:
@@ -89,7 +89,12 @@ def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) 
         _fly_all(store, config, work)
     scores = [Score(**row) for number in range(config.approaches) for row in store.rows[number,]]
     by_method = {method.name: [score for score in scores if score.method == method.name] for method in work.methods}
-    _publish(by_method, work, config)
+    models = config.flights.run.models
+    names = f"dehazer {models.dehazer}, detector {models.detector}"
+    seen_by = f"{config.point_noise}" if config.points else names
+    title = f"{config.approaches} approaches of {describe_flights(config.flights)}; {seen_by}"
+    tables, figures = localization_tables(by_method, work.methods), flat_figures(by_method)
+    publish(title, tables, figures, config.output, [*work.notes, NOTES])
     if config.out is not None:
         _write_csv(config.out / CSV_FILE, [score for members in by_method.values() for score in members])
         _write_figures(
@@ -121,7 +126,6 @@ def _prepare(config: LocalizationConfig) -> Work:
 
 
 def _fly_all(store: Store, config: LocalizationConfig, work: Work) -> None:
-    """Fly every approach that the store lacks."""
     frames = config.flights.frames
     missing = [number for number in range(config.approaches) if (number,) not in store.rows]
     with progress("flying", config.approaches * frames, (config.approaches - len(missing)) * frames) as advance:
@@ -149,25 +153,13 @@ def _fly_in_process(number: int, config: LocalizationConfig) -> list[dict[str, A
     return [asdict(score) for scores in frames for score in scores]
 
 
-def _publish(scores: dict[str, list[Score]], work: Work, config: LocalizationConfig) -> None:
-    models = config.flights.run.models
-    names = f"dehazer {models.dehazer}, detector {models.detector}"
-    seen_by = f"{config.point_noise}" if config.points else names
-    title = f"{config.approaches} approaches of {describe_flights(config.flights)}; {seen_by}"
-    tables = localization_tables(scores, work.methods)
-    publish(title, tables, flat_figures(scores), config.output, [*work.notes, NOTES])
-
-
 def _write_csv(path: Path, scores: Sequence[Score]) -> None:
     """One row for each frame and method; empty cells for what does not exist."""
-    names = sorted({name for score in scores for name in score.figures})
-    text = io.StringIO()
-    writer = csv.writer(text)
     keys = ("approach", "index", "method", "range_m", "visibility_m", "mode")
-    writer.writerow([*keys, *names])
-    for score in scores:
-        figures = (score.figures.get(name, "") for name in names)
-        writer.writerow([*(getattr(score, key) for key in keys), *figures])
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [*keys, *sorted({name for score in scores for name in score.figures})])
+    writer.writeheader()
+    writer.writerows({key: getattr(score, key) for key in keys} | score.figures for score in scores)
     write_atomic(path, text.getvalue().encode())
     print(path)
 

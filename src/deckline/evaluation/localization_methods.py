@@ -101,11 +101,7 @@ class Bench:
 
 
 def load(methods: Sequence[Method]) -> Bench:
-    """Load the models; methods that share a dehazer or a detector share its work.
-
-    Raises:
-        ValueError: an unknown dehazer or detector, or a file that is none.
-    """
+    """Load the models; methods that share a dehazer or a detector share its work."""
     settings: dict[str, Any] = {}
     dehazers: dict[str, SharedDehazer] = {}
     detectors: dict[str, SharedDetector] = {}

@@ -152,9 +152,7 @@ def _normalise(error: Array, covariance: Array) -> Figures:
 def move_with_pose(line: RunwayLine, measured: RigidTransform, true: RigidTransform) -> RunwayLine:
     """The line where an aircraft at its true pose would draw it: moved by the error of position and heading alone.
 
-    Args:
-        line: in the world, as the measured pose puts it.
-        measured, true: world_from_body.
+    `measured` and `true` are world_from_body.
     """
     turn = (true.rotation * measured.rotation.inv()).as_rotvec()[2]
     point = Rotation.from_rotvec([0.0, 0.0, turn]).apply(line.point_m - measured.translation) + true.translation
@@ -207,12 +205,7 @@ def bound_figures(result: FrameResult, method: Method, correlation: float) -> Fi
     """The least 1-sigma of a pilot's errors that the points of one frame allow: lateral, heading, height.
 
     As seen from the aircraft, beside the touchdown point. Nothing with a track, without the joint estimator, or without
-    a centre line.
-
-    Args:
-        result: of one frame.
-        method: that gave it.
-        correlation: of the errors of neighbouring points.
+    a centre line. `correlation` is that of the errors of neighbouring points.
     """
     estimate, centre = result.estimate, true_centre(result.frame.truth)
     joint = method.localizer is localize and result.track is None

@@ -92,12 +92,10 @@ def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table
 
 
 def by_range(scores: Sequence[Score]) -> dict[str, list[Score]]:
-    """Scores by range to the ramp; empty bands are left out."""
     return by_band(scores, lambda score: score.range_m, APPROACH_RANGE_M)
 
 
 def by_visibility(scores: Sequence[Score]) -> dict[str, list[Score]]:
-    """Scores by visibility; empty bands are left out."""
     return by_band(scores, lambda score: score.visibility_m, VISIBILITY_M)
 
 

@@ -69,8 +69,8 @@ def below_horizon(camera: Camera, world_from_camera: RigidTransform) -> NDArray[
 def normal_pixel_error(points_px: ArrayLike, ends_optical_m: ArrayLike, camera: Camera) -> NDArray[np.float64]:
     """Distance (N,), px, of detected points (N, 2) to the image of a true line.
 
-    The line is taken as unbounded ahead of the camera, so an error along it does not count. Points and line are
-    compared with the lens distortion removed.
+    The line is unbounded ahead of the camera, so an error along it does not count. Both are compared with the lens
+    distortion removed.
 
     Args:
         points_px: (N, 2) detected pixels.

@@ -51,11 +51,7 @@ def sheet(
 ) -> Image:
     """One picture: a column for each visibility, from hazy over every dehazer down to clear; tagged with the PSNR.
 
-    Args:
-        sources: where the pairs are.
-        dehazers: by the names to show.
-        scores: of these pairs; says which of them is nearest in visibility. Those with both lines in view go first.
-        visibilities_m: one column each.
+    The scores say which pair is nearest in visibility.
 
     Raises:
         ValueError: no visibilities, or no pair that says its own.

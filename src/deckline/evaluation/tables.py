@@ -171,11 +171,6 @@ def report(folder: tyro.conf.Positional[Path], out: Path = Path("docs/results.md
 
 
 def _section(path: Path) -> str:
-    """One evaluation.
-
-    Raises:
-        ValueError: the file is damaged, or no evaluation saved it.
-    """
     try:
         saved: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         tables = [Table(**table) for table in saved["_tables"]]
