@@ -1,8 +1,12 @@
 """Both lines of a level deck as a camera 20 m above it sees them, and what is detected of them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from approach_scene import STILL
+from deckline.evaluation.detection_score import CuLane, DetectionScore, TuSimple
+from deckline.evaluation.detection_truth import Scene
 from deckline.flight import FrameResult
 from deckline.geometry import Camera, attitude, pose
 from deckline.guide import guidance
@@ -41,3 +45,12 @@ def result_of(frame: Frame, left_px, right_px) -> FrameResult:
     estimate = localize(frame, detection, STILL, np.random.default_rng(0))
     steered = guidance(frame, estimate, None, STILL.approach)
     return FrameResult(frame, GREY, detection, estimate, steered, {"detect": 0.5})
+
+
+def deck(left=(1.0,), right=(1.0,), confidence=0.9, **changes) -> DetectionScore:
+    """The score of a frame with both lines in view, by the errors of its points, px."""
+    errors = {"left": list(left), "right": list(right)}
+    sure = {side: [confidence] * len(values) for side, values in errors.items()}
+    lanes = TuSimple(0.9, 0.0, 0.0), CuLane(2, 0, 0)
+    where = ("data", 0, "a.png", "paper", Scene.DECK, 150.0, 800.0, 1280, 100.0)
+    return replace(DetectionScore(*where, errors, sure, *lanes, light=np.nan, contrast=np.nan), **changes)

@@ -1,6 +1,7 @@
 """Pairs of recordings, and of a labelled folder: a frame of the shipped sample, and the same in more haze."""
 
 import json
+import shutil
 import zipfile
 from pathlib import Path
 
@@ -34,12 +35,10 @@ def pair_folder(tmp_path_factory) -> Path:
     rows = [",".join([name, "0", *map(repr, map(float, numbers))]) for name in ("a_clear.png", "a_vis900.png")]
     (folder / "poses.csv").write_text("\n".join(["file,time_s,x_m,y_m,z_m,qw,qx,qy,qz", *rows]) + "\n")
     optical = frame.world_from_camera.inv()
-    ends = {
-        side: camera.project(optical.apply(np.stack([line.p0_m, line.p1_m])))
-        for side, line in (("left", frame.truth.left), ("right", frame.truth.right))
-    }
-    assert np.all(np.isfinite(list(ends.values())))
-    lines = {f"{side}_px": pixels.tolist() for side, pixels in ends.items()}
+    lines = {}
+    for side in ("left", "right"):
+        line = getattr(frame.truth, side)
+        lines[f"{side}_px"] = camera.project(optical.apply(np.stack([line.p0_m, line.p1_m]))).tolist()
     frames = [
         {"file": "a_clear.png", "pair_of": None, "visibility_m": 20000, **lines},
         {"file": "a_vis900.png", "pair_of": "a_clear.png", "visibility_m": 900, **lines},
@@ -66,10 +65,7 @@ def test_pairs_of_a_labelled_folder_and_their_lines_with_the_shipped_detector(pa
 
 def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
     labels = json.loads((pair_folder / "labels.json").read_text())
-    folder = tmp_path / "copy"
-    folder.mkdir()
-    for name in ("a_clear.png", "a_vis900.png", "camera.toml", "poses.csv"):
-        (folder / name).write_bytes((pair_folder / name).read_bytes())
+    folder = Path(shutil.copytree(pair_folder, tmp_path / "copy", ignore=shutil.ignore_patterns("sample")))
     hazy = labels["frames"][1]
     for change, message in (
         ({"pair_of": "../x.png"}, "pair_of must name the clear image in this folder"),

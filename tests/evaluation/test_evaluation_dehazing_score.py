@@ -189,17 +189,8 @@ def scores(name: str, psnr_db: float, found: bool) -> list[ImageScore]:
 
 def results(**changes) -> Results:
     both = [*scores("none", 10.0, True), *scores("[net]", 14.0, False)]
-    plain = Results(
-        title="8 pairs",
-        reference="[net]",
-        summaries=summarise(both, "[net]"),
-        film={},
-        sizes={"none": None, "[net]": (1_500_000, 2_340_000_000)},
-        costs={},
-        cost_size_px=(1280, 720),
-        failed={},
-        skipped=(),
-    )
+    sizes = {"none": None, "[net]": (1_500_000, 2_340_000_000)}
+    plain = Results("8 pairs", "[net]", summarise(both, "[net]"), {}, sizes, {}, (1280, 720), {}, ())
     return replace(plain, **changes)
 
 

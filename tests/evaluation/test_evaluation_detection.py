@@ -4,6 +4,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from level_deck import deck
 
 from approach_scene import CAMERA, chain, frame
 from deckline.cli.main import main
@@ -209,24 +210,7 @@ def test_many_sources_are_named_by_the_first_and_the_last(tmp_path):
 
 def score_of(index: int, found: int, range_m: float = 150.0, scene: Scene = Scene.DECK) -> DetectionScore:
     errors = {"left": [1.0] * (found > 0), "right": [2.0] * (found > 1)}
-    sure = {side: [0.9] * len(values) for side, values in errors.items()}
-    return DetectionScore(
-        "a",
-        index,
-        "",
-        "cvn",
-        scene,
-        range_m,
-        800.0,
-        1280,
-        50.0,
-        errors,
-        sure,
-        TuSimple(1.0, 0.0, 0.0),
-        (2, 0, 0),
-        np.nan,
-        np.nan,
-    )
+    return deck(**errors, index=index, scene=scene, range_m=range_m, tusimple=TuSimple(1.0, 0.0, 0.0))
 
 
 def test_differences_are_of_the_same_decks_and_bands_of_the_share_found():
@@ -258,15 +242,8 @@ def test_detectors_and_dehazers_on_one_recording(tmp_path, capsys):
     with RecordingWriter(tmp_path / "approach", scene={"preset": "cvn"}) as writer:
         for index in range(2):
             writer.add(frame(index, 120.0))
-    command = [
-        "eval",
-        "detectors",
-        str(tmp_path / "approach"),
-        "--detector",
-        "classical",
-        "--out",
-        str(tmp_path / "out"),
-    ]
+    command = ["eval", "detectors", str(tmp_path / "approach"), "--detector", "classical"]
+    command += ["--out", str(tmp_path / "out")]
     assert main([*command, "--dehazer", "none"]) == 0
     capsys.readouterr()
     assert main([*command, "--dehazer", "none", "dark-channel", "--markdown", str(tmp_path / "t.md")]) == 0

@@ -2,13 +2,12 @@
 
 import dataclasses
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from level_deck import CAMERA, frame_at, points
+from level_deck import CAMERA, deck, frame_at, points
 
 from deckline.evaluation.detection_score import (
     CuLane,
@@ -35,27 +34,6 @@ UPRIGHT = np.full(10, 100.0)
 
 def sample_at(x_m: float, camera: Camera = CAMERA, **truth) -> Sample:
     return Sample(frame_at(x_m, camera=camera, **truth), "data", 7, "paper")
-
-
-def deck(left=(1.0,), right=(1.0,), confidence=0.9, **changes) -> DetectionScore:
-    score = DetectionScore(
-        "data",
-        0,
-        "a.png",
-        "paper",
-        Scene.DECK,
-        150.0,
-        800.0,
-        1280,
-        100.0,
-        {"left": list(left), "right": list(right)},
-        {"left": [confidence] * len(left), "right": [confidence] * len(right)},
-        TuSimple(0.9, 0.0, 0.0),
-        CuLane(2, 0, 0),
-        light=np.nan,
-        contrast=np.nan,
-    )
-    return replace(score, **changes)
 
 
 def sea(points: int, confidence=0.9) -> DetectionScore:

@@ -109,7 +109,5 @@ def test_all_faults_and_nominal_flights_are_wanted():
     wanted = IntegrityConfig(runs=2, nominal=3).wanted
     assert len(wanted) == 2 * len(FAULTS) + 3
     assert len(set(wanted)) == len(wanted)
-    assert IntegrityConfig(runs=1, nominal=1, fault=("foul line", "foul line")).wanted == [
-        Run(NOMINAL, 0),
-        Run("foul line", 0),
-    ]
+    twice = IntegrityConfig(runs=1, nominal=1, fault=("foul line", "foul line"))
+    assert twice.wanted == [Run(NOMINAL, 0), Run("foul line", 0)]

@@ -4,14 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline.evaluation.integrity_score import (
-    FrameState,
-    Outcome,
-    detection_delay_s,
-    fault_row,
-    flags_raised,
-    outcome,
-)
+from deckline.evaluation.integrity_score import FrameState, Outcome, detection_delay_s, fault_row, flags_raised, outcome
 
 
 def state(time_s, error_m=0.0, flagged=False, faulty=True, level_m=1.0, height_m=0.0) -> FrameState:

@@ -3,13 +3,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from deckline.evaluation.metrics import (
-    below_horizon,
-    distance_px,
-    normal_pixel_error,
-    psnr_db,
-    ssim,
-)
+from deckline.evaluation.metrics import below_horizon, distance_px, normal_pixel_error, psnr_db, ssim
 from deckline.geometry import Camera, attitude, camera_mount
 
 
@@ -34,15 +28,8 @@ def test_psnr_does_not_wrap_around():
 @pytest.mark.parametrize("shape", [(48, 61, 3), (11, 11, 3), (120, 33, 3)])
 def test_ssim_agrees_with_scikit_image(shape):
     clear, hazy = images(shape)
-    peer = structural_similarity(
-        clear,
-        hazy,
-        gaussian_weights=True,
-        sigma=1.5,
-        use_sample_covariance=False,
-        data_range=255,
-        channel_axis=2,
-    )
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
+    peer = structural_similarity(clear, hazy, **options, data_range=255, channel_axis=2)
     assert ssim(hazy, clear) == pytest.approx(peer, abs=1e-6)
     assert ssim(clear, clear) == pytest.approx(1.0)
 
