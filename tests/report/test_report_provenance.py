@@ -14,9 +14,9 @@ from deckline.runtime import sha256_of, shipped_weights
 def test_a_network_is_named_by_the_one_file_that_it_runs() -> None:
     """Several shipped networks dehaze; only the one in use belongs into a report."""
     settings = settings_of(Flight.from_config(RunConfig(models=Models(dehazer="fast", detector="ufld"))))
-    dehaze, detect = shipped_weights("coarse-t"), shipped_weights("ufld")
-    assert settings["dehazer"] == f"fast ({dehaze.name}, SHA-256 {sha256_of(dehaze)})"
-    assert settings["detector"] == f"ufld ({detect.name}, SHA-256 {sha256_of(detect)})"
+    for stage, name, model in (("dehazer", "fast", "coarse-t"), ("detector", "ufld", "ufld")):
+        path = shipped_weights(model)
+        assert settings[stage] == f"{name} ({path.name}, SHA-256 {sha256_of(path)})"
 
 
 def test_a_file_is_named_as_given_and_a_method_without_weights_by_its_name() -> None:
