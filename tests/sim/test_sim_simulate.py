@@ -24,8 +24,9 @@ def training():
     return rendered(SimConfig(**settings, **SMALL, depth=FAR))
 
 
-def test_a_frame_depends_on_seed_and_index_alone():
-    settings = {"preset": "train", "trajectory": "random", "frames": 7, "visibility_m": (200.0, 900.0)}
+@pytest.mark.parametrize("trajectory", ["random", "approach"])
+def test_a_frame_depends_on_seed_and_index_alone(trajectory):
+    settings = {"preset": "train", "trajectory": trajectory, "frames": 7, "visibility_m": (200.0, 900.0)}
     config = SimConfig(**settings, **SMALL)
     whole, tail = rendered(config), rendered(config, start=5)
     assert len(tail) == 2
@@ -34,8 +35,10 @@ def test_a_frame_depends_on_seed_and_index_alone():
         np.testing.assert_array_equal(a.image_rgb, b.image_rgb)
         np.testing.assert_array_equal(a.depth_m, b.depth_m)
         np.testing.assert_array_equal(a.truth.left.p0_m, b.truth.left.p0_m)
+        np.testing.assert_array_equal(a.world_from_body.as_matrix(), b.world_from_body.as_matrix())
     other = rendered(SimConfig(**settings, **SMALL, seed=1), start=6)
     assert np.any(other[0].image_rgb != whole[6].image_rgb)
+    assert np.abs(other[0].world_from_body.as_matrix() - whole[6].world_from_body.as_matrix()).max() > 0.1
 
 
 def test_a_weathers_seed_keeps_light_sky_and_sea_in_every_recording():

@@ -157,27 +157,25 @@ def _setting_flags(settings: SimSettings) -> dict[str, Any]:
     """The flags that settings stand for."""
     values: dict[str, Any] = {"visibility": visibility_text(settings.visibility_m)}
     for item in fields(SimFlags):
-        table, _, key = item.name.partition("_")
-        if table in TABLES:
-            values[item.name] = getattr(getattr(settings, table), key)
-        elif hasattr(settings.server, item.name):
-            values[item.name] = getattr(settings.server, item.name)
-        elif hasattr(settings, item.name):
-            values[item.name] = getattr(settings, item.name)
+        table, key = _setting_of(settings, item.name)
+        holder = getattr(settings, table) if table else settings
+        if hasattr(holder, key):
+            values[item.name] = getattr(holder, key)
     return values
 
 
+def _setting_of(settings: SimSettings, flag: str) -> tuple[str, str]:
+    """Table and key of the setting that a flag stands for; a key beside the tables has the table ""."""
+    table, _, key = flag.partition("_")
+    return (table, key) if table in TABLES else ("server" if hasattr(settings.server, flag) else "", flag)
+
+
 def _apply_flags(settings: SimSettings, flags: SimFlags) -> SimSettings:
-    values: dict[str, Any] = {"visibility_m": parse_visibility(flags.visibility)}
-    tables: dict[str, dict[str, Any]] = {}
+    tables: dict[str, dict[str, Any]] = {"": {"visibility_m": parse_visibility(flags.visibility)}}
     for name in set(_setting_flags(settings)) - {"visibility"}:
-        table, _, key = name.partition("_")
-        if table in TABLES:
-            tables.setdefault(table, {})[key] = getattr(flags, name)
-        elif hasattr(settings.server, name):
-            tables.setdefault("server", {})[name] = getattr(flags, name)
-        else:
-            values[name] = getattr(flags, name)
+        table, key = _setting_of(settings, name)
+        tables.setdefault(table, {})[key] = getattr(flags, name)
+    values = tables.pop("")
     values |= {table: replace(getattr(settings, table), **changes) for table, changes in tables.items()}
     return replace(settings, **values)
 

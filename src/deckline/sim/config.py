@@ -122,14 +122,7 @@ class AirConfig:
             self.refuse_physical("model is paper")
 
     def refuse_physical(self, why: str) -> None:
-        """Refuse what the paper's model does not know.
-
-        Args:
-            why: what makes it the paper's model, for the message.
-
-        Raises:
-            ValueError: something of the physical model is given.
-        """
+        """Refuse what the paper's model does not know; `why` it is the paper's is part of the message."""
         given = [name for name in OF_PHYSICAL if getattr(self, name) is not None]
         if given:
             raise ValueError(f"air: only model physical knows {', '.join(given)}, and {why}: set model to physical")

@@ -214,13 +214,11 @@ def file_hashes(out: Path, jobs: int = 1) -> dict[str, str]:
 
 def count_files(files: Mapping[str, str]) -> dict[str, dict[str, int]]:
     """Frames and tiles of each split."""
-    counts: dict[str, dict[str, int]] = {}
-    for name in files:
-        split, kind = name.split("/", 1)
-        counted = counts.setdefault(split, {"frames": 0, "tiles": 0})
-        counted["frames"] += kind.startswith("clear/")
-        counted["tiles"] += kind.startswith("tiles/hazy/")
-    return counts
+    of = {"frames": "clear/", "tiles": "tiles/hazy/"}
+    return {
+        split: {what: sum(name.startswith(f"{split}/{folder}") for name in files) for what, folder in of.items()}
+        for split in sorted(SPLITS)
+    }
 
 
 def versions() -> dict[str, str]:

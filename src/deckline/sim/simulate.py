@@ -82,23 +82,6 @@ class Simulator:
         block = ship_block(self.config, index)
         if block != self.loaded:
             self.load(block)
-        return self._frame(index)
-
-    def load(self, block: int) -> None:
-        """Bring the ship of a block of frames onto the card, and draw its motion and its sun."""
-        config, train = self.config, self.config.preset == "train"
-        for_ship, for_sun, for_motion = np.random.default_rng([config.seed, SHIP, block]).spawn(3)
-        self.ship: Ship = build_ship(config.preset, for_ship)
-        if config.weather.seed is not None:
-            for_sun = np.random.default_rng([config.weather.seed, SUN])
-        time = config.weather.time_of_day or random_time_of_day(for_sun, fair=not train)
-        self.weather: WeatherConfig = replace(config.weather, time_of_day=time, sea_state=_sea_state(config))
-        asked = config.motion.sea_state if config.motion.sea_state is not None else config.weather.sea_state
-        self.motion: Motion = draw_motion(replace(config.motion, sea_state=asked), train, for_motion)
-        self.renderer.load(self.ship, sun_direction(for_sun, time))
-        self.loaded = block
-
-    def _frame(self, index: int) -> Frame:
         config, ship = self.config, self.ship
         train, unrelated = config.preset == "train", config.trajectory == "random"
         own = np.random.default_rng([config.seed, FRAME, index])
@@ -122,6 +105,22 @@ class Simulator:
         )
         name = f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png"
         return self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, name)
+
+    def load(self, block: int) -> None:
+        """Bring the ship of a block of frames onto the card, and draw its motion and its sun."""
+        config, train = self.config, self.config.preset == "train"
+        for_ship, for_sun, for_motion = np.random.default_rng([config.seed, SHIP, block]).spawn(3)
+        self.ship: Ship = build_ship(config.preset, for_ship)
+        if config.weather.seed is not None:
+            for_sun = np.random.default_rng([config.weather.seed, SUN])
+        time = config.weather.time_of_day or random_time_of_day(for_sun, fair=not train)
+        sea, swell = config.weather.sea_state, config.motion.sea_state  # one that is not given follows the other
+        sea_state = round(swell) if sea is None and swell is not None else sea
+        self.weather: WeatherConfig = replace(config.weather, time_of_day=time, sea_state=sea_state)
+        swell = sea if swell is None else swell
+        self.motion: Motion = draw_motion(replace(config.motion, sea_state=swell), train, for_motion)
+        self.renderer.load(self.ship, sun_direction(for_sun, time))
+        self.loaded = block
 
     def picture(
         self, view: Viewpoint, scenery: Scenery, recording: np.random.Generator, frame: np.random.Generator, name: str
@@ -295,10 +294,3 @@ def truth_segments(layout: Layout) -> tuple[Segment, Segment]:
     """Middle of the left and of the right edge marking in the world, ramp end first."""
     left, right = world_points(layout, layout.left_m), world_points(layout, layout.right_m)
     return Segment(left[0], left[1]), Segment(right[0], right[1])
-
-
-def _sea_state(config: SimConfig) -> int | None:
-    """The sea's state, also where only the ship's motion says it."""
-    if config.weather.sea_state is None and config.motion.sea_state is not None:
-        return round(config.motion.sea_state)
-    return config.weather.sea_state

@@ -36,6 +36,9 @@ CVN = class_layout(load_class("cvn"))
 PAPER_SHIP = class_layout(load_class("paper"))
 ROUGH = draw_motion(MotionConfig(sea_state=6, ship_speed_m_s=12.9), False, np.random.default_rng(3))
 LAYOUTS = [PAPER_SHIP, CVN]
+RISING = Motion(pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.0, np.pi, 0.0))
+UNDER_WAY = Motion(speed_m_s=10.0, roll_rad=0.02)
+TRAIN = SimConfig(preset="train", trajectory="random", width=640, height=360)
 
 
 def relative_angles_deg(layout, motion, times_s):
@@ -139,12 +142,6 @@ def test_the_rise_is_the_difference_of_the_poses(layout):
     for time_s in (0.0, 3.1, 40.0):
         steady, moved = (pose(layout, ROUGH, time_s).apply([*point, 0.0])[2] for pose in (steady_pose, ship_pose))
         assert deck_rise(layout, ROUGH, time_s, point) == pytest.approx(steady - moved, abs=1e-9)
-
-
-CVN = class_layout(load_class("cvn"))
-TRAIN = SimConfig(preset="train", trajectory="random", width=640, height=360)
-UNDER_WAY = Motion(speed_m_s=10.0, roll_rad=0.02)
-RISING = Motion(pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.0, np.pi, 0.0))
 
 
 def over_deck(layout, view):

@@ -310,7 +310,6 @@ def test_deck_textures_halve_evenly():
         assert 5.6 < size[0] / extent[0] < 11.4
 
 
-CAMERA = Camera.from_fov(640, 360, np.deg2rad(60.0))
 WEATHER = random_weather(np.random.default_rng(0))
 
 

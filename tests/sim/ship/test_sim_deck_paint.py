@@ -5,13 +5,10 @@ import pytest
 
 from deckline.sim.ship import deck_paint as dp
 from deckline.sim.ship import ship_class as sc
-from deckline.sim.ship.layout import class_layout, random_layout, runway_distance
-from deckline.sim.ship.mesh import boxes
+from deckline.sim.ship.layout import class_layout, runway_distance
 from deckline.sim.ship.paint import axes, layers
 from deckline.sim.ship.random_plan import random_edge
-from deckline.sim.ship.ship import Ship
 
-SUN = np.array([0.6, 0.0, 0.8])
 DARK = sc.DeckSurface((0.1, 0.1, 0.1), grain=0.0, wear=0.0)
 CVN = sc.load_class("cvn")
 EDGE = CVN.plan.edge
@@ -38,36 +35,6 @@ def across(coat, line):
 
 def paint(**plan):
     return dp.paint_fixtures(LAYOUT, sc.Plan(edge=EDGE, **plan))
-
-
-def decks():
-    for name in sc.SHIP_CLASSES:
-        spec = sc.load_class(name)
-        yield pytest.param(class_layout(spec), spec.plan.edge, id=name)
-    for seed in range(8):
-        draw = rng(seed)
-        yield pytest.param(random_layout(draw), replace(random_edge(draw), smear=0.0, opacity=1.0), id=f"random {seed}")
-
-
-@pytest.mark.parametrize(("layout", "style"), list(decks()))
-def test_the_painted_middle_is_the_line_on_the_texture(renderer, layout, style):
-    coat = layers([dp.paint_edge(line, style) for line in (layout.left_m, layout.right_m)])
-    crate = boxes((layout.length_m - 2.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.1, 0.1, 0.1))
-    renderer.load(Ship(layout, coat, DARK, crate, 15.0, min(8.0, 4096.0 / layout.length_m)), SUN)
-    size = renderer.paint_map.width, renderer.paint_map.height
-    level = np.frombuffer(renderer.paint_map.read(), dtype=np.uint8).reshape(*size[::-1], 4)[..., 0].astype(float)
-    low, high = layout.outline_m.min(axis=0), layout.outline_m.max(axis=0)
-    step = (high - low) / size
-    x, y = (low[k] + (np.arange(n) + 0.5) * step[k] for k, n in enumerate(size))
-    bright = np.clip(level - 0.1 * 255 - 2.0, 0.0, None)
-    for line in (layout.left_m, layout.right_m):
-        aside = y[:, None] - np.interp(x, line[:, 0], line[:, 1])
-        weight = bright * (np.abs(aside) < style.width_m) * (x > line[0, 0] + 2.0) * (x < line[1, 0] - 2.0)
-        assert weight.sum() > 1e4
-        painted = weight.sum(axis=0) > 100.0
-        offsets = (weight * aside).sum(axis=0)[painted] / weight.sum(axis=0)[painted]
-        assert np.mean(offsets) == pytest.approx(0.0, abs=step[1] / 8)  # four samples a texel: quarters, rounded
-        assert np.median(offsets) == pytest.approx(0.0, abs=step[1] / 8)
 
 
 def test_deck_without_runway_shows_none_of_its_paint():

@@ -126,7 +126,11 @@ class Film:
         self._blur(frames[0], view, camera, exposure)
         shown = frames[0]
         if exposure.rain_mm_h > 0:
-            self._rain(frames[0], view.radiance, camera, exposure)
+            falling, rng = np.array(exposure.rain_m_s), np.random.default_rng(exposure.seed)
+            quads = streaks(camera, falling, exposure.exposure_s, exposure.rain_mm_h, rng)
+            quads[..., 4] = np.minimum(quads[..., 4] * exposure.streak_contrast, MOST_OPAQUE)
+            self.streak["light"] = tuple(mean_bright_light(view.radiance).tolist())
+            self._draw(frames[0], self.streak, quads)
         if exposure.lens_drops > 0:
             shown = frames[1]
             self.context.copy_framebuffer(frames[1], frames[0])
@@ -153,15 +157,6 @@ class Film:
         self.screen.render()
         light.release()
         near.release()
-
-    def _rain(
-        self, target: moderngl.Framebuffer, radiance: NDArray[np.float32], camera: Camera, exposure: Exposure
-    ) -> None:
-        falling, rng = np.array(exposure.rain_m_s), np.random.default_rng(exposure.seed)
-        quads = streaks(camera, falling, exposure.exposure_s, exposure.rain_mm_h, rng)
-        quads[..., 4] = np.minimum(quads[..., 4] * exposure.streak_contrast, MOST_OPAQUE)
-        self.streak["light"] = tuple(mean_bright_light(radiance).tolist())
-        self._draw(target, self.streak, quads)
 
     def _draw(self, target: moderngl.Framebuffer, program: moderngl.Program, quads: NDArray[np.float32]) -> None:
         """Blend quads (N, 6, 8) over what is there."""

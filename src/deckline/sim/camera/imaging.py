@@ -117,7 +117,7 @@ def draw_waves(patchiness: float, patch_m: float, rng: np.random.Generator) -> t
     if patchiness == 0:
         return ()
     waves = np.column_stack([number * np.cos(heading), number * np.sin(heading), phase, amplitude])
-    return tuple((kx, ky, start, size) for kx, ky, start, size in waves.tolist())
+    return tuple(map(tuple, waves.tolist()))
 
 
 def draw_airlight(horizon: NDArray[np.float64], rng: np.random.Generator, wide: bool) -> NDArray[np.float64]:
@@ -244,8 +244,7 @@ def visibility(scene: Surroundings, exposure: Exposure) -> float:
 
 def display_levels(light: Triple, sensor: Sensor) -> Triple:
     """Levels 0..255 that a sensor shows of an even light."""
-    level = develop(np.asarray(light, np.float32).reshape(1, 1, 3), sensor)[0, 0]
-    return float(level[0]), float(level[1]), float(level[2])
+    return triple(develop(np.asarray(light, np.float32).reshape(1, 1, 3), sensor)[0, 0])
 
 
 def scatter_view(view: View, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> View:

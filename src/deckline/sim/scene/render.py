@@ -92,7 +92,10 @@ class Renderer:
         casters = np.concatenate([ship.solids[:, :3], deck[:, :3]]).astype(np.float64)
         sun_on_ship = ship.layout.world_from_ship.rotation.inv().apply(sun)
         self.shadow.draw([self._buffer(ship.solids), self._buffer(deck)], casters, sun_on_ship)
-        self.lamps = self._lamps(ship.lights)
+        self.lamps: moderngl.VertexArray | None = None
+        if len(ship.lights):
+            self.lamps = self.context.vertex_array(self.lamp, [(self._buffer(ship.lights), *LAMP)])
+            self.ship_objects.append(self.lamps)
 
     def render(self, scene: Scene) -> View:
         """Picture and depth of a scene.
@@ -100,8 +103,7 @@ class Renderer:
         Raises:
             ValueError: a camera with lens distortion or one that is not above the sea, or no ship loaded.
         """
-        ship, world = self._place(scene)
-        return self._draw(scene, ship, world)
+        return self._draw(scene, *self._place(scene))
 
     def labels(self, scene: Scene) -> NDArray[np.uint8]:
         """What each pixel's middle shows, (H, W) of `Label`; errors as for `render`."""
@@ -148,7 +150,11 @@ class Renderer:
         self.context.disable_direct(CLIP_DISTANCE0)
         self.backdrops[self.ground if land else self.sea].render()
         if scene.with_ship and scene.weather.lamps > 0.0 and self.lamps is not None:
-            self._shine(self.lamps)
+            self.context.enable(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE)
+            self.context.blend_func = moderngl.ONE, moderngl.ONE
+            self.lamps.render(moderngl.POINTS)
+            self.context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+            self.context.disable(moderngl.BLEND)
         if drawn is sampled:
             self.context.copy_framebuffer(resolved, sampled)
         radiance = np.frombuffer(resolved.read(components=4, alignment=1, dtype="f2"), dtype=np.float16)
@@ -174,13 +180,6 @@ class Renderer:
         self.backdrops[self.sea_depth].render()
         read = np.frombuffer(measured.read(components=1, dtype="f4"), dtype=np.float32)
         return read.reshape(scene.camera.height, scene.camera.width)
-
-    def _shine(self, lamps: moderngl.VertexArray) -> None:
-        self.context.enable(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE)
-        self.context.blend_func = moderngl.ONE, moderngl.ONE
-        lamps.render(moderngl.POINTS)
-        self.context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
-        self.context.disable(moderngl.BLEND)
 
     def _targets(self, camera: Camera) -> tuple[moderngl.Framebuffer, ...]:
         """Frame buffers of a size: sampled colour, resolved colour, exact depth."""
@@ -220,13 +219,6 @@ class Renderer:
         depth = self.context.vertex_array(self.measure, [(buffer, *POSITION)], skip_errors=True)
         self.ship_objects += [colour, depth]
         return Solid(program, colour, depth)
-
-    def _lamps(self, lights: NDArray[np.float32]) -> moderngl.VertexArray | None:
-        if not len(lights):
-            return None
-        array = self.context.vertex_array(self.lamp, [(self._buffer(lights), *LAMP)])
-        self.ship_objects.append(array)
-        return array
 
 
 def _set(program: moderngl.Program, values: dict[str, ArrayLike]) -> None:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.haze import triple
 from deckline.sim.config import Sky, TimeOfDay, WeatherConfig
 from deckline.sim.scene.waves import STATE_HEIGHT_M, Waves, waves_from, wind_from_height
 from deckline.sim.ship.mesh import Rgb
@@ -160,7 +161,6 @@ def _water(rng: np.random.Generator, plain: bool, fair: bool) -> dict[str, float
 
 
 def _wake(rng: np.random.Generator) -> dict[str, float | Rgb]:
-    """From none over a churned band to a white fan."""
     seen, hard = rng.random() < 0.85, rng.random() < 0.25
     colour = rng.uniform(0.3, 0.85) * np.array([rng.uniform(0.75, 1.0), rng.uniform(0.9, 1.0), 1.0])
     return {
@@ -173,7 +173,6 @@ def _wake(rng: np.random.Generator) -> dict[str, float | Rgb]:
 
 
 def _land(rng: np.random.Generator) -> dict[str, float | Rgb]:
-    """Grass, crops, earth and sand."""
     ground, field = (LAND_RGB[rng.integers(len(LAND_RGB))] * rng.uniform(0.8, 1.2) for _ in range(2))
     return {"ground_rgb": _rgb(ground), "field_rgb": _rgb(field), "field_m": rng.uniform(60.0, 400.0)}
 
@@ -205,7 +204,10 @@ def random_daylight(
     """Light of a time and a sky under a sun (3,): from true to life to the saturated colours of games."""
     horizon, zenith, ambient, beam = _colours(rng, time_of_day, sky, float(sun[2]))
     saturation = rng.uniform(0.95, 1.3) if fair else rng.uniform(0.8, 1.9)
-    horizon, zenith, ambient = (_saturate(rgb, saturation) for rgb in (horizon, zenith, ambient))
+    horizon, zenith, ambient = (
+        rgb.mean() * np.clip(1.0 + saturation * (rgb / rgb.mean() - 1.0), 0.05, None)
+        for rgb in (horizon, zenith, ambient)
+    )
     hidden = sky == "overcast"
     level = float(horizon.mean())
     dark = {"day": 0.0, "dusk": 0.35, "night": 1.0}[time_of_day]
@@ -214,7 +216,7 @@ def random_daylight(
     lit = level * (rng.uniform(0.9, 1.2) if hidden else rng.uniform(1.1, 1.9))
     warm = np.array([1.0, 0.75, 0.6]) if time_of_day == "dusk" and not hidden else 1.0
     return Daylight(
-        sun=(float(sun[0]), float(sun[1]), float(sun[2])),
+        sun=triple(sun),
         sun_rgb=_rgb(beam),
         ambient_rgb=_rgb(ambient),
         horizon_rgb=_rgb(horizon),
@@ -266,10 +268,5 @@ def _colours(
     return horizon, zenith, ambient, beam
 
 
-def _saturate(rgb: NDArray[np.float64], by: float) -> NDArray[np.float64]:
-    return rgb.mean() * np.clip(1.0 + by * (rgb / rgb.mean() - 1.0), 0.05, None)
-
-
 def _rgb(colour: NDArray[np.float64]) -> Rgb:
-    red, green, blue = np.maximum(colour, 0.0)
-    return float(red), float(green), float(blue)
+    return triple(np.maximum(colour, 0.0))

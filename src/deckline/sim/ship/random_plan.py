@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from deckline.haze import triple
 from deckline.sim.ship.layout import Layout
 from deckline.sim.ship.mesh import Rgb
 from deckline.sim.ship.paint import axes
@@ -44,17 +45,15 @@ def random_edge(rng: Generator) -> EdgeStyle:
 def random_paint(rng: Generator) -> Rgb:
     """White, off-white or yellowish paint, fresh or dull."""
     tint = np.array([1.0, 1.0, 1.0]) if rng.random() < 0.8 else np.array([1.0, rng.uniform(0.85, 1.0), 0.7])
-    red, green, blue = np.clip(rng.uniform(0.6, 1.0) * tint * rng.uniform(0.97, 1.03, 3), 0.0, 1.0)
-    return float(red), float(green), float(blue)
+    return triple(np.clip(rng.uniform(0.6, 1.0) * tint * rng.uniform(0.97, 1.03, 3), 0.0, 1.0))
 
 
 def random_surface(rng: Generator) -> DeckSurface:
     """Deck from nearly black to light grey; greenish, brownish, bluish or red oxide."""
     grey = rng.uniform(0.12, 0.42) if rng.random() < 0.85 else rng.uniform(0.42, 0.58)
     tint = RED_OXIDE if rng.random() < 0.07 else TINTS[rng.choice(6, p=[0.3, 0.2, 0.15, 0.12, 0.15, 0.08])]
-    red, green, blue = np.clip(grey * tint * rng.uniform(0.96, 1.04, 3), 0.0, 1.0)
+    rgb = triple(np.clip(grey * tint * rng.uniform(0.96, 1.04, 3), 0.0, 1.0))
     offset = rng.uniform(0, 100, 2)
-    rgb = (float(red), float(green), float(blue))
     return DeckSurface(rgb, rng.uniform(0.05, 0.6), rng.beta(1.1, 3.0), (float(offset[0]), float(offset[1])))
 
 
