@@ -51,25 +51,23 @@ def positions(views):
 
 
 def test_approach_follows_the_glideslope_in_equal_times():
-    layout = PAPER_SHIP
-    views = [approach_view(PAPER, layout, k) for k in range(50)]
-    ranges, lateral, height = over_deck(layout, positions(views))
+    views = [approach_view(PAPER, PAPER_SHIP, k) for k in range(50)]
+    ranges, lateral, height = over_deck(PAPER_SHIP, positions(views))
     np.testing.assert_allclose(ranges, np.linspace(800.0, 12.0, 50), atol=1e-6)
     np.testing.assert_allclose(np.diff([view.time_s for view in views]), 788.0 / 49 / 65.0)
     assert np.abs(height - (ranges + 70.0) * np.tan(np.deg2rad(3.5))).max() < 8.0
     assert np.abs(lateral).max() < 24.0
     assert height.min() >= 3.05 - 1e-9
-    assert min(runway_in_view(view, layout) for view in views[:40]) == 1.0
+    assert min(runway_in_view(view, PAPER_SHIP) for view in views[:40]) == 1.0
 
 
 def test_an_approach_to_a_moving_ship_keeps_the_glideslope_over_its_steady_deck():
-    layout = CVN
     config = replace(PAPER, preset="cvn", frames=20)
     for k in range(20):
-        still = approach_view(config, layout, k)
-        view = approach_view(config, layout, k, UNDER_WAY)
-        ranges, _, height = over_deck(sailed(layout, view.time_s), positions([view]))
-        still_ranges, _, _ = over_deck(layout, positions([still]))
+        still = approach_view(config, CVN, k)
+        view = approach_view(config, CVN, k, UNDER_WAY)
+        ranges, _, height = over_deck(sailed(CVN, view.time_s), positions([view]))
+        still_ranges, _, _ = over_deck(CVN, positions([still]))
         np.testing.assert_allclose(ranges, still_ranges, atol=1e-6)
         assert abs(height[0] - (ranges[0] + 70.0) * np.tan(np.deg2rad(3.5))) < 8.0
 

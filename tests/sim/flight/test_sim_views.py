@@ -76,8 +76,7 @@ def test_deck_angles_repeat_after_their_period(period_s, column):
 
 
 def test_heave_takes_18_seconds_and_nothing_else_moves_the_middle():
-    layout = CVN
-    at = [ship_pose(layout, ROUGH, t).apply(middle_m(layout)) for t in (2.0, 11.0, 20.0)]
+    at = [ship_pose(CVN, ROUGH, t).apply(middle_m(CVN)) for t in (2.0, 11.0, 20.0)]
     np.testing.assert_allclose(at[0][2], -at[1][2], atol=1e-9)
     np.testing.assert_allclose(at[0][2], at[2][2], atol=1e-9)
     np.testing.assert_allclose(at[2][:2] - at[0][:2], [18 * 12.9, 0.0], atol=1e-9)
@@ -166,10 +165,9 @@ def test_views_of_named_ships_stay_in_range_and_mostly_show_the_runway():
 
 
 def test_training_sees_ships_from_everywhere_but_mostly_from_the_glide_path():
-    layout = CVN
-    views = [random_view(TRAIN, layout, k, np.random.default_rng(k)) for k in range(600)]
-    range_m, lateral, height = np.array([over_deck(layout, view) for view in views]).T
-    shown = np.array([runway_in_view(view, layout) for view in views])
+    views = [random_view(TRAIN, CVN, k, np.random.default_rng(k)) for k in range(600)]
+    range_m, lateral, height = np.array([over_deck(CVN, view) for view in views]).T
+    shown = np.array([runway_in_view(view, CVN) for view in views])
     over_the_deck = (range_m <= 0.0) & (range_m >= -60.0) & (np.abs(lateral) < 10.0)
     assert 0.03 < over_the_deck.mean() < 0.10
     assert (height[over_the_deck] <= 30.0).all()
@@ -203,18 +201,16 @@ def test_no_view_is_inside_the_ship_or_the_sea():
 
 
 def test_views_past_the_ship_show_no_runway_and_views_from_any_side_do():
-    layout = CVN
-    away = [runway_in_view(away_view(TRAIN, layout, np.random.default_rng(k)), layout) for k in range(60)]
-    odd = [runway_in_view(from_any_side(TRAIN, layout, np.random.default_rng(k), 0.0), layout) for k in range(60)]
+    away = [runway_in_view(away_view(TRAIN, CVN, np.random.default_rng(k)), CVN) for k in range(60)]
+    odd = [runway_in_view(from_any_side(TRAIN, CVN, np.random.default_rng(k), 0.0), CVN) for k in range(60)]
     assert max(away) == 0.0
     assert np.mean(np.array(odd) > 0.3) > 0.9
 
 
 def test_views_over_the_deck_look_ahead():
-    layout = CVN
-    along, _, _ = axes(*layout.centre_m)
+    along, _, _ = axes(*CVN.centre_m)
     for k in range(60):
-        view = deck_view(TRAIN, layout, np.random.default_rng(k))
+        view = deck_view(TRAIN, CVN, np.random.default_rng(k))
         nose = view.world_from_body.rotation.apply([1.0, 0.0, 0.0])[:2]
         assert nose @ along > np.cos(np.deg2rad(30.0)) * np.hypot(*nose)
 
@@ -271,13 +267,12 @@ def test_runway_points_are_measured_from_the_ramp():
 
 
 def test_part_of_the_runway_in_view():
-    layout = CVN
     camera = Camera.from_fov(640, 360, np.deg2rad(60.0))
 
     def seen(along_m, up_m, ahead_m):
-        position = runway_point(layout, along_m, 0.0, up_m)
+        position = runway_point(CVN, along_m, 0.0, up_m)
         return runway_in_view(
-            Viewpoint(pose_towards(position, runway_point(layout, ahead_m), np.zeros(3)), camera, 0.0), layout
+            Viewpoint(pose_towards(position, runway_point(CVN, ahead_m), np.zeros(3)), camera, 0.0), CVN
         )
 
     assert seen(-400.0, 30.0, 100.0) == 1.0

@@ -27,6 +27,7 @@ from deckline.sim.ship.structure import deck_mesh
 SUN = np.array([0.6, 0.0, 0.8])
 CVN, PAPER = load_class("cvn"), load_class("paper")
 CVN_EDGE, PAPER_EDGE = CVN.plan.edge, PAPER.plan.edge
+LAYOUT = class_layout(CVN)
 CAMERA = Camera.from_fov(640, 360, np.deg2rad(60.0))
 CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0, sun_rgb=(0.9, 0.9, 0.85))
 
@@ -54,42 +55,39 @@ def camera_pose(layout, range_m, height_m, lateral_m, nudge=(0.0, 0.0, 0.0), loo
 
 
 def test_nearer_solids_hide_the_deck(renderer):
-    layout = class_layout(CVN)
-    middle = layout.centre_m[0] + 30.0 * axes(*layout.centre_m)[0]
+    middle = LAYOUT.centre_m[0] + 30.0 * axes(*LAYOUT.centre_m)[0]
     wall = boxes((middle[0], middle[1], 0.0), (2.0, 2.0, 6.0), (1.0, 0.0, 0.0))
-    renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
-    pose = camera_pose(layout, 20.0, 8.0, 0.0)
+    renderer.load(clean_ship(LAYOUT, CVN_EDGE, wall), SUN)
+    pose = camera_pose(LAYOUT, 20.0, 8.0, 0.0)
     view = renderer.render(Scene(CAMERA, pose, CALM))
-    u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, middle[None], 3.0))))[0].astype(int)
+    u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(LAYOUT, middle[None], 3.0))))[0].astype(int)
     assert view.radiance[v, u, 0] > 4 * view.radiance[v, u, 1]
     assert 45.0 < view.depth_m[v, u] < 50.0
 
 
 def test_the_water_closes_over_what_reaches_below_it(renderer):
-    layout = class_layout(CVN)
     keel = boxes((-30.0, 0.0, 35.0), (2.0, 20.0, 25.0), (1.0, 0.0, 0.0))  # from 10 to 35 m below the deck
-    renderer.load(clean_ship(layout, CVN_EDGE, keel), SUN)
-    pose = camera_pose(layout, 150.0, 25.0, 0.0)
-    points = world_points(layout, np.full((2, 2), [-31.0, 0.0])) + np.array([[0.0, 0.0, 19.0], [0.0, 0.0, 21.5]])
+    renderer.load(clean_ship(LAYOUT, CVN_EDGE, keel), SUN)
+    pose = camera_pose(LAYOUT, 150.0, 25.0, 0.0)
+    points = world_points(LAYOUT, np.full((2, 2), [-31.0, 0.0])) + np.array([[0.0, 0.0, 19.0], [0.0, 0.0, 21.5]])
     (u, v), (u1, v1) = np.rint(CAMERA.project(pose.inv().apply(points))).astype(int)
     view = renderer.render(Scene(CAMERA, pose, CALM))
     assert view.radiance[v, u, 0] > 4 * view.radiance[v, u, 1]
     assert view.radiance[v1, u1, 0] < 2 * view.radiance[v1, u1, 1]
     rays = pose.rotation.apply(CAMERA.rays(np.array([[u1, v1]])))
-    water = pose.inv().apply(intersect_plane(pose.translation, rays, layout.sea_z_m))[0, 2]
+    water = pose.inv().apply(intersect_plane(pose.translation, rays, LAYOUT.sea_z_m))[0, 2]
     assert view.depth_m[v1, u1] == pytest.approx(water, rel=1e-4)
 
 
 def test_other_ships_keep_their_distance(renderer):
-    layout = class_layout(CVN)
-    other = boxes((900.0, 0.0, layout.sea_z_m), (20.0, 80.0, 60.0), (1.0, 0.0, 0.0))
-    renderer.load(replace(clean_ship(layout, CVN_EDGE), background=other), SUN)
-    away = RigidTransform.from_translation([5000.0, 300.0, 1.0]) * layout.world_from_ship
-    pose = camera_pose(layout, 300.0, 60.0, 0.0)
+    other = boxes((900.0, 0.0, LAYOUT.sea_z_m), (20.0, 80.0, 60.0), (1.0, 0.0, 0.0))
+    renderer.load(replace(clean_ship(LAYOUT, CVN_EDGE), background=other), SUN)
+    away = RigidTransform.from_translation([5000.0, 300.0, 1.0]) * LAYOUT.world_from_ship
+    pose = camera_pose(LAYOUT, 300.0, 60.0, 0.0)
     moved = RigidTransform.from_translation([5000.0, 300.0, 0.0]) * pose
     at_rest = renderer.render(Scene(CAMERA, pose, CALM, with_ship=False))
     elsewhere = renderer.render(Scene(CAMERA, moved, CALM, with_ship=False, world_from_ship=away))
-    u, v = np.rint(CAMERA.project(pose.inv().apply([[890.0, 0.0, layout.sea_z_m - 50.0]])))[0].astype(int)
+    u, v = np.rint(CAMERA.project(pose.inv().apply([[890.0, 0.0, LAYOUT.sea_z_m - 50.0]])))[0].astype(int)
     other_at = np.abs(at_rest.depth_m - at_rest.depth_m[v, u]) < 15.0
     assert 1150.0 < at_rest.depth_m[v, u] < 1210.0
     assert other_at.sum() > 50
@@ -97,14 +95,13 @@ def test_other_ships_keep_their_distance(renderer):
 
 
 def test_lamps_shine_when_lit_and_not_through_solids(renderer):
-    layout = class_layout(CVN)
-    spot = layout.centre_m[0] + 60.0 * axes(*layout.centre_m)[0]
+    spot = LAYOUT.centre_m[0] + 60.0 * axes(*LAYOUT.centre_m)[0]
     lights = np.array([[*spot, -0.5, 0.0, 1.0, 0.0, 1.0]], dtype=np.float32)
-    pose, seen = camera_pose(layout, 100.0, 20.0, 0.0), []
-    (u, v), *_ = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, spot[None], 0.5)))).astype(int)
+    pose, seen = camera_pose(LAYOUT, 100.0, 20.0, 0.0), []
+    (u, v), *_ = np.rint(CAMERA.project(pose.inv().apply(world_points(LAYOUT, spot[None], 0.5)))).astype(int)
     wall = boxes((spot[0] - 20.0, spot[1] + 3.0, 0.0), (1.0, 20.0, 20.0), (0.3, 0.3, 0.3))
     for lamps, solids in ((0.0, None), (1.0, None), (1.0, wall)):
-        renderer.load(replace(clean_ship(layout, CVN_EDGE, solids), lights=lights), SUN)
+        renderer.load(replace(clean_ship(LAYOUT, CVN_EDGE, solids), lights=lights), SUN)
         view = renderer.render(Scene(CAMERA, pose, replace(CALM, lamps=lamps)))
         red, green, _ = view.radiance[v - 1 : v + 2, u - 1 : u + 2].sum(axis=(0, 1))
         seen.append(green - red)
@@ -124,51 +121,41 @@ def test_land_lies_around_a_runway_on_land(renderer):
 
 
 def test_one_sample_leaves_edges_jagged_and_the_rest_alone(renderer):
-    layout = class_layout(CVN)
     wall = boxes((40.0, 0.0, 0.0), (1.0, 20.0, 12.0), (1.0, 0.0, 0.0))
-    renderer.load(clean_ship(layout, CVN_EDGE, wall), SUN)
-    pose = camera_pose(layout, 30.0, 10.0, 0.0, nudge=(0.1, 0.0, 0.0))
+    renderer.load(clean_ship(LAYOUT, CVN_EDGE, wall), SUN)
+    pose = camera_pose(LAYOUT, 30.0, 10.0, 0.0, nudge=(0.1, 0.0, 0.0))
     smooth, jagged = (shown(renderer.render(Scene(CAMERA, pose, CALM, quality=Quality(samples=n)))) for n in (4, 1))
     changed = np.abs(smooth.astype(int) - jagged).max(axis=2) > 8
     assert 0 < changed.mean() < 0.03
 
 
-def test_the_deck_is_all_of_its_outline():
-    for layout in (
-        class_layout(CVN),
-        class_layout(PAPER),
-        *(random_layout(np.random.default_rng(k)) for k in range(5)),
-    ):
-        corners = deck_mesh(layout)[:, :3].reshape(-1, 3, 3).astype(float)
+def test_the_deck_is_all_of_its_outline_and_faces_up():
+    for layout in (LAYOUT, class_layout(PAPER), *(random_layout(np.random.default_rng(k)) for k in range(5))):
+        mesh = deck_mesh(layout)
+        np.testing.assert_allclose(mesh[:, 3:6], np.broadcast_to([0.0, 0.0, -1.0], (len(mesh), 3)), atol=1e-6)
+        corners = mesh[:, :3].reshape(-1, 3, 3).astype(float)
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
         assert area == pytest.approx(np.trapezoid(layout.starboard_m - layout.port_m, layout.stations_m), rel=1e-6)
         assert len(corners) < 2 * len(layout.stations_m) - 2
 
 
-def test_the_deck_faces_up():
-    normals = deck_mesh(class_layout(CVN))[:, 3:6]
-    np.testing.assert_allclose(normals, np.broadcast_to([0.0, 0.0, -1.0], normals.shape), atol=1e-6)
-
-
 def test_a_white_deck_in_full_daylight_is_one(renderer):
-    layout = class_layout(CVN)
-    white = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((1.0, 1.0, 1.0), 0.0, 0.0, (0.0, 0.0)))
+    white = replace(clean_ship(LAYOUT, CVN_EDGE), surface=DeckSurface((1.0, 1.0, 1.0), 0.0, 0.0, (0.0, 0.0)))
     renderer.load(white, SUN)
-    pose = camera_pose(layout, 30.0, 40.0, 0.0, look_m=80.0)
+    pose = camera_pose(LAYOUT, 30.0, 40.0, 0.0, look_m=80.0)
     seen = renderer.render(Scene(CAMERA, pose, CALM)).radiance[120:240, 280:360].reshape(-1, 3)
     expected = np.array(CALM.ambient_rgb) + 0.8 * np.array(CALM.sun_rgb) + CALM.flood_rgb
     np.testing.assert_allclose(np.median(seen, axis=0), expected, rtol=2e-3)
 
 
 def test_reflectance_is_a_display_colour_in_linear_light(renderer):
-    layout = class_layout(CVN)
-    spot = layout.centre_m[0] + 40.0 * axes(*layout.centre_m)[0]
-    pose = camera_pose(layout, 30.0, 40.0, 0.0)
+    spot = LAYOUT.centre_m[0] + 40.0 * axes(*LAYOUT.centre_m)[0]
+    pose = camera_pose(LAYOUT, 30.0, 40.0, 0.0)
     seen = []
     for level in (0.2, 0.6):
-        ship = replace(clean_ship(layout, CVN_EDGE), surface=DeckSurface((level,) * 3, 0.0, 0.0, (0.0, 0.0)))
+        ship = replace(clean_ship(LAYOUT, CVN_EDGE), surface=DeckSurface((level,) * 3, 0.0, 0.0, (0.0, 0.0)))
         renderer.load(ship, SUN)
-        u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(layout, spot[None]))))[0].astype(int)
+        u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(LAYOUT, spot[None]))))[0].astype(int)
         seen.append(renderer.render(Scene(CAMERA, pose, CALM)).radiance[v, u].mean())
     srgb = [((level + 0.055) / 1.055) ** 2.4 for level in (51 / 255, 153 / 255)]
     assert seen[1] / seen[0] == pytest.approx(srgb[1] / srgb[0], rel=0.01)
@@ -198,8 +185,7 @@ def test_shadow_is_as_long_as_the_sun_is_low(renderer, elevation_deg):
 
 
 def test_light_is_not_clipped(renderer):
-    layout = class_layout(CVN)
-    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
+    renderer.load(clean_ship(LAYOUT, CVN_EDGE), SUN)
     pose = pose_towards(np.array([-300.0, 0.0, -50.0]), np.array([-300.0 - 60.0, 0.0, -50.0 - 80.0]), np.zeros(3))
     view = renderer.render(Scene(CAMERA, pose * camera_mount(), replace(CALM, cloud_cover=0.0, sun_disc=30.0)))
     assert view.radiance.max() > 5.0
@@ -209,13 +195,12 @@ def test_light_is_not_clipped(renderer):
 
 
 def test_wrong_use_is_named(renderer):
-    layout = class_layout(CVN)
-    renderer.load(clean_ship(layout, CVN_EDGE), SUN)
-    pose = camera_pose(layout, 100.0, 10.0, 0.0)
+    renderer.load(clean_ship(LAYOUT, CVN_EDGE), SUN)
+    pose = camera_pose(LAYOUT, 100.0, 10.0, 0.0)
     with pytest.raises(ValueError, match=r"draws a pinhole, got distortion \(0.1"):
         renderer.render(Scene(replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)), pose, CALM))
     with pytest.raises(ValueError, match=r"above the sea \(z < 0.00 m\), got z = 10.00 m"):
-        renderer.render(Scene(CAMERA, camera_pose(layout, 100.0, -30.0, 0.0), CALM))
+        renderer.render(Scene(CAMERA, camera_pose(LAYOUT, 100.0, -30.0, 0.0), CALM))
 
 
 def test_missing_egl_names_the_packages(monkeypatch):
@@ -310,9 +295,6 @@ def test_deck_textures_halve_evenly():
         assert 5.6 < size[0] / extent[0] < 11.4
 
 
-WEATHER = random_weather(np.random.default_rng(0))
-
-
 def test_projection_agrees_with_the_camera():
     points = np.array([[3.0, -2.0, 40.0], [-30.0, 10.0, 90.0], [0.0, 0.0, 5.0]])
     clip = np.column_stack([points, np.ones(3)]) @ clip_from_optical(CAMERA).T
@@ -322,12 +304,12 @@ def test_projection_agrees_with_the_camera():
 
 def test_depth_row_gives_the_depth_along_the_axis():
     pose = RigidTransform.from_translation([4.0, 5.0, 6.0])
-    values = solid_uniforms(Scene(CAMERA, RigidTransform.identity(), WEATHER), pose, 100.0)
+    values = solid_uniforms(Scene(CAMERA, RigidTransform.identity(), CALM), pose, 100.0)
     assert values["depth_row"] @ np.array([1.0, 2.0, 3.0, 1.0]) == pytest.approx(9.0)
 
 
 def test_long_waves_run_faster():
-    weather = WEATHER
+    weather = random_weather(np.random.default_rng(0))
     drift = np.array(sea_uniforms(weather, 2.0)["drift_m"])
     assert drift[0] > drift[1] > drift[2] > 0
     assert drift[0] == pytest.approx(2.0 * np.sqrt(9.81 * weather.wave_length_m / (2 * np.pi)))
