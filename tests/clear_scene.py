@@ -3,6 +3,7 @@
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +17,7 @@ from deckline.types import Frame, Truth
 
 CAMERA = Camera.from_fov(96, 64, 1.2)
 QUICK = DehazeTrainConfig(
-    steps=12,
-    batch=2,
-    crop_height=48,
-    crop_width=64,
-    held_out=0.25,
-    lr=3e-3,
-    threads=1,
-    device="cpu",
+    steps=12, batch=2, crop_height=48, crop_width=64, held_out=0.25, lr=3e-3, threads=1, device="cpu"
 )
 
 
@@ -38,37 +32,28 @@ def clear_frame(index: int, camera: Camera = CAMERA) -> Frame:
     depth = np.full((height, width), np.nan, dtype=np.float32)
     depth[height // 4 :] = np.geomspace(1500, 60, height - height // 4)[:, None]
     truth = Truth(visibility_m=float("inf"))
-    file, pose = f"{index:03d}.png", RigidTransform.identity()
-    return Frame(
-        file,
-        float(index),
-        image.clip(0, 255).astype(np.uint8),
-        camera,
-        depth_m=depth,
-        world_from_body=pose,
-        truth=truth,
-    )
+    image, pose = image.clip(0, 255).astype(np.uint8), RigidTransform.identity()
+    return Frame(f"{index:03d}.png", float(index), image, camera, depth_m=depth, world_from_body=pose, truth=truth)
 
 
-def clear_recording(folder: Path, frames: int) -> Path:
-    """`folder`, with a recording of so many clear frames written into it."""
+def hazy_frame(index: int) -> Frame:
+    """The same through haze, with its clear picture."""
+    frame = clear_frame(index)
+    assert frame.depth_m is not None
+    ranges = frame.depth_m * frame.camera.ray_lengths()
+    hazy = add_haze(frame.image_rgb, ranges, beta_from_visibility(700.0), (150, 170, 200))
+    return replace(frame, image_rgb=hazy, truth=Truth(visibility_m=700.0, clear_rgb=frame.image_rgb))
+
+
+def clear_recording(folder: Path, frames: int, make: Callable[[int], Frame] = clear_frame) -> Path:
+    """`folder`, with a recording of so many frames written into it."""
     with RecordingWriter(folder, "ppm", {"preset": "test"}) as writer:
         for index in range(frames):
-            writer.add(clear_frame(index))
+            writer.add(make(index))
     return folder
 
 
-def hazy_recording(folder: Path, frames: int, visibility_m: float = 700.0) -> Path:
-    """`folder`, with the same frames seen through haze, each with its clear picture."""
-    with RecordingWriter(folder, "ppm", {"preset": "test"}) as writer:
-        for index in range(frames):
-            frame = clear_frame(index)
-            assert frame.depth_m is not None
-            ranges = frame.depth_m * frame.camera.ray_lengths()
-            hazy = add_haze(frame.image_rgb, ranges, beta_from_visibility(visibility_m), (150, 170, 200))
-            truth = Truth(visibility_m=visibility_m, clear_rgb=frame.image_rgb)
-            writer.add(replace(frame, image_rgb=hazy, truth=truth))
-    return folder
+hazy_recording = partial(clear_recording, make=hazy_frame)
 
 
 def striped_deck(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:

@@ -52,11 +52,9 @@ def test_a_network_with_a_prior_trains_and_runs_with_and_without_a_pose(recordin
     frame = clear_frame(0)
     restored = dehazer.restore(replace(frame, deck_z_m=-5.0))
     assert restored.image_rgb.shape == (64, 96, 3)
-    np.testing.assert_array_equal(
-        dehazer.restore(replace(frame, world_from_body=None)).image_rgb, dehazer(frame.image_rgb)
-    )
-    assert dehazer.cost is not None
-    assert dehazer.cost[0] == pytest.approx(478_468)
+    blind = dehazer.restore(replace(frame, world_from_body=None))
+    np.testing.assert_array_equal(blind.image_rgb, dehazer(frame.image_rgb))
+    assert dehazer.cost is not None and dehazer.cost[0] == pytest.approx(478_468)
 
 
 def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, tmp_path: Path) -> None:
@@ -64,9 +62,8 @@ def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, 
     still = replace(QUICK, steps=1, lr=1e-12, lr_end=1e-12, batch=1)
     train_dehaze(still, [recording], tmp_path / "second", start_from=tmp_path / "first")
     image = torch.rand(1, 3, 64, 96).numpy()
-    first, second = (
-        load_session(tmp_path / p / "dehaze.onnx", 1)(image=image, working=image)[0] for p in ("first", "second")
-    )
+    files = [tmp_path / name / "dehaze.onnx" for name in ("first", "second")]
+    first, second = (load_session(file, 1)(image=image, working=image)[0] for file in files)
     np.testing.assert_allclose(first, second, atol=1e-5)
     assert np.abs(first - image).max() > 1e-3, "the first run must have learned something"
     with pytest.raises(ValueError, match="none"):

@@ -37,8 +37,7 @@ def exported(trained: DehazeNetwork, tmp_path_factory: pytest.TempPathFactory) -
 def test_an_exported_file_gives_its_weights_back(trained: DehazeNetwork, exported: Path) -> None:
     model = DehazeNetwork(TINY)
     start_with(model, exported)
-    for name, value in trained.state_dict().items():
-        torch.testing.assert_close(model.state_dict()[name], value, rtol=0, atol=0)
+    torch.testing.assert_close(model.state_dict(), trained.state_dict(), rtol=0, atol=0)
 
 
 def test_a_prior_is_ignored_at_first(trained: DehazeNetwork, exported: Path) -> None:
@@ -72,6 +71,7 @@ def test_errors(exported: Path, tmp_path: Path) -> None:
 
 
 SMALL = PyramidConfig(channels=16, pretrained=False)
+VIEW = torch.from_numpy(np.random.default_rng(1).standard_normal((1, 3, 288, 512), dtype=np.float32))
 
 
 @pytest.mark.parametrize(("name", "build"), [("ufld", Ufld), ("hybrid", Hybrid)])
@@ -80,11 +80,10 @@ def test_a_detector_goes_on_from_its_shipped_file(name: str, build: type[Pyramid
     model = build(PyramidConfig(pretrained=False)).eval()
     before = model.segmentation.weight.detach().clone()
     start_detector(model, path)
-    view = np.random.default_rng(1).standard_normal((1, 3, 288, 512), dtype=np.float32)
     session = load_session(path, threads=1)
-    theirs = dict(zip(session.output_names, session(image=view), strict=True))
+    theirs = dict(zip(session.output_names, session(image=VIEW.numpy()), strict=True))
     with torch.no_grad():
-        ours = model(torch.from_numpy(view))
+        ours = model(VIEW)
     for output, value in zip(model.kind.output_names, ours, strict=False):
         np.testing.assert_allclose(value.numpy(), theirs[output], atol=2e-2 if name == "hybrid" else 5e-3)
     torch.testing.assert_close(model.segmentation.weight, before)
@@ -96,13 +95,11 @@ def test_the_hybrid_takes_what_both_networks_have():
     earlier, model = Ufld(PyramidConfig(pretrained=False)).eval(), Hybrid(PyramidConfig(pretrained=False)).eval()
     start_detector(earlier, path)
     start_detector(model, path)
-    image = torch.from_numpy(np.random.default_rng(1).standard_normal((1, 3, 288, 512), dtype=np.float32))
     with torch.no_grad():
-        one, other = earlier(image), model(image)
+        one, other = earlier(VIEW), model(VIEW)
     torch.testing.assert_close(one.region, other.region, atol=1e-4, rtol=1e-4)
-    torch.testing.assert_close(
-        one.rows[..., :-1].log_softmax(-1), other.rows[:, :2, :, :-1].log_softmax(-1), atol=1e-3, rtol=1e-3
-    )
+    rows = [logits[:, :2, :, :-1].log_softmax(-1) for logits in (one.rows, other.rows)]
+    torch.testing.assert_close(*rows, atol=1e-3, rtol=1e-3)
 
 
 def test_settled_norms_change_nothing_but_how_training_begins():
@@ -118,23 +115,16 @@ def test_settled_norms_change_nothing_but_how_training_begins():
 
 def test_a_training_folder_is_a_start_too(tmp_path):
     first, second = Ufld(SMALL), Ufld(SMALL)
-    optimizer = torch.optim.SGD(first.parameters(), 0.1)
-    save_checkpoint(tmp_path, first, optimizer, dict(first.state_dict()), {"recipe": {}, "step": 0, "seconds": 0.0})
+    save_checkpoint(tmp_path, first, torch.optim.SGD(first.parameters(), 0.1), dict(first.state_dict()), {})
     start_detector(second, tmp_path)
-    for name, value in first.state_dict().items():
-        torch.testing.assert_close(second.state_dict()[name], value)
+    torch.testing.assert_close(second.state_dict(), first.state_dict())
 
 
 def test_files_of_other_networks_are_refused(tmp_path):
     path = export_detect(Ufld(SMALL).eval(), tmp_path / "small.onnx", {}, 0)
-    with pytest.raises(ValueError, match=r"ufld\.onnx"):
-        start_detector(Ufld(SMALL), shipped_weights("ufld"))
-    with pytest.raises(ValueError, match=r"coarse-t\.onnx"):
-        start_detector(Ufld(SMALL), shipped_weights("coarse-t"))
+    (tmp_path / "text.onnx").write_text("no network")
     with pytest.raises(ValueError, match=r"small\.onnx: .*hybrid and ufld"):
         start_detector(DETECTORS["enet-sad"](None), path)
-    with pytest.raises(ValueError, match=str(tmp_path)):
-        start_detector(Ufld(SMALL), tmp_path)
-    (tmp_path / "text.onnx").write_text("no network")
-    with pytest.raises(ValueError, match=r"text\.onnx"):
-        start_detector(Ufld(SMALL), tmp_path / "text.onnx")
+    for source in (shipped_weights("ufld"), shipped_weights("coarse-t"), tmp_path, tmp_path / "text.onnx"):
+        with pytest.raises(ValueError, match=str(source)):
+            start_detector(Ufld(SMALL), source)

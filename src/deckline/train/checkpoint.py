@@ -41,11 +41,7 @@ def save_checkpoint(
 
 
 def load_checkpoint(folder: Path, model: nn.Module, optimizer: torch.optim.Optimizer) -> Tensors:
-    """Fill model and optimizer from `folder`'s checkpoint; returns the averaged weights.
-
-    Raises:
-        ValueError: no checkpoint, an unreadable one, or weights of another model.
-    """
+    """Fill model and optimizer from `folder`'s checkpoint; returns the averaged weights."""
     try:
         model.load_state_dict(read_tensors(folder, "model"))
     except RuntimeError as error:
@@ -60,11 +56,7 @@ def load_checkpoint(folder: Path, model: nn.Module, optimizer: torch.optim.Optim
 
 
 def read_tensors(folder: Path, group: str) -> Tensors:
-    """Tensors of one group of `folder`'s checkpoint: model, optimizer or ema (the averaged weights).
-
-    Raises:
-        ValueError: no checkpoint, or an unreadable one.
-    """
+    """Tensors of one group of `folder`'s checkpoint: model, optimizer or ema (the averaged weights)."""
     if not (folder / CHECKPOINT_FILE).is_file():
         raise ValueError(f"{folder} holds no checkpoint")
     with _open(folder) as file:

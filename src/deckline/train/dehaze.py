@@ -115,11 +115,6 @@ def train_dehaze(
         out: folder of checkpoint.safetensors, dehaze.onnx and figures.json.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
-
-    Raises:
-        ValueError: recordings without what training needs, or another recipe's checkpoint.
-        FloatingPointError: the loss stopped being a number.
-        KeyboardInterrupt: after Ctrl-C; the checkpoint is written.
     """
     console = Console()
     device = select_device(config)
@@ -143,8 +138,7 @@ def train_dehaze(
 
     train(config, run, make_ahead(make, run.step, config.steps), loss, console)
     model.load_state_dict(run.ema)
-    shape: dict[str, Any] = {"unshuffle": 1} if config.shape is None else asdict(config.shape)
-    network = {"name": config.network, **shape}
+    network = {"name": config.network, **({"unshuffle": 1} if config.shape is None else asdict(config.shape))}
     path = export_dehaze(model, out / "dehaze.onnx", network, config.working_long_side_px, run.recipe, run.step)
     held_out = open_clear_views(recordings, config.working_long_side_px, config.held_out, train=False)
     figures = validate(model, held_out, config.seed, config.prior)

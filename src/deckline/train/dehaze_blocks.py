@@ -1,7 +1,10 @@
 """Blocks of the dehazing network, Li et al. 2024, section 3.1. Features are (B, C, H, W).
 
-`DepthwiseSeparable` and `PlainTransformer` are the conventional blocks that the paper's ablation starts from.
+`DepthwiseSeparable` and `plain_transformer` are the conventional blocks that the paper's ablation starts from.
 """
+
+from collections.abc import Callable
+from functools import partial
 
 import torch
 import torch.nn.functional as F
@@ -116,13 +119,13 @@ class SeparableSelfAttention(nn.Module):
         return self.out(context * F.relu(value))
 
 
-class LinearTransformer(nn.Module):
-    """LayerNorm, separable self-attention, feed-forward; both residual."""
+class TransformerLayer(nn.Module):
+    """LayerNorm, self-attention, feed-forward; both residual."""
 
-    def __init__(self, channels: int, expansion: int) -> None:
+    def __init__(self, channels: int, build_attention: Callable[[], nn.Module], expansion: int) -> None:
         super().__init__()
         self.norm = ChannelNorm(channels)
-        self.attention = SeparableSelfAttention(channels)
+        self.attention = build_attention()
         self.feed_forward = feed_forward(channels, expansion)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -153,7 +156,8 @@ class MobileViTv3(nn.Module):
     def __init__(self, channels: int, layers: int, expansion: int) -> None:
         super().__init__()
         self.local = nn.Sequential(depthwise(channels, 3), nn.Conv2d(channels, channels, 1))
-        self.transformer = nn.Sequential(*(LinearTransformer(channels, expansion) for _ in range(layers)))
+        attention = partial(SeparableSelfAttention, channels)
+        self.transformer = nn.Sequential(*(TransformerLayer(channels, attention, expansion) for _ in range(layers)))
         self.project = nn.Conv2d(channels, channels, 1)
         self.fuse = nn.Conv2d(2 * channels, channels, 1)
 
@@ -191,21 +195,12 @@ class PooledSelfAttention(nn.Module):
         return self.out(mixed.transpose(2, 3).reshape(b, c, h, w))
 
 
-class PlainTransformer(nn.Module):
-    """LayerNorm, softmax self-attention, feed-forward; both residual. Layers of it stand in for MobileViTv3.
+def plain_transformer(channels: int, heads: int, pool: int, expansion: int) -> TransformerLayer:
+    """A layer of conventional self-attention. Layers of it stand in for MobileViTv3.
 
     Its feed-forward part is wider by one, which makes up for MobileViTv3's local and fusing convolutions.
     """
-
-    def __init__(self, channels: int, heads: int, pool: int, expansion: int) -> None:
-        super().__init__()
-        self.norm = ChannelNorm(channels)
-        self.attention = PooledSelfAttention(channels, heads, pool)
-        self.feed_forward = feed_forward(channels, expansion + 1)
-
-    def forward(self, x: Tensor) -> Tensor:
-        x = x + self.attention(self.norm(x))
-        return x + self.feed_forward(x)
+    return TransformerLayer(channels, partial(PooledSelfAttention, channels, heads, pool), expansion + 1)
 
 
 class SKFusion(nn.Module):

@@ -14,16 +14,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.checks import check_choice, check_numbers
-from deckline.train.dehaze_blocks import (
-    ChannelNorm,
-    DepthwiseSeparable,
-    MixAttention,
-    MobileViTv3,
-    PlainTransformer,
-    SKFusion,
-    down,
-    up,
-)
+from deckline.train import dehaze_blocks as blocks
+from deckline.train.dehaze_blocks import SKFusion, down, up
 
 STAGE_MULTIPLE = 8  # two halvings, then patches of 2x2
 # Image px between the keys of the plain transformer: attention of all pixels to all would be quadratic in their number.
@@ -102,7 +94,7 @@ class DehazeNetwork(nn.Module):
         last = nn.Conv2d(c, 4, 3, padding=1)
         nn.init.zeros_(last.weight)  # an untrained network returns its input
         last.bias = nn.Parameter(torch.zeros(4))
-        self.head = nn.Sequential(ChannelNorm(c), last)
+        self.head = nn.Sequential(blocks.ChannelNorm(c), last)
         self.log_guide_eps = nn.Parameter(torch.tensor(-7.0))  # of the guided filter, image range 0..1; learned
 
     def forward(self, image: Tensor, working: Tensor | None = None) -> Tensor:
@@ -163,7 +155,7 @@ class DehazeNetwork(nn.Module):
 
 
 def _attention_stages(config: DehazeNetworkConfig) -> list[nn.Module]:
-    block = MixAttention if config.attention == "mix" else DepthwiseSeparable
+    block = blocks.MixAttention if config.attention == "mix" else blocks.DepthwiseSeparable
     return [
         nn.Sequential(*(block(config.channels * wider, config.spatial_kernel, config.expansion) for _ in range(depth)))
         for wider, depth in zip((1, 2, 4, 2, 1), config.depths, strict=True)
@@ -176,10 +168,10 @@ def _transformer_stages(config: DehazeNetworkConfig) -> list[nn.Module]:
     for wider, layers in zip((1, 2, 4), config.vit_layers, strict=True):
         width = config.channels * wider
         if config.transformer == "mobilevit":
-            stages.append(MobileViTv3(width, layers, config.expansion))
+            stages.append(blocks.MobileViTv3(width, layers, config.expansion))
         else:
             pool = config.key_pool * 4 // wider
-            plain = (PlainTransformer(width, wider, pool, config.expansion) for _ in range(layers))
+            plain = (blocks.plain_transformer(width, wider, pool, config.expansion) for _ in range(layers))
             stages.append(nn.Sequential(*plain))
     return stages
 

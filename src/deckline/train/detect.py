@@ -72,11 +72,6 @@ def train_detect(
         out: folder of checkpoint.safetensors and detect.onnx.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
-
-    Raises:
-        ValueError: recordings without what training needs, or another recipe's checkpoint.
-        FloatingPointError: the loss stopped being a number.
-        KeyboardInterrupt: after Ctrl-C; the checkpoint is written.
     """
     console = Console()
     device = loop.select_device(config)

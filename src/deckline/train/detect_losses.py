@@ -89,11 +89,10 @@ def hybrid_loss(
         "region": region_loss(output.region.float(), targets.region),
         "box": box_loss(output.box.float(), targets.box, targets.box_weight),
     }
-    for name, logits, position, ignored in (
-        ("rows", output.rows.float(), rows, hidden.expand_as(rows)),
-        ("columns", output.columns.float(), columns, between | hidden),
-    ):
-        parts[name], parts[f"{name}_position"] = anchor_loss(logits, position, ignored)
+    losses = anchor_loss(output.rows.float(), rows, hidden.expand_as(rows))
+    parts["rows"], parts["rows_position"] = losses
+    losses = anchor_loss(output.columns.float(), columns, between | hidden)
+    parts["columns"], parts["columns_position"] = losses
     total = weights.region * parts["region"] + weights.box * parts["box"]
     total = total + weights.rows * (parts["rows"] + parts["columns"])
     total = total + weights.position * (parts["rows_position"] + parts["columns_position"])

@@ -18,17 +18,9 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.detect.anchors import HYBRID_OUTPUTS, ROW_OUTPUTS, STRIDE, DecodeConfig, RowGrid
+from deckline.train import detect_losses
 from deckline.train.backbone import CHANNELS, Lite0Backbone, conv_norm, separable
-from deckline.train.detect_losses import (
-    DetectTargets,
-    HybridOutput,
-    Losses,
-    LossWeights,
-    UfldOutput,
-    anchor_targets,
-    hybrid_loss,
-    ufld_loss,
-)
+from deckline.train.detect_losses import DetectTargets, HybridOutput, Losses, LossWeights, UfldOutput
 
 LINES = 2  # left and right
 ALL_LINES = 3  # the centre line too
@@ -122,7 +114,7 @@ class Ufld(PyramidNetwork):
         return UfldOutput(self.rows(quarter), region, box, self.segmentation(eighth) if self.training else None)
 
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
-        return ufld_loss(output, targets, weights)
+        return detect_losses.ufld_loss(output, targets, weights)
 
 
 class Hybrid(PyramidNetwork):
@@ -155,7 +147,8 @@ class Hybrid(PyramidNetwork):
         return HybridOutput(rows, columns, region, box, self.segmentation(eighth) if self.training else None)
 
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
-        return hybrid_loss(output, targets, anchor_targets(targets.cell, self.kind.grid), weights)
+        anchors = detect_losses.anchor_targets(targets.cell, self.kind.grid)
+        return detect_losses.hybrid_loss(output, targets, anchors, weights)
 
 
 class _RowConv(nn.Module):

@@ -106,11 +106,7 @@ def select_device(config: Recipe) -> torch.device:
 
 
 def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer, out: Path) -> Run:
-    """A new run, or the one whose checkpoint lies in `out`; the recipe is written there.
-
-    Raises:
-        ValueError: a checkpoint of another recipe, or none that can be used.
-    """
+    """A new run, or the one whose checkpoint lies in `out`, of the same recipe; the recipe is written there."""
     recipe, progress = config.identity(), read_progress(out)
     ema = {name: value.detach().clone() for name, value in model.state_dict().items()}
     run = Run(model, optimizer, out, recipe, ema)

@@ -35,6 +35,8 @@ Batch = TypeVar("Batch")
 class Views(Generic[View]):
     """Views of several recordings, read when first asked for and kept in memory. Safe to share between threads.
 
+    `skipped` says what was wrong with frames that could not be used, by file.
+
     Args:
         counts: frames of each recording, by path.
         recordings: paths; one given twice is drawn twice as often.
@@ -42,12 +44,6 @@ class Views(Generic[View]):
         train: the training part; False gives the held-out part, of every recording once.
         load: view `index` of a recording. It raises FrameError where it cannot be read and others can, ValueError
             where it lacks what training needs, as all of its recording will.
-
-    Attributes:
-        skipped: what was wrong with frames that could not be used, by file.
-
-    Raises:
-        ValueError: no views.
     """
 
     def __init__(
@@ -80,11 +76,7 @@ class Views(Generic[View]):
         return view
 
     def draw(self, rng: np.random.Generator) -> View:
-        """A random view; a frame that cannot be used is noted in `skipped` and another one drawn.
-
-        Raises:
-            ValueError: MAX_BAD_DRAWS frames in a row cannot be used.
-        """
+        """A random view; a frame that cannot be used is noted in `skipped` and another one drawn."""
         for _ in range(MAX_BAD_DRAWS):
             view = self.get_usable(int(rng.integers(0, len(self))))
             if view is not None:
@@ -133,11 +125,7 @@ class ClearView:
 
 
 def make_clear_view(frame: Frame, long_side_px: int) -> ClearView:
-    """What training needs of a frame, averaged down by a whole factor to about `long_side_px`.
-
-    Raises:
-        ValueError: a frame without depth, or without a clear image.
-    """
+    """What training needs of a frame, averaged down by a whole factor to about `long_side_px`."""
     if frame.depth_m is None:
         raise ValueError(f"{frame.file}: no depth; haze is added from depth (record with --depth.range-m inf)")
     truth = frame.truth
@@ -230,11 +218,7 @@ class LineView:
 
 
 def make_line_view(frame: Frame) -> LineView:
-    """What training needs of a frame.
-
-    Raises:
-        ValueError: no depth, no clear image, or no truth and pose to know the lines from.
-    """
+    """What training needs of a frame; the lines need its true pose."""
     clear = make_clear_view(frame, long_side_px=max(frame.image_rgb.shape))  # at its own size
     without_lines = LineView(frame.file, clear.clear_rgb, None, clear)
     truth = frame.truth
@@ -251,11 +235,7 @@ def make_line_view(frame: Frame) -> LineView:
 
 
 def load_labelled_view(folder: Path, file: str, labels: Labels) -> LineView:
-    """Picture `file` of a folder, with its labelled lines.
-
-    Raises:
-        FrameError: a picture that cannot be read.
-    """
+    """Picture `file` of a folder, with its labelled lines."""
     try:
         image = read_image(folder / file)
     except ValueError as error:
@@ -274,11 +254,7 @@ def is_labelled_folder(path: Path) -> bool:
 
 
 def open_line_views(recordings: list[Path], held_out: float, train: bool = True) -> Views[LineView]:
-    """Views of recordings and labelled folders; see `Views`. Pictures that labels.json does not name are left out.
-
-    Raises:
-        ValueError: no views, labels that cannot be read, or a labelled picture that is not there.
-    """
+    """Views of recordings and labelled folders; see `Views`. Pictures that labels.json does not name are left out."""
     labels = {path: read_labels(path / LABELS_FILE) for path in recordings if is_labelled_folder(path)}
     for path, named in labels.items():
         for file in named:

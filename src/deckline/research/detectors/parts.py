@@ -124,9 +124,7 @@ class LineExistence(nn.Module):
     """Which lines are in the view, from features at stride 8: the branch that SCNN introduced.
 
     Args:
-        channels: of the features.
         hidden: channels of a first 3x3 convolution; None goes straight to the class maps.
-        lines: how many.
         grid_size: width and height of the features; the fully connected layer fixes them.
 
     Source: Pan et al., "Spatial As Deep: Spatial CNN for Traffic Scene Understanding", 2018.

@@ -21,12 +21,7 @@ HIDDEN = 2048  # published
 
 
 class UfldR18(LineNetwork):
-    """The published network.
-
-    Args:
-        grid: row anchors and input size, whose sides 32 divides.
-        lines: how many.
-    """
+    """The published network; `grid` holds row anchors and input size, whose sides 32 divides."""
 
     def __init__(self, grid: RowGrid | None = None, lines: int = LINES) -> None:
         super().__init__()
