@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from point_flight import Flight, approach, draw_errors, true_lines
+from point_flight import Flight, approach, draw_errors, one_frame, true_lines
+from scipy.spatial.transform import RigidTransform
 from steady_view import seen, view
 from test_track_tracker import deviations
 
 from deckline.config import Deck, Integrity, RunConfig
 from deckline.track import Tracker
 from deckline.track.filter import DECK, SIZE, initial_state, update
-from deckline.track.integrity import bias_flag, protection_levels
+from deckline.track.integrity import FrozenImageMonitor, bias_flag, protection_levels
 from deckline.track.motion import Pose
-from deckline.types import Reason, RunwayLine, TrackState
+from deckline.types import DepthMode, Reason, RunwayEstimate, RunwayLine, Status, TrackState
 
 SLOW = Flight(modes="both", rate_hz=4.0, start_m=500.0)
 KNOWN = RunConfig(deck=Deck(sea_state=0.0, width_m=15.0))
@@ -135,3 +136,49 @@ def test_the_protection_level_is_that_of_chance_plus_the_worst_fault_that_nobody
     assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / prior * KNOWN.integrity.max_deck_z_m, rel=1e-3)
     rarer = protection_levels(state, pose, None, replace(KNOWN, integrity=Integrity(risk=1e-3)))
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
+
+
+NOTHING = RunwayEstimate(Status.NOT_SEEN, DepthMode.NONE, {}, {})
+
+
+def moving_frames(count):
+    flight = Flight(start_m=200.0, seed=2)
+    errors, rng = draw_errors(flight), np.random.default_rng(1)
+    shown = []
+    for index in range(count):
+        frame, estimate, _ = one_frame(flight, index / 5, errors, rng)
+        image = rng.integers(0, 256, frame.image_rgb.shape, np.uint8)
+        shown.append((replace(frame, image_rgb=image), estimate))
+    return shown
+
+
+def verdicts(shown):
+    monitor, found = FrozenImageMonitor(), []
+    for frame, estimate in shown:
+        monitor = monitor.update(frame, estimate)
+        found.append(monitor.is_frozen)
+    return found
+
+
+def test_pictures_that_change_are_not_frozen():
+    assert not any(verdicts(moving_frames(6)))
+
+
+def test_the_same_picture_from_a_moving_aircraft_is_frozen_at_once():
+    shown = moving_frames(3)
+    again = [(replace(frame, image_rgb=shown[0][0].image_rgb), NOTHING) for frame, _ in shown]
+    assert verdicts(again) == [False, True, True]
+
+
+def test_the_same_picture_from_an_aircraft_at_rest_is_a_scene_at_rest():
+    (frame, _), *_ = moving_frames(1)
+    still = [(replace(frame, time_s=float(i)), NOTHING) for i in range(3)]
+    assert not any(verdicts(still))
+    moved = RigidTransform.from_translation([1.0, 0.0, 0.0]) * frame.world_from_body
+    assert verdicts([still[0], (replace(frame, time_s=1.0, world_from_body=moved), NOTHING)]) == [False, True]
+
+
+def test_lines_that_rest_in_the_image_while_the_pose_moves_are_frozen_after_three():
+    shown = moving_frames(6)
+    rested = [(frame, shown[0][1]) for frame, _ in shown]
+    assert verdicts(rested) == [False, False, False, True, True, True]
