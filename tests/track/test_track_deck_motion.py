@@ -4,7 +4,6 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from steady_view import HEIGHT_M, seen, view
 
 from deckline.config import Deck, RunConfig
@@ -56,55 +55,60 @@ def test_memory_does_not_grow_with_the_flight():
     assert abs(sizes[1] - sizes[0]) < 50  # digits of a frame's name, no more
 
 
-def fly(approach, config):
-    """Every frame of an approach with its track."""
-    flight = Flight(config, DEHAZERS["none"](), DETECTORS["classical"]())
-    for index, shot in enumerate(fly_points(approach, config.sensors, PointNoise())):
-        yield shot.frame, flight(shot.frame, detection=shot.detection, rng=np.random.default_rng(index)).track
+def fly(approach, *configs):
+    """Every frame of an approach with its track by each configuration; all have the first one's sensors."""
+    flights = [Flight(config, DEHAZERS["none"](), DETECTORS["classical"]()) for config in configs]
+    for index, shot in enumerate(fly_points(approach, configs[0].sensors, PointNoise())):
+        rngs = [np.random.default_rng(index) for _ in flights]
+        pairs = zip(flights, rngs, strict=True)
+        results = [flight(shot.frame, detection=shot.detection, rng=rng) for flight, rng in pairs]
+        yield shot.frame, *(result.track for result in results)
 
 
-@pytest.mark.parametrize(("told", "most"), [(4.0, 3.0), (5.0, 2.4)])
-def test_on_a_deck_that_heaves_pitches_and_rolls_errors_are_as_large_as_stated(told, most):
+def test_on_a_deck_that_heaves_pitches_and_rolls_errors_are_as_large_as_stated():
     """The simulator's ship, of which the tracker knows neither turning point nor periods; also told of a calmer sea."""
-    ratios, misses = [], []
+    most = {4.0: 3.0, 5.0: 2.4}  # sea state that is told, and the largest usual ratio of error and 1-sigma
+    ratios, misses = {told: [] for told in most}, {told: [] for told in most}
     for seed in range(7100, 7104):
         flights = FlightsConfig(seed=seed, preset="cvn", options=RunOptions(grade="good", sea_state=5.0))
-        config = replace(flights.run, deck=Deck(sea_state=told))
-        for frame, track in fly(flights.approach(0), config):
-            assert track.flags == ()
-            if "centre" not in track.lines:
-                continue
-            found = pilot_figures(frame, track.lines["centre"], 70.0)
-            ratios.append([found[name + "_m"] / found[name + "_sigma_m"] for name in ("lateral", "height")])
-            assert abs(found["deviation_m"]) < track.protection.lateral_m
-            assert abs(found["height_m"]) < track.protection.vertical_m
-            if frame.depth_m is not None and np.isfinite(frame.depth_m).sum() > 1000:
-                misses.append(abs(found["height_m"]))
-    assert len(ratios) > 140
-    assert np.all(np.median(np.abs(ratios), axis=0) < 0.9)
-    assert np.all(np.percentile(np.abs(ratios), 95, axis=0) < most)
-    assert len(misses) > 10
-    assert np.percentile(misses, 95) < 0.3  # of a deck that moves by 1.6 m where aircraft touch down
+        configs = [replace(flights.run, deck=Deck(sea_state=told)) for told in most]
+        for frame, *tracks in fly(flights.approach(0), *configs):
+            for told, track in zip(most, tracks, strict=True):
+                assert track.flags == ()
+                if "centre" not in track.lines:
+                    continue
+                found = pilot_figures(frame, track.lines["centre"], 70.0)
+                ratios[told].append([found[name + "_m"] / found[name + "_sigma_m"] for name in ("lateral", "height")])
+                assert abs(found["deviation_m"]) < track.protection.lateral_m
+                assert abs(found["height_m"]) < track.protection.vertical_m
+                if frame.depth_m is not None and np.isfinite(frame.depth_m).sum() > 1000:
+                    misses[told].append(abs(found["height_m"]))
+    for told, limit in most.items():
+        assert len(ratios[told]) > 140
+        assert np.all(np.median(np.abs(ratios[told]), axis=0) < 0.9)
+        assert np.all(np.percentile(np.abs(ratios[told]), 95, axis=0) < limit)
+        assert len(misses[told]) > 10
+        assert np.percentile(misses[told], 95) < 0.3  # of a deck that moves by 1.6 m where aircraft touch down
 
 
-def test_the_simulated_decks_height_is_told_without_lag():
+def test_the_simulated_decks_height_is_followed_without_lag():
     """Two swings of the deck within reach of the depth camera: an aircraft that comes at a tenth of its speed."""
     flights = FlightsConfig(
-        frames=150,
+        frames=100,
         seed=7110,
         preset="cvn",
         range_m=(150.0, 50.0),
         options=RunOptions(grade="good", sea_state=5.0),
     )
     slow = replace(flights.approach(0), flight=replace(flights.approach(0).flight, speed_m_s=10.0))
-    times, told, true = [], [], []
+    times, found, true = [], [], []
     for frame, track in fly(slow, flights.run):
         if frame.time_s > 2.0 and "centre" in track.lines:
             times.append(frame.time_s)
-            told.append(track.lines["centre"].height_m)
+            found.append(track.lines["centre"].height_m)
             true.append(touchdown(true_centre(frame.truth), 70.0)[2])
     shifts = np.arange(-0.6, 0.61, 0.02)
     inside = (np.array(times) > times[0] + 0.6) & (np.array(times) < times[-1] - 0.6)
     at = np.array(times)[inside]
-    misses = [np.std(np.array(told)[inside] - np.interp(at - shift, times, true)) for shift in shifts]
+    misses = [np.std(np.array(found)[inside] - np.interp(at - shift, times, true)) for shift in shifts]
     assert abs(shifts[int(np.argmin(misses))]) <= 0.2
