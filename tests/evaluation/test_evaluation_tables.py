@@ -24,7 +24,8 @@ def test_a_table_as_markdown():
     ]
 
 
-def test_figures_are_saved_beside_what_they_were_made_with(tmp_path, capsys):
+def test_figures_are_saved_beside_what_they_were_made_with(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["deckline", "eval", "chain", "--out", "there", "--seed", "3", "--json", "f.json"])
     files = tmp_path / "new" / "f.json", tmp_path / "t.md"
     publish(
         "two frames",
@@ -35,7 +36,7 @@ def test_figures_are_saved_beside_what_they_were_made_with(tmp_path, capsys):
     )
     saved = json.loads(files[0].read_text())
     assert saved["a.median"] is None and saved["b"] == {"c": [None, 1.5]}
-    assert saved["_title"] == "two frames" and saved["_command"]
+    assert saved["_title"] == "two frames" and saved["_command"] == "deckline eval chain --seed 3"
     assert {"deckline", "machine", "python", "date"} <= saved["_made_with"].keys()
     assert saved["_tables"][0]["rows"] == [["left", "0.1 [0.0, 0.2]"], ["left", "-"]]
     assert saved["_notes"] == ["The end."]
@@ -52,7 +53,7 @@ def test_numbers_in_cells(value, text):
 
 def save(path, title):
     table = Table("all frames", ("figure", "value"), [("found_rate", "0.97")], ("Of 3 frames.",))
-    publish(title, [table], {"found_rate": 0.97}, OutputFiles(path), notes=["Rates are shares."])
+    publish(title, [table, TABLE], {"found_rate": 0.97}, OutputFiles(path), notes=["Rates are shares."])
 
 
 def test_a_page_has_a_section_for_every_file(tmp_path, capsys):
@@ -67,6 +68,9 @@ def test_a_page_has_a_section_for_every_file(tmp_path, capsys):
     for words in (saved["_command"], *saved["_made_with"].values(), "Of 3 frames.", "Rates are shares."):
         assert words in text
     assert capsys.readouterr().out.strip().endswith(str(page))
+    assert main(["eval", "report", str(tmp_path), "--out", str(page), "--tables", "1"]) == 0
+    assert "**errors**" in text and "**errors**" not in page.read_text()
+    assert "| found_rate | 0.97 |" in page.read_text() and "Rates are shares." not in page.read_text()
 
 
 @pytest.mark.parametrize("content", ['{"found_rate": 0.97}', "[1]", '{"_tables": ', '{"_tables": [{"title": 1}]}'])

@@ -124,10 +124,13 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
     figures = summarise(scores)
     models = config.models
     title += f"; dehazer {models.dehazer}, detector {models.detector} in the {models.detect_in} picture"
-    tables = [Table("all frames", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()])]
-    tables.append(_band_table("range to the ramp", by_band(scores, lambda score: score.range_m, RANGE_M, short=True)))
+    by_range = {"all": scores} | by_band(scores, lambda score: score.range_m, RANGE_M, short=True)
     by_visibility = by_band(scores, lambda score: score.visibility_m, VISIBILITY_M, short=True)
-    tables.append(_band_table("visibility", by_visibility))
+    tables = [
+        _band_table("range to the ramp", by_range),
+        _band_table("visibility", by_visibility),
+        Table("all figures", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
+    ]
     publish(title, tables, figures, output)
     return 0
 

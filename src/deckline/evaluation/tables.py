@@ -24,6 +24,7 @@ from deckline.atomic import write_atomic
 FILE_COLUMNS = 190  # of tables that go to a file or a pipe
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime")  # whose version speed depends on
 MISSING = "-"
+WRITES = ("--json", "--markdown", "--out")  # options that change no figure
 
 Figures = dict[str, float]
 INTRODUCTION = """\
@@ -113,7 +114,7 @@ def publish(
     if output.json is not None:
         about = {
             "_title": title,
-            "_command": shlex.join(["deckline", *sys.argv[1:]]),
+            "_command": _repeatable_command(sys.argv[1:]),
             "_made_with": made,
             "_notes": list(notes),
         }
@@ -142,6 +143,12 @@ def _rich(table: Table) -> rich_table.Table:
     return drawn
 
 
+def _repeatable_command(args: Sequence[str]) -> str:
+    """The command without the files that it wrote."""
+    kept = [arg for before, arg in zip(("", *args), args, strict=False) if not {before, arg} & {*WRITES}]
+    return shlex.join(["deckline", *kept])
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
@@ -150,7 +157,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def report(folder: tyro.conf.Positional[Path], out: Path = Path("docs/results.md")) -> int:
+def report(folder: tyro.conf.Positional[Path], out: Path = Path("docs/results.md"), tables: int | None = None) -> int:
     """Write one page of results from the JSON files that the evaluations save with --json.
 
     Every file becomes a section, named after it, with its title, command, machine, date and tables, in the order of the
@@ -159,25 +166,28 @@ def report(folder: tyro.conf.Positional[Path], out: Path = Path("docs/results.md
     Args:
         folder: of JSON files.
         out: Markdown page to write.
+        tables: the first ones of each file, without the notes below them; all with their notes when not given.
     """
+    if tables is not None and tables < 1:
+        raise ValueError(f"tables must be at least 1, got {tables}")
     files = sorted(folder.glob("*.json"))
     if not files:
         raise ValueError(f"{folder}: there is no JSON file; save some with deckline eval ... --json FILE")
-    sections = [_section(path) for path in files]
+    sections = [_section(path, tables) for path in files]
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomic(out, ("\n\n".join([INTRODUCTION, *sections]) + "\n").encode())
     print(out)
     return 0
 
 
-def _section(path: Path) -> str:
+def _section(path: Path, count: int | None) -> str:
     try:
         saved: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        tables = [Table(**table) for table in saved["_tables"]]
+        tables = [Table(**table) for table in saved["_tables"]][:count]
         made_with = ", ".join(saved["_made_with"].values())
         heading = path.stem.replace("-", " ").replace("_", " ").capitalize()
         parts = [f"## {heading}", f"{_one_line(saved['_title'])}.", f"```\n{saved['_command']}\n```", f"{made_with}."]
-        return "\n\n".join([*parts, *map(markdown, tables), *saved["_notes"]])
+        return "\n\n".join([*parts, *map(markdown, tables), *(saved["_notes"] if count is None else [])])
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: not the figures of an evaluation ({error!r}); save them with --json") from None
 
