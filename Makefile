@@ -10,7 +10,7 @@ demo: $(CORE)/.core
 	$(CORE)/bin/deckline demo --out demo-out
 
 test: $(DEV)/.dev system
-	$(DEV)/bin/python -m pytest
+	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest --numprocesses auto --dist loadfile
 
 lint: $(DEV)/.dev
 	$(DEV)/bin/ruff check src tests benchmarks examples

@@ -31,7 +31,7 @@ INTRODUCTION = """\
 # Results
 
 `deckline eval report` writes this page from the JSON files that the evaluations save. Each section names the command
-that made it, what it ran on, and the date. Differences of time are only fair within one section."""
+that made it. Differences of time are only fair within one section."""
 
 
 @dataclass(frozen=True)
@@ -123,10 +123,10 @@ def publish(
         print(output.json)
 
 
-def markdown(table: Table) -> str:
-    """A table under its title in bold, its notes below it."""
+def markdown(table: Table, gap: str = " ") -> str:
+    """A table under its title in bold, its notes below it; `gap` stands beside every bar."""
     rule = ("---", *("---:" for _ in table.columns[1:]))
-    rows = "\n".join(f"| {' | '.join(row)} |" for row in (table.columns, rule, *table.rows))
+    rows = "\n".join(f"|{gap}{f'{gap}|{gap}'.join(row)}{gap}|" for row in (table.columns, rule, *table.rows))
     return "\n\n".join([f"**{table.title}**", rows, *table.notes])
 
 
@@ -173,21 +173,28 @@ def report(folder: tyro.conf.Positional[Path], out: Path = Path("docs/results.md
     files = sorted(folder.glob("*.json"))
     if not files:
         raise ValueError(f"{folder}: there is no JSON file; save some with deckline eval ... --json FILE")
-    sections = [_section(path, tables) for path in files]
+    made, sections = zip(*(_section(path, tables) for path in files), strict=True)
+    if len(set(made)) == 1:
+        made_with = f"All of it is made with {made[0]}."
+    else:
+        made_with = "\n".join(f"- {path.stem}: {each}" for path, each in zip(files, made, strict=True))
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(out, ("\n\n".join([INTRODUCTION, *sections]) + "\n").encode())
+    write_atomic(out, ("\n\n".join([INTRODUCTION, made_with, *sections]) + "\n").encode())
     print(out)
     return 0
 
 
-def _section(path: Path, count: int | None) -> str:
+def _section(path: Path, count: int | None) -> tuple[str, str]:
+    """What an evaluation was made with, and its section."""
     try:
         saved: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         tables = [Table(**table) for table in saved["_tables"]][:count]
-        made_with = ", ".join(saved["_made_with"].values())
         heading = path.stem.replace("-", " ").replace("_", " ").capitalize()
-        parts = [f"## {heading}", f"{_one_line(saved['_title'])}.", f"```\n{saved['_command']}\n```", f"{made_with}."]
-        return "\n\n".join([*parts, *map(markdown, tables), *(saved["_notes"] if count is None else [])])
+        parts = [f"## {heading}", f"{_one_line(saved['_title'])}.", f"```\n{saved['_command']}\n```"]
+        parts += [markdown(table, gap="") for table in tables]
+        return ", ".join(saved["_made_with"].values()), "\n\n".join(
+            [*parts, *(saved["_notes"] if count is None else [])]
+        )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: not the figures of an evaluation ({error!r}); save them with --json") from None
 
