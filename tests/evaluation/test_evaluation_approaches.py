@@ -225,3 +225,9 @@ def test_haze_hides_what_is_far():
 
 def test_every_picture_is_another_one(exact):
     assert not np.array_equal(exact[0].frame.image_rgb, exact[1].frame.image_rgb)
+
+
+def test_the_simulator_flies_the_wanted_approach():
+    flights = FlightsConfig(frames=2, options=RunOptions(touchdown_m=120.0, glideslope_deg=4.0))
+    flight = flights.approach(0).flight
+    assert (flight.touchdown_m, flight.glideslope_deg) == (120.0, 4.0)

@@ -76,9 +76,9 @@ class FlightsConfig:
         """What the simulator is asked for; a ValueError where it refuses, an ImportError without the sim extra."""
         with needs_extra("sim"):
             from deckline.sim import SimConfig
-            from deckline.sim.config import DepthConfig, MotionConfig, NavigationConfig
+            from deckline.sim.config import DepthConfig, FlightConfig, MotionConfig, NavigationConfig
             from deckline.sim.record import parse_visibility
-        sensors = self.run.sensors
+        sensors, wanted = self.run.sensors, self.run.approach
         return SimConfig(
             preset=self.preset,
             trajectory="approach",
@@ -90,6 +90,7 @@ class FlightsConfig:
             start_m=self.range_m[0],
             end_m=self.range_m[1],
             motion=MotionConfig(self.run.deck.sea_state),
+            flight=FlightConfig(glideslope_deg=wanted.glideslope_deg, touchdown_m=wanted.touchdown_m),
             depth=DepthConfig(DEPTH_RANGE_M),
             navigation=NavigationConfig(
                 position_sigma_m=sensors.position_white_m,

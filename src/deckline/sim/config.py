@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from deckline.config import Approach
 from deckline.haze import Triple
 
 Model = Literal["paper", "physical"]
@@ -225,7 +226,9 @@ class FlightConfig:
     drawn widely for preset `train`.
     """
 
-    glideslope_deg: float = 3.5  # of trajectory `approach`; the profile's heights are the paper's
+    # of trajectory `approach`; the profile's heights are the paper's
+    glideslope_deg: float = Approach.glideslope_deg
+    touchdown_m: float = Approach.touchdown_m  # where the path ends, beyond the ramp
     speed_m_s: float = 65.0  # horizontal speed through the air
     headwind_m_s: float | None = None  # against the landing direction
     crosswind_m_s: float | None = None  # from the right; the nose turns into it
@@ -240,6 +243,7 @@ class FlightConfig:
     def __post_init__(self) -> None:
         _check_choices(self, pointing=Pointing)
         _check_limits(self, glideslope_deg=(1, 15), speed_m_s=(10, 150), turbulence_m_s=(0, 10))
+        _check_limits(self, touchdown_m=(0, 300))
         _check_limits(self, headwind_m_s=(-40, 40), crosswind_m_s=(-40, 40))
         _check_limits(self, lateral_offset_m=(-1000, 1000), vertical_offset_m=(-200, 200))
 

@@ -67,6 +67,7 @@ class Path:
     height_m: Callable[[float], float]  # above the deck at a distance to the ramp
     closing_m_s: float  # over the deck, along the centre line
     wind_m_s: NDArray[np.float64]  # (2,) over the water, world
+    touchdown_m: float  # beyond the ramp
 
     @property
     def duration_s(self) -> float:
@@ -103,6 +104,7 @@ def approach_view(config: SimConfig, layout: Layout, index: int, motion: Motion 
 def flight_path(config: SimConfig, layout: Layout, motion: Motion) -> Path:
     """The flight of a recording, all random choices made; errors as for `approach_view`."""
     is_profile, slope = config.trajectory == "profile", np.tan(np.deg2rad(config.flight.glideslope_deg))
+    touchdown_m = TOUCHDOWN_M if is_profile else config.flight.touchdown_m
     pointing: Pointing = config.flight.pointing or ("runway" if is_profile else "ahead")
     start_m = PROFILE_M[0][0] if is_profile else config.start_m
     if not config.end_m < start_m:
@@ -111,8 +113,10 @@ def flight_path(config: SimConfig, layout: Layout, motion: Motion) -> Path:
     along = landing_direction(layout)
     wind = -flight.headwind_m_s * along - flight.crosswind_m_s * np.array([-along[1], along[0]])
     closing = closing_speed(along, steady_velocity(layout, motion)[:2], wind, flight.speed_m_s)
-    height_m = profile_height() if is_profile else lambda range_m: (range_m + TOUCHDOWN_M) * slope
-    return Path(layout, motion, flight, pointing, config.seed, start_m, config.end_m, height_m, closing, wind)
+    height_m = profile_height() if is_profile else lambda range_m: (range_m + touchdown_m) * slope
+    return Path(
+        layout, motion, flight, pointing, config.seed, start_m, config.end_m, height_m, closing, wind, touchdown_m
+    )
 
 
 def profile_height() -> Callable[[float], float]:
@@ -199,7 +203,7 @@ def landing_direction(layout: Layout) -> NDArray[np.float64]:
 def pose_at(path: Path, time_s: float) -> tuple[RigidTransform, RigidTransform]:
     """world_from_body and body_from_camera at a time."""
     position, shake = position_at(path, time_s), shake_at(path, time_s)
-    target = runway_point(steady_layout(path, time_s), TOUCHDOWN_M)
+    target = runway_point(steady_layout(path, time_s), path.touchdown_m)
     if path.pointing == "ahead":
         shake[2] += crab_angle(path)
         return pose_towards(position, target, shake), camera_mount()

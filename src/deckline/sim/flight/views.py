@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from deckline.config import Approach
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.sim.config import MotionConfig, SimConfig
 from deckline.sim.scene.waves import STATE_HEIGHT_M
@@ -20,7 +21,7 @@ PERIODS_S = (22.0, 12.0, 18.0)  # roll, pitch, heave of a large carrier
 SEA_STATES = (0, 1, 2, 3, 4, 5, 6)
 AMPLITUDES = {4: (0.62, 0.52, 0.68), 5: (0.98, 0.82, 1.09), 6: (1.44, 1.24, 1.63)}  # deg, deg, m of sea states
 TRAIN_STILL = 0.3  # part of the training recordings whose ship lies still
-TOUCHDOWN_M = 70.0  # from the ramp: 230 ft, where the hook of an arrested landing touches
+TOUCHDOWN_M = Approach.touchdown_m  # that the glide angles of random views refer to
 RAMP_CLEARANCE_M = 3.05  # 10 ft, the least that an aircraft clears the ramp by
 APPARENT_WIDTH = (0.012, 1.0)  # the runway's width at the ramp over the image's, for a view worth training on
 TRAIN_FOV_DEG = (10.0, 90.0)
