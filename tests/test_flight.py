@@ -93,6 +93,11 @@ def test_the_shipped_sample_is_whole_and_its_lines_are_found(flight, tmp_path):
     assert len(sample) == 24
     result = flight(sample.load(22))
     assert (result.guidance.status, result.estimate.mode) == (Status.OK, DepthMode.FINE)
+    plain = flight(open_recording(tmp_path / "images").load(22))  # the pictures alone: no camera
+    assert (plain.guidance.status, plain.estimate.mode) == (Status.OK, DepthMode.NONE)
+    assert [notice.reason for notice in plain.guidance.notices] == [Reason.NO_CAMERA]
+    for side, line in result.estimate.pixel_lines.items():
+        np.testing.assert_allclose(plain.estimate.pixel_lines[side].ends_px, line.ends_px, atol=0.5)
 
 
 def test_demo_run_and_evaluation_give_the_same_guidance(tmp_path, monkeypatch):

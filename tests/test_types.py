@@ -29,6 +29,7 @@ def test_a_frame_knows_where_its_camera_is():
         ({"image_rgb": image(dtype=np.float32)}, "a.png: image must be uint8, got float32"),
         ({"image_rgb": image(6, 7)}, r"a.png: the camera is 8x6 px but the image has shape \(6, 7, 3\)"),
         ({"image_rgb": image()[..., :1]}, r"the image has shape \(6, 8, 1\)"),
+        ({"camera": Camera.unknown(8, 6), "world_from_body": camera_mount()}, "a.png: a pose of a camera"),
         ({"depth_m": np.zeros((3, 4), np.float32)}, "a.png: depth is 4x3 px but the image is 8x6 px"),
     ],
 )

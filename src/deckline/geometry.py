@@ -30,6 +30,7 @@ class Camera:
         fx, fy: focal lengths, px.
         cx, cy: principal point, px; (0, 0) is the centre of the top-left pixel.
         distortion: (k1, k2, p1, p2, k3) as OpenCV orders them; all zero is a pinhole.
+        known: False where only the image size holds: lines in pixels need no more, metres do.
 
     Raises:
         ValueError: a size or focal length that is not positive and finite, or a wrong number of coefficients.
@@ -42,6 +43,7 @@ class Camera:
     cx: float
     cy: float
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    known: bool = True
 
     def __post_init__(self) -> None:
         check_numbers(self, "camera", "width", "height", least=1)
@@ -62,6 +64,11 @@ class Camera:
             raise ValueError(f"field of view must lie between 0 and pi rad, got {fov_rad}")
         focal_px = width / (2.0 * np.tan(fov_rad / 2.0))
         return cls(width, height, focal_px, focal_px, (width - 1) / 2.0, (height - 1) / 2.0)
+
+    @classmethod
+    def unknown(cls, width: int, height: int) -> "Camera":
+        """A camera of which only the image size, px, is known; its focal length stands for nothing."""
+        return replace(cls.from_fov(width, height, np.pi / 2), known=False)
 
     @property
     def matrix(self) -> NDArray[np.float64]:

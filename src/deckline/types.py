@@ -26,6 +26,7 @@ class Reason(StrEnum):
     """Why something is missing, left out, not trusted or flagged; for code. A `Notice` carries the text for people."""
 
     # what a frame lacks
+    NO_CAMERA = "no camera"
     NO_POSE = "no pose"
     NO_DEPTH = "no depth"  # fine mode was asked for
     NO_DECK_HEIGHT = "no deck height"
@@ -76,6 +77,8 @@ class Notice:
 
 
 Notices = tuple[Notice, ...]
+NO_CAMERA = Notice(Reason.NO_CAMERA, "no camera: lines in pixels, no metres (give camera.toml)")
+NO_POSE = Notice(Reason.NO_POSE, "no pose: give poses.csv")
 
 
 def message_of(notices: Notices) -> str:
@@ -127,7 +130,7 @@ class Frame:
     camera: Camera
     body_from_camera: RigidTransform = field(default_factory=camera_mount)
     depth_m: NDArray[np.float32] | None = None  # (H, W) along the optical axis, NaN where unknown
-    world_from_body: RigidTransform | None = None
+    world_from_body: RigidTransform | None = None  # None where the camera is not known
     deck_z_m: float | None = None  # world z (down) of the deck plane, as the ship reports it
     sea_z_m: float | None = None  # world z (down) of the water
     truth: Truth | None = None
@@ -145,6 +148,15 @@ class Frame:
                 f"{self.file}: depth is {self.depth_m.shape[1]}x{self.depth_m.shape[0]} px "
                 f"but the image is {shape[1]}x{shape[0]} px"
             )
+        if self.world_from_body is not None and not self.camera.known:
+            raise ValueError(f"{self.file}: a pose of a camera that is not known; give the camera, or no pose")
+
+    @property
+    def missing(self) -> Notice | None:
+        """What it lacks to place lines in the world; None with camera and pose."""
+        if not self.camera.known:
+            return NO_CAMERA
+        return NO_POSE if self.world_from_body is None else None
 
     @property
     def world_from_camera(self) -> RigidTransform | None:

@@ -7,6 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from deckline import __version__
 from deckline.cli.main import main
@@ -65,6 +66,28 @@ def test_a_grey_image_without_poses_is_run_and_nothing_is_seen_in_it(images, tmp
     record = json.loads((tmp_path / "out" / "guidance.jsonl").read_text())
     assert record["status"] == "not seen"
     assert str(tmp_path / "out" / "report.html") in capsys.readouterr().out
+
+
+def test_odd_pictures_without_a_camera_are_not_seen_or_named_in_one_line(tmp_path, capsys):
+    folder, noise = tmp_path / "odd", np.random.default_rng(0).integers(0, 256, (90, 160, 3), np.uint8)
+    folder.mkdir()
+    sizes = {"one": (1, 1), "portrait": (160, 90), "square": (90, 90), "strip": (4, 900), "large": (1080, 1920)}
+    pictures = {name: np.full((*size, 3), 90, np.uint8) for name, size in sizes.items()}
+    pictures |= {"noise": noise, "deep": noise.astype(np.uint16) * 257, "grey": noise[..., 0], "black": 0 * noise}
+    for name, picture in pictures.items():
+        cv2.imwrite(str(folder / f"{name}.png"), picture)
+    Image.fromarray(noise).convert("CMYK").save(folder / "cmyk.jpg")
+    Image.fromarray(noise).save(folder / "gif.jpg", format="GIF")
+    (folder / "text.jpg").write_text("no picture")
+    (folder / "cut.jpg").write_bytes((folder / "cmyk.jpg").read_bytes()[:-999])
+    assert main(["run", str(folder), "--out", str(tmp_path / "out"), "--dehazer", "none"]) == 0
+    rows = [json.loads(line) for line in (tmp_path / "out" / "guidance.jsonl").read_text().splitlines()]
+    skipped = {row["file"] for row in rows if "skipped" in row}
+    assert skipped == {"gif.jpg", "text.jpg", "cut.jpg"}
+    assert {row["status"] for row in rows if "skipped" not in row} == {"not seen"} and len(rows) == 13
+    errors = capsys.readouterr().err
+    assert errors.count("no camera file") == 1 and "Traceback" not in errors
+    assert all(errors.count(f"skipped {name}: ") == 1 for name in skipped)
 
 
 def test_options_of_the_configuration_arrive_in_the_flight(images, tmp_path, monkeypatch):

@@ -25,7 +25,6 @@ from deckline.evaluation.tables import markdown
 from deckline.labels import LabelledImage, write_labels
 from deckline.labels.truth import label_frame
 from deckline.recording import RecordingWriter
-from deckline.recording.camera_file import format_camera
 from deckline.types import Detection, LinePoints
 
 
@@ -132,9 +131,8 @@ def test_the_worst_frames_become_pictures_with_their_truth_and_a_line_of_figures
 
 def labelled_folder(folder):
     folder.mkdir()
-    for name in ("a.png", "b.png", "c.png"):
-        cv2.imwrite(str(folder / name), np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8))
-    (folder / "camera.toml").write_text(format_camera(CAMERA, frame().body_from_camera))
+    for name, height in (("a.png", CAMERA.height), ("b.png", 90), ("c.png", 60)):
+        cv2.imwrite(str(folder / name), np.full((height, CAMERA.width, 3), 90, np.uint8))
     both = label_frame(frame(), "a.png")
     write_labels(folder / "labels.json", [both, LabelledImage("b.png", None, None)])
     return folder

@@ -11,6 +11,7 @@ from deckline.geometry import Camera
 from deckline.labels import read_labels
 from deckline.labels.truth import label_frame
 from deckline.recording import RecordingWriter, open_recording
+from deckline.recording.camera_file import format_camera
 
 FORMATS = ("tusimple", "culane", "coco")
 
@@ -79,14 +80,11 @@ def test_own_labels_can_be_exported_and_images_named_elsewhere_imported(recordin
     (again / "clips").rename(moved)
     label_file = again / "label_data.json"
     label_file.write_text(label_file.read_text().replace("clips/", ""))
-    (again / "camera.toml").unlink()
     capsys.readouterr()
     command = ["labels", "import", label_file, "--format", "tusimple", "--out", tmp_path / "x"]
     assert "is not in" in error_of(capsys, *command) and not (tmp_path / "x" / "labels.json").exists()
-    command = [*command[:-1], tmp_path / "y", "--images", moved]
-    assert "--fov-deg" in error_of(capsys, *command)
-    assert main([*map(str, command[:-3]), str(tmp_path / "z"), "--images", str(moved), "--fov-deg", "60"]) == 0
-    assert open_recording(tmp_path / "z").load(0).camera.fx == pytest.approx(CAMERA.fx)
+    assert main([*map(str, command[:-1]), str(tmp_path / "y"), "--images", str(moved)]) == 0
+    assert open_recording(tmp_path / "y").load(0).camera.fx == pytest.approx(CAMERA.fx)
 
 
 def test_a_recording_of_several_cameras_is_exported_with_a_note(tmp_path, capsys):
@@ -122,6 +120,7 @@ def test_images_that_cannot_be_used_are_named(tmp_path, capsys, change, message)
     (tmp_path / "a.png").write_bytes(picture)
     (tmp_path / "cut.png").write_bytes(picture[:-8])
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((10, 20, 3), np.uint8))
+    (tmp_path / "camera.toml").write_text(format_camera(Camera.from_fov(40, 30, 1.0), frame(0).body_from_camera))
     values = {
         "images": [{"id": 0, "file_name": "a.png"}, {"id": 1, "file_name": "a.png"} | change],
         "annotations": [],
@@ -129,13 +128,13 @@ def test_images_that_cannot_be_used_are_named(tmp_path, capsys, change, message)
     }
     (tmp_path / "labels.json").write_text(json.dumps(values))
     command = ("labels", "import", tmp_path / "labels.json", "--format", "coco", "--out", tmp_path / "out")
-    assert message in error_of(capsys, *command, "--fov-deg", "60")
+    assert message in error_of(capsys, *command)
 
 
 def test_lines_of_another_image_size_are_refused(tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((30, 40, 3), np.uint8))
     (tmp_path / "a.lines.txt").write_text("400 300 420 200\n600 300 620 200\n")
-    command = ("labels", "import", tmp_path, "--format", "culane", "--out", tmp_path / "out", "--fov-deg", "60")
+    command = ("labels", "import", tmp_path, "--format", "culane", "--out", tmp_path / "out")
     for _ in range(2):  # what a refused import leaves does not stop the next one
         assert "a.png: its left line lies outside of its 40x30" in error_of(capsys, *command)
     (tmp_path / "out" / "labels.json").write_text("")

@@ -1,4 +1,5 @@
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
 
 from deckline.recording import BadFrame, FrameError, RecordingError, open_recording
 from deckline.recording.opening import make_natural_key
-from deckline.types import Frame
+from deckline.types import NO_CAMERA, Frame
 
 IMAGE = "img_Drone_0_0_1000000.png"
 POSES = "file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\n"
@@ -188,6 +189,12 @@ def test_poses_file_that_cannot_be_used(tmp_path, poses, text):
         open_recording(images(tmp_path, ["a.png"], poses=poses))
 
 
-def test_no_camera_file_says_where_to_write_one(tmp_path):
-    with pytest.raises(RecordingError, match=r"write .*camera\.toml.* holds width"):
-        open_recording(images(tmp_path, ["a.png"], camera=None))
+def test_images_without_a_camera_file_may_have_any_size_and_have_no_pose(tmp_path):
+    poses = POSES + "a.png,7,0,0,0,1,0,0,0\nb.png,8,0,0,0,1,0,0,0\n"
+    source = open_recording(images(tmp_path, ["a.png"], camera=None, poses=poses), deck_z_m=-17.0)
+    (tmp_path / "b.png").write_bytes(png(PIXELS[:1]))
+    frames = list(source)
+    assert [(frame.camera.width, frame.camera.height, frame.time_s) for frame in frames] == [(3, 2, 7.0), (3, 1, 8.0)]
+    assert {frame.missing for frame in frames} == {NO_CAMERA}
+    assert all((frame.world_from_body, frame.deck_z_m) == (None, None) for frame in frames)
+    assert re.search(r"no metres.* write .*camera\.toml: width", *source.notes)

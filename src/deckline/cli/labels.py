@@ -46,19 +46,17 @@ def import_(
     format: Format,
     images: Path | None = None,
     camera: Path | None = None,
-    fov_deg: float | None = None,
 ) -> int:
     """Bring TuSimple, CULane or COCO keypoint labels into a folder that deckline evaluates and trains on.
 
     Args:
         source: label file, or the data set's folder.
-        out: new folder: the images, labels.json and camera.toml.
+        out: new folder: the images, labels.json, and camera.toml where there is one.
         format: tusimple, culane or coco.
         images: folder that the images' names are relative to, when it is not the labels' own.
         camera: camera.toml of the camera that took the images, when it does not lie beside the labels.
-        fov_deg: horizontal field of view of a camera without distortion, where there is no camera.toml.
     """
-    imported = import_labels(source, format, out, images, camera, fov_deg)
+    imported = import_labels(source, format, out, images, camera)
     print(f"{out / LABELS_FILE}: {_format_counts(imported)}")
     return 0
 

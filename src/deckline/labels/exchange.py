@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from deckline.atomic import write_atomic
-from deckline.geometry import Camera, camera_mount
+from deckline.geometry import Camera
 from deckline.labels.formats import (
     MASK_FOLDER,
     get_mask_name,
@@ -25,7 +25,7 @@ from deckline.labels.lines import LABELS_FILE, LabelledImage, LabelSet, read_lab
 from deckline.labels.truth import label_frame
 from deckline.progress import progress
 from deckline.recording import BadFrame, Source
-from deckline.recording.camera_file import CAMERA_FILE, MountedCamera, format_camera, read_camera_file
+from deckline.recording.camera_file import CAMERA_FILE, format_camera, read_camera_file
 from deckline.recording.images import encode_image, read_bytes, read_image
 from deckline.recording.source import is_inside
 from deckline.types import Frame
@@ -76,13 +76,14 @@ def export_labels(
                     image = LabelledImage(name, left, right, (item.camera.width, item.camera.height))
                 _write_picture(out, item, image, form)
                 images.append(image)
-                cameras.add(format_camera(item.camera, item.body_from_camera))
+                if item.camera.known:
+                    cameras.add(format_camera(item.camera, item.body_from_camera))
     if not images:
         raise ValueError(f"{folder}: no frame that could be labelled")
     _check_unique([image.file for image in images], f"{folder}: several frames would be called")
     if len(cameras) == 1:
         write_atomic(out / CAMERA_FILE, cameras.pop().encode())
-    else:
+    elif cameras:
         notes.append(f"{len(cameras)} different cameras: no {CAMERA_FILE} was written; give one when importing")
     if form == "tusimple":
         write_tusimple(out / TUSIMPLE_FILE, images, row_step_px)
@@ -107,21 +108,20 @@ def _write_picture(out: Path, frame: Frame, image: LabelledImage, form: Format) 
 
 
 def import_labels(
-    source: Path, form: Format, out: Path, images: Path | None, camera: Path | None, fov_deg: float | None
+    source: Path, form: Format, out: Path, images: Path | None, camera: Path | None
 ) -> list[LabelledImage]:
-    """Copy labelled images into a new folder and write labels.json and camera.toml beside them, labels.json last.
+    """Copy labelled images into a new folder and write labels.json beside them, at last.
 
     Args:
         source: label file, or the data set's folder.
         images: folder that the images' names are relative to; None: where the labels lie.
-        camera: camera.toml; None: the one beside the labels, if there is one.
-        fov_deg: horizontal field of view of a pinhole, where there is no camera file.
+        camera: camera.toml, copied too; None: the one beside the labels, if there is one.
 
     Returns:
         what was imported, with the images' new names.
 
     Raises:
-        ValueError: labels that cannot be read, an image that is missing or damaged, or no camera.
+        ValueError: labels that cannot be read, an image that is missing, damaged, or of another size than the camera's.
     """
     label_root, labelled = READERS[form](source)
     root = images or label_root
@@ -137,8 +137,7 @@ def import_labels(
             if not (root / image.file).is_file():
                 raise ValueError(f"{source}: image {image.file} is not in {root}; give --images FOLDER where it is")
             size = _read_size(root / image.file)
-            mounted = mounted or _make_pinhole(size, fov_deg, root)
-            _check_size(image, size, mounted.camera)
+            _check_size(image, size, None if mounted is None else mounted.camera)
             write_atomic(out / name, read_bytes(root / image.file, "image"))
             imported.append(replace(image, file=name, size_px=size))
             advance()
@@ -146,12 +145,6 @@ def import_labels(
         write_atomic(out / CAMERA_FILE, format_camera(mounted.camera, mounted.body_from_camera).encode())
     write_labels(out / LABELS_FILE, imported)
     return imported
-
-
-def _make_pinhole(size: tuple[int, int], fov_deg: float | None, root: Path) -> MountedCamera:
-    if fov_deg is None:
-        raise ValueError(f"{root}: no {CAMERA_FILE}: give --camera FILE, or --fov-deg of a camera without distortion")
-    return MountedCamera(Camera.from_fov(*size, np.deg2rad(fov_deg)), camera_mount())
 
 
 def _flatten_names(files: list[str], source: Path) -> list[str]:
@@ -187,8 +180,8 @@ def _read_size(path: Path) -> tuple[int, int]:
     return width, height
 
 
-def _check_size(image: LabelledImage, size: tuple[int, int], camera: Camera) -> None:
-    if size != (camera.width, camera.height):
+def _check_size(image: LabelledImage, size: tuple[int, int], camera: Camera | None) -> None:
+    if camera is not None and size != (camera.width, camera.height):
         raise ValueError(
             f"{image.file} is {size[0]}x{size[1]} px, the camera {camera.width}x{camera.height}: "
             f"import images of each size into a folder of their own"

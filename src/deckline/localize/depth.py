@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.config import FrameNoise, Mode
 from deckline.geometry import intersect_plane
-from deckline.types import DepthMode, Frame, Notice, Reason
+from deckline.types import NO_POSE, DepthMode, Frame, Notice, Reason
 
 Array = NDArray[np.float64]
 WINDOW = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])  # px about a point
@@ -19,7 +19,6 @@ MIN_LINE_POINTS = 6  # that a line needs a distance for
 MIN_DEPTH_SHARE = 0.5  # of a line's inliers with a depth, below which `auto` prefers coarse
 MIN_SIGMA_PX = 0.1  # floor of a detected point's 1-sigma
 MIN_DOWN = 1e-6  # z of a world ray of unit optical depth that still goes down to the deck
-NO_POSE = Notice(Reason.NO_POSE, "no pose: give poses.csv")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +90,8 @@ def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[Dept
         mode: `auto` is fine when enough inliers of every line have a depth, else coarse; a mode given by name is never
             replaced by the other one.
     """
-    if frame.world_from_body is None:
-        return DepthMode.NONE, NO_POSE
+    if frame.missing is not None:
+        return DepthMode.NONE, frame.missing
     if mode == "coarse":
         if frame.deck_z_m is None:
             return _no_deck_height("coarse mode was asked for and there is")

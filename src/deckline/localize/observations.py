@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from deckline.config import Mode
 from deckline.geometry import intersect_plane
-from deckline.localize.depth import MIN_DOWN, MIN_LINE_POINTS, MIN_SIGMA_PX, NO_POSE, sample_depth, select_independent
-from deckline.types import Frame, LinePoints, Notice, Notices, PixelLine, Reason
+from deckline.localize.depth import MIN_DOWN, MIN_LINE_POINTS, MIN_SIGMA_PX, sample_depth, select_independent
+from deckline.types import NO_POSE, Frame, LinePoints, Notice, Notices, PixelLine, Reason
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

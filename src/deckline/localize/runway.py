@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane, wrap_angle
-from deckline.localize.depth import NO_POSE, DeckPoints
-from deckline.types import SIDES, Frame, LineErrors, LinePoints, Notice, Notices, PixelLine, Reason, RunwayLine
+from deckline.localize.depth import DeckPoints
+from deckline.types import NO_POSE, SIDES, Frame, LineErrors, LinePoints, Notice, Notices, PixelLine, Reason, RunwayLine
 
 Array = NDArray[np.float64]
 Region = tuple[float, float, float, float]

@@ -47,6 +47,12 @@ class MountedCamera:
         return Frame(file=file, time_s=time_s, image_rgb=image_rgb, **{**vars(self), **values})
 
 
+def make_plain_frame(file: str, time_s: float, image_rgb: NDArray[np.uint8]) -> Frame:
+    """A frame without a camera, in which pose and depth have no meaning."""
+    height, width = image_rgb.shape[:2]
+    return Frame(file, time_s, image_rgb, Camera.unknown(width, height))
+
+
 def read_camera_file(path: Path) -> MountedCamera:
     """Read camera.toml.
 
@@ -87,7 +93,9 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
 
 
 def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[str, Any]:
-    """The JSON object that `camera_from_mapping` reads back."""
+    """The JSON object that `camera_from_mapping` reads back; a ValueError for a camera that is not known."""
+    if not camera.known:
+        raise ValueError("the camera is not known: give camera.toml")
     return {
         **{key: getattr(camera, key) for key in INTRINSICS[:2]},
         **{key: float(getattr(camera, key)) for key in INTRINSICS[2:]},

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
-from deckline.recording.camera_file import CAMERA_FILE, EXAMPLE, MountedCamera, read_camera_file
+from deckline.recording.camera_file import CAMERA_FILE, EXAMPLE, MountedCamera, make_plain_frame, read_camera_file
 from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows, read_depth, read_image
 from deckline.recording.poses import POSES_FILE, Poses, read_poses
 from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, check_index, is_inside
@@ -19,6 +19,7 @@ class ImageFolder(Source):
     """Images in natural order of their names. Without poses.csv they are taken to be one second apart.
 
     Args:
+        mounted: None: no camera file, and images of any sizes.
         files: names of images in the folder; None: all that are there or have a row in `poses`.
 
     Attributes:
@@ -28,7 +29,7 @@ class ImageFolder(Source):
     def __init__(
         self,
         folder: Path,
-        mounted: MountedCamera,
+        mounted: MountedCamera | None,
         poses: Poses | None,
         options: ReadOptions,
         files: Sequence[str] | None = None,
@@ -59,6 +60,8 @@ class ImageFolder(Source):
             raise ValueError("poses.csv must name files inside the folder")
         time_s, world_from_body = (float(index), None) if self._poses is None else self._poses.at(file)
         image = read_image(self.folder / file)
+        if self._mounted is None:
+            return make_plain_frame(file, time_s, image)
         depth, name = None, f"{DEPTH_FOLDER}/{Path(file).stem}.pfm"
         if (self.folder / name).exists():
             depth = read_depth(self.folder / name, name, self._mounted.camera, *self._depth_options)
@@ -98,7 +101,7 @@ def open_recording(
         path: folder with airsim_rec.txt, folder of images, image or video file.
         camera_file: camera.toml. When not given: an AirSim recording takes scene.json's camera, else camera.toml in
             its folder, else a pinhole of `fov_deg`; a folder takes its camera.toml; an image or video file takes
-            <file>.camera.toml, else camera.toml beside it.
+            <file>.camera.toml, else camera.toml beside it. Images and videos without one have lines in pixels only.
         poses_file: poses.csv of images or a video. When not given: poses.csv in the folder; <file>.poses.csv, else
             poses.csv beside the file, when it is there.
         fov_deg: horizontal field of view of an AirSim recording that has no camera; 90 is AirSim's default.
@@ -140,19 +143,19 @@ def _open_images(path: Path, poses_file: Path | str | None, options: ReadOptions
         places = f"neither {RECORD_FILE} nor images ({' '.join(IMAGE_SUFFIXES)}) in this folder"
         raise RecordingError(f"{path}: zero frames: {places}{hint}")
     mounted = options.camera
-    if mounted is None:
-        camera_file = _find(path, CAMERA_FILE)
-        if camera_file is None:
-            places = " or ".join(str(place) for place in _list_places(path, CAMERA_FILE))
-            raise RecordingError(f"{path}: no camera file: write {places}, or give one; it holds {EXAMPLE}")
+    if mounted is None and (camera_file := _find(path, CAMERA_FILE)) is not None:
         mounted = read_camera_file(camera_file)
-    mounted = mounted.at(options.deck_z_m, options.sea_z_m)
+    mounted = mounted and mounted.at(options.deck_z_m, options.sea_z_m)
     poses_file = poses_file or _find(path, POSES_FILE)
     poses = None if poses_file is None else read_poses(Path(poses_file), is_video)
-    if is_video:
-        return Video(path, mounted, poses, frames)
     folder, files = (path, None) if path.is_dir() else (path.parent, [path.name])
-    return ImageFolder(folder, mounted, poses, options, files)
+    source: ImageFolder | Video = (
+        Video(path, mounted, poses, frames) if is_video else ImageFolder(folder, mounted, poses, options, files)
+    )
+    if mounted is None:
+        place = _list_places(path, CAMERA_FILE)[-1]
+        source.notes = (f"{path}: no camera file: lines in pixels, no metres; for these write {place}: {EXAMPLE}",)
+    return source
 
 
 def _list_places(path: Path, name: str) -> list[Path]:

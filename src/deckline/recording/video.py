@@ -9,7 +9,7 @@ from typing import Any
 
 import av
 
-from deckline.recording.camera_file import MountedCamera
+from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.poses import Poses
 from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, check_index
 from deckline.types import Frame
@@ -19,10 +19,10 @@ class Video(Source):
     """A video file. Frame n is called <video>#<n>, counted from 0; without poses its time is the film's own clock.
 
     Iterating streams. `load` decodes from the last frame it gave, or from the beginning: going backwards is slow.
-    `poses` are rows by frame number; `count` is what `count_frames` found.
+    `mounted` is None without a camera file; `poses` are rows by frame number; `count` is what `count_frames` found.
     """
 
-    def __init__(self, path: Path, mounted: MountedCamera, poses: Poses | None, count: int) -> None:
+    def __init__(self, path: Path, mounted: MountedCamera | None, poses: Poses | None, count: int) -> None:
         self.path = path
         self.name = str(path)
         self._mounted = mounted
@@ -74,6 +74,8 @@ class Video(Source):
         else:
             time_s = float(decoded.time)
         image = decoded.to_ndarray(format="rgb24")
+        if self._mounted is None:
+            return make_plain_frame(self._file(index), time_s, image)
         return self._mounted.frame(self._file(index), time_s, image, world_from_body=world_from_body)
 
 

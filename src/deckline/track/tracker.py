@@ -42,7 +42,6 @@ NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 ROUNDING_S = 1e-6  # of sums of times
 MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE = 1e-5, 1e-3, 1e-4  # floors of exact sensors
 FROZEN = Notice(Reason.FROZEN, "the camera shows the same picture while the aircraft moves")
-NO_POSE = Notice(Reason.NO_POSE, "the frame has no pose")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +127,8 @@ class Tracker:
         notices = () if restart is None else (restart,)
         self._images = self._images.update(frame, estimate)
         lines = {side: estimate.lines[side] for side in SIDES if side in estimate.lines}
-        if frame.world_from_body is None:
-            lines, notices = {}, notices or (NO_POSE,)
+        if frame.missing is not None:
+            lines, notices = {}, notices or (frame.missing,)
         flag = FROZEN if self._images.is_frozen else check_order(lines)
         if flag is not None:
             lines, notices = {}, (*notices, flag)
