@@ -36,15 +36,16 @@ def sample_at(x_m: float, camera: Camera = CAMERA, **truth) -> Sample:
     return Sample(frame_at(x_m, camera=camera, **truth), "data", 7, "paper")
 
 
-def sea(points: int, confidence=0.9) -> DetectionScore:
-    return deck([np.inf] * points, [], confidence, scene=Scene.EMPTY, tusimple=None, culane=CuLane(0, points > 0, 0))
+def sea(points: int, confidence=0.9, right=0) -> DetectionScore:
+    lines = CuLane(0, (points > 0) + (right > 0), 0)
+    return deck([np.inf] * points, [np.inf] * right, confidence, scene=Scene.EMPTY, tusimple=None, culane=lines)
 
 
 def test_rates_and_errors_of_known_frames():
     missed = deck([], [4.0], tusimple=TuSimple(0.5, 0.0, 0.5), culane=CuLane(1, 0, 1))
     astray = deck([1.0, 2.0], [50.0])
     hidden = deck([7.0], [7.0], scene=Scene.UNRATED)
-    figures = summarise([deck(), missed, astray, hidden, sea(0), sea(2), sea(0), sea(0)])
+    figures = summarise([deck(), missed, astray, hidden, sea(0), sea(2), sea(1, right=1), sea(0)])
     assert figures["frames"] == 8 and figures["decks"] == 3 and figures["empty"] == 4
     assert figures["found_rate"] == pytest.approx(2 / 3)
     assert figures["placed_rate"] == pytest.approx(1 / 3)
@@ -55,12 +56,12 @@ def test_rates_and_errors_of_known_frames():
     assert figures["tusimple.accuracy"] == pytest.approx((0.9 + 0.5 + 0.9) / 3)
     assert figures["tusimple.false_negative"] == pytest.approx(0.5 / 3)
     assert figures["culane.f1"] == pytest.approx(2 * 5 / (2 * 5 + 1))
-    assert figures["false_rate"] == 0.25
+    assert figures["false_rate"] == 0.5 and figures["false_pair_rate"] == 0.25
 
 
 def test_what_cannot_be_said_is_left_out():
     figures = summarise([sea(0)])
-    assert figures == {"frames": 1.0, "decks": 0.0, "empty": 1.0, "false_rate": 0.0}
+    assert figures == {"frames": 1.0, "decks": 0.0, "empty": 1.0, "false_rate": 0.0, "false_pair_rate": 0.0}
     assert "error_px.median" not in summarise([deck([], [])])
     with pytest.raises(ValueError, match="no frame"):
         summarise([])

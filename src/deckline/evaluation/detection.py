@@ -45,6 +45,7 @@ COLUMNS = {  # heading: figure, factor, format
     "F1 %": ("culane.f1", 100.0, ".1f"),
     "ECE %": ("expected_calibration_error", 100.0, ".1f"),
     "false %": ("false_rate", 100.0, ".1f"),
+    "both false %": ("false_pair_rate", 100.0, ".1f"),
 }
 COMPARED_COLUMNS = ("found %", "in 3 px %", "px", "95 % px", "false %", "ECE %")
 NOTES = """\
@@ -54,7 +55,7 @@ apart from the deck in the picture; below one grey level it takes a clean camera
 lines; in 3 px: and half of each line's points or more within 3 px of 1280. px: error of all points of decks, normal to
 the line, median and 95th percentile. acc, FP, FN: TuSimple's, on 56 rows that the lines have, 20 px of 1280. F1:
 CULane's, lines drawn 30 px of 1640 wide, IoU over 0.5. ECE: expected calibration error of the points' confidence.
-false: empty frames with any point."""
+false: empty frames with any point; both false: with points on both lines."""
 COMPARISON_NOTES = """\
 to the first: found, percentage points against the first row on the same decks, with the 95 % interval (bootstrap over
 decks); frames of one flight resemble each other, so that their interval is too narrow."""

@@ -163,7 +163,8 @@ def summarise(scores: Sequence[DetectionScore]) -> Figures:
     """Flat figures; what cannot be said is left out.
 
     Rates are shares of frames: `found_rate` points on both lines, `placed_rate` and half of each line's within 3 px of
-    1280, `false_rate` any point where there is no line. Errors are pooled over all points of decks.
+    1280, `false_rate` any point where there is no line, `false_pair_rate` points on both. Errors are pooled over all
+    points of decks.
 
     Raises:
         ValueError: no scores.
@@ -185,6 +186,7 @@ def summarise(scores: Sequence[DetectionScore]) -> Figures:
         figures |= _lane_figures(decks)
     if empty:
         figures["false_rate"] = share(empty, lambda score: score.found > 0)
+        figures["false_pair_rate"] = share(empty, lambda score: score.found == 2)
     error = reliability(scores).expected_calibration_error
     return figures if np.isnan(error) else figures | {"expected_calibration_error": error}
 
