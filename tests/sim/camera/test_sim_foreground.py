@@ -51,3 +51,10 @@ def test_lay_over_hides_by_the_cover_and_adds_the_light():
     foreground = Foreground(np.array([[[10] * 3, [90] * 3]], np.float32), np.array([[0.5, 0.0]], np.float32))
     np.testing.assert_array_equal(lay_over(image, foreground)[0, :, 0], [110, 255])
     assert (image == 200).all()
+
+
+def test_large_foregrounds_are_enlarged_and_keep_their_box():
+    foregrounds = [draw(seed, (200, 600, 900, 900), (1800, 1000)) for seed in range(5)]
+    assert all(foreground.rgb.shape == (1000, 1800, 3) for foreground in foregrounds)
+    assert max(foreground.cover[600:901, 200:901].mean() for foreground in foregrounds) <= 1 - OPEN_SHARE + 0.01
+    assert max(foreground.cover.mean() for foreground in foregrounds) > 0.1

@@ -22,7 +22,7 @@ Place = Callable[[ArrayLike], Points]
 Rng = np.random.Generator
 
 
-def _fill(layer: Layer, points: ArrayLike, colour: ArrayLike, cover: int = 255) -> None:
+def _fill(layer: Layer, points: ArrayLike, colour: ArrayLike, cover: float = 255) -> None:
     corners = np.rint(np.asarray(points) * (1 << SHIFT)).astype(np.int32)
     cv2.fillPoly(layer, [corners], (*_ink(colour), cover), cv2.LINE_AA, SHIFT)
 
@@ -64,6 +64,14 @@ def _bar(start: ArrayLike, end: ArrayLike, widths_px: ArrayLike, bend_px: float 
     half = (wide[0] + (wide[1] - wide[0]) * along) / 2
     middle = first + step * along + across * (4 * along * (1 - along) * bend_px + aside_px)
     return np.vstack([middle - across * half, (middle + across * half)[::-1]])
+
+
+def _fill_below(layer: Layer, v: NDArray[np.float64], colour: ArrayLike) -> Points:
+    """Fill what lies below rows `v`, equally spaced past both sides; returns that edge."""
+    tall, width = layer.shape[:2]
+    edge = np.column_stack([np.linspace(-0.1, 1.1, len(v)) * width, v])
+    _fill(layer, np.vstack([edge, [[1.2 * width, 2 * tall], [-0.2 * width, 2 * tall]]]), colour)
+    return edge
 
 
 def _placer(centre: ArrayLike, size_px: float, turn_rad: float = 0.0, shear: float = 0.0) -> Place:
@@ -122,10 +130,8 @@ def paint_panel(layer: Layer, rng: Rng) -> None:
     u, top = np.linspace(-0.1, 1.1, 13), tall * rng.uniform(0.55, 0.97)
     ends = np.array([rng.uniform(-0.4, 0.15), rng.uniform(0.85, 1.4)])
     past = np.clip(np.maximum(ends[0] - u, u - ends[1]) / 0.15, 0, None) ** 2
-    sag = (2 * u - 1) ** 2 * rng.uniform(-0.1, 0.3) + (u - 0.5) * rng.normal(0, 0.12) + past * rng.uniform(0, 0.5)
-    edge = np.column_stack([u * width, top + (sag - sag.min()) * tall])
-    base = [[1.2 * width, 2 * tall], [-0.2 * width, 2 * tall]]
-    _fill(layer, np.vstack([edge, base]), _draw_tone(rng) * 0.7)
+    sag = (2 * u - 1) ** 2 * rng.uniform(-0.1, 0.3) + (u - 0.5) * 0.12 * rng.standard_t(3) + past * rng.uniform(0, 0.5)
+    edge = _fill_below(layer, top + (sag - sag.min()) * tall, _draw_tone(rng) * 0.7)
     _stroke(layer, np.add(edge, [0, tall * 0.01]), _draw_tone(rng), tall * rng.uniform(0.0, 0.04))
     if rng.random() < 0.75:
         size = tall * rng.uniform(0.035, 0.13)
@@ -150,13 +156,12 @@ def _paint_instruments(layer: Layer, limits_u: ArrayLike, first_v: float, size: 
     """Rows of instruments of one half size, px, from a row down to the picture's edge; up if the size is negative."""
     tall, (u0, u1), half = len(layer), np.asarray(limits_u), abs(size)
     turn, shear, light = rng.normal(0, 0.06), rng.normal(0, 0.15), rng.uniform(0.35, 1.0)
-    paints = _paint_screen, _paint_dial, _paint_keys, _paint_knob
-    mix = rng.dirichlet([0.5, 0.5, 0.4, 0.2])
+    paints, mix = (_paint_screen, _paint_dial, _paint_keys), rng.dirichlet([0.5, 0.5, 0.4])
     for v in np.arange(first_v, tall + half if size > 0 else -half, 2.2 * size):
         for u in np.arange(u0 + 1.5 * half, u1 - half, 2 * half):
             if rng.random() < 0.75:
                 place = _placer((u, v + np.sin(turn) * (u - u0)), 0.85 * half, turn, shear)
-                paints[rng.choice(4, p=mix)](layer, place, light, rng)
+                paints[rng.choice(3, p=mix)](layer, place, light, rng)
 
 
 def _paint_dial(layer: Layer, place: Place, light: float, rng: Rng) -> None:
@@ -198,23 +203,18 @@ def _paint_keys(layer: Layer, place: Place, light: float, rng: Rng) -> None:
             _fill(layer, place(_rectangle(u - 0.2, v - 0.2, u + 0.2, v + 0.2)), ink)
 
 
-def _paint_knob(layer: Layer, place: Place, light: float, rng: Rng) -> None:
-    _fill(layer, place(_ellipse((0, 0), (0.5, 0.5))), rng.uniform(10, 90))
-    _stroke(layer, place([[0.0, 0.0], [0.1, -0.45]]), 220 * light)
-
-
 def paint_pilot(layer: Layer, rng: Rng) -> None:
     """Head, headset, shoulders and an arm at one side."""
     tall, width = layer.shape[:2]
     size = tall * rng.uniform(0.08, 0.22)
     place = _placer(rng.uniform([-0.1, 0.25], [0.3, 0.9]) * [width, tall], size, rng.normal(0, 0.15))
     skin: Points = SKIN[rng.integers(len(SKIN))] * rng.uniform(0.15, 1.0)
-    cloth = rng.choice([rng.uniform(190, 245), rng.uniform(10, 70)]) * rng.normal(1, 0.08, 3)
+    cloth = rng.choice([rng.uniform(190, 245), rng.uniform(10, 70)]) * rng.normal(1, 0.04, 3)
     hair, headset = rng.uniform(5, 70) * np.array([1.0, 0.85, 0.7]), rng.uniform(5, 90)
-    _fill(layer, _round(place([[-0.5, 0.6], [0.5, 0.6], [0.6, 1.8], [-0.6, 1.8]])), skin * 0.8)
-    _fill(
-        layer, _round(place([[-0.8, 1.2], [0.8, 1.2], [2.0, 1.9], [2.4, 9.0], [-3.0, 9.0], [-2.2, 1.8]]), 0.15), cloth
-    )
+    body = [[-0.8, 1.2], [0.8, 1.2], [2.0, 1.9], [2.4, 9.0], [-3.0, 9.0], [-2.2, 1.8]]
+    neck = place([[0.0, 0.5], [0.0, 1.8]])
+    _fill(layer, _bar(neck[0], neck[1], size), skin * 0.8)
+    _fill(layer, _round(place(body), 0.15), cloth)
     _fill(layer, place(_ellipse((0, 0), (0.8, 1.05))), skin)
     _fill(layer, place(_ellipse((-0.08, -0.15), (0.86, 1.0), np.pi * rng.uniform(0.6, 0.95), 2 * np.pi)), hair)
     if rng.random() < 0.6:
@@ -244,10 +244,7 @@ def paint_nose(layer: Layer, rng: Rng) -> None:
         start = [middle, top] + rng.uniform([-0.7, 0.1], [0.7, 0.5]) * radii
         _fill(layer, _bar(start, start + rng.normal(0, 0.2, 2) * tall, 0.004 * tall), _draw_tone(rng))
     if rng.random() < 0.5:
-        v = top + tall * (rng.uniform(0.02, 0.2) + rng.normal(0, 0.01, 9))
-        sill = np.column_stack([np.linspace(-0.1, 1.1, 9) * width, v])
-        base = [[1.2 * width, 2 * tall], [-0.2 * width, 2 * tall]]
-        _fill(layer, np.vstack([sill, base]), rng.uniform(5, 50))
+        _fill_below(layer, top + tall * (rng.uniform(0.02, 0.2) + rng.normal(0, 0.01, 9)), rng.uniform(5, 50))
 
 
 def paint_propeller(layer: Layer, rng: Rng) -> None:
@@ -255,8 +252,7 @@ def paint_propeller(layer: Layer, rng: Rng) -> None:
     tall, width = layer.shape[:2]
     hub, reach = rng.uniform([0.1, 0.6], [0.9, 1.2]) * [width, tall], tall * rng.uniform(0.4, 1.1)
     count, tone = int(rng.integers(2, 5)), _draw_tone(rng)
-    if rng.random() < 0.5:
-        _fill(layer, _ellipse(hub, (reach, reach)), tone * 0.15, 40)
+    _fill(layer, _ellipse(hub, reach), tone * 0.15, rng.uniform(0, 40))
     for angle in rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / count:
         arm = reach * np.array([np.cos(angle), np.sin(angle)])
         _fill(layer, _bar(hub, hub + arm, np.array([0.1, 0.06]) * reach, rng.normal(0, 0.15) * reach), tone)
@@ -270,33 +266,29 @@ def paint_strut(layer: Layer, rng: Rng) -> None:
     start = (rng.uniform(-0.1, 1.1), 1.1) if thin else (rng.choice([-0.1, 1.1]), rng.uniform(-0.2, 1.1))
     root, tip = np.multiply(start, [width, tall]), rng.uniform(0, 1, 2) * [width, tall]
     wide = tall * (_between(0.004, 0.03, rng) if thin else _between(0.02, 0.25, rng))
-    tone = rng.uniform(5, 60) if thin else _draw_tone(rng) if rng.random() < 0.5 else rng.uniform(140, 250)
-    _fill(layer, _bar(root, tip, (wide, wide * rng.uniform(0.2, 1.0)), rng.normal(0, 0.03) * tall * thin), tone)
-    if thin:
-        blade = (tip - root) * rng.uniform(0.0, 0.5)
-        _fill(layer, _bar(tip - blade, tip + 0.6 * blade, wide, rng.normal(0, 0.03) * tall), tone)
-        return
-    _fill(layer, _bar(root, tip, 0.3 * wide, 0, rng.uniform(-0.3, 0.3) * wide), np.multiply(tone, rng.uniform(0.4, 1)))
-    if rng.random() < 0.4:
+    tone = rng.uniform(5, 60) if thin or rng.random() < 0.3 else rng.uniform(100, 250) * rng.normal(1, 0.06, 3)
+    _fill(layer, _bar(root, tip, wide * rng.uniform(0.4, 1.0, 2), rng.normal(0, 0.03) * tall * thin), tone)
+    blade = (tip - root) * rng.uniform(0.0, 0.5) * thin
+    _fill(layer, _bar(tip - blade, tip + 0.6 * blade, wide, rng.normal(0, 0.03) * tall), tone)
+    if not thin:
+        _fill(layer, _bar(root, tip, 0.2 * wide, 0, rng.uniform(-0.2, 0.2) * wide), _draw_tone(rng))
+    if not thin and rng.random() < 0.4:
         _fill(layer, _ellipse(tip, wide * rng.uniform(0.5, 1.5, 2)), rng.uniform(5, 60))
 
 
 def paint_legs(layer: Layer, rng: Rng) -> None:
     """A drone's landing legs, or its propellers' guards, on both sides."""
     tall, width = layer.shape[:2]
-    tone, guards = _draw_tone(rng), rng.random() < 0.5
-    wide, foot_px = tall * rng.uniform([0.01, 0.0], [0.08, 0.15])
+    tone, wide, guards = _draw_tone(rng), tall * rng.uniform(0.01, 0.08), rng.random() < 0.5
     lean, v, radii = rng.uniform(-0.15, 0.25) * width, rng.uniform(-0.2, 0.15), rng.uniform([0.15, 0.03], [0.4, 0.15])
     for side in (-1, 1):
         u = width * (0.5 + side * rng.uniform(0.38, 0.52))
+        foot = (u - side * lean, tall * rng.uniform(0.6, 1.1))
         if guards:
-            ring = _ellipse((u, v * tall), radii * tall)
-            _stroke(layer, ring, tone, wide / 2, closed=True)
-            _fill(layer, _bar((u, v * tall), ring[rng.integers(len(ring))], wide / 3), tone * 0.6)
+            _stroke(layer, _ellipse((u, v * tall), radii * tall), tone, wide / 2, closed=True)
         else:
-            foot = np.array([u - side * lean, tall * rng.uniform(0.6, 1.1)])
             _fill(layer, _bar((u, -0.1 * tall), foot, (wide, wide * 0.7)), tone)
-            _fill(layer, _bar(np.subtract(foot, [foot_px, 0]), np.add(foot, [foot_px, 0]), wide), tone * 0.7)
+            _fill(layer, _ellipse(foot, (tall * rng.uniform(0.02, 0.15), wide / 2)), tone * 0.7)
 
 
 def paint_rails(layer: Layer, rng: Rng) -> None:
@@ -312,36 +304,28 @@ def paint_rails(layer: Layer, rng: Rng) -> None:
         _fill(layer, _bar(start, end, (wide * 0.5, wide)), tone)
 
 
-def paint_dirt(layer: Layer, rng: Rng) -> None:
-    """Specks, insects and scratches."""
+def paint_specks(layer: Layer, rng: Rng) -> None:
+    """Dirt and insects on the glass, or rain: drops, bright below, and the streaks that they run along."""
     size = np.array(layer.shape[1::-1])
-    for centre in rng.uniform(0, 1, (rng.integers(3, 25), 2)) * size:
-        tone = rng.choice([rng.uniform(10, 90), rng.uniform(160, 240)]) * rng.uniform(0.8, 1, 3)
-        _fill(layer, _round(centre + rng.normal(0, size[1] * _between(0.002, 0.02, rng), (6, 2))), tone)
-    for start in rng.uniform(0, 1, (rng.integers(0, 5), 2)) * size:
-        _stroke(layer, [start, start + rng.normal(0, 0.2, 2) * size[1]], rng.uniform(60, 240))
-
-
-def paint_drops(layer: Layer, rng: Rng) -> None:
-    """Rain on the glass: drops, bright below and dark above, and the streaks that they run along."""
-    size = np.array(layer.shape[1::-1])
-    lean, radius = rng.normal(0, 0.6), size[1] * rng.uniform(0.004, 0.02)
-    for drop in rng.uniform(0, 1, (rng.integers(10, 60), 2)) * size:
-        r = radius * rng.uniform(0.4, 1.6)
-        if rng.random() < 0.25:
-            _fill(layer, _bar(drop, np.add(drop, [lean * 8 * r, -8 * r]), (r, 0.2 * r)), rng.uniform(90, 200))
-        _fill(layer, _ellipse(drop, (r, r * 1.2)), rng.uniform(40, 140))
-        _fill(layer, _ellipse(np.add(drop, [0, 0.3 * r]), (0.6 * r, 0.6 * r)), rng.uniform(150, 250))
+    wet, lean, most = rng.random() < 0.4, rng.normal(0, 0.6), size[1] * _between(0.004, 0.03, rng)
+    for spot in rng.uniform(0, 1, (rng.integers(5, 30) * (1 + wet), 2)) * size:
+        r, tone = most * rng.uniform(0.1, 1.0), rng.choice([rng.uniform(10, 140), rng.uniform(140, 240)])
+        if rng.random() < 0.2:
+            _fill(layer, _bar(spot, np.add(spot, [lean * 8 * r, -8 * r]), (r, 0.2 * r)), tone)
+        _fill(layer, _ellipse(spot, (r, r * 1.2)) if wet else _round(spot + rng.normal(0, r, (6, 2))), tone)
+        if wet:
+            _fill(layer, _ellipse(np.add(spot, [0, 0.3 * r]), 0.6 * r), rng.uniform(150, 250))
 
 
 def paint_reflection(layer: Layer, rng: Rng) -> None:
-    """The panel, a shirt or a chart in the glass."""
+    """The panel, a shirt or a chart in the glass: light that hides next to nothing."""
     tall, width = layer.shape[:2]
     if rng.random() < 0.4:
         _paint_instruments(layer, (0, width), rng.uniform(0.0, 0.6) * tall, tall * rng.uniform(0.05, 0.15), rng)
     for _ in range(rng.integers(1, 5)):
         corners = rng.uniform(-0.1, 1.1, 2) * [width, tall] + rng.normal(0, 0.3, (5, 2)) * tall
         _fill(layer, _round(corners), rng.uniform(80, 255) * rng.uniform(0.8, 1, 3))
+    layer[..., 3] //= 16
 
 
 def paint_flare(layer: Layer, rng: Rng) -> None:
@@ -349,11 +333,12 @@ def paint_flare(layer: Layer, rng: Rng) -> None:
     size = np.array(layer.shape[1::-1])
     sun, reach = rng.uniform([-0.1, -0.2], [1.1, 0.6]) * size, size[1] * rng.uniform(0.1, 0.7)
     tint = np.array([1.0, rng.uniform(0.85, 1), rng.uniform(0.6, 1)])
-    for share in np.linspace(1, 0, 14):
-        _fill(layer, _ellipse(sun, reach * share + 0.02 * size[1]), tint * 255 * (1 - share) ** 1.5)
     for _ in range(rng.integers(0, 6)):
         ghost = size / 2 + (size / 2 - sun) * rng.uniform(-0.6, 1.2)
-        _fill(layer, _ellipse(ghost, size[1] * rng.uniform(0.01, 0.1)), rng.uniform(0, 90, 3))
+        _fill(layer, _ellipse(ghost, size[1] * rng.uniform(0.01, 0.1)), rng.uniform(20, 90, 3), 20)
+    for share in np.linspace(1, 0, 14):
+        glare = 255 * (1 - share) ** 1.5
+        _fill(layer, _ellipse(sun, reach * share + 0.02 * size[1]), tint * glare, glare)
 
 
 def paint_hud(layer: Layer, rng: Rng) -> None:
@@ -363,11 +348,10 @@ def paint_hud(layer: Layer, rng: Rng) -> None:
     wide, size = tall * rng.uniform(0.001, 0.005), tall * rng.uniform(0.25, 0.6)
     place = _placer(rng.uniform(0.3, 0.7, 2) * [width, tall], size, rng.normal(0, 0.1))
     step, gap, long = rng.uniform([0.15, 0.05, 0.2], [0.4, 0.2, 0.5])
-    for k in range(-3, 4):
+    for v in step * np.arange(-3, 4):
         for side in (-1, 1):
-            reach = side * (1.2 if k == 0 else long)
-            tick = [reach, k * step + 0.04 * np.sign(k)]
-            _stroke(layer, place([[side * gap, k * step], [reach, k * step], tick]), ink, wide)
+            reach = side * (long if v else 1.2)
+            _stroke(layer, place([[side * gap, v], [reach, v], [reach, v * 0.9]]), ink, wide)
     marker = rng.normal(0, 0.15, 2)
     _stroke(layer, place(_ellipse(marker, (0.05, 0.05))), ink, wide)
     for end in ([0.15, 0], [-0.15, 0], [0, -0.1]):
@@ -394,9 +378,8 @@ def paint_captions(layer: Layer, rng: Rng) -> None:
         u, v = rng.uniform(0, 0.7) * width, tall * rng.uniform(*((0.75, 0.98) if rng.random() < 0.6 else (0.05, 0.75)))
         ink = 255 if rng.random() < 0.5 else rng.uniform(0, 255, 3)
         letters = "".join(map(chr, rng.integers(97, 123, rng.integers(2, 10)).tolist()))
-        clock = f"{rng.integers(0, 24):02d}:{rng.integers(0, 60):02d}"
-        pool = rng.permutation([letters, letters.upper(), clock, *rng.choice(WORDS, 4)])
-        words = " ".join(pool[: rng.integers(1, 6)].tolist())
+        pool = [letters, letters.upper(), f"{rng.integers(24)}:{rng.integers(10, 60)}", *rng.choice(WORDS, 4)]
+        words = " ".join(rng.choice(pool, rng.integers(1, 6)))
         style = int(rng.integers(8)), max(1, round(size * rng.uniform(0.05, 0.16)))
         if kind < 0.3:
             box = _rectangle(u - 0.4 * size, v - 1.3 * size, u + 0.7 * size * len(words), v + 0.5 * size)

@@ -12,6 +12,7 @@ from deckline.sim.camera import cockpit
 from deckline.sim.camera.cockpit import Layer, Rng
 
 OPEN_SHARE = 0.7  # of the kept box that stays uncovered
+MOST_PX = 800  # on the longer side; larger foregrounds are drawn at this size and enlarged
 TRIES = 3  # drawings of an element before it is left out
 SETTINGS = (0.55, 0.2, 0.25)  # shares of cockpits, of airframes and drones, of plain pictures
 
@@ -20,7 +21,7 @@ SETTINGS = (0.55, 0.2, 0.25)  # shares of cockpits, of airframes and drones, of 
 class Foreground:
     """What hides a scene, and what glows before it."""
 
-    rgb: NDArray[np.float32]  # (H, W, 3) 0..255, weighted by the cover; reflections and flares have light without cover
+    rgb: NDArray[np.float32]  # (H, W, 3) 0..255, weighted by the cover; reflections hardly have any
     cover: NDArray[np.float32]  # (H, W) 0..1, share of the scene that it hides
 
 
@@ -30,7 +31,6 @@ class _Kind(NamedTuple):
     blur: tuple[float, float]  # 1-sigma, of the picture's height
     opacity: tuple[float, float] = (1.0, 1.0)
     solid: bool = True  # has a material, and edges lit from outside
-    hides: bool = True  # otherwise it only adds light
 
 
 KINDS = (  # from the scene to the viewer
@@ -38,9 +38,8 @@ KINDS = (  # from the scene to the viewer
     _Kind(cockpit.paint_propeller, (0.1, 0.2, 0.0), (0.002, 0.015), (0.05, 0.6)),
     _Kind(cockpit.paint_strut, (0.3, 0.4, 0.05), (0.0, 0.01)),
     _Kind(cockpit.paint_legs, (0.0, 0.45, 0.0), (0.002, 0.02)),
-    _Kind(cockpit.paint_dirt, (0.35, 0.2, 0.1), (0.0, 0.012), (0.15, 0.9), solid=False),
-    _Kind(cockpit.paint_drops, (0.15, 0.15, 0.1), (0.0, 0.006), (0.15, 0.7), solid=False),
-    _Kind(cockpit.paint_reflection, (0.35, 0.0, 0.15), (0.005, 0.05), (0.03, 0.25), solid=False, hides=False),
+    _Kind(cockpit.paint_specks, (0.5, 0.3, 0.15), (0.0, 0.01), (0.15, 0.9), solid=False),
+    _Kind(cockpit.paint_reflection, (0.35, 0.0, 0.15), (0.005, 0.05), (0.03, 0.25), solid=False),
     _Kind(cockpit.paint_hud, (0.08, 0.12, 0.08), (0.0, 0.002), (0.5, 1.0), solid=False),
     _Kind(cockpit.paint_overhead, (0.25, 0.0, 0.0), (0.001, 0.015), (0.6, 1.0)),
     _Kind(cockpit.paint_windows, (0.3, 0.0, 0.06), (0.001, 0.015)),
@@ -48,7 +47,7 @@ KINDS = (  # from the scene to the viewer
     _Kind(cockpit.paint_panel, (0.65, 0.0, 0.05), (0.0, 0.008)),
     _Kind(cockpit.paint_pilot, (0.25, 0.0, 0.0), (0.002, 0.015)),
     _Kind(cockpit.paint_rails, (0.15, 0.1, 0.1), (0.0, 0.01), (0.5, 1.0)),
-    _Kind(cockpit.paint_flare, (0.2, 0.2, 0.2), (0.005, 0.03), (0.2, 1.0), solid=False, hides=False),
+    _Kind(cockpit.paint_flare, (0.2, 0.2, 0.2), (0.005, 0.03), (0.2, 1.0), solid=False),
     _Kind(cockpit.paint_inset, (0.06, 0.06, 0.1), (0.0, 0.001), solid=False),
     _Kind(cockpit.paint_captions, (0.25, 0.25, 0.55), (0.0, 0.002), (0.4, 1.0), solid=False),
     _Kind(cockpit.paint_bars, (0.08, 0.08, 0.2), (0.0, 0.0), solid=False),
@@ -70,24 +69,26 @@ def draw_foreground(width: int, height: int, rng: Rng, keep: ArrayLike | None = 
         keep: (4,) box u0, v0, u1, v1, px, of which `OPEN_SHARE` stays uncovered: what hides more is drawn elsewhere
             or left out.
     """
-    total: Layer = np.zeros((height, width, 4), np.uint8)
-    texture = _draw_texture(width, height, rng)
-    box = None if keep is None else _clip_box(keep, width, height)
+    scale = min(1.0, MOST_PX / max(width, height))
+    wide, tall = max(1, round(width * scale)), max(1, round(height * scale))
+    total: Layer = np.zeros((tall, wide, 4), np.uint8)
+    texture = _draw_texture(wide, tall, rng)
+    box = None if keep is None else _clip_box(np.multiply(keep, scale), wide, tall)
     setting = int(rng.choice(len(SETTINGS), p=SETTINGS))
     for kind in KINDS:
         if rng.random() < kind.shares[setting]:
             for _ in range(TRIES):
-                layer: Layer = np.zeros((height, width, 4), np.uint8)
+                layer: Layer = np.zeros_like(total)
                 kind.paint(layer, rng)
                 if _add_layer(total, layer, texture, kind, box, rng):
                     break
+    total = cv2.resize(total, (width, height)) if scale < 1 else total
     return Foreground(total[..., :3].astype(np.float32), total[..., 3] * np.float32(1 / 255))
 
 
 def _clip_box(box: ArrayLike, width: int, height: int) -> tuple[slice, slice]:
     """Rows and columns of the part of a box inside the picture, at least one pixel."""
-    size = np.array([width, height])
-    low, high = (np.clip(np.reshape(box, (2, 2)), 0, size - 1)).astype(int)
+    low, high = np.clip(np.reshape(box, (2, 2)), 0, [width - 1, height - 1]).astype(int)
     return slice(low[1], high[1] + 1), slice(low[0], high[0] + 1)
 
 
@@ -95,28 +96,24 @@ def _add_layer(
     total: Layer, layer: Layer, texture: Layer, kind: _Kind, box: tuple[slice, slice] | None, rng: Rng
 ) -> bool:
     """Put a layer over those drawn, in place; False, and nothing put, where it would cover too much of the box."""
-    height = len(layer)
-    sigma, opacity = height * rng.uniform(*kind.blur), rng.uniform(*kind.opacity)
-    if sigma > 0.3:
-        side = 2 * round(1.5 * sigma) + 1
-        layer = cv2.GaussianBlur(layer, (side, side), sigma, borderType=cv2.BORDER_REPLICATE)
-    if box is not None and kind.hides:
+    sigma, opacity = len(layer) * rng.uniform(*kind.blur), rng.uniform(*kind.opacity)
+    reach = round(1.5 * sigma)
+    u, v, wide, tall = cv2.boundingRect(layer[..., 3])
+    part = slice(max(v - reach, 0), v + tall + reach), slice(max(u - reach, 0), u + wide + reach)
+    if wide == 0:
+        return True
+    if reach > 0:
+        side = 2 * reach + 1
+        layer[part] = cv2.GaussianBlur(layer[part], (side, side), sigma, borderType=cv2.BORDER_REPLICATE)
+    if box is not None:
         open_before, open_layer = 1 - total[..., 3][box] / 255, 1 - opacity * layer[..., 3][box] / 255
         if np.mean(open_before * open_layer) < OPEN_SHARE:
             return False
-    u, v, wide, tall = cv2.boundingRect(layer[..., 3])
-    part = slice(v, v + tall), slice(u, u + wide)
-    if wide == 0:
-        return True
     drawn = _light(layer[part], texture[part], rng) if kind.solid else layer[part]
     if opacity < 1:
         drawn = cv2.convertScaleAbs(drawn, alpha=opacity)
-    if kind.hides:
-        seen = cv2.merge([255 - drawn[..., 3]] * 4)
-        cv2.multiply(total[part], seen, seen, 1 / 255)
-        total[part] = cv2.add(seen, drawn)
-    else:
-        total[part] = cv2.add(total[part], drawn * np.array([1, 1, 1, 0], np.uint8))
+    seen = cv2.merge([255 - drawn[..., 3]] * 4)
+    total[part] = cv2.add(cv2.multiply(total[part], seen, None, 1 / 255), drawn)
     return True
 
 
