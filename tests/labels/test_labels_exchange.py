@@ -13,7 +13,7 @@ from deckline.labels.truth import label_frame
 from deckline.recording import RecordingWriter, open_recording
 from deckline.recording.camera_file import format_camera
 
-FORMATS = ("tusimple", "culane", "coco")
+FORMATS = ("tusimple", "culane", "coco", "yolo-pose", "labelme")
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +103,8 @@ def test_bad_input_is_one_line(recording, tmp_path, capsys):
     assert "full holds a " in error_of(capsys, "labels", "export", recording, *out, tmp_path / "full")
     rows = error_of(capsys, "labels", "export", recording, *out, tmp_path / "o", "--row-step-px", "0")
     assert "--row-step-px must be at least 1" in rows
+    wrong = error_of(capsys, "labels", "import", tmp_path, *out, tmp_path / "o", "--keypoints", "left", "right")
+    assert "--keypoints names those of yolo-pose; the format is coco" in wrong
     assert "no annotations.json" in error_of(capsys, "labels", "import", tmp_path, *out, tmp_path / "o")
 
 

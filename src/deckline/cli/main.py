@@ -22,7 +22,7 @@ SUMMARIES = {
     "dataset": "Render the paper's dataset of clear and hazy pairs, or check one.",
     "train": "Train a network.",
     "eval": "Measure the chain against truth.",
-    "labels": "Write runway labels as TuSimple, CULane or COCO keypoints, and read them.",
+    "labels": "Write runway labels as TuSimple, CULane, COCO keypoints, YOLO-pose or labelme, and read them.",
 }
 EXAMPLES = {
     "deckline train dehaze": (

@@ -1,7 +1,7 @@
 """`deckline labels export` and `import`: runway lines in the formats of other tools, with their images."""
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -21,8 +21,10 @@ from deckline.labels.formats import (
     write_culane,
     write_tusimple,
 )
+from deckline.labels.labelme import read_labelme, write_labelme
 from deckline.labels.lines import LABELS_FILE, LabelledImage, LabelSet, read_labels, write_labels
 from deckline.labels.truth import label_frame
+from deckline.labels.yolo_pose import read_yolo_pose, write_yolo_pose
 from deckline.progress import progress
 from deckline.recording import BadFrame, Source
 from deckline.recording.camera_file import CAMERA_FILE, format_camera, read_camera_file
@@ -30,14 +32,22 @@ from deckline.recording.images import encode_image, read_bytes, read_image
 from deckline.recording.source import is_inside
 from deckline.types import Frame
 
-Format = Literal["tusimple", "culane", "coco"]
+Format = Literal["tusimple", "culane", "coco", "yolo-pose", "labelme"]
+TUSIMPLE_FILE, COCO_FILE = "label_data.json", "annotations.json"
 READERS: dict[Format, Callable[[Path], LabelSet]] = {
     "tusimple": read_tusimple,
     "culane": read_culane,
     "coco": read_coco,
+    "yolo-pose": read_yolo_pose,
+    "labelme": read_labelme,
 }
-IMAGE_FOLDERS: dict[Format, str] = {"tusimple": "clips", "culane": "images", "coco": "images"}
-TUSIMPLE_FILE, COCO_FILE = "label_data.json", "annotations.json"
+WRITERS: dict[Format, Callable[[Path, list[LabelledImage], int, int], None]] = {
+    "tusimple": lambda out, images, row_step_px, _: write_tusimple(out / TUSIMPLE_FILE, images, row_step_px),
+    "culane": lambda out, images, row_step_px, _: write_culane(out, images, row_step_px),
+    "coco": lambda out, images, _, line_points: write_coco(out / COCO_FILE, images, line_points),
+    "yolo-pose": lambda out, images, _, line_points: write_yolo_pose(out, images, line_points),
+    "labelme": lambda out, images, _, line_points: write_labelme(out, images, line_points),
+}
 MASK_PX = 16.0 / 1640.0  # width of a line in a mask over the image's width: CULane's laneseg_label_w16
 
 
@@ -50,7 +60,7 @@ def export_labels(
         source: frames with truth, or those of a folder with labels.json.
         folder: where labels.json lies, if there is one.
         row_step_px: rows between points, of formats that keep rows.
-        line_points: keypoints of a line, of COCO.
+        line_points: points of a line, of formats that keep points.
 
     Returns:
         what was written; what is odd about it, one line each, for people.
@@ -58,7 +68,8 @@ def export_labels(
     Raises:
         ValueError: `out` holds files already, or no frame can be labelled.
     """
-    _check_new(out, (IMAGE_FOLDERS[form], MASK_FOLDER, CAMERA_FILE))
+    image_folder = "clips" if form == "tusimple" else "images"
+    _check_new(out, (image_folder, MASK_FOLDER, CAMERA_FILE))
     labels = read_labels(folder / LABELS_FILE) if (folder / LABELS_FILE).exists() else None
     images, notes, cameras = [], [], set()
     with progress("exporting", len(source)) as advance:
@@ -68,7 +79,7 @@ def export_labels(
                 notes.append(f"skipped {item.file}: {item.reason}")
             elif labels is None or item.file in labels:
                 stem = re.sub(r"[^\w.-]+", "_", item.file.rpartition(".")[0] or item.file)  # list files hold no spaces
-                name = f"{IMAGE_FOLDERS[form]}/{stem}.png"
+                name = f"{image_folder}/{stem}.png"
                 if labels is None:
                     image = label_frame(item, name)
                 else:
@@ -85,12 +96,7 @@ def export_labels(
         write_atomic(out / CAMERA_FILE, cameras.pop().encode())
     elif cameras:
         notes.append(f"{len(cameras)} different cameras: no {CAMERA_FILE} was written; give one when importing")
-    if form == "tusimple":
-        write_tusimple(out / TUSIMPLE_FILE, images, row_step_px)
-    elif form == "culane":
-        write_culane(out, images, row_step_px)
-    else:
-        write_coco(out / COCO_FILE, images, line_points)
+    WRITERS[form](out, images, row_step_px, line_points)
     return images, notes
 
 
@@ -108,7 +114,12 @@ def _write_picture(out: Path, frame: Frame, image: LabelledImage, form: Format) 
 
 
 def import_labels(
-    source: Path, form: Format, out: Path, images: Path | None, camera: Path | None
+    source: Path,
+    form: Format,
+    out: Path,
+    images: Path | None = None,
+    camera: Path | None = None,
+    keypoints: Sequence[str] = (),
 ) -> list[LabelledImage]:
     """Copy labelled images into a new folder and write labels.json beside them, at last.
 
@@ -116,6 +127,7 @@ def import_labels(
         source: label file, or the data set's folder.
         images: folder that the images' names are relative to; None: where the labels lie.
         camera: camera.toml, copied too; None: the one beside the labels, if there is one.
+        keypoints: their names in order, of YOLO-pose; see `read_yolo_pose`.
 
     Returns:
         what was imported, with the images' new names.
@@ -123,7 +135,9 @@ def import_labels(
     Raises:
         ValueError: labels that cannot be read, an image that is missing, damaged, or of another size than the camera's.
     """
-    label_root, labelled = READERS[form](source)
+    if keypoints and form != "yolo-pose":
+        raise ValueError(f"--keypoints names those of yolo-pose; the format is {form}")
+    label_root, labelled = read_yolo_pose(source, keypoints) if keypoints else READERS[form](source)
     root = images or label_root
     beside = (path for path in (root / CAMERA_FILE, label_root / CAMERA_FILE) if path.exists())
     camera = camera or next(beside, None)

@@ -27,13 +27,13 @@ from deckline.labels.lines import (
     LabelSet,
     Line,
     assign_sides,
+    find_image,
     get_text,
     iterate_objects,
     parse_points,
     resample,
     sample_rows,
 )
-from deckline.recording.images import IMAGE_SUFFIXES
 from deckline.recording.source import parse_json, read_text
 from deckline.types import SIDES
 
@@ -147,12 +147,11 @@ def read_culane(path: Path) -> LabelSet:
 
 def _read_culane_beside(root: Path, lines_file: Path) -> LabelledImage:
     stem = lines_file.name.removesuffix(LINES_SUFFIX)
-    for suffix in IMAGE_SUFFIXES:
-        image = lines_file.with_name(stem + suffix)
-        if image.exists():
-            lines = assign_sides(_read_culane_lines(lines_file), str(lines_file))
-            return LabelledImage(image.relative_to(root).as_posix(), *lines)
-    raise ValueError(f"{lines_file}: no image {stem}.* beside it")
+    image = find_image(lines_file.parent, stem)
+    if image is None:
+        raise ValueError(f"{lines_file}: no image {stem}.* beside it")
+    lines = assign_sides(_read_culane_lines(lines_file), str(lines_file))
+    return LabelledImage(image.relative_to(root).as_posix(), *lines)
 
 
 def _read_culane_listed(root: Path, text: str, where: str) -> LabelledImage:

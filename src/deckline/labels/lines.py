@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deckline.atomic import write_atomic
+from deckline.recording.images import IMAGE_SUFFIXES
 from deckline.recording.source import parse_json, read_text
 from deckline.types import SIDES
 
@@ -138,6 +139,12 @@ def parse_points(values: Any, where: str) -> Line:
     if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2 or not np.all(np.isfinite(points)):
         raise ValueError(f"{where} must be two or more [u, v] in px")
     return points
+
+
+def find_image(folder: Path, stem: str) -> Path | None:
+    """The image file of that name without suffix in a folder."""
+    names = (stem + suffix for lower in IMAGE_SUFFIXES for suffix in (lower, lower.upper()))
+    return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
 def iterate_objects(values: Any, where: str) -> Iterator[tuple[str, dict[str, Any]]]:
