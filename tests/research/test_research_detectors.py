@@ -12,7 +12,8 @@ from deckline.detect.anchors import RowGrid, encode, encode_region
 from deckline.research.detectors import DETECTORS
 from deckline.research.detectors.enet_sad import EnetSad
 from deckline.research.detectors.resa import Resa
-from deckline.research.detectors.ufld_r18 import UfldR18
+from deckline.research.detectors.sad import Sad
+from deckline.research.detectors.ufld_published import PublishedUfld
 from deckline.train.detect import NETWORKS, DetectTrainConfig, export_detect, runtime_parameters, torch_infer
 from deckline.train.detect_losses import DetectTargets, LossWeights
 from deckline.train.export import count_parameters, network_cost
@@ -29,12 +30,14 @@ def small(name: str) -> LineNetwork:
     """A network for a small view."""
     torch.manual_seed(0)
     match name:
-        case "ufld-r18":
-            return UfldR18(RowGrid(128, 64, 32, 16))
+        case "ufld-lite0" | "ufld-r18":
+            return PublishedUfld(RowGrid(128, 64, 32, 16), resnet=name == "ufld-r18", pretrained=False)
+        case "sad-lite0":
+            return Sad(size_px=(128, 64), pretrained=False)
         case "enet-sad":
             return EnetSad(size_px=(128, 64))
-        case "resa-r18":
-            return Resa(size_px=(128, 64))
+        case "resa-lite0" | "resa-r18":
+            return Resa(18 if name == "resa-r18" else None, size_px=(128, 64), pretrained=False)
         case _:
             shape = PyramidConfig(RowGrid(128, 64, 32, 16), pretrained=False, frozen_blocks=0)
             return Ufld(shape) if name == "ufld" else Hybrid(shape)
@@ -43,7 +46,7 @@ def small(name: str) -> LineNetwork:
 def batch(model: LineNetwork, name: str) -> tuple[torch.Tensor, DetectTargets]:
     """Two bright lines on a grey view, twice, and the second time nothing; encoded as in training."""
     grid = model.kind.target_grid
-    if name in ("enet-sad", "resa-r18"):
+    if "map_logits" in model.kind.output_names:
         grid = RowGrid(128, 64, 128, 64)
     lines = np.array([[[0.3, 0.95], [0.42, 0.2]], [[0.7, 0.95], [0.58, 0.2]]]) * [grid.width, grid.height]
     view = np.zeros((3, grid.height, grid.width), np.float32)
@@ -73,7 +76,7 @@ def test_ufld_has_the_published_cost() -> None:
 
     Our region branch, counted here too, is less than half a percent of it.
     """
-    model = UfldR18(RowGrid(*CULANE, 200, 18), CULANE_LINES)
+    model = PublishedUfld(RowGrid(*CULANE, 200, 18), CULANE_LINES, resnet=True)
     assert network_cost(model, CULANE[::-1]).macs == pytest.approx(8.4e9, rel=0.01)
     flat, outputs = 8 * 9 * 25, 4 * 18 * 201
     layers = 11_176_512 + (512 * 8 + 8) + (flat + 1) * 2048 + 2049 * outputs
@@ -124,14 +127,20 @@ def test_a_few_steps_lower_the_loss_and_every_weight_learns(name: str) -> None:
         loss.backward()
         optimizer.step()
     assert totals[-1] < totals[0] - 0.1
-    idle = [key for key, value in model.named_parameters() if value.grad is None or not value.grad.abs().max() > 0]
-    assert idle == []
+    trained = [(key, value.grad) for key, value in model.named_parameters() if value.requires_grad]
+    assert [key for key, grad in trained if grad is None or not grad.abs().max() > 0] == []
+
+
+@pytest.mark.parametrize("name", ["ufld-lite0", "sad-lite0", "resa-lite0"])
+def test_compared_networks_start_from_the_features_that_ours_starts_from(name: str) -> None:
+    ours, theirs = (BUILDERS[each](CONFIG).backbone.state_dict() for each in ("hybrid", name))
+    assert all(torch.equal(value, theirs[key]) for key, value in ours.items())
 
 
 @pytest.mark.parametrize("name", list(BUILDERS))
 def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     torch.manual_seed(0)
-    model = (small(name) if name == "ufld-r18" else BUILDERS[name](CONFIG)).eval()
+    model = (small(name) if name in ("ufld-r18", "ufld-lite0") else BUILDERS[name](CONFIG)).eval()
     path = export_detect(model, tmp_path / f"{name}.onnx", {"lr": 1.0}, 7)
     detector = OnnxDetector(path)
     assert detector.name == name
@@ -148,5 +157,8 @@ def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
 
 
 def test_a_network_that_nobody_knows_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"network.*hybrid, ufld, ufld-r18, enet-sad, resa-r18.*'lanenet'"):
+    with pytest.raises(
+        ValueError,
+        match=r"network.*hybrid, ufld, ufld-lite0, sad-lite0, resa-lite0, ufld-r18, enet-sad, resa-r18.*'lanenet'",
+    ):
         build_network(BUILDERS, replace(CONFIG, network="lanenet"))

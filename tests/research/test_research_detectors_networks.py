@@ -7,9 +7,10 @@ import torch.nn.functional as F
 
 from deckline.detect.anchors import decode, encode_region, rows_from_map
 from deckline.research.detectors import parts
-from deckline.research.detectors.enet_sad import DISTIL_FROM, EnetSad, attention, distillation_loss, unpool
+from deckline.research.detectors.enet_sad import EnetSad, unpool
 from deckline.research.detectors.parts import MAP_KIND, STRIPE_PX, MapOutput, ResNet
 from deckline.research.detectors.resa import GAIN, ROUNDS, FeatureShift
+from deckline.research.detectors.sad import DISTIL_FROM, attention, distillation_loss
 from deckline.train.detect_losses import DetectTargets, LossWeights
 from deckline.train.export import count_parameters, network_cost
 

@@ -5,13 +5,17 @@ from typing import Any
 
 from deckline.research.detectors.enet_sad import EnetSad
 from deckline.research.detectors.resa import Resa
-from deckline.research.detectors.ufld_r18 import UfldR18
+from deckline.research.detectors.sad import Sad
+from deckline.research.detectors.ufld_published import PublishedUfld
 from deckline.train.line_networks import LineNetwork
 
 DETECTORS: dict[str, Callable[[Any], LineNetwork]] = {  # from a recipe, of which they need nothing
-    "ufld-r18": lambda _: UfldR18(),
+    "ufld-lite0": lambda _: PublishedUfld(),  # EfficientNet-Lite0 from ImageNet weights, as ours
+    "sad-lite0": lambda _: Sad(),
+    "resa-lite0": lambda _: Resa(),
+    "ufld-r18": lambda _: PublishedUfld(resnet=True),  # the published backbones, from random weights
     "enet-sad": lambda _: EnetSad(),
-    "resa-r18": lambda _: Resa(),
+    "resa-r18": lambda _: Resa(18),
 }
 
 __all__ = ["DETECTORS"]

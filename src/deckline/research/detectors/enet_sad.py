@@ -1,12 +1,8 @@
-"""ENet that paints the lines, its attention distilled from deeper blocks into shallower ones while it learns.
+"""ENet that paints the lines and distils its own attention (`sad`).
 
 Sources: Paszke, Chaurasia, Kim and Culurciello, "ENet", 2016; Hou, Ma, Liu and Loy, "Learning Lightweight Lane
 Detection CNNs by Self Attention Distillation", 2019. Ours are the region branch (`parts`) and the view of 512x288 px.
 """
-
-from collections.abc import Sequence
-from itertools import pairwise
-from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -14,18 +10,16 @@ from torch import Tensor, nn
 
 from deckline.research.detectors import parts
 from deckline.research.detectors.parts import MAP_KIND, MapOutput
-from deckline.train.detect_losses import DetectTargets, Losses, LossWeights
-from deckline.train.line_networks import LINES, LineNetwork
+from deckline.research.detectors.sad import SadNetwork
+from deckline.train.line_networks import LINES
 
-DISTIL_WEIGHT, OVERLAP_WEIGHT = 0.1, 0.1  # published
-DISTIL_FROM = 2 / 3  # of the training; published as 40 k of 60 k iterations: the maps must mean something first
 CONTEXT: tuple[tuple[str, int], ...] = (  # kernels and dilations of the second and of the third stage; published
     ("square", 1), ("square", 2), ("asymmetric", 1), ("square", 4),
     ("square", 1), ("square", 8), ("asymmetric", 1), ("square", 16),
 )  # fmt: skip
 
 
-class EnetSad(LineNetwork):
+class EnetSad(SadNetwork):
     """The published network; encoder blocks E1 to E4 are ENet's initial block and stages one to three.
 
     `size_px` are width and height of the view, which 16 divides.
@@ -59,34 +53,6 @@ class EnetSad(LineNetwork):
         region, box = self.region(deepest)
         encoded = (half, quarter, eighth, deepest) if self.training else ()
         return MapOutput(self.map(x), self.existence(deepest), region, box, encoded)
-
-    def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
-        total, losses = parts.map_loss(output, targets, weights)
-        stripes = parts.paint_stripes(targets.cell, output.map.shape[3])
-        losses["overlap"] = parts.overlap_loss(output.map.float(), stripes)
-        total = total + OVERLAP_WEIGHT * losses["overlap"]
-        if fraction >= DISTIL_FROM and output.encoded:
-            losses["distil"] = distillation_loss(output.encoded[1:])
-            total = total + DISTIL_WEIGHT * losses["distil"]
-        return total, {name: float(value.detach()) for name, value in losses.items()}
-
-
-def attention(features: Tensor, size: Sequence[int]) -> Tensor:
-    """Where a block looks, (B, h * w), sum 1: squares summed over channels, resized, softmax over places.
-
-    Source: Hou et al. 2019, equation of G^2_sum with bilinear resizing and spatial softmax.
-    """
-    squares = (features.float() ** 2).sum(1, keepdim=True)
-    return F.interpolate(squares, size=size, mode="bilinear", align_corners=False).flatten(1).softmax(1)
-
-
-def distillation_loss(blocks: tuple[Tensor, ...]) -> Tensor:
-    """Squared distance of every block's attention from that of the next deeper one, which is only looked at."""
-    losses = [
-        ((attention(shallow, shallow.shape[2:]) - attention(deep, shallow.shape[2:]).detach()) ** 2).sum(1).mean()
-        for shallow, deep in pairwise(blocks)
-    ]
-    return torch.stack(losses).sum()
 
 
 class _Initial(nn.Module):

@@ -1,4 +1,4 @@
-"""What compared networks share: region branch, ResNet from random weights, painted lines on anchors one pixel high."""
+"""What compared networks share: backbones, region branch, painted lines on anchors one pixel high."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.detect.anchors import MAP_OUTPUTS, DecodeConfig, RowGrid
-from deckline.train.backbone import conv_norm, separable
+from deckline.train.backbone import CHANNELS, conv_norm, separable
 from deckline.train.detect_losses import DetectTargets, LossWeights, box_loss, class_weights, region_loss
 from deckline.train.line_networks import NetworkKind, RegionHead
 
@@ -47,6 +47,23 @@ class RegionBranch(nn.Module):
         """Class logits (B, cells + 1) and box offsets (B, 4, rows, columns) on the stride-16 grid."""
         near = self.eighth(eighth)
         return self.head(near, self.sixteenth(F.max_pool2d(near, 2) if sixteenth is None else sixteenth))
+
+
+class Merge(nn.Module):
+    """Features of EfficientNet-Lite0 at strides 8, 16 and 32, each by a 1x1 convolution, added up at stride 8.
+
+    It stands for the dilated last stages of a ResNet: dilating these costs four and sixteen times as much.
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.lateral = nn.ModuleList(conv_norm(channels, width, 1) for channels in CHANNELS[1:])
+
+    def forward(self, taps: list[Tensor]) -> Tensor:
+        """The backbone's taps -> (B, width, H/8, W/8), not negative."""
+        eighth, sixteenth, deepest = (layer(tap) for layer, tap in zip(self.lateral, taps[1:], strict=True))
+        x = F.interpolate(deepest, scale_factor=2.0, mode="bilinear", align_corners=False) + sixteenth
+        return F.relu(F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False) + eighth)
 
 
 class ResNet(nn.Module):

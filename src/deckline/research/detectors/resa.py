@@ -1,8 +1,8 @@
 """RESA: a line painted from features that pass on what they see across the whole image, by rows and by columns.
 
 Source: Zheng, Fang, Zhang et al., "RESA: Recurrent Feature-Shift Aggregator for Lane Detection", 2021: our reading of
-the paper's "LaneDet". Ours are the region branch (`parts`), the view of 512x288 px and a backbone from random
-weights.
+the paper's "LaneDet". Ours are the region branch (`parts`), the view of 512x288 px and the backbone: EfficientNet-Lite0
+from ImageNet weights, or the published ResNet from random ones.
 """
 
 from typing import Any
@@ -11,7 +11,17 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.research.detectors.parts import MAP_KIND, WIDTHS, LineExistence, MapOutput, RegionBranch, ResNet, map_loss
+from deckline.research.detectors.parts import (
+    MAP_KIND,
+    WIDTHS,
+    LineExistence,
+    MapOutput,
+    Merge,
+    RegionBranch,
+    ResNet,
+    map_loss,
+)
+from deckline.train.backbone import Lite0Backbone
 from deckline.train.detect_losses import DetectTargets, Losses, LossWeights
 from deckline.train.line_networks import LINES, LineNetwork
 
@@ -22,23 +32,35 @@ GAIN = 2.0  # of what is passed on; published
 
 
 class Resa(LineNetwork):
-    """The published network at stride 8. The backbone ends after its third stage, which fits the published cost.
+    """The published network at stride 8. A ResNet ends after its third stage, which fits the published cost.
 
-    `layers` of the backbone are 18 or 34; `size_px` are width and height of the view, which 16 divides.
+    `layers` of a ResNet are 18 or 34, None takes EfficientNet-Lite0; `size_px` are width and height of the view, which
+    32 divides.
     """
 
-    def __init__(self, layers: int = 18, lines: int = LINES, size_px: tuple[int, int] = MAP_KIND.grid.size) -> None:
+    def __init__(
+        self,
+        layers: int | None = None,
+        lines: int = LINES,
+        size_px: tuple[int, int] = MAP_KIND.grid.size,
+        pretrained: bool = True,
+    ) -> None:
         super().__init__()
         self.kind = MAP_KIND
-        self.body = ResNet(layers, stages=3, dilated=True)
-        self.reduce = nn.Conv2d(WIDTHS[2], WIDTH, 1, bias=False)
+        if layers is None:
+            self.backbone, self.merge = Lite0Backbone(pretrained), Merge(WIDTH)
+        else:
+            self.body = ResNet(layers, stages=3, dilated=True)
+            self.reduce = nn.Conv2d(WIDTHS[2], WIDTH, 1, bias=False)
+        self.layers = layers
         self.shifts = FeatureShift(WIDTH)
         self.decoder = nn.Sequential(_Up(WIDTH, 64), _Up(64, 32), _Up(32, 16), nn.Conv2d(16, lines + 1, 1))
         self.existence = LineExistence(WIDTH, None, lines, (size_px[0] // 8, size_px[1] // 8))
         self.region = RegionBranch(WIDTH)
 
     def forward(self, image: Tensor) -> MapOutput:
-        features = self.shifts(self.reduce(self.body(image)[1]))
+        reduced = self.merge(self.backbone(image)) if self.layers is None else self.reduce(self.body(image)[1])
+        features = self.shifts(reduced)
         region, box = self.region(features)
         return MapOutput(self.decoder(features), self.existence(features), region, box)
 

@@ -1,7 +1,8 @@
-"""UFLD as published: ResNet-18, everything flattened into two fully connected layers, 100 cells on 56 row anchors.
+"""UFLD as published: everything flattened into two fully connected layers, 100 cells on 56 row anchors.
 
-Source: Qin, Wang and Li, "Ultra Fast Structure-aware Deep Lane Detection", 2020. Ours are the region branch (`parts`)
-and the view of 512x288 px, which every compared network has; the backbone starts from random weights.
+Source: Qin, Wang and Li, "Ultra Fast Structure-aware Deep Lane Detection", 2020. Ours are the region branch (`parts`),
+the view of 512x288 px, and the backbone: EfficientNet-Lite0 from ImageNet weights, or the published ResNet-18 from
+random ones.
 """
 
 from typing import Any
@@ -12,6 +13,7 @@ from torch import Tensor, nn
 
 from deckline.detect.anchors import RowGrid
 from deckline.research.detectors.parts import WIDTHS, RegionBranch, ResNet
+from deckline.train.backbone import CHANNELS, Lite0Backbone
 from deckline.train.detect_losses import DetectTargets, Losses, LossWeights, UfldOutput, ufld_loss
 from deckline.train.line_networks import LINES, LineNetwork, NetworkKind
 
@@ -20,27 +22,37 @@ SQUEEZE = 8  # channels before flattening; published
 HIDDEN = 2048  # published
 
 
-class UfldR18(LineNetwork):
-    """The published network; `grid` holds row anchors and input size, whose sides 32 divides."""
+class PublishedUfld(LineNetwork):
+    """The published network; `grid` holds row anchors and input size, whose sides 32 divides.
 
-    def __init__(self, grid: RowGrid | None = None, lines: int = LINES) -> None:
+    `resnet` takes ResNet-18 in place of EfficientNet-Lite0.
+    """
+
+    def __init__(
+        self, grid: RowGrid | None = None, lines: int = LINES, resnet: bool = False, pretrained: bool = True
+    ) -> None:
         super().__init__()
         grid = grid or RowGrid(cells=PUBLISHED_CELLS, rows=PUBLISHED_ROWS)
         self.kind = NetworkKind(grid, grid)
         self.shape = (lines, grid.rows, grid.cells + 1)
-        self.body = ResNet(18)
-        self.squeeze = nn.Conv2d(WIDTHS[3], SQUEEZE, 1)
+        channels = WIDTHS[1:] if resnet else CHANNELS[1:]
+        if resnet:
+            self.body = ResNet(18)
+        else:
+            self.backbone = Lite0Backbone(pretrained)
+        self.resnet = resnet
+        self.squeeze = nn.Conv2d(channels[2], SQUEEZE, 1)
         flat = SQUEEZE * (grid.width // 32) * (grid.height // 32)
         outputs = lines * grid.rows * (grid.cells + 1)
         self.fc = nn.Sequential(nn.Linear(flat, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, outputs))
         for layer in self.fc:
             if isinstance(layer, nn.Linear):
                 nn.init.normal_(layer.weight, std=0.01)
-        self.region = RegionBranch(WIDTHS[1], WIDTHS[2])
-        self.segmentation = _Auxiliary(lines + 1)
+        self.region = RegionBranch(channels[0], channels[1])
+        self.segmentation = _Auxiliary(channels, lines + 1)
 
     def forward(self, image: Tensor) -> UfldOutput:
-        taps = self.body(image)
+        taps = self.body(image) if self.resnet else self.backbone(image)[1:]
         rows = self.fc(self.squeeze(taps[2]).flatten(1)).unflatten(1, self.shape)
         region, box = self.region(taps[0], taps[1])
         return UfldOutput(rows, region, box, self.segmentation(taps) if self.training else None)
@@ -54,11 +66,11 @@ class _Auxiliary(nn.Module):
 
     WIDTH = 128  # published
 
-    def __init__(self, classes: int) -> None:
+    def __init__(self, channels: tuple[int, ...], classes: int) -> None:
         super().__init__()
         self.stages = nn.ModuleList(
-            nn.Sequential(_conv(channels, self.WIDTH), *(_conv(self.WIDTH, self.WIDTH) for _ in range(count)))
-            for channels, count in zip(WIDTHS[1:], (1, 2, 3), strict=True)
+            nn.Sequential(_conv(width, self.WIDTH), *(_conv(self.WIDTH, self.WIDTH) for _ in range(count)))
+            for width, count in zip(channels, (1, 2, 3), strict=True)
         )
         self.together = nn.Sequential(
             _conv(3 * self.WIDTH, 256, 2), _conv(256, 128, 2), _conv(128, 128, 2), _conv(128, 128, 4)
