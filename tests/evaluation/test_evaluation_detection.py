@@ -8,15 +8,16 @@ from level_deck import deck
 
 from approach_scene import CAMERA, chain, frame
 from deckline.cli.main import main
-from deckline.detect import ClassicalDetector
+from deckline.detect import DETECTORS, ClassicalDetector
+from deckline.evaluation.dehazers import detector_label
 from deckline.evaluation.detection import (
     SCORES_FILE,
     comparison_tables,
     detection_tables,
     flat_figures,
-    label,
     score_detections,
 )
+from deckline.evaluation.detection_cost import cost_table, measure_costs
 from deckline.evaluation.detection_score import DetectionScore, TuSimple
 from deckline.evaluation.detection_truth import Scene
 from deckline.evaluation.frames import Recorded, name_sets, open_recorded
@@ -230,10 +231,10 @@ def test_differences_are_of_the_same_decks_and_bands_of_the_share_found():
 
 def test_a_file_is_called_by_its_own_name_or_its_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert label("detect.onnx") == tmp_path.name
-    assert label("ufld") == "ufld"
-    assert label("runs/hybrid/detect.onnx") == "hybrid"
-    assert label("weights/mine.onnx") == "mine"
+    assert detector_label("detect.onnx") == tmp_path.name
+    assert detector_label("ufld") == "ufld"
+    assert detector_label("runs/hybrid/detect.onnx") == "hybrid"
+    assert detector_label("weights/mine.onnx") == "mine"
 
 
 def test_detectors_and_dehazers_on_one_recording(tmp_path, capsys):
@@ -251,3 +252,11 @@ def test_detectors_and_dehazers_on_one_recording(tmp_path, capsys):
         ["| classical", "none"],
         ["| classical", "dark-channel"],
     ]
+
+
+def test_costs_are_those_that_the_file_states_and_only_networks_have_any():
+    costs = measure_costs({"hybrid": DETECTORS["hybrid"](), "classical": ClassicalDetector()})
+    assert list(costs) == ["hybrid"]
+    assert costs["hybrid"]["pass_ms"] > 0
+    table = cost_table({"one": {"parameters": 2.5e6, "macs": 1.24e9, "pass_ms": 60.04}, "other": {"pass_ms": 1.0}})
+    assert [tuple(row) for row in table.rows] == [("one", "2.50", "1.24", "60.0"), ("other", "-", "-", "1.0")]

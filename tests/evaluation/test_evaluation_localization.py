@@ -22,7 +22,7 @@ from deckline.options import RunOptions
 from deckline.types import Detection, LinePoints
 
 OPTIONS = RunOptions(grade="good", sea_state=0.0, dehazer="none", detector="classical")
-METHODS, NOTES = methods_of(OPTIONS.run_config(), "classical", {"resa": None})
+METHODS = methods_of(OPTIONS.run_config(), "classical")
 BENCH = replace(point_bench(METHODS, PointNoise()), settings={"made": "with"}, correlation=0.0)
 FRAMES = 6
 SHORT = ("--points", "--frames", "5", "--range-m", "150", "60", "--visibility", "clear", "--grade", "good")
@@ -97,7 +97,6 @@ def test_the_command_writes_tables_scores_and_pictures_and_resumes(tmp_path, cap
     out = run_command(tmp_path, monkeypatch, rendered, output=files)
     printed = capsys.readouterr().out
     assert "Table 6" in printed
-    assert "no row for resa: give its network with --resa FILE.onnx" in printed
     assert json.loads((tmp_path / "figures.json").read_text())["dehazed, ours.found.left"] == 1.0
     assert "| true | left | - |" in (tmp_path / "tables.md").read_text()
     with (out / "localization.csv").open() as file:
@@ -196,14 +195,15 @@ def test_a_picture_is_searched_once_for_each_box():
 
 
 def test_the_first_row_is_what_improvements_refer_to():
-    methods, notes = methods_of(RunConfig(), "clear.onnx", {"resa": Path("r.onnx"), "enet-sad": None})
+    methods = methods_of(RunConfig(), "clear.onnx", ("runs/resa/detect.onnx", "sad.onnx"))
     first = methods[0]
     assert first.config.models == Models("none", "clear.onnx", "hazy")
     assert not first.tracked and first.localizer is not localize
-    assert [method.name for method in methods if "resa" in method.name] == ["resa, hazy, paper's"]
-    assert notes == ["no row for enet-sad: give its network with --enet-sad FILE.onnx"]
+    assert [method.name for method in methods[1:3]] == ["resa, hazy, paper's", "sad, hazy, paper's"]
     assert len({method.name for method in methods}) == len(methods)
     assert methods[-1].config.models == replace(RunConfig().models, dehazer="none", detect_in="hazy")
+    with pytest.raises(ValueError, match=r"rival.*sad.*other/sad\.onnx"):
+        methods_of(RunConfig(), "clear.onnx", ("sad.onnx", "other/sad.onnx"))
 
 
 def test_rows_share_their_models_and_keep_their_estimator():

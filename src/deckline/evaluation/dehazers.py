@@ -63,6 +63,11 @@ def file_label(path: Path) -> str:
     return path.resolve().parent.name if path.name in USUAL_FILES else path.stem
 
 
+def detector_label(given: str) -> str:
+    """What a table calls a detector: its name, or what its .onnx file is called."""
+    return file_label(Path(given)) if given.endswith(".onnx") else given
+
+
 def build_dehazer(given: str, full_size: bool = False) -> Dehazer:
     """A dehazer with its model loaded, by its name in DEHAZERS or the path of an .onnx file.
 

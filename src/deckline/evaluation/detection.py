@@ -12,8 +12,10 @@ import tyro
 
 from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED
+from deckline.detect import Detector
 from deckline.evaluation.chain import single_frames_with
-from deckline.evaluation.dehazers import SharedDehazer, file_label
+from deckline.evaluation.dehazers import SharedDehazer, detector_label
+from deckline.evaluation.detection_cost import cost_table, measure_costs
 from deckline.evaluation.detection_score import (
     DetectionScore,
     groups,
@@ -115,6 +117,7 @@ def detectors(
     detector: tuple[str, ...] = (Models.detector,),
     dehazer: tuple[str, ...] = (NOT_DEHAZED, Models.dehazer),
     render: Annotated[RenderOptions, tyro.conf.arg(name="")] = COMPARISON_FRAMES,
+    cost: bool = False,
     out: Path | None = None,
     output: Output = TO_TERMINAL,
 ) -> int:
@@ -127,36 +130,39 @@ def detectors(
         detector: names or .onnx files, each behind every dehazer.
         dehazer: names or .onnx files; none does nothing.
         render: which frames are rendered.
+        cost: the networks' parameters and MACs, and the time of a pass on this machine.
         out: folder of the scores of every frame.
         output: files of the results.
     """
     sets = render.open_sets(sources)
     restorers: dict[str, SharedDehazer] = {}
     methods: dict[Key, tuple[Path | None, dict[str, str], Find]] = {}
+    loaded: dict[str, Detector] = {}
     for each in dict.fromkeys(detector):
         for before in dict.fromkeys(dehazer):
             flight = Flight.from_config(single_frames_with(before, each))
             restorer = restorers.setdefault(before, SharedDehazer(flight.dehazer))
-            key = (label(each), label(before))
+            key = (detector_label(each), detector_label(before))
             if key in methods:
                 raise ValueError(f"two methods would be called {' behind '.join(key)}: give their files other names")
             find = partial(_find_restored, restorer, flight.detector)
+            loaded[key[0]] = flight.detector
             methods[key] = (None if out is None else out / "+".join(key), settings_of(flight), find)
     scores = dict(zip(methods, score_detections(sets, list(methods.values())), strict=True))
     title = f"{name_sets(sets)}, visibility of rendered frames {render.visibility} m"
     summaries = {"+".join(key): summarise(found) for key, found in scores.items()}
     figures = {f"{name}.{key}": value for name, part in summaries.items() for key, value in part.items()}
-    publish(title, comparison_tables(scores), figures, output, [NOTES, COMPARISON_NOTES])
+    tables = comparison_tables(scores)
+    if cost:
+        costs = measure_costs(loaded)
+        figures |= {f"{name}.{key}": value for name, part in costs.items() for key, value in part.items()}
+        tables.append(cost_table(costs))
+    publish(title, tables, figures, output, [NOTES, COMPARISON_NOTES])
     return 0
 
 
 def _find_restored(restorer: SharedDehazer, detector: Callable[..., Detection], sample: Sample) -> Detection:
     return detector(restorer.restore(sample.frame).image_rgb)
-
-
-def label(name: str) -> str:
-    """A method's name, or what its .onnx file is called."""
-    return file_label(Path(name)) if name.endswith(".onnx") else name
 
 
 def score_detections(

@@ -50,8 +50,7 @@ class LocalizationConfig:
         approaches: how many are flown.
         flights: how.
         ufld: detector of the first row, without dehazing: name or .onnx file.
-        resa: .onnx file of a RESA network; its row is left out without it.
-        enet_sad: .onnx file of an ENet-SAD network; its row is left out without it.
+        rival: further detectors without dehazing, a row each: names or .onnx files.
         points: render nothing: project the true lines and draw points with a stated noise; only estimators and the
             tracker are compared then, in seconds an approach.
         noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
@@ -63,8 +62,7 @@ class LocalizationConfig:
     approaches: int = 10
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
     ufld: str = "ufld"
-    resa: Path | None = None
-    enet_sad: Path | None = None
+    rival: tuple[str, ...] = ()
     points: bool = False
     noise: Path | None = None
     jobs: int = 1
@@ -94,7 +92,7 @@ def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) 
     seen_by = f"{config.point_noise}" if config.points else names
     title = f"{config.approaches} approaches of {describe_flights(config.flights)}; {seen_by}"
     tables, figures = localization_tables(by_method, work.methods), flat_figures(by_method)
-    publish(title, tables, figures, config.output, [*work.notes, NOTES])
+    publish(title, tables, figures, config.output, [NOTES])
     if config.out is not None:
         _write_csv(config.out / CSV_FILE, [score for members in by_method.values() for score in members])
         _write_figures(
@@ -108,7 +106,6 @@ class Work:
     """What is flown and compared."""
 
     methods: list[Method]
-    notes: list[str]  # what is left out, and why
     bench: Bench
     fly: Callable[[int], Iterator[Sighting]]  # the frames of an approach
 
@@ -119,10 +116,9 @@ def _prepare(config: LocalizationConfig) -> Work:
         methods = point_methods(flights.run)
         bench = point_bench(methods, config.point_noise)
         sensors, noise = flights.run.sensors, config.point_noise
-        return Work(methods, [], bench, lambda number: fly_points(flights.approach(number), sensors, noise))
-    rivals = {"resa": config.resa, "enet-sad": config.enet_sad}
-    methods, notes = methods_of(flights.run, config.ufld, rivals)
-    return Work(methods, notes, load(methods), lambda number: ((frame, None) for frame in fly(flights, number)))
+        return Work(methods, bench, lambda number: fly_points(flights.approach(number), sensors, noise))
+    methods = methods_of(flights.run, config.ufld, config.rival)
+    return Work(methods, load(methods), lambda number: ((frame, None) for frame in fly(flights, number)))
 
 
 def _fly_all(store: Store, config: LocalizationConfig, work: Work) -> None:

@@ -1,9 +1,8 @@
 """The rows of `deckline eval localization`: which chain each is, and how they share what they have in common."""
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from deckline.dehaze import DEHAZERS, NOT_DEHAZED
 from deckline.detect import ClassicalDetector, Detector
 from deckline.evaluation.approaches import PointNoise
 from deckline.evaluation.chain import single_frames
-from deckline.evaluation.dehazers import SharedDehazer
+from deckline.evaluation.dehazers import SharedDehazer, detector_label
 from deckline.flight import Flight
 from deckline.localize import Localizer, localize
 from deckline.report.provenance import settings_of
@@ -38,13 +37,16 @@ class Method:
         return self.config.tracking.enabled
 
 
-def methods_of(config: RunConfig, ufld: str, others: Mapping[str, Path | None]) -> tuple[list[Method], list[str]]:
-    """The rows of the table, the one that improvements refer to first, and what is left out and why.
+def methods_of(config: RunConfig, ufld: str, rivals: Sequence[str] = ()) -> list[Method]:
+    """The rows of the table, the one that improvements refer to first.
 
     Args:
         config: of our rows; the last one flies it as `deckline run` does, but for the picture for people.
         ufld: the detector of the first row, which sees the haze.
-        others: rivals by name; None leaves one out.
+        rivals: detectors of further rows, as the first.
+
+    Raises:
+        ValueError: two rivals that would have one name.
     """
     single, models = single_frames(config), config.models
 
@@ -52,19 +54,20 @@ def methods_of(config: RunConfig, ufld: str, others: Mapping[str, Path | None]) 
         return replace(single, models=Models(NOT_DEHAZED, detector, "hazy"))
 
     dehazed = replace(models, detect_in="dehazed")
-    rivals = [
-        Method(f"{name}, hazy, paper's", hazy(str(path)), localize_by_descent) for name, path in others.items() if path
-    ]
-    notes = [
-        f"no row for {name}: give its network with --{name} FILE.onnx" for name, path in others.items() if not path
-    ]
+    named = {"ufld": ufld}
+    for each in rivals:
+        if named.setdefault(detector_label(each), each) != each:
+            raise ValueError(f"rival: two rows would be called {detector_label(each)}: rename {each} or its folder")
     ours = [
         Method("dehazed, paper's", replace(single, models=dehazed), localize_by_descent),
         Method("dehazed, ours", replace(single, models=dehazed)),
         Method("dehazed, ours, tracked", replace(config, models=dehazed)),
         Method("hazy, ours, tracked", replace(config, models=hazy(models.detector).models)),
     ]
-    return [Method("ufld, hazy, paper's", hazy(ufld), localize_by_descent), *rivals, *ours], notes
+    return [
+        *(Method(f"{name}, hazy, paper's", hazy(each), localize_by_descent) for name, each in named.items()),
+        *ours,
+    ]
 
 
 class SharedDetector:
