@@ -78,7 +78,7 @@ def test_values_go_back_to_where_the_maxima_were() -> None:
 def test_attention_is_a_distribution_over_places() -> None:
     features = torch.zeros(1, 2, 2, 2)
     features[0, :, 0, 1] = torch.tensor([1.0, -1.0])
-    expected = torch.tensor([1.0, 2.718281828**2, 1.0, 1.0])
+    expected = torch.tensor([1.0, 2.718281828**4, 1.0, 1.0])  # 4 times the mean
     torch.testing.assert_close(attention(features, (2, 2))[0], expected / expected.sum())
     assert attention(features, (4, 6)).sum().item() == pytest.approx(1.0)
 
