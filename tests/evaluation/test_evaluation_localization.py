@@ -213,7 +213,7 @@ def test_rows_share_their_models_and_keep_their_estimator():
     assert [flight.tracker is not None for flight in flights] == [method.tracked for method in METHODS]
     assert isinstance(bench, Bench) and set(bench.settings) == {method.name for method in METHODS}
     with pytest.raises(ValueError, match="nobody"):
-        load(methods_of(RunConfig(), "nobody", {})[0])
+        load(methods_of(RunConfig(), "nobody"))
 
 
 def test_rows_without_pictures():
