@@ -2,26 +2,24 @@
 
     python scripts/choose_thresholds.py SOURCE... [--detector hybrid] [--deckless 600 --seed 901]
 
-Sources are recordings with truth; further views without a runway are rendered. Every view is searched once with
-thresholds that let everything pass; all combinations are then tried on what the network said. For every share of false
-lines the combination that finds most is printed, after the detector's own.
+Sources are recordings with truth and folders with labels.json, in which null for both lines says that there is no
+runway; further views without one are rendered. Every view is searched once, tiles included unless lines are beyond
+doubt; all combinations are then tried on what the network said. For every share of false lines the combination that
+finds most is printed, after the detector's own.
 """
 
 import argparse
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
 from deckline.detect import DETECTORS, OnnxDetector
-from deckline.detect import coarse_to_fine as search
-from deckline.detect.anchors import decode_region
-from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput
-from deckline.detect.crop import Crop
+from deckline.detect.search import Search, View
 from deckline.evaluation.detection_truth import ExpectedLines, Scene
 from deckline.evaluation.frames import FrameSet, RenderOptions, open_recorded
 from deckline.evaluation.metrics import distance_px
@@ -30,13 +28,14 @@ from deckline.recording import FrameError
 from deckline.types import SIDES
 
 ROW = (0.3, 0.4, 0.5, 0.6)  # of a row
-BOTH = tuple(np.arange(0.05, 1.0, 0.05).round(2))  # of both lines
-LONE = (*np.arange(0.3, 1.0, 0.05).round(2), 1.1)  # of a line without the other one; 1.1: none
+BOTH = (*np.arange(0.3, 0.9, 0.05).round(2), 1.1)  # of both lines, with the whole image; 1.1: none
+CLOSE = (*np.arange(0.5, 0.95, 0.05).round(2), 1.1)  # of both lines in the close view alone
+LONE = (*np.arange(0.6, 1.0, 0.05).round(2), 1.1)  # of a line without the other one; 1.1: none
 FALSE_SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.04)  # of the views without a runway
 THICK_M = 500.0  # visibility below which haze is thick
 WRONG_PX = 10.0  # median distance of a line's points from which it is another line
-Thresholds = tuple[float, float, float]  # of NAMES
-NAMES = ("min_confidence", "min_probability", "min_lone_probability")
+Thresholds = tuple[float, float, float, float]  # of NAMES
+NAMES = ("min_confidence", "min_probability", "min_close_probability", "min_lone_probability")
 
 
 class ScoredView(NamedTuple):
@@ -44,9 +43,8 @@ class ScoredView(NamedTuple):
 
     camera: Camera
     expected: ExpectedLines
-    output: NetworkOutput  # of the last crop
-    window: Crop  # where that lay
-    runway: float  # probability of a runway
+    whole: float  # probability of a runway in the whole image
+    candidates: list[View]
 
 
 class Trial(NamedTuple):
@@ -57,11 +55,6 @@ class Trial(NamedTuple):
     found: tuple[float, float, float]  # share of decks with both lines: V >= 500 m, less, all
     error_px: tuple[float, float]  # of their points, median and 95th percentile
     alone: tuple[int, int]  # decks with one line, and those where it is another line
-
-
-def with_thresholds(config: DetectConfig, thresholds: Thresholds) -> DetectConfig:
-    named: dict[str, Any] = dict(zip(NAMES, thresholds, strict=True))
-    return replace(config, **named)
 
 
 def run_on_sets(sets: list[FrameSet], detector: OnnxDetector) -> list[ScoredView]:
@@ -82,48 +75,59 @@ def run_on_sets(sets: list[FrameSet], detector: OnnxDetector) -> list[ScoredView
 def run_detector(
     image_rgb: NDArray[np.uint8], camera: Camera, expected: ExpectedLines, detector: OnnxDetector
 ) -> ScoredView:
-    outputs: list[NetworkOutput] = []
-
-    def infer(view: NDArray[np.float32]) -> NetworkOutput:
-        outputs.append(detector.infer(view))
-        return outputs[-1]
-
-    config = with_thresholds(detector.config, (0.0, 0.0, 0.0))
-    u0, v0, u1, _ = search.detect_lines(image_rgb, infer, config).region_px or (0.0, 0.0, 1.0, 1.0)
-    window = Crop(u0 + 0.5, v0 + 0.5, (u1 - u0) / config.grid.width)
-    runway = search.runway_probability([decode_region(output.region, output.box).probability for output in outputs])
-    return ScoredView(camera, expected, outputs[-1], window, runway)
+    found = Search(image_rgb, detector.infer, detector.config)
+    found.search_whole()
+    if not found.is_decided:
+        found.search_tiles()
+    return ScoredView(camera, expected, found.whole.region.probability, found.candidates)
 
 
-def measure_lines(one: ScoredView, config: DetectConfig) -> tuple[list[NDArray[np.float64]], float]:
-    """Distances of the points, px, of each line whose rows are sure enough, and the probability of the lines."""
-    detection = search.decode_lines(one.output, one.window, config)
+class Rated(NamedTuple):
+    """The most probable lines of a view, of both sides or of one."""
+
+    errors: list[NDArray[np.float64]]  # distances of each line's points, px
+    probability: float
+    clear: float  # the same with the whole image's
+
+
+def rate(one: ScoredView, count: int, row: float) -> Rated:
+    """The best candidate with so many lines; one without any has probability 0."""
+    views = [replace(view, config=replace(view.config, min_confidence=row)) for view in one.candidates]
+    best = max((view for view in views if view.count == count), key=lambda view: view.probability, default=None)
+    if best is None:
+        return Rated([], 0.0, 0.0)
     errors = []
     for side in SIDES:
-        points, line = getattr(detection, side), one.expected.lines_px[side]
+        points, line = getattr(best.lines, side), one.expected.lines_px[side]
         if len(points):
             infinite = np.full(len(points), np.inf)
             errors.append(infinite if line is None else distance_px(points.points_px, line, one.camera))
-    return errors, search.lines_probability(detection, one.runway)
+    is_whole = best.region.probability == one.whole
+    return Rated(errors, best.probability, best.probability * (1.0 if is_whole else one.whole))
 
 
-def try_thresholds(views: list[ScoredView], config: DetectConfig, row: float) -> list[Trial]:
-    """Every pair of thresholds of lines, with this one of rows."""
-    rated = [measure_lines(one, with_thresholds(config, (row, 0.0, 0.0))) for one in views]
-    errors, sure = [each for each, _ in rated], np.array([probability for _, probability in rated])
-    lines = np.array([len(sides) for sides in errors])
-    wrong = np.array([len(sides) == 1 and not np.median(sides[0]) <= WRONG_PX for sides in errors])
+def share_of(found: NDArray[np.bool_], some: NDArray[np.bool_]) -> float:
+    return float(found[some].mean()) if some.any() else float("nan")
+
+
+def try_thresholds(views: list[ScoredView], row: float) -> list[Trial]:
+    """Every set of thresholds of lines, with this one of rows."""
+    pairs, lines = ([rate(one, count, row) for one in views] for count in (2, 1))
+    close, clear = (np.array([getattr(pair, name) for pair in pairs]) for name in ("probability", "clear"))
+    single = np.array([line.clear for line in lines])
+    wrong = np.array([bool(line.errors) and not np.median(line.errors[0]) <= WRONG_PX for line in lines])
     deck = np.array([one.expected.scene is Scene.DECK for one in views])
     thick = np.array([one.expected.visibility_m < THICK_M for one in views])
     tried = []
-    for both, lone in product(BOTH, LONE):
-        found, alone = (lines == 2) & (sure >= both), (lines == 1) & (sure >= lone)
-        px = [np.concatenate(sides) for sides, good in zip(errors, found & deck, strict=True) if good]
+    for thresholds in product(BOTH, CLOSE, LONE):
+        found = (clear >= thresholds[0]) | (close >= thresholds[1])
+        alone = ~found & (single >= thresholds[2])
+        px = [np.concatenate(pair.errors) for pair, good in zip(pairs, found & deck, strict=True) if good]
         median, most = np.percentile(np.concatenate(px), (50, 95)) if px else (np.inf, np.inf)
-        shares = float(found[deck & ~thick].mean()), float(found[deck & thick].mean()), float(found[deck].mean())
+        shares = share_of(found, deck & ~thick), share_of(found, deck & thick), share_of(found, deck)
         false = float((found | alone)[~deck].mean())
         counts = int((alone & deck).sum()), int((alone & deck & wrong).sum())
-        tried.append(Trial((row, float(both), float(lone)), false, shares, (float(median), float(most)), counts))
+        tried.append(Trial((row, *thresholds), false, shares, (float(median), float(most)), counts))
     return tried
 
 
@@ -146,12 +150,12 @@ def main() -> None:
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")
     views = run_on_sets(sets, detector)
-    tried = [trial for row in track(ROW, "trying") for trial in try_thresholds(views, detector.config, row)]
+    tried = [trial for row in track(ROW, "trying") for trial in try_thresholds(views, row)]
     usual = tuple(getattr(detector.config, name) for name in NAMES)
     best = [max((t for t in tried if t.false_share <= share), key=rank) for share in FALSE_SHARES]
     decks = sum(one.expected.scene is Scene.DECK for one in views)
     print(f"{decks} decks, {len(views) - decks} views without a runway")
-    print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; row, both, lone")
+    print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; row, both, close, lone")
     for trial in [*(t for t in tried if t.thresholds == usual), *best]:
         found = ", ".join(f"{100 * share:.1f}" for share in trial.found)
         px = ", ".join(f"{value:.2f}" for value in trial.error_px)

@@ -10,6 +10,7 @@ from deckline.detect.anchors import (
     DecodeConfig,
     RowGrid,
     decode,
+    decode_places,
     decode_region,
     encode,
     encode_region,
@@ -167,3 +168,14 @@ def test_no_runway_is_the_last_class_and_no_division_by_zero():
 def test_wrong_shapes_are_named(call, words):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+def test_places_are_apart_and_the_likeliest_comes_first():
+    boxes = ([40.0, 40.0, 80.0, 60.0], [300.0, 200.0, 420.0, 260.0])
+    (one, at_one, _), (other, at_other, _) = (encode_region(box, REGIONS) for box in boxes)
+    logits = np.log(0.3 * one + 0.6 * other + 0.1 * encode_region(None, REGIONS)[0] + 1e-12)
+    offsets = np.where(np.arange(REGIONS[0]) < 12, at_one, at_other)
+    likely, less = decode_places(logits, offsets, 2)
+    np.testing.assert_allclose([likely.box, less.box], boxes[::-1], atol=0.01)
+    np.testing.assert_allclose([likely.probability, less.probability], [0.6, 0.3], atol=0.03)
+    assert len(decode_places(logits[-10:], offsets[:, :3, :3], 5)) == 1

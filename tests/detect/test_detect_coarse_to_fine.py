@@ -6,9 +6,10 @@ from anchor_logits import GRID, logits_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.anchors import encode, encode_region
-from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput, detect_lines, largest_collinear_subset
+from deckline.detect.anchors import NetworkOutput, encode, encode_region
+from deckline.detect.coarse_to_fine import DetectConfig, largest_collinear_subset
 from deckline.detect.crop import crop_around, normalise, sample_crop
+from deckline.detect.search import detect_lines
 from deckline.types import Detection
 
 Line = tuple[float, float, float, float]  # u0, v0, u1, v1
@@ -31,6 +32,8 @@ class Oracle:
             weight = np.clip(level[rows] - 0.3 * level.max(), 0, None)
             lines.append(np.stack([(weight * np.arange(512)).sum(1) / weight.sum(1), rows], axis=1))
         points = np.concatenate(lines)
+        if not len(points):
+            return NetworkOutput(*NONE)
         box = np.concatenate([points.min(axis=0), points.max(axis=0)])
         classes, offsets, _ = encode_region([*box[:2], *(box[2:] + 1e-3)], (32, 18))
         cells = [encode(line, np.ones(len(line)), GRID) for line in lines]
@@ -91,7 +94,7 @@ def test_left_right_of_right_is_not_seen():
     image = draw((640, 360), (100, 300, 200, 50), (500, 300, 400, 50))
     swapped = image[:, :, [1, 0, 2]]
     assert len(detect_lines(image, Oracle(), DetectConfig()).left) > 10
-    detection = detect_lines(swapped, Oracle(), DetectConfig())
+    detection = detect_lines(swapped, Oracle(), DetectConfig(tiles=0))
     assert count_lines(detection) == 0
 
 
@@ -113,7 +116,7 @@ def runway_seen(sure: float, left: float, right: float) -> tuple[bool, bool]:
     ("runway", "left", "right", "seen"),
     [
         (0.99, 0.8, 0.8, (True, True)),  # runway and rows are probable together
-        (0.7, 0.9, 0.9, (True, True)),
+        (0.8, 0.95, 0.95, (True, True)),
         (0.5, 0.7, 0.7, (False, False)),
         (0.3, 0.99, 0.99, (False, False)),
         (0.99, 0.0, 0.75, (False, False)),  # a lone line needs more
@@ -237,7 +240,7 @@ def test_where_the_search_is_too_short_sighted_the_prior_box_is_searched(box):
 @pytest.mark.parametrize("box", [*WRONG[:1], (700.0, 300.0, 760.0, 360.0)])
 def test_a_prior_beside_the_runway_ends_not_seen_after_two_passes(box):
     network = ShortSighted()
-    assert count_lines(detect_lines(draw((1280, 720), *FAR), network, DetectConfig(), box)) == 0
+    assert count_lines(detect_lines(draw((1280, 720), *FAR), network, DetectConfig(tiles=0), box)) == 0
     assert len(network.views) == 2
 
 
@@ -265,7 +268,7 @@ def test_what_contradicts_the_one_line_that_the_search_saw_does_not_count():
             rows[1, :, -1] = 0.0
             return output._replace(rows=rows)
 
-    box, once = (595.0, 365.0, 645.0, 405.0), DetectConfig(max_passes=1)
+    box, once = (595.0, 365.0, 645.0, 405.0), DetectConfig(max_passes=1, tiles=0)
     image = draw((1280, 720), left, right)
     one = detect_lines(image, OneEyed(), once)
     assert len(one.left) > 0 and len(one.right) == 0
@@ -305,3 +308,24 @@ def test_wrong_use_is_refused():
         detect_lines(np.zeros((5, 5, 3)), Oracle(), DetectConfig())
     with pytest.raises(ValueError, match=r"max_passes.*0"):
         DetectConfig(max_passes=0)
+
+
+def test_tiles_find_a_runway_that_the_whole_picture_is_too_coarse_for():
+    lines = ((900.0, 500.0, 920.0, 460.0), (970.0, 500.0, 950.0, 460.0))
+    network = ShortSighted()
+    check_lines(detect_lines(draw((1280, 720), *lines), network, DetectConfig()), *lines)
+    assert len(network.views) <= 1 + 9 + 1
+    assert count_lines(detect_lines(draw((1280, 720), *lines), ShortSighted(), DetectConfig(tiles=0))) == 0
+
+
+def test_a_runway_that_is_faint_in_the_whole_picture_counts_if_the_closer_view_is_sure():
+    class Faint(Oracle):
+        def __call__(self, view):
+            output = super().__call__(view)
+            if len(self.views) > 1:
+                return output
+            shares = 0.1 * np.exp(output.region)
+            shares[-1] += 0.9
+            return output._replace(region=np.log(shares))
+
+    check_lines(detect_lines(draw((1280, 720), *FAR), Faint(), DetectConfig()), *FAR)

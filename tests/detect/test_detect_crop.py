@@ -1,10 +1,12 @@
+from itertools import pairwise
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.crop import Crop, crop_around, full_crop, normalise, sample_crop
+from deckline.detect.crop import Crop, crop_around, full_crop, normalise, sample_crop, tile_crops
 
 NET = (512, 288)
 
@@ -103,3 +105,13 @@ def test_wrong_use_is_refused():
         crop_around((5, 5, 5, 9), (1280, 720), NET, 0.6, 72.0)
     with pytest.raises(ValueError, match=r"step.*0\.0"):
         Crop(0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (640, 640), (200, 900)])
+def test_tiles_reach_every_edge_and_overlap(size):
+    tiles = tile_crops(size, NET, 3, 0.4)
+    assert len(tiles) == 9
+    for axis, length in enumerate(size):
+        spans = sorted({(crop.bounds(*NET)[axis], crop.bounds(*NET)[axis + 2]) for crop in tiles})
+        assert spans[0][0] <= -0.5 + 1e-6 and spans[-1][1] >= length - 0.5 - 1e-6
+        assert all(end > start for (_, end), (start, _) in pairwise(spans))

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.detect import ClassicalDetector, OnnxDetector
-from deckline.detect.coarse_to_fine import NetworkOutput, detect_lines
+from deckline.detect.anchors import NetworkOutput
 from deckline.detect.prior import ImagePrior, RunwaySurvey, prior_from_survey, project_prior
+from deckline.detect.search import detect_lines
 from deckline.geometry import Camera, attitude
 from deckline.runtime import shipped_weights
 from deckline.sim import SimConfig, frames

@@ -26,6 +26,8 @@ KNOWN_OUTPUTS = (ROW_OUTPUTS, HYBRID_OUTPUTS, MAP_OUTPUTS)
 SMALLEST_SHARE = 1e-9  # of a row; keeps logarithms finite
 STRIDE = 16  # px of the network's image per region cell
 SIZE_PX = 64.0  # px; a box of that size has log size 0
+PLACE_CELLS = 2  # from the best cell of a place, within which no other place begins
+TAKEN = -1e9  # log of a cell's share in a place that is taken
 SPREAD_CELLS = 0.6  # Gaussian width of the target over neighbouring cells: they see nearly the same
 
 
@@ -275,3 +277,26 @@ def decode_region(logits: Float32, offsets: Float32) -> Region:
     centre = (at + mean[:2] + 0.5) * STRIDE - 0.5
     half = SIZE_PX * np.exp(np.clip(mean[2:], -5.0, 3.0)) / 2
     return Region(np.concatenate([centre - half, centre + half]), float(1.0 - none))
+
+
+def decode_places(logits: Float32, offsets: Float32, count: int) -> list[Region]:
+    """The `count` most likely boxes, none with a best cell beside another's; each with its own cells' probability.
+
+    Args:
+        logits, offsets: as in `decode_region`.
+        count: of boxes; fewer where the grid has no more cells apart.
+    """
+    _, height, width = offsets.shape
+    row, column = np.mgrid[0:height, 0:width]
+    left = logits.astype(np.float64)
+    total, places = np.logaddexp.reduce(left), []
+    for _ in range(count):
+        cells = left[:-1].reshape(height, width)
+        best_row, best_column = np.unravel_index(int(cells.argmax()), cells.shape)
+        apart = np.maximum(np.abs(row - best_row), np.abs(column - best_column))
+        share = float(np.exp(np.logaddexp.reduce(cells[apart <= 1]) - total))
+        places.append(Region(decode_region(left.astype(np.float32), offsets).box, share))
+        cells[apart <= PLACE_CELLS] = TAKEN
+        if (cells <= TAKEN).all():
+            break
+    return places

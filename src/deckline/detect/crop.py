@@ -65,6 +65,19 @@ def full_crop(image_size: tuple[int, int], network_size: tuple[int, int]) -> Cro
     return Crop((width - net_width * step) / 2, (height - net_height * step) / 2, step)
 
 
+def tile_crops(image_size: tuple[int, int], network_size: tuple[int, int], count: int, share: float) -> list[Crop]:
+    """`count` x `count` parts of an image (width, height), row by row, each `share` as large as the whole's crop.
+
+    They are spread evenly from edge to edge; an image that is smaller than the part along an axis is centred in it.
+    """
+    step = share * full_crop(image_size, network_size).step
+    places = [
+        [_shift_inside(at, side * step, limit) for at in np.linspace(0.0, max(limit - side * step, 0.0), count)]
+        for side, limit in zip(network_size, image_size, strict=True)
+    ]
+    return [Crop(float(left), float(top), step) for top in places[1] for left in places[0]]
+
+
 def crop_around(
     box_px: ArrayLike, image_size: tuple[int, int], network_size: tuple[int, int], fill: float, min_width_px: float
 ) -> Crop:

@@ -7,14 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.detect.anchors import KNOWN_OUTPUTS, ROW_OUTPUTS, DecodeConfig, NetworkOutput, RowGrid, network_output
-from deckline.detect.coarse_to_fine import DetectConfig, detect_lines
+from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
+from deckline.detect.search import detect_lines
 from deckline.runtime.session import load_session
 from deckline.types import Detection
 
 # Networks of row anchors alone are trained with a focal loss, so that their confidences are no probabilities. With
 # these thresholds `ufld` gives a point in 0.45 % of 888 views without a runway, and both lines on 74 % of 174 decks.
-ROWS_ALONE = DetectConfig(min_confidence=0.4, min_probability=0.6, min_lone_probability=0.9)
+ROWS_ALONE = DetectConfig(
+    min_confidence=0.4, min_probability=0.6, min_lone_probability=0.9, min_close_probability=1.1, places=1, tiles=0
+)
 
 
 class OnnxDetector:

@@ -12,7 +12,8 @@ from rich.console import Console
 from torch import Tensor
 
 from deckline.detect.anchors import DecodeConfig, network_output
-from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput, detect_lines
+from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput
+from deckline.detect.search import detect_lines
 from deckline.haze import add_haze
 from deckline.train import loop
 from deckline.train.dehaze_samples import random_airlight

@@ -1,0 +1,224 @@
+"""The search for the runway in a picture: where to look closely, when to stop, which lines to believe.
+
+A first look at the whole picture proposes places, looks at overlapping tiles propose more. Each place is looked at ever
+more closely until the runway fills a good half of the network's view. The closest view decides: in the whole of a
+photograph a runway is often faint.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.checks import check_image
+from deckline.detect.anchors import NetworkOutput, Region, decode_places, decode_region
+from deckline.detect.coarse_to_fine import DetectConfig, closer_crop, decode_lines, is_final
+from deckline.detect.crop import Box, Crop, box_around, crop_around, full_crop, normalise, sample_crop, tile_crops
+from deckline.types import Detection, LinePoints
+
+SAME_LINE_PX = 2.0  # median distance of one detection's points from another detection's line
+SAME_LINE_SHARE = 0.05  # of the runway's width near the aircraft, where that is more
+SAME_CROP_SHIFT = 0.08  # of a view's width, and
+SAME_CROP_SCALE = 1.15  # by which a crop that was looked at may differ from one that shows nothing new
+
+Float64 = NDArray[np.float64]
+Infer = Callable[[NDArray[np.float32]], NetworkOutput]  # (3, height, width) normalised view -> what is in it
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What the network says of a crop."""
+
+    output: NetworkOutput
+    crop: Crop
+    config: DetectConfig
+
+    @cached_property
+    def region(self) -> Region:
+        return decode_region(self.output.region, self.output.box)
+
+    @cached_property
+    def lines(self) -> Detection:
+        return decode_lines(self.output, self.crop, self.config)
+
+    @cached_property
+    def count(self) -> int:
+        """Of edge lines."""
+        return sum(len(points) > 0 for points in (self.lines.left, self.lines.right))
+
+    @cached_property
+    def probability(self) -> float:
+        """Of the edge lines: the runway's times their mean confidence; 0 without any."""
+        confidence = [line.confidence.mean() for line in (self.lines.left, self.lines.right) if len(line)]
+        return self.region.probability * float(np.mean(confidence)) if confidence else 0.0
+
+
+@dataclass(eq=False)
+class Search:
+    """One picture's search: what was looked at, and the closest view of every place."""
+
+    image_rgb: NDArray[np.uint8]  # (H, W, 3)
+    infer: Infer
+    config: DetectConfig
+    crops: list[Crop] = field(default_factory=list)
+    candidates: list[View] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.image_size = (self.image_rgb.shape[1], self.image_rgb.shape[0])
+        self.whole = self.look(full_crop(self.image_size, self.config.grid.size))
+
+    def look(self, crop: Crop) -> View:
+        self.crops.append(crop)
+        return View(self.infer(normalise(sample_crop(self.image_rgb, crop, self.config.grid.size))), crop, self.config)
+
+    def search_whole(self) -> None:
+        """Look at the likeliest places of the whole picture."""
+        places = decode_places(self.whole.output.region, self.whole.output.box, self.config.places)
+        for place in places:
+            if place.probability >= self.config.min_place_probability and not self.is_decided:
+                self._approach(self.whole, place.box)
+
+    def search_tiles(self) -> None:
+        """Look at parts of the picture, and closely at the likeliest place of each that may have a runway."""
+        if not self.config.tiles:
+            return
+        for crop in tile_crops(self.image_size, self.config.grid.size, self.config.tiles, self.config.tile_size):
+            if self.is_decided:
+                break
+            tile = self.look(crop)
+            if tile.region.probability >= self.config.min_tile_probability:
+                self._approach(tile, tile.region.box)
+
+    def _approach(self, view: View, box: Float64) -> None:
+        """Ever closer looks at a box of a view; its final one becomes a candidate, unless a look shows no runway."""
+        for _ in range(self.config.max_passes - 1):
+            crop = closer_crop(box, view.crop, self.image_size, self.config)
+            unsure = view is self.whole and view.probability < self.config.sure_probability
+            if is_final(crop, view.crop, self.config) and not unsure:
+                break
+            if any(_shows_the_same(crop, seen, self.config.grid.width) for seen in self.crops):
+                if view is self.whole:
+                    break
+                return
+            view = self.look(crop)
+            if view.region.probability < self.config.min_view_probability:
+                return
+            box = view.region.box
+        self.candidates.append(view)
+
+    def look_at_prior(self, box: Box) -> View | None:
+        """The closest view of a box in the image, with both lines about its middle; None where they are not seen."""
+        view = self.look(
+            crop_around(box, self.image_size, self.config.grid.size, self.config.fill, self.config.min_width_px)
+        )
+        for _ in range(self.config.max_passes - 1):
+            crop = closer_crop(view.region.box, view.crop, self.image_size, self.config)
+            if view.region.probability < self.config.min_prior_probability or is_final(crop, view.crop, self.config):
+                break
+            view = self.look(crop)
+        seen = view.count == 2 and view.probability >= self.config.min_prior_probability
+        return view if seen and _is_centred_in(view.lines, box) else None
+
+    @property
+    def accepted(self) -> list[View]:
+        """Candidates whose lines are probable enough to count."""
+        return [view for view in self.candidates if self._is_accepted(view)]
+
+    def _is_accepted(self, view: View) -> bool:
+        if view.count < 2:
+            return view.count == 1 and self.clear_probability(view) >= self.config.min_lone_probability
+        return (
+            view.probability >= self.config.min_close_probability
+            or self.clear_probability(view) >= self.config.min_probability
+        )
+
+    def clear_probability(self, view: View) -> float:
+        """Of a view's lines, times the runway's in the whole image."""
+        return view.probability if view is self.whole else view.probability * self.whole.region.probability
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether a candidate's pair of lines is beyond doubt."""
+        whole = self.whole.region.probability
+        sure, clear = self.config.sure_probability, self.config.sure_clear_probability
+        return any(
+            view.probability >= sure or view.probability * whole >= clear for view in self.accepted if view.count == 2
+        )
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether a candidate's pair of lines is beyond doubt, or two candidates agree on one."""
+        likely = [view for view in self.accepted if view.probability >= self.config.agreeing_probability]
+        pairs = combinations([view.lines for view in likely if view.count == 2], 2)
+        return self.is_sure or any(_agrees(one, other) for one, other in pairs)
+
+    def choose(self) -> View | None:
+        """The candidate whose lines count: the most probable pair, else the most probable lone line."""
+        return max(self.accepted, key=lambda view: (view.count, view.probability), default=None)
+
+
+def detect_lines(
+    image_rgb: NDArray[np.uint8], infer: Infer, config: DetectConfig, prior_box: Box | None = None
+) -> Detection:
+    """Both runway lines in an image (H, W, 3) uint8, in its own pixels; a line that is not seen has no points.
+
+    The whole image is always searched, so that a wrong prior hides nothing that is beyond doubt. Otherwise the prior's
+    box is looked at. A pair in it must be about its middle and agree with a lone line of the search; it replaces
+    another pair that is less probable, or if it would count without a prior. Tiles are searched while both lines are
+    missing.
+
+    Raises:
+        ValueError: anything but such an image, or a box that is empty or not finite.
+    """
+    check_image(image_rgb)
+    search = Search(image_rgb, infer, config)
+    search.search_whole()
+    found = search.choose()
+    if prior_box is not None and not search.is_sure:
+        told = search.look_at_prior(prior_box)
+        if told is not None and (found is None or _is_better(told, found, config)):
+            found = told
+    if found is None or found.count < 2:
+        search.search_tiles()
+        found = search.choose()
+    return Detection(LinePoints.empty(), LinePoints.empty()) if found is None else found.lines
+
+
+def _is_better(told: View, found: View, config: DetectConfig) -> bool:
+    """Whether both lines of a prior's box replace what a search found: an unsure pair, or one line of them."""
+    if found.count == 2:
+        return told.probability >= min(found.probability, config.min_close_probability)
+    pairs = ((found.lines.left, told.lines.left), (found.lines.right, told.lines.right))
+    return all(_distance_px(one.points_px, other.points_px) <= SAME_LINE_PX for one, other in pairs if len(one))
+
+
+def _is_centred_in(detection: Detection, box: Box) -> bool:
+    u0, v0, u1, v1 = box_around(detection.left, detection.right)
+    return box[0] <= (u0 + u1) / 2 <= box[2] and box[1] <= (v0 + v1) / 2 <= box[3]
+
+
+def _agrees(one: Detection, other: Detection) -> bool:
+    """Whether two detections have the same two lines."""
+    pairs = ((one.left.points_px, other.left.points_px), (one.right.points_px, other.right.points_px))
+    near = [points[points[:, 1].argmax()] for points, _ in pairs]
+    least = max(SAME_LINE_PX, SAME_LINE_SHARE * float(np.linalg.norm(near[0] - near[1])))
+    return all(max(_distance_px(a, b), _distance_px(b, a)) <= least for a, b in pairs)
+
+
+def _distance_px(points_px: Float64, line_px: Float64) -> float:
+    """Median distance of points (N, 2) from the straight line through others (M, 2); infinite for M < 2."""
+    if len(line_px) < 2:
+        return float("inf")
+    middle = line_px.mean(axis=0)
+    _, _, axes = np.linalg.svd(line_px - middle)
+    return float(np.median(np.abs((points_px - middle) @ axes[1])))
+
+
+def _shows_the_same(one: Crop, other: Crop, width: int) -> bool:
+    """Whether two crops, width px wide in the network's image, show nearly the same."""
+    shift_px = max(abs(one.left - other.left), abs(one.top - other.top))
+    scale = max(one.step / other.step, other.step / one.step)
+    return shift_px <= SAME_CROP_SHIFT * width * other.step and scale <= SAME_CROP_SCALE
