@@ -3,12 +3,13 @@
     python scripts/fetch_photographs.py photographs
 
 Writes photographs/train and photographs/judge, each with labels.json (no lines), and photographs/LICENCES.md. Packages
-come from the archive of Ubuntu by exact version, 1.4 GB; needs apt and dpkg-deb. A stopped command resumes.
+come from the archive of Ubuntu by exact version, 1.5 GB; needs apt and dpkg-deb. A stopped command resumes.
 """
 
 import argparse
 import hashlib
 import io
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,7 +25,7 @@ from deckline.progress import progress
 from deckline.recording.images import read_image
 
 LIST = Path(__file__).with_name("photographs.toml")
-DOWNLOAD = "/usr/lib/apt/apt-helper"
+DOWNLOAD, UNPACK = "/usr/lib/apt/apt-helper", "dpkg-deb"
 LONG_SIDE_PX = 2560  # of a picture at most
 JPEG_QUALITY = 95
 USES = ("train", "judge")
@@ -34,6 +35,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Fetch photographs without a runway.")
     parser.add_argument("out", type=Path, help="folder of the pictures")
     out = parser.parse_args().out
+    for program in (DOWNLOAD, UNPACK):
+        if shutil.which(program) is None:
+            parser.error(f"{program} is missing: run this on Debian or Ubuntu")
     packages = tomllib.loads(LIST.read_text(encoding="utf-8"))["package"]
     for use in USES:
         (out / use).mkdir(parents=True, exist_ok=True)
@@ -63,7 +67,7 @@ def fetch_package(package: dict[str, Any], out: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         archive, files = Path(folder) / "package.deb", Path(folder) / "files"
         run([DOWNLOAD, "download-file", package["url"], str(archive), f"SHA256:{package['sha256']}"])
-        run(["dpkg-deb", "-x", str(archive), str(files)])
+        run([UNPACK, "-x", str(archive), str(files)])
         for picture in missing:
             source = files / picture["file"]
             if hashlib.sha256(source.read_bytes()).hexdigest() != picture["sha256"]:
@@ -72,14 +76,11 @@ def fetch_package(package: dict[str, Any], out: Path) -> None:
 
 
 def run(command: list[str]) -> None:
-    """Run a program; a ValueError with the last line that it printed when it fails."""
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    except FileNotFoundError:
-        raise ValueError(f"{command[0]} is missing: run this on Debian or Ubuntu") from None
+    """Run a program; a ValueError with the first error that it printed when it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if line.startswith("E:")] or ["unknown error"]
-        raise ValueError(f"{Path(command[0]).name} failed: {lines[-1]}")
+        lines = [line for line in done.stderr.splitlines() if not line.startswith("W:")] or ["unknown error"]
+        raise ValueError(lines[0].removeprefix("E: "))
 
 
 def get_target(picture: dict[str, Any], out: Path) -> Path:
