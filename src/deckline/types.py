@@ -86,6 +86,14 @@ def message_of(notices: Notices) -> str:
     return "; ".join(dict.fromkeys(notice.message for notice in notices))
 
 
+class EdgeKind(StrEnum):
+    """What a runway's edge line was seen on."""
+
+    PAINT = "paint"  # the middle of the painted edge marking
+    PAVEMENT = "pavement"  # the edge of the surface, where no stripe is painted
+    LIGHTS = "lights"  # the row of edge lights, at night
+
+
 class DepthMode(StrEnum):
     """Where the distance of the line points came from."""
 

@@ -22,6 +22,7 @@ from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
 from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
+from deckline.sim.airfield.simulate import AirfieldSimulator
 from deckline.sim.config import FLIGHTS, LARGEST_PX, SimConfig
 from deckline.sim.simulate import Simulator, open_simulator, ship_block
 from deckline.types import Frame
@@ -70,7 +71,7 @@ def show_progress(what: str, results: Generator[T, None, None], total: int, done
             advance()
 
 
-_opened: dict[SimConfig, Simulator] = {}  # the last recording's simulator in a rendering process
+_opened: dict[SimConfig, Simulator | AirfieldSimulator] = {}  # the last recording's simulator in a rendering process
 
 
 def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:

@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from deckline.sim.airfield.simulate import AirfieldSimulator
 from deckline.sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline.sim.camera.lens import pinhole_for, random_lens
 from deckline.sim.camera.measure import measure_pose
@@ -254,12 +255,14 @@ class DecklessSimulator(Simulator):
         return "other ships" if kind == SHIPS else "coast"
 
 
-def open_simulator(config: SimConfig) -> Simulator:
+def open_simulator(config: SimConfig) -> Simulator | AirfieldSimulator:
     """What renders the frames of a recording.
 
     Raises:
-        RendererError: no OpenGL through EGL on this machine.
+        RendererError: no OpenGL through EGL on this machine, which preset `airfield` does without.
     """
+    if config.preset == "airfield":
+        return AirfieldSimulator(config)
     return DecklessSimulator(config) if config.trajectory == "deckless" else Simulator(config)
 
 

@@ -39,7 +39,12 @@ def random_lens(config: LensConfig, camera: Camera, rng: np.random.Generator, wi
         distortion = (float(k1), float(k2), float(tangential[0]), float(tangential[1]), 0.0)
     right, down = config.principal_offset_px or ((float(offset[0]), float(offset[1])) if wide else (0.0, 0.0))
     lens = replace(camera, distortion=distortion, cx=camera.cx + right, cy=camera.cy + down)
-    pinhole_for(lens)
+    try:
+        pinhole_for(lens)
+    except ValueError:
+        if config.distortion is not None:
+            raise
+        return replace(lens, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))  # its principal point lies too far off for it
     return lens
 
 
