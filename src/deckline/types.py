@@ -209,6 +209,7 @@ class Detection:
     right: LinePoints
     region_px: tuple[float, float, float, float] | None = None  # u0, v0, u1, v1 of the part looked at closely
     centre: LinePoints = field(default_factory=lambda: LinePoints.empty())  # painted between them; few networks see it
+    edge: EdgeKind | None = None  # what the edge lines are; None: not known
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,6 +97,7 @@ def detect(
     out: Path,
     recipe: Path | None = None,
     start_from: str | None = None,
+    photographs: Path | None = None,
     flags: Annotated[DetectFlags, tyro.conf.arg(name="")] = NO_DETECT_FLAGS,  # type: ignore[valid-type]
 ) -> int:
     """Train a line detector on clear recordings with depth and true lines, or on pictures of your own with labels.json.
@@ -110,11 +111,12 @@ def detect(
         out: folder of recipe.toml, the checkpoint and detect.onnx.
         recipe: TOML file of all that training can be told (see recipe.toml in an --out); flags override it.
         start_from: first weights: folder of an earlier training, .onnx file, shipped, or a shipped model's name.
+        photographs: folder of pictures without a runway, which take the place of some views' sky.
         flags: over the recipe.
     """
     config = make_recipe(DetectTrainConfig, recipe, flags)
     start = find_weights(start_from, config.network)
-    train_detect.train_detect(config, list(recordings), out, start, DETECT_NETWORKS)
+    train_detect.train_detect(config, list(recordings), out, start, DETECT_NETWORKS, photographs)
     return 0
 
 

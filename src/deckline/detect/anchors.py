@@ -15,14 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deckline.detect.crop import check_box
+from deckline.types import EdgeKind
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 ROW_OUTPUTS = ("row_logits", "region_logits", "region_box")  # row anchors
 HYBRID_OUTPUTS = ("row_logits", "column_logits", "region_logits", "region_box")  # row and column anchors
+EDGE_OUTPUTS = (*HYBRID_OUTPUTS, "edge_logits")  # and what the edge lines are
 MAP_OUTPUTS = ("map_logits", "line_logits", "region_logits", "region_box")  # a class for every pixel
-KNOWN_OUTPUTS = (ROW_OUTPUTS, HYBRID_OUTPUTS, MAP_OUTPUTS)
+KNOWN_OUTPUTS = (ROW_OUTPUTS, HYBRID_OUTPUTS, EDGE_OUTPUTS, MAP_OUTPUTS)
+EDGES = tuple(EdgeKind)  # classes of the edge, in their order
 SMALLEST_SHARE = 1e-9  # of a row; keeps logarithms finite
 STRIDE = 16  # px of the network's image per region cell
 SIZE_PX = 64.0  # px; a box of that size has log size 0
@@ -116,6 +119,7 @@ class NetworkOutput(NamedTuple):
     region: Float32  # (region cells + 1,) class logits
     box: Float32  # (4, region rows, region columns) box offsets
     columns: Float32 | None = None  # (lines, cells, rows + 1) of column anchors, where it has them
+    edge: Float32 | None = None  # (len(EDGES),) class logits of what the edge lines are, where it says
 
 
 def network_output(outputs: Mapping[str, Float32], grid: RowGrid) -> NetworkOutput:
@@ -124,7 +128,8 @@ def network_output(outputs: Mapping[str, Float32], grid: RowGrid) -> NetworkOutp
         rows = rows_from_map(outputs["map_logits"], outputs["line_logits"], grid)
     else:
         rows = outputs["row_logits"]
-    return NetworkOutput(rows, outputs["region_logits"], outputs["region_box"], outputs.get("column_logits"))
+    others = outputs.get("column_logits"), outputs.get("edge_logits")
+    return NetworkOutput(rows, outputs["region_logits"], outputs["region_box"], *others)
 
 
 def encode(points_px: ArrayLike, seen: ArrayLike, grid: RowGrid) -> Float32:

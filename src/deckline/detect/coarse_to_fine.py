@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_numbers
-from deckline.detect.anchors import DecodeConfig, NetworkOutput, RowGrid, RowPoints, decode
+from deckline.detect.anchors import EDGES, DecodeConfig, NetworkOutput, RowGrid, RowPoints, decode
 from deckline.detect.crop import Crop, crop_around
 from deckline.types import Detection, LinePoints
 
@@ -91,9 +91,10 @@ def decode_lines(output: NetworkOutput, crop: Crop, config: DetectConfig) -> Det
         lines = [flat if len(flat) > len(steep) else steep for steep, flat in zip(lines, by_column, strict=True)]
     left, right, *centre = lines
     between = centre and not (_is_right_of(rows[0], rows[2]) or _is_right_of(rows[2], rows[1]))
-    if between and len(left) and len(right):
-        return Detection(left, right, region, centre[0])
-    return Detection(left, right, region)  # a centre line lies between two edges
+    if not (between and len(left) and len(right)):
+        centre = [LinePoints.empty()]  # a centre line lies between two edges
+    edge = None if output.edge is None else EDGES[int(np.argmax(output.edge))]
+    return Detection(left, right, region, centre[0], edge)
 
 
 def _is_right_of(one: RowPoints, other: RowPoints) -> bool:

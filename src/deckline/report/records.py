@@ -57,6 +57,7 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
         "time_s": frame.time_s,
         "status": str(estimate.status),
         "mode": str(estimate.mode),
+        "edge": detection.edge and str(detection.edge),
         "reason": result.guidance.reason,
         "reasons": [str(notice.reason) for notice in result.guidance.notices],
         "lines": lines,

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from deckline.detect.anchors import DecodeConfig, network_output
 from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput
 from deckline.detect.search import detect_lines
 from deckline.haze import add_haze
+from deckline.recording.images import read_image
+from deckline.recording.opening import list_images
 from deckline.train import loop
 from deckline.train.dehaze_samples import random_airlight
 from deckline.train.detect_losses import DetectTargets, LossWeights
@@ -29,6 +32,7 @@ from deckline.types import SIDES, Detection, LinePoints
 START_VIEWS = 24  # whose statistics the batch norms of another training's weights are given
 VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
 DEPTHS = {"clear": (0.0, 0.0), "light_haze": (0.0, 1.0), "thick_haze": (1.0, 2.5)}  # optical depth up to the ramp
+BACKDROP_PX = 1000  # of a photograph behind a view, long side
 LEAST_SHARE = 0.1  # of both lines in the image; views with less are no clear case
 
 
@@ -64,6 +68,7 @@ def train_detect(
     out: Path,
     start_from: Path | None = None,
     networks: Mapping[str, Callable[[DetectTrainConfig], LineNetwork]] = NETWORKS,
+    photographs: Path | None = None,
 ) -> dict[str, float]:
     """Train until the budget is used, then validate and export `out`/detect.onnx; returns the measured figures.
 
@@ -73,12 +78,14 @@ def train_detect(
         out: folder of checkpoint.safetensors and detect.onnx.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
+        photographs: folder of pictures that take the place of the sky; without a runway in them.
     """
     console = Console()
     device = loop.select_device(config)
     model: LineNetwork = loop.build_network(networks, config)
     views = open_line_views(recordings, config.held_out)
     grid = model.kind.target_grid
+    backdrops = [] if photographs is None else read_backdrops(photographs)
     if start_from is not None:
         start_detector(model, start_from)
         settle_norms(model, make_batch(views, START_VIEWS, grid, config.augment, [config.seed])[0])
@@ -88,7 +95,7 @@ def train_detect(
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
 
     def make(step: int) -> tuple[Tensor, DetectTargets]:
-        return make_batch(views, config.batch, grid, config.augment, [config.seed, step])
+        return make_batch(views, config.batch, grid, config.augment, [config.seed, step], backdrops)
 
     def loss(batch: tuple[Tensor, DetectTargets], fraction: float) -> loop.Loss:
         image = batch[0].to(device, memory_format=torch.channels_last)
@@ -107,6 +114,19 @@ def train_detect(
     loop.print_figures(console, figures, views.skipped | held_out.skipped)
     console.print(str(path))
     return figures
+
+
+def read_backdrops(folder: Path) -> list[NDArray[np.uint8]]:
+    """The pictures (H, W, 3) of a folder, long sides at most `BACKDROP_PX`."""
+    pictures = []
+    for name in list_images(folder):
+        picture = read_image(folder / name)
+        factor = BACKDROP_PX / max(picture.shape)
+        shown = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+        pictures.append(np.asarray(shown, dtype=np.uint8))
+    if not pictures:
+        raise ValueError(f"{folder} holds no pictures; give a folder of photographs without a runway")
+    return pictures
 
 
 def _optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Optimizer:

@@ -33,6 +33,7 @@ class HybridOutput(NamedTuple):
     columns: Tensor  # (B, 3, cells, rows + 1) class logits
     region: Tensor  # (B, region cells + 1) class logits
     box: Tensor  # (B, 4, region rows, region columns)
+    edge: Tensor  # (B, kinds) class logits of what the edge lines are
     segmentation: Tensor | None  # (B, 4, H/8, W/8) logits of background and every line; in training only
 
 
@@ -44,6 +45,7 @@ class DetectTargets(NamedTuple):
     region: Tensor  # (B, region cells + 1) shares
     box: Tensor  # (B, 4, region rows, region columns)
     box_weight: Tensor  # (B, region rows, region columns)
+    edge: Tensor  # (B,) number of the edge's kind in `EDGES`; -1 where there is no line or nobody knows
 
     def first(self, lines: int) -> "DetectTargets":
         """What a network of so many lines is taught: the left, the right, then the centre line."""
@@ -60,6 +62,7 @@ class LossWeights:
     region: float = 0.5
     box: float = 0.5
     segmentation: float = 0.2
+    edge: float = 0.1
     shape: float = 0.05  # second differences: runway edges are straight in a pinhole image
 
 
@@ -93,13 +96,20 @@ def hybrid_loss(
     parts["rows"], parts["rows_position"] = losses
     losses = anchor_loss(output.columns.float(), columns, between | hidden)
     parts["columns"], parts["columns_position"] = losses
-    total = weights.region * parts["region"] + weights.box * parts["box"]
+    parts["edge"] = edge_loss(output.edge.float(), targets.edge)
+    total = weights.region * parts["region"] + weights.box * parts["box"] + weights.edge * parts["edge"]
     total = total + weights.rows * (parts["rows"] + parts["columns"])
     total = total + weights.position * (parts["rows_position"] + parts["columns_position"])
     if output.segmentation is not None:
         parts["segmentation"] = segmentation_loss(output.segmentation.float(), rows, output.rows.shape[-1] - 1)
         total = total + weights.segmentation * parts["segmentation"]
     return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def edge_loss(logits: Tensor, kind: Tensor) -> Tensor:
+    """Cross-entropy of the edge's kind (B,), over the views in which it is known."""
+    losses = F.cross_entropy(logits, kind.clamp(min=0), reduction="none")
+    return _mean_where(losses, kind >= 0)
 
 
 def anchor_loss(logits: Tensor, position: Tensor, ignored: Tensor) -> tuple[Tensor, Tensor]:

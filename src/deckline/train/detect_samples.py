@@ -1,6 +1,7 @@
 """One training sample: a view with its lines -> the network's input and its targets."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
@@ -10,14 +11,19 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from deckline.checks import check_numbers
-from deckline.detect.anchors import STRIDE, RowGrid, encode, encode_region
+from deckline.detect.anchors import EDGES, STRIDE, RowGrid, encode, encode_region
 from deckline.detect.crop import Crop, full_crop, normalise, sample_crop
+from deckline.sim.camera.foreground import draw_foreground, lay_over
+from deckline.sim.camera.phone import phone_picture
 from deckline.train.dehaze_samples import random_airlight
 from deckline.train.detect_losses import DetectTargets
 from deckline.train.views import LineView, Views
+from deckline.types import EdgeKind
 
-PAINT_CONTRAST = 100.0  # grey levels between white paint and a dark deck
+# Grey levels between an edge line and what it lies on: white paint on a dark deck, asphalt beside grass, a lamp.
+EDGE_CONTRAST = {EdgeKind.PAINT: 100.0, EdgeKind.PAVEMENT: 40.0, EdgeKind.LIGHTS: 100.0}
 VISIBLE_CONTRAST = 1.5  # grey levels; paint with less of it left is "no line here"
+HIDDEN = 0.5  # of a foreground's cover
 VISIBLE_SHARE = 0.15  # of both lines' points; with less there is no runway in the view
 CLOSE_MIN_PX = 4.0  # a box narrower than that in the frame gets no close crop
 MIRRORED = [1, 0, 2]  # the left line is then the right one
@@ -54,6 +60,10 @@ class DetectAugmentation:
     jpeg_share: float = 0.3
     jpeg_scale: tuple[float, float] = (0.1, 2.0)  # of the standard's tables, log-uniform; from quality 95 to 25
     patch_share: float = 0.2
+    backdrop_share: float = 0.15  # of the views with sky get a photograph's instead, where there are photographs
+    foreground_share: float = 0.3  # seen from a cockpit, past a drone's legs, through dirty glass, under captions
+    phone_share: float = 0.25  # taken as phones and video do
+    upside_down_share: float = 0.02  # turned by 180 degrees: no runway
 
     def __post_init__(self) -> None:
         check_numbers(self, "", *(name for name in vars(self) if name.endswith("_share")), least=0, most=1)
@@ -68,6 +78,7 @@ class Sample(NamedTuple):
     region: NDArray[np.float32]
     box: NDArray[np.float32]
     box_weight: NDArray[np.float32]
+    edge: np.int64
 
 
 class _Scene(NamedTuple):
@@ -80,9 +91,22 @@ class _Scene(NamedTuple):
     objects_px: NDArray[np.float64]  # (0 or 1, 2) edge of an object: a ship, a coast
 
 
-def make_sample(view: LineView, grid: RowGrid, augment: DetectAugmentation, rng: np.random.Generator) -> Sample:
-    """Haze, flip, rotate, choose a crop, degrade it, sample it. A labelled picture gets no haze."""
+def make_sample(
+    view: LineView,
+    grid: RowGrid,
+    augment: DetectAugmentation,
+    rng: np.random.Generator,
+    backdrops: Sequence[NDArray[np.uint8]] = (),
+) -> Sample:
+    """Haze, flip, rotate, a foreground, choose a crop, degrade it, sample it. A labelled picture gets no haze.
+
+    `backdrops` are photographs (H, W, 3) to take the sky's place.
+    """
+    if len(backdrops) and rng.random() < augment.backdrop_share:
+        view = _replace_sky(view, backdrops[int(rng.integers(len(backdrops)))], rng)
     scene = _turn(_add_haze(view, augment, rng), augment, rng)
+    if rng.random() < augment.foreground_share:
+        scene = _lay_foreground(scene, rng)
     height, width = scene.image.shape[:2]
     box = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
     crop = choose_crop(box, scene.objects_px, (width, height), (grid.width, grid.height), augment, rng)
@@ -95,15 +119,21 @@ def make_sample(view: LineView, grid: RowGrid, augment: DetectAugmentation, rng:
     inner = Crop(crop.left - left, crop.top - top, crop.step)
     image = normalise(sample_crop(part, inner, (grid.width, grid.height)))
     cell, *region = encode_view(scene.lines_px, scene.visible, crop, (width, height), grid)
-    return Sample(image, cell, scene.known, *region)
+    seen = view.edge is not None and region[0][-1] < 1
+    return Sample(image, cell, scene.known, *region, np.int64(EDGES.index(view.edge) if seen else -1))
 
 
 def make_batch(
-    views: Views[LineView], batch: int, grid: RowGrid, augment: DetectAugmentation, seed: list[int]
+    views: Views[LineView],
+    batch: int,
+    grid: RowGrid,
+    augment: DetectAugmentation,
+    seed: list[int],
+    backdrops: Sequence[NDArray[np.uint8]] = (),
 ) -> tuple[Tensor, DetectTargets]:
     """Views (batch, 3, height, width) and targets; the same for the same seed, so that resuming changes nothing."""
     rng = np.random.default_rng(seed)
-    samples = [make_sample(views.draw(rng), grid, augment, rng) for _ in range(batch)]
+    samples = [make_sample(views.draw(rng), grid, augment, rng, backdrops) for _ in range(batch)]
     columns = [torch.from_numpy(np.stack(column)) for column in zip(*samples, strict=True)]
     return columns[0], DetectTargets(*columns[1:])
 
@@ -157,7 +187,7 @@ def _add_haze(view: LineView, augment: DetectAugmentation, rng: np.random.Genera
         return _Scene(image, lines, seen, np.array([True, True, view.lines_px is None]), np.zeros((0, 2)))
     ranges = view.clear.range_m.astype(np.float32)
     line_ranges = np.zeros((3, 0)) if view.ranges_m is None else view.ranges_m
-    contrast = np.full(line_ranges.shape, PAINT_CONTRAST)
+    contrast = np.full(line_ranges.shape, EDGE_CONTRAST[view.edge or EdgeKind.PAINT])
     contrast[2] *= bool(view.centre_painted)
     object_px, object_m = _find_object(ranges, rng)
     if rng.random() < augment.haze_share:
@@ -172,6 +202,31 @@ def _add_haze(view: LineView, augment: DetectAugmentation, rng: np.random.Genera
         contrast = contrast * fade
     known = np.array([True, True, view.lines_px is None or view.centre_painted is not None])
     return _Scene(image, lines, contrast >= VISIBLE_CONTRAST, known, object_px)
+
+
+def _replace_sky(view: LineView, photograph: NDArray[np.uint8], rng: np.random.Generator) -> LineView:
+    """The view with a random part of a photograph where its sky was."""
+    if view.clear is None:
+        return view
+    height, width = view.image_rgb.shape[:2]
+    scale = max(width / photograph.shape[1], height / photograph.shape[0]) * rng.uniform(1.0, 1.5)
+    size = (max(width, round(photograph.shape[1] * scale)), max(height, round(photograph.shape[0] * scale)))
+    shown = cv2.resize(photograph, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    top, left = int(rng.integers(size[1] - height + 1)), int(rng.integers(size[0] - width + 1))
+    shown = shown[top : top + height, left : left + width]
+    sky = np.isinf(view.clear.range_m)[..., None]
+    return replace(view, image_rgb=np.where(sky, shown, view.image_rgb))
+
+
+def _lay_foreground(scene: _Scene, rng: np.random.Generator) -> _Scene:
+    """What hides the scene from its camera; the lines behind it cannot be seen."""
+    height, width = scene.image.shape[:2]
+    keep = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
+    foreground = draw_foreground(width, height, rng, keep)
+    at = np.nan_to_num(scene.lines_px, nan=-1.0).round()
+    u, v = np.clip(at, 0, [width - 1, height - 1]).astype(int).transpose(2, 0, 1)
+    visible = scene.visible & (foreground.cover[v, u] < HIDDEN)
+    return scene._replace(image=lay_over(scene.image, foreground), visible=visible)
 
 
 def _find_object(ranges_m: NDArray[np.float32], rng: np.random.Generator) -> tuple[NDArray[np.float64], float]:
@@ -195,6 +250,9 @@ def _turn(scene: _Scene, augment: DetectAugmentation, rng: np.random.Generator) 
         image, lines, visible, objects = image[:, ::-1], lines[MIRRORED], visible[MIRRORED], objects.copy()
         for points in (lines, objects):
             points[..., 0] = image.shape[1] - 1 - points[..., 0]
+    if rng.random() < augment.upside_down_share:
+        none = np.zeros((3, 0, 2)), np.zeros((3, 0), dtype=bool), np.ones(3, dtype=bool), np.zeros((0, 2))
+        return _Scene(np.ascontiguousarray(image[::-1, ::-1]), *none)
     if rng.random() < augment.rotate_share:
         angle = np.deg2rad(rng.uniform(-augment.rotate_max_deg, augment.rotate_max_deg))
         image, matrix, offset = rotate(image, angle)
@@ -295,6 +353,8 @@ def degrade(
         image = np.repeat(image.mean(axis=2, keepdims=True), 3, axis=2)
     if rng.random() < augment.patch_share:
         image = _add_patches(image, rng)
+    if rng.random() < augment.phone_share:
+        image = phone_picture(image, rng)
     if rng.random() < augment.blur_share:
         sigma = rng.uniform(0.3, min(2.0, 0.3 + 0.04 * box_size_px[0]))
         image = blur(image, sigma, sigma)

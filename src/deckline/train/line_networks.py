@@ -17,7 +17,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from deckline.detect.anchors import HYBRID_OUTPUTS, ROW_OUTPUTS, STRIDE, DecodeConfig, RowGrid
+from deckline.detect.anchors import EDGE_OUTPUTS, EDGES, ROW_OUTPUTS, STRIDE, DecodeConfig, RowGrid
 from deckline.train import detect_losses
 from deckline.train.backbone import CHANNELS, Lite0Backbone, conv_norm, separable
 from deckline.train.detect_losses import DetectTargets, HybridOutput, Losses, LossWeights, UfldOutput
@@ -118,7 +118,7 @@ class Ufld(PyramidNetwork):
 
 
 class Hybrid(PyramidNetwork):
-    """(B, 3, H, W) normalised views -> row and column classes of left, right and centre, and region."""
+    """(B, 3, H, W) normalised views -> row and column classes of left, right and centre, region, kind of edge."""
 
     def __init__(self, config: PyramidConfig | None = None) -> None:
         super().__init__(config)
@@ -126,7 +126,7 @@ class Hybrid(PyramidNetwork):
         self.kind = NetworkKind(
             grid=grid,
             target_grid=RowGrid(grid.width, grid.height, grid.width, grid.height),  # anchors one pixel apart
-            output_names=HYBRID_OUTPUTS,
+            output_names=EDGE_OUTPUTS,
             decode=DecodeConfig(min_line_share=0.5),
             lines=ALL_LINES,
         )
@@ -136,6 +136,7 @@ class Hybrid(PyramidNetwork):
         self.row_crossed = _Crossed(width)
         self.column_crossed = _Crossed(width)
         self.region = RegionHead(width)
+        self.edge = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), nn.Linear(width, len(EDGES)))
         self.segmentation = nn.Conv2d(width, ALL_LINES + 1, 1)
 
     def forward(self, image: Tensor) -> HybridOutput:
@@ -144,7 +145,8 @@ class Hybrid(PyramidNetwork):
         rows = join_classes(self.row_cells(features), self.row_crossed(features, 3))
         columns = join_classes(self.column_cells(features).transpose(2, 3), self.column_crossed(features, 2))
         region, box = self.region(eighth, sixteenth)
-        return HybridOutput(rows, columns, region, box, self.segmentation(eighth) if self.training else None)
+        edge = self.edge(pool(features, (2, 3)))
+        return HybridOutput(rows, columns, region, box, edge, self.segmentation(eighth) if self.training else None)
 
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
         anchors = detect_losses.anchor_targets(targets.cell, self.kind.grid)

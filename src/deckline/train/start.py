@@ -79,7 +79,8 @@ def start_detector(model: LineNetwork, source: Path) -> None:
 
 
 def start_with_file(model: PyramidNetwork, path: Path) -> None:
-    """Give a detector the weights of an exported one; its training-only branch keeps its own.
+    """Give a detector the weights of an exported one; its training-only branch keeps its own, and so does the
+    kind of edge where the file does not tell it.
 
     A folded convolution's weights become the convolution's, its bias that of a batch norm which does nothing else: the
     model then computes what the file does, which is checked.
@@ -93,7 +94,7 @@ def start_with_file(model: PyramidNetwork, path: Path) -> None:
             raise ValueError(f"{path} holds another network: {node.name} has no weights of its own")
         found |= _unfold_norm(prefix, weight, bias, model)
     found |= {name.removeprefix("model."): value for name, value in stored.items() if name.startswith("model.")}
-    kept = {name for name in own if name.startswith("segmentation.") or name.endswith("num_batches_tracked")}
+    kept = {name for name in own if name.startswith(("segmentation.", "edge.")) or name.endswith("num_batches_tracked")}
     wrong = [name for name, value in found.items() if name not in own or own[name].shape != value.shape]
     wrong += [name for name in own if name not in found.keys() | kept]
     if wrong:
@@ -185,5 +186,5 @@ def _check_same(model: LineNetwork, path: Path) -> None:
     view = np.random.default_rng(0).standard_normal((1, 3, grid.height, grid.width), dtype=np.float32)
     theirs = dict(zip(session.output_names, session(image=view), strict=True))
     for name, value in zip(model.kind.output_names, _evaluate(model, torch.from_numpy(view)), strict=True):
-        if np.abs(value - theirs[name]).max() > SAME * max(float(np.abs(theirs[name]).max()), 1.0):
+        if name in theirs and np.abs(value - theirs[name]).max() > SAME * max(float(np.abs(theirs[name]).max()), 1.0):
             raise ValueError(f"{path} holds another network: its {name} are not what this one computes")

@@ -21,7 +21,7 @@ from deckline.recording import FrameError, open_recording
 from deckline.recording.airsim import RECORD_FILE
 from deckline.recording.images import read_image
 from deckline.recording.source import is_inside
-from deckline.types import SIDES, Frame, Segment
+from deckline.types import SIDES, EdgeKind, Frame, Segment
 
 MAX_BAD_DRAWS = 20  # frames in a row that cannot be used
 PREFETCH = 4  # batches made ahead
@@ -215,6 +215,7 @@ class LineView:
     clear: ClearView | None = None  # None: labelled by people
     ranges_m: NDArray[np.float64] | None = None  # (3, N) of the lines from the camera
     centre_painted: bool | None = None  # None: not known
+    edge: EdgeKind | None = None  # what the edge lines are; None: not known
 
 
 def make_line_view(frame: Frame) -> LineView:
@@ -231,7 +232,8 @@ def make_line_view(frame: Frame) -> LineView:
     if any(line is None for line in lines):
         return without_lines  # a line wholly behind the camera
     points, ranges = (np.stack(parts) for parts in zip(*(line for line in lines if line is not None), strict=True))
-    return LineView(frame.file, clear.clear_rgb, points, clear, ranges, truth.centre_painted)
+    edge = EdgeKind(truth.conditions.get("edge", EdgeKind.PAINT))
+    return LineView(frame.file, clear.clear_rgb, points, clear, ranges, truth.centre_painted, edge)
 
 
 def load_labelled_view(folder: Path, file: str, labels: Labels) -> LineView:
