@@ -62,7 +62,7 @@ def batch(model: LineNetwork, name: str) -> tuple[torch.Tensor, DetectTargets]:
     full = (cell, known, *encode_region(box, cells))
     empty = (np.full_like(cell, np.nan), known, *encode_region(None, cells))
     columns = [torch.from_numpy(np.stack(pair)) for pair in zip(full, empty, strict=True)]
-    return torch.from_numpy(np.stack([view, np.zeros_like(view)])), DetectTargets(*columns)
+    return torch.from_numpy(np.stack([view, np.zeros_like(view)])), DetectTargets(*columns, torch.tensor([0, -1]))
 
 
 def test_enet_sad_has_the_published_parameters() -> None:

@@ -162,5 +162,8 @@ def painted_batch(width: int, height: int) -> tuple[torch.Tensor, DetectTargets]
     box = [width / 3, 1.0, 2 * width / 3, height - 2.0]
     pairs = zip(encode_region(box, cells), encode_region(None, cells), strict=True)
     return image, DetectTargets(
-        cell, torch.ones(2, 2, dtype=torch.bool), *(torch.from_numpy(np.stack(pair)) for pair in pairs)
+        cell,
+        torch.ones(2, 2, dtype=torch.bool),
+        *(torch.from_numpy(np.stack(pair)) for pair in pairs),
+        edge=torch.tensor([0, -1]),
     )

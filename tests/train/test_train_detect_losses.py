@@ -83,12 +83,20 @@ def test_total_is_the_weighted_sum(cell):
     region = torch.zeros(1, 577)
     region[0, 40] = 1.0
     targets = losses.DetectTargets(
-        cell, torch.ones(1, 2, dtype=torch.bool), region, torch.zeros(1, 4, 18, 32), torch.ones(1, 18, 32) / 576
-    )
+        cell, torch.ones(1, 2, dtype=torch.bool), region, torch.zeros(1, 4, 18, 32), torch.ones(1, 18, 32) / 576,
+        torch.tensor([-1]),
+    )  # fmt: skip
     weights = LossWeights()
     total, parts = losses.ufld_loss(output, targets, weights)
     assert float(total) == pytest.approx(sum(getattr(weights, k) * v for k, v in parts.items()), rel=1e-5)
     assert np.isfinite(list(parts.values())).all()
+
+
+def test_the_edge_counts_where_its_kind_is_known():
+    logits = torch.tensor([[2.0, 0.0, 0.0], [0.0, 0.0, 9.0]])
+    expected = float(torch.log(torch.exp(torch.tensor(2.0)) + 2) - 2)
+    assert float(losses.edge_loss(logits, torch.tensor([0, -1]))) == pytest.approx(expected, rel=1e-5)
+    assert float(losses.edge_loss(logits, torch.tensor([-1, -1]))) == 0.0
 
 
 def pixel_rows(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
