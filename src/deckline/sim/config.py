@@ -18,7 +18,7 @@ Tone = Literal["gamma", "srgb", "filmic"]
 LEAST_SCALE_HEIGHT_M = 40.0  # no shallower bank is drawn; far above one, single precision would run out
 OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # what the paper's model does not know
 UNLIMITED = 1e9
-Preset = Literal["paper", "cvn", "axial", "small", "runway", "train", "airfield"]
+Preset = Literal["paper", "cvn", "axial", "small", "runway", "train", "airfield", "pad"]
 Trajectory = Literal["approach", "profile", "random", "deckless"]
 TimeOfDay = Literal["day", "dusk", "night"]
 Sky = Literal["clear", "broken", "overcast"]
@@ -255,7 +255,8 @@ class SimConfig:
     # which ship. `paper`: the published edge lines; `cvn`: a large carrier of public dimensions; `axial`: a ship
     # with a ski jump and an unangled deck; `small`: a short deck; `runway`: on land; `train`: another random ship
     # every `frames_per_ship` frames, some without a runway, in any light, weather and camera; `airfield`: another
-    # land runway, ground, light and camera every frame, drawn on a plane, for trajectory `random` alone.
+    # land runway, ground, light and camera every frame, drawn on a plane; `pad`: a small ship's landing pad in the
+    # same way. These two have trajectory `random` alone.
     preset: Preset = "paper"
     # `approach`: one final approach; `profile`: the paper's flight from 5 km; `random`: unrelated views around
     # the glide path; `deckless`: views without a runway (preset `train`): in turn open sea or land, other ships,
@@ -278,7 +279,7 @@ class SimConfig:
     # least and greatest glide angle to the touchdown point of a random view before the ramp, degrees; None: 2 to
     # 8, and at times 1.5 to 12 for preset `train`
     elevation_deg: tuple[float, float] | None = None
-    photographs: str = ""  # folder of pictures whose pieces are textures of preset `airfield`
+    photographs: str = ""  # folder of pictures whose pieces are textures of presets `airfield` and `pad`
     fixed_fov: bool = False  # keep `fov_deg` for the random views of preset `train`
     start_m: float = 800.0  # distance to the ramp where an approach begins, up to 10 km; the profile begins at 5 km
     end_m: float = 12.0  # and where both end
@@ -296,8 +297,8 @@ class SimConfig:
 
     def __post_init__(self) -> None:
         _check_choices(self, preset=Preset, trajectory=Trajectory)
-        if self.preset == "airfield" and self.trajectory != "random":
-            raise ValueError(f"preset airfield has trajectory random alone, got {self.trajectory!r}")
+        if self.preset in ("airfield", "pad") and self.trajectory != "random":
+            raise ValueError(f"preset {self.preset} has trajectory random alone, got {self.trajectory!r}")
         if self.trajectory == "deckless" and self.preset != "train":
             raise ValueError(f"trajectory deckless shows ships of preset train, got preset {self.preset!r}")
         _check_limits(self, frames=(1, inf), frames_per_ship=(1, inf), seed=(0, inf), fov_deg=(1, 150))

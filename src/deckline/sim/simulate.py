@@ -259,9 +259,9 @@ def open_simulator(config: SimConfig) -> Simulator | AirfieldSimulator:
     """What renders the frames of a recording.
 
     Raises:
-        RendererError: no OpenGL through EGL on this machine, which preset `airfield` does without.
+        RendererError: no OpenGL through EGL on this machine, which presets `airfield` and `pad` do without.
     """
-    if config.preset == "airfield":
+    if config.preset in ("airfield", "pad"):
         return AirfieldSimulator(config)
     return DecklessSimulator(config) if config.trajectory == "deckless" else Simulator(config)
 

@@ -118,9 +118,9 @@ def make_sample(
     part = degrade(scene.image[top:bottom, left:right], size, augment, rng)
     inner = Crop(crop.left - left, crop.top - top, crop.step)
     image = normalise(sample_crop(part, inner, (grid.width, grid.height)))
-    cell, *region = encode_view(scene.lines_px, scene.visible, crop, (width, height), grid)
-    seen = view.edge is not None and region[0][-1] < 1
-    return Sample(image, cell, scene.known, *region, np.int64(EDGES.index(view.edge) if seen else -1))
+    cell, region, offsets, weight = encode_view(scene.lines_px, scene.visible, crop, (width, height), grid)
+    edge = -1 if view.edge is None or region[-1] == 1 else EDGES.index(view.edge)
+    return Sample(image, cell, scene.known, region, offsets, weight, np.int64(edge))
 
 
 def make_batch(

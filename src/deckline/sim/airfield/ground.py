@@ -30,6 +30,7 @@ PALETTES = np.array(
     ],
     dtype=np.float64,
 )
+PALETTE_SHARES = (0.3, 0.14, 0.16, 0.08, 0.08, 0.06, 0.12, 0.06)
 SEA = len(PALETTES) - 1
 
 
@@ -68,36 +69,55 @@ def fractal_noise(rng: Generator, size: int = TILE, slope: float = 1.0) -> Float
 
 
 def draw_ground(
-    viewer: Viewer, points: Float32, footprint_m: Float32, textures: Sequence[Float32], rng: Generator
+    viewer: Viewer,
+    points: Float32,
+    footprint_m: Float32,
+    textures: Sequence[Float32],
+    rng: Generator,
+    at_sea: bool = False,
 ) -> tuple[Float32, Float64]:
     """Colours (H, W, 3), 0..255, of the ground at points (H, W, 2) m; the mean colour of what grows there.
 
     Args:
         footprint_m: (H, W) extent of a pixel on the ground.
         textures: (TILE, TILE) tiles of mean 0 and spread 1.
+        at_sea: nothing but water.
     """
-    palette = PALETTES[rng.choice(len(PALETTES), p=[0.3, 0.14, 0.16, 0.08, 0.08, 0.06, 0.12, 0.06])]
-    colour = np.zeros((*points.shape[:2], 3), dtype=np.float32)
-    for extent in (9000.0, 1600.0):  # what is near is drawn from the finer map
-        atlas = _draw_atlas(palette, extent, textures, rng)
-        offset = viewer.position_m[:2] + np.array([0.42 * extent, 0.0]) if extent < 5000 else np.array([4000.0, 0.0])
-        at = ((points - offset.astype(np.float32)) / np.float32(extent) + np.float32(0.5)) * np.float32(TILE)
-        drawn = cv2.remap(atlas, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-        if extent > 5000:
-            colour = drawn
-        else:
-            inside = 1 - np.abs(at / TILE - 0.5).max(axis=2) * 2
-            share = np.clip(inside * 6, 0, 1)[..., None]
-            colour = colour + (drawn - colour) * share * np.float32(rng.uniform(0.2, 0.9))
+    if at_sea:
+        water = PALETTES[SEA, 0] + (PALETTES[SEA, 0].mean() - PALETTES[SEA, 0]) * rng.random()
+        mean = water * rng.uniform(0.4, 1.8)
+        colour = np.tile(mean.astype(np.float32), (*points.shape[:2], 1))
+    else:
+        palette = PALETTES[rng.choice(len(PALETTES), p=PALETTE_SHARES)]
+        mean = palette[0]
+        colour = _map_colours(points, np.array([4000.0, 0.0]), 9000.0, palette, textures, rng)[0]
+        near, inside = _map_colours(
+            points, viewer.position_m[:2] + np.array([670.0, 0.0]), 1600.0, palette, textures, rng
+        )
+        colour = colour + (near - colour) * inside[..., None] * np.float32(rng.uniform(0.2, 0.9))
     strength = rng.uniform(0.03, 0.22)
     for texel_m in (0.15, 1.1, 8.0, 60.0):
-        tile = textures[int(rng.integers(len(textures)))]
-        at = (points / np.float32(texel_m)) % TILE
-        value = cv2.remap(tile, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        value = sample_tile(textures[int(rng.integers(len(textures)))], points, texel_m)
         fade = np.clip(2 * texel_m / footprint_m, 0, 1)
         detail = np.float32(strength * rng.uniform(0.4, 1.6)) * (value * fade).astype(np.float32)
         colour = colour * (1 + detail[..., None])
-    return colour, palette[0]
+    return colour, mean
+
+
+def sample_tile(tile: Float32, points: Float32, texel_m: float) -> Float32:
+    """Values (H, W) at points (H, W, 2) m of a tile (TILE, TILE) that repeats."""
+    at = (points / np.float32(texel_m)) % TILE
+    return np.asarray(cv2.remap(tile, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT))
+
+
+def _map_colours(
+    points: Float32, middle_m: Float64, extent_m: float, palette: Float64, textures: Sequence[Float32], rng: Generator
+) -> tuple[Float32, Float32]:
+    """Colours (H, W, 3) from a map of the ground, and how far (H, W) each point lies inside it, 0 (outside) to 1."""
+    atlas = _draw_atlas(palette, extent_m, textures, rng)
+    at = ((points - middle_m.astype(np.float32)) / np.float32(extent_m) + np.float32(0.5)) * np.float32(TILE)
+    drawn = cv2.remap(atlas, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(drawn), np.clip((1 - np.abs(at / TILE - 0.5).max(axis=2) * 2) * 6, 0, 1)
 
 
 def _draw_atlas(palette: Float64, extent_m: float, textures: Sequence[Float32], rng: Generator) -> Float32:
@@ -166,11 +186,10 @@ def draw_sky(viewer: Viewer, rays: Float32, textures: Sequence[Float32], rng: Ge
     sky = horizon + (zenith - horizon) * share
     cover = rng.uniform(-1.5, 1.5)
     if rng.random() < 0.75:
-        scale = np.float32(rng.uniform(20, 160))
+        scale = float(rng.uniform(20, 160))
         height = np.maximum(up, 0.02) + 0.02
-        at = (rays[..., :2] / height[..., None] * scale + np.float32(rng.uniform(0, TILE))) % TILE
-        tile = textures[int(rng.integers(len(textures)))]
-        cloud = cv2.remap(tile, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        above = rays[..., :2] / height[..., None] + np.float32(rng.uniform(0, TILE))
+        cloud = sample_tile(textures[int(rng.integers(len(textures)))], above, 1 / scale)
         opacity = np.clip((cloud + cover) * rng.uniform(0.2, 0.8), 0, 1) * np.clip(up * 12, 0, 1)
         tint = rng.uniform(90, 255) * (1 + rng.normal(0, 0.02, 3))
         sky = sky + (tint * (1 - 0.12 * cloud[..., None]) - sky) * opacity[..., None]

@@ -12,7 +12,17 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from deckline.sim.airfield.ground import FAR_M, TILE, Float32, Float64, Viewer, draw_ground, draw_sky, fractal_noise
+from deckline.sim.airfield.ground import (
+    FAR_M,
+    TILE,
+    Float32,
+    Float64,
+    Viewer,
+    draw_ground,
+    draw_sky,
+    fractal_noise,
+    sample_tile,
+)
 from deckline.sim.airfield.runway import Runway, random_runway
 from deckline.sim.ship.paint import Coat, dashes, layers, polygons, stripe
 from deckline.types import EdgeKind
@@ -35,6 +45,7 @@ class Airfield:
         Float64 | None
     )  # (2, 2, 3) of the left and the right edge line, threshold first: x, y, height; None: no runway
     edge: EdgeKind | None
+    deck_m: float = 0.0  # height of the lines above the plane
 
 
 def make_textures(rng: Generator, photographs: Sequence[NDArray[np.uint8]] = ()) -> list[Float32]:
@@ -62,7 +73,31 @@ def draw_airfield(width: int, height: int, textures: Sequence[Float32], rng: Gen
         textures: of `make_textures`.
     """
     runway = random_runway(rng)
-    viewer = _random_viewer(width, height, runway, rng)
+    viewer = _approach(width, height, runway, rng)
+    image, points, range_m = draw_surroundings(viewer, textures, rng)
+    empty = rng.random() < NO_RUNWAY
+    wear = textures[int(rng.integers(len(textures)))]
+    if empty:
+        lay_coat(image, viewer, _road(rng), points, wear, 0.2, rng)
+    else:
+        lay_coat(image, viewer, runway.pavement, points, wear, 0.1, rng)
+        lay_coat(image, viewer, runway.paint, points, wear, rng.uniform(0.1, 0.5), rng)
+    _draw_buildings(image, viewer, runway, rng)
+    if runway.night:
+        image *= np.float32(DARK * rng.uniform(0.5, 2.5))
+    if not empty:
+        _draw_lights(image, viewer, runway, rng)
+    picture = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    if empty:
+        return Airfield(picture, range_m, viewer, None, None)
+    ends = np.array([[[0.0, y, 0.0], [runway.length_m, y, 0.0]] for y in (-runway.half_m, runway.half_m)])
+    return Airfield(picture, range_m, viewer, ends, runway.edge)
+
+
+def draw_surroundings(
+    viewer: Viewer, textures: Sequence[Float32], rng: Generator, at_sea: bool = False
+) -> tuple[Float32, Float32, Float32]:
+    """Ground and sky: the picture (H, W, 3), 0..255, what is seen of the plane (H, W, 2), m, and ranges (H, W), m."""
     rays = viewer.rays()
     below = np.minimum(rays[..., 2], -1e-6)
     along = np.float32(viewer.position_m[2]) / -below  # in units of the ray
@@ -71,46 +106,33 @@ def draw_airfield(width: int, height: int, textures: Sequence[Float32], rng: Gen
     along = np.where(ground, along, np.float32(FAR_M))
     points = (viewer.position_m[:2] + rays[..., :2] * along[..., None]).astype(np.float32)
     footprint = along * length * (along / np.float32(viewer.position_m[2])) / np.float32(viewer.focal_px)
-    colour, grass = draw_ground(viewer, points, footprint, textures, rng)
-    sky = draw_sky(viewer, rays, textures, rng)
-    image = np.where(ground[..., None], colour, sky)
+    colour, grass = draw_ground(viewer, points, footprint, textures, rng, at_sea)
+    image = np.where(ground[..., None], colour, draw_sky(viewer, rays, textures, rng))
     _draw_relief(image, viewer, grass, rng)
-    empty = rng.random() < NO_RUNWAY
-    wear = textures[int(rng.integers(len(textures)))]
-    if empty:
-        _lay(image, viewer, _road(rng), points, wear, 0.2, rng)
-    else:
-        _lay(image, viewer, runway.pavement, points, wear, 0.1, rng)
-        _lay(image, viewer, runway.paint, points, wear, rng.uniform(0.1, 0.5), rng)
-    _draw_buildings(image, viewer, runway, rng)
-    if runway.night:
-        image *= np.float32(DARK * rng.uniform(0.5, 2.5))
-    if not empty:
-        _draw_lights(image, viewer, runway, rng)
-    picture = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    range_m = np.where(ground, along * length, np.float32(np.inf))
-    if empty:
-        return Airfield(picture, range_m, viewer, None, None)
-    ends = np.array([[[0.0, y, 0.0], [runway.length_m, y, 0.0]] for y in (-runway.half_m, runway.half_m)])
-    return Airfield(picture, range_m, viewer, ends, runway.edge)
+    return image, points, np.where(ground, along * length, np.float32(np.inf))
 
 
-def _random_viewer(width: int, height: int, runway: Runway, rng: Generator) -> Viewer:
+def _approach(width: int, height: int, runway: Runway, rng: Generator) -> Viewer:
     """On or beside an approach path, looking so that the runway is mostly in view."""
     distance = float(np.exp(rng.uniform(np.log(80), np.log(5000))))
     glide = np.deg2rad(rng.uniform(2.0, 4.5) if rng.random() < 0.75 else rng.uniform(1.5, 9.0))
     high = max((distance + 300) * np.tan(glide), 12.0)
     aside = distance * (rng.normal(0, 0.03) if rng.random() < 0.7 else rng.normal(0, 0.3))
     position = np.array([-distance, aside, high])
+    return look_at(width, height, position, np.array([rng.uniform(0, 0.5) * runway.length_m, 0.0, 0.0]), rng)
+
+
+def look_at(width: int, height: int, position_m: Float64, target_m: Float64, rng: Generator) -> Viewer:
+    """A random camera at a place (3,) that has a target (3,) somewhere in its picture."""
     focal = width / 2 / np.tan(np.deg2rad(rng.uniform(22, 100)) / 2)
-    target = np.array([rng.uniform(0, 0.5) * runway.length_m, 0.0, 0.0]) - position
+    target = target_m - position_m
     yaw = np.arctan2(target[1], target[0])
     pitch = np.arctan2(target[2], np.hypot(*target[:2]))
     # where in the picture the target lies
     yaw -= np.arctan(rng.uniform(-0.42, 0.42) * width / focal)
     pitch += np.arctan(rng.uniform(-0.38, 0.4) * height / focal)
     roll = np.deg2rad(rng.normal(0, 3) if rng.random() < 0.85 else rng.normal(0, 14))
-    return Viewer(width, height, float(focal), position, _axes(yaw, pitch, roll))
+    return Viewer(width, height, float(focal), position_m, _axes(yaw, pitch, roll))
 
 
 def _axes(yaw: float, pitch: float, roll: float) -> Float64:
@@ -122,7 +144,7 @@ def _axes(yaw: float, pitch: float, roll: float) -> Float64:
     return np.stack([right, down, forward])
 
 
-def _lay(
+def lay_coat(
     image: Float32, viewer: Viewer, coat: Coat, points: Float32, wear: Float32, worn: float, rng: Generator
 ) -> None:
     """Draw a coat of triangles over the picture, supersampled, as worn as a texture on the ground says."""
@@ -150,8 +172,7 @@ def _lay(
     if stains.any():
         part *= 1 - np.minimum(cv2.blur(stains, (3, 3)), 0.85)[..., None]
     where = (slice(low[1], high[1]), slice(low[0], high[0]))
-    at = (points[where] / np.float32(rng.uniform(0.1, 0.6))) % TILE
-    value = cv2.remap(wear, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    value = sample_tile(wear, points[where], float(rng.uniform(0.1, 0.6)))
     grain = np.clip(1 + np.float32(worn) * value, 0.2, 1.6)[..., None]
     image[where] = image[where] * (1 - cover) + part[..., :3] * grain
 

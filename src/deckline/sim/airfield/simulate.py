@@ -1,4 +1,4 @@
-"""Frames of preset `airfield`: the same configuration and index always give the same frame. They need no OpenGL."""
+"""Frames of presets `airfield` and `pad`, drawn without OpenGL; configuration and index decide all of a frame."""
 
 from pathlib import Path
 from types import TracebackType
@@ -12,6 +12,7 @@ from deckline.geometry import Camera, camera_mount
 from deckline.haze import CONTRAST_THRESHOLD, add_haze
 from deckline.recording.images import read_image
 from deckline.sim.airfield.ground import Viewer
+from deckline.sim.airfield.pad import draw_pad
 from deckline.sim.airfield.picture import Airfield, draw_airfield, make_textures
 from deckline.sim.config import SimConfig
 from deckline.types import Frame, Segment, Truth
@@ -25,7 +26,7 @@ class AirfieldSimulator:
     """Draws single frames in any order.
 
     Args:
-        config: of preset `airfield`. Size, number, seed, visibility and photographs count; camera, light, ground and
+        config: of one of them. Size, number, seed, visibility and photographs count; camera, light, ground and
             runway are drawn anew for every frame.
     """
 
@@ -50,7 +51,8 @@ class AirfieldSimulator:
         """Frame `index`; its truth's conditions say under "edge" what the edge line is."""
         config = self.config
         rng = np.random.default_rng([config.seed, FRAME, index])
-        airfield = draw_airfield(config.width, config.height, self.textures, rng)
+        draw = draw_pad if config.preset == "pad" else draw_airfield
+        airfield = draw(config.width, config.height, self.textures, rng)
         low, high = config.visibility_m
         visibility = high if np.isinf(high) else float(rng.uniform(low, high))
         image, airlight = airfield.image_rgb, None
@@ -61,14 +63,14 @@ class AirfieldSimulator:
             (None, None) if airfield.ends_m is None else (Segment(*(UP_TO_DOWN * line)) for line in airfield.ends_m)
         )
         return Frame(
-            file=f"airfield_{index}.png",
+            file=f"{config.preset}_{index}.png",
             time_s=float(index),
             image_rgb=image,
             camera=_camera(airfield.viewer),
             body_from_camera=camera_mount(),
             depth_m=_depth(airfield),
             world_from_body=_pose(airfield.viewer),
-            deck_z_m=0.0,
+            deck_z_m=-airfield.deck_m,
             truth=Truth(
                 left,
                 right,
