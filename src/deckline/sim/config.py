@@ -279,6 +279,8 @@ class SimConfig:
     # least and greatest glide angle to the touchdown point of a random view before the ramp, degrees; None: 2 to
     # 8, and at times 1.5 to 12 for preset `train`
     elevation_deg: tuple[float, float] | None = None
+    # of the pictures are seen from a cockpit, past a drone's legs or under captions, and taken as phones do
+    foreground_share: float = 0.0
     photographs: str = ""  # folder of pictures whose pieces are textures of presets `airfield` and `pad`
     fixed_fov: bool = False  # keep `fov_deg` for the random views of preset `train`
     start_m: float = 800.0  # distance to the ramp where an approach begins, up to 10 km; the profile begins at 5 km
@@ -301,6 +303,7 @@ class SimConfig:
             raise ValueError(f"preset {self.preset} has trajectory random alone, got {self.trajectory!r}")
         if self.trajectory == "deckless" and self.preset != "train":
             raise ValueError(f"trajectory deckless shows ships of preset train, got preset {self.preset!r}")
+        _check_limits(self, foreground_share=(0, 1))
         _check_limits(self, frames=(1, inf), frames_per_ship=(1, inf), seed=(0, inf), fov_deg=(1, 150))
         _check_limits(self, width=(1, LARGEST_PX), height=(1, LARGEST_PX), start_m=(0, FARTHEST_M))
         for name, highest in (("visibility_m", inf), ("range_m", FARTHEST_M), ("elevation_deg", 45.0)):

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from deckline.sim.airfield.simulate import AirfieldSimulator
+from deckline.sim.camera.glass import look_through
 from deckline.sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline.sim.camera.lens import pinhole_for, random_lens
 from deckline.sim.camera.measure import measure_pose
@@ -105,7 +106,8 @@ class Simulator:
             with_ship=ship.runway or bool(for_sea.random() >= OPEN_SEA),
         )
         name = f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png"
-        return self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, name)
+        frame = self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, name)
+        return look_through(frame, config, index)
 
     def load(self, block: int) -> None:
         """Bring the ship of a block of frames onto the card, and draw its motion and its sun."""
@@ -216,7 +218,8 @@ class DecklessSimulator(Simulator):
         if frame.truth is None:
             raise AssertionError("unreachable: the simulator knows the truth of its frames")
         conditions = {**frame.truth.conditions, "deckless": self._describe_kind(kind)}
-        return replace(frame, truth=replace(frame.truth, conditions=conditions))
+        known = replace(frame, truth=replace(frame.truth, conditions=conditions))
+        return look_through(known, self.config, index)
 
     def _bare_ship(self, index: int) -> int:
         """Number of a random ship that has no runway: its own draw is repeated, which is quicker than building it."""

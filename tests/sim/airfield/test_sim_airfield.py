@@ -88,3 +88,16 @@ def test_haze_keeps_the_clear_picture():
 def test_only_random_views():
     with pytest.raises(ValueError, match="airfield has trajectory random alone"):
         SimConfig(preset="airfield", trajectory="approach")
+
+
+def test_a_foreground_hides_the_scene_and_keeps_its_truth():
+    plain, behind = (next(frames(replace(CONFIG, foreground_share=share))) for share in (0.0, 1.0))
+    assert not np.array_equal(plain.image_rgb, behind.image_rgb)
+    np.testing.assert_array_equal(plain.depth_m, behind.depth_m)
+    np.testing.assert_array_equal(plain.truth.left.p0_m, behind.truth.left.p0_m)
+
+
+def test_a_pad_lies_above_the_water():
+    frame = next(frames(replace(CONFIG, preset="pad")))
+    assert frame.truth.left.p0_m[2] == frame.deck_z_m < 0
+    assert frame.world_from_camera.translation[2] < frame.deck_z_m

@@ -14,6 +14,7 @@ from deckline.recording.images import read_image
 from deckline.sim.airfield.ground import Viewer
 from deckline.sim.airfield.pad import draw_pad
 from deckline.sim.airfield.picture import Airfield, draw_airfield, make_textures
+from deckline.sim.camera.glass import look_through
 from deckline.sim.config import SimConfig
 from deckline.types import Frame, Segment, Truth
 
@@ -62,7 +63,7 @@ class AirfieldSimulator:
         left, right = (
             (None, None) if airfield.ends_m is None else (Segment(*(UP_TO_DOWN * line)) for line in airfield.ends_m)
         )
-        return Frame(
+        drawn = Frame(
             file=f"{config.preset}_{index}.png",
             time_s=float(index),
             image_rgb=image,
@@ -80,6 +81,7 @@ class AirfieldSimulator:
                 conditions={} if airfield.edge is None else {"edge": str(airfield.edge)},
             ),
         )
+        return look_through(drawn, config, index)
 
 
 def _camera(viewer: Viewer) -> Camera:
