@@ -23,7 +23,7 @@ from deckline.report.records import (
     to_line,
     write_csv,
 )
-from deckline.types import Notice, Reason
+from deckline.types import EdgeKind, Notice, Reason
 
 
 def frame_record(result):
@@ -63,6 +63,12 @@ def test_truth_and_errors_stand_beside_the_estimate():
     assert truth["lateral_deviation_deg"] == pytest.approx(math.degrees(math.atan2(LATERAL_M, 190.0)))
     assert errors["guidance"]["distance_to_ramp_m"] == pytest.approx(measured["distance_to_ramp_m"] - 120.0)
     assert errors["guidance"]["vertical_deviation_m"] == pytest.approx(measured["vertical_deviation_m"] - above_slope_m)
+
+
+def test_the_kind_of_edge_is_written():
+    result = chain(frame())
+    known = replace(result, detection=replace(result.detection, edge=EdgeKind.PAVEMENT))
+    assert (frame_record(result)["edge"], frame_record(known)["edge"]) == (None, "pavement")
 
 
 def test_times_keep_their_microseconds_in_record_and_table(tmp_path):
@@ -147,7 +153,7 @@ def tracked(blind=()):
 def test_every_column_is_found_in_a_whole_record():
     record = frame_record(tracked()[-1])
     empty = [name for name, keys in COLUMNS.items() if lookup(record, keys) is None]
-    assert empty == ["skipped"]
+    assert empty == ["edge", "skipped"]  # these detections do not say what the edge is
 
 
 def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):

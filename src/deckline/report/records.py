@@ -133,7 +133,7 @@ def lookup(record: Record, keys: Iterable[str | int]) -> Any:
 def _columns() -> dict[str, tuple[str | int, ...]]:
     """Column names with units -> where each value lies in a record."""
     columns: dict[str, tuple[str | int, ...]] = {
-        name: (name,) for name in ("file", "time_s", "status", "mode", "reason", "flags", "skipped")
+        name: (name,) for name in ("file", "time_s", "status", "mode", "edge", "reason", "flags", "skipped")
     }
     for name in GUIDANCE:
         unit = next(unit for unit in UNITS if name.endswith(unit))

@@ -19,6 +19,8 @@ LEAST_SCALE_HEIGHT_M = 40.0  # no shallower bank is drawn; far above one, single
 OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # what the paper's model does not know
 UNLIMITED = 1e9
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train", "airfield", "pad"]
+DRAWN: tuple[Preset, ...] = ("airfield", "pad")  # on a plane, without OpenGL
+NOT_DRAWN = ("weather", "motion", "flight", "air", "lens", "film", "sensor", "navigation")
 Trajectory = Literal["approach", "profile", "random", "deckless"]
 TimeOfDay = Literal["day", "dusk", "night"]
 Sky = Literal["clear", "broken", "overcast"]
@@ -299,8 +301,8 @@ class SimConfig:
 
     def __post_init__(self) -> None:
         _check_choices(self, preset=Preset, trajectory=Trajectory)
-        if self.preset in ("airfield", "pad") and self.trajectory != "random":
-            raise ValueError(f"preset {self.preset} has trajectory random alone, got {self.trajectory!r}")
+        if self.preset in DRAWN:
+            self._refuse_rendering()
         if self.trajectory == "deckless" and self.preset != "train":
             raise ValueError(f"trajectory deckless shows ships of preset train, got preset {self.preset!r}")
         _check_limits(self, foreground_share=(0, 1))
@@ -316,6 +318,15 @@ class SimConfig:
             raise ValueError(f"start_m must exceed end_m > 0, got {self.start_m} and {self.end_m}")
         if self.preset != "train" and self.air.model is None:
             self.air.refuse_physical(f"preset {self.preset} uses model paper")
+
+    def _refuse_rendering(self) -> None:
+        """What the presets that are drawn on a plane do not know."""
+        if self.trajectory != "random":
+            raise ValueError(f"preset {self.preset} has trajectory random alone, got {self.trajectory!r}")
+        for name in NOT_DRAWN:
+            value = getattr(self, name)
+            if value != type(value)():
+                raise ValueError(f"preset {self.preset} draws its own {name}; leave {name} out")
 
     @property
     def imaging(self) -> ImagingConfig:

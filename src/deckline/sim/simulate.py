@@ -12,7 +12,7 @@ from deckline.sim.camera.glass import look_through
 from deckline.sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline.sim.camera.lens import pinhole_for, random_lens
 from deckline.sim.camera.measure import measure_pose
-from deckline.sim.config import ImagingConfig, SimConfig, WeatherConfig
+from deckline.sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig
 from deckline.sim.flight.approach import approach_view
 from deckline.sim.flight.views import (
     Motion,
@@ -264,7 +264,7 @@ def open_simulator(config: SimConfig) -> Simulator | AirfieldSimulator:
     Raises:
         RendererError: no OpenGL through EGL on this machine, which presets `airfield` and `pad` do without.
     """
-    if config.preset in ("airfield", "pad"):
+    if config.preset in DRAWN:
         return AirfieldSimulator(config)
     return DecklessSimulator(config) if config.trajectory == "deckless" else Simulator(config)
 

@@ -10,7 +10,7 @@ from deckline.labels.truth import project_line
 from deckline.sim.airfield.ground import TILE, fractal_noise
 from deckline.sim.airfield.picture import make_textures
 from deckline.sim.airfield.runway import BARS, random_runway
-from deckline.sim.config import SimConfig
+from deckline.sim.config import FilmConfig, SimConfig
 from deckline.sim.simulate import frames, open_simulator
 from deckline.types import EdgeKind
 
@@ -88,6 +88,8 @@ def test_haze_keeps_the_clear_picture():
 def test_only_random_views():
     with pytest.raises(ValueError, match="airfield has trajectory random alone"):
         SimConfig(preset="airfield", trajectory="approach")
+    with pytest.raises(ValueError, match="pad draws its own film"):
+        SimConfig(preset="pad", trajectory="random", film=FilmConfig(rain_mm_h=10.0))
 
 
 def test_a_foreground_hides_the_scene_and_keeps_its_truth():
