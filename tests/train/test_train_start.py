@@ -85,6 +85,8 @@ def test_a_detector_goes_on_from_its_shipped_file(name: str, build: type[Pyramid
     with torch.no_grad():
         ours = model(VIEW)
     for output, value in zip(model.kind.output_names, ours, strict=False):
+        if output not in theirs:  # an earlier file that does not tell the kind of edge
+            continue
         np.testing.assert_allclose(value.numpy(), theirs[output], atol=2e-2 if name == "hybrid" else 5e-3)
     torch.testing.assert_close(model.segmentation.weight, before)
     assert all(torch.all(n.running_var + n.eps == 1.0) for n in model.modules() if isinstance(n, torch.nn.BatchNorm2d))
