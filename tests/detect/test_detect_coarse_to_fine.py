@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from deckline.detect.anchors import NetworkOutput, encode, encode_region
 from deckline.detect.coarse_to_fine import DetectConfig, largest_collinear_subset
 from deckline.detect.crop import crop_around, normalise, sample_crop
-from deckline.detect.search import detect_lines
+from deckline.detect.search import Search, detect_lines
 from deckline.types import Detection
 
 Line = tuple[float, float, float, float]  # u0, v0, u1, v1
@@ -128,6 +128,24 @@ def test_thresholds_of_both_lines_and_of_a_lone_one(
     runway: float, left: float, right: float, seen: tuple[bool, bool]
 ) -> None:
     assert runway_seen(runway, left, right) == seen
+
+
+@pytest.mark.parametrize(
+    ("box", "is_whole"), [((10.0, 8.0, 500.0, 280.0), True), ((200.0, 100.0, 300.0, 200.0), False)]
+)
+def test_two_places_that_lead_to_one_view_are_one_candidate(box: Line, is_whole: bool) -> None:
+    """Of a runway that fills the whole picture, and of a small one: a view cannot agree with itself."""
+    output = three_lines((40.0, 480.0, 246.0))
+    _, offsets, _ = encode_region(box, (32, 18))
+    shares = np.full(32 * 18 + 1, 1e-9)
+    shares[[100, 400]], shares[-1] = 0.41, 0.18  # every cell has the same box
+    output = output._replace(region=np.log(shares).astype(np.float32), box=offsets)
+    search = Search(np.zeros((288, 512, 3), np.uint8), lambda view: output, DetectConfig())
+    search.search_whole()
+    assert search.accepted == search.candidates
+    assert [view is search.whole for view in search.candidates] == [is_whole]
+    assert search.candidates[0].count == 2
+    assert not search.is_decided
 
 
 def test_a_line_of_two_rows_is_not_returned():

@@ -100,14 +100,15 @@ class Search:
             if is_final(crop, view.crop, self.config) and not unsure:
                 break
             if any(_shows_the_same(crop, seen, self.config.grid.width) for seen in self.crops):
-                if view is self.whole:
+                if view is self.whole and _shows_the_same(crop, view.crop, self.config.grid.width):
                     break
                 return
             view = self.look(crop)
             if view.region.probability < self.config.min_view_probability:
                 return
             box = view.region.box
-        self.candidates.append(view)
+        if view not in self.candidates:  # by identity: two places may end at the whole, which cannot agree with itself
+            self.candidates.append(view)
 
     def look_at_prior(self, box: Box) -> View | None:
         """The closest view of a box in the image, with both lines about its middle; None where they are not seen."""
