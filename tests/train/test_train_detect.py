@@ -15,7 +15,8 @@ from deckline.detect.anchors import RowGrid
 from deckline.labels import LabelledImage, write_labels
 from deckline.recording import RecordingWriter
 from deckline.train.backbone import CHANNELS, DepthwiseConv2d, Lite0Backbone
-from deckline.train.detect import DetectTrainConfig, summarise, train_detect
+from deckline.train.detect import DetectTrainConfig, read_backdrops, summarise, train_detect
+from deckline.train.detect_samples import DetectAugmentation
 from deckline.train.export import count_parameters
 from deckline.train.line_networks import PyramidConfig, Ufld
 from deckline.types import Detection, LinePoints
@@ -98,6 +99,16 @@ def test_training_on_labelled_pictures_alone_exports_a_detector(tmp_path):
     for name in ("both_found", "false_alarms"):  # measured as they are: no haze is added
         assert figures[f"{name}.clear"] == figures[f"{name}.thick_haze"]
     assert OnnxDetector(tmp_path / "out" / "detect.onnx").config.grid == RowGrid()
+
+
+def test_photographs_are_read_in_order_and_only_shrunk(recording, tmp_path):
+    with pytest.raises(ValueError, match=r"holds no pictures"):
+        read_backdrops(tmp_path)
+    for name, shape in (("b.png", (3, 2)), ("c.png", (2000, 1500)), ("a.png", (20, 30))):
+        cv2.imwrite(str(tmp_path / name), np.zeros((*shape, 3), np.uint8))
+    assert [picture.shape for picture in read_backdrops(tmp_path)] == [(20, 30, 3), (3, 2, 3), (1000, 750, 3)]
+    config = replace(TINY, steps=1, augment=DetectAugmentation(backdrop_share=1.0))
+    assert train_detect(config, [recording], tmp_path / "out", photographs=tmp_path)["steps"] == 1
 
 
 def test_an_images_error_is_the_distance_from_the_true_line():

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from line_scene import LINES_PX, two_lines
 
-from deckline.detect.anchors import RowGrid, decode_region
+from deckline.detect.anchors import EDGES, RowGrid, decode_region
 from deckline.geometry import Camera
+from deckline.sim.camera.foreground import Foreground
 from deckline.sim.camera.sensor import jpeg
 from deckline.train.detect_samples import DetectAugmentation, blur, compress, make_sample, rotate, visible_box
 from deckline.train.views import ClearView, LineView
+from deckline.types import EdgeKind
 
 GRID = RowGrid()
 SHARES = [name for name in vars(DetectAugmentation()) if name.endswith("_share")]
@@ -186,3 +188,56 @@ def test_without_a_runway_close_crops_are_at_objects(view):
     whole_px = 20 * 16 * (GRID.width / image.shape[1]) ** 2
     assert np.median(white) > 3 * whole_px
     assert all(sample.region[-1] == 1.0 for sample in samples)
+
+
+STRIPES = np.zeros((360, 640, 3), np.uint8)
+STRIPES[:, np.arange(640) % 80 < 40] = 255
+WHOLE = {"wide_scale": (1.0, 1.0)}  # crops of the whole image
+
+
+@pytest.fixture
+def below_sky(view) -> LineView:
+    """The two lines with sky above row 160, 128 of the network's."""
+    ranges = view.clear.range_m.copy()
+    ranges[:160] = np.inf
+    return replace(view, clear=replace(view.clear, range_m=ranges))
+
+
+def test_a_photograph_takes_the_skys_place_alone(below_sky):
+    bare = make_sample(below_sky, GRID, certain(**WHOLE), rng(0))
+    shown = make_sample(below_sky, GRID, certain("backdrop", **WHOLE), rng(0), [STRIPES])
+    ground, same = ((level - level.mean()) / level.std() for level in (bare.image[:, 132:], shown.image[:, 132:]))
+    np.testing.assert_allclose(same, ground, atol=1e-3)
+    np.testing.assert_array_equal(bare.cell, shown.cell)
+    assert bare.image[0, :124].std() < 0.01 < 1.0 < shown.image[0, :124].std()
+
+
+def test_haze_dims_a_photograph_and_leaves_some_of_it(below_sky):
+    augment = certain("backdrop", "haze", optical_depth_max=0.1, **WHOLE)
+    contrast = [make_sample(below_sky, GRID, augment, rng(k), [STRIPES]).image[0, :124].std() for k in range(12)]
+    clear = make_sample(below_sky, GRID, certain("backdrop", **WHOLE), rng(0), [STRIPES]).image[0, :124].std()
+    assert max(contrast) < clear
+    assert np.median(contrast) > 0.1 * clear
+
+
+def test_a_picture_upside_down_has_no_runway(view):
+    seen = replace(view, edge=EdgeKind.PAINT)
+    one, turned = (make_sample(seen, GRID, certain(*name, **WHOLE), rng(0)) for name in ((), ("upside_down",)))
+    np.testing.assert_allclose(turned.image, one.image[:, ::-1, ::-1], atol=0.05)
+    assert turned.region[-1] == 1.0 and turned.edge == -1 and np.isnan(turned.cell).all()
+
+
+def test_what_a_foreground_hides_is_not_seen(view, monkeypatch):
+    """One that hides most above row 240, 192 of the network's, and less below."""
+    cover = np.where(np.arange(360)[:, None] < 240, 0.6, 0.4) * np.ones((360, 640), np.float32)
+    foreground = Foreground(np.zeros((360, 640, 3), np.float32), cover.astype(np.float32))
+    monkeypatch.setattr("deckline.train.detect_samples.draw_foreground", lambda *args: foreground)
+    rows = np.flatnonzero(np.isfinite(make_sample(view, GRID, certain("foreground", **WHOLE), rng(0)).cell).any(axis=0))
+    assert 190 < GRID.row_y[rows[0]] < 200
+    assert GRID.row_y[rows[-1]] > 235
+
+
+@pytest.mark.parametrize("kind", [*EdgeKind, None])
+def test_the_kind_of_edge_is_taught_where_it_is_known(view, kind):
+    sample = make_sample(replace(view, edge=kind), GRID, certain(), rng(0))
+    assert sample.edge == (-1 if kind is None else EDGES.index(kind))

@@ -119,9 +119,9 @@ def train_detect(
 def read_backdrops(folder: Path) -> list[NDArray[np.uint8]]:
     """The pictures (H, W, 3) of a folder, long sides at most `BACKDROP_PX`."""
     pictures = []
-    for name in list_images(folder):
+    for name in sorted(list_images(folder)):  # what is drawn must not depend on the file system
         picture = read_image(folder / name)
-        factor = BACKDROP_PX / max(picture.shape)
+        factor = min(1.0, BACKDROP_PX / max(picture.shape[:2]))
         shown = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
         pictures.append(np.asarray(shown, dtype=np.uint8))
     if not pictures:

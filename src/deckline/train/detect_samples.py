@@ -30,6 +30,7 @@ MIRRORED = [1, 0, 2]  # the left line is then the right one
 MARGIN_PX = 12  # kept around a crop for blur and resampling
 OBJECT_M = 5000.0  # ranges are cut off here, so that the horizon is no object
 OBJECT_STEP = 0.1  # of a range's logarithm from one column to the next; the sea has no such step
+BACKDROP_M = (2e3, 3e4)  # to a photograph behind a view, log-uniform
 BESIDE = 0.35  # largest distance of an object from the middle of a close crop, relative to the crop's size
 
 
@@ -205,7 +206,7 @@ def _add_haze(view: LineView, augment: DetectAugmentation, rng: np.random.Genera
 
 
 def _replace_sky(view: LineView, photograph: NDArray[np.uint8], rng: np.random.Generator) -> LineView:
-    """The view with a random part of a photograph where its sky was."""
+    """The view with a random part of a photograph where its sky was, so far away that haze dims it."""
     if view.clear is None:
         return view
     height, width = view.image_rgb.shape[:2]
@@ -214,8 +215,9 @@ def _replace_sky(view: LineView, photograph: NDArray[np.uint8], rng: np.random.G
     shown = cv2.resize(photograph, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
     top, left = int(rng.integers(size[1] - height + 1)), int(rng.integers(size[0] - width + 1))
     shown = shown[top : top + height, left : left + width]
-    sky = np.isinf(view.clear.range_m)[..., None]
-    return replace(view, image_rgb=np.where(sky, shown, view.image_rgb))
+    sky, far_m = np.isinf(view.clear.range_m), np.float16(np.exp(rng.uniform(*np.log(BACKDROP_M))))
+    clear = replace(view.clear, range_m=np.where(sky, far_m, view.clear.range_m))
+    return replace(view, image_rgb=np.where(sky[..., None], shown, view.image_rgb), clear=clear)
 
 
 def _lay_foreground(scene: _Scene, rng: np.random.Generator) -> _Scene:
