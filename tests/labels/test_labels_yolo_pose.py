@@ -98,3 +98,14 @@ def test_written_files_are_of_the_published_form(tmp_path):
     settings = (tmp_path / "data.yaml").read_text()
     assert "kpt_shape: [4, 3]\nflip_idx: [2, 3, 0, 1]\n" in settings
     assert "0: [left_1, left_2, right_1, right_2]" in settings
+
+
+def test_a_line_that_leaves_the_picture_is_written_to_its_edge(tmp_path):
+    """The left line goes on below the picture, the right one never comes into it."""
+    lines = np.array([[19.5, 79.5], [39.5, 9.5]]), np.array([[120.0, 40.0], [110.0, 10.0]])
+    write_yolo_pose(tmp_path, [LabelledImage("images/a.png", *lines, (100, 50))], 3)
+    row = np.array((tmp_path / "labels" / "a.txt").read_text().split(), dtype=float)
+    assert ((row >= 0) & (row <= 2)).all() and (row[1:5] <= 1).all()
+    points = row[5:].reshape(6, 3)
+    np.testing.assert_allclose(points[[0, 2], :2], [[0.2 + 0.2 * 3 / 7, 1.0], [0.4, 0.2]], atol=2e-3)
+    assert points[:, 2].tolist() == [2, 2, 2, 0, 0, 0] and not points[3:].any()

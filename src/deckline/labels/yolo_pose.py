@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deckline.atomic import write_atomic
 from deckline.labels.lines import LabelledImage, LabelSet, Line, find_image, parse_points, resample
@@ -110,8 +111,9 @@ def _format_row(image: LabelledImage, line_points: int) -> str:
     """The image's row; an empty text without lines."""
     keypoints = np.zeros((len(SIDES), line_points, 3))
     for side, line in enumerate(image.lines.values()):
-        if line is not None:
-            keypoints[side, :, :2] = (resample(line, line_points) + 0.5) / image.size
+        part = None if line is None else _cut_to_picture(line, image.size)
+        if part is not None:
+            keypoints[side, :, :2] = (resample(part, line_points) + 0.5) / image.size
             keypoints[side, :, 2] = VISIBLE
     seen = keypoints[keypoints[:, :, 2] > 0][:, :2]
     if not len(seen):
@@ -120,3 +122,14 @@ def _format_row(image: LabelledImage, line_points: int) -> str:
     box = " ".join(f"{value:.{DECIMALS}f}" for value in (*(low + high) / 2, *(high - low)))
     points = " ".join(f"{u:.{DECIMALS}f} {v:.{DECIMALS}f} {int(flag)}" for u, v, flag in keypoints.reshape(-1, 3))
     return f"0 {box} {points}\n"
+
+
+def _cut_to_picture(line: Line, size: tuple[int, int]) -> Line | None:
+    """The part of a line in a picture (width, height), to a thousandth of its length; None where it is outside."""
+    fine = line if _is_inside(line, size).all() else resample(line, 1001)
+    part = fine[_is_inside(fine, size)]
+    return part if len(part) > 1 else None
+
+
+def _is_inside(line: Line, size: tuple[int, int]) -> NDArray[np.bool_]:
+    return np.all((line >= -0.5) & (line <= np.subtract(size, 0.5)), axis=1)
