@@ -13,7 +13,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-NETWORKS = ("ufld-lite0", "sad-lite0", "resa-lite0", "hybrid")  # the paper's UFLD, SAD and LaneDet, and ours
+OURS = "hybrid"
+NETWORKS = ("ufld-lite0", "sad-lite0", "resa-lite0", OURS)  # the paper's UFLD, SAD and LaneDet, and ours
 
 
 def run(*words: object) -> None:
@@ -45,8 +46,10 @@ def main() -> None:
     views = ["--frames", given.frames, "--deckless", given.frames // 2, "--visibility", "clear"]
     scores = given.out / "scores"
     run("eval", "detectors", "--detector", first, *others, "--dehazer", "none", *views, "--cost", "--out", scores)
-    rivals = ["--rival", *others] if others else []
-    run("eval", "localization", "--ufld", first, *rivals, "--approaches", given.approaches, "--out", scores / "table6")
+    detectors = ["--ufld", first, *(["--rival", *others] if others else [])]
+    if OURS in given.network:  # our rows fly the one that is trained here
+        detectors += ["--detector", given.out / OURS / "detect.onnx"]
+    run("eval", "localization", *detectors, "--approaches", given.approaches, "--out", scores / "table6")
 
 
 if __name__ == "__main__":
