@@ -273,7 +273,7 @@ class SimConfig:
     height: int = 720  # likewise
     fov_deg: float = 90.0  # horizontal field of view; random views of preset `train` draw their own unless `fixed_fov`
     # also give a view without its haze, rain and motion blur (Frame.truth.clear_rgb); none is given where the
-    # visibility is infinite
+    # visibility is infinite and no foreground hides the view
     keep_clear: bool = True
     # nearest and farthest distance to the ramp of a random view, up to 10 km; None: 60 to 800 m, and 30 to 1500 m
     # for preset `train`

@@ -2,19 +2,23 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from deckline.labels.truth import project_line
-from deckline.sim.airfield.ground import TILE, fractal_noise
-from deckline.sim.airfield.picture import make_textures
+from deckline.labels.truth import find_visible_line, project_line
+from deckline.sim.airfield.ground import TILE, Viewer, fractal_noise
+from deckline.sim.airfield.picture import lay_coat, make_textures
 from deckline.sim.airfield.runway import BARS, random_runway
-from deckline.sim.config import FilmConfig, SimConfig
+from deckline.sim.config import DepthConfig, FilmConfig, SimConfig
+from deckline.sim.ship.paint import polygons
 from deckline.sim.simulate import frames, open_simulator
 from deckline.types import EdgeKind
 
-CONFIG = SimConfig(preset="airfield", trajectory="random", frames=24, width=320, height=180, seed=4)
+LEVEL = np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]])  # axes of a camera that looks along x
+FAR = DepthConfig(range_m=np.inf)
+CONFIG = SimConfig(preset="airfield", trajectory="random", frames=24, width=320, height=180, seed=4, depth=FAR)
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +33,63 @@ def test_a_frame_depends_on_its_index_alone(drawn):
     assert not np.array_equal(drawn[6].image_rgb, drawn[7].image_rgb)
 
 
-def test_depth_is_that_of_the_plane(drawn):
-    frame = drawn[0]
-    v, u = np.nonzero(np.isfinite(frame.depth_m))
+def heights_m(frame, v, u):
+    """Heights above the plane of what pixels show, over their depth."""
     rays = frame.camera.rays(np.stack([u, v], axis=1).astype(float)) * frame.depth_m[v, u, None]
-    world = frame.world_from_camera.apply(rays)
-    np.testing.assert_allclose(world[:, 2], 0.0, atol=0.02 * np.abs(frame.depth_m[v, u]).max() / 100)
+    return -frame.world_from_camera.apply(rays)[:, 2] / frame.depth_m[v, u]
+
+
+def test_depth_is_that_of_the_plane_and_of_what_stands_on_it(drawn):
+    """Hills fill some of the sky."""
+    ground = [heights_m(frame, *np.nonzero(frame.depth_m < 3000)) for frame in drawn]
+    on_plane = [np.mean(np.abs(heights) < 1e-3) for heights in ground]
+    assert np.median(on_plane) > 0.97 and 0.5 < min(on_plane) < 1.0
+
+
+def test_depth_of_a_pad_is_the_range_of_its_lines():
+    """Whatever stands on the deck apart, at the pixel of a point of a line lies what the line's own range says."""
+    errors = []
+    for frame in frames(replace(CONFIG, preset="pad", frames=12)):
+        for segment in (frame.truth.left, frame.truth.right):
+            pixels, ranges = project_line(frame, segment)
+            inside = np.all((pixels > 1) & (pixels < [318, 178]), axis=1)
+            at = np.rint(pixels[inside]).astype(int)
+            length = frame.camera.ray_lengths()[at[:, 1], at[:, 0]]
+            errors.append(frame.depth_m[at[:, 1], at[:, 0]] * length / ranges[inside] - 1)
+    assert np.median(np.abs(np.concatenate(errors))) < 0.01
+    assert np.quantile(np.abs(np.concatenate(errors)), 0.9) < 0.05  # a pixel's width, crew and crates
+
+
+def test_the_depth_camera_ends_where_it_is_told(drawn):
+    near = next(frames(replace(CONFIG, depth=DepthConfig(range_m=300.0))))
+    np.testing.assert_array_equal(near.depth_m, np.where(drawn[0].depth_m <= 300, drawn[0].depth_m, np.nan))
+    assert not np.isinf(drawn[0].depth_m).any()
+
+
+@pytest.mark.parametrize("side_m", [20.0, 5000.0])
+def test_a_polygon_that_leaves_the_picture_keeps_its_edges(side_m):
+    """A strip from far behind the camera to far ahead is painted where the ground says, and nowhere else."""
+    viewer = Viewer(320, 180, 300.0, np.array([0.0, 12.0, 9.0]), LEVEL)
+    rays = viewer.rays()
+    along = np.where(rays[..., 2] < 0, 9.0 / np.maximum(-rays[..., 2], 1e-6), np.inf)
+    points = (viewer.position_m[:2] + rays[..., :2] * np.minimum(along, 1e5)[..., None]).astype(np.float32)
+    image = np.zeros((180, 320, 3), np.float32)
+    strip = polygons([[-4000, -side_m], [4000, -side_m], [4000, side_m], [-4000, side_m]], [1.0, 1.0, 1.0])
+    lay_coat(image, viewer, strip, points, np.zeros((TILE, TILE), np.float32), 0.0, np.random.default_rng(0))
+    inside = (np.abs(points[..., 1]) < side_m) & (points[..., 0] < 4000) & (along < 1e5)
+    clear = cv2.blur(inside.astype(np.float32), (3, 3))
+    np.testing.assert_allclose(image[clear == 1], 255, atol=1)
+    np.testing.assert_allclose(image[clear == 0], 0, atol=1)
+
+
+def test_nothing_hides_a_runway(drawn):
+    for frame in drawn:
+        for segment in filter(None, (frame.truth.left, frame.truth.right)):
+            line = find_visible_line(frame, segment)
+            if line is not None:
+                u, v = np.rint(line.points_px[line.ranges_m < 5000]).astype(int).T
+                near = np.nonzero(frame.depth_m[v, u] < 5000)  # a line that ends at the horizon has sky beside it
+                np.testing.assert_allclose(heights_m(frame, v[near], u[near]), 0, atol=1e-3)
 
 
 def test_true_lines_lie_on_painted_stripes():
@@ -97,6 +152,9 @@ def test_a_foreground_hides_the_scene_and_keeps_its_truth():
     assert not np.array_equal(plain.image_rgb, behind.image_rgb)
     np.testing.assert_array_equal(plain.depth_m, behind.depth_m)
     np.testing.assert_array_equal(plain.truth.left.p0_m, behind.truth.left.p0_m)
+    np.testing.assert_array_equal(behind.truth.clear_rgb, plain.image_rgb)  # in clear air too
+    assert plain.truth.clear_rgb is None
+    assert next(frames(replace(CONFIG, foreground_share=1.0, keep_clear=False))).truth.clear_rgb is None
 
 
 def test_a_pad_lies_above_the_water():

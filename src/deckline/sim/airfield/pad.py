@@ -6,18 +6,18 @@ Frame: x forward from the pad's after edge, y to starboard, heights above the wa
 from collections.abc import Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from deckline.sim.airfield.ground import Float32, Float64, Viewer
-from deckline.sim.airfield.picture import Airfield, draw_surroundings, lay_coat, look_at
+from deckline.sim.airfield.ground import Float32, Viewer
+from deckline.sim.airfield.picture import Airfield, draw_face, draw_surroundings, lay_coat, look_at
 from deckline.sim.ship.mesh import Array
 from deckline.sim.ship.paint import Coat, figures, layers, polygons, ring, stripe
 from deckline.types import EdgeKind
 
 WHITE, YELLOW = np.array([0.9, 0.9, 0.88]), np.array([0.85, 0.7, 0.15])
+WAKE = np.array([0.67, 0.7, 0.71])
 DECKS = np.array([[50, 52, 54], [70, 74, 78], [48, 60, 52], [88, 60, 50], [100, 100, 98], [34, 36, 38]]) / 255
 
 
@@ -33,11 +33,14 @@ def draw_pad(width: int, height: int, textures: Sequence[Float32], rng: Generato
     position = np.array([-distance, distance * rng.normal(0, 0.16), above + max(distance * rise, 1.2)])
     viewer = look_at(width, height, position, np.array([long / 2, 0.0, above]), rng)
     image, points, range_m = draw_surroundings(viewer, textures, rng, at_sea=True)
+    wear = textures[int(rng.integers(len(textures)))]
+    if rng.random() < 0.7:
+        wake = polygons(np.array([[-300, -9], [-300, 9], [0, wide / 2], [0, -wide / 2]]), rng.uniform(0.6, 1.0) * WAKE)
+        lay_coat(image, viewer, wake, points, wear, rng.uniform(0.1, 0.5), rng)
     before = image.copy()
     paint = rng.uniform(0.25, 0.85) * (1 + rng.normal(0, 0.03, 3))
     _draw_hull(image, viewer, long, wide, above, 255 * paint, rng)
     on_deck = replace(viewer, position_m=viewer.position_m - [0.0, 0.0, above])
-    wear = textures[int(rng.integers(len(textures)))]
     deck = DECKS[rng.integers(len(DECKS))] * rng.uniform(0.7, 1.5)
     half = wide / 2 - rng.uniform(0.2, 1.6)
     near, far = rng.uniform(0.0, 0.15) * long, rng.uniform(0.7, 1.0) * long
@@ -46,10 +49,19 @@ def draw_pad(width: int, height: int, textures: Sequence[Float32], rng: Generato
     lay_coat(image, on_deck, _markings(long, half, near, far, rng), points, wear, rng.uniform(0.05, 0.4), rng)
     _draw_superstructure(image, viewer, long, wide, above, 255 * paint, rng)
     ship = np.any(image != before, axis=2)
-    range_m = np.where(ship, np.float32(np.linalg.norm(position - [long / 2, 0, above])), range_m)
+    range_m = np.where(ship, _ship_ranges(viewer, long, above), range_m)
     ends = np.array([[[near, y, above], [far, y, above]] for y in (-half, half)])
     picture = np.clip(np.rint(image), 0, 255).astype(np.uint8)
     return Airfield(picture, range_m, viewer, ends, EdgeKind.PAINT, above)
+
+
+def _ship_ranges(viewer: Viewer, long: float, above: float) -> Float32:
+    """Ray lengths (H, W), m, to a ship: its stern, its pad, the front of its hangar."""
+    rays, (back, _, high) = viewer.rays(), viewer.position_m
+    ahead, down = np.maximum(rays[..., 0], 1e-6), np.maximum(-rays[..., 2], 1e-6)
+    deck = np.where(rays[..., 2] < 0, (high - above) / down, np.inf)
+    along = np.clip(deck, -back / ahead, (long - back) / ahead)
+    return np.asarray(along * np.linalg.norm(rays, axis=2), dtype=np.float32)
 
 
 def _markings(long: float, half: float, near: float, far: float, rng: Generator) -> Coat:
@@ -79,13 +91,6 @@ def _markings(long: float, half: float, near: float, far: float, rng: Generator)
     return layers(coats)
 
 
-def _draw_face(image: Float32, viewer: Viewer, corners_m: ArrayLike, rgb: ArrayLike) -> None:
-    pixels, depth = viewer.project(np.asarray(corners_m, dtype=np.float64))
-    if depth.min() > 0.5:
-        at = np.rint(np.clip(pixels, -9999, 9999) * 16).astype(np.int32)
-        cv2.fillConvexPoly(image, at, np.asarray(rgb, dtype=float).tolist(), cv2.LINE_AA, 4)
-
-
 def _draw_box(
     image: Float32, viewer: Viewer, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], rgb: Array
 ) -> None:
@@ -94,23 +99,16 @@ def _draw_box(
     side = [[x[0], seen, z[0]], [x[1], seen, z[0]], [x[1], seen, z[1]], [x[0], seen, z[1]]]
     after = [[x[0], y[0], z[0]], [x[0], y[1], z[0]], [x[0], y[1], z[1]], [x[0], y[0], z[1]]]
     top = [[x[0], y[0], z[1]], [x[0], y[1], z[1]], [x[1], y[1], z[1]], [x[1], y[0], z[1]]]
-    _draw_face(image, viewer, side, 0.75 * rgb)
+    draw_face(image, viewer, side, 0.75 * rgb)
     if viewer.position_m[2] > z[1]:
-        _draw_face(image, viewer, top, 1.1 * rgb)
-    _draw_face(image, viewer, after, rgb)
+        draw_face(image, viewer, top, 1.1 * rgb)
+    draw_face(image, viewer, after, rgb)
 
 
 def _draw_hull(
     image: Float32, viewer: Viewer, long: float, wide: float, above: float, rgb: Array, rng: Generator
 ) -> None:
     half, length = wide / 2, long + rng.uniform(15, 110)
-    if rng.random() < 0.7:  # the wake
-        _draw_face(
-            image,
-            viewer,
-            [[-300.0, -9.0, 0.0], [-300.0, 9.0, 0.0], [0.0, half, 0.0], [0.0, -half, 0.0]],
-            [170, 180, 182],
-        )
     _draw_box(image, viewer, (0.0, length), (-half, half), (0.0, above), rgb * rng.uniform(0.6, 1.0))
     if rng.random() < 0.5:  # nets and rails beside the pad
         for side in (-1.0, 1.0):
@@ -137,18 +135,11 @@ def _draw_superstructure(
         _draw_box(image, viewer, (long, long), (-door, door), (above, above + 0.8 * tall), rgb * rng.uniform(0.2, 0.8))
     for _ in range(rng.integers(0, 9)):  # masts, aerials, stays
         x, y = long + rng.uniform(1, 30), rng.normal(0, 0.25) * wide
-        foot = np.array([[x, y, above + tall], [x, y + rng.normal(0, 2), above + tall * rng.uniform(1.5, 5)]])
-        _draw_line(image, viewer, foot, rgb * rng.uniform(0.1, 1.0), rng.uniform(0.05, 0.6))
+        ends = np.array([[x, y, above + tall], [x, y + rng.normal(0, 2), above + tall * rng.uniform(1.5, 5)]])
+        corners = np.concatenate([ends, ends[::-1] + np.array([0.0, rng.uniform(0.05, 0.6), 0.0])])
+        draw_face(image, viewer, corners, rgb * rng.uniform(0.1, 1.0))
     for _ in range(rng.integers(0, 5)):  # crew, crates
         x, y = rng.uniform(0.1, 1.0) * long, rng.choice([-1, 1]) * rng.uniform(0.8, 1.0) * wide / 2
         w, h = rng.uniform(0.4, 1.5), rng.uniform(0.6, 1.9)
         colour = rng.uniform(10, 220) * (1 + rng.normal(0, 0.2, 3))
         _draw_box(image, viewer, (x, x + w), (y - w / 2, y + w / 2), (above, above + h), colour)
-
-
-def _draw_line(image: Float32, viewer: Viewer, ends_m: Float64, rgb: Array, thick_m: float) -> None:
-    pixels, depth = viewer.project(ends_m)
-    if depth.min() > 0.5:
-        wide = max(1, round(thick_m * viewer.focal_px / depth.mean()))
-        at = np.rint(np.clip(pixels, -9999, 9999) * 16).astype(int)
-        cv2.line(image, at[0].tolist(), at[1].tolist(), rgb.tolist(), min(wide, 60), cv2.LINE_AA, 4)

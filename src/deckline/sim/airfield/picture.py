@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from deckline.sim.airfield.ground import (
     FAR_M,
@@ -28,8 +28,11 @@ from deckline.sim.ship.paint import Coat, dashes, layers, polygons, stripe
 from deckline.types import EdgeKind
 
 NEAR_M = 1.0  # in front of the camera: where polygons are cut
+FORWARD = np.array([0.0, 0.0, 1.0])  # camera axes
+SIDES = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])  # inwards from the left, right, upper, lower border
 SUPERSAMPLED_PX = 2_000_000  # at most, of the picture of the paint
 NOISE_SLOPES = (0.6, 0.9, 1.2, 1.4, 1.6, 2.0, 2.2)
+MOST_FIXED = 30_000  # px: larger coordinates overflow in OpenCV, which takes them with binary places
 NO_RUNWAY = 0.12  # of the airfields: fields and roads alone
 DARK = 0.06  # of daylight, at night
 
@@ -82,7 +85,7 @@ def draw_airfield(width: int, height: int, textures: Sequence[Float32], rng: Gen
     else:
         lay_coat(image, viewer, runway.pavement, points, wear, 0.1, rng)
         lay_coat(image, viewer, runway.paint, points, wear, rng.uniform(0.1, 0.5), rng)
-    _draw_buildings(image, viewer, runway, rng)
+    _draw_buildings(image, range_m, viewer, runway, rng)
     if runway.night:
         image *= np.float32(DARK * rng.uniform(0.5, 2.5))
     if not empty:
@@ -108,8 +111,9 @@ def draw_surroundings(
     footprint = along * length * (along / np.float32(viewer.position_m[2])) / np.float32(viewer.focal_px)
     colour, grass = draw_ground(viewer, points, footprint, textures, rng, at_sea)
     image = np.where(ground[..., None], colour, draw_sky(viewer, rays, textures, rng))
-    _draw_relief(image, viewer, grass, rng)
-    return image, points, np.where(ground, along * length, np.float32(np.inf))
+    range_m = np.where(ground, along * length, np.float32(np.inf))
+    _draw_relief(image, range_m, viewer, grass, rng)
+    return image, points, range_m
 
 
 def _approach(width: int, height: int, runway: Runway, rng: Generator) -> Viewer:
@@ -157,7 +161,8 @@ def lay_coat(
     wide, tall = high - low
     if wide <= 0 or tall <= 0:
         return
-    factor = int(np.clip(np.sqrt(SUPERSAMPLED_PX / (wide * tall)), 1, 6))
+    most = min(6, MOST_FIXED / (viewer.width + viewer.height))
+    factor = int(np.clip(np.sqrt(SUPERSAMPLED_PX / (wide * tall)), 1, max(most, 1)))
     colours = np.zeros((tall * factor, wide * factor, 4), dtype=np.uint8)  # and whether there is any
     for polygon, rgb, opacity in shapes:
         if opacity >= 1:
@@ -186,34 +191,53 @@ def _project_triangles(viewer: Viewer, coat: Coat) -> list[tuple[Float64, Float3
     """Polygons (K, 2) px, their colours (3,) 0..255 and opacities, in order, of what is in front of the camera."""
     if not len(coat):
         return []
-    ground = np.concatenate([coat[:, :2].astype(np.float64), np.zeros((len(coat), 1))], axis=1)
-    seen = ((ground - viewer.position_m) @ viewer.axes.T).reshape(-1, 3, 3)
+    ground = np.concatenate([coat[:, :2].astype(np.float64), np.zeros((len(coat), 1))], axis=1).reshape(-1, 3, 3)
     rgb = coat[:, 2:5].reshape(-1, 3, 3).mean(axis=1) * 255
     opacity = coat[:, 5].reshape(-1, 3).mean(axis=1)
-    middle = np.array([(viewer.width - 1) / 2, (viewer.height - 1) / 2])
     shapes = []
-    for corners, colour, cover in zip(seen, rgb, opacity, strict=True):
-        front = _clip_near(corners)
-        if len(front) >= 3 and cover > 0:
-            pixels = front[:, :2] / front[:, 2:] * viewer.focal_px + middle
-            if (pixels.max(0) < 0).any() or (pixels.min(0) > [viewer.width, viewer.height]).any():
-                continue
-            shapes.append((np.clip(pixels, -20000, 20000), colour, float(cover)))
+    for corners, colour, cover in zip(ground, rgb, opacity, strict=True):
+        pixels = project_polygon(viewer, corners)
+        if len(pixels) == 0 or cover <= 0:
+            continue
+        if (pixels.max(0) >= 0).all() and (pixels.min(0) <= [viewer.width, viewer.height]).all():
+            shapes.append((pixels, colour, float(cover)))
     return shapes
 
 
-def _clip_near(corners: Float64) -> Float64:
-    """The part of a polygon (K, 3) in camera axes that lies in front of the near plane."""
-    inside = corners[:, 2] >= NEAR_M
-    if inside.all():
+def project_polygon(viewer: Viewer, corners_m: ArrayLike) -> Float64:
+    """Pixels (N, 2) of a convex polygon (K, 3) x, y, height, cut well outside the picture; (0, 2) where unseen."""
+    corners = (np.asarray(corners_m, dtype=np.float64) - viewer.position_m) @ viewer.axes.T
+    reach = (viewer.width + viewer.height) / viewer.focal_px
+    for normal, offset in ((FORWARD, NEAR_M), *((side, 0.0) for side in SIDES + FORWARD * reach)):
+        corners = _cut(corners, corners @ normal - offset)
+    middle = np.array([(viewer.width - 1) / 2, (viewer.height - 1) / 2])
+    return corners[:, :2] / corners[:, 2:] * viewer.focal_px + middle
+
+
+def draw_face(
+    image: Float32, viewer: Viewer, corners_m: ArrayLike, rgb: Float64, range_m: Float32 | None = None
+) -> None:
+    """Draw a convex polygon (K, 3) x, y, height into a picture, and the range of its middle into ranges (H, W)."""
+    pixels = project_polygon(viewer, corners_m)
+    if len(pixels):
+        at = _fixed(pixels, 1)
+        cv2.fillConvexPoly(image, at, rgb.tolist(), cv2.LINE_AA, 4)
+        if range_m is not None:
+            middle = np.asarray(corners_m, dtype=np.float64).mean(axis=0) - viewer.position_m
+            cv2.fillConvexPoly(range_m, at, float(np.linalg.norm(middle)), cv2.LINE_8, 4)
+
+
+def _cut(corners: Float64, height: Float64) -> Float64:
+    """The part of a convex polygon (K, 3) where the height (K,) of its corners over a plane is not negative."""
+    if (height >= 0).all():
         return corners
     out = []
     for k in range(len(corners)):
-        a, b = corners[k], corners[(k + 1) % len(corners)]
-        if a[2] >= NEAR_M:
-            out.append(a)
-        if (a[2] >= NEAR_M) != (b[2] >= NEAR_M):
-            out.append(a + (b - a) * (NEAR_M - a[2]) / (b[2] - a[2]))
+        a, b, share = corners[k - 1], corners[k], height[k - 1] - height[k]
+        if (height[k - 1] >= 0) != (height[k] >= 0):
+            out.append(a + (b - a) * height[k - 1] / share)
+        if height[k] >= 0:
+            out.append(b)
     return np.array(out).reshape(-1, 3)
 
 
@@ -244,7 +268,7 @@ def _road(rng: Generator) -> Coat:
     return layers(coats)
 
 
-def _draw_relief(image: Float32, viewer: Viewer, grass: Float64, rng: Generator) -> None:
+def _draw_relief(image: Float32, range_m: Float32, viewer: Viewer, grass: Float64, rng: Generator) -> None:
     """Hills or a tree line along the horizon, fainter the farther they are."""
     for depth in np.sort(rng.uniform(0, 1, int(rng.integers(0, 4))))[::-1]:
         bearing = np.linspace(-1.4, 1.4, 160)
@@ -260,18 +284,25 @@ def _draw_relief(image: Float32, viewer: Viewer, grass: Float64, rng: Generator)
         haze = rng.uniform(120, 220) * np.ones(3)
         colour = (0.6 * grass + (haze - 0.6 * grass) * (0.2 + 0.7 * depth)).tolist()
         if keep.sum() > 1:
-            points = np.rint(np.clip(outline, -9999, 9999) * 16).astype(np.int32)
+            points = np.rint(np.clip(outline, -MOST_FIXED, MOST_FIXED) * 16).astype(np.int32)
             cv2.fillPoly(image, [points], colour, cv2.LINE_AA, shift=4)
+            cv2.fillPoly(hills := np.zeros_like(range_m), [points], 1.0, cv2.LINE_8, shift=4)
+            range_m[(hills > 0) & (range_m > FAR_M)] = FAR_M * (0.3 + 0.7 * depth)
 
 
-def _draw_buildings(image: Float32, viewer: Viewer, runway: Runway, rng: Generator) -> None:
-    """Hangars, a tower, houses, trees: upright boxes beside the runway, the farthest first."""
+def _draw_buildings(image: Float32, range_m: Float32, viewer: Viewer, runway: Runway, rng: Generator) -> None:
+    """Hangars, a tower, houses, trees: upright boxes beside the runway that hide none of it, the farthest first."""
     count = int(rng.integers(0, 40))
     side = rng.choice([-1.0, 1.0], count)
     at = np.stack([rng.uniform(-800, 1.3 * runway.length_m, count), side * (120 + rng.exponential(250, count))], 1)
     size = np.stack([rng.uniform(4, 90, count), rng.uniform(3, 22, count)], 1)
+    _, lateral_m, high = viewer.position_m
     for k in np.argsort(-np.linalg.norm(at - viewer.position_m[:2], axis=1)):
         (x, y), (wide, tall) = at[k], size[k]
+        inner = side[k] * y - wide / 2  # towards the runway
+        behind = side[k] * lateral_m + (inner - side[k] * lateral_m) * (high / (high - tall) if high > tall else np.inf)
+        if behind < runway.width_m:  # the ground that the roof's inner edge hides
+            continue
         colour = rng.uniform(30, 230) * (1 + rng.normal(0, 0.08, 3))
         walls = [
             [[x, y - wide / 2], [x, y + wide / 2]],
@@ -279,10 +310,7 @@ def _draw_buildings(image: Float32, viewer: Viewer, runway: Runway, rng: Generat
         ]
         for shade, ((x0, y0), (x1, y1)) in zip((1.0, 0.7), walls, strict=True):
             corners = np.array([[x0, y0, 0], [x1, y1, 0], [x1, y1, tall], [x0, y0, tall]])
-            pixels, depth = viewer.project(corners)
-            if depth.min() > 5:
-                points = np.rint(np.clip(pixels, -9999, 9999) * 16).astype(np.int32)
-                cv2.fillConvexPoly(image, points, (colour * shade).tolist(), cv2.LINE_AA, shift=4)
+            draw_face(image, viewer, corners, colour * shade, range_m)
 
 
 def _draw_lights(image: Float32, viewer: Viewer, runway: Runway, rng: Generator) -> None:

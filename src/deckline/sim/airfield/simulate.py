@@ -15,6 +15,7 @@ from deckline.sim.airfield.ground import Viewer
 from deckline.sim.airfield.pad import draw_pad
 from deckline.sim.airfield.picture import Airfield, draw_airfield, make_textures
 from deckline.sim.camera.glass import look_through
+from deckline.sim.camera.measure import measure_depth
 from deckline.sim.config import SimConfig
 from deckline.types import Frame, Segment, Truth
 
@@ -27,7 +28,7 @@ class AirfieldSimulator:
     """Draws single frames in any order.
 
     Args:
-        config: of one of them. Size, number, seed, visibility and photographs count; camera, light, ground and
+        config: of one of them. Size, number, seed, visibility, depth and photographs count; camera, light, ground and
             runway are drawn anew for every frame.
     """
 
@@ -69,7 +70,7 @@ class AirfieldSimulator:
             image_rgb=image,
             camera=_camera(airfield.viewer),
             body_from_camera=camera_mount(),
-            depth_m=_depth(airfield),
+            depth_m=measure_depth(_true_depth(airfield), config.depth, rng),
             world_from_body=_pose(airfield.viewer),
             deck_z_m=-airfield.deck_m,
             truth=Truth(
@@ -95,5 +96,7 @@ def _pose(viewer: Viewer) -> RigidTransform:
     return RigidTransform.from_components(viewer.position_m * UP_TO_DOWN, rotation) * camera_mount().inv()
 
 
-def _depth(airfield: Airfield) -> NDArray[np.float32]:
-    return (airfield.range_m / _camera(airfield.viewer).ray_lengths()).astype(np.float32)
+def _true_depth(airfield: Airfield) -> NDArray[np.float32]:
+    """(H, W) along the optical axis, m; NaN for sky."""
+    depth = airfield.range_m / _camera(airfield.viewer).ray_lengths()
+    return np.where(np.isfinite(depth), depth, np.nan).astype(np.float32)
