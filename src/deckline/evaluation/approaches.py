@@ -197,11 +197,12 @@ def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iter
     """
     with needs_extra("sim"):
         from deckline.sim.camera.measure import measure_pose
+        from deckline.sim.config import draw_visibility
         from deckline.sim.flight.approach import approach_view
         from deckline.sim.flight.views import draw_motion, ship_pose
         from deckline.sim.ship.layout import class_layout
         from deckline.sim.ship.ship_class import load_class
-        from deckline.sim.simulate import draw_visibility, truth_segments
+        from deckline.sim.simulate import truth_segments
     layout = class_layout(load_class(config.preset))
     motion = draw_motion(config.motion, False, np.random.default_rng([config.seed, MOTION]))
     visibility_m = draw_visibility(config.visibility_m, np.random.default_rng([config.seed, AIR]))

@@ -4,7 +4,7 @@ None leaves a value open: preset `train` draws it widely, the other presets have
 range is a ValueError that names the setting and the value.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from math import inf
 from typing import Any, Literal, get_args
 
@@ -20,7 +20,10 @@ OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  #
 UNLIMITED = 1e9
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train", "airfield", "pad"]
 DRAWN: tuple[Preset, ...] = ("airfield", "pad")  # on a plane, without OpenGL
-NOT_DRAWN = ("weather", "motion", "flight", "air", "lens", "film", "sensor", "navigation")
+NOT_DRAWN = (
+    *("weather", "motion", "flight", "air", "lens", "film", "sensor", "navigation"),
+    *("fov_deg", "fixed_fov", "range_m", "elevation_deg", "start_m", "end_m"),
+)
 Trajectory = Literal["approach", "profile", "random", "deckless"]
 TimeOfDay = Literal["day", "dusk", "night"]
 Sky = Literal["clear", "broken", "overcast"]
@@ -303,6 +306,8 @@ class SimConfig:
         _check_choices(self, preset=Preset, trajectory=Trajectory)
         if self.preset in DRAWN:
             self._refuse_rendering()
+        elif self.photographs:
+            raise ValueError(f"photographs are textures of presets {' and '.join(DRAWN)}, got preset {self.preset!r}")
         if self.trajectory == "deckless" and self.preset != "train":
             raise ValueError(f"trajectory deckless shows ships of preset train, got preset {self.preset!r}")
         _check_limits(self, foreground_share=(0, 1))
@@ -322,11 +327,11 @@ class SimConfig:
     def _refuse_rendering(self) -> None:
         """What the presets that are drawn on a plane do not know."""
         if self.trajectory != "random":
-            raise ValueError(f"preset {self.preset} has trajectory random alone, got {self.trajectory!r}")
-        for name in NOT_DRAWN:
-            value = getattr(self, name)
-            if value != type(value)():
-                raise ValueError(f"preset {self.preset} draws its own {name}; leave {name} out")
+            raise ValueError(f"preset {self.preset} has no trajectory {self.trajectory!r}; give --trajectory random")
+        for item in fields(self):
+            default = item.default if item.default_factory is MISSING else item.default_factory()
+            if item.name in NOT_DRAWN and getattr(self, item.name) != default:
+                raise ValueError(f"preset {self.preset} draws its own {item.name}; leave {item.name} out")
 
     @property
     def imaging(self) -> ImagingConfig:
@@ -339,3 +344,9 @@ class SimConfig:
         if self.range_m is not None:
             return self.range_m
         return (30.0, 1500.0) if self.preset == "train" else (60.0, 800.0)
+
+
+def draw_visibility(limits_m: tuple[float, float], rng: np.random.Generator) -> float:
+    """Uniform between two visibilities, m; infinite if the larger one is."""
+    low, high = limits_m
+    return high if low == high or np.isinf(high) else float(rng.uniform(low, high))

@@ -13,6 +13,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
 from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
+from deckline.report.draw import check_picture_name, write_picture
 from deckline.sim.airfield.simulate import AirfieldSimulator
 from deckline.sim.config import FLIGHTS, LARGEST_PX, SimConfig
 from deckline.sim.simulate import Simulator, open_simulator, ship_block
@@ -156,8 +158,6 @@ def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1)
         ValueError: a file name that ends neither in .png nor in .jpg, or a folder that cannot be written.
         OSError: the disk refuses, or rendering stopped.
     """
-    from deckline.report.draw import check_picture_name, write_picture  # needs OpenCV, which recordings can do without
-
     check_picture_name(out, "a contact sheet")
     out.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(out.parent, os.W_OK):
@@ -176,15 +176,9 @@ def join_tiles(tiles: Sequence[NDArray[np.uint8]], columns: int) -> NDArray[np.u
 
 
 def make_tile(frame: Frame, width_px: int, with_truth: bool) -> NDArray[np.uint8]:
-    """A frame's image, shrunk to a width when it is wider, with its true lines dotted if asked for.
-
-    Raises:
-        ImportError: shrinking needs OpenCV.
-    """
+    """A frame's image, shrunk to a width when it is wider, with its true lines dotted if asked for."""
     image = frame.image_rgb.copy()
     if width_px < frame.camera.width:
-        import cv2
-
         height_px = max(1, round(frame.camera.height * width_px / frame.camera.width))
         image = np.asarray(cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)
     if with_truth:

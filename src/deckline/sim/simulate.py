@@ -12,7 +12,7 @@ from deckline.sim.camera.glass import look_through
 from deckline.sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline.sim.camera.lens import pinhole_for, random_lens
 from deckline.sim.camera.measure import measure_pose
-from deckline.sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig
+from deckline.sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig, draw_visibility
 from deckline.sim.flight.approach import approach_view
 from deckline.sim.flight.views import (
     Motion,
@@ -288,12 +288,6 @@ def ship_block(config: SimConfig, index: int) -> int:
     if config.trajectory == "deckless":
         return index
     return index // config.frames_per_ship if config.trajectory == "random" else 0
-
-
-def draw_visibility(limits_m: tuple[float, float], rng: np.random.Generator) -> float:
-    """Uniform between two visibilities, m; infinite if the larger one is."""
-    low, high = limits_m
-    return high if low == high or np.isinf(high) else float(rng.uniform(low, high))
 
 
 def truth_segments(layout: Layout) -> tuple[Segment, Segment]:

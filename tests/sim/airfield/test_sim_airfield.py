@@ -8,6 +8,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from deckline.labels.truth import find_visible_line, project_line
+from deckline.recording.images import encode_image
 from deckline.sim.airfield.ground import TILE, Viewer, fractal_noise
 from deckline.sim.airfield.picture import lay_coat, make_textures
 from deckline.sim.airfield.runway import BARS, random_runway
@@ -121,9 +122,24 @@ def test_every_kind_of_edge_is_drawn():
     assert set(kinds) == set(EdgeKind)
 
 
-def test_threshold_bars_fit_the_width():
-    for width, count in BARS.items():
-        assert count * 1.8 * 1.9 < width + 1.8  # stripes and the gaps between them, ICAO Annex 14, 5.2.4
+def test_paint_lies_on_the_pavement():
+    runways = [random_runway(np.random.default_rng(seed)) for seed in range(300)]
+    assert {runway.width_m for runway in runways} == set(BARS)
+    for runway in runways:
+        assert np.all(np.abs(runway.paint[:, 1]) <= runway.width_m / 2 + 1e-3)
+
+
+def test_edge_lines_end_with_what_is_drawn_of_them():
+    for runway in (random_runway(np.random.default_rng(seed)) for seed in range(100)):
+        (start, end), half = runway.span_m, runway.half_m
+        if runway.edge == EdgeKind.PAVEMENT:
+            x = runway.pavement[np.abs(np.abs(runway.pavement[:, 1]) - half) < 1e-3, 0]
+        elif runway.edge == EdgeKind.PAINT:
+            triangles = runway.paint.reshape(-1, 3, 7)
+            x = triangles[np.ptp(triangles[..., 0], axis=1) > 300, :, 0]  # nothing else is as long as side stripes
+        else:
+            x = runway.lights_m[np.abs(np.abs(runway.lights_m[:, 1]) - half) < 1e-3, 0]
+        assert start - 2.5 <= x.min() <= start + 1e-3 and x.max() == pytest.approx(end, abs=1e-2)
 
 
 def test_textures_repeat_and_have_unit_spread():
@@ -140,11 +156,21 @@ def test_haze_keeps_the_clear_picture():
     assert frame.truth.clear_rgb is not None and not np.array_equal(frame.truth.clear_rgb, frame.image_rgb)
 
 
-def test_only_random_views():
-    with pytest.raises(ValueError, match="airfield has trajectory random alone"):
+def test_a_folder_without_usable_photographs(tmp_path):
+    (tmp_path / "small.png").write_bytes(encode_image(np.zeros((20, 20, 3), np.uint8), "png"))
+    with pytest.raises(ValueError, match="256 px"):
+        open_simulator(replace(CONFIG, photographs=str(tmp_path)))
+
+
+def test_what_is_not_drawn_is_refused():
+    with pytest.raises(ValueError, match=r"airfield .*'approach'.*--trajectory random"):
         SimConfig(preset="airfield", trajectory="approach")
-    with pytest.raises(ValueError, match="pad draws its own film"):
-        SimConfig(preset="pad", trajectory="random", film=FilmConfig(rain_mm_h=10.0))
+    given = {"film": FilmConfig(rain_mm_h=10.0), "fov_deg": 60.0, "range_m": (100.0, 200.0), "end_m": 20.0}
+    for name, value in given.items():
+        with pytest.raises(ValueError, match=f"pad draws its own {name}"):
+            SimConfig(preset="pad", trajectory="random", **{name: value})
+    with pytest.raises(ValueError, match=r"photographs .*'train'"):
+        SimConfig(preset="train", photographs="pictures")
 
 
 def test_a_foreground_hides_the_scene_and_keeps_its_truth():

@@ -1,6 +1,5 @@
 """The sensor: development, tone curves, noise, JPEG."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -127,12 +126,6 @@ def test_jpeg_is_lossy_and_better_with_quality():
     assert 0 < errors[2] < errors[1] < errors[0]
     red = np.full((16, 16, 3), [200, 30, 20], np.uint8)
     assert np.abs(jpeg(red, 95).astype(int) - red).max() < 6  # channels keep their order
-
-
-def test_jpeg_without_opencv_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(ImportError, match="opencv-python-headless, or set jpeg_quality to 0"):
-        jpeg(noise_image(), 50)
 
 
 def test_metering_finds_an_even_picture_and_exposure_brings_it_to_the_target():

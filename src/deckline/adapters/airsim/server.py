@@ -22,7 +22,7 @@ from deckline.adapters.airsim.protocol import REQUEST_LIMIT, RESPONSE, Decoder, 
 from deckline.adapters.airsim.settings import Capture, Settings, parse_settings, read_settings
 from deckline.adapters.airsim.world import World
 from deckline.checks import check_numbers
-from deckline.sim.config import SimConfig
+from deckline.sim.config import DRAWN, SimConfig
 from deckline.sim.record import frame_settings, repeatable_command
 
 READ_BYTES = 1 << 16
@@ -199,6 +199,8 @@ async def serve_forever(config: SimConfig, settings: Settings, options: ServeCon
 
 def serve_sim(config: SimConfig, options: ServeConfig, out: Path | None) -> None:
     """Serve until interrupted; recordings become folders in `out`. What cannot be is a ValueError or OSError."""
+    if config.preset in DRAWN:
+        raise ValueError(f"the server flies in a rendered world, which preset {config.preset!r} has not")
     config = replace(config, trajectory="approach", keep_clear=False)
     default = Capture(config.width, config.height, config.fov_deg)
     settings = parse_settings({}, default) if options.settings is None else read_settings(options.settings, default)

@@ -17,12 +17,12 @@ from deckline.adapters.airsim.settings import SEGMENTATION, Settings
 from deckline.geometry import Camera, camera_mount
 from deckline.sim.camera.lens import random_lens
 from deckline.sim.camera.measure import measure_depth
-from deckline.sim.config import SimConfig
+from deckline.sim.config import SimConfig, draw_visibility
 from deckline.sim.flight.approach import approach_view
 from deckline.sim.flight.views import Viewpoint, ship_pose
 from deckline.sim.scene.view import Scene
 from deckline.sim.scene.weather import Weather, random_weather
-from deckline.sim.simulate import FLIGHT, FRAME, Scenery, Simulator, draw_visibility
+from deckline.sim.simulate import FLIGHT, FRAME, Scenery, Simulator
 from deckline.types import Frame
 
 FOG_VISIBILITY_M = 50.0  # visibility at 2 % contrast that Fog 1 makes of clear air: dense fog

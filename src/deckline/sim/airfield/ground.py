@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 TILE = 512  # px of a texture, which repeats without a seam, and of a map of the ground, each way
-ROUGH, WOOLLY = -4, -2  # the last textures are noise, ever smoother
+NOISE_SLOPES = (0.6, 0.9, 1.2, 1.4, 1.6, 2.0, 2.2)  # of the last textures, which are noise
+ROUGH, WOOLLY = -4, -2  # where its smoother and its smoothest ones begin
 FAR_M = 30_000.0  # ground that is farther is drawn as being there
 # Mean colours of what grows or lies around airfields, 0..255: meadow, dry grass, field, sand, rock, snow, heath, sea.
 PALETTES = np.array(
@@ -107,7 +108,7 @@ def draw_ground(
 def sample_tile(tile: Float32, points: Float32, texel_m: float) -> Float32:
     """Values (H, W) at points (H, W, 2) m of a tile (TILE, TILE) that repeats."""
     at = (points / np.float32(texel_m)) % TILE
-    return np.asarray(cv2.remap(tile, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT))
+    return np.asarray(cv2.remap(tile, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
 
 
 def _map_colours(

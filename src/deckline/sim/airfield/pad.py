@@ -44,15 +44,18 @@ def draw_pad(width: int, height: int, textures: Sequence[Float32], rng: Generato
     deck = DECKS[rng.integers(len(DECKS))] * rng.uniform(0.7, 1.5)
     half = wide / 2 - rng.uniform(0.2, 1.6)
     near, far = rng.uniform(0.0, 0.15) * long, rng.uniform(0.7, 1.0) * long
+    centred = bool(rng.random() < 0.5)
     surface = polygons([[0, -wide / 2], [long, -wide / 2], [long, wide / 2], [0, wide / 2]], deck)
     lay_coat(image, on_deck, surface, points, wear, 0.08, rng)
-    lay_coat(image, on_deck, _markings(long, half, near, far, rng), points, wear, rng.uniform(0.05, 0.4), rng)
+    lay_coat(
+        image, on_deck, _markings(long, half, near, far, bool(centred), rng), points, wear, rng.uniform(0.05, 0.4), rng
+    )
     _draw_superstructure(image, viewer, long, wide, above, 255 * paint, rng)
     ship = np.any(image != before, axis=2)
     range_m = np.where(ship, _ship_ranges(viewer, long, above), range_m)
     ends = np.array([[[near, y, above], [far, y, above]] for y in (-half, half)])
     picture = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    return Airfield(picture, range_m, viewer, ends, EdgeKind.PAINT, above)
+    return Airfield(picture, range_m, viewer, ends, EdgeKind.PAINT, above, centred)
 
 
 def _ship_ranges(viewer: Viewer, long: float, above: float) -> Float32:
@@ -64,7 +67,7 @@ def _ship_ranges(viewer: Viewer, long: float, above: float) -> Float32:
     return np.asarray(along * np.linalg.norm(rays, axis=2), dtype=np.float32)
 
 
-def _markings(long: float, half: float, near: float, far: float, rng: Generator) -> Coat:
+def _markings(long: float, half: float, near: float, far: float, centred: bool, rng: Generator) -> Coat:
     """Edge lines, cross lines, a circle, a cross or an H, a number."""
     colour = WHITE if rng.random() < 0.75 else YELLOW
     thick = float(rng.uniform(0.12, 0.5))
@@ -75,7 +78,7 @@ def _markings(long: float, half: float, near: float, far: float, rng: Generator)
     middle, radius = [rng.uniform(0.4, 0.6) * long, 0.0], min(long, 2 * half) * rng.uniform(0.2, 0.42)
     if rng.random() < 0.75:
         coats.append(ring(middle, radius, float(rng.uniform(0.15, 0.6)), colour if rng.random() < 0.6 else YELLOW))
-    if rng.random() < 0.5:
+    if centred:
         coats.append(stripe([[near, 0], [far, 0]], thick * rng.uniform(0.5, 1), colour))
     if rng.random() < 0.4:
         coats.append(stripe([[middle[0], -half], [middle[0], half]], thick * rng.uniform(0.5, 1), colour))

@@ -4,7 +4,7 @@ The renderer (`sim.scene`) draws ships and one kind of runway exactly; this draw
 photographs have, at some 20 a second on one core.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deckline.sim.airfield.ground import (
     FAR_M,
+    NOISE_SLOPES,
     TILE,
     Float32,
     Float64,
@@ -31,7 +32,6 @@ NEAR_M = 1.0  # in front of the camera: where polygons are cut
 FORWARD = np.array([0.0, 0.0, 1.0])  # camera axes
 SIDES = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])  # inwards from the left, right, upper, lower border
 SUPERSAMPLED_PX = 2_000_000  # at most, of the picture of the paint
-NOISE_SLOPES = (0.6, 0.9, 1.2, 1.4, 1.6, 2.0, 2.2)
 MOST_FIXED = 30_000  # px: larger coordinates overflow in OpenCV, which takes them with binary places
 NO_RUNWAY = 0.12  # of the airfields: fields and roads alone
 DARK = 0.06  # of daylight, at night
@@ -44,14 +44,14 @@ class Airfield:
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
     range_m: Float32  # (H, W) ray length; inf for sky
     viewer: Viewer
-    ends_m: (
-        Float64 | None
-    )  # (2, 2, 3) of the left and the right edge line, threshold first: x, y, height; None: no runway
+    # (2, 2, 3) of the left and the right edge line, near end first: x, y, height; None: no runway
+    ends_m: Float64 | None
     edge: EdgeKind | None
     deck_m: float = 0.0  # height of the lines above the plane
+    centre_painted: bool = False  # whether a line is painted midway between them
 
 
-def make_textures(rng: Generator, photographs: Sequence[NDArray[np.uint8]] = ()) -> list[Float32]:
+def make_textures(rng: Generator, photographs: Iterable[NDArray[np.uint8]] = ()) -> list[Float32]:
     """Tiles (TILE, TILE) of mean 0 and spread 1: fractal noise, and pieces of photographs mirrored to repeat."""
     tiles = []
     for photograph in photographs:
@@ -93,8 +93,8 @@ def draw_airfield(width: int, height: int, textures: Sequence[Float32], rng: Gen
     picture = np.clip(np.rint(image), 0, 255).astype(np.uint8)
     if empty:
         return Airfield(picture, range_m, viewer, None, None)
-    ends = np.array([[[0.0, y, 0.0], [runway.length_m, y, 0.0]] for y in (-runway.half_m, runway.half_m)])
-    return Airfield(picture, range_m, viewer, ends, runway.edge)
+    ends = np.array([[[x, y, 0.0] for x in runway.span_m] for y in (-runway.half_m, runway.half_m)])
+    return Airfield(picture, range_m, viewer, ends, runway.edge, centre_painted=runway.centre_painted)
 
 
 def draw_surroundings(
@@ -121,13 +121,13 @@ def _approach(width: int, height: int, runway: Runway, rng: Generator) -> Viewer
     distance = float(np.exp(rng.uniform(np.log(80), np.log(5000))))
     glide = np.deg2rad(rng.uniform(2.0, 4.5) if rng.random() < 0.75 else rng.uniform(1.5, 9.0))
     high = max((distance + 300) * np.tan(glide), 12.0)
-    aside = distance * (rng.normal(0, 0.03) if rng.random() < 0.7 else rng.normal(0, 0.3))
-    position = np.array([-distance, aside, high])
+    lateral_m = distance * (rng.normal(0, 0.03) if rng.random() < 0.7 else rng.normal(0, 0.3))
+    position = np.array([-distance, lateral_m, high])
     return look_at(width, height, position, np.array([rng.uniform(0, 0.5) * runway.length_m, 0.0, 0.0]), rng)
 
 
 def look_at(width: int, height: int, position_m: Float64, target_m: Float64, rng: Generator) -> Viewer:
-    """A random camera at a place (3,) that has a target (3,) somewhere in its picture."""
+    """A random camera at a place (3,) that has a target (3,) mostly in its picture."""
     focal = width / 2 / np.tan(np.deg2rad(rng.uniform(22, 100)) / 2)
     target = target_m - position_m
     yaw = np.arctan2(target[1], target[0])

@@ -19,6 +19,7 @@ WIDTH_SHARES = (0.1, 0.12, 0.28, 0.4, 0.1)
 BARS = {18.0: 4, 23.0: 6, 30.0: 8, 45.0: 12, 60.0: 16}  # threshold stripes, ICAO Annex 14, 5.2.4.5
 NO_STRIPE = 0.2  # of the runways have no side stripes: their edge is the pavement's
 AT_NIGHT = 0.06
+OVERRUN_M = 6.0  # of the pavement at either end
 LIGHT_SPACING_M = 60.0  # of edge lights, ICAO Annex 14, 5.3.9
 WHITE, YELLOW = np.array([0.92, 0.92, 0.9]), np.array([0.85, 0.7, 0.12])
 
@@ -29,8 +30,10 @@ class Runway:
 
     width_m: float  # of the pavement between the shoulders
     length_m: float  # from threshold to end
+    span_m: tuple[float, float]  # x where the edge lines begin and end
     half_m: float  # from the centre line to the edge line: the middle of its stripe, the pavement's edge or the lights
     edge: EdgeKind
+    centre_painted: bool
     night: bool
     pavement: Coat
     paint: Coat
@@ -49,19 +52,23 @@ def random_runway(rng: Generator) -> Runway:
     stripe_y = width / 2 - stripe_m / 2 - inset
     half = stripe_y if striped else width / 2
     edge = EdgeKind.PAINT if striped else EdgeKind.PAVEMENT
+    before = float(rng.choice([0.0, rng.uniform(30, 120), rng.uniform(100, 500)]))  # paved, ahead of the threshold
+    start = float(rng.choice([0.0, -rng.uniform(0, OVERRUN_M), min(5.0 - before, 0.0)]))  # of the side stripes
+    paved = max(before, OVERRUN_M)
+    span = (start, length) if striped else (-paved, length + paved)
     outside = rng.uniform(0.5, 3.0)
     if night and rng.random() < 0.8:
-        edge, half = EdgeKind.LIGHTS, width / 2 + outside
+        edge, half, span = EdgeKind.LIGHTS, width / 2 + outside, (0.0, length // LIGHT_SPACING_M * LIGHT_SPACING_M)
     places, colours = _lights(width / 2 + outside, length, rng)
     if rng.random() >= (1.0 if night else 0.45):
         places, colours = places[:0], colours[:0]
-    before = float(rng.choice([0.0, rng.uniform(30, 120), rng.uniform(100, 500)]))  # paved, ahead of the threshold
-    paint = [] if night and rng.random() < 0.3 else _paint(width, length, before, rng)
+    plain, centre = night and rng.random() < 0.3, rng.random() < 0.9
+    paint = [] if plain else _paint(width, length, before, bool(centre), rng)
     if striped:
-        start = float(rng.choice([0.0, -rng.uniform(0, 12)]))
         paint += [stripe([[start, y], [length, y]], stripe_m, WHITE) for y in (-stripe_y, stripe_y)]
     pavement = _pavement(width, length, before, rng)
-    return Runway(width, length, half, edge, night, pavement, layers(paint), places, colours)
+    painted = bool(centre and not plain)
+    return Runway(width, length, span, half, edge, painted, night, pavement, layers(paint), places, colours)
 
 
 def _box(x0: float, x1: float, y0: float, y1: float, rgb: ArrayLike) -> Coat:
@@ -77,7 +84,7 @@ def _pavement(width: float, length: float, before: float, rng: Generator) -> Coa
         coats.append(_box(-5, length + 5, -half - shoulder, half + shoulder, grey * rng.choice([0.6, 0.8, 1.25, 1.6])))
     coats.append(_box(-before, length + before, -half, half, grey * rng.choice([0.85, 1.0, 1.0, 1.3])))
     coats += _taxiways(half, length, grey * rng.uniform(0.8, 1.3), rng)
-    coats.append(_box(-6, length + 6, -half, half, grey))
+    coats.append(_box(-OVERRUN_M, length + OVERRUN_M, -half, half, grey))
     for _ in range(rng.integers(0, 7)):  # other asphalt, other concrete
         x, y = rng.uniform(0, length), rng.uniform(-half, half * 0.6)
         tall, wide = rng.uniform(10, 400), rng.uniform(0.15, 1.2) * width
@@ -100,21 +107,23 @@ def _taxiways(half: float, length: float, grey: Array, rng: Generator) -> list[C
     for side in (-1.0, 1.0):
         if rng.random() < 0.45:
             continue
-        away, wide = side * rng.uniform(60, 190), rng.uniform(7.5, 25)
-        coats.append(_box(-rng.uniform(-100, 60), length, away - wide / 2, away + wide / 2, grey))
+        taxiway_y, wide = side * rng.uniform(60, 190), rng.uniform(7.5, 25)
+        coats.append(_box(rng.uniform(-60, 100), length, taxiway_y - wide / 2, taxiway_y + wide / 2, grey))
         for x in rng.uniform(0, length, rng.integers(1, 6)):
             skew = rng.choice([0.0, 0.0, 80.0, -80.0])
             corners = [[x, side * half * 0.9], [x + wide * 1.4, side * half * 0.9]]
-            coats.append(polygons([*corners, [x + wide * 1.4 + skew, away], [x + skew, away]], grey))
+            coats.append(polygons([*corners, [x + wide * 1.4 + skew, taxiway_y], [x + skew, taxiway_y]], grey))
         if rng.random() < 0.8:
-            coats.append(stripe([[0, away], [length, away]], rng.uniform(0.15, 0.5), YELLOW))
+            coats.append(stripe([[0, taxiway_y], [length, taxiway_y]], rng.uniform(0.15, 0.5), YELLOW))
         if rng.random() < 0.5:
             x = rng.uniform(0, length)
-            coats.append(_box(x, x + rng.uniform(80, 600), away, away + side * rng.uniform(60, 250), grey * 1.15))
+            coats.append(
+                _box(x, x + rng.uniform(80, 600), taxiway_y, taxiway_y + side * rng.uniform(60, 250), grey * 1.15)
+            )
     return coats
 
 
-def _paint(width: float, length: float, before: float, rng: Generator) -> list[Coat]:
+def _paint(width: float, length: float, before: float, centred: bool, rng: Generator) -> list[Coat]:
     """Threshold, designator, touchdown zone, aiming point, centre line, what lies before the threshold."""
     half, coats, full = width / 2, [], rng.random() < 0.8
     centre = float(rng.uniform(0.3, 0.9))
@@ -132,11 +141,11 @@ def _paint(width: float, length: float, before: float, rng: Generator) -> list[C
         coats.append(_box(-rng.uniform(0.5, 2.0), 0.0, -half, half, WHITE))
     if rng.random() < 0.85:
         number = f"{rng.integers(1, 37):02d}"
-        height = float(rng.uniform(9, 18))
+        height = min(float(rng.uniform(9, 18)), 0.6 * width)
         foot, side = start + height, 0.7 * height  # read by those who land: feet nearest
         coats.append(figures(number, [[foot, -side], [foot, side]], height, WHITE))
         start += height + 12
-    if rng.random() < 0.9:
+    if centred:
         spacing = rng.choice([1.0, 0.6])
         coats.append(dashes([[start, 0], [length - 60, 0]], centre, [colour], 30.0 * spacing, 20.0 * spacing))
     if full:
@@ -149,9 +158,6 @@ def _paint(width: float, length: float, before: float, rng: Generator) -> list[C
                 coats.append(polygons(ends, YELLOW if rng.random() < 0.8 else WHITE))
     elif before > 60 and rng.random() < 0.6:
         coats.append(dashes([[5.0 - before, 0.0], [-8.0, 0.0]], 0.9, [WHITE], 30.0, 30.0))
-        coats += [
-            stripe([[5 - before, y], [0, y]], 0.9, WHITE) for y in (-half + 0.5, half - 0.5) if rng.random() < 0.7
-        ]
     return coats
 
 

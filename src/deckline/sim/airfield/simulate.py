@@ -1,5 +1,6 @@
 """Frames of presets `airfield` and `pad`, drawn without OpenGL; configuration and index decide all of a frame."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -9,14 +10,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, camera_mount
-from deckline.haze import CONTRAST_THRESHOLD, add_haze
+from deckline.haze import add_haze, beta_from_visibility
 from deckline.recording.images import read_image
-from deckline.sim.airfield.ground import Viewer
+from deckline.recording.opening import list_images
+from deckline.sim.airfield.ground import NOISE_SLOPES, TILE, Viewer
 from deckline.sim.airfield.pad import draw_pad
 from deckline.sim.airfield.picture import Airfield, draw_airfield, make_textures
 from deckline.sim.camera.glass import look_through
 from deckline.sim.camera.measure import measure_depth
-from deckline.sim.config import SimConfig
+from deckline.sim.config import SimConfig, draw_visibility
 from deckline.types import Frame, Segment, Truth
 
 FRAME, TEXTURES = 3, 8  # random streams
@@ -30,18 +32,19 @@ class AirfieldSimulator:
     Args:
         config: of one of them. Size, number, seed, visibility, depth and photographs count; camera, light, ground and
             runway are drawn anew for every frame.
+
+    Raises:
+        ValueError: a damaged photograph, or a folder without any that makes a texture.
+        OSError: no such folder.
     """
 
     def __init__(self, config: SimConfig) -> None:
         self.config = config
         rng = np.random.default_rng([config.seed, TEXTURES])
-        files = (
-            sorted(path for path in Path(config.photographs).iterdir() if path.suffix in (".jpg", ".png"))
-            if config.photographs
-            else []
-        )
-        chosen = rng.permutation(len(files))[:MOST_PHOTOGRAPHS]
-        self.textures = make_textures(rng, [read_image(files[k]) for k in chosen])
+        photographs = _read_photographs(Path(config.photographs), rng) if config.photographs else ()
+        self.textures = make_textures(rng, photographs)
+        if config.photographs and len(self.textures) == len(NOISE_SLOPES):
+            raise ValueError(f"{config.photographs}: no photograph with something in it, {TILE // 2} px or larger")
 
     def __enter__(self) -> Self:
         return self
@@ -55,12 +58,11 @@ class AirfieldSimulator:
         rng = np.random.default_rng([config.seed, FRAME, index])
         draw = draw_pad if config.preset == "pad" else draw_airfield
         airfield = draw(config.width, config.height, self.textures, rng)
-        low, high = config.visibility_m
-        visibility = high if np.isinf(high) else float(rng.uniform(low, high))
+        visibility = draw_visibility(config.visibility_m, rng)
         image, airlight = airfield.image_rgb, None
         if np.isfinite(visibility):
             airlight = rng.uniform(130, 235) * (1 + rng.normal(0, 0.03, 3))
-            image = add_haze(image, airfield.range_m, -np.log(CONTRAST_THRESHOLD) / visibility, airlight)
+            image = add_haze(image, airfield.range_m, beta_from_visibility(visibility), airlight)
         left, right = (
             (None, None) if airfield.ends_m is None else (Segment(*(UP_TO_DOWN * line)) for line in airfield.ends_m)
         )
@@ -79,10 +81,20 @@ class AirfieldSimulator:
                 visibility_m=visibility,
                 airlight_rgb=None if airlight is None else (airlight[0], airlight[1], airlight[2]),
                 clear_rgb=airfield.image_rgb if config.keep_clear and np.isfinite(visibility) else None,
+                centre_painted=airfield.centre_painted,
                 conditions={} if airfield.edge is None else {"edge": str(airfield.edge)},
             ),
         )
         return look_through(drawn, config, index)
+
+
+def _read_photographs(folder: Path, rng: np.random.Generator) -> Iterator[NDArray[np.uint8]]:
+    files = sorted(list_images(folder))
+    for k in rng.permutation(len(files))[:MOST_PHOTOGRAPHS]:
+        try:
+            yield read_image(folder / files[k])
+        except ValueError as error:
+            raise ValueError(f"{folder / files[k]}: {error}") from None
 
 
 def _camera(viewer: Viewer) -> Camera:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -173,15 +174,7 @@ def add_noise(rgb: NDArray[np.uint8], sensor: Sensor, rng: np.random.Generator) 
 
 
 def jpeg(rgb: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """The image (H, W, 3) after JPEG at a quality 1..100.
-
-    Raises:
-        ImportError: OpenCV is missing.
-    """
-    try:
-        import cv2
-    except ImportError as error:
-        raise ImportError("JPEG needs OpenCV: pip install opencv-python-headless, or set jpeg_quality to 0") from error
+    """The image (H, W, 3) after JPEG at a quality 1..100."""
     _, coded = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), dtype=np.uint8)
     return np.ascontiguousarray(decoded[..., ::-1])
