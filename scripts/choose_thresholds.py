@@ -25,7 +25,7 @@ from deckline.evaluation.frames import FrameSet, RenderOptions, open_recorded
 from deckline.evaluation.metrics import distance_px
 from deckline.geometry import Camera
 from deckline.recording import FrameError
-from deckline.types import SIDES
+from deckline.types import SIDES, Detection
 
 ROW = (0.3, 0.4, 0.5, 0.6)  # of a row
 BOTH = (*np.arange(0.3, 0.9, 0.05).round(2), 1.1)  # of both lines, with the whole image; 1.1: none
@@ -43,8 +43,9 @@ class ScoredView(NamedTuple):
 
     camera: Camera
     expected: ExpectedLines
-    whole: float  # probability of a runway in the whole image
+    whole: View  # of the whole image
     candidates: list[View]
+    first: int  # how many of them were found without tiles
 
 
 class Trial(NamedTuple):
@@ -77,33 +78,49 @@ def run_detector(
 ) -> ScoredView:
     found = Search(image_rgb, detector.infer, detector.config)
     found.search_whole()
+    first = len(found.candidates)
     if not found.is_decided:
         found.search_tiles()
-    return ScoredView(camera, expected, found.whole.region.probability, found.candidates)
+    return ScoredView(camera, expected, found.whole, found.candidates, first)
 
 
 class Rated(NamedTuple):
-    """The most probable lines of a view, of both sides or of one."""
+    """A candidate's lines, of both sides or of one."""
 
-    errors: list[NDArray[np.float64]]  # distances of each line's points, px
+    errors: NDArray[np.float64]  # distances of their points, px
     probability: float
     clear: float  # the same with the whole image's
 
 
-def rate(one: ScoredView, count: int, row: float) -> Rated:
-    """The best candidate with so many lines; one without any has probability 0."""
-    views = [replace(view, config=replace(view.config, min_confidence=row)) for view in one.candidates]
-    best = max((view for view in views if view.count == count), key=lambda view: view.probability, default=None)
-    if best is None:
-        return Rated([], 0.0, 0.0)
+def rate(one: ScoredView, count: int, row: float) -> list[Rated]:
+    """The candidates with so many lines; the search takes the first one that counts."""
+    rated = []
+    for index, candidate in enumerate(one.candidates):
+        view = replace(candidate, config=replace(candidate.config, min_confidence=row))
+        if view.count == count:
+            clear = view.probability * (1.0 if candidate is one.whole else one.whole.region.probability)
+            by_tile = count == 2 and index >= one.first  # tiles are searched where no pair counts
+            rated.append((by_tile, Rated(measure_errors(one, view.lines), view.probability, clear)))
+    return [each for _, each in sorted(rated, key=lambda item: (item[0], -item[1].probability))]
+
+
+def measure_errors(one: ScoredView, lines: Detection) -> NDArray[np.float64]:
+    """Distances of all points from their side's true line, px."""
     errors = []
     for side in SIDES:
-        points, line = getattr(best.lines, side), one.expected.lines_px[side]
+        points, line = getattr(lines, side), one.expected.lines_px[side]
         if len(points):
             infinite = np.full(len(points), np.inf)
             errors.append(infinite if line is None else distance_px(points.points_px, line, one.camera))
-    is_whole = best.region.probability == one.whole
-    return Rated(errors, best.probability, best.probability * (1.0 if is_whole else one.whole))
+    return np.concatenate(errors)
+
+
+def tabulate(rated: list[list[Rated]], name: str) -> NDArray[np.float64]:
+    """A value of each view's candidates, (views, most candidates); 0 where there are fewer."""
+    table = np.zeros((len(rated), max(1, *map(len, rated))))
+    for values, candidates in zip(table, rated, strict=True):
+        values[: len(candidates)] = [getattr(each, name) for each in candidates]
+    return table
 
 
 def share_of(found: NDArray[np.bool_], some: NDArray[np.bool_]) -> float:
@@ -113,20 +130,20 @@ def share_of(found: NDArray[np.bool_], some: NDArray[np.bool_]) -> float:
 def try_thresholds(views: list[ScoredView], row: float) -> list[Trial]:
     """Every set of thresholds of lines, with this one of rows."""
     pairs, lines = ([rate(one, count, row) for one in views] for count in (2, 1))
-    close, clear = (np.array([getattr(pair, name) for pair in pairs]) for name in ("probability", "clear"))
-    single = np.array([line.clear for line in lines])
-    wrong = np.array([bool(line.errors) and not np.median(line.errors[0]) <= WRONG_PX for line in lines])
+    close, clear, single = tabulate(pairs, "probability"), tabulate(pairs, "clear"), tabulate(lines, "clear")
     deck = np.array([one.expected.scene is Scene.DECK for one in views])
     thick = np.array([one.expected.visibility_m < THICK_M for one in views])
     tried = []
     for thresholds in product(BOTH, CLOSE, LONE):
-        found = (clear >= thresholds[0]) | (close >= thresholds[1])
-        alone = ~found & (single >= thresholds[2])
-        px = [np.concatenate(pair.errors) for pair, good in zip(pairs, found & deck, strict=True) if good]
+        counts_as_pair, counts_alone = (clear >= thresholds[0]) | (close >= thresholds[1]), single >= thresholds[2]
+        found = counts_as_pair.any(axis=1)
+        alone = ~found & counts_alone.any(axis=1)
+        px = [pairs[k][counts_as_pair[k].argmax()].errors for k in np.flatnonzero(found & deck)]
+        singles = [lines[k][counts_alone[k].argmax()].errors for k in np.flatnonzero(alone & deck)]
         median, most = np.percentile(np.concatenate(px), (50, 95)) if px else (np.inf, np.inf)
         shares = share_of(found, deck & ~thick), share_of(found, deck & thick), share_of(found, deck)
         false = float((found | alone)[~deck].mean())
-        counts = int((alone & deck).sum()), int((alone & deck & wrong).sum())
+        counts = len(singles), sum(not np.median(errors) <= WRONG_PX for errors in singles)
         tried.append(Trial((row, *thresholds), false, shares, (float(median), float(most)), counts))
     return tried
 
@@ -150,10 +167,14 @@ def main() -> None:
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")
     views = run_on_sets(sets, detector)
+    decks = sum(one.expected.scene is Scene.DECK for one in views)
+    if decks in (0, len(views)):
+        raise SystemExit(
+            f"no view {'without' if decks else 'with'} a runway: add a source that has some, or --deckless"
+        )
     tried = [trial for row in track(ROW, "trying") for trial in try_thresholds(views, row)]
     usual = tuple(getattr(detector.config, name) for name in NAMES)
     best = [max((t for t in tried if t.false_share <= share), key=rank) for share in FALSE_SHARES]
-    decks = sum(one.expected.scene is Scene.DECK for one in views)
     print(f"{decks} decks, {len(views) - decks} views without a runway")
     print("false %; found % at V >= 500 m, less, all; px median, 95 %; one line, wrong; row, both, close, lone")
     for trial in [*(t for t in tried if t.thresholds == usual), *best]:
