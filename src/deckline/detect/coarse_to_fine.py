@@ -31,19 +31,19 @@ class DetectConfig:
     # Thresholds of `hybrid`, chosen by scripts/choose_thresholds.py: docs/experiments/2026-11-detection-thresholds.md.
     # The probability of lines is the runway's in the closest view times their mean confidence. The first two thresholds
     # are compared with its product with the runway's probability in the whole image.
-    min_probability: float = 0.55  # of both lines; below it: not seen
+    min_probability: float = 0.6  # of both lines; below it: not seen
     min_lone_probability: float = 0.8  # of one line alone: any marking may look like one edge
     min_prior_probability: float = 0.25  # of both lines in a prior's box
     # The rest is chosen with 17 labelled photographs in view: docs/experiments/2026-11-search-on-photographs.md.
-    min_close_probability: float = 0.75  # of both lines, however faint the runway is in the whole image
+    min_close_probability: float = 0.85  # of both lines, however faint the runway is in the whole image
     sure_probability: float = 0.87  # of both lines; with it the search ends
     sure_clear_probability: float = 0.75  # the same, times the runway's probability in the whole image
     agreeing_probability: float = 0.75  # of each of two views with the same lines; with them the search ends
     min_view_probability: float = 0.5  # of a runway in a closer view; below it the place is given up
     places: int = 2  # in the whole image that are looked at closely
     min_place_probability: float = 0.02  # of such a place, in the whole image
-    tiles: int = 3  # overlapping parts of the image along each side, searched where nothing else is found; 0: none
-    tile_size: float = 0.4  # of the image's
+    tiles: int = 2  # overlapping parts of the image along each side, searched where nothing else is found; 0: none
+    tile_size: float = 0.6  # of the image's
     min_tile_probability: float = 0.3  # of a runway in a tile that is looked at closely
     fill: float = 0.6  # share of a crop's limiting dimension that the runway takes
     min_width_px: float = 48.0  # image px of a crop; chosen on approaches from 800 m (the same page)
