@@ -106,6 +106,7 @@ def test_outputs_have_the_shapes_of_the_grid(name: str) -> None:
         "line_logits": (2, 2),
         "region_logits": (2, 577),
         "region_box": (2, 4, 18, 32),
+        "edge_logits": (2, 3),
     }
     for wanted, value in zip(model.kind.output_names, outputs, strict=False):
         assert tuple(value.shape) == shapes[wanted], wanted

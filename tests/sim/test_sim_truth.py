@@ -10,7 +10,7 @@ from pixel_truth import Shot, deck_and_sea, local_means, middle_offsets, moved_s
 from deckline.geometry import Camera
 from deckline.sim.camera.lens import Lens, pinhole_for
 from deckline.sim.camera.sensor import DISPLAY_GAMMA
-from deckline.sim.config import Preset, SimConfig
+from deckline.sim.config import DRAWN, Preset, SimConfig
 from deckline.sim.flight.views import Motion, pose_towards, ship_pose
 from deckline.sim.scene.view import Scene
 from deckline.sim.scene.weather import random_weather
@@ -162,7 +162,7 @@ def test_depth_is_the_distance_to_deck_and_sea(renderer, name, moving, distorted
             np.testing.assert_allclose(got[there], expected[there], rtol=tolerance)
 
 
-@pytest.mark.parametrize("preset", [preset for preset in get_args(Preset) if preset != "train"])
+@pytest.mark.parametrize("preset", sorted({*get_args(Preset)} - {"train", *DRAWN}))
 def test_recorded_pictures_show_the_lines_where_their_truth_has_them(renderer, preset):
     config = SimConfig(
         preset, "random", frames=5, seed=3, width=SIZE[0], height=SIZE[1], fov_deg=40.0, range_m=(50, 300)
