@@ -9,6 +9,7 @@ from skimage.metrics import peak_signal_noise_ratio
 import deckline
 from deckline.dehaze import DarkChannelDehazer
 from deckline.evaluation.dehazing import SCORES_FILE
+from deckline.evaluation.no_reference import no_reference_figures, summarise_no_reference
 
 
 @pytest.fixture
@@ -131,13 +132,26 @@ def test_bad_options_are_one_line(recording, arguments, message, capsys):
     assert len(error) == 1 and message in error[0]
 
 
-def test_sources_without_clear_pictures_are_one_line(tmp_path, capsys):
-    assert run(write_recording(tmp_path / "hazy", clear_too=False), "--detector", "none") == 2
-    assert "no clear pictures to compare with" in last_error(capsys)
+def test_sources_that_hold_nothing_are_one_line(tmp_path, capsys):
     assert run(tmp_path / "nothing", "--detector", "none") == 2
     assert "there is no such file or folder" in last_error(capsys)
     assert run("--detector", "none") == 2
     assert "give at least one recording" in last_error(capsys)
+
+
+def test_pictures_without_clear_ones_get_figures_without_reference(tmp_path, capsys):
+    recording = write_recording(tmp_path / "hazy", clear_too=False)
+    for source in (recording, recording / "images"):
+        found = measured(tmp_path / "f.json", source, "--detector", "none", "--dehazer", "dark-channel")
+        summary = found["visibility"]["all"]["dark-channel"]
+        assert summary["means"] == {} and summary["images"] == 4
+        dark = DarkChannelDehazer()
+        figures = [no_reference_figures(dark(pictures(index)[1]), pictures(index)[1]) for index in range(4)]
+        assert summary["no_reference"] == pytest.approx(summarise_no_reference(figures))
+        untouched = found["visibility"]["all"]["none"]["no_reference"]
+        assert untouched["gradient_ratio.worst"] == 1.0 and untouched["worse_than_input"] == 0.0
+        text = capsys.readouterr().out
+        assert "Without a clear picture" in text and "PSNR" not in text
 
 
 def test_a_recording_of_which_no_frame_is_left_is_one_line(recording, capsys):

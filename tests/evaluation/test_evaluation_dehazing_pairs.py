@@ -74,7 +74,6 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
         ({"visibility_m": True}, "visibility_m must be positive metres"),
         ({"file": "b.png"}, "there is no image b.png"),
         ({"pair_of": "gone.png"}, "its clear picture gone.png"),
-        ({"pair_of": None}, "zero frames: no hazy and clear pair"),
     ):
         (folder / "labels.json").write_text(json.dumps({"frames": [labels["frames"][0], hazy | change]}))
         assert run(folder, "--detector", "none", "--dehazer", "none") == 2
@@ -86,6 +85,17 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
     cv2.imwrite(str(folder / "a_clear.png"), np.zeros((30, 40, 3), np.uint8))
     assert run(folder, "--detector", "none", "--dehazer", "none") == 2
     assert "its clear picture is 40x30 px" in last_error(capsys)
+
+
+def test_a_folder_that_names_no_pair_gives_its_pictures_and_their_lines(pair_folder, tmp_path):
+    folder = Path(shutil.copytree(pair_folder, tmp_path / "copy", ignore=shutil.ignore_patterns("sample")))
+    labels = json.loads((folder / "labels.json").read_text())
+    (folder / "labels.json").write_text(json.dumps({"frames": labels["frames"][:1]}))
+    source = open_pairs(folder)
+    assert source.keys == ("a_clear.png", "a_vis900.png")
+    named, other = map(source.load, source.keys)
+    assert named.clear_rgb is None and set(named.lines or {}) == {"left", "right"}
+    assert other.clear_rgb is None and other.lines is None
 
 
 def test_dehazers_never_see_truth_and_see_depth_when_told(tmp_path):

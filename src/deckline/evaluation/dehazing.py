@@ -33,6 +33,7 @@ from deckline.evaluation.dehazing_score import (
     summarise,
     summarise_film,
 )
+from deckline.evaluation.no_reference import no_reference_figures
 from deckline.evaluation.pictures import sheet
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import TO_TERMINAL, Output, made_with, publish
@@ -48,18 +49,20 @@ SCORES_FILE = "dehazing.jsonl"
 
 @dataclass(frozen=True)
 class DehazingConfig:
-    """Compare dehazers on pairs of a hazy and a clear picture.
+    """Compare dehazers on pairs of a hazy and a clear picture, or on hazy pictures alone.
 
-    Every image's PSNR and SSIM, by visibility and, where the truth tells of any, by rain and motion blur, with the
-    paired difference to a reference; whether the detector finds the lines better or worse than without dehazing; and
-    with --cost time and memory. Images count as independent: true for random views, not for the frames of one flight,
-    whose intervals come out too narrow.
+    Visible edges, gradients, saturation and dark channel against the hazy picture, and how many pictures came out worse
+    than they went in. With clear pictures every image's PSNR and SSIM, by visibility and, where the truth tells of any,
+    by rain and motion blur, with the paired difference to a reference. With true lines, whether the detector finds them
+    better or worse than without dehazing; with --cost time and memory. Images count as independent: true for random
+    views, not for the frames of one flight, whose intervals come out too narrow.
 
     With --out a stopped command resumes, and a command with more dehazers adds theirs.
 
     Args:
         sources: recordings with clear pictures (`deckline dataset`, `deckline sim`), or folders of images whose
-            labels.json names the clear image of a hazy one as pair_of, with camera.toml and poses.csv beside them.
+            labels.json names the clear image of a hazy one as pair_of, with camera.toml and poses.csv beside them; or
+            recordings, pictures and videos without clear ones.
         dehazer: names and .onnx files; none, doing nothing, is always measured as well.
         reference: name of the dehazer that the others' PSNR and cost are compared with.
         detector: name or .onnx file; none leaves the lines out.
@@ -99,7 +102,7 @@ class DehazingConfig:
 
     def __post_init__(self) -> None:
         if not self.sources:
-            raise ValueError("give at least one recording with clear pictures, or folder with hazy and clear pairs")
+            raise ValueError("give at least one recording, or folder of pictures")
         if self.sheet is not None:
             check_picture_name(self.sheet, "a sheet")
         check_numbers(self, "", "every", "cost_runs", "cost_size", least=1)
@@ -155,7 +158,7 @@ def _load(config: DehazingConfig) -> Bench:
     heights = config.deck_z_m, config.sea_z_m
     sources = tuple(open_pairs(path, config.every, *heights, config.with_depth) for path in config.sources)
     if not any(source.keys for source in sources):
-        raise ValueError(f"zero frames: no hazy and clear pair in {', '.join(map(str, config.sources))}")
+        raise ValueError(f"zero frames: no picture in {', '.join(map(str, config.sources))}")
     return Bench(named, dehazers, flight, reference, sources)
 
 
@@ -194,7 +197,9 @@ def _score_all(bench: Bench, store: Store) -> tuple[list[ImageScore], list[tuple
 
 def _score(bench: Bench, source: str, key: str, name: str, pair: Pair) -> ImageScore:
     restored = restore(bench.dehazers[name], pair.frame)
-    figures = restoration(restored.image_rgb, pair.clear_rgb, pair.surface)
+    figures = no_reference_figures(restored.image_rgb, pair.frame.image_rgb)
+    if pair.clear_rgb is not None:
+        figures |= restoration(restored.image_rgb, pair.clear_rgb, pair.surface)
     score = ImageScore(source, key, name, pair.visibility_m, figures, restored.note, pair.film)
     if bench.flight is None or pair.lines is None:
         return score
@@ -216,7 +221,7 @@ def _costs(config: DehazingConfig, bench: Bench, score: ImageScore) -> tuple[dic
 
 def _title(config: DehazingConfig, images: int) -> str:
     sources = " ".join(map(str, config.sources))
-    what = [f"{images} pairs of {sources}", f"detector {config.detector}"]
+    what = [f"{images} pictures of {sources}", f"detector {config.detector}"]
     what += [f"one of {config.every} taken"] if config.every > 1 else []
     what += ["dehazers given the recorded depth"] if config.with_depth else []
     what += ["full-resolution networks at full size"] if config.full_size else []

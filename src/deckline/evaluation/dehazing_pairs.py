@@ -1,4 +1,5 @@
-"""Pairs of a hazy and a clear picture, from recordings with clear truth and from labelled folders.
+"""Pairs of a hazy and a clear picture, from recordings with clear truth and from labelled folders; and hazy pictures
+of which no clear one exists.
 
 A labelled folder's labels.json names for a hazy image the clear one of the same pose as `pair_of`, and may give its
 `visibility_m`: {"frames": [{"file": "a_hazy.png", "pair_of": "a.png", "visibility_m": 900, ...}]}.
@@ -6,7 +7,6 @@ A labelled folder's labels.json names for a hazy image the clear one of the same
 
 import json
 import math
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -34,10 +34,10 @@ Distances = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # points (N, 2
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A hazy picture with what it should look like."""
+    """A hazy picture with what it should look like, where that is known."""
 
     frame: Frame  # hazy, without truth: dehazers never see it
-    clear_rgb: NDArray[np.uint8]  # (H, W, 3)
+    clear_rgb: NDArray[np.uint8] | None  # (H, W, 3)
     surface: NDArray[np.bool_] | None  # (H, W) sea and ship; None when there is no depth to know it from
     visibility_m: float  # 2 % contrast; NaN when unknown
     lines: Mapping[str, Distances] | None  # None: not both true lines are in view, or nobody knows them
@@ -63,16 +63,16 @@ def open_pairs(
     sea_z_m: float | None = None,
     with_depth: bool = False,
 ) -> PairSource:
-    """A recording with clear truth, or a labelled folder.
+    """A recording or pictures, with or without clear ones.
 
     Args:
-        path: of either.
+        path: of a recording, folder, picture or video. Of a folder with "pair_of" in labels.json only pairs are taken.
         every: take every so many of its pairs, from the first on.
         deck_z_m, sea_z_m: world z (down) of the deck plane and of the water; override what files say.
         with_depth: give dehazers the recorded depth. A dataset's is exact and reaches everywhere, as no camera's does.
 
     Raises:
-        ValueError: no such source, or one without a single pair; says how to get them.
+        ValueError: no such source.
     """
     if every < 1:
         raise ValueError(f"every must be 1 or more, got {every}")
@@ -80,29 +80,25 @@ def open_pairs(
     if isinstance(source, ImageFolder) and (path / LABELS_FILE).is_file():
         return _labelled(path, source, every, with_depth)
 
-    _check_clear(path, source)
+    has_clear = _has_clear(source)
     keys = tuple(str(index) for index in range(0, len(source), every))
-    return PairSource(str(path.resolve()), keys, lambda key: _recorded(source.load(int(key)), with_depth))
+    return PairSource(str(path.resolve()), keys, lambda key: _recorded(source.load(int(key)), with_depth, has_clear))
 
 
-def _check_clear(path: Path, source: Source) -> None:
+def _has_clear(source: Source) -> bool:
     """Recordings keep the clear picture of every frame or of none: the first readable frame says which."""
     for index in range(len(source)):
         try:
             truth = source.load(index).truth
         except FrameError:
             continue
-        if truth is None or truth.clear_rgb is None:
-            raise ValueError(
-                f"{path}: no clear pictures to compare with: record it with `deckline sim` or `deckline dataset` "
-                f'(which keep them), or write {LABELS_FILE} with "pair_of" beside a folder\'s images'
-            )
-        return
+        return truth is not None and truth.clear_rgb is not None
+    return True
 
 
-def _recorded(frame: Frame, with_depth: bool) -> Pair:
+def _recorded(frame: Frame, with_depth: bool, has_clear: bool) -> Pair:
     truth = frame.truth or Truth()
-    if truth.clear_rgb is None:
+    if has_clear and truth.clear_rgb is None:
         raise FrameError(frame.file, "it has no clear picture")
     visibility_m = math.nan if truth.visibility_m is None else truth.visibility_m
     pair = _pair(frame, truth.clear_rgb, visibility_m, true_lines(frame), with_depth)
@@ -115,29 +111,32 @@ def _labelled(folder: Path, source: ImageFolder, every: int, with_depth: bool) -
     missing = [file for file in entries if file not in source.files]
     if missing:
         raise ValueError(f"{folder / LABELS_FILE}: there is no image {missing[0]} in {folder}")
-    if not entries:
-        print(f'{folder}: no hazy pair: no frame in {LABELS_FILE} has "pair_of"', file=sys.stderr)
 
     def load(key: str) -> Pair:
-        frame, (clear_file, visibility_m) = source.load(source.files.index(key)), entries[key]
+        frame, lines = source.load(source.files.index(key)), None
+        if key in labels:
+            lines = labelled_lines(labels[key], frame.camera)
+        if not entries:
+            return _pair(frame, None, math.nan, lines, with_depth)
+        clear_file, visibility_m = entries[key]
         try:
             clear = read_image(folder / clear_file)
         except ValueError as error:
             raise FrameError(frame.file, f"its clear picture {clear_file}: {error}") from None
-        return _pair(frame, clear, visibility_m, labelled_lines(labels[key], frame.camera), with_depth)
+        return _pair(frame, clear, visibility_m, lines, with_depth)
 
-    keys = tuple(file for file in source.files if file in entries)[::every]
+    keys = tuple(file for file in source.files if file in entries or not entries)[::every]
     return PairSource(str(folder.resolve()), keys, load)
 
 
 def _pair(
     frame: Frame,
-    clear_rgb: NDArray[np.uint8],
+    clear_rgb: NDArray[np.uint8] | None,
     visibility_m: float,
     lines: Mapping[str, Distances] | None,
     with_depth: bool,
 ) -> Pair:
-    if clear_rgb.shape != frame.image_rgb.shape:
+    if clear_rgb is not None and clear_rgb.shape != frame.image_rgb.shape:
         sizes = [f"{image.shape[1]}x{image.shape[0]} px" for image in (clear_rgb, frame.image_rgb)]
         raise FrameError(frame.file, f"its clear picture is {sizes[0]}, the hazy one {sizes[1]}")
     surface = None if frame.depth_m is None else np.isfinite(frame.depth_m)

@@ -13,6 +13,7 @@ from deckline.dehaze import NOT_DEHAZED
 from deckline.evaluation.dehazers import Cost
 from deckline.evaluation.dehazing_pairs import FILMS, Distances
 from deckline.evaluation.metrics import SSIM_WINDOW_PX, psnr_db, ssim
+from deckline.evaluation.no_reference import no_reference_table, summarise_no_reference
 from deckline.evaluation.tables import MISSING, Figures, Table, number
 from deckline.flight import FrameResult
 from deckline.statistics import (
@@ -78,6 +79,7 @@ class Summary:
     asked: int  # images with both lines in view
     lines: Figures  # found_rate, point_error_px.median, point_error_px.p95
     line_differences: dict[str, Difference]  # found_rate, point_error_px; to hazy
+    no_reference: Figures  # see summarise_no_reference
 
 
 def restoration(
@@ -154,7 +156,10 @@ def _summarise_group(scores: Sequence[ImageScore], reference: str) -> dict[str, 
             lines = {"found_rate": share(asked, lambda score: bool(score.found))}
             lines |= median_and_p95(distances, "point_error_px")
         left_alone = sum(bool(score.note) for score in ours.values())
-        summaries[name] = Summary(len(ours), left_alone, means, differences, len(asked), lines, line_differences)
+        no_reference = summarise_no_reference([score.figures for score in ours.values()])
+        summaries[name] = Summary(
+            len(ours), left_alone, means, differences, len(asked), lines, line_differences, no_reference
+        )
     return summaries
 
 
@@ -181,12 +186,12 @@ def worse_lines(summaries: Mapping[str, Summary]) -> list[str]:
 
     Surely means beyond the 95 % interval: fewer lines found, or points farther off.
     """
-    bar = summaries[NOT_DEHAZED].means["psnr_db"] if NOT_DEHAZED in summaries else np.inf
+    bar = summaries[NOT_DEHAZED].means.get("psnr_db", np.inf) if NOT_DEHAZED in summaries else np.inf
     worse = []
     for name, summary in summaries.items():
         fewer, farther = (summary.line_differences.get(key) for key in ("found_rate", "point_error_px"))
         lines_are_worse = (fewer is not None and fewer.high < 0) or (farther is not None and farther.low > 0)
-        if summary.means["psnr_db"] > bar and lines_are_worse:
+        if summary.means.get("psnr_db", -np.inf) > bar and lines_are_worse:
             worse.append(name)
     return worse
 
@@ -213,21 +218,24 @@ class Results:
 
 
 def dehazing_tables(results: Results) -> list[Table]:
-    """Restoration with its cost, by visibility and by rain and motion blur, and the lines where they were asked for."""
+    """Restoration with its cost, by visibility and by rain and motion blur, the lines where they were asked for, and
+    the figures without a clear picture.
+    """
     tables = [_restoration(results)]
     bands = {band: members for band, members in results.summaries.items() if band != ALL}
-    if bands:
+    if bands and results.levels:
         tables.append(_grouped(results, "visibility", bands))
     if results.film:
         tables.append(_grouped(results, "rain and motion blur", results.film, (FILM,)))
     if any(summary.asked for summary in results.summaries[ALL].values()):
         tables.append(_lines(results))
-    return tables
+    no_reference = {name: summary.no_reference for name, summary in results.summaries[ALL].items()}
+    return [*tables, no_reference_table(no_reference)]
 
 
 def _restoration(results: Results) -> Table:
     columns = ["dehazer", "images", *_level_columns(results), "left as is", "parameters", "MACs 256x256"]
-    notes = [MEANING, INTERVALS]
+    notes = [MEANING, INTERVALS] if results.levels else []
     if results.costs:
         width, height = results.cost_size_px
         columns += [f"ms at {width}x{height}", "peak MiB"]
@@ -267,21 +275,22 @@ def _lines(results: Results) -> Table:
 
 def _level_columns(results: Results) -> list[str]:
     pairs = ((heading, f"to {results.reference}, dB") for heading in results.levels.values())
-    return [*(word for pair in pairs for word in pair), "SSIM"]
+    return [*(word for pair in pairs for word in pair), *(["SSIM"] if results.levels else [])]
 
 
 def _level_cells(summary: Summary, results: Results) -> list[str]:
     cells = [str(summary.images)]
     for name in results.levels:
         cells += [number(summary.means.get(name), ".2f"), _difference(summary.differences.get(name), "+.2f")]
-    return [*cells, number(summary.means.get("ssim"), ".4f"), str(summary.left_alone)]
+    cells += [number(summary.means.get("ssim"), ".4f")] if results.levels else []
+    return [*cells, str(summary.left_alone)]
 
 
 def _line_cells(summary: Summary) -> list[str]:
     lines, differences = summary.lines, summary.line_differences
     return [
         str(summary.asked),
-        number(summary.means["psnr_db"], ".2f"),
+        number(summary.means.get("psnr_db"), ".2f"),
         number(100 * lines["found_rate"], ".1f"),
         _difference(differences.get("found_rate"), "+.1f", 100),
         number(lines.get("point_error_px.median"), ".2f"),

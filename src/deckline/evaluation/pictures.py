@@ -81,9 +81,10 @@ def _column(pair: Pair, dehazers: Mapping[str, Dehazer]) -> Image:
     }
     tiles = []
     for name, image in pictures.items():
-        psnr_db = restoration(image, pair.clear_rgb, None)["psnr_db"]
-        tiles.append(_tile(image, f"{name}: {psnr_db:.1f} dB"))
-    return np.concatenate([*tiles, _tile(pair.clear_rgb, "clear")])
+        if pair.clear_rgb is not None:
+            name += f": {restoration(image, pair.clear_rgb, None)['psnr_db']:.1f} dB"
+        tiles.append(_tile(image, name))
+    return np.concatenate(tiles if pair.clear_rgb is None else [*tiles, _tile(pair.clear_rgb, "clear")])
 
 
 def _tile(image: Image, words: str) -> Image:
