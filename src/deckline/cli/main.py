@@ -55,7 +55,7 @@ EXAMPLES = {
     ),
     "deckline eval dehazing": (
         "deckline eval dehazing data/test --cost",
-        "deckline eval dehazing data/test --dehazer geometry mine/dehaze.onnx --sheet sheet.png",
+        "deckline eval dehazing photographs --dehazer geometry mine/dehaze.onnx --blind sheets",
     ),
     "deckline eval flicker": (
         "deckline eval flicker flights/first",

@@ -5,12 +5,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
 from deckline import __version__
 from deckline.checks import check_numbers
 from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
+from deckline.evaluation.blind import check_no_sheets, count_votes, read_votes, vote_tables, write_blind_sheets
 from deckline.evaluation.chain import single_frames_with
 from deckline.evaluation.dehazers import (
     Cost,
@@ -59,6 +61,9 @@ class DehazingConfig:
 
     With --out a stopped command resumes, and a command with more dehazers adds theirs.
 
+    --blind writes sheets for people who do not know which panel is which. Into votes.csv they write for each sheet an
+    order, A>B or A=B, of more panels B>A=C. --votes counts every votes*.csv beside the key.
+
     Args:
         sources: recordings with clear pictures (`deckline dataset`, `deckline sim`), or folders of images whose
             labels.json names the clear image of a hazy one as pair_of, with camera.toml and poses.csv beside them; or
@@ -78,12 +83,17 @@ class DehazingConfig:
         sheet: write one picture with what every dehazer makes of a few pairs (.png or .jpg).
         sheet_visibility: of those pairs, m: for each the pair that comes nearest.
         out: folder for a row per image and dehazer.
+        blind: folder for sheets to judge, with key.json and votes.csv.
+        blind_panels: of a sheet; 2 makes pairs.
+        blind_seed: of the shuffling.
+        votes: count the votes in this folder of --blind, and measure nothing.
 
     Raises:
-        ValueError: no source, a sheet that is no picture, or an `every`, `cost_runs` or `cost_size` below 1.
+        ValueError: neither sources nor votes, or both; a sheet that is no picture; a folder that holds sheets; an
+            `every`, `cost_runs` or `cost_size` below 1, or `blind_panels` not in 2..26.
     """
 
-    sources: tyro.conf.Positional[tuple[Path, ...]]
+    sources: tyro.conf.Positional[tuple[Path, ...]] = ()
     dehazer: tuple[str, ...] = (NOT_DEHAZED, "dark-channel", "geometry", Models.dehazer)
     reference: str = NOT_DEHAZED
     detector: str = Models.detector
@@ -99,13 +109,20 @@ class DehazingConfig:
     sheet: Path | None = None
     sheet_visibility: tuple[float, ...] = (400.0, 1000.0, 2500.0)
     out: Path | None = None
+    blind: Path | None = None
+    blind_panels: int = 2
+    blind_seed: int = 0
+    votes: Path | None = None
 
     def __post_init__(self) -> None:
-        if not self.sources:
-            raise ValueError("give at least one recording, or folder of pictures")
+        if bool(self.sources) == (self.votes is not None):
+            raise ValueError("give at least one recording or folder of pictures, or --votes alone")
         if self.sheet is not None:
             check_picture_name(self.sheet, "a sheet")
+        if self.blind is not None:
+            check_no_sheets(self.blind)
         check_numbers(self, "", "every", "cost_runs", "cost_size", least=1)
+        check_numbers(self, "", "blind_panels", least=2, most=26)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +137,8 @@ class Bench:
 
 
 def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
+    if config.votes is not None:
+        return _publish_votes(config.votes, config.output)
     bench = _load(config)
     store = Store(config.out, SCORES_FILE, _settings(config, bench), extendable="dehazers")
     with store:
@@ -144,6 +163,18 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
     if config.sheet is not None:
         write_picture(config.sheet, sheet(bench.sources, bench.dehazers, scores, config.sheet_visibility))
         print(config.sheet)
+    if config.blind is not None:
+        rng = np.random.default_rng(config.blind_seed)
+        count = write_blind_sheets(config.blind, bench.sources, bench.dehazers, config.blind_panels, rng)
+        print(f"{config.blind}: {count} sheets to judge, and votes.csv to fill in")
+    return 0
+
+
+def _publish_votes(folder: Path, output: Output) -> int:
+    votes, empty = read_votes(folder)
+    counts = count_votes(votes)
+    notes = [f"sheets without a vote: {empty}"] if empty else []
+    publish(f"{folder}: {len(votes)} votes", vote_tables(counts), counts | {"not_judged": empty}, output, notes)
     return 0
 
 
