@@ -1,5 +1,6 @@
 """A small clear recording to train dehazers on, a quick recipe, and a person who presses Ctrl-C."""
 
+import json
 import signal
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from deckline.geometry import Camera
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.recording import RecordingWriter
+from deckline.report.draw import write_picture
 from deckline.train.dehaze import DehazeTrainConfig
 from deckline.types import Frame, Truth
 
@@ -54,6 +56,17 @@ def clear_recording(folder: Path, frames: int, make: Callable[[int], Frame] = cl
 
 
 hazy_recording = partial(clear_recording, make=hazy_frame)
+
+
+def pair_folder(folder: Path, pairs: int) -> Path:
+    """`folder`, with so many hazy and clear pictures and the labels.json that pairs them."""
+    frames = []
+    for index in range(pairs):
+        for name, frame in (("clear", clear_frame(index)), ("hazy", hazy_frame(index))):
+            write_picture(folder / f"{index}_{name}.png", frame.image_rgb)
+        frames.append({"file": f"{index}_hazy.png", "pair_of": f"{index}_clear.png"})
+    (folder / "labels.json").write_text(json.dumps({"frames": frames}))
+    return folder
 
 
 def striped_deck(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:

@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from clear_scene import QUICK, clear_frame, clear_recording
+from clear_scene import QUICK, clear_frame, clear_recording, hazy_frame, pair_folder
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.metrics import psnr_db
 from deckline.runtime import load_session
@@ -42,6 +43,24 @@ def test_training_learns_exports_and_reports(recording: Path, tmp_path: Path) ->
     assert dehazer.session.config["step"] == 40
     assert dehazer.session.config["recipe"]["batch"] == 2
     assert dehazer(clear_frame(0).image_rgb).shape == (64, 96, 3)
+
+
+def test_the_loss_falls_on_two_pairs_without_depth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    losses: list[float] = []
+
+    def recorded(*args: Any) -> torch.Tensor:
+        value = dehaze_loss(*args)
+        losses.append(value.item())
+        return value
+
+    monkeypatch.setattr("deckline.train.dehaze.dehaze_loss", recorded)
+    folder = pair_folder(tmp_path, 3)  # the last is held out
+    figures = train_dehaze(replace(QUICK, steps=40, held_out=0.34, prior=True), [folder], tmp_path / "out")
+    assert np.mean(losses[-5:]) < np.mean(losses[:5]) - 3
+    assert figures["views"] == 1
+    assert figures["psnr_db_hazy.mean"] == pytest.approx(psnr_db(hazy_frame(2).image_rgb, clear_frame(2).image_rgb))
+    assert figures["psnr_db.mean"] > figures["psnr_db_hazy.mean"] + 1
+    assert figures["psnr_db_surface.mean"] == figures["psnr_db.mean"]
 
 
 def test_a_network_with_a_prior_trains_and_runs_with_and_without_a_pose(recording: Path, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from deckline.train.dehaze_samples import (
     random_airlight,
     random_window,
 )
-from deckline.train.views import ClearView, lowest_z, make_clear_view, open_clear_views
+from deckline.train.views import ClearView, PairView, lowest_z, make_clear_view, open_clear_views
 
 CAMERA = Camera.from_fov(320, 180, np.radians(60))
 EYE_M, DECK_Z_M, SEA_Z_M = 60.0, -8.0, 12.0
@@ -123,6 +123,21 @@ def test_flips_move_image_and_transmission_together() -> None:
     )
     for a, b in zip(plain, flipped, strict=True):
         np.testing.assert_array_equal(a, b[::-1, ::-1])
+
+
+def test_a_pair_keeps_its_haze_and_gets_flips_and_noise() -> None:
+    clear, hazy = (np.random.default_rng(k).integers(20, 230, (30, 40, 3), dtype=np.uint8) for k in (0, 1))
+    window = (slice(2, 30), slice(0, 24))
+    keys = {"noise_share": 0.0, "prior_share": 1.0}
+    flipped = HazeAugmentation(flip_horizontal=1, **keys)
+    mine, kept, t, prior = make_pair(PairView(clear, hazy), window, flipped, rng(0), prior=True)
+    np.testing.assert_array_equal(mine, hazy[window][:, ::-1])
+    np.testing.assert_array_equal(kept, clear[window][:, ::-1])
+    np.testing.assert_array_equal(prior, mine)
+    assert t.shape == (28, 24) and (t == 1).all()
+    noisy, _ = add_random_haze(PairView(clear, hazy), HazeAugmentation(noise_share=1, noise_max=9), rng(1))
+    sigma = (noisy.astype(float) - hazy).std()
+    assert 1 < sigma < 9.1 and abs((noisy.astype(float) - hazy).mean()) < 0.3
 
 
 def test_clear_share_leaves_images_alone() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from line_scene import LINES_PX, line_frame, two_lines
 
-from clear_scene import CAMERA, clear_frame, clear_recording
+from clear_scene import CAMERA, clear_frame, clear_recording, hazy_frame, pair_folder
 from deckline.geometry import Camera
 from deckline.labels import LabelledImage, write_labels
 from deckline.recording import FrameError
@@ -95,6 +95,21 @@ def test_recorded_clear_image_is_preferred():
     np.testing.assert_array_equal(view.clear_rgb, clear)
     np.testing.assert_array_equal(view.hazy_rgb, frame.image_rgb)
     assert view.visibility_m == 900.0
+
+
+def test_pairs_of_a_labelled_folder_are_views_without_depth(tmp_path):
+    folder = pair_folder(tmp_path, 3)
+    views = open_clear_views([folder], 640, 0.34)
+    assert len(views) == 2
+    np.testing.assert_array_equal(views[1].hazy_rgb, hazy_frame(1).image_rgb)
+    np.testing.assert_array_equal(views[1].clear_rgb, clear_frame(1).image_rgb)
+    half = open_clear_views([folder], 48, 0.0)[0]
+    blocks = hazy_frame(0).image_rgb.reshape(32, 2, 48, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(half.hazy_rgb, blocks, atol=0.51)
+    assert half.clear_rgb.shape == (32, 48, 3)
+    (folder / "labels.json").write_text('{"frames": [{"file": "0_hazy.png"}]}')
+    with pytest.raises(ValueError, match=r"0_clear\.png.*pair_of"):
+        open_clear_views([folder], 640, 0.0)[0]
 
 
 def test_horizon_colour_is_the_lowest_sky():

@@ -75,12 +75,13 @@ def dehaze(
     start_from: str | None = None,
     flags: Annotated[DehazeFlags, tyro.conf.arg(name="")] = NO_DEHAZE_FLAGS,  # type: ignore[valid-type]
 ) -> int:
-    """Train a dehazing network on clear recordings with depth.
+    """Train a dehazing network on clear recordings with depth, or on pairs of hazy and clear pictures of your own.
 
     The same command goes on from its own checkpoint in --out, where recipe.toml holds every value that was used.
 
     Args:
-        recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`.
+        recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`, and folders of pictures
+            whose labels.json names the clear one of each hazy one as pair_of; one given twice is drawn twice as often.
         out: folder of recipe.toml, the checkpoint and dehaze.onnx.
         recipe: TOML file of all that training can be told (see recipe.toml in an --out); flags override it.
         start_from: first weights: folder of an earlier training, .onnx file, shipped, or a shipped model's name.

@@ -20,7 +20,7 @@ from deckline.train.dehaze_samples import HazeAugmentation, geometry_prior, make
 from deckline.train.export import count_parameters, export_onnx, network_cost
 from deckline.train.loop import Loss, Recipe, autocast, build_network, open_run, print_figures, select_device, train
 from deckline.train.start import start_with
-from deckline.train.views import ClearView, Views, make_ahead, open_clear_views
+from deckline.train.views import ClearView, PairView, Views, make_ahead, open_clear_views
 
 Batch = tuple[Tensor, Tensor, Tensor, Tensor]  # hazy, clear, transmission, prior
 BEST_LOSS_PSNR_DB = 50.0  # better than that earns nothing, or the clear images would outweigh the hazy ones
@@ -111,7 +111,7 @@ def train_dehaze(
 
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget and machine apart.
-        recordings: clear recordings with full depth.
+        recordings: clear recordings with full depth, and labelled folders with pairs of a hazy and a clear picture.
         out: folder of checkpoint.safetensors, dehaze.onnx and figures.json.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
@@ -149,9 +149,10 @@ def train_dehaze(
 
 
 @torch.no_grad()
-def validate(model: nn.Module, views: Views[ClearView], seed: int, prior: bool = False) -> dict[str, float]:
+def validate(model: nn.Module, views: Views[ClearView | PairView], seed: int, prior: bool = False) -> dict[str, float]:
     """PSNR (dB) and SSIM on whole held-out views, hazy as they come and dehazed; PSNR without the sky; PSNR on
-    haze-free views. A network that takes a prior is measured without one; its PSNR also with one.
+    haze-free views. A network that takes a prior is measured without one; its PSNR also with one. Pairs keep their
+    haze, and nobody knows where their sky is.
 
     Haze depends on `seed` and the view alone, so that runs can be compared.
     """
@@ -169,11 +170,14 @@ def validate(model: nn.Module, views: Views[ClearView], seed: int, prior: bool =
     return {**means, "views": float(len(rows))}
 
 
-def _figures(model: nn.Module, view: ClearView, rng: np.random.Generator, prior: bool) -> dict[str, float]:
+def _figures(model: nn.Module, view: ClearView | PairView, rng: np.random.Generator, prior: bool) -> dict[str, float]:
     clear = view.clear_rgb
-    airlight = random_airlight(view.horizon_rgb, HORIZON_SHARE, rng)
-    hazy = add_haze(clear, view.range_m, beta_from_visibility(rng.uniform(*VALIDATION_VISIBILITY_M)), airlight)
-    surface = np.isfinite(view.range_m)  # sea and ship
+    if isinstance(view, PairView):
+        hazy, surface = view.hazy_rgb, np.ones(clear.shape[:2], np.bool_)
+    else:
+        airlight = random_airlight(view.horizon_rgb, HORIZON_SHARE, rng)
+        hazy = add_haze(clear, view.range_m, beta_from_visibility(rng.uniform(*VALIDATION_VISIBILITY_M)), airlight)
+        surface = np.isfinite(view.range_m)  # sea and ship
 
     def surface_psnr_db(image: NDArray[np.uint8]) -> float:
         return psnr_db(image[surface][None], clear[surface][None])

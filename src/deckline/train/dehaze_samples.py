@@ -1,4 +1,6 @@
-"""Hazy pairs to train dehazers on: haze is drawn anew each time a clear view is used, so that no two epochs repeat."""
+"""Hazy pairs to train dehazers on: haze is drawn anew each time a clear view is used, so that no two epochs repeat.
+Pairs that come as such keep their haze.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,7 +19,7 @@ from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
 from deckline.sim.camera.imaging import draw_air
 from deckline.sim.config import AirConfig
-from deckline.train.views import ClearView, Views
+from deckline.train.views import ClearView, PairView, Views
 from deckline.types import Frame
 
 GREY_LEVELS = (70.0, 245.0)  # airlight of a random colour, 0..255
@@ -74,9 +76,13 @@ def random_airlight(
 
 
 def add_random_haze(
-    view: ClearView, haze: HazeAugmentation, rng: np.random.Generator
+    view: ClearView | PairView, haze: HazeAugmentation, rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """A view (H, W, 3) in random haze with noise, and its transmission (H, W)."""
+    """A view (H, W, 3) in random haze with noise, and its transmission (H, W); a pair's haze is its own, and its
+    transmission counts as 1.
+    """
+    if isinstance(view, PairView):
+        return add_random_noise(view.hazy_rgb, haze, rng), np.ones(view.hazy_rgb.shape[:2], np.float32)
     if view.hazy_rgb is not None and haze.recorded_share and rng.random() < haze.recorded_share:
         return view.hazy_rgb, transmission(view.range_m, beta_from_visibility(view.visibility_m))
     limits = haze.clear_visibility_m if rng.random() < haze.clear_share else haze.visibility_m
@@ -87,10 +93,17 @@ def add_random_haze(
         airlight = random_airlight(view.horizon_rgb, haze.horizon_share, rng, haze.exact_share)
         beta = beta_from_visibility(visibility_m)
         hazy, t = add_haze(view.clear_rgb, view.range_m, beta, airlight), transmission(view.range_m, beta)
-    if rng.random() < haze.noise_share:
-        noise = rng.standard_normal(hazy.shape, dtype=np.float32) * rng.uniform(0, haze.noise_max)
-        hazy = np.clip(np.rint(hazy + noise), 0, 255).astype(np.uint8)
-    return hazy, t
+    return add_random_noise(hazy, haze, rng), t
+
+
+def add_random_noise(
+    hazy_rgb: NDArray[np.uint8], haze: HazeAugmentation, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """A picture (H, W, 3), in the share of all that get it with sensor noise."""
+    if rng.random() >= haze.noise_share:
+        return hazy_rgb
+    noise = rng.standard_normal(hazy_rgb.shape, dtype=np.float32) * rng.uniform(0, haze.noise_max)
+    return np.clip(np.rint(hazy_rgb + noise), 0, 255).astype(np.uint8)
 
 
 def add_physical_haze(
@@ -118,14 +131,16 @@ def add_physical_haze(
     return np.clip(np.rint(display_levels(255 * light)), 0, 255).astype(np.uint8), t
 
 
-def geometry_prior(view: ClearView, hazy_rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+def geometry_prior(
+    view: ClearView | PairView, hazy_rgb: NDArray[np.uint8], rng: np.random.Generator
+) -> NDArray[np.uint8]:
     """What the geometry dehazer makes of a view's hazy picture (H, W, 3) with a pose as wrong as they are in flight.
 
     The picture itself where the view has no pose or the dehazer leaves it alone.
     """
-    pose = view.world_from_camera
-    if pose is None or view.deck_z_m is None:
+    if isinstance(view, PairView) or view.world_from_camera is None or view.deck_z_m is None:
         return hazy_rgb
+    pose = view.world_from_camera
     turned = Rotation.from_rotvec(rng.normal(0, ATTITUDE_SIGMA_RAD, 3)) * pose.rotation
     sea_z_m = max(view.sea_z_m + rng.normal(0, SEA_SIGMA_M), view.deck_z_m)
     frame = Frame(
@@ -142,7 +157,11 @@ def geometry_prior(view: ClearView, hazy_rgb: NDArray[np.uint8], rng: np.random.
 
 
 def make_pair(
-    view: ClearView, window: tuple[slice, slice], haze: HazeAugmentation, rng: np.random.Generator, prior: bool = False
+    view: ClearView | PairView,
+    window: tuple[slice, slice],
+    haze: HazeAugmentation,
+    rng: np.random.Generator,
+    prior: bool = False,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
     """One window of a view, flipped at random.
 
@@ -168,7 +187,12 @@ def random_window(
 
 
 def make_batch(
-    views: Views[ClearView], batch: int, crop: tuple[int, int], haze: HazeAugmentation, seed: list[int], prior: bool
+    views: Views[ClearView | PairView],
+    batch: int,
+    crop: tuple[int, int],
+    haze: HazeAugmentation,
+    seed: list[int],
+    prior: bool,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Hazy and clear (batch, 3, h, w) in 0..1, transmission (batch, 1, h, w), and the picture (batch, 3, h, w) that a
     network with a prior starts from. The same for the same seed, so a resumed run sees what it would have seen.

@@ -1,6 +1,7 @@
 """What networks are trained on: clear views with ranges, views with lines, and batches made ahead of time.
 
-Recorded frames have depth, so haze is added to them; labelled pictures stay in the haze that they were taken in.
+Recorded frames have depth, so haze is added to them; labelled pictures, and pairs of a hazy and a clear one, stay in
+the haze that they were taken in.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.dehaze.network import average_down, image_to_tensor, reduction_factor, tensor_to_image
+from deckline.evaluation.dehazing_pairs import Pair, open_pairs
 from deckline.geometry import Camera
 from deckline.labels.lines import LABELS_FILE, Labels, read_labels, resample
 from deckline.labels.truth import LINE_POINTS, project_line
@@ -124,6 +126,14 @@ class ClearView:
     visibility_m: float = float("inf")  # of that picture, 2 % contrast
 
 
+@dataclass(frozen=True, eq=False)
+class PairView:
+    """A view in haze and without it, of which no depth is known."""
+
+    clear_rgb: NDArray[np.uint8]  # (H, W, 3)
+    hazy_rgb: NDArray[np.uint8]  # (H, W, 3)
+
+
 def make_clear_view(frame: Frame, long_side_px: int) -> ClearView:
     """What training needs of a frame, averaged down by a whole factor to about `long_side_px`."""
     if frame.depth_m is None:
@@ -139,17 +149,11 @@ def make_clear_view(frame: Frame, long_side_px: int) -> ClearView:
         raise ValueError(f"{frame.file}: no clear image, and the recording does not say that it was seen in clear air")
     height, width = clear.shape[:2]
     factor = reduction_factor(height, width, long_side_px)
-    height, width = height // factor * factor, width // factor * factor
+    clear = _shrink(clear, factor)
+    height, width = factor * clear.shape[0], factor * clear.shape[1]
     # One range of every block: a mean over a ship's edge would lie where nothing is.
     ranges = (frame.depth_m * frame.camera.ray_lengths())[factor // 2 : height : factor, factor // 2 : width : factor]
     ranges = np.nan_to_num(ranges, nan=np.inf)
-
-    def shrink(image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        if factor == 1:
-            return image_rgb
-        return tensor_to_image(average_down(image_to_tensor(image_rgb[:height, :width]), factor))
-
-    clear = shrink(clear)
     camera, pose = frame.camera.resized(clear.shape[1], clear.shape[0]), frame.true_world_from_camera
     with np.errstate(over="ignore"):  # beyond 65 km is as good as sky
         half = ranges.astype(np.float16)
@@ -161,9 +165,26 @@ def make_clear_view(frame: Frame, long_side_px: int) -> ClearView:
         pose,
         frame.deck_z_m,
         0.0 if pose is None else lowest_z(ranges, camera, pose),
-        None if hazy is None else shrink(hazy),
+        None if hazy is None else _shrink(hazy, factor),
         float("inf") if hazy is None or visibility_m is None else visibility_m,
     )
+
+
+def make_pair_view(pair: Pair, long_side_px: int) -> PairView:
+    """A pair averaged down by a whole factor to about `long_side_px`."""
+    if pair.clear_rgb is None:
+        raise ValueError(f'{pair.frame.file}: no clear picture; name it in {LABELS_FILE} as "pair_of" of the hazy one')
+    height, width = pair.clear_rgb.shape[:2]
+    factor = reduction_factor(height, width, long_side_px)
+    return PairView(_shrink(pair.clear_rgb, factor), _shrink(pair.frame.image_rgb, factor))
+
+
+def _shrink(image_rgb: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """Means of blocks of `factor` px; what is left over at the right and below is cut off."""
+    if factor == 1:
+        return image_rgb
+    height, width = (side // factor * factor for side in image_rgb.shape[:2])
+    return tensor_to_image(average_down(image_to_tensor(image_rgb[:height, :width]), factor))
 
 
 def lowest_z(range_m: NDArray[np.floating], camera: Camera, world_from_camera: RigidTransform) -> float:
@@ -194,12 +215,17 @@ def horizon_colour(clear_rgb: NDArray[np.uint8], range_m: NDArray[np.floating]) 
 
 def open_clear_views(
     recordings: list[Path], long_side_px: int, held_out: float, train: bool = True
-) -> Views[ClearView]:
-    """Clear views of recordings, larger images averaged down to about `long_side_px`; see `Views`."""
-    sources = {path: open_recording(path) for path in recordings}
-    counts = {path: len(source) for path, source in sources.items()}
+) -> Views[ClearView | PairView]:
+    """Clear views of recordings and pairs of labelled folders, larger ones averaged down to about `long_side_px`; see
+    `Views`.
+    """
+    pairs = {path: open_pairs(path) for path in recordings if is_labelled_folder(path)}
+    sources = {path: open_recording(path) for path in recordings if path not in pairs}
+    counts = {path: len(pairs[path].keys if path in pairs else sources[path]) for path in recordings}
 
-    def load(path: Path, index: int) -> ClearView:
+    def load(path: Path, index: int) -> ClearView | PairView:
+        if path in pairs:
+            return make_pair_view(pairs[path].load(pairs[path].keys[index]), long_side_px)
         return make_clear_view(sources[path].load(index), long_side_px)
 
     return Views(counts, recordings, held_out, train, load)
