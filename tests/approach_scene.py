@@ -64,6 +64,9 @@ class Approach(Source):
     def __len__(self) -> int:
         return self.count
 
+    def times(self) -> np.ndarray:
+        return np.array([frame(index, 150.0 - 2 * index).time_s for index in range(self.count)])
+
     def load(self, index: int) -> Frame:
         if index in self.bad:
             raise FrameError(f"frame_{index:03d}.png", "cut short")

@@ -271,6 +271,23 @@ class Tracking:
 
 
 @dataclass(frozen=True)
+class Navigation:
+    """How poses of a clock and a rate of their own are placed on pictures.
+
+    Args:
+        max_gap_s: between two poses, beyond which pictures in between have no pose, s.
+        offset_s: the poses' clock minus the pictures' clock, s; None: 0, or as the frame numbers of poses.csv say.
+    """
+
+    max_gap_s: float = 0.5
+    offset_s: float | None = None
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "navigation")
+        check_numbers(self, "navigation", "max_gap_s", above=0.0)
+
+
+@dataclass(frozen=True)
 class Integrity:
     """When something is flagged, and what a protection level covers.
 
@@ -320,6 +337,7 @@ class RunConfig:
         localization: its depth mode.
         tracking: the filter over frames.
         integrity: flags and protection levels.
+        navigation: how poses are placed on pictures.
         seed: of RANSAC's draws; every frame has its own generator.
     """
 
@@ -331,6 +349,7 @@ class RunConfig:
     localization: Localization = field(default_factory=Localization)
     tracking: Tracking = field(default_factory=Tracking)
     integrity: Integrity = field(default_factory=Integrity)
+    navigation: Navigation = field(default_factory=Navigation)
     seed: int = 0
 
     @cached_property

@@ -78,7 +78,7 @@ class Notice:
 
 Notices = tuple[Notice, ...]
 NO_CAMERA = Notice(Reason.NO_CAMERA, "no camera: lines in pixels, no metres (give camera.toml)")
-NO_POSE = Notice(Reason.NO_POSE, "no pose: give poses.csv")
+NO_POSE = Notice(Reason.NO_POSE, "no pose: give poses.csv with this time")
 
 
 def message_of(notices: Notices) -> str:

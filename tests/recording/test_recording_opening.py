@@ -6,7 +6,7 @@ import pytest
 from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
 
 from deckline.recording import BadFrame, FrameError, RecordingError, open_recording
-from deckline.recording.opening import make_natural_key
+from deckline.recording.image_folder import make_natural_key
 from deckline.types import NO_CAMERA, Frame
 
 IMAGE = "img_Drone_0_0_1000000.png"

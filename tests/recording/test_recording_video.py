@@ -1,11 +1,13 @@
 import re
+from fractions import Fraction
 
 import av
 import numpy as np
 import pytest
 
-from deckline.recording import BadFrame, FrameError, RecordingError, open_recording
-from deckline.types import NO_CAMERA
+from deckline.config import Navigation
+from deckline.recording import BadFrame, RecordingError, open_recording
+from deckline.types import NO_CAMERA, NO_POSE
 
 WIDTH, HEIGHT, COUNT = 64, 48, 12
 CAMERA = f"width = {WIDTH}\nheight = {HEIGHT}\nfx = 50\nfy = 50\ncx = 31.5\ncy = 23.5\n"
@@ -60,24 +62,72 @@ def test_any_frame_can_be_loaded(film):
         source.load(12)
 
 
-def test_poses_go_by_frame_number(film):
-    rows = "".join(f"{name},{10 + n},{n},2,3,1,0,0,0\n" for n, name in [(1, "0001"), (0, "approach.mp4#0")])
-    source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows))
-    items = list(source.items())
-    assert [item.time_s for item in items[:2]] == [10.0, 11.0]
-    np.testing.assert_allclose(items[1].world_from_body.translation, [1.0, 2.0, 3.0])
-    assert all(isinstance(item, BadFrame) and "poses.csv" in item.reason for item in items[2:])
-    with pytest.raises(FrameError, match=r"approach\.mp4#2: .*poses\.csv"):
-        source.load(2)
+def test_poses_go_by_time_between_the_rows(film):
+    rows = "".join(f"{10 + 0.4 * n},{n},2,3,1,0,0,0\n" for n in range(2))
+    beside(film, camera__toml=CAMERA, poses__csv=POSES.replace("file,", "") + rows)
+    source = open_recording(film, navigation=Navigation(offset_s=10.0))
+    frames = list(source)
+    np.testing.assert_allclose([frame.time_s for frame in frames], 10 + np.arange(COUNT) / 25, atol=1e-6)
+    x = [frame.world_from_body.translation[0] for frame in frames[:11]]
+    np.testing.assert_allclose(x, np.arange(11) / 10, atol=1e-6)
+    assert frames[11].missing is NO_POSE
+    assert "1 of 12 pictures have no pose" in source.notes[0]
+    with pytest.raises(RecordingError, match=r"no pose .* 10\.000 to 10\.400 s.* 0\.000 to 0\.440 s.*--pose-offset"):
+        open_recording(film)
 
 
-@pytest.mark.parametrize(
-    ("row", "text"),
-    [("a.png,0,0,0,0,1,0,0,0\n", "'a.png'"), ("1,0,0,0,0,1,0,0,0\n01,0,0,0,0,1,0,0,0\n", "lines 2 and 3: '1'")],
-)
-def test_poses_without_frame_numbers_are_refused(film, row, text):
-    with pytest.raises(RecordingError, match=text):
-        open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + row))
+def write_film(path, times, lost=()):
+    """A film with pictures at these multiples of 40 ms, each a flat level, and without these packets."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuvj420p"
+        packets = []
+        for index, time in enumerate(times):
+            picture = av.VideoFrame.from_ndarray(np.full((HEIGHT, WIDTH, 3), level(index), np.uint8), format="rgb24")
+            picture.pts, picture.time_base = time, Fraction(1, 25)
+            packets += stream.encode(picture)
+        packets += stream.encode()
+        container.mux([packet for number, packet in enumerate(packets) if number not in lost])
+    return path
+
+
+def test_lost_packets_move_no_poses(tmp_path):
+    film = write_film(tmp_path / "film.mkv", range(COUNT), lost=(3, 4, 5))
+    rows = "".join(f"{n},{100 + n / 25},{n},0,0,1,0,0,0\n" for n in range(COUNT))
+    source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows), navigation=Navigation(0.05))
+    frames = list(source)
+    shown = [round((float(frame.image_rgb[20, 20, 0]) - level(0)) / 15) for frame in frames]
+    assert shown == [0, 1, 2, 6, 7, 8, 9, 10, 11]
+    np.testing.assert_allclose([frame.world_from_body.translation[0] for frame in frames], shown, atol=1e-6)
+    np.testing.assert_allclose([frame.time_s for frame in frames], 100 + np.array(shown) / 25, atol=1e-6)
+    assert "drift apart by 0.120 s" in source.notes[0]
+
+
+def test_a_variable_rate_keeps_its_times(tmp_path):
+    times = np.array([0, 1, 2, 7, 8, 30])
+    film = write_film(tmp_path / "film.mkv", times.tolist())
+    rows = "".join(f"{t},{t},0,0,1,0,0,0\n" for t in np.arange(0, 1.21, 0.4))
+    source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES.replace("file,", "") + rows))
+    for index, frame in enumerate(source):
+        assert abs(frame.time_s - times[index] / 25) < 1e-6
+        assert abs(frame.world_from_body.translation[0] - times[index] / 25) < 1e-6
+    np.testing.assert_array_equal(source.load(3).image_rgb, list(source)[3].image_rgb)
+
+
+def test_a_film_without_times_is_refused(tmp_path):
+    path = tmp_path / "film.h264"
+    with av.open(str(path), "w", format="h264") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        container.mux(stream.encode(av.VideoFrame(WIDTH, HEIGHT, "yuv420p")))
+        container.mux(stream.encode())
+    with pytest.raises(RecordingError, match=r"film\.h264.*presentation times.*ffmpeg"):
+        open_recording(path)
+
+
+def test_frame_numbers_must_be_numbers(film):
+    with pytest.raises(RecordingError, match=r"line 2: .*'a\.png'"):
+        open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + "a.png,0,0,0,0,1,0,0,0\n"))
 
 
 def test_the_camera_file_named_after_the_film_goes_first(film):

@@ -2,6 +2,7 @@
 
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -37,6 +38,8 @@ def run(
     fov_deg: float = 90.0,
     deck_z_m: float | None = None,
     sea_z_m: float | None = None,
+    pose_offset_s: float | None = None,
+    max_pose_gap_s: float | None = None,
     rate: float = 5.0,
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
     max_frames: int | None = None,
@@ -53,13 +56,19 @@ def run(
         fov_deg: horizontal field of view of an AirSim recording without a camera file.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
         sea_z_m: world z (down, metres) of the water, for dehazing by geometry; without it 20 m below the deck.
+        pose_offset_s: the clock of the poses minus that of the pictures, for poses that go by time (0).
+        max_pose_gap_s: between two poses, beyond which pictures in between have no pose (0.5).
         rate: frames a second that are taken from a simulator, at most.
         options: of the configuration.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
         resume: go on after the last whole frame of an interrupted run in `out`.
         overwrite: replace the results of an older run in `out`.
     """
-    flight = Flight.from_config(options.run_config())
+    config = options.run_config()
+    stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s}
+    stated_navigation = {name: value for name, value in stated.items() if value is not None}
+    config = replace(config, navigation=replace(config.navigation, **stated_navigation))
+    flight = Flight.from_config(config)
     opened: Stream
     if source.startswith("airsim:"):
         if poses is not None:
@@ -69,7 +78,13 @@ def run(
         opened = LiveSource(source, camera or "0", rate, deck_z_m, sea_z_m)
     else:
         opened = open_recording(
-            source, camera_file=camera, poses_file=poses, fov_deg=fov_deg, deck_z_m=deck_z_m, sea_z_m=sea_z_m
+            source,
+            camera_file=camera,
+            poses_file=poses,
+            fov_deg=fov_deg,
+            deck_z_m=deck_z_m,
+            sea_z_m=sea_z_m,
+            navigation=config.navigation,
         )
     return _run(opened, flight, out, max_frames, resume, overwrite)
 

@@ -20,8 +20,8 @@ from deckline.evaluation.metrics import distance_px, normal_pixel_error
 from deckline.geometry import Camera
 from deckline.labels.lines import LABELS_FILE, Labels, read_labels
 from deckline.recording import FrameError, Source, open_recording
+from deckline.recording.image_folder import ImageFolder
 from deckline.recording.images import read_image
-from deckline.recording.opening import ImageFolder
 from deckline.recording.source import is_inside
 from deckline.types import SIDES, Frame, Truth
 

@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from deckline.checks import check_choice, check_numbers
 from deckline.geometry import Camera, camera_mount
 from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
-from deckline.recording.poses import Cells, Rows, parse_pose, read_table
+from deckline.recording.poses import Cells, Rows, parse_number, parse_pose, read_table
 from deckline.recording.scene import SCENE_FILE, Scene, get_clear_image, read_scene, truth_from_mapping
 from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
 from deckline.types import Frame
@@ -73,6 +76,9 @@ class AirSimRecording(Source):
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    def times(self) -> NDArray[np.float64]:
+        return np.array([parse_number(cells, "TimeStamp") / MS_PER_S for _, cells in self._rows])
 
     def load(self, index: int) -> Frame:
         check_index(index, len(self), self.name)

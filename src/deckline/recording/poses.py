@@ -1,8 +1,8 @@
-"""Rows of poses: poses.csv beside images or a video, and the table of an AirSim recording.
+"""Rows of poses: poses.csv that names its images, times.csv, and the table of an AirSim recording.
 
 poses.csv has the columns file, time_s, x_m, y_m, z_m, qw, qx, qy, qz in any order: world_from_body, the world
-North-East-Down or any right-handed forward-right-down frame. `file` is the image's name; for a video it is the number
-of the frame, counted from 0 (bare, or as <video>#<number>). Poses are never interpolated: a row belongs to one image.
+North-East-Down or any right-handed forward-right-down frame. With a column `file` in a folder of images a row belongs
+to the image of this name; otherwise rows go by time (`pose_track`).
 """
 
 import csv
@@ -16,6 +16,7 @@ from deckline.geometry import pose
 from deckline.recording.source import RecordingError, check_number, read_text
 
 POSES_FILE = "poses.csv"
+TIMES_FILE = "times.csv"  # file, time_s: when each image of a folder was taken
 NUMBERS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 COLUMNS = ("file", *NUMBERS)
 Cells = Mapping[str, str]  # a row's texts by column
@@ -41,21 +42,31 @@ class Poses:
             raise ValueError(f"{self.path} line {line}: {error}") from None
 
 
-def read_poses(path: Path, for_video: bool = False) -> Poses:
-    """Read poses.csv by its header; for a video, rows go under plain frame numbers. Errors as `read_table`."""
+def read_poses(path: Path) -> Poses:
+    """Read poses.csv whose rows name images. Errors as `read_table`."""
     table, notes = read_table(path, ",", COLUMNS)
+    return Poses(path, _index_by_file(path, table), tuple(notes))
+
+
+def names_images(path: Path) -> bool:
+    """Whether a CSV file has a column `file`."""
+    return "file" in [cell.strip() for cell in read_text(path).partition("\n")[0].split(",")]
+
+
+def read_image_times(path: Path) -> dict[str, float]:
+    """Time in s of each image of times.csv; NaN for what is no number. Errors as `read_table`."""
+    table, _ = read_table(path, ",", ("file", "time_s"))
+    return {file: parse_number(cells, "time_s") for file, (_, cells) in _index_by_file(path, table).items()}
+
+
+def _index_by_file(path: Path, table: Rows) -> dict[str, tuple[int, Cells]]:
     rows: dict[str, tuple[int, Cells]] = {}
     for line, cells in table:
         file = cells.get("file", "")
-        if for_video:
-            digits = file.rpartition("#")[2].strip()
-            if not (digits.isascii() and digits.isdigit()):
-                raise RecordingError(f"{path} line {line}: file must be the frame's number from 0, got {file!r}")
-            file = str(int(digits))
         if file in rows:
             raise RecordingError(f"{path} lines {rows[file][0]} and {line}: {file!r} stands there twice; keep one")
         rows[file] = line, cells
-    return Poses(path, rows, tuple(notes))
+    return rows
 
 
 def read_table(
@@ -88,6 +99,14 @@ def read_table(
         raise RecordingError(f"{path}: zero frames: there is a header but no row below it")
     unknown = [column for column in named if column not in (*required, *optional)]
     return rows, [f"{path} line 1: unknown column {', '.join(unknown)} ignored"] if unknown else []
+
+
+def parse_number(cells: Cells, column: str) -> float:
+    """The number of a cell; NaN for what is none."""
+    try:
+        return float(cells.get(column, ""))
+    except ValueError:
+        return float("nan")
 
 
 def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransform]:

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from deckline.types import Frame
 
 
@@ -89,6 +92,10 @@ class Source(Stream):
     @abstractmethod
     def __len__(self) -> int:
         """Number of frames, damaged ones included."""
+
+    @abstractmethod
+    def times(self) -> NDArray[np.float64]:
+        """Time of every frame, s, on the source's own clock, without loading it; NaN where it has none."""
 
     @abstractmethod
     def load(self, index: int) -> Frame:

@@ -1,91 +1,130 @@
 """Video files, decoded frame by frame: memory does not grow with the film.
 
-A picture is bad when its decoder says so; films carry no checksums, so damage that still decodes cannot be told.
+Frames and poses go by presentation time, never by count, so a lost packet moves nothing. A picture is bad when its
+decoder says so; films carry no checksums, so damage that still decodes cannot be told.
 """
 
+from bisect import bisect_left
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import av
+import numpy as np
+from numpy.typing import NDArray
 
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
-from deckline.recording.poses import Poses
+from deckline.recording.pose_track import PoseTrack
 from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, check_index
 from deckline.types import Frame
 
+COUNTED = "avi"  # this container stores no presentation times, only a rate: its pictures are counted
+TIME_TOLERANCE_S = 1e-6  # of equal presentation times
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """What a video's packets say, without decoding them."""
+
+    path: Path
+    times_s: NDArray[np.float64]  # (N,) presentation times in ascending order, the film's clock
+    by_count: bool  # the container tells no more than a rate
+
 
 class Video(Source):
-    """A video file. Frame n is called <video>#<n>, counted from 0; without poses its time is the film's own clock.
+    """A video file. Frame n in order of presentation is called <video>#<n>, counted from 0.
 
-    Iterating streams. `load` decodes from the last frame it gave, or from the beginning: going backwards is slow.
-    `mounted` is None without a camera file; `poses` are rows by frame number; `count` is what `count_frames` found.
+    Its time is that of the poses' clock; without poses the film's own. Iterating streams. `load` decodes from the last
+    frame it gave, or from the beginning: going backwards is slow. `mounted` is None without a camera file.
     """
 
-    def __init__(self, path: Path, mounted: MountedCamera | None, poses: Poses | None, count: int) -> None:
-        self.path = path
-        self.name = str(path)
+    def __init__(self, film: Film, mounted: MountedCamera | None, poses: PoseTrack | None) -> None:
+        self.film = film
+        self.name = str(film.path)
         self._mounted = mounted
         self._poses = poses
-        self._count = count
-        self._cursor: Iterator[tuple[int, Frame | BadFrame]] = iter(())
+        self._cursor: Iterator[tuple[int, Any]] = iter(())
         self._next = -1
-        no_poses = (f"{path}: no poses.csv: no positions of the aircraft",)
-        self.notes = no_poses if poses is None else poses.notes
+        no_poses = (f"{film.path}: no poses.csv: no positions of the aircraft",)
+        self.notes = no_poses if poses is None else poses.notes_on(film.times_s)
 
     def __len__(self) -> int:
-        return self._count
+        return len(self.film.times_s)
+
+    def times(self) -> NDArray[np.float64]:
+        return self.film.times_s
 
     def load(self, index: int) -> Frame:
         check_index(index, len(self), self.name)
         if not 0 <= self._next <= index:
-            self._cursor = enumerate(self.items())
-        for number, item in self._cursor:
-            self._next = number + 1
-            if number == index:
-                if isinstance(item, BadFrame):
-                    raise FrameError(item.file, item.reason)
-                return item
-        self._next = -1
-        raise FrameError(self._file(index), "the film ends before this frame")
+            self._cursor = self._pictures()
+        self._next = -1  # should decoding fail
+        picture = next(picture for number, picture in self._cursor if number == index)
+        self._next = index + 1
+        return self._frame(index, picture)
 
     def items(self) -> Iterator[Frame | BadFrame]:
-        count = 0
-        for count, decoded in enumerate(_decode(self.path), 1):
-            if isinstance(decoded, str):
-                yield BadFrame(self._file(count - 1), decoded)
-                continue
+        for number, picture in self._pictures():
             try:
-                yield self._frame(count - 1, decoded)
-            except ValueError as error:
-                yield BadFrame(self._file(count - 1), str(error))
-        if count < self._count:
-            yield BadFrame(self._file(count), f"only {count} of {self._count} frames can be decoded")
+                yield self._frame(number, picture)
+            except FrameError as error:
+                yield BadFrame(error.file, error.reason)
 
-    def _file(self, index: int) -> str:
-        return f"{self.path.name}#{index}"
+    def _pictures(self) -> Iterator[tuple[int, Any]]:
+        """Every frame's number once, with its decoded picture or the reason why there is none."""
+        expected, reason = 0, "cannot be decoded"
+        for decoded in _decode(self.film.path):
+            number = expected
+            if isinstance(decoded, str):
+                reason = decoded
+                if not self.film.by_count:
+                    continue  # the time of the next picture says which ones are missing
+            elif not self.film.by_count:
+                number = bisect_left(self.film.times_s, _seconds(decoded) - TIME_TOLERANCE_S, expected)
+            if number >= len(self):
+                break
+            yield from ((missing, reason) for missing in range(expected, number))
+            damaged = not isinstance(decoded, str) and decoded.is_corrupt
+            yield number, "its data are damaged" if damaged else decoded
+            expected = number + 1
+        yield from ((missing, reason) for missing in range(expected, len(self)))
 
-    def _frame(self, index: int, decoded: Any) -> Frame:
-        world_from_body = None
+    def _frame(self, index: int, picture: Any) -> Frame:
+        file, time_s, world_from_body = f"{self.film.path.name}#{index}", float(self.film.times_s[index]), None
+        if isinstance(picture, str):
+            raise FrameError(file, picture)
         if self._poses is not None:
-            time_s, world_from_body = self._poses.at(str(index))
-        elif decoded.time is None:
-            raise ValueError("the film gives this frame no time; write poses.csv with its time_s")
-        else:
-            time_s = float(decoded.time)
-        image = decoded.to_ndarray(format="rgb24")
+            time_s, world_from_body = time_s + self._poses.offset_s, self._poses.at(time_s)
+        image = picture.to_ndarray(format="rgb24")
         if self._mounted is None:
-            return make_plain_frame(self._file(index), time_s, image)
-        return self._mounted.frame(self._file(index), time_s, image, world_from_body=world_from_body)
+            return make_plain_frame(file, time_s, image)
+        try:
+            return self._mounted.frame(file, time_s, image, world_from_body=world_from_body)
+        except ValueError as error:
+            raise FrameError(file, str(error)) from None
 
 
-def count_frames(path: Path) -> int:
-    """Number of coded frames, without decoding them; a RecordingError for no video, or one without frames."""
+def read_film(path: Path) -> Film:
+    """Presentation times of all coded pictures; a RecordingError for no video, or one without pictures or times."""
     with _open(path) as container:
-        count = sum(1 for packet in _read_packets(container) if packet is not None and packet.size)
-    if count == 0:
+        times = [
+            _seconds(packet) for packet in _read_packets(container) if packet and packet.size and not packet.is_discard
+        ]
+        by_count = container.format.name == COUNTED
+    if not times:
         raise RecordingError(f"{path}: zero frames: the video holds no pictures")
-    return count
+    if np.isnan(times).all():
+        raise RecordingError(
+            f"{path}: the video holds no presentation times; write it anew with its frame rate: "
+            f"ffmpeg -framerate 30 -i {path.name} {path.stem}.mp4"
+        )
+    return Film(path, np.sort([time for time in times if not np.isnan(time)]), by_count)
+
+
+def _seconds(timed: Any) -> float:
+    """Presentation time of a packet or a picture on the film's clock, s; NaN without one."""
+    return float("nan") if timed.pts is None else float(timed.pts * timed.time_base)
 
 
 def _open(path: Path) -> Any:
@@ -118,9 +157,6 @@ def _decode(path: Path) -> Iterator[Any]:
                 yield "the file is damaged here: reading breaks off"
                 return
             try:
-                pictures = packet.decode()
+                yield from packet.decode()
             except av.error.FFmpegError as error:
                 yield f"cannot be decoded: {error.strerror or error}"
-                continue
-            for picture in pictures:
-                yield "its data are damaged" if picture.is_corrupt else picture

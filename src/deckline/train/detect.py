@@ -16,8 +16,8 @@ from deckline.detect.anchors import DecodeConfig, network_output
 from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput
 from deckline.detect.search import detect_lines
 from deckline.haze import add_haze
+from deckline.recording.image_folder import list_images
 from deckline.recording.images import read_image
-from deckline.recording.opening import list_images
 from deckline.train import loop
 from deckline.train.dehaze_samples import random_airlight
 from deckline.train.detect_losses import DetectTargets, LossWeights

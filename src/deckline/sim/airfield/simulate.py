@@ -11,8 +11,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, camera_mount
 from deckline.haze import add_haze, beta_from_visibility
+from deckline.recording.image_folder import list_images
 from deckline.recording.images import read_image
-from deckline.recording.opening import list_images
 from deckline.sim.airfield.ground import NOISE_SLOPES, TILE, Viewer
 from deckline.sim.airfield.pad import draw_pad
 from deckline.sim.airfield.picture import Airfield, draw_airfield, make_textures

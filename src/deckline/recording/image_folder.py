@@ -1,0 +1,113 @@
+"""Folders of images, with depth/<stem>.pfm; poses by the images' names, or by their times."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from deckline.recording.airsim import ReadOptions
+from deckline.recording.camera_file import MountedCamera, make_plain_frame
+from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
+from deckline.recording.pose_track import PoseTrack
+from deckline.recording.poses import TIMES_FILE, Poses, parse_number
+from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
+from deckline.types import Frame
+
+DEPTH_FOLDER = "depth"  # PFM files, metres along the optical axis
+
+
+class ImageFolder(Source):
+    """Images in natural order of their names. Without any times they are taken to be one second apart.
+
+    Args:
+        mounted: None: no camera file, and images of any sizes.
+        poses: rows by the images' names, or a track by time.
+        times_s: when each image was taken, by name; needed for a track.
+        files: names of images in the folder; None: all that are there or have a row in `poses`.
+
+    Attributes:
+        files: names of the images, in order.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        mounted: MountedCamera | None,
+        poses: Poses | PoseTrack | None,
+        times_s: Mapping[str, float] | None,
+        options: ReadOptions,
+        files: Sequence[str] | None = None,
+    ) -> None:
+        self.folder = folder
+        self.name = str(folder if files is None else folder / files[0])
+        self._mounted = mounted
+        self._poses = poses
+        self._times = times_s
+        self._depth_options = (DEPTH_PLANAR, options.pfm_rows, options.far_m)
+        named = poses.rows if isinstance(poses, Poses) else times_s or ()
+        self.files = sorted({*list_images(folder), *named} if files is None else files, key=make_natural_key)
+        apart = ", and the images are taken to be 1 s apart" if times_s is None else ""
+        self.notes = (f"{folder}: no poses.csv: no positions{apart}",)
+        if poses is not None:
+            self.notes = poses.notes if isinstance(poses, Poses) else poses.notes_on(self.times())
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def load(self, index: int) -> Frame:
+        check_index(index, len(self), self.name)
+        file = self.files[index]
+        try:
+            return self._frame(index, file)
+        except ValueError as error:
+            raise FrameError(file, str(error)) from None
+
+    def times(self) -> NDArray[np.float64]:
+        if isinstance(self._poses, Poses):
+            rows = (self._poses.rows.get(file, (0, {}))[1] for file in self.files)
+            return np.array([parse_number(cells, "time_s") for cells in rows])
+        if self._times is None:
+            return np.arange(float(len(self)))
+        return np.array([self._times.get(file, np.nan) for file in self.files])
+
+    def _place(self, index: int) -> tuple[float, RigidTransform | None]:
+        """Time in s and world_from_body of an image."""
+        file = self.files[index]
+        if isinstance(self._poses, Poses):
+            return self._poses.at(file)
+        if self._times is None:
+            return float(index), None
+        if file not in self._times:
+            raise ValueError(f"{TIMES_FILE} has no row for it; add one, or take the image away")
+        time_s = check_number(self._times[file], f"time_s in {TIMES_FILE}")
+        return (time_s, None) if self._poses is None else (time_s + self._poses.offset_s, self._poses.at(time_s))
+
+    def _frame(self, index: int, file: str) -> Frame:
+        if not is_inside(file):
+            raise ValueError("poses.csv must name files inside the folder")
+        time_s, world_from_body = self._place(index)
+        image = read_image(self.folder / file)
+        if self._mounted is None:
+            return make_plain_frame(file, time_s, image)
+        depth, name = None, f"{DEPTH_FOLDER}/{Path(file).stem}.pfm"
+        if (self.folder / name).exists():
+            depth = read_depth(self.folder / name, name, self._mounted.camera, *self._depth_options)
+        return self._mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
+
+
+def list_images(folder: Path) -> list[str]:
+    """Names of the image files right in a folder; hidden ones are left out."""
+    return [
+        child.name
+        for child in folder.iterdir()
+        if child.suffix.lower() in IMAGE_SUFFIXES and not child.name.startswith(".") and child.is_file()
+    ]
+
+
+def make_natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Sort key that puts frame_2 before frame_10."""
+    parts = re.split(r"([0-9]+)", name.lower())
+    return [*((1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts), (0, 0, name)]

@@ -1,0 +1,159 @@
+"""Poses by time: a track of the aircraft's body that pictures of another clock and rate are placed on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation, Slerp
+
+from deckline.config import Navigation
+from deckline.geometry import QUATERNION_TOLERANCE
+from deckline.recording.poses import Rows, parse_number, read_table
+from deckline.recording.source import RecordingError
+
+Array = NDArray[np.float64]
+POSITION = ("x_m", "y_m", "z_m")
+ATTITUDE = ("qw", "qx", "qy", "qz")
+ROUNDING_S = 1e-3  # of presentation times, which many containers store in milliseconds
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTrack:
+    """world_from_body over time, interpolated between poses and never beyond the first and the last."""
+
+    name: str  # of the file
+    times_s: Array  # (N,) ascending, the poses' clock
+    positions_m: Array  # (N, 3) world
+    rotations: Rotation  # (N) world_from_body
+    max_gap_s: float  # between two poses, beyond which pictures in between have none
+    offset_s: float  # the poses' clock minus the pictures' clock
+    notes: tuple[str, ...] = ()
+
+    def at(self, time_s: float) -> RigidTransform | None:
+        """The pose at a time of the pictures' clock: linear in position, the shortest rotation in attitude.
+
+        None before the first pose, after the last, and in a gap longer than `max_gap_s`.
+        Source: Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985 (slerp).
+        """
+        (known,), (first,), (share,) = self._bracket([time_s])
+        if not known:
+            return None
+        pair = slice(first, first + 2)
+        rotation = Slerp([0.0, 1.0], self.rotations[pair])(share)
+        return RigidTransform.from_components([1 - share, share] @ self.positions_m[pair], rotation)
+
+    def notes_on(self, times_s: Array) -> tuple[str, ...]:
+        """Notes on the poses and on the pictures, at these times of their clock, that have none.
+
+        Raises:
+            RecordingError: no picture has a pose.
+        """
+        times_s = times_s[np.isfinite(times_s)]
+        without = int((~self._bracket(times_s)[0]).sum())
+        if len(times_s) and without == len(times_s):
+            raise RecordingError(
+                f"{self.name}: no pose belongs to a picture: poses are from {self.times_s[0]:.3f} to "
+                f"{self.times_s[-1]:.3f} s, pictures from {times_s.min() + self.offset_s:.3f} to "
+                f"{times_s.max() + self.offset_s:.3f} s on that clock, gaps up to {self.max_gap_s:g} s count; "
+                f"state --pose-offset-s or a larger --max-pose-gap-s"
+            )
+        note = (
+            f"{self.name}: {without} of {len(times_s)} pictures have no pose: before the first pose, after the last, "
+            f"or in a gap longer than {self.max_gap_s:g} s"
+        )
+        return (*self.notes, note) if without else self.notes
+
+    def _bracket(self, times_s: ArrayLike) -> tuple[NDArray[np.bool_], NDArray[np.intp], Array]:
+        """Of times (T,): whether there is a pose, the pose before (T,), and the share of the way to the next (T,)."""
+        times = np.asarray(times_s, dtype=np.float64) + self.offset_s
+        before = np.clip(np.searchsorted(self.times_s, times, side="right") - 1, 0, len(self.times_s) - 2)
+        since, gap = times - self.times_s[before], self.times_s[before + 1] - self.times_s[before]
+        between = (since >= 0) & (since <= gap) & (gap <= self.max_gap_s)
+        nearest = np.minimum(np.abs(since), np.abs(since - gap))
+        return between | (nearest <= ROUNDING_S), before, np.clip(since / gap, 0.0, 1.0)
+
+
+def make_track(
+    name: str,
+    times_s: ArrayLike,
+    positions_m: ArrayLike,
+    quaternions_wxyz: ArrayLike,
+    navigation: Navigation,
+    notes: Sequence[str] = (),
+) -> PoseTrack:
+    """A track of poses as a file holds them; what is no pose, or not later than those before it, is left out and noted.
+
+    Args:
+        name: of the file.
+        times_s: (N,) the poses' clock.
+        positions_m: (N, 3) world.
+        quaternions_wxyz: (N, 4) world_from_body.
+        navigation: offset and longest gap.
+
+    Raises:
+        RecordingError: fewer than two poses, or a clock that jumps back by more than the longest gap.
+    """
+    times, positions, quaternions = (np.asarray(a, dtype=np.float64) for a in (times_s, positions_m, quaternions_wxyz))
+    valid = np.isfinite(times) & np.isfinite(positions).all(axis=1)
+    valid &= np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) <= QUATERNION_TOLERANCE
+    notes = [*notes, *_note_left_out(name, ~valid, "have a number that is not finite, or a quaternion not of length 1")]
+    times, positions, quaternions = times[valid], positions[valid], quaternions[valid]
+    latest = np.maximum.accumulate(times)
+    late = np.concatenate([[False], times[1:] <= latest[:-1]]) if len(times) else valid[:0]
+    if len(times) and (back := int(np.argmax(latest - times))) and latest[back] - times[back] > navigation.max_gap_s:
+        raise RecordingError(
+            f"{name}: the clock jumps back from {latest[back]:.3f} to {times[back]:.3f} s; sort the poses by time, "
+            f"or cut the file where the clock began anew"
+        )
+    notes += _note_left_out(name, late, "are not later than those before them")
+    if (~late).sum() < 2:
+        raise RecordingError(f"{name}: {(~late).sum()} poses; at least 2 at different times are needed")
+    rotations = Rotation.from_quat(quaternions[~late], scalar_first=True)
+    offset_s = navigation.offset_s or 0.0
+    return PoseTrack(name, times[~late], positions[~late], rotations, navigation.max_gap_s, offset_s, tuple(notes))
+
+
+def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | None = None) -> PoseTrack:
+    """A track from poses.csv, whose rows go by time_s.
+
+    Args:
+        path: the file.
+        navigation: offset and longest gap. Without an offset, and with a column `file` of a film's frame numbers, the
+            first row has the time of its frame.
+        film_times_s: (M,) presentation times of a film.
+
+    Raises:
+        RecordingError: a column is missing, `file` holds no frame numbers, or as `make_track`.
+    """
+    table, notes = read_table(path, ",", ("time_s", *POSITION, *ATTITUDE), ("file",))
+    columns = [[parse_number(cells, name) for _, cells in table] for name in ("time_s", *POSITION, *ATTITUDE)]
+    times, values = np.array(columns[0]), np.array(columns[1:]).T
+    if film_times_s is not None and "file" in table[0][1]:
+        numbers = _frame_numbers(path, table)
+        known = np.isfinite(times) & (numbers < len(film_times_s))
+        ahead = times[known] - film_times_s[numbers[known]]
+        if navigation.offset_s is None and len(ahead):
+            navigation = replace(navigation, offset_s=float(ahead[0]))
+        if len(ahead) and np.ptp(ahead) > navigation.max_gap_s:
+            notes.append(
+                f"{path}: the film's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
+            )
+    return make_track(str(path), times, values[:, :3], values[:, 3:], navigation, notes)
+
+
+def _frame_numbers(path: Path, table: Rows) -> NDArray[np.int64]:
+    """Numbers of a column `file`: bare, or as <video>#<number>."""
+    numbers = []
+    for line, cells in table:
+        digits = cells.get("file", "").rpartition("#")[2].strip()
+        if not (digits.isascii() and digits.isdigit()):
+            file = cells.get("file", "")
+            raise RecordingError(f"{path} line {line}: file must be the frame's number from 0, got {file!r}")
+        numbers.append(int(digits))
+    return np.array(numbers)
+
+
+def _note_left_out(name: str, rows: NDArray[np.bool_], why: str) -> list[str]:
+    return [f"{name}: {rows.sum()} of {len(rows)} poses left out: they {why}"] if rows.any() else []
