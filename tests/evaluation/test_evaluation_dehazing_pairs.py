@@ -13,6 +13,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 import deckline
 from deckline.evaluation.dehazing_pairs import open_pairs
+from deckline.evaluation.no_reference import visible_range_m
 from deckline.recording import open_recording
 
 
@@ -96,6 +97,18 @@ def test_a_folder_that_names_no_pair_gives_its_pictures_and_their_lines(pair_fol
     named, other = map(source.load, source.keys)
     assert named.clear_rgb is None and set(named.lines or {}) == {"left", "right"}
     assert other.clear_rgb is None and other.lines is None
+
+
+def test_true_lines_are_measured_where_the_recording_holds_them(pair_folder, tmp_path):
+    source = open_pairs(pair_folder / "sample", every=1000)
+    pair = source.load(source.keys[0])
+    found = measured(
+        tmp_path / "f.json", pair_folder / "sample", "--every", 1000, "--detector", "none", "--dehazer", "none"
+    )
+    image = pair.frame.image_rgb
+    assert found["visibility"]["all"]["none"]["means"]["visible_range_m"] == visible_range_m(image, image, pair.in_view)
+    assert len(pair.in_view) == 2
+    assert open_pairs(pair_folder).load("a_vis900.png").in_view == ()  # labelled in the image: no ranges
 
 
 def test_dehazers_never_see_truth_and_see_depth_when_told(tmp_path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from level_deck import CAMERA, LEFT, RIGHT, frame_at
 
 from deckline.evaluation.no_reference import (
     BLOCK_PX,
@@ -10,7 +11,9 @@ from deckline.evaluation.no_reference import (
     no_reference_table,
     summarise_no_reference,
     visible_edges,
+    visible_range_m,
 )
+from deckline.labels.truth import VisibleLine, find_visible_line
 
 
 def step(left: int, right: int, shape: tuple[int, int] = (32, 48)) -> np.ndarray:
@@ -102,6 +105,34 @@ def test_the_worst_picture_is_the_lowest_gain_and_the_highest_loss() -> None:
     )
     (row,) = no_reference_table({"net": summary}).rows
     assert row == ("net", "+30.0 (+10.0)", "- (-)", "10.00 (30.00)", "- (-)", "2")
+
+
+def draw_deck(contrast_to_m: float) -> tuple[np.ndarray, list[VisibleLine]]:
+    """A grey deck whose lines, 2 m wide, stand out by 20 % of its light up to a range, by nothing beyond; the lines."""
+    frame = frame_at(-60.0)
+    v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
+    rays = frame.world_from_camera.rotation.apply(CAMERA.rays(np.stack([u.ravel(), v.ravel()], axis=1)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away = rays * np.where(rays[:, 2] > 0, 20.0 / rays[:, 2], np.inf)[:, None]
+        painted = (np.abs(np.abs(away[:, 1]) - 10.0) < 1.0) & (np.linalg.norm(away, axis=1) < contrast_to_m)
+    image = np.repeat(np.where(painted, 108, 100).astype(np.uint8)[:, None], 3, axis=1)  # sRGB: 20 % more light
+    lines = [find_visible_line(frame, segment, within_visibility=False) for segment in (LEFT, RIGHT)]
+    return image.reshape(CAMERA.height, CAMERA.width, 3), [line for line in lines if line is not None]
+
+
+@pytest.mark.parametrize("range_m", [120.0, 160.0, 200.0])
+def test_lines_are_seen_as_far_as_they_stand_out(range_m: float) -> None:
+    """The contrast is a mean along an eighth of the line's image: the paint's end may seem as much farther."""
+    image, lines = draw_deck(range_m)
+    assert len(lines) == 2
+    assert range_m <= visible_range_m(image, image, lines) < 1.07 * range_m
+
+
+def test_lines_that_do_not_stand_out_are_not_seen() -> None:
+    seen, lines = draw_deck(200.0)
+    flat, _ = draw_deck(0.0)
+    assert visible_range_m(flat, flat, lines) == 0.0
+    assert visible_range_m(seen, flat, lines) == 0.0, "what the hazy picture does not hold is no line"
 
 
 def test_pictures_of_two_shapes_are_refused() -> None:

@@ -35,7 +35,7 @@ from deckline.evaluation.dehazing_score import (
     summarise,
     summarise_film,
 )
-from deckline.evaluation.no_reference import no_reference_figures
+from deckline.evaluation.no_reference import no_reference_figures, visible_range_m
 from deckline.evaluation.pictures import sheet
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import TO_TERMINAL, Output, made_with, publish
@@ -55,9 +55,9 @@ class DehazingConfig:
 
     Visible edges, gradients, saturation and dark channel against the hazy picture, and how many pictures came out worse
     than they went in. With clear pictures every image's PSNR and SSIM, by visibility and, where the truth tells of any,
-    by rain and motion blur, with the paired difference to a reference. With true lines, whether the detector finds them
-    better or worse than without dehazing; with --cost time and memory. Images count as independent: true for random
-    views, not for the frames of one flight, whose intervals come out too narrow.
+    by rain and motion blur, with the paired difference to a reference. With true lines, how far they are seen, and
+    whether the detector finds them better or worse than without dehazing; with --cost time and memory. Images count as
+    independent: true for random views, not for the frames of one flight, whose intervals come out too narrow.
 
     With --out a stopped command resumes, and a command with more dehazers adds theirs.
 
@@ -229,6 +229,8 @@ def _score_all(bench: Bench, store: Store) -> tuple[list[ImageScore], list[tuple
 def _score(bench: Bench, source: str, key: str, name: str, pair: Pair) -> ImageScore:
     restored = restore(bench.dehazers[name], pair.frame)
     figures = no_reference_figures(restored.image_rgb, pair.frame.image_rgb)
+    if pair.in_view:
+        figures["visible_range_m"] = visible_range_m(restored.image_rgb, pair.frame.image_rgb, pair.in_view)
     if pair.clear_rgb is not None:
         figures |= restoration(restored.image_rgb, pair.clear_rgb, pair.surface)
     score = ImageScore(source, key, name, pair.visibility_m, figures, restored.note, pair.film)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from deckline.evaluation.metrics import distance_px, normal_pixel_error
 from deckline.geometry import Camera
 from deckline.labels.lines import LABELS_FILE, Labels, read_labels
+from deckline.labels.truth import VisibleLine, find_visible_line
 from deckline.recording import FrameError, Source, open_recording
 from deckline.recording.image_folder import ImageFolder
 from deckline.recording.images import read_image
@@ -42,6 +43,7 @@ class Pair:
     visibility_m: float  # 2 % contrast; NaN when unknown
     lines: Mapping[str, Distances] | None  # None: not both true lines are in view, or nobody knows them
     film: str | None = None  # of FILMS; None: not known
+    in_view: tuple[VisibleLine, ...] = ()  # left and right as far as in the picture; empty: not both, or no ranges
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,10 @@ def _recorded(frame: Frame, with_depth: bool, has_clear: bool) -> Pair:
         raise FrameError(frame.file, "it has no clear picture")
     visibility_m = math.nan if truth.visibility_m is None else truth.visibility_m
     pair = _pair(frame, truth.clear_rgb, visibility_m, true_lines(frame), with_depth)
-    return replace(pair, film=film_of(truth.conditions))
+    segments = [segment for segment in (truth.left, truth.right) if segment is not None]
+    seen = [find_visible_line(frame, segment, within_visibility=False) for segment in segments]
+    in_view = tuple(line for line in seen if line is not None)
+    return replace(pair, film=film_of(truth.conditions), in_view=in_view if len(in_view) == len(SIDES) else ())
 
 
 def _labelled(folder: Path, source: ImageFolder, every: int, with_depth: bool) -> PairSource:

@@ -28,7 +28,7 @@ from deckline.types import SIDES, Status
 
 MOST_PSNR_DB = 60.0  # what an untouched picture counts, so that means are finite
 ALL = "all"
-FIGURES = ("psnr_db", "psnr_db_surface", "ssim")
+FIGURES = ("psnr_db", "psnr_db_surface", "ssim", "visible_range_m")
 INTERVALS = (
     "[low, high]: 95 % paired bootstrap interval over images, taken as independent; frames of one flight are not, "
     "theirs is too narrow."
@@ -37,13 +37,16 @@ MEANING = (
     "PSNR and SSIM are means over images, an untouched image counting 60 dB; below the horizon: sea and ship alone, "
     "as haze hides the sky's true colours."
 )
+SEEN = (
+    "Lines seen to: the farthest range at which a true line has 5 % contrast, 0 where it has less; a mean over images."
+)
 FILM = "Rain or drops on the lens, or an exposure that takes time: the clear picture is without them as without haze."
 LINES = (
     f"Differences to {NOT_DEHAZED}. Asked: images with both lines in view. Found: both lines, in agreement. Points: "
     "normal distance of all detected points to the true lines; its difference: median over the images with points both "
     "ways."
 )
-LEVELS = {"psnr_db": "PSNR, dB", "psnr_db_surface": "below horizon, dB"}
+LEVELS = {"psnr_db": "PSNR, dB", "psnr_db_surface": "below horizon, dB", "visible_range_m": "lines seen to, m"}
 MIB, MS = 2.0**20, 1e3
 
 Summaries = Mapping[str, Mapping[str, "Summary"]]  # band -> dehazer
@@ -212,7 +215,7 @@ class Results:
 
     @property
     def levels(self) -> dict[str, str]:
-        """Figures in dB that some image has -> how their column is called."""
+        """Figures with a unit that some image has -> how their column is called."""
         known = {name for summary in self.summaries[ALL].values() for name in summary.means}
         return {name: heading for name, heading in LEVELS.items() if name in known}
 
@@ -236,6 +239,7 @@ def dehazing_tables(results: Results) -> list[Table]:
 def _restoration(results: Results) -> Table:
     columns = ["dehazer", "images", *_level_columns(results), "left as is", "parameters", "MACs 256x256"]
     notes = [MEANING, INTERVALS] if results.levels else []
+    notes += [SEEN] if "visible_range_m" in results.levels else []
     if results.costs:
         width, height = results.cost_size_px
         columns += [f"ms at {width}x{height}", "peak MiB"]
@@ -274,7 +278,7 @@ def _lines(results: Results) -> Table:
 
 
 def _level_columns(results: Results) -> list[str]:
-    pairs = ((heading, f"to {results.reference}, dB") for heading in results.levels.values())
+    pairs = ((heading, f"to {results.reference}, {heading.rpartition(' ')[2]}") for heading in results.levels.values())
     return [*(word for pair in pairs for word in pair), *(["SSIM"] if results.levels else [])]
 
 

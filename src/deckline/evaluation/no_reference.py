@@ -1,4 +1,5 @@
-"""What dehazing did to a picture of which no clear one exists: visible edges, gradients, saturation, dark channel.
+"""What dehazing did to a picture of which no clear one exists: visible edges, gradients, saturation, dark channel; and
+how far true lines are seen.
 
 Source of the first three: Hautiere et al., "Blind contrast enhancement assessment by gradient ratioing at visible
 edges", 2008, with Kohler's segmentation; of the last: He, Sun and Tang, "Single image haze removal using dark channel
@@ -12,12 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze.dark_channel import DarkChannelConfig, dark_channel
+from deckline.dehaze.geometry import linear_levels
 from deckline.evaluation.tables import Figures, Table, number
+from deckline.labels.truth import VisibleLine, measure_contrast
 
 LONG_SIDE_PX = 640  # pictures are averaged down to about this: the papers' size, and less noise
 VISIBLE_CONTRAST = 0.05  # CIE: the least contrast that counts as visible
 BLOCK_PX = 4  # windows are two blocks wide and overlap by one; the paper's are 7 px wide, 4 px apart
 LEVELS = 256
+LEAST_IN_HAZE = 1.0  # grey levels of a line in the hazy picture: less is quantisation, and its enhancement no line
+LOG_LIGHT = np.log(
+    np.maximum(linear_levels(np.arange(LEVELS)), 1.0)
+)  # differences are Weber's contrast; black is 1/255
 # Worse than the input. Chosen so that a picture which came out nearly as it went in is not worse.
 MOST_EDGES_LOST, LEAST_GRADIENT_RATIO, MOST_SATURATED, MOST_DARK_CHANNEL_GAIN = 0.05, 0.95, 0.02, 0.02
 WORSE = "worse_than_input"
@@ -71,6 +78,21 @@ def no_reference_figures(image_rgb: NDArray[np.uint8], hazy_rgb: NDArray[np.uint
     saturated = figures["newly_saturated"] > MOST_SATURATED
     foggier = figures["dark_channel"] - _mean_dark_channel(small_hazy) > MOST_DARK_CHANNEL_GAIN
     return figures | {WORSE: float(lost or weaker or saturated or foggier)}
+
+
+def visible_range_m(image_rgb: NDArray[np.uint8], hazy_rgb: NDArray[np.uint8], lines: Sequence[VisibleLine]) -> float:
+    """The farthest range, m, at which one of two true lines is seen in a dehazed picture (H, W, 3); 0 where none is.
+
+    Seen: the line, or a step along it, stands out by more than 5 % of luminance, the CIE's threshold of visibility, and
+    by a grey level of the hazy picture (H, W, 3). Distance and blur count as haze does.
+    """
+    ranges = [0.0]
+    for line, other in (lines, lines[::-1]):
+        ends = (line.points_px, other.points_px)
+        seen = measure_contrast(LOG_LIGHT[image_rgb], *ends) > np.log1p(VISIBLE_CONTRAST)
+        seen &= measure_contrast(hazy_rgb, *ends) >= LEAST_IN_HAZE
+        ranges += line.ranges_m[seen].tolist()
+    return max(ranges)
 
 
 def summarise_no_reference(pictures: Sequence[Mapping[str, float]]) -> Figures:
