@@ -15,6 +15,7 @@ from deckline.checks import check_numbers
 
 UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distortion at the corner
 UNDISTORT_MIN_STEP = 1e-12  # of normalised image coordinates; smaller steps change nothing
+TINY = 1e-12  # of normalised image coordinates: the fisheye's axis itself
 UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; a larger residual does not converge
 QUATERNION_TOLERANCE = 0.01  # of its length; rounding to two decimals changes it by at most as much
 # Axes of the optical frame (right, down, forward) written in a forward-right-down frame.
@@ -23,17 +24,22 @@ BODY_FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Pinhole intrinsics with optional Brown-Conrady distortion.
+    """Pinhole intrinsics with optional distortion: Brown-Conrady, or equidistant for a fisheye.
 
     Args:
         width, height: image size, px.
         fx, fy: focal lengths, px.
         cx, cy: principal point, px; (0, 0) is the centre of the top-left pixel.
-        distortion: (k1, k2, p1, p2, k3) as OpenCV orders them; all zero is a pinhole.
+        distortion: (k1, k2, p1, p2, k3) or (k1, k2, p1, p2, k3, k4, k5, k6) as OpenCV orders them; all zero is a
+            pinhole. Of a fisheye (k1, k2, k3, k4): theta (1 + k1 theta^2 + k2 theta^4 + ...) is the distance from the
+            principal point in focal lengths, theta the angle off the optical axis, rad.
         known: False where only the image size holds: lines in pixels need no more, metres do.
+        fisheye: `distortion` is the equidistant model's. Rays 90 degrees off the axis and more do not exist here.
 
     Raises:
         ValueError: a size or focal length that is not positive and finite, or a wrong number of coefficients.
+
+    Source: OpenCV, modules calib3d and fisheye; Kannala and Brandt, PAMI 28(8), 2006.
     """
 
     width: int
@@ -42,15 +48,17 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
     known: bool = True
+    fisheye: bool = False
 
     def __post_init__(self) -> None:
         check_numbers(self, "camera", "width", "height", least=1)
         check_numbers(self, "camera", "fx", "fy", above=0)
         check_numbers(self, "camera", "cx", "cy", "distortion")
-        if len(self.distortion) != 5:
-            raise ValueError(f"distortion must be k1, k2, p1, p2, k3; got {len(self.distortion)} numbers")
+        if len(self.distortion) not in ((4,) if self.fisheye else (5, 8)):
+            wanted = "k1, k2, k3, k4 of a fisheye" if self.fisheye else "k1, k2, p1, p2, k3, or these and k4, k5, k6"
+            raise ValueError(f"distortion must be {wanted}; got {len(self.distortion)} numbers")
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_rad: float) -> "Camera":
@@ -77,7 +85,7 @@ class Camera:
 
     @property
     def has_distortion(self) -> bool:
-        return any(self.distortion)
+        return self.fisheye or any(self.distortion)
 
     def project(self, points_optical_m: ArrayLike) -> NDArray[np.float64]:
         """Points (N, 3) in the optical frame, metres -> pixels (N, 2). Points with z <= 0 become NaN."""
@@ -88,9 +96,13 @@ class Camera:
     def _distort(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Normalised image coordinates (N, 2) through the lens."""
         x, y = xy[:, 0], xy[:, 1]
-        k1, k2, p1, p2, k3 = self.distortion
         r2 = x * x + y * y
+        if self.fisheye:
+            radius = np.maximum(np.sqrt(r2), TINY)
+            return xy * (_bend(np.arctan(radius), self.distortion)[0] / radius)[:, None]
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        radial = radial / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
         xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
         yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
         return np.stack([xd, yd], axis=1)
@@ -103,7 +115,10 @@ class Camera:
         points = _points(points_px, 2)
         distorted = (points - [self.cx, self.cy]) / [self.fx, self.fy]
         xy = distorted
-        if self.has_distortion:
+        if self.fisheye:
+            radius = np.maximum(np.linalg.norm(distorted, axis=1), TINY)
+            xy = distorted * (np.tan(_unbend(radius, self.distortion)) / radius)[:, None]
+        elif self.has_distortion:
             with np.errstate(over="ignore", invalid="ignore"):  # steps run away where there is no ray
                 for _ in range(UNDISTORT_STEPS):
                     step = distorted - self._distort(xy)
@@ -132,6 +147,24 @@ class Camera:
         v, u = np.mgrid[0 : self.height, 0 : self.width]
         rays = self.rays(np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64))
         return np.linalg.norm(rays, axis=1).reshape(self.height, self.width).astype(np.float32)
+
+
+def _bend(theta: NDArray[np.float64], k: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance from the principal point, in focal lengths, of angles (N,) off the axis, rad, and its derivative."""
+    powers = np.array([1.0, *k]) * theta[:, None] ** [1, 3, 5, 7, 9]
+    slopes = np.array([1.0, *k]) * [1, 3, 5, 7, 9] * theta[:, None] ** [0, 2, 4, 6, 8]
+    return powers.sum(axis=1), slopes.sum(axis=1)
+
+
+def _unbend(radius: NDArray[np.float64], k: tuple[float, ...]) -> NDArray[np.float64]:
+    """Angles (N,) below 90 degrees whose `_bend` is `radius` (N,), by Newton's method; NaN where there is none."""
+    theta = np.minimum(radius, np.pi / 2)
+    for _ in range(UNDISTORT_STEPS):
+        bent, slope = _bend(theta, k)
+        theta = np.clip(theta - (bent - radius) / np.where(slope > 0, slope, 1.0), 0.0, np.pi / 2)
+    bent, slope = _bend(theta, k)
+    reached = (np.abs(bent - radius) < UNDISTORT_TOLERANCE) & (slope > 0) & (theta < np.pi / 2)
+    return np.where(reached, theta, np.nan)
 
 
 def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform:

@@ -136,10 +136,14 @@ def test_the_camera_file_named_after_the_film_goes_first(film):
     assert open_recording(film).load(0).camera.fx == 70.0
 
 
-def test_intrinsics_for_another_resolution(film):
-    items = list(open_recording(beside(film, camera__toml=CAMERA.replace("64", "1280"))).items())
-    assert len(items) == COUNT
-    assert all(size in items[0].reason for size in ("1280x48", "64x48"))
+def test_intrinsics_are_scaled_to_pictures_of_the_same_shape_and_refused_for_others(film):
+    beside(film, camera__toml=CAMERA.replace("64", "128").replace("48", "96"))
+    source = open_recording(film)
+    assert (source.load(0).camera.fx, source.load(0).camera.width) == (25.0, WIDTH)
+    assert "128x96 px are scaled to the pictures' 64x48" in source.notes[-1]
+    beside(film, camera__toml=CAMERA.replace("64", "1280"))
+    with pytest.raises(RecordingError, match=r"1280x48 px.* 64x48 px"):
+        open_recording(film)
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ EXAMPLES = {
     "deckline": ("deckline demo", "deckline run flights/first --out out --deck-z-m -18"),
     "deckline run": (
         "deckline run flights/first --out out --deck-z-m -18",
-        "deckline run approach.mp4 --out out --camera camera.toml --poses poses.csv",
+        "deckline run approach.mp4 --out out --camera camera.toml --poses poses.csv --every 3 --start 60 --duration 30",
     ),
     "deckline eval": ("deckline eval chain --frames 50 --json figures/chain.json", "deckline eval report figures"),
     "deckline eval chain": ("deckline eval chain --frames 50", "deckline eval chain --preset cvn --out scores"),

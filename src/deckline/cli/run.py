@@ -11,7 +11,7 @@ import tyro
 from deckline.extras import needs_extra
 from deckline.flight import Flight
 from deckline.options import RunOptions
-from deckline.recording import Stream, open_recording
+from deckline.recording import Stream, open_recording, select_frames
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 DEFAULTS = RunOptions()
@@ -40,6 +40,9 @@ def run(
     sea_z_m: float | None = None,
     pose_offset_s: float | None = None,
     max_pose_gap_s: float | None = None,
+    every: int = 1,
+    start: float = 0.0,
+    duration: float | None = None,
     rate: float = 5.0,
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
     max_frames: int | None = None,
@@ -51,13 +54,17 @@ def run(
     Args:
         source: AirSim recording folder, folder of images, video file, or airsim://HOST:PORT[/VEHICLE] of a simulator.
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
-        camera: camera.toml, when it does not lie beside the images or the video; of a simulator the camera's name.
+        camera: camera.toml, or a YAML calibration of OpenCV or ROS, when it does not lie beside the images or the
+            video; of a simulator the camera's name.
         poses: poses.csv, when it does not lie beside the images or the video.
         fov_deg: horizontal field of view of an AirSim recording without a camera file.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
         sea_z_m: world z (down, metres) of the water, for dehazing by geometry; without it 20 m below the deck.
         pose_offset_s: the clock of the poses minus that of the pictures, for poses that go by time (0).
         max_pose_gap_s: between two poses, beyond which pictures in between have no pose (0.5).
+        every: take one frame of so many.
+        start: seconds after the first frame at which to begin.
+        duration: seconds of the recording to take.
         rate: frames a second that are taken from a simulator, at most.
         options: of the configuration.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
@@ -73,11 +80,13 @@ def run(
     if source.startswith("airsim:"):
         if poses is not None:
             raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
+        if (every, start, duration) != (1, 0.0, None):
+            raise ValueError(f"{source}: a simulator runs live: leave --every, --start and --duration out, take --rate")
         with needs_extra("sim"):
             from deckline.adapters.airsim.source import LiveSource
         opened = LiveSource(source, camera or "0", rate, deck_z_m, sea_z_m)
     else:
-        opened = open_recording(
+        recording = open_recording(
             source,
             camera_file=camera,
             poses_file=poses,
@@ -86,6 +95,7 @@ def run(
             sea_z_m=sea_z_m,
             navigation=config.navigation,
         )
+        opened = select_frames(recording, every, start, duration)
     return _run(opened, flight, out, max_frames, resume, overwrite)
 
 

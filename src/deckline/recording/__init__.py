@@ -1,7 +1,17 @@
 """Recordings: AirSim-layout folders (read and write), image folders and video files."""
 
 from deckline.recording.opening import open_recording
+from deckline.recording.selection import select_frames
 from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, Stream
 from deckline.recording.writer import RecordingWriter
 
-__all__ = ["BadFrame", "FrameError", "RecordingError", "RecordingWriter", "Source", "Stream", "open_recording"]
+__all__ = [
+    "BadFrame",
+    "FrameError",
+    "RecordingError",
+    "RecordingWriter",
+    "Source",
+    "Stream",
+    "open_recording",
+    "select_frames",
+]

@@ -1,4 +1,4 @@
-"""camera.toml: intrinsics and mounting of a camera, and the same as a JSON object in scene.json."""
+"""camera.toml: intrinsics and mounting of a camera, the same as a JSON object in scene.json, and YAML calibrations."""
 
 import tomllib
 from collections.abc import Collection, Mapping
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import BODY_FROM_OPTICAL, Camera, pose
+from deckline.recording.calibration import YAML_SUFFIXES, read_calibration
 from deckline.recording.source import RecordingError, check_number, check_numbers, read_text
 from deckline.types import Frame
 
 CAMERA_FILE = "camera.toml"
+CAMERA_FILES = (CAMERA_FILE, *(f"camera{suffix}" for suffix in YAML_SUFFIXES))
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 HEIGHTS = ("deck_z_m", "sea_z_m")
 TRANSFORM = ("translation_m", "quaternion_wxyz")
@@ -36,6 +38,18 @@ class MountedCamera:
         deck_z_m = self.deck_z_m if deck_z_m is None else deck_z_m
         return replace(self, deck_z_m=deck_z_m, sea_z_m=self.sea_z_m if sea_z_m is None else sea_z_m)
 
+    def fit(self, width: int, height: int) -> "MountedCamera":
+        """The same for pictures of another size, px, and the same shape; a ValueError for another shape."""
+        camera = self.camera
+        if (camera.width, camera.height) == (width, height):
+            return self
+        if abs(camera.height * width / camera.width - height) >= 1.0:
+            raise ValueError(
+                f"the intrinsics are for {camera.width}x{camera.height} px but the image is {width}x{height} px, which "
+                f"has another shape; give a camera file made for this size"
+            )
+        return replace(self, camera=camera.resized(width, height))
+
     def frame(self, file: str, time_s: float, image_rgb: NDArray[np.uint8], **values: Any) -> Frame:
         """A frame of this camera, other fields in `values`; intrinsics for another image size are a ValueError."""
         camera, (height, width) = self.camera, image_rgb.shape[:2]
@@ -54,20 +68,25 @@ def make_plain_frame(file: str, time_s: float, image_rgb: NDArray[np.uint8]) -> 
 
 
 def read_camera_file(path: Path) -> MountedCamera:
-    """Read camera.toml.
+    """Read camera.toml, or a YAML calibration of OpenCV or ROS, whose camera looks along the body's forward axis.
 
     Keys: width, height, fx, fy, cx, cy (px, the centre of the top-left pixel is 0, 0); optional distortion =
-    [k1, k2, p1, p2, k3], deck_z_m and sea_z_m (metres), and a table [body_from_camera] with translation_m (3, metres,
+    [k1, k2, p1, p2, k3], or with fisheye = true [k1, k2, k3, k4]; calibration = a YAML file beside it in place of all
+    these; deck_z_m and sea_z_m (metres), and a table [body_from_camera] with translation_m (3, metres,
     forward-right-down) and quaternion_wxyz of body <- optical frame (x right, y down, z forward). Without the table, or
     without its quaternion, the camera looks along the body's forward axis: quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
 
     Raises:
         RecordingError: missing or unreadable file, an unknown or missing key, or values that make no camera.
     """
+    if path.suffix.lower() in YAML_SUFFIXES:
+        return camera_from_mapping(read_calibration(path), str(path))
     try:
         values = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise RecordingError(f"{path}: not valid TOML: {error}") from None
+    if "calibration" in values:
+        values = {**read_calibration(path.parent / str(values.pop("calibration"))), **values}
     return camera_from_mapping(values, str(path), allow_heights=True)
 
 
@@ -75,14 +94,17 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
     """Camera from parsed TOML or JSON; `where` begins the RecordingError for values that make no camera."""
     heights = HEIGHTS if allow_heights else ()
     try:
-        _check_keys(values, INTRINSICS, ("distortion", "body_from_camera", *heights))
+        _check_keys(values, INTRINSICS, ("distortion", "fisheye", "body_from_camera", *heights))
         width, height = values["width"], values["height"]
         for name, value in (("width", width), ("height", height)):
             if isinstance(value, bool) or not isinstance(value, int):
                 raise ValueError(f"{name} must be a whole number of px, got {value!r}")
         fx, fy, cx, cy = (check_number(values[key], key) for key in INTRINSICS[2:])
-        k1, k2, p1, p2, k3 = check_numbers(values.get("distortion", [0.0] * 5), 5, "distortion (k1, k2, p1, p2, k3)")
-        camera = Camera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+        if not isinstance(fisheye := values.get("fisheye", False), bool):
+            raise ValueError(f"fisheye must be true or false, got {fisheye!r}")
+        distortion = values.get("distortion", [0.0] * (4 if fisheye else 5))
+        distortion = check_numbers(distortion, len(distortion) if isinstance(distortion, list) else 5, "distortion")
+        camera = Camera(width, height, fx, fy, cx, cy, distortion, fisheye=fisheye)
         mount = values.get("body_from_camera", {})
         if isinstance(mount, Mapping):
             mount = {"translation_m": [0.0] * 3, "quaternion_wxyz": FORWARD, **mount}
@@ -100,6 +122,7 @@ def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[
         **{key: getattr(camera, key) for key in INTRINSICS[:2]},
         **{key: float(getattr(camera, key)) for key in INTRINSICS[2:]},
         "distortion": [float(value) for value in camera.distortion],
+        **({"fisheye": True} if camera.fisheye else {}),
         "body_from_camera": transform_to_mapping(body_from_camera),
     }
 
@@ -108,7 +131,7 @@ def format_camera(camera: Camera, body_from_camera: RigidTransform) -> str:
     """Text of a camera.toml that `read_camera_file` reads back."""
     values = camera_to_mapping(camera, body_from_camera)
     mount = values.pop("body_from_camera")
-    rows = [f"{key} = {value}" for key, value in values.items()]
+    rows = [f"{key} = {str(value).lower()}" for key, value in values.items()]
     rows += ["", "[body_from_camera]", *(f"{key} = {value}" for key, value in mount.items())]
     return "\n".join(rows) + "\n"
 

@@ -73,6 +73,14 @@ class ImageFolder(Source):
             return np.arange(float(len(self)))
         return np.array([self._times.get(file, np.nan) for file in self.files])
 
+    def first_size(self) -> tuple[int, int] | None:
+        """Width and height of the first image, px; None where it cannot be read."""
+        try:
+            height, width = read_image(self.folder / self.files[0]).shape[:2]
+        except ValueError:
+            return None
+        return width, height
+
     def _place(self, index: int) -> tuple[float, RigidTransform | None]:
         """Time in s and world_from_body of an image."""
         file = self.files[index]
@@ -92,10 +100,11 @@ class ImageFolder(Source):
         image = read_image(self.folder / file)
         if self._mounted is None:
             return make_plain_frame(file, time_s, image)
+        mounted = self._mounted.fit(image.shape[1], image.shape[0])
         depth, name = None, f"{DEPTH_FOLDER}/{Path(file).stem}.pfm"
         if (self.folder / name).exists():
-            depth = read_depth(self.folder / name, name, self._mounted.camera, *self._depth_options)
-        return self._mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
+            depth = read_depth(self.folder / name, name, mounted.camera, *self._depth_options)
+        return mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
 
 
 def list_images(folder: Path) -> list[str]:

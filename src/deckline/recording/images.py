@@ -9,6 +9,7 @@ import io
 import re
 import struct
 import warnings
+from dataclasses import astuple
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -172,8 +173,7 @@ def convert_to_axial_depth(
     depth: NDArray[np.float32] = np.where(seen, stored, np.float32(np.nan))
     if depth_type == DEPTH_PLANAR:
         return depth
-    intrinsics = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
-    return depth / _cache_ray_lengths(*intrinsics, tuple(camera.distortion))
+    return depth / _cache_ray_lengths(*astuple(camera))
 
 
 @lru_cache(maxsize=4)

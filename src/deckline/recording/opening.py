@@ -5,7 +5,7 @@ from pathlib import Path
 
 from deckline.config import Navigation
 from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
-from deckline.recording.camera_file import CAMERA_FILE, EXAMPLE, MountedCamera, read_camera_file
+from deckline.recording.camera_file import CAMERA_FILE, CAMERA_FILES, EXAMPLE, MountedCamera, read_camera_file
 from deckline.recording.image_folder import ImageFolder, list_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
 from deckline.recording.pose_track import read_csv_track
@@ -33,9 +33,10 @@ def open_recording(
 
     Args:
         path: folder with airsim_rec.txt, folder of images, image or video file.
-        camera_file: camera.toml. When not given: an AirSim recording takes scene.json's camera, else camera.toml in
-            its folder, else a pinhole of `fov_deg`; a folder takes its camera.toml; an image or video file takes
-            <file>.camera.toml, else camera.toml beside it. Images and videos without one have lines in pixels only.
+        camera_file: camera.toml, or a YAML calibration of OpenCV or ROS. When not given: an AirSim recording takes
+            scene.json's camera, else camera.toml in its folder, else a pinhole of `fov_deg`; a folder takes its
+            camera.toml, else camera.yaml; an image or video file takes <file>.camera.toml (.yaml), else camera.toml
+            (.yaml) beside it. Images and videos without one have lines in pixels only.
         poses_file: poses.csv of images or a video. When not given: poses.csv in the folder; <file>.poses.csv, else
             poses.csv beside the file, when it is there.
         fov_deg: horizontal field of view of an AirSim recording that has no camera; 90 is AirSim's default.
@@ -79,7 +80,7 @@ def _open_images(
         raise RecordingError(f"{path}: zero frames: {places}{hint}")
     film = None if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES else read_film(path)
     mounted = options.camera
-    if mounted is None and (camera_file := _find(path, CAMERA_FILE)) is not None:
+    if mounted is None and (camera_file := _find(path, *CAMERA_FILES)) is not None:
         mounted = read_camera_file(camera_file)
     mounted = mounted and mounted.at(options.deck_z_m, options.sea_z_m)
     poses_file = None if (found := poses_file or _find(path, POSES_FILE)) is None else Path(found)
@@ -91,7 +92,24 @@ def _open_images(
     if mounted is None:
         place = _list_places(path, CAMERA_FILE)[-1]
         source.notes = (f"{path}: no camera file: lines in pixels, no metres; for these write {place}: {EXAMPLE}",)
+    else:
+        source.notes += _note_scaling(mounted, source)
     return source
+
+
+def _note_scaling(mounted: MountedCamera, source: ImageFolder | Video) -> tuple[str, ...]:
+    """A note where intrinsics are scaled to the first picture's size; a RecordingError where its shape is another."""
+    try:
+        size = source.film.size if isinstance(source, Video) else source.first_size()
+        if size is None or (fitted := mounted.fit(*size)) is mounted:
+            return ()
+    except ValueError as error:
+        raise RecordingError(f"{source.name}: {error}") from None
+    camera, scaled = mounted.camera, fitted.camera
+    return (
+        f"{source.name}: intrinsics for {camera.width}x{camera.height} px are scaled to the pictures' "
+        f"{scaled.width}x{scaled.height} px, fx {camera.fx:.1f} to {scaled.fx:.1f} px",
+    )
 
 
 def _open_folder(
@@ -114,5 +132,7 @@ def _list_places(path: Path, name: str) -> list[Path]:
     return [path / name] if path.is_dir() else [path.with_name(f"{path.name}.{name}"), path.with_name(name)]
 
 
-def _find(path: Path, name: str) -> Path | None:
-    return next((place for place in _list_places(path, name) if place.exists()), None)
+def _find(path: Path, *names: str) -> Path | None:
+    """The first of these files that is there, those named after the source before those of its folder."""
+    places = zip(*(_list_places(path, name) for name in names), strict=True)
+    return next((place for row in places for place in row if place.exists()), None)

@@ -30,6 +30,7 @@ class Film:
     path: Path
     times_s: NDArray[np.float64]  # (N,) presentation times in ascending order, the film's clock
     by_count: bool  # the container tells no more than a rate
+    size: tuple[int, int]  # width, height of the pictures, px
 
 
 class Video(Source):
@@ -100,7 +101,8 @@ class Video(Source):
         if self._mounted is None:
             return make_plain_frame(file, time_s, image)
         try:
-            return self._mounted.frame(file, time_s, image, world_from_body=world_from_body)
+            mounted = self._mounted.fit(image.shape[1], image.shape[0])
+            return mounted.frame(file, time_s, image, world_from_body=world_from_body)
         except ValueError as error:
             raise FrameError(file, str(error)) from None
 
@@ -111,7 +113,8 @@ def read_film(path: Path) -> Film:
         times = [
             _seconds(packet) for packet in _read_packets(container) if packet and packet.size and not packet.is_discard
         ]
-        by_count = container.format.name == COUNTED
+        by_count, codec = container.format.name == COUNTED, container.streams.video[0].codec_context
+        size = codec.width, codec.height
     if not times:
         raise RecordingError(f"{path}: zero frames: the video holds no pictures")
     if np.isnan(times).all():
@@ -119,7 +122,7 @@ def read_film(path: Path) -> Film:
             f"{path}: the video holds no presentation times; write it anew with its frame rate: "
             f"ffmpeg -framerate 30 -i {path.name} {path.stem}.mp4"
         )
-    return Film(path, np.sort([time for time in times if not np.isnan(time)]), by_count)
+    return Film(path, np.sort([time for time in times if not np.isnan(time)]), by_count, size)
 
 
 def _seconds(timed: Any) -> float:
