@@ -276,15 +276,20 @@ class Navigation:
 
     Args:
         max_gap_s: between two poses, beyond which pictures in between have no pose, s.
+        origin: latitude, longitude, degrees, and altitude, m, of the world's origin (North-East-Down), for poses that
+            have these; None: their first position.
         offset_s: the poses' clock minus the pictures' clock, s; None: 0, or as the frame numbers of poses.csv say.
     """
 
     max_gap_s: float = 0.5
     offset_s: float | None = None
+    origin: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         check_numbers(self, "navigation")
         check_numbers(self, "navigation", "max_gap_s", above=0.0)
+        if self.origin is not None and (abs(self.origin[0]) > 90.0 or abs(self.origin[1]) > 180.0):
+            raise ValueError(f"navigation.origin is latitude, longitude, degrees, altitude, m; got {self.origin}")
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -35,6 +35,7 @@ def run(
     out: Path,
     camera: str | None = None,
     poses: Path | None = None,
+    origin: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="LAT LON ALT")] = None,
     fov_deg: float = 90.0,
     deck_z_m: float | None = None,
     sea_z_m: float | None = None,
@@ -56,7 +57,10 @@ def run(
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
         camera: camera.toml, or a YAML calibration of OpenCV or ROS, when it does not lie beside the images or the
             video; of a simulator the camera's name.
-        poses: poses.csv, when it does not lie beside the images or the video.
+        poses: poses.csv, when it does not lie beside the images or the video, or a log of ArduPilot (.bin, .tlog) or
+            PX4 (.ulg).
+        origin: latitude, longitude, degrees, and altitude, metres, of the world's origin, for poses that have these;
+            their first position when not given.
         fov_deg: horizontal field of view of an AirSim recording without a camera file.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
         sea_z_m: world z (down, metres) of the water, for dehazing by geometry; without it 20 m below the deck.
@@ -72,9 +76,9 @@ def run(
         overwrite: replace the results of an older run in `out`.
     """
     config = options.run_config()
-    stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s}
-    stated_navigation = {name: value for name, value in stated.items() if value is not None}
-    config = replace(config, navigation=replace(config.navigation, **stated_navigation))
+    stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s, "origin": origin}
+    navigation: Any = {name: value for name, value in stated.items() if value is not None}
+    config = replace(config, navigation=replace(config.navigation, **navigation))
     flight = Flight.from_config(config)
     opened: Stream
     if source.startswith("airsim:"):

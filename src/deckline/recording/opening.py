@@ -3,12 +3,16 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from deckline.config import Navigation
 from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
 from deckline.recording.camera_file import CAMERA_FILE, CAMERA_FILES, EXAMPLE, MountedCamera, read_camera_file
 from deckline.recording.image_folder import ImageFolder, list_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
-from deckline.recording.pose_track import read_csv_track
+from deckline.recording.logs import FORMATS, read_log_track
+from deckline.recording.pose_track import PoseTrack, read_csv_track
 from deckline.recording.poses import POSES_FILE, TIMES_FILE, names_images, read_image_times, read_poses
 from deckline.recording.source import BadFrame, RecordingError, Source
 from deckline.recording.video import Video, read_film
@@ -37,8 +41,8 @@ def open_recording(
             scene.json's camera, else camera.toml in its folder, else a pinhole of `fov_deg`; a folder takes its
             camera.toml, else camera.yaml; an image or video file takes <file>.camera.toml (.yaml), else camera.toml
             (.yaml) beside it. Images and videos without one have lines in pixels only.
-        poses_file: poses.csv of images or a video. When not given: poses.csv in the folder; <file>.poses.csv, else
-            poses.csv beside the file, when it is there.
+        poses_file: poses.csv of images or a video, or an autopilot's log (.bin, .tlog, .ulg). When not given: poses.csv
+            in the folder; <file>.poses.csv, else poses.csv beside the file, when it is there.
         fov_deg: horizontal field of view of an AirSim recording that has no camera; 90 is AirSim's default.
         deck_z_m: world z (down) of the deck plane; overrides what files say.
         sea_z_m: world z (down) of the water; overrides what files say.
@@ -85,7 +89,7 @@ def _open_images(
     mounted = mounted and mounted.at(options.deck_z_m, options.sea_z_m)
     poses_file = None if (found := poses_file or _find(path, POSES_FILE)) is None else Path(found)
     if film is not None:
-        track = None if poses_file is None else read_csv_track(poses_file, navigation, film.times_s)
+        track = None if poses_file is None else _read_track(poses_file, navigation, film.times_s)
         source: ImageFolder | Video = Video(film, mounted, track)
     else:
         source = _open_folder(path, mounted, poses_file, options, navigation)
@@ -118,13 +122,21 @@ def _open_folder(
     """A folder or a single image; poses go by file where poses.csv names files, else by the times of times.csv."""
     folder, files = (path, None) if path.is_dir() else (path.parent, [path.name])
     times_file = folder / TIMES_FILE
-    if poses_file is not None and names_images(poses_file):
+    if poses_file is not None and not _is_log(poses_file) and names_images(poses_file):
         return ImageFolder(folder, mounted, read_poses(poses_file), None, options, files)
-    track = None if poses_file is None else read_csv_track(poses_file, navigation)
+    track = None if poses_file is None else _read_track(poses_file, navigation)
     if track is not None and not times_file.exists():
         raise RecordingError(f"{poses_file} has poses by time; write {times_file} with the columns file,time_s")
     times = read_image_times(times_file) if times_file.exists() else None
     return ImageFolder(folder, mounted, track, times, options, files)
+
+
+def _is_log(path: Path) -> bool:
+    return path.suffix.lower() in FORMATS
+
+
+def _read_track(path: Path, navigation: Navigation, film_times_s: NDArray[np.float64] | None = None) -> PoseTrack:
+    return read_log_track(path, navigation) if _is_log(path) else read_csv_track(path, navigation, film_times_s)
 
 
 def _list_places(path: Path, name: str) -> list[Path]:

@@ -10,11 +10,13 @@ from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from deckline.config import Navigation
 from deckline.geometry import QUATERNION_TOLERANCE
+from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned
 from deckline.recording.poses import Rows, parse_number, read_table
-from deckline.recording.source import RecordingError
+from deckline.recording.source import RecordingError, read_text
 
 Array = NDArray[np.float64]
 POSITION = ("x_m", "y_m", "z_m")
+GEODETIC = ("lat_deg", "lon_deg", "alt_m")  # in place of POSITION
 ATTITUDE = ("qw", "qx", "qy", "qz")
 ROUNDING_S = 1e-3  # of presentation times, which many containers store in milliseconds
 
@@ -44,6 +46,10 @@ class PoseTrack:
         rotation = Slerp([0.0, 1.0], self.rotations[pair])(share)
         return RigidTransform.from_components([1 - share, share] @ self.positions_m[pair], rotation)
 
+    def covers(self, times_s: ArrayLike) -> NDArray[np.bool_]:
+        """Whether there is a pose at times (T,) of the pictures' clock."""
+        return self._bracket(times_s)[0]
+
     def notes_on(self, times_s: Array) -> tuple[str, ...]:
         """Notes on the poses and on the pictures, at these times of their clock, that have none.
 
@@ -51,7 +57,7 @@ class PoseTrack:
             RecordingError: no picture has a pose.
         """
         times_s = times_s[np.isfinite(times_s)]
-        without = int((~self._bracket(times_s)[0]).sum())
+        without = int((~self.covers(times_s)).sum())
         if len(times_s) and without == len(times_s):
             raise RecordingError(
                 f"{self.name}: no pose belongs to a picture: poses are from {self.times_s[0]:.3f} to "
@@ -116,7 +122,7 @@ def make_track(
 
 
 def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | None = None) -> PoseTrack:
-    """A track from poses.csv, whose rows go by time_s.
+    """A track from poses.csv, whose rows go by time_s; positions in metres, or latitude, longitude and altitude.
 
     Args:
         path: the file.
@@ -127,8 +133,10 @@ def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | Non
     Raises:
         RecordingError: a column is missing, `file` holds no frame numbers, or as `make_track`.
     """
-    table, notes = read_table(path, ",", ("time_s", *POSITION, *ATTITUDE), ("file",))
-    columns = [[parse_number(cells, name) for _, cells in table] for name in ("time_s", *POSITION, *ATTITUDE)]
+    geodetic = all(name in read_text(path).partition("\n")[0] for name in GEODETIC)
+    names = ("time_s", *(GEODETIC if geodetic else POSITION), *ATTITUDE)
+    table, notes = read_table(path, ",", names, ("file",))
+    columns = [[parse_number(cells, name) for _, cells in table] for name in names]
     times, values = np.array(columns[0]), np.array(columns[1:]).T
     if film_times_s is not None and "file" in table[0][1]:
         numbers = _frame_numbers(path, table)
@@ -140,7 +148,32 @@ def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | Non
             notes.append(
                 f"{path}: the film's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
             )
-    return make_track(str(path), times, values[:, :3], values[:, 3:], navigation, notes)
+    track = make_track(str(path), times, values[:, :3], values[:, 3:], navigation, notes)
+    return place_in_world(track, navigation.origin) if geodetic else track
+
+
+def place_in_world(track: PoseTrack, origin: tuple[float, float, float] | None) -> PoseTrack:
+    """A track of latitude, longitude, degrees, altitude, m, in the North-East-Down world of an origin (the same units).
+
+    Attitudes are of the local axes at each position and are turned into those of the origin. Without an origin the
+    first position is it, and a note says so.
+
+    Raises:
+        RecordingError: latitudes or longitudes out of range.
+    """
+    geodetic = track.positions_m
+    if (np.abs(geodetic[:, :2]) > [90.0, 180.0]).any():
+        raise RecordingError(f"{track.name}: latitude must lie within 90 degrees, longitude within 180")
+    notes = track.notes
+    if origin is None:
+        latitude, longitude, altitude = geodetic[0]
+        stated = f"{latitude:.7f} {longitude:.7f} {altitude:.2f}"
+        notes = (*notes, f"{track.name}: the world's origin is the first position; to state it: --origin {stated}")
+    at = geodetic[:1] if origin is None else np.array([origin])
+    ned_from_ecef = ecef_from_ned(at)[0].inv()
+    positions = ned_from_ecef.apply(ecef_from_geodetic(geodetic) - ecef_from_geodetic(at))
+    rotations = ned_from_ecef * ecef_from_ned(geodetic) * track.rotations
+    return replace(track, positions_m=positions, rotations=rotations, notes=notes)
 
 
 def _frame_numbers(path: Path, table: Rows) -> NDArray[np.int64]:

@@ -1,0 +1,26 @@
+"""Latitude, longitude and altitude in a local North-East-Down world: the tangent plane at an origin.
+
+Source: WGS 84 (NGA.STND.0036), geodetic to Earth-centred coordinates in closed form. Altitudes above mean sea level are
+taken as ellipsoidal: over an airfield the geoid's height is one constant, which the origin's altitude takes away.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+SEMI_MAJOR_M, FLATTENING = 6378137.0, 1 / 298.257223563
+
+
+def ecef_from_geodetic(geodetic: Array) -> Array:
+    """Latitude, longitude, degrees, and altitude, m, (N, 3) -> Earth-centred, Earth-fixed coordinates (N, 3), m."""
+    lat, lon, alt = np.deg2rad(geodetic[:, 0]), np.deg2rad(geodetic[:, 1]), geodetic[:, 2]
+    e2 = FLATTENING * (2 - FLATTENING)
+    normal = SEMI_MAJOR_M / np.sqrt(1 - e2 * np.sin(lat) ** 2)
+    level = (normal + alt) * np.cos(lat)
+    return np.column_stack([level * np.cos(lon), level * np.sin(lon), (normal * (1 - e2) + alt) * np.sin(lat)])
+
+
+def ecef_from_ned(geodetic: Array) -> Rotation:
+    """Rotations (N) from the local North-East-Down axes at latitudes and longitudes (N, 3), degrees."""
+    return Rotation.from_euler("ZY", np.column_stack([geodetic[:, 1], -90.0 - geodetic[:, 0]]), degrees=True)
