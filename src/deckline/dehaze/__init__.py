@@ -10,9 +10,19 @@ from deckline.dehaze.dark_channel import DarkChannelDehazer
 from deckline.dehaze.geometry import GeometryDehazer
 from deckline.dehaze.network import OnnxDehazer
 from deckline.dehaze.transmission import GeometryConfig
+from deckline.dehaze.veil import VeilDehazer
 from deckline.runtime import shipped_weights
 
-__all__ = ["DEHAZERS", "NOT_DEHAZED", "DarkChannelDehazer", "Dehazer", "GeometryDehazer", "OnnxDehazer", "restore"]
+__all__ = [
+    "DEHAZERS",
+    "NOT_DEHAZED",
+    "DarkChannelDehazer",
+    "Dehazer",
+    "GeometryDehazer",
+    "OnnxDehazer",
+    "VeilDehazer",
+    "restore",
+]
 
 FAST_PX = 320  # working size of the fast path: a quarter of the network's work; fine structures are lost
 NOT_DEHAZED = IdentityDehazer.name
@@ -20,9 +30,12 @@ NOT_DEHAZED = IdentityDehazer.name
 DEHAZERS: dict[str, Callable[[], Dehazer]] = {
     NOT_DEHAZED: IdentityDehazer,
     "dark-channel": DarkChannelDehazer,
+    "veil": VeilDehazer,
     "geometry": GeometryDehazer,
     "geometry-linear": lambda: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
-    "coarse-t": lambda: OnnxDehazer(shipped_weights("coarse-t"), name="coarse-t"),
+    "coarse-t": lambda: OnnxDehazer(shipped_weights("coarse-t"), name="coarse-t", without_pose=VeilDehazer()),
     "paper-scene": lambda: OnnxDehazer(shipped_weights("paper-scene"), name="paper-scene", network_only=True),
-    "fast": lambda: OnnxDehazer(shipped_weights("coarse-t"), name="fast", working_long_side_px=FAST_PX),
+    "fast": lambda: OnnxDehazer(
+        shipped_weights("coarse-t"), name="fast", working_long_side_px=FAST_PX, without_pose=VeilDehazer()
+    ),
 }

@@ -69,6 +69,12 @@ def estimate_airlight(image: Image, dark: Image, fraction: float) -> Image:
 
 def guided_filter(guide: Image, values: Image, radius_px: int, eps: float) -> Image:
     """Smooth `values` along the edges of a grey `guide`, both (H, W). Source: He, Sun and Tang 2013, equation 5-8."""
+    slope, offset = guided_coefficients(guide, values, radius_px, eps)
+    return slope * guide + offset
+
+
+def guided_coefficients(guide: Image, values: Image, radius_px: int, eps: float) -> tuple[Image, Image]:
+    """Slope and offset (H, W) of `values` as a function of the guide, linear in every window, mean over windows."""
     import cv2
 
     def box(x: Image) -> Image:
@@ -79,4 +85,4 @@ def guided_filter(guide: Image, values: Image, radius_px: int, eps: float) -> Im
     mean_guide, mean_values = box(guide), box(values)
     variance = np.maximum(box(guide * guide) - mean_guide * mean_guide, 0)
     slope = (box(guide * values) - mean_guide * mean_values) / (variance + np.float32(eps))
-    return box(slope) * guide + box(mean_values - slope * mean_guide)
+    return box(slope), box(mean_values - slope * mean_guide)

@@ -3,7 +3,8 @@
 A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: in clear
 air the geometry dehazer's result is used, whatever the network says. In haze both are estimates with errors of their
 own, so that their mean is better than either where they agree; where they do not, geometry is more often far off.
-Without a pose a change that is no larger than what the network does to clear images is not made.
+Without a pose a change that is no larger than what the network does to clear images is not made; on photographs of haze
+that change does harm, so that the shipped networks leave images without a pose to another dehazer.
 """
 
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_image
-from deckline.dehaze.base import Restored
+from deckline.dehaze.base import Dehazer, Restored, restore
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
 from deckline.runtime import load_session
@@ -52,6 +53,7 @@ class OnnxDehazer:
         working_long_side_px: what larger images are averaged down to; None: the size that the network was trained on.
         network_only: give what the network gives. Otherwise the result of one with a prior is blended with geometry's,
             and changes too small to be haze are not made.
+        without_pose: takes images alone and frames without a pose; None: the network takes them.
 
     Raises:
         ValueError: no ONNX file, or one that is no dehazing network of deckline.
@@ -64,6 +66,7 @@ class OnnxDehazer:
         threads: int | None = None,
         working_long_side_px: int | None = None,
         network_only: bool = False,
+        without_pose: Dehazer | None = None,
     ) -> None:
         self.name = name or Path(path).name
         self.session = load_session(path, threads)
@@ -75,6 +78,7 @@ class OnnxDehazer:
         self.coarse = "working" in self.session.input_names
         self.geometry = GeometryDehazer() if config["network"].get("prior") else None
         self.network_only = network_only or self.geometry is None
+        self.without_pose = without_pose
         trained_px = int(config["working_long_side_px"])
         self.working_long_side_px = trained_px if working_long_side_px is None else working_long_side_px
         self.grid_px = int(config["network"]["unshuffle"])
@@ -86,14 +90,21 @@ class OnnxDehazer:
         return (config["parameters"], config["macs_256"]) if "macs_256" in config else None
 
     def __call__(self, image_rgb: Image) -> Image:
+        if self.without_pose is not None:
+            return self.without_pose(image_rgb)
+        return self._restore_alone(image_rgb)
+
+    def _restore_alone(self, image_rgb: Image) -> Image:
         check_image(image_rgb)
         clear = self._run(image_rgb, image_rgb)
         return clear if self.network_only else suppress_small_change(image_rgb, clear)
 
     def restore(self, frame: Frame) -> Restored:
+        if self.without_pose is not None and frame.world_from_camera is None:
+            return restore(self.without_pose, frame)
         solution = None if self.geometry is None else self.geometry.solve(frame)
         if not isinstance(solution, GeometrySolution):
-            return Restored(self(frame.image_rgb))
+            return Restored(self._restore_alone(frame.image_rgb))
         clear = self._run(frame.image_rgb, solution.image_rgb)
         return Restored(clear if self.network_only else blend_with_geometry(clear, solution))
 

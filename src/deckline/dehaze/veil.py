@@ -1,0 +1,229 @@
+"""Dehazing from one image alone: an airlight that follows the sky, and a veil under the darkest detail.
+
+I = J (1 - V) + A V. The airlight A is a smooth surface through the sky; a plain sky is therefore left as it is. The
+veil V comes from the dark channel, less what a scene's darkest details send themselves, smoothed along the image's
+edges. J is the most likely scene where noise passes for little signal. A picture whose dark places are dark is hardly
+changed: nothing tells an overcast scene from a hazy one but how far up its darkest details are.
+
+Sources: He, Sun and Tang 2011 (dark channel); Tarel and Hautiere, "Fast visibility restoration from a single color or
+gray level image", 2009 (atmospheric veil); He, Sun and Tang 2013 (guided filter). The airlight's surface, the strength
+and the tone are ours, chosen by eye on 48 photographs of fog that are not part of this project.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.checks import check_image, check_numbers
+from deckline.dehaze.base import Restored
+from deckline.dehaze.dark_channel import dark_channel, guided_coefficients
+from deckline.dehaze.geometry import STRIP_PX, estimate_noise
+from deckline.types import Frame
+
+Image = NDArray[np.float32]
+
+ANALYSIS_PX = 480  # longer side of the image that air and veil are estimated in
+PATCH = 1 / 60  # of its width, as the next three: the dark channel's window
+GUIDE_RADIUS = 1 / 24
+SKY_GRADIENT = 0.012  # of full scale a pixel; what changes less is smooth
+SKY_PX = 7  # side of the window in which it is averaged
+MIN_TOP_SHARE = 0.05  # of the top rows that a smooth region must hold to be sky
+TOP_ROWS = 3
+TOP_BAND = 0.1  # of the height, whose median grey is the sky's
+LEAST_GREY = 0.85  # of it; smooth water below a sky is darker
+MIN_SKY_SHARE = 0.03  # of the image; a smaller sky tells no surface
+SKY_SPREAD = 0.03  # of full scale; colours farther off the surface weigh less
+SKY_RIDGE = (2e-5, 0.01, 0.01, 0.1, 0.1, 0.1)  # relative to a pixel's weight, of the surface's terms
+SURFACE_SAMPLES, SURFACE_STEPS = 4000, 5  # pixels of the sky that are fitted; rounds of reweighting
+LOWEST_SKY = 80  # percentile of the columns' lowest sky rows; below it the airlight keeps that row's value
+GUIDE_EPS = 1e-3
+MAX_VEIL = 0.92
+NIGHT = (0.1, 0.2)  # airlight, share of full scale: nothing is done, everything is done
+DARKEST = (0.03, 0.2, 0.5)  # dark channel over airlight, 2nd percentile: no haze, haze; what that weighs
+MEAN = (0.2, 0.5, 0.7)  # its mean outside the sky: the same
+SCENE_SIGMA = 0.12  # of full scale: how much a scene varies about the airlight
+MIN_NOISE, NOISE_WEIGHT = 0.008, 1.5  # of full scale, 1-sigma; times what neighbours differ by
+AIRLIGHT_SIGMA = 0.02  # of full scale times V
+TONE_SHARE = 0.5  # of the brightness that was taken away is given back
+MIN_GAMMA = 0.6
+LEVELS = 4096  # of the table that gives it back
+
+
+@dataclass(frozen=True)
+class VeilConfig:
+    """Settings of the single-image dehazer."""
+
+    strength: float = 0.9  # of the veil that is taken off at most; He et al. take 0.95
+    darkest: float = 0.12  # of the airlight: what a scene's darkest details send themselves
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "", "strength", "darkest", least=0, most=0.99)
+
+
+@dataclass(frozen=True, eq=False)
+class Air:
+    """What the air of one image is like, at the analysis' resolution."""
+
+    airlight: Image  # (h, w, 3) of full scale
+    slope: Image  # (h, w): V = slope * grey + offset
+    offset: Image  # (h, w)
+    noise: float  # of a pixel, 1-sigma, of full scale
+    strength: float  # share of the dark channel's veil that is taken off
+
+
+class VeilDehazer:
+    """Dehazes images without pose; a note says why one comes out as it is."""
+
+    name = "veil"
+
+    def __init__(self, config: VeilConfig | None = None) -> None:
+        self.config = config or VeilConfig()
+
+    def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        return self._restore(image_rgb).image_rgb
+
+    def restore(self, frame: Frame) -> Restored:
+        return self._restore(frame.image_rgb)
+
+    def _restore(self, image_rgb: NDArray[np.uint8]) -> Restored:
+        import cv2
+
+        check_image(image_rgb)
+        height, width = image_rgb.shape[:2]
+        scale = min(1.0, ANALYSIS_PX / max(height, width))
+        size = max(1, round(width * scale)), max(1, round(height * scale))
+        small = to_full_scale(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA))
+        noise = estimate_noise(np.diff(image_rgb[:: max(1, height // 90)].astype(np.float32), axis=1)) / 255
+        air = estimate_air(small, noise, self.config)
+        if air.strength == 0:
+            return Restored(image_rgb.copy(), "not dehazed: the picture is dark, or its dark places show no haze")
+        return Restored(remove_veil(image_rgb, air, find_gamma(small, air)))
+
+
+def to_full_scale(levels: NDArray) -> Image:
+    """Levels 0..255 as float32 shares of full scale."""
+    return np.asarray(levels, np.float32) / np.float32(255)
+
+
+def estimate_air(image: Image, noise: float, config: VeilConfig) -> Air:
+    """Airlight and veil of an image (h, w, 3) of full scale whose pixels have this noise, 1-sigma."""
+    import cv2
+
+    width = image.shape[1]
+    sky = find_sky(image)
+    airlight = fit_airlight(image, sky)
+    patch = max(3, round(width * PATCH))
+    ratio = image / airlight
+    # An opening of the smallest channel follows edges better than its minimum alone.
+    opened = cv2.dilate(dark_channel(ratio, patch), np.ones((patch, patch), np.uint8))
+    dark = cv2.GaussianBlur(opened, (0, 0), patch / 2).clip(0, 1)
+    strength = config.strength * _haziness(dark[~sky], float(airlight.mean()))
+    veil = strength * np.clip((dark - config.darkest) / (1 - config.darkest), 0, 1)
+    slope, offset = guided_coefficients(image.mean(axis=2), veil, max(4, round(width * GUIDE_RADIUS)), GUIDE_EPS)
+    return Air(airlight, slope, offset, max(MIN_NOISE, NOISE_WEIGHT * noise), strength)
+
+
+def find_sky(image: Image) -> NDArray[np.bool_]:
+    """Where an image (h, w, 3) of full scale shows sky or the haze before it (h, w): smooth, from the top down.
+
+    A smooth top that is darker than what lies below it is none.
+    """
+    import cv2
+
+    grey = image.mean(axis=2)
+    across, down = (cv2.Sobel(grey, cv2.CV_32F, *order) / 8 for order in ((1, 0), (0, 1)))
+    smooth = cv2.blur(np.hypot(across, down), (SKY_PX, SKY_PX)) < SKY_GRADIENT
+    _, labels = cv2.connectedComponents(cv2.erode(smooth.astype(np.uint8), np.ones((3, 3), np.uint8)), connectivity=4)
+    counts = np.bincount(labels[:TOP_ROWS].ravel(), minlength=labels.max() + 1)
+    is_top = counts > MIN_TOP_SHARE * labels[:TOP_ROWS].size
+    is_top[0] = False
+    sky: NDArray[np.bool_] = is_top[labels]
+    if not sky.any():
+        return sky
+    rows = max(TOP_ROWS, round(TOP_BAND * len(grey)))
+    sky &= grey > LEAST_GREY * np.median(grey[:rows][sky[:rows]])
+    below = dark_channel(image, 11)[~sky]
+    if len(below) and sky.any() and grey[sky].mean() < below.mean():
+        return np.zeros_like(sky)
+    return sky
+
+
+def fit_airlight(image: Image, sky: NDArray[np.bool_]) -> Image:
+    """The airlight (h, w, 3): a quadratic surface through the sky, or the haziest colour where there is none."""
+    height, width = sky.shape
+    if sky.mean() <= MIN_SKY_SHARE:
+        dark = dark_channel(image, 11)
+        colour = np.median(image[dark >= np.percentile(dark, 99.5)], axis=0)
+        return np.broadcast_to(np.maximum(colour, 0.05), image.shape).astype(np.float32)
+    terms = _quadratic_terms(height, width)
+    step = max(1, int(sky.sum()) // SURFACE_SAMPLES)
+    rows, colours = terms[sky][::step], image[sky][::step]
+    ridge = np.diag(np.array(SKY_RIDGE, np.float32) * len(rows))
+    weights = np.ones(len(rows), np.float32)
+    for _ in range(SURFACE_STEPS):
+        weighted = (rows * weights[:, None]).T
+        surface = np.linalg.solve(weighted @ rows + ridge, weighted @ colours)
+        weights = 1 / (1 + ((colours - rows @ surface) ** 2).sum(axis=1) / SKY_SPREAD**2)
+    lowest = height - 1 - sky[::-1].argmax(axis=0)[sky.any(axis=0)]
+    held = np.minimum(np.arange(height), int(np.percentile(lowest, LOWEST_SKY)))
+    return np.clip(terms[held] @ surface, np.maximum(image[sky].min(axis=0), 0.05), 1).astype(np.float32)
+
+
+def _quadratic_terms(height: int, width: int) -> Image:
+    """1, x, y, x^2, x y, y^2 of every pixel (h, w, 6), x and y from -1 to 1."""
+    y, x = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1).astype(np.float32)
+
+
+def _haziness(dark: Image, airlight: float) -> float:
+    """How surely an image is hazy, 0 to 1, by its dark channel over the airlight outside the sky (N,)."""
+    if not len(dark):
+        return 0.0
+    parts = [
+        weight * _ramp(value, low, high)
+        for value, (low, high, weight) in ((float(np.percentile(dark, 2)), DARKEST), (float(dark.mean()), MEAN))
+    ]
+    return min(1.0, sum(parts)) * _ramp(airlight, *NIGHT)
+
+
+def _ramp(value: float, low: float, high: float) -> float:
+    return float(np.clip((value - low) / (high - low), 0, 1))
+
+
+def estimate_scene(image: Image, airlight: Image, slope: Image, offset: Image, noise: float) -> Image:
+    """The most likely scene (H, W, 3) of full scale, not clipped; maps are of the image's size."""
+    t = 1 - np.clip(slope * image.mean(axis=2) + offset, 0, MAX_VEIL)
+    variance = noise**2 + np.square(AIRLIGHT_SIGMA * (1 - t))
+    gain = t / (t * t + variance / SCENE_SIGMA**2)
+    # The gain stays at least 1: noise is a reason to take off less haze, none to add some.
+    return np.asarray(airlight + np.maximum(gain, 1)[..., None] * (image - airlight), dtype=np.float32)
+
+
+def find_gamma(small: Image, air: Air) -> float:
+    """The exponent that gives back a part of the brightness that the veil took along."""
+    scene = estimate_scene(small, air.airlight, air.slope, air.offset, air.noise).clip(0, 1)
+    bright, mean = float(small.mean()), float(scene.mean())
+    if mean >= bright or mean < 1e-3:
+        return 1.0
+    return float(np.clip(np.log(mean + TONE_SHARE * (bright - mean)) / np.log(mean), MIN_GAMMA, 1))
+
+
+def remove_veil(image_rgb: NDArray[np.uint8], air: Air, gamma: float) -> NDArray[np.uint8]:
+    """An image (H, W, 3) of any size without its veil, strip by strip."""
+    import cv2
+
+    height, width = image_rgb.shape[:2]
+    table = np.rint(255 * np.linspace(0, 1, LEVELS) ** gamma).astype(np.uint8)
+    airlight, slope, offset = (
+        np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+        for part in (air.airlight, air.slope, air.offset)
+    )
+    clear = np.empty_like(image_rgb)
+    step = max(1, STRIP_PX // width)
+    for top in range(0, height, step):
+        rows = slice(top, top + step)
+        image = to_full_scale(image_rgb[rows])
+        scene = estimate_scene(image, airlight[rows], slope[rows], offset[rows], air.noise)
+        clear[rows] = table[(scene * (LEVELS - 1) + 0.5).clip(0, LEVELS - 1).astype(np.intp)]
+    return clear
