@@ -45,8 +45,12 @@ MEAN = (0.2, 0.5, 0.7)  # its mean outside the sky: the same
 SCENE_SIGMA = 0.12  # of full scale: how much a scene varies about the airlight
 MIN_NOISE, NOISE_WEIGHT = 0.008, 1.5  # of full scale, 1-sigma; times what neighbours differ by
 AIRLIGHT_SIGMA = 0.02  # of full scale times V
-TONE_SHARE = 0.5  # of the brightness that was taken away is given back
-MIN_GAMMA = 0.6
+GREY_SIGMA, COLOUR_SIGMA = 0.006, 0.025  # of the airlight's own grey and colour, of full scale
+BRIGHT, BRIGHT_SHARE = 0.1, 0.3  # what is so much brighter than the airlight gets this share: full scale is near
+SMOOTH_PX = 8  # radius in which noise is averaged; compression makes blocks of 8 and 16 px
+SMOOTH_NOISE = 1.5  # sigmas of the contrast that is taken for noise
+TONE_SHARE = 0.4  # of the brightness that was taken away is given back
+MIN_GAMMA = 0.7
 LEVELS = 4096  # of the table that gives it back
 
 
@@ -55,7 +59,7 @@ class VeilConfig:
     """Settings of the single-image dehazer."""
 
     strength: float = 0.9  # of the veil that is taken off at most; He et al. take 0.95
-    darkest: float = 0.12  # of the airlight: what a scene's darkest details send themselves
+    darkest: float = 0.18  # of the airlight: what a scene's darkest details send themselves
 
     def __post_init__(self) -> None:
         check_numbers(self, "", "strength", "darkest", least=0, most=0.99)
@@ -192,12 +196,35 @@ def _ramp(value: float, low: float, high: float) -> float:
 
 
 def estimate_scene(image: Image, airlight: Image, slope: Image, offset: Image, noise: float) -> Image:
-    """The most likely scene (H, W, 3) of full scale, not clipped; maps are of the image's size."""
+    """The most likely scene (H, W, 3) of full scale, not clipped; maps are of the image's size.
+
+    Only what stands out of the airlight by more than noise and its own colour error is drawn apart; the rest stays.
+    """
     t = 1 - np.clip(slope * image.mean(axis=2) + offset, 0, MAX_VEIL)
     variance = noise**2 + np.square(AIRLIGHT_SIGMA * (1 - t))
-    gain = t / (t * t + variance / SCENE_SIGMA**2)
-    # The gain stays at least 1: noise is a reason to take off less haze, none to add some.
-    return np.asarray(airlight + np.maximum(gain, 1)[..., None] * (image - airlight), dtype=np.float32)
+    more = np.maximum(t / (t * t + variance / SCENE_SIGMA**2), 1) - 1
+    contrast = smooth_noise(image - airlight, noise)
+    grey = contrast.mean(axis=2)
+    colour = contrast - grey[..., None]
+    grey *= grey * grey / (grey * grey + GREY_SIGMA**2)
+    more *= 1 - (1 - BRIGHT_SHARE) * np.clip(grey / BRIGHT, 0, 1)
+    squares = (colour * colour).sum(axis=2)
+    colour *= (squares / (squares + COLOUR_SIGMA**2))[..., None]
+    return np.asarray(image + more[..., None] * (grey[..., None] + colour), dtype=np.float32)
+
+
+def smooth_noise(contrast: Image, noise: float) -> Image:
+    """A contrast (H, W, 3) whose ripples no larger than noise and compression are averaged out, edges kept.
+
+    Source: He, Sun and Tang 2013, the guided filter with the image as its own guide.
+    """
+    import cv2
+
+    side = (2 * SMOOTH_PX + 1,) * 2
+    mean = cv2.blur(contrast, side)
+    variance = np.maximum(cv2.blur(contrast * contrast, side) - mean * mean, 0)
+    share = cv2.blur(variance / (variance + np.float32((SMOOTH_NOISE * noise) ** 2)), side)
+    return np.asarray(mean + share * (contrast - mean), dtype=np.float32)
 
 
 def find_gamma(small: Image, air: Air) -> float:
@@ -222,8 +249,9 @@ def remove_veil(image_rgb: NDArray[np.uint8], air: Air, gamma: float) -> NDArray
     clear = np.empty_like(image_rgb)
     step = max(1, STRIP_PX // width)
     for top in range(0, height, step):
-        rows = slice(top, top + step)
+        first = max(0, top - 2 * SMOOTH_PX)  # the filter reaches so far into the neighbouring strips
+        rows = slice(first, top + step + 2 * SMOOTH_PX)
         image = to_full_scale(image_rgb[rows])
-        scene = estimate_scene(image, airlight[rows], slope[rows], offset[rows], air.noise)
-        clear[rows] = table[(scene * (LEVELS - 1) + 0.5).clip(0, LEVELS - 1).astype(np.intp)]
+        scene = estimate_scene(image, airlight[rows], slope[rows], offset[rows], air.noise)[top - first :][:step]
+        clear[top : top + step] = table[(scene * (LEVELS - 1) + 0.5).clip(0, LEVELS - 1).astype(np.intp)]
     return clear
