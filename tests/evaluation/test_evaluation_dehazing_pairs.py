@@ -83,9 +83,9 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
     assert run(folder, "--detector", "none", "--dehazer", "none") == 2
     assert "a_vis900.png stands there twice" in last_error(capsys)
     (folder / "labels.json").write_text(json.dumps(labels))
-    cv2.imwrite(str(folder / "a_clear.png"), np.zeros((30, 40, 3), np.uint8))
+    cv2.imwrite(str(folder / "a_clear.png"), np.zeros((360, 640, 3), np.uint8))
     assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-    assert "its clear picture is 40x30 px" in last_error(capsys)
+    assert "its clear picture is 640x360 px" in last_error(capsys)
 
 
 def test_a_folder_that_names_no_pair_gives_its_pictures_and_their_lines(pair_folder, tmp_path):
