@@ -33,6 +33,7 @@ WRITERS = {"log.bin": dataflash, "log.tlog": telemetry, "log.ulg": write_ulog}
 def test_logs_give_position_and_attitude_in_the_world_of_the_origin(tmp_path, name):
     path = WRITERS[name](tmp_path / name, ANGLES, PLACES)
     track = read_log_track(path, Navigation(offset_s=10.0, origin=ORIGIN))
+    assert not track.notes
     north_m = 111_170.0 * 1e-4  # of a ten-thousandth degree of latitude at 46 degrees, on the ellipsoid
     for time in (0.4, 1.0, 2.5):
         pose = track.at(time)
@@ -49,6 +50,7 @@ def test_without_an_origin_the_first_position_is_it_and_gaps_stay(tmp_path, name
     track = read_log_track(path, Navigation())
     np.testing.assert_allclose(track.positions_m[0], 0.0, atol=1e-9)
     assert "--origin 46.0170000 7.7500000 1673.00" in track.notes[-1]
+    assert any("--pose-offset-s" in note for note in track.notes)
     assert track.at(10.5) is not None
     assert track.at(12.0) is None
 

@@ -52,3 +52,8 @@ def restore(dehazer: Dehazer, frame: Frame) -> Restored:
     if isinstance(dehazer, FrameDehazer):
         return dehazer.restore(frame)
     return Restored(dehazer(frame.image_rgb))
+
+
+def ramp(value: float, low: float, high: float) -> float:
+    """0 up to `low`, 1 from `high` on."""
+    return float(np.clip((value - low) / (high - low), 0, 1))

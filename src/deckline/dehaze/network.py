@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_image
-from deckline.dehaze.base import Dehazer, Restored, restore
+from deckline.dehaze.base import Dehazer, Restored, ramp, restore
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
 from deckline.runtime import load_session
@@ -212,21 +212,16 @@ def blend_with_geometry(network_rgb: Image, solution: GeometrySolution) -> Image
 
 def clear_air_certainty(haze: HazeFit, times: float) -> float:
     """How surely the air is `times` as clear as CLEAR_M, 0 to 1."""
-    clear = _ramp(float(np.log(haze.visibility_m / times)), *np.log(CLEAR_M))
+    clear = ramp(float(np.log(haze.visibility_m / times)), *np.log(CLEAR_M))
     horizon = float((haze.airlight + haze.sea.sum(axis=0)).mean() / haze.airlight.mean())
-    return clear * (1 - _ramp(horizon, *HORIZON_SEA))
-
-
-def _ramp(value: float, low: float, high: float) -> float:
-    """0 up to `low`, 1 from `high` on."""
-    return float(np.clip((value - low) / (high - low), 0, 1))
+    return clear * (1 - ramp(horizon, *HORIZON_SEA))
 
 
 def suppress_small_change(image_rgb: Image, network_rgb: Image) -> Image:
     """The network's image (H, W, 3), blended with its input where it hardly differs from it."""
     step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
     change = np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step])))
-    share = 1 - _ramp(float(change), *CHANGE_LEVELS)
+    share = 1 - ramp(float(change), *CHANGE_LEVELS)
     return blend(network_rgb, image_rgb, np.full(image_rgb.shape[:2], share, np.float32)) if share else network_rgb
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_image, check_numbers
-from deckline.dehaze.base import Restored
+from deckline.dehaze.base import Restored, ramp
 from deckline.dehaze.dark_channel import dark_channel, guided_coefficients
 from deckline.dehaze.geometry import STRIP_PX, estimate_noise
 from deckline.types import Frame
@@ -185,14 +185,10 @@ def _haziness(dark: Image, airlight: float) -> float:
     if not len(dark):
         return 0.0
     parts = [
-        weight * _ramp(value, low, high)
+        weight * ramp(value, low, high)
         for value, (low, high, weight) in ((float(np.percentile(dark, 2)), DARKEST), (float(dark.mean()), MEAN))
     ]
-    return min(1.0, sum(parts)) * _ramp(airlight, *NIGHT)
-
-
-def _ramp(value: float, low: float, high: float) -> float:
-    return float(np.clip((value - low) / (high - low), 0, 1))
+    return min(1.0, sum(parts)) * ramp(airlight, *NIGHT)
 
 
 def estimate_scene(image: Image, airlight: Image, slope: Image, offset: Image, noise: float) -> Image:

@@ -146,6 +146,9 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
     rotations = Slerp(attitudes.times_s, attitudes.rotations)(times)
     columns = [np.interp(times, positions.times_s, column) for column in positions.positions_m.T]
     notes = (*attitudes.notes, *positions.notes)
+    if navigation.offset_s is None:
+        clock = "the pictures' times are taken to be seconds since the autopilot's start, which a film's are not"
+        notes = (*notes, f"{path}: {clock}; state --pose-offset-s (0 for one clock)")
     offset_s = navigation.offset_s or 0.0
     track = PoseTrack(str(path), times, np.array(columns).T, rotations, navigation.max_gap_s, offset_s, notes)
     return place_in_world(track, navigation.origin) if position.geodetic else track
