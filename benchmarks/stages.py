@@ -21,12 +21,12 @@ from pathlib import Path
 
 from deckline.cli.run import SAMPLE
 from deckline.config import Models, RunConfig, Tracking
-from deckline.dehaze import DEHAZERS, NOT_DEHAZED
+from deckline.dehaze import DEHAZERS, NOT_DEHAZED, restore
 from deckline.detect import DETECTORS, OnnxDetector
 from deckline.detect.crop import full_crop, normalise, sample_crop
 from deckline.flight import Flight
 from deckline.recording import open_recording
-from deckline.types import Frame, Reason
+from deckline.types import Frame
 
 PEERS = {"dehaze": "dehaze dark-channel", "detect": "detect classical", "infer": "infer ufld"}  # by kind of stage
 FRAME = 21  # of the shipped approach: the ship near, in haze that the sea tells
@@ -50,9 +50,9 @@ def list_stages(frame: Frame, detectors: list[str]) -> dict[str, Callable[[], fl
     for name in DEHAZERS:
         if name != NOT_DEHAZED:
             flight = Flight.from_config(replace(single, models=Models(name, "classical")))
-            if Reason.NOT_DEHAZED in (notice.reason for notice in flight(frame).guidance.notices):
-                raise SystemExit(f"{name} leaves frame {FRAME} as it is")
-            stages[f"dehaze {name}"] = lambda flight=flight: flight(frame).seconds["dehaze"]
+            if reason := restore(flight.dehazer, frame).note:
+                raise SystemExit(f"{name}, frame {FRAME}: {reason}")
+            stages[f"dehaze {name}"] = lambda flight=flight: time_call(restore, flight.dehazer, frame)
     for name in (*DETECTORS, *detectors):
         flight = Flight.from_config(replace(single, models=Models(NOT_DEHAZED, name)))
         stages[f"detect {Path(name).stem}"] = lambda flight=flight: flight(frame).seconds["detect"]

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Deck, RunConfig
-from deckline.flight import FrameResult
+from deckline.flight import Dehazing, FrameResult
 from deckline.geometry import Camera, attitude
 from deckline.guide import guidance
 from deckline.localize import localize
@@ -46,10 +46,18 @@ def chain(at: Frame, sides: tuple[str, ...] = ("left", "right")) -> FrameResult:
     found = {side: points(at, lines[side]) if side in sides else LinePoints.empty() for side in lines}
     detection = Detection(found["left"], found["right"])
     estimate = localize(at, detection, STILL, np.random.default_rng(0))
-    seconds = {"dehaze": 0.2, "detect": 0.04, "localize": 0.002, "guide": 0.0001}
-    return FrameResult(
-        at, at.image_rgb // 2, detection, estimate, guidance(at, estimate, None, STILL.approach), seconds
-    )
+    seconds = {"detect": 0.04, "localize": 0.002, "guide": 0.0001}
+    dehazing = Dehazing(at, Halved(), seconds)
+    return FrameResult(at, dehazing, detection, estimate, guidance(at, estimate, None, STILL.approach), seconds)
+
+
+class Halved:
+    """A dehazer that darkens."""
+
+    name = "halved"
+
+    def __call__(self, image_rgb: np.ndarray) -> np.ndarray:
+        return image_rgb // 2
 
 
 class Approach(Source):

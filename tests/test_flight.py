@@ -74,10 +74,10 @@ def test_a_dehazer_that_needs_the_pose_says_when_there_is_none(results):
     chain = Flight.from_config(replace(SINGLE, models=Models(dehazer="geometry")))
     hazy = results[0].frame
     blind, seeing = chain(replace(hazy, world_from_body=None)), chain(hazy)
-    assert Reason.NOT_DEHAZED in [notice.reason for notice in blind.guidance.notices]
+    assert blind.dehazing.note is None  # nobody has looked yet
     np.testing.assert_array_equal(blind.dehazed_rgb, hazy.image_rgb)
-    assert Reason.NOT_DEHAZED not in [notice.reason for notice in seeing.guidance.notices]
     assert (seeing.dehazed_rgb != hazy.image_rgb).any()
+    assert "no pose" in blind.dehazing.note and seeing.dehazing.note is None
 
 
 @pytest.mark.parametrize("field", ["dehazer", "detector"])
@@ -168,7 +168,7 @@ def test_the_search_is_told_where_the_track_expects_the_runway_and_the_guidance_
     assert results[-1].guidance.lateral_deviation_m.value == pytest.approx(3.0, abs=1e-3)
     assert results[-1].guidance.lateral_deviation_m.sigma < results[0].guidance.lateral_deviation_m.sigma
     assert results[-1].guidance.protection.lateral_m > 3 * results[-1].guidance.lateral_deviation_m.sigma
-    assert set(results[-1].seconds) == {"dehaze", "detect", "localize", "track", "guide"}
+    assert set(results[-1].seconds) == {"detect", "localize", "track", "guide"}
 
 
 def test_a_frame_that_shows_nothing_is_bridged():

@@ -7,7 +7,7 @@ dehazed one is for people, and for detectors that never saw haze (`models.detect
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import RunConfig
-from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, Restored, downscale_frame, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector
 from deckline.detect.crop import Box
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
 from deckline.track import Tracker
-from deckline.types import Detection, Frame, Guidance, Notice, Notices, Reason, RunwayEstimate, RunwayPrior, Track
+from deckline.types import Detection, Frame, Guidance, RunwayEstimate, RunwayPrior, Track
 
 T = TypeVar("T")
 
@@ -32,12 +32,40 @@ class FrameResult:
     """Everything that came out of one frame."""
 
     frame: Frame
-    dehazed_rgb: NDArray[np.uint8]  # (H, W, 3)
+    dehazing: "Dehazing"  # made when somebody looks
     detection: Detection
     estimate: RunwayEstimate  # from this frame alone
     guidance: Guidance
-    seconds: dict[str, float]  # wall time of "dehaze", "detect", "localize", "track" and "guide"
+    seconds: dict[str, float]  # wall time of "detect", "localize", "track" and "guide", of "dehaze" when it was made
     track: Track | None = None  # of the frames so far; None: every frame is for itself
+
+    @property
+    def dehazed_rgb(self) -> NDArray[np.uint8]:
+        """The dehazed picture (H, W, 3), made by the first who asks for it."""
+        return self.dehazing().image_rgb
+
+
+@dataclass(frozen=True, eq=False)
+class Dehazing:
+    """A frame's dehazed picture, made on demand and kept."""
+
+    frame: Frame
+    dehazer: Dehazer
+    seconds: dict[str, float]  # of the frame's stages; gets "dehaze"
+    made: dict[tuple[int, int], Restored] = field(default_factory=dict)
+
+    def __call__(self, long_side_px: int | None = None) -> Restored:
+        """The picture with this longer side at most; None: as large as the frame."""
+        frame = self.frame if long_side_px is None else downscale_frame(self.frame, long_side_px)
+        size = frame.camera.width, frame.camera.height
+        if size not in self.made:
+            self.made[size] = _timed(self.seconds, "dehaze", lambda: restore(self.dehazer, frame))
+        return self.made[size]
+
+    @property
+    def note(self) -> str | None:
+        """Why the picture that was made is left as it is; None for one that is dehazed, or that nobody asked for."""
+        return next((made.note for made in self.made.values() if made.note), None)
 
 
 class Flight:
@@ -109,22 +137,17 @@ class Flight:
             rng: RANSAC's draws; None: a generator of the frame's own, from `config.seed` and the file's name.
         """
         seconds: dict[str, float] = {}
-        image = frame.image_rgb
-        notices: Notices = ()
+        dehazing = Dehazing(frame, self.dehazer, seconds)
         if detection is None:
-            restored = _timed(seconds, "dehaze", lambda: restore(self.dehazer, frame))
-            picture = frame.image_rgb if self.config.models.detect_in == "hazy" else restored.image_rgb
+            picture = frame.image_rgb if self.config.models.detect_in == "hazy" else dehazing().image_rgb
             box = self._prior_box(frame, prior)
             detection = _timed(seconds, "detect", lambda: self.detector(picture, box))
-            image = restored.image_rgb
-            notices = (Notice(Reason.NOT_DEHAZED, restored.note),) if restored.note else ()
         points = detection
         rng = rng or np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
         track = _timed(seconds, "track", lambda: self._follow(frame, points, estimate))
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
-        advice = replace(advice, notices=advice.notices + notices)
-        return FrameResult(frame, image, points, estimate, advice, seconds, track)
+        return FrameResult(frame, dehazing, points, estimate, advice, seconds, track)
 
     def _prior_box(self, frame: Frame, prior: RunwayPrior | None) -> Box | None:
         """Where the runway should be in the image, None when nothing is known of it."""

@@ -36,7 +36,6 @@ class Reason(StrEnum):
     NO_RAMP = "no ramp"
     NO_HEADING = "no heading"
     NOT_LOCALIZED = "not localized"
-    NOT_DEHAZED = "not dehazed"
     # what contradicts itself in a frame
     CROSSED = "crossed"  # the left line lies right of the right one
     LINE_SPACING = "line spacing"

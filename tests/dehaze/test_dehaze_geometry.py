@@ -180,7 +180,7 @@ def test_a_smaller_frame_shows_the_same_view():
     np.testing.assert_allclose(small.image_rgb, hazy.reshape(90, 2, 160, 2, 3).mean(axis=(1, 3)), atol=0.51)
     corner = np.array([[-0.5, -0.5]])  # the picture's outer corner is the same ray in both
     np.testing.assert_allclose(small.camera.rays(corner), frame.camera.rays(corner))
-    assert small.depth_m is None
+    assert small.depth_m is not None and small.depth_m.shape == (90, 160)
     assert downscale_frame(frame, 320).image_rgb is hazy
 
 

@@ -5,9 +5,9 @@ cv2 and onnxruntime are imported only when a method that needs them is built or 
 
 from collections.abc import Callable
 
-from deckline.dehaze.base import Dehazer, IdentityDehazer, restore
+from deckline.dehaze.base import Dehazer, IdentityDehazer, Restored, restore
 from deckline.dehaze.dark_channel import DarkChannelDehazer
-from deckline.dehaze.geometry import GeometryDehazer
+from deckline.dehaze.geometry import GeometryDehazer, downscale_frame
 from deckline.dehaze.network import OnnxDehazer
 from deckline.dehaze.transmission import GeometryConfig
 from deckline.dehaze.veil import VeilDehazer
@@ -20,7 +20,9 @@ __all__ = [
     "Dehazer",
     "GeometryDehazer",
     "OnnxDehazer",
+    "Restored",
     "VeilDehazer",
+    "downscale_frame",
     "restore",
 ]
 

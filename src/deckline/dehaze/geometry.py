@@ -96,16 +96,20 @@ class GeometryDehazer:
 
 
 def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
-    """A frame averaged down to this longer side, its camera with it, without depth; small ones keep their size."""
+    """A frame averaged down to this longer side, camera and depth with it, without truth; small ones stay."""
     import cv2
 
     height, width = frame.image_rgb.shape[:2]
     scale = min(1.0, long_side_px / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     if size == (width, height):
-        return replace(frame, depth_m=None)
+        return frame
     image = np.asarray(cv2.resize(frame.image_rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    return replace(frame, image_rgb=image, camera=frame.camera.resized(*size), depth_m=None, truth=None)
+    small = replace(frame, image_rgb=image, camera=frame.camera.resized(*size), depth_m=None, truth=None)
+    if frame.depth_m is None:
+        return small
+    depth_m = cv2.resize(frame.depth_m, size, interpolation=cv2.INTER_NEAREST)
+    return replace(small, depth_m=np.asarray(depth_m, dtype=np.float32))
 
 
 def measure_sky_noise(image_rgb: NDArray[np.uint8], view: SeaView, light: str) -> float:

@@ -14,6 +14,7 @@ from deckline.report.instrument import BAND, draw_instrument
 from deckline.types import SIDES, Frame, Guidance, LinePoints, PixelLine, RunwayEstimate
 
 PANEL_PX = (640, 360)  # width, height of each picture at most
+DEHAZED_PX = 1280  # longer side at which frames are dehazed: the magnified view shows no finer
 INSET_PX = (272, 153)  # width, height of the magnified view
 INSET_MARGIN_PX = 10
 MIN_MAGNIFICATION = 2.0  # a smaller gain is not worth hiding a corner for
@@ -34,6 +35,7 @@ class Panels:
 
     hazy: Image  # (h, w, 3)
     marked: Image  # (h, w, 3) dehazed, with what was found
+    not_dehazed: str | None = None  # why it is as the camera saw it
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ class View:
 
 def draw_panels(result: FrameResult) -> Panels:
     """The small pictures of one result."""
-    camera, hazy_rgb, clear_rgb = result.frame.camera, result.frame.image_rgb, result.dehazed_rgb
+    camera, hazy_rgb = result.frame.camera, result.frame.image_rgb
+    clear_rgb = result.dehazing(DEHAZED_PX).image_rgb
     scale = min(PANEL_PX[0] / camera.width, PANEL_PX[1] / camera.height)
     size = max(round(camera.width * scale), 2), max(round(camera.height * scale), 2)
     view = View(0.0, 0.0, size[0] / camera.width, size[1] / camera.height)
@@ -66,12 +69,12 @@ def draw_panels(result: FrameResult) -> Panels:
     _mark(marked, view, result, with_points=corner is None)
     if window is not None and corner is not None:
         u0, v0, u1, v1 = window
-        hazy_inset, marked_inset = (_resize(image[v0:v1, u0:u1], INSET_PX) for image in (hazy_rgb, clear_rgb))
+        hazy_inset, marked_inset = (_magnify(image, window, camera.width) for image in (hazy_rgb, clear_rgb))
         close = View(u0, v0, INSET_PX[0] / (u1 - u0), INSET_PX[1] / (v1 - v0))
         _mark(marked_inset, close, result, with_points=True)
         _place_inset(hazy, hazy_inset, corner, view, window)
         _place_inset(marked, marked_inset, corner, view, window)
-    return Panels(hazy, marked)
+    return Panels(hazy, marked, result.dehazing.note)
 
 
 def find_window(result: FrameResult, scale: float) -> Window | None:
@@ -141,8 +144,9 @@ def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
     image[HEADER_PX + PANEL_PX[1] :] = draw_instrument(guidance)
     draw_text(image, "HAZY", (16, 26), 15, draw.INK, 600)
     draw_text(image, "as the camera saw it", (68, 26), 14, draw.DIM)
-    draw_text(image, "DEHAZED", (PANEL_PX[0] + 16, 26), 15, draw.INK, 600)
-    draw_text(image, "with the lines found", (PANEL_PX[0] + 100, 26), 14, draw.DIM)
+    title = "DEHAZED" if pictures.not_dehazed is None else "NOT DEHAZED"
+    draw_text(image, title, (PANEL_PX[0] + 16, 26), 15, draw.INK, 600)
+    draw_text(image, "with the lines found", (PANEL_PX[0] + 28 + measure_text(title, 15, 600), 26), 14, draw.DIM)
     time = f"  ·  {frame.time_s:.6f} s"
     name = shorten(frame.file, 14, 380 - measure_text(time, 14)) + time
     draw_text(image, name, (OVERLAY_PX[0] - 16 - measure_text(name, 14), 26), 14, draw.DIM)
@@ -193,6 +197,13 @@ def _place_inset(panel: Image, inset: Image, corner: tuple[int, int], view: View
         draw_segment(panel, [start, end], draw.INK, 1, halo=1)
     cv2.rectangle(panel, (left - 2, top - 2), (left + INSET_PX[0] + 1, top + INSET_PX[1] + 1), draw.INK, -1)
     panel[top : top + INSET_PX[1], left : left + INSET_PX[0]] = inset
+
+
+def _magnify(image: Image, window: Window, width: int) -> Image:
+    """The magnified view of a window of the frame, from the frame, this wide, or from a smaller copy of it."""
+    corners = np.rint(np.array(window) * (image.shape[1] / width)).astype(int).reshape(2, 2)
+    (u0, v0), (u1, v1) = corners[0], np.maximum(corners[1], corners[0] + 1)
+    return _resize(image[v0:v1, u0:u1], INSET_PX)
 
 
 def _resize(image: Image, size: tuple[int, int]) -> Image:

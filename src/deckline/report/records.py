@@ -66,6 +66,7 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
         "protection": result.guidance.protection and vars(result.guidance.protection),
         "flags": _notices(result.guidance.flags),
         "track": result.track and _track(result.track),
+        "not_dehazed": result.dehazing.note,
         **_truth(result, approach),
         "seconds": result.seconds,
     }

@@ -149,6 +149,7 @@ def _process(
                 outcome = _apply(chain, item)
                 if 0 < index == folder.recorded:
                     outcome = _flag_resumed(outcome)
+                panels = None if isinstance(outcome, BadFrame) else draw_panels(outcome)  # first: it dehazes
                 record = _make_record(outcome, config)
                 if index >= folder.recorded:
                     lines.write(to_line(record).encode())  # in a single write: a kill cuts off one line at most
@@ -156,8 +157,7 @@ def _process(
                 if isinstance(outcome, BadFrame):
                     words = f"skipped {outcome.file}: {outcome.reason}"
                     progress.console.print(words, markup=False, highlight=False, soft_wrap=True)
-                else:
-                    panels = draw_panels(outcome)
+                elif panels is not None:
                     sample.add(index, panels)
                     piece.add(draw_overlay(outcome.frame, outcome.guidance, panels), outcome.frame.time_s)
                 progress.update(task, completed=index + 1, counts=_format_counts(counts))
