@@ -259,15 +259,18 @@ class Tracking:
         coast_s: time without a line that the track survives, s.
         reacquire_s: time of contradicting lines after which the track begins again, s.
         gate_sigma: standard deviations beyond which a measurement is left out.
+        search_s: while the track is sure, only its place is looked at, and so often the whole picture, s; 0: always.
     """
 
     enabled: bool = True
     coast_s: float = 2.0
     reacquire_s: float = 1.0
     gate_sigma: float = 5.0
+    search_s: float = 1.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, "tracking", above=0.0)
+        check_numbers(self, "tracking", "search_s", least=0.0)
+        check_numbers(self, "tracking", "coast_s", "reacquire_s", "gate_sigma", above=0.0)
 
 
 @dataclass(frozen=True)

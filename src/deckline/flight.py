@@ -7,7 +7,7 @@ dehazed one is for people, and for detectors that never saw haze (`models.detect
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 from deckline.config import RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, Restored, downscale_frame, restore
-from deckline.detect import DETECTORS, Detector, OnnxDetector
+from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, Watch
 from deckline.detect.crop import Box
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
 from deckline.track import Tracker
-from deckline.types import Detection, Frame, Guidance, RunwayEstimate, RunwayPrior, Track
+from deckline.types import Detection, Frame, Guidance, Notice, Reason, RunwayEstimate, RunwayPrior, Track
 
 T = TypeVar("T")
+OTHER_LINES = Notice(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,8 @@ class Flight:
         self.tracker = Tracker(config) if config.tracking.enabled else None
         self._survey = prior_from_survey(config.survey)
         self._image_prior = ImagePrior()
+        self._watch = Watch(detector, config.tracking.search_s) if isinstance(detector, SearchingDetector) else None
+        self._track: Track | None = None
 
     @classmethod
     def from_config(
@@ -140,8 +143,7 @@ class Flight:
         dehazing = Dehazing(frame, self.dehazer, seconds)
         if detection is None:
             picture = frame.image_rgb if self.config.models.detect_in == "hazy" else dehazing().image_rgb
-            box = self._prior_box(frame, prior)
-            detection = _timed(seconds, "detect", lambda: self.detector(picture, box))
+            detection = _timed(seconds, "detect", lambda: self._detect(frame, picture, prior))
         points = detection
         rng = rng or np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
@@ -149,20 +151,31 @@ class Flight:
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
         return FrameResult(frame, dehazing, points, estimate, advice, seconds, track)
 
-    def _prior_box(self, frame: Frame, prior: RunwayPrior | None) -> Box | None:
-        """Where the runway should be in the image, None when nothing is known of it."""
+    def _detect(self, frame: Frame, picture: NDArray[np.uint8], prior: RunwayPrior | None) -> Detection:
         tracked = None if self.tracker is None else self.tracker.runway_prior(frame)
         for known in (prior, tracked, self._survey):
             box = None if known is None else project_prior(frame, known)
             if box is not None:
-                return box
-        return None if self.tracker is None else self._image_prior.predict(frame)
+                is_sure = known is tracked and self._track is not None and not self._track.flags
+                return self._look(frame, picture, box, is_sure)
+        box = None if self.tracker is None else self._image_prior.predict(frame)
+        return self._look(frame, picture, box, is_sure=True)
+
+    def _look(self, frame: Frame, picture: NDArray[np.uint8], box: Box | None, is_sure: bool) -> Detection:
+        """Lines of the picture, where they should be (`box`) if the track is sure of that."""
+        if self._watch is None or self.tracker is None:
+            return self.detector(picture, box)
+        return self._watch(frame.time_s, picture, box, is_sure)
 
     def _follow(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> Track | None:
         if self.tracker is None:
             return None
         self._image_prior.update(frame, detection, estimate)
-        return self.tracker.update(frame, estimate)
+        track = self.tracker.update(frame, estimate)
+        if self._watch is not None and self._watch.is_contradicted:
+            track = replace(track, flags=(*track.flags, OTHER_LINES))
+        self._track = track
+        return track
 
 
 def _build(name: str, builders: dict[str, Callable[[], T]], from_file: Callable[[Path], T], what: str) -> T:

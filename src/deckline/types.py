@@ -64,6 +64,7 @@ class Reason(StrEnum):
     FROZEN = "frozen"
     SWAPPED = "swapped"
     RESUMED = "resumed"
+    OTHER_LINES = "other lines"  # a search of the whole picture sees another runway than the track
     DECK_SIGN = "deck sign"  # the reported deck height seems to have the wrong sign
 
 

@@ -10,10 +10,20 @@ from deckline.detect.classical import ClassicalDetector
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
 from deckline.detect.network import OnnxDetector
+from deckline.detect.watch import SearchingDetector, Watch
 from deckline.runtime.weights import shipped_weights
 from deckline.types import Detection
 
-__all__ = ["DETECTORS", "Box", "ClassicalDetector", "DetectConfig", "Detector", "OnnxDetector"]
+__all__ = [
+    "DETECTORS",
+    "Box",
+    "ClassicalDetector",
+    "DetectConfig",
+    "Detector",
+    "OnnxDetector",
+    "SearchingDetector",
+    "Watch",
+]
 
 
 class Detector(Protocol):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from deckline.detect.anchors import KNOWN_OUTPUTS, ROW_OUTPUTS, DecodeConfig, NetworkOutput, RowGrid, network_output
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
-from deckline.detect.search import detect_lines
+from deckline.detect.search import Search, search_lines
 from deckline.runtime.session import load_session
 from deckline.types import Detection
 
@@ -47,7 +47,11 @@ class OnnxDetector:
             raise ValueError(f"{path}: its metadata have no usable grid or decoding: {error}") from error
 
     def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
-        return detect_lines(image_rgb, self.infer, self.config, prior_box)
+        return search_lines(self.start_search(image_rgb), prior_box)
+
+    def start_search(self, image_rgb: NDArray[np.uint8]) -> Search:
+        """A search of an image (H, W, 3) that has not looked yet."""
+        return Search(image_rgb, self.infer, self.config)
 
     def infer(self, view: NDArray[np.float32]) -> NetworkOutput:
         """One normalised view (3, height, width) through the network."""

@@ -5,7 +5,8 @@ more closely until the runway fills a good half of the network's view. The close
 photograph a runway is often faint.
 """
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -67,32 +68,51 @@ class Search:
     candidates: list[View] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        check_image(self.image_rgb)
         self.image_size = (self.image_rgb.shape[1], self.image_rgb.shape[0])
-        self.whole = self.look(full_crop(self.image_size, self.config.grid.size))
+
+    @cached_property
+    def whole(self) -> View:
+        """The first look, at the whole picture."""
+        return self.look(full_crop(self.image_size, self.config.grid.size))
 
     def look(self, crop: Crop) -> View:
         self.crops.append(crop)
         return View(self.infer(normalise(sample_crop(self.image_rgb, crop, self.config.grid.size))), crop, self.config)
 
     def search_whole(self) -> None:
-        """Look at the likeliest places of the whole picture."""
-        places = decode_places(self.whole.output.region, self.whole.output.box, self.config.places)
-        for place in places:
-            if place.probability >= self.config.min_place_probability and not self.is_decided:
-                self._approach(self.whole, place.box)
+        """Look at the likeliest places of the whole picture, until the lines are beyond doubt."""
+        _exhaust(self._look_at_places())
 
     def search_tiles(self) -> None:
         """Look at parts of the picture, and closely at the likeliest place of each that may have a runway."""
+        _exhaust(self._look_at_tiles())
+
+    def steps(self) -> Iterator[None]:
+        """The whole search in steps of one look each; lines beyond doubt keep no other place from being looked at."""
+        yield from self._look_at_places(all_places=True)
+        if not any(view.count == 2 for view in self.accepted):
+            yield from self._look_at_tiles()
+
+    def _look_at_places(self, all_places: bool = False) -> Iterator[None]:
+        places = decode_places(self.whole.output.region, self.whole.output.box, self.config.places)
+        yield
+        for place in places:
+            if place.probability >= self.config.min_place_probability and (all_places or not self.is_decided):
+                yield from self._approach(self.whole, place.box)
+
+    def _look_at_tiles(self) -> Iterator[None]:
         if not self.config.tiles:
             return
         for crop in tile_crops(self.image_size, self.config.grid.size, self.config.tiles, self.config.tile_size):
             if self.is_decided:
                 break
             tile = self.look(crop)
+            yield
             if tile.region.probability >= self.config.min_tile_probability:
-                self._approach(tile, tile.region.box)
+                yield from self._approach(tile, tile.region.box)
 
-    def _approach(self, view: View, box: Float64) -> None:
+    def _approach(self, view: View, box: Float64) -> Iterator[None]:
         """Ever closer looks at a box of a view; its final one becomes a candidate, unless a look shows no runway."""
         for _ in range(self.config.max_passes - 1):
             crop = closer_crop(box, view.crop, self.image_size, self.config)
@@ -104,6 +124,7 @@ class Search:
                     break
                 return
             view = self.look(crop)
+            yield
             if view.region.probability < self.config.min_view_probability:
                 return
             box = view.region.box
@@ -122,6 +143,11 @@ class Search:
             view = self.look(crop)
         seen = view.count == 2 and view.probability >= self.config.min_prior_probability
         return view if seen and _is_centred_in(view.lines, box) else None
+
+    def contradicts(self, detection: Detection) -> bool:
+        """Whether pairs of lines were found, none of them this detection's."""
+        pairs = [view.lines for view in self.accepted if view.count == 2]
+        return bool(pairs) and not any(_agrees(lines, detection) for lines in pairs)
 
     @property
     def accepted(self) -> list[View]:
@@ -164,6 +190,11 @@ class Search:
 def detect_lines(
     image_rgb: NDArray[np.uint8], infer: Infer, config: DetectConfig, prior_box: Box | None = None
 ) -> Detection:
+    """`search_lines` of an image."""
+    return search_lines(Search(image_rgb, infer, config), prior_box)
+
+
+def search_lines(search: Search, prior_box: Box | None = None) -> Detection:
     """Both runway lines in an image (H, W, 3) uint8, in its own pixels; a line that is not seen has no points.
 
     The whole image is always searched, so that a wrong prior hides nothing that is beyond doubt. Otherwise the prior's
@@ -174,18 +205,20 @@ def detect_lines(
     Raises:
         ValueError: anything but such an image, or a box that is empty or not finite.
     """
-    check_image(image_rgb)
-    search = Search(image_rgb, infer, config)
     search.search_whole()
     found = search.choose()
     if prior_box is not None and not search.is_sure:
         told = search.look_at_prior(prior_box)
-        if told is not None and (found is None or _is_better(told, found, config)):
+        if told is not None and (found is None or _is_better(told, found, search.config)):
             found = told
     if found is None or found.count < 2:
         search.search_tiles()
         found = search.choose()
     return Detection(LinePoints.empty(), LinePoints.empty()) if found is None else found.lines
+
+
+def _exhaust(steps: Iterator[None]) -> None:
+    deque(steps, maxlen=0)
 
 
 def _is_better(told: View, found: View, config: DetectConfig) -> bool:

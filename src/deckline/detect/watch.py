@@ -1,0 +1,79 @@
+"""Lines in the pictures of one flight: one close look where the track is sure, a search of the whole beside it.
+
+A track must not hold itself up: every second a picture is searched as if nothing were known, one look a frame, and
+compared with what the close look said of the same picture. Where they differ, every picture is searched whole again
+until they agree.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.detect.crop import Box
+from deckline.detect.search import Search, search_lines
+from deckline.types import Detection
+
+DONE = object()
+
+
+@runtime_checkable
+class SearchingDetector(Protocol):
+    """A detector whose search can be done look by look."""
+
+    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection: ...
+
+    def start_search(self, image_rgb: NDArray[np.uint8]) -> Search: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """A search under way, and what the close look said of its picture."""
+
+    search: Search
+    steps: Iterator[None]
+    detection: Detection
+
+
+class Watch:
+    """Called with every picture of a flight, in their order.
+
+    Args:
+        detector: finds the lines.
+        search_s: from the end of one search beside the track to the next, s; 0: every picture is searched whole.
+    """
+
+    def __init__(self, detector: SearchingDetector, search_s: float) -> None:
+        self.detector = detector
+        self.search_s = search_s
+        self.is_contradicted = False  # the last search saw other lines than the close look
+        self._background: Background | None = None
+        self._last_s = -np.inf  # when a search ended
+
+    def __call__(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None, is_tracked: bool) -> Detection:
+        """Lines in an image (H, W, 3). `box`: where the runway should be; `is_tracked`: the pictures before say so."""
+        told = None
+        if self.search_s and box is not None and is_tracked:
+            close = self.detector.start_search(image_rgb)
+            told = close.look_at_prior(box)
+            if told is not None and told.probability >= close.config.sure_probability and not self.is_contradicted:
+                self._search_beside(time_s, image_rgb, told.lines)
+                return told.lines
+        search = self.detector.start_search(image_rgb)
+        detection = search_lines(search, box)
+        self._background, self._last_s = None, time_s
+        self.is_contradicted = search.contradicts(detection if told is None else told.lines)
+        return detection
+
+    def _search_beside(self, time_s: float, image_rgb: NDArray[np.uint8], detection: Detection) -> None:
+        """One look of the search of this picture, or of the one that is under way."""
+        if self._background is None:
+            if 0 <= time_s - self._last_s < self.search_s:
+                return
+            search = self.detector.start_search(image_rgb)
+            self._background = Background(search, search.steps(), detection)
+        if next(self._background.steps, DONE) is DONE:
+            self.is_contradicted = self._background.search.contradicts(self._background.detection)
+            self._background, self._last_s = None, time_s
