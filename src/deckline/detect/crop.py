@@ -147,11 +147,14 @@ def normalise(seen_rgb: NDArray[np.float32]) -> NDArray[np.float32]:
     Each colour's mean is subtracted and all are divided by one common contrast. This removes airlight's colour and
     most of haze's fading, so that the network need not learn them. Outside the image is 0.
     """
-    inside = np.isfinite(seen_rgb[..., 0])
-    if not inside.any():
-        return np.zeros((3, *seen_rgb.shape[:2]), dtype=np.float32)
-    values = seen_rgb[inside]
-    mean = values.mean(axis=0, dtype=np.float64).astype(np.float32)
-    contrast = max(float(np.sqrt(np.mean((values - mean) ** 2, dtype=np.float64))), CONTRAST_FLOOR)
-    scaled = np.where(inside[..., None], (seen_rgb - mean) / np.float32(contrast), np.float32(0.0))
-    return np.ascontiguousarray(scaled.transpose(2, 0, 1), dtype=np.float32)
+    planes = np.array(np.moveaxis(seen_rgb, 2, 0), dtype=np.float32, order="C")
+    outside = ~np.isfinite(planes[0])
+    count = outside.size - np.count_nonzero(outside)
+    if count == 0:
+        return np.zeros_like(planes)
+    planes[:, outside] = 0.0
+    planes -= (planes.sum(axis=(1, 2), dtype=np.float64) / count).astype(np.float32)[:, None, None]
+    planes[:, outside] = 0.0
+    power = sum(float(np.dot(plane, plane)) for plane in planes.reshape(3, -1))
+    planes /= np.float32(max(np.sqrt(power / (3 * count)), CONTRAST_FLOOR))
+    return planes
