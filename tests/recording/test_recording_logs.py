@@ -26,6 +26,7 @@ def write_ulog(path, angles, places):
     return ulog(path, np.column_stack([angles[:, 0], quaternions]), places)
 
 
+OWN_CLOCK = Navigation(offset_s=0.0)
 WRITERS = {"log.bin": dataflash, "log.tlog": telemetry, "log.ulg": write_ulog}
 
 
@@ -47,18 +48,30 @@ def test_logs_give_position_and_attitude_in_the_world_of_the_origin(tmp_path, na
 @pytest.mark.parametrize("name", WRITERS)
 def test_without_an_origin_the_first_position_is_it_and_gaps_stay(tmp_path, name):
     path = WRITERS[name](tmp_path / name, ANGLES, PLACES[(SLOW < 11) | (SLOW > 13)])
-    track = read_log_track(path, Navigation())
+    track = read_log_track(path, OWN_CLOCK)
     np.testing.assert_allclose(track.positions_m[0], 0.0, atol=1e-9)
     assert "--origin 46.0170000 7.7500000 1673.00" in track.notes[-1]
-    assert any("--pose-offset-s" in note for note in track.notes)
     assert track.at(10.5) is not None
     assert track.at(12.0) is None
+
+
+def test_a_log_needs_its_clock_stated(tmp_path):
+    with pytest.raises(RecordingError, match=r"log\.bin counts seconds since .* --pose-offset-s"):
+        read_log_track(dataflash(tmp_path / "log.bin", ANGLES, PLACES), Navigation())
+
+
+def test_positions_go_on_across_the_antimeridian(tmp_path):
+    places = PLACES.copy()
+    places[:, 2] = (179.9995 + 1e-4 * np.arange(len(places)) + 180.0) % 360.0 - 180.0
+    track = read_log_track(dataflash(tmp_path / "log.bin", ANGLES, places), OWN_CLOCK)
+    east_m = track.positions_m[:, 1]
+    assert np.all(np.diff(east_m) > -1e-6) and east_m[-1] < 200.0
 
 
 def test_positions_without_a_fix_are_left_out(tmp_path):
     places = PLACES.copy()
     places[:5, 1:3] = 0.0
-    track = read_log_track(dataflash(tmp_path / "log.bin", ANGLES, places), Navigation())
+    track = read_log_track(dataflash(tmp_path / "log.bin", ANGLES, places), OWN_CLOCK)
     assert track.times_s[0] == pytest.approx(SLOW[5])
     assert "5 of 20 poses left out" in track.notes[0]
 
@@ -66,7 +79,7 @@ def test_positions_without_a_fix_are_left_out(tmp_path):
 def test_a_log_without_satellites_has_its_local_frame(tmp_path):
     level = np.column_stack([TIMES, *np.eye(4)[:, :1] * np.ones(len(TIMES))])
     path = ulog(tmp_path / "log.ulg", level, np.column_stack([SLOW, SLOW, 0 * SLOW, -SLOW]), local=True)
-    np.testing.assert_allclose(read_log_track(path, Navigation()).at(11.1).translation, [11.1, 0.0, -11.1])
+    np.testing.assert_allclose(read_log_track(path, OWN_CLOCK).at(11.1).translation, [11.1, 0.0, -11.1])
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -74,7 +87,7 @@ def test_a_log_without_satellites_has_its_local_frame(tmp_path):
 def test_garbage_is_named(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(RecordingError, match=rf"{name}: not a"):
-        read_log_track(tmp_path / name, Navigation())
+        read_log_track(tmp_path / name, OWN_CLOCK)
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -82,23 +95,23 @@ def test_a_log_cut_short_gives_its_beginning(tmp_path, name):
     path = WRITERS[name](tmp_path / name, ANGLES, PLACES)
     cut = path.read_bytes()[:-37] if name != "log.ulg" else path.read_bytes()[:-13]
     path.write_bytes(cut)
-    assert read_log_track(path, Navigation()).at(11.0) is not None
+    assert read_log_track(path, OWN_CLOCK).at(11.0) is not None
 
 
 def test_what_a_log_lacks_is_named(tmp_path):
     with pytest.raises(RecordingError, match=r"log\.bin: a log needs ATT and POS or XKF1"):
-        read_log_track(dataflash(tmp_path / "log.bin", ANGLES, []), Navigation())
+        read_log_track(dataflash(tmp_path / "log.bin", ANGLES, []), OWN_CLOCK)
     with pytest.raises(RecordingError, match=r"log\.tlog: ATTITUDE: the clock jumps back from 13\.960 to 10\.000"):
         twice = telemetry(tmp_path / "log.tlog", ANGLES, PLACES).read_bytes() * 2
         (tmp_path / "log.tlog").write_bytes(twice)
-        read_log_track(tmp_path / "log.tlog", Navigation())
+        read_log_track(tmp_path / "log.tlog", OWN_CLOCK)
 
 
 def test_a_missing_parser_names_the_extra(tmp_path, monkeypatch):
     path = dataflash(tmp_path / "log.bin", ANGLES, PLACES)
     monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
     with pytest.raises(ImportError, match=r"deckline\[logs\]"):
-        read_log_track(path, Navigation())
+        read_log_track(path, OWN_CLOCK)
 
 
 def test_the_tangent_plane_agrees_with_published_coordinates():
@@ -120,6 +133,6 @@ def test_positions_that_are_no_geodetic_ones(tmp_path):
     path = tmp_path / "poses.csv"
     path.write_text("time_s,lat_deg,lon_deg,alt_m,qw,qx,qy,qz\n0,95,0,0,1,0,0,0\n1,95,0,0,1,0,0,0\n")
     with pytest.raises(RecordingError, match=r"poses\.csv: latitude"):
-        read_csv_track(path, Navigation())
+        read_csv_track(path, OWN_CLOCK)
     with pytest.raises(ValueError, match=r"origin.*95"):
         Navigation(origin=(95.0, 0.0, 0.0))

@@ -119,11 +119,16 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
     """The track of an autopilot's log: attitude and position at the times of both, in the world of `place_in_world`.
 
     Raises:
-        RecordingError: missing or damaged file, no attitude or position in it, or as `make_track`.
+        RecordingError: no `offset_s`, missing or damaged file, no attitude or position in it, or as `make_track`.
         ImportError: the extra `logs` is not installed.
     """
     log, own_clock = FORMATS[path.suffix.lower()], replace(navigation, offset_s=0.0)
     rows = _read_rows(path, log)
+    if navigation.offset_s is None:
+        raise RecordingError(
+            f"{path} counts seconds since the autopilot's start: give --pose-offset-s, its clock minus the pictures' "
+            f"clock, s (0 where both are the same)"
+        )
     position = next((message for message in log.positions if len(rows[message.name])), None)
     if position is None or not len(rows[log.attitude.name]):
         names = " or ".join(message.name for message in log.positions)
@@ -144,13 +149,14 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
     if len(times) < 2:
         raise RecordingError(f"{path}: {log.attitude.name} and {position.name} share no time")
     rotations = Slerp(attitudes.times_s, attitudes.rotations)(times)
-    columns = [np.interp(times, positions.times_s, column) for column in positions.positions_m.T]
-    notes = (*attitudes.notes, *positions.notes)
-    if navigation.offset_s is None:
-        clock = "the pictures' times are taken to be seconds since the autopilot's start, which a film's are not"
-        notes = (*notes, f"{path}: {clock}; state --pose-offset-s (0 for one clock)")
-    offset_s = navigation.offset_s or 0.0
-    track = PoseTrack(str(path), times, np.array(columns).T, rotations, navigation.max_gap_s, offset_s, notes)
+    places_m = positions.positions_m
+    if position.geodetic:
+        places_m[:, 1] = np.unwrap(places_m[:, 1], period=360.0)  # across the antimeridian
+    columns = np.array([np.interp(times, positions.times_s, column) for column in places_m.T])
+    if position.geodetic:
+        columns[1] = (columns[1] + 180.0) % 360.0 - 180.0
+    notes, offset_s = (*attitudes.notes, *positions.notes), navigation.offset_s
+    track = PoseTrack(str(path), times, columns.T, rotations, navigation.max_gap_s, offset_s, notes)
     return place_in_world(track, navigation.origin) if position.geodetic else track
 
 
