@@ -2,7 +2,7 @@
 
 A track must not hold itself up: every second a picture is searched as if nothing were known, one look a frame, and
 compared with what the close look said of the same picture. Where they differ, every picture is searched whole again
-until they agree.
+until they agree, and from the second such search on the track is flagged.
 """
 
 from collections.abc import Iterator
@@ -48,9 +48,14 @@ class Watch:
     def __init__(self, detector: SearchingDetector, search_s: float) -> None:
         self.detector = detector
         self.search_s = search_s
-        self.is_contradicted = False  # the last search saw other lines than the close look
+        self._contradictions = 0  # searches in a row that saw other lines than the close look
         self._background: Background | None = None
         self._last_s = -np.inf  # when a search ended
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether two searches in a row saw other lines than the close look."""
+        return self._contradictions > 1
 
     def __call__(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None, is_tracked: bool) -> Detection:
         """Lines in an image (H, W, 3). `box`: where the runway should be; `is_tracked`: the pictures before say so."""
@@ -58,13 +63,13 @@ class Watch:
         if self.search_s and box is not None and is_tracked:
             close = self.detector.start_search(image_rgb)
             told = close.look_at_prior(box)
-            if told is not None and told.probability >= close.config.sure_probability and not self.is_contradicted:
+            if told is not None and told.probability >= close.config.sure_probability and not self._contradictions:
                 self._search_beside(time_s, image_rgb, told.lines)
                 return told.lines
         search = self.detector.start_search(image_rgb)
         detection = search_lines(search, box)
         self._background, self._last_s = None, time_s
-        self.is_contradicted = search.contradicts(detection if told is None else told.lines)
+        self._compare(search, detection if told is None else told.lines)
         return detection
 
     def _search_beside(self, time_s: float, image_rgb: NDArray[np.uint8], detection: Detection) -> None:
@@ -75,5 +80,8 @@ class Watch:
             search = self.detector.start_search(image_rgb)
             self._background = Background(search, search.steps(), detection)
         if next(self._background.steps, DONE) is DONE:
-            self.is_contradicted = self._background.search.contradicts(self._background.detection)
+            self._compare(self._background.search, self._background.detection)
             self._background, self._last_s = None, time_s
+
+    def _compare(self, search: Search, detection: Detection) -> None:
+        self._contradictions = self._contradictions + 1 if search.contradicts(detection) else 0
