@@ -30,7 +30,7 @@ $(CORE)/.core: pyproject.toml
 $(DEV)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(DEV)
 	$(DEV)/bin/pip install --quiet torch==2.13.0
-	$(DEV)/bin/pip install --quiet --editable ".[sim,train,viz,logs,dev]"
+	$(DEV)/bin/pip install --quiet --editable ".[sim,train,viz,logs,openvino,dev]"
 	touch $@
 
 $(DEV)/.docs: $(DEV)/.dev

@@ -16,6 +16,8 @@ from deckline.checks import check_choice, check_numbers
 Grade = Literal["standard", "good", "tactical", "exact"]
 Mode = Literal["auto", "fine", "coarse"]
 Picture = Literal["hazy", "dehazed"]
+Device = Literal["cpu", "openvino", "cuda", "tensorrt"]
+Precision = Literal["f32", "bf16"]
 
 # Deck motion of a large carrier at sea states 4, 5 and 6, amplitudes of single sines: public figures, as the simulator.
 SEA_STATES = (0.0, 4.0, 5.0, 6.0)
@@ -236,6 +238,31 @@ class Models:
 
 
 @dataclass(frozen=True)
+class Engine:
+    """What computes the networks. Nothing here is chosen by the machine, so that answers do not depend on it silently.
+
+    Args:
+        device: `cpu`: ONNX Runtime; `openvino`: OpenVINO on the processor; `cuda`, `tensorrt`: ONNX Runtime on a GPU.
+        threads: of the processor; None: one a core.
+        precision: of the arithmetic. `bf16` needs OpenVINO and a processor that has it; it is refused on another.
+    """
+
+    device: Device = "cpu"
+    threads: int | None = None
+    precision: Precision = "f32"
+
+    def __post_init__(self) -> None:
+        check_choice("engine.device", self.device, Device)
+        check_choice("engine.precision", self.precision, Precision)
+        check_numbers(self, "engine", "threads", least=1)
+        if self.precision == "bf16" and self.device != "openvino":
+            raise ValueError(f"engine.precision bf16 needs device openvino, got {self.device}")
+
+
+CPU = Engine()
+
+
+@dataclass(frozen=True)
 class Localization:
     """How one frame's points become lines in the world.
 
@@ -342,6 +369,7 @@ class RunConfig:
         approach: the wanted approach.
         survey: where the runway is, if that is known.
         models: dehazer and detector.
+        engine: what computes their networks.
         localization: its depth mode.
         tracking: the filter over frames.
         integrity: flags and protection levels.
@@ -354,6 +382,7 @@ class RunConfig:
     approach: Approach = field(default_factory=Approach)
     survey: RunwaySurvey = field(default_factory=RunwaySurvey)
     models: Models = field(default_factory=Models)
+    engine: Engine = CPU
     localization: Localization = field(default_factory=Localization)
     tracking: Tracking = field(default_factory=Tracking)
     integrity: Integrity = field(default_factory=Integrity)

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import RunConfig
+from deckline.config import Engine, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, Restored, downscale_frame, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, Watch
 from deckline.detect.crop import Box
@@ -113,13 +113,13 @@ class Flight:
             localizer: another estimator of the lines in the world, to compare with.
 
         Raises:
-            ValueError: an unknown dehazer or detector, or a model file that cannot be used.
+            ValueError: an unknown dehazer or detector, or a model file or an engine that cannot be used.
         """
         config = config or RunConfig()
         return cls(
             config,
-            dehazer or _build(config.models.dehazer, DEHAZERS, OnnxDehazer, "dehazer"),
-            detector or _build(config.models.detector, DETECTORS, OnnxDetector, "detector"),
+            dehazer or _build(config.models.dehazer, DEHAZERS, OnnxDehazer, "dehazer", config.engine),
+            detector or _build(config.models.detector, DETECTORS, OnnxDetector, "detector", config.engine),
             localizer,
         )
 
@@ -178,11 +178,13 @@ class Flight:
         return track
 
 
-def _build(name: str, builders: dict[str, Callable[[], T]], from_file: Callable[[Path], T], what: str) -> T:
+def _build(
+    name: str, builders: dict[str, Callable[..., T]], from_file: Callable[..., T], what: str, engine: Engine
+) -> T:
     if name in builders:
-        return builders[name]()
+        return builders[name](engine)
     if name.endswith(".onnx"):
-        return from_file(Path(name))
+        return from_file(Path(name), engine=engine)
     raise ValueError(f"unknown {what} {name!r}: use one of {', '.join(builders)}, or the path of an .onnx file")
 
 

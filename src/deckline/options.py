@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from deckline.config import GRADES, Grade, Mode, Picture, RunConfig, Sensors
+from deckline.config import GRADES, Device, Grade, Mode, Picture, Precision, RunConfig, Sensors
 from deckline.config_file import config_from_table, read_toml
 
 
@@ -35,6 +35,9 @@ TARGETS = {  # option -> section and field of the RunConfig
     "dehazer": ("models", "dehazer"),
     "detector": ("models", "detector"),
     "detect_in": ("models", "detect_in"),
+    "device": ("engine", "device"),
+    "threads": ("engine", "threads"),
+    "precision": ("engine", "precision"),
     "mode": ("localization", "mode"),
 }
 
@@ -62,6 +65,9 @@ class RunOptions:
         dehazer: name (see `deckline info`) or .onnx file; none: no dehazing.
         detector: name (see `deckline info`) or .onnx file.
         detect_in: the picture that the detector sees: hazy, or dehazed as published.
+        device: what computes the networks: cpu (ONNX Runtime; the default), openvino, cuda or tensorrt.
+        threads: of the processor, for the networks; all when not given.
+        precision: of the networks' arithmetic: f32 (the default), or with openvino bf16 where the processor has it.
         mode: where distances come from: depth camera (fine), deck plane (coarse), or both (auto).
         no_track: treat every frame alone, without the filter over the frames of one flight.
     """
@@ -84,6 +90,9 @@ class RunOptions:
     dehazer: Model = None
     detector: Model = None
     detect_in: Annotated[Picture | None, _flag("{hazy,dehazed}")] = None
+    device: Annotated[Device | None, _flag("{cpu,openvino,cuda,tensorrt}")] = None
+    threads: Annotated[int | None, _flag("N")] = None
+    precision: Annotated[Precision | None, _flag("{f32,bf16}")] = None
     mode: Annotated[Mode | None, _flag("{auto,fine,coarse}")] = None
     no_track: tyro.conf.FlagCreatePairsOff[bool] = False
 

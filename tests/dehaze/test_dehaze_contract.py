@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
+from deckline.config import Engine
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
 from deckline.dehaze.base import FrameDehazer
 from deckline.evaluation.metrics import psnr_db
@@ -240,7 +241,7 @@ def test_threads_do_not_mix_pictures(dehazer: Dehazer) -> None:
 
 def test_the_networks_threads_change_no_level() -> None:
     image = sea_pair(BETA)[0]
-    one, two = (OnnxDehazer(shipped_weights("coarse-t"), threads=threads)(image) for threads in (1, 2))
+    one, two = (OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=threads))(image) for threads in (1, 2))
     assert np.abs(one.astype(int) - two).max() <= 1
 
 

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sea_scene import frame_of, sea_pair
 
+from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
@@ -113,7 +114,7 @@ def test_a_clear_sea_is_kept_that_the_network_alone_takes_for_a_hazy_one() -> No
     frame = frame_of(image)
     assert isinstance(GeometryDehazer().solve(frame), GeometrySolution)
     results = [
-        OnnxDehazer(shipped_weights("coarse-t"), threads=1, network_only=alone).restore(frame)
+        OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1), network_only=alone).restore(frame)
         for alone in (True, False)
     ]
     alone, both = (psnr_db(result.image_rgb, image) for result in results)

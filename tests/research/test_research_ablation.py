@@ -12,6 +12,7 @@ import pytest
 
 from clear_scene import QUICK, clear_recording, hazy_recording, interrupting
 from deckline.cli.main import main
+from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.metrics import psnr_db, ssim
 from deckline.evaluation.store import Store
@@ -71,7 +72,7 @@ def test_the_table_holds_the_figures_of_the_trained_networks(dataset: Path, trai
     images = [test.load(k) for k in range(3)]
     clear = [np.asarray(frame.truth.clear_rgb) for frame in images if frame.truth is not None]
     for row, entry in zip([None, *ROWS], table["rows"], strict=True):
-        dehazer = None if row is None else OnnxDehazer(trained / row.key / "dehaze.onnx", threads=1)
+        dehazer = None if row is None else OnnxDehazer(trained / row.key / "dehaze.onnx", engine=Engine(threads=1))
         pictures = [frame.image_rgb if dehazer is None else dehazer(frame.image_rgb) for frame in images]
         pairs = list(zip(pictures, clear, strict=True))
         psnr = [psnr_db(a, b) for a, b in pairs]

@@ -11,6 +11,7 @@ from safetensors.torch import load_file
 from torch import nn
 
 from clear_scene import QUICK, clear_frame, clear_recording, interrupting, striped_deck
+from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.dehaze.network import image_to_tensor, pad
 from deckline.research.dehazers import DEHAZERS
@@ -104,7 +105,9 @@ def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     """At most one grey level apart, at sizes the export never saw."""
     model = perturb(name)
     network = {"name": name, "unshuffle": 1}
-    dehazer = OnnxDehazer(export_dehaze(model, tmp_path / "net.onnx", network, 640, {"lr": 1.0}, 7), threads=1)
+    dehazer = OnnxDehazer(
+        export_dehaze(model, tmp_path / "net.onnx", network, 640, {"lr": 1.0}, 7), engine=Engine(threads=1)
+    )
     assert not dehazer.coarse
     assert dehazer.session.config["network"] == network
     for height, width in [(5, 40), (75, 131)]:

@@ -1,13 +1,17 @@
 """Inference sessions: results, config in the metadata, and errors of one line."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 from onnx import TensorProto, helper
 
+from deckline.config import Engine
+from deckline.runtime import describe_engines, shipped_weights
 from deckline.runtime.session import METADATA_KEY, load_session
 
 
@@ -24,7 +28,9 @@ def doubling_model(path: Path, metadata: str | None = None) -> Path:
 
 
 def test_runs_and_reads_its_config(tmp_path: Path) -> None:
-    session = load_session(doubling_model(tmp_path / "double.onnx", json.dumps({"kind": "double", "n": [1, 2]})), 1)
+    session = load_session(
+        doubling_model(tmp_path / "double.onnx", json.dumps({"kind": "double", "n": [1, 2]})), Engine(threads=1)
+    )
     (result,) = session(x=np.array([[1.5, -2.0]], dtype=np.float32))
     np.testing.assert_array_equal(result, [[3.0, -4.0]])
     assert session.config == {"kind": "double", "n": [1, 2]}
@@ -49,7 +55,7 @@ def test_missing_file_and_bad_arguments(tmp_path: Path) -> None:
         load_session(tmp_path / "none.onnx")
     path = doubling_model(tmp_path / "double.onnx", "[1]")
     with pytest.raises(ValueError, match=r"threads.*0"):
-        load_session(path, threads=0)
+        load_session(path, Engine(threads=0))
     with pytest.raises(ValueError, match=r"deckline.*list"):
         load_session(path)
     with pytest.raises(ValueError, match="JSON"):
@@ -62,3 +68,48 @@ def test_wrong_inputs_are_named(tmp_path: Path) -> None:
         session(image=np.zeros((1, 2), dtype=np.float32))
     with pytest.raises(ValueError, match=r"\{'x': \(3, 2, 1\)\}"):
         session(x=np.zeros((3, 2, 1), dtype=np.float32))
+
+
+def test_an_engine_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = doubling_model(tmp_path / "double.onnx")
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CPUExecutionProvider"])
+    with pytest.raises(ValueError, match=r"CUDAExecutionProvider.*onnxruntime-gpu"):
+        load_session(path, Engine("cuda"))
+    with pytest.raises(ValueError, match=r"TensorrtExecutionProvider.*tensorrt"):
+        load_session(path, Engine("tensorrt"))
+    monkeypatch.setitem(sys.modules, "openvino", None)
+    with pytest.raises(ImportError, match=r"deckline\[openvino\]"):
+        load_session(path, Engine("openvino"))
+    assert describe_engines()["cpu"] == "f32" and "install" in describe_engines()["openvino"]
+
+
+@pytest.mark.parametrize(
+    ("values", "named"), [(("cpu", 0), "threads.*0"), (("gpu",), "device.*gpu"), (("cpu", 1, "bf16"), "bf16.*cpu")]
+)
+def test_an_engine_out_of_range_is_refused(values: tuple, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        Engine(*values)
+
+
+def test_openvino_gives_the_same_in_f32() -> None:
+    pytest.importorskip("openvino")
+    path, view = shipped_weights("hybrid"), np.random.default_rng(0).normal(size=(1, 3, 288, 512)).astype(np.float32)
+    sessions = [load_session(path, engine) for engine in (Engine(threads=1), Engine("openvino", 1))]
+    assert sessions[0].config == sessions[1].config != {}
+    for expected, outputs in zip(*(session(image=view) for session in sessions), strict=True):
+        np.testing.assert_allclose(outputs, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_openvino_says_what_is_wrong_in_one_line(tmp_path: Path) -> None:
+    pytest.importorskip("openvino")
+    session = load_session(shipped_weights("hybrid"), Engine("openvino", 1))
+    with pytest.raises(ValueError, match=r"hybrid.*\(1, 2, 8, 8\)") as caught:
+        session(image=np.zeros((1, 2, 8, 8), dtype=np.float32))
+    assert "\n" not in str(caught.value)
+
+
+def test_openvino_refuses_a_precision_that_the_processor_has_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    openvino = pytest.importorskip("openvino")
+    monkeypatch.setattr(openvino.Core, "get_property", lambda *_: ["FP32"])
+    with pytest.raises(ValueError, match=r"precision.*bf16"):
+        load_session(shipped_weights("hybrid"), Engine("openvino", 1, "bf16"))

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from clear_scene import QUICK, clear_frame, clear_recording, hazy_frame, pair_folder
+from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.metrics import psnr_db
 from deckline.runtime import load_session
@@ -39,7 +40,7 @@ def test_training_learns_exports_and_reports(recording: Path, tmp_path: Path) ->
     config = replace(QUICK, steps=40)
     figures = train_dehaze(config, [recording], tmp_path)
     assert figures["psnr_db_surface.mean"] > figures["psnr_db_surface_hazy.mean"] + 1  # a few steps do not learn skies
-    dehazer = OnnxDehazer(tmp_path / "dehaze.onnx", threads=1)
+    dehazer = OnnxDehazer(tmp_path / "dehaze.onnx", engine=Engine(threads=1))
     assert dehazer.session.config["step"] == 40
     assert dehazer.session.config["recipe"]["batch"] == 2
     assert dehazer(clear_frame(0).image_rgb).shape == (64, 96, 3)
@@ -67,7 +68,7 @@ def test_a_network_with_a_prior_trains_and_runs_with_and_without_a_pose(recordin
     haze = HazeAugmentation(prior_share=1, physical_share=0.5)
     figures = train_dehaze(replace(QUICK, steps=3, prior=True, haze=haze), [recording], tmp_path)
     assert np.isfinite(figures["psnr_db_with_prior.mean"])
-    dehazer = OnnxDehazer(tmp_path / "dehaze.onnx", threads=1)
+    dehazer = OnnxDehazer(tmp_path / "dehaze.onnx", engine=Engine(threads=1))
     frame = clear_frame(0)
     restored = dehazer.restore(replace(frame, deck_z_m=-5.0))
     assert restored.image_rgb.shape == (64, 96, 3)
@@ -82,7 +83,7 @@ def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, 
     train_dehaze(still, [recording], tmp_path / "second", start_from=tmp_path / "first")
     image = torch.rand(1, 3, 64, 96).numpy()
     files = [tmp_path / name / "dehaze.onnx" for name in ("first", "second")]
-    first, second = (load_session(file, 1)(image=image, working=image)[0] for file in files)
+    first, second = (load_session(file, Engine(threads=1))(image=image, working=image)[0] for file in files)
     np.testing.assert_allclose(first, second, atol=1e-5)
     assert np.abs(first - image).max() > 1e-3, "the first run must have learned something"
     with pytest.raises(ValueError, match="none"):

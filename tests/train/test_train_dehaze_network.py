@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from clear_scene import striped_deck
+from deckline.config import Engine
 from deckline.dehaze import GeometryDehazer, OnnxDehazer
 from deckline.dehaze.geometry import GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
@@ -205,7 +206,7 @@ def test_torch_and_onnx_agree(shape: DehazeNetworkConfig, baseline: bool, tmp_pa
     model = network(config)
     working_px = 128 if config.unshuffle > 1 else 1024  # full resolution: nothing here is averaged down first
     path = export_dehaze(model, tmp_path / "net.onnx", asdict(config), working_px, {"lr": 1.0}, 7)
-    dehazer = OnnxDehazer(path, threads=1)
+    dehazer = OnnxDehazer(path, engine=Engine(threads=1))
     stored = dehazer.session.config
     assert stored["network"] == json.loads(json.dumps(asdict(config)))
     assert (stored["recipe"], stored["step"]) == ({"lr": 1.0}, 7)
@@ -224,7 +225,7 @@ def test_torch_and_onnx_agree_on_a_picture_and_its_prior(tmp_path: Path) -> None
     config = replace(TINY, prior=True)
     model = network(config)
     path = export_dehaze(model, tmp_path / "net.onnx", asdict(config), 128, {"lr": 1.0}, 7)
-    dehazer = OnnxDehazer(path, threads=1, network_only=True)
+    dehazer = OnnxDehazer(path, engine=Engine(threads=1), network_only=True)
     dehazer.geometry = Halved()
     for height, width, factor in [(75, 131, 1), (144, 257, 2)]:
         image = striped_deck(height, width)[0]

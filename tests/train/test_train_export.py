@@ -11,6 +11,7 @@ import pytest
 import torch
 from torch import nn
 
+from deckline.config import Engine
 from deckline.runtime import load_session, sha256_of, shipped_models, shipped_weights
 from deckline.train.export import NetworkCost, count_parameters, export_onnx, manifest_entry, network_cost
 
@@ -28,7 +29,7 @@ def exported(tmp_path: Path) -> tuple[torch.nn.Module, Path]:
 
 def test_export_agrees_at_another_size_and_carries_its_config(exported: tuple[torch.nn.Module, Path]) -> None:
     model, path = exported
-    session = load_session(path, 1)
+    session = load_session(path, Engine(threads=1))
     assert session.config == {"kind": "test", "n": 3}
     x = torch.rand(1, 3, 13, 7)
     with torch.no_grad():
@@ -45,7 +46,7 @@ def test_export_leaves_the_model_training_and_no_part_file(exported: tuple[torch
 def test_fixed_size_stays_fixed(tmp_path: Path) -> None:
     path = export_onnx(torch.nn.ReLU(), (torch.rand(1, 4),), tmp_path / "relu.onnx", ["x"], ["y"], None, {})
     with pytest.raises(ValueError, match=r"relu\.onnx.*5"):
-        load_session(path, 1)(x=np.zeros((1, 5), dtype=np.float32))
+        load_session(path, Engine(threads=1))(x=np.zeros((1, 5), dtype=np.float32))
 
 
 def test_manifest_block_is_what_the_runtime_reads(exported: tuple[torch.nn.Module, Path]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from deckline.config import Engine
 from deckline.research.detectors import DETECTORS
 from deckline.runtime import load_session, shipped_weights
 from deckline.train.checkpoint import save_checkpoint
@@ -80,7 +81,7 @@ def test_a_detector_goes_on_from_its_shipped_file(name: str, build: type[Pyramid
     model = build(PyramidConfig(pretrained=False)).eval()
     before = model.segmentation.weight.detach().clone()
     start_detector(model, path)
-    session = load_session(path, threads=1)
+    session = load_session(path, Engine(threads=1))
     theirs = dict(zip(session.output_names, session(image=VIEW.numpy()), strict=True))
     with torch.no_grad():
         ours = model(VIEW)

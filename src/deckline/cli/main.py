@@ -17,7 +17,7 @@ SUMMARIES = {
     "demo": "Fly the shipped sample approach through haze: report, film and guidance in demo-out.",
     "run": "Find the runway in a recording, an image folder, a video, or live in a simulator.",
     "convert": "Copy an AirSim recording into deckline's layout, or back.",
-    "info": "Print versions, inference providers and the shipped weights.",
+    "info": "Print versions, the processor, the engines and the shipped weights.",
     "sim": "Render a recording of a deck, or serve AirSim's clients.",
     "dataset": "Render the paper's dataset of clear and hazy pairs, or check one.",
     "train": "Train a network.",

@@ -5,6 +5,7 @@ cv2 and onnxruntime are imported only when a method that needs them is built or 
 
 from collections.abc import Callable
 
+from deckline.config import CPU
 from deckline.dehaze.base import Dehazer, IdentityDehazer, Restored, restore
 from deckline.dehaze.dark_channel import DarkChannelDehazer
 from deckline.dehaze.geometry import GeometryDehazer, downscale_frame
@@ -29,15 +30,19 @@ __all__ = [
 FAST_PX = 320  # working size of the fast path: a quarter of the network's work; fine structures are lost
 NOT_DEHAZED = IdentityDehazer.name
 
-DEHAZERS: dict[str, Callable[[], Dehazer]] = {
-    NOT_DEHAZED: IdentityDehazer,
-    "dark-channel": DarkChannelDehazer,
-    "veil": VeilDehazer,
-    "geometry": GeometryDehazer,
-    "geometry-linear": lambda: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
-    "coarse-t": lambda: OnnxDehazer(shipped_weights("coarse-t"), name="coarse-t", without_pose=VeilDehazer()),
-    "paper-scene": lambda: OnnxDehazer(shipped_weights("paper-scene"), name="paper-scene", network_only=True),
-    "fast": lambda: OnnxDehazer(
-        shipped_weights("coarse-t"), name="fast", working_long_side_px=FAST_PX, without_pose=VeilDehazer()
+DEHAZERS: dict[str, Callable[..., Dehazer]] = {  # from the `Engine` that computes a network
+    NOT_DEHAZED: lambda engine=CPU: IdentityDehazer(),
+    "dark-channel": lambda engine=CPU: DarkChannelDehazer(),
+    "veil": lambda engine=CPU: VeilDehazer(),
+    "geometry": lambda engine=CPU: GeometryDehazer(),
+    "geometry-linear": lambda engine=CPU: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
+    "coarse-t": lambda engine=CPU: OnnxDehazer(
+        shipped_weights("coarse-t"), "coarse-t", engine, without_pose=VeilDehazer()
+    ),
+    "paper-scene": lambda engine=CPU: OnnxDehazer(
+        shipped_weights("paper-scene"), "paper-scene", engine, network_only=True
+    ),
+    "fast": lambda engine=CPU: OnnxDehazer(
+        shipped_weights("coarse-t"), "fast", engine, working_long_side_px=FAST_PX, without_pose=VeilDehazer()
     ),
 }

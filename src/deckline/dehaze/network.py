@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_image
+from deckline.config import CPU, Engine
 from deckline.dehaze.base import Dehazer, Restored, ramp, restore
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
@@ -49,27 +50,27 @@ class OnnxDehazer:
     Args:
         path: file made by `deckline train dehaze`.
         name: for reports; the file's name when not given.
-        threads: of ONNX Runtime; None lets it take every core.
+        engine: what computes the network.
         working_long_side_px: what larger images are averaged down to; None: the size that the network was trained on.
         network_only: give what the network gives. Otherwise the result of one with a prior is blended with geometry's,
             and changes too small to be haze are not made.
         without_pose: takes images alone and frames without a pose; None: the network takes them.
 
     Raises:
-        ValueError: no ONNX file, or one that is no dehazing network of deckline.
+        ValueError: no ONNX file, one that is no dehazing network of deckline, or an engine that is not there.
     """
 
     def __init__(
         self,
         path: Path,
         name: str | None = None,
-        threads: int | None = None,
+        engine: Engine = CPU,
         working_long_side_px: int | None = None,
         network_only: bool = False,
         without_pose: Dehazer | None = None,
     ) -> None:
         self.name = name or Path(path).name
-        self.session = load_session(path, threads)
+        self.session = load_session(path, engine)
         config = self.session.config
         if config.get("kind") != "dehaze":
             raise ValueError(

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import CPU
 from deckline.detect.classical import ClassicalDetector
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
@@ -41,8 +42,8 @@ class Detector(Protocol):
     def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection: ...
 
 
-DETECTORS: dict[str, Callable[[], Detector]] = {
-    "hybrid": lambda: OnnxDetector(shipped_weights("hybrid")),
-    "ufld": lambda: OnnxDetector(shipped_weights("ufld")),
-    "classical": ClassicalDetector,
+DETECTORS: dict[str, Callable[..., Detector]] = {  # from the `Engine` that computes a network
+    "hybrid": lambda engine=CPU: OnnxDetector(shipped_weights("hybrid"), engine=engine),
+    "ufld": lambda engine=CPU: OnnxDetector(shipped_weights("ufld"), engine=engine),
+    "classical": lambda engine=CPU: ClassicalDetector(),
 }

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import CPU, Engine
 from deckline.detect.anchors import KNOWN_OUTPUTS, ROW_OUTPUTS, DecodeConfig, NetworkOutput, RowGrid, network_output
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
@@ -27,14 +28,15 @@ class OnnxDetector:
         path: the .onnx file; its metadata hold the network's row grid and, unless it is the default, the decoding.
         config: thresholds and crops, those of the kind of network by default. The file's grid and decoding, where it
             has them, replace the config's.
+        engine: what computes the network.
 
     Raises:
-        ValueError: a file that is no such network.
+        ValueError: a file that is no such network, or an engine that is not there.
     """
 
-    def __init__(self, path: Path, config: DetectConfig | None = None) -> None:
+    def __init__(self, path: Path, config: DetectConfig | None = None, engine: Engine = CPU) -> None:
         self.name = path.stem
-        self.session = load_session(path)
+        self.session = load_session(path, engine)
         outputs, stored = self.session.output_names, self.session.config
         if all(set(outputs) != set(names) for names in KNOWN_OUTPUTS):
             expected = ", ".join(ROW_OUTPUTS)

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.evaluation.dehazing_score import FIGURES, restoration
 from deckline.evaluation.store import Store
@@ -86,7 +87,9 @@ def ablation(
     with Store(out, IMAGES_FILE, trained.describe_rows(base, pairs)) as store:
         costs = trained.train_rows(base, pairs, out)
         files = {row.key: out / row.key / trained.WEIGHTS_FILE for row in trained.ROWS}
-        dehazers = {key: OnnxDehazer(file, threads=config.threads or None) for key, file in files.items()}
+        dehazers = {
+            key: OnnxDehazer(file, engine=Engine(threads=config.threads or None)) for key, file in files.items()
+        }
         scores = measure({HAZY: None, **dehazers}, test, range(0, len(test), every), store)
     rows = [row | costs.get(row["row"], {}) for row in summarise_rows(scores)]
     names = {HAZY: ("hazy, left as it is", MISSING)}

@@ -1,6 +1,16 @@
 """Inference sessions and the weights that deckline ships."""
 
+from deckline.runtime.engines import describe_engines, describe_processor
 from deckline.runtime.session import Session, load_session
 from deckline.runtime.weights import ShippedModel, sha256_of, shipped_models, shipped_weights
 
-__all__ = ["Session", "ShippedModel", "load_session", "sha256_of", "shipped_models", "shipped_weights"]
+__all__ = [
+    "Session",
+    "ShippedModel",
+    "describe_engines",
+    "describe_processor",
+    "load_session",
+    "sha256_of",
+    "shipped_models",
+    "shipped_weights",
+]

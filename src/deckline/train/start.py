@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from deckline.config import Engine
 from deckline.runtime import load_session
 from deckline.train.checkpoint import read_tensors
 from deckline.train.line_networks import Hybrid, LineNetwork, PyramidConfig, PyramidNetwork, Ufld
@@ -53,7 +54,7 @@ def _fit_shape(stored: Tensor, own: Tensor, where: str) -> Tensor:
 
 def _read_onnx(path: Path) -> tuple[Any, dict[str, Tensor]]:
     """Graph of a file that deckline can run, and its tensors by name."""
-    load_session(path, threads=1)  # refuses what is no usable network
+    load_session(path, Engine(threads=1))  # refuses what is no usable network
     graph = onnx.load(str(path)).graph
     return graph, {item.name: torch.from_numpy(onnx.numpy_helper.to_array(item).copy()) for item in graph.initializer}
 
@@ -68,7 +69,7 @@ def start_detector(model: LineNetwork, source: Path) -> None:
     """
     if not source.is_file():
         start_with(model, source)
-    elif isinstance(model, Hybrid) and "column_logits" not in load_session(source, threads=1).output_names:
+    elif isinstance(model, Hybrid) and "column_logits" not in load_session(source, Engine(threads=1)).output_names:
         _start_hybrid(model, source)
     elif isinstance(model, PyramidNetwork):
         start_with_file(model, source)
@@ -181,7 +182,7 @@ def _unfold_norm(name: str, weight: Tensor, bias: Tensor, model: LineNetwork) ->
 
 
 def _check_same(model: LineNetwork, path: Path) -> None:
-    session = load_session(path, threads=1)
+    session = load_session(path, Engine(threads=1))
     grid = model.kind.grid
     view = np.random.default_rng(0).standard_normal((1, 3, grid.height, grid.width), dtype=np.float32)
     theirs = dict(zip(session.output_names, session(image=view), strict=True))

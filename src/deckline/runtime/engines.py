@@ -1,0 +1,134 @@
+"""What computes a network: ONNX Runtime, on the processor or a GPU, or OpenVINO. Only this module imports OpenVINO."""
+
+import platform
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.config import CPU, Device, Engine, Precision
+from deckline.extras import needs_extra
+
+PROCESSOR = "CPUExecutionProvider"
+PROVIDERS: dict[Device, str] = {"cuda": "CUDAExecutionProvider", "tensorrt": "TensorrtExecutionProvider"}
+PACKAGES: dict[Device, str] = {"cuda": "onnxruntime-gpu", "tensorrt": "onnxruntime-gpu tensorrt"}
+SINGLE = {"CUDAExecutionProvider": {"use_tf32": "0"}}  # else f32 is multiplied with 10 bits
+
+CPUINFO = Path("/proc/cpuinfo")  # proc(5)
+FLAGS = ("avx2", "avx512f", "avx512_vnni", "avx512_bf16", "amx_bf16", "amx_int8", "asimd", "bf16")  # that count here
+
+Compute = Callable[[dict[str, NDArray[np.float32]]], Sequence[NDArray]]  # inputs by name -> outputs in their order
+
+
+def list_precisions(device: Device) -> tuple[Precision, ...]:
+    """The precisions that a device has on this machine.
+
+    Raises:
+        ValueError: ONNX Runtime has no such provider.
+        ImportError: OpenVINO is not installed.
+    """
+    if device == "openvino":
+        with needs_extra("openvino"):
+            import openvino
+        capabilities = openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
+        return ("f32", "bf16") if "BF16" in capabilities else ("f32",)
+    if device in PROVIDERS:
+        import onnxruntime
+
+        if PROVIDERS[device] not in onnxruntime.get_available_providers():
+            raise ValueError(
+                f"ONNX Runtime has no {PROVIDERS[device]} here; for device {device} replace onnxruntime: "
+                f"pip uninstall onnxruntime, then pip install {PACKAGES[device]}"
+            )
+    return ("f32",)
+
+
+def describe_engines() -> dict[Device, str]:
+    """What each device offers on this machine: its precisions, or what to install."""
+    engines: dict[Device, str] = {}
+    for device in get_args(Device):
+        try:
+            engines[device] = ", ".join(list_precisions(device))
+        except (ValueError, ImportError) as error:
+            engines[device] = str(error)
+    return engines
+
+
+def describe_processor() -> str:
+    """The processor's name, and which of its instructions decide how fast networks are."""
+    lines = CPUINFO.read_text(encoding="utf-8").splitlines() if CPUINFO.is_file() else []
+    facts = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    present = set(f"{facts.get('flags', '')} {facts.get('Features', '')}".split())
+    name = facts.get("model name") or platform.machine()
+    return f"{name} ({' '.join(flag for flag in FLAGS if flag in present) or 'no known flags'})"
+
+
+def check_engine(engine: Engine) -> None:
+    """Refuse an engine that this machine has not.
+
+    Raises:
+        ValueError: no such provider or precision.
+        ImportError: OpenVINO is not installed.
+    """
+    precisions = list_precisions(engine.device)
+    if engine.precision not in precisions:
+        raise ValueError(f"engine.precision: this processor has no {engine.precision}, only {', '.join(precisions)}")
+
+
+def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True) -> Any:
+    """ONNX Runtime's session; without `optimised` it loads faster, and runs slower.
+
+    Raises:
+        ValueError: no ONNX model, or a provider that cannot be loaded.
+    """
+    import onnxruntime
+    from onnxruntime.capi import onnxruntime_pybind11_state as errors
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    if not optimised:
+        options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
+    if engine.threads is not None:
+        options.intra_op_num_threads = engine.threads
+    provider = PROVIDERS.get(engine.device, PROCESSOR)
+    providers = [(name, SINGLE.get(name, {})) for name in dict.fromkeys((provider, PROCESSOR))]
+    refused = (errors.Fail, errors.InvalidArgument, errors.InvalidGraph, errors.InvalidProtobuf)
+    unsupported = (errors.NotImplemented, errors.RuntimeException)
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
+    except (*refused, *unsupported) as error:
+        raise ValueError(f"{path} is not a usable ONNX model: {get_line(error)}") from error
+    if provider not in session.get_providers():  # it falls back by itself
+        raise ValueError(f"device {engine.device}: {provider} cannot be loaded; install its driver and libraries")
+    return session
+
+
+def compile_openvino(path: Path, engine: Engine, output_names: Sequence[str]) -> Compute:
+    """OpenVINO's answer for an ONNX file, in the precision that was asked for and no other.
+
+    Raises:
+        ValueError: a model that OpenVINO cannot compute.
+    """
+    import openvino
+
+    settings: dict[str, str | int] = {"INFERENCE_PRECISION_HINT": engine.precision, "PERFORMANCE_HINT": "LATENCY"}
+    if engine.threads is not None:
+        settings["INFERENCE_NUM_THREADS"] = engine.threads
+    try:
+        compiled = openvino.Core().compile_model(path, "CPU", settings)
+    except RuntimeError as error:
+        raise ValueError(f"{path}: OpenVINO cannot compute this model: {get_line(error)}") from error
+
+    def compute(inputs: dict[str, NDArray[np.float32]]) -> Sequence[NDArray]:
+        outputs = compiled.infer_new_request(inputs)  # a request of its own for each call: threads may call at a time
+        return [outputs[name] for name in output_names]
+
+    return compute
+
+
+def get_line(error: Exception) -> str:
+    """The line of an error that says what is wrong: ONNX Runtime's first, OpenVINO's last."""
+    lines = [line for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
+    return lines[-1] if lines[0].startswith("Exception from") else lines[0]
