@@ -134,7 +134,8 @@ def test_info_lists_the_checked_weights_and_version_the_version(capsys):
     assert main(["info"]) == 0
     text = capsys.readouterr().out
     assert "(checked)" in text
-    assert "CPUExecutionProvider" in text
+    assert "processor: " in text
+    assert re.search(r"^  cpu +f32$", text, re.M)
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"deckline {__version__}\n"
 

@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 import torch
 from torch import nn
@@ -47,6 +48,19 @@ def test_fixed_size_stays_fixed(tmp_path: Path) -> None:
     path = export_onnx(torch.nn.ReLU(), (torch.rand(1, 4),), tmp_path / "relu.onnx", ["x"], ["y"], None, {})
     with pytest.raises(ValueError, match=r"relu\.onnx.*5"):
         load_session(path, Engine(threads=1))(x=np.zeros((1, 5), dtype=np.float32))
+
+
+class PaddedConvolution(torch.nn.Conv2d):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return super().forward(torch.nn.functional.pad(x, [0, 1, 0, 1]))
+
+
+def test_no_node_ends_with_an_empty_input(tmp_path: Path) -> None:
+    args = (torch.rand(1, 3, 8, 8),)
+    path = export_onnx(PaddedConvolution(3, 4, 3), args, tmp_path / "pad.onnx", ["x"], ["y"], None, {})
+    nodes = onnx.load(str(path)).graph.node
+    assert [len(node.input) for node in nodes if node.op_type == "Pad"] == [2]
+    assert all(node.input[-1] for node in nodes if node.input)
 
 
 def test_manifest_block_is_what_the_runtime_reads(exported: tuple[torch.nn.Module, Path]) -> None:
