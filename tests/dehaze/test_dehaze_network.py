@@ -29,55 +29,22 @@ from deckline.haze import beta_from_visibility
 from deckline.runtime import shipped_weights
 
 
-def fitted(visibility_m: float, horizon_sea: float = 0.5) -> HazeFit:
-    """`horizon_sea`: how bright the water at the horizon is, of the airlight."""
-    sea = np.stack([np.full(3, -100.0), np.full(3, 150.0 * horizon_sea - 50.0)])
-    return HazeFit(np.full(3, 150.0), beta_from_visibility(visibility_m), 0.0, 0.0, sea)
-
-
-def solution(level: int, visibility_m: float, known: float) -> GeometrySolution:
-    haze = fitted(visibility_m)
-    return GeometrySolution(np.full((40, 64, 3), level, np.uint8), haze, np.full((40, 64), known, np.float32))
-
-
 def network(level: int) -> np.ndarray:
     return np.full((40, 64, 3), level, np.uint8)
 
 
-@pytest.mark.parametrize(
-    ("visibility_m", "known", "expected"),
-    [
-        (1000.0, 1.0, 103),  # as many levels apart as halve geometry's share
-        (1000.0, 0.0, 100),
-        (CLEAR_M[1], 1.0, 110),
-        (CLEAR_M[1], 0.0, 100),  # the sky must be twice as clear
-        (2 * CLEAR_M[1], 0.0, 110),
-        (1e6, 0.5, 110),
-    ],
-)
-def test_in_haze_both_count_and_in_clear_air_geometry(visibility_m: float, known: float, expected: float) -> None:
-    result = blend_with_geometry(network(100), solution(110, visibility_m, known))
-    assert result.dtype == np.uint8
-    np.testing.assert_allclose(result, expected, atol=0.5)
-
-
-def test_what_geometry_gets_far_wrong_hardly_counts_and_neither_picture_is_changed() -> None:
-    ours, theirs = network(100), solution(250, 1000.0, 1.0)
-    assert blend_with_geometry(ours, theirs).max() <= 102
-    assert (ours == 100).all()
-    assert (theirs.image_rgb == 250).all()
+@pytest.mark.parametrize(("apart", "moved"), [(0, 0), (5, 0.4 * 5 / (1 + 1 / 16)), (20, 4), (60, 2.4), (150, 1.05)])
+def test_the_network_moves_geometry_where_they_agree_and_never_far(apart: int, moved: float) -> None:
+    ours, theirs = network(100 + apart), network(100)
+    np.testing.assert_allclose(blend_with_geometry(ours, theirs), 100 + moved, atol=0.51)
+    assert (ours == 100 + apart).all()
+    assert (theirs == 100).all()
 
 
 def test_clear_air_begins_and_ends_where_it_is_said() -> None:
     low, high = CLEAR_M
-    views = ((low, 1.0), (float(np.sqrt(low * high)), 1.0), (high, 1.0), (high, 2.0))
-    certain = [clear_air_certainty(fitted(visibility_m), times) for visibility_m, times in views]
-    np.testing.assert_allclose(certain, [0, 0.5, 1, 0], atol=1e-6)
-
-
-def test_air_is_not_called_clear_over_water_brighter_than_itself() -> None:
-    certain = [clear_air_certainty(fitted(30_000.0, horizon_sea), 1.0) for horizon_sea in (0.8, 0.95, 1.1)]
-    np.testing.assert_allclose(certain, [1, 0.5, 0])
+    certain = [clear_air_certainty(visibility_m) for visibility_m in (300.0, low, float(np.sqrt(low * high)), high)]
+    np.testing.assert_allclose(certain, [0, 0, 0.5, 1], atol=1e-6)
 
 
 @pytest.mark.parametrize(("change", "done"), [(5, 0), (6, 0), (7, 7 / 3), (8, 8 * 2 / 3), (9, 9), (60, 60)])
@@ -99,7 +66,7 @@ def test_mixing_is_exact_and_never_wraps() -> None:
 
 
 def test_visibility_is_where_two_percent_are_left() -> None:
-    fit = solution(0, 1200.0, 1.0).haze
+    fit = HazeFit(np.full(3, 150.0), beta_from_visibility(1200.0), 0.0, 0.0, np.stack([np.full(3, -100.0), np.zeros(3)]))
     assert fit.visibility_m == pytest.approx(1200.0, rel=1e-3)
     banked = HazeFit(fit.airlight, 4e-4, 0.0, 4e-4, fit.sea)
     assert banked.visibility_m < 0.5 * 3.912 / 4e-4

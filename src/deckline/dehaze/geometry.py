@@ -44,7 +44,6 @@ class GeometrySolution:
 
     image_rgb: NDArray[np.uint8]  # (H, W, 3) without its haze
     haze: HazeFit
-    known: Image  # (H, W) how surely the range of what is seen is known, 0 (the sky, left as it is) to 1
 
 
 class GeometryDehazer:
@@ -91,8 +90,8 @@ class GeometryDehazer:
             return haze
         deck = view_sea(small.camera, pose, deck_z_m)
         objects, bound = find_objects(planes, view, deck, haze, with_noise(self.config, small_noise))
-        clear, known = _remove_haze(frame, pose, sea_z_m, haze, objects, bound, with_noise(self.config, noise))
-        return GeometrySolution(clear, haze, known)
+        clear = _remove_haze(frame, pose, sea_z_m, haze, objects, bound, with_noise(self.config, noise))
+        return GeometrySolution(clear, haze)
 
 
 def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
@@ -143,8 +142,8 @@ def _remove_haze(
     certainty: Image,
     bound: Image,
     config: GeometryConfig,
-) -> tuple[NDArray[np.uint8], Image]:
-    """A frame's image (H, W, 3) with its haze thinned to a clear day's, and how surely ranges are known (H, W).
+) -> NDArray[np.uint8]:
+    """A frame's image (H, W, 3) with its haze thinned to a clear day's.
 
     `certainty` says how surely something is nearer than the sea, `bound` is its least transmission; both cover the
     whole image at any resolution.
@@ -157,13 +156,12 @@ def _remove_haze(
         for part in (certainty, bound)
     )
     levels, airlight = level_table(config.light), haze.airlight.astype(np.float32)[:, None, None]
-    clear, known = np.empty_like(frame.image_rgb), certainty.copy()
+    clear = np.empty_like(frame.image_rgb)
     step = max(1, STRIP_PX // width)
     for top in range(0, height, step):
         rows = slice(top, top + step)
         view = view_sea(frame.camera, pose, sea_z_m, rows)
         range_m = None if frame.depth_m is None else frame.depth_m[rows] * ray_lengths(frame.camera, rows)
-        known[rows][view.is_sea if range_m is None else view.is_sea | np.isfinite(range_m)] = 1
         t, clear_t = transmissions(view, certainty[rows], bound[rows], range_m, haze, config)
         planes = np.ascontiguousarray(np.moveaxis(frame.image_rgb[rows], 2, 0))
         usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight)
@@ -171,7 +169,7 @@ def _remove_haze(
         solved = display_levels(solved) if config.light == "linear" else solved
         solved = np.clip(np.rint(solved), 0, 255).astype(np.uint8)
         clear[rows] = np.moveaxis(np.where(t == 1, planes, solved), 0, 2)
-    return clear, known
+    return clear
 
 
 def level_table(light: str) -> Image:

@@ -1,10 +1,10 @@
 """The trained dehazing network as an ONNX file: image to tensor and back, inference, blending with geometry.
 
-A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: in clear
-air the geometry dehazer's result is used, whatever the network says. In haze both are estimates with errors of their
-own, so that their mean is better than either where they agree; where they do not, geometry is more often far off.
-Without a pose a change that is no larger than what the network does to clear images is not made; on photographs of haze
-that change does harm, so that the shipped networks leave images without a pose to another dehazer.
+A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air is
+left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
+where they do not, the network is more often far off. Without a pose a change that is no larger than what the network
+does to clear images is not made; on photographs of haze that change does harm, so that the shipped networks leave
+images without a pose to another dehazer.
 """
 
 from pathlib import Path
@@ -16,7 +16,6 @@ from deckline.checks import check_image
 from deckline.config import CPU, Engine
 from deckline.dehaze.base import Dehazer, Restored, ramp, restore
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
-from deckline.dehaze.haze_fit import HazeFit
 from deckline.runtime import load_session
 from deckline.types import Frame
 
@@ -26,13 +25,10 @@ Tensor = NDArray[np.float32]
 GUIDE_RADIUS, GUIDE_RIDGE = 4, 1e-4  # of the guided filter: window, px of the small image; on the variance, range 0..1
 MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the network needs more pixels than it adds
 
-# Chosen on 40 views of preset paper and 60 of train, 300 to 3000 m, and on 60 in 4 to 20 km;
-# docs/experiments/2026-11-dehazing-blend.md has the figures.
-CLEAR_M = (4000.0, 8000.0)  # visibility: from here on geometry weighs more, and from here on alone
-HORIZON_SEA = (0.9, 1.0)  # of the airlight: water that far away mirrors the sky; a fit that has it brighter is wrong
-SKY_CLEAR = 2.0  # times that in the sky, which geometry leaves as it is
-MEAN_SHARE = 0.6  # of geometry where both agree
-AGREE_LEVELS = 10.0  # apart: geometry counts half of that
+# Chosen on 9 random sets of presets paper and train, 150 m to 20 km and clear; docs/experiments/2026-11-dehazing-blend.md
+CLEAR_M = (7000.0, 9000.0)  # fitted visibility: from here on less is removed, and from here on nothing
+NETWORK_SHARE = 0.4  # where both agree
+AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 4 levels
 AGREE_PX = 31  # side of the window in which they are compared, for images REFERENCE_PX wide
 REFERENCE_PX = 640
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
@@ -106,8 +102,13 @@ class OnnxDehazer:
         solution = None if self.geometry is None else self.geometry.solve(frame)
         if not isinstance(solution, GeometrySolution):
             return Restored(self._restore_alone(frame.image_rgb))
+        air = 0.0 if self.network_only else clear_air_certainty(solution.haze.visibility_m)
+        if air == 1:
+            return Restored(frame.image_rgb.copy(), f"not dehazed: the air is clear for {CLEAR_M[1] / 1e3:g} km or more")
         clear = self._run(frame.image_rgb, solution.image_rgb)
-        return Restored(clear if self.network_only else blend_with_geometry(clear, solution))
+        if self.network_only:
+            return Restored(clear)
+        return Restored(mix(blend_with_geometry(clear, solution.image_rgb), frame.image_rgb, air))
 
     def _run(self, image_rgb: Image, prior_rgb: Image) -> Image:
         height, width = image_rgb.shape[:2]
@@ -198,24 +199,20 @@ def upsample_guided(image: Tensor, small: Tensor, result: Tensor, factor: int) -
     return full
 
 
-def blend_with_geometry(network_rgb: Image, solution: GeometrySolution) -> Image:
-    """The network's image (H, W, 3) blended with geometry's."""
+def blend_with_geometry(network_rgb: Image, geometry_rgb: Image) -> Image:
+    """Geometry's image (H, W, 3), moved a little towards the network's where they agree."""
     import cv2
 
-    red, green, blue = cv2.split(cv2.absdiff(network_rgb, solution.image_rgb))
+    red, green, blue = cv2.split(cv2.absdiff(network_rgb, geometry_rgb))
     apart = cv2.max(cv2.max(red, green), blue).astype(np.float32)
     side = max(1, round(AGREE_PX * apart.shape[1] / REFERENCE_PX)) // 2 * 2 + 1
-    share = MEAN_SHARE / (1 + np.square(cv2.blur(apart, (side, side)) / np.float32(AGREE_LEVELS)))
-    below, sky = (clear_air_certainty(solution.haze, times) for times in (1.0, SKY_CLEAR))
-    share = solution.known * (below + (1 - below) * share) + (1 - solution.known) * np.float32(sky)
-    return blend(network_rgb, solution.image_rgb, share.astype(np.float32))
+    share = NETWORK_SHARE / (1 + np.square(cv2.blur(apart, (side, side)) / np.float32(AGREE_LEVELS)))
+    return blend(geometry_rgb, network_rgb, share)
 
 
-def clear_air_certainty(haze: HazeFit, times: float) -> float:
-    """How surely the air is `times` as clear as CLEAR_M, 0 to 1."""
-    clear = ramp(float(np.log(haze.visibility_m / times)), *np.log(CLEAR_M))
-    horizon = float((haze.airlight + haze.sea.sum(axis=0)).mean() / haze.airlight.mean())
-    return clear * (1 - ramp(horizon, *HORIZON_SEA))
+def clear_air_certainty(visibility_m: float) -> float:
+    """How surely air of this fitted visibility is clear, 0 to 1."""
+    return ramp(float(np.log(visibility_m)), *np.log(CLEAR_M))
 
 
 def suppress_small_change(image_rgb: Image, network_rgb: Image) -> Image:
@@ -223,7 +220,14 @@ def suppress_small_change(image_rgb: Image, network_rgb: Image) -> Image:
     step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
     change = np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step])))
     share = 1 - ramp(float(change), *CHANGE_LEVELS)
-    return blend(network_rgb, image_rgb, np.full(image_rgb.shape[:2], share, np.float32)) if share else network_rgb
+    return mix(network_rgb, image_rgb, share)
+
+
+def mix(first_rgb: Image, second_rgb: Image, share: float) -> Image:
+    """Two images (H, W, 3); `share`, 0 to 1, of the second everywhere."""
+    import cv2
+
+    return np.asarray(cv2.addWeighted(first_rgb, 1 - share, second_rgb, share, 0), np.uint8) if share else first_rgb
 
 
 def blend(first_rgb: Image, second_rgb: Image, share: NDArray[np.float32]) -> Image:
