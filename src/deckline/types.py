@@ -65,6 +65,7 @@ class Reason(StrEnum):
     SWAPPED = "swapped"
     RESUMED = "resumed"
     OTHER_LINES = "other lines"  # a search of the whole picture sees another runway than the track
+    STALE = "stale"  # no frame, or an answer too late to be used
     DECK_SIGN = "deck sign"  # the reported deck height seems to have the wrong sign
 
 

@@ -16,6 +16,7 @@ from deckline import __version__
 SUMMARIES = {
     "demo": "Fly the shipped sample approach through haze: report, film and guidance in demo-out.",
     "run": "Find the runway in a recording, an image folder, a video, or live in a simulator.",
+    "live": "Guide from a camera, a network stream or a simulator, as JSON lines.",
     "convert": "Copy an AirSim recording into deckline's layout, or back.",
     "info": "Print versions, the processor, the engines and the shipped weights.",
     "sim": "Render a recording of a deck, or serve AirSim's clients.",
@@ -37,6 +38,10 @@ EXAMPLES = {
     "deckline run": (
         "deckline run flights/first --out out --deck-z-m -18",
         "deckline run approach.mp4 --out out --camera camera.toml --poses poses.csv --every 3 --start 60 --duration 30",
+    ),
+    "deckline live": (
+        "deckline live camera:0 --camera camera.toml --poses udp://0.0.0.0:5601 --deck-z-m -18",
+        "deckline live udp://0.0.0.0:5600 --to udp://127.0.0.1:5602 --out flight --record",
     ),
     "deckline eval": ("deckline eval chain --frames 50 --json figures/chain.json", "deckline eval report figures"),
     "deckline eval chain": ("deckline eval chain --frames 50", "deckline eval chain --preset cvn --out scores"),
@@ -194,7 +199,8 @@ def _load_commands(name: str) -> dict[str, Callable[..., int]]:
     else:
         from deckline.cli.convert import convert
         from deckline.cli.info import info
+        from deckline.cli.live import live
         from deckline.cli.run import demo, run
 
-        functions = (demo, run, convert, info)
+        functions = (demo, run, live, convert, info)
     return {function.__name__.strip("_"): function for function in functions}

@@ -2,7 +2,7 @@
 
 poses.csv has the columns file, time_s, x_m, y_m, z_m, qw, qx, qy, qz in any order: world_from_body, the world
 North-East-Down or any right-handed forward-right-down frame. With a column `file` in a folder of images a row belongs
-to the image of this name; otherwise rows go by time (`pose_track`).
+to the image of this name, and may leave the pose empty; otherwise rows go by time (`pose_track`).
 """
 
 import csv
@@ -31,12 +31,18 @@ class Poses:
     rows: Mapping[str, tuple[int, Cells]]  # file -> line number, cells
     notes: tuple[str, ...] = ()
 
-    def at(self, file: str) -> tuple[float, RigidTransform]:
-        """Time in s and world_from_body of an image; a ValueError without a row for it, or one that is no pose."""
+    def at(self, file: str) -> tuple[float, RigidTransform | None]:
+        """Time in s and world_from_body of an image, None where its row gives a time only.
+
+        Raises:
+            ValueError: there is no row for it, or one that is no pose.
+        """
         if file not in self.rows:
             raise ValueError(f"{self.path} has no row for it; add one, or take the image away")
         line, cells = self.rows[file]
         try:
+            if not any(cells.get(name) for name in NUMBERS[1:]):
+                return check_number(parse_number(cells, NUMBERS[0]), NUMBERS[0]), None
             return parse_pose(cells, NUMBERS)
         except ValueError as error:
             raise ValueError(f"{self.path} line {line}: {error}") from None

@@ -6,13 +6,13 @@ import sys
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
+from typing import Protocol
 
 from deckline import __version__
 from deckline.config_file import to_toml_text
 from deckline.dehaze import OnnxDehazer
 from deckline.detect import OnnxDetector
 from deckline.flight import Flight, FrameResult
-from deckline.recording import Stream
 from deckline.runtime import sha256_of
 from deckline.types import Frame
 
@@ -29,7 +29,14 @@ def settings_of(chain: Callable[[Frame], FrameResult]) -> Settings:
     return settings
 
 
-def run_info(source: Stream, frames: int, total: int | None, stopped: bool) -> Settings:
+class Named(Protocol):
+    """A source of frames, recorded or live."""
+
+    name: str
+    notes: tuple[str, ...]
+
+
+def run_info(source: Named, frames: int, total: int | None, stopped: bool) -> Settings:
     """Where results come from, label -> value, in the order in which the report shows them."""
     machine = f"{platform.system()} {platform.machine()}"
     count = f"{frames}" if total is None else f"{frames} of {total}"

@@ -6,7 +6,7 @@ Degrees where people read, units in the names, null for what does not exist: nev
 import csv
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,8 @@ UNITS = ("_m_s", "_deg", "_m")
 LINES = (*SIDES, "centre")
 LINE_ERRORS = ("direction_error_deg", "lateral_error_at_ramp_m", "height_error_m")
 STAGES = ("dehaze", "detect", "localize", "guide", "track")
+
+NO_COLUMNS: Mapping[str, Iterable[str | int]] = {}
 
 Record = dict[str, Any]
 
@@ -112,13 +114,20 @@ def keep_whole_lines(path: Path) -> int:
     return count
 
 
-def write_csv(path: Path, records: Iterable[Record]) -> None:
-    """The records as a table, one row each; empty cells for what does not exist."""
+def write_csv(path: Path, records: Iterable[Record], more: Mapping[str, Iterable[str | int]] = NO_COLUMNS) -> None:
+    """The records as a table, one row each; empty cells for what does not exist.
+
+    Args:
+        path: the file.
+        records: one a row.
+        more: further columns: name -> where the value lies in a record.
+    """
+    columns = {**COLUMNS, **more}
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(COLUMNS)
+        writer.writerow(columns)
         for record in records:
-            writer.writerow(_cell(lookup(record, keys)) for keys in COLUMNS.values())
+            writer.writerow(_cell(lookup(record, keys)) for keys in columns.values())
 
 
 def lookup(record: Record, keys: Iterable[str | int]) -> Any:

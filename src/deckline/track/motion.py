@@ -1,6 +1,6 @@
 """Motion between frames: the aircraft's velocity from its poses, and the deck as damped oscillations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,20 @@ def start_aircraft(frame: Frame, sigma_m: float) -> Aircraft | None:
     return Aircraft(frame.time_s, pose.translation, np.zeros(3), covariance, pose.rotation, np.zeros(3))
 
 
+def predict_aircraft(aircraft: Aircraft, time_s: float) -> Aircraft:
+    """The aircraft at a later time without another pose: it keeps its velocity and its turn rate."""
+    dt = time_s - aircraft.time_s
+    transition = np.array([[1.0, dt], [0.0, 1.0]])
+    process = ACCELERATION_M_S15**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    return replace(
+        aircraft,
+        time_s=time_s,
+        position_m=aircraft.position_m + dt * aircraft.velocity_m_s,
+        covariance=transition @ aircraft.covariance @ transition.T + process,
+        attitude=Rotation.from_rotvec(dt * aircraft.turn_rate_rad_s) * aircraft.attitude,
+    )
+
+
 def advance_aircraft(aircraft: Aircraft, frame: Frame, sigma_m: float) -> tuple[Aircraft | None, float]:
     """The aircraft at a later frame, and by how much its pose jumped, m; 0: it did not.
 
@@ -70,10 +84,8 @@ def advance_aircraft(aircraft: Aircraft, frame: Frame, sigma_m: float) -> tuple[
     if pose is None:
         return None, 0.0
     dt = frame.time_s - aircraft.time_s
-    transition = np.array([[1.0, dt], [0.0, 1.0]])
-    process = ACCELERATION_M_S15**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    covariance = transition @ aircraft.covariance @ transition.T + process
-    innovation = pose.translation - aircraft.position_m - dt * aircraft.velocity_m_s
+    predicted = predict_aircraft(aircraft, frame.time_s)
+    covariance, innovation = predicted.covariance, pose.translation - predicted.position_m
     variance = covariance[0, 0] + sigma_m**2
     jump = float(np.linalg.norm(innovation))
     if jump > JUMP_M + JUMP_SIGMA * np.sqrt(variance):
@@ -84,7 +96,7 @@ def advance_aircraft(aircraft: Aircraft, frame: Frame, sigma_m: float) -> tuple[
     share = 1.0 - np.exp(-dt / TURN_RATE_WINDOW_S)
     return Aircraft(
         frame.time_s,
-        aircraft.position_m + dt * aircraft.velocity_m_s + gain[0] * innovation,
+        predicted.position_m + gain[0] * innovation,
         aircraft.velocity_m_s + gain[1] * innovation,
         rest @ covariance @ rest.T + sigma_m**2 * np.outer(gain, gain),
         pose.rotation,

@@ -6,25 +6,22 @@ import numpy as np
 
 from deckline.config import RunConfig
 from deckline.track.extent import (
-    Extent,
-    advance_extent,
     locate_ramp,
     runway_prior,
     update_extent,
     visible_extent,
 )
 from deckline.track.filter import (
-    State,
     initial_state,
     predict,
     shift_reference,
     track_lines,
-    track_rates,
     update,
 )
-from deckline.track.integrity import FaultMonitor, FrozenImageMonitor, check_order, protection_levels
+from deckline.track.forecast import Forecast, TrackMemory, describe_track
+from deckline.track.integrity import FaultMonitor, FrozenImageMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
-from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
+from deckline.track.motion import Pose, advance_aircraft, start_aircraft
 from deckline.types import (
     SIDES,
     Frame,
@@ -42,18 +39,6 @@ NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 ROUNDING_S = 1e-6  # of sums of times
 MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE = 1e-5, 1e-3, 1e-4  # floors of exact sensors
 FROZEN = Notice(Reason.FROZEN, "the camera shows the same picture while the aircraft moves")
-
-
-@dataclass(frozen=True, eq=False)
-class TrackMemory:
-    """What is carried from frame to frame."""
-
-    state: State
-    aircraft: Aircraft
-    extent: Extent | None
-    seen_s: float  # when lines were last used
-    consistent_s: float  # when lines were last used, or none were there to contradict
-    start_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +83,10 @@ class Tracker:
         before, self._time_s = self._time_s, frame.time_s
         self._last = self._advance(frame, estimate, None if before is None else frame.time_s - before)
         return self._last
+
+    def forecast(self) -> Forecast | None:
+        """What the track after the last frame says of later times; None when it is lost."""
+        return None if self._memory is None or self._last is None else Forecast(self._memory, self._last, self.config)
 
     def runway_prior(self, frame: Frame) -> RunwayPrior | None:
         """Where the runway should be in the next frame, before its picture is searched; None when the track is lost."""
@@ -215,30 +204,13 @@ class Tracker:
         gated: GatedMeasurement | None,
         flags: Notices,
     ) -> Track:
-        extent, state, config, touchdown = memory.extent, memory.state, self.config, None
-        if extent is not None:
-            extent = advance_extent(extent, state, context.frame.time_s - memory.seen_s)
-            touchdown = float(state.local(extent.near_m)[0]) + config.approach.touchdown_m
-        ramp = extent if extent is not None and extent.is_ramp else None
-        at_m = touchdown or 0.0
-        lateral, height, closing = track_rates(
-            state, memory.aircraft, pose, None if ramp is None else ramp.speed, at_m, config
-        )
         used = gated is not None and gated.kept is not None
-        return Track(
-            context.frame.time_s,
-            TrackState.TRACKING if used else TrackState.COASTING,
-            track_lines(state, pose, at_m, config),
-            protection=None if pose is None else protection_levels(state, pose, touchdown, config),
+        return replace(
+            describe_track(memory, pose, self.config),
+            state=TrackState.TRACKING if used else TrackState.COASTING,
             flags=flags,
             excluded=() if gated is None else gated.excluded,
-            ramp_m=None if ramp is None else ramp.near_m,
-            ramp_sigma_m=None if ramp is None else ramp.sigma_m,
-            lateral_rate_m_s=lateral,
-            height_rate_m_s=height,
-            closing_m_s=closing,
             notices=context.notices,
-            age_s=context.frame.time_s - memory.start_s,
         )
 
 

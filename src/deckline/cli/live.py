@@ -1,0 +1,153 @@
+"""`deckline live`."""
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any
+
+import tyro
+
+from deckline.config import RunConfig
+from deckline.extras import needs_extra
+from deckline.flight import Flight
+from deckline.live.clock import WallClock
+from deckline.live.folder import Folder, open_output
+from deckline.live.pipeline import STALE_S, Outputs, Session
+from deckline.live.poses import UdpPoses
+from deckline.live.source import LiveSource, Playback, Simulator, is_camera, open_camera
+from deckline.options import RunOptions
+from deckline.recording import open_recording
+from deckline.recording.camera_file import read_camera_file
+
+DEFAULTS = RunOptions()
+
+
+def live(
+    source: tyro.conf.Positional[str],
+    to: str = "-",
+    out: Path | None = None,
+    record: bool = False,
+    camera: str | None = None,
+    poses: str | None = None,
+    deck_z_m: float | None = None,
+    sea_z_m: float | None = None,
+    pose_offset_s: float | None = None,
+    max_pose_gap_s: float | None = None,
+    latency_s: float = 0.0,
+    stale_s: float = STALE_S,
+    rate: float = 30.0,
+    duration: float | None = None,
+    options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
+    overwrite: bool = False,
+) -> int:
+    """Guide from a camera, a network stream or a simulator: one JSON line for each answer, as late as it says.
+
+    Runs until Ctrl-C, SIGTERM or --duration; a source that fails is waited for, and guidance says "stale".
+
+    Args:
+        source: camera:N, rtsp://..., udp://HOST:PORT (MPEG-TS), rtp://HOST:PORT (MPEG-TS in RTP), airsim://HOST:PORT,
+            or a recording or video, which is played at its own pace.
+        to: where the lines go: - for stdout, or udp://HOST:PORT.
+        out: folder for guidance.jsonl, and at the end guidance.csv, report.html and run.toml.
+        record: keep the frames in `out`/recording, for `deckline run`.
+        camera: camera.toml, or a YAML calibration of OpenCV or ROS; of a simulator the camera's name.
+        poses: udp://HOST:PORT on which poses arrive as JSON lines; of a recording as in `deckline run`.
+        deck_z_m: world z (down, metres) of the deck plane.
+        sea_z_m: world z (down, metres) of the water.
+        pose_offset_s: the clock of the poses minus this machine's Unix time (0).
+        max_pose_gap_s: between two poses, beyond which frames in between have no pose (0.5).
+        latency_s: of exposure, coding and network, between a scene and its picture's arrival.
+        stale_s: guidance is stale so many seconds after the last frame.
+        rate: frames a second that are taken from a simulator or asked of it, at most.
+        duration: seconds to run.
+        options: of the configuration.
+        overwrite: replace the results of an older run in `out`.
+    """
+    if record and out is None:
+        raise ValueError("--record keeps frames in the folder of --out: state it")
+    if duration is not None and not duration > 0:
+        raise ValueError(f"--duration must be greater than 0, got {duration}")
+    config = options.run_config()
+    stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s}
+    navigation: Any = {name: value for name, value in stated.items() if value is not None}
+    config = replace(config, navigation=replace(config.navigation, **navigation))
+    wall, send, flight = WallClock(), open_output(to), Flight.from_config(config)
+    with ExitStack() as stack:
+        if is_camera(source):
+            mounted = None if camera is None else read_camera_file(Path(camera)).at(deck_z_m, sea_z_m)
+            opened: LiveSource = open_camera(source, mounted, wall, latency_s, rate, _log)
+            link = None if poses is None else stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))
+            if link is not None and mounted is None:
+                raise ValueError(f"{source}: poses are of no use without --camera")
+        else:
+            link = None
+            opened = _open_other(source, camera, poses, deck_z_m, sea_z_m, rate, config)
+        for note in opened.notes:
+            _log(f"note: {note}")
+        folder = None if out is None else Folder(out, opened, flight, record, overwrite)
+        outputs = Outputs(send, _log) if folder is None else folder.add_to(Outputs(send, _log))
+        session = Session(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
+        with _stop_on_signal(session):
+            try:
+                summary = session.run(duration)
+            finally:
+                written = [] if folder is None else folder.finish(session.counts)
+    for line in (*summary.lines(), *([] if folder is None else folder.losses()), *_pose_losses(link)):
+        _log(line)
+    for path in written:
+        print(path, file=sys.stderr)
+    return 0
+
+
+def _open_other(
+    source: str,
+    camera: str | None,
+    poses: str | None,
+    deck_z_m: float | None,
+    sea_z_m: float | None,
+    rate: float,
+    config: RunConfig,
+) -> LiveSource:
+    """A simulator, or a recording played at its own pace."""
+    if not source.startswith("airsim:"):
+        heights: Any = {"deck_z_m": deck_z_m, "sea_z_m": sea_z_m, "navigation": config.navigation}
+        return Playback(open_recording(source, camera_file=camera, poses_file=poses, **heights))
+    if poses is not None:
+        raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
+    with needs_extra("sim"):
+        from deckline.adapters.airsim.source import LiveSource as AirSim
+    return Simulator(AirSim(source, camera or "0", rate, deck_z_m, sea_z_m))
+
+
+def _pose_losses(poses: UdpPoses | None) -> list[str]:
+    return [f"{poses.refused} poses refused; the last one: {poses.reason}"] if poses and poses.refused else []
+
+
+@contextmanager
+def _stop_on_signal(session: Session) -> Iterator[None]:
+    """SIGINT and SIGTERM end the session; a second one is no longer held back."""
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before: Any = [signal.getsignal(number) for number in signals]
+
+    def restore() -> None:
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        restore()
+        session.stop()
+
+    for number in signals:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        restore()
+
+
+def _log(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

@@ -1,0 +1,141 @@
+"""Datagrams of one sender at a time, and the transport stream inside them as a file that never seeks."""
+
+import ipaddress
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Event
+from urllib.parse import urlsplit
+
+from deckline.recording import RecordingError
+
+POLL_S = 0.1  # a wait notices a stop within this time
+SILENCE_S = 0.5  # of a sender, after which another one is listened to
+LOST_S = 1.0  # of silence, after which a stream is over
+RECEIVE_BUFFER = 4 << 20  # bytes; half a second of 60 Mbit/s
+LARGEST = 65536  # bytes of a datagram
+TS_PACKET, TS_SYNC = 188, b"\x47"  # ISO/IEC 13818-1
+RTP_VERSION, RTP_HEADER, RTP_TS = 2, 12, 33  # RFC 3550; payload type of a transport stream, RFC 3551
+
+
+def parse_udp(address: str, schemes: tuple[str, ...] = ("udp",)) -> tuple[str, int]:
+    """udp://HOST:PORT -> host and port, or a ValueError."""
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError as error:
+        raise ValueError(f"{address}: {error}") from None
+    if parts.scheme not in schemes or not host or not port or parts.path or parts.query or parts.username:
+        raise ValueError(f"{address}: expected {schemes[0]}://HOST:PORT, such as {schemes[0]}://127.0.0.1:5600")
+    return host, port
+
+
+class Receiver:
+    """A socket that listens to the first sender, and to another one once that has been silent for `SILENCE_S`.
+
+    Args:
+        address: udp://HOST:PORT. HOST is this machine's own address, 0.0.0.0 for all of them, or a multicast group.
+        stopped: when set, waits end.
+        unwrap: what a datagram holds; one that holds nothing is left out and makes nobody a sender.
+
+    Attributes:
+        foreign: datagrams left out: of other senders, or empty.
+
+    Raises:
+        ValueError: a wrong address.
+        RecordingError: nobody can listen there.
+    """
+
+    def __init__(self, address: str, stopped: Event, unwrap: Callable[[bytes], bytes] = bytes) -> None:
+        host, port = parse_udp(address, ("udp", "rtp"))
+        self.name = f"udp://{host}:{port}"
+        self.foreign = 0
+        self._stopped = stopped
+        self._unwrap = unwrap
+        self._sender: tuple[str, int] | None = None
+        self._heard_s = 0.0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._bind(socket.gethostbyname(host), port)
+        except OSError as error:
+            self._socket.close()
+            hint = "; does another program take this stream?"
+            raise RecordingError(f"{address}: cannot listen there: {error.strerror or error}{hint}") from None
+
+    def _bind(self, host: str, port: int) -> None:
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        if ipaddress.ip_address(host).is_multicast:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            group = socket.inet_aton(host) + socket.inet_aton("0.0.0.0")
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+        self._socket.bind((host, port))
+        self._socket.settimeout(POLL_S)
+
+    def receive(self, timeout_s: float) -> tuple[bytes, bool] | None:
+        """What the next datagram holds, and whether another sender began with it; None: none in time, or stopped."""
+        end_s = time.monotonic() + timeout_s
+        while not self._stopped.is_set():
+            try:
+                data, sender = self._socket.recvfrom(LARGEST)
+            except TimeoutError:
+                if time.monotonic() >= end_s:
+                    return None
+                continue
+            now_s, data, is_new = time.monotonic(), self._unwrap(data), sender != self._sender
+            if not data or (is_new and now_s - self._heard_s < SILENCE_S):
+                self.foreign += 1
+                if now_s >= end_s:
+                    return None
+                continue
+            self._sender, self._heard_s = sender, now_s
+            return data, is_new
+        return None
+
+    def drain(self) -> None:
+        """Forget what arrived and nobody asked for."""
+        self._socket.setblocking(False)
+        with suppress(BlockingIOError):
+            while True:
+                self._socket.recvfrom(LARGEST)
+        self._socket.settimeout(POLL_S)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def transport_packets(datagram: bytes) -> bytes:
+    """MPEG-TS packets of a datagram, bare or in RTP; empty for anything else."""
+    if len(datagram) > RTP_HEADER and datagram[0] >> 6 == RTP_VERSION and datagram[1] & 0x7F == RTP_TS:
+        datagram = datagram[RTP_HEADER + 4 * (datagram[0] & 0x0F) :]
+    return datagram if datagram[:1] == TS_SYNC and len(datagram) % TS_PACKET == 0 else b""
+
+
+class TransportStream:
+    """What `av.open` reads: the packets of one sender, until it falls silent or another one takes its place.
+
+    Args:
+        receiver: of datagrams with `transport_packets`.
+        first: packets that were received already.
+
+    Attributes:
+        next_first: the packets with which another sender ended this stream; None: none did.
+    """
+
+    def __init__(self, receiver: Receiver, first: bytes) -> None:
+        self.next_first: bytes | None = None
+        self._receiver = receiver
+        self._rest = first
+
+    def read(self, size: int) -> bytes:
+        if not self._rest:
+            received = None if self.next_first else self._receiver.receive(LOST_S)
+            if received is None:
+                return b""
+            data, is_new = received
+            if is_new:
+                self.next_first = data
+                return b""
+            self._rest = data
+        chunk, self._rest = self._rest[:size], self._rest[size:]
+        return chunk

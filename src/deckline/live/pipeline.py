@@ -1,0 +1,216 @@
+"""Capture, perceive and guide, each in its own thread; between them the newest item wins."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deckline.flight import Flight
+from deckline.live.clock import WallClock
+from deckline.live.mailbox import Mailbox
+from deckline.live.messages import Answer, Progress, answer_record, stale_record
+from deckline.live.poses import PoseSource
+from deckline.live.source import Captured, LiveSource, Log
+from deckline.recording import BadFrame
+from deckline.report.records import Record
+from deckline.types import Frame
+
+STALE_S = 0.2
+STALE_EVERY_S = 0.5  # between messages while there is no frame
+TICK_S = 0.01  # how often staleness is looked at
+WAIT_S = 0.1  # a wait for a frame notices a stop within this time
+TELL_EVERY_S = 5.0  # between lines about damaged frames
+AGES = 10_000  # of the last answers, for the summary
+END_S = 3.0  # for a thread to end; one that hangs in a driver is left behind
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where everything goes. The first two are called by the guiding thread, the last one by the perceiving one."""
+
+    send: Callable[[Record], None]
+    log: Log
+    keep: Callable[[Frame], None] | None = None  # takes each frame that was flown
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a session came to."""
+
+    progress: Progress
+    counts: dict[str, int]  # messages by status
+    ages_s: tuple[float, ...]  # of the last answers when they were sent
+
+    def lines(self) -> list[str]:
+        """For people."""
+        counts = ", ".join(f"{count} {status}" for status, count in self.counts.items()) or "none"
+        done = self.progress
+        found = [
+            f"{done.frames} frames, {done.dropped} dropped, {done.damaged} damaged, {done.unsent} answers unsent",
+            f"messages: {counts}",
+        ]
+        if self.ages_s:
+            middle, high = np.percentile(self.ages_s, [50, 99])
+            found.append(f"age of the answers: {1e3 * middle:.0f} ms in the median, {1e3 * high:.0f} ms at 99 %")
+        return found
+
+
+class End:
+    """Stands behind the last frame of a recording."""
+
+
+class Session:
+    """One flight from a live source; `run` it once.
+
+    Args:
+        source: of the frames.
+        flight: answers them.
+        outputs: where messages go.
+        poses: of frames that come without one; None: none.
+        wall: Unix time.
+        stale_s: without a frame or an answer for so long, "stale" goes out, and older answers are flagged.
+    """
+
+    def __init__(
+        self,
+        source: LiveSource,
+        flight: Flight,
+        outputs: Outputs,
+        *,
+        poses: PoseSource | None = None,
+        wall: WallClock | None = None,
+        stale_s: float = STALE_S,
+    ) -> None:
+        if not stale_s > 2 * TICK_S:
+            raise ValueError(f"stale_s must be greater than {2 * TICK_S}, got {stale_s}")
+        self.counts: dict[str, int] = {}
+        self._source = source
+        self._flight = flight
+        self._out = outputs
+        self._poses = poses
+        self._offset_s = (wall or WallClock()).at(0.0)
+        self._stale_s = stale_s
+        self._stopped = threading.Event()
+        self._errors: list[BaseException] = []
+        self._frames: Mailbox[Captured | End] = Mailbox()
+        self._answers: Mailbox[Answer | End] = Mailbox()
+        self._whole = self._damaged = 0  # frames
+        self._damage = ""  # why the last frame could not be used; empty: it could
+        self._captured_s = self._told_s = time.monotonic()  # capture of the last whole frame; last line about damage
+        self._lock = threading.Lock()
+        self._ages: deque[float] = deque(maxlen=AGES)
+
+    def stop(self) -> None:
+        """End `run`; for a signal handler or any thread."""
+        self._stopped.set()
+        self._source.stop()
+
+    def run(self, duration_s: float | None = None) -> Summary:
+        """Fly until `stop`, the end of a recording, or so many seconds.
+
+        Raises:
+            Exception: what ended a thread that nothing should end.
+        """
+        end_s = np.inf if duration_s is None else time.monotonic() + duration_s
+        steps = (self._capture, self._perceive, self._guide)
+        threads = [threading.Thread(target=self._watch, args=(step,), daemon=True) for step in steps]
+        for thread in threads:
+            thread.start()
+        while not self._stopped.is_set() and time.monotonic() < end_s:
+            time.sleep(TICK_S)  # no wait for the event: a signal handler sets it
+        self.stop()
+        for thread in threads:
+            thread.join(END_S)
+        if self._errors:
+            raise self._errors[0]
+        return Summary(self._count(), dict(self.counts), tuple(self._ages))
+
+    def _watch(self, step: Callable[[], None]) -> None:
+        try:
+            step()
+        except BaseException as error:
+            self._errors.append(error)
+            self.stop()
+
+    def _count(self) -> Progress:
+        return Progress(self._whole, self._frames.dropped, self._damaged, self._answers.dropped)
+
+    def _capture(self) -> None:
+        for item in self._source.items():
+            if isinstance(item, BadFrame):
+                self._refuse(item)
+            else:
+                self._captured_s, self._damage = item.at_s, ""
+                self._whole += 1
+                self._frames.put(item)
+            if self._stopped.is_set():
+                return
+        self._frames.put_last(End(), END_S)
+
+    def _refuse(self, bad: BadFrame) -> None:
+        """Count a frame that cannot be used; for two threads."""
+        with self._lock:
+            self._damaged += 1
+            self._damage, now_s = bad.reason, time.monotonic()
+            if self._damaged > 1 and now_s - self._told_s < TELL_EVERY_S:
+                return
+            self._told_s = now_s
+        self._out.log(f"{self._damaged} frames could not be used; the last one: {bad.reason}")
+
+    def _perceive(self) -> None:
+        while not self._stopped.is_set():
+            captured = self._frames.take(WAIT_S)
+            if captured is None:
+                continue
+            if isinstance(captured, End):
+                return self._answers.put_last(captured, END_S)
+            frame = captured.frame
+            if self._poses is not None and frame.camera.known:
+                frame = replace(frame, world_from_body=self._poses(frame.time_s))
+            if self._out.keep is not None:
+                self._out.keep(frame)
+            try:
+                result = self._flight(frame)
+            except ValueError as error:
+                self._refuse(BadFrame(frame.file, " ".join(str(error).split())))
+                continue
+            tracker = self._flight.tracker
+            self._answers.put(Answer(result, None if tracker is None else tracker.forecast(), captured.at_s))
+
+    def _guide(self) -> None:
+        last: Answer | None = None
+        started_s = sent_s = time.monotonic()
+        stale_sent_s = -np.inf
+        approach = self._flight.config.approach
+        while not self._stopped.is_set():
+            answer = self._answers.take(TICK_S)
+            now_s = time.monotonic()
+            if isinstance(answer, End):
+                return self.stop()
+            if answer is not None:
+                last, sent_s = answer, now_s
+                record = answer_record(answer, self._count(), now_s, self._offset_s, self._stale_s, approach)
+                self._ages.append(now_s - answer.at_s)
+                self._send(record)
+                continue
+            silent_s = now_s - min(self._captured_s, sent_s)
+            if silent_s > self._stale_s - 2 * TICK_S and now_s - stale_sent_s > STALE_EVERY_S:
+                stale_sent_s = now_s
+                reason = self._explain(now_s, started_s if last is None else None)
+                self._send(stale_record(last, self._count(), now_s, self._offset_s, reason, approach))
+
+    def _explain(self, now_s: float, started_s: float | None) -> str:
+        """Why there is no answer."""
+        if now_s - self._captured_s <= self._stale_s - 2 * TICK_S:
+            return "frames come, but answers take too long"
+        why = f"; the last one: {self._damage}" if self._damage else ""
+        since_s = now_s - self._captured_s
+        return (f"no frame for {since_s:.2f} s" if started_s is None else "no frame yet") + why
+
+    def _send(self, record: Record) -> None:
+        self._out.send(record)
+        status = str(record["status"])
+        self.counts[status] = self.counts.get(status, 0) + 1

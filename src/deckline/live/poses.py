@@ -1,0 +1,122 @@
+"""Poses of the aircraft while it flies.
+
+A `PoseSource` is any callable that answers where the aircraft was at a time: an autopilot's link fits in here.
+"""
+
+import json
+import threading
+import time
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from deckline.config import Navigation
+from deckline.geometry import pose
+from deckline.live.clock import WallClock
+from deckline.live.datagrams import POLL_S, Receiver
+from deckline.recording.pose_track import PoseTrack
+from deckline.recording.poses import NUMBERS
+from deckline.recording.source import check_number
+
+PoseSource = Callable[[float], RigidTransform | None]  # Unix time, s -> world_from_body; None: not known
+KEPT = 4000  # poses: ten seconds at 400 a second
+FUTURE_S = 0.1  # a pose that is so much later than its arrival has a wrong clock
+WAIT_S = 0.1  # for the pose after a picture, at most
+
+
+class UdpPoses:
+    """A `PoseSource`: JSON lines over UDP, interpolated as the poses of a recording are; a context manager.
+
+    A line is an object with the keys of poses.csv: time_s (Unix time), x_m, y_m, z_m, qw, qx, qy, qz. Poses from the
+    future, of a second sender, or not later than the one before are refused; a clock that jumps back by more than the
+    longest gap begins a new track. A source may be called by one thread.
+
+    Args:
+        address: udp://HOST:PORT to listen on.
+        navigation: offset of the poses' clock, and the longest gap.
+        wall: this machine's Unix time.
+
+    Attributes:
+        refused: lines that were not used.
+        reason: why the last one was not; empty: none was refused.
+
+    Raises:
+        ValueError: a wrong address.
+        RecordingError: nobody can listen there.
+    """
+
+    def __init__(self, address: str, navigation: Navigation, wall: WallClock) -> None:
+        self.refused = 0
+        self.reason = ""
+        self._navigation = navigation
+        self._wall = wall
+        self._poses: deque[tuple[float, RigidTransform]] = deque(maxlen=KEPT)  # ascending times
+        self._changed = threading.Condition()
+        self._stopped = threading.Event()
+        self._receiver = Receiver(address, self._stopped)
+        self._thread = threading.Thread(target=self._listen, name="poses", daemon=True)
+        self._thread.start()
+
+    def __call__(self, time_s: float) -> RigidTransform | None:
+        """world_from_body at a Unix time; waits a little for the pose after it while poses come."""
+        offset_s, gap_s = self._navigation.offset_s or 0.0, self._navigation.max_gap_s
+        wanted_s = time_s + offset_s
+        with self._changed:
+            if self._poses and wanted_s - gap_s <= self._poses[-1][0] < wanted_s:
+                self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1][0] >= wanted_s, WAIT_S)
+            poses = list(self._poses)
+        after = min(bisect_left(poses, wanted_s, key=lambda item: item[0]), len(poses) - 1)
+        if after < 1:
+            return None
+        times, pair = zip(*poses[after - 1 : after + 1], strict=True)
+        positions = np.array([one.translation for one in pair])
+        rotations = Rotation.concatenate([one.rotation for one in pair])
+        return PoseTrack("", np.array(times), positions, rotations, gap_s, offset_s).at(time_s)
+
+    def add(self, line: str, arrival_s: float) -> None:
+        """Take a line that arrived at a Unix time; one that is no pose is refused."""
+        try:
+            time_s, world_from_body = parse_pose_line(line)
+            ahead_s = time_s - (self._navigation.offset_s or 0.0) - arrival_s
+            if ahead_s > FUTURE_S:
+                raise ValueError(f"a pose from {ahead_s:.3f} s in the future; set the clocks, or --pose-offset-s")
+            with self._changed:
+                back_s = self._poses[-1][0] - time_s if self._poses else -1.0
+                if back_s > self._navigation.max_gap_s:
+                    self._poses.clear()
+                elif back_s >= 0.0:
+                    raise ValueError(f"a pose that is {back_s:.3f} s older than the one before")
+                self._poses.append((time_s, world_from_body))
+                self._changed.notify()
+        except ValueError as error:
+            self.refused += 1
+            self.reason = str(error)
+
+    def close(self) -> None:
+        self._stopped.set()
+        self._thread.join()
+        self._receiver.close()
+
+    def _listen(self) -> None:
+        while not self._stopped.is_set():
+            received = self._receiver.receive(POLL_S)
+            if received is not None:
+                arrival_s = self._wall.at(time.monotonic())
+                for line in received[0].decode(errors="replace").splitlines():
+                    self.add(line, arrival_s)
+
+
+def parse_pose_line(line: str) -> tuple[float, RigidTransform]:
+    """Time, s, and world_from_body of a JSON line; a ValueError for one that is no pose."""
+    try:
+        values: Any = json.loads(line)
+    except (ValueError, RecursionError):
+        raise ValueError("a line of the poses is not JSON") from None
+    if not isinstance(values, Mapping):
+        raise ValueError(f"a pose must be a JSON object with {', '.join(NUMBERS)}")
+    numbers = [check_number(values.get(name), name) for name in NUMBERS]
+    return numbers[0], pose(numbers[1:4], numbers[4:])

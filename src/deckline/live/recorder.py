@@ -1,0 +1,66 @@
+"""Keeps the frames that were flown, as a folder of images that `deckline run` answers in the same way."""
+
+from dataclasses import astuple
+from pathlib import Path
+
+import numpy as np
+
+from deckline.atomic import write_atomic
+from deckline.geometry import Camera
+from deckline.recording.camera_file import CAMERA_FILE, HEIGHTS, format_camera
+from deckline.recording.image_folder import DEPTH_FOLDER
+from deckline.recording.images import FAR_DEPTH_M, encode_image, write_pfm
+from deckline.recording.poses import COLUMNS, POSES_FILE
+from deckline.types import Frame
+
+
+class FrameFolder:
+    """Writes images, depth maps, the first frame's camera.toml, and poses.csv, whose rows of
+    frames without a pose give the time only.
+
+    Args:
+        folder: made; must not exist.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True)
+        self._folder = folder
+        self._camera: Camera | None = None
+        self._rows = (folder / POSES_FILE).open("w", encoding="utf-8", newline="\n")
+        self._rows.write(",".join(COLUMNS) + "\n")
+
+    def add(self, frame: Frame) -> None:
+        """Write a frame. Raises OSError, or ValueError for a frame of another camera than the first one's."""
+        name = f"{Path(frame.file).stem}.png"
+        if self._camera is None:
+            self._camera = frame.camera
+            if frame.camera.known:
+                write_atomic(self._folder / CAMERA_FILE, _camera_text(frame).encode())
+        if astuple(frame.camera) != astuple(self._camera):
+            raise ValueError(f"{frame.file}: another camera than that of the recording's first frame")
+        write_atomic(self._folder / name, encode_image(frame.image_rgb, "png"))
+        if frame.depth_m is not None:
+            (self._folder / DEPTH_FOLDER).mkdir(exist_ok=True)
+            depth = np.nan_to_num(frame.depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M)
+            write_atomic(self._folder / DEPTH_FOLDER / f"{Path(name).stem}.pfm", write_pfm(depth))
+        cells = [name, repr(float(frame.time_s)), *_pose_cells(frame)]
+        self._rows.write(",".join(cells) + "\n")
+        self._rows.flush()
+
+    def close(self) -> None:
+        self._rows.close()
+
+
+def _camera_text(frame: Frame) -> str:
+    """Text of the frame's camera.toml, with the heights of deck and sea."""
+    heights = {key: getattr(frame, key) for key in HEIGHTS}
+    rows = [f"{key} = {float(value)}\n" for key, value in heights.items() if value is not None]
+    return "".join(rows) + format_camera(frame.camera, frame.body_from_camera)
+
+
+def _pose_cells(frame: Frame) -> list[str]:
+    """Position and quaternion; empty cells without a pose."""
+    if frame.world_from_body is None:
+        return [""] * len(COLUMNS[2:])
+    translation, rotation = frame.world_from_body.as_components()
+    return [repr(float(value)) for value in (*translation, *rotation.as_quat(scalar_first=True))]

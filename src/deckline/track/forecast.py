@@ -1,0 +1,103 @@
+"""What a track says of the time of its last frame, and of later times."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+from scipy.stats import norm
+
+from deckline.config import RunConfig
+from deckline.track.extent import Extent, advance_extent
+from deckline.track.filter import State, predict, track_lines, track_rates
+from deckline.track.integrity import protection_levels
+from deckline.track.motion import Aircraft, Pose, predict_aircraft
+from deckline.types import Protection, RunwayLine, Track, TrackState
+
+TURN_SIGMA_RAD_S = float(np.deg2rad(2.0))  # of the averaged turn rate; simulated approaches in gusts stay below
+
+
+@dataclass(frozen=True, eq=False)
+class TrackMemory:
+    """What is carried from frame to frame."""
+
+    state: State
+    aircraft: Aircraft
+    extent: Extent | None
+    seen_s: float  # when lines were last used
+    consistent_s: float  # when lines were last used, or none were there to contradict
+    start_s: float
+
+
+def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) -> Track:
+    """The track at the time of the memory's state, as one that coasts.
+
+    Args:
+        pose: of the camera at that time; None: not known.
+    """
+    extent, state, touchdown = memory.extent, memory.state, None
+    if extent is not None:
+        extent = advance_extent(extent, state, state.time_s - memory.seen_s)
+        touchdown = float(state.local(extent.near_m)[0]) + config.approach.touchdown_m
+    ramp = extent if extent is not None and extent.is_ramp else None
+    at_m = touchdown or 0.0
+    lateral, height, closing = track_rates(
+        state, memory.aircraft, pose, None if ramp is None else ramp.speed, at_m, config
+    )
+    return Track(
+        state.time_s,
+        TrackState.COASTING,
+        track_lines(state, pose, at_m, config),
+        protection=None if pose is None else protection_levels(state, pose, touchdown, config),
+        ramp_m=None if ramp is None else ramp.near_m,
+        ramp_sigma_m=None if ramp is None else ramp.sigma_m,
+        lateral_rate_m_s=lateral,
+        height_rate_m_s=height,
+        closing_m_s=closing,
+        age_s=state.time_s - memory.start_s,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """A track after a frame, to be asked about later times. It never changes, so any thread may ask."""
+
+    memory: TrackMemory
+    track: Track  # at the frame
+    config: RunConfig
+
+    def at(self, time_s: float) -> tuple[Track, RigidTransform, float] | None:
+        """Track, world_from_body and 1-sigma of its heading, rad, at a time; what the aircraft may do meanwhile counts.
+
+        The aircraft keeps velocity and turn rate. The growing 1-sigma of its position is part of the lines' covariance,
+        of the ramp's 1-sigma and of the protection levels. None before the frame, for a frame without a pose, and when
+        no line was seen for longer than `tracking.coast_s`.
+        """
+        memory, before = self.memory, self.memory.aircraft
+        known = before.time_s == memory.state.time_s <= time_s <= memory.seen_s + self.config.tracking.coast_s
+        if not known or not self.track.lines:
+            return None
+        aircraft = predict_aircraft(before, time_s)
+        pose = Pose(aircraft.position_m, aircraft.velocity_m_s, aircraft.turn_rate_rad_s)
+        state = predict(memory.state, time_s, aircraft.position_m, self.config)
+        track = describe_track(replace(memory, state=state, aircraft=aircraft), pose, self.config)
+        track = _loosen(track, float(aircraft.covariance[0, 0] - before.covariance[0, 0]))
+        track = replace(track, state=self.track.state, flags=self.track.flags, notices=self.track.notices)
+        body = RigidTransform.from_components(aircraft.position_m, aircraft.attitude)
+        return track, body, TURN_SIGMA_RAD_S * (time_s - before.time_s)
+
+
+def _loosen(track: Track, variance_m2: float) -> Track:
+    """The same track, with a variance on every axis that the aircraft's position has gained."""
+    sigma_m, protection, ramp_sigma_m = float(np.sqrt(variance_m2)), track.protection, track.ramp_sigma_m
+    if protection is not None:
+        bound_m = float(norm.isf(protection.risk / 2)) * sigma_m
+        protection = Protection(protection.lateral_m + bound_m, protection.vertical_m + bound_m, protection.risk)
+    ramp_sigma_m = None if ramp_sigma_m is None else float(np.hypot(ramp_sigma_m, sigma_m))
+    lines = {side: _widen(line, np.diag([variance_m2, 0.0, variance_m2])) for side, line in track.lines.items()}
+    return replace(track, lines=lines, protection=protection, ramp_sigma_m=ramp_sigma_m)
+
+
+def _widen(line: RunwayLine, added: NDArray[np.float64]) -> RunwayLine:
+    relative = line.aircraft_covariance + added
+    return replace(line, covariance=line.covariance + added, relative_covariance=relative)
