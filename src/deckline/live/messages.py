@@ -97,6 +97,8 @@ def predict_guidance(answer: Answer, now_s: float, approach: Approach) -> Guidan
     if moment is None:
         return None
     track, world_from_body, turn_rad = moment
+    if answer.result.track is not None:
+        track = replace(track, flags=answer.result.track.flags)  # with those of the search beside the track
     estimate = replace(NOTHING, status=answer.result.estimate.status, flags=answer.result.estimate.flags)
     later = replace(frame, time_s=track.time_s, world_from_body=world_from_body)
     found = guidance(later, estimate, track, approach)

@@ -1,0 +1,67 @@
+"""What a track says of later times, against the truth of approaches without pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from point_flight import Flight, approach, true_lines, true_pose
+from test_track_tracker import CALM, NOTHING, deviations
+
+from deckline.track import Tracker
+
+
+def forecasts(flight, ahead_s):
+    """Errors (N, 3) of lateral deviation, heading and height so long after each frame, and their 1-sigma (N, 3)."""
+    tracker, errors, sigmas = Tracker(CALM), [], []
+    for frame, estimate, _ in approach(flight):
+        tracker.update(frame, estimate)
+        time_s, forecast = frame.time_s + ahead_s, tracker.forecast()
+        if frame.time_s < 2.0 or forecast is None or (moment := forecast.at(time_s)) is None:
+            continue
+        track, body, turn_rad = moment
+        line = track.lines["centre"]
+        exact = deviations(true_pose(flight, time_s), true_lines(flight, time_s)["centre"])
+        behind = float((body.translation - line.point_m) @ line.direction)
+        carry = np.array([[-1.0, -behind, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+        variance = np.diag(carry @ line.relative_covariance @ carry.T) + np.array([0.0, turn_rad**2, 0.0])
+        errors.append(deviations(body, line) - exact)
+        sigmas.append(np.sqrt(variance))
+    return np.array(errors), np.array(sigmas)
+
+
+def test_errors_of_a_forecast_are_as_large_as_it_says():
+    shares = []
+    for seed in range(3):
+        errors, sigmas = forecasts(Flight(seed=seed, rate_hz=5.0), 0.3)
+        shares.append(np.mean(np.abs(errors) < 2 * sigmas, axis=0))
+    assert np.all(np.mean(shares, axis=0) > 0.9)
+
+
+def test_uncertainty_grows_and_ends_with_the_track():
+    tracker = Tracker(CALM)
+    for index, (frame, estimate, _) in enumerate(approach(Flight())):
+        tracker.update(frame, estimate)
+        if index == 30:
+            break
+    forecast = tracker.forecast()
+    now, later = (forecast.at(frame.time_s + ahead_s) for ahead_s in (0.0, 0.5))
+    for name in ("lateral_m", "vertical_m"):
+        assert getattr(later[0].protection, name) > getattr(now[0].protection, name)
+    assert later[0].lines["centre"].relative_covariance[0, 0] > now[0].lines["centre"].relative_covariance[0, 0]
+    assert later[2] > now[2] == 0.0
+    np.testing.assert_allclose(now[1].translation, frame.world_from_body.translation, atol=0.3)
+    ahead_m = np.linalg.norm(later[1].translation - now[1].translation)
+    assert ahead_m == pytest.approx(0.5 * 65.0, rel=0.05)  # it flies at 65 m/s
+    assert forecast.at(frame.time_s + 2.1) is None
+    assert forecast.at(frame.time_s - 0.1) is None
+
+
+def test_no_forecast_without_a_track_or_a_pose():
+    tracker = Tracker(CALM)
+    assert tracker.forecast() is None
+    frames = list(approach(Flight(), end_m=780.0))
+    for frame, estimate, _ in frames:
+        tracker.update(frame, estimate)
+    blind = replace(frame, time_s=frame.time_s + 0.1, world_from_body=None)
+    tracker.update(blind, NOTHING)
+    assert tracker.forecast() is None or tracker.forecast().at(blind.time_s) is None
