@@ -4,6 +4,7 @@ import json
 import socket
 import threading
 import time
+from dataclasses import replace
 from fractions import Fraction
 
 import av
@@ -14,7 +15,6 @@ from deckline.config import Models
 from deckline.flight import Flight
 from deckline.recording.camera_file import MountedCamera
 from deckline.types import Detection, Frame, LinePoints
-from dataclasses import replace
 
 SHOWN = frame(0, 120.0)
 MOUNTED = MountedCamera(CAMERA, SHOWN.body_from_camera, deck_z_m=-20.0)
@@ -43,6 +43,24 @@ def picture(index: int, size: tuple[int, int] = (CAMERA.width, CAMERA.height)) -
     return np.full((size[1], size[0], 3), 100 + index % 40, np.uint8)
 
 
+class Wire:
+    """What a muxer writes goes out in datagrams of whole packets; every `damage`-th of them is lost."""
+
+    def __init__(self, link: socket.socket, address: tuple[str, int], damage: int) -> None:
+        self._link, self._address, self._damage = link, address, damage
+        self._rest, self._count = bytearray(), 0
+
+    def write(self, data: bytes) -> int:
+        self._rest.extend(data)
+        while len(self._rest) >= 188:
+            size = min(len(self._rest) // 188, 7) * 188
+            self._count += 1
+            if not self._damage or self._count % self._damage:
+                self._link.sendto(self._rest[:size], self._address)
+            del self._rest[:size]
+        return len(data)
+
+
 class Sender:
     """Streams pictures as MPEG-TS over UDP in a thread, a context manager; leaving it cuts the wire."""
 
@@ -61,21 +79,10 @@ class Sender:
         self._thread.join()
 
     def _send(self) -> None:
-        wire, sent = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0
-        rest = bytearray()
-
-        class Wire:
-            def write(_, data: bytes) -> int:
-                nonlocal sent
-                rest.extend(data)
-                while len(rest) >= 7 * 188:
-                    sent += 1
-                    if not self._damage or sent % self._damage:
-                        wire.sendto(rest[: 7 * 188], self._address)
-                    del rest[: 7 * 188]
-                return len(data)
-
-        with av.open(Wire(), "w", format="mpegts", options={"flush_packets": "1"}) as container:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link,
+            av.open(Wire(link, self._address, self._damage), "w", format="mpegts") as container,
+        ):
             options = {"preset": "ultrafast", "tune": "zerolatency"}
             stream = container.add_stream("libx264", rate=RATE_HZ, options=options)
             stream.width, stream.height = self._size
@@ -91,9 +98,9 @@ class PoseSender(Sender):
     """Sends the hovering aircraft's pose as JSON lines, by this machine's Unix time."""
 
     def _send(self) -> None:
-        wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        while not self._stopped.wait(0.02):
-            wire.sendto(pose_line(time.time()).encode(), self._address)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+            while not self._stopped.wait(0.02):
+                link.sendto(pose_line(time.time()).encode(), self._address)
 
 
 def pose_line(time_s: float, at: Frame = SHOWN) -> str:

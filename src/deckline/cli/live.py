@@ -75,8 +75,9 @@ def live(
     stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s}
     navigation: Any = {name: value for name, value in stated.items() if value is not None}
     config = replace(config, navigation=replace(config.navigation, **navigation))
-    wall, send, flight = WallClock(), open_output(to), Flight.from_config(config)
+    wall, flight = WallClock(), Flight.from_config(config)
     with ExitStack() as stack:
+        send = stack.enter_context(open_output(to))
         if is_camera(source):
             mounted = None if camera is None else read_camera_file(Path(camera)).at(deck_z_m, sea_z_m)
             opened: LiveSource = open_camera(source, mounted, wall, latency_s, rate, _log)

@@ -5,6 +5,7 @@ import shutil
 import socket
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -28,7 +29,8 @@ WAITING_LINES, WAITING_FRAMES = 1000, 16  # for the disk; a 720p frame takes 2.8
 REPORT_RECORDS = 2000  # that the report's plots are made of
 
 
-def open_output(to: str) -> Callable[[Record], None]:
+@contextmanager
+def open_output(to: str) -> Iterator[Callable[[Record], None]]:
     """Sends records as JSON lines: to "-", stdout, or to udp://HOST:PORT, one a datagram.
 
     A datagram that the network does not take is lost.
@@ -37,17 +39,18 @@ def open_output(to: str) -> Callable[[Record], None]:
         ValueError: neither.
     """
     if to == "-":
-        return _print_record
+        yield _print_record
+        return
     address = parse_udp(to)
-    output = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as output:
 
-    def send(record: Record) -> None:
-        try:
-            output.sendto(to_line(record).encode(), address)
-        except OSError as error:
-            print(f"{to}: not sent: {error.strerror or error}", file=sys.stderr)
+        def send(record: Record) -> None:
+            try:
+                output.sendto(to_line(record).encode(), address)
+            except OSError as error:
+                print(f"{to}: not sent: {error.strerror or error}", file=sys.stderr)
 
-    return send
+        yield send
 
 
 def _print_record(record: Record) -> None:

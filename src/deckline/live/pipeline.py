@@ -124,6 +124,7 @@ class Session:
         self.stop()
         for thread in threads:
             thread.join(END_S)
+        self._source.close()
         if self._errors:
             raise self._errors[0]
         return Summary(self._count(), dict(self.counts), tuple(self._ages))

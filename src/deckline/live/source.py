@@ -57,6 +57,9 @@ class LiveSource(ABC):
         """End a wait for the next frame; for any thread."""
         self.stopped.set()
 
+    def close(self) -> None:  # noqa: B027 (few hold anything)
+        """Give up what it holds, once nobody iterates."""
+
     def wait_for_stop(self, seconds: float) -> bool:
         """Sleep; whether `stop` ended it."""
         return self.stopped.wait(max(seconds, 0.0))
@@ -108,6 +111,7 @@ class Camera(LiveSource):
     Args:
         name: what people call it.
         open_container: opens it, as `av.open` does.
+        listener: closed with it.
         mounted: None: no camera file, lines in pixels only.
         wall: Unix time of the frames.
         latency_s: of exposure, coding and network, subtracted from the times of arrival.
@@ -122,9 +126,11 @@ class Camera(LiveSource):
         wall: WallClock,
         latency_s: float,
         log: Log,
+        listener: "Listener | None" = None,
     ) -> None:
         super().__init__()
         self.name = name
+        self._listener = listener
         self._open = open_container
         self._mounted = mounted
         self._wall = wall
@@ -132,6 +138,15 @@ class Camera(LiveSource):
         self._log = log
         self._number = 0
         self._size: tuple[int, int] | None = None
+
+    def stop(self) -> None:
+        super().stop()
+        if self._listener is not None:
+            self._listener.stopped.set()
+
+    def close(self) -> None:
+        if self._listener is not None:
+            self._listener.close()
 
     def items(self) -> Iterator[Captured | BadFrame]:
         wait_s, reason = FIRST_WAIT_S, ""
@@ -216,9 +231,9 @@ class Camera(LiveSource):
 class Listener:
     """Opens MPEG-TS that arrives over UDP, bare or in RTP; the socket stays open from one sender to the next."""
 
-    def __init__(self, address: str, stopped: threading.Event) -> None:
-        self._receiver = Receiver(address, stopped, transport_packets)
-        self._stopped = stopped
+    def __init__(self, address: str) -> None:
+        self.stopped = threading.Event()
+        self._receiver = Receiver(address, self.stopped, transport_packets)
         self._stream: TransportStream | None = None
 
     def open(self) -> Any:
@@ -227,12 +242,15 @@ class Listener:
         if first is None:
             self._receiver.drain()
         while first is None:
-            if self._stopped.is_set():
+            if self.stopped.is_set():
                 raise OSError("stopped")
             received = self._receiver.receive(LOST_S)
             first = None if received is None else received[0]
         self._stream = TransportStream(self._receiver, first)
         return av.open(self._stream, format="mpegts", options=LOW_DELAY)
+
+    def close(self) -> None:
+        self._receiver.close()
 
 
 def open_camera(
@@ -257,9 +275,8 @@ def open_camera(
     """
     scheme = urlsplit(address).scheme
     if scheme in ("udp", "rtp"):
-        camera = Camera(address, lambda: listener.open(), mounted, wall, latency_s, log)
-        listener = Listener(address, camera.stopped)
-        return camera
+        listener = Listener(address)
+        return Camera(address, listener.open, mounted, wall, latency_s, log, listener)
     if scheme in ("rtsp", "rtsps"):
         return Camera(hide_credentials(address), lambda: _open_rtsp(address), mounted, wall, latency_s, log)
     path, options = _device(address, mounted, rate_hz)

@@ -1,0 +1,82 @@
+"""`deckline live` on recordings at their own pace, and how it ends."""
+
+import json
+import os
+import signal
+import socket
+import threading
+
+import cv2
+import pytest
+from loopback import free_port, picture
+
+from deckline.cli.main import main
+
+OPTIONS = ["--dehazer", "none", "--detector", "classical"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Six pictures, a twentieth of a second apart."""
+    path = tmp_path / "pictures"
+    path.mkdir()
+    for index in range(6):
+        cv2.imwrite(str(path / f"{index}.png"), picture(index))
+    rows = "".join(f"{index}.png,{0.05 * index}\n" for index in range(6))
+    (path / "times.csv").write_text("file,time_s\n" + rows)
+    return path
+
+
+def read(text):
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_a_recording_is_played_once_and_leaves_a_run_folder(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["live", str(folder), "--out", str(out), *OPTIONS]) == 0
+    output = capsys.readouterr()
+    messages = read(output.out)
+    assert messages[-1]["file"] == "5.png" and messages[-1]["live"]["frames"] == 6
+    assert "6 frames" in output.err
+    assert read((out / "guidance.jsonl").read_text()) == messages
+    assert {path.name for path in out.iterdir()} == {"guidance.jsonl", "guidance.csv", "report.html", "run.toml"}
+    assert main(["live", str(folder), "--out", str(out), *OPTIONS]) == 2  # holds results already
+
+
+def test_lines_go_out_over_udp(folder, capsys):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", port := free_port()))
+        listener.settimeout(20.0)
+        assert main(["live", str(folder), "--to", f"udp://127.0.0.1:{port}", *OPTIONS]) == 0
+        assert "live" in json.loads(listener.recv(65536))
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_wait_for_a_stream(number, capsys):
+    threading.Timer(0.5, os.kill, (os.getpid(), number)).start()
+    assert main(["live", f"udp://127.0.0.1:{free_port()}", *OPTIONS]) == 0
+    messages = read(capsys.readouterr().out)
+    assert {message["status"] for message in messages} <= {"stale"}
+
+
+def test_a_duration_ends_it(capsys):
+    assert main(["live", f"udp://127.0.0.1:{free_port()}", "--duration", "0.3", *OPTIONS]) == 0
+    assert "messages:" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "args, named",
+    [
+        (["udp://127.0.0.1:5600", "--record"], "--record"),
+        (["udp://127.0.0.1:5600", "--duration", "0"], "--duration"),
+        (["udp://127.0.0.1:5600", "--to", "tcp://h:1"], "tcp://h:1"),
+        (["camera:0", "--poses", "udp://127.0.0.1:5601"], "--camera"),
+        (["airsim://127.0.0.1:1", "--poses", "udp://127.0.0.1:5601"], "leave"),
+        (["nothing.mp4"], "nothing.mp4"),
+    ],
+)
+def test_wrong_use_is_one_line(args, named, capsys):
+    assert main(["live", *args, *OPTIONS]) == 2
+    error = capsys.readouterr().err
+    assert named in error and len(error.splitlines()) == 1

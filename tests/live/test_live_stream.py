@@ -1,0 +1,169 @@
+"""A stream over the loopback that is cut and comes back; what was flown is flown again from its recording."""
+
+import json
+import socket
+import threading
+from contextlib import closing, contextmanager
+
+import pytest
+from loopback import (
+    MOUNTED,
+    PoseSender,
+    Sender,
+    flight,
+    free_port,
+    wait_until,
+)
+
+from deckline.config import Navigation
+from deckline.live.clock import WallClock
+from deckline.live.folder import Folder
+from deckline.live.pipeline import Outputs, Session
+from deckline.live.poses import UdpPoses
+from deckline.live.source import hide_credentials, open_camera
+from deckline.recording import RecordingError, open_recording
+from deckline.report.records import frame_record
+
+LATE_S = 60.0  # answers of a busy machine are not late here
+
+
+@contextmanager
+def flying(port, mounted=MOUNTED, poses=None, folder=None, stale_s=0.2):
+    """Messages and log lines of a session that listens on a port."""
+    wall, messages, lines = WallClock(), [], []
+    camera = open_camera(f"udp://127.0.0.1:{port}", mounted, wall, log=lines.append)
+    outputs, chain = Outputs(messages.append, lines.append), flight()
+    kept = None if folder is None else Folder(folder, camera, chain, record=True, overwrite=False)
+    session = Session(
+        camera, chain, outputs if kept is None else kept.add_to(outputs), poses=poses, wall=wall, stale_s=stale_s
+    )
+    thread = threading.Thread(target=session.run)
+    thread.start()
+    try:
+        yield messages, lines
+    finally:
+        session.stop()
+        thread.join()
+        if kept is not None:
+            kept.finish(session.counts)
+
+
+def answers(messages):
+    return [message for message in messages if message["status"] != "stale"]
+
+
+def test_a_wire_that_is_cut_turns_guidance_stale_and_it_recovers():
+    port, pose_port = free_port(), free_port()
+    poses = UdpPoses(f"udp://127.0.0.1:{pose_port}", Navigation(), WallClock())
+    with closing(poses), PoseSender(pose_port), flying(port, poses=poses) as (messages, lines):
+        wait_until(lambda: messages)
+        assert messages[0]["reason"] == "no frame yet"
+        for _ in range(2):
+            count = len(answers(messages))
+            with Sender(port):
+                wait_until(lambda count=count: len(answers(messages)) > count + 5)
+            wait_until(lambda: messages[-1]["status"] == "stale" and messages[-1]["reason"].startswith("no frame for"))
+            wait_until(lambda: lines and "trying again" in lines[-1])
+    for message in answers(messages):
+        live = message["live"]
+        assert message["status"] == "ok"
+        assert live["sent_s"] - live["captured_s"] == pytest.approx(live["age_s"], abs=1e-5)
+        assert live["age_s"] >= 0.0
+        assert ("stale" in [flag["name"] for flag in message["flags"]]) == (live["age_s"] > 0.2)
+    guided = [message for message in answers(messages) if message["guidance"]["lateral_deviation_m"]]
+    assert len(guided) > 5
+    assert guided[-1]["guidance"]["lateral_deviation_m"]["value"] == pytest.approx(3.0, abs=0.5)
+    assert any(message["live"]["now"] for message in guided)
+    last = messages[-1]
+    assert last["live"]["frames"] >= len(answers(messages)) + last["live"]["dropped"] + last["live"]["unsent"]
+    assert last["flags"][0]["name"] == "stale" and not any(last["guidance"].values())
+
+
+def test_what_was_flown_is_flown_again_from_its_recording(tmp_path):
+    port, pose_port = free_port(), free_port()
+    poses = UdpPoses(f"udp://127.0.0.1:{pose_port}", Navigation(), WallClock())
+    with (
+        closing(poses),
+        PoseSender(pose_port),
+        Sender(port),
+        flying(port, poses=poses, folder=tmp_path / "out", stale_s=LATE_S) as (messages, _),
+    ):
+        wait_until(lambda: len(answers(messages)) > 8)
+    sent = {message["file"]: message for message in answers(messages)}
+    chain, again = flight(), {}
+    for frame in open_recording(tmp_path / "out" / "recording"):
+        again[frame.file] = json.loads(json.dumps(frame_record(chain(frame), chain.config.approach)))
+    assert set(again) >= set(sent)
+    for file, message in sent.items():
+        for part in ("time_s", "status", "reasons", "flags"):
+            assert again[file][part] == message[part]
+        for name, value in message["guidance"].items():
+            assert again[file]["guidance"][name] == (value and pytest.approx(value, rel=1e-6, abs=1e-9))
+    written = (tmp_path / "out" / "guidance.jsonl").read_text().splitlines()
+    assert [json.loads(line)["status"] for line in written] == [message["status"] for message in messages]
+    assert "captured_s" in (tmp_path / "out" / "guidance.csv").read_text().splitlines()[0]
+    assert {"report.html", "run.toml"} <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_garbage_and_lost_packets_end_nothing_and_give_no_guidance_of_damaged_pictures():
+    port = free_port()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as noise, flying(port) as (messages, _):
+        for size in (1, 100, 1316):
+            noise.sendto(bytes(size), ("127.0.0.1", port))
+        with Sender(port, damage=7):
+            wait_until(lambda: messages and messages[-1]["live"]["damaged"] > 3)
+        with Sender(port):
+            count = len(answers(messages))
+            wait_until(lambda: len(answers(messages)) > count + 3)
+
+
+@pytest.mark.parametrize("size, scaled", [((640, 360), True), ((320, 240), False)])
+def test_pictures_of_another_size_are_scaled_or_refused(size, scaled):
+    port = free_port()
+    with Sender(port, size), flying(port) as (messages, lines):
+        if scaled:
+            wait_until(lambda: answers(messages))
+            assert any("scaled to 640x360 px" in line for line in lines)
+        else:
+            wait_until(lambda: messages and "another shape" in messages[-1]["reason"])
+            assert not answers(messages)
+
+
+def test_a_stream_without_a_camera_file_gives_lines_in_pixels():
+    port = free_port()
+    with Sender(port), flying(port, mounted=None) as (messages, _):
+        wait_until(lambda: answers(messages))
+    message = answers(messages)[0]
+    assert message["reasons"] == ["no camera"] and message["lines"]["left"]["pixel_line"]
+
+
+def test_a_flight_that_fails_ends_the_session_with_its_error(tmp_path):
+    def broken(*_):
+        raise RuntimeError("a bug")
+
+    with Sender(port := free_port()):
+        camera = open_camera(f"udp://127.0.0.1:{port}", MOUNTED, WallClock(), log=lambda line: None)
+        chain = flight()
+        chain.detector = broken
+        with pytest.raises(RuntimeError, match="a bug"):
+            Session(camera, chain, Outputs(lambda record: None, lambda line: None)).run(30.0)
+
+
+@pytest.mark.parametrize("address", ["camera:x", "camera:0?gain=3", "/dev/null", "udp://127.0.0.1", "udp://u@h:5/x"])
+def test_a_wrong_address_is_named(address):
+    with pytest.raises(ValueError, match=address.replace("?", r"\?")):
+        open_camera(address, None, WallClock())
+
+
+def test_two_programs_cannot_take_one_stream():
+    address = f"udp://127.0.0.1:{free_port()}"
+    with (
+        closing(open_camera(address, None, WallClock())),
+        pytest.raises(RecordingError, match="does another program take this stream"),
+    ):
+        open_camera(address, None, WallClock())
+
+
+def test_credentials_are_no_part_of_a_name():
+    assert hide_credentials("rtsp://me:pa@ss@10.0.0.2:554/cam?x=1") == "rtsp://10.0.0.2:554/cam?x=1"
+    assert open_camera("rtsp://me:secret@10.0.0.2/cam", None, WallClock()).name == "rtsp://10.0.0.2/cam"
