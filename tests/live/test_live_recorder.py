@@ -1,0 +1,46 @@
+"""Frames that are kept come back as they were."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from approach_scene import CAMERA, frame
+from deckline.geometry import Camera
+from deckline.live.recorder import FrameFolder
+from deckline.recording import open_recording
+from deckline.recording.camera_file import make_plain_frame
+
+
+def test_frames_with_and_without_pose_and_depth_come_back(tmp_path):
+    depth = np.full((CAMERA.height, CAMERA.width), 7.5, np.float32)
+    depth[0, 0] = np.nan
+    kept = [replace(frame(0), depth_m=depth, sea_z_m=1.5), replace(frame(1), sea_z_m=1.5, world_from_body=None)]
+    folder = FrameFolder(tmp_path / "kept")
+    for one in kept:
+        folder.add(one)
+    folder.close()
+    read = list(open_recording(tmp_path / "kept"))
+    for one, again in zip(kept, read, strict=True):
+        assert (again.file, again.time_s, again.deck_z_m, again.sea_z_m) == (one.file, one.time_s, -20.0, 1.5)
+        np.testing.assert_array_equal(again.image_rgb, one.image_rgb)
+    np.testing.assert_array_equal(read[0].depth_m, depth)
+    pose, again = kept[0].world_from_body, read[0].world_from_body
+    np.testing.assert_allclose(again.as_matrix(), pose.as_matrix(), rtol=0, atol=1e-13)
+    assert read[1].world_from_body is None and read[1].depth_m is None
+
+
+def test_frames_without_a_camera_come_back_without(tmp_path):
+    folder = FrameFolder(tmp_path / "kept")
+    folder.add(make_plain_frame("frame_1.png", 0.25, np.zeros((20, 30, 3), np.uint8)))
+    folder.close()
+    (read,) = open_recording(tmp_path / "kept")
+    assert not read.camera.known and read.time_s == 0.25
+
+
+def test_a_frame_of_another_camera_is_refused(tmp_path):
+    folder = FrameFolder(tmp_path / "kept")
+    folder.add(frame(0))
+    with pytest.raises(ValueError, match="frame_001"):
+        folder.add(replace(frame(1), camera=Camera.from_fov(320, 180, 0.5)))
+    folder.close()
