@@ -169,7 +169,7 @@ class HazeFit:
     def clear_sea(self, down: Float32) -> Float32:
         """The sea without haze (3, H, W) at sines of the angle below the horizontal (H, W)."""
         straight, grazing = np.stack([self.airlight + self.sea[0], self.sea[1]]).astype(np.float32)[..., None, None]
-        return np.clip(straight + _schlick(down) * grazing, 0, 255)
+        return np.clip(straight + schlick(down) * grazing, 0, 255)
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ def fit_haze(
 def explained_share(fit: HazeFit, profile: SeaProfile) -> float:
     """Share of a profile's bins that the law comes near to."""
     t = np.exp(-fit.optical_depth(profile.range_m.astype(np.float32)))
-    sea = fit.sea[0] + _schlick(profile.down)[:, None] * fit.sea[1]
+    sea = fit.sea[0] + schlick(profile.down)[:, None] * fit.sea[1]
     residual = np.linalg.norm(profile.levels - fit.airlight - t[:, None] * sea, axis=1)
     return float(np.mean(residual < NEAR_LEVELS))
 
@@ -286,7 +286,7 @@ def _solve_sea_colours(
     contrast = profile.levels - airlight
     depth = beta[:, None] * profile.range_m
     t = np.exp(-depth - np.square(np.square(bank[:, None] * depth)))
-    design = np.stack([t, t * _schlick(profile.down)], axis=2)  # (T, N, 2)
+    design = np.stack([t, t * schlick(profile.down)], axis=2)  # (T, N, 2)
     rows, usual = prior_equations(water, airlight)
     weights = np.ones_like(t)
     for _ in range(STEPS):
@@ -307,6 +307,6 @@ def prior_equations(water: WaterPrior, airlight: Float64) -> tuple[Float64, Floa
     return np.stack([mirror, dark]), np.stack([np.zeros(3), -water.dark / water.dark_sigma * airlight / level])
 
 
-def _schlick(down: NDArray) -> NDArray:
+def schlick(down: NDArray) -> NDArray:
     rest = 1 - np.clip(down, 0, 1)
     return np.square(np.square(rest)) * rest  # numpy's own fifth power takes ten times as long
