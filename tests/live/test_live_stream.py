@@ -18,9 +18,9 @@ from loopback import (
 from deckline.config import Navigation
 from deckline.live.clock import WallClock
 from deckline.live.folder import Folder
+from deckline.live.opening import hide_credentials, open_camera
 from deckline.live.pipeline import Outputs, Session
 from deckline.live.poses import UdpPoses
-from deckline.live.source import hide_credentials, open_camera
 from deckline.recording import RecordingError, open_recording
 from deckline.report.records import frame_record
 

@@ -16,9 +16,10 @@ from deckline.extras import needs_extra
 from deckline.flight import Flight
 from deckline.live.clock import WallClock
 from deckline.live.folder import Folder, open_output
+from deckline.live.opening import is_camera, open_camera
 from deckline.live.pipeline import STALE_S, Outputs, Session
 from deckline.live.poses import UdpPoses
-from deckline.live.source import LiveSource, Playback, Simulator, is_camera, open_camera
+from deckline.live.source import LiveSource, Playback, Simulator
 from deckline.options import RunOptions
 from deckline.recording import open_recording
 from deckline.recording.camera_file import read_camera_file

@@ -1,4 +1,4 @@
-"""Datagrams of one sender at a time, and the transport stream inside them as a file that never seeks."""
+"""Datagrams of one sender at a time."""
 
 import ipaddress
 import socket
@@ -15,8 +15,6 @@ SILENCE_S = 0.5  # of a sender, after which another one is listened to
 LOST_S = 1.0  # of silence, after which a stream is over
 RECEIVE_BUFFER = 4 << 20  # bytes; half a second of 60 Mbit/s
 LARGEST = 65536  # bytes of a datagram
-TS_PACKET, TS_SYNC = 188, b"\x47"  # ISO/IEC 13818-1
-RTP_VERSION, RTP_HEADER, RTP_TS = 2, 12, 33  # RFC 3550; payload type of a transport stream, RFC 3551
 
 
 def parse_udp(address: str, schemes: tuple[str, ...] = ("udp",)) -> tuple[str, int]:
@@ -102,40 +100,3 @@ class Receiver:
 
     def close(self) -> None:
         self._socket.close()
-
-
-def transport_packets(datagram: bytes) -> bytes:
-    """MPEG-TS packets of a datagram, bare or in RTP; empty for anything else."""
-    if len(datagram) > RTP_HEADER and datagram[0] >> 6 == RTP_VERSION and datagram[1] & 0x7F == RTP_TS:
-        datagram = datagram[RTP_HEADER + 4 * (datagram[0] & 0x0F) :]
-    return datagram if datagram[:1] == TS_SYNC and len(datagram) % TS_PACKET == 0 else b""
-
-
-class TransportStream:
-    """What `av.open` reads: the packets of one sender, until it falls silent or another one takes its place.
-
-    Args:
-        receiver: of datagrams with `transport_packets`.
-        first: packets that were received already.
-
-    Attributes:
-        next_first: the packets with which another sender ended this stream; None: none did.
-    """
-
-    def __init__(self, receiver: Receiver, first: bytes) -> None:
-        self.next_first: bytes | None = None
-        self._receiver = receiver
-        self._rest = first
-
-    def read(self, size: int) -> bytes:
-        if not self._rest:
-            received = None if self.next_first else self._receiver.receive(LOST_S)
-            if received is None:
-                return b""
-            data, is_new = received
-            if is_new:
-                self.next_first = data
-                return b""
-            self._rest = data
-        chunk, self._rest = self._rest[:size], self._rest[size:]
-        return chunk

@@ -6,23 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
-from urllib.parse import parse_qsl, urlsplit
 
 import av
 
 from deckline.live.clock import StreamClock, WallClock
-from deckline.live.datagrams import LOST_S, Receiver, TransportStream, transport_packets
+from deckline.live.transport import Picture
 from deckline.recording import BadFrame, RecordingError, Source, Stream
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.types import Frame
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to open a source; each wait doubles
-OPEN_S = 5.0  # for a source to begin
-WAITED_S = 2e-3  # for data that were not there yet, at least
-SETTLED_S = 1.0  # after opening, when a stream that nobody had to wait for is taken as it comes
-LOW_DELAY = {"fflags": "nobuffer", "flags": "low_delay", "probesize": "500000", "analyzeduration": "500000"}
-NETWORK = {"protocol_whitelist": "rtsp,rtp,udp,tcp,tls", "rtsp_transport": "tcp"}  # no way to local files
-DEVICE_OPTIONS = ("video_size", "framerate", "input_format")
 
 Log = Callable[[str], None]
 
@@ -110,8 +103,7 @@ class Camera(LiveSource):
 
     Args:
         name: what people call it.
-        open_container: opens it, as `av.open` does.
-        listener: closed with it.
+        pictures: opens it and decodes it to its end, as `decode_stream` does.
         mounted: None: no camera file, lines in pixels only.
         wall: Unix time of the frames.
         latency_s: of exposure, coding and network, subtracted from the times of arrival.
@@ -121,32 +113,21 @@ class Camera(LiveSource):
     def __init__(
         self,
         name: str,
-        open_container: Callable[[], Any],
+        pictures: Callable[[], Iterator[Picture]],
         mounted: MountedCamera | None,
         wall: WallClock,
         latency_s: float,
         log: Log,
-        listener: "Listener | None" = None,
     ) -> None:
         super().__init__()
         self.name = name
-        self._listener = listener
-        self._open = open_container
+        self._pictures = pictures
         self._mounted = mounted
         self._wall = wall
         self._latency_s = latency_s
         self._log = log
         self._number = 0
         self._size: tuple[int, int] | None = None
-
-    def stop(self) -> None:
-        super().stop()
-        if self._listener is not None:
-            self._listener.stopped.set()
-
-    def close(self) -> None:
-        if self._listener is not None:
-            self._listener.close()
 
     def items(self) -> Iterator[Captured | BadFrame]:
         wait_s, reason = FIRST_WAIT_S, ""
@@ -169,38 +150,18 @@ class Camera(LiveSource):
 
     def _session(self) -> Iterator[Captured | BadFrame]:
         """Pictures from opening the source to its end. Raises FFmpegError, OSError or RecordingError."""
-        with self._open() as container:
-            if not container.streams.video:
-                raise RecordingError("there is no picture stream")
-            stream, clock = container.streams.video[0], StreamClock()
-            stream.thread_type = "SLICE"  # threads by frames would hold pictures back
-            damage = "there was no key picture yet"
-            packets, opened_s = container.demux(stream), time.monotonic()
-            while not self.stopped.is_set():
-                asked_s = time.monotonic()
-                if (packet := next(packets, None)) is None:
-                    return
-                arrival_s = time.monotonic()
-                waited = arrival_s - asked_s > WAITED_S or arrival_s - opened_s > SETTLED_S > asked_s - opened_s
-                try:
-                    pictures = packet.decode()
-                except av.error.FFmpegError as error:
-                    pictures, damage = [], f"a picture cannot be decoded: {error.strerror or error}"
-                    yield self._bad(damage)
-                if packet.is_corrupt:
-                    damage = "data are missing"
-                for picture in pictures:
-                    damage = "" if picture.key_frame and not packet.is_corrupt else damage
-                    damage = "a picture's data are damaged" if picture.is_corrupt else damage
-                    if damage:
-                        yield self._bad(damage)
-                        continue
-                    at_s = clock.capture_time(picture.time, arrival_s, waited) - self._latency_s
-                    if clock.is_set:
-                        yield self._capture(picture, at_s)
-
-    def _bad(self, reason: str) -> BadFrame:
-        return BadFrame(self._next_name(), reason)
+        clock, damage = StreamClock(), "there was no key picture yet"
+        for picture in self._pictures():
+            damage = picture.damage or damage
+            if picture.image is not None:
+                damage = "" if picture.image.key_frame and not picture.damage else damage
+                damage = "a picture's data are damaged" if picture.image.is_corrupt else damage
+            if damage:
+                yield BadFrame(self._next_name(), damage)
+                continue
+            at_s = clock.capture_time(picture.presented_s, picture.arrival_s, picture.waited) - self._latency_s
+            if clock.is_set:
+                yield self._capture(picture.image, at_s)
 
     def _next_name(self) -> str:
         """The name that a recording of the frames gives this one."""
@@ -226,93 +187,3 @@ class Camera(LiveSource):
             self._log(f"intrinsics for {camera.width}x{camera.height} px are scaled to {width}x{height} px")
         self._size = width, height
         return fitted
-
-
-class Listener:
-    """Opens MPEG-TS that arrives over UDP, bare or in RTP; the socket stays open from one sender to the next."""
-
-    def __init__(self, address: str) -> None:
-        self.stopped = threading.Event()
-        self._receiver = Receiver(address, self.stopped, transport_packets)
-        self._stream: TransportStream | None = None
-
-    def open(self) -> Any:
-        """The next sender's stream, waited for. Raises FFmpegError, or OSError when stopped."""
-        first = None if self._stream is None else self._stream.next_first
-        if first is None:
-            self._receiver.drain()
-        while first is None:
-            if self.stopped.is_set():
-                raise OSError("stopped")
-            received = self._receiver.receive(LOST_S)
-            first = None if received is None else received[0]
-        self._stream = TransportStream(self._receiver, first)
-        return av.open(self._stream, format="mpegts", options=LOW_DELAY)
-
-    def close(self) -> None:
-        self._receiver.close()
-
-
-def open_camera(
-    address: str,
-    mounted: MountedCamera | None,
-    wall: WallClock,
-    latency_s: float = 0.0,
-    rate_hz: float = 30.0,
-    log: Log = print,
-) -> Camera:
-    """A camera or a stream.
-
-    Args:
-        address: camera:N or /dev/videoN, with options as ?video_size=1280x720&framerate=30&input_format=mjpeg;
-            rtsp://...; udp://HOST:PORT of MPEG-TS; rtp://HOST:PORT of MPEG-TS in RTP.
-        mounted, wall, latency_s, log: as of `Camera`.
-        rate_hz: frames a second that are asked of a device.
-
-    Raises:
-        ValueError: no such kind of address.
-        RecordingError: nobody can listen there.
-    """
-    scheme = urlsplit(address).scheme
-    if scheme in ("udp", "rtp"):
-        listener = Listener(address)
-        return Camera(address, listener.open, mounted, wall, latency_s, log, listener)
-    if scheme in ("rtsp", "rtsps"):
-        return Camera(hide_credentials(address), lambda: _open_rtsp(address), mounted, wall, latency_s, log)
-    path, options = _device(address, mounted, rate_hz)
-    return Camera(path, lambda: _open_device(path, options), mounted, wall, latency_s, log)
-
-
-def is_camera(address: str) -> bool:
-    """Whether `open_camera` takes this address."""
-    return address.startswith(("camera:", "/dev/video", "udp:", "rtp:", "rtsp:", "rtsps:"))
-
-
-def hide_credentials(address: str) -> str:
-    """An address without user name and password."""
-    parts = urlsplit(address)
-    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
-
-
-def _open_rtsp(address: str) -> Any:
-    return av.open(address, format="rtsp", options={**LOW_DELAY, **NETWORK}, timeout=(OPEN_S, LOST_S))
-
-
-def _open_device(path: str, options: dict[str, str]) -> Any:
-    return av.open(path, format="v4l2", options=options, timeout=(OPEN_S, LOST_S))
-
-
-def _device(address: str, mounted: MountedCamera | None, rate_hz: float) -> tuple[str, dict[str, str]]:
-    """Path and options of a device; pictures of the calibration's size are asked for."""
-    name, _, query = address.partition("?")
-    number = name.removeprefix("camera:")
-    path = f"/dev/video{number}" if number.isascii() and number.isdigit() else name
-    options = dict(parse_qsl(query, keep_blank_values=True))
-    unknown = sorted(set(options) - set(DEVICE_OPTIONS))
-    if not path.startswith("/dev/video") or unknown:
-        raise ValueError(
-            f"{address}: a camera is camera:N or /dev/videoN, with the options {', '.join(DEVICE_OPTIONS)}, such as "
-            f"camera:0?video_size=1280x720&framerate=30&input_format=mjpeg"
-        )
-    known = {} if mounted is None else {"video_size": f"{mounted.camera.width}x{mounted.camera.height}"}
-    return path, {**known, "framerate": f"{rate_hz:g}", **options}
