@@ -21,6 +21,7 @@ SUMMARIES = {
     "info": "Print versions, the processor, the engines and the shipped weights.",
     "sim": "Render a recording of a deck, or serve AirSim's clients.",
     "dataset": "Render the paper's dataset of clear and hazy pairs, or check one.",
+    "benchmark": "Measure how long every stage takes on this machine.",
     "train": "Train a network.",
     "eval": "Measure the chain against truth.",
     "labels": "Write runway labels as TuSimple, CULane, COCO keypoints, YOLO-pose or labelme, and read them.",
@@ -42,6 +43,10 @@ EXAMPLES = {
     "deckline live": (
         "deckline live camera:0 --camera camera.toml --poses udp://0.0.0.0:5601 --deck-z-m -18",
         "deckline live udp://0.0.0.0:5600 --to udp://127.0.0.1:5602 --out flight --record",
+    ),
+    "deckline benchmark": (
+        "deckline benchmark --threads 2",
+        "deckline benchmark flights/first --device openvino --precision bf16 --out profile.json",
     ),
     "deckline eval": ("deckline eval chain --frames 50 --json figures/chain.json", "deckline eval report figures"),
     "deckline eval chain": ("deckline eval chain --frames 50", "deckline eval chain --preset cvn --out scores"),
@@ -196,6 +201,10 @@ def _load_commands(name: str) -> dict[str, Callable[..., int]]:
         from deckline.cli.labels import export, import_
 
         functions = (export, import_)
+    elif name == "benchmark":
+        from deckline.cli.benchmark import benchmark
+
+        functions = (benchmark,)
     else:
         from deckline.cli.convert import convert
         from deckline.cli.info import info

@@ -11,7 +11,7 @@ import tyro
 from deckline.extras import needs_extra
 from deckline.flight import Flight
 from deckline.options import RunOptions
-from deckline.recording import Stream, open_recording, select_frames
+from deckline.recording import Source, Stream, open_recording, select_frames
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 DEFAULTS = RunOptions()
@@ -25,9 +25,14 @@ def demo(out: Path = Path("demo-out")) -> int:
     """
     recording = out / "approach"
     own = recording.exists()  # only an earlier demo has unpacked its recording there
+    return _run(unpack_sample(recording), Flight.from_config(), out, overwrite=own)
+
+
+def unpack_sample(folder: Path) -> Source:
+    """The shipped approach through haze, unpacked into a folder."""
     with zipfile.ZipFile(SAMPLE) as archive:
-        archive.extractall(recording)
-    return _run(open_recording(recording), Flight.from_config(), out, overwrite=own)
+        archive.extractall(folder)
+    return open_recording(folder)
 
 
 def run(

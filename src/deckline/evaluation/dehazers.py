@@ -178,15 +178,15 @@ def run_once(task: CostTask) -> Cost:
     image = cv2.resize(frame.image_rgb, task.size_px, interpolation=cv2.INTER_AREA).astype(np.uint8)
     frame = replace(frame, image_rgb=image, camera=frame.camera.resized(*task.size_px), depth_m=None)
     dehazer = build_dehazer(task.dehazer, task.full_size)
-    resident = _reset_peak()
+    resident = reset_peak()
     restore(dehazer, frame)
     start = time.perf_counter()
     restore(dehazer, frame)
     seconds = time.perf_counter() - start
-    return Cost(seconds, None if resident is None else _read_memory("VmHWM") - resident)
+    return Cost(seconds, None if resident is None else read_memory("VmHWM") - resident)
 
 
-def _reset_peak() -> int | None:
+def reset_peak() -> int | None:
     """Bytes resident now, where the peak now begins; None where the system cannot say.
 
     What was freed goes back to the system first: memory kept for later would hide what a dehazer takes.
@@ -199,9 +199,10 @@ def _reset_peak() -> int | None:
         RESET_PEAK.write_text("5")
     except OSError:
         return None
-    return _read_memory("VmRSS")
+    return read_memory("VmRSS")
 
 
-def _read_memory(entry: str) -> int:
+def read_memory(entry: str) -> int:
+    """Bytes of an entry of Linux's /proc/self/status, such as VmHWM, the most that was resident."""
     entries = dict(line.partition(":")[::2] for line in Path("/proc/self/status").read_text().splitlines())
     return 1024 * int(entries[entry].split()[0])

@@ -13,14 +13,14 @@ SIZES = ("parameters", "macs")  # as `deckline train` stores them in a file
 RUNS = 9  # timed of each, interleaved, after one that is not
 
 
-def measure_costs(detectors: Mapping[str, Detector]) -> dict[str, dict[str, float]]:
+def measure_costs(detectors: Mapping[str, Detector], runs: int = RUNS) -> dict[str, dict[str, float]]:
     """Figures of every detector that has a network, by name: parameters, macs, pass_ms (median, on this machine).
 
     A file that does not say how large it is has no parameters and no macs.
     """
     networks = {name: one for name, one in detectors.items() if isinstance(one, OnnxDetector)}
     times: dict[str, list[float]] = {name: [] for name in networks}
-    for _ in range(1 + RUNS):
+    for _ in range(1 + runs):
         for name, detector in networks.items():
             view = np.zeros((3, detector.config.grid.height, detector.config.grid.width), np.float32)
             start = time.perf_counter()

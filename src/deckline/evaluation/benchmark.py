@@ -1,0 +1,129 @@
+"""How long every stage takes on a recording, and how long beside UFLD with ResNet-18 on the same engine."""
+
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deckline.detect import Detector, OnnxDetector
+from deckline.evaluation.dehazers import read_memory, reset_peak
+from deckline.evaluation.detection_cost import measure_costs
+from deckline.evaluation.tables import Figures, Table, number
+from deckline.extras import needs_extra
+from deckline.flight import Flight
+from deckline.recording import Source
+from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
+from deckline.report.video import VideoPiece
+from deckline.types import Frame
+
+ANSWER = ("decode", "detect", "localize", "track", "guide")  # stages from the file to guidance
+FILM = ("dehaze", "film")  # and those that make the film
+WHOLE = {"guidance": ANSWER, "guidance and film": (*ANSWER, *FILM)}
+PERCENTILES = (50, 95, 99)
+PEER, PEER_NETWORK = "UFLD-R18", "ufld-r18"
+LOOKS = 30  # of each network, in turns
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Of one mode."""
+
+    seconds: dict[str, list[float]]  # by stage, one a frame; the first frame is left out
+    first_s: float  # until the first frame's guidance, from the beginning of its decoding
+    peak_bytes: float | None  # most that was resident, models included; None without Linux's /proc
+
+
+def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
+    """Every stage of every usable frame of a source, one after the other.
+
+    Args:
+        film: video file to write, as `deckline run` does.
+
+    Raises:
+        ValueError: fewer than two frames.
+    """
+    resident = reset_peak()
+    with closing(VideoPiece(film, OVERLAY_PX)) as piece:
+        frames = [_measure_frame(frame, decode_s, flight, piece) for frame, decode_s in _decode(source)]
+    if len(frames) < 2:
+        raise ValueError(f"{source.name} has {len(frames)} usable frames; the first one warms up, so two are needed")
+    seconds = {stage: [frame[stage] for frame in frames[1:]] for stage in (*ANSWER, *FILM)}
+    seconds |= {name: [sum(frame[stage] for stage in stages) for frame in frames[1:]] for name, stages in WHOLE.items()}
+    peak = None if resident is None else read_memory("VmHWM")
+    return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), peak)
+
+
+def _decode(source: Source) -> Iterator[tuple[Frame, float]]:
+    """Usable frames and the seconds that each took to read, damaged ones before it included."""
+    start = time.perf_counter()
+    for item in source.items():
+        if isinstance(item, Frame):
+            yield item, time.perf_counter() - start
+            start = time.perf_counter()
+
+
+def _measure_frame(frame: Frame, decode_s: float, flight: Flight, piece: VideoPiece) -> Figures:
+    """Seconds of every stage of one frame."""
+    result = flight(frame)
+    start = time.perf_counter()
+    panels = draw_panels(result)  # it dehazes
+    piece.add(draw_overlay(frame, result.guidance, panels), frame.time_s)
+    film_s = time.perf_counter() - start
+    seconds = {"dehaze": 0.0} | result.seconds
+    return seconds | {"decode": decode_s, "film": film_s - seconds["dehaze"]}
+
+
+def measure_looks(detector: Detector, peer: Detector) -> dict[str, Figures]:
+    """One look of a detector's network and of the peer's, in turns; nothing for a detector without a network."""
+    return measure_costs({detector.name: detector, PEER: peer}, LOOKS) if isinstance(detector, OnnxDetector) else {}
+
+
+def export_peer(folder: Path) -> Path:
+    """UFLD with ResNet-18 as an ONNX file; its weights are random, which changes no time.
+
+    Raises:
+        ImportError: torch is not installed.
+    """
+    with needs_extra("train"):
+        from deckline.research.detectors import DETECTORS
+        from deckline.train.detect import export_detect
+    return export_detect(DETECTORS[PEER_NETWORK](None).eval(), folder / f"{PEER_NETWORK}.onnx", {}, 0)
+
+
+def summarise(seconds: dict[str, list[float]]) -> dict[str, Figures]:
+    """By stage: p50_ms, p95_ms, p99_ms."""
+    return {
+        stage: {f"p{share}_ms": 1e3 * float(np.percentile(times, share)) for share in PERCENTILES}
+        for stage, times in seconds.items()
+    }
+
+
+def stage_table(title: str, figures: dict[str, Figures], peer_ms: float | None) -> Table:
+    """A row a stage; the last column is its median as a share of one look of the peer."""
+    rows = [
+        (stage, *(number(value, ".1f") for value in each.values()), _share(each["p50_ms"], peer_ms))
+        for stage, each in figures.items()
+    ]
+    return Table(title, ("ms", *(f"{share} %" for share in PERCENTILES), f"of {PEER}"), rows)
+
+
+def look_table(looks: dict[str, Figures]) -> Table:
+    """A row a network."""
+    peer_ms = looks[PEER]["pass_ms"]
+    rows = [
+        (
+            name,
+            number(each["pass_ms"], ".1f"),
+            _share(each["pass_ms"], peer_ms),
+            number(each.get("macs", np.nan) / 1e9, ".2f"),
+        )
+        for name, each in looks.items()
+    ]
+    return Table("one look", ("network", "ms", f"of {PEER}", "MACs, G"), rows)
+
+
+def _share(value_ms: float, peer_ms: float | None) -> str:
+    return number(None if peer_ms is None else value_ms / peer_ms, ".2f")
