@@ -8,9 +8,10 @@ from typing import Annotated, Any
 import tyro
 
 from deckline.cli.run import DEFAULTS, unpack_sample
-from deckline.detect import OnnxDetector
+from deckline.config import Engine
+from deckline.detect import Detector, OnnxDetector
 from deckline.evaluation import benchmark as measure
-from deckline.evaluation.tables import OutputFiles, publish
+from deckline.evaluation.tables import Figures, OutputFiles, publish
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import open_recording, select_frames
@@ -26,7 +27,10 @@ def benchmark(
     peer: Path | None = None,
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
 ) -> int:
-    """Measure how long every stage takes on this machine, beside UFLD with ResNet-18 on the same engine.
+    """Measure how long every stage takes on this machine, and how late live answers are.
+
+    The recording is answered frame after frame, and played at its own pace. Both are compared with one look of UFLD
+    with ResNet-18 on the same engine.
 
     Args:
         source: recording, folder of images or video; the shipped approach when not given.
@@ -39,28 +43,45 @@ def benchmark(
     """
     config = options.run_config()
     flight = Flight.from_config(config)
-    notes, looks = [], {}
-    with tempfile.TemporaryDirectory() as folder:
-        opened = unpack_sample(Path(folder) / "approach") if source is None else open_recording(source)
-        timing = measure.measure_file(select_frames(opened, every, start, duration), flight, Path(folder) / "film.mp4")
-        try:
-            other = OnnxDetector(peer or measure.export_peer(Path(folder)), engine=config.engine)
-            looks = measure.measure_looks(flight.detector, other)
-        except ImportError as error:
-            notes.append(f"no ratios to {measure.PEER}: {error}")
-    peer_ms = looks[measure.PEER]["pass_ms"] if looks else None
-    stages = measure.summarise(timing.seconds)
-    figures: dict[str, Any] = {"processor": describe_processor(), "engine": asdict(config.engine), "looks": looks}
-    figures["file"] = {"stages": stages, "first_s": timing.first_s, "peak_bytes": timing.peak_bytes}
-    frames = len(timing.seconds["guidance"])
-    per_s = {name: frames / sum(timing.seconds[name]) for name in measure.WHOLE}
-    figures["file"]["frames_per_s"] = per_s
-    tables = [measure.stage_table("file, frame after frame", stages, peer_ms)]
-    tables += [measure.look_table(looks)] if looks else []
-    memory = "" if timing.peak_bytes is None else f", at most {timing.peak_bytes / 2**20:.0f} MiB resident"
-    notes.insert(0, ", ".join(f"{value:.1f} frames/s to {name}" for name, value in per_s.items()) + memory)
-    notes.insert(1, f"first answer {timing.first_s:.2f} s after the first frame's file is opened")
-    engine = f"{config.engine.device} {config.engine.precision}, threads: {config.engine.threads or 'all'}"
-    title = f"{'shipped approach' if source is None else source}: {frames} frames, {config.models.detector} on {engine}"
-    publish(f"{title}\n{figures['processor']}", tables, figures, OutputFiles(json=out), notes)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        opened = unpack_sample(folder / "approach") if source is None else open_recording(source)
+        chosen = select_frames(opened, every, start, duration)
+        whole = measure.measure_file(chosen, flight, folder / "film.mp4")
+        flight = Flight.from_config(config, dehazer=flight.dehazer, detector=flight.detector)
+        live, progress = measure.measure_live(chosen, flight)
+        looks, notes = _measure_looks(flight.detector, peer, config.engine, folder)
+    file_figures, live_figures = whole.figures(), live.figures() | asdict(progress)
+    seconds = {name: whole.seconds[name] for name in measure.WHOLE}
+    file_figures["frames_per_s"] = {name: len(values) / sum(values) for name, values in seconds.items()}
+    tables = [
+        measure.stage_table("file: one frame after the other", file_figures, looks),
+        measure.stage_table("live: the recording at its own pace", live_figures, looks),
+        *([measure.look_table(looks)] if looks else []),
+    ]
+    rates = [f"{value:.1f} frames/s to {name}" for name, value in file_figures["frames_per_s"].items()]
+    notes += [f"file: {', '.join(rates)}; {_describe(whole)}"]
+    notes += [f"live: {progress.dropped} of {progress.frames} frames dropped; {_describe(live)}"]
+    figures: dict[str, Any] = {"processor": describe_processor(), "engine": asdict(config.engine)}
+    figures |= {"file": file_figures, "live": live_figures, "looks": looks}
+    engine = f"{config.models.detector} on {config.engine.device} {config.engine.precision}"
+    title = f"{'shipped approach' if source is None else source}: {len(chosen)} frames, {engine}, "
+    title += f"{config.engine.threads or 'all'} threads\n{figures['processor']}"
+    publish(title, tables, figures, OutputFiles(json=out), notes)
     return 0
+
+
+def _measure_looks(
+    detector: Detector, peer: Path | None, engine: Engine, folder: Path
+) -> tuple[dict[str, Figures], list[str]]:
+    """One look of the detector and of the peer; nothing and the reason where there is no peer."""
+    try:
+        other = OnnxDetector(peer or measure.export_peer(folder), engine=engine)
+    except ImportError as error:
+        return {}, [f"no ratios to {measure.PEER}: {error}"]
+    return measure.measure_looks(detector, other), []
+
+
+def _describe(timing: measure.Timing) -> str:
+    memory = "" if timing.peak_bytes is None else f"; at most {timing.peak_bytes / 2**20:.0f} MiB resident"
+    return f"first answer after {timing.first_s:.2f} s{memory}"

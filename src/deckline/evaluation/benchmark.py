@@ -1,10 +1,12 @@
-"""How long every stage takes on a recording, and how long beside UFLD with ResNet-18 on the same engine."""
+"""How long every stage takes, how late live answers are, both beside UFLD with ResNet-18 on the same engine."""
 
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,9 @@ from deckline.evaluation.detection_cost import measure_costs
 from deckline.evaluation.tables import Figures, Table, number
 from deckline.extras import needs_extra
 from deckline.flight import Flight
+from deckline.live.messages import Progress
+from deckline.live.pipeline import Outputs, Session
+from deckline.live.source import Playback
 from deckline.recording import Source
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
 from deckline.report.video import VideoPiece
@@ -32,8 +37,16 @@ class Timing:
     """Of one mode."""
 
     seconds: dict[str, list[float]]  # by stage, one a frame; the first frame is left out
-    first_s: float  # until the first frame's guidance, from the beginning of its decoding
+    first_s: float  # of the first frame, from the beginning of its decoding or from its capture to its guidance
     peak_bytes: float | None  # most that was resident, models included; None without Linux's /proc
+
+    def figures(self) -> dict[str, Any]:
+        """JSON values: percentiles by stage, ms; the first answer, s; memory."""
+        stages = {
+            stage: {f"p{share}_ms": 1e3 * float(np.percentile(times, share)) for share in PERCENTILES}
+            for stage, times in self.seconds.items()
+        }
+        return {"stages": stages, "first_s": self.first_s, "peak_bytes": self.peak_bytes}
 
 
 def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
@@ -48,12 +61,29 @@ def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
     resident = reset_peak()
     with closing(VideoPiece(film, OVERLAY_PX)) as piece:
         frames = [_measure_frame(frame, decode_s, flight, piece) for frame, decode_s in _decode(source)]
-    if len(frames) < 2:
-        raise ValueError(f"{source.name} has {len(frames)} usable frames; the first one warms up, so two are needed")
+    _check_count(source, frames)
     seconds = {stage: [frame[stage] for frame in frames[1:]] for stage in (*ANSWER, *FILM)}
     seconds |= {name: [sum(frame[stage] for stage in stages) for frame in frames[1:]] for name, stages in WHOLE.items()}
-    peak = None if resident is None else read_memory("VmHWM")
-    return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), peak)
+    return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), resident and read_memory("VmHWM"))
+
+
+def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
+    """The age of every answer, from capture to its message, of a recording played at its own pace.
+
+    Raises:
+        ValueError: fewer than two answers.
+    """
+    resident = reset_peak()
+    quiet = Outputs(send=lambda _: None, log=lambda line: print(line, file=sys.stderr))
+    summary = Session(Playback(source), flight, quiet).run()
+    _check_count(source, summary.ages_s)
+    peak = resident and read_memory("VmHWM")
+    return Timing({"age of the answer": list(summary.ages_s[1:])}, summary.ages_s[0], peak), summary.progress
+
+
+def _check_count(source: Source, frames: Sequence[Any]) -> None:
+    if len(frames) < 2:
+        raise ValueError(f"{source.name} has {len(frames)} usable frames; the first one warms up, so two are needed")
 
 
 def _decode(source: Source) -> Iterator[tuple[Frame, float]]:
@@ -93,37 +123,24 @@ def export_peer(folder: Path) -> Path:
     return export_detect(DETECTORS[PEER_NETWORK](None).eval(), folder / f"{PEER_NETWORK}.onnx", {}, 0)
 
 
-def summarise(seconds: dict[str, list[float]]) -> dict[str, Figures]:
-    """By stage: p50_ms, p95_ms, p99_ms."""
-    return {
-        stage: {f"p{share}_ms": 1e3 * float(np.percentile(times, share)) for share in PERCENTILES}
-        for stage, times in seconds.items()
-    }
-
-
-def stage_table(title: str, figures: dict[str, Figures], peer_ms: float | None) -> Table:
+def stage_table(title: str, figures: dict[str, Any], looks: dict[str, Figures]) -> Table:
     """A row a stage; the last column is its median as a share of one look of the peer."""
     rows = [
-        (stage, *(number(value, ".1f") for value in each.values()), _share(each["p50_ms"], peer_ms))
-        for stage, each in figures.items()
+        (stage, *(number(value, ".1f") for value in each.values()), _share(each["p50_ms"], looks))
+        for stage, each in figures["stages"].items()
     ]
     return Table(title, ("ms", *(f"{share} %" for share in PERCENTILES), f"of {PEER}"), rows)
 
 
 def look_table(looks: dict[str, Figures]) -> Table:
     """A row a network."""
-    peer_ms = looks[PEER]["pass_ms"]
+    macs = [number(each.get("macs", np.nan) / 1e9, ".2f") for each in looks.values()]
     rows = [
-        (
-            name,
-            number(each["pass_ms"], ".1f"),
-            _share(each["pass_ms"], peer_ms),
-            number(each.get("macs", np.nan) / 1e9, ".2f"),
-        )
-        for name, each in looks.items()
+        (name, number(each["pass_ms"], ".1f"), _share(each["pass_ms"], looks), size)
+        for (name, each), size in zip(looks.items(), macs, strict=True)
     ]
     return Table("one look", ("network", "ms", f"of {PEER}", "MACs, G"), rows)
 
 
-def _share(value_ms: float, peer_ms: float | None) -> str:
-    return number(None if peer_ms is None else value_ms / peer_ms, ".2f")
+def _share(value_ms: float, looks: dict[str, Figures]) -> str:
+    return number(value_ms / looks[PEER]["pass_ms"] if looks else None, ".2f")
