@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +36,7 @@ LOOKS = 30  # of each network, in turns
 class Timing:
     """Of one mode."""
 
-    seconds: dict[str, list[float]]  # by stage, one a frame; the first frame is left out
+    seconds: dict[str, list[float]]  # by stage, one a frame, in file mode without the first
     first_s: float  # of the first frame, from the beginning of its decoding or from its capture to its guidance
     peak_bytes: float | None  # most that was resident, models included; None without Linux's /proc
 
@@ -61,7 +61,8 @@ def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
     resident = reset_peak()
     with closing(VideoPiece(film, OVERLAY_PX)) as piece:
         frames = [_measure_frame(frame, decode_s, flight, piece) for frame, decode_s in _decode(source)]
-    _check_count(source, frames)
+    if len(frames) < 2:
+        raise ValueError(f"{source.name} has {len(frames)} usable frames; the first one warms up, so two are needed")
     seconds = {stage: [frame[stage] for frame in frames[1:]] for stage in (*ANSWER, *FILM)}
     seconds |= {name: [sum(frame[stage] for stage in stages) for frame in frames[1:]] for name, stages in WHOLE.items()}
     return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), resident and read_memory("VmHWM"))
@@ -71,19 +72,15 @@ def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
     """The age of every answer, from capture to its message, of a recording played at its own pace.
 
     Raises:
-        ValueError: fewer than two answers.
+        ValueError: no answer.
     """
     resident = reset_peak()
     quiet = Outputs(send=lambda _: None, log=lambda line: print(line, file=sys.stderr))
     summary = Session(Playback(source), flight, quiet).run()
-    _check_count(source, summary.ages_s)
+    if not summary.ages_s:
+        raise ValueError(f"{source.name}: live mode gave no answer")
     peak = resident and read_memory("VmHWM")
-    return Timing({"age of the answer": list(summary.ages_s[1:])}, summary.ages_s[0], peak), summary.progress
-
-
-def _check_count(source: Source, frames: Sequence[Any]) -> None:
-    if len(frames) < 2:
-        raise ValueError(f"{source.name} has {len(frames)} usable frames; the first one warms up, so two are needed")
+    return Timing({"age of the answer": list(summary.ages_s)}, summary.ages_s[0], peak), summary.progress
 
 
 def _decode(source: Source) -> Iterator[tuple[Frame, float]]:
