@@ -1,4 +1,4 @@
-"""Put a trained model into the package: copy the ONNX file, write its entry into weights/manifest.toml.
+"""Put a trained model into the package: store the ONNX file, write its entry into weights/manifest.toml.
 
     python scripts/ship_weights.py runs/dehaze/dehaze.onnx --name coarse-t --figures runs/dehaze/figures.json \
         --command "deckline train dehaze ..." --data "..." --hardware "2 CPU cores"
@@ -7,12 +7,13 @@
 import argparse
 import datetime
 import json
-import shutil
 from pathlib import Path
+
+import onnx
 
 from deckline.runtime import load_session
 from deckline.runtime.weights import MANIFEST, WEIGHTS, shipped_models
-from deckline.train.export import manifest_entry
+from deckline.train.export import drop_empty_inputs, manifest_entry
 
 TABLE = "[[model]]"
 TEXTS = ("name", "command", "data", "hardware")  # of an entry, as they are given
@@ -32,7 +33,9 @@ def ship(arguments: argparse.Namespace, folder: Path) -> None:
     config = load_session(arguments.model).config
     figures = {name: round(value, 4) for name, value in json.loads(arguments.figures.read_text()).items()}
     target = folder / f"{arguments.name}.onnx"
-    shutil.copyfile(arguments.model, target)
+    proto = onnx.load(str(arguments.model))
+    drop_empty_inputs(proto)  # of an older export
+    onnx.save(proto, str(target))
     keys = {name: getattr(arguments, name) for name in TEXTS} | {"kind": config["kind"], "steps": config["step"]}
     keys |= {"seed": config["recipe"]["seed"], "date": str(datetime.date.today()), "figures": figures}
     manifest = folder / MANIFEST
