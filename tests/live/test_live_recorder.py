@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from approach_scene import CAMERA, frame
 from deckline.geometry import Camera
-from deckline.live.recorder import FrameFolder
+from deckline.live.recorder import FrameFolder, round_pose
 from deckline.recording import open_recording
 from deckline.recording.camera_file import make_plain_frame
 
@@ -26,8 +27,20 @@ def test_frames_with_and_without_pose_and_depth_come_back(tmp_path):
         np.testing.assert_array_equal(again.image_rgb, one.image_rgb)
     np.testing.assert_array_equal(read[0].depth_m, depth)
     pose, again = kept[0].world_from_body, read[0].world_from_body
-    np.testing.assert_allclose(again.as_matrix(), pose.as_matrix(), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(again.as_matrix(), pose.as_matrix(), rtol=0, atol=1e-6)
     assert read[1].world_from_body is None and read[1].depth_m is None
+
+
+def test_a_rounded_pose_is_what_its_written_numbers_give_back(tmp_path):
+    rng, folder, poses = np.random.default_rng(0), FrameFolder(tmp_path / "kept"), []
+    for index in range(50):
+        drawn = RigidTransform.from_components(rng.normal(0, 300, 3), Rotation.random(rng=rng))
+        poses.append(round_pose(drawn))
+        np.testing.assert_allclose(poses[-1].as_matrix(), drawn.as_matrix(), rtol=0, atol=1e-6)
+        folder.add(replace(frame(index), world_from_body=poses[-1]))
+    folder.close()
+    for pose, again in zip(poses, open_recording(tmp_path / "kept"), strict=True):
+        np.testing.assert_array_equal(again.world_from_body.as_matrix(), pose.as_matrix())
 
 
 def test_frames_without_a_camera_come_back_without(tmp_path):
@@ -36,6 +49,14 @@ def test_frames_without_a_camera_come_back_without(tmp_path):
     folder.close()
     (read,) = open_recording(tmp_path / "kept")
     assert not read.camera.known and read.time_s == 0.25
+
+
+def test_frames_of_a_video_have_a_file_each(tmp_path):
+    folder = FrameFolder(tmp_path / "kept")
+    for index in range(2):
+        folder.add(replace(frame(index), file=f"a film.mp4#{index}"))
+    folder.close()
+    assert [one.file for one in open_recording(tmp_path / "kept")] == ["a_film.mp4#0.png", "a_film.mp4#1.png"]
 
 
 def test_a_frame_of_another_camera_is_refused(tmp_path):

@@ -95,10 +95,8 @@ def test_what_was_flown_is_flown_again_from_its_recording(tmp_path):
         again[frame.file] = json.loads(json.dumps(frame_record(chain(frame), chain.config.approach)))
     assert set(again) >= set(sent)
     for file, message in sent.items():
-        for part in ("time_s", "status", "reasons", "flags"):
+        for part in ("time_s", "status", "reasons", "flags", "guidance", "protection", "track"):
             assert again[file][part] == message[part]
-        for name, value in message["guidance"].items():
-            assert again[file]["guidance"][name] == (value and pytest.approx(value, rel=1e-6, abs=1e-9))
     written = (tmp_path / "out" / "guidance.jsonl").read_text().splitlines()
     assert [json.loads(line)["status"] for line in written] == [message["status"] for message in messages]
     assert "captured_s" in (tmp_path / "out" / "guidance.csv").read_text().splitlines()[0]

@@ -13,6 +13,7 @@ from deckline.live.clock import WallClock
 from deckline.live.mailbox import Mailbox
 from deckline.live.messages import Answer, Progress, answer_record, stale_record
 from deckline.live.poses import PoseSource
+from deckline.live.recorder import round_pose
 from deckline.live.source import Captured, LiveSource, Log
 from deckline.recording import BadFrame
 from deckline.report.records import Record
@@ -171,6 +172,8 @@ class Session:
             frame = captured.frame
             if self._poses is not None and frame.camera.known:
                 frame = replace(frame, world_from_body=self._poses(frame.time_s))
+            if frame.world_from_body is not None:
+                frame = replace(frame, world_from_body=round_pose(frame.world_from_body))
             if self._out.keep is not None:
                 self._out.keep(frame)
             try:

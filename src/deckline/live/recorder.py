@@ -1,17 +1,23 @@
 """Keeps the frames that were flown, as a folder of images that `deckline run` answers in the same way."""
 
+import re
 from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from deckline.atomic import write_atomic
-from deckline.geometry import Camera
+from deckline.geometry import Camera, pose
 from deckline.recording.camera_file import CAMERA_FILE, HEIGHTS, format_camera
 from deckline.recording.image_folder import DEPTH_FOLDER
 from deckline.recording.images import FAR_DEPTH_M, encode_image, write_pfm
 from deckline.recording.poses import COLUMNS, POSES_FILE
 from deckline.types import Frame
+
+POSITION_DIGITS, QUATERNION_DIGITS = 6, 12  # decimals of what is written: 1 um, 1e-12 rad
+NO_NAME = r"[^\w.#-]"  # characters that names of files do without
+ROUNDS = 20  # of rounding until nothing changes; a quaternion needs two or three
 
 
 class FrameFolder:
@@ -31,7 +37,7 @@ class FrameFolder:
 
     def add(self, frame: Frame) -> None:
         """Write a frame. Raises OSError, or ValueError for a frame of another camera than the first one's."""
-        name = f"{Path(frame.file).stem}.png"
+        name = f"{re.sub(NO_NAME, '_', frame.file).removesuffix('.png')}.png"
         if self._camera is None:
             self._camera = frame.camera
             if frame.camera.known:
@@ -58,9 +64,25 @@ def _camera_text(frame: Frame) -> str:
     return "".join(rows) + format_camera(frame.camera, frame.body_from_camera)
 
 
+def round_pose(world_from_body: RigidTransform) -> RigidTransform:
+    """The pose that its own written numbers give back bit by bit, so that a replay computes the same."""
+    for _ in range(ROUNDS):
+        before, numbers = world_from_body, _pose_numbers(world_from_body)
+        world_from_body = pose(numbers[:3], numbers[3:])
+        if np.array_equal(before.as_matrix(), world_from_body.as_matrix()):
+            break
+    return world_from_body
+
+
+def _pose_numbers(world_from_body: RigidTransform) -> list[float]:
+    """Position and quaternion as they are written."""
+    translation, rotation = world_from_body.as_components()
+    quaternion = rotation.as_quat(canonical=True, scalar_first=True)
+    return [*np.round(translation, POSITION_DIGITS).tolist(), *np.round(quaternion, QUATERNION_DIGITS).tolist()]
+
+
 def _pose_cells(frame: Frame) -> list[str]:
     """Position and quaternion; empty cells without a pose."""
     if frame.world_from_body is None:
         return [""] * len(COLUMNS[2:])
-    translation, rotation = frame.world_from_body.as_components()
-    return [repr(float(value)) for value in (*translation, *rotation.as_quat(scalar_first=True))]
+    return [repr(number) for number in _pose_numbers(frame.world_from_body)]

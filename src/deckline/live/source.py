@@ -4,7 +4,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import av
@@ -26,6 +26,11 @@ class Captured:
 
     frame: Frame
     at_s: float  # monotonic clock
+
+
+def frame_name(number: int) -> str:
+    """Of a live frame, and of its file in a recording."""
+    return f"frame_{number:08d}.png"
 
 
 class LiveSource(ABC):
@@ -67,8 +72,11 @@ class Simulator(LiveSource):
         self._stream = stream
 
     def items(self) -> Iterator[Captured | BadFrame]:
-        for item in self._stream.items():
-            yield item if isinstance(item, BadFrame) else Captured(item, time.monotonic())
+        for number, item in enumerate(self._stream.items(), 1):
+            if isinstance(item, BadFrame):
+                yield item
+            else:
+                yield Captured(replace(item, file=frame_name(number)), time.monotonic())
 
     def stop(self) -> None:
         super().stop()
@@ -164,9 +172,8 @@ class Camera(LiveSource):
                 yield self._capture(picture.image, at_s)
 
     def _next_name(self) -> str:
-        """The name that a recording of the frames gives this one."""
         self._number += 1
-        return f"frame_{self._number:08d}.png"
+        return frame_name(self._number)
 
     def _capture(self, picture: Any, at_s: float) -> Captured | BadFrame:
         file, time_s = self._next_name(), self._wall.at(at_s)
