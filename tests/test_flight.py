@@ -80,6 +80,12 @@ def test_a_dehazer_that_needs_the_pose_says_when_there_is_none(results):
     assert "no pose" in blind.dehazing.note and seeing.dehazing.note is None
 
 
+def test_no_strength_leaves_the_picture(results):
+    frame = results[0].frame
+    chain = Flight.from_config(replace(SINGLE, models=Models(dehazer="geometry", strength=0.0)))
+    np.testing.assert_array_equal(chain(frame).dehazed_rgb, frame.image_rgb)
+
+
 @pytest.mark.parametrize("field", ["dehazer", "detector"])
 def test_an_unknown_model_is_refused_by_name(field):
     with pytest.raises(ValueError, match=f"{field}.*magic"):

@@ -224,6 +224,7 @@ class Models:
 
     Args:
         dehazer: of the picture for people.
+        strength: of the dehazing, 0 (the picture as it is) to 1.
         detector: of the lines.
         detect_in: the picture that the detector sees. `dehazed` is the published chain; the shipped detector was
             trained on haze and finds more in the hazy picture.
@@ -232,9 +233,11 @@ class Models:
     dehazer: str = "coarse-t"
     detector: str = "hybrid"
     detect_in: Picture = "hazy"
+    strength: float = 1.0
 
     def __post_init__(self) -> None:
         check_choice("models.detect_in", self.detect_in, Picture)
+        check_numbers(self, "models", "strength", least=0.0, most=1.0)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class Dehazing:
     frame: Frame
     dehazer: Dehazer
     seconds: dict[str, float]  # of the frame's stages; gets "dehaze"
+    strength: float = 1.0
     made: dict[tuple[int, int], Restored] = field(default_factory=dict)
 
     def __call__(self, long_side_px: int | None = None) -> Restored:
@@ -60,7 +61,7 @@ class Dehazing:
         frame = self.frame if long_side_px is None else downscale_frame(self.frame, long_side_px)
         size = frame.camera.width, frame.camera.height
         if size not in self.made:
-            self.made[size] = _timed(self.seconds, "dehaze", lambda: restore(self.dehazer, frame))
+            self.made[size] = _timed(self.seconds, "dehaze", lambda: restore(self.dehazer, frame, self.strength))
         return self.made[size]
 
     @property
@@ -140,7 +141,7 @@ class Flight:
             rng: RANSAC's draws; None: a generator of the frame's own, from `config.seed` and the file's name.
         """
         seconds: dict[str, float] = {}
-        dehazing = Dehazing(frame, self.dehazer, seconds)
+        dehazing = Dehazing(frame, self.dehazer, seconds, self.config.models.strength)
         if detection is None:
             picture = frame.image_rgb if self.config.models.detect_in == "hazy" else dehazing().image_rgb
             detection = _timed(seconds, "detect", lambda: self._detect(frame, picture, prior))

@@ -33,6 +33,7 @@ TARGETS = {  # option -> section and field of the RunConfig
     "ramp_m": ("survey", "ramp_m"),
     "heading_deg": ("survey", "heading_deg"),
     "dehazer": ("models", "dehazer"),
+    "strength": ("models", "strength"),
     "detector": ("models", "detector"),
     "detect_in": ("models", "detect_in"),
     "device": ("engine", "device"),
@@ -63,6 +64,7 @@ class RunOptions:
         ramp_m: where the runway begins in the world, if that is known; with --heading-deg it guides the search.
         heading_deg: direction of landing of that runway.
         dehazer: name (see `deckline info`) or .onnx file; none: no dehazing.
+        strength: of the dehazing, 0 to 1 (default 1).
         detector: name (see `deckline info`) or .onnx file.
         detect_in: the picture that the detector sees: hazy, or dehazed as published.
         device: what computes the networks: cpu (ONNX Runtime; the default), openvino, cuda or tensorrt.
@@ -88,6 +90,7 @@ class RunOptions:
     ramp_m: Point = None
     heading_deg: Number = None
     dehazer: Model = None
+    strength: Number = None
     detector: Model = None
     detect_in: Annotated[Picture | None, _flag("{hazy,dehazed}")] = None
     device: Annotated[Device | None, _flag("{cpu,openvino,cuda,tensorrt}")] = None

@@ -254,3 +254,12 @@ def test_haze_is_thinned_where_it_is_known(dehazer: Dehazer) -> None:
     assert after >= before - 0.5
     if dehazer.name != "none":
         assert after > before + 5
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.25, 1.0])
+def test_strength_keeps_a_share_of_the_removal(dehazer: Dehazer, strength: float) -> None:
+    hazy, _ = sea_pair(BETA)
+    full = restore(dehazer, frame_of(hazy)).image_rgb.astype(float)
+    part = restore(dehazer, frame_of(hazy), strength).image_rgb
+    assert part is not hazy
+    np.testing.assert_allclose(part, hazy + strength * (full - hazy), atol=0.51)

@@ -4,15 +4,16 @@ from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, EYE_Z_M, SEA_Z_M, frame_of, ra
 
 from deckline.dehaze import DEHAZERS, GeometryConfig, GeometryDehazer, restore
 from deckline.dehaze.geometry import (
+    GeometrySolution,
     display_levels,
     downscale_frame,
     estimate_noise,
-    estimate_scene,
+    invert_haze,
     linear_levels,
     measure_sky_noise,
     with_noise,
 )
-from deckline.dehaze.haze_fit import view_sea
+from deckline.dehaze.haze_fit import HazeFit, SeaView, view_sea
 from deckline.evaluation.metrics import below_horizon, psnr_db
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
@@ -109,15 +110,29 @@ def test_a_depth_camera_replaces_the_bounds():
 
 
 def test_the_inversion_is_exact_without_noise_and_modest_with_it():
-    config = GeometryConfig(level_sigma=1e-3, airlight_sigma=0.0)
     airlight = AIRLIGHT.astype(np.float32)[:, None, None]
+    haze = HazeFit(AIRLIGHT, 1e-3, 0.0, 0.0, np.stack([50 - AIRLIGHT, np.zeros(3)]))  # a sea of 50 levels
+    view = SeaView(np.full((8, 9), 0.1, np.float32), np.full((8, 9), 500, np.float32), 50.0)
     scene = np.random.default_rng(1).uniform(0, 255, (3, 8, 9)).astype(np.float32)
-    usual = np.full_like(scene, 50)
-    t = np.full((8, 9), 0.3, np.float32)
+    t, clear_t = np.full((8, 9), 0.3, np.float32), np.ones((8, 9), np.float32)
     hazy = airlight + t * (scene - airlight)
-    np.testing.assert_allclose(estimate_scene(hazy, usual, airlight, t, config), scene, atol=0.01)
-    hidden = estimate_scene(np.broadcast_to(airlight, scene.shape), usual, airlight, np.zeros_like(t), GeometryConfig())
-    np.testing.assert_array_equal(hidden, usual)
+    gain, offset = invert_haze(view, t, clear_t, haze, GeometryConfig(level_sigma=1e-3, airlight_sigma=0.0))
+    np.testing.assert_allclose(gain * hazy + offset, scene, atol=0.01)
+    gain, offset = invert_haze(view, np.zeros_like(t), clear_t, haze, GeometryConfig())
+    np.testing.assert_array_equal(gain, 0)
+    np.testing.assert_allclose(offset, 50, atol=1e-4)
+
+
+@pytest.mark.parametrize("light", ["display", "linear"])
+def test_a_larger_image_gets_the_same_solution(light):
+    haze = HazeFit(AIRLIGHT, 1e-3, 0.0, 0.0, np.zeros((2, 3)))
+    solution = GeometrySolution(haze, np.ones((4, 6), np.float32), np.zeros((3, 4, 6), np.float32), light)
+    image = np.random.default_rng(2).integers(0, 256, (31, 47, 3), dtype=np.uint8)
+    np.testing.assert_array_equal(solution.remove(image), image)
+    brighter = solution.moved(np.full((2, 3, 3), 300, np.float32), keep=0.0)
+    assert (brighter.remove(image) == 255).all()
+    np.testing.assert_array_equal(brighter.moved(np.zeros((2, 3, 3), np.float32), keep=1.0).remove(image), image)
+    assert (solution.moved(np.full((2, 3, 3), -300, np.float32), keep=0.0).remove(image) == 0).all()
 
 
 def test_light_is_srgb():

@@ -1,6 +1,6 @@
 """What every dehazer is, and the one that does nothing."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -47,11 +47,19 @@ class IdentityDehazer:
         return image_rgb.copy()
 
 
-def restore(dehazer: Dehazer, frame: Frame) -> Restored:
-    """A frame through any dehazer."""
-    if isinstance(dehazer, FrameDehazer):
-        return dehazer.restore(frame)
-    return Restored(dehazer(frame.image_rgb))
+def restore(dehazer: Dehazer, frame: Frame, strength: float = 1.0) -> Restored:
+    """A frame through any dehazer; `strength`, 0 to 1, is how much of the removal is kept."""
+    restored = dehazer.restore(frame) if isinstance(dehazer, FrameDehazer) else Restored(dehazer(frame.image_rgb))
+    return replace(restored, image_rgb=mix(frame.image_rgb, restored.image_rgb, strength))
+
+
+def mix(first_rgb: NDArray[np.uint8], second_rgb: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
+    """Two images (H, W, 3); `share`, 0 to 1, of the second. No view of the first."""
+    import cv2
+
+    if share == 1:
+        return second_rgb
+    return np.asarray(cv2.addWeighted(first_rgb, 1 - share, second_rgb, share, 0), dtype=np.uint8)
 
 
 def ramp(value: float, low: float, high: float) -> float:

@@ -4,14 +4,14 @@ The haze is fitted to the sea (`haze_fit`), the transmission follows from ranges
 camera replaces it where it sees something. I = J t + A (1 - t) is then solved for the most likely J: where haze leaves
 no signal, that is the sea's own colour, so that plain sea in the result does not mean that nothing is there.
 
-Air and objects are estimated in an image of at most ANALYSIS_PX; only the solution is made pixel by pixel.
+In every pixel the solution is linear in the image: J = gain I + offset. Both are found in an image of at most
+ANALYSIS_PX; a larger one only gets them applied.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_image
 from deckline.dehaze.base import Restored
@@ -25,7 +25,7 @@ from deckline.dehaze.haze_fit import (
     ray_lengths,
     view_sea,
 )
-from deckline.dehaze.transmission import GeometryConfig, estimate_scene, find_objects, transmissions
+from deckline.dehaze.transmission import GeometryConfig, Light, find_objects, signal_gain, transmissions
 from deckline.types import Frame
 
 Image = NDArray[np.float32]
@@ -35,15 +35,39 @@ NOISE_ROWS = 90  # about so many are read for noise
 NOISE_WEIGHT = 2.0  # best in [1, 3] on preset paper with noise of 3 and 8 levels added
 NOISE_PART = 0.9  # of the differences that count
 NOISE_MEAN = 0.9297  # of a normal difference of sigma sqrt(2), in size, of that smallest part
-STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 
 
 @dataclass(frozen=True, eq=False)
 class GeometrySolution:
-    """A frame whose air could be estimated."""
+    """A frame whose air could be estimated: J = gain I + offset in levels of its light, at the analysis' resolution."""
 
-    image_rgb: NDArray[np.uint8]  # (H, W, 3) without its haze
     haze: HazeFit
+    gain: Image  # (h, w)
+    offset: Image  # (3, h, w)
+    light: Light
+
+    def remove(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The frame's image (H, W, 3), of any resolution, without its haze."""
+        import cv2
+
+        size = image_rgb.shape[1], image_rgb.shape[0]
+        gain = cv2.resize(self.gain, size)
+        clear = []
+        for levels, offset in zip(cv2.split(image_rgb), self.offset, strict=True):
+            seen = cv2.LUT(levels, level_table(self.light)) if self.light == "linear" else levels
+            scene = cv2.multiply(seen, gain, dtype=cv2.CV_32F)
+            light = np.asarray(cv2.add(scene, cv2.resize(offset, size), dst=scene), dtype=np.float32)
+            shown = display_levels(light) if self.light == "linear" else np.maximum(light, 0, out=light)
+            clear.append(cv2.convertScaleAbs(shown))
+        return np.asarray(cv2.merge(clear), dtype=np.uint8)
+
+    def moved(self, levels: Image, keep: float) -> "GeometrySolution":
+        """The same with `levels` (..., ..., 3) added to its result, and a share `keep` of the haze left in."""
+        import cv2
+
+        added = np.moveaxis(np.asarray(cv2.resize(levels, self.gain.shape[::-1])), 2, 0)
+        offset = (1 - keep) * (self.offset + added)
+        return replace(self, gain=keep + (1 - keep) * self.gain, offset=np.ascontiguousarray(offset, np.float32))
 
 
 class GeometryDehazer:
@@ -61,10 +85,10 @@ class GeometryDehazer:
         solution = self.solve(frame)
         if isinstance(solution, NotFitted):
             return Restored(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
-        return Restored(solution.image_rgb)
+        return Restored(solution.remove(frame.image_rgb))
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
-        """The frame without its haze and what its air is like, or why that cannot be told."""
+        """How the frame's haze is removed and what its air is like, or why that cannot be told."""
         pose = frame.world_from_camera
         if pose is None:
             return NotFitted("the frame has no pose; give poses or choose another dehazer")
@@ -90,8 +114,10 @@ class GeometryDehazer:
             return haze
         deck = view_sea(small.camera, pose, deck_z_m)
         objects, bound = find_objects(planes, view, deck, haze, with_noise(self.config, small_noise))
-        clear = _remove_haze(frame, pose, sea_z_m, haze, objects, bound, with_noise(self.config, noise))
-        return GeometrySolution(clear, haze)
+        range_m = None if small.depth_m is None else small.depth_m * ray_lengths(small.camera)
+        t, clear_t = transmissions(view, objects, bound, range_m, haze, self.config)
+        gain, offset = invert_haze(view, t, clear_t, haze, with_noise(self.config, noise))
+        return GeometrySolution(haze, gain, offset, light)
 
 
 def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
@@ -134,42 +160,14 @@ def with_noise(config: GeometryConfig, noise_sigma: float) -> GeometryConfig:
     return replace(config, level_sigma=max(config.level_sigma, NOISE_WEIGHT * noise_sigma))
 
 
-def _remove_haze(
-    frame: Frame,
-    pose: RigidTransform,
-    sea_z_m: float,
-    haze: HazeFit,
-    certainty: Image,
-    bound: Image,
-    config: GeometryConfig,
-) -> NDArray[np.uint8]:
-    """A frame's image (H, W, 3) with its haze thinned to a clear day's.
-
-    `certainty` says how surely something is nearer than the sea, `bound` is its least transmission; both cover the
-    whole image at any resolution.
-    """
-    import cv2
-
-    height, width = frame.image_rgb.shape[:2]
-    certainty, bound = (
-        np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-        for part in (certainty, bound)
-    )
-    levels, airlight = level_table(config.light), haze.airlight.astype(np.float32)[:, None, None]
-    clear = np.empty_like(frame.image_rgb)
-    step = max(1, STRIP_PX // width)
-    for top in range(0, height, step):
-        rows = slice(top, top + step)
-        view = view_sea(frame.camera, pose, sea_z_m, rows)
-        range_m = None if frame.depth_m is None else frame.depth_m[rows] * ray_lengths(frame.camera, rows)
-        t, clear_t = transmissions(view, certainty[rows], bound[rows], range_m, haze, config)
-        planes = np.ascontiguousarray(np.moveaxis(frame.image_rgb[rows], 2, 0))
-        usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight)
-        solved = airlight + clear_t * (estimate_scene(levels[planes], usual, airlight, t, config) - airlight)
-        solved = display_levels(solved) if config.light == "linear" else solved
-        solved = np.clip(np.rint(solved), 0, 255).astype(np.uint8)
-        clear[rows] = np.moveaxis(np.where(t == 1, planes, solved), 0, 2)
-    return clear
+def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: GeometryConfig) -> tuple[Image, Image]:
+    """Gain (H, W) and offset (3, H, W) that thin the haze of transmission t (H, W) to a clear day's, clear_t (H, W)."""
+    airlight = haze.airlight.astype(np.float32)[:, None, None]
+    usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight) - airlight
+    scene_gain = signal_gain(t, float(airlight.mean()), config)
+    gain = np.where(t == 1, np.float32(1), clear_t * scene_gain)
+    offset = airlight * (1 - gain) + usual * (clear_t * (1 - scene_gain * t))
+    return gain, np.where(t == 1, np.float32(0), offset)
 
 
 def level_table(light: str) -> Image:

@@ -286,14 +286,23 @@ def _solve_sea_colours(
     contrast = profile.levels - airlight
     depth = beta[:, None] * profile.range_m
     t = np.exp(-depth - np.square(np.square(bank[:, None] * depth)))
-    design = np.stack([t, t * schlick(profile.down)], axis=2)  # (T, N, 2)
+    design = t, t * schlick(profile.down)  # (T, N) each
+    products = [design[i] * design[j] for i, j in ((0, 0), (0, 1), (1, 1))]
     rows, usual = prior_equations(water, airlight)
-    weights = np.ones_like(t)
+    prior, prior_side = rows.T @ rows, rows.T @ usual
+    weights = np.full_like(t, 1 / LEVEL_SIGMA**2)
     for _ in range(STEPS):
-        weighted = (design * weights[..., None]).transpose(0, 2, 1) / LEVEL_SIGMA**2
-        sea = np.linalg.solve(weighted @ design + rows.T @ rows, weighted @ contrast + rows.T @ usual)
-        squares = ((contrast - design @ sea) ** 2).sum(axis=2) / LEVEL_SIGMA**2
-        weights = 1 / (1 + squares / 4)
+        p, q, r = (
+            np.einsum("tn,tn->t", weights, x)[:, None] + y
+            for x, y in zip(products, prior[[0, 0, 1], [0, 1, 1]], strict=True)
+        )
+        first, second = ((weights * x) @ contrast + y for x, y in zip(design, prior_side, strict=True))
+        sea = np.stack([r * first - q * second, p * second - q * first], axis=1) / (p * r - q * q)[:, None]
+        squares = (
+            sum(np.square(contrast[:, k] - design[0] * sea[:, :1, k] - design[1] * sea[:, 1:, k]) for k in range(3))
+            / LEVEL_SIGMA**2
+        )
+        weights = 1 / (LEVEL_SIGMA**2 * (1 + squares / 4))
     unusual = ((rows @ sea - usual) ** 2).sum(axis=(1, 2))
     darker = np.minimum(sea[:, 1].mean(axis=1), 0) / (DARKER_SIGMA * airlight.mean())
     return sea, 4 * np.log1p(squares / 4).sum(axis=1) + unusual + darker**2 + BANK_PENALTY * (bank > 0)

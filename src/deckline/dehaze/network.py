@@ -1,7 +1,7 @@
 """The trained dehazing network as an ONNX file: image to tensor and back, inference, blending with geometry.
 
-A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air is
-left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
+A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air
+is left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
 where they do not, the network is more often far off. Without a pose a change that is no larger than what the network
 does to clear images is not made; on photographs of haze that change does harm, so that the shipped networks leave
 images without a pose to another dehazer.
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from deckline.checks import check_image
 from deckline.config import CPU, Engine
-from deckline.dehaze.base import Dehazer, Restored, ramp, restore
-from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
+from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
+from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution, downscale_frame
 from deckline.runtime import load_session
 from deckline.types import Frame
 
@@ -25,12 +25,13 @@ Tensor = NDArray[np.float32]
 GUIDE_RADIUS, GUIDE_RIDGE = 4, 1e-4  # of the guided filter: window, px of the small image; on the variance, range 0..1
 MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the network needs more pixels than it adds
 
-# Chosen on 9 random sets of presets paper and train, 150 m to 20 km and clear; docs/experiments/2026-11-dehazing-blend.md
+# Chosen on nine random sets of 150 m to 20 km and clear air: docs/experiments/2026-11-dehazing-blend.md
 CLEAR_M = (7000.0, 9000.0)  # fitted visibility: from here on less is removed, and from here on nothing
 NETWORK_SHARE = 0.4  # where both agree
 AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 4 levels
 AGREE_PX = 31  # side of the window in which they are compared, for images REFERENCE_PX wide
 REFERENCE_PX = 640
+CHANGE_PX = 480  # longer side of the image that the network changes
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
 CHANGE_STEP = 4  # every so many-th pixel, along rows and columns, is compared for the change
 
@@ -104,11 +105,15 @@ class OnnxDehazer:
             return Restored(self._restore_alone(frame.image_rgb))
         air = 0.0 if self.network_only else clear_air_certainty(solution.haze.visibility_m)
         if air == 1:
-            return Restored(frame.image_rgb.copy(), f"not dehazed: the air is clear for {CLEAR_M[1] / 1e3:g} km or more")
-        clear = self._run(frame.image_rgb, solution.image_rgb)
+            return Restored(
+                frame.image_rgb.copy(), f"not dehazed: the air is clear for {CLEAR_M[1] / 1e3:g} km or more"
+            )
         if self.network_only:
-            return Restored(clear)
-        return Restored(mix(blend_with_geometry(clear, solution.image_rgb), frame.image_rgb, air))
+            return Restored(self._run(frame.image_rgb, solution.remove(frame.image_rgb)))
+        small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
+        prior = solution.remove(small)
+        change = limited_change(self._run(small, prior), prior)
+        return Restored(solution.moved(change, keep=air).remove(frame.image_rgb))
 
     def _run(self, image_rgb: Image, prior_rgb: Image) -> Image:
         height, width = image_rgb.shape[:2]
@@ -199,15 +204,15 @@ def upsample_guided(image: Tensor, small: Tensor, result: Tensor, factor: int) -
     return full
 
 
-def blend_with_geometry(network_rgb: Image, geometry_rgb: Image) -> Image:
-    """Geometry's image (H, W, 3), moved a little towards the network's where they agree."""
+def limited_change(network_rgb: Image, geometry_rgb: Image) -> Tensor:
+    """What the network adds to geometry's image (H, W, 3), levels: a little, where they agree."""
     import cv2
 
-    red, green, blue = cv2.split(cv2.absdiff(network_rgb, geometry_rgb))
-    apart = cv2.max(cv2.max(red, green), blue).astype(np.float32)
+    change = cv2.subtract(network_rgb, geometry_rgb, dtype=cv2.CV_32F)
+    apart = np.abs(change).max(axis=2)
     side = max(1, round(AGREE_PX * apart.shape[1] / REFERENCE_PX)) // 2 * 2 + 1
     share = NETWORK_SHARE / (1 + np.square(cv2.blur(apart, (side, side)) / np.float32(AGREE_LEVELS)))
-    return blend(geometry_rgb, network_rgb, share)
+    return np.asarray(change * share[..., None], dtype=np.float32)
 
 
 def clear_air_certainty(visibility_m: float) -> float:
@@ -219,19 +224,4 @@ def suppress_small_change(image_rgb: Image, network_rgb: Image) -> Image:
     """The network's image (H, W, 3), blended with its input where it hardly differs from it."""
     step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
     change = np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step])))
-    share = 1 - ramp(float(change), *CHANGE_LEVELS)
-    return mix(network_rgb, image_rgb, share)
-
-
-def mix(first_rgb: Image, second_rgb: Image, share: float) -> Image:
-    """Two images (H, W, 3); `share`, 0 to 1, of the second everywhere."""
-    import cv2
-
-    return np.asarray(cv2.addWeighted(first_rgb, 1 - share, second_rgb, share, 0), np.uint8) if share else first_rgb
-
-
-def blend(first_rgb: Image, second_rgb: Image, share: NDArray[np.float32]) -> Image:
-    """Two images (H, W, 3); `share` (H, W), 0 to 1, of the second."""
-    import cv2
-
-    return np.asarray(cv2.blendLinear(first_rgb, second_rgb, 1 - share, share), dtype=np.uint8)
+    return mix(image_rgb, network_rgb, ramp(float(change), *CHANGE_LEVELS))

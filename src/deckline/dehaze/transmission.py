@@ -178,13 +178,12 @@ def transmissions(
     return t, clear_t
 
 
-def estimate_scene(image: Image, usual: Image, airlight: Image, t: Image, config: GeometryConfig) -> Image:
-    """The most likely scene J (3, H, W) of I = J t + A (1 - t) + noise, with J normal about a usual colour (3, H, W).
+def signal_gain(t: Image, airlight: float, config: GeometryConfig) -> Image:
+    """Gain (H, W) on what is unexpected in I = J t + A (1 - t) + noise, for the most likely J, normal about its mean.
 
-    J is the usual colour plus a gain times what is unexpected in I. The gain is near 1 / t in thin haze and falls to 0
-    where nothing but noise comes through. The noise includes a part of the airlight's error.
+    It is near 1 / t in thin haze and falls to 0 where nothing but noise comes through. The noise includes a part of the
+    airlight's error.
     """
-    hidden = config.airlight_sigma * (1 - t) * airlight.mean()
+    hidden = config.airlight_sigma * airlight * (1 - t)
     noise = np.float32(config.level_sigma**2) + hidden * hidden
-    gain = t / (t * t + noise / np.float32(config.scene_sigma**2))
-    return np.asarray(usual + gain * (image - airlight - t * (usual - airlight)))
+    return np.asarray(t / (t * t + noise / np.float32(config.scene_sigma**2)), np.float32)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from deckline.checks import check_image, check_numbers
 from deckline.dehaze.base import Restored, ramp
 from deckline.dehaze.dark_channel import dark_channel, guided_coefficients
-from deckline.dehaze.geometry import STRIP_PX, estimate_noise
+from deckline.dehaze.geometry import estimate_noise
 from deckline.types import Frame
 
 Image = NDArray[np.float32]
@@ -39,6 +39,7 @@ SURFACE_SAMPLES, SURFACE_STEPS = 4000, 5  # pixels of the sky that are fitted; r
 LOWEST_SKY = 80  # percentile of the columns' lowest sky rows; below it the airlight keeps that row's value
 GUIDE_EPS = 1e-3
 MAX_VEIL = 0.92
+STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 NIGHT = (0.1, 0.2)  # airlight, share of full scale: nothing is done, everything is done
 DARKEST = (0.03, 0.2, 0.5)  # dark channel over airlight, 2nd percentile: no haze, haze; what that weighs
 MEAN = (0.2, 0.5, 0.7)  # its mean outside the sky: the same
@@ -196,17 +197,24 @@ def estimate_scene(image: Image, airlight: Image, slope: Image, offset: Image, n
 
     Only what stands out of the airlight by more than noise and its own colour error is drawn apart; the rest stays.
     """
-    t = 1 - np.clip(slope * image.mean(axis=2) + offset, 0, MAX_VEIL)
+    t = 1 - np.clip(slope * mean_channel(image) + offset, 0, MAX_VEIL)
     variance = noise**2 + np.square(AIRLIGHT_SIGMA * (1 - t))
     more = np.maximum(t / (t * t + variance / SCENE_SIGMA**2), 1) - 1
     contrast = smooth_noise(image - airlight, noise)
-    grey = contrast.mean(axis=2)
+    grey = mean_channel(contrast)
     colour = contrast - grey[..., None]
     grey *= grey * grey / (grey * grey + GREY_SIGMA**2)
     more *= 1 - (1 - BRIGHT_SHARE) * np.clip(grey / BRIGHT, 0, 1)
-    squares = (colour * colour).sum(axis=2)
+    squares = 3 * mean_channel(colour * colour)
     colour *= (squares / (squares + COLOUR_SIGMA**2))[..., None]
     return np.asarray(image + more[..., None] * (grey[..., None] + colour), dtype=np.float32)
+
+
+def mean_channel(image: Image) -> Image:
+    """(H, W, 3) -> (H, W); numpy's mean over the last axis takes ten times as long."""
+    import cv2
+
+    return np.asarray(cv2.transform(image, np.full((1, 3), 1 / 3, np.float32)), dtype=np.float32)
 
 
 def smooth_noise(contrast: Image, noise: float) -> Image:
