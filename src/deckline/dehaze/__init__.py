@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from deckline.config import CPU
 from deckline.dehaze.base import Dehazer, IdentityDehazer, Restored, restore
+from deckline.dehaze.by_horizon import HorizonDehazer
 from deckline.dehaze.dark_channel import DarkChannelDehazer
 from deckline.dehaze.geometry import GeometryDehazer, downscale_frame
 from deckline.dehaze.network import OnnxDehazer
@@ -20,6 +21,7 @@ __all__ = [
     "DarkChannelDehazer",
     "Dehazer",
     "GeometryDehazer",
+    "HorizonDehazer",
     "OnnxDehazer",
     "Restored",
     "VeilDehazer",
@@ -34,15 +36,16 @@ DEHAZERS: dict[str, Callable[..., Dehazer]] = {  # from the `Engine` that comput
     NOT_DEHAZED: lambda engine=CPU: IdentityDehazer(),
     "dark-channel": lambda engine=CPU: DarkChannelDehazer(),
     "veil": lambda engine=CPU: VeilDehazer(),
+    "horizon": lambda engine=CPU: HorizonDehazer(),
     "geometry": lambda engine=CPU: GeometryDehazer(),
     "geometry-linear": lambda engine=CPU: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
     "coarse-t": lambda engine=CPU: OnnxDehazer(
-        shipped_weights("coarse-t"), "coarse-t", engine, without_pose=VeilDehazer()
+        shipped_weights("coarse-t"), "coarse-t", engine, without_pose=HorizonDehazer()
     ),
     "paper-scene": lambda engine=CPU: OnnxDehazer(
         shipped_weights("paper-scene"), "paper-scene", engine, network_only=True
     ),
     "fast": lambda engine=CPU: OnnxDehazer(
-        shipped_weights("coarse-t"), "fast", engine, working_long_side_px=FAST_PX, without_pose=VeilDehazer()
+        shipped_weights("coarse-t"), "fast", engine, working_long_side_px=FAST_PX, without_pose=HorizonDehazer()
     ),
 }

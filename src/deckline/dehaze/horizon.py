@@ -2,10 +2,10 @@
 
 An image is cut into vertical strips, each a profile of colours. Above the horizon a profile is a smooth sky. Below it,
 where a row is d below the horizon, it is A + (S - A) exp(-k / d): A is the sky's colour at the horizon, S a water that
-mirrors more sky at grazing angles, k the haze (extinction times height, in image widths). k = 0 is an edge. Every
-horizon row and k of a grid has its best sky and water in closed form; what remains is the likelihood, of noise that
-grows with the water's visibility. Strips vote for a line by their likelihoods, each with a bound: a strip full of ship
-says nothing. Source: Koschmieder's law; Schlick's (1 - sin)^5.
+mirrors more sky at grazing angles, k the haze (extinction times height, in image widths). k = 0 is an edge; (k / d)^2
+is air that thickens with range. Every horizon row and k of a grid has its best sky and water in closed form; what
+remains is the likelihood, of noise that grows with the water's visibility. Strips vote for a line by their likelihoods,
+each with a bound: a strip full of ship says nothing. Source: Koschmieder's law; Schlick's (1 - sin)^5.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,9 @@ Float64 = NDArray[np.float64]
 STRIPS = 12
 COARSE_PX, FINE_PX = 96, 288  # image widths: for all lines, and for those near the best one
 MIN_SIDE_PX = 24
-HAZE = np.r_[0.0, np.geomspace(0.01, 0.8, 8)]  # k, image widths
+HAZE = np.r_[0.0, np.geomspace(0.01, 0.8, 8), np.geomspace(0.01, 0.8, 8)]  # k, image widths
+POWER = np.r_[np.ones(9), np.full(8, 2.0)]  # of k / d: 2 where the air thickens with range, as between layers
+LAYERED_NATS = 20.0  # what air that thickens must gain
 TEXTURE = (0.0, 4.0, 16.0)  # noise of clear water over the sky's
 FOCAL = 1.0  # assumed focal length, image widths: sets how fast water mirrors less below the horizon
 SKY_TERMS = (0.06, 0.2, 0.4)  # 1-sigma of the sky's slope, curvature and third order, of the level
@@ -167,7 +169,7 @@ def _scan(
     before = np.clip(place.astype(np.intp), 0, len(rows) - 2)
     part = (place - before)[..., None]
     cost = np.repeat(np.rad2deg(np.arctan(slopes))[:, None, None] ** 2 / (2 * ROLL_SIGMA_DEG**2), len(middles), axis=1)
-    cost = np.repeat(cost, len(HAZE), axis=2)
+    cost = np.repeat(cost, len(HAZE), axis=2) + LAYERED_NATS * (POWER > 1)
     for strip, over in enumerate(bounded):
         table, at, share = over.T, before[..., strip], part[..., strip, :]
         here = table[at] * (1 - share) + table[at + 1] * share
@@ -201,7 +203,8 @@ def _design(count: int, rows: Float64, unit: float, level: float) -> Float32:
     """The linear model of a profile (V * K, N + P, P), priors below: A, three terms of the sky, three of the water."""
     below = (np.arange(count) + 0.5 - rows[:, None]) * (unit / FOCAL)
     up, down = np.maximum(-below, 0), np.maximum(below, 1e-4)
-    seen = np.where(below[:, None] > 0, np.exp(-np.minimum(HAZE[:, None] / down[:, None] / FOCAL, 50)), 0)  # (V, K, N)
+    depth = np.minimum((HAZE[:, None] / down[:, None] / FOCAL) ** POWER[:, None], 50)
+    seen = np.where(below[:, None] > 0, np.exp(-depth), 0)  # (V, K, N)
     sky = [np.broadcast_to(term[:, None], seen.shape) for term in (np.ones_like(up), up, up**2, up**3)]
     mirror = schlick(down / np.sqrt(1 + down * down))[:, None]
     design = np.stack([*sky, seen, seen * mirror, seen * down[:, None]], axis=-1)

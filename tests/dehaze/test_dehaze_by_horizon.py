@@ -1,0 +1,67 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sea_scene import CAMERA, frame_of, sea_pair, world_from_body
+
+from deckline.dehaze.base import IdentityDehazer
+from deckline.dehaze.by_horizon import (
+    HorizonDehazer,
+    VisibilityInHeights,
+    find_horizon_of,
+    measure_visibility,
+    pose_from_horizon,
+)
+from deckline.dehaze.horizon import Horizon, NoHorizon
+from deckline.evaluation.metrics import psnr_db
+from deckline.haze import beta_from_visibility
+
+HEIGHT_M = 60.0
+
+
+def alone(image: np.ndarray) -> object:
+    return frame_of(image, world_from_body=None, deck_z_m=None)
+
+
+@pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(-8.0, 3.0), (5.0, -20.0), (0.0, 0.0)])
+def test_pose_from_horizon_has_the_attitude_that_drew_it(pitch_deg: float, roll_deg: float) -> None:
+    camera = replace(CAMERA, cx=CAMERA.cx + 12, cy=CAMERA.cy - 7)
+    true = (
+        world_from_body(pitch_deg, roll_deg) * frame_of(np.zeros((180, 320, 3), np.uint8)).body_from_camera
+    ).rotation
+    down = true.as_matrix()[2]
+    x = np.array([-0.3, 0.3])
+    ends = camera.project(np.stack([x, -(down[2] + down[0] * x) / down[1], np.ones(2)], axis=1))
+    slope = (ends[1, 1] - ends[0, 1]) / (ends[1, 0] - ends[0, 0])
+    middle = ends[0, 1] + slope * ((camera.width - 1) / 2 - ends[0, 0])
+    pose = pose_from_horizon(camera, Horizon(camera.width, middle, 1.0, slope, 0.01), 40.0)
+    np.testing.assert_allclose(pose.rotation.as_matrix()[2], down, atol=1e-9)
+    np.testing.assert_allclose(pose.translation, [0, 0, -40])
+
+
+@pytest.mark.parametrize("visibility_m", [800.0, 2000.0])
+def test_visibility_in_heights_is_within_its_sigma(visibility_m: float) -> None:
+    hazy, _ = sea_pair(beta_from_visibility(visibility_m))
+    told = measure_visibility(alone(hazy))
+    assert isinstance(told, VisibilityInHeights)
+    assert abs(told.heights - visibility_m / HEIGHT_M) < 2 * told.sigma + 0.05 * told.heights
+    assert told.sigma < told.heights
+
+
+def test_brings_a_sea_without_pose_nearer_to_the_clear_one() -> None:
+    hazy, clear = sea_pair(beta_from_visibility(1000.0))
+    restored = HorizonDehazer().restore(alone(hazy)).image_rgb
+    assert psnr_db(restored, clear) > psnr_db(hazy, clear) + 3
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_leaves_pictures_without_a_horizon_to_the_other(level: int) -> None:
+    image = np.full((90, 160, 3), level, np.uint8)
+    np.testing.assert_array_equal(HorizonDehazer(IdentityDehazer())(image), image)
+    assert isinstance(measure_visibility(frame_of(np.full((180, 320, 3), level, np.uint8))), NoHorizon)
+
+
+def test_a_lens_that_bends_lines_has_no_straight_horizon() -> None:
+    image, _ = sea_pair(1e-3)
+    bent = replace(alone(image), camera=replace(CAMERA, distortion=(-0.2, 0.0, 0.0, 0.0, 0.0)))
+    assert isinstance(find_horizon_of(bent), NoHorizon)
