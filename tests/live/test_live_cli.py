@@ -71,6 +71,7 @@ def test_a_duration_ends_it(capsys):
         (["udp://127.0.0.1:5600", "--record"], "--record"),
         (["udp://127.0.0.1:5600", "--duration", "0"], "--duration"),
         (["udp://127.0.0.1:5600", "--to", "tcp://h:1"], "tcp://h:1"),
+        (["camera:0", "--latency-s", "-1"], "latency_s"),
         (["camera:0", "--poses", "udp://127.0.0.1:5601"], "--camera"),
         (["airsim://127.0.0.1:1", "--poses", "udp://127.0.0.1:5601"], "leave"),
         (["nothing.mp4"], "nothing.mp4"),

@@ -128,6 +128,8 @@ class Camera(LiveSource):
         log: Log,
     ) -> None:
         super().__init__()
+        if not 0.0 <= latency_s < LONGEST_WAIT_S:
+            raise ValueError(f"latency_s must lie between 0 and {LONGEST_WAIT_S:g}, got {latency_s}")
         self.name = name
         self._pictures = pictures
         self._mounted = mounted
