@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from odd_pictures import draw
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.config import Engine
@@ -263,3 +264,29 @@ def test_strength_keeps_a_share_of_the_removal(dehazer: Dehazer, strength: float
     part = restore(dehazer, frame_of(hazy), strength).image_rgb
     assert part is not hazy
     np.testing.assert_allclose(part, hazy + strength * (full - hazy), atol=0.51)
+
+
+ODD = draw(np.random.default_rng(0))
+ON_LAND = ("snow", "indoor")
+CAST_LEVELS, CHANGE_LEVELS = 4.0, 16.0  # of the mean colour against the mean grey; rms
+
+
+@pytest.mark.parametrize(
+    ("picture", "with_pose"),
+    # A pose that puts a sea into a room or a field of snow misleads.
+    [(picture, with_pose) for picture in ODD for with_pose in (False, True) if not (with_pose and picture in ON_LAND)],
+)
+@pytest.mark.parametrize("name", ["coarse-t", "fast", "veil"])
+def test_pictures_that_are_no_haze_at_sea_stay_nearly_as_they_are(name: str, picture: str, with_pose: bool) -> None:
+    image = ODD[picture]
+    frame = sized(image) if with_pose else dataclasses.replace(sized(image), world_from_body=None)
+    restored = restore(DEHAZERS[name](), frame)
+    change = restored.image_rgb.astype(float) - image
+    by_channel = change.mean(axis=(0, 1))
+    assert np.abs(by_channel - by_channel.mean()).max() < CAST_LEVELS
+    assert np.sqrt(np.mean(change**2)) < CHANGE_LEVELS
+    assert restored.note or change.any()
+    if not np.ptp(image, axis=2).any():
+        assert np.ptp(restored.image_rgb, axis=2).max() <= 1  # grey stays grey
+    if not image.std() > 1:
+        assert not change.any()

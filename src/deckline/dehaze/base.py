@@ -49,7 +49,11 @@ class IdentityDehazer:
 
 def restore(dehazer: Dehazer, frame: Frame, strength: float = 1.0) -> Restored:
     """A frame through any dehazer; `strength`, 0 to 1, is how much of the removal is kept."""
-    restored = dehazer.restore(frame) if isinstance(dehazer, FrameDehazer) else Restored(dehazer(frame.image_rgb))
+    if not isinstance(dehazer, FrameDehazer):
+        return Restored(mix(frame.image_rgb, dehazer(frame.image_rgb), strength))
+    restored = dehazer.restore(frame)
+    if not restored.note and np.array_equal(restored.image_rgb, frame.image_rgb):
+        return replace(restored, note="not dehazed: no haze is seen")
     return replace(restored, image_rgb=mix(frame.image_rgb, restored.image_rgb, strength))
 
 

@@ -33,6 +33,11 @@ AGREE_PX = 31  # side of the window in which they are compared, for images REFER
 REFERENCE_PX = 640
 CHANGE_PX = 480  # longer side of the image that the network changes
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
+# Without a fit. Chosen on 50 clear and 25 hazy views, of which the first keep 42 at 32 dB, the second lose 0.6 dB.
+DARKEST = (0.3, 0.45)  # of the brightest detail: darker ones show that there is no haze; brighter ones, that there is
+DETAILS = (0.5, 99.5)  # percentiles that count as the darkest and the brightest detail
+DETAIL_SIZE = (320, 180)  # width and height of the image that they are taken in
+MIN_DETAIL_LEVELS = 3.0  # between them; a uniform image has nothing to show
 CHANGE_STEP = 4  # every so many-th pixel, along rows and columns, is compared for the change
 
 
@@ -102,7 +107,7 @@ class OnnxDehazer:
             return restore(self.without_pose, frame)
         solution = None if self.geometry is None else self.geometry.solve(frame)
         if not isinstance(solution, GeometrySolution):
-            return Restored(self._restore_alone(frame.image_rgb))
+            return self._restore_without_fit(frame, "" if solution is None else solution.reason)
         air = 0.0 if self.network_only else clear_air_certainty(solution.haze.visibility_m)
         if air == 1:
             return Restored(
@@ -114,6 +119,13 @@ class OnnxDehazer:
         prior = solution.remove(small)
         change = limited_change(self._run(small, prior), prior)
         return Restored(solution.moved(change, keep=air).remove(frame.image_rgb))
+
+    def _restore_without_fit(self, frame: Frame, reason: str) -> Restored:
+        is_alone = self.network_only or frame.world_from_camera is None
+        certainty = 1.0 if is_alone else haze_certainty(frame.image_rgb)
+        if certainty == 0:
+            return Restored(frame.image_rgb.copy(), f"not dehazed: {reason}, and dark details show no haze")
+        return Restored(mix(frame.image_rgb, self._restore_alone(frame.image_rgb), certainty))
 
     def _run(self, image_rgb: Image, prior_rgb: Image) -> Image:
         height, width = image_rgb.shape[:2]
@@ -218,6 +230,15 @@ def limited_change(network_rgb: Image, geometry_rgb: Image) -> Tensor:
 def clear_air_certainty(visibility_m: float) -> float:
     """How surely air of this fitted visibility is clear, 0 to 1."""
     return ramp(float(np.log(visibility_m)), *np.log(CLEAR_M))
+
+
+def haze_certainty(image_rgb: Image) -> float:
+    """How surely an image (H, W, 3) shows haze, 0 to 1: by its darkest details, if anything stands out in it."""
+    import cv2
+
+    grey = cv2.resize(image_rgb, DETAIL_SIZE, interpolation=cv2.INTER_AREA).mean(axis=2)
+    dark, bright = np.percentile(grey, DETAILS)
+    return ramp(float(dark / max(bright, 1)), *DARKEST) if bright - dark > MIN_DETAIL_LEVELS else 0.0
 
 
 def suppress_small_change(image_rgb: Image, network_rgb: Image) -> Image:
