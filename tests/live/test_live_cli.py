@@ -54,10 +54,19 @@ def test_lines_go_out_over_udp(folder, capsys):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_wait_for_a_stream(number, capsys):
-    threading.Timer(0.5, os.kill, (os.getpid(), number)).start()
-    assert main(["live", f"udp://127.0.0.1:{free_port()}", *OPTIONS]) == 0
-    messages = read(capsys.readouterr().out)
-    assert {message["status"] for message in messages} <= {"stale"}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", port := free_port()))
+        messages = []
+
+        def stop():
+            messages.append(json.loads(listener.recv(65536)))  # the session runs
+            os.kill(os.getpid(), number)
+
+        thread = threading.Thread(target=stop, daemon=True)
+        thread.start()
+        assert main(["live", f"udp://127.0.0.1:{free_port()}", "--to", f"udp://127.0.0.1:{port}", *OPTIONS]) == 0
+        thread.join()
+    assert messages[0]["status"] == "stale" and "messages:" in capsys.readouterr().err
 
 
 def test_a_duration_ends_it(capsys):
