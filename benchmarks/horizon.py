@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from deckline.dehaze import HorizonDehazer, VeilDehazer
-from deckline.dehaze.by_horizon import VisibilityInHeights, find_horizon_of, measure_visibility
+from deckline.dehaze.by_horizon import find_horizon_of, measure_visibility
 from deckline.dehaze.horizon import Horizon
 from deckline.evaluation.frames import open_recorded
 from deckline.evaluation.metrics import psnr_db
-from deckline.types import Frame
+from deckline.types import Frame, Value
 
 HEIGHT_PX = 720
 
@@ -43,10 +43,10 @@ def measure(frame: Frame) -> dict[str, float]:
         values |= {"error": (horizon.middle_px - row) * scale, "sigma": horizon.middle_sigma_px * scale}
     told = measure_visibility(alone)
     height = frame.sea_z_m - frame.world_from_camera.translation[2]
-    if isinstance(told, VisibilityInHeights) and np.isfinite(truth.visibility_m):
+    if isinstance(told, Value) and np.isfinite(truth.visibility_m):
         values |= {
-            "ratio": np.log(told.heights * height / truth.visibility_m),
-            "ratio_sigma": told.sigma / told.heights,
+            "ratio": np.log(told.value * height / truth.visibility_m),
+            "ratio_sigma": told.sigma / told.value,
         }
     if truth.clear_rgb is not None:
         for name, dehazer in (("veil", VeilDehazer()), ("horizon", HorizonDehazer())):

@@ -65,6 +65,11 @@ class Dehazing:
         return self.made[size]
 
     @property
+    def restored(self) -> Restored | None:
+        """What was made first; None when nobody asked."""
+        return next(iter(self.made.values()), None)
+
+    @property
     def note(self) -> str | None:
         """Why the picture that was made is left as it is; None for one that is dehazed, or that nobody asked for."""
         return next((made.note for made in self.made.values() if made.note), None)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_image
-from deckline.types import Frame
+from deckline.types import Frame, Value
 
 
 class Dehazer(Protocol):
@@ -28,6 +28,8 @@ class Restored:
 
     image_rgb: NDArray[np.uint8]  # (H, W, 3), no view of the input
     note: str = ""  # why the frame was left as it is, for people
+    visibility_m: Value | None = None  # that picture and height tell
+    visibility_heights: Value | None = None  # in heights of the camera above the water, where that is not known
 
 
 @runtime_checkable

@@ -5,7 +5,7 @@ height gives the visibility in heights. Where no horizon is found, or the sea be
 as far as the air is clear, another dehazer takes the picture.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.checks import check_image
 from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
 from deckline.dehaze.geometry import GeometryDehazer, downscale_frame
-from deckline.dehaze.haze_fit import NotFitted
+from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.veil import VeilDehazer
 from deckline.geometry import Camera
-from deckline.types import Frame
+from deckline.types import Frame, Value
 
 USUAL_HEIGHT_M = 50.0  # of a camera above the water, where it is not known; the limits of `haze_fit` are metres
 MAX_SIGMA = 0.02  # of the image's height: a vaguer horizon dehazes nothing
@@ -50,14 +50,6 @@ def with_horizon_pose(frame: Frame, horizon: Horizon, height_m: float = USUAL_HE
     return replace(frame, camera=camera, world_from_body=pose, sea_z_m=0.0, deck_z_m=None)
 
 
-@dataclass(frozen=True)
-class VisibilityInHeights:
-    """What a picture tells of the visibility, in heights of the camera above the water."""
-
-    heights: float
-    sigma: float  # 1-sigma, of the horizon and of the fit; the law itself may be wrong
-
-
 class HorizonDehazer:
     """Dehazes pictures without a pose by the geometry of the horizon in them; a lens with distortion is not served.
 
@@ -84,13 +76,14 @@ class HorizonDehazer:
         if isinstance(solution, NotFitted):
             return restore(self.otherwise, frame)
         heights = solution.haze.visibility_m / USUAL_HEIGHT_M
+        told = visibility_in_heights(frame, horizon, solution.haze)
         clear = ramp(float(np.log(heights)), *np.log(CLEAR_HEIGHTS))
         if clear == 0:
-            return Restored(solution.remove(frame.image_rgb))
+            return Restored(solution.remove(frame.image_rgb), visibility_heights=told)
         other = restore(self.otherwise, frame)
         if clear == 1:
-            return other
-        return Restored(mix(solution.remove(frame.image_rgb), other.image_rgb, clear))
+            return replace(other, visibility_heights=told)
+        return Restored(mix(solution.remove(frame.image_rgb), other.image_rgb, clear), visibility_heights=told)
 
 
 def find_horizon_of(frame: Frame) -> Horizon | NoHorizon:
@@ -100,27 +93,27 @@ def find_horizon_of(frame: Frame) -> Horizon | NoHorizon:
     return find_horizon(frame.image_rgb)
 
 
-def measure_visibility(frame: Frame) -> VisibilityInHeights | NoHorizon | NotFitted:
-    """The visibility that a frame tells without its pose, or why it tells none.
+def visibility_in_heights(frame: Frame, horizon: Horizon, haze: HazeFit) -> Value:
+    """The visibility in heights of the camera above the water, of a fit to a frame by its horizon.
 
-    Its sigma joins the fit's with how the fit changes where the horizon is one sigma higher and lower.
+    Its 1-sigma joins the fit's with how the fit changes where the horizon is one sigma higher and lower.
     """
+    small, geometry = downscale_frame(frame, VISIBILITY_PX), GeometryDehazer()
+    scale = small.camera.width / frame.camera.width
+    changes = []
+    for sigma_px in (-horizon.middle_sigma_px, horizon.middle_sigma_px):
+        middle = (horizon.middle_px + sigma_px + 0.5) * scale - 0.5
+        moved = geometry.solve(with_horizon_pose(small, Horizon(small.camera.width, middle, 0, horizon.slope, 0)))
+        if not isinstance(moved, NotFitted):
+            changes.append(abs(float(np.log(moved.haze.visibility_m / haze.visibility_m))))
+    heights = haze.visibility_m / USUAL_HEIGHT_M
+    return Value(heights, heights * float(np.hypot(max(changes, default=1.0), haze.beta_sigma_per_m / haze.beta_per_m)))
+
+
+def measure_visibility(frame: Frame) -> Value | NoHorizon | NotFitted:
+    """The visibility that a frame tells without its pose, in heights of the camera, or why it tells none."""
     horizon = find_horizon_of(frame)
     if isinstance(horizon, NoHorizon):
         return horizon
-    small, geometry = downscale_frame(frame, VISIBILITY_PX), GeometryDehazer()
-    scale = small.camera.width / frame.camera.width
-    logs = []
-    for sigmas in (0.0, -1.0, 1.0):
-        middle = (horizon.middle_px + sigmas * horizon.middle_sigma_px + 0.5) * scale - 0.5
-        moved = replace(horizon, width_px=small.camera.width, middle_px=middle)
-        solution = geometry.solve(with_horizon_pose(small, moved))
-        if isinstance(solution, NotFitted):
-            if sigmas == 0:
-                return solution
-            continue
-        logs.append((np.log(solution.haze.visibility_m), solution.haze.beta_sigma_per_m / solution.haze.beta_per_m))
-    best, fit_sigma = logs[0]
-    moved_by = max((abs(log - best) for log, _ in logs[1:]), default=1.0)
-    heights = float(np.exp(best)) / USUAL_HEIGHT_M
-    return VisibilityInHeights(heights, heights * float(np.hypot(moved_by, fit_sigma)))
+    solution = GeometryDehazer().solve(with_horizon_pose(frame, horizon))
+    return solution if isinstance(solution, NotFitted) else visibility_in_heights(frame, horizon, solution.haze)

@@ -85,7 +85,7 @@ class GeometryDehazer:
         solution = self.solve(frame)
         if isinstance(solution, NotFitted):
             return Restored(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
-        return Restored(solution.remove(frame.image_rgb))
+        return Restored(solution.remove(frame.image_rgb), visibility_m=solution.haze.visibility)
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
         """How the frame's haze is removed and what its air is like, or why that cannot be told."""

@@ -16,6 +16,7 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
 from deckline.haze import CONTRAST_THRESHOLD
+from deckline.types import Value
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -165,6 +166,11 @@ class HazeFit:
             return float(least / self.beta_per_m)
         depth = np.poly1d([self.bank_per_m**4, 0.0, 0.0, self.beta_per_m, -least])
         return float(brentq(depth, 0.0, least / self.beta_per_m))
+
+    @property
+    def visibility(self) -> Value:
+        """`visibility_m` with the fit's 1-sigma; the law itself may be wrong."""
+        return Value(self.visibility_m, self.visibility_m * self.beta_sigma_per_m / self.beta_per_m)
 
     def clear_sea(self, down: Float32) -> Float32:
         """The sea without haze (3, H, W) at sines of the angle below the horizontal (H, W)."""

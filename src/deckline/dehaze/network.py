@@ -108,17 +108,18 @@ class OnnxDehazer:
         solution = None if self.geometry is None else self.geometry.solve(frame)
         if not isinstance(solution, GeometrySolution):
             return self._restore_without_fit(frame, "" if solution is None else solution.reason)
+        told = solution.haze.visibility
         air = 0.0 if self.network_only else clear_air_certainty(solution.haze.visibility_m)
         if air == 1:
             return Restored(
-                frame.image_rgb.copy(), f"not dehazed: the air is clear for {CLEAR_M[1] / 1e3:g} km or more"
+                frame.image_rgb.copy(), f"not dehazed: the air is clear for {CLEAR_M[1] / 1e3:g} km or more", told
             )
         if self.network_only:
-            return Restored(self._run(frame.image_rgb, solution.remove(frame.image_rgb)))
+            return Restored(self._run(frame.image_rgb, solution.remove(frame.image_rgb)), visibility_m=told)
         small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
         prior = solution.remove(small)
         change = limited_change(self._run(small, prior), prior)
-        return Restored(solution.moved(change, keep=air).remove(frame.image_rgb))
+        return Restored(solution.moved(change, keep=air).remove(frame.image_rgb), visibility_m=told)
 
     def _restore_without_fit(self, frame: Frame, reason: str) -> Restored:
         is_alone = self.network_only or frame.world_from_camera is None

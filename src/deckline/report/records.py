@@ -69,6 +69,7 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
         "flags": _notices(result.guidance.flags),
         "track": result.track and _track(result.track),
         "not_dehazed": result.dehazing.note,
+        **_visibility(result),
         **_truth(result, approach),
         "seconds": result.seconds,
     }
@@ -149,6 +150,7 @@ def _columns() -> dict[str, tuple[str | int, ...]]:
         unit = next(unit for unit in UNITS if name.endswith(unit))
         columns[name] = ("guidance", name, "value")
         columns[f"{name.removesuffix(unit)}_sigma{unit}"] = ("guidance", name, "sigma")
+    columns |= {"visibility_m": ("visibility_m", "value"), "visibility_sigma_m": ("visibility_m", "sigma")}
     columns |= {f"{axis}_protection_m": ("protection", f"{axis}_m") for axis in ("lateral", "vertical")}
     columns |= {f"track_{name}": ("track", name) for name in ("state", "flags", "excluded")}
     for line in LINES:
@@ -174,6 +176,13 @@ def _cell(value: Any) -> Any:
 
 def _pick(values: object, *names: str) -> Record:
     return {name: getattr(values, name) for name in names}
+
+
+def _visibility(result: FrameResult) -> Record:
+    """The visibility that the dehazed picture told, where one was made."""
+    restored = result.dehazing.restored
+    values = {name: getattr(restored, name, None) for name in ("visibility_m", "visibility_heights")}
+    return {name: value and vars(value) for name, value in values.items()}
 
 
 def _world(line: RunwayLine | None) -> Record | None:
