@@ -27,6 +27,7 @@ MIN_SIDE_PX = 24
 HAZE = np.r_[0.0, np.geomspace(0.01, 0.8, 8), np.geomspace(0.01, 0.8, 8)]  # k, image widths
 POWER = np.r_[np.ones(9), np.full(8, 2.0)]  # of k / d: 2 where the air thickens with range, as between layers
 LAYERED_NATS = 20.0  # what air that thickens must gain
+ALL_AIR = np.arange(len(HAZE))
 TEXTURE = (0.0, 4.0, 16.0)  # noise of clear water over the sky's
 FOCAL = 1.0  # assumed focal length, image widths: sets how fast water mirrors less below the horizon
 SKY_TERMS = (0.06, 0.2, 0.4)  # 1-sigma of the sky's slope, curvature and third order, of the level
@@ -42,6 +43,7 @@ BOUND = 8.0  # nats that one strip says at most
 ROLL_SIGMA_DEG, MAX_ROLL_DEG = 10.0, 30.0
 COMMON_ERROR = 4.0  # the strips err alike: their likelihood is flattened by it for the uncertainty; and what is left,
 SIGMA_TIMES, SIGMA_FLOOR = 2.0, 0.001  # times, and image widths: chosen on 38 views of preset paper, 200 to 3000 m
+AIR_NATS = 20 * COMMON_ERROR  # over the best: a haze that is so much worse is not tried again near the best line
 
 OUTSIDE = 0.3  # of the height: how far above the image a line may start
 SLOPE_SPAN = 0.06  # about the coarse line
@@ -125,7 +127,8 @@ def find_horizon(image_rgb: NDArray[np.uint8]) -> Horizon | NoHorizon:
     zoom = unit / fine_unit
     span = zoom * min(max(4 * spread, 5.0), 12.0)
     line = coarse.middles[middle] * zoom, coarse.slopes[tilt]
-    return _judge(_scan_near(profiles, x, fine_unit, *line, span), profiles, x, fine_unit, width, height)
+    air = np.flatnonzero(coarse.cost.min(axis=(0, 1)) < coarse.cost.min() + AIR_NATS)
+    return _judge(_scan_near(profiles, x, fine_unit, *line, span, air), profiles, x, fine_unit, width, height)
 
 
 def measure_strips(image_rgb: NDArray[np.uint8], width_px: int) -> tuple[Float32, Float64, float]:
@@ -142,25 +145,34 @@ def measure_strips(image_rgb: NDArray[np.uint8], width_px: int) -> tuple[Float32
     return profiles, (edges[:-1] + edges[1:] - size[0]) / 2, 1 / size[0]
 
 
-def _scan_near(profiles: Float32, x: Float64, unit: float, middle: float, slope: float, span: float) -> _Scan:
-    """Every line near one; `span` is how many rows its middle may be off."""
+def _scan_near(
+    profiles: Float32, x: Float64, unit: float, middle: float, slope: float, span: float, air: NDArray[np.intp]
+) -> _Scan:
+    """Every line near one in this air; `span` is how many rows its middle may be off."""
     count = profiles.shape[1]
     step = max(0.5, span / 30)
     line, reach = middle + slope * x, span + np.abs(x).max() * SLOPE_SPAN
     rows = np.arange(line.min() - reach, line.max() + reach + step, step)
     rows = rows[(rows > -OUTSIDE * count) & (rows < count - 1)]
     middles = middle + np.arange(-span, span + 0.01, step / 2)
-    return _scan(profiles, x, unit, rows, middles, slope + np.linspace(-SLOPE_SPAN, SLOPE_SPAN, 25))
+    return _scan(profiles, x, unit, rows, middles, slope + np.linspace(-SLOPE_SPAN, SLOPE_SPAN, 25), air)
 
 
 def _scan(
-    profiles: Float32, x: Float64, unit: float, rows: Float64, middles: Float64, slopes: Float64, nearby: int = 1
+    profiles: Float32,
+    x: Float64,
+    unit: float,
+    rows: Float64,
+    middles: Float64,
+    slopes: Float64,
+    air: NDArray[np.intp] = ALL_AIR,
+    nearby: int = 1,
 ) -> _Scan:
     """Every line through these middles (M,) with these slopes (T,), by each strip's nats at these rows (V,).
 
     A strip counts by its best of `nearby` rows: lines of a coarse grid miss rows that are sharply defined.
     """
-    nats = minimum_filter1d(strip_nats(profiles, rows, unit), nearby, axis=2)
+    nats = minimum_filter1d(strip_nats(profiles, rows, unit, air), nearby, axis=2)
     flat = flat_nats(profiles)
     best = np.minimum(nats.min(axis=(1, 2)), flat)
     bounded, without = (-np.log(np.exp(-over) + np.exp(-BOUND)) for over in (nats - best[:, None, None], flat - best))
@@ -169,7 +181,7 @@ def _scan(
     before = np.clip(place.astype(np.intp), 0, len(rows) - 2)
     part = (place - before)[..., None]
     cost = np.repeat(np.rad2deg(np.arctan(slopes))[:, None, None] ** 2 / (2 * ROLL_SIGMA_DEG**2), len(middles), axis=1)
-    cost = np.repeat(cost, len(HAZE), axis=2) + LAYERED_NATS * (POWER > 1)
+    cost = np.repeat(cost, len(air), axis=2) + LAYERED_NATS * (POWER[air] > 1)
     for strip, over in enumerate(bounded):
         table, at, share = over.T, before[..., strip], part[..., strip, :]
         here = table[at] * (1 - share) + table[at + 1] * share
@@ -177,13 +189,13 @@ def _scan(
     return _Scan(middles, slopes, cost, float(without.sum()), bounded, rows)
 
 
-def strip_nats(profiles: Float32, rows: Float64, unit: float) -> Float64:
+def strip_nats(profiles: Float32, rows: Float64, unit: float, air: NDArray[np.intp] = ALL_AIR) -> Float64:
     """Minus log likelihood (S, K, V) of profiles (S, N, 3) for each haze and horizon row (V,), the best texture's."""
     strips, count = profiles.shape[:2]
-    design = _design(count, rows, unit, _level(profiles))
+    design = _design(count, rows, unit, _level(profiles), air)
     terms = design.shape[-1]
     levels = profiles.transpose(1, 0, 2).reshape(count, -1)  # (N, S * 3)
-    weight, best = 1.5 * INDEPENDENT_ROWS / count, np.full((len(rows) * len(HAZE), strips), np.inf)
+    weight, best = 1.5 * INDEPENDENT_ROWS / count, np.full((len(rows) * len(air), strips), np.inf)
     seen = design[:, :count, 4]
     for texture in TEXTURE:
         precision = 1 / (1 + np.square(np.float32(texture) * seen))
@@ -196,14 +208,14 @@ def strip_nats(profiles: Float32, rows: Float64, unit: float) -> Float64:
         nats = weight * count * np.log(residual / (3 * count) + NOISE**2)
         nats += _brightness_nats(colours) - weight * np.log(precision).sum(axis=1, keepdims=True)
         best = np.minimum(best, nats)
-    return np.asarray(best.reshape(len(rows), len(HAZE), strips).transpose(2, 1, 0), np.float64)
+    return np.asarray(best.reshape(len(rows), len(air), strips).transpose(2, 1, 0), np.float64)
 
 
-def _design(count: int, rows: Float64, unit: float, level: float) -> Float32:
+def _design(count: int, rows: Float64, unit: float, level: float, air: NDArray[np.intp] = ALL_AIR) -> Float32:
     """The linear model of a profile (V * K, N + P, P), priors below: A, three terms of the sky, three of the water."""
     below = (np.arange(count) + 0.5 - rows[:, None]) * (unit / FOCAL)
     up, down = np.maximum(-below, 0), np.maximum(below, 1e-4)
-    depth = np.minimum((HAZE[:, None] / down[:, None] / FOCAL) ** POWER[:, None], 50)
+    depth = np.minimum((HAZE[air, None] / down[:, None] / FOCAL) ** POWER[air, None], 50)
     seen = np.where(below[:, None] > 0, np.exp(-depth), 0)  # (V, K, N)
     sky = [np.broadcast_to(term[:, None], seen.shape) for term in (np.ones_like(up), up, up**2, up**3)]
     mirror = schlick(down / np.sqrt(1 + down * down))[:, None]
