@@ -5,7 +5,7 @@ import pytest
 from test_detect_coarse_to_fine import Oracle, check_lines, draw
 
 from deckline.detect import DetectConfig, Watch
-from deckline.detect.search import Search, search_lines
+from deckline.detect.search import Search, detect_lines
 
 HERE = ((600.0, 500.0, 630.0, 400.0), (700.0, 500.0, 670.0, 400.0))
 THERE = ((200.0, 500.0, 230.0, 400.0), (300.0, 500.0, 270.0, 400.0))
@@ -21,7 +21,7 @@ class Looking:
         self.near_px = near_px
 
     def __call__(self, image_rgb, prior_box=None):
-        return search_lines(self.start_search(image_rgb), prior_box)
+        return detect_lines(image_rgb, self.oracle, DetectConfig(), prior_box)
 
     def start_search(self, image_rgb):
         return Search(image_rgb, self.oracle, DetectConfig())

@@ -115,12 +115,12 @@ def sample_crop(image_rgb: NDArray, crop: Crop, network_size: tuple[int, int]) -
     rows, first_row, valid_row = _resampling_weights(crop.top, crop.step, net_height, height)
     columns, first_column, valid_column = _resampling_weights(crop.left, crop.step, net_width, width)
     part = image_rgb[first_row : first_row + rows.shape[1], first_column : first_column + columns.shape[1]]
-    tall = rows @ part.astype(np.float32).reshape(len(part), -1)
-    wide = columns @ tall.reshape(-1, columns.shape[1], 3).transpose(1, 0, 2).reshape(columns.shape[1], -1)
-    seen = wide.reshape(net_width, net_height, 3).transpose(1, 0, 2)
+    turned = np.ascontiguousarray(part.transpose(1, 0, 2), dtype=np.float32).reshape(part.shape[1], -1)
+    narrow = (columns @ turned).reshape(net_width, -1, 3)  # (width, part's rows, 3)
+    seen = (rows @ np.ascontiguousarray(narrow.transpose(1, 0, 2)).reshape(len(part), -1)).reshape(net_height, -1, 3)
     seen[~valid_row] = np.nan
     seen[:, ~valid_column] = np.nan
-    return np.ascontiguousarray(seen)
+    return np.asarray(seen)
 
 
 def _resampling_weights(start: float, step: float, count: int, size: int) -> tuple[csr_array, int, NDArray[np.bool_]]:

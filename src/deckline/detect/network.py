@@ -10,7 +10,7 @@ from deckline.config import CPU, Engine
 from deckline.detect.anchors import KNOWN_OUTPUTS, ROW_OUTPUTS, DecodeConfig, NetworkOutput, RowGrid, network_output
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
-from deckline.detect.search import Search, search_lines
+from deckline.detect.search import Search, detect_lines
 from deckline.runtime.session import load_session
 from deckline.types import Detection
 
@@ -49,7 +49,7 @@ class OnnxDetector:
             raise ValueError(f"{path}: its metadata have no usable grid or decoding: {error}") from error
 
     def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
-        return search_lines(self.start_search(image_rgb), prior_box)
+        return detect_lines(image_rgb, self.infer, self.config, prior_box)
 
     def start_search(self, image_rgb: NDArray[np.uint8]) -> Search:
         """A search of an image (H, W, 3) that has not looked yet."""

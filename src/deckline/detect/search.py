@@ -8,7 +8,7 @@ photograph a runway is often faint.
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
@@ -190,25 +190,27 @@ class Search:
 def detect_lines(
     image_rgb: NDArray[np.uint8], infer: Infer, config: DetectConfig, prior_box: Box | None = None
 ) -> Detection:
-    """`search_lines` of an image."""
-    return search_lines(Search(image_rgb, infer, config), prior_box)
+    """`search_lines` of an image (H, W, 3), and of a box in it where the runway should be.
+
+    Raises:
+        ValueError: anything but such an image, or a box that is empty or not finite.
+    """
+    search = Search(image_rgb, infer, config)
+    return search_lines(search, None if prior_box is None else partial(search.look_at_prior, prior_box))
 
 
-def search_lines(search: Search, prior_box: Box | None = None) -> Detection:
-    """Both runway lines in an image (H, W, 3) uint8, in its own pixels; a line that is not seen has no points.
+def search_lines(search: Search, look_at_prior: Callable[[], View | None] | None = None) -> Detection:
+    """Both runway lines of a search, in the image's pixels; a line that is not seen has no points.
 
     The whole image is always searched, so that a wrong prior hides nothing that is beyond doubt. Otherwise the prior's
     box is looked at. A pair in it must be about its middle and agree with a lone line of the search; it replaces
     another pair that is less probable, or if it would count without a prior. Tiles are searched while both lines are
     missing.
-
-    Raises:
-        ValueError: anything but such an image, or a box that is empty or not finite.
     """
     search.search_whole()
     found = search.choose()
-    if prior_box is not None and not search.is_sure:
-        told = search.look_at_prior(prior_box)
+    if look_at_prior is not None and not search.is_sure:
+        told = look_at_prior()
         if told is not None and (found is None or _is_better(told, found, search.config)):
             found = told
     if found is None or found.count < 2:

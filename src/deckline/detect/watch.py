@@ -7,6 +7,7 @@ until they agree, and from the second such search on the track is flagged.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -59,15 +60,13 @@ class Watch:
 
     def __call__(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None, is_tracked: bool) -> Detection:
         """Lines in an image (H, W, 3). `box`: where the runway should be; `is_tracked`: the pictures before say so."""
-        told = None
-        if self.search_s and box is not None and is_tracked:
-            close = self.detector.start_search(image_rgb)
-            told = close.look_at_prior(box)
-            if told is not None and told.probability >= close.config.sure_probability and not self._contradictions:
-                self._search_beside(time_s, image_rgb, told.lines)
-                return told.lines
-        search = self.detector.start_search(image_rgb)
-        detection = search_lines(search, box)
+        search, close = (self.detector.start_search(image_rgb) for _ in range(2))  # a close look is no place searched
+        look = None if box is None else cache(partial(close.look_at_prior, box))
+        told = look() if look is not None and is_tracked and self.search_s else None
+        if told is not None and told.probability >= close.config.agreeing_probability and not self._contradictions:
+            self._search_beside(time_s, image_rgb, told.lines)
+            return told.lines
+        detection = search_lines(search, look)
         self._background, self._last_s = None, time_s
         self._compare(search, detection if told is None else told.lines)
         return detection
