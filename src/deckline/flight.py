@@ -64,6 +64,15 @@ class Dehazing:
             self.made[size] = _timed(self.seconds, "dehaze", lambda: restore(self.dehazer, frame, self.strength))
         return self.made[size]
 
+    def shown(self, long_side_px: int) -> Restored:
+        """The same for people: a frame that the dehazer refuses is shown as it is, with the reason, and stays flown."""
+        try:
+            return self(long_side_px)
+        except ValueError as error:
+            frame = downscale_frame(self.frame, long_side_px)
+            left = Restored(frame.image_rgb.copy(), f"not dehazed: {' '.join(str(error).split())}")
+            return self.made.setdefault((frame.camera.width, frame.camera.height), left)
+
     @property
     def restored(self) -> Restored | None:
         """What was made first; None when nobody asked."""

@@ -107,6 +107,23 @@ def test_the_overlay_has_one_even_size_and_leaves_the_result_alone(sides, pose):
     assert np.array_equal(result.dehazed_rgb, before[1])
 
 
+def test_a_frame_that_the_dehazer_refuses_is_shown_as_it_is_with_the_reason():
+    class Refusing:
+        name = "refusing"
+
+        def __call__(self, image_rgb):
+            raise ValueError("no such\nimage")
+
+    result = chain(frame())
+    result = replace(result, dehazing=replace(result.dehazing, dehazer=Refusing()))
+    panels = overlay.draw_panels(result)
+    assert panels.not_dehazed == result.dehazing.note == "not dehazed: no such image"
+    far = np.s_[: panels.hazy.shape[0] // 4, -panels.hazy.shape[1] // 4 :]
+    np.testing.assert_array_equal(panels.marked[far], panels.hazy[far])
+    with pytest.raises(ValueError, match="no such"):
+        replace(result.dehazing, made={})()
+
+
 def test_lines_are_drawn_where_they_were_seen_in_their_colours():
     both = overlay.draw_panels(chain(frame()))
     assert both.marked.shape == both.hazy.shape == (overlay.PANEL_PX[1], overlay.PANEL_PX[0], 3)

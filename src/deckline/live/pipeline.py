@@ -186,7 +186,7 @@ class Session:
 
     def _guide(self) -> None:
         last: Answer | None = None
-        started_s = sent_s = time.monotonic()
+        sent_s = time.monotonic()
         stale_sent_s = -np.inf
         approach = self._flight.config.approach
         while not self._stopped.is_set():
@@ -203,16 +203,15 @@ class Session:
             silent_s = now_s - min(self._captured_s, sent_s)
             if silent_s > self._stale_s - 2 * TICK_S and now_s - stale_sent_s > STALE_EVERY_S:
                 stale_sent_s = now_s
-                reason = self._explain(now_s, started_s if last is None else None)
+                reason = self._explain(now_s, last is None)
                 self._send(stale_record(last, self._count(), now_s, self._offset_s, reason, approach))
 
-    def _explain(self, now_s: float, started_s: float | None) -> str:
-        """Why there is no answer."""
+    def _explain(self, now_s: float, is_first: bool) -> str:
+        """Why there is no answer; `is_first`: there was none before."""
         if now_s - self._captured_s <= self._stale_s - 2 * TICK_S:
             return "frames come, but answers take too long"
         why = f"; the last one: {self._damage}" if self._damage else ""
-        since_s = now_s - self._captured_s
-        return (f"no frame for {since_s:.2f} s" if started_s is None else "no frame yet") + why
+        return ("no frame yet" if is_first else f"no frame for {now_s - self._captured_s:.2f} s") + why
 
     def _send(self, record: Record) -> None:
         self._out.send(record)

@@ -36,15 +36,14 @@ def frame_name(number: int) -> str:
 class LiveSource(ABC):
     """Frames as they are taken.
 
-    Attributes:
+    Args:
         name: what people call it; without credentials.
         notes: what is odd about it but does not stop it, one line each.
     """
 
-    name: str
-    notes: tuple[str, ...] = ()
-
-    def __init__(self) -> None:
+    def __init__(self, name: str, notes: tuple[str, ...] = ()) -> None:
+        self.name = name
+        self.notes = notes
         self.stopped = threading.Event()
 
     @abstractmethod
@@ -67,8 +66,7 @@ class Simulator(LiveSource):
     """A stream that is live already; a frame counts as taken when it is there."""
 
     def __init__(self, stream: Stream) -> None:
-        super().__init__()
-        self.name, self.notes = stream.name, stream.notes
+        super().__init__(stream.name, stream.notes)
         self._stream = stream
 
     def items(self) -> Iterator[Captured | BadFrame]:
@@ -87,8 +85,7 @@ class Playback(LiveSource):
     """A recording at its own pace, once through. Its frames keep their times; a late one delays those after it."""
 
     def __init__(self, recording: Source) -> None:
-        super().__init__()
-        self.name, self.notes = recording.name, recording.notes
+        super().__init__(recording.name, recording.notes)
         self._recording = recording
 
     def items(self) -> Iterator[Captured | BadFrame]:
@@ -127,10 +124,9 @@ class Camera(LiveSource):
         latency_s: float,
         log: Log,
     ) -> None:
-        super().__init__()
+        super().__init__(name)
         if not 0.0 <= latency_s < LONGEST_WAIT_S:
             raise ValueError(f"latency_s must lie between 0 and {LONGEST_WAIT_S:g}, got {latency_s}")
-        self.name = name
         self._pictures = pictures
         self._mounted = mounted
         self._wall = wall

@@ -59,7 +59,7 @@ class View:
 def draw_panels(result: FrameResult) -> Panels:
     """The small pictures of one result."""
     camera, hazy_rgb = result.frame.camera, result.frame.image_rgb
-    clear_rgb = result.dehazing(DEHAZED_PX).image_rgb
+    clear_rgb = result.dehazing.shown(DEHAZED_PX).image_rgb
     scale = min(PANEL_PX[0] / camera.width, PANEL_PX[1] / camera.height)
     size = max(round(camera.width * scale), 2), max(round(camera.height * scale), 2)
     view = View(0.0, 0.0, size[0] / camera.width, size[1] / camera.height)
