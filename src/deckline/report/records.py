@@ -68,12 +68,18 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
         "protection": result.guidance.protection and vars(result.guidance.protection),
         "flags": _notices(result.guidance.flags),
         "track": result.track and _track(result.track),
-        "not_dehazed": result.dehazing.note,
-        **_visibility(result),
+        **dehazing_record(result),
         **_truth(result, approach),
-        "seconds": result.seconds,
     }
     return {key: _plain(value) for key, value in record.items()}
+
+
+def dehazing_record(result: FrameResult) -> Record:
+    """What dehazing told of a frame, if it was dehazed so far, and the seconds of all stages."""
+    restored = result.dehazing.restored
+    values = {name: getattr(restored, name, None) for name in ("visibility_m", "visibility_heights")}
+    told: Record = {name: value and _plain(vars(value)) for name, value in values.items()}
+    return {"not_dehazed": result.dehazing.note, **told, "seconds": _plain(result.seconds)}
 
 
 def skipped_record(bad: BadFrame) -> Record:
@@ -176,13 +182,6 @@ def _cell(value: Any) -> Any:
 
 def _pick(values: object, *names: str) -> Record:
     return {name: getattr(values, name) for name in names}
-
-
-def _visibility(result: FrameResult) -> Record:
-    """The visibility that the dehazed picture told, where one was made."""
-    restored = result.dehazing.restored
-    values = {name: getattr(restored, name, None) for name in ("visibility_m", "visibility_heights")}
-    return {name: value and vars(value) for name, value in values.items()}
 
 
 def _world(line: RunwayLine | None) -> Record | None:

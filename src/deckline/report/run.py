@@ -18,8 +18,8 @@ from deckline.config_file import to_toml_text
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
 from deckline.report.figures import count_reasons
+from deckline.report.film import Film, join_dehazing
 from deckline.report.html import STATUSES, Pictures, report_html
-from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
 from deckline.report.provenance import Settings, run_info, settings_of
 from deckline.report.records import Record, frame_record, lookup, read_records, skipped_record, to_line, write_csv
 from deckline.report.run_folder import (
@@ -33,7 +33,7 @@ from deckline.report.run_folder import (
     resume_folder,
     start_folder,
 )
-from deckline.report.video import VideoPiece, join
+from deckline.report.video import join
 from deckline.types import Frame, Notice, Reason
 
 INTERRUPTED, NOTHING_USABLE = 130, 1  # exit codes
@@ -100,10 +100,10 @@ def run(
     state = {"source": source.name, "frames": str(source.length)} | settings
     folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
     sample = PictureSample(folder.work / "pictures")
-    counts, stopped = _process(source, chain, folder, sample, total, config)
-    frames = sum(counts.values())
-    info = run_info(source, frames, total, stopped and total is not None) | settings
     try:
+        counts, stopped = _process(source, chain, folder, sample, total, config)
+        frames = sum(counts.values())
+        info = run_info(source, frames, total, stopped and total is not None) | settings
         written = _publish(folder, sample, info, counts, config)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"{folder.jsonl} is whole, film and report are not") from None
@@ -141,15 +141,13 @@ def _process(
         stopped = stack.enter_context(_catch_ctrl_c(source))
         progress = stack.enter_context(_make_progress())
         lines = stack.enter_context(folder.jsonl.open("ab", buffering=0))
-        piece_path = folder.work / f"film-{len(folder.pieces()):04d}.mp4"
-        piece = stack.enter_context(closing(VideoPiece(piece_path, OVERLAY_PX)))
+        film = stack.enter_context(closing(Film(folder, sample)))
         task = progress.add_task("frames", total=total, completed=first, counts=_format_counts(counts))
         try:
             for index, item in enumerate(_read_items(source, first, total), first):
                 outcome = _apply(chain, item)
                 if 0 < index == folder.recorded:
                     outcome = _flag_resumed(outcome)
-                panels = None if isinstance(outcome, BadFrame) else draw_panels(outcome)  # first: it dehazes
                 record = _make_record(outcome, config)
                 if index >= folder.recorded:
                     lines.write(to_line(record).encode())  # in a single write: a kill cuts off one line at most
@@ -157,9 +155,8 @@ def _process(
                 if isinstance(outcome, BadFrame):
                     words = f"skipped {outcome.file}: {outcome.reason}"
                     progress.console.print(words, markup=False, highlight=False, soft_wrap=True)
-                elif panels is not None:
-                    sample.add(index, panels)
-                    piece.add(draw_overlay(outcome.frame, outcome.guidance, panels), outcome.frame.time_s)
+                else:
+                    film.add(index, outcome)
                 progress.update(task, completed=index + 1, counts=_format_counts(counts))
                 if stopped.is_set() and index + 1 != total:
                     return counts, True
@@ -203,12 +200,22 @@ def _publish(folder: RunFolder, sample: PictureSample, info: Settings, counts: C
     """Make the files that need the whole run, then rename them to where they belong."""
     names = [CSV, REPORT, CONFIG]
     (folder.work / CONFIG).write_text(to_toml_text(config), encoding="utf-8")
+    _complete_records(folder)
     write_csv(folder.work / CSV, read_records(folder.jsonl))
     if join(folder.pieces(), folder.work / VIDEO):
         names.append(VIDEO)
     records, pictures = _choose_records(folder.jsonl, sample, sum(counts.values()))
     (folder.work / REPORT).write_text(report_html(info, records, pictures, counts), encoding="utf-8")
     return folder.publish(names)
+
+
+def _complete_records(folder: RunFolder) -> None:
+    """Join the records with what dehazing told, which the film's thread learned after they were written."""
+    joined = folder.work / "joined.jsonl"
+    with joined.open("wb") as file:
+        for record in join_dehazing(read_records(folder.jsonl), read_records(folder.dehazed)):
+            file.write(to_line(record).encode())
+    joined.replace(folder.jsonl)
 
 
 def _choose_records(jsonl: Path, sample: PictureSample, count: int) -> tuple[list[Record], Pictures]:

@@ -41,6 +41,11 @@ class RunFolder:
     def work(self) -> Path:
         return self.out / UNFINISHED
 
+    @property
+    def dehazed(self) -> Path:
+        """What dehazing told of each frame, a line of JSON each."""
+        return self.work / "dehazed.jsonl"
+
     def pieces(self) -> list[Path]:
         """Pieces of the film, in order."""
         return sorted(self.work.glob("film-*.mp4"))
