@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 from safetensors.torch import load_file
 from torch import nn
 
@@ -14,7 +15,7 @@ from clear_scene import QUICK, clear_frame, clear_recording, interrupting, strip
 from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.dehaze.network import image_to_tensor, pad
-from deckline.research.dehazers import DEHAZERS
+from deckline.research.dehazers import DEHAZERS, RIVALS
 from deckline.train import loop
 from deckline.train.checkpoint import CHECKPOINT_FILE, read_tensors
 from deckline.train.dehaze import NETWORKS, DehazeTrainConfig, dehaze_loss, export_dehaze, train_dehaze
@@ -53,7 +54,7 @@ def macs_of_transposed(model: nn.Module) -> int:
     return sum(macs)
 
 
-@pytest.mark.parametrize("name", list(DEHAZERS))
+@pytest.mark.parametrize("name", list(PUBLISHED))
 def test_size_is_the_published_one(name: str) -> None:
     cost = network_cost(DEHAZERS[name](None))
     parameters, macs = PUBLISHED[name]
@@ -104,19 +105,42 @@ def test_every_weight_learns(name: str) -> None:
 def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     """At most one grey level apart, at sizes the export never saw."""
     model = perturb(name)
-    network = {"name": name, "unshuffle": 1}
+    network = {"name": name, "unshuffle": 1} | getattr(model, "grid", {})
     dehazer = OnnxDehazer(
         export_dehaze(model, tmp_path / "net.onnx", network, 640, {"lr": 1.0}, 7), engine=Engine(threads=1)
     )
-    assert not dehazer.coarse
+    assert dehazer.coarse == name.endswith("-coarse")
     assert dehazer.session.config["network"] == network
     for height, width in [(5, 40), (75, 131)]:
         image, _ = striped_deck(height, width)
         with torch.no_grad():
-            expected = model(torch.from_numpy(image_to_tensor(pad(image, 1))))[0, :, :height, :width]
+            whole = pad(image, dehazer.grid_px, dehazer.min_side_px)
+            expected = model(torch.from_numpy(image_to_tensor(whole)))[0, :, :height, :width]
         expected = (255 * expected.permute(1, 2, 0).numpy()).clip(0, 255)
         assert np.abs(expected - image).max() > 3, "the network must do something for the comparison to mean anything"
         assert np.abs(dehazer(image) - expected).max() <= 1.0
+
+
+@pytest.mark.parametrize("name", RIVALS)
+def test_a_coarse_grid_holds_k_and_b(name: str) -> None:
+    """Untrained: the input. With K and B held by the last bias: K I - B + I, from a picture averaged down, too."""
+    model, image = DEHAZERS[f"{name}-coarse"](None).eval(), torch.rand(1, 3, 72, 104)
+    last = [layer for layer in model.modules() if isinstance(layer, nn.Conv2d)][-1]
+    with torch.no_grad():
+        torch.testing.assert_close(model(image), image)
+        last.bias.copy_(torch.tensor([0.5, 0.1, 0.2, 0.3]))
+        expected = 1.5 * image - torch.tensor([0.1, 0.2, 0.3]).reshape(1, 3, 1, 1)
+        for working in (None, F.avg_pool2d(image, 2)):
+            torch.testing.assert_close(model(image, working), expected, atol=1e-4, rtol=0)
+
+
+def test_coarse_layers_see_all_pixels_of_a_cell() -> None:
+    """One pixel moved within its cell: the mean stays, the estimate does not."""
+    model, image = perturb("g-unet-t-coarse"), torch.zeros(1, 3, 64, 64)
+    image[..., 32, 32] = 1.0
+    with torch.no_grad():
+        estimates = [model.network.estimate(F.pixel_unshuffle(x, 4)) for x in (image, image.roll(3, 3))]
+    assert (estimates[0] - estimates[1]).abs().max() > 1e-3
 
 
 AOD = replace(QUICK, network="aod-net", steps=6)

@@ -85,6 +85,7 @@ class OnnxDehazer:
         trained_px = int(config["working_long_side_px"])
         self.working_long_side_px = trained_px if working_long_side_px is None else working_long_side_px
         self.grid_px = int(config["network"]["unshuffle"])
+        self.min_side_px = int(config["network"].get("min_side_px", MIN_SIDE_PX))
 
     @property
     def cost(self) -> tuple[int, int] | None:
@@ -145,7 +146,7 @@ class OnnxDehazer:
         return tensor_to_image(clear[:, :, :height, :width])
 
     def _tensor(self, image_rgb: Image, factor: int) -> Tensor:
-        return image_to_tensor(pad(image_rgb, factor * self.grid_px, factor * MIN_SIDE_PX))
+        return image_to_tensor(pad(image_rgb, factor * self.grid_px, factor * self.min_side_px))
 
 
 def image_to_tensor(image_rgb: Image) -> Tensor:

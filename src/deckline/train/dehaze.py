@@ -138,7 +138,8 @@ def train_dehaze(
 
     train(config, run, make_ahead(make, run.step, config.steps), loss, console)
     model.load_state_dict(run.ema)
-    network = {"name": config.network, **({"unshuffle": 1} if config.shape is None else asdict(config.shape))}
+    shape = {"unshuffle": 1} | getattr(model, "grid", {}) if config.shape is None else asdict(config.shape)
+    network = {"name": config.network, **shape}
     path = export_dehaze(model, out / "dehaze.onnx", network, config.working_long_side_px, run.recipe, run.step)
     held_out = open_clear_views(recordings, config.working_long_side_px, config.held_out, train=False)
     figures = validate(model, held_out, config.seed, config.prior)
@@ -211,17 +212,18 @@ def export_dehaze(
         model: takes an image (1, 3, H, W), and a working image where `network` has an `unshuffle` above 1, of six
             channels where it has a `prior`.
         path: of the file.
-        network: what the model was built from; its `unshuffle` is 1 for every network at full resolution.
+        network: what the model was built from; its `unshuffle` is 1 for every network at full resolution. It may say
+            the shortest side of a working image, `min_side_px`.
         working_long_side_px: the size of images that it was trained on.
         recipe, step: of the training.
     """
     coarse, prior = network["unshuffle"] > 1, network.get("prior", False)
     device = next(model.parameters()).device
     dynamic = {"image": {2: "height", 3: "width"}, "clear": {2: "height", 3: "width"}}
-    args = [torch.rand(1, 3, 128, 192, device=device)]
+    args = [torch.rand(1, 3, 256, 384, device=device)]
     if coarse:
         dynamic["working"] = {2: "working_height", 3: "working_width"}
-        args.append(torch.rand(1, 6 if prior else 3, 64, 96, device=device))
+        args.append(torch.rand(1, 6 if prior else 3, 128, 192, device=device))
     cost = network_cost(model, channels=(3, 6) if prior else (3,))
     metadata = {"kind": "dehaze", "network": network, "parameters": cost.parameters, "macs_256": cost.macs}
     metadata |= {"working_long_side_px": working_long_side_px, "recipe": recipe, "step": step}

@@ -137,21 +137,10 @@ class DehazeNetwork(nn.Module):
         return F.pad(image, (0, right, 0, bottom), mode="reflect")
 
     def _coarse(self, image: Tensor, working: Tensor) -> Tensor:
-        """K and B (B, 4, H, W), brought up from the coarse grid along the edges of `image`'s luma.
-
-        Source: fast guided filter (He and Sun 2015): K and B are linear in the guide within a window.
-        """
-        guide = F.avg_pool2d(luma(self._pad(working[:, -3:])), self.config.unshuffle)
+        """K and B (B, 4, H, W), brought up from the coarse grid along the edges of `image`'s luma."""
         unshuffle, eps = self.config.unshuffle, torch.exp(self.log_guide_eps)
-        slope, offset = linear_in_guide(self._estimate(working), guide, eps, self.config.guide_radius)
-        rows, columns = -(-working.shape[2] // unshuffle), -(-working.shape[3] // unshuffle)
-        factor = image.shape[2] // working.shape[2] * unshuffle
-        models = torch.cat([slope, offset], 1)[:, :, :rows, :columns]
-        models = F.interpolate(models, (rows * factor, columns * factor), mode="bilinear", align_corners=False)
-        # A copy at full size is slow; exported networks get images that need none (see export_dehaze).
-        if models.shape[2] != image.shape[2] or models.shape[3] != image.shape[3]:
-            models = models[:, :, : image.shape[2], : image.shape[3]]
-        return models[:, :4] * luma(image) + models[:, 4:]
+        guide = F.avg_pool2d(luma(self._pad(working[:, -3:])), unshuffle)
+        return upsample_soft(self._estimate(working), guide, image, working, unshuffle, eps, self.config.guide_radius)
 
 
 def _attention_stages(config: DehazeNetworkConfig) -> list[nn.Module]:
@@ -180,6 +169,31 @@ def luma(image: Tensor) -> Tensor:
     """(B, 1, H, W) of RGB."""
     r, g, b = LUMA
     return r * image[:, 0:1] + g * image[:, 1:2] + b * image[:, 2:3]
+
+
+def upsample_soft(
+    soft: Tensor, guide: Tensor, image: Tensor, working: Tensor, unshuffle: int, eps: Tensor, radius: int
+) -> Tensor:
+    """K and B (B, 4, H, W) from the coarse grid along the edges of the image's luma.
+
+    Source: fast guided filter (He and Sun 2015): K and B are linear in the guide within a window.
+
+    Args:
+        soft: (B, 4, h', w') K and B on the coarse grid, which may reach beyond the picture at the right and below.
+        guide: (B, 1, h', w') luma's mean in every cell.
+        image: (B, 3, H, W) the picture at full size.
+        working: (B, C, h, w) the picture averaged down by H / h, whose blocks of `unshuffle` px are the cells.
+        eps, radius: see linear_in_guide.
+    """
+    slope, offset = linear_in_guide(soft, guide, eps, radius)
+    rows, columns = -(-working.shape[2] // unshuffle), -(-working.shape[3] // unshuffle)
+    factor = image.shape[2] // working.shape[2] * unshuffle
+    models = torch.cat([slope, offset], 1)[:, :, :rows, :columns]
+    models = F.interpolate(models, (rows * factor, columns * factor), mode="bilinear", align_corners=False)
+    # A copy at full size is slow; exported networks get images that need none (see export_dehaze).
+    if models.shape[2] != image.shape[2] or models.shape[3] != image.shape[3]:
+        models = models[:, :, : image.shape[2], : image.shape[3]]
+    return models[:, :4] * luma(image) + models[:, 4:]
 
 
 def linear_in_guide(values: Tensor, guide: Tensor, eps: Tensor, radius: int) -> tuple[Tensor, Tensor]:

@@ -1,25 +1,39 @@
 """Networks that ours is compared with, each written from its paper and trained like ours: same data, loss and budget.
 
-Each takes (N, 3, H, W) RGB in 0..1 of any size and returns the same shape, not clipped.
+Each takes (N, 3, H, W) RGB in 0..1 of any size and returns the same shape, not clipped: at full resolution as in print,
+and on our coarse grid.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from torch import nn
 
 from deckline.research.dehazers.aod_net import AodNet
+from deckline.research.dehazers.coarse import CoarseGrid
 from deckline.research.dehazers.dehaze_former import DehazeFormer
 from deckline.research.dehazers.g_unet import GUNet
 from deckline.research.dehazers.gca_net import GcaNet
 from deckline.research.dehazers.grid_dehaze_net import GridDehazeNet
 
-DEHAZERS: dict[str, Callable[[Any], nn.Module]] = {  # from a recipe, of which they need nothing
-    "aod-net": lambda _: AodNet(),
-    "gca-net": lambda _: GcaNet(),
-    "grid-dehaze-net": lambda _: GridDehazeNet(),
-    "g-unet-t": lambda _: GUNet(),
-    "dehaze-former-t": lambda _: DehazeFormer(),
+RIVALS: dict[str, Callable[..., nn.Module]] = {  # each takes `inputs` and `outputs`, channels
+    "aod-net": AodNet,
+    "gca-net": GcaNet,
+    "grid-dehaze-net": GridDehazeNet,
+    "g-unet-t": GUNet,
+    "dehaze-former-t": DehazeFormer,
 }
 
-__all__ = ["DEHAZERS"]
+
+def without_recipe(build: Callable[[], nn.Module]) -> Callable[[Any], nn.Module]:
+    """A builder from a recipe, of which it needs nothing."""
+    return lambda _: build()
+
+
+DEHAZERS: dict[str, Callable[[Any], nn.Module]] = {
+    **{name: without_recipe(build) for name, build in RIVALS.items()},
+    **{f"{name}-coarse": without_recipe(partial(CoarseGrid, build)) for name, build in RIVALS.items()},
+}
+
+__all__ = ["DEHAZERS", "RIVALS"]

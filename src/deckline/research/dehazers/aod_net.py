@@ -18,21 +18,25 @@ class AodNet(nn.Module):
     may never begin to learn. The paper's last rectifier is left out; whoever makes an image of the output clips it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, inputs: int = 3, outputs: int = 3) -> None:
         super().__init__()
-        self.first = nn.Conv2d(3, 3, 1)
+        self.first = nn.Conv2d(inputs, 3, 1)
         self.second = nn.Conv2d(3, 3, 3, padding=1)
         self.third = nn.Conv2d(6, 3, 5, padding=2)
         self.fourth = nn.Conv2d(6, 3, 7, padding=3)
-        self.fifth = nn.Conv2d(12, 3, 3, padding=1)
+        self.fifth = nn.Conv2d(12, outputs, 3, padding=1)
         nn.init.zeros_(self.fifth.weight)
-        self.fifth.bias = nn.Parameter(torch.ones(3))
+        self.fifth.bias = nn.Parameter(torch.ones(outputs))
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
+        k = F.relu(self.estimate(image))
+        return k * image - k + CONSTANT_BIAS
+
+    def estimate(self, image: Tensor) -> Tensor:
+        """What the last convolution gives, (N, outputs, H, W)."""
         first = F.relu(self.first(image))
         second = F.relu(self.second(first))
         third = F.relu(self.third(torch.cat([first, second], 1)))
         fourth = F.relu(self.fourth(torch.cat([second, third], 1)))
-        k = F.relu(self.fifth(torch.cat([first, second, third, fourth], 1)))
-        return k * image - k + CONSTANT_BIAS
+        return self.fifth(torch.cat([first, second, third, fourth], 1))

@@ -151,11 +151,11 @@ def stage(config: DehazeFormerConfig, index: int) -> nn.Sequential:
 class DehazeFormer(nn.Module):
     """U-net that estimates K and B of the soft reconstruction K I - B + I."""
 
-    def __init__(self, config: DehazeFormerConfig | None = None) -> None:
+    def __init__(self, config: DehazeFormerConfig | None = None, inputs: int = 3, outputs: int = 4) -> None:
         super().__init__()
         self.config = config = config or DehazeFormerConfig()
         full, half, quarter = config.channels[:3]
-        self.intro = reflect_conv(3, full, 3)
+        self.intro = reflect_conv(inputs, full, 3)
         self.encoder_full, self.encoder_half, self.bottom, self.decoder_half, self.decoder_full = (
             stage(config, index) for index in range(5)
         )
@@ -163,15 +163,18 @@ class DehazeFormer(nn.Module):
         self.skip_full, self.skip_half = nn.Conv2d(full, full, 1), nn.Conv2d(half, half, 1)
         self.up_half, self.up_full = up(quarter), up(half)
         self.fuse_half, self.fuse_full = SKFusion(half, 8, bias=False), SKFusion(full, 8, bias=False)
-        self.outro = reflect_conv(full, 4, 3)
+        self.outro = reflect_conv(full, outputs, 3)
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
-        signed = 2 * image - 1  # the network works on -1..1
-        full = self.encoder_full(self.intro(pad_to_multiple(signed, MULTIPLE)))
+        signed, soft = 2 * image - 1, self.estimate(image)  # the network works on -1..1
+        return (soft[:, :1] * signed - soft[:, 1:] + signed + 1) / 2
+
+    def estimate(self, image: Tensor) -> Tensor:
+        """What the last convolution gives, K and B (N, 4, H, W)."""
+        full = self.encoder_full(self.intro(pad_to_multiple(2 * image - 1, MULTIPLE)))
         half = self.encoder_half(self.down_half(full))
         x = self.up_half(self.bottom(self.down_quarter(half)))
         x = self.up_full(self.decoder_half(self.fuse_half(x, self.skip_half(half)) + x))
         x = self.decoder_full(self.fuse_full(x, self.skip_full(full)) + x)
-        soft = self.outro(x)[:, :, : image.shape[2], : image.shape[3]]
-        return (soft[:, :1] * signed - soft[:, 1:] + signed + 1) / 2
+        return self.outro(x)[:, :, : image.shape[2], : image.shape[3]]

@@ -41,7 +41,7 @@ class GUNet(nn.Module):
     `channels` at full size are doubled at every halving; `depths` are blocks of every stage.
     """
 
-    def __init__(self, channels: int = 24, depths: tuple[int, ...] = DEPTHS) -> None:
+    def __init__(self, channels: int = 24, depths: tuple[int, ...] = DEPTHS, inputs: int = 3, outputs: int = 3) -> None:
         super().__init__()
         halvings = len(depths) // 2
         self.multiple = 2**halvings  # images are padded to a multiple of this, px
@@ -50,7 +50,7 @@ class GUNet(nn.Module):
             nn.Sequential(*(GatedBlock(width, KERNEL, sum(depths)) for _ in range(depth)))
             for width, depth in zip(widths, depths, strict=True)
         ]
-        self.intro = reflect_conv(3, channels, 3)
+        self.intro = reflect_conv(inputs, channels, 3)
         self.encoders = nn.ModuleList(stages[:halvings])
         self.downs = nn.ModuleList(down(width) for width in widths[:halvings])
         self.skips = nn.ModuleList(nn.Conv2d(width, width, 1) for width in widths[:halvings])
@@ -58,10 +58,14 @@ class GUNet(nn.Module):
         self.ups = nn.ModuleList(up(2 * width) for width in widths[halvings + 1 :])
         self.fusions = nn.ModuleList(SKFusion(width, 8, bias=False) for width in widths[halvings + 1 :])
         self.decoders = nn.ModuleList(stages[halvings + 1 :])
-        self.outro = reflect_conv(channels, 3, 3)
+        self.outro = reflect_conv(channels, outputs, 3)
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
+        return image + self.estimate(image) / 2  # the network works on -1..1
+
+    def estimate(self, image: Tensor) -> Tensor:
+        """What the last convolution gives, (N, outputs, H, W)."""
         x = self.intro(2 * pad_to_multiple(image, self.multiple) - 1)
         kept = []
         for encoder, to_half, skip in zip(self.encoders, self.downs, self.skips, strict=True):
@@ -71,5 +75,4 @@ class GUNet(nn.Module):
         x = self.bottom(x)
         for to_double, fusion, decoder, skip in zip(self.ups, self.fusions, self.decoders, kept[::-1], strict=True):
             x = decoder(fusion(to_double(x), skip))
-        added = self.outro(x)[:, :, : image.shape[2], : image.shape[3]]
-        return image + added / 2  # the network works on -1..1
+        return self.outro(x)[:, :, : image.shape[2], : image.shape[3]]

@@ -64,14 +64,14 @@ def edges(image: Tensor) -> Tensor:
 class GcaNet(nn.Module):
     """Encoder to half size, residual blocks, gated sum, decoder to what is added to the image."""
 
-    def __init__(self, channels: int = 64) -> None:
+    def __init__(self, channels: int = 64, inputs: int = 3, outputs: int = 3) -> None:
         super().__init__()
         c = channels
 
         def normed(conv: nn.Module) -> nn.Sequential:
             return nn.Sequential(conv, nn.InstanceNorm2d(c, affine=True), nn.ReLU())
 
-        shapes = ((4, 1), (c, 1), (c, 2))  # channels and stride
+        shapes = ((inputs + 1, 1), (c, 1), (c, 2))  # channels and stride
         self.encoder = nn.Sequential(*(normed(nn.Conv2d(n, c, 3, stride, 1, bias=False)) for n, stride in shapes))
         blocks = [SmoothDilatedBlock(c, dilation) for dilation in DILATIONS]
         self.first_blocks, self.last_blocks = nn.Sequential(*blocks[:MIDDLE]), nn.Sequential(*blocks[MIDDLE:])
@@ -79,15 +79,19 @@ class GcaNet(nn.Module):
         self.decoder = nn.Sequential(
             normed(nn.ConvTranspose2d(c, c, 4, stride=2, padding=1)),
             normed(nn.Conv2d(c, c, 3, padding=1)),
-            nn.Conv2d(c, 3, 1),
+            nn.Conv2d(c, outputs, 1),
         )
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
+        return image + self.estimate(image)
+
+    def estimate(self, image: Tensor) -> Tensor:
+        """What the last convolution gives, (N, outputs, H, W)."""
         whole = pad_to_multiple(image, MULTIPLE)
         shallow = self.encoder(torch.cat([whole - 0.5, edges(whole)], 1))
         middle = self.first_blocks(shallow)
         deep = self.last_blocks(middle)
         weights = self.gate(torch.cat([shallow, middle, deep], 1))
         gated = weights[:, 0:1] * shallow + weights[:, 1:2] * middle + weights[:, 2:3] * deep
-        return image + self.decoder(gated)[:, :, : image.shape[2], : image.shape[3]]
+        return self.decoder(gated)[:, :, : image.shape[2], : image.shape[3]]

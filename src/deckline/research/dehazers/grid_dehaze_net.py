@@ -71,15 +71,19 @@ class GridColumn(nn.Module):
 class GridDehazeNet(nn.Module):
     """The paper's network; its last rectifier is left out, whoever makes an image of the output clips it."""
 
-    def __init__(self, channels: int = 16) -> None:
+    def __init__(self, channels: int = 16, inputs: int = 3, outputs: int = 3) -> None:
         super().__init__()
-        self.intro = nn.Sequential(nn.Conv2d(3, channels, 3, padding=1), ResidualDenseBlock(channels))
+        self.intro = nn.Sequential(nn.Conv2d(inputs, channels, 3, padding=1), ResidualDenseBlock(channels))
         self.first_column = nn.ModuleList(grid_down(channels * 2**row) for row in range(ROWS - 1))
         self.columns = nn.ModuleList(GridColumn(channels, column < COLUMNS // 2) for column in range(1, COLUMNS))
-        self.outro = nn.Sequential(ResidualDenseBlock(channels), nn.Conv2d(channels, 3, 3, padding=1))
+        self.outro = nn.Sequential(ResidualDenseBlock(channels), nn.Conv2d(channels, outputs, 3, padding=1))
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
+        return self.estimate(image)
+
+    def estimate(self, image: Tensor) -> Tensor:
+        """What the last convolution gives, (N, outputs, H, W)."""
         nodes = [self.intro(2 * pad_to_multiple(image, 2 ** (ROWS - 1)) - 1)]
         for link in self.first_column:
             nodes.append(link(nodes[-1]))
