@@ -72,7 +72,7 @@ class OnnxDehazer:
         without_pose: Dehazer | None = None,
     ) -> None:
         self.name = name or Path(path).name
-        self.session = load_session(path, engine)
+        self.session = load_session(path, engine, spins=False)  # a detector runs beside it
         config = self.session.config
         if config.get("kind") != "dehaze":
             raise ValueError(

@@ -77,8 +77,8 @@ def check_engine(engine: Engine) -> None:
         raise ValueError(f"engine.precision: this processor has no {engine.precision}, only {', '.join(precisions)}")
 
 
-def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True) -> Any:
-    """ONNX Runtime's session; without `optimised` it loads faster, and runs slower.
+def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True, spins: bool = True) -> Any:
+    """ONNX Runtime's session; without `optimised` it loads faster, and runs slower; `spins`: as in `load_session`.
 
     Raises:
         ValueError: no ONNX model, or a provider that cannot be loaded.
@@ -92,6 +92,7 @@ def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True) -
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
     if engine.threads is not None:
         options.intra_op_num_threads = engine.threads
+    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spins)))
     provider = PROVIDERS.get(engine.device, PROCESSOR)
     providers = [(name, SINGLE.get(name, {})) for name in dict.fromkeys((provider, PROCESSOR))]
     refused = (errors.Fail, errors.InvalidArgument, errors.InvalidGraph, errors.InvalidProtobuf)
