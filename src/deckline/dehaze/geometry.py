@@ -144,8 +144,7 @@ def measure_sky_noise(image_rgb: NDArray[np.uint8], view: SeaView, light: str) -
     rows = image_rgb[:: 1 + len(image_rgb) // NOISE_ROWS]
     size = (rows.shape[1], len(rows))
     sky = cv2.resize((~view.is_sea).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    levels, both = level_table(light)[rows], sky[:, 1:] & sky[:, :-1]
-    return estimate_noise(levels[:, 1:][both] - levels[:, :-1][both])
+    return estimate_noise(np.diff(level_table(light)[rows], axis=1)[sky[:, 1:] & sky[:, :-1]])
 
 
 def estimate_noise(differences: Image) -> float:

@@ -16,6 +16,7 @@ from deckline.checks import check_image
 from deckline.config import CPU, Engine
 from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution, downscale_frame
+from deckline.dehaze.transmission import max_channel
 from deckline.runtime import load_session
 from deckline.types import Frame
 
@@ -223,7 +224,7 @@ def limited_change(network_rgb: Image, geometry_rgb: Image) -> Tensor:
     import cv2
 
     change = cv2.subtract(network_rgb, geometry_rgb, dtype=cv2.CV_32F)
-    apart = np.abs(change).max(axis=2)
+    apart = max_channel(np.moveaxis(np.abs(change), 2, 0))
     side = max(1, round(AGREE_PX * apart.shape[1] / REFERENCE_PX)) // 2 * 2 + 1
     share = NETWORK_SHARE / (1 + np.square(cv2.blur(apart, (side, side)) / np.float32(AGREE_LEVELS)))
     return np.asarray(change * share[..., None], dtype=np.float32)

@@ -68,7 +68,7 @@ def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
 
 def draw_instrument(guidance: Guidance) -> Image:
     """The band (248, 1280, 3) below the pictures: indicator, numbers, status."""
-    image = np.full((BAND[1], BAND[0], 3), draw.BACKGROUND, dtype=np.uint8)
+    image = draw.blank(*BAND)
     _draw_indicator(image, guidance)
     for column, tile in enumerate(_tiles(guidance)):
         _draw_tile(image, column, *tile)

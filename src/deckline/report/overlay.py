@@ -134,7 +134,7 @@ def project_centre_line(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.fl
 
 def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
     """The whole overlay picture, (648, 1280, 3)."""
-    image = np.full((OVERLAY_PX[1], OVERLAY_PX[0], 3), draw.BACKGROUND, dtype=np.uint8)
+    image = draw.blank(*OVERLAY_PX)
     for column, picture in enumerate((pictures.hazy, pictures.marked)):
         height, width = picture.shape[:2]
         left = column * PANEL_PX[0] + (PANEL_PX[0] - width) // 2

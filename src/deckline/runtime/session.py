@@ -48,7 +48,7 @@ def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> 
     Args:
         path: a file exported by `deckline train`, or any other ONNX model.
         engine: what computes it.
-        spins: ONNX Runtime's idle threads keep their cores busy between operators: sooner done, where nothing else runs.
+        spins: ONNX Runtime's idle threads keep their cores busy between operators; sooner done if nothing else runs.
 
     Raises:
         ValueError: no such file, a file that is no ONNX model, or an engine that this machine has not.
