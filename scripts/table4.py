@@ -16,8 +16,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from deckline.labels.lines import LABELS_FILE
+from deckline.report.draw import write_picture
 from deckline.statistics import Difference
 from deckline.train.checkpoint import read_progress
+from deckline.train.dehaze import DehazeTrainConfig
+from deckline.train.views import open_clear_views
 
 OURS = "coarse-t"
 RIVALS = ("aod-net", "gca-net", "grid-dehaze-net", "g-unet-t", "dehaze-former-t")
@@ -30,7 +34,7 @@ held_out = 0.01
 cpu_minutes = true
 
 [haze]
-recorded_share = 1.0
+noise_share = 0.0
 """
 COLUMNS = "| network | steps | CPU minutes | PSNR, dB | to ours [95 %] | below horizon, dB | SSIM | M | GMACs | ms |"
 
@@ -42,6 +46,20 @@ def run(*words: object) -> None:
     code = subprocess.run([sys.executable, "-m", *command], check=False).returncode
     if code:
         sys.exit(code)
+
+
+def shrink_pairs(recording: Path, folder: Path) -> Path:
+    """`folder` with the recording's pairs at the size that they are trained at: loading them anew takes little time."""
+    if not (folder / LABELS_FILE).exists():
+        folder.mkdir(exist_ok=True)
+        views, entries = open_clear_views([recording], DehazeTrainConfig.working_long_side_px, held_out=0.0), []
+        for index in range(len(views)):
+            names, view = (f"{index:03d}-hazy.png", f"{index:03d}-clear.png"), views[index]
+            for name, picture in zip(names, (view.hazy_rgb, view.clear_rgb), strict=True):
+                write_picture(folder / name, picture)
+            entries.append({"file": names[0], "pair_of": names[1]})
+        (folder / LABELS_FILE).write_text(json.dumps({"frames": entries}))
+    return folder
 
 
 def rows(results: dict[str, Any], spent: dict[str, tuple[int, float]]) -> list[str]:
@@ -76,13 +94,14 @@ def main() -> None:
     recipe = given.out / "recipe.toml"
     recipe.write_text(RECIPE)
     flag, rounds = ("--minutes", given.minutes) if given.minutes else ("--steps", given.steps)
+    pairs = shrink_pairs(given.data / "train", given.out / "pairs")
     folders = {name: given.out / name for name in given.network}
     for budget in rounds:
         figures = given.out / f"round-{budget:g}.json"
         if not figures.exists():
             for name, folder in folders.items():
                 words = ["--network", name, "--out", folder, "--recipe", recipe, flag, budget]
-                run("train", "dehaze", given.data / "train", *words, "--threads", given.threads)
+                run("train", "dehaze", pairs, *words, "--threads", given.threads)
             first, *others = (folder / "dehaze.onnx" for folder in folders.values())
             words = ["--dehazer", first, *others, "--reference", first, "--detector", "none", "--every", given.every]
             run("eval", "dehazing", given.data / "test", *words, *(["--cost"] if given.cost else []), "--json", figures)
