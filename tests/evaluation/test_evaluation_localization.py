@@ -11,10 +11,11 @@ from approach_scene import chain, frame
 from deckline.cli.main import main
 from deckline.config import Models, RunConfig
 from deckline.dehaze.base import Restored
+from deckline.detect import SearchingDetector
 from deckline.evaluation.approaches import FlightsConfig, PointNoise
 from deckline.evaluation.dehazers import SharedDehazer
 from deckline.evaluation.localization import LocalizationConfig, localization
-from deckline.evaluation.localization_methods import Bench, SharedDetector, load, methods_of, point_bench, point_methods
+from deckline.evaluation.localization_methods import Bench, load, methods_of, point_bench, point_methods
 from deckline.evaluation.localization_score import score_approach
 from deckline.evaluation.tables import OutputFiles
 from deckline.localize import localize
@@ -180,18 +181,26 @@ def test_a_frame_is_dehazed_once():
     assert counting.calls == [first.file, second.file]
 
 
-def test_a_picture_is_searched_once_for_each_box():
-    counting = Counting()
-    shared = SharedDetector(counting)
-    image, other = (np.zeros((4, 6, 3), np.uint8) for _ in range(2))
-    box = (1.0, 1.0, 3.0, 3.0)
-    assert shared(image) is shared(image)
-    assert shared(image, box) is shared(image, box)
-    shared(other)
-    assert counting.calls == [None, box, None]
-    shared.forget()
-    shared(image)
-    assert len(counting.calls) == 4
+def test_single_rows_of_one_configuration_share_detections_and_tracked_rows_look_for_themselves():
+    looked = {method.name: Counting() for method in METHODS}
+
+    def start(method):
+        flight = BENCH.start(method)
+        flight.detector = looked[method.name]
+        return flight
+
+    views = ((at, None) for at, _ in sightings())
+    assert len(list(score_approach(views, 0, METHODS, replace(BENCH, start=start)))) == FRAMES
+    calls = {name: len(detector.calls) for name, detector in looked.items()}
+    shared = {"dehazed, ours": 0}
+    assert calls == dict.fromkeys(looked, FRAMES) | shared
+
+
+def test_tracked_rows_fly_one_look_and_the_search_beside_it():
+    methods = methods_of(replace(OPTIONS, detector="hybrid").run_config(), "classical")
+    bench = load(methods)
+    tracked = [bench.start(method) for method in methods if method.tracked]
+    assert len(tracked) == 2 and all(isinstance(flight.detector, SearchingDetector) for flight in tracked)
 
 
 def test_the_first_row_is_what_improvements_refer_to():

@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deckline.config import Models, RunConfig
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED
@@ -20,7 +19,6 @@ from deckline.report.provenance import settings_of
 from deckline.research.sgd import localize_by_descent
 from deckline.types import Detection, Frame
 
-Box = tuple[float, float, float, float]
 Sighting = tuple[Frame, Detection | None]  # a frame, and its detection where that is modelled
 
 
@@ -70,59 +68,31 @@ def methods_of(config: RunConfig, ufld: str, rivals: Sequence[str] = ()) -> list
     ]
 
 
-class SharedDetector:
-    """A detector that gives the same pictures' points again without working for them twice, until `forget`."""
-
-    def __init__(self, detector: Detector) -> None:
-        self.name = detector.name
-        self._detector = detector
-        self._known: list[tuple[NDArray[np.uint8], Box | None, Detection]] = []
-
-    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
-        for image, box, detection in self._known:
-            # A detector that sees both lines by itself does not look at the box.
-            sees_both = box is None and min(len(detection.left), len(detection.right)) > 0
-            if image is image_rgb and (box == prior_box or sees_both):
-                return detection
-        found = self._detector(image_rgb, prior_box)
-        self._known.append((image_rgb, prior_box, found))
-        return found
-
-    def forget(self) -> None:
-        """Let go of the pictures: the next frame brings others."""
-        self._known.clear()
-
-
 @dataclass(frozen=True, eq=False)
 class Bench:
     """Every method's models, loaded once."""
 
     start: Callable[[Method], Flight]  # a new flight of a method
-    forget: Callable[[], None]  # between frames
     settings: dict[str, Any]  # what decides the numbers: plain values
     correlation: float = 0.0  # of neighbouring points' errors, where they are drawn: what the bound counts
 
 
 def load(methods: Sequence[Method]) -> Bench:
-    """Load the models; methods that share a dehazer or a detector share its work."""
+    """Load each model once; methods that share a dehazer share its work."""
     settings: dict[str, Any] = {}
     dehazers: dict[str, SharedDehazer] = {}
-    detectors: dict[str, SharedDetector] = {}
+    detectors: dict[str, Detector] = {}
     for method in methods:
         flight = Flight.from_config(method.config)
         settings[method.name] = {**settings_of(flight), "estimator": method.localizer.__name__}
         dehazers.setdefault(method.config.models.dehazer, SharedDehazer(flight.dehazer))
-        detectors.setdefault(method.config.models.detector, SharedDetector(flight.detector))
+        detectors.setdefault(method.config.models.detector, flight.detector)
 
     def start(method: Method) -> Flight:
         models = method.config.models
         return Flight(method.config, dehazers[models.dehazer], detectors[models.detector], method.localizer)
 
-    def forget() -> None:
-        for detector in detectors.values():
-            detector.forget()
-
-    return Bench(start, forget, settings)
+    return Bench(start, settings)
 
 
 def point_methods(config: RunConfig) -> list[Method]:
@@ -143,7 +113,7 @@ def point_bench(methods: list[Method], noise: PointNoise) -> Bench:
 
     settings: dict[str, Any] = {"points": asdict(noise)}
     settings |= {method.name: settings_of(start(method)) for method in methods}
-    return Bench(start, lambda: None, settings, noise.correlation)
+    return Bench(start, settings, noise.correlation)
 
 
 def point_rng(file: str) -> np.random.Generator:

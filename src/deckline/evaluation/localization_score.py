@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from deckline.config import RunConfig
 from deckline.evaluation.cramer_rao import cramer_rao
 from deckline.evaluation.localization_methods import Bench, Method, Sighting, point_rng
 from deckline.evaluation.tables import Figures
@@ -23,7 +24,7 @@ from deckline.truth import (
     true_line,
     true_segments,
 )
-from deckline.types import SIDES, Frame, RunwayLine, Segment
+from deckline.types import SIDES, Detection, Frame, RunwayLine, Segment
 
 STATES = ("offset", "azimuth", "height")  # of a line; m, rad, m
 MOST_CONDITION = 1e12  # of a correlation matrix; beyond it the covariance says nothing
@@ -47,13 +48,20 @@ class Score:
 def score_approach(
     sightings: Iterator[Sighting], approach: int, methods: Sequence[Method], bench: Bench
 ) -> Iterator[list[Score]]:
-    """All methods' scores of each frame of one approach, frames in order of time."""
+    """All methods' scores of each frame of one approach, frames in order of time.
+
+    Methods without a track that share their configuration share its detections; one with a track looks for itself.
+    """
     flights = {method.name: bench.start(method) for method in methods}
-    for index, (frame, detection) in enumerate(sightings):
+    for index, (frame, modelled) in enumerate(sightings):
         scores = []
+        detected: dict[RunConfig, Detection] = {}
         for method in methods:
-            rng = None if detection is None else point_rng(frame.file)
+            rng = None if modelled is None else point_rng(frame.file)
+            detection = modelled or detected.get(method.config)
             result = flights[method.name](frame, detection=detection, rng=rng)
+            if not method.tracked:
+                detected[method.config] = result.detection
             lines = result.estimate.lines if result.track is None else result.track.lines
             figures = frame_figures(frame, lines, method.config.approach.touchdown_m)
             figures |= track_figures(result) | bound_figures(result, method, bench.correlation)
@@ -61,7 +69,6 @@ def score_approach(
             mode = str(result.estimate.mode)
             finite = {name: value for name, value in figures.items() if np.isfinite(value)}
             scores.append(Score(approach, index, method.name, range_to_ramp_m(frame), visibility_m, mode, finite))
-        bench.forget()
         yield scores
 
 
