@@ -1,6 +1,8 @@
 """Inference sessions: results, config in the metadata, and errors of one line."""
 
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -113,3 +115,17 @@ def test_openvino_refuses_a_precision_that_the_processor_has_not(monkeypatch: py
     monkeypatch.setattr(openvino.Core, "get_property", lambda *_: ["FP32"])
     with pytest.raises(ValueError, match=r"precision.*bf16"):
         load_session(shipped_weights("hybrid"), Engine("openvino", 1, "bf16"))
+
+
+@pytest.mark.parametrize("device", ["cpu", "openvino"])
+def test_no_engine_leaves_telemetry_in_the_home_folder(tmp_path: Path, device: str) -> None:
+    """Both write an identifier there before they send anything."""
+    pytest.importorskip("onnxruntime" if device == "cpu" else "openvino")
+    path = doubling_model(tmp_path / "double.onnx")
+    home = tmp_path / "home"
+    home.mkdir()
+    code = f"from deckline.config import Engine; from deckline.runtime import load_session as load\nload({str(path)!r}"
+    off = ("ORT_DISABLE_TELEMETRY", "CI", "XDG_CACHE_HOME")  # what would hide it
+    clean = {name: value for name, value in os.environ.items() if name not in off} | {"HOME": str(home)}
+    subprocess.run([sys.executable, "-c", f"{code}, Engine({device!r}, 1))"], env=clean, check=True)
+    assert not list(home.iterdir())

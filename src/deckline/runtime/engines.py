@@ -1,6 +1,7 @@
 """What computes a network: ONNX Runtime, on the processor or a GPU, or OpenVINO. Only this module imports OpenVINO."""
 
 import platform
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, get_args
@@ -30,9 +31,7 @@ def list_precisions(device: Device) -> tuple[Precision, ...]:
         ImportError: OpenVINO is not installed.
     """
     if device == "openvino":
-        with needs_extra("openvino"):
-            import openvino
-        capabilities = openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
+        capabilities = _import_openvino().Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
         return ("f32", "bf16") if "BF16" in capabilities else ("f32",)
     if device in PROVIDERS:
         import onnxruntime
@@ -106,14 +105,21 @@ def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True, s
     return session
 
 
+def _import_openvino() -> Any:
+    """OpenVINO without its telemetry, which begins at the import: where that package is missing it does without."""
+    sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
+    with needs_extra("openvino"):
+        import openvino
+    return openvino
+
+
 def compile_openvino(path: Path, engine: Engine, output_names: Sequence[str]) -> Compute:
     """OpenVINO's answer for an ONNX file, in the precision that was asked for and no other.
 
     Raises:
         ValueError: a model that OpenVINO cannot compute.
     """
-    import openvino
-
+    openvino = _import_openvino()
     settings: dict[str, str | int] = {"INFERENCE_PRECISION_HINT": engine.precision, "PERFORMANCE_HINT": "LATENCY"}
     if engine.threads is not None:
         settings["INFERENCE_NUM_THREADS"] = engine.threads
