@@ -67,7 +67,7 @@ def test_optional_table_and_list_of_tables(tmp_path: Path) -> None:
 @given(
     st.builds(
         Config,
-        frames=st.integers(),
+        frames=st.integers(-(2**63) + 1, 2**63 - 1),
         range_m=st.none() | st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False)),
         sizes=st.lists(st.integers(0, 9)).map(tuple),
         clear=st.booleans(),

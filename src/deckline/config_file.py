@@ -9,6 +9,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
+
 T = TypeVar("T")
 NONE = "none"  # TOML has no null
 LEAST_LIKENESS = 0.5  # of a wrong key and the key that its error names, 0..1; difflib's own default is 0.6
@@ -39,7 +41,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ValueError: the file is no TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_plain(tomllib.loads, read_regular(path, MOST_CONFIG_BYTES).decode())
     except ValueError as error:  # of TOML or of UTF-8
         raise ValueError(f"{path}: not a TOML file: {error}") from None
 
@@ -148,6 +150,7 @@ def _value_text(value: Any) -> str:
         return f"[{', '.join(map(_value_text, value))}]"
     if value is None or isinstance(value, str | Path):
         text = NONE if value is None else str(value)
+        text.encode()  # a ValueError for the name of a file that is no UTF-8: TOML cannot hold it
         return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, bool):
         return str(value).lower()

@@ -1,11 +1,11 @@
 """`deckline convert`."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import tyro
 
+from deckline.files import print_line
 from deckline.geometry import attitude, camera_mount
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import read_camera_file
@@ -50,6 +50,6 @@ def convert(
         mount = None if camera else camera_mount(mount_m, attitude(*np.deg2rad(mount_deg)))
         rows, files, notes = add_scene(recording, out, ReadOptions(fov_deg, given, deck_z_m), mount)
     for note in notes:
-        print(f"note: {note}", file=sys.stderr)
+        print_line(f"note: {note}")
     print(f"{out}: {rows} rows, {files} image files")
     return 0

@@ -1,10 +1,10 @@
 """`deckline labels`: runway lines in the formats that people label in."""
 
-import sys
 from pathlib import Path
 
 import tyro
 
+from deckline.files import print_line
 from deckline.labels import LABELS_FILE, LabelledImage
 from deckline.labels.exchange import Format, export_labels, import_labels
 from deckline.recording import open_recording
@@ -35,7 +35,7 @@ def export(
     opened = open_recording(source, camera_file=camera, fov_deg=fov_deg)
     images, notes = export_labels(opened, source, out, format, row_step_px, line_points)
     for note in notes:
-        print(f"note: {note}", file=sys.stderr)
+        print_line(f"note: {note}")
     print(f"{out}: {_format_counts(images)}")
     return 0
 

@@ -1,7 +1,6 @@
 """`deckline live`."""
 
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
@@ -13,6 +12,7 @@ import tyro
 
 from deckline.config import RunConfig
 from deckline.extras import needs_extra
+from deckline.files import print_line
 from deckline.flight import Flight
 from deckline.live.clock import WallClock
 from deckline.live.folder import Folder, open_output
@@ -81,7 +81,7 @@ def live(
         send = stack.enter_context(open_output(to))
         if is_camera(source):
             mounted = None if camera is None else read_camera_file(Path(camera)).at(deck_z_m, sea_z_m)
-            opened: LiveSource = open_camera(source, mounted, wall, latency_s, rate, _log)
+            opened: LiveSource = open_camera(source, mounted, wall, latency_s, rate, print_line)
             link = None if poses is None else stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))
             if link is not None and mounted is None:
                 raise ValueError(f"{source}: poses are of no use without --camera")
@@ -89,9 +89,9 @@ def live(
             link = None
             opened = _open_other(source, camera, poses, deck_z_m, sea_z_m, rate, config)
         for note in opened.notes:
-            _log(f"note: {note}")
+            print_line(f"note: {note}")
         folder = None if out is None else Folder(out, opened, flight, record, overwrite)
-        outputs = Outputs(send, _log) if folder is None else folder.add_to(Outputs(send, _log))
+        outputs = Outputs(send, print_line) if folder is None else folder.add_to(Outputs(send, print_line))
         session = Session(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
         with _stop_on_signal(session):
             try:
@@ -99,9 +99,9 @@ def live(
             finally:
                 written = [] if folder is None else folder.finish(session.counts)
     for line in (*summary.lines(), *([] if folder is None else folder.losses()), *_pose_losses(link)):
-        _log(line)
+        print_line(line)
     for path in written:
-        print(path, file=sys.stderr)
+        print_line(path)
     return 0
 
 
@@ -149,7 +149,3 @@ def _stop_on_signal(session: Session) -> Iterator[None]:
         yield
     finally:
         restore()
-
-
-def _log(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)

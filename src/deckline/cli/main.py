@@ -12,6 +12,7 @@ from typing import Any
 import tyro
 
 from deckline import __version__
+from deckline.files import print_line
 
 SUMMARIES = {
     "demo": "Fly the shipped sample approach through haze: report, film and guidance in demo-out.",
@@ -94,6 +95,7 @@ HELP = ("-h", "--help")
 HELP_COLUMNS = 100
 INTERRUPTED = 130  # the shell's code for a program ended by Ctrl-C
 UNREAD = 141  # and for one whose output nobody reads any more, as behind `| head`
+LONGEST_ERROR = 2000  # characters
 STDOUT = 1  # its descriptor
 
 
@@ -108,14 +110,14 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except KeyboardInterrupt as interrupt:
-        print(": ".join(filter(None, ("deckline: stopped", str(interrupt)))), file=sys.stderr)
+        print_line(": ".join(filter(None, ("deckline: stopped", str(interrupt)))))
         return INTERRUPTED
-    except (ValueError, OSError, ImportError) as error:
+    except (ValueError, OSError, ImportError, MemoryError) as error:
         if isinstance(error, BrokenPipeError) and _is_unread():
             return UNREAD
         if os.environ.get("DECKLINE_TRACEBACK"):
             raise
-        print(f"deckline: error: {' '.join(str(error).split())}", file=sys.stderr)
+        print_line(f"deckline: error: {textwrap.shorten(str(error), LONGEST_ERROR, placeholder=' ...')}")
         return 2
 
 

@@ -1,6 +1,5 @@
 """`deckline demo` and `run`. Optional parts are imported inside the command that needs them."""
 
-import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from deckline.extras import needs_extra
+from deckline.files import print_line, printable
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import Source, Stream, open_recording, select_frames
@@ -119,10 +119,10 @@ def _run(
     from deckline.report.run import run as run_flight
 
     for note in source.notes:
-        print(f"note: {note}", file=sys.stderr)
+        print_line(f"note: {note}")
     summary = run_flight(
         source, flight, out, config=flight.config, max_frames=max_frames, resume=resume, overwrite=overwrite
     )
     for path in summary.written:
-        print(path)
+        print(printable(path))
     return summary.exit_code

@@ -1,6 +1,5 @@
 """How long every stage takes, how late live answers are, both beside UFLD with ResNet-18 on the same engine."""
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -15,6 +14,7 @@ from deckline.evaluation.dehazers import read_memory, reset_peak
 from deckline.evaluation.detection_cost import measure_costs
 from deckline.evaluation.tables import Figures, Table, number
 from deckline.extras import needs_extra
+from deckline.files import print_line
 from deckline.flight import Flight
 from deckline.live.messages import Progress
 from deckline.live.pipeline import Outputs, Session
@@ -75,7 +75,7 @@ def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
         ValueError: no answer.
     """
     resident = reset_peak()
-    quiet = Outputs(send=lambda _: None, log=lambda line: print(line, file=sys.stderr))
+    quiet = Outputs(send=lambda _: None, log=print_line)
     summary = Session(Playback(source), flight, quiet).run()
     if not summary.ages_s:
         raise ValueError(f"{source.name}: live mode gave no answer")

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -18,8 +17,10 @@ from deckline.atomic import write_atomic
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.dehazing_pairs import PairSource
 from deckline.evaluation.tables import Table
+from deckline.files import print_line
 from deckline.progress import progress
 from deckline.recording import FrameError
+from deckline.recording.source import parse_json, read_text
 from deckline.report.draw import BACKGROUND, INK, PANEL, Image, draw_tag, write_picture
 from deckline.statistics import share_interval
 
@@ -89,7 +90,7 @@ def _restore_all(
             try:
                 frame = source.load(key).frame
             except FrameError as error:
-                print(f"skipped {error}", file=sys.stderr)
+                print_line(f"skipped {error}")
                 continue
             shown = {NOT_DEHAZED: frame.image_rgb}
             for name, dehazer in dehazers.items():
@@ -123,25 +124,22 @@ def read_votes(folder: Path) -> tuple[list[Vote], int]:
         ValueError: no key, no vote, or one that does not fit its sheet.
     """
     try:
-        key = json.loads((folder / KEY_FILE).read_text(encoding="utf-8"))
+        key = parse_json(read_text(folder / KEY_FILE), KEY_FILE)
     except (OSError, ValueError) as error:
         raise ValueError(f"{folder / KEY_FILE}: no key to the sheets ({error}): give the folder of --blind") from None
     votes, empty = [], 0
     for path in sorted(folder.glob(VOTES_FILES)):
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            for row in csv.DictReader(file):
-                number, order = (row.get(column) for column in (SHEET, ORDER))
-                if number is None or order is None:
-                    raise ValueError(f"{path}: expected the columns {SHEET},{ORDER}, got {','.join(map(str, row))}")
-                if number not in key:
-                    raise ValueError(f"{path}: there is no sheet {number!r} in {KEY_FILE}")
-                if not order.strip():
-                    empty += 1
-                    continue
-                panels = key[number]["panels"]
-                votes.append(
-                    Vote(key[number]["picture"], panels, parse_order(order, panels, f"{path}: sheet {number}"))
-                )
+        for row in csv.DictReader(read_text(path).splitlines()):
+            number, order = (row.get(column) for column in (SHEET, ORDER))
+            if number is None or order is None:
+                raise ValueError(f"{path}: expected the columns {SHEET},{ORDER}, got {','.join(map(str, row))}")
+            if number not in key:
+                raise ValueError(f"{path}: there is no sheet {number!r} in {KEY_FILE}")
+            if not order.strip():
+                empty += 1
+                continue
+            panels = key[number]["panels"]
+            votes.append(Vote(key[number]["picture"], panels, parse_order(order, panels, f"{path}: sheet {number}")))
     if not votes:
         raise ValueError(f"{folder}: no votes: write orders such as A>B into {VOTES_FILE}")
     return votes, empty

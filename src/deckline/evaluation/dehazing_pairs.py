@@ -5,7 +5,6 @@ A labelled folder's labels.json names for a hazy image the clear one of the same
 `visibility_m`: {"frames": [{"file": "a_hazy.png", "pair_of": "a.png", "visibility_m": 900, ...}]}.
 """
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -23,7 +22,7 @@ from deckline.labels.truth import VisibleLine, find_visible_line
 from deckline.recording import FrameError, Source, open_recording
 from deckline.recording.image_folder import ImageFolder
 from deckline.recording.images import read_image
-from deckline.recording.source import is_inside
+from deckline.recording.source import is_inside, parse_json, read_text
 from deckline.types import SIDES, Frame, Truth
 
 FILMS = ("dry and sharp", "rain", "motion blur", "rain and motion blur")
@@ -155,7 +154,7 @@ def read_pairs(path: Path) -> dict[str, tuple[str, float]]:
     Raises:
         ValueError: an image named twice, a `pair_of` that is no other file in the folder, or a visibility that is none.
     """
-    frames: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["frames"]
+    frames: list[dict[str, Any]] = parse_json(read_text(path), str(path))["frames"]
     entries = {}
     for entry in frames:
         clear, visibility = entry.get("pair_of"), entry.get("visibility_m")

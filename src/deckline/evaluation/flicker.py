@@ -7,7 +7,6 @@ beyond the truth without haze.
 Source: Lai et al., "Learning blind video temporal consistency", 2018, section 4.3; truth in place of optical flow.
 """
 
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, restore
 from deckline.evaluation.dehazers import build_dehazer, by_name
 from deckline.evaluation.metrics import PEAK
 from deckline.evaluation.tables import TO_TERMINAL, Output, Table, number, publish
+from deckline.files import print_line
 from deckline.geometry import Camera
 from deckline.progress import progress
 from deckline.recording import FrameError, open_recording
@@ -101,7 +101,7 @@ def _restore_all(
             try:
                 frame = recording.load(index)
             except FrameError as error:
-                print(f"skipped {error}", file=sys.stderr)
+                print_line(f"skipped {error}")
                 yield None
                 continue
             pictures = {CLEAR: clear_picture(frame), NOT_DEHAZED: frame.image_rgb}
@@ -110,7 +110,7 @@ def _restore_all(
                 pictures[name] = restored.image_rgb
                 if restored.note and (name, restored.note) not in notes:
                     notes.add((name, restored.note))
-                    print(f"{frame.file}: {name}: {restored.note}", file=sys.stderr)
+                    print_line(f"{frame.file}: {name}: {restored.note}")
             yield frame, pictures
 
 

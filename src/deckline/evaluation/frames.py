@@ -1,6 +1,5 @@
 """The frames that evaluations measure: recordings, labelled folders, the simulator; and the loop over them."""
 
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
@@ -13,6 +12,7 @@ from deckline.checks import check_numbers
 from deckline.evaluation.detection_truth import ExpectedLines, expected_from_labels, expected_from_truth
 from deckline.evaluation.store import Store
 from deckline.extras import needs_extra
+from deckline.files import print_line
 from deckline.labels import LABELS_FILE, Labels, read_labels
 from deckline.progress import progress
 from deckline.recording import FrameError, open_recording
@@ -246,6 +246,6 @@ def _score_frame(item: FrameSet, index: int, tasks: Sequence[tuple[Store, Callab
 
 def _report_skipped(reasons: Sequence[str]) -> None:
     for reason in reasons[:SKIPPED_SHOWN]:
-        print(f"skipped {reason}", file=sys.stderr)
+        print_line(f"skipped {reason}")
     if len(reasons) > SKIPPED_SHOWN:
-        print(f"skipped {len(reasons)} frames in all", file=sys.stderr)
+        print_line(f"skipped {len(reasons)} frames in all")

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
@@ -30,6 +29,7 @@ from deckline.evaluation.localization_tables import NOTES, flat_figures, localiz
 from deckline.evaluation.pictures import write_figure
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import TO_TERMINAL, Output, publish
+from deckline.files import print_line
 from deckline.localize import localize
 from deckline.processes import map_ordered, process_count
 from deckline.progress import progress
@@ -169,7 +169,7 @@ def _write_figures(folder: Path, scores: dict[str, list[Score]]) -> None:
             try:
                 write_figure(path, name, members)
             except ImportError as error:
-                print(f"no pictures in {folder}: {error}", file=sys.stderr)
+                print_line(f"no pictures in {folder}: {error}")
                 return
             print(path)
 

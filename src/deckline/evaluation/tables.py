@@ -20,6 +20,7 @@ from rich.markup import escape
 
 from deckline import __version__
 from deckline.atomic import write_atomic
+from deckline.files import parse_plain, printable, read_regular
 
 FILE_COLUMNS = 190  # of tables that go to a file or a pipe
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime")  # whose version speed depends on
@@ -110,7 +111,7 @@ def publish(
     if output.markdown is not None:
         parts = [f"{title}\n{', '.join(made.values())}", *map(markdown, tables), *notes]
         write_atomic(output.markdown, ("\n\n".join(parts) + "\n").encode())
-        print(output.markdown)
+        print(printable(output.markdown))
     if output.json is not None:
         about = {
             "_title": title,
@@ -120,7 +121,7 @@ def publish(
         }
         content = {**figures, **about, "_tables": [asdict(table) for table in tables]}
         write_atomic(output.json, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
-        print(output.json)
+        print(printable(output.json))
 
 
 def markdown(table: Table, gap: str = " ") -> str:
@@ -132,9 +133,9 @@ def markdown(table: Table, gap: str = " ") -> str:
 
 def _rich(table: Table) -> rich_table.Table:
     """The table for a terminal, with a rule where the first column changes after repeating itself."""
-    drawn = rich_table.Table(title=table.title, title_justify="left", title_style="bold")
+    drawn = rich_table.Table(title=escape(table.title), title_justify="left", title_style="bold")
     for k, column in enumerate(table.columns):
-        drawn.add_column(column, justify="left" if k == 0 else "right", no_wrap=k == 0)
+        drawn.add_column(escape(column), justify="left" if k == 0 else "right", no_wrap=k == 0)
     first = [row[0] for row in table.rows]
     grouped = len(set(first)) < len(first)
     for k, row in enumerate(table.rows):
@@ -187,7 +188,7 @@ def report(folder: tyro.conf.Positional[Path], out: Path = Path("docs/results.md
 def _section(path: Path, count: int | None) -> tuple[str, str]:
     """What an evaluation was made with, and its section."""
     try:
-        saved: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        saved: dict[str, Any] = parse_plain(json.loads, read_regular(path).decode())
         tables = [Table(**table) for table in saved["_tables"]][:count]
         heading = path.stem.replace("-", " ").replace("_", " ").capitalize()
         parts = [f"## {heading}", f"{_one_line(saved['_title'])}.", f"```\n{saved['_command']}\n```"]

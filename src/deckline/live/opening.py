@@ -7,6 +7,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import av
 
+from deckline.files import MOST_PIXELS
 from deckline.live.clock import WallClock
 from deckline.live.datagrams import LOST_S, Receiver
 from deckline.live.source import Camera, Log
@@ -108,6 +109,7 @@ def decode_container(open_container: Callable[[], Any]) -> Iterator[Picture]:
     with open_container() as container:
         if not container.streams.video:
             raise RecordingError("there is no picture stream")
+        container.streams.video[0].codec_context.options = {"max_pixels": str(MOST_PIXELS)}
         container.streams.video[0].thread_type = "SLICE"  # threads by frames would hold pictures back
         packets, opened_s = container.demux(container.streams.video[0]), time.monotonic()
         while True:

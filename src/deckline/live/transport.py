@@ -14,6 +14,7 @@ from typing import Any
 import av
 from av.codec.context import Flags
 
+from deckline.files import MOST_PIXELS
 from deckline.live.datagrams import LOST_S, Receiver
 
 PACKET, SYNC, CLOCK_HZ = 188, b"\x47", 90_000
@@ -149,6 +150,7 @@ def make_decoder(codec: str) -> Any:
     """FFmpeg's decoder, told to hold no picture back."""
     decoder = av.CodecContext.create(codec, "r")
     decoder.thread_type = "SLICE"
+    decoder.options = {"max_pixels": str(MOST_PIXELS)}
     decoder.flags |= Flags.low_delay
     return decoder
 

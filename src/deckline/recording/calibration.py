@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from deckline.files import MOST_CONFIG_BYTES, parse_plain
 from deckline.recording.source import RecordingError, check_number, read_text
 
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -23,10 +24,10 @@ def read_calibration(path: Path) -> dict[str, Any]:
     Raises:
         RecordingError: missing or unreadable file, no YAML, or no calibration; says which key.
     """
-    text = "\n".join(line for line in read_text(path).splitlines() if not line.startswith("%YAML"))
+    text = "\n".join(line for line in read_text(path, MOST_CONFIG_BYTES).splitlines() if not line.startswith("%YAML"))
     try:
-        values = yaml.safe_load(text.replace(OPENCV_TAG, ""))
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        values = parse_plain(yaml.safe_load, text.replace(OPENCV_TAG, ""))
+    except (yaml.YAMLError, ValueError) as error:
         raise RecordingError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
     try:
         return _to_camera_keys(values)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from deckline.files import MOST_CONFIG_BYTES, parse_plain
 from deckline.geometry import BODY_FROM_OPTICAL, Camera, pose
 from deckline.recording.calibration import YAML_SUFFIXES, read_calibration
 from deckline.recording.source import RecordingError, check_number, check_numbers, read_text
@@ -82,8 +83,10 @@ def read_camera_file(path: Path) -> MountedCamera:
     if path.suffix.lower() in YAML_SUFFIXES:
         return camera_from_mapping(read_calibration(path), str(path))
     try:
-        values = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+        values = parse_plain(tomllib.loads, read_text(path, MOST_CONFIG_BYTES))
+    except RecordingError:
+        raise
+    except ValueError as error:
         raise RecordingError(f"{path}: not valid TOML: {error}") from None
     if "calibration" in values:
         values = {**read_calibration(path.parent / str(values.pop("calibration"))), **values}

@@ -9,16 +9,19 @@ import io
 import re
 import struct
 import warnings
+from contextlib import suppress
 from dataclasses import astuple
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
+import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
+from deckline.files import check_size, read_regular
 from deckline.geometry import Camera
 
 FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
@@ -56,9 +59,12 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
 def _decode(data: bytes) -> NDArray[np.uint8]:
     image = Image.open(io.BytesIO(data), formats=FORMATS)
+    check_size(*image.size)  # only its header is read
     if image.format == "PNG":
         image.verify()  # checksums of all chunks; the image must be opened again after it
         image = Image.open(io.BytesIO(data), formats=FORMATS)
+    if image.format in ("JPEG", "MPO"):
+        _check_jpeg(data)
     sixteen_bits = image.format in ("PNG", "TIFF") and ";16" in str(image.tile[0].args)  # such as "RGB;16B"
     image.load()
     if sixteen_bits:
@@ -70,6 +76,14 @@ def _decode(data: bytes) -> NDArray[np.uint8]:
         return np.repeat(grey[:, :, None], 3, axis=2)
     ImageOps.exif_transpose(image, in_place=True)
     return np.array(image.convert("RGB"))
+
+
+def _check_jpeg(data: bytes) -> None:
+    """Raise ValueError for damaged data: Pillow fills with grey what it cannot decode and does not say so."""
+    decoder = av.CodecContext.create("mjpeg", "r")
+    decoder.options = {"err_detect": "explode"}
+    with suppress(av.error.PatchWelcomeError):  # a kind of JPEG that FFmpeg does not know
+        decoder.decode(av.Packet(data))
 
 
 def _scale_16_bits(data: bytes) -> NDArray[np.uint8]:
@@ -98,7 +112,7 @@ def encode_image(image_rgb: NDArray[np.uint8], image_format: str) -> bytes:
 def read_bytes(path: Path, what: str) -> bytes:
     """All of a file; a ValueError for a missing, unreadable or empty one begins with `what`."""
     try:
-        data = path.read_bytes()
+        data = read_regular(path)
     except FileNotFoundError:
         raise ValueError(f"{what} is missing: {path}") from None
     except OSError as error:

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from deckline.config import Navigation
 from deckline.extras import needs_extra
+from deckline.files import open_regular
 from deckline.recording.pose_track import PoseTrack, make_track, place_in_world
 from deckline.recording.source import RecordingError
 
@@ -164,7 +165,7 @@ def _read_rows(path: Path, log: LogFormat) -> dict[str, Array]:
     """Rows of time, s, and values of each message of a log."""
     messages = (log.attitude, *log.positions)
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             begins_well = log.magic(file.read(16))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 POSITION = ("x_m", "y_m", "z_m")
 GEODETIC = ("lat_deg", "lon_deg", "alt_m")  # in place of POSITION
 ATTITUDE = ("qw", "qx", "qy", "qz")
+MOST_DIGITS = 16  # of a frame's number
 ROUNDING_S = 1e-3  # of presentation times, which many containers store in milliseconds
 
 
@@ -181,7 +182,7 @@ def _frame_numbers(path: Path, table: Rows) -> NDArray[np.int64]:
     numbers = []
     for line, cells in table:
         digits = cells.get("file", "").rpartition("#")[2].strip()
-        if not (digits.isascii() and digits.isdigit()):
+        if not (digits.isascii() and digits.isdigit() and len(digits) < MOST_DIGITS):
             file = cells.get("file", "")
             raise RecordingError(f"{path} line {line}: file must be the frame's number from 0, got {file!r}")
         numbers.append(int(digits))

@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.files import MOST_TEXT_BYTES, parse_plain, print_line, read_regular
 from deckline.types import Frame
 
 
@@ -46,7 +46,7 @@ class BadFrame:
 
 def print_skipped(bad: BadFrame) -> None:
     """Say on stderr which frame is skipped, and why."""
-    print(f"skipped {bad.file}: {bad.reason}", file=sys.stderr)
+    print_line(f"skipped {bad.file}: {bad.reason}")
 
 
 class Stream(ABC):
@@ -114,10 +114,10 @@ class Source(Stream):
                 yield BadFrame(error.file, error.reason)
 
 
-def read_text(path: Path) -> str:
-    """UTF-8 text of a small file without byte-order mark; a RecordingError when missing, unreadable or no text."""
+def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
+    """UTF-8 text without byte-order mark; a RecordingError for a missing, unreadable or too large file, or no text."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return read_regular(path, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
@@ -127,8 +127,8 @@ def read_text(path: Path) -> str:
 def parse_json(text: str, where: str) -> Any:
     """Values of a JSON text, or a RecordingError that begins with `where`."""
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
+        return parse_plain(json.loads, text)
+    except ValueError as error:
         raise RecordingError(f"{where}: not valid JSON: {error}") from None
 
 

@@ -14,12 +14,17 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.files import MOST_PIXELS, check_regular, check_size
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.pose_track import PoseTrack
 from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, check_index
 from deckline.types import Frame
 
 COUNTED = "avi"  # this container stores no presentation times, only a rate: its pictures are counted
+# A file may be a list of other files or addresses under a video's name: no format that names others is opened.
+FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,h264,hevc,av1,obu,ivf,flv,ogg,asf,mjpeg,m4v,dv,mxf,yuv4mpegpipe,gif"
+FROM_ANYWHERE = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
+DECODER = {"max_pixels": str(MOST_PIXELS)}  # should the size change on the way
 TIME_TOLERANCE_S = 1e-6  # of equal presentation times
 
 
@@ -115,6 +120,10 @@ def read_film(path: Path) -> Film:
         ]
         by_count, codec = container.format.name == COUNTED, container.streams.video[0].codec_context
         size = codec.width, codec.height
+    try:
+        check_size(*size)
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}") from None
     if not times:
         raise RecordingError(f"{path}: zero frames: the video holds no pictures")
     if np.isnan(times).all():
@@ -132,7 +141,8 @@ def _seconds(timed: Any) -> float:
 
 def _open(path: Path) -> Any:
     try:
-        container = av.open(str(path))
+        check_regular(path)
+        container = av.open(f"file:{path}", options=FROM_ANYWHERE)
     except (av.error.FFmpegError, OSError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise RecordingError(f"{path}: not a video, or cut short: {reason}") from None
@@ -146,6 +156,7 @@ def _read_packets(container: Any) -> Iterator[Any]:
     """Packets of the picture stream; None once where reading breaks off."""
     stream = container.streams.video[0]
     stream.thread_type = "AUTO"
+    stream.codec_context.options = DECODER
     try:
         yield from container.demux(stream)
     except av.error.FFmpegError:

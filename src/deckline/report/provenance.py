@@ -12,6 +12,7 @@ from deckline import __version__
 from deckline.config_file import to_toml_text
 from deckline.dehaze import OnnxDehazer
 from deckline.detect import OnnxDetector
+from deckline.files import printable
 from deckline.flight import Flight, FrameResult
 from deckline.runtime import sha256_of
 from deckline.types import Frame
@@ -40,7 +41,7 @@ def run_info(source: Named, frames: int, total: int | None, stopped: bool) -> Se
     """Where results come from, label -> value, in the order in which the report shows them."""
     machine = f"{platform.system()} {platform.machine()}"
     count = f"{frames}" if total is None else f"{frames} of {total}"
-    return {
+    info = {
         "source": source.name,
         "frames": f"{count}, stopped before the end" if stopped else count,
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
@@ -48,6 +49,7 @@ def run_info(source: Named, frames: int, total: int | None, stopped: bool) -> Se
         "command": shlex.join([Path(sys.argv[0]).name.replace("__main__.py", "deckline"), *sys.argv[1:]]),
         **{f"note {number}": note for number, note in enumerate(source.notes, 1)},
     }
+    return {label: printable(value) for label, value in info.items()}
 
 
 def _model(name: str, stage: object) -> str:

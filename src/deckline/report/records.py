@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from deckline.config import Approach
+from deckline.files import printable
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame
 from deckline.truth import errors_against, range_to_ramp_m, true_guidance
@@ -35,6 +36,7 @@ GUIDANCE = {  # what is written of the guidance, and what people call it
 }
 KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith("_m_s"))  # one frame's truth has no rates
 UNITS = ("_m_s", "_deg", "_m")
+FORMULA = ("=", "+", "-", "@")  # how texts begin that spreadsheets compute; an apostrophe keeps them texts
 LINES = (*SIDES, "centre")
 LINE_ERRORS = ("direction_error_deg", "lateral_error_at_ramp_m", "height_error_m")
 STAGES = ("dehaze", "detect", "localize", "guide", "track")
@@ -84,7 +86,7 @@ def dehazing_record(result: FrameResult) -> Record:
 
 def skipped_record(bad: BadFrame) -> Record:
     """What is written about a frame that could not be used."""
-    return {"file": bad.file, "skipped": bad.reason}
+    return {"file": printable(bad.file), "skipped": printable(bad.reason)}
 
 
 def guidance_record(guidance: Guidance) -> Record:
@@ -177,6 +179,8 @@ COLUMNS = _columns()
 def _cell(value: Any) -> Any:
     if isinstance(value, list):  # flags: their names
         return " ".join(str(item["name"]) for item in value)
+    if isinstance(value, str) and value.startswith(FORMULA):
+        return f"'{value}"
     return "" if value is None else value
 
 
@@ -240,6 +244,8 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, bool | np.bool_):
         return bool(value)
+    if isinstance(value, str):
+        return printable(value)
     if isinstance(value, float | np.floating):
         if not math.isfinite(value):
             return None

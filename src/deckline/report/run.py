@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from deckline.config import RunConfig
 from deckline.config_file import to_toml_text
+from deckline.files import printable
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
 from deckline.report.figures import count_reasons
@@ -110,7 +111,7 @@ def run(
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     console.print(f"{info['frames'].partition(',')[0]} frames: {_format_counts(counts)}")
     if reason := explain_missing(read_records(out / JSONL), frames - counts["skipped"]):
-        console.print(reason)
+        console.print(printable(reason))
     if stopped and isinstance(source, Source):
         console.print("stopped; what was written is whole, and --resume goes on from there")
     else:
@@ -153,7 +154,7 @@ def _process(
                     lines.write(to_line(record).encode())  # in a single write: a kill cuts off one line at most
                     counts[_kind_of(record)] += 1
                 if isinstance(outcome, BadFrame):
-                    words = f"skipped {outcome.file}: {outcome.reason}"
+                    words = printable(f"skipped {outcome.file}: {outcome.reason}")
                     progress.console.print(words, markup=False, highlight=False, soft_wrap=True)
                 else:
                     film.add(index, outcome)

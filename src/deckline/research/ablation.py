@@ -5,7 +5,6 @@ OUT/images.jsonl           how the rows are made, and one line for each test ima
 OUT/ablation.json, .md     the table
 """
 
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from deckline.evaluation.dehazing_score import FIGURES, restoration
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import MISSING, OutputFiles, Table, number, publish
 from deckline.extras import needs_extra
+from deckline.files import print_line
 from deckline.progress import progress
 from deckline.recording import FrameError, Source, open_recording
 from deckline.runtime import sha256_of
@@ -127,7 +127,7 @@ def _load(source: Source, index: int) -> Frame | None:
     try:
         return source.load(index)
     except FrameError as error:
-        print(f"skipped {error}", file=sys.stderr)
+        print_line(f"skipped {error}")
         return None
 
 

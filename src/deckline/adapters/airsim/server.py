@@ -3,7 +3,6 @@
 import asyncio
 import ipaddress
 import socket
-import sys
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
@@ -22,6 +21,7 @@ from deckline.adapters.airsim.protocol import REQUEST_LIMIT, RESPONSE, Decoder, 
 from deckline.adapters.airsim.settings import Capture, Settings, parse_settings, read_settings
 from deckline.adapters.airsim.world import World
 from deckline.checks import check_numbers
+from deckline.files import print_line
 from deckline.sim.config import DRAWN, SimConfig
 from deckline.sim.record import frame_settings, repeatable_command
 
@@ -33,7 +33,7 @@ RECORDINGS = Path("recordings")
 
 def print_to_stderr(line: str) -> None:
     """Log one line for whoever runs the server."""
-    print(f"deckline: {line}", file=sys.stderr, flush=True)
+    print_line(f"deckline: {line}")
 
 
 @dataclass(frozen=True)

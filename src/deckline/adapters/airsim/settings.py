@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.protocol import read_flag, read_number
+from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
 from deckline.geometry import attitude
 
 VEHICLE = "SimpleFlight"  # AirSim's own name of a multirotor that settings.json does not name
@@ -74,10 +75,10 @@ class Settings:
 
 def read_settings(path: Path, default: Capture) -> Settings:
     """A settings.json; `default` is for cameras that it leaves out. A ValueError says what cannot be."""
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    text = read_regular(path, MOST_CONFIG_BYTES).decode("utf-8-sig", errors="replace")
     try:
-        values = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+        values = parse_plain(json.loads, text)
+    except ValueError as error:
         raise ValueError(f"{path}: not valid JSON: {error}") from None
     try:
         return parse_settings(_mapping(values, "settings"), default, text)

@@ -1,0 +1,90 @@
+"""Files from anywhere: regular ones of a bounded size, values that are plain, names that are printable."""
+
+import errno
+import os
+import re
+import stat
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+MOST_BYTES = 1 << 29  # of a file that is read as a whole
+MOST_TEXT_BYTES = 1 << 28  # of a table, or of scene.json: of 40 hours at 1 Hz, of 80 minutes at 30 Hz
+MOST_CONFIG_BYTES = 1 << 20
+MOST_PIXELS = 36_000_000  # of a picture: 8192x4320
+MOST_DEPTH = 50  # of tables in tables
+LARGEST_INTEGER = 2**63
+# C0 and C1 controls, lone surrogates, line separators, marks that turn the direction of writing
+_UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file to read it; a FIFO, socket, device or folder is an OSError, and is not waited for."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    mode = os.fstat(descriptor).st_mode
+    if stat.S_ISREG(mode):
+        return os.fdopen(descriptor, "rb")
+    os.close(descriptor)
+    reason = os.strerror(errno.EISDIR) if stat.S_ISDIR(mode) else "it is no regular file but a FIFO, socket or device"
+    raise OSError(errno.EINVAL, reason, str(path))
+
+
+def check_regular(path: Path) -> None:
+    """Raise OSError as `open_regular`: for readers that open the file themselves."""
+    open_regular(path).close()
+
+
+def read_regular(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """All of a regular file; an OSError as `open_regular`, and for more bytes than there may be."""
+    with open_regular(path) as file:
+        data = file.read(most_bytes + 1) if os.fstat(file.fileno()).st_size <= most_bytes else None
+    if data is None or len(data) > most_bytes:
+        raise OSError(errno.EFBIG, f"it is larger than {most_bytes >> 20} MiB", str(path))
+    return data
+
+
+def check_size(width: int, height: int) -> None:
+    """Raise ValueError for a picture of more pixels than there may be; to be asked before it is decoded."""
+    if width * height > MOST_PIXELS:
+        raise ValueError(f"{width}x{height} px are more than {MOST_PIXELS:,}: scale it down")
+
+
+def parse_plain(parse: Callable[[str], Any], text: str) -> Any:
+    """What a parser of JSON, TOML or YAML makes of a text.
+
+    Raises:
+        ValueError: as `parse`, for values nested too deeply, and for whole numbers beyond 64 bits.
+    """
+    try:
+        values = parse(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    waiting, seen = [(values, 0)], set()  # YAML may hold one list many times
+    while waiting:
+        value, depth = waiting.pop()
+        if depth > MOST_DEPTH:
+            raise ValueError(f"nested more than {MOST_DEPTH} deep")
+        if isinstance(value, int) and abs(value) >= LARGEST_INTEGER:
+            raise ValueError(f"a whole number of {value.bit_length()} bits; 64 are the most")
+        if isinstance(value, dict | list) and id(value) not in seen:
+            seen.add(id(value))
+            waiting += [(item, depth + 1) for item in (value.values() if isinstance(value, dict) else value)]
+    return values
+
+
+def printable(text: object) -> str:
+    r"""A text without what terminals obey and UTF-8 cannot hold: control characters become \x1b or \u202e, bytes of
+    names that are no UTF-8 become \xff.
+    """
+    return _UNPRINTABLE.sub(lambda found: _escape(ord(found[0])), str(text))
+
+
+def print_line(line: object) -> None:
+    """Print one printable line on stderr."""
+    print(printable(line), file=sys.stderr, flush=True)
+
+
+def _escape(code: int) -> str:
+    code -= 0xDC00 if 0xDC80 <= code <= 0xDCFF else 0  # where Python puts the bytes of a name that is no UTF-8
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
