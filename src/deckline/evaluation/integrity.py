@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, astuple, dataclass, field, replace
+from dataclasses import asdict, astuple, dataclass, field
 from functools import cached_property, partial
 from itertools import groupby
 from pathlib import Path
@@ -11,21 +11,19 @@ from typing import Annotated, Any
 import tyro
 
 from deckline.checks import check_numbers
-from deckline.config import Models
 from deckline.config_file import read_config, to_toml_text
-from deckline.dehaze import NOT_DEHAZED
 from deckline.evaluation.approaches import (
     FlightsConfig,
     PointNoise,
-    Sighting,
     describe_flights,
     flight_settings,
     fly,
     fly_points,
 )
-from deckline.evaluation.chain import single_frames
 from deckline.evaluation.integrity_faults import FAULTS
+from deckline.evaluation.integrity_frames import FRAME_FAULTS
 from deckline.evaluation.integrity_score import (
+    AIDS,
     ALERT_S,
     NOMINAL,
     FaultRow,
@@ -33,6 +31,7 @@ from deckline.evaluation.integrity_score import (
     Run,
     fault_row,
     flags_raised,
+    fly_frames,
     fly_run,
 )
 from deckline.evaluation.store import Store
@@ -45,11 +44,17 @@ from deckline.statistics import share_interval
 
 STATES_FILE = "integrity.jsonl"
 GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames
+NOMINAL_COUNTS = {  # of frames, and what people call them
+    "flagged": "false alarms",
+    "misleading": "misleading",
+    "excluded": "left out",
+    "protected": "guided",
+}
 NOTES = """\
 A frame misleads when the lateral deviation or the height above the deck is farther off than its protection level and no
 flag is up. A run is detected when a flag came and no stretch misled for longer than the time to alert; harmless when no
 frame misled and no flag came; misleading otherwise. Left out: frames of which a measurement contradicted the track and
-was not used. Not guided: frames with a flag, or without a protected centre line.
+was not used. Guided: frames without a flag and with a protected centre line.
 Square brackets: 95 % intervals (Clopper and Pearson) of runs or frames taken as independent; frames of one run are not,
 and theirs are too narrow. The same flights carry every fault."""
 
@@ -60,13 +65,16 @@ class IntegrityConfig:
     raise an alarm.
 
     Without --rendered there are no pictures: true lines are projected and points drawn from a model of the detector's
-    noise. With --out, a stopped command resumes.
+    noise. With it each approach is rendered once and flown as `deckline run` flies, with every fault and every aid; the
+    faults are then those of pictures, poses and times. With --out, a stopped command resumes.
 
     Args:
         runs: with each fault.
         nominal: runs without one.
-        fault: which are put in.
-        rendered: render the flights and let the detector look at them; takes a second a frame.
+        fault: which are put in; all when not given.
+        rendered: render the flights and let the detector look at them.
+        aid: with --rendered, what measures the scale besides pose and deck height: any of `no aid`, `depth`, `width`,
+            `depth, width`.
         flights: what is flown.
         noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         alert_s: time to alert.
@@ -77,8 +85,9 @@ class IntegrityConfig:
 
     runs: int = 30
     nominal: int = 90
-    fault: tuple[str, ...] = tuple(FAULTS)
+    fault: tuple[str, ...] = ()
     rendered: bool = False
+    aid: tuple[str, ...] = tuple(AIDS)
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
     noise: Path | None = None
     alert_s: float = ALERT_S
@@ -89,9 +98,15 @@ class IntegrityConfig:
     def __post_init__(self) -> None:
         check_numbers(self, "", "runs", "nominal", least=1)
         check_numbers(self, "", "alert_s", least=0)
-        unknown = [name for name in self.fault if name not in FAULTS]
-        if unknown:
-            raise ValueError(f"unknown fault {unknown[0]!r}: use any of {', '.join(FAULTS)}")
+        for what, names, known in (("fault", self.fault, self.faults), ("aid", self.aid, AIDS)):
+            unknown = [name for name in names if name not in known]
+            if unknown:
+                raise ValueError(f"unknown {what} {unknown[0]!r}: use any of {', '.join(known)}")
+
+    @property
+    def faults(self) -> list[str]:
+        """Those that can be put in."""
+        return list(FRAME_FAULTS if self.rendered else FAULTS)
 
     @cached_property
     def point_noise(self) -> PointNoise:
@@ -101,28 +116,27 @@ class IntegrityConfig:
     @property
     def wanted(self) -> list[Run]:
         """All runs, those of one flight together."""
+        names = (NOMINAL, *dict.fromkeys(self.fault or self.faults))
+        aids = dict.fromkeys(self.aid if self.rendered else ("",))
         most = max(self.runs, self.nominal)
-        numbered = [(name, number) for number in range(most) for name in (NOMINAL, *dict.fromkeys(self.fault))]
-        return [Run(name, k) for name, k in numbered if k < (self.nominal if name == NOMINAL else self.runs)]
+        numbered = [(name, number, aid) for number in range(most) for name in names for aid in aids]
+        return [Run(*run) for run in numbered if run[1] < (self.nominal if run[0] == NOMINAL else self.runs)]
 
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    detector = None
-    if config.rendered:  # it finds the points of each frame for itself
-        models = Models(NOT_DEHAZED, config.flights.run.models.detector)
-        detector = Flight.from_config(replace(single_frames(config.flights.run), models=models))
-    points = {"points": asdict(config.point_noise)} if detector is None else settings_of(detector)
+    models = Flight.from_config(config.flights.run) if config.rendered else None
+    points = {"points": asdict(config.point_noise)} if models is None else settings_of(models)
     settings = {**flight_settings(config.flights), "run": to_toml_text(config.flights.run), "seen by": points}
     with Store(config.out, STATES_FILE, settings) as store:
         missing = [run for run in config.wanted if astuple(run) not in store.rows]
         with progress("flying", len(config.wanted), len(config.wanted) - len(missing)) as advance:
-            for run, states in fly_runs(missing, config, detector):
+            for run, states in fly_runs(missing, config, models):
                 store.add(astuple(run), [asdict(state) for state in states])
                 advance()
     by_fault: dict[str, list[list[FrameState]]] = {}
     for run in config.wanted:
-        by_fault.setdefault(run.fault, []).append([FrameState(**row) for row in store.rows[astuple(run)]])
+        by_fault.setdefault(run.name, []).append([FrameState(**row) for row in store.rows[astuple(run)]])
     how = f"rendered, detector {config.flights.run.models.detector}" if config.rendered else f"{config.point_noise}"
     title = (
         f"{config.runs} runs of each fault, {config.nominal} without, of {describe_flights(config.flights)}; "
@@ -134,39 +148,35 @@ def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int
 
 
 def fly_runs(
-    runs: Sequence[Run], config: IntegrityConfig, detector: Flight | None
+    runs: Sequence[Run], config: IntegrityConfig, models: Flight | None
 ) -> Iterator[tuple[Run, list[FrameState]]]:
     """Every run with its frames, as they are flown. All faults are put into one flight after the other."""
     by_flight = [list(group) for _, group in groupby(runs, key=lambda run: run.number)]
-    work = partial(_fly_together, flights=config.flights, noise=config.point_noise, detector=detector)
-    jobs = config.jobs if detector is None else 1
-    with closing(map_ordered(work, by_flight, jobs)) as results:
+    if models is not None:
+        for group in by_flight:
+            frames = list(fly(config.flights, group[0].number))
+            yield from ((run, fly_frames(frames, run, config.flights, models)) for run in group)
+        return
+    work = partial(_fly_together, flights=config.flights, noise=config.point_noise)
+    with closing(map_ordered(work, by_flight, config.jobs)) as results:
         for group, states in zip(by_flight, results, strict=True):
             yield from zip(group, states, strict=True)
 
 
-def _fly_together(
-    runs: Sequence[Run], flights: FlightsConfig, noise: PointNoise, detector: Flight | None
-) -> list[list[FrameState]]:
-    number = runs[0].number
-    if detector is None:
-        sightings = list(fly_points(flights.approach(number), flights.run.sensors, noise))
-    else:
-        sightings = [Sighting(frame, detector(frame).detection) for frame in fly(flights, number)]
+def _fly_together(runs: Sequence[Run], flights: FlightsConfig, noise: PointNoise) -> list[list[FrameState]]:
+    sightings = list(fly_points(flights.approach(runs[0].number), flights.run.sensors, noise))
     return [fly_run(sightings, run, flights) for run in runs]
 
 
 def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float) -> list[Table]:
     """Faults, then nominal flights, then which flags were raised: one frame may raise several."""
-    rows = {name: fault_row(runs, alert_s) for name, runs in by_fault.items() if name != NOMINAL}
+    rows = {name: fault_row(runs, alert_s) for name, runs in by_fault.items() if not name.startswith(NOMINAL)}
     tables = [_faults_table(rows)] if rows else []
-    if by_fault.get(NOMINAL):
-        counts = _count_nominal(by_fault[NOMINAL])
-        runs, frames, lost = counts["runs"], counts["frames"], counts["frames"] - counts["protected"]
-        hits = (counts["flagged"], counts["misleading"], counts["excluded"], lost)
+    nominal = {name: _count_nominal(runs) for name, runs in by_fault.items() if name.startswith(NOMINAL)}
+    if nominal:
         title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
-        columns = ("runs", "frames", "false alarms, %", "misleading, %", "left out, %", "not guided, %")
-        tables.append(Table(title, columns, [(str(runs), str(frames), *(_share(count, frames) for count in hits))]))
+        columns = ("flights", "runs", "frames", *(f"{what}, %" for what in NOMINAL_COUNTS.values()))
+        tables.append(Table(title, columns, [_nominal_cells(name, counts) for name, counts in nominal.items()]))
     raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
     flags = [(name, ", ".join(f"{flag} {n}" for flag, n in each.items()) or MISSING) for name, each in raised.items()]
     return [*tables, Table("frames by flag", ("fault", "flags"), flags)]
@@ -177,14 +187,19 @@ def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
     cells = []
     for name, row in rows.items():
         counts = (row.runs, row.detected, row.harmless, row.misleading)
-        frames = (row.misleading_frames, row.excluding_frames, row.lost_frames)
+        frames = (row.misleading_frames, row.excluding_frames, row.frames - row.lost_frames)
         shares = (f"{100 * count / row.frames:.2f}" for count in frames)
         good_share = _share(row.detected + row.harmless, row.runs)
         cells.append((name, *map(str, counts), good_share, *shares, number(row.delay_s, ".1f")))
     runs, good = sum(row.runs for row in rows.values()), sum(row.detected + row.harmless for row in rows.values())
     title = f"faults: {_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
     columns = ("fault", "runs", "detected", "harmless", "misleading", "detected or harmless, %", "misleading frames, %")
-    return Table(title, (*columns, "left out, %", "not guided, %", "flag after, s"), cells)
+    return Table(title, (*columns, "left out, %", "guided, %", "flag after, s"), cells)
+
+
+def _nominal_cells(name: str, counts: Mapping[str, int]) -> tuple[str, ...]:
+    shares = (_share(counts[what], counts["frames"]) for what in NOMINAL_COUNTS)
+    return (name, str(counts["runs"]), str(counts["frames"]), *shares)
 
 
 def _share(hits: int, trials: int) -> str:
@@ -196,16 +211,15 @@ def flat_figures(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s
     """The tables' numbers under dotted names."""
     figures: Figures = {}
     for name, runs in by_fault.items():
-        row: dict[str, Any] = asdict(fault_row(runs, alert_s)) if name != NOMINAL else _count_nominal(runs)
+        is_nominal = name.startswith(NOMINAL)
+        row: dict[str, Any] = _count_nominal(runs) if is_nominal else asdict(fault_row(runs, alert_s))
         figures |= {f"{name}.{key}": float(value) for key, value in row.items()}
     return figures
 
 
 def _count_nominal(runs: Sequence[Sequence[FrameState]]) -> dict[str, int]:
     frames = [frame for run in runs for frame in run]
-    counts = {
-        name: sum(getattr(m, name) for m in frames) for name in ("flagged", "misleading", "excluded", "protected")
-    }
+    counts = {name: sum(getattr(frame, name) for frame in frames) for name in NOMINAL_COUNTS}
     return {"runs": len(runs), "frames": len(frames), **counts}
 
 

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -11,8 +11,11 @@ from deckline.dehaze import DEHAZERS, NOT_DEHAZED
 from deckline.detect import ClassicalDetector
 from deckline.evaluation.approaches import FlightsConfig, Sighting
 from deckline.evaluation.integrity_faults import FAULTS, inject
+from deckline.evaluation.integrity_frames import FRAME_FAULTS, inject_frames
 from deckline.evaluation.localization_score import pilot_figures
 from deckline.flight import Flight, FrameResult
+from deckline.truth import passing_distance_m, true_line, true_segments
+from deckline.types import Frame
 
 ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
 ONSET = (0.2, 0.6)  # part of the flight after which a sudden fault comes, drawn between these
@@ -24,8 +27,30 @@ DRAW, RANSAC = 41, 42  # random streams
 class Run:
     """One flight; its number decides weather, errors and how bad the fault is."""
 
-    fault: str  # of FAULTS, or NOMINAL
+    fault: str  # of FAULTS or FRAME_FAULTS, or NOMINAL
     number: int
+    aid: str = ""  # of AIDS, where it is rendered
+
+    @property
+    def name(self) -> str:
+        """The row of the tables that it belongs to."""
+        return f"{self.fault}; {self.aid}" if self.aid else self.fault
+
+
+@dataclass(frozen=True)
+class Aid:
+    """What measures the scale of a flight's pictures besides its pose and deck height."""
+
+    depth: bool  # it has the depth camera
+    width: bool  # it is told how far apart the lines are
+
+
+AIDS = {
+    "no aid": Aid(False, False),
+    "depth": Aid(True, False),
+    "width": Aid(False, True),
+    "depth, width": Aid(True, True),
+}
 
 
 class Outcome(StrEnum):
@@ -137,11 +162,9 @@ def detection_delay_s(run: Sequence[FrameState]) -> float | None:
 
 
 def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> list[FrameState]:
-    """A run over frames in order of time."""
-    draw = np.random.default_rng([flights.seed, run.number, DRAW])
+    """A run over frames in order of time, with modelled detections."""
+    draw, onset_s = _draw_onset(run, flights)
     fault = FAULTS.get(run.fault)
-    still_air_s = (flights.range_m[0] - flights.range_m[1]) / flights.approach(0).flight.speed_m_s
-    onset_s = float(draw.uniform(*ONSET)) * still_air_s
     flight = Flight(flights.run, DEHAZERS[NOT_DEHAZED](), ClassicalDetector())
     states = []
     for index, (frame, detection) in enumerate(inject(sightings, fault, onset_s, draw)):
@@ -150,6 +173,34 @@ def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> 
         faulty = fault is not None and fault.is_active(frame, onset_s)
         states.append(state_of(result, faulty, flights.run.approach.touchdown_m))
     return states
+
+
+def fly_frames(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models: Flight) -> list[FrameState]:
+    """A run over rendered frames, flown as `deckline run` flies them: the flight finds the lines for itself.
+
+    Args:
+        frames: of one approach, in order of time, with depth.
+        run: fault and aid.
+        flights: what they were rendered from.
+        models: a flight whose dehazer and detector are used.
+    """
+    draw, onset_s = _draw_onset(run, flights)
+    aid, config = AIDS[run.aid], flights.run
+    if aid.width:
+        true = true_segments(frames[0].truth)
+        width_m, _ = passing_distance_m(true_line(true["right"]), true["left"], true["left"].p0_m)
+        config = replace(config, deck=replace(config.deck, width_m=abs(width_m)))
+    flight = Flight.from_config(config, dehazer=models.dehazer, detector=models.detector)
+    given = frames if aid.depth else [replace(frame, depth_m=None) for frame in frames]
+    injected = inject_frames(given, FRAME_FAULTS.get(run.fault), onset_s, draw)
+    return [state_of(flight(frame), faulty, config.approach.touchdown_m) for frame, faulty in injected]
+
+
+def _draw_onset(run: Run, flights: FlightsConfig) -> tuple[np.random.Generator, float]:
+    """A run's random stream, and when its fault comes, s."""
+    draw = np.random.default_rng([flights.seed, run.number, DRAW])
+    still_air_s = (flights.range_m[0] - flights.range_m[1]) / flights.approach(0).flight.speed_m_s
+    return draw, float(draw.uniform(*ONSET)) * still_air_s
 
 
 def state_of(result: FrameResult, faulty: bool, touchdown_m: float) -> FrameState:
