@@ -2,6 +2,7 @@
 
 import tempfile
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,8 +30,8 @@ def benchmark(
 ) -> int:
     """Measure how long every stage takes on this machine, and how late live answers are.
 
-    The recording is answered frame after frame, and played at its own pace. Both are compared with one look of UFLD
-    with ResNet-18 on the same engine.
+    The recording is answered frame after frame, run as `deckline run` does with film and report, and played at its own
+    pace. Stages are compared with one look of UFLD with ResNet-18 on the same engine.
 
     Args:
         source: recording, folder of images or video; the shipped approach when not given.
@@ -48,19 +49,21 @@ def benchmark(
         opened = unpack_sample(folder / "approach") if source is None else open_recording(source)
         chosen = select_frames(opened, every, start, duration)
         whole = measure.measure_file(chosen, flight, folder / "film.mp4")
-        flight = Flight.from_config(config, dehazer=flight.dehazer, detector=flight.detector)
-        live, progress = measure.measure_live(chosen, flight)
+        again = partial(Flight.from_config, config, dehazer=flight.dehazer, detector=flight.detector)
+        run_rate = measure.measure_run(chosen, again(), folder / "run")
+        live, progress = measure.measure_live(chosen, again())
         looks, notes = _measure_looks(flight.detector, peer, config.engine, folder)
     file_figures, live_figures = whole.figures(), live.figures() | asdict(progress)
-    seconds = {name: whole.seconds[name] for name in measure.WHOLE}
-    file_figures["frames_per_s"] = {name: len(values) / sum(values) for name, values in seconds.items()}
+    guided = whole.seconds[measure.GUIDANCE]
+    rates = {"guidance": len(guided) / sum(guided), "film and report": run_rate}
+    file_figures["frames_per_s"] = rates
     tables = [
         measure.stage_table("file: one frame after the other", file_figures, looks),
         measure.stage_table("live: the recording at its own pace", live_figures, looks),
         *([measure.look_table(looks)] if looks else []),
     ]
-    rates = [f"{value:.1f} frames/s to {name}" for name, value in file_figures["frames_per_s"].items()]
-    notes += [f"file: {', '.join(rates)}; {_describe(whole)}"]
+    words = [f"{value:.1f} frames/s to {name}" for name, value in rates.items()]
+    notes += [f"file: {', '.join(words)}; {_describe(whole)}"]
     notes += [f"live: {progress.dropped} of {progress.frames} frames dropped; {_describe(live)}"]
     figures: dict[str, Any] = {"processor": describe_processor(), "engine": asdict(config.engine)}
     figures |= {"file": file_figures, "live": live_figures, "looks": looks}

@@ -21,12 +21,13 @@ from deckline.live.pipeline import Outputs, Session
 from deckline.live.source import Playback
 from deckline.recording import Source
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
+from deckline.report.run import run
 from deckline.report.video import VideoPiece
 from deckline.types import Frame
 
 ANSWER = ("decode", "detect", "localize", "track", "guide")  # stages from the file to guidance
 FILM = ("dehaze", "film")  # and those that make the film
-WHOLE = {"guidance": ANSWER, "guidance and film": (*ANSWER, *FILM)}
+GUIDANCE = "guidance"  # all stages of an answer
 PERCENTILES = (50, 95, 99)
 PEER, PEER_NETWORK = "UFLD-R18", "ufld-r18"
 LOOKS = 30  # of each network, in turns
@@ -64,8 +65,14 @@ def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
     if len(frames) < 2:
         raise ValueError(f"{source.name} has {len(frames)} usable frames; the first one warms up, so two are needed")
     seconds = {stage: [frame[stage] for frame in frames[1:]] for stage in (*ANSWER, *FILM)}
-    seconds |= {name: [sum(frame[stage] for stage in stages) for frame in frames[1:]] for name, stages in WHOLE.items()}
+    seconds[GUIDANCE] = [sum(frame[stage] for stage in ANSWER) for frame in frames[1:]]
     return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), resident and read_memory("VmHWM"))
+
+
+def measure_run(source: Source, flight: Flight, out: Path) -> float:
+    """Frames a second of `deckline run` into a new folder, film and report included."""
+    start = time.perf_counter()
+    return run(source, flight, out, config=flight.config).frames / (time.perf_counter() - start)
 
 
 def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
