@@ -19,7 +19,7 @@ from deckline.flight import Flight
 from deckline.recording import open_recording
 from deckline.report.records import guidance_record
 from deckline.sim import SimConfig, frames
-from deckline.types import DepthMode, Detection, LinePoints, Reason, Status, TrackState
+from deckline.types import DepthMode, Detection, LinePoints, Reason, Seen, Status, TrackState
 
 # Seeds from 1000 on are never trained on. 300 m to 40 m through 1200 m of visibility.
 APPROACH = SimConfig(
@@ -41,7 +41,7 @@ def results(flight):
 def test_an_approach_is_found_and_measured_from_coarse_to_fine(results):
     """Three times what is measured: direction errors 0.03 degrees, lateral errors 0.04 m, in the median."""
     scores = [score_frame(result, SINGLE.approach) for result in results]
-    assert [score.status for score in scores] == [Status.OK] * len(scores)
+    assert [score.seen for score in scores] == [Seen.BOTH] * len(scores)
     for side in ("left", "right"):
         assert np.median([s.errors[f"direction_error_deg.{side}"] for s in scores]) < 0.09
         assert np.median([s.errors[f"lateral_error_at_ramp_m.{side}"] for s in scores]) < 0.12
@@ -100,7 +100,7 @@ def test_the_shipped_sample_is_whole_and_its_lines_are_found(flight, tmp_path):
     result = flight(sample.load(22))
     assert (result.guidance.status, result.estimate.mode) == (Status.OK, DepthMode.FINE)
     plain = flight(open_recording(tmp_path / "images").load(22))  # the pictures alone: no camera
-    assert (plain.guidance.status, plain.estimate.mode) == (Status.OK, DepthMode.NONE)
+    assert (plain.estimate.seen, plain.estimate.mode) == (Seen.BOTH, DepthMode.NONE)
     assert [notice.reason for notice in plain.guidance.notices] == [Reason.NO_CAMERA]
     for side, line in result.estimate.pixel_lines.items():
         np.testing.assert_allclose(plain.estimate.pixel_lines[side].ends_px, line.ends_px, atol=0.5)

@@ -14,12 +14,31 @@ from deckline.geometry import Camera, camera_mount
 SIDES = ("left", "right")  # line 0 and line 1, seen in the landing direction
 
 
-class Status(StrEnum):
-    """What was seen in a frame."""
+class Seen(StrEnum):
+    """Which edge lines one picture shows."""
 
-    OK = "ok"
-    ONE_LINE = "one line"
-    NOT_SEEN = "not seen"
+    BOTH = "both lines"
+    ONE = "one line"
+    NONE = "none"
+
+
+class Status(StrEnum):
+    """What guidance is worth."""
+
+    OK = "ok"  # both lines in a fresh picture, no flag, and something besides the stated deck height confirms the scale
+    UNVERIFIED = "unverified"  # both lines, but nothing confirms the scale, or a flag is up
+    ONE_LINE = "one line"  # one line is seen, or kept
+    COASTING = "coasting"  # from earlier pictures alone
+    STALE = "stale"  # the picture is not new
+    NOT_SEEN = "not seen"  # no line is trustworthy
+
+
+class Scale(StrEnum):
+    """What confirms the scale of guidance besides the stated deck height."""
+
+    DEPTH = "depth"  # of a depth camera, in this frame
+    WIDTH = "width"  # stated, and in agreement with the track
+    MOTION = "motion"  # the aircraft's own: over frames it has shown the track how high the deck is
 
 
 class Reason(StrEnum):
@@ -36,6 +55,7 @@ class Reason(StrEnum):
     NO_RAMP = "no ramp"
     NO_HEADING = "no heading"
     NOT_LOCALIZED = "not localized"
+    NO_SCALE = "no scale"  # nothing confirms it
     # what contradicts itself in a frame
     CROSSED = "crossed"  # the left line lies right of the right one
     LINE_SPACING = "line spacing"
@@ -309,7 +329,7 @@ class RunwayPrior:
 class RunwayEstimate:
     """Where the lines are, from one frame."""
 
-    status: Status
+    seen: Seen
     mode: DepthMode
     pixel_lines: dict[str, PixelLine]  # "left" and "right", those that were seen
     lines: dict[str, RunwayLine]  # "left", "right", "centre", those that could be localized
@@ -367,6 +387,7 @@ class Track:
     closing_m_s: Value | None = None  # + : the aircraft comes nearer to the ramp
     notices: Notices = ()  # why a frame was not used or the track began again
     age_s: float = 0.0  # since the track began; 0: it knows no more than this frame
+    scale_from: tuple[Scale, ...] = ()  # what confirms the scale over frames: WIDTH, MOTION
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,6 +413,7 @@ class Guidance:
     track: TrackState | None = None  # None: from this frame alone
     flags: Notices = ()  # what integrity found wrong; empty: nothing is known to be wrong
     glideslope_rad: float | None = None  # the wanted one
+    scale_from: tuple[Scale, ...] = ()  # what confirms the scale
 
     @property
     def reason(self) -> str:

@@ -15,6 +15,7 @@ from deckline.types import (
     Reason,
     RunwayEstimate,
     RunwayLine,
+    Seen,
     Status,
     Track,
     TrackState,
@@ -37,7 +38,7 @@ def guidance(at, found, track=None, approach=APPROACH):
 
 
 def estimate(**changes):
-    values = dict(status=Status.OK, mode=DepthMode.COARSE, pixel_lines={}, lines={"centre": NORTH})
+    values = dict(seen=Seen.BOTH, mode=DepthMode.FINE, pixel_lines={}, lines={"centre": NORTH})
     return RunwayEstimate(**values | changes)
 
 
@@ -52,7 +53,7 @@ def test_signs_right_of_the_line_nose_right_above_and_before_the_ramp():
     assert found.height_above_deck_m.value == pytest.approx(9.0)
     assert found.distance_to_ramp_m.value == pytest.approx(40.0)
     assert found.distance_to_ramp_m.sigma == 1.5
-    assert (found.time_s, found.status, found.mode, found.reason) == (2.5, Status.OK, DepthMode.COARSE, "")
+    assert (found.time_s, found.status, found.mode, found.reason) == (2.5, Status.OK, DepthMode.FINE, "")
 
 
 def test_sigma_of_the_lateral_deviation_grows_with_the_distance_to_the_line():
@@ -87,7 +88,7 @@ def test_deviations_do_not_depend_on_where_the_world_points(turn, lateral, headi
 
 
 def test_one_line_gives_the_height_alone():
-    found = guidance(HERE, estimate(status=Status.ONE_LINE, lines={"left": NORTH}, notices=(ONE,)))
+    found = guidance(HERE, estimate(seen=Seen.ONE, lines={"left": NORTH}, notices=(ONE,)))
     assert found.height_above_deck_m.value == pytest.approx(9.0)
     assert found.lateral_deviation_m is None
     assert found.heading_error_rad is None
@@ -97,7 +98,7 @@ def test_one_line_gives_the_height_alone():
 
 @pytest.mark.parametrize(
     ("position", "changes"),
-    [(None, {}), ([0.0, 0, -30], {"lines": {}}), ([0.0, 0, -30], {"lines": {}, "status": Status.NOT_SEEN})],
+    [(None, {}), ([0.0, 0, -30], {"lines": {}}), ([0.0, 0, -30], {"lines": {}, "seen": Seen.NONE})],
 )
 def test_nothing_to_say_is_said(position, changes):
     found = guidance(frame(position), estimate(**changes))
@@ -195,8 +196,8 @@ def test_a_lost_track_leaves_the_frame_unless_something_is_wrong():
 
 
 def test_a_coasting_track_guides_where_the_frame_shows_nothing():
-    nothing = estimate(lines={}, status=Status.NOT_SEEN, notices=(NOTHING,))
+    nothing = estimate(lines={}, seen=Seen.NONE, notices=(NOTHING,))
     found = guidance(HERE, nothing, track(TrackState.COASTING))
     assert found.lateral_deviation_m.value == pytest.approx(4.0)
-    assert (found.status, found.track) == (Status.NOT_SEEN, TrackState.COASTING)
+    assert (found.status, found.track) == (Status.COASTING, TrackState.COASTING)
     assert found.notices == (NOTHING,)

@@ -18,6 +18,7 @@ from deckline.types import (
     Reason,
     RunwayEstimate,
     RunwayLine,
+    Seen,
     Status,
     TrackState,
 )
@@ -27,7 +28,7 @@ def guide(lateral_m=0.0, height_m=20.0, distance_m=250.0, **changes) -> Guidance
     """What the real guidance makes of such a place."""
     covariance = np.diag([0.2**2, 0.01**2, 0.1**2])
     line = RunwayLine(np.array([-distance_m, 0.0, 0.0]), 0.0, covariance)
-    ramp = RunwayEstimate(Status.OK, DepthMode.FINE, {}, {"centre": line}, np.zeros(3), 2.0)
+    ramp = RunwayEstimate(Seen.BOTH, DepthMode.FINE, {}, {"centre": line}, np.zeros(3), 2.0)
     at = replace(frame(), world_from_body=RigidTransform.from_translation([-distance_m, lateral_m, -height_m]))
     return replace(guidance(at, ramp, None, Approach()), **changes)
 

@@ -33,7 +33,7 @@ def frame_record(result):
 def test_numbers_are_those_of_the_scene_in_degrees_and_metres():
     result = chain(frame())
     record = frame_record(result)
-    assert (record["status"], record["mode"]) == ("ok", "coarse")
+    assert (record["status"], record["seen"], record["mode"]) == ("unverified", "both lines", "coarse")
     values = {name: entry["value"] for name, entry in record["guidance"].items() if entry is not None}
     assert values["lateral_deviation_m"] == pytest.approx(LATERAL_M, abs=1e-3)
     assert values["heading_error_deg"] == pytest.approx(math.degrees(0.02), abs=1e-3)
@@ -172,7 +172,7 @@ def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):
     flag = Notice(Reason.HEIGHT, "2 m off")
     result = replace(result, track=replace(result.track, flags=(flag,)))
     record = frame_record(result)
-    assert record["status"] == "not seen"
+    assert (record["status"], record["seen"]) == ("coasting", "none")
     assert record["track"]["state"] == "coasting"
     assert record["track"]["flags"] == [{"name": "height", "reason": "2 m off"}]
     assert record["track"]["lines"]["centre"]["height_m"] == pytest.approx(-20.0, abs=0.2)

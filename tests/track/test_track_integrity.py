@@ -14,7 +14,7 @@ from deckline.track import Tracker
 from deckline.track.filter import DECK, SIZE, initial_state, update
 from deckline.track.integrity import FrozenImageMonitor, bias_flag, protection_levels
 from deckline.track.motion import Pose
-from deckline.types import DepthMode, Reason, RunwayEstimate, RunwayLine, Status, TrackState
+from deckline.types import DepthMode, Reason, RunwayEstimate, RunwayLine, Seen, TrackState
 
 SLOW = Flight(modes="both", rate_hz=4.0, start_m=500.0)
 KNOWN = RunConfig(deck=Deck(sea_state=0.0, width_m=15.0))
@@ -138,7 +138,7 @@ def test_the_protection_level_is_that_of_chance_plus_the_worst_fault_that_nobody
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
 
 
-NOTHING = RunwayEstimate(Status.NOT_SEEN, DepthMode.NONE, {}, {})
+NOTHING = RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {})
 
 
 def moving_frames(count):

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
-from deckline.types import DepthMode, Notice, Reason, RunwayEstimate, Status, Track, TrackState
+from deckline.types import DepthMode, Notice, Reason, RunwayEstimate, Seen, Track, TrackState
 
-NOTHING = RunwayEstimate(Status.NOT_SEEN, DepthMode.NONE, {}, {}, notices=(Notice(Reason.NO_LINE, "no line"),))
+NOTHING = RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {}, notices=(Notice(Reason.NO_LINE, "no line"),))
 
 
 CALM = RunConfig(deck=Deck(sea_state=0.0))
@@ -128,7 +128,7 @@ def test_frames_without_a_pose_are_bridged():
     for frame, estimate in shown[:10]:
         tracker.update(frame, estimate)
     for frame, _ in shown[10:13]:
-        track = tracker.update(replace(frame, world_from_body=None), replace(NOTHING, status=Status.OK))
+        track = tracker.update(replace(frame, world_from_body=None), replace(NOTHING, seen=Seen.BOTH))
         assert track.state is TrackState.COASTING
         assert Reason.NO_POSE in [notice.reason for notice in track.notices]
         assert track.protection is None

@@ -21,7 +21,7 @@ from deckline.options import RunOptions
 from deckline.report.provenance import settings_of
 from deckline.statistics import RANGE_M, VISIBILITY_M, by_band, median_and_p95, share
 from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
-from deckline.types import SIDES, DepthMode, Status
+from deckline.types import SIDES, DepthMode, Seen
 
 FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
 DEFAULTS = RunOptions()
@@ -45,7 +45,7 @@ class FrameScore:
     """One frame's errors. Plain values: a score is a line of JSON."""
 
     file: str
-    status: str
+    seen: str
     mode: str
     has_runway: bool
     range_m: float  # aircraft to the ramp, horizontal; NaN without pose or runway
@@ -163,9 +163,9 @@ def score_frame(result: FrameResult, approach: Approach) -> FrameScore:
         errors |= _restoration(result, truth.clear_rgb)
     errors |= {f"seconds.{stage}": seconds for stage, seconds in result.seconds.items()}
     visibility = np.nan if truth.visibility_m is None else truth.visibility_m
-    status, mode = result.estimate.status, result.estimate.mode
+    seen, mode = result.estimate.seen, result.estimate.mode
     has_runway, range_m = truth.left is not None, range_to_ramp_m(frame)
-    return FrameScore(frame.file, status, mode, has_runway, range_m, visibility, errors)
+    return FrameScore(frame.file, seen, mode, has_runway, range_m, visibility, errors)
 
 
 def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> Figures:
@@ -188,11 +188,11 @@ def summarise(scores: Sequence[FrameScore]) -> Figures:
     figures = {"frames": float(len(scores))}
     decks, empty = ([score for score in scores if score.has_runway is has] for has in (True, False))
     if decks:
-        rates = {"found_rate": Status.OK, "one_line_rate": Status.ONE_LINE, "not_seen_rate": Status.NOT_SEEN}
-        for name, status in rates.items():
-            figures[name] = sum(score.status == status for score in decks) / len(decks)
+        rates = {"found_rate": Seen.BOTH, "one_line_rate": Seen.ONE, "not_seen_rate": Seen.NONE}
+        for name, seen in rates.items():
+            figures[name] = sum(score.seen == seen for score in decks) / len(decks)
     if empty:
-        figures["false_line_rate"] = share(empty, lambda score: score.status != Status.NOT_SEEN)
+        figures["false_line_rate"] = share(empty, lambda score: score.seen != Seen.NONE)
     for mode in (DepthMode.FINE, DepthMode.COARSE, DepthMode.NONE):
         figures[f"mode_rate.{mode}"] = sum(score.mode == mode for score in scores) / len(scores)
     figures |= _error_figures(scores)
@@ -227,7 +227,7 @@ class LabelScore:
     """One labelled frame's errors. Plain values: a score is a line of JSON."""
 
     file: str
-    status: str
+    seen: str
     labelled: bool  # both lines are labelled
     errors_px: dict[str, list[float]]  # by side: normal distance of every detected point; found lines only
 
@@ -249,7 +249,7 @@ def labels(
 
     Args:
         folders: image folders with camera.toml and labels.json.
-        deck_z_m: world z of the deck plane, for the status after localization.
+        deck_z_m: world z of the deck plane, for what localization makes of the lines.
         dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
         detector: name or .onnx file.
         out: folder of every frame's errors; a stopped command resumes from it.
@@ -285,7 +285,7 @@ def score_labels(result: FrameResult, labels: Labels) -> LabelScore:
             far = np.full(len(points), np.inf)
             errors[side] = (far if line is None else distance_px(points, line, result.frame.camera)).tolist()
     labelled = all(labels[side] is not None for side in SIDES)
-    return LabelScore(result.frame.file, result.estimate.status, labelled, errors)
+    return LabelScore(result.frame.file, result.estimate.seen, labelled, errors)
 
 
 def summarise_labels(scores: Sequence[LabelScore]) -> Figures:
@@ -296,7 +296,7 @@ def summarise_labels(scores: Sequence[LabelScore]) -> Figures:
     runway, empty = ([score for score in scores if score.labelled is both] for both in (True, False))
     if runway:
         figures["found_rate"] = share(runway, lambda score: score.found)
-        figures["ok_rate"] = share(runway, lambda score: score.status == Status.OK)
+        figures["ok_rate"] = share(runway, lambda score: score.seen == Seen.BOTH)
         lines = [score.errors_px[side] for score in runway for side in SIDES if side in score.errors_px]
         if lines:
             figures |= median_and_p95(np.concatenate(lines), "error_px")
@@ -311,6 +311,6 @@ def _frames_table(scores: Sequence[LabelScore]) -> Table:
     for score in scores:
         lines = (score.errors_px.get(side) for side in SIDES)
         cells = ([f"{q:.2f}" for q in np.percentile(line, (50, 95))] if line else [MISSING] * 2 for line in lines)
-        rows.append((score.file, score.status, *(text for pair in cells for text in pair)))
-    columns = ("frame", "status", *(f"{side} {what}, px" for side in SIDES for what in ("median", "95 %")))
+        rows.append((score.file, score.seen, *(text for pair in cells for text in pair)))
+    columns = ("frame", "seen", *(f"{side} {what}, px" for side in SIDES for what in ("median", "95 %")))
     return Table("by frame", columns, rows)

@@ -24,7 +24,7 @@ from deckline.statistics import (
     paired_difference,
     share,
 )
-from deckline.types import SIDES, Status
+from deckline.types import SIDES, Seen
 
 MOST_PSNR_DB = 60.0  # what an untouched picture counts, so that means are finite
 ALL = "all"
@@ -104,7 +104,7 @@ def restoration(
 def score_lines(result: FrameResult, lines: Mapping[str, Distances]) -> tuple[bool, list[float]]:
     """Whether both lines are found in agreement, and the distances of all detected points to the true lines, px."""
     distances = [lines[side](getattr(result.detection, side).points_px) for side in SIDES]
-    return result.estimate.status is Status.OK, np.concatenate(distances).tolist()
+    return result.estimate.seen is Seen.BOTH, np.concatenate(distances).tolist()
 
 
 def summarise(scores: Sequence[ImageScore], reference: str) -> dict[str, dict[str, Summary]]:

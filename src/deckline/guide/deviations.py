@@ -1,5 +1,6 @@
 """Where the aircraft is relative to the runway."""
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -7,11 +8,31 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Approach
 from deckline.geometry import wrap_angle
-from deckline.types import Frame, Guidance, Notice, Reason, RunwayEstimate, RunwayLine, Track, Value
+from deckline.types import (
+    DepthMode,
+    Frame,
+    Guidance,
+    Notice,
+    Notices,
+    Reason,
+    RunwayEstimate,
+    RunwayLine,
+    Scale,
+    Seen,
+    Status,
+    Track,
+    TrackState,
+    Value,
+)
 
 MIN_LEVEL_SHARE = 0.1  # horizontal share of the nose's direction below which it has no heading
 MIN_BASE_M = 10.0  # closer to the aim point an angle says nothing
 NOT_LOCALIZED = Notice(Reason.NOT_LOCALIZED, "no line was localized")
+NO_SCALE = Notice(
+    Reason.NO_SCALE, "only the stated deck height tells the scale: state the runway's width or use a depth camera"
+)
+LINE_REASONS = {Reason.LEFT, Reason.RIGHT}
+NOT_FRESH = {Reason.FROZEN, Reason.STALE}
 NO_HEADING = Notice(Reason.NO_HEADING, "no heading: the nose points straight up or down")
 
 
@@ -37,17 +58,24 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     """
     body = frame.world_from_body
     source = _select_source(estimate, track)
+    flags = estimate.flags if track is None else track.flags + estimate.flags
+    scale_from: tuple[Scale, ...] = (Scale.DEPTH,) if estimate.mode is DepthMode.FINE else ()
+    if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
+        scale_from += track.scale_from
     base = Guidance(
         frame.time_s,
-        estimate.status,
+        judge(estimate, track, flags, scale_from),
         estimate.mode,
         glideslope_rad=float(np.deg2rad(approach.glideslope_deg)),
         track=None if track is None else track.state,
-        flags=estimate.flags if track is None else track.flags + estimate.flags,
+        flags=flags,
+        scale_from=scale_from,
     )
-    notices = source.notices + base.flags
+    notices = source.notices + flags
     if body is None or not source.lines:
         return replace(base, notices=notices or (NOT_LOCALIZED,))
+    if base.status is Status.UNVERIFIED and not scale_from:
+        notices += (NO_SCALE,)
     place = body.apply(np.array(approach.point_m))
     centre = source.lines.get("centre")
     line = centre or next(iter(source.lines.values()))
@@ -74,6 +102,29 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
             protection=track.protection,
         )
     return _add_approach(found, approach)
+
+
+def judge(estimate: RunwayEstimate, track: Track | None, flags: Notices, scale_from: Collection[Scale]) -> Status:
+    """What guidance from one frame and its track is worth.
+
+    Args:
+        estimate: of the frame.
+        track: None: the frame stands for itself.
+        flags: of both.
+        scale_from: what confirms the scale.
+    """
+    if any(flag.reason in NOT_FRESH for flag in flags):
+        return Status.STALE
+    has_track = track is not None and bool(track.lines)
+    is_unused = track is not None and track.state is TrackState.COASTING
+    if has_track and (is_unused or estimate.seen is Seen.NONE):
+        return Status.COASTING
+    if estimate.seen is Seen.NONE:
+        return Status.NOT_SEEN
+    if estimate.seen is Seen.ONE or (track is not None and any(n.reason in LINE_REASONS for n in track.excluded)):
+        return Status.ONE_LINE
+    is_placed = has_track or "centre" in estimate.lines
+    return Status.OK if is_placed and scale_from and not flags else Status.UNVERIFIED
 
 
 def _select_source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstimate:

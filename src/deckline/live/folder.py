@@ -14,7 +14,7 @@ from deckline.config_file import to_toml_text
 from deckline.flight import Flight
 from deckline.live.datagrams import parse_udp
 from deckline.live.mailbox import BackgroundWriter
-from deckline.live.messages import LIVE_COLUMNS, STALE
+from deckline.live.messages import LIVE_COLUMNS, NO_FRAME
 from deckline.live.pipeline import Outputs
 from deckline.live.recorder import FrameFolder
 from deckline.live.source import LiveSource
@@ -97,14 +97,14 @@ class Folder:
         """Close everything and write the files that are made at the end; returns all of them.
 
         Args:
-            counts: messages by status.
+            counts: messages by status, and those without a frame.
         """
         if self._images is not None and self._frames is not None:
             self._images.close()
             self._frames.close()
         self._lines.close()
         self._file.close()
-        work, frames = self._folder.work, {key: count for key, count in counts.items() if key != STALE}
+        work, frames = self._folder.work, {key: count for key, count in counts.items() if key != NO_FRAME}
         (work / CONFIG).write_text(to_toml_text(self._config), encoding="utf-8")
         write_csv(work / CSV, read_records(self._folder.jsonl), LIVE_COLUMNS)
         step = max(-(-sum(frames.values()) // REPORT_RECORDS), 1)
@@ -130,4 +130,4 @@ class Folder:
 
 
 def _frame_records(jsonl: Path) -> Iterator[Record]:
-    return (record for record in read_records(jsonl) if record["status"] != STALE)
+    return (record for record in read_records(jsonl) if record["file"] is not None)

@@ -9,13 +9,13 @@ from deckline.flight import FrameResult
 from deckline.guide import guidance
 from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record
 from deckline.track.forecast import Forecast
-from deckline.types import DepthMode, Guidance, Notice, Reason, RunwayEstimate, Status, Value
+from deckline.types import DepthMode, Guidance, Notice, Reason, RunwayEstimate, Seen, Status, Value
 
-STALE = "stale"  # status of a message without a new frame
+NO_FRAME = "without a frame"  # what is counted of messages that carry none
 LIVE_COLUMNS = {
     name: ("live", name) for name in ("captured_s", "sent_s", "age_s", "frames", "dropped", "damaged", "unsent")
 }
-NOTHING = RunwayEstimate(Status.NOT_SEEN, DepthMode.NONE, {}, {})
+NOTHING = RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {})
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,8 @@ def answer_record(
     result, age_s = answer.result, now_s - answer.at_s
     if age_s > stale_s:
         late = Notice(Reason.STALE, f"the answer is {age_s:.2f} s old")
-        result = replace(result, guidance=replace(result.guidance, flags=(*result.guidance.flags, late)))
+        flags = (*result.guidance.flags, late)
+        result = replace(result, guidance=replace(result.guidance, status=Status.STALE, flags=flags))
     return frame_record(result, approach) | {"live": _live(answer, progress, now_s, offset_s, approach)}
 
 
@@ -64,7 +65,9 @@ def stale_record(
     return {
         "file": None,
         "time_s": None,
-        "status": STALE,
+        "status": str(Status.STALE),
+        "seen": str(Seen.NONE),
+        "scale_from": [],
         "mode": str(DepthMode.NONE),
         "reason": reason,
         "reasons": [str(Reason.STALE)],
@@ -99,7 +102,8 @@ def predict_guidance(answer: Answer, now_s: float, approach: Approach) -> Guidan
     track, world_from_body, turn_rad = moment
     if answer.result.track is not None:
         track = replace(track, flags=answer.result.track.flags)  # with those of the search beside the track
-    estimate = replace(NOTHING, status=answer.result.estimate.status, flags=answer.result.estimate.flags)
+    shown = answer.result.estimate
+    estimate = replace(NOTHING, seen=shown.seen, mode=shown.mode, flags=shown.flags)
     later = replace(frame, time_s=track.time_s, world_from_body=world_from_body)
     found = guidance(later, estimate, track, approach)
     heading = found.heading_error_rad

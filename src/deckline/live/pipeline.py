@@ -11,7 +11,7 @@ import numpy as np
 from deckline.flight import Flight
 from deckline.live.clock import WallClock
 from deckline.live.mailbox import Mailbox
-from deckline.live.messages import Answer, Progress, answer_record, stale_record
+from deckline.live.messages import NO_FRAME, Answer, Progress, answer_record, stale_record
 from deckline.live.poses import PoseSource
 from deckline.live.recorder import round_pose
 from deckline.live.source import Captured, LiveSource, Log
@@ -42,7 +42,7 @@ class Summary:
     """What a session came to."""
 
     progress: Progress
-    counts: dict[str, int]  # messages by status
+    counts: dict[str, int]  # messages by status, and those without a frame
     ages_s: tuple[float, ...]  # of the last answers when they were sent
 
     def lines(self) -> list[str]:
@@ -215,5 +215,5 @@ class Session:
 
     def _send(self, record: Record) -> None:
         self._out.send(record)
-        status = str(record["status"])
-        self.counts[status] = self.counts.get(status, 0) + 1
+        kind = NO_FRAME if record["file"] is None else str(record["status"])
+        self.counts[kind] = self.counts.get(kind, 0) + 1

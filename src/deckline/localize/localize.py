@@ -31,7 +31,7 @@ from deckline.types import (
     PixelLine,
     Reason,
     RunwayEstimate,
-    Status,
+    Seen,
 )
 
 NO_LINE = Notice(Reason.NO_LINE, "no line in the image")
@@ -86,8 +86,8 @@ def localize(
 ) -> RunwayEstimate:
     """Runway lines in the world from the points of one frame.
 
-    Status OK: both lines were found, and agree in order, spacing, direction and near ends. Lines that contradict each
-    other are dropped: "not seen" is better than wrong. Without pose, depth or deck height only the image lines are
+    Both lines are seen when they agree in order, spacing, direction and near ends. Lines that contradict each other are
+    dropped: none is better than a wrong one. Without pose, depth or deck height only the image lines are
     given, in mode NONE, with the reason. In mode FINE at least half of each line's points have a depth, in COARSE fewer
     have; in mode `auto` the fit uses both depth and deck height.
 
@@ -110,7 +110,7 @@ def localize(
     inliers = [points[side].points_px[line.inliers] for side, line in pixel_lines.items()]
     mode, missing = choose_mode(frame, inliers, config.localization.mode)
     if missing is not None:
-        return RunwayEstimate(_status(pixel_lines), mode, pixel_lines, {}, notices=(missing,))
+        return RunwayEstimate(_seen(pixel_lines), mode, pixel_lines, {}, notices=(missing,))
     placed = place(frame, detection, pixel_lines, mode, config, rng)
     pixel_lines = {side: line for side, line in pixel_lines.items() if side in placed.fits}
     if not pixel_lines:
@@ -157,7 +157,7 @@ def _estimate(
             half = width / 2 if side == "left" else -width / 2
             fits["centre"] = shift_line(fits[side], half, config.deck.width_sigma_m / 2)
     lines = {side: fit.runway_line for side, fit in fits.items()}
-    return RunwayEstimate(_status(pixel_lines), mode, pixel_lines, lines, ramp_m, ramp_sigma_m, notices, flags)
+    return RunwayEstimate(_seen(pixel_lines), mode, pixel_lines, lines, ramp_m, ramp_sigma_m, notices, flags)
 
 
 def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) -> Notices:
@@ -181,8 +181,8 @@ def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) 
 
 
 def _not_seen(notices: Notices) -> RunwayEstimate:
-    return RunwayEstimate(Status.NOT_SEEN, DepthMode.NONE, {}, {}, notices=notices)
+    return RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {}, notices=notices)
 
 
-def _status(pixel_lines: dict[str, PixelLine]) -> Status:
-    return Status.OK if len(pixel_lines) == len(SIDES) else Status.ONE_LINE
+def _seen(pixel_lines: dict[str, PixelLine]) -> Seen:
+    return Seen.BOTH if len(pixel_lines) == len(SIDES) else Seen.ONE

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from deckline.report import figures
 from deckline.report.figures import number, percent
 from deckline.report.records import GUIDANCE, Record, lookup
-from deckline.types import SIDES, Status
+from deckline.types import SIDES, Seen, Status
 
 TEMPLATES = Path(__file__).parent / "templates"
 STATUSES = (*map(str, Status), "skipped")
@@ -32,7 +32,7 @@ def report_html(info: Mapping[str, str], records: list[Record], pictures: Pictur
         records: records of guidance.jsonl, perhaps thinned out evenly: plots and figures are made of these.
         pictures: for the slider: index of a frame's record -> two JPEG files, as the camera saw it, and dehazed with
             the lines found.
-        counts: frames of the whole run by status: "ok", "one line", "not seen" and "skipped".
+        counts: frames of the whole run by status, and "skipped".
     """
     seen = [record for record in records if "skipped" not in record]
     source = info.get("source", "recording")
@@ -65,7 +65,8 @@ def report_html(info: Mapping[str, str], records: list[Record], pictures: Pictur
 def _row(record: Record) -> Record:
     if "skipped" in record:
         return {"file": record["file"], "skipped": True}
-    row = {key: record.get(key) for key in ("file", "time_s", "status", "mode", "reason", "guidance", "protection")}
+    names = ("file", "time_s", "status", "seen", "mode", "reason", "guidance", "protection")
+    row = {key: record.get(key) for key in names}
     for group, keys in (("truth", ("truth",)), ("errors", ("errors", "guidance"))):
         values = lookup(record, keys)
         row[group] = values and {name: values.get(name) for name in GUIDANCE}
@@ -84,9 +85,9 @@ def _row(record: Record) -> Record:
 
 def _bars(seen: list[Record], counts: Mapping[str, int]) -> list[tuple[str, list[tuple[str, str, int]]]]:
     """Title of each bar and its parts: name, meaning, frames."""
-    found = [(name, "both lines" if name == "ok" else "", counts.get(name, 0)) for name in STATUSES]
+    worth = [(name, "", counts.get(name, 0)) for name in STATUSES]
     modes = [(name, words, sum(record["mode"] == name for record in seen)) for name, words in MODES.items()]
-    return [("Lines found", found), ("Where distances came from", modes)]
+    return [("What guidance is worth", worth), ("Where distances came from", modes)]
 
 
 def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int]) -> Iterator[tuple[str, str, str]]:
@@ -98,7 +99,8 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
     if rate is not None:
         yield "Both lines found", percent(rate), "of the frames that truly show a runway"
     elif total > skipped:
-        yield "Both lines found", percent(counts.get("ok", 0) / (total - skipped)), "of the frames used"
+        both = sum(record["seen"] == Seen.BOTH for record in seen)
+        yield "Both lines found", percent(both / len(seen)), "of the frames used"
     errors = {name: (median, p95) for name, _, median, p95, *_ in figures.error_rows(seen)}
     for name, label in (("Lateral deviation", "Lateral error"), ("Centre line, direction", "Direction error")):
         if name in errors:

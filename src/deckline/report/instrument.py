@@ -31,8 +31,11 @@ SIGMA_OPACITY = 0.28  # of the band around a needle
 FACE = (16, 12, 224)  # left, top, side
 
 STATUS_TAGS = {
-    Status.OK: ("BOTH LINES", draw.GOOD, (8, 20, 16)),
+    Status.OK: ("OK", draw.GOOD, (8, 20, 16)),
+    Status.UNVERIFIED: ("UNVERIFIED", draw.CAUTION, (30, 28, 4)),
     Status.ONE_LINE: ("ONE LINE", draw.CAUTION, (30, 28, 4)),
+    Status.COASTING: ("NO LINES NOW", draw.CAUTION, (30, 28, 4)),
+    Status.STALE: ("STALE", draw.FLAG, (255, 255, 255)),
     Status.NOT_SEEN: ("NO LINES", draw.FLAG, (255, 255, 255)),
 }
 TRACK_TAGS = {

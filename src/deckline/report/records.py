@@ -59,7 +59,9 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
     record = {
         "file": frame.file,
         "time_s": frame.time_s,
-        "status": str(estimate.status),
+        "status": str(result.guidance.status),
+        "seen": str(estimate.seen),
+        "scale_from": [str(source) for source in result.guidance.scale_from],
         "mode": str(estimate.mode),
         "edge": detection.edge and str(detection.edge),
         "reason": result.guidance.reason,
@@ -152,7 +154,8 @@ def lookup(record: Record, keys: Iterable[str | int]) -> Any:
 def _columns() -> dict[str, tuple[str | int, ...]]:
     """Column names with units -> where each value lies in a record."""
     columns: dict[str, tuple[str | int, ...]] = {
-        name: (name,) for name in ("file", "time_s", "status", "mode", "edge", "reason", "flags", "skipped")
+        name: (name,)
+        for name in ("file", "time_s", "status", "seen", "scale_from", "mode", "edge", "reason", "flags", "skipped")
     }
     for name in GUIDANCE:
         unit = next(unit for unit in UNITS if name.endswith(unit))
@@ -178,7 +181,7 @@ COLUMNS = _columns()
 
 def _cell(value: Any) -> Any:
     if isinstance(value, list):  # flags: their names
-        return " ".join(str(item["name"]) for item in value)
+        return " ".join(str(item["name"] if isinstance(item, dict) else item) for item in value)
     if isinstance(value, str) and value.startswith(FORMULA):
         return f"'{value}"
     return "" if value is None else value

@@ -245,7 +245,7 @@ def _kind_of(record: Record) -> str:
 
 
 def _format_counts(counts: Counts) -> str:
-    return ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count) or "none"
 
 
 def _make_progress() -> Progress:

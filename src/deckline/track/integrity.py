@@ -39,11 +39,12 @@ from deckline.track.filter import (
 )
 from deckline.track.measurement import GatedMeasurement
 from deckline.track.motion import Pose
-from deckline.types import Frame, Notice, Notices, Protection, Reason, RunwayEstimate, RunwayLine
+from deckline.types import Frame, Notice, Notices, Protection, Reason, RunwayEstimate, RunwayLine, Scale
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_RESIDUALS = 10
+CONFIRMED_SHARE = 0.5  # of the stated deck height's variance that may be left where motion has shown the height
 LEARNED_SIGMA_M = 1.0  # of a spacing, below which it counts as learned
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 SAMPLE_PX = 37  # every so many rows and columns of the picture are compared
@@ -102,6 +103,13 @@ def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
     return Notice(reason, message.format(SCALES[unit] * found[1]))
 
 
+def confirm_scale(state: State, config: RunConfig) -> tuple[Scale, ...]:
+    """What confirms the scale of a track besides the stated deck height, which these test (`bias_flag`)."""
+    stated = float(error_sigmas(config)[DECK - ATTITUDE_X]) ** 2
+    is_told = state.covariance[DECK, DECK] <= CONFIRMED_SHARE * stated
+    return tuple(s for s, is_so in ((Scale.WIDTH, config.deck.width_m is not None), (Scale.MOTION, is_told)) if is_so)
+
+
 def protection_levels(state: State, pose: Pose, touchdown_m: float | None, config: RunConfig) -> Protection:
     """Bounds on the error of the lateral deviation beside the aircraft, and of the deck's height at touchdown.
 
@@ -152,10 +160,29 @@ class FaultMonitor:
         fade, since_s = float(np.exp(-step_s / config.integrity.window_s)), self.since_s
         squares, degrees = fade * self.squares, fade * self.degrees
         if gated is not None:
-            since_s = {notice.reason: self.since_s.get(notice.reason, time_s) for notice in gated.excluded}
+            left_out = {notice.reason: self.since_s.get(notice.reason, time_s) for notice in gated.excluded}
+            since_s = {
+                reason: since for reason, since in self.since_s.items() if reason not in gated.measured
+            } | left_out
             if gated.kept is not None:
                 squares, degrees = squares + gated.distance2, degrees + gated.degrees
         return replace(self, squares=squares, degrees=degrees, since_s=since_s)
+
+    def has_come_back(self, gated: GatedMeasurement, time_s: float, config: RunConfig) -> bool:
+        """Whether a measurement that was flagged as left out passes the gate again.
+
+        While it was left out the state's covariance grew, so that what passes may be as wrong as before, and what it
+        taught the state before it was left out stays. Neither is to be believed.
+        """
+        out = {notice.reason for notice in gated.excluded}
+        return any(
+            reason in gated.measured - out and time_s - since >= config.integrity.persist_s
+            for reason, since in self.since_s.items()
+        )
+
+    def forget(self) -> "FaultMonitor":
+        """Without what is left out: the track that it contradicted is given up."""
+        return replace(self, since_s={})
 
     def restart(self, before: State | None) -> "FaultMonitor":
         """For a new track: what was learned of the old one is kept."""

@@ -190,6 +190,7 @@ class GatedMeasurement:
     excluded: Notices  # LEFT, RIGHT, HEIGHT: why it was left out
     distance2: float  # squared Mahalanobis distance of what was kept
     degrees: int  # of freedom of that
+    measured: frozenset[Reason]  # LEFT, RIGHT, HEIGHT: what was there to keep or leave out
 
 
 NAMES = {
@@ -210,19 +211,22 @@ def select_consistent(state: State, measurement: Measurement, gate_sigma: float)
     """
     all_rows = list(range(len(measurement.innovation)))
     distance2 = _distance2(state, measurement, all_rows)
-    if distance2 <= _gate(gate_sigma, len(all_rows)):
-        return GatedMeasurement(measurement, (), distance2, len(all_rows))
     names = (*measurement.sides, "height")
+    measured = frozenset(NAMES[name][0] for name in names)
+    if distance2 <= _gate(gate_sigma, len(all_rows)):
+        return GatedMeasurement(measurement, (), distance2, len(all_rows), measured)
     best: GatedMeasurement | None = None
     for name in names:
         rows = [row for row in all_rows if row not in measurement.rows(name)]
         rest = _distance2(state, measurement, rows)
         # A line's direction can be right where its place is not; only the rest has to agree.
         if len(rows) > 1 and rest <= _gate(gate_sigma, len(rows)) and (best is None or rest < best.distance2):
-            best = GatedMeasurement(measurement.subset(rows), (_deviation(measurement, name),), rest, len(rows))
+            left_out = (_deviation(measurement, name),)
+            best = GatedMeasurement(measurement.subset(rows), left_out, rest, len(rows), measured)
     if best is not None:
         return best
-    return GatedMeasurement(None, tuple(_deviation(measurement, name) for name in names), distance2, len(all_rows))
+    excluded = tuple(_deviation(measurement, name) for name in names)
+    return GatedMeasurement(None, excluded, distance2, len(all_rows), measured)
 
 
 def _gate(sigma: float, degrees: int) -> float:

@@ -21,7 +21,7 @@ from deckline.track.filter import (
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
 from deckline.track.integrity import FaultMonitor, FrozenImageMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
-from deckline.track.motion import Pose, advance_aircraft, start_aircraft
+from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
 from deckline.types import (
     SIDES,
     Frame,
@@ -144,12 +144,16 @@ class Tracker:
         state = predict(memory.state, frame.time_s, None if camera is None else camera.translation, self.config)
         return replace(memory, state=state, aircraft=aircraft or memory.aircraft), None
 
-    def _start_track(self, context: FrameContext) -> Track:
-        """A new track where both lines are seen: one alone may be any line of the deck."""
+    def _start_track(self, context: FrameContext, aircraft: Aircraft | None = None) -> Track:
+        """A new track where both lines are seen: one alone may be any line of the deck.
+
+        Args:
+            aircraft: whose motion is known from before; None: its pose is all that is known.
+        """
         before, self._memory = self._memory, None
         self._faults = self._faults.restart(None if before is None else before.state)
         frame, lines = context.frame, context.lines
-        aircraft = start_aircraft(frame, self.config.sensors.position_white_m)
+        aircraft = aircraft or start_aircraft(frame, self.config.sensors.position_white_m)
         if len(lines) < len(SIDES) or aircraft is None:
             return _lost_track(context, None, context.flags)
         line = context.estimate.lines.get("centre") or lines["left"]
@@ -166,6 +170,10 @@ class Tracker:
         if pose is not None and context.lines:
             measurement = measure(memory.state, context.lines, context.estimate.mode, pose, config)
             gated = select_consistent(memory.state, measurement, config.tracking.gate_sigma)
+            if self._faults.has_come_back(gated, time_s, config):
+                self._faults = self._faults.forget()
+                back = _restart("a measurement that was left out is back")
+                return self._start_track(replace(context, notices=(*context.notices, back)), memory.aircraft)
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
         memory = self._update_memory(memory, gated, context)
         unseen_s, inconsistent_s = time_s - memory.seen_s, time_s - memory.consistent_s

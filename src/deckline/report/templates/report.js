@@ -14,7 +14,7 @@
   ].filter(({ key }) => rows.some((row) => row.guidance && row.guidance[key]))
     .map((value) => ({ ...value, title: titles[value.key] }));
   const hasLevels = rows.some((row) => row.protection);
-  const STATUSES = ["ok", "one-line", "not-seen", "skipped"];
+  const STATUSES = ["ok", "unverified", "one-line", "coasting", "stale", "not-seen", "skipped"];
   const MARGIN = { left: 52, right: 12, top: 8, bottom: 40 };
   const DOTS_UP_TO = 80; // points on the line stay readable up to so many frames
   const known = (value) => value !== null && value !== undefined;
@@ -321,7 +321,7 @@
     slider.addEventListener("input", () => step(0));
     byId("back").addEventListener("click", () => step(-1));
     byId("next").addEventListener("click", () => step(1));
-    const ok = pictures.map((_, number) => number).filter((number) => rows[pictures[number].record].status === "ok");
+    const ok = pictures.map((_, number) => number).filter((number) => rows[pictures[number].record].seen === "both lines");
     showPicture(ok[Math.floor(ok.length / 2)] ?? 0); // in the first ones the deck is mostly a speck
   }
 
