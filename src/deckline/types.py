@@ -366,6 +366,8 @@ class Protection:
 
     lateral_m: float  # of the lateral deviation
     vertical_m: float  # of the height above deck
+    heading_rad: float  # of the heading error
+    distance_m: float | None  # of the distance to the ramp; None: no ramp is known
     risk: float  # probability per frame and direction
 
 

@@ -119,7 +119,7 @@ RAMP = dict(ramp_m=np.array([-60.0, 0.0, -20.0]), ramp_sigma_m=1.5)
 
 
 def track(state=TrackState.TRACKING, **changes):
-    values = dict(lines={"centre": NORTH}, protection=Protection(2.0, 1.0, 1e-7), age_s=1.0)
+    values = dict(lines={"centre": NORTH}, protection=Protection(2.0, 1.0, 0.02, None, 1e-7), age_s=1.0)
     return Track(2.5, state, **values | changes)
 
 

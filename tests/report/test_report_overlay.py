@@ -72,9 +72,11 @@ def test_unknown_is_a_flag_and_never_a_needle():
 
 def test_the_protection_level_stands_beside_the_needle_while_it_is_on_the_scale():
     assert instrument.lateral_limits_dots(guide(lateral_m=2.0)) is None
-    near = guide(lateral_m=2.0, protection=Protection(5.0, 1.0, 1e-7))
+    near = guide(lateral_m=2.0, protection=Protection(5.0, 1.0, 0.02, None, 1e-7))
     assert instrument.lateral_limits_dots(near) == pytest.approx((-1.4, 0.6))
-    assert instrument.lateral_limits_dots(guide(lateral_m=2.0, protection=Protection(30.0, 1.0, 1e-7))) is None
+    assert (
+        instrument.lateral_limits_dots(guide(lateral_m=2.0, protection=Protection(30.0, 1.0, 0.02, None, 1e-7))) is None
+    )
 
 
 def test_a_flag_is_red_and_goes_before_the_tracks_state():

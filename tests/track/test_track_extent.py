@@ -10,7 +10,7 @@ from steady_view import seen, view
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
 from deckline.track.extent import locate_ramp
-from deckline.track.filter import HEAVE, HEIGHT, PITCH, SIZE, initial_state
+from deckline.track.filter import HEAVE, HEIGHT, PITCH, SIZE, error_sigmas, initial_state
 
 CALM = RunConfig(deck=Deck(sea_state=0.0))
 
@@ -58,8 +58,9 @@ def test_a_ramp_is_placed_on_the_deck_that_the_track_knows():
     mean, covariance = np.zeros(SIZE), np.zeros((SIZE, SIZE))
     mean[[HEAVE, PITCH]] = -2.5, 0.01
     covariance[HEIGHT, HEIGHT] = sigma_track**2
-    place, sigma_m = locate_ramp(frame, estimate, replace(state, mean=mean, covariance=covariance))
+    shared = error_sigmas(CALM) ** 2
+    ramp = locate_ramp(frame, estimate, replace(state, mean=mean, covariance=covariance), shared)
     down = 15.0 - 2.5 - 0.01 * 50.0
-    np.testing.assert_allclose(place, [-100.0 + 100.0 * down / 15.0, 0.0, -35.0 + down])
-    assert sigma_m == pytest.approx(np.hypot(1.5, 100.0 / 15.0 * sigma_track))
-    assert locate_ramp(frame, replace(estimate, ramp_m=None), state) is None
+    np.testing.assert_allclose(ramp.place_m, [-100.0 + 100.0 * down / 15.0, 0.0, -35.0 + down])
+    assert ramp.sigma_m == pytest.approx(np.hypot(1.5, 100.0 / 15.0 * sigma_track))
+    assert locate_ramp(frame, replace(estimate, ramp_m=None), state, shared) is None

@@ -7,7 +7,7 @@ import numpy as np
 from deckline.config import Approach
 from deckline.flight import FrameResult
 from deckline.guide import guidance
-from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record
+from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record, protection_record
 from deckline.track.forecast import Forecast
 from deckline.types import DepthMode, Guidance, Notice, Reason, RunwayEstimate, Seen, Status, Value
 
@@ -86,7 +86,7 @@ def _live(answer: Answer | None, progress: Progress, now_s: float, offset_s: flo
         "age_s": None if answer is None else round(now_s - answer.at_s, 6),
         **asdict(progress),
         "now": None if moment is None else guidance_record(moment),
-        "now_protection": None if moment is None or moment.protection is None else asdict(moment.protection),
+        "now_protection": None if moment is None or moment.protection is None else protection_record(moment.protection),
     }
 
 

@@ -17,7 +17,7 @@ from deckline.files import printable
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame
 from deckline.truth import errors_against, range_to_ramp_m, true_guidance
-from deckline.types import SIDES, Guidance, Notices, RunwayLine, Track, Value
+from deckline.types import SIDES, Guidance, Notices, Protection, RunwayLine, Track, Value
 
 DIGITS = 9  # significant digits written,
 DECIMALS = 6  # but never fewer decimals than these: microseconds of a Unix time, micrometres of a far origin
@@ -69,7 +69,7 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
         "lines": lines,
         "ramp": None if estimate.ramp_m is None else {"point_m": estimate.ramp_m, "sigma_m": estimate.ramp_sigma_m},
         "guidance": guidance_record(result.guidance),
-        "protection": result.guidance.protection and vars(result.guidance.protection),
+        "protection": result.guidance.protection and protection_record(result.guidance.protection),
         "flags": _notices(result.guidance.flags),
         "track": result.track and _track(result.track),
         **dehazing_record(result),
@@ -95,6 +95,13 @@ def guidance_record(guidance: Guidance) -> Record:
     """Values with their 1-sigma as they are written, angles in degrees; None for what is not known."""
     values: Record = _plain({name: _value(guidance, name) for name in GUIDANCE})
     return values
+
+
+def protection_record(protection: Protection) -> Record:
+    """Protection levels as they are written: the heading's in degrees."""
+    levels = dict(vars(protection))
+    levels["heading_deg"] = float(np.rad2deg(levels.pop("heading_rad")))
+    return levels
 
 
 def to_line(record: Record) -> str:
@@ -162,7 +169,8 @@ def _columns() -> dict[str, tuple[str | int, ...]]:
         columns[name] = ("guidance", name, "value")
         columns[f"{name.removesuffix(unit)}_sigma{unit}"] = ("guidance", name, "sigma")
     columns |= {"visibility_m": ("visibility_m", "value"), "visibility_sigma_m": ("visibility_m", "sigma")}
-    columns |= {f"{axis}_protection_m": ("protection", f"{axis}_m") for axis in ("lateral", "vertical")}
+    for name, unit in (("lateral", "m"), ("vertical", "m"), ("heading", "deg"), ("distance", "m")):
+        columns[f"{name}_protection_{unit}"] = ("protection", f"{name}_{unit}")
     columns |= {f"track_{name}": ("track", name) for name in ("state", "flags", "excluded")}
     for line in LINES:
         columns |= {f"{line}_{axis}_m": ("lines", line, "world", "point_m", i) for i, axis in enumerate("xyz")}

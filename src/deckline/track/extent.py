@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
-from deckline.track.filter import HEAVE, HEIGHT, PITCH, SIZE, State
+from deckline.track.filter import ATTITUDE_X, ATTITUDE_Y, FOCAL, HEAVE, HEIGHT, PITCH, SIZE, State
 from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Value
 
 Array = NDArray[np.float64]
@@ -28,6 +28,7 @@ class Extent:
     near_m: Array  # (3,)
     speed_m_s: float  # along the line
     covariance: Array  # (2, 2) of position and speed along the line
+    response: Array  # (2, 8) of both to one unit of each error that all frames share (`filter.ATTITUDE_X` and on)
     is_ramp: bool  # the end itself was in view; else the nearest part of the lines
     length_m: float
 
@@ -52,8 +53,17 @@ def visible_extent(frame: Frame, estimate: RunwayEstimate, state: State) -> tupl
     return (float(x.min()), float(x.max())) if len(x) > 1 else None
 
 
-def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[Array, float] | None:
-    """The near end (3,) of the lines on the track's present deck height, and its 1-sigma along the deck.
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """The near end of the lines as one frame shows it."""
+
+    place_m: Array  # (3,)
+    sigma_m: float  # along the deck
+    response: Array  # (8,) of the place along the deck to one unit of each shared error, as large as it may be
+
+
+def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: State, shared_variances: Array) -> Ramp | None:
+    """The near end of the lines on the track's present deck height.
 
     One frame alone may know the deck's mean height only, and on a higher deck a ramp far ahead is nearer.
     """
@@ -65,19 +75,22 @@ def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[A
     row[[HEIGHT, HEAVE, PITCH]] = 1.0, 1.0, float(state.local(ramp)[0])
     down = float(state.point_m[2] + row @ state.mean - pose.translation[2])
     if min(ray[2], down) < MIN_HEIGHT_M:
-        return ramp, sigma_m
+        return Ramp(ramp, sigma_m, np.zeros(len(shared_variances)))
     line = next(iter(estimate.lines.values()))
     per_metre = float(np.hypot(ray[0], ray[1])) / ray[2]
     own = max(sigma_m**2 - per_metre**2 * float(line.aircraft_covariance[2, 2]), (MIN_OWN_SHARE * sigma_m) ** 2)
     variance = own + per_metre**2 * float(row @ state.covariance @ row)
-    return pose.translation + down / ray[2] * ray, float(np.sqrt(variance))
+    response = per_metre * np.abs(row @ state.covariance[:, ATTITUDE_X:]) / shared_variances
+    range_m = per_metre * down
+    response[[ATTITUDE_Y - ATTITUDE_X, FOCAL - ATTITUDE_X]] += (range_m**2 + down**2) / down, range_m
+    return Ramp(pose.translation + down / ray[2] * ray, float(np.sqrt(variance)), response)
 
 
 def update_extent(
     before: Extent | None,
     state: State,
     visible: tuple[float, float] | None,
-    ramp: tuple[Array, float] | None,
+    ramp: Ramp | None,
     step_s: float,
     ship_m_s: float | None,
 ) -> Extent | None:
@@ -87,24 +100,26 @@ def update_extent(
         before: from the frame before, `step_s` earlier.
         state: of this frame.
         visible: as `visible_extent` gives it.
-        ramp: place (3,) and 1-sigma along the deck, where it was in view.
+        ramp: where it was in view.
         ship_m_s: speed of the ship along the line, where it is known.
     """
     extent = None if before is None else advance_extent(before, state, step_s)
     if ramp is not None:
-        place, sigma_m = float(state.local(ramp[0])[0]), max(ramp[1], MIN_RAMP_SIGMA_M)
+        place, sigma_m = float(state.local(ramp.place_m)[0]), max(ramp.sigma_m, MIN_RAMP_SIGMA_M)
         if extent is None or not extent.is_ramp:
             speed_sigma = SHIP_SPEED_SIGMA_M_S if ship_m_s is None else KNOWN_SPEED_SIGMA_M_S
             covariance = np.diag([sigma_m**2, speed_sigma**2])
             length = 0.0 if extent is None else extent.length_m
-            extent = Extent(_point_at(state, place), ship_m_s or 0.0, covariance, True, length)
+            response = np.stack([ramp.response, np.zeros_like(ramp.response)])
+            extent = Extent(_point_at(state, place), ship_m_s or 0.0, covariance, response, True, length)
         else:
             inflation = max(1.0, 2 * CORRELATION_S / max(step_s, 1e-3))
-            extent = _measure_ramp(extent, state, place, sigma_m**2 * inflation)
+            extent = _measure_ramp(extent, state, place, sigma_m**2 * inflation, ramp.response)
     elif extent is None and visible is not None:
         length = visible[1] - visible[0]
         covariance = np.diag([length**2, SHIP_SPEED_SIGMA_M_S**2])
-        extent = Extent(_point_at(state, visible[0]), ship_m_s or 0.0, covariance, False, length)
+        response = np.zeros((2, SIZE - ATTITUDE_X))
+        extent = Extent(_point_at(state, visible[0]), ship_m_s or 0.0, covariance, response, False, length)
     if extent is None or visible is None:
         return extent
     near = float(state.local(extent.near_m)[0])
@@ -125,10 +140,11 @@ def advance_extent(before: Extent, state: State, step_s: float) -> Extent:
     process = SPEED_M_S15**2 * np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
     x = float(state.local(before.near_m)[0]) + step_s * before.speed_m_s
     covariance = transition @ before.covariance @ transition.T + process
-    return replace(before, near_m=_point_at(state, x), covariance=covariance)
+    response = transition @ before.response
+    return replace(before, near_m=_point_at(state, x), covariance=covariance, response=response)
 
 
-def _measure_ramp(before: Extent, state: State, place_m: float, variance: float) -> Extent:
+def _measure_ramp(before: Extent, state: State, place_m: float, variance: float, response: Array) -> Extent:
     x = float(state.local(before.near_m)[0])
     gain = before.covariance[:, 0] / (before.covariance[0, 0] + variance)
     rest = np.eye(2) - np.outer(gain, [1.0, 0.0])
@@ -137,6 +153,7 @@ def _measure_ramp(before: Extent, state: State, place_m: float, variance: float)
         near_m=_point_at(state, x + gain[0] * (place_m - x)),
         speed_m_s=before.speed_m_s + gain[1] * (place_m - x),
         covariance=rest @ before.covariance @ rest.T + variance * np.outer(gain, gain),
+        response=rest @ before.response + np.outer(gain, response),
     )
 
 

@@ -12,7 +12,7 @@ from deckline.track.extent import Extent, advance_extent
 from deckline.track.filter import State, predict, track_lines, track_rates
 from deckline.track.integrity import confirm_scale, protection_levels
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
-from deckline.types import Protection, RunwayLine, Track, TrackState
+from deckline.types import RunwayLine, Track, TrackState
 
 TURN_SIGMA_RAD_S = float(np.deg2rad(2.0))  # of the averaged turn rate; simulated approaches in gusts stay below
 
@@ -48,7 +48,7 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         state.time_s,
         TrackState.COASTING,
         track_lines(state, pose, at_m, config),
-        protection=None if pose is None else protection_levels(state, pose, touchdown, config),
+        protection=None if pose is None else protection_levels(state, pose, touchdown, ramp, config),
         ramp_m=None if ramp is None else ramp.near_m,
         ramp_sigma_m=None if ramp is None else ramp.sigma_m,
         lateral_rate_m_s=lateral,
@@ -93,7 +93,12 @@ def _loosen(track: Track, variance_m2: float) -> Track:
     sigma_m, protection, ramp_sigma_m = float(np.sqrt(variance_m2)), track.protection, track.ramp_sigma_m
     if protection is not None:
         bound_m = float(norm.isf(protection.risk / 2)) * sigma_m
-        protection = Protection(protection.lateral_m + bound_m, protection.vertical_m + bound_m, protection.risk)
+        protection = replace(
+            protection,
+            lateral_m=protection.lateral_m + bound_m,
+            vertical_m=protection.vertical_m + bound_m,
+            distance_m=None if protection.distance_m is None else protection.distance_m + bound_m,
+        )
     ramp_sigma_m = None if ramp_sigma_m is None else float(np.hypot(ramp_sigma_m, sigma_m))
     lines = {side: _widen(line, np.diag([variance_m2, 0.0, variance_m2])) for side, line in track.lines.items()}
     return replace(track, lines=lines, protection=protection, ramp_sigma_m=ramp_sigma_m)

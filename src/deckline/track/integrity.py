@@ -110,29 +110,47 @@ def confirm_scale(state: State, config: RunConfig) -> tuple[Scale, ...]:
     return tuple(s for s, is_so in ((Scale.WIDTH, config.deck.width_m is not None), (Scale.MOTION, is_told)) if is_so)
 
 
-def protection_levels(state: State, pose: Pose, touchdown_m: float | None, config: RunConfig) -> Protection:
-    """Bounds on the error of the lateral deviation beside the aircraft, and of the deck's height at touchdown.
+def protection_levels(
+    state: State, pose: Pose, touchdown_m: float | None, ramp: Extent | None, config: RunConfig
+) -> Protection:
+    """Bounds on errors of the lateral deviation beside the aircraft, of the deck's height at touchdown, of the heading
+    and of the distance to the ramp.
 
-    Both are as seen from the aircraft: an error of its own position moves them with it. They hold for one fault at a
-    time of those that `Integrity` names.
+    All are as seen from the aircraft: an error of its own position or heading moves them with it. They hold for one
+    fault at a time of those that `Integrity` names.
 
     Args:
         touchdown_m: touchdown point, m along the line from the state's point; None: not known, the point itself.
+        ramp: None: not known.
     """
     x = float(state.local(pose.position_m)[0])
-    delay = delay_effect(state, pose, 0.0)
-    lateral = line_rows(state, 0.0, x, delay)[0]
-    height = line_rows(state, 0.0, touchdown_m or 0.0, delay)[2]
-    bounds = []
-    for row in (lateral, height):
-        variance = float(row @ state.covariance @ row + config.sensors.position_white_m**2)
-        nominal = float(norm.isf(config.integrity.risk / 2) * np.sqrt(variance))
-        bounds.append(nominal + _undetected_error(state, row, config))
-    return Protection(bounds[0], bounds[1], config.integrity.risk)
+    delay, sensors = delay_effect(state, pose, 0.0), config.sensors
+    faults, quantile = _undetected_faults(state, config), float(norm.isf(config.integrity.risk / 2))
+
+    def bound(row: Array, white: float) -> tuple[float, float]:
+        """Of the filter's own error, and of one undetected fault."""
+        effect = np.abs(row @ state.covariance[:, ATTITUDE_X:]) / error_sigmas(config) ** 2
+        return quantile * float(np.sqrt(row @ state.covariance @ row + white**2)), float(np.max(effect * faults))
+
+    at_touchdown = line_rows(state, 0.0, touchdown_m or 0.0, delay)
+    chance, fault = bound(at_touchdown[1], sensors.attitude_white_rad)
+    # A camera that is turned about the vertical turns the lines with it, and no state tells.
+    heading_rad = chance + max(fault, float(np.deg2rad(config.integrity.max_boresight_deg)))
+    distance_m = None
+    if ramp is not None:
+        distance_m = quantile * float(np.hypot(ramp.sigma_m, sensors.position_white_m))
+        distance_m += float(np.max(np.abs(ramp.response[0]) * faults))
+    return Protection(
+        lateral_m=sum(bound(line_rows(state, 0.0, x, delay)[0], sensors.position_white_m)),
+        vertical_m=sum(bound(at_touchdown[2], sensors.position_white_m)),
+        heading_rad=heading_rad,
+        distance_m=distance_m,
+        risk=config.integrity.risk,
+    )
 
 
-def _undetected_error(state: State, row: Array, config: RunConfig) -> float:
-    """The largest error of `row` @ state by one fault that may stay undetected."""
+def _undetected_faults(state: State, config: RunConfig) -> Array:
+    """The largest size (8,) of each shared error that may stay undetected, in its own unit."""
     test = config.integrity
     boresight = float(np.deg2rad(test.max_boresight_deg))
     largest = [boresight, boresight, test.max_deck_z_m, test.max_depth_scale, test.max_focal_fraction]
@@ -142,8 +160,7 @@ def _undetected_error(state: State, row: Array, config: RunConfig) -> float:
     tested = observed > OBSERVED_SHARE * variances
     detectable = np.full(len(observed), np.inf)
     detectable[tested] = (test.alarm_sigma + test.missed_sigma) * variances[tested] / np.sqrt(observed[tested])
-    effect = np.abs(row @ state.covariance[:, ATTITUDE_X:]) / variances
-    return float(np.max(effect * np.minimum(detectable, largest)))
+    return np.minimum(detectable, largest)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from deckline.track.extent import (
     visible_extent,
 )
 from deckline.track.filter import (
+    error_sigmas,
     initial_state,
     predict,
     shift_reference,
@@ -196,7 +197,7 @@ class Tracker:
             return memory
         state = update(memory.state, gated.kept.innovation, gated.kept.design, gated.kept.noise)
         state = shift_reference(state, gated.kept.x_m)
-        ramp = locate_ramp(context.frame, context.estimate, state)
+        ramp = locate_ramp(context.frame, context.estimate, state, error_sigmas(self.config) ** 2)
         speed = self.config.deck.ship_velocity_m_s
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
         visible = visible_extent(context.frame, context.estimate, state)
