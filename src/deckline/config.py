@@ -341,6 +341,8 @@ class Integrity:
         max_depth_scale: the same of all depths, as a share.
         max_focal_fraction: the same of the focal length, as a share.
         max_delay_s: the same of a pose behind its picture, s.
+        max_drift_m_s: the largest sideways speed of the lines that a ship is thought to have, m/s; 3.5: 30 knots along
+            a ship whose lines are turned by 13 degrees.
         max_line_m: the same of a line: another marking beside it, m. Foul lines lie up to 6 m outside the edge lines.
     """
 
@@ -355,6 +357,7 @@ class Integrity:
     max_depth_scale: float = 0.03
     max_focal_fraction: float = 0.005
     max_delay_s: float = 0.2
+    max_drift_m_s: float = 3.5
     max_line_m: float = 6.0
 
     def __post_init__(self) -> None:

@@ -38,7 +38,6 @@ class Scale(StrEnum):
 
     DEPTH = "depth"  # of a depth camera, in this frame
     WIDTH = "width"  # stated, and in agreement with the track
-    MOTION = "motion"  # the aircraft's own: over frames it has shown the track how high the deck is
 
 
 class Reason(StrEnum):
@@ -389,7 +388,7 @@ class Track:
     closing_m_s: Value | None = None  # + : the aircraft comes nearer to the ramp
     notices: Notices = ()  # why a frame was not used or the track began again
     age_s: float = 0.0  # since the track began; 0: it knows no more than this frame
-    scale_from: tuple[Scale, ...] = ()  # what confirms the scale over frames: WIDTH, MOTION
+    scale_from: tuple[Scale, ...] = ()  # what confirms the scale in all its frames
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from test_track_tracker import deviations
 
 from deckline.config import Deck, Integrity, RunConfig
 from deckline.track import Tracker
-from deckline.track.filter import DECK, SIZE, initial_state, update
-from deckline.track.integrity import FrozenImageMonitor, bias_flag, protection_levels
+from deckline.track.filter import DECK, DRIFT, SIZE, initial_state, update
+from deckline.track.integrity import FrozenImageMonitor, bias_flag, drift_flag, protection_levels
 from deckline.track.motion import Pose
 from deckline.types import DepthMode, Reason, RunwayEstimate, RunwayLine, Seen, TrackState
 
@@ -138,6 +138,51 @@ def test_the_protection_level_is_that_of_chance_plus_the_worst_fault_that_nobody
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
 
 
+def test_what_a_line_taught_is_forgotten_when_it_was_flagged_and_comes_back():
+    """The right line 4 m outside for a second: left out, flagged, then back at its place."""
+    flight = replace(SLOW, seed=3)
+    tracker, ages, widths = Tracker(CALM), [], []
+    for index, (frame, estimate, _) in enumerate(approach(flight, errors=draw_errors(flight))):
+        if 12 <= index < 18 and "right" in estimate.lines:
+            right = estimate.lines["right"]
+            outside = right.point_m + 4.0 * np.array([-right.direction[1], right.direction[0], 0.0])
+            estimate = replace(estimate, lines=estimate.lines | {"right": replace(right, point_m=outside)})
+        track = tracker.update(frame, estimate)
+        ages.append(track.age_s)
+        widths.append(float(np.linalg.norm((track.lines["right"].point_m - track.lines["left"].point_m)[:2])))
+    assert ages[17] > 2.0
+    assert ages[18] == 0.0
+    assert max(abs(width - widths[11]) for width in widths[18:]) < 1.0
+
+
+def test_lines_that_drift_faster_than_a_ship_are_flagged():
+    state = initial_state(0.0, RunwayLine(np.zeros(3), 0.0, np.eye(3)), None, CALM)
+    assert drift_flag(state, CALM) is None
+    design = np.eye(SIZE)[[DRIFT]]
+    for speed, flagged in ((3.0, False), (6.0, True)):
+        known = update(state, np.array([speed]), design, np.array([[0.1**2]]))
+        assert (drift_flag(known, CALM) is not None) is flagged
+
+
+def test_levels_of_heading_and_distance_hold_a_turned_camera():
+    """1 degree about every axis, the largest that is thought possible."""
+    for turn_deg in np.eye(3):
+        flight = replace(SLOW, seed=5)
+        errors = draw_errors(flight)
+        errors = replace(errors, turn_rad=errors.turn_rad + np.deg2rad(turn_deg))
+        tracker, told = Tracker(CALM), 0
+        for frame, estimate, truth in approach(flight, errors=errors):
+            track = tracker.update(frame, estimate)
+            if not track.lines or track.flags or track.age_s == 0.0:
+                continue
+            centre = true_lines(flight, frame.time_s)["centre"]
+            turned = frame.world_from_body.rotation.as_euler("ZYX")[0] - truth.rotation.as_euler("ZYX")[0]
+            heading = track.lines["centre"].azimuth_rad - centre.azimuth_rad - turned
+            assert abs(heading) < track.protection.heading_rad
+            told += 1
+        assert told > 5
+
+
 NOTHING = RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {})
 
 
@@ -170,10 +215,10 @@ def test_the_same_picture_from_a_moving_aircraft_is_frozen_at_once():
     assert verdicts(again) == [False, True, True]
 
 
-def test_the_same_picture_from_an_aircraft_at_rest_is_a_scene_at_rest():
+def test_the_same_picture_from_an_aircraft_at_rest_is_frozen_when_it_lasts():
     (frame, _), *_ = moving_frames(1)
-    still = [(replace(frame, time_s=float(i)), NOTHING) for i in range(3)]
-    assert not any(verdicts(still))
+    still = [(replace(frame, time_s=0.125 * i), NOTHING) for i in range(6)]
+    assert verdicts(still) == [False, False, False, True, True, True]
     moved = RigidTransform.from_translation([1.0, 0.0, 0.0]) * frame.world_from_body
     assert verdicts([still[0], (replace(frame, time_s=1.0, world_from_body=moved), NOTHING)]) == [False, True]
 

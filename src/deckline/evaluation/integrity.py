@@ -49,12 +49,14 @@ NOMINAL_COUNTS = {  # of frames, and what people call them
     "misleading": "misleading",
     "excluded": "left out",
     "protected": "guided",
+    "is_told": "ok",
 }
 NOTES = """\
-A frame misleads when the lateral deviation or the height above the deck is farther off than its protection level and no
-flag is up. A run is detected when a flag came and no stretch misled for longer than the time to alert; harmless when no
-frame misled and no flag came; misleading otherwise. Left out: frames of which a measurement contradicted the track and
-was not used. Guided: frames without a flag and with a protected centre line.
+A frame misleads when lateral deviation, height above the deck, heading or distance to the ramp is farther off than its
+protection level and no flag is up. A run is detected when a flag came and no stretch misled for longer than the time to
+alert; harmless when no frame misled and no flag came; misleading otherwise. Misleading as ok: runs that mislead whoever
+follows `ok` guidance alone, as an autopilot should. Left out: frames of which a measurement contradicted the track and
+was not used. Guided: frames without a flag and with a protected centre line; ok: those of them that an autopilot takes.
 Square brackets: 95 % intervals (Clopper and Pearson) of runs or frames taken as independent; frames of one run are not,
 and theirs are too narrow. The same flights carry every fault."""
 
@@ -186,15 +188,15 @@ def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
     """One row a fault; the title has all of them together."""
     cells = []
     for name, row in rows.items():
-        counts = (row.runs, row.detected, row.harmless, row.misleading)
+        counts = (row.runs, row.detected, row.harmless, row.misleading, row.misleading_ok)
         frames = (row.misleading_frames, row.excluding_frames, row.frames - row.lost_frames)
         shares = (f"{100 * count / row.frames:.2f}" for count in frames)
         good_share = _share(row.detected + row.harmless, row.runs)
         cells.append((name, *map(str, counts), good_share, *shares, number(row.delay_s, ".1f")))
     runs, good = sum(row.runs for row in rows.values()), sum(row.detected + row.harmless for row in rows.values())
     title = f"faults: {_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
-    columns = ("fault", "runs", "detected", "harmless", "misleading", "detected or harmless, %", "misleading frames, %")
-    return Table(title, (*columns, "left out, %", "guided, %", "flag after, s"), cells)
+    columns = ("fault", "runs", "detected", "harmless", "misleading", "misleading as ok", "detected or harmless, %")
+    return Table(title, (*columns, "misleading frames, %", "left out, %", "guided, %", "flag after, s"), cells)
 
 
 def _nominal_cells(name: str, counts: Mapping[str, int]) -> tuple[str, ...]:

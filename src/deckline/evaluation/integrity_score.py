@@ -7,6 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from deckline.config import Approach
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED
 from deckline.detect import ClassicalDetector
 from deckline.evaluation.approaches import FlightsConfig, Sighting
@@ -14,8 +15,8 @@ from deckline.evaluation.integrity_faults import FAULTS, inject
 from deckline.evaluation.integrity_frames import FRAME_FAULTS, inject_frames
 from deckline.evaluation.localization_score import pilot_figures
 from deckline.flight import Flight, FrameResult
-from deckline.truth import passing_distance_m, true_line, true_segments
-from deckline.types import Frame
+from deckline.truth import passing_distance_m, true_guidance, true_line, true_segments
+from deckline.types import Frame, Status
 
 ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
 ONSET = (0.2, 0.6)  # part of the flight after which a sudden fault comes, drawn between these
@@ -72,22 +73,37 @@ class FrameState:
     height_m: float | None  # error of the height above the deck, at the touchdown point
     lateral_level_m: float | None  # protection levels; None: none was given
     height_level_m: float | None
+    heading_deg: float | None = None  # error of the heading
+    distance_m: float | None = None  # error of the distance to the ramp
+    heading_level_deg: float | None = None
+    distance_level_m: float | None = None
+    status: str = Status.OK
     excluded: bool = False  # a measurement contradicted the track and was left out of it
     flags: tuple[str, ...] = ()  # names of what is flagged
 
     @property
     def protected(self) -> bool:
-        """A line with a protection level, and no warning: what a pilot would follow."""
+        """A line with a protection level, and no flag: what a pilot may follow who reads flags alone."""
         given = (self.lateral_m, self.height_m, self.lateral_level_m, self.height_level_m)
         return not self.flagged and None not in given
 
     @property
     def misleading(self) -> bool:
         """Followed, and farther off than its protection level says."""
-        pairs = (self.lateral_m, self.lateral_level_m), (self.height_m, self.height_level_m)
+        pairs = (
+            (self.lateral_m, self.lateral_level_m),
+            (self.height_m, self.height_level_m),
+            (self.heading_deg, self.heading_level_deg),
+            (self.distance_m, self.distance_level_m),
+        )
         return self.protected and any(
             error is not None and level is not None and abs(error) > level for error, level in pairs
         )
+
+    @property
+    def is_told(self) -> bool:
+        """A protected line in guidance that is `ok`: what an autopilot takes."""
+        return self.protected and self.status == Status.OK
 
 
 @dataclass(frozen=True)
@@ -103,10 +119,11 @@ class FaultRow:
     flagged_frames: int
     excluding_frames: int
     lost_frames: int  # without a protected line, flagged or not
+    misleading_ok: int  # runs, where frames that are not `ok` are not followed
     delay_s: float  # median from the fault's beginning to the first flag; NaN without one
 
 
-def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S) -> Outcome:
+def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S, *, ok_only: bool = False) -> Outcome:
     """What a fault led to.
 
     A misleading frame is forgiven when a flag is up, or guidance gone, at most `alert_s` after it began to mislead.
@@ -115,7 +132,7 @@ def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S) -> Outcome:
     for frame in run:
         if not frame.faulty:
             continue
-        if not frame.misleading:
+        if not frame.misleading or (ok_only and not frame.is_told):
             since = None
             continue
         since = frame.time_s if since is None else since
@@ -126,7 +143,8 @@ def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S) -> Outcome:
         return Outcome.MISLEADING  # it misled to the end and no flag came
     if any(frame.flagged for frame in faulty):
         return Outcome.DETECTED
-    return Outcome.MISLEADING if any(frame.misleading for frame in faulty) else Outcome.HARMLESS
+    misled = any(frame.misleading and (frame.is_told or not ok_only) for frame in faulty)
+    return Outcome.MISLEADING if misled else Outcome.HARMLESS
 
 
 def fault_row(runs: Sequence[Sequence[FrameState]], alert_s: float = ALERT_S) -> FaultRow:
@@ -146,6 +164,7 @@ def fault_row(runs: Sequence[Sequence[FrameState]], alert_s: float = ALERT_S) ->
         flagged_frames=sum(frame.flagged for frame in faulty),
         excluding_frames=sum(frame.excluded for frame in faulty),
         lost_frames=sum(not frame.protected for frame in faulty),
+        misleading_ok=sum(outcome(run, alert_s, ok_only=True) is Outcome.MISLEADING for run in runs),
         delay_s=float(np.median(delays)) if delays else float("nan"),
     )
 
@@ -171,7 +190,7 @@ def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> 
         rng = np.random.default_rng([flights.seed, run.number, index, RANSAC])
         result = flight(frame, detection=detection, rng=rng)
         faulty = fault is not None and fault.is_active(frame, onset_s)
-        states.append(state_of(result, faulty, flights.run.approach.touchdown_m))
+        states.append(state_of(result, faulty, flights.run.approach))
     return states
 
 
@@ -193,7 +212,7 @@ def fly_frames(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models
     flight = Flight.from_config(config, dehazer=models.dehazer, detector=models.detector)
     given = frames if aid.depth else [replace(frame, depth_m=None) for frame in frames]
     injected = inject_frames(given, FRAME_FAULTS.get(run.fault), onset_s, draw)
-    return [state_of(flight(frame), faulty, config.approach.touchdown_m) for frame, faulty in injected]
+    return [state_of(flight(frame), faulty, config.approach) for frame, faulty in injected]
 
 
 def _draw_onset(run: Run, flights: FlightsConfig) -> tuple[np.random.Generator, float]:
@@ -203,13 +222,15 @@ def _draw_onset(run: Run, flights: FlightsConfig) -> tuple[np.random.Generator, 
     return draw, float(draw.uniform(*ONSET)) * still_air_s
 
 
-def state_of(result: FrameResult, faulty: bool, touchdown_m: float) -> FrameState:
+def state_of(result: FrameResult, faulty: bool, approach: Approach) -> FrameState:
     """A frame of a flight with a track as the pilot has it, against its truth."""
     frame, track, flags = result.frame, result.track, result.guidance.flags
     if track is None:
         raise ValueError(f"{frame.file}: integrity needs a track, got a flight without one")
     centre, protection = track.lines.get("centre"), track.protection
-    errors: dict[str, float] = {} if centre is None else pilot_figures(frame, centre, touchdown_m)
+    errors: dict[str, float] = {} if centre is None else pilot_figures(frame, centre, approach.touchdown_m)
+    exact, distance = true_guidance(frame, approach), result.guidance.distance_to_ramp_m
+    true_distance = None if exact is None else exact.distance_to_ramp_m
     return FrameState(
         frame.time_s,
         faulty,
@@ -218,6 +239,11 @@ def state_of(result: FrameResult, faulty: bool, touchdown_m: float) -> FrameStat
         errors.get("height_m"),
         None if protection is None else protection.lateral_m,
         None if protection is None else protection.vertical_m,
+        errors.get("heading_deg"),
+        None if distance is None or true_distance is None else distance.value - true_distance.value,
+        None if protection is None else float(np.rad2deg(protection.heading_rad)),
+        None if protection is None else protection.distance_m,
+        str(result.guidance.status),
         bool(track.excluded),
         tuple(str(flag.reason) for flag in flags),
     )

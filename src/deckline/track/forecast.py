@@ -10,9 +10,9 @@ from scipy.stats import norm
 from deckline.config import RunConfig
 from deckline.track.extent import Extent, advance_extent
 from deckline.track.filter import State, predict, track_lines, track_rates
-from deckline.track.integrity import confirm_scale, protection_levels
+from deckline.track.integrity import protection_levels
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
-from deckline.types import RunwayLine, Track, TrackState
+from deckline.types import RunwayLine, Scale, Track, TrackState
 
 TURN_SIGMA_RAD_S = float(np.deg2rad(2.0))  # of the averaged turn rate; simulated approaches in gusts stay below
 
@@ -55,7 +55,7 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         height_rate_m_s=height,
         closing_m_s=closing,
         age_s=state.time_s - memory.start_s,
-        scale_from=confirm_scale(state, config),
+        scale_from=() if config.deck.width_m is None else (Scale.WIDTH,),
     )
 
 

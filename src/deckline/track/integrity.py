@@ -39,12 +39,11 @@ from deckline.track.filter import (
 )
 from deckline.track.measurement import GatedMeasurement
 from deckline.track.motion import Pose
-from deckline.types import Frame, Notice, Notices, Protection, Reason, RunwayEstimate, RunwayLine, Scale
+from deckline.types import Frame, Notice, Notices, Protection, Reason, RunwayEstimate, RunwayLine
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_RESIDUALS = 10
-CONFIRMED_SHARE = 0.5  # of the stated deck height's variance that may be left where motion has shown the height
 LEARNED_SIGMA_M = 1.0  # of a spacing, below which it counts as learned
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 SAMPLE_PX = 37  # every so many rows and columns of the picture are compared
@@ -52,6 +51,7 @@ MIN_TURN_RAD, MIN_MOVE_M = 1e-3, 0.1  # of the camera, which every picture shows
 MIN_EXPECTED_MOTION_PX = 0.5  # of the lines in the image, before their rest means anything
 MAX_REST_SHARE = 0.02  # of the expected motion, below which the lines rest
 MIN_RESTING_FRAMES = 3  # in a row
+MAX_SAME_S = 0.3  # that a camera may show the same picture; films repeat single ones
 MESSAGES = {
     ATTITUDE_X: (Reason.BORESIGHT, "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
     ATTITUDE_Y: (Reason.BORESIGHT, "degrees", "the camera seems pitched by {:+.2f} degrees against its mounting"),
@@ -79,6 +79,15 @@ def stated_priors(config: RunConfig) -> dict[int, tuple[float, float]]:
     return priors
 
 
+def drift_flag(state: State, config: RunConfig) -> Notice | None:
+    """A flag for lines that move sideways faster than a ship can, as they seem to where the camera is turned in yaw."""
+    drift, sigma = float(state.mean[DRIFT]), float(np.sqrt(state.covariance[DRIFT, DRIFT]))
+    if abs(drift) - config.integrity.alarm_sigma * sigma <= config.integrity.max_drift_m_s:
+        return None
+    message = f"the lines drift sideways at {drift:+.1f} m/s, faster than a ship's: is the camera turned in its mount?"
+    return Notice(Reason.DRIFT, message)
+
+
 def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
     """The state that is most significantly off its prior, if any is.
 
@@ -101,13 +110,6 @@ def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
         return None
     reason, unit, message = MESSAGES[found[0]]
     return Notice(reason, message.format(SCALES[unit] * found[1]))
-
-
-def confirm_scale(state: State, config: RunConfig) -> tuple[Scale, ...]:
-    """What confirms the scale of a track besides the stated deck height, which these test (`bias_flag`)."""
-    stated = float(error_sigmas(config)[DECK - ATTITUDE_X]) ** 2
-    is_told = state.covariance[DECK, DECK] <= CONFIRMED_SHARE * stated
-    return tuple(s for s, is_so in ((Scale.WIDTH, config.deck.width_m is not None), (Scale.MOTION, is_told)) if is_so)
 
 
 def protection_levels(
@@ -222,7 +224,7 @@ class FaultMonitor:
                 flags.append(Notice(notice.reason, f"{notice.message}, for {time_s - since:.1f} s"))
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
-            flags += [bias_flag(state, near_m, config), self._residual_flag(config)]
+            flags += [bias_flag(state, near_m, config), drift_flag(state, config), self._residual_flag(config)]
             flags += [] if self.learned is None else [_spacing_flag(self.learned, state, config)]
         return tuple(flag for flag in flags if flag is not None)
 
@@ -264,7 +266,8 @@ def _spacing_flag(learned: State, state: State, config: RunConfig) -> Notice | N
 class FrozenImageMonitor:
     """Memory of the last picture, to notice one that is shown again while the aircraft moves.
 
-    Equal pixels decide where a picture has any contrast. Lines that rest in the image although the pose says they must
+    Equal pixels decide where a picture has any contrast: at once where the pose moved, after `MAX_SAME_S` where the
+    pose stands still as well. Lines that rest in the image although the pose says they must
     move are the other sign.
     """
 
@@ -272,6 +275,7 @@ class FrozenImageMonitor:
     pose: RigidTransform | None = None  # world_from_camera of the last frame
     estimate: RunwayEstimate | None = None
     resting: int = 0  # frames in a row in which lines rested though they should have moved
+    new_s: float | None = None  # time of the last picture that differed from the one before
     is_frozen: bool = False
 
     def update(self, frame: Frame, estimate: RunwayEstimate) -> "FrozenImageMonitor":
@@ -279,10 +283,12 @@ class FrozenImageMonitor:
         sample = frame.image_rgb[::SAMPLE_PX, ::SAMPLE_PX].copy()
         pose = frame.world_from_camera
         if self.sample is None or self.sample.shape != sample.shape:
-            return FrozenImageMonitor(sample, pose, estimate)
-        same = bool(np.ptp(sample)) and bool(np.array_equal(self.sample, sample)) and self._has_moved(pose)
+            return FrozenImageMonitor(sample, pose, estimate, new_s=frame.time_s)
+        same = bool(np.ptp(sample)) and bool(np.array_equal(self.sample, sample))
+        new_s = self.new_s if same and self.new_s is not None else frame.time_s
+        stalled = same and (self._has_moved(pose) or frame.time_s - new_s > MAX_SAME_S)
         resting = self.resting + 1 if self._lines_rest(frame, estimate) else 0
-        return FrozenImageMonitor(sample, pose, estimate, resting, same or resting >= MIN_RESTING_FRAMES)
+        return FrozenImageMonitor(sample, pose, estimate, resting, new_s, stalled or resting >= MIN_RESTING_FRAMES)
 
     def _has_moved(self, pose: RigidTransform | None) -> bool:
         """Whether the camera turned or moved by what every picture shows."""

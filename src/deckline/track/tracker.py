@@ -39,7 +39,7 @@ from deckline.types import (
 NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 ROUNDING_S = 1e-6  # of sums of times
 MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE = 1e-5, 1e-3, 1e-4  # floors of exact sensors
-FROZEN = Notice(Reason.FROZEN, "the camera shows the same picture while the aircraft moves")
+FROZEN = Notice(Reason.FROZEN, "the camera shows the same picture while time goes on")
 
 
 @dataclass(frozen=True, eq=False)
