@@ -27,7 +27,7 @@ def test_guidance_does_not_wait_for_the_film(tmp_path, monkeypatch):
             released.set()
         return chain(frame)
 
-    assert run(Approach(WAITING + 3), watch, tmp_path).counts["ok"] == WAITING + 3
+    assert run(Approach(WAITING + 3), watch, tmp_path).counts["unverified"] == WAITING + 3
 
 
 def test_few_results_wait_for_a_slow_film(tmp_path, monkeypatch):
@@ -55,7 +55,7 @@ def test_an_error_of_the_film_ends_the_run_which_can_be_resumed(tmp_path, monkey
         run(Approach(20), chain, tmp_path)
     assert 4 <= lines(tmp_path) <= 4 + WAITING + 2
     monkeypatch.undo()
-    assert run(Approach(20), chain, tmp_path, resume=True).counts["ok"] == 20
+    assert run(Approach(20), chain, tmp_path, resume=True).counts["unverified"] == 20
     records = [json.loads(line) for line in (tmp_path / "guidance.jsonl").read_text(encoding="utf-8").splitlines()]
     assert [record["file"] for record in records] == [f"frame_{i:03d}.png" for i in range(20)]
     assert all("dehaze" in record["seconds"] for record in records)
