@@ -106,8 +106,10 @@ def test_wrong_use_gets_one_line(capsys, words, says):
 
 
 def test_all_faults_and_nominal_flights_are_wanted():
-    wanted = IntegrityConfig(runs=2, nominal=3).wanted
-    assert len(wanted) == 2 * len(FAULTS) + 3
+    config = IntegrityConfig(runs=2, nominal=3)
+    wanted = config.wanted
+    assert len(wanted) == 2 * len(config.faults) + 3
+    assert set(FAULTS) < set(config.faults)
     assert len(set(wanted)) == len(wanted)
     twice = IntegrityConfig(runs=1, nominal=1, fault=("foul line", "foul line"))
     assert twice.wanted == [Run(NOMINAL, 0), Run("foul line", 0)]

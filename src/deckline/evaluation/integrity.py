@@ -108,7 +108,8 @@ class IntegrityConfig:
     @property
     def faults(self) -> list[str]:
         """Those that can be put in."""
-        return list(FRAME_FAULTS if self.rendered else FAULTS)
+        told = [name for name, fault in FRAME_FAULTS.items() if fault.told]
+        return list(FRAME_FAULTS) if self.rendered else [*FAULTS, *told]
 
     @cached_property
     def point_noise(self) -> PointNoise:

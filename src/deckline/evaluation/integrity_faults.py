@@ -138,23 +138,6 @@ def _turn_camera(rng: np.random.Generator) -> Step:
     return _change_frame(lambda frame: {"body_from_camera": frame.body_from_camera * turn})
 
 
-def _turn_mount(axis: tuple[float, float, float], degrees: float) -> Callable[[np.random.Generator], Step]:
-    """The camera turned by more than is thought possible, either way about an axis of the body."""
-
-    def begin(rng: np.random.Generator) -> Step:
-        turn = Rotation.from_rotvec(np.deg2rad(degrees) * float(rng.choice([-1.0, 1.0])) * np.array(axis))
-        return _change_frame(
-            lambda frame: {"body_from_camera": RigidTransform.from_rotation(turn) * frame.body_from_camera}
-        )
-
-    return begin
-
-
-def _deck_at(change: Callable[[float], float]) -> Callable[[np.random.Generator], Step]:
-    """Another deck height than it is, from the start."""
-    return lambda _: _change_frame(lambda frame: {} if frame.deck_z_m is None else {"deck_z_m": change(frame.deck_z_m)})
-
-
 def _scale_depth(rng: np.random.Generator) -> Step:
     scale = np.float32(1.0 + DEPTH_BIAS * rng.choice([-1.0, 1.0]))
     return _change_frame(lambda frame: {} if frame.depth_m is None else {"depth_m": frame.depth_m * scale})
@@ -233,10 +216,5 @@ FAULTS = {
         Fault("pose late by 0.2 s", True, _delay_pose),
         Fault("deck height once", True, _shift_deck_once),
         Fault("deck height", False, _shift_deck),
-        Fault("deck 10 m too high", False, _deck_at(lambda z: z - 10.0)),
-        Fault("deck 10 m too low", False, _deck_at(lambda z: z + 10.0)),
-        Fault("deck of the wrong sign", False, _deck_at(lambda z: -z)),
-        Fault("mount 5 deg in yaw", False, _turn_mount((0.0, 0.0, 1.0), 5.0)),
-        Fault("mount 3 deg in pitch", False, _turn_mount((0.0, 1.0, 0.0), 3.0)),
     )
 }

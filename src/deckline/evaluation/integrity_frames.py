@@ -36,6 +36,7 @@ class FrameFault:
     name: str
     sudden: bool  # it comes in flight; otherwise it is there from the first frame
     change: Change  # draws how bad it is
+    told: bool = False  # wrong is only what the flight is told of camera and deck, so that no picture is needed
 
 
 def inject_frames(
@@ -160,11 +161,11 @@ FRAME_FAULTS = {
         FrameFault("dropped frames", True, _drop),
         FrameFault("pose late by 0.2 s", True, _delay_poses),
         FrameFault("swapped poses", True, _swap_poses),
-        FrameFault("mount 5 deg in yaw", False, _turn_mount("z", YAW_DEG)),
-        FrameFault("mount 3 deg in pitch", False, _turn_mount("y", PITCH_DEG)),
-        FrameFault("deck height -10 m", False, _tell_deck(lambda frame, z_m: z_m - DECK_M)),
-        FrameFault("deck height of the sea", False, _tell_deck(lambda frame, z_m: frame.sea_z_m)),
-        FrameFault("deck height, wrong sign", False, _tell_deck(lambda frame, z_m: -z_m)),
+        FrameFault("mount 5 deg in yaw", False, _turn_mount("z", YAW_DEG), told=True),
+        FrameFault("mount 3 deg in pitch", False, _turn_mount("y", PITCH_DEG), told=True),
+        FrameFault("deck height -10 m", False, _tell_deck(lambda frame, z_m: z_m - DECK_M), told=True),
+        FrameFault("deck height of the sea", False, _tell_deck(lambda frame, z_m: frame.sea_z_m), told=True),
+        FrameFault("deck height, wrong sign", False, _tell_deck(lambda frame, z_m: -z_m), told=True),
         FrameFault("night gain", False, _darken),
         FrameFault("extra line", False, _paint_line),
     )

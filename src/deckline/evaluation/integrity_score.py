@@ -1,7 +1,7 @@
 """Flights with faults: is a fault noticed, harmless, or does it mislead?"""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -183,15 +183,27 @@ def detection_delay_s(run: Sequence[FrameState]) -> float | None:
 def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> list[FrameState]:
     """A run over frames in order of time, with modelled detections."""
     draw, onset_s = _draw_onset(run, flights)
-    fault = FAULTS.get(run.fault)
     flight = Flight(flights.run, DEHAZERS[NOT_DEHAZED](), ClassicalDetector())
     states = []
-    for index, (frame, detection) in enumerate(inject(sightings, fault, onset_s, draw)):
+    for index, ((frame, detection), faulty) in enumerate(_with_fault(list(sightings), run.fault, onset_s, draw)):
         rng = np.random.default_rng([flights.seed, run.number, index, RANSAC])
         result = flight(frame, detection=detection, rng=rng)
-        faulty = fault is not None and fault.is_active(frame, onset_s)
         states.append(state_of(result, faulty, flights.run.approach))
     return states
+
+
+def _with_fault(
+    sightings: Sequence[Sighting], name: str, onset_s: float, draw: np.random.Generator
+) -> Iterator[tuple[Sighting, bool]]:
+    """Sightings, and whether each has the fault."""
+    if name in FRAME_FAULTS:
+        frames = inject_frames([sighting.frame for sighting in sightings], FRAME_FAULTS[name], onset_s, draw)
+        pairs = zip(sightings, frames, strict=True)
+        yield from ((sighting._replace(frame=frame), faulty) for sighting, (frame, faulty) in pairs)
+        return
+    fault = FAULTS.get(name)
+    for sighting in inject(sightings, fault, onset_s, draw):
+        yield sighting, fault is not None and fault.is_active(sighting.frame, onset_s)
 
 
 def fly_frames(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models: Flight) -> list[FrameState]:
