@@ -1,11 +1,13 @@
 """Files from anywhere: regular ones of a bounded size, values that are plain, names that are printable."""
 
 import errno
+import fcntl
 import os
 import re
 import stat
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -42,6 +44,34 @@ def read_regular(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     if data is None or len(data) > most_bytes:
         raise OSError(errno.EFBIG, f"it is larger than {most_bytes >> 20} MiB", str(path))
     return data
+
+
+def is_beneath(path: Path, folder: Path) -> bool:
+    """Whether a path, its links followed, stays in a folder."""
+    return path.resolve().is_relative_to(folder.resolve())
+
+
+@contextmanager
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Make a folder and keep others who ask out of it until the end, also when the program is killed.
+
+    Raises:
+        ValueError: somebody else holds it, or it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    try:
+        with suppress(OSError):  # a file system without locks, such as NFS
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ValueError(f"{folder}: another run writes there: wait for it, or choose another folder") from None
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def check_size(width: int, height: int) -> None:

@@ -112,6 +112,8 @@ def test_bad_input_is_one_line(recording, tmp_path, capsys):
     ("change", "message"),
     [
         ({"file_name": "../a.png"}, "must be a path inside the data set"),
+        ({"file_name": "labels.json"}, "image 'labels.json' must be named as one"),
+        ({"width": 41, "height": 30}, "a.png is 40x30 px, its labels are for (41, 30)"),
         ({"file_name": "b.png"}, "image b.png is not in"),
         ({"file_name": "cut.png"}, "cut.png: damaged or cut short"),
         ({"file_name": "small.png"}, "small.png is 20x10 px, the camera 40x30"),
@@ -123,8 +125,10 @@ def test_images_that_cannot_be_used_are_named(tmp_path, capsys, change, message)
     (tmp_path / "cut.png").write_bytes(picture[:-8])
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((10, 20, 3), np.uint8))
     (tmp_path / "camera.toml").write_text(format_camera(Camera.from_fov(40, 30, 1.0), frame(0).body_from_camera))
+    (tmp_path / "x").mkdir()
+    (tmp_path / "x" / "a.png").write_bytes(picture)
     values = {
-        "images": [{"id": 0, "file_name": "a.png"}, {"id": 1, "file_name": "a.png"} | change],
+        "images": [{"id": 0, "file_name": "x/a.png"}, {"id": 1, "file_name": "a.png"} | change],
         "annotations": [],
         "categories": [{"id": 1, "keypoints": ["left_1", "left_2"]}],
     }

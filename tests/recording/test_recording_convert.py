@@ -18,6 +18,12 @@ def plain(folder):
     return recording(folder, [row(7, types="01", ms=100), row(8, types="01", ms=350)], FILES)
 
 
+def replace_by_link(folder):
+    depth = folder / "images" / "img_Drone_0_1_8.pfm"
+    depth.rename(folder.parent / "secret")
+    depth.symlink_to(folder.parent / "secret")
+
+
 def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -108,6 +114,7 @@ def test_names_that_leave_the_folder_are_not_copied(tmp_path):
         ),
         (lambda a, b: (a / "airsim_rec.txt").unlink(), add_scene, "airsim_rec.txt"),
         (lambda a, b: None, drop_scene, "has no scene.json"),
+        (lambda a, b: replace_by_link(a), add_scene, "_8.pfm: a link out"),
         (lambda a, b: (a / "scene.json").write_text("{}"), drop_scene, "scene.json"),
     ],
 )

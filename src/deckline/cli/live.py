@@ -12,7 +12,7 @@ import tyro
 
 from deckline.config import RunConfig
 from deckline.extras import needs_extra
-from deckline.files import print_line
+from deckline.files import lock_folder, print_line
 from deckline.flight import Flight
 from deckline.live.clock import WallClock
 from deckline.live.folder import Folder, open_output
@@ -90,6 +90,8 @@ def live(
             opened = _open_other(source, camera, poses, deck_z_m, sea_z_m, rate, config)
         for note in opened.notes:
             print_line(f"note: {note}")
+        if out is not None:
+            stack.enter_context(lock_folder(out))
         folder = None if out is None else Folder(out, opened, flight, record, overwrite)
         outputs = Outputs(send, print_line) if folder is None else folder.add_to(Outputs(send, print_line))
         session = Session(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)

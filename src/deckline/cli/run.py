@@ -8,10 +8,11 @@ from typing import Annotated, Any
 import tyro
 
 from deckline.extras import needs_extra
-from deckline.files import print_line, printable
+from deckline.files import print_line, printable, read_regular
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import Source, Stream, open_recording, select_frames
+from deckline.recording.airsim import RECORD_FILE
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 DEFAULTS = RunOptions()
@@ -24,13 +25,16 @@ def demo(out: Path = Path("demo-out")) -> int:
         out: folder for the results.
     """
     recording = out / "approach"
-    own = recording.exists()  # only an earlier demo has unpacked its recording there
+    own = recording.exists()
     return _run(unpack_sample(recording), Flight.from_config(), out, overwrite=own)
 
 
 def unpack_sample(folder: Path) -> Source:
-    """The shipped approach through haze, unpacked into a folder."""
+    """The shipped approach through haze, unpacked into a folder that is new, or holds it already."""
     with zipfile.ZipFile(SAMPLE) as archive:
+        rows = folder / RECORD_FILE
+        if folder.exists() and not (rows.is_file() and read_regular(rows) == archive.read(RECORD_FILE)):
+            raise ValueError(f"{folder} is not the shipped approach and is not replaced: choose another --out")
         archive.extractall(folder)
     return open_recording(folder)
 

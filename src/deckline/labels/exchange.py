@@ -28,7 +28,7 @@ from deckline.labels.yolo_pose import read_yolo_pose, write_yolo_pose
 from deckline.progress import progress
 from deckline.recording import BadFrame, Source
 from deckline.recording.camera_file import CAMERA_FILE, format_camera, read_camera_file
-from deckline.recording.images import encode_image, read_bytes, read_image
+from deckline.recording.images import IMAGE_SUFFIXES, encode_image, read_bytes, read_image
 from deckline.recording.source import is_inside
 from deckline.types import Frame
 
@@ -166,6 +166,8 @@ def _flatten_names(files: list[str], source: Path) -> list[str]:
     for file in files:
         if not is_inside(file):
             raise ValueError(f"{source}: image {file!r} must be a path inside the data set; or give --images FOLDER")
+        if Path(file).suffix.lower() not in IMAGE_SUFFIXES:  # nor may it take the place of labels.json
+            raise ValueError(f"{source}: image {file!r} must be named as one: {' '.join(IMAGE_SUFFIXES)}")
     names = [Path(file).name for file in files]
     if len(set(names)) < len(names):
         names = ["_".join(Path(file).parts) for file in files]
@@ -200,6 +202,8 @@ def _check_size(image: LabelledImage, size: tuple[int, int], camera: Camera | No
             f"{image.file} is {size[0]}x{size[1]} px, the camera {camera.width}x{camera.height}: "
             f"import images of each size into a folder of their own"
         )
+    if image.size_px not in (None, size):
+        raise ValueError(f"{image.file} is {size[0]}x{size[1]} px, its labels are for {image.size_px}")
     for side, line in image.lines.items():
         if line is not None and not np.all((line >= -0.5) & (line <= np.array(size) - 0.5), axis=1).any():
             raise ValueError(f"{image.file}: its {side} line lies outside of its {size[0]}x{size[1]} px")

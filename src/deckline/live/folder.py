@@ -74,11 +74,11 @@ class Folder:
     def __init__(self, out: Path, source: LiveSource, flight: Flight, record: bool, overwrite: bool) -> None:
         self._source, self._config, self._settings = source, flight.config, settings_of(flight)
         frames = out / RECORDING
-        if frames.exists() and record:
-            if not overwrite:
-                raise ValueError(f"{frames} holds frames of another session: replace them with --overwrite")
-            shutil.rmtree(frames)
+        if frames.exists() and record and not overwrite:
+            raise ValueError(f"{frames} holds frames of another session: replace them with --overwrite")
         self._folder = start_folder(out, {"source": source.name} | self._settings, overwrite)
+        if frames.exists() and record:
+            shutil.rmtree(frames)
         self._file = self._folder.jsonl.open("ab", buffering=0)
         self._lines: BackgroundWriter[Record] = BackgroundWriter(self._write, WAITING_LINES)
         self._frames = FrameFolder(frames) if record else None

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from scipy.spatial.transform import RigidTransform
 
+from deckline.files import is_beneath
 from deckline.recording.airsim import (
     IMAGE_FOLDER,
     RECORD_FILE,
@@ -75,13 +76,16 @@ def _copy(recording: Path, out: Path, rows: Rows, notes: list[str], scene: str |
     """Under a temporary name, renamed when whole."""
     work = out.with_name(f".{out.name}.unfinished")
     files, missing = 0, []
+    named = dict.fromkeys(name for _, cells in rows for name in list_row_images(cells))
+    names = [name for name in named if is_inside(name)]
+    _check_links(recording, [RECORD_FILE, *(f"{IMAGE_FOLDER}/{name}" for name in names)])
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise RecordingError(f"{out} is there already: choose another folder")
         if work.exists():
             shutil.rmtree(work)
         (work / IMAGE_FOLDER).mkdir(parents=True)
-        for name in dict.fromkeys(name for _, cells in rows for name in list_row_images(cells) if is_inside(name)):
+        for name in names:
             if (recording / IMAGE_FOLDER / name).is_file():
                 (work / IMAGE_FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(recording / IMAGE_FOLDER / name, work / IMAGE_FOLDER / name)
@@ -97,3 +101,9 @@ def _copy(recording: Path, out: Path, rows: Rows, notes: list[str], scene: str |
     if missing:
         notes = [*notes, f"{len(missing)} files named in {RECORD_FILE} are missing, such as {missing[0]}"]
     return len(rows), files, notes
+
+
+def _check_links(recording: Path, names: list[str]) -> None:
+    """Refuse to copy what a link brings in from elsewhere: the copy may go to people who must not see it."""
+    if outside := next((name for name in names if not is_beneath(recording / name, recording)), None):
+        raise RecordingError(f"{recording / outside}: a link out of the recording; put the file itself there")

@@ -1,6 +1,7 @@
 """Writes recordings in AirSim's layout with scene.json beside them; a killed writer can be resumed."""
 
 import json
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self, TextIO
@@ -9,6 +10,7 @@ import numpy as np
 
 from deckline.atomic import write_atomic
 from deckline.checks import check_choice
+from deckline.files import lock_folder
 from deckline.recording.airsim import HEADER, IMAGE_FOLDER, MS_PER_S, RECORD_FILE, SCENE, choose_images
 from deckline.recording.camera_file import camera_to_mapping
 from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, encode_image, write_pfm
@@ -105,6 +107,11 @@ class RecordingWriter:
         reserved = sorted(set(self._extra) & set(RESERVED))
         if reserved:
             raise RecordingError(f"scene keys {', '.join(reserved)} are the writer's own")
+        self._stack = ExitStack()
+        try:
+            self._stack.enter_context(lock_folder(self.out))
+        except ValueError as error:
+            raise RecordingError(str(error)) from None
         try:
             (self.out / IMAGE_FOLDER).mkdir(parents=True, exist_ok=True)
             rows = self._read_whole_rows() if (self.out / RECORD_FILE).exists() else []
@@ -159,6 +166,7 @@ class RecordingWriter:
             self._rows.close()
             self._rows = None
             self._write_scene()
+            self._stack.close()
 
     def __enter__(self) -> Self:
         return self

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from deckline.config import RunConfig
 from deckline.config_file import to_toml_text
-from deckline.files import printable
+from deckline.files import lock_folder, printable
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
 from deckline.report.figures import count_reasons
@@ -31,6 +31,7 @@ from deckline.report.run_folder import (
     VIDEO,
     PictureSample,
     RunFolder,
+    check_apart,
     resume_folder,
     start_folder,
 )
@@ -99,7 +100,17 @@ def run(
     total = min((limit for limit in (source.length, max_frames) if limit is not None), default=None)
     settings = settings_of(chain)
     state = {"source": source.name, "frames": str(source.length)} | settings
-    folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
+    if isinstance(source, Source):
+        check_apart(Path(source.name), out)
+    with lock_folder(out):
+        folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
+        return _fly(source, chain, folder, total, config, settings)
+
+
+def _fly(
+    source: Stream, chain: Chain, folder: RunFolder, total: int | None, config: RunConfig, settings: Settings
+) -> RunSummary:
+    """Everything of `run` that happens while the folder is its own."""
     sample = PictureSample(folder.work / "pictures")
     try:
         counts, stopped = _process(source, chain, folder, sample, total, config)
@@ -110,7 +121,7 @@ def run(
         raise KeyboardInterrupt(f"{folder.jsonl} is whole, film and report are not") from None
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     console.print(f"{info['frames'].partition(',')[0]} frames: {_format_counts(counts)}")
-    if reason := explain_missing(read_records(out / JSONL), frames - counts["skipped"]):
+    if reason := explain_missing(read_records(folder.out / JSONL), frames - counts["skipped"]):
         console.print(printable(reason))
     if stopped and isinstance(source, Source):
         console.print("stopped; what was written is whole, and --resume goes on from there")

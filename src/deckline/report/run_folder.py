@@ -7,11 +7,13 @@ grows in .unfinished too: until the new run ends, the old one stays as it was.
 """
 
 import json
+import os
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from deckline.atomic import write_atomic
+from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
 from deckline.report.draw import encode_picture
 from deckline.report.overlay import Panels
 from deckline.report.records import keep_whole_lines, read_records
@@ -74,12 +76,14 @@ def start_folder(out: Path, state: State, overwrite: bool = False) -> RunFolder:
         overwrite: replace an older result in `out`, give up an unfinished run there.
 
     Raises:
-        ValueError: `out` holds results already, or cannot be written.
+        ValueError: `out` holds results already, with `overwrite` what no run wrote, or cannot be written.
     """
     work = out / UNFINISHED
-    if not overwrite and work.exists():
+    if overwrite:
+        _check_ours(out)
+    elif work.exists():
         raise ValueError(f"{out} holds an unfinished run: go on with --resume, replace it with --overwrite, or {OTHER}")
-    if not overwrite and any((out / name).exists() for name in (*MADE_AT_THE_END, JSONL)):
+    elif any(os.path.lexists(out / name) for name in (*MADE_AT_THE_END, JSONL)):
         raise ValueError(f"{out} holds the results of another run: replace them with --overwrite, or {OTHER}")
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -104,17 +108,44 @@ def resume_folder(out: Path, state: State) -> RunFolder:
     if not (work / STATE).exists():
         if (out / JSONL).exists() and not work.exists():
             raise ValueError(f"{out}: nothing to resume: the run there is whole")
-        return start_folder(out, state, overwrite=True)
+        return start_folder(out, state, overwrite=work.exists())
     try:
-        _check_same(out, json.loads((work / STATE).read_text(encoding="utf-8")), state)
+        _check_same(out, _read_state(work / STATE), state)
+        _check_ours(out)
         jsonl = (work if (work / JSONL).exists() else out) / JSONL
         recorded = keep_whole_lines(jsonl)
-    except json.JSONDecodeError:
-        raise ValueError(f"{out}: cannot be resumed: {UNFINISHED}/{STATE} is damaged") from None
     except OSError as error:
         raise ValueError(f"{out}: cannot be resumed: {error.strerror or error}") from None
     folder = RunFolder(out, jsonl, recorded, recorded)
     return replace(folder, filmed=_first_unfilmed(folder))
+
+
+def check_apart(source: Path, out: Path) -> None:
+    """Refuse a source that the results would replace, with a ValueError."""
+    if source.resolve() in [(out / name).resolve() for name in (*MADE_AT_THE_END, JSONL)]:
+        raise ValueError(f"{source}: the results would replace it: {OTHER} than {out}")
+
+
+def _check_ours(out: Path) -> None:
+    """Refuse to replace links, and what no run wrote: a run leaves guidance.jsonl, or its state while unfinished.
+
+    Raises:
+        ValueError: names the first such file.
+    """
+    is_run = (out / JSONL).is_file() or (out / UNFINISHED / STATE).is_file()
+    for path in (out / name for name in (UNFINISHED, *MADE_AT_THE_END, JSONL)):
+        if path.is_symlink() or (path.exists() and not is_run):
+            raise ValueError(f"{path} is of no run of deckline and is not replaced: {OTHER}")
+
+
+def _read_state(path: Path) -> State:
+    try:
+        state: State = parse_plain(json.loads, read_regular(path, MOST_CONFIG_BYTES).decode())
+    except ValueError:
+        state = {}
+    if not isinstance(state, dict) or not state:
+        raise ValueError(f"{path.parent.parent}: cannot be resumed: {UNFINISHED}/{STATE} is damaged")
+    return state
 
 
 def _first_unfilmed(folder: RunFolder) -> int:
