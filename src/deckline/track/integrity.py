@@ -3,10 +3,11 @@
 The filter estimates the errors that all frames share from how lines change on the approach: with a wrong deck height,
 for example, lines drift apart as the aircraft descends. An estimate farther from zero than its variance allows is a
 fault. A fault of size m that no test shows moves the estimate by P_xb / P_bb(0) m (the posterior of a Gaussian with a
-wrong prior mean). The protection level adds the largest of these, over faults up to the smallest size that is surely
-detected, or the largest size that is possible.
+wrong prior mean). The protection level adds the largest of these, over faults up to the smallest size that one of the
+tests surely shows, or the largest size that is possible.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -88,28 +89,40 @@ def drift_flag(state: State, config: RunConfig) -> Notice | None:
     return Notice(Reason.DRIFT, message)
 
 
-def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
-    """The state that is most significantly off its prior, if any is.
+@dataclass(frozen=True, eq=False)
+class PriorTest:
+    """A state's estimate against what was stated of it."""
+
+    index: int  # of the state
+    row: Array  # (20,) that gives the estimate
+    bias: float  # estimated minus stated
+    sigma: float  # of that, if what was stated is true
+
+
+def prior_tests(state: State, near_m: float, config: RunConfig) -> Iterator[PriorTest]:
+    """The tests of all states that frames have told enough of.
 
     Args:
         near_m: where the runway begins, m along the line from the state's point: there it has its stated spacing.
     """
-    worst, found = config.integrity.alarm_sigma, None
     for index, (expected, variance) in stated_priors(config).items():
         row = np.zeros(SIZE)
         row[index] = 1.0
         if index == SPACING:
             row[ANGLE] = near_m
         observed = variance - float(row @ state.covariance @ row)
-        if observed <= OBSERVED_SHARE * variance:
-            continue
-        bias = float(row @ state.mean - expected)
-        if abs(bias) / np.sqrt(observed) > worst:
-            worst, found = float(abs(bias) / np.sqrt(observed)), (index, bias)
-    if found is None:
+        if observed > OBSERVED_SHARE * variance:
+            yield PriorTest(index, row, float(row @ state.mean - expected), float(np.sqrt(observed)))
+
+
+def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
+    """The state that is most significantly off its prior, if any is; `near_m` as in `prior_tests`."""
+    tests = list(prior_tests(state, near_m, config))
+    worst = max(tests, key=lambda test: abs(test.bias) / test.sigma, default=None)
+    if worst is None or abs(worst.bias) / worst.sigma <= config.integrity.alarm_sigma:
         return None
-    reason, unit, message = MESSAGES[found[0]]
-    return Notice(reason, message.format(SCALES[unit] * found[1]))
+    reason, unit, message = MESSAGES[worst.index]
+    return Notice(reason, message.format(SCALES[unit] * worst.bias))
 
 
 def protection_levels(
@@ -127,7 +140,8 @@ def protection_levels(
     """
     x = float(state.local(pose.position_m)[0])
     delay, sensors = delay_effect(state, pose, 0.0), config.sensors
-    faults, quantile = _undetected_faults(state, config), float(norm.isf(config.integrity.risk / 2))
+    near_m = 0.0 if touchdown_m is None else touchdown_m - config.approach.touchdown_m
+    faults, quantile = _undetected_faults(state, near_m, config), float(norm.isf(config.integrity.risk / 2))
 
     def bound(row: Array, white: float) -> tuple[float, float]:
         """Of the filter's own error, and of one undetected fault."""
@@ -151,18 +165,23 @@ def protection_levels(
     )
 
 
-def _undetected_faults(state: State, config: RunConfig) -> Array:
-    """The largest size (8,) of each shared error that may stay undetected, in its own unit."""
+def _undetected_faults(state: State, near_m: float, config: RunConfig) -> Array:
+    """The largest size (8,) of each shared error that may stay undetected by any test, in its own unit.
+
+    An error of size m moves another state's estimate by P_xb / P_bb(0) m, and its own by 1 - P_bb / P_bb(0).
+    """
     test = config.integrity
     boresight = float(np.deg2rad(test.max_boresight_deg))
     largest = [boresight, boresight, test.max_deck_z_m, test.max_depth_scale, test.max_focal_fraction]
-    largest += [test.max_delay_s, test.max_line_m, test.max_line_m]
+    undetected = np.array([*largest, test.max_delay_s, test.max_line_m, test.max_line_m])
     variances = error_sigmas(config) ** 2
-    observed = np.maximum(variances - np.diag(state.covariance)[ATTITUDE_X:], 0.0)
-    tested = observed > OBSERVED_SHARE * variances
-    detectable = np.full(len(observed), np.inf)
-    detectable[tested] = (test.alarm_sigma + test.missed_sigma) * variances[tested] / np.sqrt(observed[tested])
-    return np.minimum(detectable, largest)
+    for one in prior_tests(state, near_m, config):
+        response = one.row @ state.covariance[:, ATTITUDE_X:] / variances
+        if one.index >= ATTITUDE_X:
+            response[one.index - ATTITUDE_X] -= 1.0
+        surely = (test.alarm_sigma + test.missed_sigma) * one.sigma
+        undetected = np.minimum(undetected, surely / np.maximum(np.abs(response), 1e-12))
+    return undetected
 
 
 @dataclass(frozen=True, eq=False)
