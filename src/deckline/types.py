@@ -26,7 +26,7 @@ class Status(StrEnum):
     """What guidance is worth."""
 
     OK = "ok"  # both lines in a fresh picture, no flag, and something besides the stated deck height confirms the scale
-    UNVERIFIED = "unverified"  # both lines, but nothing confirms the scale, or a flag is up
+    UNVERIFIED = "unverified"  # both lines, but nothing confirms the scale, the track is young, or a flag is up
     ONE_LINE = "one line"  # one line is seen, or kept
     COASTING = "coasting"  # from earlier pictures alone
     STALE = "stale"  # the picture is not new
@@ -55,6 +55,7 @@ class Reason(StrEnum):
     NO_HEADING = "no heading"
     NOT_LOCALIZED = "not localized"
     NO_SCALE = "no scale"  # nothing confirms it
+    YOUNG_TRACK = "young track"
     # what contradicts itself in a frame
     CROSSED = "crossed"  # the left line lies right of the right one
     LINE_SPACING = "line spacing"

@@ -15,6 +15,7 @@ from deckline.types import (
     Reason,
     RunwayEstimate,
     RunwayLine,
+    Scale,
     Seen,
     Status,
     Track,
@@ -201,3 +202,28 @@ def test_a_coasting_track_guides_where_the_frame_shows_nothing():
     assert found.lateral_deviation_m.value == pytest.approx(4.0)
     assert (found.status, found.track) == (Status.COASTING, TrackState.COASTING)
     assert found.notices == (NOTHING,)
+
+
+NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("of_frame", "of_track", "status"),
+    [
+        ({}, {}, Status.OK),
+        ({"mode": DepthMode.COARSE}, {}, Status.UNVERIFIED),
+        ({"mode": DepthMode.COARSE}, {"scale_from": (Scale.WIDTH,)}, Status.OK),
+        ({}, {"age_s": 0.2}, Status.UNVERIFIED),
+        ({}, {"flags": (Notice(Reason.HEIGHT, "off"),)}, Status.UNVERIFIED),
+        ({}, {"flags": (Notice(Reason.FROZEN, "same"),)}, Status.STALE),
+        ({}, {"excluded": (Notice(Reason.LEFT, "off"),)}, Status.ONE_LINE),
+        ({"seen": Seen.ONE}, {}, Status.ONE_LINE),
+        ({"seen": Seen.NONE}, {}, Status.COASTING),
+        ({}, {"state": TrackState.COASTING}, Status.COASTING),
+        ({"seen": Seen.NONE, "lines": {}}, {"state": TrackState.LOST, "lines": {}}, Status.NOT_SEEN),
+        ({"lines": {}, "mode": DepthMode.NONE}, {"state": TrackState.LOST, "lines": {}}, Status.UNVERIFIED),
+    ],
+)
+def test_what_guidance_is_worth(of_frame, of_track, status):
+    track = Track(2.5, **{"state": TrackState.TRACKING, **NEAR_LINES} | of_track)
+    assert guidance(HERE, estimate(**of_frame), track).status is status

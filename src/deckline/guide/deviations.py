@@ -1,6 +1,5 @@
 """Where the aircraft is relative to the runway."""
 
-from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +30,8 @@ NOT_LOCALIZED = Notice(Reason.NOT_LOCALIZED, "no line was localized")
 NO_SCALE = Notice(
     Reason.NO_SCALE, "only the stated deck height tells the scale: state the runway's width or use a depth camera"
 )
+MIN_AGE_S = 0.4  # of a track; contradictions take as long to be flagged (`integrity.persist_s`)
+YOUNG = Notice(Reason.YOUNG_TRACK, f"the track is younger than {MIN_AGE_S:g} s")
 LINE_REASONS = {Reason.LEFT, Reason.RIGHT}
 NOT_FRESH = {Reason.FROZEN, Reason.STALE}
 NO_HEADING = Notice(Reason.NO_HEADING, "no heading: the nose points straight up or down")
@@ -62,9 +63,12 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     scale_from: tuple[Scale, ...] = (Scale.DEPTH,) if estimate.mode is DepthMode.FINE else ()
     if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
         scale_from += track.scale_from
+    doubts: Notices = () if scale_from else (NO_SCALE,)
+    if track is not None and track.lines and track.age_s < MIN_AGE_S:
+        doubts += (YOUNG,)
     base = Guidance(
         frame.time_s,
-        judge(estimate, track, flags, scale_from),
+        judge(estimate, track, flags, doubts),
         estimate.mode,
         glideslope_rad=float(np.deg2rad(approach.glideslope_deg)),
         track=None if track is None else track.state,
@@ -74,8 +78,8 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     notices = source.notices + flags
     if body is None or not source.lines:
         return replace(base, notices=notices or (NOT_LOCALIZED,))
-    if base.status is Status.UNVERIFIED and not scale_from:
-        notices += (NO_SCALE,)
+    if base.status is Status.UNVERIFIED:
+        notices += doubts
     place = body.apply(np.array(approach.point_m))
     centre = source.lines.get("centre")
     line = centre or next(iter(source.lines.values()))
@@ -104,14 +108,14 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     return _add_approach(found, approach)
 
 
-def judge(estimate: RunwayEstimate, track: Track | None, flags: Notices, scale_from: Collection[Scale]) -> Status:
+def judge(estimate: RunwayEstimate, track: Track | None, flags: Notices, doubts: Notices) -> Status:
     """What guidance from one frame and its track is worth.
 
     Args:
         estimate: of the frame.
         track: None: the frame stands for itself.
         flags: of both.
-        scale_from: what confirms the scale.
+        doubts: what keeps two lines that nothing contradicts from being trusted.
     """
     if any(flag.reason in NOT_FRESH for flag in flags):
         return Status.STALE
@@ -124,7 +128,7 @@ def judge(estimate: RunwayEstimate, track: Track | None, flags: Notices, scale_f
     if estimate.seen is Seen.ONE or (track is not None and any(n.reason in LINE_REASONS for n in track.excluded)):
         return Status.ONE_LINE
     is_placed = has_track or "centre" in estimate.lines
-    return Status.OK if is_placed and scale_from and not flags else Status.UNVERIFIED
+    return Status.OK if is_placed and not doubts and not flags else Status.UNVERIFIED
 
 
 def _select_source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstimate:
