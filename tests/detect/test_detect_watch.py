@@ -52,9 +52,9 @@ def test_a_sure_track_costs_one_look_a_picture_and_two_while_a_search_runs_besid
     assert not watch.is_contradicted
 
 
-@pytest.mark.parametrize(("search_s", "tracked"), [(0.0, True), (1.0, False)])
-def test_without_a_track_or_when_told_so_every_picture_is_searched_whole(search_s, tracked):
-    _, looks, _ = watch_over(Looking(), [draw((1280, 720), *HERE)] * 5, search_s=search_s, tracked=tracked)
+@pytest.mark.parametrize(("search_s", "tracked", "period_s"), [(0.0, True, 0.1), (1.0, False, 0.1), (1.0, True, 1.5)])
+def test_without_a_track_or_when_told_so_or_after_a_gap_every_picture_is_searched_whole(search_s, tracked, period_s):
+    _, looks, _ = watch_over(Looking(), [draw((1280, 720), *HERE)] * 5, period_s, search_s, tracked)
     assert min(looks) > 1
 
 

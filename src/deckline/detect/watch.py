@@ -43,7 +43,8 @@ class Watch:
 
     Args:
         detector: finds the lines.
-        search_s: from the end of one search beside the track to the next, s; 0: every picture is searched whole.
+        search_s: from the end of one search beside the track to the next, s. A picture that comes later than that after
+            the one before is searched whole; 0: every picture is.
     """
 
     def __init__(self, detector: SearchingDetector, search_s: float) -> None:
@@ -52,6 +53,7 @@ class Watch:
         self._contradictions = 0  # searches in a row that saw other lines than the close look
         self._background: Background | None = None
         self._last_s = -np.inf  # when a search ended
+        self._seen_s = -np.inf  # the last picture's time
 
     @property
     def is_contradicted(self) -> bool:
@@ -62,7 +64,8 @@ class Watch:
         """Lines in an image (H, W, 3). `box`: where the runway should be; `is_tracked`: the pictures before say so."""
         search, close = (self.detector.start_search(image_rgb) for _ in range(2))  # a close look is no place searched
         look = None if box is None else cache(partial(close.look_at_prior, box))
-        told = look() if look is not None and is_tracked and self.search_s else None
+        follows, self._seen_s = 0 < time_s - self._seen_s <= self.search_s, time_s
+        told = look() if look is not None and is_tracked and follows else None
         if told is not None and told.probability >= close.config.agreeing_probability and not self._contradictions:
             self._search_beside(time_s, image_rgb, told.lines)
             return told.lines
