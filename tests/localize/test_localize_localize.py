@@ -1,6 +1,7 @@
 """One frame from detected points to lines, with errors of detection, scene and settings."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -41,6 +42,7 @@ from runway_scene import (
 )
 
 EMPTY = LinePoints.empty()
+localize = import_module("deckline.localize.localize")  # the package's own name is the function
 NEAR = approach(60.0, 8.0)
 MIDDLE = approach(90.0, 9.0, right=PARALLEL_RIGHT)
 FAR = approach(120.0, 10.0, right=PARALLEL_RIGHT)
@@ -91,6 +93,20 @@ def test_one_line_has_a_centre_only_with_a_known_width():
     line, centre = known.lines["right"], known.lines["centre"]
     right = np.array([-np.sin(line.azimuth_rad), np.cos(line.azimuth_rad), 0.0])
     np.testing.assert_allclose(centre.point_m - line.point_m, -7 * right, atol=1e-9)
+
+
+def test_a_line_none_of_whose_points_lies_on_its_plane_is_dropped(monkeypatch):
+    """The picture is older than its depth: the fit lies so high that its own rays miss it."""
+    place = localize.locate_inliers
+
+    def miss(frame, points, line, *rest):
+        is_left = np.array_equal(points.points_px, detection(NEAR).left.points_px)
+        return place(frame, points, replace(line, inliers=line.inliers & (not is_left)), *rest)
+
+    monkeypatch.setattr(localize, "locate_inliers", miss)
+    estimate = locate(NEAR, detection(NEAR))
+    assert (estimate.seen, set(estimate.lines)) == (Seen.ONE, {"right"})
+    assert Reason.NO_POINTS in reasons(estimate)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

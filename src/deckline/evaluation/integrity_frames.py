@@ -72,7 +72,8 @@ def _stall_picture(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
 
 
 def _stall_all(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
-    return (tell_pose(frame, frames[0].world_from_body) for frame in _stall_picture(frames, rng))
+    stalled = (replace(frame, depth_m=frames[0].depth_m) for frame in _stall_picture(frames, rng))
+    return (tell_pose(frame, frames[0].world_from_body) for frame in stalled)
 
 
 def _drop(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:

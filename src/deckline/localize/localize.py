@@ -74,6 +74,9 @@ def place_jointly(
             noise = replace(config.noise, deck_z_m=sigma)
             on_deck = replace(frame, deck_z_m=height)
             inliers[side] = locate_inliers(on_deck, points[side], pixel_lines[side], DepthMode.COARSE, noise)
+            if not len(inliers[side]):
+                del kept[side]
+                unsure += (Notice(Reason.NO_POINTS, f"no point of the {side} line lies on the plane of its fit"),)
     return PlacedLines(kept, inliers, notices + unsure)
 
 
