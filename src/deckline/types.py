@@ -390,6 +390,7 @@ class Track:
     notices: Notices = ()  # why a frame was not used or the track began again
     age_s: float = 0.0  # since the track began; 0: it knows no more than this frame
     scale_from: tuple[Scale, ...] = ()  # what confirms the scale in all its frames
+    is_young: bool = False  # too young to show what contradicts it
 
 
 @dataclass(frozen=True, eq=False)

@@ -213,7 +213,7 @@ NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
         ({}, {}, Status.OK),
         ({"mode": DepthMode.COARSE}, {}, Status.UNVERIFIED),
         ({"mode": DepthMode.COARSE}, {"scale_from": (Scale.WIDTH,)}, Status.OK),
-        ({}, {"age_s": 0.2}, Status.UNVERIFIED),
+        ({}, {"is_young": True}, Status.UNVERIFIED),
         ({}, {"flags": (Notice(Reason.HEIGHT, "off"),)}, Status.UNVERIFIED),
         ({}, {"flags": (Notice(Reason.FROZEN, "same"),)}, Status.STALE),
         ({}, {"excluded": (Notice(Reason.LEFT, "off"),)}, Status.ONE_LINE),

@@ -30,8 +30,7 @@ NOT_LOCALIZED = Notice(Reason.NOT_LOCALIZED, "no line was localized")
 NO_SCALE = Notice(
     Reason.NO_SCALE, "only the stated deck height tells the scale: state the runway's width or use a depth camera"
 )
-MIN_AGE_S = 0.4  # of a track; contradictions take as long to be flagged (`integrity.persist_s`)
-YOUNG = Notice(Reason.YOUNG_TRACK, f"the track is younger than {MIN_AGE_S:g} s")
+YOUNG = Notice(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
 LINE_REASONS = {Reason.LEFT, Reason.RIGHT}
 NOT_FRESH = {Reason.FROZEN, Reason.STALE}
 NO_HEADING = Notice(Reason.NO_HEADING, "no heading: the nose points straight up or down")
@@ -64,7 +63,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
         scale_from += track.scale_from
     doubts: Notices = () if scale_from else (NO_SCALE,)
-    if track is not None and track.lines and track.age_s < MIN_AGE_S:
+    if track is not None and track.lines and track.is_young:
         doubts += (YOUNG,)
     base = Guidance(
         frame.time_s,

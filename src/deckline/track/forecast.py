@@ -10,7 +10,7 @@ from scipy.stats import norm
 from deckline.config import RunConfig
 from deckline.track.extent import Extent, advance_extent
 from deckline.track.filter import State, predict, track_lines, track_rates
-from deckline.track.integrity import protection_levels
+from deckline.track.integrity import is_drift_known, protection_levels
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
 from deckline.types import RunwayLine, Scale, Track, TrackState
 
@@ -55,6 +55,7 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         height_rate_m_s=height,
         closing_m_s=closing,
         age_s=state.time_s - memory.start_s,
+        is_young=state.time_s - memory.start_s < config.integrity.persist_s or not is_drift_known(state),
         scale_from=() if config.deck.width_m is None else (Scale.WIDTH,),
     )
 

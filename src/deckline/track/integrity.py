@@ -26,7 +26,9 @@ from deckline.track.filter import (
     DELAY,
     DRIFT,
     FOCAL,
+    KNOWN_DRIFT_SIGMA_M_S,
     LEFT,
+    RAMP_SIGMA_M,
     RIGHT,
     SCALE,
     SIZE,
@@ -80,6 +82,11 @@ def stated_priors(config: RunConfig) -> dict[int, tuple[float, float]]:
     return priors
 
 
+def is_drift_known(state: State) -> bool:
+    """Whether frames have told the lines' sideways speed well enough for `drift_flag`."""
+    return bool(state.covariance[DRIFT, DRIFT] <= KNOWN_DRIFT_SIGMA_M_S**2)
+
+
 def drift_flag(state: State, config: RunConfig) -> Notice | None:
     """A flag for lines that move sideways faster than a ship can, as they seem to where the camera is turned in yaw."""
     drift, sigma = float(state.mean[DRIFT]), float(np.sqrt(state.covariance[DRIFT, DRIFT]))
@@ -106,13 +113,14 @@ def prior_tests(state: State, near_m: float, config: RunConfig) -> Iterator[Prio
         near_m: where the runway begins, m along the line from the state's point: there it has its stated spacing.
     """
     for index, (expected, variance) in stated_priors(config).items():
-        row = np.zeros(SIZE)
+        row, place = np.zeros(SIZE), 0.0
         row[index] = 1.0
         if index == SPACING:
             row[ANGLE] = near_m
+            place = config.deck.angle_sigma_rad * RAMP_SIGMA_M  # what is stated holds where the runway truly begins
         observed = variance - float(row @ state.covariance @ row)
         if observed > OBSERVED_SHARE * variance:
-            yield PriorTest(index, row, float(row @ state.mean - expected), float(np.sqrt(observed)))
+            yield PriorTest(index, row, float(row @ state.mean - expected), float(np.sqrt(observed + place**2)))
 
 
 def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
@@ -235,12 +243,13 @@ class FaultMonitor:
         time_s: float,
         config: RunConfig,
     ) -> Notices:
-        """All flags of one frame."""
+        """All flags of one frame. What was left out when it was last seen stays flagged while nothing is seen."""
+        messages = {} if gated is None else {notice.reason: notice.message for notice in gated.excluded}
         flags: list[Notice | None] = []
-        for notice in () if gated is None else gated.excluded:
-            since = self.since_s.get(notice.reason, time_s)
+        for reason, since in self.since_s.items():
             if time_s - since >= config.integrity.persist_s:
-                flags.append(Notice(notice.reason, f"{notice.message}, for {time_s - since:.1f} s"))
+                message = messages.get(reason, f"the {reason} contradicted the track when it was last seen")
+                flags.append(Notice(reason, f"{message}, for {time_s - since:.1f} s"))
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
             flags += [bias_flag(state, near_m, config), drift_flag(state, config), self._residual_flag(config)]

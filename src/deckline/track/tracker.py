@@ -175,6 +175,9 @@ class Tracker:
                 self._faults = self._faults.forget()
                 back = _restart("a measurement that was left out is back")
                 return self._start_track(replace(context, notices=(*context.notices, back)), memory.aircraft)
+        if gated is not None and gated.excluded and memory.start_s == time_s:  # nothing of a track is there to be right
+            self._faults = self._faults.forget()
+            return _lost_track(context, gated, context.flags + gated.excluded)
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
         memory = self._update_memory(memory, gated, context)
         unseen_s, inconsistent_s = time_s - memory.seen_s, time_s - memory.consistent_s
