@@ -84,20 +84,23 @@ def parse_plain(parse: Callable[[str], Any], text: str) -> Any:
     """What a parser of JSON, TOML or YAML makes of a text.
 
     Raises:
-        ValueError: as `parse`, for values nested too deeply, and for whole numbers beyond 64 bits.
+        ValueError: as `parse`, for values nested too deeply, for one that stands in several places as YAML's aliases
+            do, which grows without end when it is printed, and for whole numbers beyond 64 bits.
     """
     try:
         values = parse(text)
     except RecursionError:
         raise ValueError("nested too deeply") from None
-    waiting, seen = [(values, 0)], set()  # YAML may hold one list many times
+    waiting, seen = [(values, 0)], set()
     while waiting:
         value, depth = waiting.pop()
         if depth > MOST_DEPTH:
             raise ValueError(f"nested more than {MOST_DEPTH} deep")
         if isinstance(value, int) and abs(value) >= LARGEST_INTEGER:
             raise ValueError(f"a whole number of {value.bit_length()} bits; 64 are the most")
-        if isinstance(value, dict | list) and id(value) not in seen:
+        if isinstance(value, dict | list):
+            if id(value) in seen:
+                raise ValueError("a list or table that stands in two places")
             seen.add(id(value))
             waiting += [(item, depth + 1) for item in (value.values() if isinstance(value, dict) else value)]
     return values

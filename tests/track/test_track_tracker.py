@@ -111,8 +111,19 @@ def test_a_time_that_cannot_be_changes_nothing_and_is_said(time_s, named):
     odd = disturbed.update(replace(shown[10][0], time_s=time_s), shown[10][1])
     assert [notice.reason for notice in odd.notices] == [Reason.BAD_TIME]
     assert named in odd.notices[0].message
-    assert same(odd, before)
+    assert same(odd, before) and odd.state is TrackState.COASTING
     assert same(disturbed.update(*shown[11]), tracker.update(*shown[11]))
+
+
+@pytest.mark.parametrize("step_s", [0.0, -0.01])
+def test_times_that_stand_still_or_go_backwards_lose_the_track(step_s):
+    shown = frames_of(Flight(seed=5), 12)
+    tracker = Tracker(CALM)
+    for frame, estimate in shown[:10]:
+        tracker.update(frame, estimate)
+    frame, estimate = shown[10]
+    later = [tracker.update(replace(frame, time_s=0.9 + step_s * k), estimate).state for k in range(12)]
+    assert TrackState.TRACKING not in later and later[-1] is TrackState.LOST
 
 
 def test_a_first_frame_without_a_time_is_lost_and_harmless():

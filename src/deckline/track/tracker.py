@@ -37,6 +37,7 @@ from deckline.types import (
 )
 
 NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
+MOST_REFUSED = 10  # frames in a row: without a time nobody knows how old the track is
 ROUNDING_S = 1e-6  # of sums of times
 MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE = 1e-5, 1e-3, 1e-4  # floors of exact sensors
 FROZEN = Notice(Reason.FROZEN, "the camera shows the same picture while time goes on")
@@ -72,15 +73,19 @@ class Tracker:
         self._faults = FaultMonitor()
         self._images = FrozenImageMonitor()
         self._time_s: float | None = None
+        self._refused = 0  # frames in a row whose time cannot be used
         self._last: Track | None = None
 
     def update(self, frame: Frame, estimate: RunwayEstimate) -> Track:
         """The track after one more frame."""
         refused = self._check_time(frame.time_s)
         if refused is not None:
-            if self._last is None:
+            self._refused += 1
+            if self._last is None or self._refused > MOST_REFUSED:
                 return Track(frame.time_s, TrackState.LOST, {}, notices=(refused,))
-            return replace(self._last, notices=(refused,), excluded=())
+            state = TrackState.COASTING if self._last.state is TrackState.TRACKING else self._last.state
+            return replace(self._last, state=state, notices=(refused,), excluded=())
+        self._refused = 0
         before, self._time_s = self._time_s, frame.time_s
         self._last = self._advance(frame, estimate, None if before is None else frame.time_s - before)
         return self._last
