@@ -160,3 +160,10 @@ def test_turns_count_as_moves():
     assert has_moved(here, frame_at(1, 1e-6))
     turned = RigidTransform.from_exp_coords([0.0, 0.0, 1e-6, 0.0, 0.0, 0.0])
     assert has_moved(here, replace(here, world_from_body=turned))
+
+
+@pytest.mark.parametrize("limit", ["RECORDING_BYTES", "FREE_BYTES"])
+def test_a_recording_ends_before_the_disk_is_full(tmp_path, monkeypatch, limit):
+    monkeypatch.setattr(images, limit, 0 if limit == "RECORDING_BYTES" else 1 << 60)
+    on, lines = record(tmp_path, INTERVAL, lambda number: frame_at(number, float(number)), 500)
+    assert not on and "ended: " in lines[-1]

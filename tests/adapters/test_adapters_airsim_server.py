@@ -121,6 +121,33 @@ def test_a_peer_that_takes_no_answer_is_given_up(tmp_path, monkeypatch):
         assert "took no answer for 0.2 s" in server.lines[0]
 
 
+def test_an_idle_connection_gives_its_place_to_a_new_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "MAX_CONNECTIONS", 2)
+    monkeypatch.setattr(airsim_server, "IDLE_S", 0.2)
+    with run_server(tmp_path) as few, connect(few.port) as idle, connect(few.port) as busy:
+        assert ask(idle, "ping") == (None, True)
+        time.sleep(0.3)
+        assert ask(busy, "ping") == (None, True)
+        with connect(few.port) as third:
+            assert ask(third, "ping") == ask(busy, "ping") == (None, True)
+        assert is_closed(idle)
+        assert "asked nothing" in few.lines[0]
+
+
+def test_who_leaves_most_unread_goes_first(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "UNREAD_BYTES", 1_000_000)
+    images = [picture(1, as_float=True)] * 64
+    with run_server(tmp_path) as server, connect(server.port) as greedy, connect(server.port) as other:
+        greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        greedy.sendall(encode_request(1, "simGetImages", (images, "")) * 30)  # of 0.7 MB each
+        for _ in range(500):
+            error, answers = ask(other, "simGetImages", images, "")
+            assert error is None and len(answers) == 64
+            if server.lines:
+                break
+        assert "MiB waited" in server.lines[0]
+
+
 def test_half_open_connections_hold_up_nobody(client, server):
     peers = [connect(server.port) for _ in range(20)]
     for peer in peers:

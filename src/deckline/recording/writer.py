@@ -96,6 +96,7 @@ class RecordingWriter:
     ) -> None:
         check_choice("image_format", image_format, ImageFormat)
         self.out = Path(out)
+        self.written_bytes = 0  # of pictures and depth, by this writer
         self._format: ImageFormat = image_format
         self._extra = dict(scene or {})
         self._prefix = f"img_{vehicle}_{camera_name}"
@@ -152,6 +153,7 @@ class RecordingWriter:
             (self.out / CLEAR_FOLDER).mkdir(exist_ok=True)
             write_atomic(self.out / CLEAR_FOLDER / name, encoded.clear)
         self._frames[name] = format_entry(self._make_entry(encoded, name))
+        self.written_bytes += sum(len(data) for data in (encoded.image, encoded.depth, encoded.clear) if data)
         self._last_ns = ns
         time_ms = f"{encoded.time_s * MS_PER_S:.3f}".rstrip("0").rstrip(".")  # AirSim writes whole ms; we keep us
         cells = (self._vehicle, time_ms, *map(repr, encoded.pose), ";".join(names))

@@ -1,6 +1,7 @@
 """Pictures of the simulated world: simGetImages, and recordings."""
 
 import asyncio
+import shutil
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -21,7 +22,9 @@ from deckline.types import Frame
 
 FAR_M = 65504.0  # where nothing is seen: the largest half-precision number, AirSim's
 VIS_M = 100.0  # depth that DepthVis shows white
-MAX_IMAGES, MAX_PIXELS = 64, 64_000_000  # of one call; as floats, so many pixels are 320 MB on the wire
+MAX_IMAGES, MAX_PIXELS = 64, 17_000_000  # of one call: one of 4096x4096; as floats 85 MB on the wire
+RECORDING_BYTES = 20 << 30  # of one recording, which goes on when its client has left
+FREE_BYTES = 1 << 30  # that a recording leaves on the disk
 TYPES = {SCENE: "Scene", PLANAR: "DepthPlanar", PERSPECTIVE: "DepthPerspective", DEPTH_VIS: "DepthVis"} | {
     SEGMENTATION: "Segmentation"
 }
@@ -207,6 +210,7 @@ class Recorder:
                     due = loop.time() + self._settings.interval_s
                     frame = await self._take()
                     if not self._settings.on_move or last is None or has_moved(last, frame):
+                        check_disk(writer)
                         await asyncio.to_thread(writer.add, frame)
                         last = frame
                     with suppress(TimeoutError):  # the next frame is due
@@ -215,6 +219,14 @@ class Recorder:
             self._log(f"recording into {writer.out} ended: {' '.join(str(error).split())}")
         else:
             self._log(f"recorded {writer.count} frames into {writer.out}")
+
+
+def check_disk(writer: RecordingWriter) -> None:
+    """Raise OSError where a recording is as large as it may be, or the disk nearly full."""
+    if writer.written_bytes > RECORDING_BYTES:
+        raise OSError(f"it has {RECORDING_BYTES >> 30} GiB: start another one")
+    if shutil.disk_usage(writer.out).free < FREE_BYTES:
+        raise OSError(f"less than {FREE_BYTES >> 20} MiB are free on the disk")
 
 
 def has_moved(before: Frame, after: Frame) -> bool:

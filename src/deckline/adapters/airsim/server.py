@@ -28,6 +28,8 @@ from deckline.sim.record import frame_settings, repeatable_command
 READ_BYTES = 1 << 16
 MAX_CONNECTIONS = 64  # times the request limit bounds the memory that clients can take
 PATIENCE_S = 60.0  # with a peer that does not take its answer
+IDLE_S = 30.0  # without a call, after which a connection gives its place to a new one where there is none left
+UNREAD_BYTES = 1 << 29  # of answers that peers have not taken, all together
 RECORDINGS = Path("recordings")
 
 
@@ -59,24 +61,46 @@ class Connections:
 
     def __init__(self, service: Service, limit: int) -> None:
         self._service, self._limit = service, limit
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
+        self._called_s: dict[asyncio.StreamWriter, float] = {}  # when each connection last asked something
 
     def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take a connection, unless there are too many."""
         peer = "{}:{}".format(*writer.get_extra_info("peername", ("?", "?"))[:2])
-        if len(self._tasks) >= MAX_CONNECTIONS:
+        now_s = asyncio.get_running_loop().time()
+        if len(self._called_s) >= MAX_CONNECTIONS:
+            idlest = min(self._called_s, key=lambda other: self._called_s[other])
+            if now_s - self._called_s[idlest] > IDLE_S:
+                self._drop(idlest, f"asked nothing for {IDLE_S:g} s, and its place is needed")
+        if len(self._called_s) >= MAX_CONNECTIONS:
             self._service.log(f"{peer}: refused, {MAX_CONNECTIONS} connections are open")
             writer.close()
             return
         writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self._called_s[writer] = now_s
         task = asyncio.create_task(self._converse(reader, writer, peer))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._tasks[task] = writer
+        task.add_done_callback(self._tasks.pop)
 
     async def close(self) -> None:
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _drop(self, writer: asyncio.StreamWriter, why: str) -> None:
+        peer = "{}:{}".format(*writer.get_extra_info("peername", ("?", "?"))[:2])
+        self._service.log(f"{peer}: {why}; connection closed")
+        self._called_s.pop(writer, None)
+        writer.transport.abort()
+
+    def _make_room(self, size: int) -> None:
+        """Drop the connections that leave most unread until an answer of so many bytes has room among the unread."""
+        unread = {writer: writer.transport.get_write_buffer_size() for writer in self._called_s}
+        for writer in sorted(unread, key=lambda other: unread[other], reverse=True):
+            if sum(unread.values()) + size <= UNREAD_BYTES or not unread[writer]:
+                return
+            self._drop(writer, f"took no answer while {sum(unread.values()) >> 20} MiB waited")
+            del unread[writer]
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, peer: str) -> None:
         decoder = Decoder(self._limit)
@@ -85,6 +109,7 @@ class Connections:
                 for message in decoder.feed(data):
                     if not isinstance(message, Request):
                         raise ProtocolError("an answer, though nothing was asked")
+                    self._called_s[writer] = asyncio.get_running_loop().time()
                     await self._handle(message, writer, peer)
             if decoder.unfinished:
                 self._service.log(f"{peer}: left in the middle of a message")
@@ -96,12 +121,15 @@ class Connections:
         except OSError as error:
             self._service.log(f"{peer}: lost: {error.strerror or type(error).__name__}")
         finally:
+            self._called_s.pop(writer, None)
             writer.close()
 
     async def _handle(self, request: Request, writer: asyncio.StreamWriter, peer: str) -> None:
         error, result = await self._call(request, peer)
         if request.id is not None:
-            writer.write(encode([RESPONSE, request.id, error, result]))
+            answer = encode([RESPONSE, request.id, error, result])
+            self._make_room(len(answer))
+            writer.write(answer)
             await asyncio.wait_for(writer.drain(), PATIENCE_S)
         await asyncio.sleep(0)  # a peer that sends many calls at once must not hold up the others
 
