@@ -1,12 +1,12 @@
 """`deckline live`."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -18,13 +18,18 @@ from deckline.live.clock import WallClock
 from deckline.live.folder import Folder, open_output
 from deckline.live.opening import is_camera, open_camera
 from deckline.live.pipeline import STALE_S, Outputs, Session
-from deckline.live.poses import UdpPoses
+from deckline.live.poses import PoseSource, UdpPoses
 from deckline.live.source import LiveSource, Playback, Simulator
 from deckline.options import RunOptions
 from deckline.recording import open_recording
 from deckline.recording.camera_file import read_camera_file
+from deckline.report.records import Record
+
+if TYPE_CHECKING:
+    from deckline.adapters.mavlink.link import Link
 
 DEFAULTS = RunOptions()
+FROM_AUTOPILOT = "mavlink"  # as the source of poses
 
 
 def live(
@@ -34,10 +39,13 @@ def live(
     record: bool = False,
     camera: str | None = None,
     poses: str | None = None,
+    mavlink: str | None = None,
+    autopilot: str | None = None,
     deck_z_m: float | None = None,
     sea_z_m: float | None = None,
     pose_offset_s: float | None = None,
     max_pose_gap_s: float | None = None,
+    origin: tuple[float, float, float] | None = None,
     latency_s: float = 0.0,
     stale_s: float = STALE_S,
     rate: float = 30.0,
@@ -56,11 +64,15 @@ def live(
         out: folder for guidance.jsonl, and at the end guidance.csv, report.html and run.toml.
         record: keep the frames in `out`/recording, for `deckline run`.
         camera: camera.toml, or a YAML calibration of OpenCV or ROS; of a simulator the camera's name.
-        poses: udp://HOST:PORT on which poses arrive as JSON lines; of a recording as in `deckline run`.
+        poses: udp://HOST:PORT on which poses arrive as JSON lines, or mavlink: from the autopilot of --mavlink; of a
+            recording as in `deckline run`.
+        mavlink: udp:HOST:PORT to listen on for an autopilot that takes LANDING_TARGET, or udpout:HOST:PORT to send to.
+        autopilot: px4 or ardupilot.
         deck_z_m: world z (down, metres) of the deck plane.
         sea_z_m: world z (down, metres) of the water.
         pose_offset_s: the clock of the poses minus this machine's Unix time (0).
         max_pose_gap_s: between two poses, beyond which frames in between have no pose (0.5).
+        origin: latitude, longitude, degrees, and altitude, m, of the world's origin.
         latency_s: of exposure, coding and network, between a scene and its picture's arrival.
         stale_s: guidance is stale so many seconds after the last frame.
         rate: frames a second that are taken from a simulator or asked of it, at most.
@@ -73,18 +85,23 @@ def live(
     if duration is not None and not duration > 0:
         raise ValueError(f"--duration must be greater than 0, got {duration}")
     config = options.run_config()
-    stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s}
+    stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s, "origin": origin}
     navigation: Any = {name: value for name, value in stated.items() if value is not None}
     config = replace(config, navigation=replace(config.navigation, **navigation))
     wall, flight = WallClock(), Flight.from_config(config)
     with ExitStack() as stack:
         send = stack.enter_context(open_output(to))
+        pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, stack)
         if is_camera(source):
             mounted = None if camera is None else read_camera_file(Path(camera)).at(deck_z_m, sea_z_m)
             opened: LiveSource = open_camera(source, mounted, wall, latency_s, rate, print_line)
-            link = None if poses is None else stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))
+            link: PoseSource | None = pilot if poses == FROM_AUTOPILOT else None
+            if poses is not None and link is None:
+                link = stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))
             if link is not None and mounted is None:
                 raise ValueError(f"{source}: poses are of no use without --camera")
+        elif poses == FROM_AUTOPILOT:
+            raise ValueError(f"{source}: poses of an autopilot are for cameras and streams; leave --poses out")
         else:
             link = None
             opened = _open_other(source, camera, poses, deck_z_m, sea_z_m, rate, config)
@@ -93,7 +110,8 @@ def live(
         if out is not None:
             stack.enter_context(lock_folder(out))
         folder = None if out is None else Folder(out, opened, flight, record, overwrite)
-        outputs = Outputs(send, print_line) if folder is None else folder.add_to(Outputs(send, print_line))
+        outputs = Outputs(send if pilot is None else _send_to_both(pilot.send, send), print_line)
+        outputs = outputs if folder is None else folder.add_to(outputs)
         session = Session(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
         with _stop_on_signal(session):
             try:
@@ -105,6 +123,32 @@ def live(
     for path in written:
         print_line(path)
     return 0
+
+
+def _open_autopilot(
+    address: str | None, firmware: str | None, poses: str | None, config: RunConfig, wall: WallClock, stack: ExitStack
+) -> "Link | None":
+    """The link to an autopilot; None: none was asked for."""
+    takes_poses, origin = poses == FROM_AUTOPILOT, config.navigation.origin
+    if address is None and (firmware is not None or takes_poses):
+        raise ValueError("--autopilot and --poses mavlink need --mavlink udp:HOST:PORT")
+    if address is None:
+        return None
+    if firmware is None:
+        raise ValueError("--mavlink needs --autopilot px4 or ardupilot")
+    if takes_poses and firmware == "px4" and origin is not None:
+        raise ValueError("px4 takes targets in its own local frame, which --poses mavlink gives: leave --origin out")
+    with needs_extra("mavlink"):
+        from deckline.adapters.mavlink.link import Link
+    return stack.enter_context(closing(Link(address, firmware, config.navigation, wall, print_line, takes_poses)))
+
+
+def _send_to_both(first: Callable[[Record], None], second: Callable[[Record], None]) -> Callable[[Record], None]:
+    def send(record: Record) -> None:
+        first(record)
+        second(record)
+
+    return send
 
 
 def _open_other(
@@ -127,8 +171,10 @@ def _open_other(
     return Simulator(AirSim(source, camera or "0", rate, deck_z_m, sea_z_m))
 
 
-def _pose_losses(poses: UdpPoses | None) -> list[str]:
-    return [f"{poses.refused} poses refused; the last one: {poses.reason}"] if poses and poses.refused else []
+def _pose_losses(poses: PoseSource | None) -> list[str]:
+    if not isinstance(poses, UdpPoses) or not poses.refused:
+        return []
+    return [f"{poses.refused} poses refused; the last one: {poses.reason}"]
 
 
 @contextmanager

@@ -3,18 +3,22 @@
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Approach
 from deckline.flight import FrameResult
 from deckline.guide import guidance
 from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record, protection_record
 from deckline.track.forecast import Forecast
-from deckline.types import DepthMode, Guidance, Notice, Reason, RunwayEstimate, Seen, Status, Value
+from deckline.types import DepthMode, Guidance, Notice, Reason, RunwayEstimate, Seen, Status, Track, Value
 
 NO_FRAME = "without a frame"  # what is counted of messages that carry none
 LIVE_COLUMNS = {
     name: ("live", name) for name in ("captured_s", "sent_s", "age_s", "frames", "dropped", "damaged", "unsent")
 }
+VELOCITY_STEP_S = 0.1  # the deck's velocity is how far the touchdown point goes in this time
+Moment = tuple[Track, RigidTransform, float]  # track, world_from_body and 1-sigma of its heading, rad
 NOTHING = RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {})
 
 
@@ -79,34 +83,63 @@ def stale_record(
 
 
 def _live(answer: Answer | None, progress: Progress, now_s: float, offset_s: float, approach: Approach) -> Record:
-    moment = None if answer is None else predict_guidance(answer, now_s, approach)
+    moment = None if answer is None else _predict(answer, now_s)
+    found = None if answer is None or moment is None else predict_guidance(answer, moment, approach)
     return {
         "captured_s": None if answer is None else round(answer.at_s + offset_s, 6),
         "sent_s": round(now_s + offset_s, 6),
         "age_s": None if answer is None else round(now_s - answer.at_s, 6),
         **asdict(progress),
-        "now": None if moment is None else guidance_record(moment),
-        "now_protection": None if moment is None or moment.protection is None else protection_record(moment.protection),
+        "now": None if found is None else guidance_record(found),
+        "now_protection": None if found is None or found.protection is None else protection_record(found.protection),
+        "touchdown": None if answer is None or moment is None else touchdown_record(answer, moment, now_s, approach),
     }
 
 
-def predict_guidance(answer: Answer, now_s: float, approach: Approach) -> Guidance | None:
-    """The last answer's track and aircraft carried forward to a time of the monotonic clock.
+def touchdown_record(answer: Answer, moment: Moment, now_s: float, approach: Approach) -> Record | None:
+    """The touchdown point of a moment in world and body, m, its velocity, m/s, and the azimuth of the landing.
 
-    None without a track or a pose, and when no line was seen for too long.
+    None while no ramp is known; the velocity is None where the track ends before it shows.
     """
-    frame, age_s = answer.result.frame, now_s - answer.at_s
-    moment = None if answer.forecast is None else answer.forecast.at(frame.time_s + age_s)
-    if moment is None:
+    track, world_from_body, _ = moment
+    point, later = _touchdown_point(track, approach), _predict(answer, now_s + VELOCITY_STEP_S)
+    if point is None:
         return None
+    ahead = None if later is None else _touchdown_point(later[0], approach)
+    velocity = None if ahead is None else (ahead - point) / VELOCITY_STEP_S
+    vectors = {"world_m": point, "body_m": world_from_body.inv().apply(point), "velocity_m_s": velocity}
+    record: Record = {name: None if v is None else np.round(v, 6).tolist() for name, v in vectors.items()}
+    return record | {"azimuth_deg": round(float(np.rad2deg(track.lines["centre"].azimuth_rad)), 6)}
+
+
+def _touchdown_point(track: Track, approach: Approach) -> NDArray[np.float64] | None:
+    centre = track.lines.get("centre")
+    if centre is None or track.ramp_m is None:
+        return None
+    ahead_m = (track.ramp_m - centre.point_m) @ centre.direction + approach.touchdown_m
+    point: NDArray[np.float64] = centre.point_m + ahead_m * centre.direction
+    return point
+
+
+def predict_guidance(answer: Answer, moment: Moment, approach: Approach) -> Guidance:
+    """The last answer's guidance with track and aircraft of a later moment."""
     track, world_from_body, turn_rad = moment
     if answer.result.track is not None:
         track = replace(track, flags=answer.result.track.flags)  # with those of the search beside the track
     shown = answer.result.estimate
     estimate = replace(NOTHING, seen=shown.seen, mode=shown.mode, flags=shown.flags)
-    later = replace(frame, time_s=track.time_s, world_from_body=world_from_body)
+    later = replace(answer.result.frame, time_s=track.time_s, world_from_body=world_from_body)
     found = guidance(later, estimate, track, approach)
     heading = found.heading_error_rad
     if heading is None:
         return found
     return replace(found, heading_error_rad=Value(heading.value, float(np.hypot(heading.sigma, turn_rad))))
+
+
+def _predict(answer: Answer, now_s: float) -> Moment | None:
+    """Track and aircraft at a time of the monotonic clock.
+
+    None without a track or a pose, and when no line was seen for too long.
+    """
+    time_s = answer.result.frame.time_s + (now_s - answer.at_s)
+    return None if answer.forecast is None else answer.forecast.at(time_s)

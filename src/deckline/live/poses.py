@@ -28,6 +28,51 @@ FUTURE_S = 0.1  # a pose that is so much later than its arrival has a wrong cloc
 WAIT_S = 0.1  # for the pose after a picture, at most
 
 
+class PoseBuffer:
+    """The last poses of one clock, interpolated; one thread adds, another one asks.
+
+    Args:
+        max_gap_s: between two poses, beyond which there is none in between.
+    """
+
+    def __init__(self, max_gap_s: float) -> None:
+        self._gap_s = max_gap_s
+        self._poses: deque[tuple[float, RigidTransform]] = deque(maxlen=KEPT)  # ascending times
+        self._changed = threading.Condition()
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    def add(self, time_s: float, world_from_body: RigidTransform) -> None:
+        """Take a pose; a clock that jumps back by more than the longest gap begins a new track.
+
+        Raises:
+            ValueError: not later than the one before.
+        """
+        with self._changed:
+            back_s = self._poses[-1][0] - time_s if self._poses else -1.0
+            if back_s > self._gap_s:
+                self._poses.clear()
+            elif back_s >= 0.0:
+                raise ValueError(f"a pose that is {back_s:.3f} s older than the one before")
+            self._poses.append((time_s, world_from_body))
+            self._changed.notify()
+
+    def at(self, time_s: float) -> RigidTransform | None:
+        """The pose at a time of the poses' clock; waits a little for the pose after it while poses come."""
+        with self._changed:
+            if self._poses and time_s - self._gap_s <= self._poses[-1][0] < time_s:
+                self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1][0] >= time_s, WAIT_S)
+            poses = list(self._poses)
+        after = min(bisect_left(poses, time_s, key=lambda item: item[0]), len(poses) - 1)
+        if after < 1:
+            return None
+        times, pair = zip(*poses[after - 1 : after + 1], strict=True)
+        positions = np.array([one.translation for one in pair])
+        rotations = Rotation.concatenate([one.rotation for one in pair])
+        return PoseTrack("", np.array(times), positions, rotations, self._gap_s, 0.0).at(time_s)
+
+
 class UdpPoses:
     """A `PoseSource`: JSON lines over UDP, interpolated as the poses of a recording are; a context manager.
 
@@ -54,8 +99,7 @@ class UdpPoses:
         self.reason = ""
         self._navigation = navigation
         self._wall = wall
-        self._poses: deque[tuple[float, RigidTransform]] = deque(maxlen=KEPT)  # ascending times
-        self._changed = threading.Condition()
+        self._poses = PoseBuffer(navigation.max_gap_s)
         self._stopped = threading.Event()
         self._receiver = Receiver(address, self._stopped)
         self._thread = threading.Thread(target=self._listen, name="poses", daemon=True)
@@ -63,19 +107,7 @@ class UdpPoses:
 
     def __call__(self, time_s: float) -> RigidTransform | None:
         """world_from_body at a Unix time; waits a little for the pose after it while poses come."""
-        offset_s, gap_s = self._navigation.offset_s or 0.0, self._navigation.max_gap_s
-        wanted_s = time_s + offset_s
-        with self._changed:
-            if self._poses and wanted_s - gap_s <= self._poses[-1][0] < wanted_s:
-                self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1][0] >= wanted_s, WAIT_S)
-            poses = list(self._poses)
-        after = min(bisect_left(poses, wanted_s, key=lambda item: item[0]), len(poses) - 1)
-        if after < 1:
-            return None
-        times, pair = zip(*poses[after - 1 : after + 1], strict=True)
-        positions = np.array([one.translation for one in pair])
-        rotations = Rotation.concatenate([one.rotation for one in pair])
-        return PoseTrack("", np.array(times), positions, rotations, gap_s, offset_s).at(time_s)
+        return self._poses.at(time_s + (self._navigation.offset_s or 0.0))
 
     def add(self, line: str, arrival_s: float) -> None:
         """Take a line that arrived at a Unix time; one that is no pose is refused."""
@@ -84,14 +116,7 @@ class UdpPoses:
             ahead_s = time_s - (self._navigation.offset_s or 0.0) - arrival_s
             if ahead_s > FUTURE_S:
                 raise ValueError(f"a pose from {ahead_s:.3f} s in the future; set the clocks, or --pose-offset-s")
-            with self._changed:
-                back_s = self._poses[-1][0] - time_s if self._poses else -1.0
-                if back_s > self._navigation.max_gap_s:
-                    self._poses.clear()
-                elif back_s >= 0.0:
-                    raise ValueError(f"a pose that is {back_s:.3f} s older than the one before")
-                self._poses.append((time_s, world_from_body))
-                self._changed.notify()
+            self._poses.add(time_s, world_from_body)
         except ValueError as error:
             self.refused += 1
             self.reason = str(error)

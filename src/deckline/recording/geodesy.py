@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 SEMI_MAJOR_M, FLATTENING = 6378137.0, 1 / 298.257223563
+GEODETIC_STEPS = 4  # 100 km from the origin within 1 mm
 
 
 def ecef_from_geodetic(geodetic: Array) -> Array:
@@ -24,3 +25,18 @@ def ecef_from_geodetic(geodetic: Array) -> Array:
 def ecef_from_ned(geodetic: Array) -> Rotation:
     """Rotations (N) from the local North-East-Down axes at latitudes and longitudes (N, 3), degrees."""
     return Rotation.from_euler("ZY", np.column_stack([geodetic[:, 1], -90.0 - geodetic[:, 0]]), degrees=True)
+
+
+def geodetic_from_ned(position_m: Array, origin: tuple[float, float, float]) -> Array:
+    """Latitude, longitude, degrees, and altitude, m, (3,) of a position (3,), m, North-East-Down of an origin.
+
+    Newton's steps on `ecef_from_geodetic`; each moves by what is left along the local axes.
+    """
+    geodetic = np.array([origin], dtype=np.float64)
+    target = ecef_from_geodetic(geodetic)[0] + ecef_from_ned(geodetic)[0].apply(position_m)
+    for _ in range(GEODETIC_STEPS):
+        north, east, down = ecef_from_ned(geodetic)[0].inv().apply(target - ecef_from_geodetic(geodetic)[0])
+        latitude, _, altitude = geodetic[0]
+        level_m = (SEMI_MAJOR_M + altitude) * np.cos(np.deg2rad(latitude))
+        geodetic += [np.rad2deg(north / (SEMI_MAJOR_M + altitude)), np.rad2deg(east / level_m), -down]
+    return np.asarray(geodetic[0])

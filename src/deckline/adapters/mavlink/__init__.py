@@ -1,0 +1,1 @@
+"""An autopilot over MAVLink: guidance out, poses in."""

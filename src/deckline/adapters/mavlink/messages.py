@@ -1,0 +1,106 @@
+"""What an autopilot is told: a live record as MAVLink messages.
+
+Source: PX4-Autopilot, src/modules/mavlink/mavlink_receiver.cpp, handle_message_landing_target (d96ba2d88a75): a valid
+position counts in MAV_FRAME_LOCAL_NED alone, as an absolute one. ArduPilot,
+libraries/AC_PrecLand/AC_PrecLand_MAVLink.cpp (2b30683d193f): it counts in MAV_FRAME_BODY_FRD alone, divided by a
+distance that must be its length.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from deckline.recording.geodesy import geodetic_from_ned
+from deckline.report.records import Record
+from deckline.types import Status
+
+Origin = tuple[float, float, float]  # latitude, longitude, degrees, altitude, m
+FIRMWARES = {"px4": mavlink.MAV_AUTOPILOT_PX4, "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA}
+TEXT_LENGTH = 50  # bytes of a STATUSTEXT
+SEVERITIES = {
+    Status.OK: mavlink.MAV_SEVERITY_INFO,
+    Status.UNVERIFIED: mavlink.MAV_SEVERITY_NOTICE,
+    Status.ONE_LINE: mavlink.MAV_SEVERITY_NOTICE,
+}
+
+
+def touchdown_of(record: Record) -> Record | None:
+    """The touchdown point of a record whose guidance is `ok`; None of any other."""
+    touchdown: Record | None = record["live"]["touchdown"] if record["status"] == Status.OK else None
+    return touchdown
+
+
+def landing_target(record: Record, firmware: str) -> Any:
+    """LANDING_TARGET at a record's time of sending, in the clock that answers TIMESYNC; None: nothing to send.
+
+    Args:
+        record: a live one.
+        firmware: a key of `FIRMWARES`.
+    """
+    touchdown = touchdown_of(record)
+    if touchdown is None:
+        return None
+    is_px4, body = firmware == "px4", touchdown["body_m"]
+    x, y, z = touchdown["world_m"] if is_px4 else body
+    return mavlink.MAVLink_landing_target_message(
+        time_usec=round(1e6 * record["live"]["sent_s"]),
+        target_num=0,
+        frame=mavlink.MAV_FRAME_LOCAL_NED if is_px4 else mavlink.MAV_FRAME_BODY_FRD,
+        angle_x=0.0,
+        angle_y=0.0,
+        distance=math.hypot(*body),
+        size_x=0.0,
+        size_y=0.0,
+        x=x,
+        y=y,
+        z=z,
+        type=mavlink.LANDING_TARGET_TYPE_VISION_OTHER,
+        position_valid=1,
+    )
+
+
+def ship_beacon(record: Record, origin: Origin) -> Any:
+    """GLOBAL_POSITION_INT of the touchdown point, heading along the landing; None: nothing to send.
+
+    Args:
+        record: a live one.
+        origin: of the world, North-East-Down.
+    """
+    touchdown = touchdown_of(record)
+    if touchdown is None or touchdown["velocity_m_s"] is None:
+        return None
+    latitude, longitude, altitude = geodetic_from_ned(np.array(touchdown["world_m"]), origin)
+    return mavlink.MAVLink_global_position_int_message(
+        round(1e3 * record["live"]["sent_s"]) % 2**32,
+        round(1e7 * latitude),
+        round(1e7 * longitude),
+        round(1e3 * altitude),
+        round(-1e3 * touchdown["world_m"][2]),
+        *(max(min(round(100 * speed), 32767), -32767) for speed in touchdown["velocity_m_s"]),
+        round(100 * touchdown["azimuth_deg"]) % 36000,
+    )
+
+
+def describe(record: Record) -> str:
+    """What guidance is worth, for STATUSTEXT: the status with its flags, or what is missing."""
+    status, flags = record["status"], [flag["name"] for flag in record["flags"]]
+    if status == Status.OK:
+        return "ok" if record["live"]["touchdown"] else "ok: no touchdown point"
+    names = flags or [reason for reason in record["reasons"] if reason != status]
+    return f"{status}: {', '.join(names)}" if names and names != [status] else str(status)
+
+
+def status_text(record: Record, silent_s: float | None) -> Any:
+    """STATUSTEXT of a record.
+
+    Args:
+        record: a live one.
+        silent_s: since the last LANDING_TARGET; None: there was none.
+    """
+    age = f" {silent_s:.1f} s" if silent_s is not None and touchdown_of(record) is None else ""
+    text = f"deckline {describe(record)}".encode("ascii", "replace")[: TEXT_LENGTH - len(age)] + age.encode()
+    warning = mavlink.MAV_SEVERITY_WARNING
+    severity = warning if record["flags"] else SEVERITIES.get(record["status"], warning)
+    return mavlink.MAVLink_statustext_message(severity, text)

@@ -1,0 +1,249 @@
+"""Guidance to an autopilot and poses from it, over the loopback."""
+
+import socket
+import sys
+import threading
+import time
+from contextlib import closing, contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from autopilot import FIRMWARES, Autopilot
+from loopback import CONFIG, SHOWN, detect, free_port, wait_until
+from pymavlink.dialects.v20 import common as mavlink
+
+from deckline.adapters.mavlink.clock import TOLERANCE_NS, ClockOffset
+from deckline.adapters.mavlink.link import Link, parse_datagram
+from deckline.adapters.mavlink.messages import describe, landing_target, ship_beacon, status_text
+from deckline.cli.main import main
+from deckline.config import Navigation
+from deckline.flight import Flight
+from deckline.live.clock import WallClock
+from deckline.live.messages import Answer, Progress, answer_record, stale_record
+from deckline.recording import RecordingError
+from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodetic_from_ned
+
+WIDE = replace(CONFIG, deck=replace(CONFIG.deck, width_m=16.0))  # a stated width: guidance becomes `ok`
+PROGRESS, WALL = Progress(), WallClock()
+TARGET_M = np.array([70.0, 0.0, -20.0])  # of a runway along world x from 0
+
+
+def answers(count=8, step_s=0.1):
+    """Answers about an aircraft that hovers before a deck of a known width; the last ones are `ok`."""
+    flight, start_s = Flight.from_config(WIDE, detector=detect), time.monotonic()
+    for index in range(count):
+        result = flight(replace(SHOWN, time_s=step_s * index))
+        yield Answer(result, flight.tracker.forecast(), start_s + step_s * index)
+
+
+LAST = list(answers())[-1]
+
+
+def ok_record():
+    """The last answer as if its picture were of now."""
+    now_s = time.monotonic()
+    return answer_record(replace(LAST, at_s=now_s), PROGRESS, now_s, WALL.at(0.0), 0.2, WIDE.approach)
+
+
+def lost_record(answer=LAST):
+    return stale_record(answer, PROGRESS, time.monotonic(), WALL.at(0.0), "no frame", WIDE.approach)
+
+
+@contextmanager
+def linked(firmware="px4", navigation=None, **options):
+    """A link, its autopilot and its log lines."""
+    port, lines = free_port(), []
+    link = Link(f"udp:127.0.0.1:{port}", firmware, navigation or Navigation(), WALL, lines.append, True)
+    with closing(link), Autopilot(port, firmware, **options) as autopilot:
+        yield link, autopilot, lines
+
+
+def send_for(link, make, seconds=0.5, rate_hz=30):
+    for _ in range(round(seconds * rate_hz)):
+        link.send(make())
+        time.sleep(1 / rate_hz)
+
+
+def test_the_touchdown_point_is_carried_forward_in_world_and_body():
+    found = ok_record()["live"]["touchdown"]
+    np.testing.assert_allclose(found["world_m"], TARGET_M, atol=2.0)
+    body = SHOWN.world_from_body.inv().apply(found["world_m"])
+    np.testing.assert_allclose(found["body_m"], body, atol=0.5)
+    np.testing.assert_allclose(found["velocity_m_s"], 0.0, atol=0.5)
+    assert found["azimuth_deg"] == pytest.approx(0.0, abs=0.5)
+
+
+@pytest.mark.parametrize("firmware", FIRMWARES)
+def test_each_firmware_takes_the_target_as_it_is_sent(firmware):
+    with linked(firmware) as (link, autopilot, lines):
+        wait_until(lambda: lines and autopilot.answers > 2)
+        send_for(link, ok_record)
+        wait_until(lambda: len(autopilot.receiver.targets) == link.sent)
+        targets = autopilot.receiver.targets
+        wanted = TARGET_M if firmware == "px4" else SHOWN.world_from_body.inv().apply(TARGET_M)
+        for target, age_us in targets:
+            np.testing.assert_allclose(target, wanted, atol=2.0)
+            assert -5e3 < age_us < 200e3  # in the autopilot's clock, sent a moment ago
+        assert not autopilot.receiver.errors and autopilot.texts == ["deckline ok"]
+        assert lines == [line for line in lines if "serving system 7" in line]
+
+
+def test_other_statuses_are_texts_and_no_targets():
+    with linked() as (link, autopilot, lines):
+        wait_until(lambda: lines)
+        send_for(link, ok_record, 0.2)
+        sent = link.sent
+        send_for(link, lost_record, 0.8)
+        wait_until(lambda: len(autopilot.texts) == 2)
+        assert link.sent == sent > 0 and len(autopilot.receiver.targets) <= sent
+        assert autopilot.texts[1].startswith("deckline stale") and autopilot.texts[1].endswith(" s")
+
+
+def test_only_ok_has_a_target_and_every_text_fits():
+    record = ok_record()
+    for status in ("unverified", "one line", "coasting", "stale", "not seen"):
+        other = record | {"status": status, "flags": [{"name": "other lines", "reason": ""}] * 9}
+        assert landing_target(other, "px4") is None and ship_beacon(other, (0.0, 0.0, 0.0)) is None
+        text = status_text(other, 12.34)
+        assert len(text.text) == 50 and text.text.endswith(" 12.3 s")
+        assert text.severity == mavlink.MAV_SEVERITY_WARNING
+    assert describe(record | {"live": record["live"] | {"touchdown": None}}) == "ok: no touchdown point"
+    assert status_text(record, 0.1).severity == mavlink.MAV_SEVERITY_INFO
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.3])
+def test_poses_come_in_by_the_autopilots_clock_over_a_wire_that_loses_and_swaps(lost):
+    with linked(lost=lost) as (link, autopilot, _):
+        wait_until(lambda: link(time.time() - 0.1) is not None)
+        found = None
+        for _ in range(50):
+            found = link(time.time() - 0.1)
+            if found is not None:
+                break
+        np.testing.assert_allclose(found.translation, SHOWN.world_from_body.translation, atol=1e-3)
+        assert (found.rotation.inv() * SHOWN.world_from_body.rotation).magnitude() < 1e-5
+        assert link(time.time() - 3000.0) is None
+        send_for(link, ok_record)
+        wait_until(lambda: autopilot.receiver.targets)
+        assert autopilot.commands  # it was asked for what had not come yet
+
+
+def test_a_companions_heartbeat_and_the_ships_beacon_at_the_autopilots_origin():
+    with linked("ardupilot") as (link, autopilot, lines):
+        wait_until(lambda: lines)
+        wait_until(lambda: link._origin is not None)
+        send_for(link, ok_record, 1.2)
+        wait_until(lambda: autopilot.beacons and len(autopilot.heartbeats) > 1)
+        message, system, component, _ = autopilot.heartbeats[-1]
+        assert (system, component, message.type) == (7, 191, mavlink.MAV_TYPE_ONBOARD_CONTROLLER)
+        assert autopilot.heartbeats[-1][3] - autopilot.heartbeats[-2][3] > 0.5
+        beacon = autopilot.beacons[-1]
+        assert beacon.get_srcSystem() == 100 and beacon.hdg % 35999 < 100
+        north_m = (1e-7 * beacon.lat - 48.0) * 111_200.0
+        assert north_m == pytest.approx(70.0, abs=2.0) and beacon.alt == pytest.approx(20e3, abs=2e3)
+
+
+def test_without_a_known_origin_there_is_no_beacon():
+    link = Link(f"udp:127.0.0.1:{free_port()}", "px4", Navigation(), WALL, print, False)
+    with closing(link):
+        assert link._origin is None
+
+
+def test_another_system_another_firmware_and_garbage_change_nothing():
+    with linked() as (link, autopilot, lines):
+        wait_until(lambda: lines)
+        address, rng = link._socket.getsockname(), np.random.default_rng(0)
+        with Autopilot(address[1], "px4", system=9) as third, Autopilot(address[1], "ardupilot", system=8) as other:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as noise:
+                whole = mavlink.MAVLink(None, 7, 1)
+                packed = mavlink.MAVLink_heartbeat_message(1, 12, 0, 0, 4, 3).pack(whole)
+                for size in rng.integers(1, 300, 300):
+                    noise.sendto(rng.bytes(size), address)
+                    noise.sendto(packed[: size % len(packed)], address)
+            wait_until(lambda: len(lines) == 3)
+            send_for(link, ok_record, 0.3)
+            wait_until(lambda: autopilot.receiver.targets)
+            assert not third.receiver.targets + other.receiver.targets + third.texts + other.texts
+        assert link._thread.is_alive() and [line.count("not served") for line in lines] == [0, 1, 1]
+
+
+def test_messages_survive_garbage_beside_them_in_a_datagram():
+    rng, packed = np.random.default_rng(1), mavlink.MAVLink_statustext_message(6, b"here").pack(mavlink.MAVLink(None))
+    for _ in range(500):
+        parse_datagram(rng.bytes(100))
+        spoiled = bytearray(packed)
+        spoiled[rng.integers(len(packed))] ^= 255
+        parse_datagram(bytes(spoiled))
+    assert [message.text for message in parse_datagram(b"\x00\x01garbage" + packed)] == ["here"]
+
+
+def test_the_shortest_round_trip_counts_and_a_clock_that_began_anew_is_followed():
+    clock, offset = ClockOffset(), 5_000_000_000
+    assert clock.offset_s is None
+    for start, there, back in ((0, 1e6, 30e6), (10**9, 1e6, 1e6), (2 * 10**9, 40e6, 1e6)):
+        clock.take(int(start + there + offset), clock.ask(start), int(start + there + back))
+    assert clock.offset_s == pytest.approx(5.0, abs=1e-6)
+    clock.take(1, 12345, 10**10)  # nobody asked
+    assert clock.offset_s == pytest.approx(5.0, abs=1e-6)
+    clock.take(100 + TOLERANCE_NS, clock.ask(3 * 10**9), 3 * 10**9 + 200)
+    assert clock.offset_s == pytest.approx(-3.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("distance_m", [10.0, 1e4, 1e5])
+def test_latitude_and_longitude_round_trip(distance_m):
+    origin, wanted = (48.0, 179.99, 500.0), distance_m * np.array([0.6, -0.8, -0.1])
+    found = geodetic_from_ned(wanted, origin)[None]
+    at = np.array([origin])
+    back = ecef_from_ned(at)[0].inv().apply(ecef_from_geodetic(found)[0] - ecef_from_geodetic(at)[0])
+    np.testing.assert_allclose(back, wanted, atol=1e-3)
+
+
+@pytest.mark.parametrize("address", ["tcp:h:1", "udp:127.0.0.1", "udp:h:0", "127.0.0.1:14540"])
+def test_a_wrong_address_is_named(address):
+    with pytest.raises(ValueError, match=address):
+        Link(address, "px4", Navigation(), WALL, print, False)
+
+
+def test_an_unknown_autopilot_and_a_taken_port_are_named():
+    address = f"udp:127.0.0.1:{free_port()}"
+    with pytest.raises(ValueError, match="betaflight"):
+        Link(address, "betaflight", Navigation(), WALL, print, False)
+    with closing(Link(address, "px4", Navigation(), WALL, print, False)), pytest.raises(RecordingError, match=address):
+        Link(address, "px4", Navigation(), WALL, print, False)
+
+
+@pytest.mark.parametrize(
+    "args, named",
+    [
+        (["--mavlink", "udp:127.0.0.1:1"], "--autopilot"),
+        (["--autopilot", "px4"], "--mavlink"),
+        (["--poses", "mavlink"], "--mavlink"),
+        (["--mavlink", "udp:nowhere", "--autopilot", "px4"], "udp:nowhere"),
+        (["--mavlink", "udp:127.0.0.1:1", "--autopilot", "betaflight"], "betaflight"),
+        (
+            ["--mavlink", "udp:127.0.0.1:1", "--autopilot", "px4", "--poses", "mavlink", "--origin", "1", "2", "3"],
+            "--origin",
+        ),
+    ],
+)
+def test_wrong_use_is_one_line(args, named, capsys):
+    assert main(["live", "udp://127.0.0.1:5600", *args, "--dehazer", "none", "--detector", "classical"]) == 2
+    error = capsys.readouterr().err
+    assert named in error and len(error.splitlines()) == 1
+
+
+def test_a_missing_extra_is_named(monkeypatch, capsys):
+    for name in list(sys.modules):
+        if name.startswith(("pymavlink", "deckline.adapters.mavlink")):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "pymavlink", None)
+    args = ["--mavlink", "udp:127.0.0.1:1", "--autopilot", "px4", "--dehazer", "none", "--detector", "classical"]
+    assert main(["live", "udp://127.0.0.1:5600", *args]) != 0
+    assert "deckline[mavlink]" in capsys.readouterr().err
+
+
+def test_a_thread_per_link_and_none_left():
+    before = threading.active_count()
+    Link(f"udp:127.0.0.1:{free_port()}", "px4", Navigation(), WALL, print, False).close()
+    assert threading.active_count() == before
