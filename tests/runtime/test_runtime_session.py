@@ -64,6 +64,43 @@ def test_missing_file_and_bad_arguments(tmp_path: Path) -> None:
         load_session(doubling_model(tmp_path / "double.onnx", "{"))
 
 
+def hostile_model(path: Path, kind: str) -> Path:
+    """A model that never ends, that takes a terabyte, or whose weights lie outside of its folder."""
+    value = [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in ("x", "y")]
+    flag = helper.make_tensor_value_info("go", TensorProto.BOOL, [])
+    count = helper.make_tensor_value_info("i", TensorProto.INT64, [])
+    same = [helper.make_node("Identity", ["go"], ["on"])]
+    body = helper.make_graph(same, "b", [count, flag], [helper.make_tensor_value_info("on", TensorProto.BOOL, [])])
+    weights = helper.make_tensor("w", TensorProto.INT64, [1], [2**38])
+    nodes = [helper.make_node("ConstantOfShape", ["w"], ["z"]), helper.make_node("Add", ["x", "z"], ["y"])]
+    if kind == "loop":
+        weights = helper.make_tensor("w", TensorProto.BOOL, [], [True])
+        nodes = [helper.make_node("Loop", ["", "w"], [], body=body), helper.make_node("Add", ["x", "x"], ["y"])]
+    if kind == "outside":
+        weights = TensorProto(name="w", data_type=TensorProto.FLOAT, data_location=TensorProto.EXTERNAL, dims=[4])
+        weights.external_data.add(key="location", value="../secret")
+        nodes = [helper.make_node("Add", ["x", "w"], ["y"])]
+    graph = helper.make_graph(nodes, kind, value[:1], value[1:], [weights])
+    path.parent.mkdir()
+    (path.parent.parent / "secret").write_bytes(bytes(16))
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+@pytest.mark.parametrize(("kind", "text"), [("loop", "loops"), ("outside", "External data"), ("memory", "allocate")])
+def test_hostile_models_are_one_line(tmp_path: Path, kind: str, text: str) -> None:
+    with pytest.raises(ValueError, match=text) as caught:
+        load_session(hostile_model(tmp_path / "m" / "m.onnx", kind))(x=np.zeros(1, np.float32))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("metadata", ["1" * 400, "[" * 1000 + "]" * 1000])
+def test_absurd_metadata_are_refused(tmp_path: Path, metadata: str) -> None:
+    with pytest.raises(ValueError, match="deckline"):
+        load_session(doubling_model(tmp_path / "double.onnx", metadata))
+
+
 def test_wrong_inputs_are_named(tmp_path: Path) -> None:
     session = load_session(doubling_model(tmp_path / "double.onnx"))
     with pytest.raises(ValueError, match=r"\('x',\).*\('image',\)"):

@@ -1,6 +1,7 @@
 """Inference sessions whose errors are one clear line."""
 
 import json
+import re
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import CPU, Engine
+from deckline.files import parse_plain, read_regular
 from deckline.runtime.engines import Compute, check_engine, compile_openvino, get_line, open_onnxruntime
 
+# A node's op_type is field 4 of its message: tag, length, text, whose tag and length may be padded varints.
+LOOP = re.compile(rb"(?:\x22|\xa2\x80*\x00)(?:\x04|\x84\x80*\x00)Loop")
 METADATA_KEY = "deckline"  # metadata_props key under which an exported model carries its config as JSON
 
 
@@ -31,13 +35,13 @@ class Session:
         Raises:
             ValueError: other input names than the model has, or arrays it cannot take.
         """
-        from onnxruntime.capi.onnxruntime_pybind11_state import InvalidArgument, RuntimeException
+        from onnxruntime.capi.onnxruntime_pybind11_state import Fail, InvalidArgument, RuntimeException
 
         if set(inputs) != set(self.input_names):
             raise ValueError(f"{self.path.name} takes inputs {self.input_names}, got {tuple(inputs)}")
         try:
             return tuple(self.compute(inputs))
-        except (InvalidArgument, RuntimeException, RuntimeError) as error:
+        except (Fail, InvalidArgument, RuntimeException, RuntimeError) as error:
             shapes = {name: array.shape for name, array in inputs.items()}
             raise ValueError(f"{self.path.name} cannot run on inputs {shapes}: {get_line(error)}") from error
 
@@ -57,6 +61,8 @@ def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> 
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"model file {path} does not exist")
+    if LOOP.search(read_regular(path)):
+        raise ValueError(f"{path}: a model with loops, which need not end, is not run; export it unrolled")
     check_engine(engine)
     elsewhere = engine.device == "openvino"  # ONNX Runtime then only reads names and metadata
     session = open_onnxruntime(path, CPU if elsewhere else engine, optimised=not elsewhere, spins=spins)
@@ -73,8 +79,8 @@ def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> 
 def _read_config(path: Path, metadata: dict[str, str]) -> dict[str, Any]:
     text = metadata.get(METADATA_KEY, "{}")
     try:
-        config = json.loads(text)
-    except json.JSONDecodeError as error:
+        config = parse_plain(json.loads, text)
+    except ValueError as error:
         raise ValueError(f"{path}: metadata {METADATA_KEY!r} is not JSON: {error}") from error
     if not isinstance(config, dict):
         raise ValueError(f"{path}: metadata {METADATA_KEY!r} must be a JSON object, got {type(config).__name__}")
