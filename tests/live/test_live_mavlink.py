@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from autopilot import FIRMWARES, Autopilot
-from loopback import CONFIG, SHOWN, detect, free_port, wait_until
+from loopback import CONFIG, MOUNTED, SHOWN, Sender, detect, free_port, wait_until
 from pymavlink.dialects.v20 import common as mavlink
 
 from deckline.adapters.mavlink.clock import TOLERANCE_NS, ClockOffset
@@ -21,6 +21,8 @@ from deckline.config import Navigation
 from deckline.flight import Flight
 from deckline.live.clock import WallClock
 from deckline.live.messages import Answer, Progress, answer_record, stale_record
+from deckline.live.opening import open_camera
+from deckline.live.pipeline import Outputs, Session
 from deckline.recording import RecordingError
 from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodetic_from_ned
 
@@ -87,6 +89,27 @@ def test_each_firmware_takes_the_target_as_it_is_sent(firmware):
             assert -5e3 < age_us < 200e3  # in the autopilot's clock, sent a moment ago
         assert not autopilot.receiver.errors and autopilot.texts == ["deckline ok"]
         assert lines == [line for line in lines if "serving system 7" in line]
+
+
+def test_a_stream_flown_by_the_autopilots_poses_gives_it_targets_until_the_wire_is_cut():
+    port = free_port()
+    with linked() as (link, autopilot, lines):
+        camera = open_camera(f"udp://127.0.0.1:{port}", MOUNTED, WALL, log=lines.append)
+        outputs = Outputs(link.send, lines.append)
+        flight = Flight.from_config(WIDE, detector=detect)
+        session = Session(camera, flight, outputs, poses=link, wall=WALL, stale_s=1.0)
+        thread = threading.Thread(target=session.run)
+        thread.start()
+        try:
+            with Sender(port):
+                wait_until(lambda: len(autopilot.receiver.targets) > 5)
+            wait_until(lambda: autopilot.texts[-1].startswith("deckline stale"))
+        finally:
+            session.stop()
+            thread.join()
+        np.testing.assert_allclose(autopilot.receiver.targets[-1][0], TARGET_M, atol=10.0)
+        assert link.sent <= session.counts["ok"]
+        assert "deckline ok" in autopilot.texts
 
 
 def test_other_statuses_are_texts_and_no_targets():
