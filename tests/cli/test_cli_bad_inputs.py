@@ -6,6 +6,7 @@ import struct
 import zlib
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -335,3 +336,44 @@ def test_no_other_command_ends_in_a_traceback(name, tmp_path, monkeypatch, capsy
     lay(tmp_path, files)
     monkeypatch.chdir(tmp_path)
     check_line(main(command.split()), lines_of(capsys))
+
+
+NAMES = {b"\xff.png": r"\xff.png", b"\x1b[31m.png": r"\x1b[31m.png", b"[b].png": "[b].png", b"=1+1.png": "=1+1.png"}
+
+
+def test_odd_names_are_run_and_shown_harmlessly(tmp_path, capsys):
+    folder = tmp_path / os.fsdecode(b"[/b] \xff\x1b[31m")
+    for name in NAMES:
+        lay(folder, {os.fsdecode(name): PICTURE, os.fsdecode(b"+" + name): "no picture"})
+    out = folder / "out"
+    assert main(["run", str(folder), "--out", str(out), *FAST]) == 0
+    output = capsys.readouterr()
+    assert "\x1b" not in output.out + output.err and "\\xff" in output.out
+    records = [json.loads(line) for line in (out / "guidance.jsonl").read_text().splitlines()]
+    assert {record["file"] for record in records} == {sign + name for name in NAMES.values() for sign in ("", "+")}
+    cells = [line.partition(",")[0] for line in (out / "guidance.csv").read_text().splitlines()[1:]]
+    assert len(cells) == 8 and sum(cell.startswith("'") for cell in cells) == 5
+    assert not any(cell.startswith(("=", "+", "\x1b")) for cell in cells)
+    assert "\x1b" not in (out / "report.html").read_text()
+
+
+def test_a_results_folder_that_is_its_own_source_is_refused_whatever_is_asked(tmp_path, capsys):
+    lay(tmp_path, {"out/overlay.mp4": "no film", "out/guidance.jsonl": ""})
+    with av.open(str(tmp_path / "out" / "overlay.mp4"), "w") as film:
+        stream = film.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 36, "yuv420p"
+        film.mux(stream.encode(av.VideoFrame.from_ndarray(GREY, format="rgb24")))
+        film.mux(stream.encode())
+    before = (tmp_path / "out" / "overlay.mp4").read_bytes()
+    for option in ("--overwrite", "--resume"):
+        source = str(tmp_path / "out" / "overlay.mp4")
+        assert main(["run", source, "--out", str(tmp_path / "out"), option, *FAST]) == 2
+        assert "would replace it" in capsys.readouterr().err
+    assert (tmp_path / "out" / "overlay.mp4").read_bytes() == before
+
+
+def test_a_demo_replaces_no_folder_that_is_not_its_own(tmp_path, capsys):
+    lay(tmp_path, {"approach/airsim_rec.txt": "mine"})
+    assert main(["demo", "--out", str(tmp_path)]) == 2
+    assert "not the shipped approach" in capsys.readouterr().err
+    assert (tmp_path / "approach" / "airsim_rec.txt").read_text() == "mine"
