@@ -3,8 +3,9 @@ PYTHON ?= python3
 CORE := .venv
 DEV := .venv-dev
 export PYTHONUTF8 := 1
+export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: demo test lint docs clean
+.PHONY: demo test lint docs audit clean
 
 demo: $(CORE)/.core
 	$(CORE)/bin/deckline demo --out demo-out
@@ -22,15 +23,25 @@ docs: $(DEV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(DEV)/bin/mkdocs build --strict
 	@echo "open site/index.html"
 
-$(CORE)/.core: pyproject.toml
+# Known vulnerabilities of the locked packages; needs the network.
+audit:
+	$(PYTHON) -m venv .venv-audit
+	.venv-audit/bin/pip install --quiet pip-audit
+	.venv-audit/bin/pip-audit --disable-pip --require-hashes --requirement requirements.lock
+	.venv-audit/bin/pip-audit --disable-pip --require-hashes --requirement requirements-dev.lock
+
+# Both environments take the same versions, by hash; torch comes from PyPI or an index of your own.
+$(CORE)/.core: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(CORE)
-	$(CORE)/bin/pip install --quiet --editable .
+	$(CORE)/bin/pip install --quiet --no-deps --require-hashes --requirement requirements.lock
+	$(CORE)/bin/pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
-$(DEV)/.dev: pyproject.toml
+$(DEV)/.dev: pyproject.toml requirements-dev.lock
 	$(PYTHON) -m venv $(DEV)
 	$(DEV)/bin/pip install --quiet torch==2.13.0
-	$(DEV)/bin/pip install --quiet --editable ".[sim,train,viz,logs,openvino,dev]"
+	$(DEV)/bin/pip install --quiet --no-deps --require-hashes --requirement requirements-dev.lock
+	$(DEV)/bin/pip install --quiet --no-deps --no-build-isolation --editable ".[sim,train,viz,logs,openvino,dev]"
 	touch $@
 
 $(DEV)/.docs: $(DEV)/.dev
@@ -43,4 +54,4 @@ system:
 	@sh scripts/system-packages
 
 clean:
-	rm -rf $(CORE) $(DEV) demo-out build dist site
+	rm -rf $(CORE) $(DEV) .venv-audit demo-out build dist site
