@@ -94,13 +94,20 @@ def write_film(path, times, lost=()):
 def test_lost_packets_move_no_poses(tmp_path):
     film = write_film(tmp_path / "film.mkv", range(COUNT), lost=(3, 4, 5))
     rows = "".join(f"{n},{100 + n / 25},{n},0,0,1,0,0,0\n" for n in range(COUNT))
-    source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows), navigation=Navigation(0.05))
+    source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows))
     frames = list(source)
     shown = [round((float(frame.image_rgb[20, 20, 0]) - level(0)) / 15) for frame in frames]
     assert shown == [0, 1, 2, 6, 7, 8, 9, 10, 11]
     np.testing.assert_allclose([frame.world_from_body.translation[0] for frame in frames], shown, atol=1e-6)
     np.testing.assert_allclose([frame.time_s for frame in frames], 100 + np.array(shown) / 25, atol=1e-6)
     assert "drift apart by 0.120 s" in source.notes[0]
+
+
+def test_a_container_without_times_says_that_lost_packets_move_poses(tmp_path):
+    film = write_film(tmp_path / "film.avi", range(COUNT))
+    rows = "".join(f"{n},{n / 25},{n},0,0,1,0,0,0\n" for n in range(COUNT))
+    source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows))
+    assert any("avi stores no times" in note for note in source.notes)
 
 
 def test_a_variable_rate_keeps_its_times(tmp_path):

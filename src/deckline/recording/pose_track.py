@@ -145,7 +145,7 @@ def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | Non
         ahead = times[known] - film_times_s[numbers[known]]
         if navigation.offset_s is None and len(ahead):
             navigation = replace(navigation, offset_s=float(ahead[0]))
-        if len(ahead) and np.ptp(ahead) > navigation.max_gap_s:
+        if len(ahead) and np.ptp(ahead) > np.median(np.diff(film_times_s, prepend=-1.0)) + ROUNDING_S:  # a frame
             notes.append(
                 f"{path}: the film's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
             )

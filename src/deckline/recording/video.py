@@ -54,6 +54,10 @@ class Video(Source):
         self._next = -1
         no_poses = (f"{film.path}: no poses.csv: no positions of the aircraft",)
         self.notes = no_poses if poses is None else poses.notes_on(film.times_s)
+        if poses is not None and film.by_count:
+            self.notes += (
+                f"{film.path}: {COUNTED} stores no times: where a picture is lost, later ones get earlier poses",
+            )
 
     def __len__(self) -> int:
         return len(self.film.times_s)
