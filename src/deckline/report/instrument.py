@@ -138,14 +138,16 @@ def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
     degrees = None if heading is None else Value(*np.rad2deg([heading.value, heading.sigma]).tolist())
     beside = _side(lateral, "right of the line", "left of the line")
     above = "of the aircraft" if slope is None else f"{abs(slope.value):.1f} m {_side(slope, 'above', 'below')} slope"
+    turned = _side(degrees, "nose to the right", "nose to the left")
     if guidance.protection is not None:
         beside += f"  ·  within {guidance.protection.lateral_m:.1f} m"
         above += f"  ·  within {guidance.protection.vertical_m:.1f} m"
+        turned += f"  ·  within {np.rad2deg(guidance.protection.heading_rad):.1f}°"
     rates = ((guidance.closing_m_s, "closing {:.0f} m/s"), (guidance.height_rate_m_s, "height {:+.1f} m/s"))
     ahead = ", ".join(words.format(rate.value) for rate, words in rates if rate is not None)
     return [
         ("LATERAL DEVIATION", lateral, "m", 1, beside),
-        ("HEADING ERROR", degrees, "°", 1, _side(degrees, "nose to the right", "nose to the left")),
+        ("HEADING ERROR", degrees, "°", 1, turned),
         ("HEIGHT ABOVE DECK", guidance.height_above_deck_m, "m", 1, above),
         ("DISTANCE TO RAMP", guidance.distance_to_ramp_m, "m", 0, ahead or "along the centre line"),
     ]

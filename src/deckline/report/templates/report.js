@@ -5,9 +5,9 @@
   const GUIDANCE = [
     { key: "lateral_deviation_m", unit: "m", digits: 2, sides: ["right of", "left of"], level: "lateral_m" },
     { key: "vertical_deviation_m", unit: "m", digits: 2, sides: ["above", "below"] },
-    { key: "heading_error_deg", unit: "°", digits: 2, sides: ["nose right", "nose left"] },
+    { key: "heading_error_deg", unit: "°", digits: 2, sides: ["nose right", "nose left"], level: "heading_deg" },
     { key: "height_above_deck_m", unit: "m", digits: 2, level: "vertical_m" },
-    { key: "distance_to_ramp_m", unit: "m", digits: 1 },
+    { key: "distance_to_ramp_m", unit: "m", digits: 1, level: "distance_m" },
     { key: "lateral_rate_m_s", unit: "m/s", digits: 2, sides: ["right", "left"] },
     { key: "height_rate_m_s", unit: "m/s", digits: 2, sides: ["climbing", "sinking"] },
     { key: "closing_m_s", unit: "m/s", digits: 1 },
