@@ -146,6 +146,7 @@ RUNS = {
     "poses with zero bytes": ({**A, "poses.csv": NAMED + "\0\n"}, ""),
     "poses with one image twice": ({**A, "poses.csv": NAMED + 2 * "a.png,0,0,0,0,1,0,0,0\n"}, ""),
     "pose of infinite numbers": ({**A, "poses.csv": NAMED + "a.png,inf,0,0,0,1,0,0,0\n"}, ""),
+    "pose as far as numbers go": ({**A, "poses.csv": NAMED + "a.png,0,0,0,-1e308,1,0,0,0\n"}, ""),
     "pose without length": ({**A, "poses.csv": NAMED + "a.png,0,0,0,0,0,0,0,0\n"}, ""),
     "pose that leaves the folder": ({**A, "poses.csv": NAMED + "../a.png,0,0,0,0,1,0,0,0\n"}, ""),
     "pose of a name with 5000 digits": ({**A, "poses.csv": NAMED + f"{5000 * '1'}.png,0,0,0,0,1,0,0,0\n"}, ""),

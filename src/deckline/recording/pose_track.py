@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 from deckline.config import Navigation
 from deckline.geometry import QUATERNION_TOLERANCE
 from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned
-from deckline.recording.poses import Rows, parse_number, read_table
+from deckline.recording.poses import FARTHEST_M, Rows, parse_number, read_table
 from deckline.recording.source import RecordingError, read_text
 
 Array = NDArray[np.float64]
@@ -103,9 +103,12 @@ def make_track(
         RecordingError: fewer than two poses, or a clock that jumps back by more than the longest gap.
     """
     times, positions, quaternions = (np.asarray(a, dtype=np.float64) for a in (times_s, positions_m, quaternions_wxyz))
-    valid = np.isfinite(times) & np.isfinite(positions).all(axis=1)
+    valid = np.isfinite(times) & (np.abs(positions) <= FARTHEST_M).all(axis=1)
     valid &= np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) <= QUATERNION_TOLERANCE
-    notes = [*notes, *_note_left_out(name, ~valid, "have a number that is not finite, or a quaternion not of length 1")]
+    notes = [
+        *notes,
+        *_note_left_out(name, ~valid, "have a number that is not finite or too far, or a quaternion not of length 1"),
+    ]
     times, positions, quaternions = times[valid], positions[valid], quaternions[valid]
     latest = np.maximum.accumulate(times)
     late = np.concatenate([[False], times[1:] <= latest[:-1]]) if len(times) else valid[:0]
