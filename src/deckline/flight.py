@@ -65,9 +65,12 @@ class Dehazing:
         return self.made[size]
 
     def shown(self, long_side_px: int) -> Restored:
-        """The same for people: a frame that the dehazer refuses is shown as it is, with the reason, and stays flown."""
+        """The same for people, of any size that was made before.
+
+        A frame that the dehazer refuses is shown as it is, with the reason, and stays flown.
+        """
         try:
-            return self(long_side_px)
+            return self.restored or self(long_side_px)
         except ValueError as error:
             frame = downscale_frame(self.frame, long_side_px)
             left = Restored(frame.image_rgb.copy(), f"not dehazed: {' '.join(str(error).split())}")

@@ -14,7 +14,9 @@ from deckline.report.instrument import BAND, draw_instrument
 from deckline.types import SIDES, Frame, Guidance, LinePoints, PixelLine, RunwayEstimate
 
 PANEL_PX = (640, 360)  # width, height of each picture at most
-DEHAZED_PX = 1280  # longer side at which frames are dehazed: the magnified view shows no finer
+MATCHED_PX = 24  # width of the dehazed part that a magnified view is matched to, at least
+MATCH_RIDGE = 4.0  # grey levels squared: contrast below which nothing is told of it
+MAX_GAIN = 10.0  # of contrast
 INSET_PX = (272, 153)  # width, height of the magnified view
 INSET_MARGIN_PX = 10
 MIN_MAGNIFICATION = 2.0  # a smaller gain is not worth hiding a corner for
@@ -59,22 +61,46 @@ class View:
 def draw_panels(result: FrameResult) -> Panels:
     """The small pictures of one result."""
     camera, hazy_rgb = result.frame.camera, result.frame.image_rgb
-    clear_rgb = result.dehazing.shown(DEHAZED_PX).image_rgb
+    clear_rgb = result.dehazing.shown(max(PANEL_PX)).image_rgb
     scale = min(PANEL_PX[0] / camera.width, PANEL_PX[1] / camera.height)
     size = max(round(camera.width * scale), 2), max(round(camera.height * scale), 2)
     view = View(0.0, 0.0, size[0] / camera.width, size[1] / camera.height)
-    hazy, marked = _resize(hazy_rgb, size), _resize(clear_rgb, size)
+    hazy, clear = _resize(hazy_rgb, size), _resize(clear_rgb, size)
+    marked = clear.copy()
     window = find_window(result, view.x)
     corner = None if window is None else find_corner(size, view, window)
     _mark(marked, view, result, with_points=corner is None)
     if window is not None and corner is not None:
         u0, v0, u1, v1 = window
-        hazy_inset, marked_inset = (_magnify(image, window, camera.width) for image in (hazy_rgb, clear_rgb))
+        hazy_inset = _magnify(hazy_rgb, window, camera.width)
+        marked_inset = match_contrast(hazy_inset, *(_around(image, window, camera.width) for image in (hazy, clear)))
         close = View(u0, v0, INSET_PX[0] / (u1 - u0), INSET_PX[1] / (v1 - v0))
         _mark(marked_inset, close, result, with_points=True)
         _place_inset(hazy, hazy_inset, corner, view, window)
         _place_inset(marked, marked_inset, corner, view, window)
     return Panels(hazy, marked, result.dehazing.note)
+
+
+def match_contrast(image: Image, hazy: Image, clear: Image) -> Image:
+    """An image (H, W, 3) with the gain and offset of each channel that take a hazy picture (h, w, 3) to a clear one.
+
+    The frame is dehazed as small as it is shown; this brings a magnified part of it to the same look.
+    """
+    before, after = (part.reshape(-1, 3).astype(np.float32) for part in (hazy, clear))
+    means = before.mean(axis=0), after.mean(axis=0)
+    covariance = ((before - means[0]) * (after - means[1])).mean(axis=0)
+    gain = np.clip((covariance + MATCH_RIDGE) / (before.var(axis=0) + MATCH_RIDGE), 1 / MAX_GAIN, MAX_GAIN)
+    matched: Image = np.rint((image - means[0]) * gain + means[1]).clip(0, 255).astype(np.uint8)
+    return matched
+
+
+def _around(image: Image, window: Window, width_px: int) -> Image:
+    """The part of a picture (h, w, 3) of a frame that is `width_px` wide, about a window of the frame."""
+    scale = image.shape[1] / width_px
+    u0, v0, u1, v1 = (scale * edge for edge in window)
+    half = max((u1 - u0) / 2, MATCHED_PX / 2), max((v1 - v0) / 2, MATCHED_PX / 2)
+    left, top = max(round((u0 + u1) / 2 - half[0]), 0), max(round((v0 + v1) / 2 - half[1]), 0)
+    return image[top : round((v0 + v1) / 2 + half[1]) + 1, left : round((u0 + u1) / 2 + half[0]) + 1]
 
 
 def find_window(result: FrameResult, scale: float) -> Window | None:
