@@ -76,6 +76,19 @@ def stage_seconds(records: list[Record]) -> dict[str, float]:
     return {stage: median for stage, median in medians.items() if median is not None}
 
 
+def median_visibility(records: list[Record]) -> tuple[str, str] | None:
+    """The median visibility that the dehazed pictures told and what to know of it; None where none did."""
+    for name, unit, words in (
+        ("visibility_m", "m", ""),
+        ("visibility_heights", "heights", " of the camera over the sea"),
+    ):
+        values, sigmas = _gather(records, (name, "value"), (name, "sigma"))
+        if len(values):
+            detail = f"median{words}, 1 sigma {number(float(np.median(sigmas)), unit)}; {len(values)} frames tell it"
+            return number(float(np.median(values)), unit), detail
+    return None
+
+
 def median_sigma(records: list[Record], name: str) -> float | None:
     """Median 1-sigma of a guidance value, in its unit."""
     return _median(_gather(records, ("guidance", name, "sigma"))[0])

@@ -108,6 +108,9 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
     sigma = figures.median_sigma(seen, "lateral_deviation_m")
     if not errors and sigma is not None:
         yield "Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with"
+    visibility = figures.median_visibility(seen)
+    if visibility is not None:
+        yield "Visibility", *visibility
     yield from _track_cards(seen)
     wrong, empty = figures.false_lines(seen)
     if empty:
