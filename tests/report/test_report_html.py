@@ -160,6 +160,14 @@ def test_flags_are_told_without_a_track_too():
     assert [row["flags"] for row in embedded(html)["rows"]] == [["above the camera"], []]
 
 
+@pytest.mark.parametrize(("name", "figure"), [("visibility_m", "900 m"), ("visibility_heights", "900 heights")])
+def test_the_visibility_that_dehazing_told_is_told(name, figure):
+    told = [record() | {name: {"value": value, "sigma": 80.0}} for value in (800.0, 900.0, 1000.0)]
+    words = Tags(report([*told, record()])).texts
+    assert words[words.index("Visibility") + 1] == figure
+    assert "3 frames tell it" in words[words.index("Visibility") + 2]
+
+
 def test_notes_stand_above_everything():
     html = report([record()], **{"note 1": "two cameras of different size", "frames": "1 of 9, stopped"})
     assert html.index("two cameras of different size") < html.index("What guidance is worth")
