@@ -40,13 +40,14 @@ from deckline.track.filter import (
     line_rows,
     width_sigma_m,
 )
-from deckline.track.measurement import GatedMeasurement
+from deckline.track.measurement import NAMES, GatedMeasurement
 from deckline.track.motion import Pose
 from deckline.types import Frame, Notice, Notices, Protection, Reason, RunwayEstimate, RunwayLine
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_RESIDUALS = 10
+WHAT = dict(NAMES.values())  # may be left out, in words
 LEARNED_SIGMA_M = 1.0  # of a spacing, below which it counts as learned
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 SAMPLE_PX = 37  # every so many rows and columns of the picture are compared
@@ -248,7 +249,7 @@ class FaultMonitor:
         flags: list[Notice | None] = []
         for reason, since in self.since_s.items():
             if time_s - since >= config.integrity.persist_s:
-                message = messages.get(reason, f"the {reason} contradicted the track when it was last seen")
+                message = messages.get(reason, f"{WHAT[reason]} contradicted the track when last seen")
                 flags.append(Notice(reason, f"{message}, for {time_s - since:.1f} s"))
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
