@@ -30,7 +30,7 @@ def main(recording: str) -> None:
     for frame in open_recording(recording):
         print(
             frame.file,
-            *(f"{flight.dehazer.name}: {flight(frame).guidance.status}" for flight in (shipped, own)),
+            *(f"{flight.dehazer.name}: {flight(frame).estimate.seen}" for flight in (shipped, own)),
             sep="  ",
         )
 
