@@ -10,11 +10,10 @@ The same command resumes after a stop. The deckline commands are printed before 
 
 import argparse
 import json
-import shlex
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
+
+from table6 import run
 
 from deckline.labels.lines import LABELS_FILE
 from deckline.report.draw import write_picture
@@ -37,15 +36,6 @@ cpu_minutes = true
 noise_share = 0.0
 """
 COLUMNS = "| network | steps | CPU minutes | PSNR, dB | to ours [95 %] | below horizon, dB | SSIM | M | GMACs | ms |"
-
-
-def run(*words: object) -> None:
-    """Print and run a deckline command; its error ends the script."""
-    command = ["deckline", *map(str, words)]
-    print(shlex.join(command), flush=True)
-    code = subprocess.run([sys.executable, "-m", *command], check=False).returncode
-    if code:
-        sys.exit(code)
 
 
 def shrink_pairs(recording: Path, folder: Path) -> Path:

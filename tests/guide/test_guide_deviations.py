@@ -214,6 +214,7 @@ NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
         ({"mode": DepthMode.COARSE}, {}, Status.UNVERIFIED),
         ({"mode": DepthMode.COARSE}, {"scale_from": (Scale.WIDTH,)}, Status.OK),
         ({}, {"is_young": True}, Status.UNVERIFIED),
+        ({}, {"state": TrackState.LOST, "lines": {}}, Status.UNVERIFIED),
         ({}, {"flags": (Notice(Reason.HEIGHT, "off"),)}, Status.UNVERIFIED),
         ({}, {"flags": (Notice(Reason.FROZEN, "same"),)}, Status.STALE),
         ({}, {"excluded": (Notice(Reason.LEFT, "off"),)}, Status.ONE_LINE),

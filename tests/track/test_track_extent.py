@@ -10,7 +10,7 @@ from steady_view import seen, view
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
 from deckline.track.extent import locate_ramp
-from deckline.track.filter import HEAVE, HEIGHT, PITCH, SIZE, error_sigmas, initial_state
+from deckline.track.filter import ATTITUDE_X, ATTITUDE_Y, FOCAL, HEAVE, HEIGHT, PITCH, SIZE, error_sigmas, initial_state
 
 CALM = RunConfig(deck=Deck(sea_state=0.0))
 
@@ -63,4 +63,8 @@ def test_a_ramp_is_placed_on_the_deck_that_the_track_knows():
     down = 15.0 - 2.5 - 0.01 * 50.0
     np.testing.assert_allclose(ramp.place_m, [-100.0 + 100.0 * down / 15.0, 0.0, -35.0 + down])
     assert ramp.sigma_m == pytest.approx(np.hypot(1.5, 100.0 / 15.0 * sigma_track))
+    range_m = 100.0 * down / 15.0
+    expected = np.zeros(8)  # a camera that is pitched by a little moves the ramp by (r^2 + h^2) / h times as much
+    expected[[ATTITUDE_Y - ATTITUDE_X, FOCAL - ATTITUDE_X]] = (range_m**2 + down**2) / down, range_m
+    np.testing.assert_allclose(ramp.response, expected)
     assert locate_ramp(frame, replace(estimate, ramp_m=None), state, shared) is None

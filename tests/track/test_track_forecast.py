@@ -45,7 +45,7 @@ def test_uncertainty_grows_and_ends_with_the_track():
             break
     forecast = tracker.forecast()
     now, later = (forecast.at(frame.time_s + ahead_s) for ahead_s in (0.0, 0.5))
-    for name in ("lateral_m", "vertical_m"):
+    for name in ("lateral_m", "vertical_m", "heading_rad"):
         assert getattr(later[0].protection, name) > getattr(now[0].protection, name)
     assert later[0].lines["centre"].relative_covariance[0, 0] > now[0].lines["centre"].relative_covariance[0, 0]
     assert later[2] > now[2] == 0.0

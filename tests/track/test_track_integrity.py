@@ -164,7 +164,7 @@ def test_lines_that_drift_faster_than_a_ship_are_flagged():
         assert (drift_flag(known, CALM) is not None) is flagged
 
 
-def test_levels_of_heading_and_distance_hold_a_turned_camera():
+def test_the_level_of_the_heading_holds_a_turned_camera():
     """1 degree about every axis, the largest that is thought possible."""
     for turn_deg in np.eye(3):
         flight = replace(SLOW, seed=5)

@@ -77,7 +77,7 @@ class FrameState:
     distance_m: float | None = None  # error of the distance to the ramp
     heading_level_deg: float | None = None
     distance_level_m: float | None = None
-    status: str = Status.OK
+    status: str = Status.UNVERIFIED
     excluded: bool = False  # a measurement contradicted the track and was left out of it
     flags: tuple[str, ...] = ()  # names of what is flagged
 

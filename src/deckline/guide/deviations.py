@@ -63,7 +63,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
         scale_from += track.scale_from
     doubts: Notices = () if scale_from else (NO_SCALE,)
-    if track is not None and track.lines and track.is_young:
+    if track is not None and (track.is_young or not track.lines):  # one frame alone shows no contradiction
         doubts += (YOUNG,)
     base = Guidance(
         frame.time_s,

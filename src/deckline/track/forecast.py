@@ -83,21 +83,24 @@ class Forecast:
         pose = Pose(aircraft.position_m, aircraft.velocity_m_s, aircraft.turn_rate_rad_s)
         state = predict(memory.state, time_s, aircraft.position_m, self.config)
         track = describe_track(replace(memory, state=state, aircraft=aircraft), pose, self.config)
-        track = _loosen(track, float(aircraft.covariance[0, 0] - before.covariance[0, 0]))
+        turn_rad = TURN_SIGMA_RAD_S * (time_s - before.time_s)
+        track = _loosen(track, float(aircraft.covariance[0, 0] - before.covariance[0, 0]), turn_rad)
         track = replace(track, state=self.track.state, flags=self.track.flags, notices=self.track.notices)
         body = RigidTransform.from_components(aircraft.position_m, aircraft.attitude)
-        return track, body, TURN_SIGMA_RAD_S * (time_s - before.time_s)
+        return track, body, turn_rad
 
 
-def _loosen(track: Track, variance_m2: float) -> Track:
-    """The same track, with a variance on every axis that the aircraft's position has gained."""
+def _loosen(track: Track, variance_m2: float, turn_rad: float) -> Track:
+    """The same track, with what the aircraft's position has gained of variance, and its turn's 1-sigma."""
     sigma_m, protection, ramp_sigma_m = float(np.sqrt(variance_m2)), track.protection, track.ramp_sigma_m
     if protection is not None:
-        bound_m = float(norm.isf(protection.risk / 2)) * sigma_m
+        quantile = float(norm.isf(protection.risk / 2))
+        bound_m = quantile * sigma_m
         protection = replace(
             protection,
             lateral_m=protection.lateral_m + bound_m,
             vertical_m=protection.vertical_m + bound_m,
+            heading_rad=protection.heading_rad + quantile * turn_rad,
             distance_m=None if protection.distance_m is None else protection.distance_m + bound_m,
         )
     ramp_sigma_m = None if ramp_sigma_m is None else float(np.hypot(ramp_sigma_m, sigma_m))
