@@ -41,7 +41,7 @@ $(DEV)/.dev: pyproject.toml requirements-dev.lock
 	$(PYTHON) -m venv $(DEV)
 	$(DEV)/bin/pip install --quiet torch==2.13.0
 	$(DEV)/bin/pip install --quiet --no-deps --require-hashes --requirement requirements-dev.lock
-	$(DEV)/bin/pip install --quiet --no-deps --no-build-isolation --editable ".[sim,train,viz,logs,openvino,dev]"
+	$(DEV)/bin/pip install --quiet --no-deps --no-build-isolation --editable ".[sim,train,viz,logs,openvino,dashboard,ros,foxglove,dev]"
 	touch $@
 
 $(DEV)/.docs: $(DEV)/.dev
