@@ -83,6 +83,13 @@ def test_a_run_writes_whole_files_and_counts_every_frame(tmp_path, capsys):
     assert "skipped frame_002.png: cut short" in capsys.readouterr().err
 
 
+def test_a_view_watches_each_frame_with_its_record(tmp_path):
+    seen = []
+    run(Approach(3, bad=(1,)), chain, tmp_path, config=CONFIG, views=(lambda *frame: seen.append(frame),))
+    assert [record["file"] for _, record in seen] == [record["file"] for record in records(tmp_path)]
+    assert [result and result.frame.file for result, _ in seen] == ["frame_000.png", None, "frame_002.png"]
+
+
 def test_a_frame_that_a_stage_refuses_is_skipped_with_its_reason(tmp_path):
     def refuse():
         raise ValueError("image too\nsmall")

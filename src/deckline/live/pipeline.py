@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deckline.flight import Flight
+from deckline.flight import Flight, FrameResult
 from deckline.live.clock import WallClock
 from deckline.live.mailbox import Mailbox
 from deckline.live.messages import NO_FRAME, Answer, Progress, answer_record, stale_record
@@ -16,7 +16,7 @@ from deckline.live.poses import PoseSource
 from deckline.live.recorder import round_pose
 from deckline.live.source import Captured, LiveSource, Log
 from deckline.recording import BadFrame
-from deckline.report.records import Record
+from deckline.report.records import Record, View
 from deckline.types import Frame
 
 STALE_S = 0.2
@@ -30,11 +30,12 @@ END_S = 3.0  # for a thread to end; one that hangs in a driver is left behind
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where everything goes. The first two are called by the guiding thread, the last one by the perceiving one."""
+    """Where everything goes. `keep` is called by the perceiving thread, the others by the guiding one."""
 
     send: Callable[[Record], None]
     log: Log
     keep: Callable[[Frame], None] | None = None  # takes each frame that was flown
+    views: tuple[View, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -198,13 +199,13 @@ class Session:
                 last, sent_s = answer, now_s
                 record = answer_record(answer, self._count(), now_s, self._offset_s, self._stale_s, approach)
                 self._ages.append(now_s - answer.at_s)
-                self._send(record)
+                self._send(record, answer.result)
                 continue
             silent_s = now_s - min(self._captured_s, sent_s)
             if silent_s > self._stale_s - 2 * TICK_S and now_s - stale_sent_s > STALE_EVERY_S:
                 stale_sent_s = now_s
                 reason = self._explain(now_s, last is None)
-                self._send(stale_record(last, self._count(), now_s, self._offset_s, reason, approach))
+                self._send(stale_record(last, self._count(), now_s, self._offset_s, reason, approach), None)
 
     def _explain(self, now_s: float, is_first: bool) -> str:
         """Why there is no answer; `is_first`: there was none before."""
@@ -213,7 +214,9 @@ class Session:
         why = f"; the last one: {self._damage}" if self._damage else ""
         return ("no frame yet" if is_first else f"no frame for {now_s - self._captured_s:.2f} s") + why
 
-    def _send(self, record: Record) -> None:
+    def _send(self, record: Record, result: FrameResult | None) -> None:
         self._out.send(record)
+        for view in self._out.views:
+            view(result, record)
         kind = NO_FRAME if record["file"] is None else str(record["status"])
         self.counts[kind] = self.counts.get(kind, 0) + 1

@@ -6,7 +6,7 @@ Degrees where people read, units in the names, null for what does not exist: nev
 import csv
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,7 @@ STAGES = ("dehaze", "detect", "localize", "guide", "track")
 NO_COLUMNS: Mapping[str, Iterable[str | int]] = {}
 
 Record = dict[str, Any]
+View = Callable[[FrameResult | None, Record], None]  # watches a flight; None: a record without a frame that was flown
 
 
 def frame_record(result: FrameResult, approach: Approach) -> Record:

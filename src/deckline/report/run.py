@@ -22,7 +22,16 @@ from deckline.report.figures import count_reasons
 from deckline.report.film import Film, join_dehazing
 from deckline.report.html import STATUSES, Pictures, report_html
 from deckline.report.provenance import Settings, run_info, settings_of
-from deckline.report.records import Record, frame_record, lookup, read_records, skipped_record, to_line, write_csv
+from deckline.report.records import (
+    Record,
+    View,
+    frame_record,
+    lookup,
+    read_records,
+    skipped_record,
+    to_line,
+    write_csv,
+)
 from deckline.report.run_folder import (
     CONFIG,
     CSV,
@@ -73,6 +82,7 @@ def run(
     max_frames: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    views: tuple[View, ...] = (),
 ) -> RunSummary:
     """Run `chain` over `source`; write guidance.jsonl, guidance.csv, overlay.mp4, report.html and run.toml into `out`.
 
@@ -89,6 +99,7 @@ def run(
         max_frames: stop after so many frames of the source, unusable ones included.
         resume: go on after the last whole line of an interrupted run in `out`.
         overwrite: replace the results of an older run in `out`, at the end.
+        views: watch each frame of this run, those before a resumed one's break left out.
 
     Raises:
         ValueError: `out` holds results or cannot be written, there is nothing to resume, or not with these settings.
@@ -104,16 +115,22 @@ def run(
         check_apart(Path(source.name), out)
     with lock_folder(out):
         folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
-        return _fly(source, chain, folder, total, config, settings)
+        return _fly(source, chain, folder, total, config, settings, views)
 
 
 def _fly(
-    source: Stream, chain: Chain, folder: RunFolder, total: int | None, config: RunConfig, settings: Settings
+    source: Stream,
+    chain: Chain,
+    folder: RunFolder,
+    total: int | None,
+    config: RunConfig,
+    settings: Settings,
+    views: tuple[View, ...],
 ) -> RunSummary:
     """Everything of `run` that happens while the folder is its own."""
     sample = PictureSample(folder.work / "pictures")
     try:
-        counts, stopped = _process(source, chain, folder, sample, total, config)
+        counts, stopped = _process(source, chain, folder, sample, total, config, views)
         frames = sum(counts.values())
         info = run_info(source, frames, total, stopped and total is not None) | settings
         written = _publish(folder, sample, info, counts, config)
@@ -139,7 +156,13 @@ def explain_missing(records: Iterable[Record], used: int) -> str:
 
 
 def _process(
-    source: Stream, chain: Chain, folder: RunFolder, sample: PictureSample, total: int | None, config: RunConfig
+    source: Stream,
+    chain: Chain,
+    folder: RunFolder,
+    sample: PictureSample,
+    total: int | None,
+    config: RunConfig,
+    views: tuple[View, ...],
 ) -> tuple[Counts, bool]:
     """Process every frame that is still missing.
 
@@ -164,6 +187,8 @@ def _process(
                 if index >= folder.recorded:
                     lines.write(to_line(record).encode())  # in a single write: a kill cuts off one line at most
                     counts[_kind_of(record)] += 1
+                    for view in views:
+                        view(None if isinstance(outcome, BadFrame) else outcome, record)
                 if isinstance(outcome, BadFrame):
                     words = printable(f"skipped {outcome.file}: {outcome.reason}")
                     progress.console.print(words, markup=False, highlight=False, soft_wrap=True)
