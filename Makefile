@@ -1,14 +1,16 @@
-# Two commands on a fresh machine: `make demo` (core only, no torch, no GPU) and `make test` (everything).
+# Two commands on a fresh machine: `make demo` (core only, no torch, no GPU, from a wheel) and `make test` (everything).
 PYTHON ?= python3
 CORE := .venv
 DEV := .venv-dev
 export PYTHONUTF8 := 1
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: demo test lint docs audit clean
+.PHONY: demo wheel test lint docs audit clean
 
-demo: $(CORE)/.core
+demo: $(CORE)/.wheel
 	$(CORE)/bin/deckline demo --out demo-out
+
+wheel: $(CORE)/.wheel
 
 test: $(DEV)/.dev system
 	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest --numprocesses auto --dist loadfile
@@ -34,7 +36,14 @@ audit:
 $(CORE)/.core: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(CORE)
 	$(CORE)/bin/pip install --quiet --no-deps --require-hashes --requirement requirements.lock
-	$(CORE)/bin/pip install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+# The wheel is made from the source archive, so that both are tried; it is installed, not the working tree.
+$(CORE)/.wheel: $(CORE)/.core PYPI.md $(shell find src -type f -not -path "*/__pycache__/*" -not -path "*.egg-info/*")
+	rm -rf dist
+	$(CORE)/bin/python -c "from setuptools.build_meta import build_sdist; build_sdist('dist')" > /dev/null
+	$(CORE)/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist dist/deckline-*.tar.gz
+	$(CORE)/bin/pip install --quiet --no-deps --force-reinstall dist/deckline-*.whl
 	touch $@
 
 $(DEV)/.dev: pyproject.toml requirements-dev.lock
