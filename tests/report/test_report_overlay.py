@@ -148,37 +148,6 @@ def test_pictures_of_any_shape_fit_into_their_panel(size):
     overlay.draw_overlay(shown, result.guidance, pictures)
 
 
-def test_the_centre_line_is_projected_between_its_edge_lines():
-    result = chain(frame())
-    near, far = overlay.project_centre_line(result.frame, result.estimate)
-    truth = result.frame.camera.project(
-        result.frame.world_from_camera.inv().apply([[0.0, 0.0, -20.0], [200.0, 0.0, -20.0]])
-    )
-    assert np.allclose([near, far], truth, atol=0.2)
-    unplaced = chain(frame(pose=False))
-    assert overlay.project_centre_line(unplaced.frame, unplaced.estimate) is None
-
-
-@given(u=st.integers(0, 600), v=st.integers(0, 330), width=st.integers(4, 200))
-def test_the_magnified_view_never_hides_what_it_magnifies(u, v, width):
-    window = (u, v, u + width, v + width // 2)
-    corner = overlay.find_corner(overlay.PANEL_PX, overlay.View(0.0, 0.0, 1.0, 1.0), window)
-    if corner is None:
-        return
-    left, top = corner
-    assert left >= 0 and top >= 0
-    assert left + overlay.INSET_PX[0] <= overlay.PANEL_PX[0] and top + overlay.INSET_PX[1] <= overlay.PANEL_PX[1]
-    apart_u = left + overlay.INSET_PX[0] <= window[0] or left >= window[2] - 1
-    apart_v = top + overlay.INSET_PX[1] <= window[1] or top >= window[3] - 1
-    assert apart_u or apart_v
-
-
-def test_a_far_runway_is_magnified_and_a_small_panel_has_no_room():
-    unscaled = overlay.View(0.0, 0.0, 1.0, 1.0)
-    assert overlay.find_corner(overlay.PANEL_PX, unscaled, (300, 170, 340, 190)) is not None
-    assert overlay.find_corner((200, 100), unscaled, (90, 40, 110, 50)) is None
-
-
 @given(words=st.text(alphabet="abc xyz", max_size=60), width=st.integers(40, 300))
 def test_text_is_cut_to_its_room(words, width):
     assert draw.measure_text(draw.shorten(words, 14, width), 14) <= width

@@ -72,7 +72,8 @@ def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
 def draw_instrument(guidance: Guidance) -> Image:
     """The band (248, 1280, 3) below the pictures: indicator, numbers, status."""
     image = draw.blank(*BAND)
-    _draw_indicator(image, guidance)
+    left, top, side = FACE
+    image[top : top + side, left : left + side] = draw_indicator(guidance)
     for column, tile in enumerate(_tiles(guidance)):
         _draw_tile(image, column, *tile)
     _draw_status(image, guidance)
@@ -80,18 +81,13 @@ def draw_instrument(guidance: Guidance) -> Image:
     return image
 
 
-def _needle(deviation: Value | None, dot: float) -> Value | None:
-    """A needle points to where the line or the slope is: against the deviation."""
-    if deviation is None:
-        return None
-    return Value(float(np.clip(-deviation.value / dot, -FULL_SCALE_DOTS, FULL_SCALE_DOTS)), deviation.sigma / dot)
-
-
-def _draw_indicator(image: Image, guidance: Guidance) -> None:
-    left, top, side = FACE
-    x, y = middle = np.array([left + side // 2, top + side // 2])
-    draw_box(image, (left, top), (side, side), draw.EDGE, 14)
-    draw_box(image, (left + 2, top + 2), (side - 4, side - 4), (10, 13, 17), 12)
+def draw_indicator(guidance: Guidance) -> Image:
+    """The indicator alone, (224, 224, 3)."""
+    side = FACE[2]
+    image = draw.blank(side, side)
+    x, y = middle = np.array([side // 2, side // 2])
+    draw_box(image, (0, 0), (side, side), draw.EDGE, 14)
+    draw_box(image, (2, 2), (side - 4, side - 4), (10, 13, 17), 12)
     for step in (-2, -1, 1, 2):
         draw_dot(image, (x + step * DOT_PX, y), 4, draw.DIM, filled=False)
         draw_dot(image, (x, y + step * DOT_PX), 4, draw.DIM, filled=False)
@@ -112,21 +108,27 @@ def _draw_indicator(image: Image, guidance: Guidance) -> None:
     draw_segment(image, [(x + 6, y), (x + 16, y)], draw.CENTRE, 2)
     draw_dot(image, (x, y), 3, draw.CENTRE)
     if lateral is None:
-        draw_tag(image, "LOC", (left + 12, top + 12), 15, draw.FLAG, draw.INK)
+        draw_tag(image, "LOC", (12, 12), 15, draw.FLAG, draw.INK)
     if glideslope is None:
-        draw_tag(image, "GS", (left + side - 48, top + 12), 15, draw.FLAG, draw.INK)
+        draw_tag(image, "GS", (side - 48, 12), 15, draw.FLAG, draw.INK)
     if guidance.status is Status.NOT_SEEN:
         draw_box(image, (x - 70, y - 21), (140, 42), draw.FLAG, 5)
         draw_text(image, "NO LINES", (x - measure_text("NO LINES", 22, 700) / 2, y + 8), 22, draw.INK, 700)
-    draw_text(image, f"dot {LATERAL_DOT_M:g} m", (left + 12, top + side - 12), 12, draw.DIM)
-    draw_text(image, f"dot {GLIDESLOPE_DOT_DEG:g}°", (left + side - 62, top + side - 12), 12, draw.DIM)
+    draw_text(image, f"dot {LATERAL_DOT_M:g} m", (12, side - 12), 12, draw.DIM)
+    draw_text(image, f"dot {GLIDESLOPE_DOT_DEG:g}°", (side - 62, side - 12), 12, draw.DIM)
+    return image
+
+
+def _needle(deviation: Value | None, dot: float) -> Value | None:
+    """A needle points to where the line or the slope is: against the deviation."""
+    if deviation is None:
+        return None
+    return Value(float(np.clip(-deviation.value / dot, -FULL_SCALE_DOTS, FULL_SCALE_DOTS)), deviation.sigma / dot)
 
 
 def _brighten(image: Image, centre: NDArray[np.float64], half: NDArray[np.float64]) -> None:
     """Show what lies within 1-sigma of a needle, as far as the face reaches."""
-    left, top, side = FACE
-    low = np.array([left, top]) + 10
-    ends = np.clip([centre - half, centre + half], low, low + side - 20)
+    ends = np.clip([centre - half, centre + half], 10, FACE[2] - 10)
     (x0, y0), (x1, y1) = np.rint(ends).astype(int)
     part = image[y0:y1, x0:x1]
     part[:] = np.rint(part + SIGMA_OPACITY * (np.array(draw.NEEDLE) - part.astype(np.float64))).astype(np.uint8)
