@@ -30,12 +30,13 @@ def read_calibration(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError) as error:
         raise RecordingError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
     try:
-        return _to_camera_keys(values)
+        return to_camera_keys(values)
     except ValueError as error:
         raise RecordingError(f"{path}: {error}") from None
 
 
-def _to_camera_keys(values: Any) -> dict[str, Any]:
+def to_camera_keys(values: Any) -> dict[str, Any]:
+    """Keys of camera.toml from those of a YAML calibration; a ValueError for values that make no camera."""
     required = ("image_width", "image_height", "camera_matrix")
     if not isinstance(values, dict) or (missing := [key for key in required if key not in values]):
         what = ", ".join(missing) if isinstance(values, dict) else "everything"

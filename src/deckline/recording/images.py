@@ -46,7 +46,11 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     Raises:
         ValueError: missing, cut short, damaged, or no image; says which.
     """
-    data = read_bytes(path, "image")
+    return decode_image(read_bytes(path, "image"))
+
+
+def decode_image(data: bytes) -> NDArray[np.uint8]:
+    """The bytes of an image file as `read_image` reads them; errors as there."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # odd metadata do not harm the pixels

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from deckline.config import Navigation
 from deckline.extras import needs_extra
 from deckline.files import open_regular
-from deckline.recording.pose_track import PoseTrack, make_track, place_in_world
+from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
 from deckline.recording.source import RecordingError
 
 Array = NDArray[np.float64]
@@ -144,21 +144,8 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
     level = np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1))
     attitudes = make_track(f"{path}: {log.attitude.name}", turns[:, 0], turns[:, 1:4], quaternions, own_clock)
     positions = make_track(f"{path}: {position.name}", places[:, 0], places[:, 1:], level, own_clock)
-    times = np.union1d(attitudes.times_s, positions.times_s)
-    times = times[attitudes.covers(times) & positions.covers(times)]
-    times = times[(times >= attitudes.times_s[0]) & (times <= attitudes.times_s[-1])]
-    if len(times) < 2:
-        raise RecordingError(f"{path}: {log.attitude.name} and {position.name} share no time")
-    rotations = Slerp(attitudes.times_s, attitudes.rotations)(times)
-    places_m = positions.positions_m
-    if position.geodetic:
-        places_m[:, 1] = np.unwrap(places_m[:, 1], period=360.0)  # across the antimeridian
-    columns = np.array([np.interp(times, positions.times_s, column) for column in places_m.T])
-    if position.geodetic:
-        columns[1] = (columns[1] + 180.0) % 360.0 - 180.0
-    notes, offset_s = (*attitudes.notes, *positions.notes), navigation.offset_s
-    track = PoseTrack(str(path), times, columns.T, rotations, navigation.max_gap_s, offset_s, notes)
-    return place_in_world(track, navigation.origin) if position.geodetic else track
+    joined = join_tracks(attitudes, positions, position.geodetic, navigation)
+    return replace(joined, name=str(path))
 
 
 def _read_rows(path: Path, log: LogFormat) -> dict[str, Array]:

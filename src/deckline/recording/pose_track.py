@@ -51,6 +51,12 @@ class PoseTrack:
         """Whether there is a pose at times (T,) of the pictures' clock."""
         return self._bracket(times_s)[0]
 
+    def sample(self, times_s: Array) -> tuple[Array, Rotation]:
+        """Positions (T, 3) and attitudes (T) at times (T,) of the poses' clock; beyond the ends the first and last."""
+        times = np.clip(times_s, self.times_s[0], self.times_s[-1])
+        positions = [np.interp(times, self.times_s, column) for column in self.positions_m.T]
+        return np.column_stack(positions), Slerp(self.times_s, self.rotations)(times)
+
     def notes_on(self, times_s: Array) -> tuple[str, ...]:
         """Notes on the poses and on the pictures, at these times of their clock, that have none.
 
@@ -153,6 +159,34 @@ def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | Non
                 f"{path}: the film's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
             )
     track = make_track(str(path), times, values[:, :3], values[:, 3:], navigation, notes)
+    return place_in_world(track, navigation.origin) if geodetic else track
+
+
+def join_tracks(attitudes: PoseTrack, positions: PoseTrack, geodetic: bool, navigation: Navigation) -> PoseTrack:
+    """One track of the attitudes of one and the positions of another, at the times of both.
+
+    Args:
+        attitudes, positions: on one clock, each with its own offset 0.
+        geodetic: positions are latitude, longitude, degrees, and altitude, m; the track is then as `place_in_world`
+            makes it.
+        navigation: the offset of their clock, and the world's origin.
+
+    Raises:
+        RecordingError: they share no time.
+    """
+    times = np.union1d(attitudes.times_s, positions.times_s)
+    times = times[attitudes.covers(times) & positions.covers(times)]
+    times = times[(times >= attitudes.times_s[0]) & (times <= attitudes.times_s[-1])]
+    if len(times) < 2:
+        raise RecordingError(f"{attitudes.name} and {positions.name} share no time")
+    places_m = positions.positions_m
+    if geodetic:
+        places_m = np.column_stack([places_m[:, 0], np.unwrap(places_m[:, 1], period=360.0), places_m[:, 2]])
+    places_m, rotations = replace(positions, positions_m=places_m).sample(times)[0], attitudes.sample(times)[1]
+    if geodetic:
+        places_m[:, 1] = (places_m[:, 1] + 180.0) % 360.0 - 180.0
+    notes, offset_s = (*attitudes.notes, *positions.notes), navigation.offset_s or 0.0
+    track = PoseTrack(positions.name, times, places_m, rotations, navigation.max_gap_s, offset_s, notes)
     return place_in_world(track, navigation.origin) if geodetic else track
 
 
