@@ -46,6 +46,7 @@ def live(
     pose_offset_s: float | None = None,
     max_pose_gap_s: float | None = None,
     origin: tuple[float, float, float] | None = None,
+    topic: tuple[str, ...] = (),
     latency_s: float = 0.0,
     stale_s: float = STALE_S,
     rate: float = 30.0,
@@ -73,6 +74,7 @@ def live(
         pose_offset_s: the clock of the poses minus this machine's Unix time (0).
         max_pose_gap_s: between two poses, beyond which frames in between have no pose (0.5).
         origin: latitude, longitude, degrees, and altitude, m, of the world's origin.
+        topic: of a ROS bag, the topics to take where several are there.
         latency_s: of exposure, coding and network, between a scene and its picture's arrival.
         stale_s: guidance is stale so many seconds after the last frame.
         rate: frames a second that are taken from a simulator or asked of it, at most.
@@ -104,7 +106,7 @@ def live(
             raise ValueError(f"{source}: poses of an autopilot are for cameras and streams; leave --poses out")
         else:
             link = None
-            opened = _open_other(source, camera, poses, deck_z_m, sea_z_m, rate, config)
+            opened = _open_other(source, camera, poses, deck_z_m, sea_z_m, rate, topic, config)
         for note in opened.notes:
             print_line(f"note: {note}")
         if out is not None:
@@ -158,12 +160,13 @@ def _open_other(
     deck_z_m: float | None,
     sea_z_m: float | None,
     rate: float,
+    topics: tuple[str, ...],
     config: RunConfig,
 ) -> LiveSource:
     """A simulator, or a recording played at its own pace."""
     if not source.startswith("airsim:"):
         heights: Any = {"deck_z_m": deck_z_m, "sea_z_m": sea_z_m, "navigation": config.navigation}
-        return Playback(open_recording(source, camera_file=camera, poses_file=poses, **heights))
+        return Playback(open_recording(source, camera_file=camera, poses_file=poses, topics=topics, **heights))
     if poses is not None:
         raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
     with needs_extra("sim"):

@@ -50,6 +50,7 @@ def run(
     sea_z_m: float | None = None,
     pose_offset_s: float | None = None,
     max_pose_gap_s: float | None = None,
+    topic: tuple[str, ...] = (),
     every: int = 1,
     start: float = 0.0,
     duration: float | None = None,
@@ -62,7 +63,8 @@ def run(
     """Find the runway lines in a recording, an image folder, a video, or live in a simulator.
 
     Args:
-        source: AirSim recording folder, folder of images, video file, or airsim://HOST:PORT[/VEHICLE] of a simulator.
+        source: AirSim recording folder, folder of images, video file, ROS bag (.mcap, .db3, .bag or folder), or
+            airsim://HOST:PORT[/VEHICLE] of a simulator.
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
         camera: camera.toml, or a YAML calibration of OpenCV or ROS, when it does not lie beside the images or the
             video; of a simulator the camera's name.
@@ -75,6 +77,7 @@ def run(
         sea_z_m: world z (down, metres) of the water, for dehazing by geometry; without it 20 m below the deck.
         pose_offset_s: the clock of the poses minus that of the pictures, for poses that go by time (0).
         max_pose_gap_s: between two poses, beyond which pictures in between have no pose (0.5).
+        topic: of a ROS bag, the topics to take where several are there: pictures, depth, camera_info, poses.
         every: take one frame of so many.
         start: seconds after the first frame at which to begin.
         duration: seconds of the recording to take.
@@ -107,6 +110,7 @@ def run(
             deck_z_m=deck_z_m,
             sea_z_m=sea_z_m,
             navigation=config.navigation,
+            topics=topic,
         )
         opened = select_frames(recording, every, start, duration)
     return _run(opened, flight, out, max_frames, resume, overwrite)

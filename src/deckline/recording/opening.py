@@ -1,6 +1,6 @@
 """open_recording: from a path to frames, with the camera and the poses given or found beside them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from deckline.config import Navigation
 from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
+from deckline.recording.bag import is_bag
+from deckline.recording.bag_topics import open_bag
 from deckline.recording.camera_file import CAMERA_FILE, CAMERA_FILES, EXAMPLE, MountedCamera, read_camera_file
 from deckline.recording.image_folder import ImageFolder, list_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
@@ -31,16 +33,19 @@ def open_recording(
     pfm_rows: PfmRows = "top-to-bottom",
     far_m: float = FAR_DEPTH_M,
     navigation: Navigation = NAVIGATION,
+    topics: Sequence[str] = (),
     on_skip: Callable[[BadFrame], None] | None = None,
 ) -> Source:
-    """Open a recording in AirSim's layout, a folder of images, a single image, or a video file.
+    """Open a recording in AirSim's layout, a folder of images, a single image, a video file, or a ROS bag.
 
     Args:
-        path: folder with airsim_rec.txt, folder of images, image or video file.
+        path: folder with airsim_rec.txt, folder of images, image or video file; .mcap, .db3 or .bag file, or folder of
+            a ROS 2 bag.
         camera_file: camera.toml, or a YAML calibration of OpenCV or ROS. When not given: an AirSim recording takes
             scene.json's camera, else camera.toml in its folder, else a pinhole of `fov_deg`; a folder takes its
             camera.toml, else camera.yaml; an image or video file takes <file>.camera.toml (.yaml), else camera.toml
-            (.yaml) beside it. Images and videos without one have lines in pixels only.
+            (.yaml) beside it. Images and videos without one have lines in pixels only. A bag takes its camera_info and
+            transforms.
         poses_file: poses.csv of images or a video, or an autopilot's log (.bin, .tlog, .ulg). When not given: poses.csv
             in the folder; <file>.poses.csv, else poses.csv beside the file, when it is there.
         fov_deg: horizontal field of view of an AirSim recording that has no camera; 90 is AirSim's default.
@@ -49,6 +54,7 @@ def open_recording(
         pfm_rows: order of the rows in PFM depth files; AirSim's is "top-to-bottom", the PFM definition's the other.
         far_m: depths stored at or beyond this mean "nothing seen"; the default is AirSim's half-precision limit.
         navigation: how poses that go by time are placed on pictures.
+        topics: of a bag, those that are preferred to others of their kind.
         on_skip: takes each damaged frame while somebody iterates; None prints its file and the reason on stderr.
 
     Raises:
@@ -67,6 +73,11 @@ def open_recording(
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
         fallback = read_camera_file(path / CAMERA_FILE) if (path / CAMERA_FILE).exists() else None
         source: Source = AirSimRecording(path, options, fallback)
+    elif is_bag(path) and not (path.is_dir() and list_images(path)):
+        track = None if poses_file is None else _read_track(Path(poses_file), navigation)
+        source = open_bag(path, topics, camera, (deck_z_m, sea_z_m), track, navigation)
+    elif topics:
+        raise RecordingError(f"{path}: not a ROS bag: it has no topics; leave {', '.join(topics)} out")
     else:
         source = _open_images(path, poses_file, options, navigation)
     source.on_skip = on_skip
