@@ -20,7 +20,9 @@ from deckline.evaluation.approaches import (
     fly,
     fly_points,
 )
+from deckline.evaluation.coverage import coverage_table
 from deckline.evaluation.integrity_faults import FAULTS
+from deckline.evaluation.integrity_films import film
 from deckline.evaluation.integrity_frames import FRAME_FAULTS
 from deckline.evaluation.integrity_score import (
     AIDS,
@@ -82,6 +84,8 @@ class IntegrityConfig:
         alert_s: time to alert.
         jobs: processes, where nothing is rendered; 0: one for every core.
         out: folder of every run's frames.
+        films: with --rendered, folder in which each run is flown once more as `deckline run` writes it: film, report,
+            records. A run that --out holds already is not filmed.
         output: files of the results.
     """
 
@@ -95,15 +99,20 @@ class IntegrityConfig:
     alert_s: float = ALERT_S
     jobs: int = 1
     out: Path | None = None
+    films: Path | None = None
     output: Output = TO_TERMINAL
 
     def __post_init__(self) -> None:
-        check_numbers(self, "", "runs", "nominal", least=1)
+        check_numbers(self, "", "runs", least=0)
+        check_numbers(self, "", "nominal", least=1)
         check_numbers(self, "", "alert_s", least=0)
         for what, names, known in (("fault", self.fault, self.faults), ("aid", self.aid, AIDS)):
             unknown = [name for name in names if name not in known]
             if unknown:
                 raise ValueError(f"unknown {what} {unknown[0]!r}: use any of {', '.join(known)}")
+
+        if self.films is not None and not self.rendered:
+            raise ValueError("--films needs pictures: use --rendered")
 
     @property
     def faults(self) -> list[str]:
@@ -158,7 +167,10 @@ def fly_runs(
     if models is not None:
         for group in by_flight:
             frames = list(fly(config.flights, group[0].number))
-            yield from ((run, fly_frames(frames, run, config.flights, models)) for run in group)
+            for run in group:
+                if config.films is not None:
+                    film(frames, run, config.flights, models, config.films)
+                yield run, fly_frames(frames, run, config.flights, models)
         return
     work = partial(_fly_together, flights=config.flights, noise=config.point_noise)
     with closing(map_ordered(work, by_flight, config.jobs)) as results:
@@ -180,6 +192,7 @@ def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], ale
         title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
         columns = ("flights", "runs", "frames", *(f"{what}, %" for what in NOMINAL_COUNTS.values()))
         tables.append(Table(title, columns, [_nominal_cells(name, counts) for name, counts in nominal.items()]))
+    tables += [coverage_table(name, runs) for name, runs in by_fault.items() if name.startswith(NOMINAL)]
     raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
     flags = [(name, ", ".join(f"{flag} {n}" for flag, n in each.items()) or MISSING) for name, each in raised.items()]
     return [*tables, Table("frames by flag", ("fault", "flags"), flags)]

@@ -15,7 +15,7 @@ from deckline.evaluation.integrity_faults import FAULTS, inject
 from deckline.evaluation.integrity_frames import FRAME_FAULTS, inject_frames
 from deckline.evaluation.localization_score import pilot_figures
 from deckline.flight import Flight, FrameResult
-from deckline.truth import passing_distance_m, true_guidance, true_line, true_segments
+from deckline.truth import passing_distance_m, range_to_ramp_m, true_guidance, true_line, true_segments
 from deckline.types import Frame, Status
 
 ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
@@ -80,6 +80,12 @@ class FrameState:
     status: str = Status.UNVERIFIED
     excluded: bool = False  # a measurement contradicted the track and was left out of it
     flags: tuple[str, ...] = ()  # names of what is flagged
+    lateral_sigma_m: float | None = None  # 1-sigma as guidance states it
+    height_sigma_m: float | None = None
+    heading_sigma_deg: float | None = None
+    distance_sigma_m: float | None = None
+    range_m: float | None = None  # true, to the ramp
+    visibility_m: float | None = None  # true; None: not known
 
     @property
     def protected(self) -> bool:
@@ -215,16 +221,26 @@ def fly_frames(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models
         flights: what they were rendered from.
         models: a flight whose dehazer and detector are used.
     """
-    draw, onset_s = _draw_onset(run, flights)
-    aid, config = AIDS[run.aid], flights.run
-    if aid.width:
+    flight = flight_with(frames, run, flights, models)
+    injected = inject_run(frames, run, flights)
+    return [state_of(flight(frame), faulty, flights.run.approach) for frame, faulty in injected]
+
+
+def flight_with(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models: Flight) -> Flight:
+    """The flight of a run, with its aid; arguments as in `fly_frames`."""
+    config = flights.run
+    if AIDS[run.aid].width:
         true = true_segments(frames[0].truth)
         width_m, _ = passing_distance_m(true_line(true["right"]), true["left"], true["left"].p0_m)
         config = replace(config, deck=replace(config.deck, width_m=abs(width_m)))
-    flight = Flight.from_config(config, dehazer=models.dehazer, detector=models.detector)
-    given = frames if aid.depth else [replace(frame, depth_m=None) for frame in frames]
-    injected = inject_frames(given, FRAME_FAULTS.get(run.fault), onset_s, draw)
-    return [state_of(flight(frame), faulty, config.approach) for frame, faulty in injected]
+    return Flight.from_config(config, dehazer=models.dehazer, detector=models.detector)
+
+
+def inject_run(frames: Sequence[Frame], run: Run, flights: FlightsConfig) -> Iterator[tuple[Frame, bool]]:
+    """The frames as a run has them, and whether each has its fault."""
+    draw, onset_s = _draw_onset(run, flights)
+    given = frames if AIDS[run.aid].depth else [replace(frame, depth_m=None) for frame in frames]
+    return inject_frames(given, FRAME_FAULTS.get(run.fault), onset_s, draw)
 
 
 def _draw_onset(run: Run, flights: FlightsConfig) -> tuple[np.random.Generator, float]:
@@ -258,4 +274,10 @@ def state_of(result: FrameResult, faulty: bool, approach: Approach) -> FrameStat
         str(result.guidance.status),
         bool(track.excluded),
         tuple(str(flag.reason) for flag in flags),
+        errors.get("deviation_sigma_m"),
+        errors.get("height_sigma_m"),
+        errors.get("heading_sigma_deg"),
+        None if distance is None else distance.sigma,
+        range_to_ramp_m(frame),
+        None if frame.truth is None else frame.truth.visibility_m,
     )
