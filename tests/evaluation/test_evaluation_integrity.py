@@ -60,7 +60,8 @@ def test_tables_say_what_was_counted():
             run(0.1, 1.5, faulty=False),
         ],
     }
-    faults, nominal, flags = integrity_tables(by_fault, 1.0)
+    faults, nominal, coverage, flags = integrity_tables(by_fault, 1.0)
+    assert coverage.rows == [("all", "-", "-", "-", "-")]  # of frames that tell no sigma
     assert list(flags.rows) == [("foul line", "-"), (NOMINAL, "height 1")]
     cells = dict(zip(faults.columns, faults.rows[0], strict=True))
     assert (cells["runs"], cells["harmless"], cells["misleading"]) == ("2", "1", "1")
@@ -95,7 +96,9 @@ def test_a_stopped_command_resumes(tmp_path, capsys):
     ("words", "says"),
     [
         (("--fault", "gremlins"), "gremlins"),
-        (("--runs", "0"), "runs"),
+        (("--runs", "-1"), "runs"),
+        (("--nominal", "0"), "nominal"),
+        (("--films", "films"), "--rendered"),
         (("--frames", "1"), "frames"),
         (("--visibility", "fog"), "fog"),
         (("--jobs", "-1", "--runs", "1", "--nominal", "1"), "jobs"),

@@ -9,8 +9,9 @@ from deckline.config import Deck
 from deckline.evaluation import integrity_score
 from deckline.evaluation.approaches import FlightsConfig
 from deckline.evaluation.integrity_faults import offset_line
+from deckline.evaluation.integrity_films import film
 from deckline.evaluation.integrity_frames import FRAME_FAULTS, PAINT_LEVEL, inject_frames, paint
-from deckline.evaluation.integrity_score import Run, fly_frames
+from deckline.evaluation.integrity_score import Run, fly_frames, inject_run
 from deckline.flight import Flight
 from deckline.options import RunOptions
 
@@ -116,7 +117,18 @@ def test_the_rendered_campaign_resumes_and_has_a_row_for_every_fault_and_aid(tmp
     printed = capsys.readouterr().out
     assert all(f"{name}; {aid}" in printed for name in ("stalled picture", "nominal") for aid in ("no aid", "depth"))
     assert rendered == [0, 1]
-    assert main([*words, "stalled picture", "--aid", "no aid"]) == 0
-    assert rendered == [0, 1]
+    films = tmp_path / "films"
+    assert main([*words, "stalled picture", "--aid", "no aid", "--films", str(films)]) == 0
+    assert (rendered, films.exists()) == ([0, 1], False)
     assert main([*words, "swapped lines"]) == 2
     assert "unknown fault 'swapped lines'" in capsys.readouterr().err
+
+
+def test_a_film_shows_what_the_run_saw(tmp_path):
+    run = Run("dropped frames", 1, "no aid")
+    folder = film(flight(), run, FLIGHTS, Flight.from_config(OPTIONS.run_config()), tmp_path)
+    assert folder == tmp_path / "dropped_frames,_no_aid_1"
+    lines = (folder / "guidance.jsonl").read_text().splitlines()
+    assert len(lines) == len(list(inject_run(flight(), run, FLIGHTS))) < 6
+    assert (folder / "overlay.mp4").stat().st_size > 0
+    assert "dropped frames; no aid, approach 1" in (folder / "report.html").read_text()
