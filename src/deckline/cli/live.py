@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from deckline.cli.dashboard import Address, open_dashboard
 from deckline.config import RunConfig
 from deckline.extras import needs_extra
 from deckline.files import lock_folder, print_line
@@ -41,6 +42,7 @@ def live(
     poses: str | None = None,
     mavlink: str | None = None,
     autopilot: str | None = None,
+    dashboard: Address = None,
     deck_z_m: float | None = None,
     sea_z_m: float | None = None,
     pose_offset_s: float | None = None,
@@ -69,6 +71,7 @@ def live(
             recording as in `deckline run`.
         mavlink: udp:HOST:PORT to listen on for an autopilot that takes LANDING_TARGET, or udpout:HOST:PORT to send to.
         autopilot: px4 or ardupilot.
+        dashboard: watch in a browser at http://HOST:PORT (127.0.0.1:8080).
         deck_z_m: world z (down, metres) of the deck plane.
         sea_z_m: world z (down, metres) of the water.
         pose_offset_s: the clock of the poses minus this machine's Unix time (0).
@@ -114,6 +117,9 @@ def live(
         folder = None if out is None else Folder(out, opened, flight, record, overwrite)
         outputs = Outputs(send if pilot is None else _send_to_both(pilot.send, send), print_line)
         outputs = outputs if folder is None else folder.add_to(outputs)
+        recorder = None if folder is None else folder.record
+        watched = open_dashboard(dashboard, opened.name, config, True, recorder, record)
+        outputs = replace(outputs, views=(*outputs.views, *stack.enter_context(watched)))
         session = Session(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
         with _stop_on_signal(session):
             try:

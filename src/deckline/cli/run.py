@@ -7,12 +7,14 @@ from typing import Annotated, Any
 
 import tyro
 
+from deckline.cli.dashboard import Address, open_dashboard
 from deckline.extras import needs_extra
 from deckline.files import print_line, printable, read_regular
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import Source, Stream, open_recording, select_frames
 from deckline.recording.airsim import RECORD_FILE
+from deckline.report.records import View
 
 SAMPLE = Path(__file__).parent.parent / "sample" / "approach.zip"
 DEFAULTS = RunOptions()
@@ -55,6 +57,7 @@ def run(
     start: float = 0.0,
     duration: float | None = None,
     rate: float = 5.0,
+    dashboard: Address = None,
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
     max_frames: int | None = None,
     resume: bool = False,
@@ -82,6 +85,7 @@ def run(
         start: seconds after the first frame at which to begin.
         duration: seconds of the recording to take.
         rate: frames a second that are taken from a simulator, at most.
+        dashboard: watch in a browser at http://HOST:PORT (127.0.0.1:8080), until Ctrl-C.
         options: of the configuration.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
         resume: go on after the last whole frame of an interrupted run in `out`.
@@ -113,7 +117,8 @@ def run(
             topics=topic,
         )
         opened = select_frames(recording, every, start, duration)
-    return _run(opened, flight, out, max_frames, resume, overwrite)
+    with open_dashboard(dashboard, source, config, False) as views:
+        return _run(opened, flight, out, max_frames, resume, overwrite, views)
 
 
 def _run(
@@ -123,13 +128,21 @@ def _run(
     max_frames: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    views: tuple[View, ...] = (),
 ) -> int:
     from deckline.report.run import run as run_flight
 
     for note in source.notes:
         print_line(f"note: {note}")
     summary = run_flight(
-        source, flight, out, config=flight.config, max_frames=max_frames, resume=resume, overwrite=overwrite
+        source,
+        flight,
+        out,
+        config=flight.config,
+        max_frames=max_frames,
+        resume=resume,
+        overwrite=overwrite,
+        views=views,
     )
     for path in summary.written:
         print(printable(path))

@@ -22,6 +22,7 @@ from deckline.report.html import report_html
 from deckline.report.provenance import run_info, settings_of
 from deckline.report.records import Record, read_records, to_line, write_csv
 from deckline.report.run_folder import CONFIG, CSV, REPORT, start_folder
+from deckline.types import Frame
 
 CREDENTIALS = r"//[^/\s]*@"  # of an address
 RECORDING = "recording"  # folder of the frames
@@ -64,7 +65,7 @@ class Folder:
         out: folder, made when missing.
         source: of the frames.
         flight: that answers them.
-        record: keep each frame in out/recording.
+        record: keep each frame in out/recording, from the beginning.
         overwrite: replace an older result.
 
     Raises:
@@ -73,16 +74,38 @@ class Folder:
 
     def __init__(self, out: Path, source: LiveSource, flight: Flight, record: bool, overwrite: bool) -> None:
         self._source, self._config, self._settings = source, flight.config, settings_of(flight)
-        frames = out / RECORDING
-        if frames.exists() and record and not overwrite:
-            raise ValueError(f"{frames} holds frames of another session: replace them with --overwrite")
+        self._recording, self._overwrite = out / RECORDING, overwrite
+        self._check_recording(record)
         self._folder = start_folder(out, {"source": source.name} | self._settings, overwrite)
-        if frames.exists() and record:
-            shutil.rmtree(frames)
         self._file = self._folder.jsonl.open("ab", buffering=0)
         self._lines: BackgroundWriter[Record] = BackgroundWriter(self._write, WAITING_LINES)
-        self._frames = FrameFolder(frames) if record else None
-        self._images = None if self._frames is None else BackgroundWriter(self._frames.add, WAITING_FRAMES)
+        self._frames: FrameFolder | None = None
+        self._images: BackgroundWriter[Frame] | None = None
+        self.is_recording = False
+        self.record(record)
+
+    def record(self, on: bool) -> None:
+        """Begin, or go on, to keep frames, or cease to; for any thread.
+
+        Raises:
+            ValueError: the folder holds frames of another session.
+            OSError: the disk refuses.
+        """
+        self._check_recording(on)
+        if on and self._frames is None:
+            if self._recording.exists():
+                shutil.rmtree(self._recording)
+            self._frames = FrameFolder(self._recording)
+            self._images = BackgroundWriter(self._frames.add, WAITING_FRAMES)
+        self.is_recording = on
+
+    def _check_recording(self, on: bool) -> None:
+        if on and self._frames is None and self._recording.exists() and not self._overwrite:
+            raise ValueError(f"{self._recording} holds frames of another session: replace them with --overwrite")
+
+    def _keep(self, frame: Frame) -> None:
+        if self.is_recording and self._images is not None:
+            self._images.offer(frame)
 
     def add_to(self, outputs: Outputs) -> Outputs:
         """The same outputs, and this folder."""
@@ -91,7 +114,7 @@ class Folder:
             self._lines.offer(record)
             outputs.send(record)
 
-        return replace(outputs, send=send, keep=None if self._images is None else self._images.offer)
+        return replace(outputs, send=send, keep=self._keep)
 
     def finish(self, counts: dict[str, int]) -> list[Path]:
         """Close everything and write the files that are made at the end; returns all of them.

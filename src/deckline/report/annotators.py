@@ -147,7 +147,7 @@ class MagnifierAnnotator:
         hazy = frame if frame.shape == image.shape else resize(frame, (image.shape[1], image.shape[0]))
         width = frame.shape[1]
         inset = resize(frame[v0:v1, u0:u1], self.size_px)
-        inset = match_contrast(inset, _crop_around(hazy, window, width), _crop_around(image, window, width))
+        inset = match_contrast(inset, crop_around(hazy, window, width), crop_around(image, window, width))
         close = Viewport(u0, v0, self.size_px[0] / (u1 - u0), self.size_px[1] / (v1 - v0))
         for mark in self.marks:
             mark.draw(inset, close, result)
@@ -295,7 +295,7 @@ def _draw_centre_line(image: Image, ends: NDArray[np.float64]) -> None:
         draw_dashes(image, [start, end], draw.CENTRE, 1)
 
 
-def _crop_around(image: Image, window: Window, width_px: int) -> Image:
+def crop_around(image: Image, window: Window, width_px: int) -> Image:
     """The part of a picture (h, w, 3) of a frame that is `width_px` wide, about a window of the frame."""
     scale = image.shape[1] / width_px
     u0, v0, u1, v1 = (scale * edge for edge in window)

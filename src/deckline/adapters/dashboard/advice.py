@@ -1,0 +1,44 @@
+"""What to do about a status or a flag, for the person who flies."""
+
+from deckline.report.records import Record
+from deckline.types import Reason, Status
+
+TO_DO = {
+    Status.UNVERIFIED: "compare with other instruments",
+    Status.ONE_LINE: "compare with other instruments; be ready to go around",
+    Status.COASTING: "be ready to go around",
+    Status.STALE: "go around or fly by other instruments; check camera and link",
+    Status.NOT_SEEN: "fly by other instruments",
+}
+CHECK = {
+    Reason.BORESIGHT: "how the camera is mounted",
+    Reason.HEIGHT: "the deck height",
+    Reason.DEPTH: "the depth camera's scale",
+    Reason.FOCAL: "the calibration",
+    Reason.DELAY: "the clocks (--pose-offset-s)",
+    Reason.LEFT: "whether the left line is the runway's edge",
+    Reason.RIGHT: "whether the right line is the runway's edge",
+    Reason.SPACING: "the runway's width, or whether these are its edges",
+    Reason.ANGLE: "whether these lines are the runway's edges",
+    Reason.DRIFT: "whether the camera turned in its mount",
+    Reason.RESIDUALS: "the stated accuracies (--grade)",
+    Reason.FROZEN: "the camera: its picture stands still",
+    Reason.SWAPPED: "whether this is the right end of the runway",
+    Reason.OTHER_LINES: "which runway is meant",
+    Reason.DECK_SIGN: "the sign of --deck-z-m (z is down)",
+    Reason.RESUMED: "nothing: the track is new",
+    Reason.STALE: "camera and link",
+}
+
+
+def advise(record: Record) -> list[Record]:
+    """What to tell of a record, most urgent first: `words`, and `do`, what to do about them.
+
+    Flags, or without one the reason of a status that is not ok.
+    """
+    status = Status(record["status"])
+    if status is Status.STALE or not record["flags"]:
+        do = TO_DO.get(status)
+        return [] if do is None else [{"words": record["reason"] or str(status), "do": do}]
+    flags = record["flags"]
+    return [{"words": flag["reason"], "do": f"check {CHECK[Reason(flag['name'])]}"} for flag in flags]

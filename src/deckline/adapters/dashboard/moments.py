@@ -1,0 +1,163 @@
+"""What the dashboard remembers: what to show of each moment, and two small pictures; the oldest are dropped."""
+
+import json
+import threading
+from collections import deque
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
+
+import cv2
+import numpy as np
+
+from deckline.adapters.dashboard.advice import advise
+from deckline.dehaze import Dehazer, downscale_frame, restore
+from deckline.flight import FrameResult
+from deckline.report.annotators import Window, crop_around, find_window, match_contrast, project_centre_line, resize
+from deckline.report.draw import Image, encode_picture
+from deckline.report.records import Record, lookup
+from deckline.types import SIDES, Frame
+
+WHOLE_PX = 960  # longer side of a picture that is kept
+DECK_PX = (480, 270)  # width, height of the magnified deck
+ANY_SCALE = 1e-6  # a deck is magnified however large it is in the picture
+QUALITY = 90  # of the JPEGs
+MEMORY = 192 << 20  # bytes: 1,500 moments of 720p and more, two minutes at 10 a second
+PLOTTED = (("lateral_deviation_m", "lateral_m"), ("vertical_deviation_m", "vertical_m"))  # value, protection level
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """A moment's frame, small."""
+
+    frame: Frame  # without its image: every pixel is black
+    whole: bytes  # JPEG of the image
+    deck: bytes | None  # JPEG of the magnified deck; None: there is none to magnify
+    window: Window | None  # of the image as the camera took it that `deck` shows
+    width_px: int  # of that image
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """An answer, or that there was none."""
+
+    number: int
+    shown: str  # JSON: what the browser shows
+    row: list[Any]  # for the plots: number, time, value and protection level of each of `PLOTTED`, status
+    pictures: Pictures | None  # None: no new picture
+
+    @property
+    def size(self) -> int:
+        """Bytes, about."""
+        kept = self.pictures
+        return 2000 + len(self.shown) + (0 if kept is None else len(kept.whole) + len(kept.deck or b""))
+
+
+class Memory:
+    """The last moments; for any thread.
+
+    Args:
+        limit: bytes, about; the newest moment is always kept.
+    """
+
+    def __init__(self, limit: int = MEMORY) -> None:
+        self._limit = limit
+        self._moments: deque[Moment] = deque()
+        self._size = 0
+        self._lock = threading.Lock()
+
+    def add(self, moment: Moment) -> None:
+        """Append the next moment, numbered one higher than the last one."""
+        with self._lock:
+            self._moments.append(moment)
+            self._size += moment.size
+            while self._size > self._limit and len(self._moments) > 1:
+                self._size -= self._moments.popleft().size
+
+    def get(self, number: int) -> Moment | None:
+        """The moment of this number; None: forgotten, or not there yet."""
+        with self._lock:
+            index = number - self._moments[0].number if self._moments else -1
+            return self._moments[index] if 0 <= index < len(self._moments) else None
+
+    def after(self, number: int) -> list[Moment]:
+        """The moments that came after this number, oldest first."""
+        with self._lock:
+            first = self._moments[0].number if self._moments else 0
+            return list(islice(self._moments, max(number + 1 - first, 0), None))
+
+    @property
+    def oldest(self) -> int:
+        """Its number; -1: nothing is remembered."""
+        with self._lock:
+            return self._moments[0].number if self._moments else -1
+
+
+def make_moment(number: int, result: FrameResult | None, record: Record, pictured: int | None) -> Moment:
+    """What to keep of a result and its record.
+
+    Args:
+        number: one higher than the last moment's.
+        result: of the frame; None: an answer without a frame.
+        record: of guidance.jsonl, or a live message.
+        pictured: number of the last moment with a picture.
+    """
+    live: Record = record.get("live") or {}
+    time_s = record["time_s"] if not live else live["captured_s"] if result is not None else live["sent_s"]
+    values = live.get("now") or record["guidance"]
+    levels = (live.get("now_protection") if live.get("now") else record["protection"]) or {}
+    pictures = None if result is None else take_pictures(result)
+    shown: Record = {name: record[name] for name in ("file", "status", "seen", "reason")}
+    shown |= {"number": number, "time_s": time_s, "picture": pictured if result is None else number}
+    shown |= {"values": values, "levels": levels, "advice": advise(record), "lines": None}
+    shown["flagged"] = bool(record["flags"])
+    if result is not None and pictures is not None:
+        camera = result.frame.camera
+        shown |= {"lines": find_marks(result), "size": (camera.width, camera.height), "window": pictures.window}
+    plotted = [(lookup(values, (value, "value")), levels.get(level)) for value, level in PLOTTED]
+    row = [number, time_s, *(size for pair in plotted for size in pair), record["status"]]
+    return Moment(number, json.dumps(shown, separators=(",", ":")), row, pictures)
+
+
+def take_pictures(result: FrameResult) -> Pictures:
+    """The frame's picture and its magnified deck as JPEG."""
+    frame = result.frame
+    small = downscale_frame(replace(frame, depth_m=None, truth=None), WHOLE_PX)
+    window, deck = find_window(result, ANY_SCALE, DECK_PX), None
+    if window is not None:
+        u0, v0, u1, v1 = window
+        deck = _to_jpeg(resize(frame.image_rgb[v0:v1, u0:u1], DECK_PX))
+    black = np.broadcast_to(np.uint8(0), small.image_rgb.shape)  # takes no memory
+    return Pictures(replace(small, image_rgb=black), _to_jpeg(small.image_rgb), deck, window, frame.camera.width)
+
+
+def dehaze(pictures: Pictures, dehazer: Dehazer, strength: float) -> tuple[bytes, bytes | None, str]:
+    """Both pictures dehazed, JPEG, and why they are as the camera saw them; empty: they are not."""
+    hazy = _from_jpeg(pictures.whole)
+    try:
+        restored = restore(dehazer, replace(pictures.frame, image_rgb=hazy), strength)
+    except ValueError as error:
+        return pictures.whole, pictures.deck, f"not dehazed: {' '.join(str(error).split())}"
+    clear, deck = restored.image_rgb, pictures.deck
+    if deck is not None and pictures.window is not None:
+        around = [crop_around(image, pictures.window, pictures.width_px) for image in (hazy, clear)]
+        deck = _to_jpeg(match_contrast(_from_jpeg(deck), *around))
+    return _to_jpeg(clear), deck, restored.note
+
+
+def find_marks(result: FrameResult) -> Record:
+    """Ends of the lines and detected points in the picture, px: lists of u, v."""
+    lines = {side: line.ends_px for side, line in result.estimate.pixel_lines.items()}
+    centre = project_centre_line(result.frame, result.estimate)
+    ends = lines if centre is None else lines | {"centre": centre}
+    marks: Record = {name: np.round(points, 1).tolist() for name, points in ends.items()}
+    return marks | {"points": {side: np.round(getattr(result.detection, side).points_px, 1).tolist() for side in SIDES}}
+
+
+def _to_jpeg(image: Image) -> bytes:
+    return encode_picture(image, ".jpg", QUALITY)
+
+
+def _from_jpeg(data: bytes) -> Image:
+    image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
