@@ -73,6 +73,7 @@ def dehaze(
     out: Path,
     recipe: Path | None = None,
     start_from: str | None = None,
+    photographs: Path | None = None,
     flags: Annotated[DehazeFlags, tyro.conf.arg(name="")] = NO_DEHAZE_FLAGS,  # type: ignore[valid-type]
 ) -> int:
     """Train a dehazing network on clear recordings with depth, or on pairs of hazy and clear pictures of your own.
@@ -85,11 +86,12 @@ def dehaze(
         out: folder of recipe.toml, the checkpoint and dehaze.onnx.
         recipe: TOML file of all that training can be told (see recipe.toml in an --out); flags override it.
         start_from: first weights: folder of an earlier training, .onnx file, shipped, or a shipped model's name.
+        photographs: folder of clear photographs; they get haze over a made-up depth, for pictures without a pose.
         flags: over the recipe.
     """
     config = make_recipe(DehazeTrainConfig, recipe, flags)
     start = find_weights(start_from, config.network)
-    train_dehaze.train_dehaze(config, list(recordings), out, start, DEHAZE_NETWORKS)
+    train_dehaze.train_dehaze(config, list(recordings), out, start, DEHAZE_NETWORKS, photographs)
     return 0
 
 

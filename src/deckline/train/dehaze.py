@@ -19,6 +19,7 @@ from deckline.train.dehaze_network import SHAPES, Attention, DehazeNetwork, Deha
 from deckline.train.dehaze_samples import HazeAugmentation, geometry_prior, make_batch, random_airlight
 from deckline.train.export import count_parameters, export_onnx, network_cost
 from deckline.train.loop import Loss, Recipe, autocast, build_network, open_run, print_figures, select_device, train
+from deckline.train.photographs import open_photographs
 from deckline.train.start import start_with
 from deckline.train.views import ClearView, PairView, Views, make_ahead, open_clear_views
 
@@ -106,6 +107,7 @@ def train_dehaze(
     out: Path,
     start_from: Path | None = None,
     networks: Mapping[str, Callable[[DehazeTrainConfig], nn.Module]] = NETWORKS,
+    photographs: Path | None = None,
 ) -> dict[str, float]:
     """Train until the budget is used, then validate and export; returns the measured figures.
 
@@ -115,6 +117,7 @@ def train_dehaze(
         out: folder of checkpoint.safetensors, dehaze.onnx and figures.json.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
+        photographs: folder of clear photographs, for pictures without a pose; their depth is made up.
     """
     console = Console()
     device = select_device(config)
@@ -125,10 +128,11 @@ def train_dehaze(
     run = open_run(config, model, optimizer, out)
     views = open_clear_views(recordings, config.working_long_side_px, config.held_out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
-    crop = (config.crop_height, config.crop_width)
+    crop, size = (config.crop_height, config.crop_width), config.working_long_side_px
+    real = None if photographs is None else open_photographs(photographs, size, config.held_out)
 
     def make(step: int) -> Batch:
-        return make_batch(views, config.batch, crop, config.haze, [config.seed, step], config.prior)
+        return make_batch(views, config.batch, crop, config.haze, [config.seed, step], config.prior, real)
 
     def loss(batch: Batch, fraction: float) -> Loss:
         hazy, clear, t, prior = (x.to(device, memory_format=torch.channels_last) for x in batch)

@@ -19,6 +19,7 @@ from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
 from deckline.sim.camera.imaging import draw_air
 from deckline.sim.config import AirConfig
+from deckline.train.photographs import add_camera_air, veil_prior
 from deckline.train.views import ClearView, PairView, Views
 from deckline.types import Frame
 
@@ -42,6 +43,9 @@ class HazeAugmentation:
     physical_share: float = 0.0  # of the images: haze in linear light with height, patches and colour, where a pose is
     recorded_share: float = 0.0  # of the images keep the haze that they were recorded in, where there is one
     prior_share: float = 0.5  # of the images come with the geometry dehazer's picture, for networks that take one
+    photograph_share: float = 0.35  # of the images are photographs, where there are some
+    camera_share: float = 0.0  # of the others too get air of no known law and a camera's look; photographs always do
+    veil_share: float = 0.8  # of those come with what `veil` makes of them, for networks that take a prior
     horizon_share: float = 0.8  # of the airlights are near the sky's colour at the horizon, the others random
     exact_share: float = 0.5  # of those are the horizon's colour itself, as Koschmieder's law has it for one light
     noise_share: float = 0.3  # of the hazy images get sensor noise
@@ -85,8 +89,7 @@ def add_random_haze(
         return add_random_noise(view.hazy_rgb, haze, rng), np.ones(view.hazy_rgb.shape[:2], np.float32)
     if view.hazy_rgb is not None and haze.recorded_share and rng.random() < haze.recorded_share:
         return view.hazy_rgb, transmission(view.range_m, beta_from_visibility(view.visibility_m))
-    limits = haze.clear_visibility_m if rng.random() < haze.clear_share else haze.visibility_m
-    visibility_m = float(np.exp(rng.uniform(*np.log(limits))))
+    visibility_m = random_visibility(haze, rng)
     if view.world_from_camera is not None and rng.random() < haze.physical_share:
         hazy, t = add_physical_haze(view, visibility_m, random_airlight(view.horizon_rgb, 1.0, rng, 1.0), rng)
     else:
@@ -94,6 +97,12 @@ def add_random_haze(
         beta = beta_from_visibility(visibility_m)
         hazy, t = add_haze(view.clear_rgb, view.range_m, beta, airlight), transmission(view.range_m, beta)
     return add_random_noise(hazy, haze, rng), t
+
+
+def random_visibility(haze: HazeAugmentation, rng: np.random.Generator) -> float:
+    """2 % contrast, m; at times that of next to no haze."""
+    limits = haze.clear_visibility_m if rng.random() < haze.clear_share else haze.visibility_m
+    return float(np.exp(rng.uniform(*np.log(limits))))
 
 
 def add_random_noise(
@@ -166,13 +175,19 @@ def make_pair(
     """One window of a view, flipped at random.
 
     Returns:
-        Hazy and clear (h, w, 3), transmission (h, w), and the geometry dehazer's picture (h, w, 3), which is the hazy
-        one again without `prior` and in the share of the views that get none.
+        Hazy and clear (h, w, 3), transmission (h, w), and the picture (h, w, 3) that a network with a prior starts
+        from: the geometry dehazer's, that of `veil`, or the hazy one again, which it is without `prior`.
     """
-    hazy, t = add_random_haze(view, haze, rng)
-    prior_rgb = geometry_prior(view, hazy, rng) if prior and rng.random() < haze.prior_share else hazy
+    clear = view.clear_rgb
+    if isinstance(view, ClearView) and (not view.camera.known or rng.random() < haze.camera_share):
+        visibility_m, airlight = random_visibility(haze, rng), random_airlight(view.horizon_rgb, 0.5, rng, 0.5)
+        hazy, clear, t = add_camera_air(view, visibility_m, airlight, rng)
+        prior_rgb = veil_prior(hazy) if prior and rng.random() < haze.veil_share else hazy
+    else:
+        hazy, t = add_random_haze(view, haze, rng)
+        prior_rgb = geometry_prior(view, hazy, rng) if prior and rng.random() < haze.prior_share else hazy
     flip = tuple(slice(None, None, -1 if rng.random() < p else 1) for p in (haze.flip_vertical, haze.flip_horizontal))
-    return hazy[window][flip], view.clear_rgb[window][flip], t[window][flip], prior_rgb[window][flip]
+    return hazy[window][flip], clear[window][flip], t[window][flip], prior_rgb[window][flip]
 
 
 def random_window(
@@ -193,6 +208,7 @@ def make_batch(
     haze: HazeAugmentation,
     seed: list[int],
     prior: bool,
+    photographs: Views[ClearView] | None = None,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Hazy and clear (batch, 3, h, w) in 0..1, transmission (batch, 1, h, w), and the picture (batch, 3, h, w) that a
     network with a prior starts from. The same for the same seed, so a resumed run sees what it would have seen.
@@ -200,7 +216,8 @@ def make_batch(
     rng = np.random.default_rng(seed)
     samples = []
     for _ in range(batch):
-        view = views.draw(rng)
+        is_photograph = photographs is not None and rng.random() < haze.photograph_share
+        view = photographs.draw(rng) if photographs is not None and is_photograph else views.draw(rng)
         window = random_window(view.clear_rgb.shape[:2], crop, haze.crop_scale, rng)
         hazy, clear, t, prior_rgb = make_pair(view, window, haze, rng, prior)
         pictures = [image_to_tensor(image) for image in (hazy, clear, prior_rgb)]

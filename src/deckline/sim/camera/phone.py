@@ -1,6 +1,6 @@
 """What phones and video make of a picture: processing, colour coding, compression. Nothing moves by more than 1 px."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import cv2
@@ -11,15 +11,20 @@ from deckline.sim.camera.sensor import falloff, jpeg
 
 Levels = NDArray[Any]  # (H, W, 3) uint8, red, green, blue
 Rng = np.random.Generator
+Effect = tuple[Callable[[Levels, Rng], Levels], float]  # and the share of pictures that get it
 
 
 def phone_picture(image: NDArray[Any], rng: Rng) -> NDArray[np.float32]:
     """A picture (H, W, 3), 0..255, as a phone or a video shows it; float32, 0..255. Now and then it is the same."""
-    levels: Levels = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    for effect, share in EFFECTS:
+    return apply_effects(np.clip(np.rint(image), 0, 255).astype(np.uint8), EFFECTS, rng).astype(np.float32)
+
+
+def apply_effects(levels: NDArray[np.uint8], effects: Iterable[Effect], rng: Rng) -> NDArray[np.uint8]:
+    """A picture (H, W, 3) after each effect that `rng` draws by its share."""
+    for effect, share in effects:
         if rng.random() < share:
             levels = effect(levels, rng)
-    return levels.astype(np.float32)
+    return levels
 
 
 def _vignette(levels: Levels, rng: Rng) -> Levels:
@@ -115,7 +120,7 @@ def _scaled(levels: Levels, factor: float) -> tuple[int, int]:
     return max(1, round(levels.shape[1] * factor)), max(1, round(len(levels) * factor))
 
 
-EFFECTS: tuple[tuple[Callable[[Levels, Rng], Levels], float], ...] = (  # in the order of a camera, with their shares
+EFFECTS: tuple[Effect, ...] = (  # in the order of a camera, with their shares
     (_vignette, 0.25),
     (_add_grain, 0.3),
     (_smear, 0.15),
@@ -128,3 +133,6 @@ EFFECTS: tuple[tuple[Callable[[Levels, Rng], Levels], float], ...] = (  # in the
     (_enlarge_video, 0.3),
     (_compress, 0.35),
 )
+_TONES = (_vignette, _raise_local_contrast, _expose, _saturate)
+TONE = tuple(effect for effect in EFFECTS if effect[0] in _TONES)  # what a camera makes of brightness and colour
+WEAR = tuple(effect for effect in EFFECTS if effect[0] not in _TONES)  # what a picture loses by it
