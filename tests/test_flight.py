@@ -13,13 +13,15 @@ import deckline
 from approach_scene import CAMERA, LEFT, RIGHT, STILL, frame, points
 from deckline.cli.main import main
 from deckline.config import Localization, Models, RunConfig, RunwaySurvey, Tracking
+from deckline.dehaze import Restored
+from deckline.dehaze.base import IdentityDehazer
 from deckline.detect.prior import prior_from_survey
 from deckline.evaluation.chain import score_frame
-from deckline.flight import Flight
+from deckline.flight import Dehazing, Flight
 from deckline.recording import open_recording
 from deckline.report.records import guidance_record
 from deckline.sim import SimConfig, frames
-from deckline.types import DepthMode, Detection, LinePoints, Reason, Seen, Status, TrackState
+from deckline.types import DepthMode, Detection, LinePoints, Reason, Seen, Status, TrackState, Value
 
 # Seeds from 1000 on are never trained on. 300 m to 40 m through 1200 m of visibility.
 APPROACH = SimConfig(
@@ -90,6 +92,15 @@ def test_no_strength_leaves_the_picture(results):
 def test_an_unknown_model_is_refused_by_name(field):
     with pytest.raises(ValueError, match=f"{field}.*magic"):
         Flight.from_config(RunConfig(models=Models(**{field: "magic"})))
+
+
+def test_a_known_camera_height_gives_the_visibility_in_metres(results):
+    class ByHorizon(IdentityDehazer):
+        def restore(self, frame):
+            return Restored(frame.image_rgb.copy(), visibility_heights=Value(20.0, 2.0))
+
+    told = [Dehazing(results[0].frame, ByHorizon(), {}, Models(camera_height_m=height))() for height in (None, 15.0)]
+    assert [made.visibility_m for made in told] == [None, Value(300.0, 30.0)]
 
 
 def test_the_shipped_sample_is_whole_and_its_lines_are_found(flight, tmp_path):

@@ -228,15 +228,18 @@ class Models:
         detector: of the lines.
         detect_in: the picture that the detector sees. `dehazed` is the published chain; the shipped detector was
             trained on haze and finds more in the hazy picture.
+        camera_height_m: above the water, of pictures without a pose; with it their visibility is told in metres.
     """
 
     dehazer: str = "coarse-t"
     detector: str = "hybrid"
     detect_in: Picture = "hazy"
     strength: float = 1.0
+    camera_height_m: float | None = None
 
     def __post_init__(self) -> None:
         check_choice("models.detect_in", self.detect_in, Picture)
+        check_numbers(self, "models", "camera_height_m", above=0.0)
         check_numbers(self, "models", "strength", least=0.0, most=1.0)
 
 

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import Engine, RunConfig
+from deckline.config import Engine, Models, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, Restored, downscale_frame, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, Watch
 from deckline.detect.crop import Box
@@ -22,7 +22,7 @@ from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
 from deckline.track import Tracker
-from deckline.types import Detection, Frame, Guidance, Notice, Reason, RunwayEstimate, RunwayPrior, Track
+from deckline.types import Detection, Frame, Guidance, Notice, Reason, RunwayEstimate, RunwayPrior, Track, Value
 
 T = TypeVar("T")
 OTHER_LINES = Notice(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
@@ -53,7 +53,7 @@ class Dehazing:
     frame: Frame
     dehazer: Dehazer
     seconds: dict[str, float]  # of the frame's stages; gets "dehaze"
-    strength: float = 1.0
+    models: Models = field(default_factory=Models)
     made: dict[tuple[int, int], Restored] = field(default_factory=dict)
 
     def __call__(self, long_side_px: int | None = None) -> Restored:
@@ -61,8 +61,15 @@ class Dehazing:
         frame = self.frame if long_side_px is None else downscale_frame(self.frame, long_side_px)
         size = frame.camera.width, frame.camera.height
         if size not in self.made:
-            self.made[size] = _timed(self.seconds, "dehaze", lambda: restore(self.dehazer, frame, self.strength))
+            self.made[size] = _timed(self.seconds, "dehaze", lambda: self._restore(frame))
         return self.made[size]
+
+    def _restore(self, frame: Frame) -> Restored:
+        restored, height_m = restore(self.dehazer, frame, self.models.strength), self.models.camera_height_m
+        heights = restored.visibility_heights
+        if heights is None or height_m is None or restored.visibility_m is not None:
+            return restored
+        return replace(restored, visibility_m=Value(heights.value * height_m, heights.sigma * height_m))
 
     def shown(self, long_side_px: int) -> Restored:
         """The same for people, of any size that was made before.
@@ -158,7 +165,7 @@ class Flight:
             rng: RANSAC's draws; None: a generator of the frame's own, from `config.seed` and the file's name.
         """
         seconds: dict[str, float] = {}
-        dehazing = Dehazing(frame, self.dehazer, seconds, self.config.models.strength)
+        dehazing = Dehazing(frame, self.dehazer, seconds, self.config.models)
         if detection is None:
             picture = frame.image_rgb if self.config.models.detect_in == "hazy" else dehazing().image_rgb
             detection = _timed(seconds, "detect", lambda: self._detect(frame, picture, prior))

@@ -34,6 +34,7 @@ TARGETS = {  # option -> section and field of the RunConfig
     "heading_deg": ("survey", "heading_deg"),
     "dehazer": ("models", "dehazer"),
     "strength": ("models", "strength"),
+    "camera_height_m": ("models", "camera_height_m"),
     "detector": ("models", "detector"),
     "detect_in": ("models", "detect_in"),
     "device": ("engine", "device"),
@@ -65,6 +66,7 @@ class RunOptions:
         heading_deg: direction of landing of that runway.
         dehazer: name (see `deckline info`) or .onnx file; none: no dehazing.
         strength: of the dehazing, 0 to 1 (default 1).
+        camera_height_m: above the water, for the visibility of pictures without a pose.
         detector: name (see `deckline info`) or .onnx file.
         detect_in: the picture that the detector sees: hazy, or dehazed as published.
         device: what computes the networks: cpu (ONNX Runtime; the default), openvino, cuda or tensorrt.
@@ -91,6 +93,7 @@ class RunOptions:
     heading_deg: Number = None
     dehazer: Model = None
     strength: Number = None
+    camera_height_m: Number = None
     detector: Model = None
     detect_in: Annotated[Picture | None, _flag("{hazy,dehazed}")] = None
     device: Annotated[Device | None, _flag("{cpu,openvino,cuda,tensorrt}")] = None
