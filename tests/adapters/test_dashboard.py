@@ -30,7 +30,7 @@ from deckline.report.records import frame_record
 from deckline.types import Detection, Status
 
 CHROMIUM = shutil.which("chromium")
-STEP_S = 0.05
+STEP_S = 0.1
 WAIT_MS = 30_000
 STALE = {"status": "stale", "seen": "none", "reason": "no frame for 0.30 s", "guidance": {}, "protection": None}
 STALE |= {"file": None, "time_s": None, "flags": [{"name": "stale", "reason": "no frame for 0.30 s"}]}
@@ -47,7 +47,7 @@ class Flown(LiveSource):
         index = 0
         while not self.wait_for_stop(STEP_S):
             if not self.stalled.is_set():
-                seen = frame(index % 60, 400.0 - index % 600 * 0.6, runway=False)
+                seen = frame(index % 60, 400.0 - index % 300 * 1.2, runway=False)
 
                 now_s = time.monotonic()
                 yield Captured(replace(seen, time_s=now_s, truth=None), now_s)
@@ -105,7 +105,7 @@ def browser():
 
 @pytest.fixture
 def page(flying, browser):
-    shown = browser.new_page(viewport={"width": 1600, "height": 900})
+    shown = browser.new_page(viewport={"width": 1280, "height": 720})
     shown.set_default_timeout(WAIT_MS)
     shown.errors, shown.hosts = [], set()
     shown.on("pageerror", lambda error: shown.errors.append(str(error)))

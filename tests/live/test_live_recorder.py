@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from approach_scene import CAMERA, frame
+from approach_scene import CAMERA, STILL, Approach, frame
+from deckline.config import Models
+from deckline.flight import Flight
 from deckline.geometry import Camera
+from deckline.live.folder import RECORDING, Folder
+from deckline.live.pipeline import Outputs
 from deckline.live.recorder import FrameFolder, round_pose
+from deckline.live.source import Playback
 from deckline.recording import open_recording
 from deckline.recording.camera_file import make_plain_frame
 
@@ -65,3 +70,21 @@ def test_a_frame_of_another_camera_is_refused(tmp_path):
     with pytest.raises(ValueError, match="frame_001"):
         folder.add(replace(frame(1), camera=Camera.from_fov(320, 180, 0.5)))
     folder.close()
+
+
+def test_recording_is_switched_on_and_off_while_it_flies(tmp_path):
+    flight = Flight.from_config(replace(STILL, models=Models(dehazer="none", detector="classical")))
+    folder, other = (
+        Folder(tmp_path / name, Playback(Approach(3)), flight, record=False, overwrite=False) for name in "ab"
+    )
+    keep = folder.add_to(Outputs(print, print)).keep
+    for index, on in enumerate((False, True, False)):
+        folder.record(on)
+        keep(frame(index))
+    folder.finish({})
+    recording = tmp_path / "a" / RECORDING
+    assert [path.name for path in recording.glob("*.png")] == ["frame_001.png"]
+    recording.rename(tmp_path / "b" / RECORDING)
+    with pytest.raises(ValueError, match=RECORDING):
+        other.record(True)
+    other.finish({})

@@ -116,7 +116,7 @@ def make_moment(number: int, result: FrameResult | None, record: Record, picture
         shown |= {"lines": find_marks(result), "size": (camera.width, camera.height), "window": pictures.window}
     plotted = [(lookup(values, (value, "value")), levels.get(level)) for value, level in PLOTTED]
     row = [number, time_s, *(size for pair in plotted for size in pair), record["status"]]
-    return Moment(number, json.dumps(shown, separators=(",", ":")), row, pictures)
+    return Moment(number, json.dumps(shown, separators=(",", ":"), allow_nan=False), row, pictures)
 
 
 def take_pictures(result: FrameResult) -> Pictures:
@@ -150,7 +150,7 @@ def find_marks(result: FrameResult) -> Record:
     lines = {side: line.ends_px for side, line in result.estimate.pixel_lines.items()}
     centre = project_centre_line(result.frame, result.estimate)
     ends = lines if centre is None else lines | {"centre": centre}
-    marks: Record = {name: np.round(points, 1).tolist() for name, points in ends.items()}
+    marks: Record = {name: np.round(px, 1).tolist() for name, px in ends.items() if np.isfinite(px).all()}
     return marks | {"points": {side: np.round(getattr(result.detection, side).points_px, 1).tolist() for side in SIDES}}
 
 

@@ -8,8 +8,9 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
+import cv2
 import uvicorn
 from fastapi import FastAPI, HTTPException, Response
 from nicegui import ui
@@ -17,9 +18,10 @@ from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from deckline.adapters.dashboard.moments import Memory, Moment, dehaze, make_moment
+from deckline.adapters.dashboard.moments import Memory, Moment, Pictures, dehaze, make_moment
 from deckline.config import RunConfig
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer
+from deckline.files import print_line
 from deckline.flight import FrameResult
 from deckline.live.mailbox import Mailbox
 from deckline.report.instrument import FULL_SCALE_DOTS, GLIDESLOPE_DOT_DEG, LATERAL_DOT_M
@@ -114,11 +116,14 @@ class Dashboard:
             if (item := self._mail.take(WAIT_S)) is None or "status" not in item[1]:
                 continue
             result, record, at_s = item
-            pictured = number if result is not None else pictured
-            moment = make_moment(number, result, record, pictured)
+            try:
+                moment = make_moment(number, result, record, pictured)
+            except (ValueError, cv2.error) as error:  # nothing new is shown, and what is shown grows old
+                print_line(f"dashboard: {error}")
+                continue
             self._memory.add(moment)
             self._newest = moment, (record.get("live") or {}).get("age_s"), at_s
-            number += 1
+            number, pictured = number + 1, number if result is not None else pictured
             self._stopped.wait(STEP_S)
 
     def _build(self, host: str, source: str) -> FastAPI:
@@ -178,21 +183,19 @@ class Dashboard:
         pictures = self._find(number).pictures
         if pictures is None or part not in ("whole", "deck"):
             raise HTTPException(404)
-        made = pictures.whole, pictures.deck, ""
+        whole, deck, note = pictures.whole, pictures.deck, ""
         if dehazer in self._facts["dehazers"]:
-            made = self._dehaze(number, dehazer)
-        data = made[0] if part == "whole" else made[1]
-        return Response(data or b"", media_type="image/jpeg", headers={"Cache-Control": "no-store", "Note": made[2]})
+            whole, deck, note = self._dehaze(number, pictures, dehazer)
+        data = whole if part == "whole" else deck or b""
+        return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-store", "Note": quote(note)})
 
-    def _dehaze(self, number: int, name: str) -> tuple[bytes, bytes | None, str]:
+    def _dehaze(self, number: int, pictures: Pictures, name: str) -> tuple[bytes, bytes | None, str]:
         with self._lock:
             key = number, name
             if key not in self._dehazed:
-                pictures, models = self._find(number).pictures, self._config.models
                 if name not in self._dehazers:  # on one core: guidance comes first
                     self._dehazers[name] = DEHAZERS[name](replace(self._config.engine, threads=1))
-                assert pictures is not None
-                self._dehazed[key] = dehaze(pictures, self._dehazers[name], models.strength)
+                self._dehazed[key] = dehaze(pictures, self._dehazers[name], self._config.models.strength)
                 if len(self._dehazed) > DEHAZED:
                     self._dehazed.popitem(last=False)
             return self._dehazed[key]
