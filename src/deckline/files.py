@@ -46,6 +46,11 @@ def read_regular(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     return data
 
 
+def is_there(path: Path) -> bool:
+    """Whether something lies there, be it a link to nothing, which a reader then refuses and no default replaces."""
+    return os.path.lexists(path)
+
+
 def is_beneath(path: Path, folder: Path) -> bool:
     """Whether a path, its links followed, stays in a folder."""
     return path.resolve().is_relative_to(folder.resolve())

@@ -56,3 +56,12 @@ def test_without_a_folder_rows_are_in_memory_alone_and_an_interruption_says_so(t
         raise KeyboardInterrupt
     with pytest.raises(KeyboardInterrupt, match=NAME), open_store(tmp_path):
         raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    "line", ["7", '{"settings": 7}', '{"settings": {"b": ""}}', '{"key": 1, "row": 2}', 2000 * "["]
+)
+def test_rows_of_something_else_are_refused(tmp_path, line):
+    (tmp_path / "rows.jsonl").write_text(f"{line}\n")
+    with pytest.raises(ValueError, match="something else"):
+        Store(tmp_path, "rows.jsonl", {"a": 1, "b": {}}, "b")

@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 
@@ -79,4 +81,20 @@ def test_a_damaged_state_is_no_run_to_resume(tmp_path, state):
     start_folder(tmp_path, {"a": "1"})
     (tmp_path / ".unfinished" / "run.json").write_text(state)
     with pytest.raises(ValueError, match=r"run\.json is damaged"):
+        resume_folder(tmp_path, {"a": "1"})
+
+
+@pytest.mark.parametrize("line", ["0", "[]", "text", "\xff", 2000 * "["])
+def test_a_line_that_is_no_record_is_not_resumed_from(tmp_path, line):
+    start_folder(tmp_path, {"a": "1"})
+    (tmp_path / JSONL).write_text(f"{line}\n")
+    with pytest.raises(ValueError, match=r"guidance\.jsonl line 1"):
+        resume_folder(tmp_path, {"a": "1"})
+
+
+def test_records_in_a_fifo_are_not_waited_for(tmp_path):
+    start_folder(tmp_path, {"a": "1"})
+    (tmp_path / JSONL).unlink()
+    os.mkfifo(tmp_path / JSONL)
+    with pytest.raises(ValueError, match="no regular file"):
         resume_folder(tmp_path, {"a": "1"})

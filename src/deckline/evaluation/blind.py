@@ -1,6 +1,5 @@
 """A blind comparison of dehazers by people: sheets of lettered panels, the key to them, and the count of the votes."""
 
-import csv
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +19,7 @@ from deckline.evaluation.tables import Table
 from deckline.files import print_line
 from deckline.progress import progress
 from deckline.recording import FrameError
+from deckline.recording.poses import read_table
 from deckline.recording.source import parse_json, read_text
 from deckline.report.draw import BACKGROUND, INK, PANEL, Image, draw_tag, write_picture
 from deckline.statistics import share_interval
@@ -124,22 +124,21 @@ def read_votes(folder: Path) -> tuple[list[Vote], int]:
         ValueError: no key, no vote, or one that does not fit its sheet.
     """
     try:
-        key = parse_json(read_text(folder / KEY_FILE), KEY_FILE)
-    except (OSError, ValueError) as error:
+        values = parse_json(read_text(folder / KEY_FILE), KEY_FILE)
+        key = {number: (str(sheet["picture"]), dict(sheet["panels"])) for number, sheet in values.items()}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{folder / KEY_FILE}: no key to the sheets ({error}): give the folder of --blind") from None
     votes, empty = [], 0
     for path in sorted(folder.glob(VOTES_FILES)):
-        for row in csv.DictReader(read_text(path).splitlines()):
-            number, order = (row.get(column) for column in (SHEET, ORDER))
-            if number is None or order is None:
-                raise ValueError(f"{path}: expected the columns {SHEET},{ORDER}, got {','.join(map(str, row))}")
+        for _, row in read_table(path, ",", (SHEET, ORDER))[0]:
+            number, order = row[SHEET], row.get(ORDER, "")
             if number not in key:
                 raise ValueError(f"{path}: there is no sheet {number!r} in {KEY_FILE}")
             if not order.strip():
                 empty += 1
                 continue
-            panels = key[number]["panels"]
-            votes.append(Vote(key[number]["picture"], panels, parse_order(order, panels, f"{path}: sheet {number}")))
+            picture, panels = key[number]
+            votes.append(Vote(picture, panels, parse_order(order, panels, f"{path}: sheet {number}")))
     if not votes:
         raise ValueError(f"{folder}: no votes: write orders such as A>B into {VOTES_FILE}")
     return votes, empty

@@ -10,6 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from deckline.files import check_regular
+
 MOST_SHOWN = 160  # characters of a setting in an error
 Key = tuple[str | int, ...]
 
@@ -45,9 +47,11 @@ class Store:
                     known = line["settings"]
                 else:
                     self.rows[tuple(line["key"])] = line["row"]
+            if known is not None and not all(isinstance(part, dict) for part in (known, known.get(extendable, {}))):
+                raise TypeError
         except OSError as error:
             raise ValueError(f"{out}: cannot be written: {error.strerror or error}") from None
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
             raise ValueError(f"{self.path} holds something else: choose another folder") from None
         merged = plain if known is None else self._merge(known, plain)
         if merged != known:
@@ -92,6 +96,7 @@ class Store:
 def _whole_lines(path: Path) -> Iterator[dict[str, Any]]:
     """Every line of the file; what a killed writer left unfinished at its end is cut off."""
     end = 0
+    check_regular(path)
     with path.open("r+b") as file:
         for line in file:
             if not line.endswith(b"\n"):

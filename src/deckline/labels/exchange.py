@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from deckline.atomic import write_atomic
+from deckline.files import is_there
 from deckline.geometry import Camera
 from deckline.labels.formats import (
     MASK_FOLDER,
@@ -70,7 +71,7 @@ def export_labels(
     """
     image_folder = "clips" if form == "tusimple" else "images"
     _check_new(out, (image_folder, MASK_FOLDER, CAMERA_FILE))
-    labels = read_labels(folder / LABELS_FILE) if (folder / LABELS_FILE).exists() else None
+    labels = read_labels(folder / LABELS_FILE) if is_there(folder / LABELS_FILE) else None
     images, notes, cameras = [], [], set()
     with progress("exporting", len(source)) as advance:
         for item in source.items():
@@ -139,7 +140,7 @@ def import_labels(
         raise ValueError(f"--keypoints names those of yolo-pose; the format is {form}")
     label_root, labelled = read_yolo_pose(source, keypoints) if keypoints else READERS[form](source)
     root = images or label_root
-    beside = (path for path in (root / CAMERA_FILE, label_root / CAMERA_FILE) if path.exists())
+    beside = (path for path in (root / CAMERA_FILE, label_root / CAMERA_FILE) if is_there(path))
     camera = camera or next(beside, None)
     mounted = None if camera is None else read_camera_file(camera)
     names = _flatten_names([image.file for image in labelled], source)

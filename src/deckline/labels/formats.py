@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from deckline.atomic import write_atomic
+from deckline.files import is_there
 from deckline.labels.lines import (
     DECIMALS,
     LabelledImage,
@@ -132,7 +133,7 @@ def _get_lines_name(image: str) -> str:
 
 def read_culane(path: Path) -> LabelSet:
     """Read the images of a list file, or those of a folder with a .lines.txt beside them; errors as `read_tusimple`."""
-    if path.is_dir() and (path / LIST_FOLDER / FLAGS_FILE).exists():
+    if path.is_dir() and is_there(path / LIST_FOLDER / FLAGS_FILE):
         path = path / LIST_FOLDER / FLAGS_FILE
     if path.is_dir():
         images = [_read_culane_beside(path, file) for file in sorted(path.rglob(f"*{LINES_SUFFIX}"))]

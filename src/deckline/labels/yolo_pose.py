@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.atomic import write_atomic
+from deckline.files import is_there
 from deckline.labels.lines import LabelledImage, LabelSet, Line, find_image, parse_points, resample
 from deckline.recording.images import read_image
 from deckline.recording.source import read_text
@@ -38,7 +39,7 @@ def read_yolo_pose(path: Path, names: Sequence[str] = ()) -> LabelSet:
     """
     root = path.parent if path.is_file() or path.name == LABELS else path
     settings = path if path.is_file() else root / SETTINGS_FILE
-    names = names or (_parse_names(read_text(settings)) if settings.exists() else ())
+    names = names or (_parse_names(read_text(settings)) if is_there(settings) else ())
     if names and not any(name.lower().startswith(SIDES) for name in names):
         raise ValueError(f"{path}: no keypoint is named left or right, but {', '.join(names)}; give --keypoints")
     inside = [file for file in sorted(root.rglob("*.txt")) if LABELS in file.relative_to(root).parts]

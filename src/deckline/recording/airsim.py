@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_choice, check_numbers
+from deckline.files import is_there
 from deckline.geometry import Camera, camera_mount
 from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
@@ -64,7 +65,7 @@ class AirSimRecording(Source):
     def __init__(self, folder: Path, options: ReadOptions, fallback: MountedCamera | None = None) -> None:
         self.folder = folder
         self.name = str(folder)
-        self._scene = read_scene(folder / SCENE_FILE) if (folder / SCENE_FILE).exists() else Scene()
+        self._scene = read_scene(folder / SCENE_FILE) if is_there(folder / SCENE_FILE) else Scene()
         self._options = options
         self._fallback = fallback
         rows, notes = read_rows(folder / RECORD_FILE)

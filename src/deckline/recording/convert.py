@@ -9,7 +9,7 @@ from pathlib import Path
 
 from scipy.spatial.transform import RigidTransform
 
-from deckline.files import is_beneath
+from deckline.files import is_beneath, is_there
 from deckline.recording.airsim import (
     IMAGE_FOLDER,
     RECORD_FILE,
@@ -45,7 +45,7 @@ def add_scene(
     Raises:
         RecordingError: no recording, one that has scene.json, no usable frame, or `out` cannot be written.
     """
-    if (recording / SCENE_FILE).exists():
+    if is_there(recording / SCENE_FILE):
         raise RecordingError(f"{recording} has {SCENE_FILE} already: nothing to add")
     rows, notes = read_rows(recording / RECORD_FILE)
     source, skipped = AirSimRecording(recording, options), list[BadFrame]()
@@ -65,7 +65,7 @@ def add_scene(
 
 def drop_scene(recording: Path, out: Path) -> Copied:
     """Copy a recording without scene.json and the clear images: AirSim's layout and nothing else; as `add_scene`."""
-    if not (recording / SCENE_FILE).exists():
+    if not is_there(recording / SCENE_FILE):
         raise RecordingError(f"{recording} has no {SCENE_FILE}: it is in AirSim's own layout already")
     read_scene(recording / SCENE_FILE)
     rows, notes = read_rows(recording / RECORD_FILE)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from deckline.files import is_there
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
@@ -102,7 +103,7 @@ class ImageFolder(Source):
             return make_plain_frame(file, time_s, image)
         mounted = self._mounted.fit(image.shape[1], image.shape[0])
         depth, name = None, f"{DEPTH_FOLDER}/{Path(file).stem}.pfm"
-        if (self.folder / name).exists():
+        if is_there(self.folder / name):
             depth = read_depth(self.folder / name, name, mounted.camera, *self._depth_options)
         return mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
 

@@ -6,7 +6,6 @@ Source: ArduPilot, "Onboard Message Log Messages" (ATT, POS, XKF1); MAVLink comm
 reference" (vehicle_attitude, vehicle_global_position, vehicle_local_position).
 """
 
-import struct
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -25,7 +24,6 @@ from deckline.recording.source import RecordingError
 
 Array = NDArray[np.float64]
 Wanted = Mapping[str, tuple[str, ...]]  # message -> fields
-_DAMAGED = (ValueError, TypeError, LookupError, AttributeError, EOFError, OSError, struct.error)  # of the parsers
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,9 @@ def _read_ulog(path: Path, wanted: Wanted) -> dict[str, list[list[float]]]:
     with needs_extra("logs"):
         from pyulog import ULog
     rows: dict[str, list[list[float]]] = {name: [] for name in wanted}
-    for part in ULog(str(path), list(wanted)).data_list:
+    with path.open("rb") as file:
+        parts = ULog(file, list(wanted)).data_list
+    for part in parts:
         if part.multi_id == 0:
             rows[part.name] = np.column_stack([part.data[field] for field in wanted[part.name]]).astype(float).tolist()
     return rows
@@ -161,5 +161,7 @@ def _read_rows(path: Path, log: LogFormat) -> dict[str, Array]:
     try:
         rows = log.read(path, {message.name: message.fields for message in messages})
         return {m.name: np.reshape(rows[m.name], (-1, len(m.fields))) * m.units for m in messages}
-    except _DAMAGED as error:
+    except ImportError:
+        raise
+    except Exception as error:  # the parsers raise what they like, Exception itself too
         raise RecordingError(f"{path}: damaged log: {' '.join(str(error).split()) or type(error).__name__}") from None

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import Navigation
+from deckline.files import is_there
 from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
 from deckline.recording.bag import is_bag
 from deckline.recording.bag_topics import open_bag
@@ -71,7 +72,7 @@ def open_recording(
     if (path / RECORD_FILE).exists():
         if poses_file is not None:
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
-        fallback = read_camera_file(path / CAMERA_FILE) if (path / CAMERA_FILE).exists() else None
+        fallback = read_camera_file(path / CAMERA_FILE) if is_there(path / CAMERA_FILE) else None
         source: Source = AirSimRecording(path, options, fallback)
     elif is_bag(path) and not (path.is_dir() and list_images(path)):
         track = None if poses_file is None else _read_track(Path(poses_file), navigation)
@@ -136,9 +137,9 @@ def _open_folder(
     if poses_file is not None and not _is_log(poses_file) and names_images(poses_file):
         return ImageFolder(folder, mounted, read_poses(poses_file), None, options, files)
     track = None if poses_file is None else _read_track(poses_file, navigation)
-    if track is not None and not times_file.exists():
+    if track is not None and not is_there(times_file):
         raise RecordingError(f"{poses_file} has poses by time; write {times_file} with the columns file,time_s")
-    times = read_image_times(times_file) if times_file.exists() else None
+    times = read_image_times(times_file) if is_there(times_file) else None
     return ImageFolder(folder, mounted, track, times, options, files)
 
 
@@ -158,4 +159,4 @@ def _list_places(path: Path, name: str) -> list[Path]:
 def _find(path: Path, *names: str) -> Path | None:
     """The first of these files that is there, those named after the source before those of its folder."""
     places = zip(*(_list_places(path, name) for name in names), strict=True)
-    return next((place for row in places for place in row if place.exists()), None)
+    return next((place for row in places for place in row if is_there(place)), None)

@@ -153,6 +153,9 @@ def _open(path: Path) -> Any:
     if not container.streams.video:
         container.close()
         raise RecordingError(f"{path}: not a video: it has no picture stream")
+    if container.streams.video[0].codec_context is None:
+        container.close()
+        raise RecordingError(f"{path}: no decoder for its pictures; write it anew as H.264")
     return container
 
 

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from deckline.config import Approach
-from deckline.files import printable
+from deckline.files import check_regular, open_regular, printable
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame
+from deckline.recording.source import parse_json
 from deckline.truth import errors_against, range_to_ramp_m, true_guidance
 from deckline.types import SIDES, Guidance, Notices, Protection, RunwayLine, Track, Value
 
@@ -115,16 +116,24 @@ def to_line(record: Record) -> str:
 
 
 def read_records(path: Path) -> Iterator[Record]:
-    """Records of a JSONL file, one at a time; half a line at its end, which an interrupted writer leaves, is none."""
-    with path.open("rb") as file:
-        for line in file:
+    """Records of a JSONL file, one at a time; half a line at its end, which an interrupted writer leaves, is none.
+
+    Raises:
+        ValueError: a line that is no JSON object; names file and line.
+    """
+    with open_regular(path) as file:
+        for number, line in enumerate(file, 1):
             if line.endswith(b"\n"):
-                yield json.loads(line)
+                record = parse_json(line.decode(errors="replace"), f"{path} line {number}")
+                if not isinstance(record, dict):
+                    raise ValueError(f"{path} line {number}: no record of a frame: {line[:40]!r}")
+                yield record
 
 
 def keep_whole_lines(path: Path) -> int:
     """Cut a JSONL file after its last whole line; returns the number of lines kept."""
     count = end = 0
+    check_regular(path)
     with path.open("r+b") as file:
         for line in file:
             if line.endswith(b"\n"):
