@@ -10,23 +10,32 @@ import av
 import cv2
 import numpy as np
 import pytest
+from bad_files import (
+    AIRSIM,
+    CAMERA,
+    DEEP,
+    FAST,
+    GREY,
+    HUGE,
+    PICTURE,
+    ROW,
+    bounded,
+    check_line,
+    lay,
+    lines_of,
+    link_to,
+    sparse,
+)
 
 from deckline.cli.main import main
+from recording.log_bytes import dataflash, ulog
 
-GREY = np.full((36, 64, 3), 90, np.uint8)
-PICTURE = cv2.imencode(".png", GREY)[1].tobytes()
 NOISE = np.random.default_rng(0).integers(0, 256, (64, 96, 3), np.uint8)
 JPEG = cv2.imencode(".jpg", NOISE)[1].tobytes()
 HALF = len(JPEG) // 2
-CAMERA = "width=64\nheight=36\nfx=50.0\nfy=50.0\ncx=31.5\ncy=17.5\n"
-AIRSIM = "VehicleName\tTimeStamp\tPOS_X\tPOS_Y\tPOS_Z\tQ_W\tQ_X\tQ_Y\tQ_Z\tImageFile\n"
-ROW = "D\t100\t0\t0\t-30\t1\t0\t0\t0\timg_D_0_0_1.png\n"
 POSES = "time_s,x_m,y_m,z_m,qw,qx,qy,qz\n"
 SCENE = '{"format": "deckline-scene", "version": 1, '
 NAMED = "file," + POSES
-HUGE = "1" + 400 * "0"
-DEEP = 1200 * "[" + 1200 * "]"
-FAST = ("--detector", "classical", "--dehazer", "none")
 YAML = "image_width: 64\nimage_height: 36\ncamera_matrix: "
 BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
     f"{b}: &{b} [{','.join(9 * ['*' + a])}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
@@ -45,29 +54,35 @@ def png_of_size(width: int, height: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + pixels + chunk(b"IEND", b"")
 
 
-def lay(folder: Path, files: dict) -> None:
-    """Write files: bytes, text, or a function of the path that makes it."""
-    for name, content in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if callable(content):
-            content(path)
-        else:
-            path.write_bytes(content if isinstance(content, bytes) else content.encode())
-
-
-def link_to(target: str):
-    return lambda path: path.symlink_to(target)
-
-
-def sparse(path: Path) -> None:
-    with path.open("wb") as file:
-        file.truncate(1 << 40)
-
-
 FIFO, ZERO = os.mkfifo, link_to("/dev/zero")
 A = {"a.png": PICTURE}
 FILM = {"film.mp4": b"\0\0\0\x18ftypmp42" + bytes(200)}
+
+
+def edited(write, before: bytes, after: bytes):
+    """A whole file with a few other bytes in it."""
+
+    def make(path: Path) -> None:
+        write(path)
+        data = path.read_bytes()
+        assert before in data
+        path.write_bytes(data.replace(before, after))
+
+    return make
+
+
+def film(path: Path) -> None:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 36, "yuv420p"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(GREY, format="rgb24")))
+        container.mux(stream.encode())
+
+
+def flown(write, *attitude):
+    """An autopilot's log of a second."""
+    times = (1.0, 1.5, 2.0)
+    return lambda path: write(path, [(t, *attitude) for t in times], [(t, 46.0, 7.0, 100.0) for t in times])
 
 
 def recorded(**files):
@@ -117,6 +132,7 @@ RUNS = {
     ),
     "session description for a video": ({"film.mp4": "v=0\nc=IN IP4 127.0.0.1\nm=video 9 RTP/AVP 96\n"}, "film.mp4"),
     "name with a protocol": ({"concat:a.mp4": "no film"}, "concat:a.mp4"),
+    "video in an unknown code": ({"film.mp4": edited(film, b"avc1", b"zzz9")}, "film.mp4"),
     # cameras
     "camera without keys": ({**A, "camera.toml": ""}, ""),
     "camera of text": ({**A, "camera.toml": "width = 'wide'\n" + CAMERA.partition("\n")[2]}, ""),
@@ -166,6 +182,14 @@ RUNS = {
     "log of noise": (
         {**A, "times.csv": "file,time_s\na.png,1\n", "x.bin": b"\xa3\x95\x80" + bytes(range(256))},
         ["--poses", "x.bin"],
+    ),
+    "log with a format that is none": (
+        {**A, "times.csv": "file,time_s\na.png,1\n", "x.bin": edited(flown(dataflash, 0, 0, 0), b"QLLf", b"QtLf")},
+        ["--poses", "x.bin"],
+    ),
+    "log of a later version": (
+        {**A, "times.csv": "file,time_s\na.png,1\n", "x.ulg": edited(flown(ulog, 1, 0, 0, 0), bytes(40), b"\xff" * 40)},
+        ["--poses", "x.ulg"],
     ),
     # AirSim's recordings
     "airsim without rows": ({"airsim_rec.txt": AIRSIM}, ""),
@@ -304,22 +328,7 @@ COMMANDS = {  # what lies in the folder, and the command
 }
 
 
-BARS = ("frames ", "importing ", "evaluating ")  # that show how far a command is
-
-
-def lines_of(capsys) -> list[str]:
-    return [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("note: ", *BARS))]
-
-
-def check_line(code: int, lines: list[str]) -> None:
-    assert code in (1, 2)
-    assert lines and not any(sign in line for line in lines for sign in ("Traceback", "\x1b"))
-    if code == 2:
-        assert len(lines) == 1 and lines[0].startswith("deckline: error: ") and len(lines[0]) < 2100
-    else:
-        assert any(line.startswith("skipped ") for line in lines)
-
-
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pymavlink leaves a bad log open
 @pytest.mark.parametrize("name", RUNS)
 def test_no_run_of_bad_input_ends_in_a_traceback(name, tmp_path, monkeypatch, capsys):
     files, what = RUNS[name]
@@ -327,7 +336,8 @@ def test_no_run_of_bad_input_ends_in_a_traceback(name, tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     arguments = what if isinstance(what, list) else [what or "."]
     source = [] if isinstance(what, str) or arguments[0].startswith("airsim") else ["."]
-    code = main(["run", *source, *arguments, "--out", "out", *FAST[: 4 if "x.onnx" not in arguments else 0]])
+    with bounded():
+        code = main(["run", *source, *arguments, "--out", "out", *FAST[: 4 if "x.onnx" not in arguments else 0]])
     check_line(code, lines_of(capsys))
 
 
@@ -336,7 +346,9 @@ def test_no_other_command_ends_in_a_traceback(name, tmp_path, monkeypatch, capsy
     files, command = COMMANDS[name]
     lay(tmp_path, files)
     monkeypatch.chdir(tmp_path)
-    check_line(main(command.split()), lines_of(capsys))
+    with bounded():
+        code = main(command.split())
+    check_line(code, lines_of(capsys))
 
 
 NAMES = {b"\xff.png": r"\xff.png", b"\x1b[31m.png": r"\x1b[31m.png", b"[b].png": "[b].png", b"=1+1.png": "=1+1.png"}
@@ -360,11 +372,7 @@ def test_odd_names_are_run_and_shown_harmlessly(tmp_path, capsys):
 
 def test_a_results_folder_that_is_its_own_source_is_refused_whatever_is_asked(tmp_path, capsys):
     lay(tmp_path, {"out/overlay.mp4": "no film", "out/guidance.jsonl": ""})
-    with av.open(str(tmp_path / "out" / "overlay.mp4"), "w") as film:
-        stream = film.add_stream("libx264", rate=10)
-        stream.width, stream.height, stream.pix_fmt = 64, 36, "yuv420p"
-        film.mux(stream.encode(av.VideoFrame.from_ndarray(GREY, format="rgb24")))
-        film.mux(stream.encode())
+    film(tmp_path / "out" / "overlay.mp4")
     before = (tmp_path / "out" / "overlay.mp4").read_bytes()
     for option in ("--overwrite", "--resume"):
         source = str(tmp_path / "out" / "overlay.mp4")

@@ -1,0 +1,91 @@
+"""Files that are none, commands on them, and what must come out: one line, in time, in little memory."""
+
+import os
+import signal
+import socket
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+GREY = np.full((36, 64, 3), 90, np.uint8)
+PICTURE = cv2.imencode(".png", GREY)[1].tobytes()
+CAMERA = "width=64\nheight=36\nfx=50.0\nfy=50.0\ncx=31.5\ncy=17.5\n"
+AIRSIM = "VehicleName\tTimeStamp\tPOS_X\tPOS_Y\tPOS_Z\tQ_W\tQ_X\tQ_Y\tQ_Z\tImageFile\n"
+ROW = "D\t100\t0\t0\t-30\t1\t0\t0\t0\timg_D_0_0_1.png\n"
+FAST = ("--detector", "classical", "--dehazer", "none")
+HUGE = "1" + 400 * "0"
+DEEP = 1200 * "[" + 1200 * "]"
+BARS = ("frames ", "importing ", "exporting ", "evaluating ")  # that show how far a command is
+LONGEST_S, MOST_BYTES = 30.0, 2 << 30
+
+
+class HangError(BaseException):
+    """A command does not end; no Exception, which the command would report."""
+
+
+def lay(folder: Path, files: dict) -> None:
+    """Write files: bytes, text, or a function of the path that makes it."""
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if callable(content):
+            content(path)
+        else:
+            path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+def link_to(target: str):
+    return lambda path: path.symlink_to(target)
+
+
+def sparse(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+
+
+def listen(path: Path) -> None:
+    """A socket; its name is bound from within its folder, because names of sockets must be short."""
+    here = Path.cwd()
+    os.chdir(path.parent)
+    with socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(path.name)
+    os.chdir(here)
+
+
+def lines_of(capsys) -> list[str]:
+    return [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("note: ", *BARS))]
+
+
+def check_line(code: int, lines: list[str]) -> None:
+    assert code in (1, 2)
+    assert lines and not any(sign in line for line in lines for sign in ("Traceback", "\x1b"))
+    if code == 2:
+        assert len(lines) == 1 and lines[0].startswith("deckline: error: ") and len(lines[0]) < 2100
+    else:
+        assert any(line.startswith("skipped ") for line in lines)
+
+
+@contextmanager
+def bounded():
+    """Fail where the block takes longer or more memory than any bad input may."""
+
+    def stop(*_):
+        raise HangError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+    Path("/proc/self/clear_refs").write_text("5")  # proc(5): the peak begins anew
+    start = _memory("VmRSS")
+    try:
+        yield
+        assert _memory("VmHWM") - start < MOST_BYTES
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _memory(name: str) -> int:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(f"{name}:"))
