@@ -47,7 +47,8 @@ class Store:
                     known = line["settings"]
                 else:
                     self.rows[tuple(line["key"])] = line["row"]
-            if known is not None and not all(isinstance(part, dict) for part in (known, known.get(extendable, {}))):
+            parts = () if known is None else (known, known.get(str(extendable), {}))
+            if not all(isinstance(part, dict) for part in parts):
                 raise TypeError
         except OSError as error:
             raise ValueError(f"{out}: cannot be written: {error.strerror or error}") from None
