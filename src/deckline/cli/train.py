@@ -21,7 +21,7 @@ with needs_extra("train"):
 
 R = TypeVar("R", bound=Recipe)
 SHIPPED = "shipped"
-SWITCHES = ("cpu_minutes", "prior")  # not given, they leave the recipe's value
+SWITCHES = ("cpu_minutes", "prior", "tensorboard")  # not given, they leave the recipe's value
 DEHAZE_NETWORKS, DETECT_NETWORKS = train_dehaze.NETWORKS | DEHAZERS, train_detect.NETWORKS | DETECTORS
 Device = Literal["auto", "cpu", "cuda"]
 
@@ -37,6 +37,7 @@ FLAGS: dict[str, tuple[Any, str]] = {
     "threads": (int, "of torch on a CPU; 0: torch's own choice."),
     "device": (Device, "to train on."),
     "bf16": (bool, "half of the arithmetic in bfloat16; None: on CUDA only."),
+    "tensorboard": (bool, "write TensorBoard's events as well; needs the extra tensorboard."),
 }
 DEHAZE_FLAGS: dict[str, tuple[Any, str]] = {
     "network": (Literal[*DEHAZE_NETWORKS], "ours on a grid of 4 px (coarse) or at full resolution, or one to compare."),
@@ -83,7 +84,7 @@ def dehaze(
     Args:
         recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`, and folders of pictures
             whose labels.json names the clear one of each hazy one as pair_of; one given twice is drawn twice as often.
-        out: folder of recipe.toml, the checkpoint and dehaze.onnx.
+        out: folder of recipe.toml, the checkpoint, losses.csv, losses.png and dehaze.onnx.
         recipe: TOML file of all that training can be told (see recipe.toml in an --out); flags override it.
         start_from: first weights: folder of an earlier training, .onnx file, shipped, or a shipped model's name.
         photographs: folder of clear photographs; they get haze over a made-up depth, for pictures without a pose.
@@ -111,7 +112,7 @@ def detect(
     Args:
         recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`, and folders of pictures
             with labels.json, to which no haze is added; one given twice is drawn twice as often.
-        out: folder of recipe.toml, the checkpoint and detect.onnx.
+        out: folder of recipe.toml, the checkpoint, losses.csv, losses.png and detect.onnx.
         recipe: TOML file of all that training can be told (see recipe.toml in an --out); flags override it.
         start_from: first weights: folder of an earlier training, .onnx file, shipped, or a shipped model's name.
         photographs: folder of pictures without a runway, which take the place of some views' sky.

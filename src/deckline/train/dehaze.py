@@ -18,7 +18,17 @@ from deckline.haze import add_haze, beta_from_visibility
 from deckline.train.dehaze_network import SHAPES, Attention, DehazeNetwork, DehazeNetworkConfig, Transformer
 from deckline.train.dehaze_samples import HazeAugmentation, geometry_prior, make_batch, random_airlight
 from deckline.train.export import count_parameters, export_onnx, network_cost
-from deckline.train.loop import Loss, Recipe, autocast, build_network, open_run, print_figures, select_device, train
+from deckline.train.loop import (
+    HELD_OUT_BATCHES,
+    Loss,
+    Recipe,
+    autocast,
+    build_network,
+    open_run,
+    print_figures,
+    select_device,
+    train,
+)
 from deckline.train.photographs import open_photographs
 from deckline.train.start import start_with
 from deckline.train.views import ClearView, PairView, Views, make_ahead, open_clear_views
@@ -114,7 +124,7 @@ def train_dehaze(
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget and machine apart.
         recordings: clear recordings with full depth, and labelled folders with pairs of a hazy and a clear picture.
-        out: folder of checkpoint.safetensors, dehaze.onnx and figures.json.
+        out: folder of checkpoint.safetensors, losses.csv, losses.png, dehaze.onnx and figures.json.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
         photographs: folder of clear photographs, for pictures without a pose; their depth is made up.
@@ -126,12 +136,14 @@ def train_dehaze(
     if start_from is not None:
         start_with(model, start_from)
     run = open_run(config, model, optimizer, out)
-    views = open_clear_views(recordings, config.working_long_side_px, config.held_out)
+    views, held_out = (
+        open_clear_views(recordings, config.working_long_side_px, config.held_out, part) for part in (True, False)
+    )
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
     crop, size = (config.crop_height, config.crop_width), config.working_long_side_px
     real = None if photographs is None else open_photographs(photographs, size, config.held_out)
 
-    def make(step: int) -> Batch:
+    def make(step: int, views: Views[ClearView | PairView] = views, real: Any = real) -> Batch:
         return make_batch(views, config.batch, crop, config.haze, [config.seed, step], config.prior, real)
 
     def loss(batch: Batch, fraction: float) -> Loss:
@@ -140,12 +152,12 @@ def train_dehaze(
             restored = model(prior, torch.cat([hazy, prior], 1)) if config.prior else model(hazy)
             return dehaze_loss(restored.float(), clear, t, config.visible_share, config.best_psnr_db), {}
 
-    train(config, run, make_ahead(make, run.step, config.steps), loss, console)
+    measured = [make(k, held_out, None) for k in range(HELD_OUT_BATCHES)]
+    train(config, run, make_ahead(make, run.step, config.steps), loss, console, measured)
     model.load_state_dict(run.ema)
     shape = {"unshuffle": 1} | getattr(model, "grid", {}) if config.shape is None else asdict(config.shape)
     network = {"name": config.network, **shape}
     path = export_dehaze(model, out / "dehaze.onnx", network, config.working_long_side_px, run.recipe, run.step)
-    held_out = open_clear_views(recordings, config.working_long_side_px, config.held_out, train=False)
     figures = validate(model, held_out, config.seed, config.prior)
     print_figures(console, figures, views.skipped | held_out.skipped)
     (out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")

@@ -75,7 +75,7 @@ def train_detect(
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget, batch and machine apart.
         recordings: clear recordings with full depth and true lines, or pictures with labels.json.
-        out: folder of checkpoint.safetensors and detect.onnx.
+        out: folder of checkpoint.safetensors, losses.csv, losses.png and detect.onnx.
         start_from: folder of an earlier training, or its .onnx file: its averaged weights are this one's first.
         networks: what can be trained, by name.
         photographs: folder of pictures that take the place of the sky; without a runway in them.
@@ -83,7 +83,7 @@ def train_detect(
     console = Console()
     device = loop.select_device(config)
     model: LineNetwork = loop.build_network(networks, config)
-    views = open_line_views(recordings, config.held_out)
+    views, held_out = (open_line_views(recordings, config.held_out, part) for part in (True, False))
     grid = model.kind.target_grid
     backdrops = [] if photographs is None else read_backdrops(photographs)
     if start_from is not None:
@@ -94,7 +94,7 @@ def train_detect(
     run = loop.open_run(config, model, _optimizer(config, model), out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
 
-    def make(step: int) -> tuple[Tensor, DetectTargets]:
+    def make(step: int, views: Views[LineView] = views) -> tuple[Tensor, DetectTargets]:
         return make_batch(views, config.batch, grid, config.augment, [config.seed, step], backdrops)
 
     def loss(batch: tuple[Tensor, DetectTargets], fraction: float) -> loop.Loss:
@@ -105,10 +105,10 @@ def train_detect(
             output = model(image)
         return model.loss(output, targets, config.losses, fraction)
 
-    loop.train(config, run, make_ahead(make, run.step, config.steps), loss, console)
+    measured = [make(k, held_out) for k in range(loop.HELD_OUT_BATCHES)]
+    loop.train(config, run, make_ahead(make, run.step, config.steps), loss, console, measured)
     model.load_state_dict(run.ema)
     path = export_detect(model, out / "detect.onnx", run.recipe, run.step)
-    held_out = open_line_views(recordings, config.held_out, train=False)
     figures = validate(model, held_out, config.augment, config.seed)
     figures |= {"steps": run.step, "minutes": run.seconds / 60}
     loop.print_figures(console, figures, views.skipped | held_out.skipped)

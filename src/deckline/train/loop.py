@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -18,12 +18,21 @@ from deckline.atomic import write_atomic
 from deckline.checks import check_numbers
 from deckline.config_file import to_toml_text
 from deckline.train.checkpoint import load_checkpoint, read_progress, save_checkpoint, stop_on_interrupt
+from deckline.train.curves import HELD_OUT, Curves
 
 RECIPE_FILE = "recipe.toml"
 SMOOTHING = 0.98  # of the printed losses
 RATE = "rate"  # of a group of parameters, relative to the recipe's
-MACHINE = ("threads", "device", "bf16", "checkpoint_minutes")  # of a recipe, that may change when a run goes on
+MACHINE = (
+    "threads",
+    "device",
+    "bf16",
+    "checkpoint_minutes",
+    "tensorboard",
+)  # of a recipe, that may change when a run goes on
 BUDGET = ("steps", "minutes", "cpu_minutes")
+CURVE_ROWS, CURVE_HELD_OUT = 100, 10  # of a training: points of the losses, and measurements on held-out batches
+HELD_OUT_BATCHES = 2
 
 Batch = TypeVar("Batch")
 Loss = tuple[Tensor, Mapping[str, float]]  # and its parts by name
@@ -52,6 +61,7 @@ class Recipe:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     bf16: bool | None = None  # half of the arithmetic in bfloat16; None: on CUDA only (a CPU needs AVX512-BF16 or AMX)
     seed: int = 0
+    tensorboard: bool = False  # write its events beside losses.csv
 
     def __post_init__(self) -> None:
         check_numbers(self, "", *self.COUNTS, least=1)
@@ -129,20 +139,24 @@ def train(
     batches: Iterator[Batch],
     loss: Callable[[Batch, float], Loss],
     console: Console,
+    held_out: Sequence[Batch] = (),
     now: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Steps until the budget is used. The run is saved every `checkpoint_minutes` and at the end.
+    """Steps until the budget is used. The run is saved every `checkpoint_minutes` and at the end, its curves as well.
 
     Args:
         batches: of the steps from `run.step` on.
         loss: of a batch, at a share of the budget.
+        held_out: batches of views that training does not see, whose loss is measured along the way.
         now: a clock, s; it decides when to save.
 
     Raises:
         FloatingPointError: the loss stopped being a number.
+        ImportError: TensorBoard is asked for and not there.
         KeyboardInterrupt: after Ctrl-C; the step is finished and the run saved.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    curves = Curves(run.out, run.step, config.tensorboard)
     with stop_on_interrupt() as stopped, Progress(*columns, console=console) as progress:
         bar = progress.add_task("training", total=1.0)
         clock = time.process_time if config.cpu_minutes else time.monotonic
@@ -154,8 +168,9 @@ def train(
             losses = _step(config, run, loss(batch, fraction), fraction)
             run.step += 1
             run.seconds += clock() - last
-            last = clock()
             run.recent = {name: v + SMOOTHING * (run.recent.get(name, v) - v) for name, v in losses.items()}
+            _add_to_curves(curves, config, run, fraction, loss, held_out)
+            last = clock()
             progress.update(bar, completed=fraction, description=f"step {run.step}, loss {run.recent['total']:.3f}")
             if now() - saved >= 60 * config.checkpoint_minutes:
                 run.save()
@@ -163,8 +178,50 @@ def train(
                 parts = ", ".join(f"{name} {value:.3f}" for name, value in run.recent.items())
                 console.print(f"step {run.step}, {run.seconds / 60:.1f} min: {parts}")
     run.save()
+    _draw_curves(curves, console)
     if config.fraction_done(run.step, run.seconds) < 1:
         raise KeyboardInterrupt(f"{run.out} holds step {run.step}, the same command goes on from there")
+
+
+def _add_to_curves(
+    curves: Curves,
+    config: Recipe,
+    run: Run,
+    before: float,
+    loss: Callable[[Batch, float], Loss],
+    held_out: Sequence[Batch],
+) -> None:
+    """A row, at every hundredth of the budget that this step ended; at every tenth with the held-out loss."""
+    fraction = config.fraction_done(run.step, run.seconds)
+
+    def passes(count: int) -> bool:
+        return int(count * fraction) > int(count * before)
+
+    if passes(CURVE_ROWS):
+        rate = learning_rate(before, config.lr, config.lr_end, config.warm_up)
+        row = {"step": run.step, "minutes": run.seconds / 60, "lr": rate, **run.recent}
+        if held_out and passes(CURVE_HELD_OUT):
+            row[HELD_OUT] = held_out_loss(run, held_out, loss, fraction)
+        curves.add(row)
+
+
+@torch.no_grad()
+def held_out_loss(run: Run, batches: Sequence[Batch], loss: Callable[[Batch, float], Loss], fraction: float) -> float:
+    """Mean loss of the averaged weights; the run is left as it was."""
+    weights = {name: value.clone() for name, value in run.model.state_dict().items()}
+    with torch.random.fork_rng(enabled=True):
+        run.model.load_state_dict(run.ema)
+        total = sum(float(loss(batch, fraction)[0]) for batch in batches)
+        run.model.load_state_dict(weights)
+    return total / len(batches)
+
+
+def _draw_curves(curves: Curves, console: Console) -> None:
+    if curves.rows:
+        try:
+            console.print(str(curves.draw()))
+        except ImportError as error:
+            console.print(f"no picture of the losses: {error}")
 
 
 def print_figures(console: Console, figures: Mapping[str, float], skipped: Mapping[str, str]) -> None:
