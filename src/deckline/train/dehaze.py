@@ -143,7 +143,7 @@ def train_dehaze(
     crop, size = (config.crop_height, config.crop_width), config.working_long_side_px
     real = None if photographs is None else open_photographs(photographs, size, config.held_out)
 
-    def make(step: int, views: Views[ClearView | PairView] = views, real: Any = real) -> Batch:
+    def make(step: int, views: Views[ClearView | PairView] = views, real: Views[ClearView] | None = real) -> Batch:
         return make_batch(views, config.batch, crop, config.haze, [config.seed, step], config.prior, real)
 
     def loss(batch: Batch, fraction: float) -> Loss:
