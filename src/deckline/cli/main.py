@@ -25,6 +25,7 @@ SUMMARIES = {
     "benchmark": "Measure how long every stage takes on this machine.",
     "train": "Train a network.",
     "eval": "Measure the chain against truth.",
+    "reproduce": "Print the paper's Tables 4, 5 and 6 beside the paper's figures, saved or made anew.",
     "labels": "Write runway labels as TuSimple, CULane, COCO keypoints, YOLO-pose or labelme, and read them.",
 }
 EXAMPLES = {
@@ -48,6 +49,10 @@ EXAMPLES = {
     "deckline benchmark": (
         "deckline benchmark --threads 2",
         "deckline benchmark flights/first --device openvino --precision bf16 --out profile.json",
+    ),
+    "deckline reproduce": (
+        "deckline reproduce table6",
+        "deckline reproduce table4 --runs runs --minutes 7",
     ),
     "deckline eval": ("deckline eval chain --frames 50 --json figures/chain.json", "deckline eval report figures"),
     "deckline eval chain": ("deckline eval chain --frames 50", "deckline eval chain --preset cvn --out scores"),
@@ -203,6 +208,10 @@ def _load_commands(name: str) -> dict[str, Callable[..., int]]:
         from deckline.cli.labels import export, import_
 
         functions = (export, import_)
+    elif name == "reproduce":
+        from deckline.research.reproduce import reproduce
+
+        functions = (reproduce,)
     elif name == "benchmark":
         from deckline.cli.benchmark import benchmark
 

@@ -62,6 +62,17 @@ class Table:
     notes: Sequence[str] = ()  # below it
 
 
+@dataclass(frozen=True)
+class Saved:
+    """What `publish` wrote as JSON, without the figures."""
+
+    title: str
+    command: str
+    made_with: Mapping[str, str]
+    tables: Sequence[Table]
+    notes: Sequence[str]
+
+
 def number(value: float | None, form: str) -> str:
     """A number in a table; a dash where there is none."""
     return MISSING if value is None or not math.isfinite(value) else format(value, form)
@@ -99,15 +110,7 @@ def publish(
     for path in (output.json, output.markdown):
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
-    console = Console(width=None if sys.stdout.isatty() else FILE_COLUMNS)
-    console.print(title, style="bold", markup=False)
-    console.print(", ".join(made.values()), highlight=False, markup=False)
-    for table in tables:
-        console.print(_rich(table))
-        for note in table.notes:
-            console.print(note, highlight=False, markup=False)
-    for note in notes:
-        console.print(note, highlight=False, markup=False)
+    print_tables(title, made, tables, notes)
     if output.markdown is not None:
         parts = [f"{title}\n{', '.join(made.values())}", *map(markdown, tables), *notes]
         write_atomic(output.markdown, ("\n\n".join(parts) + "\n").encode())
@@ -122,6 +125,19 @@ def publish(
         content = {**figures, **about, "_tables": [asdict(table) for table in tables]}
         write_atomic(output.json, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
         print(printable(output.json))
+
+
+def print_tables(title: str, made: Mapping[str, str], tables: Sequence[Table], notes: Sequence[str]) -> None:
+    """Print a title, what it was made with, tables with their notes, and notes."""
+    console = Console(width=None if sys.stdout.isatty() else FILE_COLUMNS)
+    console.print(title, style="bold", markup=False)
+    console.print(", ".join(made.values()), highlight=False, markup=False)
+    for table in tables:
+        console.print(_rich(table))
+        for note in table.notes:
+            console.print(note, highlight=False, markup=False)
+    for note in notes:
+        console.print(note, highlight=False, markup=False)
 
 
 def markdown(table: Table, gap: str = " ") -> str:
@@ -185,19 +201,27 @@ def report(folder: tyro.conf.Positional[Path], out: Path = Path("docs/results.md
     return 0
 
 
-def _section(path: Path, count: int | None) -> tuple[str, str]:
-    """What an evaluation was made with, and its section."""
+def read_saved(path: Path) -> Saved:
+    """What an evaluation saved with --json.
+
+    Raises:
+        ValueError: another file.
+    """
     try:
         saved: dict[str, Any] = parse_plain(json.loads, read_regular(path).decode())
-        tables = [Table(**table) for table in saved["_tables"]][:count]
-        heading = path.stem.replace("-", " ").replace("_", " ").capitalize()
-        parts = [f"## {heading}", f"{_one_line(saved['_title'])}.", f"```\n{saved['_command']}\n```"]
-        parts += [markdown(table, gap="") for table in tables]
-        return ", ".join(saved["_made_with"].values()), "\n\n".join(
-            [*parts, *(saved["_notes"] if count is None else [])]
-        )
+        tables = [Table(**table) for table in saved["_tables"]]
+        return Saved(_one_line(saved["_title"]), saved["_command"], dict(saved["_made_with"]), tables, saved["_notes"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: not the figures of an evaluation ({error!r}); save them with --json") from None
+
+
+def _section(path: Path, count: int | None) -> tuple[str, str]:
+    """What an evaluation was made with, and its section."""
+    saved = read_saved(path)
+    heading = path.stem.replace("-", " ").replace("_", " ").capitalize()
+    parts = [f"## {heading}", f"{saved.title}.", f"```\n{saved.command}\n```"]
+    parts += [markdown(table, gap="") for table in saved.tables[:count]]
+    return ", ".join(saved.made_with.values()), "\n\n".join([*parts, *(saved.notes if count is None else [])])
 
 
 def _one_line(text: str) -> str:
