@@ -302,6 +302,8 @@ def test_every_status_but_ok_and_every_flag_say_what_to_do():
     for status in set(Status) - {Status.OK}:
         (told,) = advise(record | {"status": str(status)})
         assert told["words"] == "no pose" and told["do"]
+    late = [{"name": "left", "reason": "off"}, {"name": "stale", "reason": "1 s old"}]
+    assert [told["words"] for told in advise(record | {"status": "stale", "flags": late})] == ["1 s old"]
     for reason in CHECK:
         (told,) = advise({"status": "unverified", "reason": "", "flags": [{"name": str(reason), "reason": "why"}]})
         assert told["do"].startswith("check ") and told["words"] == "why"

@@ -34,11 +34,11 @@ CHECK = {
 def advise(record: Record) -> list[Record]:
     """What to tell of a record, most urgent first: `words`, and `do`, what to do about them.
 
-    Flags, or without one the reason of a status that is not ok.
+    That it is stale; else its flags; without one the reason of a status that is not ok.
     """
-    status = Status(record["status"])
-    if status is Status.STALE or not record["flags"]:
+    status, flags = Status(record["status"]), record["flags"]
+    if status is Status.STALE or not flags:
+        late = [flag["reason"] for flag in flags if flag["name"] == Reason.STALE]
         do = TO_DO.get(status)
-        return [] if do is None else [{"words": record["reason"] or str(status), "do": do}]
-    flags = record["flags"]
+        return [] if do is None else [{"words": "; ".join(late) or record["reason"] or str(status), "do": do}]
     return [{"words": flag["reason"], "do": f"check {CHECK[Reason(flag['name'])]}"} for flag in flags]

@@ -1,6 +1,7 @@
 """A web server in a thread of its own. Flying only leaves its newest answer here; whatever browsers do, it goes on."""
 
 import asyncio
+import logging
 import socket
 import threading
 import time
@@ -105,6 +106,7 @@ class Dashboard:
 
     def close(self) -> None:
         self._stopped.set()
+        logging.getLogger("nicegui").setLevel(logging.CRITICAL)  # it complains of browsers that are still there
         self._server.should_exit = True
         for thread in self._threads:
             thread.join(END_S)
