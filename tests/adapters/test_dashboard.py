@@ -238,7 +238,8 @@ def test_a_port_that_is_taken_and_a_wrong_address_are_one_line(flying, tmp_path,
 def test_a_recording_stays_open_until_ctrl_c(tmp_path, browser):
     for index in range(3):
         cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((180, 320, 3), 90 + index, np.uint8))
-    code = "import sys; from deckline.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += "from deckline.cli.main import main; sys.exit(main(sys.argv[1:]))"
     args = ["run", str(tmp_path), "--out", str(tmp_path / "out"), "--detector", "classical", "--dehazer", "none"]
     command = [sys.executable, "-c", code, *args, "--dashboard", "127.0.0.1:0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
