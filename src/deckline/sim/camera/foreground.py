@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deckline.sim.camera import cockpit
-from deckline.sim.camera.cockpit import Layer, Rng
+from deckline.sim.camera import cockpit, screen
+from deckline.sim.camera.brushes import Layer, Rng
 
 OPEN_SHARE = 0.7  # of the kept box that stays uncovered
 MOST_PX = 800  # on the longer side; larger foregrounds are drawn at this size and enlarged
@@ -40,7 +40,7 @@ KINDS = (  # from the scene to the viewer
     _Kind(cockpit.paint_legs, (0.0, 0.45, 0.0), (0.002, 0.02)),
     _Kind(cockpit.paint_specks, (0.5, 0.3, 0.15), (0.0, 0.01), (0.15, 0.9), solid=False),
     _Kind(cockpit.paint_reflection, (0.35, 0.0, 0.15), (0.005, 0.05), (0.03, 0.25), solid=False),
-    _Kind(cockpit.paint_hud, (0.08, 0.12, 0.08), (0.0, 0.002), (0.5, 1.0), solid=False),
+    _Kind(screen.paint_hud, (0.08, 0.12, 0.08), (0.0, 0.002), (0.5, 1.0), solid=False),
     _Kind(cockpit.paint_overhead, (0.25, 0.0, 0.0), (0.001, 0.015), (0.6, 1.0)),
     _Kind(cockpit.paint_windows, (0.3, 0.0, 0.06), (0.001, 0.015)),
     _Kind(cockpit.paint_pillars, (0.45, 0.0, 0.06), (0.001, 0.015)),
@@ -48,9 +48,9 @@ KINDS = (  # from the scene to the viewer
     _Kind(cockpit.paint_pilot, (0.25, 0.0, 0.0), (0.002, 0.015)),
     _Kind(cockpit.paint_rails, (0.15, 0.1, 0.1), (0.0, 0.01), (0.5, 1.0)),
     _Kind(cockpit.paint_flare, (0.2, 0.2, 0.2), (0.005, 0.03), (0.2, 1.0), solid=False),
-    _Kind(cockpit.paint_inset, (0.06, 0.06, 0.1), (0.0, 0.001), solid=False),
-    _Kind(cockpit.paint_captions, (0.25, 0.25, 0.55), (0.0, 0.002), (0.4, 1.0), solid=False),
-    _Kind(cockpit.paint_bars, (0.08, 0.08, 0.2), (0.0, 0.0), solid=False),
+    _Kind(screen.paint_inset, (0.06, 0.06, 0.1), (0.0, 0.001), solid=False),
+    _Kind(screen.paint_captions, (0.25, 0.25, 0.55), (0.0, 0.002), (0.4, 1.0), solid=False),
+    _Kind(screen.paint_bars, (0.08, 0.08, 0.2), (0.0, 0.0), solid=False),
 )
 
 
