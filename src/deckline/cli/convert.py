@@ -1,15 +1,22 @@
 """`deckline convert`."""
 
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import numpy as np
 import tyro
 
+from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.geometry import attitude, camera_mount
+from deckline.live.recorder import FrameFolder
+from deckline.recording import Source, open_recording
 from deckline.recording.airsim import ReadOptions
+from deckline.recording.bag import is_bag
 from deckline.recording.camera_file import read_camera_file
 from deckline.recording.convert import add_scene, drop_scene
+from deckline.recording.images import encode_image
+from deckline.types import Frame
 
 NO_TURN = (0.0, 0.0, 0.0)
 
@@ -23,20 +30,28 @@ def convert(
     mount_m: tuple[float, float, float] = NO_TURN,
     mount_deg: tuple[float, float, float] = NO_TURN,
     deck_z_m: float | None = None,
+    topic: tuple[str, ...] = (),
 ) -> int:
-    """Copy an AirSim recording into deckline's layout with scene.json, or back with --plain.
+    """Copy an AirSim recording into deckline's layout with scene.json, or back with --plain; or to and from ROS bags.
 
     Args:
-        recording: folder with airsim_rec.txt and images.
-        out: new folder.
+        recording: folder with airsim_rec.txt and images; a ROS bag, whose pictures, poses and depth make a folder of
+            images; with an `out` that ends with .mcap any recording.
+        out: new folder, or new .mcap file of the ROS 2 profile.
         plain: leave scene.json and the clear images out, for AirSim's own tools.
         camera: camera.toml with intrinsics and mount; goes before the options below.
         fov_deg: horizontal field of view.
         mount_m: where the camera sits on the vehicle: forward, right, down of its centre.
         mount_deg: how the camera is turned on the vehicle: roll, pitch (up is positive), yaw.
         deck_z_m: world z (down, metres) of the deck plane.
+        topic: of a ROS bag, the topics to take where several are there.
     """
     mounted = (mount_m, mount_deg) != (NO_TURN, NO_TURN)
+    if out.suffix == ".mcap" or is_bag(recording):
+        if plain or mounted:
+            raise ValueError("--plain, --mount-m and --mount-deg are for AirSim recordings: leave them out")
+        source = open_recording(recording, camera_file=camera, fov_deg=fov_deg, deck_z_m=deck_z_m, topics=topic)
+        return _copy_frames(source, out)
     if plain:
         if camera is not None or mounted or deck_z_m is not None:
             raise ValueError("--plain drops what is known of camera and deck: leave their options out")
@@ -52,4 +67,30 @@ def convert(
     for note in notes:
         print_line(f"note: {note}")
     print(f"{out}: {rows} rows, {files} image files")
+    return 0
+
+
+def _copy_frames(source: Source, out: Path) -> int:
+    """Write frames into a bag, or a folder of images; damaged ones are named and left out."""
+    for note in source.notes:
+        print_line(f"note: {note}")
+    count = 0
+    with ExitStack() as stack:
+        if out.suffix == ".mcap":
+            with needs_extra("foxglove"):
+                from deckline.adapters.foxglove.publisher import Publisher
+                from deckline.adapters.ros.messages import depth_message, frame_messages
+            bag = stack.enter_context(closing(Publisher(out, None)))
+
+            def add(frame: Frame) -> None:
+                picture = encode_image(frame.image_rgb, "png")
+                bag.send(frame_messages(frame, picture, "png") + depth_message(frame), frame.time_s)
+        else:
+            if out.exists():
+                raise ValueError(f"{out} is there already: choose another folder")
+            add = stack.enter_context(closing(FrameFolder(out))).add
+        for frame in source:
+            add(frame)
+            count += 1
+    print(f"{out}: {count} frames")
     return 0

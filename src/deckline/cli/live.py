@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from deckline.cli.dashboard import Address, open_dashboard
+from deckline.cli.publish import open_publisher
 from deckline.config import RunConfig
 from deckline.extras import needs_extra
 from deckline.files import lock_folder, print_line
@@ -43,6 +44,8 @@ def live(
     mavlink: str | None = None,
     autopilot: str | None = None,
     dashboard: Address = None,
+    mcap: Path | None = None,
+    foxglove: Address = None,
     deck_z_m: float | None = None,
     sea_z_m: float | None = None,
     pose_offset_s: float | None = None,
@@ -72,6 +75,8 @@ def live(
         mavlink: udp:HOST:PORT to listen on for an autopilot that takes LANDING_TARGET, or udpout:HOST:PORT to send to.
         autopilot: px4 or ardupilot.
         dashboard: watch in a browser at http://HOST:PORT (127.0.0.1:8080).
+        mcap: new file for pictures and guidance as ROS 2 messages.
+        foxglove: send the same to Foxglove, which connects to ws://HOST:PORT (127.0.0.1:8765).
         deck_z_m: world z (down, metres) of the deck plane.
         sea_z_m: world z (down, metres) of the water.
         pose_offset_s: the clock of the poses minus this machine's Unix time (0).
@@ -119,7 +124,9 @@ def live(
         outputs = outputs if folder is None else folder.add_to(outputs)
         recorder = None if folder is None else folder.record
         watched = open_dashboard(dashboard, opened.name, config, True, recorder, record)
-        outputs = replace(outputs, views=(*outputs.views, *stack.enter_context(watched)))
+        published = open_publisher(mcap, foxglove, opened.name, config, True, overwrite)
+        views = (*stack.enter_context(watched), *stack.enter_context(published))
+        outputs = replace(outputs, views=(*outputs.views, *views))
         session = Session(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
         with _stop_on_signal(session):
             try:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from deckline.cli.dashboard import Address, open_dashboard
+from deckline.cli.publish import open_publisher
 from deckline.extras import needs_extra
 from deckline.files import print_line, printable, read_regular
 from deckline.flight import Flight
@@ -58,6 +59,8 @@ def run(
     duration: float | None = None,
     rate: float = 5.0,
     dashboard: Address = None,
+    mcap: Path | None = None,
+    foxglove: Address = None,
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
     max_frames: int | None = None,
     resume: bool = False,
@@ -86,6 +89,8 @@ def run(
         duration: seconds of the recording to take.
         rate: frames a second that are taken from a simulator, at most.
         dashboard: watch in a browser at http://HOST:PORT (127.0.0.1:8080), until Ctrl-C.
+        mcap: new file for pictures and guidance as ROS 2 messages.
+        foxglove: send the same to Foxglove, which connects to ws://HOST:PORT (127.0.0.1:8765).
         options: of the configuration.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
         resume: go on after the last whole frame of an interrupted run in `out`.
@@ -117,8 +122,9 @@ def run(
             topics=topic,
         )
         opened = select_frames(recording, every, start, duration)
-    with open_dashboard(dashboard, source, config, False) as views:
-        return _run(opened, flight, out, max_frames, resume, overwrite, views)
+    published = open_publisher(mcap, foxglove, source, config, False, overwrite)
+    with open_dashboard(dashboard, source, config, False) as watching, published as views:
+        return _run(opened, flight, out, max_frames, resume, overwrite, (*watching, *views))
 
 
 def _run(

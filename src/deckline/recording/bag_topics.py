@@ -37,6 +37,7 @@ TREES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 FIXES, ATTITUDES = ("sensor_msgs/msg/NavSatFix",), ("sensor_msgs/msg/Imu",)
 READ = (*PICTURES, *INFOS, *POSES, *TREES, *FIXES, *ATTITUDES)
 STATIC = "tf_static"
+GUIDANCE = "/deckline/pose"  # of our own: relative to the deck, no pose in the world
 CHOOSE = "choose with --topic"
 
 
@@ -136,7 +137,7 @@ class Chooser:
     def poses(self) -> list[Topic]:
         """The topic of poses; or those of transforms; or a fix and an attitude; or none."""
         named = [topic for topic in self._named if topic.kind in (*POSES, *TREES, *FIXES)]
-        pool = named or list(self.topics.values())
+        pool = named or [topic for topic in self.topics.values() if topic.name != GUIDANCE]
         poses = self.one([topic for topic in pool if topic.kind in POSES], "poses")
         if poses is not None:
             return [poses]

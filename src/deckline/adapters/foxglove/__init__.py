@@ -1,0 +1,1 @@
+"""ROS 2 messages into an MCAP file and to Foxglove."""

@@ -1,0 +1,1 @@
+"""Frames and guidance as ROS 2 messages."""
