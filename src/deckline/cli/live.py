@@ -44,14 +44,14 @@ def live(
     mavlink: str | None = None,
     autopilot: str | None = None,
     dashboard: Address = None,
-    mcap: Path | None = None,
+    mcap: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     foxglove: Address = None,
     deck_z_m: float | None = None,
     sea_z_m: float | None = None,
     pose_offset_s: float | None = None,
     max_pose_gap_s: float | None = None,
     origin: tuple[float, float, float] | None = None,
-    topic: tuple[str, ...] = (),
+    topic: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = (),
     latency_s: float = 0.0,
     stale_s: float = STALE_S,
     rate: float = 30.0,
@@ -75,14 +75,14 @@ def live(
         mavlink: udp:HOST:PORT to listen on for an autopilot that takes LANDING_TARGET, or udpout:HOST:PORT to send to.
         autopilot: px4 or ardupilot.
         dashboard: watch in a browser at http://HOST:PORT (127.0.0.1:8080).
-        mcap: new file for pictures and guidance as ROS 2 messages.
-        foxglove: send the same to Foxglove, which connects to ws://HOST:PORT (127.0.0.1:8765).
+        mcap: for pictures and guidance as ROS 2 messages.
+        foxglove: the same live, for Foxglove (127.0.0.1:8765).
         deck_z_m: world z (down, metres) of the deck plane.
         sea_z_m: world z (down, metres) of the water.
         pose_offset_s: the clock of the poses minus this machine's Unix time (0).
         max_pose_gap_s: between two poses, beyond which frames in between have no pose (0.5).
         origin: latitude, longitude, degrees, and altitude, m, of the world's origin.
-        topic: of a ROS bag, the topics to take where several are there.
+        topic: of a ROS bag, where several are there.
         latency_s: of exposure, coding and network, between a scene and its picture's arrival.
         stale_s: guidance is stale so many seconds after the last frame.
         rate: frames a second that are taken from a simulator or asked of it, at most.

@@ -18,7 +18,7 @@ SUMMARIES = {
     "demo": "Fly the shipped sample approach through haze: report, film and guidance in demo-out.",
     "run": "Find the runway in a recording, an image folder, a video, or live in a simulator.",
     "live": "Guide from a camera, a network stream or a simulator, as JSON lines.",
-    "convert": "Copy an AirSim recording into deckline's layout, or back.",
+    "convert": "Copy an AirSim recording into deckline's layout, or back; or to and from ROS bags.",
     "info": "Print versions, the processor, the engines and the shipped weights.",
     "sim": "Render a recording of a deck, or serve AirSim's clients.",
     "dataset": "Render the paper's dataset of clear and hazy pairs, or check one.",

@@ -53,13 +53,13 @@ def run(
     sea_z_m: float | None = None,
     pose_offset_s: float | None = None,
     max_pose_gap_s: float | None = None,
-    topic: tuple[str, ...] = (),
+    topic: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = (),
     every: int = 1,
     start: float = 0.0,
     duration: float | None = None,
     rate: float = 5.0,
     dashboard: Address = None,
-    mcap: Path | None = None,
+    mcap: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     foxglove: Address = None,
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
     max_frames: int | None = None,
@@ -69,8 +69,7 @@ def run(
     """Find the runway lines in a recording, an image folder, a video, or live in a simulator.
 
     Args:
-        source: AirSim recording folder, folder of images, video file, ROS bag (.mcap, .db3, .bag or folder), or
-            airsim://HOST:PORT[/VEHICLE] of a simulator.
+        source: AirSim recording, folder of images, video, ROS bag, or airsim://HOST:PORT[/VEHICLE] of a simulator.
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
         camera: camera.toml, or a YAML calibration of OpenCV or ROS, when it does not lie beside the images or the
             video; of a simulator the camera's name.
@@ -83,14 +82,14 @@ def run(
         sea_z_m: world z (down, metres) of the water, for dehazing by geometry; without it 20 m below the deck.
         pose_offset_s: the clock of the poses minus that of the pictures, for poses that go by time (0).
         max_pose_gap_s: between two poses, beyond which pictures in between have no pose (0.5).
-        topic: of a ROS bag, the topics to take where several are there: pictures, depth, camera_info, poses.
+        topic: of a ROS bag, where several are there.
         every: take one frame of so many.
         start: seconds after the first frame at which to begin.
         duration: seconds of the recording to take.
         rate: frames a second that are taken from a simulator, at most.
         dashboard: watch in a browser at http://HOST:PORT (127.0.0.1:8080), until Ctrl-C.
-        mcap: new file for pictures and guidance as ROS 2 messages.
-        foxglove: send the same to Foxglove, which connects to ws://HOST:PORT (127.0.0.1:8765).
+        mcap: for pictures and guidance as ROS 2 messages.
+        foxglove: the same live, for Foxglove (127.0.0.1:8765).
         options: of the configuration.
         max_frames: stop after so many frames; a simulator's go on until Ctrl-C.
         resume: go on after the last whole frame of an interrupted run in `out`.
