@@ -71,10 +71,8 @@ def run(
     Args:
         source: AirSim recording, folder of images, video, ROS bag, or airsim://HOST:PORT[/VEHICLE] of a simulator.
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
-        camera: camera.toml, or a YAML calibration of OpenCV or ROS, when it does not lie beside the images or the
-            video; of a simulator the camera's name.
-        poses: poses.csv, when it does not lie beside the images or the video, or a log of ArduPilot (.bin, .tlog) or
-            PX4 (.ulg).
+        camera: camera.toml, or YAML of OpenCV or ROS, when not beside the source; of a simulator the camera's name.
+        poses: poses.csv, when not beside the source, or a log of ArduPilot (.bin, .tlog) or PX4 (.ulg).
         origin: latitude, longitude, degrees, and altitude, metres, of the world's origin, for poses that have these;
             their first position when not given.
         fov_deg: horizontal field of view of an AirSim recording without a camera file.
@@ -87,7 +85,7 @@ def run(
         start: seconds after the first frame at which to begin.
         duration: seconds of the recording to take.
         rate: frames a second that are taken from a simulator, at most.
-        dashboard: watch in a browser at http://HOST:PORT (127.0.0.1:8080), until Ctrl-C.
+        dashboard: watch in a browser (127.0.0.1:8080), until Ctrl-C.
         mcap: for pictures and guidance as ROS 2 messages.
         foxglove: the same live, for Foxglove (127.0.0.1:8765).
         options: of the configuration.
