@@ -73,13 +73,12 @@ def run(
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
         camera: camera.toml, or YAML of OpenCV or ROS, when not beside the source; of a simulator the camera's name.
         poses: poses.csv, when not beside the source, or a log of ArduPilot (.bin, .tlog) or PX4 (.ulg).
-        origin: latitude, longitude, degrees, and altitude, metres, of the world's origin, for poses that have these;
-            their first position when not given.
+        origin: of the world, degrees and metres, for poses that have these; their first position when not given.
         fov_deg: horizontal field of view of an AirSim recording without a camera file.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
         sea_z_m: world z (down, metres) of the water, for dehazing by geometry; without it 20 m below the deck.
         pose_offset_s: the clock of the poses minus that of the pictures, for poses that go by time (0).
-        max_pose_gap_s: between two poses, beyond which pictures in between have no pose (0.5).
+        max_pose_gap_s: between two poses, beyond which pictures have no pose (0.5).
         topic: of a ROS bag, where several are there.
         every: take one frame of so many.
         start: seconds after the first frame at which to begin.
