@@ -5,6 +5,7 @@ the camera's optical frame is x right, y down, z forward. A transform `a_from_b`
 coordinates in a. Pixels: u to the right, v down, the *centre* of the top-left pixel is (0, 0).
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -182,7 +183,7 @@ def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform
     for name, numbers in (("position", translation), ("quaternion", quaternion)):
         if not np.all(np.isfinite(numbers)):
             raise ValueError(f"{name} is not finite: {numbers.tolist()}")
-    length = float(np.linalg.norm(quaternion))
+    length = math.hypot(*quaternion)
     if abs(length - 1) > QUATERNION_TOLERANCE:
         raise ValueError(f"quaternion has length {length:.3g}, expected 1: {quaternion.tolist()}")
     return RigidTransform.from_components(translation, Rotation.from_quat(quaternion, scalar_first=True))

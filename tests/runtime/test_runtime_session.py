@@ -13,7 +13,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from deckline.config import Engine
-from deckline.runtime import describe_engines, shipped_weights
+from deckline.runtime import describe_engines, engines, shipped_weights
 from deckline.runtime.session import METADATA_KEY, load_session
 
 
@@ -88,11 +88,36 @@ def hostile_model(path: Path, kind: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("kind", "text"), [("loop", "loops"), ("outside", "External data"), ("memory", "allocate")])
+@pytest.mark.parametrize(("kind", "text"), [("loop", "loops"), ("outside", "External data"), ("memory", "Available")])
 def test_hostile_models_are_one_line(tmp_path: Path, kind: str, text: str) -> None:
     with pytest.raises(ValueError, match=text) as caught:
         load_session(hostile_model(tmp_path / "m" / "m.onnx", kind))(x=np.zeros(1, np.float32))
     assert "\n" not in str(caught.value)
+
+
+def big_model(path: Path, side: int, products: int) -> Path:
+    """A small file that multiplies a matrix made of one number with itself, over and over."""
+    size = helper.make_tensor("size", TensorProto.INT64, [2], [side, side])
+    nodes = [helper.make_node("Expand", ["x", "size"], ["y0"])]
+    nodes += [helper.make_node("MatMul", [f"y{k}", f"y{k}"], [f"y{k + 1}"]) for k in range(products)]
+    nodes.append(helper.make_node("ReduceSum", [f"y{products}"], ["y"]))
+    value = [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in ("x", "y")]
+    graph = helper.make_graph(nodes, "big", value[:1], value[1:], [size])
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9), str(path))
+    return path
+
+
+def test_a_model_that_takes_forever_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = load_session(big_model(tmp_path / "slow.onnx", 2000, 60), Engine(threads=1))
+    monkeypatch.setattr(engines, "LONGEST_S", 0.3)
+    with pytest.raises(ValueError, match=r"slow\.onnx.*longer than 0\.3 s"):
+        session(x=np.zeros(1, np.float32))
+
+
+def test_a_model_gets_no_more_memory_than_there_may_be(tmp_path: Path) -> None:
+    side = int((engines.MOST_BYTES / 4) ** 0.5) + 1000
+    with pytest.raises(ValueError, match=r"large\.onnx.*Available memory"):
+        load_session(big_model(tmp_path / "large.onnx", side, 0))(x=np.zeros(1, np.float32))
 
 
 @pytest.mark.parametrize("metadata", ["1" * 400, "[" * 1000 + "]" * 1000])

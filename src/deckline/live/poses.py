@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.config import Navigation
+from deckline.files import parse_plain
 from deckline.geometry import pose
 from deckline.live.clock import WallClock
 from deckline.live.datagrams import POLL_S, Receiver
@@ -138,9 +139,9 @@ class UdpPoses:
 def parse_pose_line(line: str) -> tuple[float, RigidTransform]:
     """Time, s, and world_from_body of a JSON line; a ValueError for one that is no pose."""
     try:
-        values: Any = json.loads(line)
-    except (ValueError, RecursionError):
-        raise ValueError("a line of the poses is not JSON") from None
+        values: Any = parse_plain(json.loads, line)
+    except ValueError as error:
+        raise ValueError(f"a line of the poses is not JSON: {error}") from None
     if not isinstance(values, Mapping):
         raise ValueError(f"a pose must be a JSON object with {', '.join(NUMBERS)}")
     numbers = [check_number(values.get(name), name) for name in NUMBERS]

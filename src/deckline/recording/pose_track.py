@@ -110,7 +110,8 @@ def make_track(
     """
     times, positions, quaternions = (np.asarray(a, dtype=np.float64) for a in (times_s, positions_m, quaternions_wxyz))
     valid = np.isfinite(times) & (np.abs(positions) <= FARTHEST_M).all(axis=1)
-    valid &= np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) <= QUATERNION_TOLERANCE
+    with np.errstate(over="ignore"):
+        valid &= np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) <= QUATERNION_TOLERANCE
     notes = [
         *notes,
         *_note_left_out(name, ~valid, "have a number that is not finite or too far, or a quaternion not of length 1"),

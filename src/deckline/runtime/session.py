@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from deckline.config import CPU, Engine
 from deckline.files import parse_plain, read_regular
-from deckline.runtime.engines import Compute, check_engine, compile_openvino, get_line, open_onnxruntime
+from deckline.runtime.engines import (
+    Compute,
+    check_engine,
+    compile_openvino,
+    compute_onnxruntime,
+    get_line,
+    open_onnxruntime,
+)
 
 # A node's op_type is field 4 of its message: tag, length, text, whose tag and length may be padded varints.
 LOOP = re.compile(rb"(?:\x22|\xa2\x80*\x00)(?:\x04|\x84\x80*\x00)Loop")
@@ -72,7 +79,7 @@ def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> 
         config=_read_config(path, session.get_modelmeta().custom_metadata_map),
         input_names=tuple(value.name for value in session.get_inputs()),
         output_names=output_names,
-        compute=compile_openvino(path, engine, output_names) if elsewhere else partial(session.run, None),
+        compute=compile_openvino(path, engine, output_names) if elsewhere else partial(compute_onnxruntime, session),
     )
 
 
