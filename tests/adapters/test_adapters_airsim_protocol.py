@@ -7,12 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from deckline.adapters.airsim.flight import Collision, Ground, Motion
 from deckline.adapters.airsim.protocol import (
     Decoder,
     ProtocolError,
     Request,
     Response,
     camera_struct,
+    collision_struct,
     encode,
     encode_request,
     geo_struct,
@@ -20,6 +22,7 @@ from deckline.adapters.airsim.protocol import (
     pose_struct,
     quote,
     read_flag,
+    read_geo,
     read_number,
     read_pose,
     unknown_pose_struct,
@@ -174,13 +177,20 @@ def test_the_projection_matrix_is_airsims():
 def test_geo_points_are_where_the_sphere_has_them():
     mile = geo_struct((1852.0, 0.0, -100.0), (45.0, 10.0, 5.0))
     assert mile["latitude"] == pytest.approx(45.0 + 1 / 60, rel=1e-4) and mile["altitude"] == 105.0
+    np.testing.assert_allclose(read_geo(*mile.values(), (45.0, 10.0, 5.0)), [1852.0, 0.0, -100.0], atol=1e-6)
     east = geo_struct((0.0, 1852.0, 0.0), (60.0, 10.0, 5.0))
     assert east["longitude"] - 10.0 == pytest.approx(2 / 60, rel=5e-3)  # the parallel is half as long there
 
 
 def test_states_have_the_fields_of_the_published_client():
     airsim = pytest.importorskip("cosysairsim")
-    state = airsim.MultirotorState.from_msgpack(multirotor_struct(HERE, (45.0, 10.0, 5.0), 9))
+    motion = Motion(1.0, HERE, np.array([3.0, 4.0, 0.0]), np.zeros(3), np.zeros(3), True, Ground("Deck", 0.0))
+    state = airsim.MultirotorState.from_msgpack(multirotor_struct(motion, (45.0, 10.0, 5.0), 9))
     for kind, value in ((airsim.MultirotorState, state), (airsim.CollisionInfo(), state.collision)):
         assert {name for name in dir(kind) if not name.startswith(("_", "to_", "from_"))} == set(vars(value))
-    assert state.kinematics_estimated.linear_velocity.get_length() == 0.0
+    assert state.kinematics_estimated.linear_velocity.get_length() == 5.0
+    assert state.landed_state == airsim.LandedState.Landed and not state.collision.has_collided
+    hit = airsim.CollisionInfo.from_msgpack(
+        collision_struct(Collision("Deck", 1.0, np.ones(3), np.array([0, 0, -1])), 9)
+    )
+    assert (hit.has_collided, hit.object_name, hit.normal.z_val, hit.position.x_val) == (True, "Deck", -1.0, 1.0)

@@ -10,12 +10,19 @@ USUAL = Capture(1280, 720, 90.0)
 GIVEN = {
     "SettingsVersion": 1.2,
     "SimMode": "Multirotor",
-    "ClockSpeed": 1,
+    "ClockSpeed": 5,
+    "ViewMode": "Fpv",
     "CameraDefaults": {"CaptureSettings": [{"ImageType": 1, "Width": 256, "Height": 144}]},
     "Vehicles": {
         "Drone1": {
             "VehicleType": "SimpleFlight",
             "X": 4,
+            "Yaw": 90,
+            "AutoCreate": True,
+            "Sensors": {
+                "Imu": {"SensorType": 2, "Enabled": True},
+                "Radar": {"SensorType": 5, "MaxDistance": 120, "Pitch": -90},
+            },
             "Cameras": {
                 "nose": {
                     "CaptureSettings": [{"ImageType": 0, "Width": 640, "Height": 480, "FOV_Degrees": 60}],
@@ -54,7 +61,14 @@ def test_a_settings_file_is_read_as_airsim_does(tmp_path):
     settings = read_settings(file, USUAL)
     assert settings.vehicle == "Drone1" and settings.origin == (30.0, 120.0, 5.0)
     assert (settings.interval_s, settings.on_move, settings.recorded) == (0.5, True, "nose")
-    assert settings.unused == ("ClockSpeed", "Vehicles.Drone1.X")
+    assert settings.unused == ("ViewMode", "Vehicles.Drone1.AutoCreate")
+    assert settings.clock_speed == 5.0
+    np.testing.assert_allclose(settings.start.translation, [4.0, 0.0, 0.0])
+    np.testing.assert_allclose(settings.start.rotation.apply([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
+    assert settings.find_distance("") == "Radar" and settings.distances["Radar"].farthest_m == 120.0
+    np.testing.assert_allclose(settings.distances["Radar"].mount.rotation.apply([1.0, 0.0, 0.0]), [0, 0, 1], atol=1e-12)
+    with pytest.raises(ValueError, match="no distance sensor 'x'; there are Radar"):
+        settings.find_distance("x")
     assert json.loads(settings.text) == GIVEN
     nose = settings.cameras["nose"]
     assert nose.capture(SCENE) == Capture(640, 480, 60.0)

@@ -30,10 +30,10 @@ class Clock:
     def __init__(self, ticks: Callable[[], float] = time.monotonic, epoch_ns: int | None = None) -> None:
         self._ticks = ticks
         self._epoch_ns = time.time_ns() if epoch_ns is None else epoch_ns
-        self._run = (0.0, ticks(), math.inf)  # seconds at the start of this run, its tick, how long it may last
+        self.run = (0.0, ticks(), math.inf)  # seconds at the start of this run, its tick, how long it may last
 
     def seconds(self) -> float:
-        start_s, tick, limit_s = self._run
+        start_s, tick, limit_s = self.run
         return start_s + min(self._ticks() - tick, limit_s)
 
     def nanoseconds(self, seconds: float) -> int:
@@ -42,7 +42,7 @@ class Clock:
 
     @property
     def paused(self) -> bool:
-        _, tick, limit_s = self._run
+        _, tick, limit_s = self.run
         return self._ticks() - tick >= limit_s
 
     def pause(self, paused: bool) -> None:
@@ -51,7 +51,7 @@ class Clock:
 
     def run_for(self, seconds: float) -> None:
         """Run on, and stand still after so many seconds."""
-        self._run = (self.seconds(), self._ticks(), seconds)
+        self.run = (self.seconds(), self._ticks(), seconds)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.adapters.airsim.objects import segmentation
 from deckline.adapters.airsim.protocol import Struct, pose_struct
 from deckline.adapters.airsim.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, Settings
 from deckline.adapters.airsim.world import World
@@ -53,10 +54,7 @@ def read_requests(values: Any, settings: Settings) -> list[ImageRequest]:
 def _read_request(value: Any, settings: Settings) -> ImageRequest:
     if not isinstance(value, Mapping):
         raise ValueError(f"an image request must be a map, got {type(value).__name__}")
-    name, image_type = str(value.get("camera_name", "0")), value.get("image_type", SCENE)
-    if isinstance(image_type, bool) or not isinstance(image_type, int) or image_type not in TYPES:
-        there = ", ".join(f"{name} ({number})" for number, name in TYPES.items())
-        raise ValueError(f"no image type {str(image_type)[:20]}; there are {there}")
+    name, image_type = str(value.get("camera_name", "0")), read_image_type(value.get("image_type", SCENE))
     as_float = bool(value.get("pixels_as_float", False))
     if as_float and image_type not in FLOATS:
         raise ValueError(f"{TYPES[image_type]} has no float pixels: ask for it with pixels_as_float False")
@@ -64,12 +62,20 @@ def _read_request(value: Any, settings: Settings) -> ImageRequest:
     return ImageRequest(settings.find_camera(name), name, image_type, as_float, compress, annotation)
 
 
+def read_image_type(value: Any) -> int:
+    """One of the types that are drawn; all else is a ValueError."""
+    if isinstance(value, bool) or not isinstance(value, int) or value not in TYPES:
+        there = ", ".join(f"{name} ({number})" for number, name in TYPES.items())
+        raise ValueError(f"no image type {str(value)[:20]}; there are {there}")
+    return value
+
+
 def get_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
     """ImageResponses of one instant, each view drawn once; only on the world's own thread.
 
     A ValueError for too many pixels; else errors as `World.picture`.
     """
-    state, time_s = world.state, world.clock.seconds()
+    state, time_s = world.snapshot()
     cameras = [world.camera(request.camera, request.image_type, state) for request in requests]
     if sum(camera.width * camera.height for camera in cameras) > MAX_PIXELS:
         raise ValueError(f"images of one call may have {MAX_PIXELS} pixels together: ask for them in several calls")
@@ -83,7 +89,7 @@ def get_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
     for request, camera, view in zip(requests, cameras, views, strict=True):
         arguments = (request.camera, request.image_type, state, time_s)
         if request.image_type == SEGMENTATION:
-            data = _image_data(world.segmentation(request.camera, state, time_s), request.compress)
+            data = _image_data(segmentation(world, *arguments), request.compress)
         else:
             if view in scenes and view not in frames:
                 frames[view] = world.picture(*arguments)
@@ -146,8 +152,8 @@ def draw_depth(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def record_frame(world: World) -> Frame:
     """The recorded camera's frame of now, its time in s since 1970; only on the world's own thread."""
-    time_s = world.clock.seconds()
-    frame = world.picture(world.settings.recorded, SCENE, world.state, time_s)
+    state, time_s = world.snapshot()
+    frame = world.picture(world.settings.recorded, SCENE, state, time_s)
     return replace(frame, time_s=world.clock.nanoseconds(time_s) / 1e9)
 
 

@@ -4,71 +4,91 @@ A ValueError becomes the call's error answer; so does a wrong number of paramete
 world's. Parameters of AirSim that make no difference here are accepted and ignored.
 """
 
+import asyncio
 import inspect
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from datetime import datetime
+from difflib import get_close_matches
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import RigidTransform
-
 from deckline.adapters.airsim.clock import SolarClock, read_time
-from deckline.adapters.airsim.images import Recorder, get_images, read_requests
+from deckline.adapters.airsim.commands import FLIGHT
+from deckline.adapters.airsim.images import get_images, read_requests
 from deckline.adapters.airsim.protocol import (
     Struct,
     camera_struct,
+    collision_struct,
     geo_struct,
     kinematics_struct,
     multirotor_struct,
     pose_struct,
     read_flag,
     read_number,
-    read_pose,
-    unknown_pose_struct,
+    read_vector,
 )
+from deckline.adapters.airsim.scene_methods import SCENE_METHODS
+from deckline.adapters.airsim.service import Service, read_near_pose
 from deckline.adapters.airsim.settings import SCENE
-from deckline.adapters.airsim.world import World
 
 SERVER_VERSION = 4  # cosysairsim 3.5 asks for 4; classic airsim for 1
 OLDEST_CLIENT = 1
-SHIP = "Carrier"  # name of the ship's object: x forward, y starboard, z down, origin on the deck's stern
 WEATHER = {0: "rain", 1: "wet", 7: "fog"}  # AirSim's WeatherParameter, those that have an effect
 ENABLED = 8
+PAUSE_POLL_S = 0.005
+MOST_WIND_M_S = 100.0
 WITHOUT_EFFECT = {2: "Snow", 3: "RoadSnow", 4: "MapleLeaf", 5: "RoadLeaf", 6: "Dust"}
-FARTHEST_M = 1e6  # a position beyond this is a mistake, and more than the renderer's single precision can place
 
 
-@dataclass(frozen=True, eq=False)
-class Service:
-    """What calls act on."""
+def enable_api_control(service: Service, enabled: bool, vehicle: str = "") -> None:
+    """Taken away, the vehicle brakes and hovers."""
+    service.change(api_control=read_flag(enabled, "is_enabled"))
+    if not enabled:
+        service.world.vehicle.cancel()
 
-    world: World
-    render: Callable[..., Awaitable[Any]]  # do something on the world's thread, behind the work that waits there
-    recorder: Recorder
-    log: Callable[[str], None]
 
-    def change(self, **values: Any) -> None:
-        """Set parts of the world's state."""
-        self.world.state = replace(self.world.state, **values)
+def arm(service: Service, armed: bool, vehicle: str = "") -> bool:
+    """Whether it was done: API control has to be on. A vehicle that is disarmed in the air hovers, and cannot fly."""
+    armed, allowed = read_flag(armed, "arm"), service.world.state.api_control
+    if allowed:
+        service.change(armed=armed)
+        if not armed:
+            service.world.vehicle.cancel()
+    return allowed
+
+
+def reset(service: Service) -> None:
+    service.world.reset()
+    service.sensors.reset()
+
+
+async def run_for(service: Service, seconds: float) -> None:
+    """Run on, and answer when the time stands again, or when another call pauses or releases it."""
+    clock = service.world.clock
+    clock.run_for(read_number(seconds, "seconds", 0.0, 1e6))
+    run = clock.run
+    while not clock.paused and clock.run is run:
+        await asyncio.sleep(PAUSE_POLL_S)
 
 
 def set_pose(service: Service, pose: Any, ignore_collision: bool = True, vehicle: str = "") -> None:
     """Put the vehicle somewhere; NaN keeps its position, its orientation or both."""
-    service.change(world_from_body=_read_near_pose(pose, service.world.state.world_from_body))
+    service.world.vehicle.place(read_near_pose(pose, service.world.state.world_from_body))
 
 
 def get_multirotor(service: Service, vehicle: str = "") -> Struct:
-    time_ns = service.world.clock.nanoseconds(service.world.clock.seconds())
-    return multirotor_struct(service.world.state.world_from_body, service.world.settings.origin, time_ns)
+    motion = service.world.vehicle.read()
+    return multirotor_struct(motion, service.world.settings.origin, service.world.clock.nanoseconds(motion.time_s))
 
 
-def get_object_pose(service: Service, name: str, ned: bool = True) -> Struct:
-    """world_from_ship now; NaN for any other object, as AirSim answers."""
-    if name != SHIP:
-        service.log(f"simGetObjectPose: no object {name!r:.60}, only {SHIP!r}")
-        return unknown_pose_struct()
-    return pose_struct(service.world.ship_pose())
+def get_collision(service: Service, vehicle: str = "") -> Struct:
+    """The last contact since this was asked before."""
+    collision, clock = service.world.vehicle.take_collision(), service.world.clock
+    return collision_struct(collision, clock.nanoseconds(clock.seconds() if collision is None else collision.time_s))
+
+
+def set_wind(service: Service, wind: Any) -> None:
+    """Velocity of the air in the world, m/s."""
+    service.world.vehicle.set_wind(read_vector(wind, "wind", MOST_WIND_M_S))
 
 
 async def get_all_images(
@@ -98,7 +118,7 @@ def set_camera_pose(service: Service, camera: Any, pose: Any, vehicle: str = "",
     """Mount a camera elsewhere on the vehicle; NaN keeps as for the vehicle."""
     world = service.world
     name = world.settings.find_camera(str(camera))
-    service.change(mounts={**world.state.mounts, name: _read_near_pose(pose, world.mount(name))})
+    service.change(mounts={**world.state.mounts, name: read_near_pose(pose, world.mount(name))})
 
 
 def set_camera_fov(service: Service, camera: Any, fov_deg: float, vehicle: str = "", external: bool = False) -> None:
@@ -143,23 +163,21 @@ METHODS: dict[str, Callable[..., Any]] = {
     "ping": lambda service: True,
     "getServerVersion": lambda service: SERVER_VERSION,
     "getMinRequiredClientVersion": lambda service: OLDEST_CLIENT,
-    "reset": lambda service: service.world.reset(),
-    "enableApiControl": lambda service, enabled, vehicle="": service.change(
-        api_control=read_flag(enabled, "is_enabled")
-    ),
+    "reset": reset,
+    "enableApiControl": enable_api_control,
     "isApiControlEnabled": lambda service, vehicle="": service.world.state.api_control,
-    "armDisarm": lambda service, armed, vehicle="": read_flag(armed, "arm") or True,  # there are no motors
+    "armDisarm": arm,
+    "cancelLastTask": lambda service, vehicle="": service.world.vehicle.cancel(),
     "simPause": lambda service, paused: service.world.clock.pause(read_flag(paused, "is_paused")),
     "simIsPaused": lambda service: service.world.clock.paused,
-    "simContinueForTime": lambda service, seconds: service.world.clock.run_for(
-        read_number(seconds, "seconds", 0.0, 1e6)
-    ),
+    "simContinueForTime": run_for,
+    "simSetWind": set_wind,
     "simGetVehiclePose": lambda service, vehicle="": pose_struct(service.world.state.world_from_body),
     "simSetVehiclePose": set_pose,
-    "simGetGroundTruthKinematics": lambda service, vehicle="": kinematics_struct(service.world.state.world_from_body),
+    "simGetGroundTruthKinematics": lambda service, vehicle="": kinematics_struct(service.world.vehicle.read()),
     "getMultirotorState": get_multirotor,
+    "simGetCollisionInfo": get_collision,
     "getHomeGeoPoint": lambda service, vehicle="": geo_struct((0.0, 0.0, 0.0), service.world.settings.origin),
-    "simGetObjectPose": get_object_pose,
     "simGetImages": get_all_images,
     "simGetImage": get_image,
     "simGetCameraInfo": get_camera,
@@ -176,13 +194,20 @@ METHODS: dict[str, Callable[..., Any]] = {
     "listVehicles": lambda service: [service.world.settings.vehicle],
     "getSettingsString": lambda service: service.world.settings.text,
 }
+METHODS |= SCENE_METHODS | FLIGHT
 SIGNATURES = {name: inspect.signature(handler) for name, handler in METHODS.items()}
+
+
+def is_flight(method: str) -> bool:
+    """Whether clients call a method without waiting for its answer: a flight command, there or not."""
+    return method in FLIGHT or method.startswith("moveBy")
 
 
 async def call_method(service: Service, method: str, params: tuple[Any, ...]) -> Any:
     """The result of a call; a ValueError for an unknown method or vehicle and for wrong parameters."""
     if method not in METHODS:
-        raise ValueError(f"no method {method!r:.80}; there are {len(METHODS)}: {', '.join(sorted(METHODS))}")
+        near = ", ".join(get_close_matches(method[:80], METHODS)) or "none is like it"
+        raise ValueError(f"no method {method!r:.80} here ({near}); docs/airsim.md lists the {len(METHODS)} there are")
     try:
         arguments = SIGNATURES[method].bind(service, *params).arguments
     except TypeError as error:
@@ -195,12 +220,3 @@ async def call_method(service: Service, method: str, params: tuple[Any, ...]) ->
         return await result if inspect.isawaitable(result) else result
     except ValueError as error:
         raise ValueError(f"{method}: {' '.join(str(error).split())}") from None
-
-
-def _read_near_pose(value: Any, default: RigidTransform) -> RigidTransform:
-    """A pose that can be rendered; parts with NaN are those of `default`."""
-    pose = read_pose(value, "pose", default)
-    if np.abs(pose.translation).max() > FARTHEST_M:
-        position = pose.translation.tolist()
-        raise ValueError(f"pose: position {position} is farther than {FARTHEST_M:g} m from the origin")
-    return pose

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from deckline.adapters.airsim.flight import Collision, Motion
 from deckline.extras import needs_extra
 from deckline.geometry import Camera, pose
 
@@ -182,6 +183,14 @@ def read_pose(value: Any, name: str, default: RigidTransform | None = None) -> R
         raise ValueError(f"{name}: {error}") from None
 
 
+def read_vector(value: Any, name: str, most: float) -> NDArray[np.float64]:
+    """A Vector3r (3,) of numbers up to `most`; all else is a ValueError."""
+    numbers = _read_components(value, name, "xyz")
+    if not np.abs(numbers).max() <= most:
+        raise ValueError(f"{name} must have numbers between {-most:g} and {most:g}, got {numbers.tolist()}")
+    return numbers
+
+
 def _read_components(value: Any, name: str, axes: str) -> NDArray[np.float64]:
     numbers = [value.get(f"{axis}_val") if isinstance(value, Mapping) else None for axis in axes]
     if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
@@ -223,10 +232,30 @@ def camera_struct(world_from_mount: RigidTransform, camera: Camera) -> Struct:
     return {"pose": pose_struct(world_from_mount), "fov": fov_deg, "proj_mat": {"matrix": matrix}}
 
 
-def kinematics_struct(world_from_body: RigidTransform) -> Struct:
-    """KinematicsState of a vehicle that is put where it is: it has no speed."""
-    names = ("linear_velocity", "angular_velocity", "linear_acceleration", "angular_acceleration")
-    return pose_struct(world_from_body) | {name: vector_struct((0.0, 0.0, 0.0)) for name in names}
+def kinematics_struct(motion: Motion) -> Struct:
+    """KinematicsState."""
+    vectors = {
+        "linear_velocity": motion.velocity,
+        "angular_velocity": motion.rates,
+        "linear_acceleration": motion.acceleration,
+        "angular_acceleration": np.zeros(3),
+    }
+    return pose_struct(motion.pose) | {name: vector_struct(vector) for name, vector in vectors.items()}
+
+
+def collision_struct(collision: Collision | None, time_ns: int) -> Struct:
+    """CollisionInfo of a contact at a time stamp; None: of none."""
+    position, normal = (np.zeros(3), np.zeros(3)) if collision is None else (collision.position, collision.normal)
+    return {
+        "has_collided": collision is not None,
+        "normal": vector_struct(normal),
+        "impact_point": vector_struct(position),
+        "position": vector_struct(position),
+        "penetration_depth": 0.0,
+        "time_stamp": time_ns,
+        "object_name": "" if collision is None else collision.name,
+        "object_id": -1,
+    }
 
 
 def geo_struct(position_m: ArrayLike, origin: tuple[float, float, float]) -> Struct:
@@ -242,19 +271,24 @@ def geo_struct(position_m: ArrayLike, origin: tuple[float, float, float]) -> Str
     return {"latitude": latitude, "longitude": longitude, "altitude": origin[2] - down}
 
 
-def multirotor_struct(world_from_body: RigidTransform, origin: tuple[float, float, float], time_ns: int) -> Struct:
-    """MultirotorState of a vehicle in flight, which collides with nothing."""
-    zero = vector_struct((0.0, 0.0, 0.0))
-    places = {"normal": zero, "impact_point": zero, "position": zero}
-    collision = {"has_collided": False, "penetration_depth": 0.0, "object_name": "", "object_id": -1}
+def read_geo(latitude: Any, longitude: Any, altitude: Any, origin: tuple[float, float, float]) -> NDArray[np.float64]:
+    """The world position (3,) of a GeoPoint: the inverse of `geo_struct`. No number is a ValueError."""
+    north = math.radians(read_number(latitude, "latitude", -90.0, 90.0) - origin[0]) * EARTH_M
+    east = math.radians(read_number(longitude, "longitude", -180.0, 180.0) - origin[1]) * EARTH_M
+    down = origin[2] - read_number(altitude, "altitude", -1e5, 1e5)
+    return np.array([north, east * math.cos(math.radians(origin[0])), down])
+
+
+def multirotor_struct(motion: Motion, origin: tuple[float, float, float], time_ns: int) -> Struct:
+    """MultirotorState. Contacts are told by simGetCollisionInfo alone, which also forgets them."""
     channels = dict.fromkeys(("pitch", "roll", "throttle", "yaw"), 0.0)
     switches = dict.fromkeys((f"switch{number}" for number in range(1, 9)), 0)
     return {
-        "collision": places | collision | {"time_stamp": time_ns},
-        "kinematics_estimated": kinematics_struct(world_from_body),
-        "gps_location": geo_struct(world_from_body.translation, origin),
+        "collision": collision_struct(None, time_ns),
+        "kinematics_estimated": kinematics_struct(motion),
+        "gps_location": geo_struct(motion.pose.translation, origin),
         "timestamp": time_ns,
-        "landed_state": 1,
+        "landed_state": int(not motion.landed),
         "rc_data": {"timestamp": 0, "is_initialized": False, "is_valid": False} | channels | switches,
         "ready": True,
         "ready_message": "",

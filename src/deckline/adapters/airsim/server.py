@@ -2,7 +2,9 @@
 
 import asyncio
 import ipaddress
+import math
 import socket
+import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
@@ -16,8 +18,10 @@ from deckline import __version__
 from deckline.adapters.airsim import HOST, PORT
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.images import Recorder, record_frame
-from deckline.adapters.airsim.methods import METHODS, Service, call_method
+from deckline.adapters.airsim.methods import METHODS, call_method, is_flight
 from deckline.adapters.airsim.protocol import REQUEST_LIMIT, RESPONSE, Decoder, ProtocolError, Request, encode
+from deckline.adapters.airsim.sensors import Sensors
+from deckline.adapters.airsim.service import Service
 from deckline.adapters.airsim.settings import Capture, Settings, parse_settings, read_settings
 from deckline.adapters.airsim.world import World
 from deckline.checks import check_numbers
@@ -30,6 +34,7 @@ MAX_CONNECTIONS = 64  # times the request limit bounds the memory that clients c
 PATIENCE_S = 60.0  # with a peer that does not take its answer
 IDLE_S = 30.0  # without a call, after which a connection gives its place to a new one where there is none left
 UNREAD_BYTES = 1 << 29  # of answers that peers have not taken, all together
+MOST_FLIGHTS = 8  # flight commands of a connection that are not answered: all but one have been cancelled
 RECORDINGS = Path("recordings")
 
 
@@ -63,6 +68,8 @@ class Connections:
         self._service, self._limit = service, limit
         self._tasks: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
         self._called_s: dict[asyncio.StreamWriter, float] = {}  # when each connection last asked something
+        self._flights: set[asyncio.Task[None]] = set()  # answers to flight commands; a flight outlives its client
+        self._refused: dict[asyncio.StreamWriter, str] = {}  # why a flight command was, until a call tells the client
 
     def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take a connection, unless there are too many."""
@@ -83,9 +90,10 @@ class Connections:
         task.add_done_callback(self._tasks.pop)
 
     async def close(self) -> None:
-        for task in list(self._tasks):
+        tasks = [*self._tasks, *self._flights]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     def _drop(self, writer: asyncio.StreamWriter, why: str) -> None:
         peer = "{}:{}".format(*writer.get_extra_info("peername", ("?", "?"))[:2])
@@ -104,13 +112,21 @@ class Connections:
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, peer: str) -> None:
         decoder = Decoder(self._limit)
+        flights: set[asyncio.Task[None]] = set()
         try:
             while data := await reader.read(READ_BYTES):
                 for message in decoder.feed(data):
                     if not isinstance(message, Request):
                         raise ProtocolError("an answer, though nothing was asked")
                     self._called_s[writer] = asyncio.get_running_loop().time()
-                    await self._handle(message, writer, peer)
+                    if not is_flight(message.method):
+                        await self._handle(message, writer, peer)
+                        continue
+                    while len(flights) >= MOST_FLIGHTS:
+                        await asyncio.wait(flights, return_when=asyncio.FIRST_COMPLETED)
+                    flights.add(task := asyncio.create_task(self._fly(message, writer, peer)))
+                    task.add_done_callback(flights.discard)
+                    await asyncio.sleep(0)  # commands begin in their order
             if decoder.unfinished:
                 self._service.log(f"{peer}: left in the middle of a message")
         except ProtocolError as error:
@@ -122,10 +138,29 @@ class Connections:
             self._service.log(f"{peer}: lost: {error.strerror or type(error).__name__}")
         finally:
             self._called_s.pop(writer, None)
+            self._refused.pop(writer, None)
             writer.close()
 
+    async def _fly(self, request: Request, writer: asyncio.StreamWriter, peer: str) -> None:
+        """Answer a flight command when it ends, while the connection's other calls go on."""
+        self._called_s[writer] = math.inf  # not idle
+        try:
+            await self._handle(request, writer, peer)
+        except (TimeoutError, OSError):
+            writer.transport.abort()  # which ends the connection's own task
+        if writer in self._called_s:
+            self._called_s[writer] = asyncio.get_running_loop().time()
+
     async def _handle(self, request: Request, writer: asyncio.StreamWriter, peer: str) -> None:
-        error, result = await self._call(request, peer)
+        """Call and answer. Clients that `join()` a flight command drop its error: their next other call gets it too."""
+        flies, result = is_flight(request.method), None
+        error = None if flies else self._refused.pop(writer, None)
+        if error is None:
+            error, result = await self._call(request, peer)
+            if error is not None and flies and writer in self._called_s:
+                self._refused[writer] = f"an earlier command was refused: {error}"
+        if writer.is_closing():
+            return
         if request.id is not None:
             answer = encode([RESPONSE, request.id, error, result])
             self._make_room(len(answer))
@@ -174,11 +209,13 @@ async def serving(
     """
     loop = asyncio.get_running_loop()
     with ThreadPoolExecutor(1, thread_name_prefix="renderer") as renderer:
-        world = await loop.run_in_executor(renderer, World, config, settings, clock or Clock())
+        clock = clock or Clock(lambda: settings.clock_speed * time.monotonic())
+        world = await loop.run_in_executor(renderer, World, config, settings, clock)
 
         render = partial(loop.run_in_executor, renderer)
         recorder = Recorder(out, settings, partial(render, record_frame, world), dict(scene or {}), log)
-        connections = Connections(Service(world, render, recorder, log), message_limit)
+        service = Service(world, render, recorder, Sensors(world, config.seed), log)
+        connections = Connections(service, message_limit)
         try:
             try:
                 listening = await asyncio.start_server(connections.accept, host, port)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,14 @@ MOUNTS = {
     "back_center": (0.0, 180.0, 0.0),
 }  # y, yaw, pitch
 ALIASES = {"0": "front_center", "1": "front_right", "2": "front_left", "3": "bottom_center", "4": "back_center"}
+LEVEL = RigidTransform.identity()
 ORIGIN = (47.641468, -122.140165, 122.0)  # latitude, deg, longitude, deg, altitude, m: AirSim's
-USED = ("SettingsVersion", "SeeDocsAt", "SimMode", "CameraDefaults", "Vehicles", "Recording", "OriginGeopoint")
+USED = (
+    *("SettingsVersion", "SeeDocsAt", "SimMode", "ClockSpeed", "OriginGeopoint"),
+    *("CameraDefaults", "Vehicles", "Recording"),
+)
+START = ("X", "Y", "Z", "Roll", "Pitch", "Yaw")  # a vehicle's place in the world, m and deg
+DISTANCE = 5  # AirSim's SensorType; the other sensors are always there
 
 
 @dataclass(frozen=True)
@@ -53,17 +59,35 @@ class CameraSetting:
 
 
 @dataclass(frozen=True, eq=False)
+class DistanceSetting:
+    """A distance sensor: body_from_mount, which measures along its x axis, and its limits, AirSim's defaults."""
+
+    mount: RigidTransform
+    nearest_m: float = 0.2
+    farthest_m: float = 40.0
+
+
+@dataclass(frozen=True, eq=False)
 class Settings:
     """The values of settings.json, or its defaults."""
 
     cameras: Mapping[str, CameraSetting]
     vehicle: str = VEHICLE
     origin: tuple[float, float, float] = ORIGIN
+    start: RigidTransform | None = None  # world_from_body; None: where a recorded approach begins
+    distances: Mapping[str, DistanceSetting] = field(default_factory=lambda: {"Distance": DistanceSetting(LEVEL)})
+    clock_speed: float = 1.0  # simulated seconds in a second
     interval_s: float = 0.05  # between two recorded frames
     on_move: bool = False  # record only what differs in pose
     recorded: str = "front_center"  # camera
     text: str = "{}"
     unused: tuple[str, ...] = ()  # keys that have no effect here
+
+    def find_distance(self, name: str) -> str:
+        """A distance sensor's name, of "" the first one's; a ValueError when there is none."""
+        if name and name not in self.distances:
+            raise ValueError(f"no distance sensor {name[:40]!r}; there are {', '.join(self.distances)}")
+        return name or next(iter(self.distances))
 
     def find_camera(self, name: str) -> str:
         """A camera's own name, of a name or a number; a ValueError when there is none."""
@@ -94,7 +118,8 @@ def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}"
     if len(vehicles) > 1:
         raise ValueError(f"Vehicles names {', '.join(vehicles)}: one vehicle is simulated, leave one")
     vehicle, own = next(iter(vehicles.items()), (VEHICLE, {}))
-    given = _mapping(_mapping(own, f"Vehicles.{vehicle}").get("Cameras", {}), "Cameras")
+    own = _mapping(own, f"Vehicles.{vehicle}")
+    given = _mapping(own.get("Cameras", {}), "Cameras")
     cameras = {name: CameraSetting(_default_mount(name), common) for name in MOUNTS}
     for name, camera in given.items():
         place = f"Cameras.{name}"
@@ -102,8 +127,12 @@ def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}"
         key = ALIASES.get(name, name)
         cameras[key] = CameraSetting(_mount(camera, _default_mount(key), place), _captures(camera, common, place))
     unused = [key for key in values if key not in USED]
-    unused += [f"Vehicles.{vehicle}.{key}" for key in own if key not in ("Cameras", "VehicleType")]
-    settings = Settings(cameras, vehicle, _origin(values), text=text, unused=tuple(unused))
+    unused += [f"Vehicles.{vehicle}.{key}" for key in own if key not in ("Cameras", "VehicleType", "Sensors", *START)]
+    start = _mount(own, LEVEL, f"Vehicles.{vehicle}") if any(key in own for key in START) else None
+    speed = read_number(values.get("ClockSpeed", 1.0), "ClockSpeed", 1e-3, 100.0)
+    settings = Settings(cameras, vehicle, _origin(values), start, clock_speed=speed, text=text, unused=tuple(unused))
+    if distances := _distances(_mapping(own.get("Sensors", {}), "Sensors")):
+        settings = replace(settings, distances=distances)
     return _recording(settings, _mapping(values.get("Recording", {}), "Recording"))
 
 
@@ -116,6 +145,18 @@ def _recording(settings: Settings, values: Mapping[str, Any]) -> Settings:
     interval_s = read_number(interval_s, "RecordInterval", MIN_INTERVAL_S, 3600.0)
     on_move = read_flag(values.get("RecordOnMove", False), "RecordOnMove")
     return replace(settings, interval_s=interval_s, on_move=on_move, recorded=recorded)
+
+
+def _distances(sensors: Mapping[str, Any]) -> Mapping[str, DistanceSetting]:
+    """The distance sensors of a vehicle's Sensors."""
+    found = {}
+    for name, sensor in sensors.items():
+        place = f"Sensors.{name}"
+        if _mapping(sensor, place).get("SensorType") == DISTANCE:
+            nearest = read_number(sensor.get("MinDistance", 0.2), f"{place}.MinDistance", 0.0, 1e4)
+            farthest = read_number(sensor.get("MaxDistance", 40.0), f"{place}.MaxDistance", nearest, 1e4)
+            found[name] = DistanceSetting(_mount(sensor, LEVEL, place), nearest, farthest)
+    return found
 
 
 def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: str) -> Mapping[int, Capture]:
