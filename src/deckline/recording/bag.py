@@ -143,9 +143,9 @@ def refuse(make: Callable[[str], ValueError]) -> Iterator[None]:
     """Turn what parsers of damaged bytes raise into an error of ours."""
     try:
         yield
-    except (RecordingError, FrameError, ImportError, MemoryError):
+    except (RecordingError, FrameError, ImportError):
         raise
-    except Exception as error:  # rosbags passes on those of struct, SQLite, lz4, zstd, and its own
+    except Exception as error:  # rosbags passes on those of struct, SQLite, lz4, zstd, lengths that lie, and its own
         raise make(" ".join(str(error).split()) or type(error).__name__) from None
 
 
