@@ -8,18 +8,8 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.clock import Clock
 from deckline.adapters.airsim.commands import climb, follow, hold
-from deckline.adapters.airsim.flight import (
-    GEAR_M,
-    GRAVITY_M_S2,
-    MAX_ACCELERATION_M_S2,
-    MAX_AIRSPEED_M_S,
-    VELOCITY_S,
-    Command,
-    Ground,
-    Vehicle,
-    Yaw,
-    attitude_of,
-)
+from deckline.adapters.airsim.flight import GEAR_M, MAX_ACCELERATION_M_S2, MAX_AIRSPEED_M_S, Command, Vehicle
+from deckline.adapters.airsim.motion import GRAVITY_M_S2, KEEP, VELOCITY_S, Ground, Yaw, attitude_of
 
 SHIP_M_S, SEA_Z_M, HEAVE_M = 5.0, 20.0, 0.5
 
@@ -62,7 +52,7 @@ def bench():
     return Bench([-500.0, 0.0, -30.0])
 
 
-def by_velocity(velocity, duration_s, yaw=Yaw()):  # noqa: B008 it is frozen
+def by_velocity(velocity, duration_s, yaw=KEEP):
     wanted = np.array(velocity)
     return Command(lambda body: wanted, lambda body: False, yaw, duration_s, timed=True)
 

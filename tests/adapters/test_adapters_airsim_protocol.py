@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.adapters.airsim.flight import Collision, Ground, Motion
+from deckline.adapters.airsim.motion import Collision, Ground, Motion
 from deckline.adapters.airsim.protocol import (
     Decoder,
     ProtocolError,

@@ -10,16 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from deckline.adapters.airsim.flight import (
-    Command,
-    Vector,
-    Vehicle,
-    Yaw,
-    braking_speed,
-    limit,
-    towards,
-    wrap,
-)
+from deckline.adapters.airsim.flight import Command, Vehicle
+from deckline.adapters.airsim.motion import KEEP, Vector, Yaw, braking_speed, limit, towards, wrap
 from deckline.adapters.airsim.protocol import quote, read_flag, read_geo, read_number, read_vector, vector_struct
 from deckline.adapters.airsim.service import Service
 from deckline.adapters.airsim.world import World
@@ -36,7 +28,6 @@ MAX_POINTS, MOST_M, MOST_M_S, MOST_DEG = 10_000, 1e6, 1e4, 1e6
 FORWARD_ONLY = 1  # of AirSim's DrivetrainType: the nose to the direction of flight
 
 Maker = Callable[[Vehicle], Command]
-KEEP = Yaw()
 RATE_ZERO: Mapping[str, Any] = {"is_rate": True, "yaw_or_rate": 0.0}
 
 

@@ -10,70 +10,40 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.adapters.airsim.clock import Clock
+from deckline.adapters.airsim.motion import (
+    BRAKING_M_S2,
+    GRAVITY_M_S2,
+    KEEP,
+    LEAN_S,
+    VELOCITY_S,
+    YAW_RATE_S,
+    Collision,
+    Ground,
+    Motion,
+    Vector,
+    Yaw,
+    attitude_of,
+    limit,
+    towards,
+    wrap,
+)
 
 STEP_S = 0.02  # AirSim commands its vehicles as often
-VELOCITY_S, YAW_RATE_S, LEAN_S = 0.3, 0.2, 0.2  # time constants
 MAX_AIRSPEED_M_S = 80.0
 MAX_ACCELERATION_M_S2 = 5.0
 MAX_YAW_RATE_RAD_S = math.radians(90.0)
-POSITION_PER_S = 1.0 / (4.0 * VELOCITY_S)  # wanted speed for each metre of distance: critically damped
 YAW_PER_S = 1.0 / (4.0 * YAW_RATE_S)
-BRAKING_M_S2 = 3.0  # planned for, so that some acceleration is left
 DRAG_PER_S = 0.02  # acceleration for each m/s of airspeed: 1.2 deg of lean for 10 m/s
-GRAVITY_M_S2 = 9.80665
 GEAR_M = 0.3  # height of the body's origin above what it stands on
 LIFT_OFF_M_S, SLIDE_M_S = 0.05, 0.5  # wanted speed up, or along the deck, with which a landed vehicle lifts off
 MOST_BEHIND_S = 30.0  # of flight is made up for at once; without a command the vehicle is at rest by then
 FARTHEST_M = 1e6  # a position beyond this is a mistake, and more than the renderer's single precision can place
 RATE_STEP_S = 0.01  # half the step of a landed vehicle's velocity
-
-Vector = NDArray[np.float64]
-
-
-class Ground(NamedTuple):
-    """What lies below a point."""
-
-    name: str  # Deck, or Sea or Ground beside it
-    height_m: float  # of the point above it; inside the hull below zero
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Where the vehicle is and how it moves at one time."""
-
-    time_s: float
-    pose: RigidTransform  # world_from_body
-    velocity: Vector
-    acceleration: Vector
-    rates: Vector  # (3,) about the body's axes, rad/s
-    landed: bool
-    ground: Ground
-
-
-@dataclass(frozen=True, eq=False)
-class Collision:
-    """The last contact."""
-
-    name: str
-    time_s: float
-    position: Vector
-    normal: Vector
-
-
-@dataclass(frozen=True)
-class Yaw:
-    """A wanted heading, rad, or rate, rad/s; `along`: an angle from the direction of flight."""
-
-    is_rate: bool = True
-    value: float = 0.0
-    along: bool = False
 
 
 @dataclass(eq=False)
@@ -82,7 +52,7 @@ class Command:
 
     steer: Callable[["Vehicle"], Vector]
     is_done: Callable[["Vehicle"], bool]
-    yaw: Yaw = Yaw()
+    yaw: Yaw = KEEP
     timeout_s: float = math.inf
     timed: bool = False  # lasts as long as its timeout, and has then succeeded
     lands: bool = False  # done when it touches deck or water
@@ -221,7 +191,7 @@ class Vehicle:
             if command is not None:
                 self._check_command(command, down=bool(wanted[2] > LIFT_OFF_M_S))
             return
-        self._fly(wanted, Yaw() if command is None else command.yaw)
+        self._fly(wanted, KEEP if command is None else command.yaw)
         self._touch()
         if command is not None and self._command is command:
             self._check_command(command)
@@ -330,37 +300,3 @@ class Vehicle:
         position = self.position + self.velocity * (time_s - self.time_s)
         pose = RigidTransform.from_components(position, attitude * Rotation.from_rotvec(rates * (time_s - self.time_s)))
         return Motion(time_s, pose, self.velocity, self._acceleration, rates, False, self.ground)
-
-
-def towards(offset: Vector, speed_m_s: float) -> Vector:
-    """The velocity that covers an offset (3,) with at most a speed, and brakes in time."""
-    distance = float(np.linalg.norm(offset))
-    if distance < 1e-9:
-        return np.zeros(3)
-    return offset * (min(speed_m_s, braking_speed(distance)) / distance)
-
-
-def braking_speed(distance_m: float) -> float:
-    """The speed, m/s, from which the vehicle stops within a distance."""
-    return min(POSITION_PER_S * distance_m, math.sqrt(2.0 * BRAKING_M_S2 * distance_m))
-
-
-def limit(vector: Vector, most: float) -> Vector:
-    """A vector, shortened to a length."""
-    length = float(np.linalg.norm(vector))
-    return vector if length <= most else vector * (most / length)
-
-
-def wrap(angle_rad: float) -> float:
-    """An angle between -pi and pi."""
-    return math.remainder(angle_rad, 2.0 * math.pi)
-
-
-def attitude_of(yaw_rad: float, lean_m_s2: Vector) -> Rotation:
-    """world_from_body whose thrust holds the weight and gives a horizontal acceleration (2,), nose to the heading."""
-    down = np.array([-lean_m_s2[0], -lean_m_s2[1], GRAVITY_M_S2])
-    down /= np.linalg.norm(down)
-    nose = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0.0])
-    nose -= down * (nose @ down)
-    nose /= np.linalg.norm(nose)
-    return Rotation.from_matrix(np.column_stack([nose, np.cross(down, nose), down]))

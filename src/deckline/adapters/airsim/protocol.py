@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.adapters.airsim.flight import Collision, Motion
+from deckline.adapters.airsim.motion import Collision, Motion
 from deckline.extras import needs_extra
 from deckline.geometry import Camera, pose
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 from deckline.adapters.airsim import objects
-from deckline.adapters.airsim.flight import Motion
 from deckline.adapters.airsim.images import read_image_type
+from deckline.adapters.airsim.motion import Motion
 from deckline.adapters.airsim.protocol import Struct, pose_struct, read_number, unknown_pose_struct
 from deckline.adapters.airsim.sensors import Sensors, environment_struct
 from deckline.adapters.airsim.service import Service, read_near_pose

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.adapters.airsim.flight import GRAVITY_M_S2, Motion
+from deckline.adapters.airsim.motion import GRAVITY_M_S2, Motion
 from deckline.adapters.airsim.protocol import Struct, geo_struct, pose_struct, vector_struct
 from deckline.adapters.airsim.settings import DistanceSetting
 from deckline.adapters.airsim.world import World

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.clock import Clock, SolarClock, light_at
-from deckline.adapters.airsim.flight import Ground, Vehicle
+from deckline.adapters.airsim.flight import Vehicle
+from deckline.adapters.airsim.motion import Ground
 from deckline.adapters.airsim.settings import SEGMENTATION, Settings
 from deckline.geometry import Camera, camera_mount
 from deckline.sim.camera.lens import random_lens

@@ -1,0 +1,95 @@
+"""What is known of the vehicle's motion, and the geometry of kinematic flight.
+
+Vectors (3,) are in the world, North-East-Down, m, m/s, m/s^2.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+VELOCITY_S, YAW_RATE_S, LEAN_S = 0.3, 0.2, 0.2  # time constants
+POSITION_PER_S = 1.0 / (4.0 * VELOCITY_S)  # wanted speed for each metre of distance: critically damped
+BRAKING_M_S2 = 3.0  # planned for, so that some acceleration is left
+GRAVITY_M_S2 = 9.80665
+
+Vector = NDArray[np.float64]
+
+
+class Ground(NamedTuple):
+    """What lies below a point."""
+
+    name: str  # Deck, or Sea or Ground beside it
+    height_m: float  # of the point above it; inside the hull below zero
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Where the vehicle is and how it moves at one time."""
+
+    time_s: float
+    pose: RigidTransform  # world_from_body
+    velocity: Vector
+    acceleration: Vector
+    rates: Vector  # (3,) about the body's axes, rad/s
+    landed: bool
+    ground: Ground
+
+
+@dataclass(frozen=True, eq=False)
+class Collision:
+    """The last contact."""
+
+    name: str
+    time_s: float
+    position: Vector
+    normal: Vector
+
+
+@dataclass(frozen=True)
+class Yaw:
+    """A wanted heading, rad, or rate, rad/s; `along`: an angle from the direction of flight."""
+
+    is_rate: bool = True
+    value: float = 0.0
+    along: bool = False
+
+
+KEEP = Yaw()
+
+
+def towards(offset: Vector, speed_m_s: float) -> Vector:
+    """The velocity that covers an offset (3,) with at most a speed, and brakes in time."""
+    distance = float(np.linalg.norm(offset))
+    if distance < 1e-9:
+        return np.zeros(3)
+    return offset * (min(speed_m_s, braking_speed(distance)) / distance)
+
+
+def braking_speed(distance_m: float) -> float:
+    """The speed, m/s, from which the vehicle stops within a distance."""
+    return min(POSITION_PER_S * distance_m, math.sqrt(2.0 * BRAKING_M_S2 * distance_m))
+
+
+def limit(vector: Vector, most: float) -> Vector:
+    """A vector, shortened to a length."""
+    length = float(np.linalg.norm(vector))
+    return vector if length <= most else vector * (most / length)
+
+
+def wrap(angle_rad: float) -> float:
+    """An angle between -pi and pi."""
+    return math.remainder(angle_rad, 2.0 * math.pi)
+
+
+def attitude_of(yaw_rad: float, lean_m_s2: Vector) -> Rotation:
+    """world_from_body whose thrust holds the weight and gives a horizontal acceleration (2,), nose to the heading."""
+    down = np.array([-lean_m_s2[0], -lean_m_s2[1], GRAVITY_M_S2])
+    down /= np.linalg.norm(down)
+    nose = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0.0])
+    nose -= down * (nose @ down)
+    nose /= np.linalg.norm(nose)
+    return Rotation.from_matrix(np.column_stack([nose, np.cross(down, nose), down]))
