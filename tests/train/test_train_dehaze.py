@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from clear_scene import QUICK, clear_frame, clear_recording, hazy_frame, pair_folder
 from deckline.config import Engine
@@ -75,6 +76,15 @@ def test_a_network_with_a_prior_trains_and_runs_with_and_without_a_pose(recordin
     blind = dehazer.restore(replace(frame, world_from_body=None))
     np.testing.assert_array_equal(blind.image_rgb, dehazer(frame.image_rgb))
     assert dehazer.cost is not None and dehazer.cost[0] == pytest.approx(478_468)
+
+
+def test_photographs_join_the_recordings(recording: Path, tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (80, 120, 3), np.uint8)
+    (tmp_path / "real").mkdir()
+    Image.fromarray(noise).save(tmp_path / "real" / "town.png")
+    haze = HazeAugmentation(photograph_share=1.0)
+    train_dehaze(replace(QUICK, steps=2, haze=haze), [recording], tmp_path / "out", photographs=tmp_path / "real")
+    assert (tmp_path / "out" / "dehaze.onnx").is_file()
 
 
 def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, tmp_path: Path) -> None:

@@ -179,7 +179,8 @@ def make_pair(
         from: the geometry dehazer's, that of `veil`, or the hazy one again, which it is without `prior`.
     """
     clear = view.clear_rgb
-    if isinstance(view, ClearView) and (not view.camera.known or rng.random() < haze.camera_share):
+    is_photograph = isinstance(view, ClearView) and not view.camera.known
+    if isinstance(view, ClearView) and (is_photograph or (haze.camera_share and rng.random() < haze.camera_share)):
         visibility_m, airlight = random_visibility(haze, rng), random_airlight(view.horizon_rgb, 0.5, rng, 0.5)
         hazy, clear, t = add_camera_air(view, visibility_m, airlight, rng)
         prior_rgb = veil_prior(hazy) if prior and rng.random() < haze.veil_share else hazy
