@@ -10,7 +10,7 @@ import pytest
 from airsim_serving import CONFIG, ask, connect, run_server
 
 pytest.importorskip("cosysairsim")
-SCRIPT = Path(__file__).parents[2] / "examples" / "05_airsim_closed_loop.py"
+SCRIPT = Path(__file__).parents[2] / "examples" / "09_airsim_closed_loop.py"
 
 
 class Haste:

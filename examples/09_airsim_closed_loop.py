@@ -1,6 +1,6 @@
 """Land AirSim's vehicle on the deck with deckline in the loop: pictures in, guidance, velocity commands out.
 
-    python examples/05_airsim_closed_loop.py [PORT]
+    python examples/09_airsim_closed_loop.py [PORT]
 
 It needs `pip install cosysairsim`, `deckline sim --serve` and a deck that lies still. It steers on `ok` and
 `unverified` guidance alone, and waves off where that stays away. The simulator waits while deckline thinks.
