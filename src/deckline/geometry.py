@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.checks import check_numbers
 
+FARTHEST_M = 1e8  # of a position from the world's origin
 UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distortion at the corner
 UNDISTORT_MIN_STEP = 1e-12  # of normalised image coordinates; smaller steps change nothing
 TINY = 1e-12  # of normalised image coordinates: the fisheye's axis itself
@@ -172,7 +173,7 @@ def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform
     """Rigid transform a_from_b from b's origin in a (3,), metres, and a scalar-first quaternion (4,).
 
     Raises:
-        ValueError: NaN or infinite numbers, or a quaternion whose length is not near 1.
+        ValueError: NaN, infinite or far numbers, or a quaternion whose length is not near 1.
     """
     translation = np.asarray(translation_m, dtype=np.float64)
     quaternion = np.asarray(quaternion_wxyz, dtype=np.float64)
@@ -183,6 +184,8 @@ def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform
     for name, numbers in (("position", translation), ("quaternion", quaternion)):
         if not np.all(np.isfinite(numbers)):
             raise ValueError(f"{name} is not finite: {numbers.tolist()}")
+    if np.abs(translation).max() > FARTHEST_M:
+        raise ValueError(f"a position beyond {FARTHEST_M:g} m: {translation.tolist()}")
     length = math.hypot(*quaternion)
     if abs(length - 1) > QUATERNION_TOLERANCE:
         raise ValueError(f"quaternion has length {length:.3g}, expected 1: {quaternion.tolist()}")

@@ -165,7 +165,6 @@ def test_the_whole_file_is_taken(name, tmp_path, monkeypatch, capsys):
     assert main(FILES[name][2].split()) == 0, capsys.readouterr().err
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pymavlink leaves a bad log open
 @pytest.mark.parametrize(("name", "fault"), KINDS)
 def test_no_file_that_is_none_ends_in_a_traceback(name, fault, tmp_path, monkeypatch, capsys):
     data = write_valid(tmp_path, name)

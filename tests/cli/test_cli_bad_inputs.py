@@ -187,6 +187,14 @@ RUNS = {
         {**A, "times.csv": "file,time_s\na.png,1\n", "x.bin": edited(flown(dataflash, 0, 0, 0), b"QLLf", b"QtLf")},
         ["--poses", "x.bin"],
     ),
+    "log of messages without bytes": (
+        {
+            **A,
+            "times.csv": "file,time_s\na.png,1\n",
+            "x.bin": edited(flown(dataflash, 0, 0, 0), b"\x82\x17POS\0QLLf", b"\x82\0POS" + bytes(5)),
+        },
+        ["--poses", "x.bin"],
+    ),
     "log of a later version": (
         {**A, "times.csv": "file,time_s\na.png,1\n", "x.ulg": edited(flown(ulog, 1, 0, 0, 0), bytes(40), b"\xff" * 40)},
         ["--poses", "x.ulg"],
@@ -328,7 +336,6 @@ COMMANDS = {  # what lies in the folder, and the command
 }
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pymavlink leaves a bad log open
 @pytest.mark.parametrize("name", RUNS)
 def test_no_run_of_bad_input_ends_in_a_traceback(name, tmp_path, monkeypatch, capsys):
     files, what = RUNS[name]

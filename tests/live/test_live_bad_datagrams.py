@@ -77,6 +77,7 @@ LINES = {
     "a position of a list": json.dumps(POSE | {"z_m": [1]}),
     "no position": json.dumps({name: value for name, value in POSE.items() if name != "y_m"}),
     "infinite position": json.dumps(POSE | {"y_m": float("-inf")}),
+    "a position as far as numbers go": json.dumps(POSE | {"y_m": 1e300}),
     "a quaternion of zeros": json.dumps(POSE | {"qw": 0.0}),
     "a quaternion of length 2": json.dumps(POSE | {"qx": 3.0**0.5}),
     "a quaternion beyond numbers": json.dumps(POSE | {"qw": 1e308, "qx": 1e308}),

@@ -49,7 +49,25 @@ class LogFormat:
 def _read_dataflash(path: Path, wanted: Wanted) -> dict[str, list[list[float]]]:
     with needs_extra("logs"):
         from pymavlink.DFReader import DFReader_binary
-    with closing(DFReader_binary(str(path))) as log:
+
+    class Reader(DFReader_binary):
+        """One that leaves no bad log open, and does not read a message without bytes over and over."""
+
+        def __init__(self, name: str) -> None:
+            try:
+                super().__init__(name)
+            except Exception:
+                self.filehandle.close()
+                raise
+
+        def _parse_next(self) -> Any:
+            before = self.offset
+            message = super()._parse_next()
+            if message is not None and self.offset <= before:
+                raise ValueError(f"a message without bytes at byte {before}")
+            return message
+
+    with closing(Reader(str(path))) as log:
         return _collect(log, wanted, lambda message: getattr(message, "C", 0))
 
 

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from deckline.config import Navigation
-from deckline.geometry import QUATERNION_TOLERANCE
+from deckline.geometry import FARTHEST_M, QUATERNION_TOLERANCE
 from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned
-from deckline.recording.poses import FARTHEST_M, Rows, parse_number, read_table
+from deckline.recording.poses import Rows, parse_number, read_table
 from deckline.recording.source import RecordingError, read_text
 
 Array = NDArray[np.float64]

@@ -19,7 +19,6 @@ POSES_FILE = "poses.csv"
 TIMES_FILE = "times.csv"  # file, time_s: when each image of a folder was taken
 NUMBERS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 COLUMNS = ("file", *NUMBERS)
-FARTHEST_M = 1e8  # of a position from the world's origin
 Cells = Mapping[str, str]  # a row's texts by column
 Rows = list[tuple[int, Cells]]  # with the number of the line
 
@@ -125,6 +124,4 @@ def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransf
             values.append(float(text))
         except ValueError:
             raise ValueError(f"column {column} is no number: {text!r}") from None
-    if max(map(abs, values[1:4])) > FARTHEST_M:
-        raise ValueError(f"a position beyond {FARTHEST_M:g} m: {values[1:4]}")
     return check_number(values[0], columns[0]), pose(values[1:4], values[4:8])

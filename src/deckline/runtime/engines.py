@@ -19,7 +19,7 @@ PROVIDERS: dict[Device, str] = {"cuda": "CUDAExecutionProvider", "tensorrt": "Te
 PACKAGES: dict[Device, str] = {"cuda": "onnxruntime-gpu", "tensorrt": "onnxruntime-gpu tensorrt"}
 SINGLE = {"CUDAExecutionProvider": {"use_tf32": "0"}}  # else f32 is multiplied with 10 bits
 
-MOST_BYTES = 8 << 30  # of all networks' values at a time, on the processor: dehazing takes 0.4 GB a layer of 36 Mpx
+MOST_BYTES = 4 << 30  # of all networks' values at a time, on the processor: pictures of 36 million pixels take 1 GB
 LONGEST_S = 120.0  # of one computation
 
 CPUINFO = Path("/proc/cpuinfo")  # proc(5)
