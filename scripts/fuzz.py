@@ -37,10 +37,12 @@ with atheris.instrument_imports(include=INSTRUMENTED):
     from log_bytes import dataflash, telemetry, ulog
 
     from deckline.adapters.airsim.clock import Clock
-    from deckline.adapters.airsim.images import Recorder
-    from deckline.adapters.airsim.methods import METHODS, Service
+    from deckline.adapters.airsim.images import Recorder, get_images
+    from deckline.adapters.airsim.methods import METHODS, SIGNATURES
     from deckline.adapters.airsim.protocol import REQUEST_LIMIT, Decoder, Response, encode, encode_request, pose_struct
+    from deckline.adapters.airsim.sensors import Sensors
     from deckline.adapters.airsim.server import Connections
+    from deckline.adapters.airsim.service import Service
     from deckline.adapters.airsim.settings import Capture, parse_settings, read_settings
     from deckline.adapters.airsim.source import read_frame
     from deckline.adapters.airsim.world import World
@@ -227,7 +229,7 @@ def answer_seeds() -> list[bytes]:
 
 
 class Server:
-    """The simulator's server without sockets and without drawing; made when the first call comes."""
+    """The simulator's server without sockets and pictures; made when the first call comes."""
 
     loop: asyncio.AbstractEventLoop | None = None
 
@@ -243,24 +245,33 @@ class Server:
 
     async def converse(self, folder: Path, data: bytes, lines: list[str]) -> None:
         async def render(function: Callable[..., Any], *arguments: Any) -> Any:
-            return [{"image_data_uint8": b""}]
+            return [{"image_data_uint8": b""}] if function is get_images else function(*arguments)
 
         async def take() -> Any:
             raise ValueError("nothing is drawn")
 
         recorder = Recorder(folder, self.settings, take, {}, lines.append)
-        connections = Connections(Service(self.world, render, recorder, lines.append), REQUEST_LIMIT)
+        self.world.reset()
+        service = Service(self.world, render, recorder, Sensors(self.world, 0), lines.append)
+        connections = Connections(service, REQUEST_LIMIT)
         reader = asyncio.StreamReader()
         reader.feed_data(data)
         reader.feed_eof()
         await connections._converse(reader, Peer(), "peer")  # type: ignore[arg-type]
+        flights = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in flights:
+            task.cancel()
+        await asyncio.gather(*flights, return_exceptions=True)
         await recorder.stop()
 
 
 class Peer:
     """A client that reads all of its answers."""
 
-    transport = SimpleNamespace(get_write_buffer_size=lambda: 0)
+    transport = SimpleNamespace(get_write_buffer_size=lambda: 0, abort=lambda: None)
+
+    def is_closing(self) -> bool:
+        return False
 
     def write(self, data: bytes) -> None:
         list(Decoder(1 << 28).feed(data))
@@ -287,8 +298,14 @@ def call_seeds() -> list[bytes]:
         "simSetTimeOfDay": (True, "2020-02-02 10:00:00", False, 1.0, 60.0, True),
         "simContinueForTime": (0.5,),
     }
-    flags = ("enableApiControl", "armDisarm", "simPause", "simEnableWeather")
-    return [encode_request(1, name, values.get(name, (True,) if name in flags else ())) for name in METHODS]
+    on = [encode_request(1, name, (True,)) for name in ("enableApiControl", "armDisarm")]
+    calls = {name: values.get(name, (1.0,) * (count_required(name) - 1)) for name in METHODS}
+    return [b"".join((*on, encode_request(1, name, params))) for name, params in calls.items()] + on
+
+
+def count_required(method: str) -> int:
+    parameters = SIGNATURES[method].parameters.values()
+    return sum(one.default is one.empty and one.kind is one.POSITIONAL_OR_KEYWORD for one in parameters)
 
 
 FILES = {"a.png": PICTURE, "b.png": PICTURE}

@@ -182,3 +182,10 @@ def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):
     (row,) = read_table(tmp_path / "guidance.csv", [record])
     assert (row["track_state"], row["track_flags"], row["track_excluded"]) == ("coasting", "height", "")
     assert float(row["height_rate_sigma_m_s"]) > 0
+
+
+def test_a_way_that_ends_early_leads_to_nothing():
+    record = {"flags": [{"name": "x"}], "status": 7}
+    assert report_records.lookup(record, ("flags", 0, "name")) == "x"
+    for way in (("flags", 1), ("flags", "name"), ("status", "name"), ("none", 0)):
+        assert report_records.lookup(record, way) is None

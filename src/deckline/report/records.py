@@ -162,9 +162,10 @@ def lookup(record: Record, keys: Iterable[str | int]) -> Any:
     """A nested value; None where the way to it ends early."""
     value: Any = record
     for key in keys:
-        if value is None or (isinstance(value, dict) and key not in value):
+        try:
+            value = value[key]
+        except (LookupError, TypeError):
             return None
-        value = value[key]
     return value
 
 

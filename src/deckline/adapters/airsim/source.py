@@ -161,7 +161,8 @@ def _read_depth(answer: Mapping[str, Any]) -> NDArray[np.float32]:
     if count <= 1 < height * width:
         raise ValueError(f"DepthPlanar of {width}x{height} px came without numbers: its grey levels are no metres")
     try:
-        values = np.array(data, dtype=np.float32)
+        with np.errstate(over="ignore"):
+            values = np.array(data, dtype=np.float32)
     except (TypeError, ValueError):
         raise ValueError("DepthPlanar holds a value that is no number") from None
     if values.shape != (height * width,):
