@@ -299,6 +299,10 @@ COMMANDS = {  # what lies in the folder, and the command
     "culane in a device": ({"a.lines.txt": ZERO, **A}, f"{IMPORT} culane"),
     "culane of infinite numbers": ({"a.lines.txt": "inf 1 2 3\n1 2 3 4", **A}, f"{IMPORT} culane"),
     "yolo of text": ({"a.txt": "text", **A}, f"{IMPORT} yolo-pose"),
+    "yolo of numbers as far as they go": (
+        {"a.txt": "0 .5 .5 1 1 1e308 1 2 1 1 2 1 1 2 1 1 2", **A},
+        f"{IMPORT} yolo-pose",
+    ),
     "yolo in a fifo": ({"a.txt": FIFO, **A}, f"{IMPORT} yolo-pose"),
     "labelme of text": ({"a.json": "text", **A}, f"{IMPORT} labelme"),
     "labelme of a list": ({"a.json": "[]", **A}, f"{IMPORT} labelme"),

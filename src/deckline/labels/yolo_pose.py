@@ -88,7 +88,8 @@ def _parse_row(row: str, size: tuple[int, int], names: Sequence[str], where: str
     lines = []
     for side in SIDES:
         chosen = labelled & np.array([name.lower().startswith(side) for name in sides])
-        line = points[chosen, :2] * size - 0.5
+        with np.errstate(over="ignore"):  # infinite points are refused
+            line = points[chosen, :2] * size - 0.5
         lines.append(parse_points(line, f"{where}: {side}, labelled keypoints,") if len(line) else None)
     return lines[0], lines[1]
 
