@@ -37,6 +37,20 @@ def test_the_runway_is_expected_where_it_is_in_the_next_frame(ship):
     assert np.abs(np.median(along)) < 2.0  # of one frame, the ramp is known within 1 m
 
 
+@pytest.mark.parametrize(("aside_m", "followed"), [(20.0, False), (-20.0, True)])
+def test_a_ramp_that_seems_farther_ahead_is_the_nearest_part_in_view_and_left_out(aside_m, followed):
+    flight, errors = Flight(start_m=400.0, seed=8, rate_hz=5.0, modes="both"), []
+    tracker = Tracker(CALM)
+    for frame, estimate, truth in approach(flight, end_m=60.0):
+        true_m = true_lines(flight, frame.time_s)["centre"].point_m
+        if true_m[0] - truth.translation[0] < 150.0:
+            estimate = replace(estimate, ramp_m=estimate.ramp_m + aside_m * np.array([1.0, 0.0, 0.0]))
+        track = tracker.update(frame, estimate)
+        away = track.ramp_m - (frame.world_from_body.translation - truth.translation) - true_m
+        errors.append(float(away[0]))
+    assert (abs(errors[-1]) > 5.0) is followed
+
+
 def test_a_lost_track_expects_nothing():
     flight = Flight(start_m=400.0, seed=9, rate_hz=5.0)
     tracker, shown = Tracker(CALM), list(approach(flight, end_m=100.0))

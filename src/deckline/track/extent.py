@@ -93,8 +93,13 @@ def update_extent(
     ramp: Ramp | None,
     step_s: float,
     ship_m_s: float | None,
+    gate_sigma: float,
 ) -> Extent | None:
     """The ends after one more frame; None while nothing is known of them.
+
+    Where the ramp left the picture, or its rows are not found, the nearest part that is seen looks like it. A ramp that
+    seems farther ahead than the known one is therefore left out. One that seems nearer is believed: more of the runway
+    was found.
 
     Args:
         before: from the frame before, `step_s` earlier.
@@ -102,6 +107,7 @@ def update_extent(
         visible: as `visible_extent` gives it.
         ramp: where it was in view.
         ship_m_s: speed of the ship along the line, where it is known.
+        gate_sigma: standard deviations beyond which a ramp is too far ahead.
     """
     extent = None if before is None else advance_extent(before, state, step_s)
     if ramp is not None:
@@ -112,7 +118,7 @@ def update_extent(
             length = 0.0 if extent is None else extent.length_m
             response = np.stack([ramp.response, np.zeros_like(ramp.response)])
             extent = Extent(_point_at(state, place), ship_m_s or 0.0, covariance, response, True, length)
-        else:
+        elif not _is_beyond(extent, state, place, sigma_m, gate_sigma):
             inflation = max(1.0, 2 * CORRELATION_S / max(step_s, 1e-3))
             extent = _measure_ramp(extent, state, place, sigma_m**2 * inflation, ramp.response)
     elif extent is None and visible is not None:
@@ -142,6 +148,12 @@ def advance_extent(before: Extent, state: State, step_s: float) -> Extent:
     covariance = transition @ before.covariance @ transition.T + process
     response = transition @ before.response
     return replace(before, near_m=_point_at(state, x), covariance=covariance, response=response)
+
+
+def _is_beyond(extent: Extent, state: State, place_m: float, sigma_m: float, gate_sigma: float) -> bool:
+    """Whether a ramp seems farther ahead than the known one by more than both may err."""
+    ahead_m = place_m - float(state.local(extent.near_m)[0])
+    return bool(ahead_m > gate_sigma * np.hypot(extent.sigma_m, sigma_m))
 
 
 def _measure_ramp(before: Extent, state: State, place_m: float, variance: float, response: Array) -> Extent:

@@ -210,7 +210,7 @@ class Tracker:
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
         visible = visible_extent(context.frame, context.estimate, state)
         step_s = 0.0 if memory.extent is None else time_s - memory.seen_s
-        extent = update_extent(memory.extent, state, visible, ramp, step_s, along)
+        extent = update_extent(memory.extent, state, visible, ramp, step_s, along, self.config.tracking.gate_sigma)
         return replace(memory, state=state, extent=extent, seen_s=time_s, consistent_s=time_s)
 
     def _track(
