@@ -75,13 +75,13 @@ class Folder:
     def __init__(self, out: Path, source: LiveSource, flight: Flight, record: bool, overwrite: bool) -> None:
         self._source, self._config, self._settings = source, flight.config, settings_of(flight)
         self._recording, self._overwrite = out / RECORDING, overwrite
+        self._frames: FrameFolder | None = None
+        self._images: BackgroundWriter[Frame] | None = None
+        self.is_recording = False
         self._check_recording(record)
         self._folder = start_folder(out, {"source": source.name} | self._settings, overwrite)
         self._file = self._folder.jsonl.open("ab", buffering=0)
         self._lines: BackgroundWriter[Record] = BackgroundWriter(self._write, WAITING_LINES)
-        self._frames: FrameFolder | None = None
-        self._images: BackgroundWriter[Frame] | None = None
-        self.is_recording = False
         self.record(record)
 
     def record(self, on: bool) -> None:
