@@ -142,7 +142,7 @@ def test_a_browser_follows_an_approach(page):
     for selector in (".tile .number", "#range .value"):
         before = page.query_selector_all(selector)[-1].text_content()
         holds(page, f"[...document.querySelectorAll('{selector}')].at(-1).textContent !== '{before}'")
-    assert len(page.get_attribute(".plot .curve", "d")) > 100
+    holds(page, "document.querySelector('.plot .curve').getAttribute('d').length > 100")
     dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
     page.keyboard.press("c")
     holds(page, f"getComputedStyle(document.body).backgroundColor !== '{dark}'")
@@ -223,7 +223,7 @@ def test_reloads_a_second_browser_and_one_that_leaves_stop_nothing(flying, brows
 )
 def test_who_may_ask_for_what(flying, path, headers, status):
     with pytest.raises(urllib.error.HTTPError) as caught:
-        urllib.request.urlopen(urllib.request.Request(flying.board.url + path, headers=headers))
+        urllib.request.urlopen(urllib.request.Request(flying.board.url + path, headers=headers), timeout=30)
     assert caught.value.code == status
     caught.value.close()
 
