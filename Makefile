@@ -2,6 +2,8 @@
 PYTHON ?= python3
 CORE := .venv
 DEV := .venv-dev
+# NiceGUI is global: tests of its server have a process of their own.
+DASHBOARD := tests/adapters/test_dashboard.py
 export PYTHONUTF8 := 1
 export ORT_DISABLE_TELEMETRY := 1
 
@@ -13,7 +15,8 @@ demo: $(CORE)/.wheel
 wheel: $(CORE)/.wheel
 
 test: $(DEV)/.dev system
-	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest --numprocesses auto --dist loadfile
+	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest --numprocesses auto --dist loadfile --ignore $(DASHBOARD)
+	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest $(DASHBOARD)
 
 lint: $(DEV)/.dev
 	$(DEV)/bin/ruff check src tests benchmarks examples
