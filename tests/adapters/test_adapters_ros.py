@@ -3,7 +3,7 @@
 import json
 import socket
 import threading
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -192,6 +192,17 @@ def free_port():
         return taken.getsockname()[1]
 
 
+def _subscribe(client, wanted):
+    """The first message of a channel. The server may tell of one before it takes a subscription: ask again."""
+    for _ in range(10):
+        client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        with suppress(TimeoutError):
+            while isinstance(data := client.recv(timeout=3), str):
+                pass
+            return data
+    raise TimeoutError("no message of a subscribed channel")
+
+
 def test_foxglove_gets_the_same_messages():
     address = f"127.0.0.1:{free_port()}"
     with closing(Publisher(None, address)) as publisher:
@@ -215,9 +226,7 @@ def test_foxglove_gets_the_same_messages():
                 pose = channels[POSE]
                 assert (pose["encoding"], pose["schemaEncoding"]) == ("cdr", "ros2msg")
                 wanted = [{"id": 7, "channelId": pose["id"]}]
-                client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
-                while isinstance(data := client.recv(timeout=10), str):
-                    pass
+                data = _subscribe(client, wanted)
             finally:
                 stop.set()
                 thread.join()
