@@ -15,7 +15,7 @@ demo: $(CORE)/.wheel
 wheel: $(CORE)/.wheel
 
 test: $(DEV)/.dev system
-	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest --numprocesses auto --dist loadfile --ignore $(DASHBOARD)
+	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest --numprocesses auto --dist loadfile --max-worker-restart 0 --ignore $(DASHBOARD)
 	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest $(DASHBOARD)
 
 lint: $(DEV)/.dev

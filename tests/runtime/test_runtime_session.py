@@ -142,6 +142,7 @@ def test_an_engine_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pyt
     with pytest.raises(ValueError, match=r"TensorrtExecutionProvider.*tensorrt"):
         load_session(path, Engine("tensorrt"))
     monkeypatch.setitem(sys.modules, "openvino", None)
+    monkeypatch.setattr(engines, "_openvino_core", engines._openvino_core.__wrapped__)
     with pytest.raises(ImportError, match=r"deckline\[openvino\]"):
         load_session(path, Engine("openvino"))
     assert describe_engines()["cpu"] == "f32" and "install" in describe_engines()["openvino"]
@@ -177,6 +178,22 @@ def test_openvino_refuses_a_precision_that_the_processor_has_not(monkeypatch: py
     monkeypatch.setattr(openvino.Core, "get_property", lambda *_: ["FP32"])
     with pytest.raises(ValueError, match=r"precision.*bf16"):
         load_session(shipped_weights("hybrid"), Engine("openvino", 1, "bf16"))
+
+
+def test_signals_are_heard_after_networks_of_openvino_are_gone() -> None:
+    """Two Cores that go in the order in which they came leave the process a signal stack that is gone."""
+    pytest.importorskip("openvino")
+    code = """
+import os, signal
+from deckline.config import Engine
+from deckline.runtime import load_session, shipped_weights
+first, second = (load_session(shipped_weights("hybrid"), Engine("openvino", 1)) for _ in range(2))
+del first, second
+signal.signal(signal.SIGUSR1, lambda *_: print("heard"))
+os.kill(os.getpid(), signal.SIGUSR1)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "heard\n")
 
 
 @pytest.mark.parametrize("device", ["cpu", "openvino"])

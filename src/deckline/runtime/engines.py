@@ -36,7 +36,7 @@ def list_precisions(device: Device) -> tuple[Precision, ...]:
         ImportError: OpenVINO is not installed.
     """
     if device == "openvino":
-        capabilities = _import_openvino().Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
+        capabilities = _openvino_core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
         return ("f32", "bf16") if "BF16" in capabilities else ("f32",)
     if device in PROVIDERS:
         import onnxruntime
@@ -142,12 +142,17 @@ def compute_onnxruntime(session: Any, inputs: dict[str, NDArray[np.float32]]) ->
     return outputs
 
 
-def _import_openvino() -> Any:
-    """OpenVINO without its telemetry, which begins at the import: where that package is missing it does without."""
+@cache
+def _openvino_core() -> Any:
+    """This process's one `Core`, without telemetry, which begins at the import: where that package is missing, without.
+
+    One for good, since each Core lays the signals of the thread that makes it on a stack of its own and takes that away
+    when it goes: with two of them the next signal, such as Ctrl-C, finds a stack that is gone, and ends the process.
+    """
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
     with needs_extra("openvino"):
         import openvino
-    return openvino
+    return openvino.Core()
 
 
 def compile_openvino(path: Path, engine: Engine, output_names: Sequence[str]) -> Compute:
@@ -156,12 +161,12 @@ def compile_openvino(path: Path, engine: Engine, output_names: Sequence[str]) ->
     Raises:
         ValueError: a model that OpenVINO cannot compute.
     """
-    openvino = _import_openvino()
+    core = _openvino_core()
     settings: dict[str, str | int] = {"INFERENCE_PRECISION_HINT": engine.precision, "PERFORMANCE_HINT": "LATENCY"}
     if engine.threads is not None:
         settings["INFERENCE_NUM_THREADS"] = engine.threads
     try:
-        compiled = openvino.Core().compile_model(path, "CPU", settings)
+        compiled = core.compile_model(path, "CPU", settings)
     except RuntimeError as error:
         raise ValueError(f"{path}: OpenVINO cannot compute this model: {get_line(error)}") from error
 
