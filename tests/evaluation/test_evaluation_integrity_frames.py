@@ -10,7 +10,8 @@ from deckline.evaluation import integrity_score
 from deckline.evaluation.approaches import FlightsConfig
 from deckline.evaluation.integrity_faults import offset_line
 from deckline.evaluation.integrity_films import film
-from deckline.evaluation.integrity_frames import FRAME_FAULTS, PAINT_LEVEL, inject_frames, paint
+from deckline.evaluation.integrity_frames import FRAME_FAULTS, inject_frames
+from deckline.evaluation.integrity_paint import PAINT_LEVEL, erase, paint, stand
 from deckline.evaluation.integrity_score import Run, fly_frames, inject_run
 from deckline.flight import Flight
 from deckline.options import RunOptions
@@ -78,15 +79,39 @@ def test_a_painted_line_lies_where_it_projects_and_fades_in_haze():
     line = offset_line(RIGHT, 4.0, 0.0)
     ends = at.camera.project(at.world_from_camera.inv().apply([line.p0_m, line.p1_m]))
     u, v = np.rint(ends[0] + 0.05 * (ends[1] - ends[0])).astype(int)
-    clear = paint(at, line)
+    clear = paint(at, line).image_rgb
     assert clear[v, u, 0] == PAINT_LEVEL
     changed = np.argwhere(np.any(clear != at.image_rgb, axis=2))
     assert np.all(np.abs(changed[:, 0] - v) <= abs(ends[1, 1] - ends[0, 1]) + 3)
     assert len(changed) < 0.05 * at.image_rgb[..., 0].size
-    hazy = paint(replace(at, truth=replace(at.truth, visibility_m=100.0)), line)
+    hazy = paint(replace(at, truth=replace(at.truth, visibility_m=100.0)), line).image_rgb
     assert 90 < hazy[v, u, 0] < 120
     with pytest.raises(ValueError, match=r"frame_000\.png"):
         paint(replace(at, truth=None), LEFT)
+
+
+def test_an_erased_line_is_gone_and_what_stands_on_the_deck_hides_it():
+    plain = replace(frame(0, 60.0), image_rgb=np.full_like(frame(0, 60.0).image_rgb, 90))
+    painted = paint(plain, RIGHT)
+    bare = erase(painted, RIGHT, 2.0, -2.5)
+    lit, left_over = (np.count_nonzero(at.image_rgb > 100) for at in (painted, bare))
+    assert left_over < 0.1 * lit  # far off, where a pixel is wider than the deck beside the line
+    hidden = stand(painted, RIGHT, 0.5, (12.0, 6.0, 4.0), 20.0)
+    v, u = np.argwhere(hidden.image_rgb[..., 0] == 20).mean(axis=0)
+    middle = plain.world_from_camera.inv().apply([(RIGHT.p0_m + RIGHT.p1_m) / 2 - [0.0, 0.0, 2.0]])
+    np.testing.assert_allclose([u, v], plain.camera.project(middle)[0], atol=3.0)
+    assert stand(painted, RIGHT, -2.0, (12.0, 6.0, 4.0), 20.0) is painted  # behind the camera
+
+
+def test_faults_of_the_paint_change_what_they_name():
+    def lit(name):
+        marked = [paint(paint(replace(at, image_rgb=np.full_like(at.image_rgb, 60)), LEFT), RIGHT) for at in flight()]
+        return [np.count_nonzero(at.image_rgb[..., 0] > 150) for at in (marked[-1], injected(name, marked)[0][-1])]
+
+    for name in ("extra line", "crossing line", "second runway", "glare"):
+        assert np.greater(*reversed(lit(name))), name
+    for name in ("edge lost", "edges under rubber", "aircraft on an edge"):
+        assert np.less(*reversed(lit(name))), name
 
 
 def test_a_flight_is_told_the_width_and_has_depth_only_with_that_aid(monkeypatch):

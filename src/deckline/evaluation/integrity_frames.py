@@ -2,16 +2,14 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.evaluation.integrity_faults import DELAY_S, offset_line, pose_at
-from deckline.haze import beta_from_visibility, transmission
+from deckline.evaluation.integrity_faults import CATAPULT_M, CATAPULT_RAD, DELAY_S, offset_line, pose_at
+from deckline.evaluation.integrity_paint import erase, paint, stand
 from deckline.truth import true_segments
 from deckline.types import SIDES, Frame, Segment
 
@@ -21,10 +19,16 @@ YAW_DEG, PITCH_DEG = 5.0, 3.0  # of the camera mount, either way
 DECK_M = 10.0  # up
 NIGHT = 0.04  # of the light
 PAINT_M = (3.0, 5.5)  # from an edge line's middle to an extra line's, either way
-PAINT_WIDTH_M, PAINT_LEVEL = 0.8, 210.0
-STEP_M, NEAR_M = 5.0, 2.0  # pieces that a line is painted in; nearer ones are left out
-FINE = 4  # subpixels a side of a painted line's edge
+ERASED_M, BESIDE_M = 3.6, 2.8  # width that an edge line's paint is hidden in, by the deck so far inside of it
+MOVED_M = 9.0  # of a line that is painted in place of an edge line, either way
+NARROW_M = 6.0  # between the middle and either line, where both are painted anew
+SECOND_M, SECOND_RAD = (5.0, 12.0), (0.03, 0.12)  # of a second runway beside the first, either way, and turned
+AIRCRAFT_M = (14.0, 10.0, 4.0)  # length, width and height of one that stands on an edge line
+AIRCRAFT_AT = (0.1, 0.6)  # where on the line it stands, of its length
+RUBBER_AT, RUBBER_LEVEL = (0.15, 0.5), 45.0  # part of both edge lines that tyres have blackened
+GLARE_PART = (0.01, 0.06)  # of the image's width: 1-sigma of the sun's image on the water and the lens
 
+Edges = dict[str, Segment]  # true left, right and centre line
 Frames = Sequence[Frame]
 Change = Callable[[Frames, np.random.Generator], Iterator[Frame]]  # of the frames that have the fault, in order of time
 
@@ -116,40 +120,101 @@ def _darken(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
         yield replace(frame, image_rgb=np.clip(light, 0, 255).astype(np.uint8))
 
 
-def _paint_line(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
+def _on_deck(begin: Callable[[np.random.Generator], Callable[[Frame, Edges], Frame]]) -> Change:
+    """A change of what is seen on the deck: `begin` draws how bad it is."""
+
+    def change(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
+        repaint = begin(rng)
+        for frame in frames:
+            edges = true_segments(frame.truth)
+            yield repaint(frame, edges) if edges else frame
+
+    return change
+
+
+def _draw(rng: np.random.Generator, span: tuple[float, float]) -> float:
+    """Within a span, either way."""
+    return float(rng.uniform(*span) * rng.choice([-1.0, 1.0]))
+
+
+def _extra_line(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
     """One more line beside an edge line, along all of it, inside or outside."""
-    side, right_m = SIDES[rng.integers(2)], float(rng.uniform(*PAINT_M) * rng.choice([-1.0, 1.0]))
-    for frame in frames:
-        edge = true_segments(frame.truth).get(side)
-        yield frame if edge is None else replace(frame, image_rgb=paint(frame, offset_line(edge, right_m, 0.0)))
+    side, right_m = SIDES[rng.integers(2)], _draw(rng, PAINT_M)
+    return lambda frame, edges: paint(frame, offset_line(edges[side], right_m, 0.0))
 
 
-def paint(frame: Frame, line: Segment) -> NDArray[np.uint8]:
-    """The frame's image (H, W, 3) with a painted line on its deck, seen through the frame's haze.
+def _crossing_line(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    """A catapult's track: a line that begins beside an edge line and runs at an angle to it."""
+    side, right_m, turn_rad = SIDES[rng.integers(2)], _draw(rng, CATAPULT_M), _draw(rng, CATAPULT_RAD)
+    return lambda frame, edges: paint(frame, offset_line(edges[side], right_m, turn_rad))
 
-    Raises:
-        ValueError: a frame without pose or truth.
-    """
-    pose, truth = frame.true_world_from_camera, frame.truth
-    if pose is None or truth is None:
-        raise ValueError(f"{frame.file}: to paint a line needs the true pose and air")
-    along = line.p1_m - line.p0_m
-    across = PAINT_WIDTH_M / 2 * np.array([-along[1], along[0], 0.0]) / np.hypot(along[0], along[1])
-    ends = line.p0_m + np.linspace(0, 1, 1 + int(np.linalg.norm(along) // STEP_M))[:, None] * along
-    image = frame.image_rgb
-    colour, cover = image.copy(), np.zeros((FINE * len(image), FINE * image.shape[1]), np.uint8)
-    airlight = np.full(3, PAINT_LEVEL) if truth.airlight_rgb is None else np.asarray(truth.airlight_rgb, np.float64)
-    beta = beta_from_visibility(truth.visibility_m) if truth.visibility_m else 0.0
-    for start, end in pairwise(ends):
-        corners = pose.inv().apply([start - across, start + across, end + across, end - across])
-        if corners[:, 2].min() < NEAR_M:
-            continue
-        t = float(transmission(np.linalg.norm(corners.mean(axis=0)), beta))
-        pixels = np.clip(frame.camera.project(corners), -8000, 8000)
-        cv2.fillConvexPoly(colour, np.rint(pixels).astype(np.int32), (t * PAINT_LEVEL + (1 - t) * airlight).tolist())
-        cv2.fillConvexPoly(cover, np.rint(FINE * (pixels + 0.5)).astype(np.int32), 255)
-    share = cv2.resize(cover, image.shape[1::-1], interpolation=cv2.INTER_AREA)[..., None] / np.float32(255)
-    return np.rint(image + share * (colour.astype(np.float32) - image)).astype(np.uint8)
+
+def _second_runway(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    right_m, turn_rad = _draw(rng, SECOND_M), _draw(rng, SECOND_RAD)
+
+    def repaint(frame: Frame, edges: Edges) -> Frame:
+        for side in SIDES:
+            frame = paint(frame, offset_line(edges[side], right_m, turn_rad))
+        return frame
+
+    return repaint
+
+
+def _lose_edge(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    side = SIDES[rng.integers(2)]
+    return lambda frame, edges: _without(frame, edges, side)
+
+
+def _move_edge(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    side, right_m = SIDES[rng.integers(2)], MOVED_M * float(rng.choice([-1.0, 1.0]))
+    return lambda frame, edges: paint(_without(frame, edges, side), offset_line(edges[side], right_m, 0.0))
+
+
+def _narrow(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    def repaint(frame: Frame, edges: Edges) -> Frame:
+        for side in SIDES:
+            right_m = NARROW_M * (1 if side == "right" else -1)
+            frame = paint(_without(frame, edges, side), offset_line(edges["centre"], right_m, 0.0))
+        return frame
+
+    return repaint
+
+
+def _without(frame: Frame, edges: Edges, side: str) -> Frame:
+    return erase(frame, edges[side], ERASED_M, BESIDE_M * (1 if side == "left" else -1))
+
+
+def _blacken(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    def repaint(frame: Frame, edges: Edges) -> Frame:
+        for side in SIDES:
+            start, along = edges[side].p0_m, edges[side].p1_m - edges[side].p0_m
+            part = Segment(start + RUBBER_AT[0] * along, start + RUBBER_AT[1] * along)
+            frame = paint(frame, part, ERASED_M, RUBBER_LEVEL)
+        return frame
+
+    return repaint
+
+
+def _park(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    side, at, level = SIDES[rng.integers(2)], float(rng.uniform(*AIRCRAFT_AT)), float(rng.uniform(60, 160))
+    return lambda frame, edges: stand(frame, edges[side], at, AIRCRAFT_M, level)
+
+
+def _dazzle(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    """The sun's light about the ramp, as it saturates a sensor."""
+    part = float(rng.uniform(*GLARE_PART))
+
+    def repaint(frame: Frame, edges: Edges) -> Frame:
+        pose, camera = frame.true_world_from_camera, frame.camera
+        if pose is None or (ramp := pose.inv().apply(edges["centre"].p0_m))[2] <= 0:
+            return frame
+        ((u, v),) = camera.project(ramp[None])
+        across = np.exp(-((np.arange(camera.width) - u) ** 2) / (2 * (part * camera.width) ** 2))
+        down = np.exp(-((np.arange(camera.height) - v) ** 2) / (2 * (part * camera.width) ** 2))
+        light = 255 * (down[:, None] * across)[..., None]
+        return replace(frame, image_rgb=np.clip(frame.image_rgb + light, 0, 255).astype(np.uint8))
+
+    return repaint
 
 
 FRAME_FAULTS = {
@@ -168,6 +233,14 @@ FRAME_FAULTS = {
         FrameFault("deck height of the sea", False, _tell_deck(lambda frame, z_m: frame.sea_z_m), told=True),
         FrameFault("deck height, wrong sign", False, _tell_deck(lambda frame, z_m: -z_m), told=True),
         FrameFault("night gain", False, _darken),
-        FrameFault("extra line", False, _paint_line),
+        FrameFault("glare", True, _on_deck(_dazzle)),
+        FrameFault("extra line", False, _on_deck(_extra_line)),
+        FrameFault("crossing line", False, _on_deck(_crossing_line)),
+        FrameFault("second runway", True, _on_deck(_second_runway)),
+        FrameFault("edge lost", False, _on_deck(_lose_edge)),
+        FrameFault("edge moved by 9 m", False, _on_deck(_move_edge)),
+        FrameFault("edges at 6 m", False, _on_deck(_narrow)),
+        FrameFault("edges under rubber", False, _on_deck(_blacken)),
+        FrameFault("aircraft on an edge", False, _on_deck(_park)),
     )
 }
