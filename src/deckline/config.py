@@ -293,6 +293,7 @@ class Tracking:
         reacquire_s: time of contradicting lines after which the track begins again, s.
         gate_sigma: standard deviations beyond which a measurement is left out.
         search_s: while the track is sure, only its place is looked at, and so often the whole picture, s; 0: always.
+        horizon_s: so often the horizon in the picture is compared with the attitude, s; 0: never.
     """
 
     enabled: bool = True
@@ -300,9 +301,10 @@ class Tracking:
     reacquire_s: float = 1.0
     gate_sigma: float = 5.0
     search_s: float = 1.0
+    horizon_s: float = 1.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, "tracking", "search_s", least=0.0)
+        check_numbers(self, "tracking", "search_s", "horizon_s", least=0.0)
         check_numbers(self, "tracking", "coast_s", "reacquire_s", "gate_sigma", above=0.0)
 
 
@@ -340,7 +342,7 @@ class Integrity:
         window_s: over which residuals are judged, s.
         excess: mean squared normalised residual from which there is a flag.
         max_boresight_deg: the largest mounting error of the camera that is thought possible, about each axis, degrees.
-        max_deck_z_m: the same of the reported deck height, m.
+        max_deck_z_m: the same of the reported deck height, m. 20: a carrier's deck that was told as the sea's.
         max_depth_scale: the same of all depths, as a share.
         max_focal_fraction: the same of the focal length, as a share.
         max_delay_s: the same of a pose behind its picture, s.
@@ -356,7 +358,7 @@ class Integrity:
     window_s: float = 1.5
     excess: float = 4.0
     max_boresight_deg: float = 1.0
-    max_deck_z_m: float = 3.0
+    max_deck_z_m: float = 20.0
     max_depth_scale: float = 0.03
     max_focal_fraction: float = 0.005
     max_delay_s: float = 0.2

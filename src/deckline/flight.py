@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.attitude import AttitudeCheck
 from deckline.config import Engine, Models, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, Restored, downscale_frame, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, Watch
@@ -119,6 +120,7 @@ class Flight:
         self._survey = prior_from_survey(config.survey)
         self._image_prior = ImagePrior()
         self._watch = Watch(detector, config.tracking.search_s) if isinstance(detector, SearchingDetector) else None
+        self._attitude = AttitudeCheck(config.tracking.horizon_s)
         self._track: Track | None = None
 
     @classmethod
@@ -169,6 +171,8 @@ class Flight:
         if detection is None:
             picture = frame.image_rgb if self.config.models.detect_in == "hazy" else dehazing().image_rgb
             detection = _timed(seconds, "detect", lambda: self._detect(frame, picture, prior))
+            if self.tracker is not None:
+                self._attitude(frame)
         points = detection
         rng = rng or np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
@@ -197,8 +201,8 @@ class Flight:
             return None
         self._image_prior.update(frame, detection, estimate)
         track = self.tracker.update(frame, estimate)
-        if self._watch is not None and self._watch.is_contradicted:
-            track = replace(track, flags=(*track.flags, OTHER_LINES))
+        others = OTHER_LINES if self._watch is not None and self._watch.is_contradicted else None
+        track = replace(track, flags=(*track.flags, *filter(None, (others, self._attitude.flag))))
         self._track = track
         return track
 

@@ -86,6 +86,7 @@ class Reason(StrEnum):
     RESUMED = "resumed"
     OTHER_LINES = "other lines"  # a search of the whole picture sees another runway than the track
     STALE = "stale"  # no frame, or an answer too late to be used
+    ATTITUDE = "attitude"  # the horizon in the picture lies otherwise
     DECK_SIGN = "deck sign"  # the reported deck height seems to have the wrong sign
 
 
@@ -366,7 +367,7 @@ class Protection:
 
     lateral_m: float  # of the lateral deviation
     vertical_m: float  # of the height above deck
-    heading_rad: float  # of the heading error
+    heading_rad: float | None  # of the heading error; None: the lines' drift, which shows a turned camera, is not known
     distance_m: float | None  # of the distance to the ramp; None: no ramp is known
     risk: float  # probability per frame and direction
 

@@ -330,3 +330,12 @@ def test_deck_height_of_the_wrong_sign_is_flagged(width_m, reported_z_m, known_w
     assert estimate.seen is Seen.BOTH
     assert [flag.reason for flag in estimate.flags] == [Reason.DECK_SIGN] * flagged
     assert not flagged or ("20 m" in estimate.flags[0].message and "55 m" in estimate.flags[0].message)
+
+
+@pytest.mark.parametrize(("sea_z_m", "flagged"), [(None, False), (0.0, False), (-20.0, True), (-25.0, True)])
+def test_a_deck_at_the_water_or_below_is_flagged_whatever_the_width(sea_z_m, flagged):
+    seen = approach(90.0, 15.0)
+    raised = RigidTransform.from_translation([0.0, 0.0, -20.0 - DECK_Z_M]) * seen.world_from_body
+    reported = replace(seen, world_from_body=raised, deck_z_m=-20.0, sea_z_m=sea_z_m)
+    estimate = locate(reported, detection(seen), still_deck(width_m=16.0))
+    assert [flag.reason for flag in estimate.flags] == [Reason.DECK_SIGN] * flagged

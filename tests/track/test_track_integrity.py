@@ -178,8 +178,10 @@ def test_the_level_of_the_heading_holds_a_turned_camera():
             centre = true_lines(flight, frame.time_s)["centre"]
             turned = frame.world_from_body.rotation.as_euler("ZYX")[0] - truth.rotation.as_euler("ZYX")[0]
             heading = track.lines["centre"].azimuth_rad - centre.azimuth_rad - turned
-            assert abs(heading) < track.protection.heading_rad
-            told += 1
+            level = track.protection.heading_rad
+            assert level is not None or track.age_s < 2.0  # until the lines' drift is known
+            assert level is None or abs(heading) < level
+            told += level is not None
         assert told > 5
 
 

@@ -269,7 +269,7 @@ def state_of(result: FrameResult, faulty: bool, approach: Approach) -> FrameStat
         None if protection is None else protection.vertical_m,
         errors.get("heading_deg"),
         None if distance is None or true_distance is None else distance.value - true_distance.value,
-        None if protection is None else float(np.rad2deg(protection.heading_rad)),
+        None if protection is None or protection.heading_rad is None else float(np.rad2deg(protection.heading_rad)),
         None if protection is None else protection.distance_m,
         str(result.guidance.status),
         bool(track.excluded),

@@ -35,6 +35,7 @@ from deckline.types import (
 )
 
 NO_LINE = Notice(Reason.NO_LINE, "no line in the image")
+LOWEST_DECK_M = 0.5  # above the water
 USUAL_WIDTH_M = (10.0, 35.0)  # of landing runways of ships; beyond, the sign of the deck height is checked
 
 
@@ -164,11 +165,15 @@ def _estimate(
 
 
 def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) -> Notices:
-    """Flag a deck height of the wrong sign: the spacing of the lines is plausible only with the other sign.
+    """Flag a deck height of the wrong sign: it is below the water, or the spacing of the lines is plausible only with
+    the other sign.
 
     The spacing is proportional to the camera's height above the deck.
     """
     pose, deck_z_m = frame.world_from_camera, frame.deck_z_m
+    if deck_z_m is not None and frame.sea_z_m is not None and deck_z_m > frame.sea_z_m - LOWEST_DECK_M:
+        message = f"the deck height of {deck_z_m:g} m is that of the water ({frame.sea_z_m:g} m) or below it"
+        return (Notice(Reason.DECK_SIGN, message),)
     if pose is None or deck_z_m is None or config.deck.width_m is not None:
         return ()
     height, other = deck_z_m - float(pose.translation[2]), -deck_z_m - float(pose.translation[2])

@@ -144,7 +144,8 @@ def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
     if guidance.protection is not None:
         beside += f"  ·  within {guidance.protection.lateral_m:.1f} m"
         above += f"  ·  within {guidance.protection.vertical_m:.1f} m"
-        turned += f"  ·  within {np.rad2deg(guidance.protection.heading_rad):.1f}°"
+        if guidance.protection.heading_rad is not None:
+            turned += f"  ·  within {np.rad2deg(guidance.protection.heading_rad):.1f}°"
     rates = ((guidance.closing_m_s, "closing {:.0f} m/s"), (guidance.height_rate_m_s, "height {:+.1f} m/s"))
     ahead = ", ".join(words.format(rate.value) for rate, words in rates if rate is not None)
     return [

@@ -102,7 +102,8 @@ def guidance_record(guidance: Guidance) -> Record:
 def protection_record(protection: Protection) -> Record:
     """Protection levels as they are written: the heading's in degrees."""
     levels = dict(vars(protection))
-    levels["heading_deg"] = float(np.rad2deg(levels.pop("heading_rad")))
+    heading_rad = levels.pop("heading_rad")
+    levels["heading_deg"] = None if heading_rad is None else float(np.rad2deg(heading_rad))
     return levels
 
 

@@ -100,7 +100,7 @@ def _loosen(track: Track, variance_m2: float, turn_rad: float) -> Track:
             protection,
             lateral_m=protection.lateral_m + bound_m,
             vertical_m=protection.vertical_m + bound_m,
-            heading_rad=protection.heading_rad + quantile * turn_rad,
+            heading_rad=None if protection.heading_rad is None else protection.heading_rad + quantile * turn_rad,
             distance_m=None if protection.distance_m is None else protection.distance_m + bound_m,
         )
     ramp_sigma_m = None if ramp_sigma_m is None else float(np.hypot(ramp_sigma_m, sigma_m))

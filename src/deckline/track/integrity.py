@@ -159,8 +159,9 @@ def protection_levels(
 
     at_touchdown = line_rows(state, 0.0, touchdown_m or 0.0, delay)
     chance, fault = bound(at_touchdown[1], sensors.attitude_white_rad)
-    # A camera that is turned about the vertical turns the lines with it, and no state tells.
-    heading_rad = chance + max(fault, float(np.deg2rad(config.integrity.max_boresight_deg)))
+    # A camera that is turned about the vertical turns the lines with it, and no state but their drift tells.
+    turned = max(fault, float(np.deg2rad(config.integrity.max_boresight_deg)))
+    heading_rad = chance + turned if is_drift_known(state) else None
     distance_m = None
     if ramp is not None:
         distance_m = quantile * float(np.hypot(ramp.sigma_m, sensors.position_white_m))

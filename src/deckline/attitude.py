@@ -1,0 +1,93 @@
+"""Whether the horizon in the pictures lies as the attitude says: a measurement that owes nothing to the lines.
+
+A camera that turned in its mount about its axis, a mirrored picture or a wrong attitude turn the horizon against what
+the pose says of it. The excess over what a horizon may be off is summed from look to look and flagged when the sum is
+large: Page, "Continuous inspection schemes", 1954.
+"""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
+from deckline.types import Frame, Notice, Reason
+
+ANSWER_S = 0.3  # after a picture, in which its horizon is found; later frames wait, so that replays agree
+SIGMAS = 2.0  # of the horizon's own uncertainty, which was never off by more than one in rolls
+TURNED_DEG = 1.0  # what attitude and lens may add: of roll,
+RAISED_DEG, LOWERED_DEG = 1.0, 3.0  # and of pitch; haze that thickens with range lets the horizon seem too low
+STEEPEST_DEG = 20.0  # of roll, in which a horizon is looked for
+FLAGGED, MOST = 1.0, 2.0  # sum of the excess over the limits, in limits
+
+
+class AttitudeCheck:
+    """Called with every frame of a flight, in their order; `flag` is what the last looks at the horizon say.
+
+    A look takes a tenth of a second, in a thread beside the flight. A frame that has no pose, or shows no horizon,
+    changes nothing; distorted pictures are not looked at, as they bend the line.
+
+    Args:
+        every_s: from one look to the next; 0: none.
+    """
+
+    def __init__(self, every_s: float) -> None:
+        self.every_s = every_s
+        self.flag: Notice | None = None
+        self._sum = 0.0
+        self._pending: tuple[Frame, Future[Horizon | NoHorizon]] | None = None
+        self._last_s = -np.inf  # of the last picture looked at
+
+    @cached_property
+    def _thread(self) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(1, "horizon")
+
+    def __call__(self, frame: Frame) -> None:
+        """Take the answer that is due, and begin the next look when it is time."""
+        if not self._last_s <= frame.time_s:  # another flight, or not a number
+            self._pending, self._last_s, self._sum, self.flag = None, -np.inf, 0.0, None
+        if self._pending is not None and frame.time_s - self._last_s >= ANSWER_S:
+            looked_at, answer = self._pending
+            self._pending = None
+            self._judge(looked_at, answer.result())
+        is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
+        if is_due and self._pending is None and expect_horizon(frame) is not None:
+            self._pending, self._last_s = (frame, self._thread.submit(find_horizon, frame.image_rgb)), frame.time_s
+
+    def _judge(self, frame: Frame, horizon: Horizon | NoHorizon) -> None:
+        expected = expect_horizon(frame)
+        if expected is None or isinstance(horizon, NoHorizon):
+            return
+        (row, roll_deg), focal = expected, frame.camera.fy
+        turned_deg = float(np.rad2deg(np.arctan(horizon.slope * frame.camera.fx / focal))) - roll_deg
+        below = (np.array([row, horizon.middle_px]) - frame.camera.cy) / focal
+        raised_deg = float(-np.diff(np.rad2deg(np.arctan(below)))[0])
+        turn_limit = TURNED_DEG + SIGMAS * np.rad2deg(horizon.slope_sigma)
+        raise_limit = RAISED_DEG if raised_deg > 0 else LOWERED_DEG
+        raise_limit += SIGMAS * np.rad2deg(horizon.middle_sigma_px / focal)
+        excess = float(max(abs(turned_deg) / turn_limit, abs(raised_deg) / raise_limit)) - 1.0
+        self._sum = min(max(self._sum + excess, 0.0), MOST)
+        if self._sum < FLAGGED:
+            self.flag = None
+        elif excess > 0:
+            off = f"turned by {turned_deg:+.1f} and raised by {raised_deg:+.1f} degrees"
+            self.flag = Notice(Reason.ATTITUDE, f"the horizon in the picture is {off} against the attitude")
+
+
+def expect_horizon(frame: Frame) -> tuple[float, float] | None:
+    """Where the attitude has a level horizon: its row in the image's middle column, px, and its roll, degrees (+: down
+    to the right).
+
+    None without pose or camera, with distortion, in a steep roll, or where it is outside of the image.
+    """
+    pose, camera = frame.world_from_camera, frame.camera
+    if frame.missing is not None or pose is None or camera.has_distortion:
+        return None
+    down: NDArray[np.float64] = pose.rotation.inv().apply([0.0, 0.0, 1.0])  # optical frame
+    roll_deg = float(np.rad2deg(np.arctan2(-down[0], down[1])))
+    if not abs(roll_deg) <= STEEPEST_DEG:
+        return None
+    aside = ((camera.width - 1) / 2 - camera.cx) / camera.fx
+    row = float(camera.cy - camera.fy * (down[2] + down[0] * aside) / down[1])
+    return (row, roll_deg) if 0 <= row <= camera.height - 1 else None

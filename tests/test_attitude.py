@@ -1,0 +1,103 @@
+"""The horizon in the picture against the attitude of the pose."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from approach_scene import CAMERA, STILL, frame
+from deckline.attitude import AttitudeCheck, expect_horizon
+from deckline.dehaze.base import IdentityDehazer
+from deckline.flight import Flight
+from deckline.geometry import attitude
+from deckline.types import Detection, LinePoints, Reason
+
+
+def at_sea(index, roll_deg=0.0, pitch_deg=-4.0, told_roll_deg=None, told_pitch_deg=None):
+    """A frame whose picture shows the sea as from this attitude, and whose pose tells another one."""
+    told = [np.deg2rad(value if told is None else told) for value, told in
+            ((roll_deg, told_roll_deg), (pitch_deg, told_pitch_deg))]  # fmt: skip
+    true, said = attitude(np.deg2rad(roll_deg), np.deg2rad(pitch_deg), 0.0), attitude(*told, 0.0)
+    plain = frame(index)
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    rays = CAMERA.rays(np.column_stack([u.ravel(), v.ravel()]))
+    pose = type(plain.world_from_body).from_components(plain.world_from_body.translation, true)
+    down = (pose * plain.body_from_camera).rotation.apply(rays)[:, 2].reshape(v.shape)
+    image = np.where(down[..., None] > 0, (45.0, 60.0, 70.0), (150.0, 165.0, 180.0))
+    image += np.random.default_rng(index).normal(0, 2, (*v.shape, 1))
+    body = type(pose).from_components(pose.translation, said)
+    return replace(plain, image_rgb=np.clip(image, 0, 255).astype(np.uint8), world_from_body=body, time_s=0.5 * index)
+
+
+def flags(shown, every_s=0.5):
+    check, seen = AttitudeCheck(every_s), []
+    for one in shown:
+        check(one)
+        seen.append(check.flag and check.flag.reason)
+    return seen, check.flag
+
+
+def test_the_attitude_tells_where_the_horizon_is():
+    level = expect_horizon(at_sea(0, pitch_deg=0.0))
+    np.testing.assert_allclose(level, (CAMERA.cy, 0.0), atol=1e-6)
+    row, roll_deg = expect_horizon(at_sea(0, roll_deg=6.0, pitch_deg=-4.0))
+    assert roll_deg == pytest.approx(-6.0, abs=0.1)  # right wing down: the horizon rises to the right
+    assert row == pytest.approx(CAMERA.cy - CAMERA.fy * np.tan(np.deg2rad(4.0)) / np.cos(np.deg2rad(6.0)), abs=0.5)
+
+
+@pytest.mark.parametrize("roll_deg", [-8.0, 0.0, 5.0])
+def test_a_true_attitude_is_never_flagged(roll_deg):
+    seen, _ = flags([at_sea(k, roll_deg + 0.3 * k, -4.0 + 0.2 * k) for k in range(8)])
+    assert seen == [None] * 8
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"told_roll_deg": -6.0}, r"turned by [-+]6\.\d"),
+        ({"told_roll_deg": 3.5}, r"turned by \+3\.\d"),
+        ({"told_pitch_deg": -1.0}, r"raised by \+(2\.[89]|3\.\d)"),
+        ({"told_pitch_deg": -12.0}, r"raised by -(7\.[89]|8\.\d)"),
+    ],
+)
+def test_a_wrong_attitude_is_flagged_until_it_is_right_again(told, words):
+    wrong = [at_sea(k, **told) for k in range(6)]
+    seen, flag = flags(wrong)
+    assert seen[0] is None and seen[4] is Reason.ATTITUDE
+    assert re.search(words, flag.message), flag.message
+    again, _ = flags([*wrong, *(at_sea(k) for k in range(6, 14))])
+    assert again[-1] is None
+
+
+def test_a_mirrored_picture_is_flagged_as_soon_as_the_aircraft_rolls():
+    shown = [at_sea(k, (0.0, 0.5, 3.0, 3.0, 3.0, 3.0)[k]) for k in range(6)]
+    seen, _ = flags([replace(one, image_rgb=np.ascontiguousarray(one.image_rgb[:, ::-1])) for one in shown])
+    assert seen[:3] == [None] * 3 and seen[-1] is Reason.ATTITUDE
+
+
+def test_what_shows_no_horizon_changes_nothing():
+    grey = replace(at_sea(0, told_roll_deg=-6.0), image_rgb=np.full_like(at_sea(0).image_rgb, 120))
+    for one in (grey, replace(grey, world_from_body=None), at_sea(0, 30.0), at_sea(0, pitch_deg=40.0)):
+        assert flags([replace(one, time_s=0.5 * k) for k in range(4)])[0] == [None] * 4
+    bent = replace(at_sea(0, told_roll_deg=-6.0), camera=replace(CAMERA, distortion=(0.1, 0, 0, 0, 0)))
+    assert expect_horizon(bent) is None
+    assert flags([at_sea(k, told_roll_deg=-6.0) for k in range(4)], every_s=0.0)[0] == [None] * 4
+
+
+def test_another_flight_begins_without_a_flag():
+    wrong = [at_sea(k, told_roll_deg=-6.0) for k in range(6)]
+    seen, _ = flags([*wrong, at_sea(0)])
+    assert seen[5] is Reason.ATTITUDE and seen[6] is None
+
+
+def test_a_flight_flags_it_and_one_with_told_points_does_not_look():
+    def detector(image_rgb, prior_box=None):
+        return Detection(LinePoints.empty(), LinePoints.empty())
+
+    flight = Flight(STILL, IdentityDehazer(), detector)
+    results = [flight(at_sea(2 * k, told_roll_deg=-6.0)) for k in range(5)]
+    assert [flag.reason for flag in results[-1].track.flags] == [Reason.ATTITUDE]
+    told = Flight(STILL, IdentityDehazer(), detector)
+    results = [told(at_sea(2 * k, told_roll_deg=-6.0), detection=detector(None)) for k in range(5)]
+    assert not results[-1].track.flags
