@@ -1,4 +1,4 @@
-"""Horizon, visibility and dehazing without a pose against the truth of simulated recordings.
+"""Horizon, roll, visibility and dehazing without a pose against the truth of simulated recordings.
 
     python benchmarks/horizon.py RECORDING... [--every N]
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from deckline.attitude import expect_horizon
 from deckline.dehaze import HorizonDehazer, VeilDehazer
 from deckline.dehaze.by_horizon import find_horizon_of, measure_visibility
 from deckline.dehaze.horizon import Horizon
@@ -37,10 +38,14 @@ def measure(frame: Frame) -> dict[str, float]:
     """What one frame without its pose tells, and how wrong that is; NaN for what it does not tell."""
     alone = replace(frame, world_from_body=None, deck_z_m=None, sea_z_m=None, depth_m=None, truth=None)
     row, scale, truth = true_row(frame), HEIGHT_PX / frame.camera.height, frame.truth
-    values = {"row": row, "error": np.nan, "sigma": np.nan, "ratio": np.nan, "ratio_sigma": np.nan}
+    others = ("error", "sigma", "roll", "roll_sigma", "ratio", "ratio_sigma")
+    values = {"row": row} | dict.fromkeys(others, np.nan)
     horizon = find_horizon_of(alone)
     if isinstance(horizon, Horizon):
         values |= {"error": (horizon.middle_px - row) * scale, "sigma": horizon.middle_sigma_px * scale}
+        if (expected := expect_horizon(frame)) is not None:
+            roll_deg = np.rad2deg(np.arctan(horizon.slope)) - expected[1]
+            values |= {"roll": abs(roll_deg), "roll_sigma": np.rad2deg(horizon.slope_sigma)}
     told = measure_visibility(alone)
     height = frame.sea_z_m - frame.world_from_camera.translation[2]
     if isinstance(told, Value) and np.isfinite(truth.visibility_m):
@@ -56,9 +61,8 @@ def measure(frame: Frame) -> dict[str, float]:
 
 
 def print_row(name: str, rows: list[dict[str, float]]) -> None:
-    row, error, sigma, ratio, ratio_sigma = (
-        np.array([item[key] for item in rows]) for key in ("row", "error", "sigma", "ratio", "ratio_sigma")
-    )
+    keys = ("row", "error", "sigma", "roll", "roll_sigma", "ratio", "ratio_sigma")
+    row, error, sigma, roll, roll_sigma, ratio, ratio_sigma = (np.array([item[key] for item in rows]) for key in keys)
     seen, told, found = np.isfinite(row), np.isfinite(sigma), np.isfinite(error)
     size, known = np.abs(error[found]), np.isfinite(ratio)
     psnr = " ".join(
@@ -67,6 +71,7 @@ def print_row(name: str, rows: list[dict[str, float]]) -> None:
     print(
         f"| {name} | {found.sum()} of {seen.sum()} | {(told & ~seen).sum()} of {(~seen).sum()} "
         f"| {np.median(size):.1f} / {np.percentile(size, 90):.1f} | {np.mean(size < 2 * sigma[found]):.0%} "
+        f"| {np.nanmedian(roll):.2f} / {np.nanmax(roll):.2f} | {np.nanmax(roll / roll_sigma):.1f} "
         f"| {known.sum()} | {np.exp(np.median(np.abs(ratio[known]))):.2f} "
         f"| {np.mean(np.abs(ratio[known]) < 2 * ratio_sigma[known]):.0%} | {psnr} |"
     )
@@ -78,8 +83,9 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="take every N-th frame")
     options = parser.parse_args()
     print("| recording | found | found where none is in view | error, median / 90 %, px | within 2 sigma ", end="")
+    print("| roll, median / most, deg | in its sigma, most ", end="")
     print("| visibility told | off by a factor, median | within 2 sigma | PSNR of input, veil, horizon, dB |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     for frames in open_recorded(options.recordings):
         samples = (frames.load(index) for index in range(0, len(frames), options.every))
         print_row(Path(frames.name).name, [measure(sample.frame) for sample in samples if sample is not None])

@@ -53,7 +53,8 @@ class AttitudeCheck:
             self._judge(looked_at, answer.result())
         is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
         if is_due and self._pending is None and expect_horizon(frame) is not None:
-            self._pending, self._last_s = (frame, self._thread.submit(find_horizon, frame.image_rgb)), frame.time_s
+            self._pending = frame, self._thread.submit(find_horizon, frame.image_rgb, rough=True)
+            self._last_s = frame.time_s
 
     def _judge(self, frame: Frame, horizon: Horizon | NoHorizon) -> None:
         expected = expect_horizon(frame)

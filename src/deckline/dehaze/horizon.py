@@ -99,11 +99,15 @@ class _Scan:
         return np.asarray(likelihood / likelihood.sum())
 
 
-def find_horizon(image_rgb: NDArray[np.uint8]) -> Horizon | NoHorizon:
+def find_horizon(image_rgb: NDArray[np.uint8], rough: bool = False) -> Horizon | NoHorizon:
     """The horizon of an image (H, W, 3), or why there is none that can be told.
 
     The line is where the sea ends, or would end without haze. It needs no intrinsics; a lens whose distortion bends
     lines makes it wrong by as much as it bends them.
+
+    Args:
+        image_rgb: (H, W, 3).
+        rough: a vague line counts too, and one over foam or glitter, in which haze cannot be read; mind its sigma.
     """
     check_image(image_rgb)
     height, width = image_rgb.shape[:2]
@@ -128,7 +132,8 @@ def find_horizon(image_rgb: NDArray[np.uint8]) -> Horizon | NoHorizon:
     span = zoom * min(max(4 * spread, 5.0), 12.0)
     line = coarse.middles[middle] * zoom, coarse.slopes[tilt]
     air = np.flatnonzero(coarse.cost.min(axis=(0, 1)) < coarse.cost.min() + AIR_NATS)
-    return _judge(_scan_near(profiles, x, fine_unit, *line, span, air), profiles, x, fine_unit, width, height)
+    fine = _scan_near(profiles, x, fine_unit, *line, span, air)
+    return _judge(fine, profiles, x, fine_unit, width, height, rough)
 
 
 def measure_strips(image_rgb: NDArray[np.uint8], width_px: int) -> tuple[Float32, Float64, float]:
@@ -250,7 +255,9 @@ def flat_nats(profiles: Float32) -> Float64:
     return np.asarray(1.5 * INDEPENDENT_ROWS * np.log(mean + NOISE**2))
 
 
-def _judge(fine: _Scan, profiles: Float32, x: Float64, unit: float, width: int, height: int) -> Horizon | NoHorizon:
+def _judge(
+    fine: _Scan, profiles: Float32, x: Float64, unit: float, width: int, height: int, rough: bool
+) -> Horizon | NoHorizon:
     """The line of a fine scan, where it can be trusted."""
     tilt, middle, _ = fine.best
     at = np.rint((fine.middles[middle] + fine.slopes[tilt] * x - fine.rows[0]) / (fine.rows[1] - fine.rows[0]))
@@ -263,8 +270,8 @@ def _judge(fine: _Scan, profiles: Float32, x: Float64, unit: float, width: int, 
     slope, slope_sigma = _moments(fine.slopes, probability.sum(axis=1))
     scale = unit * width
     sigma = SIGMA_TIMES * np.hypot(row_sigma, SIGMA_FLOOR / unit) * scale
-    reason = _judge_parts(profiles, row + slope * x, unit)
-    if reason or sigma > MAX_SIGMA * height or not 0 < row < profiles.shape[1]:
+    reason = _judge_parts(profiles, row + slope * x, unit, rough)
+    if reason or (sigma > MAX_SIGMA * height and not rough) or not 0 < row < profiles.shape[1]:
         return NoHorizon(reason or "where the horizon is cannot be told well enough")
     return Horizon(width, float(row * scale - 0.5), float(sigma), slope, float(SIGMA_TIMES * slope_sigma))
 
@@ -274,7 +281,7 @@ def _moments(values: Float64, probability: Float64) -> tuple[float, float]:
     return mean, float(np.sqrt(probability @ (values - mean) ** 2))
 
 
-def _judge_parts(profiles: Float32, line: Float64, unit: float) -> str:
+def _judge_parts(profiles: Float32, line: Float64, unit: float, rough: bool) -> str:
     """Why what lies above and below a line (S,) of rows is no sky over water; empty where it is."""
     count = profiles.shape[1]
     level = _level(profiles)
@@ -295,7 +302,7 @@ def _judge_parts(profiles: Float32, line: Float64, unit: float) -> str:
         return "what lies below the horizon is not darker than the sky, as a sea is"
     if sky > MAX_SKY * contrast:
         return "what lies above the horizon is no smooth sky"
-    return "what lies below the horizon is no sea" if water > MAX_WATER * contrast else ""
+    return "what lies below the horizon is no sea" if water > MAX_WATER * contrast and not rough else ""
 
 
 def _level(profiles: Float32) -> float:
