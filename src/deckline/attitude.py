@@ -1,8 +1,8 @@
-"""Whether the horizon in the pictures lies as the attitude says: a measurement that owes nothing to the lines.
+"""Whether the horizon in the pictures is turned as the attitude says: a measurement that owes nothing to the lines.
 
 A camera that turned in its mount about its axis, a mirrored picture or a wrong attitude turn the horizon against what
 the pose says of it. The excess over what a horizon may be off is summed from look to look and flagged when the sum is
-large: Page, "Continuous inspection schemes", 1954.
+large: Page, "Continuous inspection schemes", 1954. Its height is not used: in thick haze it can be degrees off.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,8 +16,7 @@ from deckline.types import Frame, Notice, Reason
 
 ANSWER_S = 0.3  # after a picture, in which its horizon is found; later frames wait, so that replays agree
 SIGMAS = 2.0  # of the horizon's own uncertainty, which was never off by more than one in rolls
-TURNED_DEG = 1.0  # what attitude and lens may add: of roll,
-RAISED_DEG, LOWERED_DEG = 1.0, 3.0  # and of pitch; haze that thickens with range lets the horizon seem too low
+TURNED_DEG = 1.0  # what attitude and lens may add
 STEEPEST_DEG = 20.0  # of roll, in which a horizon is looked for
 FLAGGED, MOST = 1.0, 2.0  # sum of the excess over the limits, in limits
 
@@ -60,27 +59,20 @@ class AttitudeCheck:
         expected = expect_horizon(frame)
         if expected is None or isinstance(horizon, NoHorizon):
             return
-        (row, roll_deg), focal = expected, frame.camera.fy
-        turned_deg = float(np.rad2deg(np.arctan(horizon.slope * frame.camera.fx / focal))) - roll_deg
-        below = (np.array([row, horizon.middle_px]) - frame.camera.cy) / focal
-        raised_deg = float(-np.diff(np.rad2deg(np.arctan(below)))[0])
-        turn_limit = TURNED_DEG + SIGMAS * np.rad2deg(horizon.slope_sigma)
-        raise_limit = RAISED_DEG if raised_deg > 0 else LOWERED_DEG
-        raise_limit += SIGMAS * np.rad2deg(horizon.middle_sigma_px / focal)
-        excess = float(max(abs(turned_deg) / turn_limit, abs(raised_deg) / raise_limit)) - 1.0
+        turned_deg = float(np.rad2deg(np.arctan(horizon.slope * frame.camera.fx / frame.camera.fy))) - expected
+        excess = abs(turned_deg) / (TURNED_DEG + SIGMAS * float(np.rad2deg(horizon.slope_sigma))) - 1.0
         self._sum = min(max(self._sum + excess, 0.0), MOST)
         if self._sum < FLAGGED:
             self.flag = None
         elif excess > 0:
-            off = f"turned by {turned_deg:+.1f} and raised by {raised_deg:+.1f} degrees"
-            self.flag = Notice(Reason.ATTITUDE, f"the horizon in the picture is {off} against the attitude")
+            message = f"the horizon in the picture is turned by {turned_deg:+.1f} degrees against the attitude"
+            self.flag = Notice(Reason.ATTITUDE, message)
 
 
-def expect_horizon(frame: Frame) -> tuple[float, float] | None:
-    """Where the attitude has a level horizon: its row in the image's middle column, px, and its roll, degrees (+: down
-    to the right).
+def expect_horizon(frame: Frame) -> float | None:
+    """The roll that the attitude gives a level horizon in the image, degrees (+: down to the right).
 
-    None without pose or camera, with distortion, in a steep roll, or where it is outside of the image.
+    None without pose or camera, with distortion, in a steep roll, or where the horizon is outside of the image.
     """
     pose, camera = frame.world_from_camera, frame.camera
     if frame.missing is not None or pose is None or camera.has_distortion:
@@ -91,4 +83,4 @@ def expect_horizon(frame: Frame) -> tuple[float, float] | None:
         return None
     aside = ((camera.width - 1) / 2 - camera.cx) / camera.fx
     row = float(camera.cy - camera.fy * (down[2] + down[0] * aside) / down[1])
-    return (row, roll_deg) if 0 <= row <= camera.height - 1 else None
+    return roll_deg if 0 <= row <= camera.height - 1 else None
