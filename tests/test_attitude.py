@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from approach_scene import CAMERA, STILL, frame
 from deckline.attitude import AttitudeCheck, expect_horizon
@@ -16,17 +17,18 @@ from deckline.types import Detection, LinePoints, Reason
 
 def at_sea(index, roll_deg=0.0, pitch_deg=-4.0, told_roll_deg=None, told_pitch_deg=None):
     """A frame whose picture shows the sea as from this attitude, and whose pose tells another one."""
-    told = [np.deg2rad(value if told is None else told) for value, told in
-            ((roll_deg, told_roll_deg), (pitch_deg, told_pitch_deg))]  # fmt: skip
-    true, said = attitude(np.deg2rad(roll_deg), np.deg2rad(pitch_deg), 0.0), attitude(*told, 0.0)
+    told_roll_deg = roll_deg if told_roll_deg is None else told_roll_deg
+    told_pitch_deg = pitch_deg if told_pitch_deg is None else told_pitch_deg
+    true = attitude(np.deg2rad(roll_deg), np.deg2rad(pitch_deg), 0.0)
+    said = attitude(np.deg2rad(told_roll_deg), np.deg2rad(told_pitch_deg), 0.0)
     plain = frame(index)
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
     rays = CAMERA.rays(np.column_stack([u.ravel(), v.ravel()]))
-    pose = type(plain.world_from_body).from_components(plain.world_from_body.translation, true)
+    pose = RigidTransform.from_components(plain.world_from_body.translation, true)
     down = (pose * plain.body_from_camera).rotation.apply(rays)[:, 2].reshape(v.shape)
     image = np.where(down[..., None] > 0, (45.0, 60.0, 70.0), (150.0, 165.0, 180.0))
     image += np.random.default_rng(index).normal(0, 2, (*v.shape, 1))
-    body = type(pose).from_components(pose.translation, said)
+    body = RigidTransform.from_components(pose.translation, said)
     return replace(plain, image_rgb=np.clip(image, 0, 255).astype(np.uint8), world_from_body=body, time_s=0.5 * index)
 
 
@@ -40,9 +42,8 @@ def flags(shown, every_s=0.5):
 
 def test_the_attitude_tells_how_the_horizon_is_turned():
     assert expect_horizon(at_sea(0, pitch_deg=0.0)) == pytest.approx(0.0, abs=1e-6)
-    assert expect_horizon(at_sea(0, roll_deg=6.0)) == pytest.approx(
-        -6.0, abs=0.1
-    )  # right wing down: it rises to the right
+    right_wing_down = at_sea(0, roll_deg=6.0)  # so that the horizon rises to the right
+    assert expect_horizon(right_wing_down) == pytest.approx(-6.0, abs=0.1)
 
 
 @pytest.mark.parametrize("roll_deg", [-8.0, 0.0, 5.0])
@@ -54,10 +55,7 @@ def test_a_true_attitude_is_never_flagged(roll_deg):
 
 @pytest.mark.parametrize(
     ("told", "words"),
-    [
-        ({"told_roll_deg": -6.0}, r"turned by [-+]6\.\d"),
-        ({"told_roll_deg": 3.5}, r"turned by \+3\.\d"),
-    ],
+    [({"told_roll_deg": -6.0}, r"turned by [-+]6\.\d"), ({"told_roll_deg": 3.5}, r"turned by \+3\.\d")],
 )
 def test_a_wrong_attitude_is_flagged_until_it_is_right_again(told, words):
     wrong = [at_sea(k, **told) for k in range(6)]

@@ -35,7 +35,7 @@ class AttitudeCheck:
         self.every_s = every_s
         self.flag: Notice | None = None
         self._sum = 0.0
-        self._pending: tuple[Frame, Future[Horizon | NoHorizon]] | None = None
+        self._pending: tuple[float, float, Future[Horizon | NoHorizon]] | None = None  # roll, fx over fy, answer
         self._last_s = -np.inf  # of the last picture looked at
 
     @cached_property
@@ -47,19 +47,19 @@ class AttitudeCheck:
         if not self._last_s <= frame.time_s:  # another flight, or not a number
             self._pending, self._last_s, self._sum, self.flag = None, -np.inf, 0.0, None
         if self._pending is not None and frame.time_s - self._last_s >= ANSWER_S:
-            looked_at, answer = self._pending
+            roll_deg, fx_over_fy, answer = self._pending
             self._pending = None
-            self._judge(looked_at, answer.result())
+            self._judge(roll_deg, fx_over_fy, answer.result())
         is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
-        if is_due and self._pending is None and expect_horizon(frame) is not None:
-            self._pending = frame, self._thread.submit(find_horizon, frame.image_rgb, rough=True)
+        if is_due and self._pending is None and (expected_deg := expect_horizon(frame)) is not None:
+            look = self._thread.submit(find_horizon, frame.image_rgb, rough=True)
+            self._pending = expected_deg, frame.camera.fx / frame.camera.fy, look
             self._last_s = frame.time_s
 
-    def _judge(self, frame: Frame, horizon: Horizon | NoHorizon) -> None:
-        expected = expect_horizon(frame)
-        if expected is None or isinstance(horizon, NoHorizon):
+    def _judge(self, expected_deg: float, fx_over_fy: float, horizon: Horizon | NoHorizon) -> None:
+        if isinstance(horizon, NoHorizon):
             return
-        turned_deg = float(np.rad2deg(np.arctan(horizon.slope * frame.camera.fx / frame.camera.fy))) - expected
+        turned_deg = float(np.rad2deg(np.arctan(horizon.slope * fx_over_fy))) - expected_deg
         excess = abs(turned_deg) / (TURNED_DEG + SIGMAS * float(np.rad2deg(horizon.slope_sigma))) - 1.0
         self._sum = min(max(self._sum + excess, 0.0), MOST)
         if self._sum < FLAGGED:

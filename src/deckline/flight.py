@@ -202,9 +202,8 @@ class Flight:
         self._image_prior.update(frame, detection, estimate)
         track = self.tracker.update(frame, estimate)
         others = OTHER_LINES if self._watch is not None and self._watch.is_contradicted else None
-        track = replace(track, flags=(*track.flags, *filter(None, (others, self._attitude.flag))))
-        self._track = track
-        return track
+        self._track = replace(track, flags=(*track.flags, *filter(None, (others, self._attitude.flag))))
+        return self._track
 
 
 def _build(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from deckline.evaluation.approaches import Sighting
@@ -96,11 +97,15 @@ def _detect_other_line(side: str, outwards_m: float, turn_rad: float) -> Step:
 
 def offset_line(line: Segment, right_m: float, turn_rad: float) -> Segment:
     """A line in the same plane, its ramp end so far to the right and turned about that end (+: to the right)."""
-    along = line.p1_m - line.p0_m
-    ahead = along / np.hypot(along[0], along[1])
-    right = np.array([-ahead[1], ahead[0], 0.0])
+    along, right = line.p1_m - line.p0_m, to_right(line)
     start = line.p0_m + right_m * right
     return Segment(start, start + np.cos(turn_rad) * along + np.sin(turn_rad) * np.linalg.norm(along[:2]) * right)
+
+
+def to_right(line: Segment) -> NDArray[np.float64]:
+    """Unit vector (3,), level, to the right of a line."""
+    along = line.p1_m - line.p0_m
+    return np.array([-along[1], along[0], 0.0]) / np.hypot(along[0], along[1])
 
 
 def move_points(points: LinePoints, line: Segment, other: Segment, frame: Frame) -> LinePoints:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.evaluation.integrity_faults import to_right
 from deckline.haze import beta_from_visibility, transmission
 from deckline.types import Frame, Segment
 
@@ -63,12 +64,6 @@ def stand(frame: Frame, line: Segment, at: float, size_m: tuple[float, float, fl
     colour[:] = see_through_haze(frame, middle, level)
     cv2.fillConvexPoly(cover, np.rint(FINE * (outline + 0.5)).astype(np.int32), 255)
     return _blend(frame, colour, cover)
-
-
-def to_right(line: Segment) -> NDArray[np.float64]:
-    """Unit vector (3,), level, to the right of a line."""
-    along = line.p1_m - line.p0_m
-    return np.array([-along[1], along[0], 0.0]) / np.hypot(along[0], along[1])
 
 
 def see_through_haze(frame: Frame, point_m: NDArray[np.float64], level: float) -> NDArray[np.float64]:
