@@ -338,6 +338,7 @@ class Integrity:
         risk: that an error without a flag exceeds its protection level, per frame and direction.
         alarm_sigma: standard deviations of a test statistic from which there is a flag.
         missed_sigma: standard deviations more that a fault needs to be noticed for sure; 3.3: 1 in 2000 is missed.
+        doubt_risk: chance of sensor errors as large together as the track estimates them, below which it is not `ok`.
         persist_s: a measurement that is left out for so long is a flag, s.
         window_s: over which residuals are judged, s.
         excess: mean squared normalised residual from which there is a flag.
@@ -354,6 +355,7 @@ class Integrity:
     risk: float = 1e-7
     alarm_sigma: float = 5.0
     missed_sigma: float = 3.3
+    doubt_risk: float = 1e-3
     persist_s: float = 0.4
     window_s: float = 1.5
     excess: float = 4.0
@@ -367,7 +369,7 @@ class Integrity:
 
     def __post_init__(self) -> None:
         check_numbers(self, "integrity", above=0.0)
-        check_numbers(self, "integrity", "risk", below=1.0)
+        check_numbers(self, "integrity", "risk", "doubt_risk", below=1.0)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class Status(StrEnum):
     """What guidance is worth."""
 
     OK = "ok"  # both lines in a fresh picture, no flag, and something besides the stated deck height confirms the scale
-    UNVERIFIED = "unverified"  # both lines, but nothing confirms the scale, the track is young, or a flag is up
+    UNVERIFIED = "unverified"  # both lines, but nothing confirms the scale, the track has doubts, or a flag is up
     ONE_LINE = "one line"  # one line is seen, or kept
     COASTING = "coasting"  # from earlier pictures alone
     STALE = "stale"  # the picture is not new
@@ -56,6 +56,7 @@ class Reason(StrEnum):
     NOT_LOCALIZED = "not localized"
     NO_SCALE = "no scale"  # nothing confirms it
     YOUNG_TRACK = "young track"
+    UNLIKELY_ERRORS = "unlikely errors"  # of sensors and paint, as the track estimates them
     # what contradicts itself in a frame
     CROSSED = "crossed"  # the left line lies right of the right one
     LINE_SPACING = "line spacing"
@@ -391,7 +392,7 @@ class Track:
     notices: Notices = ()  # why a frame was not used or the track began again
     age_s: float = 0.0  # since the track began; 0: it knows no more than this frame
     scale_from: tuple[Scale, ...] = ()  # what confirms the scale in all its frames
-    is_young: bool = False  # too young to show what contradicts it
+    doubts: Notices = ()  # what keeps it from being trusted though nothing is flagged
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline import guide
 from deckline.config import Approach
 from deckline.geometry import Camera, attitude
+from deckline.track.integrity import YOUNG
 from deckline.types import (
     DepthMode,
     Frame,
@@ -213,7 +214,7 @@ NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
         ({}, {}, Status.OK),
         ({"mode": DepthMode.COARSE}, {}, Status.UNVERIFIED),
         ({"mode": DepthMode.COARSE}, {"scale_from": (Scale.WIDTH,)}, Status.OK),
-        ({}, {"is_young": True}, Status.UNVERIFIED),
+        ({}, {"doubts": (YOUNG,)}, Status.UNVERIFIED),
         ({}, {"state": TrackState.LOST, "lines": {}}, Status.UNVERIFIED),
         ({}, {"flags": (Notice(Reason.HEIGHT, "off"),)}, Status.UNVERIFIED),
         ({}, {"flags": (Notice(Reason.FROZEN, "same"),)}, Status.STALE),

@@ -1,5 +1,6 @@
 """Faults put into flights: noticed, or within the protection level. Nothing is flagged where nothing is wrong."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,9 @@ from test_track_tracker import deviations
 
 from deckline.config import Deck, Integrity, RunConfig
 from deckline.track import Tracker
-from deckline.track.filter import DECK, DRIFT, SIZE, initial_state, update
-from deckline.track.integrity import FrozenImageMonitor, bias_flag, drift_flag, protection_levels
+from deckline.track.filter import DECK, DRIFT, FOCAL, SIZE, initial_state, update
+from deckline.track.frozen import FrozenImageMonitor
+from deckline.track.integrity import UNLIKELY, YOUNG, bias_flag, drift_flag, find_doubts, protection_levels
 from deckline.track.motion import Pose
 from deckline.types import DepthMode, Reason, RunwayEstimate, RunwayLine, Seen, TrackState
 
@@ -105,6 +107,51 @@ def test_a_lasting_contradiction_ends_the_track_and_the_next_one_remembers_the_s
     assert tracks[-1].state is TrackState.TRACKING
     assert [flag.reason for flag in tracks[-1].flags] == [Reason.SPACING]
     assert "15.0 m" in tracks[-1].flags[0].message
+
+
+def lose_and_find(seconds, **found):
+    """Flags after a track of 2 s, a gap, and half a second of lines like `found`."""
+    rng, tracker = np.random.default_rng(4), Tracker(CALM)
+    for index in range(20):
+        tracker.update(view(index / 10), seen(rng))
+    tracks = [tracker.update(view(2.0 + seconds + i / 10), seen(rng, **found)) for i in range(5)]
+    assert tracks[-1].age_s == pytest.approx(0.4), "a new track"
+    return tracks[-1].flags
+
+
+def test_a_new_track_beside_the_one_before_is_flagged_until_nobody_can_know():
+    assert lose_and_find(3.0) == ()
+    (flag,) = lose_and_find(3.0, aside_m=-8.0)
+    assert flag.reason is Reason.OTHER_LINES and re.search(r"[-+][78]\.\d m beside", flag.message)
+    assert lose_and_find(60.0, aside_m=-8.0) == ()
+
+
+def test_after_a_jump_of_the_pose_nothing_is_known_of_the_lines_before():
+    rng, tracker = np.random.default_rng(4), Tracker(CALM)
+    for index in range(20):
+        tracker.update(view(index / 10), seen(rng))
+    jump = RigidTransform.from_translation([0.0, 0.0, 300.0])
+    jumped = [replace(view(2.0 + i / 10), world_from_body=jump * view(0.0).world_from_body) for i in range(5)]
+    tracks = [tracker.update(frame, seen(rng, aside_m=-8.0)) for frame in jumped]
+    assert any(notice.reason is Reason.RESTARTED for notice in tracks[0].notices)
+    assert tracks[-1].flags == ()
+
+
+def test_errors_that_are_each_just_possible_are_doubted_together():
+    state = initial_state(0.0, RunwayLine(np.zeros(3), 0.0, np.eye(3)), None, KNOWN)
+    sigmas = np.sqrt(np.diag(state.covariance))
+
+    def doubts(sizes):
+        now = state
+        for index, size in sizes.items():  # measured well: 0.1 sigma
+            design = np.eye(1, SIZE, index)
+            now = update(now, np.array([size * sigmas[index]]), design, np.array([[0.01 * sigmas[index] ** 2]]))
+        return find_doubts(now, 5.0, 0.0, KNOWN)
+
+    assert doubts({DRIFT: 0.0, DECK: 3.2}) == ()
+    assert doubts({DRIFT: 0.0, DECK: 3.2, FOCAL: 3.2}) == (UNLIKELY,)
+    assert doubts({}) == (YOUNG,), "the drift is not known"
+    assert find_doubts(replace(state, covariance=0.01 * state.covariance), 0.0, 0.0, KNOWN) == (YOUNG,)
 
 
 def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two():

@@ -30,7 +30,7 @@ NOT_LOCALIZED = Notice(Reason.NOT_LOCALIZED, "no line was localized")
 NO_SCALE = Notice(
     Reason.NO_SCALE, "only the stated deck height tells the scale: state the runway's width or use a depth camera"
 )
-YOUNG = Notice(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
+ONE_FRAME = Notice(Reason.YOUNG_TRACK, "no track: one frame alone shows no contradictions")
 LINE_REASONS = {Reason.LEFT, Reason.RIGHT}
 NOT_FRESH = {Reason.FROZEN, Reason.STALE}
 NO_HEADING = Notice(Reason.NO_HEADING, "no heading: the nose points straight up or down")
@@ -63,8 +63,8 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
         scale_from += track.scale_from
     doubts: Notices = () if scale_from else (NO_SCALE,)
-    if track is not None and (track.is_young or not track.lines):  # one frame alone shows no contradiction
-        doubts += (YOUNG,)
+    if track is not None:
+        doubts += track.doubts if track.lines else (ONE_FRAME,)
     base = Guidance(
         frame.time_s,
         judge(estimate, track, flags, doubts),

@@ -10,7 +10,7 @@ from scipy.stats import norm
 from deckline.config import RunConfig
 from deckline.track.extent import Extent, advance_extent
 from deckline.track.filter import State, predict, track_lines, track_rates
-from deckline.track.integrity import is_drift_known, protection_levels
+from deckline.track.integrity import find_doubts, protection_levels
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
 from deckline.types import RunwayLine, Scale, Track, TrackState
 
@@ -35,10 +35,11 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
     Args:
         pose: of the camera at that time; None: not known.
     """
-    extent, state, touchdown = memory.extent, memory.state, None
+    extent, state, near_m, touchdown = memory.extent, memory.state, 0.0, None
     if extent is not None:
         extent = advance_extent(extent, state, state.time_s - memory.seen_s)
-        touchdown = float(state.local(extent.near_m)[0]) + config.approach.touchdown_m
+        near_m = float(state.local(extent.near_m)[0])
+        touchdown = near_m + config.approach.touchdown_m
     ramp = extent if extent is not None and extent.is_ramp else None
     at_m = touchdown or 0.0
     lateral, height, closing = track_rates(
@@ -55,7 +56,7 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         height_rate_m_s=height,
         closing_m_s=closing,
         age_s=state.time_s - memory.start_s,
-        is_young=state.time_s - memory.start_s < config.integrity.persist_s or not is_drift_known(state),
+        doubts=find_doubts(state, state.time_s - memory.start_s, near_m, config),
         scale_from=() if config.deck.width_m is None else (Scale.WIDTH,),
     )
 

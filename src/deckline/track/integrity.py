@@ -1,4 +1,4 @@
-"""Fault tests of the filter and of the pictures, and protection levels against what these tests miss.
+"""Fault tests of the filter, and protection levels against what these tests miss.
 
 The filter estimates the errors that all frames share from how lines change on the approach: with a wrong deck height,
 for example, lines drift apart as the aircraft descends. An estimate farther from zero than its variance allows is a
@@ -12,22 +12,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
-from deckline.geometry import intersect_plane
+from deckline.geometry import wrap_angle
 from deckline.track.extent import Extent
 from deckline.track.filter import (
     ANGLE,
     ATTITUDE_X,
     ATTITUDE_Y,
+    AZIMUTH,
     DECK,
     DELAY,
     DRIFT,
     FOCAL,
     KNOWN_DRIFT_SIGMA_M_S,
     LEFT,
+    OFFSET,
     RAMP_SIGMA_M,
     RIGHT,
     SCALE,
@@ -38,11 +39,12 @@ from deckline.track.filter import (
     drift_sigma,
     error_sigmas,
     line_rows,
+    predict,
     width_sigma_m,
 )
 from deckline.track.measurement import NAMES, GatedMeasurement
 from deckline.track.motion import Pose
-from deckline.types import Frame, Notice, Notices, Protection, Reason, RunwayEstimate, RunwayLine
+from deckline.types import Notice, Notices, Protection, Reason, RunwayLine
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
@@ -50,12 +52,6 @@ MIN_RESIDUALS = 10
 WHAT = dict(NAMES.values())  # may be left out, in words
 LEARNED_SIGMA_M = 1.0  # of a spacing, below which it counts as learned
 MIN_SPACING_M = 1.0  # below this left and right are swapped
-SAMPLE_PX = 37  # every so many rows and columns of the picture are compared
-MIN_TURN_RAD, MIN_MOVE_M = 1e-3, 0.1  # of the camera, which every picture shows
-MIN_EXPECTED_MOTION_PX = 0.5  # of the lines in the image, before their rest means anything
-MAX_REST_SHARE = 0.02  # of the expected motion, below which the lines rest
-MIN_RESTING_FRAMES = 3  # in a row
-MAX_SAME_S = 0.3  # that a camera may show the same picture; films repeat single ones
 MESSAGES = {
     ATTITUDE_X: (Reason.BORESIGHT, "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
     ATTITUDE_Y: (Reason.BORESIGHT, "degrees", "the camera seems pitched by {:+.2f} degrees against its mounting"),
@@ -69,6 +65,10 @@ MESSAGES = {
     ANGLE: (Reason.ANGLE, "degrees", "the angle between the lines is {:+.1f} degrees off what was stated"),
     DRIFT: (Reason.DRIFT, "m", "the lines drift sideways at {:+.1f} m/s, which neither ship nor heading explain"),
 }
+YOUNG = Notice(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
+UNLIKELY = Notice(
+    Reason.UNLIKELY_ERRORS, "the errors of sensors and paint that would explain the lines are unlikely together"
+)
 SCALES = {"degrees": float(np.rad2deg(1.0)), "percent": 100.0, "m": 1.0, "s": 1.0}
 
 
@@ -132,6 +132,24 @@ def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
         return None
     reason, unit, message = MESSAGES[worst.index]
     return Notice(reason, message.format(SCALES[unit] * worst.bias))
+
+
+def find_doubts(state: State, age_s: float, near_m: float, config: RunConfig) -> Notices:
+    """What keeps a track from being trusted that no test flags.
+
+    Several errors that are each just possible are unlikely together: the overall model test, which sums the squares of
+    all prior tests (Teunissen 2018, as in `docs/assumptions.md`).
+
+    Args:
+        state: of the track.
+        age_s: of the track.
+        near_m: as in `prior_tests`.
+        config: limits.
+    """
+    young = age_s < config.integrity.persist_s or not is_drift_known(state)
+    squares = [(test.bias / test.sigma) ** 2 for test in prior_tests(state, near_m, config)]
+    unlikely = bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk
+    return tuple(doubt for doubt, holds in ((YOUNG, young), (UNLIKELY, unlikely)) if holds)
 
 
 def protection_levels(
@@ -201,7 +219,7 @@ class FaultMonitor:
     squares: float = 0.0  # exponentially fading sum of squared normalised residuals
     degrees: float = 0.0  # and of their degrees of freedom
     since_s: dict[Reason, float] = field(default_factory=dict)  # since when a measurement is left out
-    learned: State | None = None  # with the spacing that was learned before the track began again
+    learned: State | None = None  # of the track before this one began
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
         """After one more frame; a frame without a line says nothing of those that are left out."""
@@ -232,20 +250,33 @@ class FaultMonitor:
         """Without what is left out: the track that it contradicted is given up."""
         return replace(self, since_s={})
 
-    def restart(self, before: State | None) -> "FaultMonitor":
-        """For a new track: what was learned of the old one is kept."""
-        learned = before is not None and np.sqrt(before.covariance[SPACING, SPACING]) < LEARNED_SIGMA_M
-        return FaultMonitor(since_s=self.since_s, learned=before if learned and self.learned is None else self.learned)
+    def restart(self, before: State | None, config: RunConfig) -> "FaultMonitor":
+        """For a new track: what was learned of the old one is kept, unless that contradicts what is kept already."""
+        learned = self.learned
+        if before is not None and np.sqrt(before.covariance[SPACING, SPACING]) < LEARNED_SIGMA_M:
+            is_other = learned is not None and _change_flag(learned, before, None, config) is not None
+            learned = learned if is_other else before
+        return FaultMonitor(since_s=self.since_s, learned=learned)
 
     def active_flags(
         self,
         gated: GatedMeasurement | None,
         state: State | None,
         extent: Extent | None,
+        aircraft_m: Array | None,
         time_s: float,
         config: RunConfig,
     ) -> Notices:
-        """All flags of one frame. What was left out when it was last seen stays flagged while nothing is seen."""
+        """All flags of one frame. What was left out when it was last seen stays flagged while nothing is seen.
+
+        Args:
+            gated: None: nothing was measured.
+            state: None: the track is lost.
+            extent: of the runway; None: not known.
+            aircraft_m: (3,) world; None: not known.
+            time_s: of the frame.
+            config: limits.
+        """
         messages = {} if gated is None else {notice.reason: notice.message for notice in gated.excluded}
         flags: list[Notice | None] = []
         for reason, since in self.since_s.items():
@@ -255,7 +286,7 @@ class FaultMonitor:
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
             flags += [bias_flag(state, near_m, config), drift_flag(state, config), self._residual_flag(config)]
-            flags += [] if self.learned is None else [_spacing_flag(self.learned, state, config)]
+            flags += [] if self.learned is None else [_change_flag(self.learned, state, aircraft_m, config)]
         return tuple(flag for flag in flags if flag is not None)
 
     def _residual_flag(self, config: RunConfig) -> Notice | None:
@@ -278,71 +309,31 @@ def check_order(lines: dict[str, RunwayLine]) -> Notice | None:
     return Notice(Reason.SWAPPED, f"the right line lies {-spacing:.1f} m left of the left line")
 
 
-def _spacing_flag(learned: State, state: State, config: RunConfig) -> Notice | None:
-    """A flag for lines whose spacing differs from that before the track began again."""
-    x = float(learned.local(state.point_m)[0])
-    before = float(learned.mean[SPACING] + learned.mean[ANGLE] * x)
-    jacobian = np.zeros(len(learned.mean))
-    jacobian[[SPACING, ANGLE]] = 1.0, x
-    variance = float(jacobian @ learned.covariance @ jacobian + state.covariance[SPACING, SPACING])
-    innovation = float(state.mean[SPACING]) - before
-    if abs(innovation) < config.integrity.alarm_sigma * np.sqrt(variance):
-        return None
-    message = f"the lines are {state.mean[SPACING]:.1f} m apart and were {before:.1f} m apart before"
-    return Notice(Reason.SPACING, message)
+def _change_flag(learned: State, state: State, aircraft_m: Array | None, config: RunConfig) -> Notice | None:
+    """A flag for lines that are not where those of the track before should be by now, or not as far apart.
 
-
-@dataclass(frozen=True, eq=False)
-class FrozenImageMonitor:
-    """Memory of the last picture, to notice one that is shown again while the aircraft moves.
-
-    Equal pixels decide where a picture has any contrast: at once where the pose moved, after `MAX_SAME_S` where the
-    pose stands still as well. Lines that rest in the image although the pose says they must
-    move are the other sign.
+    Args:
+        learned: of the track before.
+        state: of the new track.
+        aircraft_m: (3,) world, about which a drifting heading turned the lines; None: about the old track's point.
+        config: limits.
     """
-
-    sample: NDArray[np.uint8] | None = None
-    pose: RigidTransform | None = None  # world_from_camera of the last frame
-    estimate: RunwayEstimate | None = None
-    resting: int = 0  # frames in a row in which lines rested though they should have moved
-    new_s: float | None = None  # time of the last picture that differed from the one before
-    is_frozen: bool = False
-
-    def update(self, frame: Frame, estimate: RunwayEstimate) -> "FrozenImageMonitor":
-        """After one more frame."""
-        sample = frame.image_rgb[::SAMPLE_PX, ::SAMPLE_PX].copy()
-        pose = frame.world_from_camera
-        if self.sample is None or self.sample.shape != sample.shape:
-            return FrozenImageMonitor(sample, pose, estimate, new_s=frame.time_s)
-        same = bool(np.ptp(sample)) and bool(np.array_equal(self.sample, sample))
-        new_s = self.new_s if same and self.new_s is not None else frame.time_s
-        stalled = same and (self._has_moved(pose) or frame.time_s - new_s > MAX_SAME_S)
-        resting = self.resting + 1 if self._lines_rest(frame, estimate) else 0
-        return FrozenImageMonitor(sample, pose, estimate, resting, new_s, stalled or resting >= MIN_RESTING_FRAMES)
-
-    def _has_moved(self, pose: RigidTransform | None) -> bool:
-        """Whether the camera turned or moved by what every picture shows."""
-        if self.pose is None or pose is None:
-            return False
-        turn = (self.pose.rotation.inv() * pose.rotation).magnitude()
-        return bool(turn > MIN_TURN_RAD or np.linalg.norm(pose.translation - self.pose.translation) > MIN_MOVE_M)
-
-    def _lines_rest(self, frame: Frame, estimate: RunwayEstimate) -> bool:
-        """Whether all lines lie where they lay although they should have moved."""
-        before, pose = self.pose, frame.world_from_camera
-        if before is None or pose is None or self.estimate is None:
-            return False
-        sides = set(self.estimate.pixel_lines) & set(estimate.pixel_lines) & set(self.estimate.lines)
-        expected_px, actual_px = 0.0, 0.0
-        for side in sides:
-            line = self.estimate.pixel_lines[side]
-            rays = before.rotation.apply(frame.camera.rays(line.ends_px))
-            on_deck = intersect_plane(before.translation, rays, self.estimate.lines[side].height_m)
-            optical = pose.inv().apply(np.where(np.isfinite(on_deck), on_deck, pose.translation))
-            a, b, c = line.coefficients
-            expected = frame.camera.project(optical) @ [a, b] + c
-            a, b, c = estimate.pixel_lines[side].coefficients
-            if np.isfinite(expected).any():
-                expected_px = max(expected_px, float(np.nanmax(np.abs(expected))))
-            actual_px = max(actual_px, float(np.max(np.abs(line.ends_px @ [a, b] + c))))
-        return expected_px > MIN_EXPECTED_MOTION_PX and actual_px < MAX_REST_SHARE * expected_px
+    before = predict(learned, state.time_s, aircraft_m, config)
+    x, y, _ = before.local(state.point_m)
+    design = np.zeros((3, SIZE))
+    design[0, [OFFSET, AZIMUTH]] = 1.0, x
+    design[1, AZIMUTH] = 1.0
+    design[2, [SPACING, ANGLE]] = 1.0, x
+    turn = wrap_angle(state.azimuth_rad - before.azimuth_rad)
+    spacing = before.mean[SPACING] + before.mean[ANGLE] * x
+    changes = np.array([y, turn, state.mean[SPACING] - spacing])
+    own = state.covariance[[OFFSET, AZIMUTH, SPACING], [OFFSET, AZIMUTH, SPACING]]
+    sigmas = np.sqrt(np.einsum("ij,jk,ik->i", design, before.covariance, design) + own)
+    worst = int(np.argmax(np.abs(changes) / sigmas))
+    if abs(changes[worst]) <= config.integrity.alarm_sigma * sigmas[worst]:
+        return None
+    if worst == 2:
+        message = f"the lines are {state.mean[SPACING]:.1f} m apart and were {spacing:.1f} m apart before"
+        return Notice(Reason.SPACING, message)
+    off = f"{y:+.1f} m beside" if worst == 0 else f"{np.rad2deg(turn):+.1f} degrees from"
+    return Notice(Reason.OTHER_LINES, f"the lines lie {off} where the track before had them")

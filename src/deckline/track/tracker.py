@@ -20,7 +20,8 @@ from deckline.track.filter import (
     update,
 )
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
-from deckline.track.integrity import FaultMonitor, FrozenImageMonitor, check_order
+from deckline.track.frozen import FrozenImageMonitor
+from deckline.track.integrity import FaultMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
 from deckline.types import (
@@ -139,16 +140,21 @@ class Tracker:
             return None, None
         young = frame.time_s - step_s == memory.start_s  # one frame is no track: unrelated frames lose nothing
         if step_s < 0:
-            self._faults = FaultMonitor()
+            self._forget()
             return None, None if young else _restart("the time went back")
         if step_s > self.config.tracking.coast_s + ROUNDING_S:
             return None, None if young else _restart(f"no frame for {step_s:.1f} s")
         aircraft, jump_m = advance_aircraft(memory.aircraft, frame, self.config.sensors.position_white_m)
         if jump_m:
+            self._forget()
             return None, None if young else _restart(f"the pose jumped by {jump_m:.0f} m")
         camera = frame.world_from_camera
         state = predict(memory.state, frame.time_s, None if camera is None else camera.translation, self.config)
         return replace(memory, state=state, aircraft=aircraft or memory.aircraft), None
+
+    def _forget(self) -> None:
+        """Another flight, or another place: what was learned says nothing of it."""
+        self._memory, self._faults = None, FaultMonitor()
 
     def _start_track(self, context: FrameContext, aircraft: Aircraft | None = None) -> Track:
         """A new track where both lines are seen: one alone may be any line of the deck.
@@ -157,7 +163,7 @@ class Tracker:
             aircraft: whose motion is known from before; None: its pose is all that is known.
         """
         before, self._memory = self._memory, None
-        self._faults = self._faults.restart(None if before is None else before.state)
+        self._faults = self._faults.restart(None if before is None else before.state, self.config)
         frame, lines = context.frame, context.lines
         aircraft = aircraft or start_aircraft(frame, self.config.sensors.position_white_m)
         if len(lines) < len(SIDES) or aircraft is None:
@@ -189,11 +195,14 @@ class Tracker:
         if unseen_s > config.tracking.coast_s + ROUNDING_S or inconsistent_s > config.tracking.reacquire_s + ROUNDING_S:
             self._memory = None
             if np.isfinite(memory.seen_s):
-                self._faults = self._faults.restart(memory.state)
-            flags = context.flags + self._faults.active_flags(gated, None, None, time_s, config)
+                self._faults = self._faults.restart(memory.state, config)
+            flags = context.flags + self._faults.active_flags(gated, None, None, None, time_s, config)
             return _lost_track(context, gated, flags)
         self._memory = memory
-        flags = context.flags + self._faults.active_flags(gated, memory.state, memory.extent, time_s, config)
+        aircraft_m = None if pose is None else pose.position_m
+        flags = context.flags + self._faults.active_flags(
+            gated, memory.state, memory.extent, aircraft_m, time_s, config
+        )
         return self._track(memory, context, pose, gated, flags)
 
     def _update_memory(self, memory: TrackMemory, gated: GatedMeasurement | None, context: FrameContext) -> TrackMemory:
