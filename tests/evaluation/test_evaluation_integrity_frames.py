@@ -96,11 +96,14 @@ def test_an_erased_line_is_gone_and_what_stands_on_the_deck_hides_it():
     bare = erase(painted, RIGHT, 2.0, -2.5)
     lit, left_over = (np.count_nonzero(at.image_rgb > 100) for at in (painted, bare))
     assert left_over < 0.1 * lit  # far off, where a pixel is wider than the deck beside the line
-    hidden = stand(painted, RIGHT, 0.5, (12.0, 6.0, 4.0), 20.0)
+    hidden = stand(painted, RIGHT, [(0.5, 0.0)], (12.0, 6.0, 4.0), 20.0)
     v, u = np.argwhere(hidden.image_rgb[..., 0] == 20).mean(axis=0)
     middle = plain.world_from_camera.inv().apply([(RIGHT.p0_m + RIGHT.p1_m) / 2 - [0.0, 0.0, 2.0]])
     np.testing.assert_allclose([u, v], plain.camera.project(middle)[0], atol=3.0)
-    assert stand(painted, RIGHT, -2.0, (12.0, 6.0, 4.0), 20.0) is painted  # behind the camera
+    behind_the_camera = stand(painted, RIGHT, [(-2.0, 0.0)], (12.0, 6.0, 4.0), 20.0)
+    np.testing.assert_array_equal(behind_the_camera.image_rgb, painted.image_rgb)
+    two = stand(painted, RIGHT, [(0.5, 0.0), (0.5, -5.0)], (12.0, 4.0, 4.0), 20.0)
+    assert np.argwhere(two.image_rgb[..., 0] == 20)[:, 1].mean() < u  # the second one stands to the left of the first
 
 
 def test_faults_of_the_paint_change_what_they_name():
@@ -110,8 +113,17 @@ def test_faults_of_the_paint_change_what_they_name():
 
     for name in ("extra line", "crossing line", "second runway", "glare"):
         assert np.greater(*reversed(lit(name))), name
-    for name in ("edge lost", "edges under rubber", "aircraft on an edge"):
+    for name in ("edge lost", "edges under rubber", "aircraft on an edge", "people on the edges"):
         assert np.less(*reversed(lit(name))), name
+
+
+def test_rain_falls_anew_in_every_frame_and_its_drops_on_the_lens_stay():
+    picture = np.full_like(flight()[0].image_rgb, 30)
+    picture[: len(picture) // 2] = 220  # of the sky, whose light streaks throw into the camera
+    rainy, _ = injected("rain", [replace(at, image_rgb=picture) for at in flight()])
+    changed = [np.abs(at.image_rgb.astype(int) - picture).max(axis=2) > 2 for at in rainy]
+    always, ever = np.logical_and.reduce(changed), np.logical_or.reduce(changed)
+    assert 0 < always.sum() < 0.8 * ever.sum() and ever.mean() < 0.5
 
 
 def test_a_flight_is_told_the_width_and_has_depth_only_with_that_aid(monkeypatch):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -10,6 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.evaluation.integrity_faults import CATAPULT_M, CATAPULT_RAD, DELAY_S, offset_line, pose_at
 from deckline.evaluation.integrity_paint import erase, paint, stand
+from deckline.extras import needs_extra
 from deckline.truth import true_segments
 from deckline.types import SIDES, Frame, Segment
 
@@ -24,6 +26,10 @@ MOVED_M = 9.0  # of a line that is painted in place of an edge line, either way
 NARROW_M = 6.0  # between the middle and either line, where both are painted anew
 SECOND_M, SECOND_RAD = (5.0, 12.0), (0.03, 0.12)  # of a second runway beside the first, either way, and turned
 AIRCRAFT_M = (14.0, 10.0, 4.0)  # length, width and height of one that stands on an edge line
+PEOPLE, PEOPLE_ASIDE_M = 25, 0.6  # on each edge line, so far off its middle at most
+PERSON_M, PERSON_LEVEL = (0.5, 0.6, 1.8), 50.0  # length, width and height
+RAIN_MM_H, LENS_DROPS = (10.0, 60.0), (15, 80)  # heavy to torrential; drops that sit on the lens
+GAMMA = 2.2  # of the image's levels over light
 AIRCRAFT_AT = (0.1, 0.6)  # where on the line it stands, of its length
 RUBBER_AT, RUBBER_LEVEL = (0.15, 0.5), 45.0  # part of both edge lines that tyres have blackened
 GLARE_PART = (0.01, 0.06)  # of the image's width: 1-sigma of the sun's image on the water and the lens
@@ -120,6 +126,32 @@ def _darken(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
         yield replace(frame, image_rgb=np.clip(light, 0, 255).astype(np.uint8))
 
 
+def _rain(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
+    """Streaks of falling rain and drops on the lens, as the simulator exposes them; the air stays as it is."""
+    with needs_extra("sim"):
+        from deckline.sim.camera.exposure import Film, draw_exposure
+        from deckline.sim.config import FilmConfig
+        from deckline.sim.scene.gl import open_context
+        from deckline.sim.scene.view import View
+    config = FilmConfig(rain_mm_h=float(rng.uniform(*RAIN_MM_H)), lens_drops=int(rng.integers(*LENS_DROPS)))
+    seed = int(rng.integers(2**31))
+    with open_context() as context:
+        film = Film(context)
+        for number, (before, frame) in enumerate(pairwise((frames[0], *frames))):
+            pose = frame.true_world_from_camera
+            if pose is None or before.true_world_from_camera is None:
+                yield frame
+                continue
+            moved_m = pose.translation - before.true_world_from_camera.translation
+            velocity = moved_m / max(frame.time_s - before.time_s, 1e-3)
+            recording, drops = np.random.default_rng(seed), np.random.default_rng([seed, number])
+            exposure = draw_exposure(config, frame.camera, pose, velocity, np.zeros(3), recording, drops, wide=False)
+            light = np.asarray((frame.image_rgb / 255) ** GAMMA, dtype=np.float32)
+            wet = film.expose(View(light, np.ones(light.shape[:2], np.float32)), frame.camera, exposure).radiance
+            levels = 255 * np.clip(wet, 0, 1) ** (1 / GAMMA)
+            yield replace(frame, image_rgb=np.rint(levels).astype(np.uint8))
+
+
 def _on_deck(begin: Callable[[np.random.Generator], Callable[[Frame, Edges], Frame]]) -> Change:
     """A change of what is seen on the deck: `begin` draws how bad it is."""
 
@@ -197,7 +229,19 @@ def _blacken(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
 
 def _park(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
     side, at, level = SIDES[rng.integers(2)], float(rng.uniform(*AIRCRAFT_AT)), float(rng.uniform(60, 160))
-    return lambda frame, edges: stand(frame, edges[side], at, AIRCRAFT_M, level)
+    return lambda frame, edges: stand(frame, edges[side], [(at, 0.0)], AIRCRAFT_M, level)
+
+
+def _gather(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
+    """People in dark clothes who stand on both edge lines."""
+    places = {side: rng.uniform([0.0, -PEOPLE_ASIDE_M], [1.0, PEOPLE_ASIDE_M], (PEOPLE, 2)) for side in SIDES}
+
+    def repaint(frame: Frame, edges: Edges) -> Frame:
+        for side in SIDES:
+            frame = stand(frame, edges[side], places[side], PERSON_M, PERSON_LEVEL)
+        return frame
+
+    return repaint
 
 
 def _dazzle(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
@@ -242,5 +286,7 @@ FRAME_FAULTS = {
         FrameFault("edges at 6 m", False, _on_deck(_narrow)),
         FrameFault("edges under rubber", False, _on_deck(_blacken)),
         FrameFault("aircraft on an edge", False, _on_deck(_park)),
+        FrameFault("people on the edges", False, _on_deck(_gather)),
+        FrameFault("rain", False, _rain),
     )
 }

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from deckline.evaluation.integrity_faults import to_right
 from deckline.haze import beta_from_visibility, transmission
@@ -41,28 +41,29 @@ def erase(frame: Frame, line: Segment, width_m: float, right_m: float) -> Frame:
     return _cover(frame, line, width_m, beside)
 
 
-def stand(frame: Frame, line: Segment, at: float, size_m: tuple[float, float, float], level: float) -> Frame:
-    """The frame with a box on a line of its deck; errors as in `paint`.
+def stand(frame: Frame, line: Segment, places: ArrayLike, size_m: tuple[float, float, float], level: float) -> Frame:
+    """The frame with boxes on a line of its deck, lengthwise; errors as in `paint`.
 
     Args:
         frame: of which pose and air are known.
-        line: that it stands on, lengthwise.
-        at: its middle, as a part of the line.
+        line: that they stand on.
+        places: (N, 2) of their middles: along the line, as a part of it, and m to the right of it.
         size_m: length, width and height.
         level: grey level from 0 to 255.
     """
     length, width, height = size_m
-    along = line.p1_m - line.p0_m
-    middle = line.p0_m + at * along
-    ahead, right = length / 2 * along / np.linalg.norm(along), width / 2 * to_right(line)
-    floor = middle + np.array([i * ahead + j * right for i in (-1, 1) for j in (-1, 1)])
-    corners = _to_camera(frame, np.vstack([floor, floor - [0.0, 0.0, height]]))
-    if corners[:, 2].min() < NEAR_M:
-        return frame
-    outline = cv2.convexHull(np.clip(frame.camera.project(corners), -8000, 8000).astype(np.float32))
+    along, right = line.p1_m - line.p0_m, to_right(line)
+    ahead, aside = length / 2 * along / np.linalg.norm(along), width / 2 * right
+    corners = np.array([i * ahead + j * aside - [0.0, 0.0, up] for i in (-1, 1) for j in (-1, 1) for up in (0, height)])
     colour, cover = _canvas(frame)
-    colour[:] = see_through_haze(frame, middle, level)
-    cv2.fillConvexPoly(cover, np.rint(FINE * (outline + 0.5)).astype(np.int32), 255)
+    for at, right_m in np.asarray(places):
+        middle = line.p0_m + at * along + right_m * right
+        seen = _to_camera(frame, middle + corners)
+        if seen[:, 2].min() < NEAR_M:
+            continue
+        outline = cv2.convexHull(np.clip(frame.camera.project(seen), -8000, 8000).astype(np.float32))
+        cv2.fillConvexPoly(colour, np.rint(outline).astype(np.int32), see_through_haze(frame, middle, level).tolist())
+        cv2.fillConvexPoly(cover, np.rint(FINE * (outline + 0.5)).astype(np.int32), 255)
     return _blend(frame, colour, cover)
 
 
