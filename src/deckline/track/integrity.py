@@ -138,7 +138,7 @@ def find_doubts(state: State, age_s: float, near_m: float, config: RunConfig) ->
     """What keeps a track from being trusted that no test flags.
 
     Several errors that are each just possible are unlikely together: the overall model test, which sums the squares of
-    all prior tests (Teunissen 2018, as in `docs/assumptions.md`).
+    all prior tests. Source: Teunissen, "Distributional theory for the DIA method", 2018.
 
     Args:
         state: of the track.
