@@ -8,6 +8,8 @@ from point_flight import Flight, approach, true_lines, true_pose
 from test_track_tracker import CALM, NOTHING, deviations
 
 from deckline.track import Tracker
+from deckline.track.forecast import describe_track
+from deckline.track.motion import Pose
 
 
 def forecasts(flight, ahead_s):
@@ -54,6 +56,24 @@ def test_uncertainty_grows_and_ends_with_the_track():
     assert ahead_m == pytest.approx(0.5 * 65.0, rel=0.05)  # it flies at 65 m/s
     assert forecast.at(frame.time_s + 2.1) is None
     assert forecast.at(frame.time_s - 0.1) is None
+
+
+@pytest.mark.parametrize(("range_m", "times"), [(300.0, 1.0), (675.0, 1.15), (2000.0, 1.3)])
+def test_far_away_place_and_direction_are_less_sure_and_the_height_is_not(range_m, times, monkeypatch):
+    tracker = Tracker(CALM)
+    for frame, estimate, _ in approach(Flight(), end_m=770.0):
+        tracker.update(frame, estimate)
+    memory = tracker.forecast().memory
+    near_m = memory.extent.near_m - range_m * memory.state.along
+    pose = Pose(near_m - [0.0, 0.0, 40.0], np.zeros(3), np.zeros(3))
+    far = describe_track(memory, pose, CALM)
+    monkeypatch.setattr("deckline.track.forecast.FAR_TIMES", 1.0)
+    plain = describe_track(memory, pose, CALM)
+    for name in ("covariance", "relative_covariance"):
+        found, usual = (np.sqrt(np.diag(getattr(track.lines["left"], name))) for track in (far, plain))
+        np.testing.assert_allclose(found / usual, [times, times, 1.0], rtol=1e-3)
+    assert far.protection.vertical_m == plain.protection.vertical_m
+    assert (far.protection.lateral_m > plain.protection.lateral_m) == (times > 1)
 
 
 def test_no_forecast_without_a_track_or_a_pose():

@@ -178,10 +178,10 @@ def test_the_protection_level_is_that_of_chance_plus_the_worst_fault_that_nobody
     covariance[DECK, DECK] = state.covariance[DECK, DECK]
     state = replace(state, covariance=covariance)
     pose = Pose(np.array([-100.0, 0.0, -10.0]), np.zeros(3), np.zeros(3))
-    level = protection_levels(state, pose, None, None, KNOWN)
+    level = protection_levels(state, pose, None, None, 1.0, KNOWN)
     sigma, prior = np.hypot(0.3, KNOWN.sensors.position_white_m), state.covariance[DECK, DECK]
     assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / prior * KNOWN.integrity.max_deck_z_m, rel=1e-3)
-    rarer = protection_levels(state, pose, None, None, replace(KNOWN, integrity=Integrity(risk=1e-3)))
+    rarer = protection_levels(state, pose, None, None, 1.0, replace(KNOWN, integrity=Integrity(risk=1e-3)))
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
 
 

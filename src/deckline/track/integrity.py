@@ -153,7 +153,7 @@ def find_doubts(state: State, age_s: float, near_m: float, config: RunConfig) ->
 
 
 def protection_levels(
-    state: State, pose: Pose, touchdown_m: float | None, ramp: Extent | None, config: RunConfig
+    state: State, pose: Pose, touchdown_m: float | None, ramp: Extent | None, far: float, config: RunConfig
 ) -> Protection:
     """Bounds on errors of the lateral deviation beside the aircraft, of the deck's height at touchdown, of the heading
     and of the distance to the ramp.
@@ -164,29 +164,32 @@ def protection_levels(
     Args:
         touchdown_m: touchdown point, m along the line from the state's point; None: not known, the point itself.
         ramp: None: not known.
+        far: times by which 1-sigmas of place and direction are too small from so far away.
+        config: limits.
     """
     x = float(state.local(pose.position_m)[0])
     delay, sensors = delay_effect(state, pose, 0.0), config.sensors
     near_m = 0.0 if touchdown_m is None else touchdown_m - config.approach.touchdown_m
     faults, quantile = _undetected_faults(state, near_m, config), float(norm.isf(config.integrity.risk / 2))
 
-    def bound(row: Array, white: float) -> tuple[float, float]:
+    def bound(row: Array, white: float, times: float) -> tuple[float, float]:
         """Of the filter's own error, and of one undetected fault."""
         effect = np.abs(row @ state.covariance[:, ATTITUDE_X:]) / error_sigmas(config) ** 2
-        return quantile * float(np.sqrt(row @ state.covariance @ row + white**2)), float(np.max(effect * faults))
+        sigma = float(np.sqrt(row @ state.covariance @ row + white**2))
+        return quantile * times * sigma, float(np.max(effect * faults))
 
     at_touchdown = line_rows(state, 0.0, touchdown_m or 0.0, delay)
-    chance, fault = bound(at_touchdown[1], sensors.attitude_white_rad)
+    chance, fault = bound(at_touchdown[1], sensors.attitude_white_rad, far)
     # A camera that is turned about the vertical turns the lines with it, and no state but their drift tells.
     turned = max(fault, float(np.deg2rad(config.integrity.max_boresight_deg)))
     heading_rad = chance + turned if is_drift_known(state) else None
     distance_m = None
     if ramp is not None:
-        distance_m = quantile * float(np.hypot(ramp.sigma_m, sensors.position_white_m))
+        distance_m = quantile * far * float(np.hypot(ramp.sigma_m, sensors.position_white_m))
         distance_m += float(np.max(np.abs(ramp.response[0]) * faults))
     return Protection(
-        lateral_m=sum(bound(line_rows(state, 0.0, x, delay)[0], sensors.position_white_m)),
-        vertical_m=sum(bound(at_touchdown[2], sensors.position_white_m)),
+        lateral_m=sum(bound(line_rows(state, 0.0, x, delay)[0], sensors.position_white_m, far)),
+        vertical_m=sum(bound(at_touchdown[2], sensors.position_white_m, 1.0)),
         heading_rad=heading_rad,
         distance_m=distance_m,
         risk=config.integrity.risk,
