@@ -15,8 +15,8 @@ from deckline.track.motion import Aircraft, Pose, predict_aircraft
 from deckline.types import RunwayLine, Scale, Track, TrackState
 
 # From so far before the ramp to so far, m, 1-sigmas grow by up to so many times: split conformal prediction. The 95 %
-# quantile of error over 1-sigma in 39 rendered flights (paper's ship, sea state 4, 500 to 3000 m) was 0.97 of a
-# normal's between 500 and 600 m, 1.14 to 700 m, 1.27 to 800 m; heights kept theirs. Source: Angelopoulos and Bates,
+# quantile of error over 1-sigma in 40 rendered flights (paper's ship, sea state 4, 500 to 3000 m) was 0.97 of a
+# normal's between 500 and 600 m, 1.14 to 700 m, 1.25 to 800 m; heights kept theirs. Source: Angelopoulos and Bates,
 # "Conformal prediction: a gentle introduction", 2023.
 FAR_M, FAR_TIMES = (550.0, 800.0), 1.3
 TURN_SIGMA_RAD_S = float(np.deg2rad(2.0))  # of the averaged turn rate; simulated approaches in gusts stay below
