@@ -7,7 +7,7 @@ Source: Koschmieder's law; Schlick's (1 - sin)^5 for the mirroring water.
 """
 
 from dataclasses import astuple, dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,7 @@ class SeaView:
     range_m: Float32  # (H, W) ray length to the water; infinite in the sky
     height_m: float  # of the camera above the water
 
-    @property
+    @cached_property
     def is_sea(self) -> NDArray[np.bool_]:
         """(H, W), the pixels below the horizon."""
         return np.isfinite(self.range_m)
@@ -79,16 +79,20 @@ def view_sea(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float, 
     A ray that falls by sine s from height h meets a sphere of radius R after 2 h / (s + sqrt(s^2 - 2 h / R)), and
     nowhere when the root is not real; terms of h / R beside 1 are left out.
     """
-    height = float(sea_z_m - world_from_camera.translation[2])
     x, y = _slopes_of_rows(camera, rows)
     right, below, ahead = world_from_camera.rotation.as_matrix()[2].astype(np.float32)
     down = (right * x + (below * y + ahead)) / np.sqrt(x * x + (y * y + 1))
     np.nan_to_num(down, copy=False, nan=-1.0)
-    root = down * down - np.float32(2 * max(height, 0.0) / EARTH_RADIUS_M)
-    seen = (down > 0) & (root > 0) & (height > 0)
+    return view_water(down, float(sea_z_m - world_from_camera.translation[2]))
+
+
+def view_water(down: Float32, height_m: float) -> SeaView:
+    """Water so far below a camera whose pixels look down by these sines (H, W)."""
+    root = down * down - np.float32(2 * max(height_m, 0.0) / EARTH_RADIUS_M)
+    seen = (down > 0) & (root > 0) & (height_m > 0)
     reach = down + np.sqrt(np.maximum(root, 0))
     ranges = np.full_like(down, np.inf)
-    return SeaView(down, np.divide(np.float32(2 * height), reach, out=ranges, where=seen), height)
+    return SeaView(down, np.divide(np.float32(2 * height_m), reach, out=ranges, where=seen), height_m)
 
 
 def ray_lengths(camera: Camera, rows: slice = ALL_ROWS) -> Float32:
@@ -244,16 +248,17 @@ def _band_airlight(image: Image, view: SeaView) -> Float64 | None:
 def measure_profile(image: Image, view: SeaView) -> SeaProfile:
     """Quantiles of the sea's levels in bins of range up to MAX_RANGE_M; bins with few pixels are left out."""
     near = view.range_m < MAX_RANGE_M
-    ranges, downs, levels = view.range_m[near], view.down[near], image[near]
+    ranges, levels = view.range_m[near], image[near]
     if ranges.size == 0:
         return SeaProfile(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     ratio = np.log(ranges * np.float32(1 / ranges.min()))
     which = np.minimum(ratio * np.float32(BINS / np.log(MAX_RANGE_M / ranges.min())), BINS - 1).astype(np.uint8)
     groups = np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which, minlength=BINS))[:-1])
     groups = [group[:: 1 + len(group) // MAX_BIN_PX] for group in groups if len(group) >= MIN_BIN_PX]
+    middle = np.array([np.partition(ranges[group], len(group) // 2)[len(group) // 2] for group in groups], np.float64)
     return SeaProfile(
-        np.array([np.median(ranges[group]) for group in groups], dtype=np.float64),
-        np.array([np.median(downs[group]) for group in groups], dtype=np.float64),
+        middle,
+        view.height_m / middle + middle / (2 * EARTH_RADIUS_M),  # as in `view_sea`
         np.array([_mean_between_quantiles(levels[group]) for group in groups]).reshape(-1, 3),
     )
 
@@ -289,10 +294,10 @@ def _solve_sea_colours(
     The sea's colour is linear in the law: iteratively reweighted least squares (Cauchy) with the water's prior, without
     which bright distant water and haze look alike.
     """
-    contrast = profile.levels - airlight
-    depth = beta[:, None] * profile.range_m
-    t = np.exp(-depth - np.square(np.square(bank[:, None] * depth)))
-    design = t, t * schlick(profile.down)  # (T, N) each
+    contrast = (profile.levels - airlight).astype(np.float32)
+    depth = (beta[:, None] * profile.range_m).astype(np.float32)
+    t = np.exp(-depth - np.square(np.square(bank[:, None].astype(np.float32) * depth)))
+    design = t, t * schlick(profile.down).astype(np.float32)  # (T, N) each
     products = [design[i] * design[j] for i, j in ((0, 0), (0, 1), (1, 1))]
     rows, usual = prior_equations(water, airlight)
     prior, prior_side = rows.T @ rows, rows.T @ usual
@@ -304,14 +309,21 @@ def _solve_sea_colours(
         )
         first, second = ((weights * x) @ contrast + y for x, y in zip(design, prior_side, strict=True))
         sea = np.stack([r * first - q * second, p * second - q * first], axis=1) / (p * r - q * q)[:, None]
-        squares = (
-            sum(np.square(contrast[:, k] - design[0] * sea[:, :1, k] - design[1] * sea[:, 1:, k]) for k in range(3))
-            / LEVEL_SIGMA**2
-        )
-        weights = 1 / (LEVEL_SIGMA**2 * (1 + squares / 4))
+        squares = _squared_residuals(contrast, design, sea.astype(np.float32)) / np.float32(LEVEL_SIGMA**2)
+        weights = 1 / (np.float32(LEVEL_SIGMA**2) * (1 + squares / 4))
     unusual = ((rows @ sea - usual) ** 2).sum(axis=(1, 2))
     darker = np.minimum(sea[:, 1].mean(axis=1), 0) / (DARKER_SIGMA * airlight.mean())
     return sea, 4 * np.log1p(squares / 4).sum(axis=1) + unusual + darker**2 + BANK_PENALTY * (bank > 0)
+
+
+def _squared_residuals(contrast: Float32, design: tuple[Float32, Float32], sea: Float32) -> Float32:
+    """Squares (T, N), added up over colours, of a contrast (N, 3) less the law's, for each of T sea colours."""
+    total = np.zeros_like(design[0])
+    for k in range(3):
+        residual = contrast[:, k] - design[0] * sea[:, :1, k]
+        residual -= design[1] * sea[:, 1:, k]
+        total += np.square(residual, out=residual)
+    return total
 
 
 def prior_equations(water: WaterPrior, airlight: Float64) -> tuple[Float64, Float64]:

@@ -32,7 +32,7 @@ NETWORK_SHARE = 0.4  # where both agree
 AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 4 levels
 AGREE_PX = 31  # side of the window in which they are compared, for images REFERENCE_PX wide
 REFERENCE_PX = 640
-CHANGE_PX = 480  # longer side of the image that the network changes
+CHANGE_PX = 320  # longer side of the image that the network changes
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
 # Without a fit. Chosen on 50 clear and 25 hazy views, of which the first keep 42 at 32 dB, the second lose 0.6 dB.
 DARKEST = (0.3, 0.45)  # of the brightest detail: darker ones show that there is no haze; brighter ones, that there is
