@@ -13,7 +13,8 @@ from deckline.dehaze.geometry import (
     measure_sky_noise,
     with_noise,
 )
-from deckline.dehaze.haze_fit import HazeFit, SeaView, view_sea
+from deckline.dehaze.haze_fit import HazeFit
+from deckline.dehaze.sea_view import SeaView, view_sea
 from deckline.evaluation.metrics import below_horizon, psnr_db
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility

@@ -20,12 +20,10 @@ from deckline.dehaze.haze_fit import (
     LIGHT_WATER,
     HazeFit,
     NotFitted,
-    SeaView,
     fit_haze,
-    ray_lengths,
-    view_sea,
-    view_water,
+    hidden_sea_certainty,
 )
+from deckline.dehaze.sea_view import SeaView, ray_lengths, view_sea, view_water
 from deckline.dehaze.transmission import GeometryConfig, Light, find_objects, signal_gain, transmissions
 from deckline.types import Frame
 
@@ -118,7 +116,7 @@ class GeometryDehazer:
         water = LIGHT_WATER if light == "linear" else DISPLAY_WATER
         haze = fit_haze(small.image_rgb if light == "display" else np.moveaxis(planes, 0, 2), view, water, small_noise)
         if isinstance(haze, NotFitted):
-            return haze
+            return replace(haze, hidden=hidden_sea_certainty(small.image_rgb, view))
         deck = view_water(view.down, view.height_m + deck_z_m - sea_z_m)
         objects, bound = find_objects(planes, view, deck, haze, with_noise(self.config, small_noise))
         range_m = None if small.depth_m is None else small.depth_m * ray_lengths(small.camera)

@@ -6,27 +6,20 @@ mirrors more of the sky at grazing angles. tau = beta r, or beta r + (k beta r)^
 Source: Koschmieder's law; Schlick's (1 - sin)^5 for the mirroring water.
 """
 
-from dataclasses import astuple, dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import Camera
+from deckline.dehaze.base import ramp
+from deckline.dehaze.sea_view import EARTH_RADIUS_M, SeaView
 from deckline.haze import CONTRAST_THRESHOLD
 from deckline.types import Value
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Image = NDArray[np.uint8] | Float32
-
-# Mean Earth radius times 6/5 for refraction near the horizon. Source: the sailors' dip of 1.76' sqrt(height / m).
-EARTH_RADIUS_M = 6.371e6 * 6 / 5
-CACHED_CAMERAS = 4  # whose rays are cached; 66 MB each for a 4K lens with distortion, next to nothing for a pinhole
-LENS_STEP = 1 / 80  # of the focal length between rays that are traced through a lens; with k1 = -0.1 wrong by 1e-5
-ALL_ROWS = slice(None)
 
 AIRLIGHT_BAND_RAD = 0.026  # 1.5 degrees of sky above the horizon
 MIN_BAND_PX = 100  # of that band in view
@@ -49,86 +42,12 @@ NEAR_LEVELS = 4.0  # between a bin and the law that explains it
 MIN_EXPLAINED = 0.6  # of the bins; seen on preset paper: 0.75 and more with a sea, 0.4 and less with a deck for a sea
 SIDES_FROM = 0.56  # of the way from the middle column to the outermost
 MAX_RELATIVE_SIGMA = 0.5  # of the extinction; vaguer fits are not used
+END_BINS = 3  # of a profile, the nearest and the farthest
+BRIGHTENING = (0.1, 0.2)  # of the sea over the last factor of two in range, as a share of all: in haze, in clear air
+FAR_LEVEL = (0.85, 0.95)  # of the farthest sea, as a share of the brightest detail: a deck, or haze
+BRIGHTEST = 99.5  # percentile that counts as the brightest detail
 STEPS = 8  # of reweighting
 CORRELATED_BINS = 4.0  # neighbouring bins err alike: one in so many is independent
-
-
-@dataclass(frozen=True, eq=False)
-class SeaView:
-    """The sea as a camera sees it."""
-
-    down: Float32  # (H, W) sine of the ray's angle below the horizontal
-    range_m: Float32  # (H, W) ray length to the water; infinite in the sky
-    height_m: float  # of the camera above the water
-
-    @cached_property
-    def is_sea(self) -> NDArray[np.bool_]:
-        """(H, W), the pixels below the horizon."""
-        return np.isfinite(self.range_m)
-
-
-def view_sea(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float, rows: slice = ALL_ROWS) -> SeaView:
-    """The sea seen by a camera; on a round Earth, so that the horizon lies a little below the horizontal.
-
-    Args:
-        camera: intrinsics; pixels that no ray reaches count as sky.
-        world_from_camera: pose of the optical frame, world z down.
-        sea_z_m: world z of the water.
-        rows: of the image, the only ones to compute.
-
-    A ray that falls by sine s from height h meets a sphere of radius R after 2 h / (s + sqrt(s^2 - 2 h / R)), and
-    nowhere when the root is not real; terms of h / R beside 1 are left out.
-    """
-    x, y = _slopes_of_rows(camera, rows)
-    right, below, ahead = world_from_camera.rotation.as_matrix()[2].astype(np.float32)
-    down = (right * x + (below * y + ahead)) / np.sqrt(x * x + (y * y + 1))
-    np.nan_to_num(down, copy=False, nan=-1.0)
-    return view_water(down, float(sea_z_m - world_from_camera.translation[2]))
-
-
-def view_water(down: Float32, height_m: float) -> SeaView:
-    """Water so far below a camera whose pixels look down by these sines (H, W)."""
-    root = down * down - np.float32(2 * max(height_m, 0.0) / EARTH_RADIUS_M)
-    seen = (down > 0) & (root > 0) & (height_m > 0)
-    reach = down + np.sqrt(np.maximum(root, 0))
-    ranges = np.full_like(down, np.inf)
-    return SeaView(down, np.divide(np.float32(2 * height_m), reach, out=ranges, where=seen), height_m)
-
-
-def ray_lengths(camera: Camera, rows: slice = ALL_ROWS) -> Float32:
-    """Length of the z = 1 ray of every pixel (H, W) of these rows, as `Camera.ray_lengths`."""
-    x, y = _slopes_of_rows(camera, rows)
-    return np.sqrt(x * x + (y * y + 1))
-
-
-def _slopes_of_rows(camera: Camera, rows: slice) -> tuple[Float32, Float32]:
-    x, y = _slopes(astuple(camera))
-    return (x if len(x) == 1 else x[rows]), y[rows]
-
-
-@lru_cache(maxsize=CACHED_CAMERAS)
-def _slopes(intrinsics: tuple) -> tuple[Float32, Float32]:
-    """Every pixel's ray, right and down for each step ahead: (1, W) and (H, 1) of a pinhole, else (H, W) each."""
-    camera = Camera(*intrinsics)
-    if not camera.has_distortion:
-        x = (np.arange(camera.width) - camera.cx) / camera.fx
-        y = (np.arange(camera.height) - camera.cy) / camera.fy
-        return x[None].astype(np.float32), y[:, None].astype(np.float32)
-    u, left, toward_right = _interpolation_nodes(camera.width, camera.fx)
-    v, upper, toward_lower = _interpolation_nodes(camera.height, camera.fy)
-    rays = camera.rays(np.stack([grid.ravel() for grid in np.meshgrid(u, v)], axis=1)).astype(np.float32)
-    slopes = rays[:, :2].reshape(len(v), len(u), 2)
-    rows = slopes[upper] + toward_lower[:, None, None] * (slopes[upper + 1] - slopes[upper])
-    x, y = np.moveaxis(rows[:, left] + toward_right[None, :, None] * (rows[:, left + 1] - rows[:, left]), 2, 0)
-    return np.ascontiguousarray(x), np.ascontiguousarray(y)
-
-
-def _interpolation_nodes(count: int, focal_px: float) -> tuple[Float64, NDArray[np.intp], Float32]:
-    """Evenly spread pixels (N,) whose rays are traced; the one before each of `count` pixels, and how far past it."""
-    nodes = np.linspace(0, count - 1, 1 + max(1, int(np.ceil((count - 1) / max(1.0, focal_px * LENS_STEP)))))
-    place = np.arange(count) * ((len(nodes) - 1) / max(1, count - 1))
-    before = np.minimum(place.astype(np.intp), len(nodes) - 2)
-    return nodes, before, (place - before).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -187,6 +106,7 @@ class NotFitted:
     """Why an image does not tell its haze."""
 
     reason: str
+    hidden: float = 0.0  # how surely haze hides the farthest sea all the same, 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +181,22 @@ def measure_profile(image: Image, view: SeaView) -> SeaProfile:
         view.height_m / middle + middle / (2 * EARTH_RADIUS_M),  # as in `view_sea`
         np.array([_mean_between_quantiles(levels[group]) for group in groups]).reshape(-1, 3),
     )
+
+
+def hidden_sea_certainty(image: Image, view: SeaView) -> float:
+    """How surely haze hides the farthest sea of an image (H, W, 3), 0 to 1, the horizon in view or not.
+
+    Such a sea brightens no more with range, and nothing in the image is much brighter. A clear sea brightens up to the
+    horizon, as it mirrors more and more of the sky.
+    """
+    profile = measure_profile(image, view)
+    if len(profile.range_m) < MIN_BINS:
+        return 0.0
+    levels, ranges = profile.levels.mean(axis=1), np.log(profile.range_m)
+    near, far = levels[:END_BINS].mean(), levels[-END_BINS:].mean()
+    brightening = (far - np.interp(ranges[-1] - np.log(2), ranges, levels)) / max(far - near, MIN_CONTRAST)
+    brightest = np.percentile(image.mean(axis=2), BRIGHTEST)
+    return (1 - ramp(brightening, *BRIGHTENING)) * ramp(far / max(brightest, 1), *FAR_LEVEL)
 
 
 def _mean_between_quantiles(levels: NDArray) -> Float64:

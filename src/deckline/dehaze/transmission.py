@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_choice, check_numbers
-from deckline.dehaze.haze_fit import HazeFit, SeaView
+from deckline.dehaze.haze_fit import HazeFit
+from deckline.dehaze.sea_view import SeaView
 from deckline.haze import transmission
 
 Image = NDArray[np.float32]
