@@ -29,7 +29,7 @@ MAX_RANGE_M = 5000.0  # of sea that is fitted; farther, clear air itself hides i
 ENDLESS_M = 1e6  # tau of 100 and more in any haze
 BINS = 40  # of equal ratio in range
 MIN_BIN_PX = 60
-MAX_BIN_PX = 1000  # that are read, evenly chosen
+MAX_BIN_PX = 500  # that are read, evenly chosen
 MIN_BINS = 8
 QUANTILES = (0.3, 0.5)  # of a bin's levels, between which the mean is taken; foam is bright and on the other side
 QUANTILES_BELOW = 0.2562  # sigmas of normal noise that this mean lies below the median
@@ -230,34 +230,34 @@ def _solve_sea_colours(
     The sea's colour is linear in the law: iteratively reweighted least squares (Cauchy) with the water's prior, without
     which bright distant water and haze look alike.
     """
-    contrast = (profile.levels - airlight).astype(np.float32)
+    contrast, mirroring = (profile.levels - airlight).astype(np.float32), schlick(profile.down).astype(np.float32)
     depth = (beta[:, None] * profile.range_m).astype(np.float32)
     t = np.exp(-depth - np.square(np.square(bank[:, None].astype(np.float32) * depth)))
-    design = t, t * schlick(profile.down).astype(np.float32)  # (T, N) each
-    products = [design[i] * design[j] for i, j in ((0, 0), (0, 1), (1, 1))]
     rows, usual = prior_equations(water, airlight)
     prior, prior_side = rows.T @ rows, rows.T @ usual
+    powers = np.stack([np.ones_like(mirroring), mirroring, np.square(mirroring)], axis=1)
+    sides = np.concatenate([contrast, mirroring[:, None] * contrast], axis=1)
     weights = np.full_like(t, 1 / LEVEL_SIGMA**2)
     for _ in range(STEPS):
-        p, q, r = (
-            np.einsum("tn,tn->t", weights, x)[:, None] + y
-            for x, y in zip(products, prior[[0, 0, 1], [0, 1, 1]], strict=True)
-        )
-        first, second = ((weights * x) @ contrast + y for x, y in zip(design, prior_side, strict=True))
+        weighted = weights * t
+        p, q, r = ((weighted * t) @ powers + prior[[0, 0, 1], [0, 1, 1]]).T[..., None]
+        first, second = np.split(weighted @ sides + prior_side.ravel(), 2, axis=1)
         sea = np.stack([r * first - q * second, p * second - q * first], axis=1) / (p * r - q * q)[:, None]
-        squares = _squared_residuals(contrast, design, sea.astype(np.float32)) / np.float32(LEVEL_SIGMA**2)
+        squares = _squared_residuals(contrast, mirroring, t, sea.astype(np.float32)) / np.float32(LEVEL_SIGMA**2)
         weights = 1 / (np.float32(LEVEL_SIGMA**2) * (1 + squares / 4))
     unusual = ((rows @ sea - usual) ** 2).sum(axis=(1, 2))
     darker = np.minimum(sea[:, 1].mean(axis=1), 0) / (DARKER_SIGMA * airlight.mean())
     return sea, 4 * np.log1p(squares / 4).sum(axis=1) + unusual + darker**2 + BANK_PENALTY * (bank > 0)
 
 
-def _squared_residuals(contrast: Float32, design: tuple[Float32, Float32], sea: Float32) -> Float32:
+def _squared_residuals(contrast: Float32, mirroring: Float32, t: Float32, sea: Float32) -> Float32:
     """Squares (T, N), added up over colours, of a contrast (N, 3) less the law's, for each of T sea colours."""
-    total = np.zeros_like(design[0])
+    total = np.zeros_like(t)
     for k in range(3):
-        residual = contrast[:, k] - design[0] * sea[:, :1, k]
-        residual -= design[1] * sea[:, 1:, k]
+        residual = sea[:, 1:, k] * mirroring
+        residual += sea[:, :1, k]
+        residual *= t
+        residual -= contrast[:, k]
         total += np.square(residual, out=residual)
     return total
 

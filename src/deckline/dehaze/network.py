@@ -36,10 +36,7 @@ REFERENCE_PX = 640
 CHANGE_PX = 320  # longer side of the image that the network changes
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
 # Without a fit. Chosen on 60 clear and 39 hazy views: docs/experiments/2026-11-dehazing-blend.md
-DARKEST = (
-    0.3,
-    0.45,
-)  # of the brightest detail: darker ones show clear air; with brighter ones there may be haze
+DARKEST = (0.3, 0.45)  # of the brightest detail: darker ones show clear air, brighter ones do not
 VEILED = (0.75, 0.85)  # brighter ones show that there is haze
 DETAILS = (0.5, 99.5)  # percentiles that count as the darkest and the brightest detail
 DETAIL_SIZE = (320, 180)  # width and height of the image that they are taken in
