@@ -83,8 +83,9 @@ def test_without_a_horizon_only_a_sea_that_haze_hides_is_changed_much() -> None:
     down = np.clip(ray_z(pose), 0.1, 1)
     dehazer = OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1))
     kept = []
-    for levels in (90 + 100 * (1 - down) ** 5, 190 - 100 * np.exp(-0.6 / down)):
+    for levels in (90 + 100 * (1 - down) ** 5, 190 - 240 * np.exp(-0.6 / down)):
         image = np.repeat(np.rint(levels)[..., None], 3, axis=2).astype(np.uint8)
+        assert 0.45 < darkest_detail(image) < 0.75  # which tells nothing
         kept.append(psnr_db(dehazer.restore(frame_of(image, world_from_body=pose)).image_rgb, image))
     assert kept[0] > 32
     assert kept[1] < 28

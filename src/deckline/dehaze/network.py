@@ -2,9 +2,10 @@
 
 A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air
 is left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
-where they do not, the network is more often far off. Without a pose a change that is no larger than what the network
-does to clear images is not made; on photographs of haze that change does harm, so that the shipped networks leave
-images without a pose to another dehazer.
+where they do not, the network is more often far off. With a pose but without a fit, the network's change is made in
+full only where it is certain that there is haze. Without a pose a change that is no larger than what the network does
+to clear images is not made; on photographs of haze that change does harm, so that the shipped networks leave images
+without a pose to another dehazer.
 """
 
 from pathlib import Path
