@@ -13,7 +13,8 @@ from deckline.dehaze.geometry import (
     measure_sky_noise,
     with_noise,
 )
-from deckline.dehaze.haze_fit import HazeFit, SeaView, view_sea
+from deckline.dehaze.haze_fit import HazeFit
+from deckline.dehaze.sea_view import SeaView, view_sea
 from deckline.evaluation.metrics import below_horizon, psnr_db
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
@@ -193,6 +194,8 @@ def test_a_smaller_frame_shows_the_same_view():
     small = downscale_frame(frame, 160)
     assert small.image_rgb.shape == (90, 160, 3)
     np.testing.assert_allclose(small.image_rgb, hazy.reshape(90, 2, 160, 2, 3).mean(axis=(1, 3)), atol=0.51)
+    smaller = downscale_frame(frame, 80).image_rgb.astype(float)  # by two halves, each rounded
+    np.testing.assert_allclose(smaller, hazy.reshape(45, 4, 80, 4, 3).mean(axis=(1, 3)), atol=1.01)
     corner = np.array([[-0.5, -0.5]])  # the picture's outer corner is the same ray in both
     np.testing.assert_allclose(small.camera.rays(corner), frame.camera.rays(corner))
     assert small.depth_m is not None and small.depth_m.shape == (90, 160)

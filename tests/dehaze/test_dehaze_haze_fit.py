@@ -2,22 +2,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sea_scene import AIRLIGHT, CAMERA, EYE_Z_M, SEA, SEA_Z_M, ray_z, sea_pair, world_from_body
+from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, sea_pair, world_from_body
 
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
-    EARTH_RADIUS_M,
     HazeFit,
     NotFitted,
     WaterPrior,
     explained_share,
     fit_haze,
+    hidden_sea_certainty,
     measure_profile,
     prior_equations,
-    ray_lengths,
-    view_sea,
 )
-from deckline.geometry import Camera, camera_mount, intersect_plane
+from deckline.dehaze.sea_view import view_sea
+from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
 
 POSE = world_from_body() * camera_mount()
@@ -136,60 +135,23 @@ def test_the_share_of_explained_bins():
     assert explained_share(fit, wrong) == pytest.approx(1 - 10 / len(profile.range_m))  # 3 levels in each of 3 channels
 
 
-def test_near_water_is_where_a_flat_sea_is():
-    ray = POSE.rotation.apply(CAMERA.rays([[200.0, 170.0]]))
-    hit = intersect_plane(POSE.translation, ray, SEA_Z_M)[0]
-    assert VIEW.range_m[170, 200] == pytest.approx(np.linalg.norm(hit - POSE.translation), rel=1e-3)
-    assert VIEW.height_m == -EYE_Z_M
-    np.testing.assert_allclose(VIEW.down, ray_z(world_from_body()), atol=1e-6)
+@pytest.mark.parametrize("pitch_deg", [-8.0, -22.0])
+def test_haze_that_hides_the_far_sea_is_certain_with_and_without_a_horizon(pitch_deg):
+    """From 60 m up; with the camera pitched down by 22 degrees, the farthest water in view is 400 m away."""
+    view = view_sea(CAMERA, world_from_body(pitch_deg, 0.0) * camera_mount(), SEA_Z_M)
+    assert view.is_sea.all() == (pitch_deg == -22.0)
+    down = view.down[..., None]
+    clear = np.where(down > 0, SEA + 0.6 * (AIRLIGHT - SEA) * (1 - np.clip(down, 0, 1)) ** 5, AIRLIGHT)
+    for visibility_m, certainty in ((300.0, 1), (20_000.0, 0)):
+        t = np.exp(-beta_from_visibility(visibility_m) * view.range_m)[..., None]
+        image = np.rint(AIRLIGHT + t * (clear - AIRLIGHT)).astype(np.uint8)
+        assert hidden_sea_certainty(image, view) == certainty
+    image[:20] = 255  # a deck, say: what is brighter than the farthest sea is not hidden by haze
+    hazy = np.rint(AIRLIGHT + np.exp(-0.013 * view.range_m)[..., None] * (clear - AIRLIGHT)).astype(np.uint8)
+    hazy[-20:] = 255
+    assert hidden_sea_certainty(hazy, view) == 0
 
 
-def test_the_points_lie_on_the_sphere():
-    ranges, down = VIEW.range_m[VIEW.is_sea].astype(float), VIEW.down[VIEW.is_sea].astype(float)
-    above_centre = EARTH_RADIUS_M + VIEW.height_m - ranges * down
-    across_sq = ranges**2 * (1 - down**2)
-    height = np.hypot(above_centre, np.sqrt(across_sq)) - EARTH_RADIUS_M
-    near = ranges < 10_000  # beyond, a pixel's float32 sine moves the point by more
-    assert np.abs(height[near]).max() < 0.1
-
-
-def test_the_horizon_dips_as_sailors_know_it():
-    """1.76 arc minutes times the root of the height in metres (IHO)."""
-    camera = Camera(1, 2001, 20_000.0, 20_000.0, 0.0, 1000.0)
-    view = view_sea(camera, world_from_body(0.0, 0.0) * camera_mount(), SEA_Z_M)
-    dip_rad = np.arcsin(view.down[view.is_sea].min())
-    assert np.degrees(dip_rad) * 60 == pytest.approx(1.76 * np.sqrt(60.0), rel=0.02)
-
-
-@pytest.mark.parametrize("eye_z_m", [0.0, 5.0])
-def test_a_camera_that_is_not_above_the_water_sees_none(eye_z_m):
-    view = view_sea(CAMERA, world_from_body(eye_z_m=eye_z_m) * camera_mount(), SEA_Z_M)
-    assert not view.is_sea.any()
-
-
-def test_pixels_without_a_ray_are_sky():
-    strong = Camera(64, 64, 30.0, 30.0, 31.5, 31.5, (-0.5, 0.0, 0.0, 0.0, 0.0))
-    view = view_sea(strong, world_from_body(-60.0) * camera_mount(), SEA_Z_M)
-    assert np.isnan(strong.rays([[0.0, 63.0]])).any()
-    assert not view.is_sea[63, 0]
-    assert np.isfinite(view.down).all()
-
-
-@pytest.mark.parametrize("distortion", [(0.0,) * 5, (-0.2, 0.05, 0.001, -0.002, 0.0)])
-def test_rows_are_the_same_as_in_the_whole_picture(distortion):
-    camera = Camera(40, 30, 30.0, 31.0, 19.0, 16.0, distortion)
-    whole, rows = view_sea(camera, POSE, SEA_Z_M), view_sea(camera, POSE, SEA_Z_M, slice(11, 23))
-    np.testing.assert_array_equal(rows.down, whole.down[11:23])
-    np.testing.assert_array_equal(rows.range_m, whole.range_m[11:23])
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (640, 360)])
-def test_a_lens_bends_the_rays_as_the_camera_says(size):
-    width, height = size
-    camera = Camera(width, height, 400.0, 410.0, 0.48 * width, 0.53 * height, (-0.1, 0.02, 0.001, -0.002, 0.0))
-    view = view_sea(camera, POSE, SEA_Z_M)
-    v, u = np.mgrid[0:height, 0:width]
-    rays = POSE.rotation.apply(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1)))
-    exact = (rays[:, 2] / np.linalg.norm(rays, axis=1)).reshape(height, width)
-    assert np.abs(view.down - exact).max() < 2e-5
-    np.testing.assert_allclose(ray_lengths(camera), camera.ray_lengths(), atol=3e-5)
+def test_a_sea_that_is_hardly_in_view_is_not_certain():
+    image = np.full((*VIEW.down.shape, 3), 150, np.uint8)
+    assert hidden_sea_certainty(image, view_sea(CAMERA, world_from_body(25.0) * camera_mount(), SEA_Z_M)) == 0

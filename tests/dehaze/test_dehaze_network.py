@@ -4,22 +4,24 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sea_scene import frame_of, sea_pair
+from sea_scene import frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
 from deckline.dehaze.network import (
+    CHANGE_LEVELS,
     CLEAR_M,
     MIN_SIDE_PX,
     average_down,
     clear_air_certainty,
+    darkest_detail,
     image_to_tensor,
+    limit_change,
     limited_change,
     pad,
     reduction_factor,
-    suppress_small_change,
     tensor_to_image,
     upsample_guided,
 )
@@ -52,8 +54,41 @@ def test_clear_air_begins_and_ends_where_it_is_said() -> None:
 @pytest.mark.parametrize(("change", "done"), [(5, 0), (6, 0), (7, 7 / 3), (8, 8 * 2 / 3), (9, 9), (60, 60)])
 def test_a_small_change_is_not_made(change: int, done: float) -> None:
     image = network(100)
-    np.testing.assert_allclose(suppress_small_change(image, image + np.uint8(change)), 100 + done, atol=0.5)
-    np.testing.assert_allclose(suppress_small_change(image, image - np.uint8(change)), 100 - done, atol=0.5)
+    np.testing.assert_allclose(limit_change(image, image + np.uint8(change)), 100 + done, atol=0.5)
+    np.testing.assert_allclose(limit_change(image, image - np.uint8(change)), 100 - done, atol=0.5)
+
+
+@pytest.mark.parametrize(
+    ("certainty", "done"), [(0.0, CHANGE_LEVELS[0]), (0.05, CHANGE_LEVELS[0]), (0.5, 20), (1.0, 40)]
+)
+def test_without_certainty_the_change_keeps_a_clear_image_at_32_db(certainty: float, done: float) -> None:
+    image = network(100)
+    limited = limit_change(image, network(60), certainty)
+    np.testing.assert_array_equal(limited, 100 - done)
+    assert (psnr_db(limited, image) > 32) == (certainty < 0.5)
+
+
+def test_the_darkest_detail_is_a_share_of_the_brightest() -> None:
+    image = np.full((180, 320, 3), 150, np.uint8)
+    assert darkest_detail(image) == 0  # nothing stands out
+    image[:10], image[10:20] = 50, 200
+    assert darkest_detail(image) == pytest.approx(0.25)
+    image[:10] = 0
+    assert darkest_detail(image) == 0
+
+
+def test_without_a_horizon_only_a_sea_that_haze_hides_is_changed_much() -> None:
+    """Grey water looked down upon: a clear sea brightens up to the upper edge, a hazy one in the lower half only."""
+    pose = world_from_body(-22.0, 0.0)
+    down = np.clip(ray_z(pose), 0.1, 1)
+    dehazer = OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1))
+    kept = []
+    for levels in (90 + 100 * (1 - down) ** 5, 190 - 240 * np.exp(-0.6 / down)):
+        image = np.repeat(np.rint(levels)[..., None], 3, axis=2).astype(np.uint8)
+        assert 0.45 < darkest_detail(image) < 0.75  # which tells nothing
+        kept.append(psnr_db(dehazer.restore(frame_of(image, world_from_body=pose)).image_rgb, image))
+    assert kept[0] > 32
+    assert kept[1] < 28
 
 
 def test_visibility_is_where_two_percent_are_left() -> None:

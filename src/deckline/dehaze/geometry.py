@@ -20,18 +20,17 @@ from deckline.dehaze.haze_fit import (
     LIGHT_WATER,
     HazeFit,
     NotFitted,
-    SeaView,
     fit_haze,
-    ray_lengths,
-    view_sea,
+    hidden_sea_certainty,
 )
+from deckline.dehaze.sea_view import SeaView, ray_lengths, view_sea, view_water
 from deckline.dehaze.transmission import GeometryConfig, Light, find_objects, signal_gain, transmissions
 from deckline.types import Frame
 
 Image = NDArray[np.float32]
 
-ANALYSIS_PX = 640  # longer side of the image that air and objects are estimated in
-NOISE_ROWS = 90  # about so many are read for noise
+ANALYSIS_PX = 400  # longer side of the image that air and objects are estimated in; 640 px are no better
+NOISE_ROWS = 30  # about so many are read for noise
 NOISE_WEIGHT = 2.0  # best in [1, 3] on preset paper with noise of 3 and 8 levels added
 NOISE_PART = 0.9  # of the differences that count
 NOISE_MEAN = 0.9297  # of a normal difference of sigma sqrt(2), in size, of that smallest part
@@ -52,14 +51,17 @@ class GeometrySolution:
 
         size = image_rgb.shape[1], image_rgb.shape[0]
         gain = cv2.resize(self.gain, size)
-        clear = []
-        for levels, offset in zip(cv2.split(image_rgb), self.offset, strict=True):
-            seen = cv2.LUT(levels, level_table(self.light)) if self.light == "linear" else levels
-            scene = cv2.multiply(seen, gain, dtype=cv2.CV_32F)
-            light = np.asarray(cv2.add(scene, cv2.resize(offset, size), dst=scene), dtype=np.float32)
-            shown = display_levels(light) if self.light == "linear" else np.maximum(light, 0, out=light)
-            clear.append(cv2.convertScaleAbs(shown))
-        return np.asarray(cv2.merge(clear), dtype=np.uint8)
+        scene, added = np.empty_like(gain), np.empty_like(gain)  # used again: fresh memory costs more than the sums
+        channels = list(cv2.split(image_rgb))
+        for channel, offset in zip(channels, self.offset, strict=True):
+            seen = cv2.LUT(channel, level_table(self.light)) if self.light == "linear" else channel
+            cv2.multiply(seen, gain, dst=scene, dtype=cv2.CV_32F)
+            cv2.resize(offset, size, dst=added)
+            if self.light == "linear":
+                cv2.convertScaleAbs(display_levels(scene + added), dst=channel)
+            else:
+                cv2.add(scene, added, dst=channel, dtype=cv2.CV_8U)
+        return np.asarray(cv2.merge(channels), dtype=np.uint8)
 
     def moved(self, levels: Image, keep: float) -> "GeometrySolution":
         """The same with `levels` (..., ..., 3) added to its result, and a share `keep` of the haze left in."""
@@ -89,6 +91,8 @@ class GeometryDehazer:
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
         """How the frame's haze is removed and what its air is like, or why that cannot be told."""
+        import cv2
+
         pose = frame.world_from_camera
         if pose is None:
             return NotFitted("the frame has no pose; give poses or choose another dehazer")
@@ -106,13 +110,14 @@ class GeometryDehazer:
         if view.height_m <= 0:
             return NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
         light = self.config.light
-        planes = level_table(light)[np.ascontiguousarray(np.moveaxis(small.image_rgb, 2, 0))]
+        levels = [cv2.LUT(channel, level_table(light)) for channel in cv2.split(small.image_rgb)]
+        planes = np.stack(levels).astype(np.float32, copy=False)
         small_noise, noise = (measure_sky_noise(image, view, light) for image in (small.image_rgb, frame.image_rgb))
         water = LIGHT_WATER if light == "linear" else DISPLAY_WATER
-        haze = fit_haze(np.moveaxis(planes, 0, 2), view, water, small_noise)
+        haze = fit_haze(small.image_rgb if light == "display" else np.moveaxis(planes, 0, 2), view, water, small_noise)
         if isinstance(haze, NotFitted):
-            return haze
-        deck = view_sea(small.camera, pose, deck_z_m)
+            return replace(haze, hidden=hidden_sea_certainty(small.image_rgb, view))
+        deck = view_water(view.down, view.height_m + deck_z_m - sea_z_m)
         objects, bound = find_objects(planes, view, deck, haze, with_noise(self.config, small_noise))
         range_m = None if small.depth_m is None else small.depth_m * ray_lengths(small.camera)
         t, clear_t = transmissions(view, objects, bound, range_m, haze, self.config)
@@ -129,7 +134,11 @@ def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
     size = max(1, round(width * scale)), max(1, round(height * scale))
     if size == (width, height):
         return frame
-    image = np.asarray(cv2.resize(frame.image_rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    image = frame.image_rgb
+    while image.shape[0] % 2 == image.shape[1] % 2 == 0 and image.shape[1] >= 2 * size[0]:  # halves are quick
+        half = image.shape[1] // 2, image.shape[0] // 2
+        image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     small = replace(frame, image_rgb=image, camera=frame.camera.resized(*size), depth_m=None, truth=None)
     if frame.depth_m is None:
         return small

@@ -6,27 +6,20 @@ mirrors more of the sky at grazing angles. tau = beta r, or beta r + (k beta r)^
 Source: Koschmieder's law; Schlick's (1 - sin)^5 for the mirroring water.
 """
 
-from dataclasses import astuple, dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import Camera
+from deckline.dehaze.base import ramp
+from deckline.dehaze.sea_view import EARTH_RADIUS_M, SeaView
 from deckline.haze import CONTRAST_THRESHOLD
 from deckline.types import Value
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Image = NDArray[np.uint8] | Float32
-
-# Mean Earth radius times 6/5 for refraction near the horizon. Source: the sailors' dip of 1.76' sqrt(height / m).
-EARTH_RADIUS_M = 6.371e6 * 6 / 5
-CACHED_CAMERAS = 4  # whose rays are cached; 66 MB each for a 4K lens with distortion, next to nothing for a pinhole
-LENS_STEP = 1 / 80  # of the focal length between rays that are traced through a lens; with k1 = -0.1 wrong by 1e-5
-ALL_ROWS = slice(None)
 
 AIRLIGHT_BAND_RAD = 0.026  # 1.5 degrees of sky above the horizon
 MIN_BAND_PX = 100  # of that band in view
@@ -36,7 +29,7 @@ MAX_RANGE_M = 5000.0  # of sea that is fitted; farther, clear air itself hides i
 ENDLESS_M = 1e6  # tau of 100 and more in any haze
 BINS = 40  # of equal ratio in range
 MIN_BIN_PX = 60
-MAX_BIN_PX = 1000  # that are read, evenly chosen
+MAX_BIN_PX = 500  # that are read, evenly chosen
 MIN_BINS = 8
 QUANTILES = (0.3, 0.5)  # of a bin's levels, between which the mean is taken; foam is bright and on the other side
 QUANTILES_BELOW = 0.2562  # sigmas of normal noise that this mean lies below the median
@@ -49,82 +42,12 @@ NEAR_LEVELS = 4.0  # between a bin and the law that explains it
 MIN_EXPLAINED = 0.6  # of the bins; seen on preset paper: 0.75 and more with a sea, 0.4 and less with a deck for a sea
 SIDES_FROM = 0.56  # of the way from the middle column to the outermost
 MAX_RELATIVE_SIGMA = 0.5  # of the extinction; vaguer fits are not used
+END_BINS = 3  # of a profile, the nearest and the farthest
+BRIGHTENING = (0.1, 0.2)  # of the sea over the last factor of two in range, as a share of all: in haze, in clear air
+FAR_LEVEL = (0.85, 0.95)  # of the farthest sea, as a share of the brightest detail: a deck, or haze
+BRIGHTEST = 99.5  # percentile that counts as the brightest detail
 STEPS = 8  # of reweighting
 CORRELATED_BINS = 4.0  # neighbouring bins err alike: one in so many is independent
-
-
-@dataclass(frozen=True, eq=False)
-class SeaView:
-    """The sea as a camera sees it."""
-
-    down: Float32  # (H, W) sine of the ray's angle below the horizontal
-    range_m: Float32  # (H, W) ray length to the water; infinite in the sky
-    height_m: float  # of the camera above the water
-
-    @property
-    def is_sea(self) -> NDArray[np.bool_]:
-        """(H, W), the pixels below the horizon."""
-        return np.isfinite(self.range_m)
-
-
-def view_sea(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float, rows: slice = ALL_ROWS) -> SeaView:
-    """The sea seen by a camera; on a round Earth, so that the horizon lies a little below the horizontal.
-
-    Args:
-        camera: intrinsics; pixels that no ray reaches count as sky.
-        world_from_camera: pose of the optical frame, world z down.
-        sea_z_m: world z of the water.
-        rows: of the image, the only ones to compute.
-
-    A ray that falls by sine s from height h meets a sphere of radius R after 2 h / (s + sqrt(s^2 - 2 h / R)), and
-    nowhere when the root is not real; terms of h / R beside 1 are left out.
-    """
-    height = float(sea_z_m - world_from_camera.translation[2])
-    x, y = _slopes_of_rows(camera, rows)
-    right, below, ahead = world_from_camera.rotation.as_matrix()[2].astype(np.float32)
-    down = (right * x + (below * y + ahead)) / np.sqrt(x * x + (y * y + 1))
-    np.nan_to_num(down, copy=False, nan=-1.0)
-    root = down * down - np.float32(2 * max(height, 0.0) / EARTH_RADIUS_M)
-    seen = (down > 0) & (root > 0) & (height > 0)
-    reach = down + np.sqrt(np.maximum(root, 0))
-    ranges = np.full_like(down, np.inf)
-    return SeaView(down, np.divide(np.float32(2 * height), reach, out=ranges, where=seen), height)
-
-
-def ray_lengths(camera: Camera, rows: slice = ALL_ROWS) -> Float32:
-    """Length of the z = 1 ray of every pixel (H, W) of these rows, as `Camera.ray_lengths`."""
-    x, y = _slopes_of_rows(camera, rows)
-    return np.sqrt(x * x + (y * y + 1))
-
-
-def _slopes_of_rows(camera: Camera, rows: slice) -> tuple[Float32, Float32]:
-    x, y = _slopes(astuple(camera))
-    return (x if len(x) == 1 else x[rows]), y[rows]
-
-
-@lru_cache(maxsize=CACHED_CAMERAS)
-def _slopes(intrinsics: tuple) -> tuple[Float32, Float32]:
-    """Every pixel's ray, right and down for each step ahead: (1, W) and (H, 1) of a pinhole, else (H, W) each."""
-    camera = Camera(*intrinsics)
-    if not camera.has_distortion:
-        x = (np.arange(camera.width) - camera.cx) / camera.fx
-        y = (np.arange(camera.height) - camera.cy) / camera.fy
-        return x[None].astype(np.float32), y[:, None].astype(np.float32)
-    u, left, toward_right = _interpolation_nodes(camera.width, camera.fx)
-    v, upper, toward_lower = _interpolation_nodes(camera.height, camera.fy)
-    rays = camera.rays(np.stack([grid.ravel() for grid in np.meshgrid(u, v)], axis=1)).astype(np.float32)
-    slopes = rays[:, :2].reshape(len(v), len(u), 2)
-    rows = slopes[upper] + toward_lower[:, None, None] * (slopes[upper + 1] - slopes[upper])
-    x, y = np.moveaxis(rows[:, left] + toward_right[None, :, None] * (rows[:, left + 1] - rows[:, left]), 2, 0)
-    return np.ascontiguousarray(x), np.ascontiguousarray(y)
-
-
-def _interpolation_nodes(count: int, focal_px: float) -> tuple[Float64, NDArray[np.intp], Float32]:
-    """Evenly spread pixels (N,) whose rays are traced; the one before each of `count` pixels, and how far past it."""
-    nodes = np.linspace(0, count - 1, 1 + max(1, int(np.ceil((count - 1) / max(1.0, focal_px * LENS_STEP)))))
-    place = np.arange(count) * ((len(nodes) - 1) / max(1, count - 1))
-    before = np.minimum(place.astype(np.intp), len(nodes) - 2)
-    return nodes, before, (place - before).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -183,6 +106,7 @@ class NotFitted:
     """Why an image does not tell its haze."""
 
     reason: str
+    hidden: float = 0.0  # how surely haze hides the farthest sea all the same, 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,18 +168,35 @@ def _band_airlight(image: Image, view: SeaView) -> Float64 | None:
 def measure_profile(image: Image, view: SeaView) -> SeaProfile:
     """Quantiles of the sea's levels in bins of range up to MAX_RANGE_M; bins with few pixels are left out."""
     near = view.range_m < MAX_RANGE_M
-    ranges, downs, levels = view.range_m[near], view.down[near], image[near]
+    ranges, levels = view.range_m[near], image[near]
     if ranges.size == 0:
         return SeaProfile(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     ratio = np.log(ranges * np.float32(1 / ranges.min()))
     which = np.minimum(ratio * np.float32(BINS / np.log(MAX_RANGE_M / ranges.min())), BINS - 1).astype(np.uint8)
     groups = np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which, minlength=BINS))[:-1])
     groups = [group[:: 1 + len(group) // MAX_BIN_PX] for group in groups if len(group) >= MIN_BIN_PX]
+    middle = np.array([np.partition(ranges[group], len(group) // 2)[len(group) // 2] for group in groups], np.float64)
     return SeaProfile(
-        np.array([np.median(ranges[group]) for group in groups], dtype=np.float64),
-        np.array([np.median(downs[group]) for group in groups], dtype=np.float64),
+        middle,
+        view.height_m / middle + middle / (2 * EARTH_RADIUS_M),  # as in `view_sea`
         np.array([_mean_between_quantiles(levels[group]) for group in groups]).reshape(-1, 3),
     )
+
+
+def hidden_sea_certainty(image: Image, view: SeaView) -> float:
+    """How surely haze hides the farthest sea of an image (H, W, 3), 0 to 1, the horizon in view or not.
+
+    Such a sea brightens no more with range, and nothing in the image is much brighter. A clear sea brightens up to the
+    horizon, as it mirrors more and more of the sky.
+    """
+    profile = measure_profile(image, view)
+    if len(profile.range_m) < MIN_BINS:
+        return 0.0
+    levels, ranges = profile.levels.mean(axis=1), np.log(profile.range_m)
+    near, far = levels[:END_BINS].mean(), levels[-END_BINS:].mean()
+    brightening = (far - np.interp(ranges[-1] - np.log(2), ranges, levels)) / max(far - near, MIN_CONTRAST)
+    brightest = np.percentile(image.mean(axis=2), BRIGHTEST)
+    return (1 - ramp(brightening, *BRIGHTENING)) * ramp(far / max(brightest, 1), *FAR_LEVEL)
 
 
 def _mean_between_quantiles(levels: NDArray) -> Float64:
@@ -289,29 +230,36 @@ def _solve_sea_colours(
     The sea's colour is linear in the law: iteratively reweighted least squares (Cauchy) with the water's prior, without
     which bright distant water and haze look alike.
     """
-    contrast = profile.levels - airlight
-    depth = beta[:, None] * profile.range_m
-    t = np.exp(-depth - np.square(np.square(bank[:, None] * depth)))
-    design = t, t * schlick(profile.down)  # (T, N) each
-    products = [design[i] * design[j] for i, j in ((0, 0), (0, 1), (1, 1))]
+    contrast, mirroring = (profile.levels - airlight).astype(np.float32), schlick(profile.down).astype(np.float32)
+    depth = (beta[:, None] * profile.range_m).astype(np.float32)
+    t = np.exp(-depth - np.square(np.square(bank[:, None].astype(np.float32) * depth)))
     rows, usual = prior_equations(water, airlight)
     prior, prior_side = rows.T @ rows, rows.T @ usual
+    powers = np.stack([np.ones_like(mirroring), mirroring, np.square(mirroring)], axis=1)
+    sides = np.concatenate([contrast, mirroring[:, None] * contrast], axis=1)
     weights = np.full_like(t, 1 / LEVEL_SIGMA**2)
     for _ in range(STEPS):
-        p, q, r = (
-            np.einsum("tn,tn->t", weights, x)[:, None] + y
-            for x, y in zip(products, prior[[0, 0, 1], [0, 1, 1]], strict=True)
-        )
-        first, second = ((weights * x) @ contrast + y for x, y in zip(design, prior_side, strict=True))
+        weighted = weights * t
+        p, q, r = ((weighted * t) @ powers + prior[[0, 0, 1], [0, 1, 1]]).T[..., None]
+        first, second = np.split(weighted @ sides + prior_side.ravel(), 2, axis=1)
         sea = np.stack([r * first - q * second, p * second - q * first], axis=1) / (p * r - q * q)[:, None]
-        squares = (
-            sum(np.square(contrast[:, k] - design[0] * sea[:, :1, k] - design[1] * sea[:, 1:, k]) for k in range(3))
-            / LEVEL_SIGMA**2
-        )
-        weights = 1 / (LEVEL_SIGMA**2 * (1 + squares / 4))
+        squares = _squared_residuals(contrast, mirroring, t, sea.astype(np.float32)) / np.float32(LEVEL_SIGMA**2)
+        weights = 1 / (np.float32(LEVEL_SIGMA**2) * (1 + squares / 4))
     unusual = ((rows @ sea - usual) ** 2).sum(axis=(1, 2))
     darker = np.minimum(sea[:, 1].mean(axis=1), 0) / (DARKER_SIGMA * airlight.mean())
     return sea, 4 * np.log1p(squares / 4).sum(axis=1) + unusual + darker**2 + BANK_PENALTY * (bank > 0)
+
+
+def _squared_residuals(contrast: Float32, mirroring: Float32, t: Float32, sea: Float32) -> Float32:
+    """Squares (T, N), added up over colours, of a contrast (N, 3) less the law's, for each of T sea colours."""
+    total = np.zeros_like(t)
+    for k in range(3):
+        residual = sea[:, 1:, k] * mirroring
+        residual += sea[:, :1, k]
+        residual *= t
+        residual -= contrast[:, k]
+        total += np.square(residual, out=residual)
+    return total
 
 
 def prior_equations(water: WaterPrior, airlight: Float64) -> tuple[Float64, Float64]:

@@ -2,9 +2,10 @@
 
 A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air
 is left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
-where they do not, the network is more often far off. Without a pose a change that is no larger than what the network
-does to clear images is not made; on photographs of haze that change does harm, so that the shipped networks leave
-images without a pose to another dehazer.
+where they do not, the network is more often far off. With a pose but without a fit, the network's change is made in
+full only where it is certain that there is haze. Without a pose a change that is no larger than what the network does
+to clear images is not made; on photographs of haze that change does harm, so that the shipped networks leave images
+without a pose to another dehazer.
 """
 
 from pathlib import Path
@@ -16,6 +17,7 @@ from deckline.checks import check_image
 from deckline.config import CPU, Engine
 from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution, downscale_frame
+from deckline.dehaze.haze_fit import NotFitted
 from deckline.dehaze.transmission import max_channel
 from deckline.runtime import load_session
 from deckline.types import Frame
@@ -32,10 +34,11 @@ NETWORK_SHARE = 0.4  # where both agree
 AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 4 levels
 AGREE_PX = 31  # side of the window in which they are compared, for images REFERENCE_PX wide
 REFERENCE_PX = 640
-CHANGE_PX = 480  # longer side of the image that the network changes
+CHANGE_PX = 320  # longer side of the image that the network changes
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
-# Without a fit. Chosen on 50 clear and 25 hazy views, of which the first keep 42 at 32 dB, the second lose 0.6 dB.
-DARKEST = (0.3, 0.45)  # of the brightest detail: darker ones show that there is no haze; brighter ones, that there is
+# Without a fit. Chosen on 60 clear and 39 hazy views: docs/experiments/2026-11-dehazing-blend.md
+DARKEST = (0.3, 0.45)  # of the brightest detail: darker ones show clear air, brighter ones do not
+VEILED = (0.75, 0.85)  # brighter ones show that there is haze
 DETAILS = (0.5, 99.5)  # percentiles that count as the darkest and the brightest detail
 DETAIL_SIZE = (320, 180)  # width and height of the image that they are taken in
 MIN_DETAIL_LEVELS = 3.0  # between them; a uniform image has nothing to show
@@ -102,14 +105,14 @@ class OnnxDehazer:
     def _restore_alone(self, image_rgb: Image) -> Image:
         check_image(image_rgb)
         clear = self._run(image_rgb, image_rgb)
-        return clear if self.network_only else suppress_small_change(image_rgb, clear)
+        return clear if self.network_only else limit_change(image_rgb, clear)
 
     def restore(self, frame: Frame) -> Restored:
         if self.without_pose is not None and frame.world_from_camera is None:
             return restore(self.without_pose, frame)
         solution = None if self.geometry is None else self.geometry.solve(frame)
         if not isinstance(solution, GeometrySolution):
-            return self._restore_without_fit(frame, "" if solution is None else solution.reason)
+            return self._restore_without_fit(frame, solution)
         told = solution.haze.visibility
         air = 0.0 if self.network_only else clear_air_certainty(solution.haze.visibility_m)
         if air == 1:
@@ -123,12 +126,15 @@ class OnnxDehazer:
         change = limited_change(self._run(small, prior), prior)
         return Restored(solution.moved(change, keep=air).remove(frame.image_rgb), visibility_m=told)
 
-    def _restore_without_fit(self, frame: Frame, reason: str) -> Restored:
-        is_alone = self.network_only or frame.world_from_camera is None
-        certainty = 1.0 if is_alone else haze_certainty(frame.image_rgb)
-        if certainty == 0:
-            return Restored(frame.image_rgb.copy(), f"not dehazed: {reason}, and dark details show no haze")
-        return Restored(mix(frame.image_rgb, self._restore_alone(frame.image_rgb), certainty))
+    def _restore_without_fit(self, frame: Frame, why: NotFitted | None) -> Restored:
+        if why is None or self.network_only or frame.world_from_camera is None:
+            return Restored(self._restore_alone(frame.image_rgb))
+        darkest = darkest_detail(frame.image_rgb)
+        if darkest <= DARKEST[0]:
+            return Restored(frame.image_rgb.copy(), f"not dehazed: {why.reason}, and dark details show no haze")
+        certainty = max(why.hidden, ramp(darkest, *VEILED))
+        clear = limit_change(frame.image_rgb, self._run(frame.image_rgb, frame.image_rgb), certainty)
+        return Restored(mix(frame.image_rgb, clear, ramp(darkest, *DARKEST)))
 
     def _run(self, image_rgb: Image, prior_rgb: Image) -> Image:
         height, width = image_rgb.shape[:2]
@@ -235,17 +241,22 @@ def clear_air_certainty(visibility_m: float) -> float:
     return ramp(float(np.log(visibility_m)), *np.log(CLEAR_M))
 
 
-def haze_certainty(image_rgb: Image) -> float:
-    """How surely an image (H, W, 3) shows haze, 0 to 1: by its darkest details, if anything stands out in it."""
+def darkest_detail(image_rgb: Image) -> float:
+    """The darkest detail of an image (H, W, 3) as a share of the brightest; 0 where nothing stands out."""
     import cv2
 
     grey = cv2.resize(image_rgb, DETAIL_SIZE, interpolation=cv2.INTER_AREA).mean(axis=2)
     dark, bright = np.percentile(grey, DETAILS)
-    return ramp(float(dark / max(bright, 1)), *DARKEST) if bright - dark > MIN_DETAIL_LEVELS else 0.0
+    return float(dark / bright) if bright - dark > MIN_DETAIL_LEVELS else 0.0
 
 
-def suppress_small_change(image_rgb: Image, network_rgb: Image) -> Image:
-    """The network's image (H, W, 3), blended with its input where it hardly differs from it."""
+def limit_change(image_rgb: Image, network_rgb: Image, certainty: float = 1.0) -> Image:
+    """The network's image (H, W, 3), blended with its input where it hardly differs from it.
+
+    Where it is not certain, 0 to 1, that there is haze, the change has at most CHANGE_LEVELS[0] (rms): a clear image
+    keeps 32 dB.
+    """
     step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
-    change = np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step])))
-    return mix(image_rgb, network_rgb, ramp(float(change), *CHANGE_LEVELS))
+    change = float(np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step]))))
+    done = ramp(change, *CHANGE_LEVELS) * max(certainty, min(1.0, CHANGE_LEVELS[0] / max(change, 1.0)))
+    return mix(image_rgb, network_rgb, done)

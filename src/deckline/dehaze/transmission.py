@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_choice, check_numbers
-from deckline.dehaze.haze_fit import HazeFit, SeaView
+from deckline.dehaze.haze_fit import HazeFit
+from deckline.dehaze.sea_view import SeaView
 from deckline.haze import transmission
 
 Image = NDArray[np.float32]
@@ -23,6 +24,7 @@ OBJECT_SIGMAS = (1.0, 2.5)  # of noise off the airlight where haze hides the sea
 SKY_BINS = 40  # of equal width in the sine of the elevation
 SKY_STEPS = 16  # between the middles of two bins
 MIN_SKY_BIN_PX = 60
+MAX_SKY_PX = 10_000  # that the medians are taken of, evenly chosen
 
 
 @dataclass(frozen=True)
@@ -76,10 +78,10 @@ def bound_transmission(image: Image, airlight: Image, config: GeometryConfig) ->
     """
     import cv2
 
-    contrast = image - airlight
     below: Image = np.maximum(np.float32(1 - config.darkest) * airlight, np.float32(1))
     above: Image = np.maximum(255 - airlight, np.float32(1))
-    bound = np.maximum(max_channel(-contrast / below), max_channel(contrast / above))
+    contrast = image - airlight
+    bound = max_channel(np.maximum(contrast * (1 / above), contrast * (-1 / below)))
     window = scale_length(config.window_px, image.shape[2])
     spread = np.asarray(cv2.dilate(bound, np.ones((window, window), np.uint8)), dtype=np.float32)
     return np.asarray(np.clip(cv2.blur(spread, (window, window)), 0, 1), dtype=np.float32)
@@ -137,13 +139,14 @@ def sky_contrast(levels: Image, down: Image) -> Image:
     low = down.min()
     bin_height = np.float32(max(float(down.max() - low), 1e-6) / SKY_BINS)
     place = (down - low) * (1 / bin_height)
-    which = np.minimum(place.astype(np.uint8), SKY_BINS - 1)
+    part = slice(None, None, 1 + len(down) // MAX_SKY_PX)
+    which = np.minimum(place[part].astype(np.uint8), SKY_BINS - 1)
     counts = np.bincount(which, minlength=SKY_BINS)
     filled = np.flatnonzero(counts >= MIN_SKY_BIN_PX)
     if not len(filled):
         return nothing
-    bins = np.split(levels[:, np.argsort(which, kind="stable")], np.cumsum(counts)[:-1], axis=1)
-    medians = np.stack([np.median(bins[k], axis=1) for k in filled], axis=1)
+    bins = np.split(levels[:, part][:, np.argsort(which, kind="stable")], np.cumsum(counts)[:-1], axis=1)
+    medians = np.stack([np.partition(bins[k], counts[k] // 2)[:, counts[k] // 2] for k in filled], axis=1)
     steps = (np.arange(SKY_BINS * SKY_STEPS) + 0.5) / SKY_STEPS
     usual = np.stack([np.interp(steps, filled + 0.5, channel) for channel in medians]).astype(np.float32)
     return max_channel(usual[:, np.minimum((place * SKY_STEPS).astype(np.int32), len(steps) - 1)] - levels)
