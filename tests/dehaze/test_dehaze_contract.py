@@ -85,11 +85,10 @@ def test_wrong_images_are_refused(dehazer: Dehazer, image: np.ndarray, message: 
         dehazer(image)
 
 
-@pytest.mark.parametrize("name", ["coarse-t", "fast"])
-def test_shipped_networks_leave_images_without_a_pose_to_the_horizon(name: str) -> None:
+def test_the_shipped_network_leaves_images_without_a_pose_to_the_horizon() -> None:
     hazy, _ = sea_pair(BETA)
     frame = dataclasses.replace(frame_of(hazy), world_from_body=None)
-    other, shipped = DEHAZERS["horizon"](), DEHAZERS[name]()
+    other, shipped = DEHAZERS["horizon"](), DEHAZERS["coarse-t"]()
     np.testing.assert_array_equal(shipped(hazy), other(hazy))
     np.testing.assert_array_equal(restore(shipped, frame).image_rgb, other(hazy))
 
@@ -276,7 +275,7 @@ CAST_LEVELS, CHANGE_LEVELS = 4.0, 16.0  # of the mean colour against the mean gr
     # A pose that puts a sea into a room or a field of snow misleads.
     [(picture, with_pose) for picture in ODD for with_pose in (False, True) if not (with_pose and picture in ON_LAND)],
 )
-@pytest.mark.parametrize("name", ["coarse-t", "fast", "veil"])
+@pytest.mark.parametrize("name", ["coarse-t", "veil"])
 def test_pictures_that_are_no_haze_at_sea_stay_nearly_as_they_are(name: str, picture: str, with_pose: bool) -> None:
     image = ODD[picture]
     frame = sized(image) if with_pose else dataclasses.replace(sized(image), world_from_body=None)

@@ -13,8 +13,8 @@ from deckline.runtime import sha256_of, shipped_weights
 
 def test_a_network_is_named_by_the_one_file_that_it_runs() -> None:
     """Several shipped networks dehaze; only the one in use belongs into a report."""
-    settings = settings_of(Flight.from_config(RunConfig(models=Models(dehazer="fast", detector="ufld"))))
-    for stage, name, model in (("dehazer", "fast", "coarse-t"), ("detector", "ufld", "ufld")):
+    settings = settings_of(Flight.from_config(RunConfig(models=Models(dehazer="coarse-t", detector="ufld"))))
+    for stage, name, model in (("dehazer", "coarse-t", "coarse-t"), ("detector", "ufld", "ufld")):
         path = shipped_weights(model)
         assert settings[stage] == f"{name} ({path.name}, SHA-256 {sha256_of(path)})"
 

@@ -29,7 +29,6 @@ __all__ = [
     "restore",
 ]
 
-FAST_PX = 320  # working size of the fast path: a quarter of the network's work; fine structures are lost
 NOT_DEHAZED = IdentityDehazer.name
 
 DEHAZERS: dict[str, Callable[..., Dehazer]] = {  # from the `Engine` that computes a network
@@ -44,8 +43,5 @@ DEHAZERS: dict[str, Callable[..., Dehazer]] = {  # from the `Engine` that comput
     ),
     "paper-scene": lambda engine=CPU: OnnxDehazer(
         shipped_weights("paper-scene"), "paper-scene", engine, network_only=True
-    ),
-    "fast": lambda engine=CPU: OnnxDehazer(
-        shipped_weights("coarse-t"), "fast", engine, working_long_side_px=FAST_PX, without_pose=HorizonDehazer()
     ),
 }
