@@ -1,0 +1,172 @@
+"""Whether the picture shows paint under the lines that were found: edges and geometry, no network.
+
+Every row between two lines is stretched so that the left one lies at 0 and the right one at 1. What is parallel to them
+on the deck stands upright there, at any range. Ridges of brightness are compared within a row, whose haze and light
+they share. Two things contradict the lines: paint under one of them alone, and a centre line that is not midway. What
+contradicts is summed from look to look and flagged when the sum is large: Page, "Continuous inspection schemes", 1954.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+from deckline.types import SIDES, EdgeKind, Frame, Notice, PixelLine, Reason, RunwayEstimate
+
+Array = NDArray[np.float64]
+# Shares and limits were set on rendered approaches of presets paper, cvn, axial, small and train.
+STEP, MARGIN = 0.01, 0.3  # of the width: sampling, and what is sampled beyond the lines
+RIDGES = (3, 5, 9, 17)  # widths of a stripe, a ladder or a dashed line, in steps
+MOST_ROWS, MIN_ROWS, MIN_WIDTH_PX = 128, 8, 12.0  # looked at; that must show paint; of the runway in the middle row
+MIN_CONTRAST, NOISES = 4.0, 3.0  # of paint: grey levels, and over the deck between the lines
+SAME_PLACE, SAME_PX = 0.02, 1.5  # of the width or px, that paint may lie beside its line
+PAINTED = 0.3  # of the other line's contrast in the same row, from which a line is painted too
+LEAST_PAINTED = 0.5  # of the rows
+CENTRE = (0.25, 0.75)  # where a centre line is looked for
+STANDS_OUT = 0.2  # mean contrast of a centre line over that of its rivals, both over the edges'
+RIVAL = 0.08  # from a centre line to what is another line
+MIDWAY, MIDWAY_PX = 0.05, 0.7  # of the width and px, that a centre line may lie off the middle
+LARGEST_EXCESS, FLAGGED, MOST = 0.45, 1.0, 2.0  # of one look, sum of the excess over the limits, in limits
+MESSAGES = {
+    "left": "the picture shows no paint under the left line, though under the right one",
+    "right": "the picture shows no paint under the right line, though under the left one",
+    "centre left": "the painted centre line lies left of the middle between the lines",
+    "centre right": "the painted centre line lies right of the middle between the lines",
+}
+
+
+@dataclass(frozen=True)
+class PaintLook:
+    """What one picture says of two lines; None: it can not say."""
+
+    left: float | None = None  # share of the rows with paint under the right line that have it under the left one too
+    right: float | None = None  # the same of the right line
+    centre: float | None = None  # where between the lines a centre line is painted: 0 left, 1 right
+    width_px: float = 0.0  # of the runway in the middle row
+
+    def excess(self) -> dict[str, float]:
+        """By how much every answer is beyond its limit, in limits; negative: it confirms the lines."""
+        found = {}
+        for side, share in (("left", self.left), ("right", self.right)):
+            if share is not None:
+                found[side] = 1.0 - share / LEAST_PAINTED
+        if self.centre is not None:
+            off = (self.centre - 0.5) / (MIDWAY + MIDWAY_PX / max(self.width_px, 1.0))
+            found |= {"centre left": -off - 1.0, "centre right": off - 1.0}
+        return found
+
+
+class PaintCheck:
+    """Called with every frame of a flight and its lines, in their order; `flag` is what the last looks say.
+
+    A look takes few milliseconds, within the frame.
+
+    Args:
+        every_s: from one look to the next; 0: none.
+    """
+
+    def __init__(self, every_s: float) -> None:
+        self.every_s = every_s
+        self.flag: Notice | None = None
+        self._sums = dict.fromkeys(MESSAGES, 0.0)
+        self._last_s = -np.inf  # of the last picture looked at
+
+    def __call__(self, frame: Frame, estimate: RunwayEstimate, edge: EdgeKind | None) -> None:
+        """Look at the picture when it is time."""
+        if not self._last_s <= frame.time_s:  # another flight, or not a number
+            self._last_s, self._sums, self.flag = -np.inf, dict.fromkeys(MESSAGES, 0.0), None
+        lines = estimate.pixel_lines
+        is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
+        # Distortion bends lines; without paint there is nothing to find.
+        if (
+            not is_due
+            or not set(SIDES) <= set(lines)
+            or frame.camera.has_distortion
+            or edge not in (None, EdgeKind.PAINT)
+        ):
+            return
+        self._last_s = frame.time_s
+        self._judge(find_paint(frame.image_rgb, lines["left"], lines["right"]))
+
+    def _judge(self, look: PaintLook) -> None:
+        for what, excess in look.excess().items():
+            self._sums[what] = min(max(self._sums[what] + min(excess, LARGEST_EXCESS), 0.0), MOST)
+        worst = max(self._sums, key=lambda what: self._sums[what])
+        self.flag = Notice(Reason.PAINT, MESSAGES[worst]) if self._sums[worst] >= FLAGGED else None
+
+
+def find_paint(image_rgb: NDArray[np.uint8], left: PixelLine, right: PixelLine) -> PaintLook:
+    """Look for paint under both lines and for a centre line, in the rows that both have.
+
+    Args:
+        image_rgb: (H, W, 3).
+        left, right: edge lines in its pixels.
+    """
+    height, width = image_rgb.shape[:2]
+    top = max(left.ends_px[:, 1].min(), right.ends_px[:, 1].min(), 0.0)
+    bottom = min(left.ends_px[:, 1].max(), right.ends_px[:, 1].max(), height - 1.0)
+    if bottom - top < MIN_ROWS - 1:
+        return PaintLook()
+    rows = np.unique(np.linspace(np.ceil(top), np.floor(bottom), MOST_ROWS).astype(np.int64))
+    start, end = _u_at(left, rows), _u_at(right, rows)
+    width_px = float(np.median(end - start))
+    if not width_px >= MIN_WIDTH_PX:
+        return PaintLook()
+    place = np.arange(-MARGIN, 1.0 + MARGIN + STEP / 2, STEP)
+    u = start[:, None] + (end - start)[:, None] * place
+    ridges = _find_ridges(_sample_rows(image_rgb, rows, u), width_px)
+    ridges[(u < 0) | (u > width - 1)] = 0.0
+    return _judge_ridges(ridges, place, width_px)
+
+
+def _u_at(line: PixelLine, v: NDArray[np.int64]) -> Array:
+    a, b, c = line.coefficients
+    return np.asarray(-(b * v + c) / (a if abs(a) > 1e-9 else 1e-9))
+
+
+def _sample_rows(image_rgb: NDArray[np.uint8], rows: NDArray[np.int64], u: Array) -> Array:
+    """The darkest colour (N, M), as paint is white, at u (N, M) of rows (N,)."""
+    red, green, blue = (image_rgb[rows, :, colour] for colour in range(3))
+    level = np.minimum(np.minimum(red, green), blue)
+    low = np.clip(np.floor(u), 0, level.shape[1] - 2).astype(np.int64)
+    share = np.clip(u - low, 0.0, 1.0)
+    row = np.arange(len(rows))[:, None]
+    return np.asarray((1.0 - share) * level[row, low] + share * level[row, low + 1])
+
+
+def _find_ridges(level: Array, width_px: float) -> Array:
+    """How much every place (N, M) of the rows is brighter than both its sides, at the best width of a stripe."""
+    best = np.zeros_like(level)
+    for size in RIDGES:
+        if size * STEP * width_px < 1.0:
+            continue
+        mean, reach = uniform_filter1d(level, size, axis=1), size + 1
+        inner = mean[:, reach:-reach] - np.maximum(mean[:, : -2 * reach], mean[:, 2 * reach :])
+        np.maximum(best[:, reach:-reach], inner, out=best[:, reach:-reach])
+    return best
+
+
+def _judge_ridges(ridges: Array, place: Array, width_px: float) -> PaintLook:
+    beside = max(round(SAME_PLACE / STEP), round(SAME_PX / width_px / STEP))
+    near = maximum_filter1d(ridges, 2 * beside + 1, axis=1)
+    left, right = (near[:, int(np.argmin(np.abs(place - edge)))] for edge in (0.0, 1.0))
+    deck = np.abs(np.abs(place - 0.5) - 0.235) < 0.09  # beside edges, ladders and centre line
+    least = max(MIN_CONTRAST, NOISES * float(np.quantile(ridges[:, deck], 0.84)))
+    shares = [
+        float(np.mean(own[seen] > PAINTED * other[seen])) if np.sum(seen := other > least) >= MIN_ROWS else None
+        for own, other in ((left, right), (right, left))
+    ]
+    edges = np.minimum(left, right)
+    both = edges > least
+    centre = _find_centre(near[both] / edges[both, None], place, beside * STEP) if both.sum() >= MIN_ROWS else None
+    return PaintLook(shares[0], shares[1], centre, width_px)
+
+
+def _find_centre(contrast: Array, place: Array, beside: float) -> float | None:
+    """Where the one line between the edges lies; None where there is none, or more than one."""
+    mean = np.where((place > CENTRE[0]) & (place < CENTRE[1]), np.minimum(contrast, 1.0).mean(axis=0), 0.0)
+    best = float(mean.max())
+    at = float(place[mean >= 0.95 * best].mean())
+    rival = float(mean[np.abs(place - at) > RIVAL + beside].max())
+    return at if best - rival >= STANDS_OUT else None
