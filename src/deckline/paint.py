@@ -18,16 +18,19 @@ Array = NDArray[np.float64]
 # Shares and limits were set on rendered approaches of presets paper, cvn, axial, small and train.
 STEP, MARGIN = 0.01, 0.3  # of the width: sampling, and what is sampled beyond the lines
 RIDGES = (3, 5, 9, 17)  # widths of a stripe, a ladder or a dashed line, in steps
-MOST_ROWS, MIN_ROWS, MIN_WIDTH_PX = 128, 8, 12.0  # looked at; that must show paint; of the runway in the middle row
+MOST_ROWS, MIN_ROWS = 128, 8  # looked at; that must show paint
+MIN_WIDTH_PX, MIN_CENTRE_PX = 12.0, 24.0  # of the runway in the middle row, for edges and for a centre line
 MIN_CONTRAST, NOISES = 4.0, 3.0  # of paint: grey levels, and over the deck between the lines
+BESIDE, DECK = 0.235, 0.09  # from the middle to bare deck, and to each side of it, of the width
 SAME_PLACE, SAME_PX = 0.02, 1.5  # of the width or px, that paint may lie beside its line
 PAINTED = 0.3  # of the other line's contrast in the same row, from which a line is painted too
 LEAST_PAINTED = 0.5  # of the rows
-CENTRE = (0.25, 0.75)  # where a centre line is looked for
+CENTRE, OTHERS = 0.17, 0.25  # a centre line may lie so far off the middle, of the width; other lines beside it
 STANDS_OUT = 0.2  # mean contrast of a centre line over that of its rivals, both over the edges'
 RIVAL = 0.08  # from a centre line to what is another line
 MIDWAY, MIDWAY_PX = 0.05, 0.7  # of the width and px, that a centre line may lie off the middle
 LARGEST_EXCESS, FLAGGED, MOST = 0.45, 1.0, 2.0  # of one look, sum of the excess over the limits, in limits
+FADING = 0.8  # of a sum below the flag, at a look without an answer
 MESSAGES = {
     "left": "the picture shows no paint under the left line, though under the right one",
     "right": "the picture shows no paint under the right line, though under the left one",
@@ -90,8 +93,12 @@ class PaintCheck:
         self._judge(find_paint(frame.image_rgb, lines["left"], lines["right"]))
 
     def _judge(self, look: PaintLook) -> None:
-        for what, excess in look.excess().items():
-            self._sums[what] = min(max(self._sums[what] + min(excess, LARGEST_EXCESS), 0.0), MOST)
+        found = look.excess()
+        for what, before in self._sums.items():
+            if what in found:
+                self._sums[what] = min(max(before + min(found[what], LARGEST_EXCESS), 0.0), MOST)
+            elif before < FLAGGED:
+                self._sums[what] = FADING * before
         worst = max(self._sums, key=lambda what: self._sums[what])
         self.flag = Notice(Reason.PAINT, MESSAGES[worst]) if self._sums[worst] >= FLAGGED else None
 
@@ -151,22 +158,28 @@ def _judge_ridges(ridges: Array, place: Array, width_px: float) -> PaintLook:
     beside = max(round(SAME_PLACE / STEP), round(SAME_PX / width_px / STEP))
     near = maximum_filter1d(ridges, 2 * beside + 1, axis=1)
     left, right = (near[:, int(np.argmin(np.abs(place - edge)))] for edge in (0.0, 1.0))
-    deck = np.abs(np.abs(place - 0.5) - 0.235) < 0.09  # beside edges, ladders and centre line
-    least = max(MIN_CONTRAST, NOISES * float(np.quantile(ridges[:, deck], 0.84)))
+    decks = (np.abs(place - middle) < DECK for middle in (0.5 - BESIDE, 0.5 + BESIDE))
+    noise = min(float(np.quantile(ridges[:, deck], 0.84)) for deck in decks)  # another line may lie on one side
+    least = max(MIN_CONTRAST, NOISES * noise)
     shares = [
         float(np.mean(own[seen] > PAINTED * other[seen])) if np.sum(seen := other > least) >= MIN_ROWS else None
         for own, other in ((left, right), (right, left))
     ]
     edges = np.minimum(left, right)
     both = edges > least
-    centre = _find_centre(near[both] / edges[both, None], place, beside * STEP) if both.sum() >= MIN_ROWS else None
+    is_clear = both.sum() >= MIN_ROWS and width_px >= MIN_CENTRE_PX
+    centre = _find_centre(near[both] / edges[both, None], place, beside * STEP) if is_clear else None
     return PaintLook(shares[0], shares[1], centre, width_px)
 
 
 def _find_centre(contrast: Array, place: Array, beside: float) -> float | None:
     """Where the one line between the edges lies; None where there is none, or more than one."""
-    mean = np.where((place > CENTRE[0]) & (place < CENTRE[1]), np.minimum(contrast, 1.0).mean(axis=0), 0.0)
-    best = float(mean.max())
-    at = float(place[mean >= 0.95 * best].mean())
-    rival = float(mean[np.abs(place - at) > RIVAL + beside].max())
-    return at if best - rival >= STANDS_OUT else None
+    mean = np.minimum(contrast, 1.0).mean(axis=0)
+    middle = np.abs(place - 0.5)
+    is_peak = (mean >= maximum_filter1d(mean, 2 * round(RIVAL / STEP) + 1)) & (middle < OTHERS)
+    peaks = np.where(is_peak, mean, 0.0)
+    best, first = float(peaks.max()), float(place[peaks.argmax()])
+    near = np.abs(place - first) <= RIVAL + beside
+    at = float(place[near & (mean >= 0.95 * best)].mean())
+    stands_out = best - float(peaks[~near].max()) >= STANDS_OUT
+    return at if stands_out and abs(at - 0.5) < CENTRE else None
