@@ -89,6 +89,19 @@ def test_too_few_rows_or_too_narrow_a_runway_say_nothing():
     assert find_paint(image, outside, outside).excess() == {}
 
 
+@pytest.mark.parametrize(("row", "expected"), [(350, True), (160, False)])
+def test_rows_without_deck_beside_a_line_are_not_looked_at(row, expected):
+    """The left line leaves the picture at a row; a line that is cut off has no side that is darker."""
+    cut = int(at(row, 0.0))
+    moved = [
+        replace(one, coefficients=one.coefficients + np.array([0.0, 0.0, cut * one.coefficients[0]]))
+        for one in (line(0.0), line(1.0))
+    ]
+    found = find_paint(deck(EDGES)[:, cut:], *moved)
+    assert (found.left is not None and found.left > 0.95) is expected
+    assert expected or found.excess() == {}
+
+
 def test_the_picture_is_left_as_it_is_and_odd_sizes_are_seen():
     image = deck(CENTRED, size=(479, 801))
     before = image.copy()

@@ -20,6 +20,7 @@ STEP, MARGIN = 0.01, 0.3  # of the width: sampling, and what is sampled beyond t
 RIDGES = (3, 5, 9, 17)  # widths of a stripe, a ladder or a dashed line, in steps
 MOST_ROWS, MIN_ROWS = 128, 8  # looked at; that must show paint
 MIN_WIDTH_PX, MIN_CENTRE_PX = 12.0, 24.0  # of the runway in the middle row, for edges and for a centre line
+SIDE = 0.1  # of the width: what of the deck beside both lines must be in the picture, in a row that is looked at
 MIN_CONTRAST, NOISES = 4.0, 3.0  # of paint: grey levels, and over the deck between the lines
 BESIDE, DECK = 0.235, 0.09  # from the middle to bare deck, and to each side of it, of the width
 SAME_PLACE, SAME_PX = 0.02, 1.5  # of the width or px, that paint may lie beside its line
@@ -63,7 +64,8 @@ class PaintLook:
 class PaintCheck:
     """Called with every frame of a flight and its lines, in their order; `flag` is what the last looks say.
 
-    A look takes few milliseconds, within the frame.
+    A look takes two milliseconds, within the frame. Distorted pictures are not looked at, as they bend the lines,
+    and no edges but painted ones.
 
     Args:
         every_s: from one look to the next; 0: none.
@@ -79,18 +81,12 @@ class PaintCheck:
         """Look at the picture when it is time."""
         if not self._last_s <= frame.time_s:  # another flight, or not a number
             self._last_s, self._sums, self.flag = -np.inf, dict.fromkeys(MESSAGES, 0.0), None
-        lines = estimate.pixel_lines
+        lines, is_bent = estimate.pixel_lines, frame.camera.has_distortion
+        is_painted = edge in (None, EdgeKind.PAINT)
         is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
-        # Distortion bends lines; without paint there is nothing to find.
-        if (
-            not is_due
-            or not set(SIDES) <= set(lines)
-            or frame.camera.has_distortion
-            or edge not in (None, EdgeKind.PAINT)
-        ):
-            return
-        self._last_s = frame.time_s
-        self._judge(find_paint(frame.image_rgb, lines["left"], lines["right"]))
+        if is_due and is_painted and not is_bent and set(SIDES) <= set(lines):
+            self._last_s = frame.time_s
+            self._judge(find_paint(frame.image_rgb, lines["left"], lines["right"]))
 
     def _judge(self, look: PaintLook) -> None:
         found = look.excess()
@@ -117,8 +113,10 @@ def find_paint(image_rgb: NDArray[np.uint8], left: PixelLine, right: PixelLine) 
         return PaintLook()
     rows = np.unique(np.linspace(np.ceil(top), np.floor(bottom), MOST_ROWS).astype(np.int64))
     start, end = _u_at(left, rows), _u_at(right, rows)
-    width_px = float(np.median(end - start))
-    if not width_px >= MIN_WIDTH_PX:
+    side = SIDE * (end - start)
+    inside = (start >= side) & (end + side <= width - 1)
+    rows, start, end = rows[inside], start[inside], end[inside]
+    if len(rows) < MIN_ROWS or not (width_px := float(np.median(end - start))) >= MIN_WIDTH_PX:
         return PaintLook()
     place = np.arange(-MARGIN, 1.0 + MARGIN + STEP / 2, STEP)
     u = start[:, None] + (end - start)[:, None] * place
