@@ -80,6 +80,16 @@ def test_haze_says_less_until_it_says_nothing():
     assert look([], 0.0, 1.0).excess() == {}
 
 
+def test_where_no_line_has_paint_the_two_do_not_accuse_each_other():
+    """Lights in rows of their own, as along a runway at night."""
+    image = deck([])
+    for v in range(TOP, BOTTOM, 6):
+        for share, row in ((0.0, v), (1.0, v + 3)):
+            u = round(float(at(row, share)))
+            image[row : row + 2, u - 1 : u + 2] = 220
+    assert find_paint(image, line(0.0), line(1.0)).excess() == {}
+
+
 def test_too_few_rows_or_too_narrow_a_runway_say_nothing():
     image = deck(CENTRED)
     assert find_paint(image, line(0.0, 200, 194), line(1.0, 200, 194)).excess() == {}

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 # Shares and limits were set on rendered approaches of presets paper, cvn, axial, small and train.
 STEP, MARGIN = 0.01, 0.3  # of the width: sampling, and what is sampled beyond the lines
 RIDGES = (3, 5, 9, 17)  # widths of a stripe, a ladder or a dashed line, in steps
-MOST_ROWS, MIN_ROWS = 128, 8  # looked at; that must show paint
+MOST_ROWS, MIN_ROWS, LEAST_SEEN = 128, 8, 0.25  # looked at; that must show paint, also as a share of those
 MIN_WIDTH_PX, MIN_CENTRE_PX = 12.0, 24.0  # of the runway in the middle row, for edges and for a centre line
 SIDE = 0.1  # of the width: what of the deck beside both lines must be in the picture, in a row that is looked at
 MIN_CONTRAST, NOISES = 4.0, 3.0  # of paint: grey levels, and over the deck between the lines
@@ -159,15 +159,21 @@ def _judge_ridges(ridges: Array, place: Array, width_px: float) -> PaintLook:
     decks = (np.abs(place - middle) < DECK for middle in (0.5 - BESIDE, 0.5 + BESIDE))
     noise = min(float(np.quantile(ridges[:, deck], 0.84)) for deck in decks)  # another line may lie on one side
     least = max(MIN_CONTRAST, NOISES * noise)
-    shares = [
-        float(np.mean(own[seen] > PAINTED * other[seen])) if np.sum(seen := other > least) >= MIN_ROWS else None
-        for own, other in ((left, right), (right, left))
-    ]
+    shares = [_share_painted(own, other, least) for own, other in ((left, right), (right, left))]
+    if all(share is not None and share < LEAST_PAINTED for share in shares):  # lights, noise
+        shares = [None, None]
     edges = np.minimum(left, right)
     both = edges > least
     is_clear = both.sum() >= MIN_ROWS and width_px >= MIN_CENTRE_PX
     centre = _find_centre(near[both] / edges[both, None], place, beside * STEP) if is_clear else None
     return PaintLook(shares[0], shares[1], centre, width_px)
+
+
+def _share_painted(own: Array, other: Array, least: float) -> float | None:
+    """Share of the rows with paint under the other line that have it under the own one; None with too few rows."""
+    seen = other > least
+    is_seen = seen.sum() >= max(MIN_ROWS, LEAST_SEEN * len(seen))
+    return float(np.mean(own[seen] > PAINTED * other[seen])) if is_seen else None
 
 
 def _find_centre(contrast: Array, place: Array, beside: float) -> float | None:
