@@ -67,6 +67,7 @@ def test_a_line_on_another_painted_line_is_told_by_the_centre_line_alone():
 def test_what_could_be_several_lines_is_no_centre_line():
     assert look([0.0, 0.33, 0.7, 1.0]).centre is None
     assert look(EDGES).centre is None
+    assert look([0.0, 0.29, 1.0]).centre is None  # too far off for the edges to be the wrong ones
 
 
 def test_other_lines_beside_the_edges_change_nothing():
@@ -94,6 +95,8 @@ def test_too_few_rows_or_too_narrow_a_runway_say_nothing():
     image = deck(CENTRED)
     assert find_paint(image, line(0.0, 200, 194), line(1.0, 200, 194)).excess() == {}
     assert find_paint(image, line(0.48), line(0.51)).excess() == {}
+    narrow = find_paint(deck([0.0, 0.04, 0.08]), line(0.0), line(0.08))
+    assert 12 < narrow.width_px < 24 and narrow.left > 0.9 and narrow.centre is None
     assert find_paint(image, line(1.0), line(0.0)).excess() == {}
     outside = replace(line(0.0), ends_px=line(0.0).ends_px + np.array([0.0, 600.0]))
     assert find_paint(image, outside, outside).excess() == {}
@@ -140,6 +143,12 @@ def test_only_what_lasts_is_flagged_until_it_is_over():
     right = [shown(k, CENTRED) for k in range(5, 9)]
     assert flags([*wrong, *right])[-1] is None
     assert flags([shown(k, CENTRED, left=0.15 * (k % 3 == 0)) for k in range(12)]) == [None] * 12
+
+
+def test_what_is_contradicted_now_and_then_between_pictures_that_say_nothing_is_not_flagged():
+    """Haze in all pictures but every fourth."""
+    views = [shown(k, EDGES if k % 4 == 0 else [], left=0.15) for k in range(24)]
+    assert flags(views) == [None] * 24
 
 
 def test_it_looks_at_its_rate_at_painted_lines_in_pictures_without_distortion():

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 # Shares and limits were set on rendered approaches of presets paper, cvn, axial, small and train.
 STEP, MARGIN = 0.01, 0.3  # of the width: sampling, and what is sampled beyond the lines
 RIDGES = (3, 5, 9, 17)  # widths of a stripe, a ladder or a dashed line, in steps
-MOST_ROWS, MIN_ROWS, LEAST_SEEN = 128, 8, 0.25  # looked at; that must show paint, also as a share of those
+MOST_ROWS, MIN_ROWS = 128, 8  # looked at; that must show paint
 MIN_WIDTH_PX, MIN_CENTRE_PX = 12.0, 24.0  # of the runway in the middle row, for edges and for a centre line
 SIDE = 0.1  # of the width: what of the deck beside both lines must be in the picture, in a row that is looked at
 MIN_CONTRAST, NOISES = 4.0, 3.0  # of paint: grey levels, and over the deck between the lines
@@ -172,8 +172,7 @@ def _judge_ridges(ridges: Array, place: Array, width_px: float) -> PaintLook:
 def _share_painted(own: Array, other: Array, least: float) -> float | None:
     """Share of the rows with paint under the other line that have it under the own one; None with too few rows."""
     seen = other > least
-    is_seen = seen.sum() >= max(MIN_ROWS, LEAST_SEEN * len(seen))
-    return float(np.mean(own[seen] > PAINTED * other[seen])) if is_seen else None
+    return float(np.mean(own[seen] > PAINTED * other[seen])) if seen.sum() >= MIN_ROWS else None
 
 
 def _find_centre(contrast: Array, place: Array, beside: float) -> float | None:
