@@ -95,7 +95,7 @@ def test_too_few_rows_or_too_narrow_a_runway_say_nothing():
     image = deck(CENTRED)
     assert find_paint(image, line(0.0, 200, 194), line(1.0, 200, 194)).excess() == {}
     assert find_paint(image, line(0.48), line(0.51)).excess() == {}
-    narrow = find_paint(deck([0.0, 0.04, 0.08]), line(0.0), line(0.08))
+    narrow = find_paint(deck([0.0, 0.046, 0.092]), line(0.0), line(0.092))
     assert 12 < narrow.width_px < 24 and narrow.left > 0.9 and narrow.centre is None
     assert find_paint(image, line(1.0), line(0.0)).excess() == {}
     outside = replace(line(0.0), ends_px=line(0.0).ends_px + np.array([0.0, 600.0]))
