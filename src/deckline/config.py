@@ -294,6 +294,7 @@ class Tracking:
         gate_sigma: standard deviations beyond which a measurement is left out.
         search_s: while the track is sure, only its place is looked at, and so often the whole picture, s; 0: always.
         horizon_s: so often the horizon in the picture is compared with the attitude, s; 0: never.
+        paint_s: so often the picture is searched for paint under the lines and for a centre line, s; 0: never.
     """
 
     enabled: bool = True
@@ -302,9 +303,10 @@ class Tracking:
     gate_sigma: float = 5.0
     search_s: float = 1.0
     horizon_s: float = 1.0
+    paint_s: float = 0.5
 
     def __post_init__(self) -> None:
-        check_numbers(self, "tracking", "search_s", "horizon_s", least=0.0)
+        check_numbers(self, "tracking", "search_s", "horizon_s", "paint_s", least=0.0)
         check_numbers(self, "tracking", "coast_s", "reacquire_s", "gate_sigma", above=0.0)
 
 

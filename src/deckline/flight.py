@@ -22,6 +22,7 @@ from deckline.detect.crop import Box
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
+from deckline.paint import PaintCheck
 from deckline.track import Tracker
 from deckline.types import Detection, Frame, Guidance, Notice, Reason, RunwayEstimate, RunwayPrior, Track, Value
 
@@ -121,6 +122,7 @@ class Flight:
         self._image_prior = ImagePrior()
         self._watch = Watch(detector, config.tracking.search_s) if isinstance(detector, SearchingDetector) else None
         self._attitude = AttitudeCheck(config.tracking.horizon_s)
+        self._paint = PaintCheck(config.tracking.paint_s)
         self._track: Track | None = None
 
     @classmethod
@@ -167,15 +169,17 @@ class Flight:
             rng: RANSAC's draws; None: a generator of the frame's own, from `config.seed` and the file's name.
         """
         seconds: dict[str, float] = {}
+        is_searched = detection is None and self.tracker is not None
         dehazing = Dehazing(frame, self.dehazer, seconds, self.config.models)
         if detection is None:
             picture = frame.image_rgb if self.config.models.detect_in == "hazy" else dehazing().image_rgb
             detection = _timed(seconds, "detect", lambda: self._detect(frame, picture, prior))
-            if self.tracker is not None:
-                self._attitude(frame)
         points = detection
         rng = rng or np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
+        if is_searched:
+            self._attitude(frame)
+            self._paint(frame, estimate, points.edge)
         track = _timed(seconds, "track", lambda: self._follow(frame, points, estimate))
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
         return FrameResult(frame, dehazing, points, estimate, advice, seconds, track)
@@ -202,7 +206,9 @@ class Flight:
         self._image_prior.update(frame, detection, estimate)
         track = self.tracker.update(frame, estimate)
         others = OTHER_LINES if self._watch is not None and self._watch.is_contradicted else None
-        self._track = replace(track, flags=(*track.flags, *filter(None, (others, self._attitude.flag))))
+        self._track = replace(
+            track, flags=(*track.flags, *filter(None, (others, self._attitude.flag, self._paint.flag)))
+        )
         return self._track
 
 

@@ -87,6 +87,7 @@ class Reason(StrEnum):
     RESUMED = "resumed"
     OTHER_LINES = "other lines"  # a search of the whole picture sees another runway than the track
     STALE = "stale"  # no frame, or an answer too late to be used
+    PAINT = "paint"  # the picture shows no paint under a line, or a centre line elsewhere than midway
     ATTITUDE = "attitude"  # the horizon in the picture lies otherwise
     DECK_SIGN = "deck sign"  # the reported deck height seems to have the wrong sign
 

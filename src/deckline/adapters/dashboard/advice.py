@@ -25,6 +25,7 @@ CHECK = {
     Reason.FROZEN: "the camera: its picture stands still",
     Reason.SWAPPED: "whether this is the right end of the runway",
     Reason.OTHER_LINES: "which runway is meant",
+    Reason.PAINT: "whether these lines are the runway's edges",
     Reason.ATTITUDE: "how the camera is mounted, and the attitude of the poses",
     Reason.DECK_SIGN: "the sign of --deck-z-m (z is down)",
     Reason.RESUMED: "nothing: the track is new",
