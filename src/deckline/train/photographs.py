@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.dehaze.airlight import find_sky, find_smooth_top
 from deckline.dehaze.dark_channel import guided_coefficients
 from deckline.dehaze.geometry import display_levels, linear_levels
-from deckline.dehaze.veil import VeilDehazer, find_sky, to_full_scale
+from deckline.dehaze.veil import VeilDehazer, to_full_scale
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility
 from deckline.recording.image_folder import list_images
@@ -39,7 +40,7 @@ def made_up_ranges(clear_rgb: Levels, rng: np.random.Generator) -> Map:
     """How far everything in a photograph (H, W, 3) may be (H, W), m; infinite for sky."""
     image = to_full_scale(clear_rgb)
     height, width = image.shape[:2]
-    sky = _without_islands(find_sky(image))
+    sky = _without_islands(find_sky(image, find_smooth_top(image)))
     columns = sky.any(axis=0)
     if columns.mean() > 0.3:
         horizon = float(np.median((height - sky[::-1].argmax(axis=0))[columns]))
