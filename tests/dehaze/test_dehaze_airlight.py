@@ -8,6 +8,7 @@ from deckline.dehaze.airlight import (
     find_sky,
     find_smooth_top,
     fit_airlight,
+    follow_sky,
 )
 
 AIRLIGHT = np.array([0.70, 0.74, 0.80])
@@ -46,6 +47,14 @@ def test_the_airlight_follows_a_dark_corner_and_a_dark_horizon() -> None:
     inside = np.s_[4 : HORIZON - 8, 4:-4]
     surface_error = np.abs(fit_airlight(image, sky) - image)[inside].max()
     assert np.abs(estimate_airlight_surface(image).colour - image)[inside].max() < 0.7 * surface_error
+
+
+def test_the_darker_a_plain_lower_sky_the_less_it_moves_the_airlight() -> None:
+    """All of it at 0.95 of the surface's grey, half at 0.85."""
+    surface, smooth = np.full((HEIGHT, WIDTH, 3), 0.8, np.float32), np.ones((HEIGHT, WIDTH), bool)
+    moves = [follow_sky(surface, part * surface, smooth, HEIGHT - 1) - surface for part in (0.95, 0.85)]
+    np.testing.assert_allclose([move[-10:].mean() for move in moves], [-0.04, -0.06], atol=0.005)
+    np.testing.assert_allclose([move[:10].mean() for move in moves], [-0.04, -0.12], atol=0.01)  # its upper half
 
 
 def test_a_ship_in_fog_does_not_darken_the_airlight() -> None:

@@ -34,7 +34,11 @@ LEAST_AIRLIGHT = 0.05  # of full scale; a divisor
 CELLS = 60  # across the image
 PLAIN_SHARE = 0.8  # of a cell's pixels that are smooth
 PLAIN_STEP = 0.018  # of full scale a cell; the edge of a ship in fog is steeper
-PLAIN_GREY = 0.7, 0.95  # of the surface's, in the upper half of the sky and below: a plain sea in haze would flicker
+PLAIN_GREY = 0.7  # of the surface's, in the upper half of the sky; darker cells move nothing
+LOWER_GREY = (
+    0.8,
+    0.9,
+)  # the same below, and from where on a cell moves it in full: at one limit plain seas would flicker
 PLAIN_BELOW = 0.15  # of the height: how far below the sky's lowest row
 FILL_CELLS = 15  # side of a square; a dark place that it does not fit into is filled
 MOVE_CELLS = 2.0, 8.0  # 1-sigma of a cell's reach: near, and where none is near
@@ -129,11 +133,13 @@ def follow_sky(airlight: Image, image: Image, smooth: NDArray[np.bool_], lowest_
     parts = (image, airlight, smooth.astype(np.float32))
     colour, air, share = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in parts)
     grey = colour.mean(axis=2)
-    least = np.where(np.arange(len(grey)) < 0.5 * lowest_row / height * len(grey), *PLAIN_GREY)[:, None]
-    plain = (share > PLAIN_SHARE) & (_gradient(grey) < PLAIN_STEP) & (grey > least * air.mean(axis=2))
+    relative, (low, high) = grey / air.mean(axis=2), LOWER_GREY
+    is_upper = np.arange(len(grey))[:, None] < 0.5 * lowest_row / height * len(grey)
+    part = np.where(is_upper, relative > PLAIN_GREY, np.clip((relative - low) / (high - low), 0, 1))
+    plain = (share > PLAIN_SHARE) & (_gradient(grey) < PLAIN_STEP) & (part > 0)
     plain[round((lowest_row / height + PLAIN_BELOW) * len(plain)) :] = False
     plain = _from_the_top(plain.astype(np.uint8))
-    moves = fill_dark_places(np.where(plain[..., None], colour - air, -1).astype(np.float32))
+    moves = fill_dark_places(np.where(plain[..., None], part[..., None] * (colour - air), -1).astype(np.float32))
     weight = (moves.min(axis=2, keepdims=True) > -1).astype(np.float32)
     near, far = (cv2.GaussianBlur(np.dstack([moves * weight, weight]), (0, 0), cells) for cells in MOVE_CELLS)
     blurred = near + FAR_WEIGHT * far
