@@ -23,6 +23,7 @@ from deckline.types import Frame, Value
 USUAL_HEIGHT_M = 50.0  # of a camera above the water, where it is not known; the limits of `haze_fit` are metres
 MAX_SIGMA = 0.02  # of the image's height: a vaguer horizon dehazes nothing
 CLEAR_HEIGHTS = (110.0, 160.0)  # visibility: from here on less is removed, and from here on nothing
+ANALYSIS_PX = 640  # longer side of the image that air and objects are estimated in
 VISIBILITY_PX = 320  # longer side of the image that the visibility is measured in
 USUAL_FOV_RAD = np.radians(60)  # of a camera that is not known
 
@@ -61,7 +62,7 @@ class HorizonDehazer:
 
     def __init__(self, otherwise: Dehazer | None = None) -> None:
         self.otherwise = otherwise or VeilDehazer()
-        self.geometry = GeometryDehazer()
+        self.geometry = GeometryDehazer(analysis_px=ANALYSIS_PX)
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         check_image(image_rgb)

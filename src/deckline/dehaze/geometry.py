@@ -73,11 +73,20 @@ class GeometrySolution:
 
 
 class GeometryDehazer:
-    """Dehazes frames with a pose and the height of sea or deck; a note says why others come out as they are."""
+    """Dehazes frames with a pose and the height of sea or deck; a note says why others come out as they are.
 
-    def __init__(self, config: GeometryConfig | None = None, name: str = "geometry") -> None:
+    Args:
+        config: how objects are found and what is left of the haze.
+        name: of the method.
+        analysis_px: longer side of the image that air and objects are estimated in.
+    """
+
+    def __init__(
+        self, config: GeometryConfig | None = None, name: str = "geometry", analysis_px: int = ANALYSIS_PX
+    ) -> None:
         self.name = name
         self.config = config or GeometryConfig()
+        self.analysis_px = analysis_px
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         check_image(image_rgb)
@@ -105,7 +114,7 @@ class GeometryDehazer:
             return NotFitted("no height is known; give --sea-z-m or --deck-z-m, or choose another dehazer")
         if sea_z_m < deck_z_m:
             return NotFitted(f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
-        small = downscale_frame(frame, ANALYSIS_PX)
+        small = downscale_frame(frame, self.analysis_px)
         view = view_sea(small.camera, pose, sea_z_m)
         if view.height_m <= 0:
             return NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
