@@ -40,7 +40,7 @@ from deckline.types import (
 NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 MOST_REFUSED = 10  # frames in a row: without a time nobody knows how old the track is
 # Frames so close together err alike, so that they count as one: points are off the same way, and a deck moves otherwise
-# than as an oscillation. 30 frames a second that count in full contradict a stated width in half of the nominal flights.
+# than as an oscillation. 30 full frames a second contradict a stated width in half of the nominal flights.
 ALIKE_S = 0.33
 ROUNDING_S = 1e-6  # of sums of times
 MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE = 1e-5, 1e-3, 1e-4  # floors of exact sensors
