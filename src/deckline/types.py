@@ -85,7 +85,7 @@ class Reason(StrEnum):
     FROZEN = "frozen"
     SWAPPED = "swapped"
     RESUMED = "resumed"
-    OTHER_LINES = "other lines"  # a search of the whole picture sees another runway than the track
+    OTHER_LINES = "other lines"  # in a search of the whole picture, or in a new track than in the one before
     STALE = "stale"  # no frame, or an answer too late to be used
     PAINT = "paint"  # the picture shows no paint under a line, or a centre line elsewhere than midway
     ATTITUDE = "attitude"  # the horizon in the picture lies otherwise
