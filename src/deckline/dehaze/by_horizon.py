@@ -116,5 +116,5 @@ def measure_visibility(frame: Frame) -> Value | NoHorizon | NotFitted:
     horizon = find_horizon_of(frame)
     if isinstance(horizon, NoHorizon):
         return horizon
-    solution = GeometryDehazer().solve(with_horizon_pose(frame, horizon))
+    solution = GeometryDehazer(analysis_px=ANALYSIS_PX).solve(with_horizon_pose(frame, horizon))
     return solution if isinstance(solution, NotFitted) else visibility_in_heights(frame, horizon, solution.haze)

@@ -5,7 +5,7 @@ camera replaces it where it sees something. I = J t + A (1 - t) is then solved f
 no signal, that is the sea's own colour, so that plain sea in the result does not mean that nothing is there.
 
 In every pixel the solution is linear in the image: J = gain I + offset. Both are found in an image of at most
-ANALYSIS_PX; a larger one only gets them applied.
+`analysis_px`; a larger one only gets them applied.
 """
 
 from dataclasses import dataclass, replace

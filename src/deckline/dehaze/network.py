@@ -57,7 +57,6 @@ class OnnxDehazer:
         path: file made by `deckline train dehaze`.
         name: for reports; the file's name when not given.
         engine: what computes the network.
-        working_long_side_px: what larger images are averaged down to; None: the size that the network was trained on.
         network_only: give what the network gives. Otherwise the result of one with a prior is blended with geometry's,
             and changes too small to be haze are not made.
         without_pose: takes images alone and frames without a pose; None: the network takes them.
@@ -71,7 +70,6 @@ class OnnxDehazer:
         path: Path,
         name: str | None = None,
         engine: Engine = CPU,
-        working_long_side_px: int | None = None,
         network_only: bool = False,
         without_pose: Dehazer | None = None,
     ) -> None:
@@ -86,8 +84,7 @@ class OnnxDehazer:
         self.geometry = GeometryDehazer() if config["network"].get("prior") else None
         self.network_only = network_only or self.geometry is None
         self.without_pose = without_pose
-        trained_px = int(config["working_long_side_px"])
-        self.working_long_side_px = trained_px if working_long_side_px is None else working_long_side_px
+        self.working_long_side_px = int(config["working_long_side_px"])
         self.grid_px = int(config["network"]["unshuffle"])
         self.min_side_px = int(config["network"].get("min_side_px", MIN_SIDE_PX))
 
