@@ -4,7 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline.evaluation.integrity_score import FrameState, Outcome, detection_delay_s, fault_row, flags_raised, outcome
+from deckline.evaluation.integrity_score import (
+    FrameState,
+    Outcome,
+    detection_delay_s,
+    fault_row,
+    flags_raised,
+    outcome,
+    settled_frames,
+)
 
 
 def state(time_s, error_m=0.0, flagged=False, faulty=True, level_m=1.0, height_m=0.0) -> FrameState:
@@ -73,3 +81,10 @@ def test_more_time_to_alert_never_makes_it_worse(frames, alert_s):
     states = [state(0.5 * k, error, flagged) for k, (error, flagged) in enumerate(frames)]
     if outcome(states, alert_s + 1.0) is Outcome.MISLEADING:
         assert outcome(states, alert_s) is Outcome.MISLEADING
+
+
+def test_settled_frames_come_after_the_first_guidance():
+    gone = FrameState(0.0, False, False, None, None, None, None)
+    flight = [gone, *(state(time_s) for time_s in (1.0, 2.0, 3.0)), replace(gone, time_s=3.5), state(4.0)]
+    assert [frame.time_s for frame in settled_frames(flight)] == [3.0, 4.0]
+    assert settled_frames([gone]) == []

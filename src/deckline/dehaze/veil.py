@@ -2,9 +2,10 @@
 
 I = J (1 - V) + A V. The airlight A is a smooth surface through the sky; a plain sky is therefore left as it is. The
 veil V comes from the dark channel, less what a scene's darkest details send themselves, smoothed along the image's
-edges; no pixel has more of it than leaves its darkest colour some light. J is the most likely scene where noise and an
-uncertain airlight pass for little signal. A picture whose dark places are dark is hardly
-changed: nothing tells an overcast scene from a hazy one but how far up its darkest details are.
+edges. No pixel has more of it than leaves its darkest colour some light, and less of it comes off where no detail
+stands out: fog that gets darker towards the horizon stays fog. J is the most likely scene where noise and an uncertain
+airlight pass for little signal. A picture whose dark places are dark is hardly changed: nothing tells an overcast scene
+from a hazy one but how far up its darkest details are.
 
 Sources: He, Sun and Tang 2011 (dark channel); Tarel and Hautiere, "Fast visibility restoration from a single color or
 gray level image", 2009 (atmospheric veil); He, Sun and Tang 2013 (guided filter). The airlight's surface, the strength
@@ -30,7 +31,11 @@ PATCH = 1 / 60  # of its width, as the next three: the dark channel's window
 GUIDE_RADIUS = 1 / 24
 GUIDE_EPS = 1e-3
 MAX_VEIL = 0.92
-OWN_DARKEST = 0.12  # of the airlight: a pixel's own darkest colour does not get darker, as masts before a bright sky
+OWN_DARKEST = 0.18  # of the airlight: a pixel's own darkest colour does not get darker, as masts before a bright sky
+DETAIL = 0.003  # of full scale: how much an image varies about its blurred self where half of the veil is sure
+DETAIL_SIGMA, DETAIL_SIDE = 3, 7  # px, of the blur; of the mean over that difference
+DETAIL_REACH = 1 / 50  # of the width, around a detail
+LEAST_SURE = 0.35  # of the veil comes off where nothing stands out
 STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 NIGHT = (0.1, 0.2)  # airlight, share of full scale: nothing is done, everything is done
 COLOURED = (0.35, 0.45)  # its saturation: haze, a blue sky or a sunset; 0.21 at most in 45 photographs of fog
@@ -43,8 +48,8 @@ GREY_SIGMA, COLOUR_SIGMA = 0.006, 0.025  # of the airlight's own grey and colour
 BRIGHT, BRIGHT_SHARE = 0.1, 0.3  # what is so much brighter than the airlight gets this share: full scale is near
 SMOOTH_PX = 8  # radius in which noise is averaged; compression makes blocks of 8 and 16 px
 SMOOTH_NOISE = 1.5  # sigmas of the contrast that is taken for noise
-TONE_SHARE = 0.4  # of the brightness that was taken away is given back
-MIN_GAMMA = 0.7
+TONE_SHARE = 0.8  # of the brightness that was taken away is given back
+MIN_GAMMA = 0.55
 LEVELS = 4096  # of the table that gives it back
 
 
@@ -119,8 +124,21 @@ def estimate_air(image: Image, noise: float, config: VeilConfig) -> Air:
     dark = cv2.GaussianBlur(opened, (0, 0), patch / 2).clip(0, 1)
     strength = config.strength * _haziness(dark[~air.sky], airlight.mean(axis=(0, 1)))
     veil = strength * np.clip((dark - config.darkest) / (1 - config.darkest), 0, 1)
-    slope, offset = guided_coefficients(image.mean(axis=2), veil, max(4, round(width * GUIDE_RADIUS)), GUIDE_EPS)
+    grey = image.mean(axis=2)
+    veil *= LEAST_SURE + (1 - LEAST_SURE) * detail_certainty(grey)
+    slope, offset = guided_coefficients(grey, veil, max(4, round(width * GUIDE_RADIUS)), GUIDE_EPS)
     return Air(airlight, air.sigma, slope, offset, max(MIN_NOISE, NOISE_WEIGHT * noise), strength)
+
+
+def detail_certainty(grey: Image) -> Image:
+    """How surely things stand in the haze about each pixel of an image (h, w) of full scale, 0 to 1."""
+    import cv2
+
+    reach = max(3, round(grey.shape[1] * DETAIL_REACH))
+    fine = cv2.blur(np.abs(grey - cv2.GaussianBlur(grey, (0, 0), DETAIL_SIGMA)), (DETAIL_SIDE, DETAIL_SIDE))
+    spread = cv2.GaussianBlur(cv2.dilate(fine, np.ones((reach, reach), np.uint8)), (0, 0), reach / 2)
+    square = np.square(spread)
+    return np.asarray(square / (square + np.float32(DETAIL**2)), dtype=np.float32)
 
 
 def _haziness(dark: Image, airlight: Image) -> float:

@@ -28,6 +28,7 @@ from deckline.evaluation.integrity_score import (
     AIDS,
     ALERT_S,
     NOMINAL,
+    SETTLED_S,
     FaultRow,
     FrameState,
     Run,
@@ -35,6 +36,7 @@ from deckline.evaluation.integrity_score import (
     flags_raised,
     fly_frames,
     fly_run,
+    settled_frames,
 )
 from deckline.evaluation.store import Store
 from deckline.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
@@ -53,12 +55,14 @@ NOMINAL_COUNTS = {  # of frames, and what people call them
     "protected": "guided",
     "is_told": "ok",
 }
+SETTLED_OK = f"ok after {SETTLED_S:g} s, %"
 NOTES = """\
 A frame misleads when lateral deviation, height above the deck, heading or distance to the ramp is farther off than its
 protection level and no flag is up. A run is detected when a flag came and no stretch misled for longer than the time to
 alert; harmless when no frame misled and no flag came; misleading otherwise. Misleading as ok: runs that mislead whoever
 follows `ok` guidance alone, as an autopilot should. Left out: frames of which a measurement contradicted the track and
-was not used. Guided: frames without a flag and with a protected centre line; ok: those of them that an autopilot takes.
+was not used. Guided: frames without a flag and with a protected centre line; ok: those of them that an autopilot takes;
+ok after 2 s: the same share of the guided frames from two seconds after a flight's first one on.
 Square brackets: 95 % intervals (Clopper and Pearson) of runs or frames taken as independent; frames of one run are not,
 and theirs are too narrow. The same flights carry every fault."""
 
@@ -190,7 +194,7 @@ def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], ale
     nominal = {name: _count_nominal(runs) for name, runs in by_fault.items() if name.startswith(NOMINAL)}
     if nominal:
         title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
-        columns = ("flights", "runs", "frames", *(f"{what}, %" for what in NOMINAL_COUNTS.values()))
+        columns = ("flights", "runs", "frames", *(f"{what}, %" for what in NOMINAL_COUNTS.values()), SETTLED_OK)
         tables.append(Table(title, columns, [_nominal_cells(name, counts) for name, counts in nominal.items()]))
     tables += [coverage_table(name, runs) for name, runs in by_fault.items() if name.startswith(NOMINAL)]
     raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
@@ -215,10 +219,13 @@ def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
 
 def _nominal_cells(name: str, counts: Mapping[str, int]) -> tuple[str, ...]:
     shares = (_share(counts[what], counts["frames"]) for what in NOMINAL_COUNTS)
-    return (name, str(counts["runs"]), str(counts["frames"]), *shares)
+    settled = _share(counts["settled_ok"], counts["settled"])
+    return (name, str(counts["runs"]), str(counts["frames"]), *shares, settled)
 
 
 def _share(hits: int, trials: int) -> str:
+    if not trials:
+        return MISSING
     low, high = share_interval(hits, trials)
     return f"{100 * hits / trials:.2f} [{100 * low:.2f}, {100 * high:.2f}]"
 
@@ -236,6 +243,8 @@ def flat_figures(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s
 def _count_nominal(runs: Sequence[Sequence[FrameState]]) -> dict[str, int]:
     frames = [frame for run in runs for frame in run]
     counts = {name: sum(getattr(frame, name) for frame in frames) for name in NOMINAL_COUNTS}
+    settled = [frame for run in runs for frame in settled_frames(run)]
+    counts |= {"settled": len(settled), "settled_ok": sum(frame.is_told for frame in settled)}
     return {"runs": len(runs), "frames": len(frames), **counts}
 
 

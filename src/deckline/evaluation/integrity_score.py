@@ -19,6 +19,7 @@ from deckline.truth import passing_distance_m, range_to_ramp_m, true_guidance, t
 from deckline.types import Frame, Status
 
 ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
+SETTLED_S = 2.0  # after the first guidance: contradictions have had time to show
 ONSET = (0.2, 0.6)  # part of the flight after which a sudden fault comes, drawn between these
 NOMINAL = "nominal"  # a run without a fault
 DRAW, RANSAC = 41, 42  # random streams
@@ -184,6 +185,12 @@ def detection_delay_s(run: Sequence[FrameState]) -> float | None:
     """From the first frame with the fault to the first flag after it; None where none came."""
     faulty = [frame for frame in run if frame.faulty]
     return next((frame.time_s - faulty[0].time_s for frame in faulty if frame.flagged), None)
+
+
+def settled_frames(run: Sequence[FrameState]) -> list[FrameState]:
+    """The protected frames from `SETTLED_S` after the first one on; before, a track is too young to be `ok`."""
+    protected = [frame for frame in run if frame.protected]
+    return [frame for frame in protected if frame.time_s - protected[0].time_s >= SETTLED_S]
 
 
 def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> list[FrameState]:
