@@ -98,6 +98,13 @@ def test_a_log_cut_short_gives_its_beginning(tmp_path, name):
     assert read_log_track(path, OWN_CLOCK).at(11.0) is not None
 
 
+def test_a_damaged_message_that_meets_the_end_is_read_once(tmp_path):
+    path, unknown = tmp_path / "log.ulg", b"\x13\0\0"  # of 19 bytes, of which 10 are there
+    path.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8) + 10 * b"\x01\0I\0" + unknown + bytes(10))
+    with pytest.raises(RecordingError, match=r"log\.ulg: a log needs"):
+        read_log_track(path, OWN_CLOCK)
+
+
 def test_what_a_log_lacks_is_named(tmp_path):
     with pytest.raises(RecordingError, match=r"log\.bin: a log needs ATT and POS or XKF1"):
         read_log_track(dataflash(tmp_path / "log.bin", ANGLES, []), OWN_CLOCK)

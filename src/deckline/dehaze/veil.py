@@ -32,10 +32,10 @@ GUIDE_RADIUS = 1 / 24
 GUIDE_EPS = 1e-3
 MAX_VEIL = 0.92
 OWN_DARKEST = 0.18  # of the airlight: a pixel's own darkest colour does not get darker, as masts before a bright sky
-DETAIL = 0.003  # of full scale: how much an image varies about its blurred self where half of the veil is sure
+DETAIL = 0.002  # of full scale: how much an image varies about its blurred self where half of the veil is sure
 DETAIL_SIGMA, DETAIL_SIDE = 3, 7  # px, of the blur; of the mean over that difference
 DETAIL_REACH = 1 / 50  # of the width, around a detail
-LEAST_SURE = 0.35  # of the veil comes off where nothing stands out
+LEAST_SURE = 0.3  # of the veil comes off where nothing stands out
 STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 NIGHT = (0.1, 0.2)  # airlight, share of full scale: nothing is done, everything is done
 COLOURED = (0.35, 0.45)  # its saturation: haze, a blue sky or a sunset; 0.21 at most in 45 photographs of fog
@@ -137,8 +137,7 @@ def detail_certainty(grey: Image) -> Image:
     reach = max(3, round(grey.shape[1] * DETAIL_REACH))
     fine = cv2.blur(np.abs(grey - cv2.GaussianBlur(grey, (0, 0), DETAIL_SIGMA)), (DETAIL_SIDE, DETAIL_SIDE))
     spread = cv2.GaussianBlur(cv2.dilate(fine, np.ones((reach, reach), np.uint8)), (0, 0), reach / 2)
-    square = np.square(spread)
-    return np.asarray(square / (square + np.float32(DETAIL**2)), dtype=np.float32)
+    return np.asarray(spread / (spread + np.float32(DETAIL)), dtype=np.float32)
 
 
 def _haziness(dark: Image, airlight: Image) -> float:

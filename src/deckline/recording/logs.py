@@ -6,6 +6,7 @@ Source: ArduPilot, "Onboard Message Log Messages" (ATT, POS, XKF1); MAVLink comm
 reference" (vehicle_attitude, vehicle_global_position, vehicle_local_position).
 """
 
+import io
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -89,11 +90,29 @@ def _collect(log: Any, wanted: Wanted, sender: Callable[[Any], int]) -> dict[str
     return rows
 
 
+class _WholeMessages(io.BufferedReader):
+    """A file in which steps back from a read that met the end count from where that read should have ended.
+
+    pyulog steps back so after a damaged message; from the end itself it would read the same messages for ever.
+    """
+
+    missing = 0  # bytes of the last read
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        self.missing = max(0, (size or 0) - len(data))
+        return data
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        missing, self.missing = self.missing, 0
+        return super().seek(offset + (missing if whence == io.SEEK_CUR else 0), whence)
+
+
 def _read_ulog(path: Path, wanted: Wanted) -> dict[str, list[list[float]]]:
     with needs_extra("logs"):
         from pyulog import ULog
     rows: dict[str, list[list[float]]] = {name: [] for name in wanted}
-    with path.open("rb") as file:
+    with _WholeMessages(io.FileIO(path)) as file:
         parts = ULog(file, list(wanted)).data_list
     for part in parts:
         if part.multi_id == 0:
