@@ -82,11 +82,14 @@ def test_a_mast_before_bright_haze_does_not_turn_black() -> None:
     assert mast.mean() < 75
 
 
-def test_own_veil_leaves_the_darkest_colour_of_a_scene() -> None:
-    airlight, veil = np.full((1, 3, 3), 0.8, np.float32), np.array([[0.2, 0.5, 0.8]])
-    darkest = OWN_DARKEST * 0.8
-    image = np.dstack([darkest * (1 - veil) + 0.8 * veil, np.full((1, 3), 0.7), np.full((1, 3), 0.8)])
-    np.testing.assert_allclose(own_veil(image.astype(np.float32), airlight), veil, atol=1e-6)
+@pytest.mark.parametrize("veil", [0.2, 0.5, 0.8])
+def test_own_veil_leaves_the_darkest_colour_of_a_scene(veil: float) -> None:
+    airlight = np.full((12, 40, 3), 0.8, np.float32)
+    image = airlight.copy()
+    image[:, 20:, 0] = OWN_DARKEST * 0.8 * (1 - veil) + 0.8 * veil
+    own = own_veil(image, airlight)
+    np.testing.assert_allclose(own[:, 22:], veil, atol=1e-6)  # from the edge on, whose pixels count in full
+    np.testing.assert_allclose(own[:, :16], 1.0, atol=1e-6)
 
 
 def test_detail_is_certain_about_an_edge_and_not_on_a_slope() -> None:

@@ -2,7 +2,7 @@
 
 I = J (1 - V) + A V. The airlight A is a smooth surface through the sky; a plain sky is therefore left as it is. The
 veil V comes from the dark channel, less what a scene's darkest details send themselves, smoothed along the image's
-edges. No pixel has more of it than leaves its darkest colour some light, and less of it comes off where no detail
+edges. No place has more of it than leaves its darkest colour some light, and less of it comes off where no detail
 stands out: fog that gets darker towards the horizon stays fog. J is the most likely scene where noise and an uncertain
 airlight pass for little signal. A picture whose dark places are dark is hardly changed: nothing tells an overcast scene
 from a hazy one but how far up its darkest details are.
@@ -31,7 +31,8 @@ PATCH = 1 / 60  # of its width, as the next three: the dark channel's window
 GUIDE_RADIUS = 1 / 24
 GUIDE_EPS = 1e-3
 MAX_VEIL = 0.92
-OWN_DARKEST = 0.18  # of the airlight: a pixel's own darkest colour does not get darker, as masts before a bright sky
+OWN_DARKEST = 0.15  # of the airlight: nothing gets darker, as masts before a bright sky would
+OWN_SIDE = 5  # px of the square in which the darkest colour counts
 DETAIL = 0.002  # of full scale: how much an image varies about its blurred self where half of the veil is sure
 DETAIL_SIGMA, DETAIL_SIDE = 3, 7  # px, of the blur; of the mean over that difference
 DETAIL_REACH = 1 / 50  # of the width, around a detail
@@ -124,6 +125,7 @@ def estimate_air(image: Image, noise: float, config: VeilConfig) -> Air:
     dark = cv2.GaussianBlur(opened, (0, 0), patch / 2).clip(0, 1)
     strength = config.strength * _haziness(dark[~air.sky], airlight.mean(axis=(0, 1)))
     veil = strength * np.clip((dark - config.darkest) / (1 - config.darkest), 0, 1)
+    veil = np.minimum(veil, own_veil(image, airlight)).clip(0)
     grey = image.mean(axis=2)
     veil *= LEAST_SURE + (1 - LEAST_SURE) * detail_certainty(grey)
     slope, offset = guided_coefficients(grey, veil, max(4, round(width * GUIDE_RADIUS)), GUIDE_EPS)
@@ -188,11 +190,16 @@ def estimate_scene(image: Image, airlight: Image, sigma: Image, slope: Image, of
 
 
 def own_veil(image: Image, airlight: Image) -> Image:
-    """The veil (H, W) that makes a pixel's darkest colour as dark as a scene's gets; more would be no light at all."""
+    """The veil (H, W) that makes the darkest colour about a pixel as dark as a scene's gets; more would be no light.
+
+    The few pixels about it share it, so that their contrast stays.
+    """
     import cv2
 
+    side = (OWN_SIDE, OWN_SIDE)
     darkest = min_channel(np.asarray(cv2.divide(image, airlight), np.float32))
-    return np.asarray((darkest - OWN_DARKEST) / (1 - OWN_DARKEST), dtype=np.float32)
+    least = cv2.blur(cv2.erode(darkest, np.ones(side, np.uint8)), side)
+    return np.asarray((least - OWN_DARKEST) / (1 - OWN_DARKEST), dtype=np.float32)
 
 
 def mean_channel(image: Image) -> Image:
