@@ -2,7 +2,7 @@
 
 I = J (1 - V) + A V. The airlight A is a smooth surface through the sky; a plain sky is therefore left as it is. The
 veil V comes from the dark channel, less what a scene's darkest details send themselves, smoothed along the image's
-edges. No place has more of it than leaves its darkest colour some light, and less of it comes off where no detail
+edges. No pixel has more of it than leaves its darkest colour some light, and less of it comes off where no detail
 stands out: fog that gets darker towards the horizon stays fog. J is the most likely scene where noise and an uncertain
 airlight pass for little signal. A picture whose dark places are dark is hardly changed: nothing tells an overcast scene
 from a hazy one but how far up its darkest details are.
@@ -31,12 +31,11 @@ PATCH = 1 / 60  # of its width, as the next three: the dark channel's window
 GUIDE_RADIUS = 1 / 24
 GUIDE_EPS = 1e-3
 MAX_VEIL = 0.92
-OWN_DARKEST = 0.15  # of the airlight: nothing gets darker, as masts before a bright sky would
-OWN_SIDE = 5  # px of the square in which the darkest colour counts
+LEAST_LIGHT = 0.1, 0.25  # of the airlight, and of a pixel's own darkest colour over it: no mast gets darker
 DETAIL = 0.002  # of full scale: how much an image varies about its blurred self where half of the veil is sure
 DETAIL_SIGMA, DETAIL_SIDE = 3, 7  # px, of the blur; of the mean over that difference
 DETAIL_REACH = 1 / 50  # of the width, around a detail
-LEAST_SURE = 0.3  # of the veil comes off where nothing stands out
+LEAST_SURE = 0.2  # of the veil comes off where nothing stands out
 STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 NIGHT = (0.1, 0.2)  # airlight, share of full scale: nothing is done, everything is done
 COLOURED = (0.35, 0.45)  # its saturation: haze, a blue sky or a sunset; 0.21 at most in 45 photographs of fog
@@ -190,16 +189,12 @@ def estimate_scene(image: Image, airlight: Image, sigma: Image, slope: Image, of
 
 
 def own_veil(image: Image, airlight: Image) -> Image:
-    """The veil (H, W) that makes the darkest colour about a pixel as dark as a scene's gets; more would be no light.
-
-    The few pixels about it share it, so that their contrast stays.
-    """
+    """The veil (H, W) that makes a pixel's darkest colour as dark as it may get; lighter pixels keep more light."""
     import cv2
 
-    side = (OWN_SIDE, OWN_SIDE)
     darkest = min_channel(np.asarray(cv2.divide(image, airlight), np.float32))
-    least = cv2.blur(cv2.erode(darkest, np.ones(side, np.uint8)), side)
-    return np.asarray((least - OWN_DARKEST) / (1 - OWN_DARKEST), dtype=np.float32)
+    light = LEAST_LIGHT[0] + LEAST_LIGHT[1] * np.minimum(darkest, 1)
+    return np.asarray((darkest - light) / (1 - light), dtype=np.float32)
 
 
 def mean_channel(image: Image) -> Image:
