@@ -9,7 +9,7 @@ from a hazy one but how far up its darkest details are.
 
 Sources: He, Sun and Tang 2011 (dark channel); Tarel and Hautiere, "Fast visibility restoration from a single color or
 gray level image", 2009 (atmospheric veil); He, Sun and Tang 2013 (guided filter). The airlight's surface, the strength
-and the tone are ours, chosen by eye on 48 photographs of fog that are not part of this project.
+and the tone are ours, chosen by eye on photographs of fog that are not part of this project.
 """
 
 from dataclasses import dataclass
