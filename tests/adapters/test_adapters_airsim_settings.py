@@ -55,6 +55,13 @@ def test_cameras_have_airsims_names_and_numbers():
         settings.find_camera("x")
 
 
+def test_what_a_camera_that_looks_down_is_not_given_stays():
+    given = {"Vehicles": {"D": {"Cameras": {"3": {"X": 1}}}}}
+    mount = parse_settings(given, USUAL).cameras["bottom_center"].mount
+    np.testing.assert_allclose(mount.translation, [1, 0, 0])
+    np.testing.assert_allclose(mount.rotation.apply([1, 0, 0]), [0, 0, 1], atol=1e-12)
+
+
 def test_a_settings_file_is_read_as_airsim_does(tmp_path):
     file = tmp_path / "settings.json"
     file.write_text(json.dumps(GIVEN))

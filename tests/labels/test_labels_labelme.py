@@ -36,6 +36,7 @@ def test_lines_and_line_strips_named_left_and_right_are_read_from_folder_and_fil
         ([LEFT, LEFT], r"shapes\[1\]: a second left line"),
         ([LEFT | {"shape_type": "polygon"}], r"shapes\[0\]: Left edge must be a line or linestrip, got 'polygon'"),
         ([LEFT | {"points": [[1, 2]]}], r"shapes\[0\]: Left edge must be two or more"),
+        ([LEFT | {"points": [[1, 2], [2, 1e306]]}], r"shapes\[0\]: Left edge must be two or more .* at most 1e\+06"),
         ([CENTRE, CENTRE | {"label": "ship"}], r"a\.json: no shape is labelled left or right, but centre, ship"),
     ],
 )

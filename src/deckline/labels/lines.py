@@ -19,6 +19,7 @@ from deckline.recording.source import parse_json, read_text
 from deckline.types import SIDES
 
 LABELS_FILE = "labels.json"
+FARTHEST_PX = 1e6  # of a labelled point from the image's corner
 DECIMALS = 3  # of u and v that are written, px
 Line = NDArray[np.float64]  # (N, 2) u, v in order along the line, N >= 2, px
 Labels = dict[str, Line | None]  # side -> labelled line, None: no such line
@@ -26,7 +27,7 @@ Labels = dict[str, Line | None]  # side -> labelled line, None: no such line
 
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
-    """Where the two runway lines are in one image; each is two or more finite points, else a ValueError."""
+    """Where the two runway lines are in one image; each is two or more points, else a ValueError."""
 
     file: str  # of the image, relative to its data set's folder
     left_px: Line | None  # None: there is no such line in the image
@@ -82,7 +83,7 @@ def interpolate_rows(line: Line, rows: ArrayLike) -> NDArray[np.float64]:
     v = np.asarray(rows, dtype=np.float64)[:, None]
     start, end = line[:-1], line[1:]
     rise = end[:, 1] - start[:, 1]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         share = (v - start[:, 1]) / rise
     crossed = (share >= 0) & (share <= 1)
     first = crossed.argmax(axis=1)
@@ -136,8 +137,8 @@ def parse_points(values: Any, where: str) -> Line:
         points = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         points = np.zeros(0)
-    if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2 or not np.all(np.isfinite(points)):
-        raise ValueError(f"{where} must be two or more [u, v] in px")
+    if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2 or not np.all(np.abs(points) <= FARTHEST_PX):
+        raise ValueError(f"{where} must be two or more [u, v] in px, at most {FARTHEST_PX:g}")
     return points
 
 

@@ -28,7 +28,7 @@ MOUNTS = {
     "back_center": (0.0, 180.0, 0.0),
 }  # y, yaw, pitch
 ALIASES = {"0": "front_center", "1": "front_right", "2": "front_left", "3": "bottom_center", "4": "back_center"}
-LEVEL = RigidTransform.identity()
+LEVEL = (0.0, 0.0, 0.0)  # as a mount
 ORIGIN = (47.641468, -122.140165, 122.0)  # latitude, deg, longitude, deg, altitude, m: AirSim's
 USED = (
     *("SettingsVersion", "SeeDocsAt", "SimMode", "ClockSpeed", "OriginGeopoint"),
@@ -75,7 +75,9 @@ class Settings:
     vehicle: str = VEHICLE
     origin: tuple[float, float, float] = ORIGIN
     start: RigidTransform | None = None  # world_from_body; None: where a recorded approach begins
-    distances: Mapping[str, DistanceSetting] = field(default_factory=lambda: {"Distance": DistanceSetting(LEVEL)})
+    distances: Mapping[str, DistanceSetting] = field(
+        default_factory=lambda: {"Distance": DistanceSetting(RigidTransform.identity())}
+    )
     clock_speed: float = 1.0  # simulated seconds in a second
     interval_s: float = 0.05  # between two recorded frames
     on_move: bool = False  # record only what differs in pose
@@ -120,12 +122,12 @@ def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}"
     vehicle, own = next(iter(vehicles.items()), (VEHICLE, {}))
     own = _mapping(own, f"Vehicles.{vehicle}")
     given = _mapping(own.get("Cameras", {}), "Cameras")
-    cameras = {name: CameraSetting(_default_mount(name), common) for name in MOUNTS}
+    cameras = {name: CameraSetting(_mount({}, usual, name), common) for name, usual in MOUNTS.items()}
     for name, camera in given.items():
         place = f"Cameras.{name}"
         camera = _mapping(camera, place)
         key = ALIASES.get(name, name)
-        cameras[key] = CameraSetting(_mount(camera, _default_mount(key), place), _captures(camera, common, place))
+        cameras[key] = CameraSetting(_mount(camera, MOUNTS.get(key, LEVEL), place), _captures(camera, common, place))
     unused = [key for key in values if key not in USED]
     unused += [f"Vehicles.{vehicle}.{key}" for key in own if key not in ("Cameras", "VehicleType", "Sensors", *START)]
     start = _mount(own, LEVEL, f"Vehicles.{vehicle}") if any(key in own for key in START) else None
@@ -172,21 +174,16 @@ def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: s
     return captures
 
 
-def _mount(values: Mapping[str, Any], usual: RigidTransform, place: str) -> RigidTransform:
-    """body_from_mount of X, Y, Z, Roll, Pitch, Yaw; what is not given stays as usual."""
+def _mount(values: Mapping[str, Any], usual: tuple[float, float, float], place: str) -> RigidTransform:
+    """body_from_mount of X, Y, Z, Roll, Pitch, Yaw; what is not given is as in `usual`, a value of MOUNTS."""
 
     def read(name: str, default: float, most: float) -> float:
         return read_number(values.get(name, default), f"{place}.{name}", -most, most)
 
-    yaw, pitch, roll = usual.rotation.as_euler("ZYX", degrees=True).tolist()
-    angles = np.deg2rad([read("Roll", roll, 360.0), read("Pitch", pitch, 360.0), read("Yaw", yaw, 360.0)])
-    position_m = [read(name, default, 1e4) for name, default in zip("XYZ", usual.translation, strict=True)]
+    right_m, yaw_deg, pitch_deg = usual
+    angles = np.deg2rad([read("Roll", 0.0, 360.0), read("Pitch", pitch_deg, 360.0), read("Yaw", yaw_deg, 360.0)])
+    position_m = [read("X", 0.0, 1e4), read("Y", right_m, 1e4), read("Z", 0.0, 1e4)]
     return RigidTransform.from_components(position_m, attitude(*angles))
-
-
-def _default_mount(name: str) -> RigidTransform:
-    right_m, yaw_deg, pitch_deg = MOUNTS.get(name, (0.0, 0.0, 0.0))
-    return RigidTransform.from_components([0.0, right_m, 0.0], attitude(*np.deg2rad([0.0, pitch_deg, yaw_deg])))
 
 
 def _origin(values: Mapping[str, Any]) -> tuple[float, float, float]:
