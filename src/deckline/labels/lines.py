@@ -83,7 +83,7 @@ def interpolate_rows(line: Line, rows: ArrayLike) -> NDArray[np.float64]:
     v = np.asarray(rows, dtype=np.float64)[:, None]
     start, end = line[:-1], line[1:]
     rise = end[:, 1] - start[:, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         share = (v - start[:, 1]) / rise
     crossed = (share >= 0) & (share <= 1)
     first = crossed.argmax(axis=1)
