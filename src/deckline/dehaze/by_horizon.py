@@ -21,7 +21,8 @@ from deckline.geometry import Camera
 from deckline.types import Frame, Value
 
 USUAL_HEIGHT_M = 50.0  # of a camera above the water, where it is not known; the limits of `haze_fit` are metres
-MAX_SIGMA = 0.02  # of the image's height: a vaguer horizon dehazes nothing
+MAX_SIGMA = 0.03  # of the image's height: a vaguer horizon dehazes nothing
+MAX_SIGMA_UNKNOWN = 0.02  # the same of a camera that is not known: its pictures may show anything
 CLEAR_HEIGHTS = (110.0, 160.0)  # visibility: from here on less is removed, and from here on nothing
 ANALYSIS_PX = 640  # longer side of the image that air and objects are estimated in
 VISIBILITY_PX = 320  # longer side of the image that the visibility is measured in
@@ -71,7 +72,8 @@ class HorizonDehazer:
 
     def restore(self, frame: Frame) -> Restored:
         horizon = find_horizon_of(frame)
-        if isinstance(horizon, NoHorizon) or horizon.middle_sigma_px > MAX_SIGMA * len(frame.image_rgb):
+        most = MAX_SIGMA if frame.camera.known else MAX_SIGMA_UNKNOWN
+        if isinstance(horizon, NoHorizon) or horizon.middle_sigma_px > most * len(frame.image_rgb):
             return restore(self.otherwise, frame)
         solution = self.geometry.solve(with_horizon_pose(frame, horizon))
         if isinstance(solution, NotFitted):

@@ -24,8 +24,10 @@ Float64 = NDArray[np.float64]
 STRIPS = 12
 COARSE_PX, FINE_PX = 96, 288  # image widths: for all lines, and for those near the best one
 MIN_SIDE_PX = 24
-HAZE = np.r_[0.0, np.geomspace(0.01, 0.8, 8), np.geomspace(0.01, 0.8, 8)]  # k, image widths
-POWER = np.r_[np.ones(9), np.full(8, 2.0)]  # of k / d: 2 where the air thickens with range, as between layers
+HAZE = np.r_[
+    0.0, np.geomspace(0.01, 0.8, 13), np.geomspace(0.01, 0.8, 13)
+]  # k, image widths; 8 steps put lines 8 deg off
+POWER = np.r_[np.ones(14), np.full(13, 2.0)]  # of k / d: 2 where the air thickens with range, as between layers
 LAYERED_NATS = 20.0  # what air that thickens must gain
 ALL_AIR = np.arange(len(HAZE))
 TEXTURE = (0.0, 4.0, 16.0)  # noise of clear water over the sky's
@@ -175,9 +177,12 @@ def _scan(
 ) -> _Scan:
     """Every line through these middles (M,) with these slopes (T,), by each strip's nats at these rows (V,).
 
-    A strip counts by its best of `nearby` rows: lines of a coarse grid miss rows that are sharply defined.
+    A strip counts by its best of `nearby` rows and hazes: a coarse grid misses what is sharply defined.
     """
     nats = minimum_filter1d(strip_nats(profiles, rows, unit, air), nearby, axis=2)
+    for power in np.unique(POWER[air]):
+        alike = POWER[air] == power
+        nats[:, alike] = minimum_filter1d(nats[:, alike], nearby, axis=1)
     flat = flat_nats(profiles)
     best = np.minimum(nats.min(axis=(1, 2)), flat)
     bounded, without = (-np.log(np.exp(-over) + np.exp(-BOUND)) for over in (nats - best[:, None, None], flat - best))
