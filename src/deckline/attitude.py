@@ -2,8 +2,8 @@
 
 A camera that turned in its mount about its axis, a mirrored picture or a wrong attitude turn the horizon against what
 the pose says of it. The excess over what a horizon may be off is summed from look to look and flagged when the sum is
-large: Page, "Continuous inspection schemes", 1954. Its height is not used: in haze
-that thickens with range it can be degrees off.
+large: Page, "Continuous inspection schemes", 1954. Its height is not used: in haze that thickens with range it can be
+degrees off.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor

@@ -24,10 +24,9 @@ Float64 = NDArray[np.float64]
 STRIPS = 12
 COARSE_PX, FINE_PX = 96, 288  # image widths: for all lines, and for those near the best one
 MIN_SIDE_PX = 24
-HAZE = np.r_[
-    0.0, np.geomspace(0.01, 0.8, 13), np.geomspace(0.01, 0.8, 13)
-]  # k, image widths; 8 steps put lines 8 deg off
-POWER = np.r_[np.ones(14), np.full(13, 2.0)]  # of k / d: 2 where the air thickens with range, as between layers
+HAZES = np.geomspace(0.01, 0.8, 13)  # image widths; with 8 the wrong power fits better, and lines are 8 deg off
+HAZE = np.r_[0.0, HAZES, HAZES]  # k
+POWER = np.repeat([1.0, 2.0], [1 + len(HAZES), len(HAZES)])  # of k / d: 2 where the air thickens with range
 LAYERED_NATS = 20.0  # what air that thickens must gain
 ALL_AIR = np.arange(len(HAZE))
 TEXTURE = (0.0, 4.0, 16.0)  # noise of clear water over the sky's

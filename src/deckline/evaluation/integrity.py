@@ -56,13 +56,13 @@ NOMINAL_COUNTS = {  # of frames, and what people call them
     "is_told": "ok",
 }
 SETTLED_OK = f"ok after {SETTLED_S:g} s, %"
-NOTES = """\
+NOTES = f"""\
 A frame misleads when lateral deviation, height above the deck, heading or distance to the ramp is farther off than its
 protection level and no flag is up. A run is detected when a flag came and no stretch misled for longer than the time to
 alert; harmless when no frame misled and no flag came; misleading otherwise. Misleading as ok: runs that mislead whoever
 follows `ok` guidance alone, as an autopilot should. Left out: frames of which a measurement contradicted the track and
 was not used. Guided: frames without a flag and with a protected centre line; ok: those of them that an autopilot takes;
-ok after 2 s: the same share of the guided frames from two seconds after a flight's first one on.
+ok after {SETTLED_S:g} s: the same share of the guided frames from so long after a flight's first one on.
 Square brackets: 95 % intervals (Clopper and Pearson) of runs or frames taken as independent; frames of one run are not,
 and theirs are too narrow. The same flights carry every fault."""
 
