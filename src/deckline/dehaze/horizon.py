@@ -8,7 +8,9 @@ remains is the likelihood, of noise that grows with the water's visibility. Stri
 each with a bound: a strip full of ship says nothing. Source: Koschmieder's law; Schlick's (1 - sin)^5.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +24,8 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 STRIPS = 12
-COARSE_PX, FINE_PX = 96, 288  # image widths: for all lines, and for those near the best one
+COARSE_PX, FINE_PX = 96, 288  # image widths: for all lines, and for those near the best one,
+ROUGH_PX = 192  # where a rough line will do
 MIN_SIDE_PX = 24
 HAZES = np.geomspace(0.01, 0.8, 13)  # image widths; with 8 the wrong power fits better, and lines are 8 deg off
 HAZE = np.r_[0.0, HAZES, HAZES]  # k
@@ -31,10 +34,12 @@ LAYERED_NATS = 20.0  # what air that thickens must gain
 ALL_AIR = np.arange(len(HAZE))
 TEXTURE = (0.0, 4.0, 16.0)  # noise of clear water over the sky's
 FOCAL = 1.0  # assumed focal length, image widths: sets how fast water mirrors less below the horizon
+TERMS = 7  # of a profile: the airlight, three of the sky, three of the water
 SKY_TERMS = (0.06, 0.2, 0.4)  # 1-sigma of the sky's slope, curvature and third order, of the level
 DARK, DARK_SIGMA = 0.65, 0.25  # of the airlight: how far water seen from above is below it
 MIRROR, MIRROR_SIGMA = 0.3, 0.26  # of that: what grazing water adds; 1-sigma of the airlight
 SLOPE_SIGMA = 0.3  # of the level: the water's own change over one focal length
+LEVEL_STEP = 1.05
 PRIOR_NOISE = 3.0  # levels of noise that these priors are weighed against
 NOISE = 0.5  # levels: the least residual
 BRIGHTER = 0.1  # of the airlight: 1-sigma of how much brighter than the sky water is; clipped at three
@@ -80,6 +85,15 @@ class NoHorizon:
 
 
 @dataclass(frozen=True, eq=False)
+class _Model:
+    """Least squares of every horizon row in one haze and one texture, ready for any profile of N rows."""
+
+    weights: Float32  # (V, N) of squared residuals
+    fits: Float32  # (V, P, N): levels to orthonormal coefficients
+    greys: Float32  # (V, 1 + W, P): those to the greys of the sky at the horizon and the water at BELOW
+
+
+@dataclass(frozen=True, eq=False)
 class _Scan:
     """Lines that were compared; rows count from the image's upper edge."""
 
@@ -117,8 +131,8 @@ def find_horizon(image_rgb: NDArray[np.uint8], rough: bool = False) -> Horizon |
     profiles, x, unit = measure_strips(image_rgb, COARSE_PX)
     count = profiles.shape[1]
     slopes = np.tan(np.deg2rad(np.arange(-MAX_ROLL_DEG, MAX_ROLL_DEG + 1, 2.0)))
-    rows = np.arange(-OUTSIDE * count, count - 0.5, 0.5)
-    coarse = _scan(profiles, x, unit, rows[::2], rows, slopes, nearby=3)
+    rows, nats = _all_rows(count), _strip_nats(profiles, _all_models(count, unit, _level(profiles)))
+    coarse = _scan(profiles, x, rows, _best_nearby(nats), ALL_AIR, rows[::2], slopes)
     tilt, middle, _ = coarse.best
     probability = coarse.probability().sum(axis=0)
     off = coarse.middles - coarse.middles[middle]
@@ -128,7 +142,7 @@ def find_horizon(image_rgb: NDArray[np.uint8], rough: bool = False) -> Horizon |
         return NoHorizon("no horizon is seen")
     if elsewhere > MAX_ELSEWHERE:
         return NoHorizon("more than one line may be the horizon")
-    profiles, x, fine_unit = measure_strips(image_rgb, FINE_PX)
+    profiles, x, fine_unit = measure_strips(image_rgb, ROUGH_PX if rough else FINE_PX)
     zoom = unit / fine_unit
     span = zoom * min(max(4 * spread, 5.0), 12.0)
     line = coarse.middles[middle] * zoom, coarse.slopes[tilt]
@@ -161,27 +175,30 @@ def _scan_near(
     rows = np.arange(line.min() - reach, line.max() + reach + step, step)
     rows = rows[(rows > -OUTSIDE * count) & (rows < count - 1)]
     middles = middle + np.arange(-span, span + 0.01, step / 2)
-    return _scan(profiles, x, unit, rows, middles, slope + np.linspace(-SLOPE_SPAN, SLOPE_SPAN, 25), air)
+    models = (_model(rows, count, unit, _level(profiles), HAZE[k], POWER[k]) for k in air)
+    slopes = slope + np.linspace(-SLOPE_SPAN, SLOPE_SPAN, 25)
+    return _scan(profiles, x, rows, _strip_nats(profiles, models), air, middles, slopes)
+
+
+def _best_nearby(nats: Float64) -> Float64:
+    """Each strip's best (S, K, V) of three rows and three hazes: a coarse grid misses what is sharply defined."""
+    nats = minimum_filter1d(nats, 3, axis=2)
+    for power in np.unique(POWER):
+        alike = power == POWER
+        nats[:, alike] = minimum_filter1d(nats[:, alike], 3, axis=1)
+    return nats
 
 
 def _scan(
     profiles: Float32,
     x: Float64,
-    unit: float,
     rows: Float64,
+    nats: Float64,
+    air: NDArray[np.intp],
     middles: Float64,
     slopes: Float64,
-    air: NDArray[np.intp] = ALL_AIR,
-    nearby: int = 1,
 ) -> _Scan:
-    """Every line through these middles (M,) with these slopes (T,), by each strip's nats at these rows (V,).
-
-    A strip counts by its best of `nearby` rows and hazes: a coarse grid misses what is sharply defined.
-    """
-    nats = minimum_filter1d(strip_nats(profiles, rows, unit, air), nearby, axis=2)
-    for power in np.unique(POWER[air]):
-        alike = POWER[air] == power
-        nats[:, alike] = minimum_filter1d(nats[:, alike], nearby, axis=1)
+    """Every line through these middles (M,) with these slopes (T,), by each strip's nats (S, K, V) at these rows."""
     flat = flat_nats(profiles)
     best = np.minimum(nats.min(axis=(1, 2)), flat)
     bounded, without = (-np.log(np.exp(-over) + np.exp(-BOUND)) for over in (nats - best[:, None, None], flat - best))
@@ -198,38 +215,71 @@ def _scan(
     return _Scan(middles, slopes, cost, float(without.sum()), bounded, rows)
 
 
-def strip_nats(profiles: Float32, rows: Float64, unit: float, air: NDArray[np.intp] = ALL_AIR) -> Float64:
-    """Minus log likelihood (S, K, V) of profiles (S, N, 3) for each haze and horizon row (V,), the best texture's."""
-    strips, count = profiles.shape[:2]
-    design = _design(count, rows, unit, _level(profiles), air)
-    terms = design.shape[-1]
-    levels = profiles.transpose(1, 0, 2).reshape(count, -1)  # (N, S * 3)
-    weight, best = 1.5 * INDEPENDENT_ROWS / count, np.full((len(rows) * len(air), strips), np.inf)
-    seen = design[:, :count, 4]
+def _model(rows: Float64, count: int, unit: float, level: float, haze: float, power: float) -> list[_Model]:
+    """One haze's, for each texture."""
+    design, prior = _design(rows, count, unit, haze, power), _prior(level)
+    greys = np.zeros((1 + len(BELOW), TERMS))
+    greys[0, 0], greys[1:, 4:] = 1.0, np.stack([np.ones_like(BELOW), _mirror(BELOW), BELOW], axis=-1)
+    models = []
     for texture in TEXTURE:
-        precision = 1 / (1 + np.square(np.float32(texture) * seen))
-        root = np.sqrt(precision)[..., None]
-        q, r = np.linalg.qr(np.concatenate([design[:, :count] * root, design[:, count:]], axis=1))
-        found = np.matmul((q[:, :count] * root).transpose(0, 2, 1), levels)
-        residual = precision @ (levels * levels) - np.square(found).sum(axis=1)
-        residual = np.maximum(residual, 0).reshape(-1, strips, 3).sum(axis=2)
-        colours = np.linalg.solve(r, found).reshape(-1, terms, strips, 3).mean(axis=3)
-        nats = weight * count * np.log(residual / (3 * count) + NOISE**2)
-        nats += _brightness_nats(colours) - weight * np.log(precision).sum(axis=1, keepdims=True)
-        best = np.minimum(best, nats)
-    return np.asarray(best.reshape(len(rows), len(air), strips).transpose(2, 1, 0), np.float64)
+        weights = 1 / (1 + np.square(texture * design[:, 4]))
+        weighed = design * weights[:, None]
+        whitening = np.linalg.inv(np.linalg.cholesky(weighed @ design.transpose(0, 2, 1) + prior.T @ prior))
+        parts = weights, whitening @ weighed, greys @ whitening.transpose(0, 2, 1)
+        models.append(_Model(*(part.astype(np.float32) for part in parts)))
+    return models
 
 
-def _design(count: int, rows: Float64, unit: float, level: float, air: NDArray[np.intp] = ALL_AIR) -> Float32:
-    """The linear model of a profile (V * K, N + P, P), priors below: A, three terms of the sky, three of the water."""
+@lru_cache(maxsize=2)  # a flight's pictures are alike
+def _all_models(count: int, unit: float, level: float) -> list[list[_Model]]:
+    rows = _all_rows(count)
+    return [_model(rows, count, unit, level, haze, power) for haze, power in zip(HAZE, POWER, strict=True)]
+
+
+def _all_rows(count: int) -> Float64:
+    return np.arange(-OUTSIDE * count, count - 0.5, 0.5)
+
+
+def _strip_nats(profiles: Float32, hazes: Iterable[list[_Model]]) -> Float64:
+    """Minus log likelihood (S, K, V) of profiles (S, N, 3) for each haze and horizon row, the best texture's."""
+    strips, count = profiles.shape[:2]
+    levels = profiles.transpose(1, 0, 2).reshape(count, -1)  # (N, S * 3)
+    squares, weight = np.square(levels), 1.5 * INDEPENDENT_ROWS / count
+
+    def nats(model: _Model) -> Float32:
+        found = (model.fits.reshape(-1, count) @ levels).reshape(-1, TERMS, strips, 3)
+        residual = np.maximum(
+            model.weights @ squares - np.einsum("vpsc,vpsc->vsc", found, found).reshape(-1, strips * 3), 0
+        )
+        mean = residual.reshape(-1, strips, 3) @ np.full(3, 1 / (3 * count), np.float32)
+        grey = model.greys @ (found @ np.full(3, 1 / 3, np.float32))
+        brighter = np.clip((grey[:, 1:].max(axis=1) / np.maximum(grey[:, 0], 10.0)) / BRIGHTER, 0, 3)
+        texture = np.log(model.weights).sum(axis=1, keepdims=True)
+        return np.asarray(weight * (count * np.log(mean + NOISE**2) - texture) + np.square(brighter) / 2)
+
+    best = [np.min([nats(model) for model in textures], axis=0) for textures in hazes]
+    return np.stack(best, axis=1).transpose(2, 1, 0).astype(np.float64)
+
+
+def _design(rows: Float64, count: int, unit: float, haze: float | Float64, power: float | Float64) -> Float64:
+    """The linear model of a profile (V, P, N) in one haze, or one for each row: A, three terms of the sky, three of
+    the water."""
     below = (np.arange(count) + 0.5 - rows[:, None]) * (unit / FOCAL)
     up, down = np.maximum(-below, 0), np.maximum(below, 1e-4)
-    depth = np.minimum((HAZE[air, None] / down[:, None] / FOCAL) ** POWER[air, None], 50)
-    seen = np.where(below[:, None] > 0, np.exp(-depth), 0)  # (V, K, N)
-    sky = [np.broadcast_to(term[:, None], seen.shape) for term in (np.ones_like(up), up, up**2, up**3)]
-    mirror = schlick(down / np.sqrt(1 + down * down))[:, None]
-    design = np.stack([*sky, seen, seen * mirror, seen * down[:, None]], axis=-1)
-    prior = np.zeros((design.shape[-1],) * 2)
+    depth = np.minimum((np.asarray(haze)[..., None] / down / FOCAL) ** np.asarray(power)[..., None], 50)
+    seen = np.where(below > 0, np.exp(-depth), 0)
+    sky = [up**term for term in range(4)]
+    return np.stack([*sky, seen, seen * _mirror(down), seen * down], axis=1)
+
+
+def _mirror(below: Float64) -> Float64:
+    """How much more sky water mirrors at so many focal lengths below the horizon."""
+    return schlick(below / np.sqrt(1 + below * below))
+
+
+def _prior(level: float) -> Float64:
+    """What the terms are likely to be (P, P), as rows of the least squares below the profile's."""
+    prior = np.zeros((TERMS, TERMS))
     prior[0, 0] = 1e-3
     for term, sigma in enumerate(SKY_TERMS, start=1):
         prior[term, term] = 1 / (sigma * level)
@@ -237,16 +287,7 @@ def _design(count: int, rows: Float64, unit: float, level: float, air: NDArray[n
     prior[5, [4, 5]] = np.array([MIRROR, 1]) / (MIRROR_SIGMA * level)
     prior[6, 6] = 1 / (SLOPE_SIGMA * level)
     prior[1:] *= PRIOR_NOISE
-    design = design.reshape(-1, *design.shape[2:])
-    return np.concatenate([design, np.broadcast_to(prior, (len(design), *prior.shape))], axis=1).astype(np.float32)
-
-
-def _brightness_nats(colours: Float32) -> Float64:
-    """What water that is brighter than the sky at the horizon costs (B, S), of the model's greys (B, P, S)."""
-    mirror = schlick(BELOW / np.sqrt(1 + BELOW * BELOW))
-    water = colours[:, 4, :, None] + colours[:, 5, :, None] * mirror + colours[:, 6, :, None] * BELOW
-    brighter = water.max(axis=2) / np.maximum(colours[:, 0], 10.0)
-    return np.asarray(np.square(np.clip(brighter / BRIGHTER, 0, 3)) / 2, np.float64)
+    return prior
 
 
 def flat_nats(profiles: Float32) -> Float64:
@@ -288,14 +329,14 @@ def _moments(values: Float64, probability: Float64) -> tuple[float, float]:
 def _judge_parts(profiles: Float32, line: Float64, unit: float, rough: bool) -> str:
     """Why what lies above and below a line (S,) of rows is no sky over water; empty where it is."""
     count = profiles.shape[1]
-    level = _level(profiles)
+    prior = _prior(_level(profiles))
     parts = []  # of each strip: residual of the sky, of the water, contrast
     for profile, row in zip(profiles, line, strict=True):
         if not 4 <= row <= count - 4:
             continue
-        design = _design(count, np.array([row]), unit, level)
-        levels = np.concatenate([profile, np.zeros((design.shape[2], 3), np.float32)])
-        q, _ = np.linalg.qr(design)
+        design = _design(np.full(len(HAZE), row), count, unit, HAZE, POWER).transpose(0, 2, 1)
+        levels = np.concatenate([profile, np.zeros((TERMS, 3), np.float32)])
+        q, _ = np.linalg.qr(np.concatenate([design, np.broadcast_to(prior, (len(design), TERMS, TERMS))], axis=1))
         residual = (levels - q @ (q.transpose(0, 2, 1) @ levels))[:, :count]
         squares = np.square(residual[np.square(residual).sum(axis=(1, 2)).argmin()])
         above, below = int(row), int(row) + 1
@@ -310,5 +351,6 @@ def _judge_parts(profiles: Float32, line: Float64, unit: float, rough: bool) -> 
 
 
 def _level(profiles: Float32) -> float:
-    """A level near the airlight's, that the priors are shares of."""
-    return max(40.0, float(np.percentile(profiles.mean(axis=2), 80)))
+    """A level near the airlight's, that the priors are shares of; in steps, so that pictures alike share a model."""
+    level = max(40.0, float(np.percentile(profiles.mean(axis=2), 80)))
+    return float(LEVEL_STEP ** round(np.log(level) / np.log(LEVEL_STEP)))
