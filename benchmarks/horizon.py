@@ -44,7 +44,7 @@ def measure(frame: Frame) -> dict[str, float]:
     if isinstance(horizon, Horizon):
         values |= {"error": (horizon.middle_px - row) * scale, "sigma": horizon.middle_sigma_px * scale}
         if (expected := expect_horizon(frame)) is not None:
-            roll_deg = np.rad2deg(np.arctan(horizon.slope)) - expected
+            roll_deg = np.rad2deg(np.arctan(horizon.slope)) - expected.roll_deg
             values |= {"roll": abs(roll_deg), "roll_sigma": np.rad2deg(horizon.slope_sigma)}
     told = measure_visibility(alone)
     height = frame.sea_z_m - frame.world_from_camera.translation[2]

@@ -29,7 +29,9 @@ def at_sea(index, roll_deg=0.0, pitch_deg=-4.0, told_roll_deg=None, told_pitch_d
     image = np.where(down[..., None] > 0, (45.0, 60.0, 70.0), (150.0, 165.0, 180.0))
     image += np.random.default_rng(index).normal(0, 2, (*v.shape, 1))
     body = RigidTransform.from_components(pose.translation, said)
-    return replace(plain, image_rgb=np.clip(image, 0, 255).astype(np.uint8), world_from_body=body, time_s=0.5 * index)
+    return replace(
+        plain, image_rgb=np.clip(image, 0, 255).astype(np.uint8), world_from_body=body, time_s=0.5 * index, sea_z_m=0.0
+    )
 
 
 def flags(shown, every_s=0.5):
@@ -41,21 +43,37 @@ def flags(shown, every_s=0.5):
 
 
 def test_the_attitude_tells_how_the_horizon_is_turned():
-    assert expect_horizon(at_sea(0, pitch_deg=0.0)) == pytest.approx(0.0, abs=1e-6)
-    right_wing_down = at_sea(0, roll_deg=6.0)  # so that the horizon rises to the right
-    assert expect_horizon(right_wing_down) == pytest.approx(-6.0, abs=0.1)
+    level = expect_horizon(at_sea(0, pitch_deg=0.0))
+    assert level.roll_deg == pytest.approx(0.0, abs=1e-6) and level.row_px == pytest.approx(CAMERA.cy)
+    assert expect_horizon(at_sea(0, pitch_deg=-4.0)).row_px < CAMERA.cy - 10
+    right_wing_down = expect_horizon(at_sea(0, roll_deg=6.0))  # so that the horizon rises to the right
+    assert right_wing_down.roll_deg == pytest.approx(-6.0, abs=0.1)
 
 
 @pytest.mark.parametrize("roll_deg", [-8.0, 0.0, 5.0])
 def test_a_true_attitude_is_never_flagged(roll_deg):
     seen, _ = flags([at_sea(k, roll_deg + 0.3 * k, -4.0 + 0.2 * k) for k in range(8)])
     assert seen == [None] * 8
-    assert flags([at_sea(k, roll_deg, told_pitch_deg=0.0) for k in range(8)])[0] == [None] * 8
+
+
+@pytest.mark.parametrize("off_deg", [-0.8, 0.8])
+def test_the_horizon_may_be_a_little_too_low_or_too_high(off_deg):
+    assert flags([at_sea(k, told_pitch_deg=-4.0 + off_deg) for k in range(8)])[0] == [None] * 8
+
+
+def test_hills_raise_the_horizon_of_a_land():
+    on_land = [replace(at_sea(k, told_pitch_deg=0.0), sea_z_m=None) for k in range(8)]
+    assert flags(on_land)[0] == [None] * 8
 
 
 @pytest.mark.parametrize(
     ("told", "words"),
-    [({"told_roll_deg": -6.0}, r"turned by [-+]6\.\d"), ({"told_roll_deg": 3.5}, r"turned by \+3\.\d")],
+    [
+        ({"told_roll_deg": -6.0}, r"turned by [-+]6\.\d"),
+        ({"told_roll_deg": 3.5}, r"turned by \+3\.\d"),
+        ({"told_pitch_deg": -1.0}, r"raised by \+3\.\d"),
+        ({"told_pitch_deg": -9.5}, r"raised by -[45]\.\d"),
+    ],
 )
 def test_a_wrong_attitude_is_flagged_until_it_is_right_again(told, words):
     wrong = [at_sea(k, **told) for k in range(6)]

@@ -1,25 +1,34 @@
-"""Whether the horizon in the pictures is turned as the attitude says: a measurement that owes nothing to the lines.
+"""Whether the horizon in the pictures lies as the attitude says: a measurement that owes nothing to the lines.
 
-A camera that turned in its mount about its axis, a mirrored picture or a wrong attitude turn the horizon against what
+A camera that turned in its mount, a mirrored picture or a wrong attitude turn, raise or lower the horizon against what
 the pose says of it. The excess over what a horizon may be off is summed from look to look and flagged when the sum is
-large: Page, "Continuous inspection schemes", 1954. Its height is not used: in haze that thickens with range it can be
-degrees off.
+large: Page, "Continuous inspection schemes", 1954.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
-from deckline.types import Frame, Notice, Reason
+from deckline.types import Camera, Frame, Notice, Reason
 
 ANSWER_S = 0.3  # after a picture, in which its horizon is found; later frames wait, so that replays agree
-SIGMAS = 2.0  # of the horizon's own uncertainty, which was never off by more than one in rolls
-TURNED_DEG = 1.0  # what attitude and lens may add
+OFF_DEG = 1.0  # what attitude and lens may add to
+SIGMAS = 2.0  # of the horizon's own uncertainty: haze that thickens with range lowers it by up to 2.7 of them
+SIGMAS_UP = 1.0  # it was never seen too high by more than OFF_DEG and these
 STEEPEST_DEG = 20.0  # of roll, in which a horizon is looked for
 FLAGGED, MOST = 1.0, 2.0  # sum of the excess over the limits, in limits
+
+
+class ExpectedHorizon(NamedTuple):
+    """Where the attitude puts a level horizon in the image."""
+
+    roll_deg: float  # + down to the right
+    row_px: float  # in the image's middle column
+    is_sea: bool  # the water's height is told; on land hills raise the horizon
 
 
 class AttitudeCheck:
@@ -36,7 +45,7 @@ class AttitudeCheck:
         self.every_s = every_s
         self.flag: Notice | None = None
         self._sum = 0.0
-        self._pending: tuple[float, float, Future[Horizon | NoHorizon]] | None = None  # roll, fx over fy, answer
+        self._pending: tuple[Camera, ExpectedHorizon, Future[Horizon | NoHorizon]] | None = None
         self._last_s = -np.inf  # of the last picture looked at
 
     @cached_property
@@ -48,30 +57,36 @@ class AttitudeCheck:
         if not self._last_s <= frame.time_s:  # another flight, or not a number
             self._pending, self._last_s, self._sum, self.flag = None, -np.inf, 0.0, None
         if self._pending is not None and frame.time_s - self._last_s >= ANSWER_S:
-            roll_deg, fx_over_fy, answer = self._pending
+            camera, asked, answer = self._pending
             self._pending = None
-            self._judge(roll_deg, fx_over_fy, answer.result())
+            self._judge(camera, asked, answer.result())
         is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
-        if is_due and self._pending is None and (expected_deg := expect_horizon(frame)) is not None:
+        if is_due and self._pending is None and (expected := expect_horizon(frame)) is not None:
             look = self._thread.submit(find_horizon, frame.image_rgb, rough=True)
-            self._pending = expected_deg, frame.camera.fx / frame.camera.fy, look
+            self._pending = frame.camera, expected, look
             self._last_s = frame.time_s
 
-    def _judge(self, expected_deg: float, fx_over_fy: float, horizon: Horizon | NoHorizon) -> None:
-        if isinstance(horizon, NoHorizon):
+    def _judge(self, camera: Camera, expected: ExpectedHorizon, seen: Horizon | NoHorizon) -> None:
+        if isinstance(seen, NoHorizon):
             return
-        turned_deg = float(np.rad2deg(np.arctan(horizon.slope * fx_over_fy))) - expected_deg
-        excess = abs(turned_deg) / (TURNED_DEG + SIGMAS * float(np.rad2deg(horizon.slope_sigma))) - 1.0
+        turned_deg = float(np.rad2deg(np.arctan(seen.slope * camera.fx / camera.fy))) - expected.roll_deg
+        elevation_rad = np.arctan((camera.cy - np.array([seen.middle_px, expected.row_px])) / camera.fy)
+        raised_deg = float(np.rad2deg(elevation_rad[0] - elevation_rad[1]))
+        turned = abs(turned_deg) / (OFF_DEG + SIGMAS * float(np.rad2deg(seen.slope_sigma)))
+        sigmas = SIGMAS_UP if raised_deg > 0 else SIGMAS
+        raised = abs(raised_deg) / (OFF_DEG + sigmas * float(np.rad2deg(seen.middle_sigma_px / camera.fy)))
+        raised *= expected.is_sea
+        excess = max(turned, raised) - 1.0
         self._sum = min(max(self._sum + excess, 0.0), MOST)
         if self._sum < FLAGGED:
             self.flag = None
         elif excess > 0:
-            message = f"the horizon in the picture is turned by {turned_deg:+.1f} degrees against the attitude"
-            self.flag = Notice(Reason.ATTITUDE, message)
+            how = f"turned by {turned_deg:+.1f}" if turned > raised else f"raised by {raised_deg:+.1f}"
+            self.flag = Notice(Reason.ATTITUDE, f"the horizon in the picture is {how} degrees against the attitude")
 
 
-def expect_horizon(frame: Frame) -> float | None:
-    """The roll that the attitude gives a level horizon in the image, degrees (+: down to the right).
+def expect_horizon(frame: Frame) -> ExpectedHorizon | None:
+    """Where the attitude puts a level horizon in the image.
 
     None without pose or camera, with distortion, in a steep roll, or where the horizon is outside of the image.
     """
@@ -84,4 +99,4 @@ def expect_horizon(frame: Frame) -> float | None:
         return None
     aside = ((camera.width - 1) / 2 - camera.cx) / camera.fx
     row = float(camera.cy - camera.fy * (down[2] + down[0] * aside) / down[1])
-    return roll_deg if 0 <= row <= camera.height - 1 else None
+    return ExpectedHorizon(roll_deg, row, frame.sea_z_m is not None) if 0 <= row <= camera.height - 1 else None
