@@ -24,8 +24,7 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 STRIPS = 12
-COARSE_PX, FINE_PX = 96, 288  # image widths: for all lines, and for those near the best one,
-ROUGH_PX = 192  # where a rough line will do
+COARSE_PX, FINE_PX = 96, 288  # image widths: for all lines, and for those near the best one
 MIN_SIDE_PX = 24
 HAZES = np.geomspace(0.01, 0.8, 13)  # image widths; with 8 the wrong power fits better, and lines are 8 deg off
 HAZE = np.r_[0.0, HAZES, HAZES]  # k
@@ -142,7 +141,7 @@ def find_horizon(image_rgb: NDArray[np.uint8], rough: bool = False) -> Horizon |
         return NoHorizon("no horizon is seen")
     if elsewhere > MAX_ELSEWHERE:
         return NoHorizon("more than one line may be the horizon")
-    profiles, x, fine_unit = measure_strips(image_rgb, ROUGH_PX if rough else FINE_PX)
+    profiles, x, fine_unit = measure_strips(image_rgb, FINE_PX)
     zoom = unit / fine_unit
     span = zoom * min(max(4 * spread, 5.0), 12.0)
     line = coarse.middles[middle] * zoom, coarse.slopes[tilt]
