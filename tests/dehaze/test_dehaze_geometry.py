@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, EYE_Z_M, SEA_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.dehaze import DEHAZERS, GeometryConfig, GeometryDehazer, restore
@@ -17,7 +18,7 @@ from deckline.dehaze.haze_fit import HazeFit
 from deckline.dehaze.sea_view import SeaView, view_sea
 from deckline.evaluation.metrics import below_horizon, psnr_db
 from deckline.geometry import camera_mount
-from deckline.haze import beta_from_visibility
+from deckline.haze import beta_from_visibility, visibility_from_beta
 from deckline.sim import SimConfig, frames
 from deckline.types import Frame
 
@@ -202,11 +203,24 @@ def test_a_smaller_frame_shows_the_same_view():
     assert downscale_frame(frame, 320).image_rgb is hazy
 
 
+@pytest.mark.parametrize("eye_z_m", [EYE_Z_M, 300.0])
+def test_without_a_height_the_visibility_is_in_heights_and_the_haze_goes_all_the_same(eye_z_m):
+    hazy, clear = sea_pair(BETA)
+    pose = world_from_body()
+    moved = RigidTransform.from_components([40.0, 0.0, eye_z_m], pose.rotation)
+    result = GeometryDehazer().restore(frame_of(hazy, deck_z_m=None, world_from_body=moved))
+    assert not result.note and result.visibility_m is None
+    told = result.visibility_heights
+    assert told.value * -EYE_Z_M == pytest.approx(visibility_from_beta(BETA), rel=0.1)
+    assert told.sigma < 0.4 * told.value
+    known = GeometryDehazer().restore(frame_of(hazy))
+    assert psnr_db(result.image_rgb, clear) > psnr_db(known.image_rgb, clear) - 1 > psnr_db(hazy, clear) + 3
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"world_from_body": None}, "no pose; give poses"),
-        ({"deck_z_m": None}, "no height is known; give --sea-z-m or --deck-z-m"),
         ({"sea_z_m": -25.0}, "the sea (z -25 m) is above the deck (z -20 m)"),
         ({"deck_z_m": EYE_Z_M - 25}, "camera is 5.0 m below the sea"),
         ({"world_from_body": world_from_body(-60.0)}, "the horizon is not in view"),

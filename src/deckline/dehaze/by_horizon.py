@@ -13,14 +13,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.checks import check_image
 from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
-from deckline.dehaze.geometry import GeometryDehazer, downscale_frame
+from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, downscale_frame
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.veil import VeilDehazer
 from deckline.geometry import Camera
 from deckline.types import Frame, Value
 
-USUAL_HEIGHT_M = 50.0  # of a camera above the water, where it is not known; the limits of `haze_fit` are metres
 MAX_SIGMA = 0.03  # of the image's height: a vaguer horizon dehazes nothing
 MAX_SIGMA_UNKNOWN = 0.02  # the same of a camera that is not known: its pictures may show anything
 CLEAR_HEIGHTS = (110.0, 160.0)  # visibility: from here on less is removed, and from here on nothing

@@ -4,6 +4,9 @@ The haze is fitted to the sea (`haze_fit`), the transmission follows from ranges
 camera replaces it where it sees something. I = J t + A (1 - t) is then solved for the most likely J: where haze leaves
 no signal, that is the sea's own colour, so that plain sea in the result does not mean that nothing is there.
 
+The picture of a sea in haze depends on extinction times the camera's height: where that is not known, the fit from a
+usual one serves, and tells the visibility in heights.
+
 In every pixel the solution is linear in the image: J = gain I + offset. Both are found in an image of at most
 `analysis_px`; a larger one only gets them applied.
 """
@@ -12,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_image
 from deckline.dehaze.base import Restored
@@ -25,11 +29,12 @@ from deckline.dehaze.haze_fit import (
 )
 from deckline.dehaze.sea_view import SeaView, ray_lengths, view_sea, view_water
 from deckline.dehaze.transmission import GeometryConfig, Light, find_objects, signal_gain, transmissions
-from deckline.types import Frame
+from deckline.types import Frame, Value
 
 Image = NDArray[np.float32]
 
 ANALYSIS_PX = 400  # longer side of the image that air and objects are estimated in; 640 px are no better
+USUAL_HEIGHT_M = 50.0  # of a camera above the water, where it is not known; the limits of `haze_fit` are metres
 NOISE_ROWS = 30  # about so many are read for noise
 NOISE_WEIGHT = 2.0  # best in [1, 3] on preset paper with noise of 3 and 8 levels added
 NOISE_PART = 0.9  # of the differences that count
@@ -44,6 +49,15 @@ class GeometrySolution:
     gain: Image  # (h, w)
     offset: Image  # (3, h, w)
     light: Light
+    has_height: bool = True  # the camera's above the water is known; else it counts as USUAL_HEIGHT_M
+
+    @property
+    def visibility(self) -> dict[str, Value]:
+        """As the fields of `Restored` have it."""
+        metres, unit = self.haze.visibility, 1.0 if self.has_height else USUAL_HEIGHT_M
+        return {
+            "visibility_m" if self.has_height else "visibility_heights": Value(metres.value / unit, metres.sigma / unit)
+        }
 
     def remove(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The frame's image (H, W, 3), of any resolution, without its haze."""
@@ -73,7 +87,9 @@ class GeometrySolution:
 
 
 class GeometryDehazer:
-    """Dehazes frames with a pose and the height of sea or deck; a note says why others come out as they are.
+    """Dehazes frames with a pose; a note says why others come out as they are.
+
+    The height of sea or deck makes ranges metres; without it the visibility is told in heights of the camera.
 
     Args:
         config: how objects are found and what is left of the haze.
@@ -96,7 +112,7 @@ class GeometryDehazer:
         solution = self.solve(frame)
         if isinstance(solution, NotFitted):
             return Restored(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
-        return Restored(solution.remove(frame.image_rgb), visibility_m=solution.haze.visibility)
+        return Restored(solution.remove(frame.image_rgb), "", **solution.visibility)
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
         """How the frame's haze is removed and what its air is like, or why that cannot be told."""
@@ -111,7 +127,8 @@ class GeometryDehazer:
         elif sea_z_m is None:
             sea_z_m = deck_z_m + self.config.sea_below_deck_m
         if sea_z_m is None or deck_z_m is None:
-            return NotFitted("no height is known; give --sea-z-m or --deck-z-m, or choose another dehazer")
+            solution = self.solve(at_usual_height(frame))
+            return replace(solution, has_height=False) if isinstance(solution, GeometrySolution) else solution
         if sea_z_m < deck_z_m:
             return NotFitted(f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
         small = downscale_frame(frame, self.analysis_px)
@@ -132,6 +149,15 @@ class GeometryDehazer:
         t, clear_t = transmissions(view, objects, bound, range_m, haze, self.config)
         gain, offset = invert_haze(view, t, clear_t, haze, with_noise(self.config, noise))
         return GeometrySolution(haze, gain, offset, light)
+
+
+def at_usual_height(frame: Frame) -> Frame:
+    """A frame with a pose as from USUAL_HEIGHT_M above a sea at z = 0."""
+    body, camera = frame.world_from_body, frame.world_from_camera
+    if body is None or camera is None:
+        raise ValueError("the frame has no pose")
+    raised = RigidTransform.from_translation([0.0, 0.0, -USUAL_HEIGHT_M - camera.translation[2]])
+    return replace(frame, world_from_body=raised * body, sea_z_m=0.0, deck_z_m=None)
 
 
 def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
