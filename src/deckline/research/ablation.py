@@ -46,6 +46,7 @@ class AblationConfig:
     """How each row is trained. What is not here is as in `deckline train dehaze`."""
 
     minutes: float | None = None  # training time of each row
+    cpu_minutes: bool = False  # they are of computing: the same budget for each row on a busy machine
     steps: int | None = None  # of each row; with minutes as well, whichever ends first
     size: Literal["t", "s", "b"] = "t"
     unshuffle: Literal[1, 4] = 4  # image px per px of the network's grid; 1 is the paper's full resolution

@@ -165,7 +165,7 @@ def make_table5(runs: Path, path: Path, minutes: float, threads: int) -> None:
     """The ablation's rows."""
     run("dataset", runs / "data", "--one-scene", "--no-tiles", "--jobs", 0)
     out = runs / "table5"
-    budget = ("--minutes", minutes, "--threads", threads, "--recorded-share", 0.5, "--every", 3)
+    budget = ("--minutes", minutes, "--cpu-minutes", "--threads", threads, "--recorded-share", 0.5, "--every", 3)
     run("eval", "ablation", runs / "data", "--out", out, *budget)
     (out / "ablation.json").replace(path)
 
