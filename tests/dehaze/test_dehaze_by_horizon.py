@@ -13,6 +13,7 @@ from deckline.dehaze.by_horizon import (
 )
 from deckline.dehaze.horizon import Horizon, NoHorizon
 from deckline.evaluation.metrics import psnr_db
+from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility
 from deckline.types import Value
 
@@ -52,6 +53,20 @@ def test_brings_a_sea_without_pose_nearer_to_the_clear_one() -> None:
     hazy, clear = sea_pair(beta_from_visibility(1000.0))
     restored = HorizonDehazer().restore(alone(hazy)).image_rgb
     assert psnr_db(restored, clear) > psnr_db(hazy, clear) + 3
+
+
+@pytest.mark.parametrize(
+    ("known", "share", "is_dehazed"), [(True, 0.025, True), (False, 0.025, False), (False, 0.01, True)]
+)
+def test_a_camera_that_is_not_known_needs_a_surer_horizon(known, share, is_dehazed, monkeypatch):
+    hazy, _ = sea_pair(beta_from_visibility(1000.0))
+    frame = alone(hazy) if known else replace(alone(hazy), camera=Camera.unknown(CAMERA.width, CAMERA.height))
+    found = find_horizon_of(frame)
+    assert isinstance(found, Horizon)
+    vague = replace(found, middle_sigma_px=share * CAMERA.height)
+    monkeypatch.setattr("deckline.dehaze.by_horizon.find_horizon_of", lambda frame: vague)
+    restored = HorizonDehazer(IdentityDehazer()).restore(frame).image_rgb
+    assert np.array_equal(restored, hazy) != is_dehazed
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])

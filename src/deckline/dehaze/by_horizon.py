@@ -20,8 +20,7 @@ from deckline.dehaze.veil import VeilDehazer
 from deckline.geometry import Camera
 from deckline.types import Frame, Value
 
-MAX_SIGMA = 0.03  # of the image's height: a vaguer horizon dehazes nothing
-MAX_SIGMA_UNKNOWN = 0.02  # the same of a camera that is not known: its pictures may show anything
+MAX_SIGMA_UNKNOWN = 0.02  # of the image's height: a camera that is not known may show anything, and needs a surer line
 CLEAR_HEIGHTS = (110.0, 160.0)  # visibility: from here on less is removed, and from here on nothing
 ANALYSIS_PX = 640  # longer side of the image that air and objects are estimated in
 VISIBILITY_PX = 320  # longer side of the image that the visibility is measured in
@@ -71,8 +70,9 @@ class HorizonDehazer:
 
     def restore(self, frame: Frame) -> Restored:
         horizon = find_horizon_of(frame)
-        most = MAX_SIGMA if frame.camera.known else MAX_SIGMA_UNKNOWN
-        if isinstance(horizon, NoHorizon) or horizon.middle_sigma_px > most * len(frame.image_rgb):
+        if isinstance(horizon, NoHorizon):
+            return restore(self.otherwise, frame)
+        if not frame.camera.known and horizon.middle_sigma_px > MAX_SIGMA_UNKNOWN * len(frame.image_rgb):
             return restore(self.otherwise, frame)
         solution = self.geometry.solve(with_horizon_pose(frame, horizon))
         if isinstance(solution, NotFitted):
