@@ -46,6 +46,9 @@ def test_the_attitude_tells_how_the_horizon_is_turned():
     level = expect_horizon(at_sea(0, pitch_deg=0.0))
     assert level.roll_deg == pytest.approx(0.0, abs=1e-6) and level.row_px == pytest.approx(CAMERA.cy)
     assert expect_horizon(at_sea(0, pitch_deg=-4.0)).row_px < CAMERA.cy - 10
+    high = replace(at_sea(0), sea_z_m=300.0 + at_sea(0).world_from_camera.translation[2])
+    assert expect_horizon(high).dip_deg == pytest.approx(0.51, abs=0.01)
+    assert expect_horizon(replace(high, sea_z_m=None)).dip_deg is None
     right_wing_down = expect_horizon(at_sea(0, roll_deg=6.0))  # so that the horizon rises to the right
     assert right_wing_down.roll_deg == pytest.approx(-6.0, abs=0.1)
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
+from deckline.dehaze.sea_view import EARTH_RADIUS_M
 from deckline.types import Camera, Frame, Notice, Reason
 
 ANSWER_S = 0.3  # after a picture, in which its horizon is found; later frames wait, so that replays agree
@@ -28,7 +29,7 @@ class ExpectedHorizon(NamedTuple):
 
     roll_deg: float  # + down to the right
     row_px: float  # in the image's middle column
-    is_sea: bool  # the water's height is told; on land hills raise the horizon
+    dip_deg: float | None  # of the sea's below the horizontal; None without the water's height: hills may raise it
 
 
 class AttitudeCheck:
@@ -71,17 +72,17 @@ class AttitudeCheck:
             return
         turned_deg = float(np.rad2deg(np.arctan(seen.slope * camera.fx / camera.fy))) - expected.roll_deg
         elevation_rad = np.arctan((camera.cy - np.array([seen.middle_px, expected.row_px])) / camera.fy)
-        raised_deg = float(np.rad2deg(elevation_rad[0] - elevation_rad[1]))
-        turned = abs(turned_deg) / (OFF_DEG + SIGMAS * float(np.rad2deg(seen.slope_sigma)))
+        raised_deg = float(np.rad2deg(elevation_rad[0] - elevation_rad[1])) + (expected.dip_deg or 0.0)
         sigmas = SIGMAS_UP if raised_deg > 0 else SIGMAS
+        turned = abs(turned_deg) / (OFF_DEG + SIGMAS * float(np.rad2deg(seen.slope_sigma)))
         raised = abs(raised_deg) / (OFF_DEG + sigmas * float(np.rad2deg(seen.middle_sigma_px / camera.fy)))
-        raised *= expected.is_sea
-        excess = max(turned, raised) - 1.0
+        by_roll = expected.dip_deg is None or turned > raised
+        excess = (turned if by_roll else raised) - 1.0
         self._sum = min(max(self._sum + excess, 0.0), MOST)
         if self._sum < FLAGGED:
             self.flag = None
         elif excess > 0:
-            how = f"turned by {turned_deg:+.1f}" if turned > raised else f"raised by {raised_deg:+.1f}"
+            how = f"turned by {turned_deg:+.1f}" if by_roll else f"raised by {raised_deg:+.1f}"
             self.flag = Notice(Reason.ATTITUDE, f"the horizon in the picture is {how} degrees against the attitude")
 
 
@@ -99,4 +100,8 @@ def expect_horizon(frame: Frame) -> ExpectedHorizon | None:
         return None
     aside = ((camera.width - 1) / 2 - camera.cx) / camera.fx
     row = float(camera.cy - camera.fy * (down[2] + down[0] * aside) / down[1])
-    return ExpectedHorizon(roll_deg, row, frame.sea_z_m is not None) if 0 <= row <= camera.height - 1 else None
+    if not 0 <= row <= camera.height - 1:
+        return None
+    height_m = None if frame.sea_z_m is None else max(frame.sea_z_m - float(pose.translation[2]), 0.0)
+    dip_deg = None if height_m is None else float(np.rad2deg(np.sqrt(2 * height_m / EARTH_RADIUS_M)))
+    return ExpectedHorizon(roll_deg, row, dip_deg)
