@@ -16,6 +16,7 @@ import shutil
 import socket
 import sys
 import tempfile
+import time
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -237,7 +238,8 @@ class Server:
         if self.loop is None:
             self.loop = asyncio.new_event_loop()
             self.settings = parse_settings({}, Capture(8, 6, 90.0))
-            self.world = World(SimConfig(width=8, height=6), self.settings, Clock())
+            clock = Clock(lambda: 1e6 * time.monotonic())  # a call may run for 1e6 simulated seconds
+            self.world = World(SimConfig(width=8, height=6), self.settings, clock)
         lines: list[str] = []
         self.loop.run_until_complete(self.converse(folder, data, lines))
         if failed := [line for line in lines if "failed: " in line]:
