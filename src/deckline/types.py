@@ -340,6 +340,7 @@ class RunwayEstimate:
     ramp_sigma_m: float | None = None  # 1-sigma along the deck
     notices: Notices = ()  # why something is missing
     flags: Notices = ()  # what seems to be wrong with what the frame was told
+    depth_agrees: bool = False  # in coarse mode: with the deck height, at 6 points of each line or more
 
     @property
     def reason(self) -> str:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config import Sensors
+from deckline.config import Localization, Sensors
 from deckline.geometry import wrap_angle
 from deckline.localize import runway
 from deckline.research.sgd import localize_by_descent
@@ -228,6 +228,24 @@ def test_source_of_the_mode_is_believed_when_depth_and_deck_height_contradict(ra
     estimate = locate(wrong, detection(frame, PARALLEL_RIGHT))
     assert (estimate.mode, reasons(estimate)) == (mode, [Reason.DEPTH_HEIGHT])
     assert estimate.lines["centre"].height_m == pytest.approx(DECK_Z_M, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("range_m", "deck_off_m", "asked", "agrees"),
+    [
+        (100.0, 0.0, "auto", True),
+        (100.0, 5.0, "auto", False),
+        (100.0, 0.0, "coarse", False),
+        (62.0, 0.0, "auto", False),
+    ],
+)
+def test_a_depth_camera_that_sees_a_part_of_the_lines_confirms_the_height(range_m, deck_off_m, asked, agrees):
+    frame = with_depth(approach(60.0, 6.0, right=PARALLEL_RIGHT), range_m)
+    told = replace(frame, deck_z_m=DECK_Z_M + deck_off_m)
+    config = replace(STILL, localization=Localization(asked))
+    estimate = locate(told, detection(frame, PARALLEL_RIGHT), config)
+    assert estimate.mode is DepthMode.COARSE and set(estimate.lines) == {"left", "right", "centre"}
+    assert estimate.depth_agrees is agrees
 
 
 def test_known_angle_gives_a_short_line_its_direction(monkeypatch):

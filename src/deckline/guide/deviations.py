@@ -59,7 +59,8 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     body = frame.world_from_body
     source = _select_source(estimate, track)
     flags = estimate.flags if track is None else track.flags + estimate.flags
-    scale_from: tuple[Scale, ...] = (Scale.DEPTH,) if estimate.mode is DepthMode.FINE else ()
+    has_depth = estimate.mode is DepthMode.FINE or estimate.depth_agrees
+    scale_from: tuple[Scale, ...] = (Scale.DEPTH,) if has_depth else ()
     if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
         scale_from += track.scale_from
     doubts: Notices = () if scale_from else (NO_SCALE,)

@@ -81,6 +81,11 @@ def select_independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[n
     return kept
 
 
+def count_depths(depth_m: NDArray[np.float32], lines_px: list[Array]) -> list[int]:
+    """How many points (N, 2) of each line have a depth."""
+    return [int(np.isfinite(sample_depth(depth_m, points)).sum()) for points in lines_px]
+
+
 def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[DepthMode, Notice | None]:
     """Fine, coarse or none for one frame, and why when it is none.
 
@@ -100,7 +105,7 @@ def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[Dept
         if mode == "fine":
             return _no_depth("the frame has no depth image")
         return _no_deck_height("no depth and") if frame.deck_z_m is None else (DepthMode.COARSE, None)
-    counts = [int(np.isfinite(sample_depth(frame.depth_m, points)).sum()) for points in inliers_px]
+    counts = count_depths(frame.depth_m, inliers_px)
     shares = [count / max(len(points), 1) for count, points in zip(counts, inliers_px, strict=True)]
     enough = min(counts) >= MIN_LINE_POINTS
     if enough and (min(shares) >= MIN_DEPTH_SHARE or mode == "fine" or frame.deck_z_m is None):

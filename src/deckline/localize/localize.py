@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deckline.config import FrameNoise, RunConfig
-from deckline.localize.depth import DeckPoints, choose_mode, locate_points
+from deckline.localize.depth import MIN_LINE_POINTS, DeckPoints, choose_mode, count_depths, locate_points
 from deckline.localize.joint_fit import fit_jointly
 from deckline.localize.model import CENTRE_SIGMA_M
 from deckline.localize.ransac import fit_pixel_line
@@ -46,6 +46,7 @@ class PlacedLines:
     fits: dict[str, LineFit]  # of left and right, and of a painted centre line
     deck_points: dict[str, DeckPoints]  # the inliers of left and right
     notices: Notices
+    depth_agrees: bool = False  # as in `RunwayEstimate`
 
 
 Placement = Callable[[Frame, Detection, dict[str, PixelLine], DepthMode, RunConfig, np.random.Generator], PlacedLines]
@@ -78,7 +79,12 @@ def place_jointly(
             if not len(inliers[side]):
                 del kept[side]
                 unsure += (Notice(Reason.NO_POINTS, f"no point of the {side} line lies on the plane of its fit"),)
-    return PlacedLines(kept, inliers, notices + unsure)
+    agrees = False
+    if frame.depth_m is not None and mode is DepthMode.COARSE and config.localization.mode == "auto":
+        counts = count_depths(frame.depth_m, [points[side].points_px[pixel_lines[side].inliers] for side in inliers])
+        is_believed = all(notice.reason is not Reason.DEPTH_HEIGHT for notice in notices)
+        agrees = is_believed and min(counts, default=0) >= MIN_LINE_POINTS
+    return PlacedLines(kept, inliers, notices + unsure, agrees)
 
 
 def localize(
@@ -161,7 +167,9 @@ def _estimate(
             half = width / 2 if side == "left" else -width / 2
             fits["centre"] = shift_line(fits[side], half, config.deck.width_sigma_m / 2)
     lines = {side: fit.runway_line for side, fit in fits.items()}
-    return RunwayEstimate(_seen(pixel_lines), mode, pixel_lines, lines, ramp_m, ramp_sigma_m, notices, flags)
+    return RunwayEstimate(
+        _seen(pixel_lines), mode, pixel_lines, lines, ramp_m, ramp_sigma_m, notices, flags, placed.depth_agrees
+    )
 
 
 def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) -> Notices:
