@@ -233,9 +233,9 @@ def test_source_of_the_mode_is_believed_when_depth_and_deck_height_contradict(ra
 @pytest.mark.parametrize(
     ("range_m", "deck_off_m", "asked", "agrees"),
     [
-        (100.0, 0.0, "auto", True),
-        (100.0, 5.0, "auto", False),
-        (100.0, 0.0, "coarse", False),
+        (75.0, 0.0, "auto", True),
+        (75.0, 5.0, "auto", False),
+        (75.0, 0.0, "coarse", False),
         (62.0, 0.0, "auto", False),
     ],
 )
