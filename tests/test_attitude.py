@@ -49,6 +49,7 @@ def test_the_attitude_tells_how_the_horizon_is_turned():
     high = replace(at_sea(0), sea_z_m=300.0 + at_sea(0).world_from_camera.translation[2])
     assert expect_horizon(high).dip_deg == pytest.approx(0.51, abs=0.01)
     assert expect_horizon(replace(high, sea_z_m=None)).dip_deg is None
+    assert expect_horizon(replace(high, sea_z_m=np.nan)).dip_deg is None
     right_wing_down = expect_horizon(at_sea(0, roll_deg=6.0))  # so that the horizon rises to the right
     assert right_wing_down.roll_deg == pytest.approx(-6.0, abs=0.1)
 
@@ -64,6 +65,15 @@ def test_the_horizon_may_be_a_little_too_low_or_too_high(off_deg):
     assert flags([at_sea(k, told_pitch_deg=-4.0 + off_deg) for k in range(8)])[0] == [None] * 8
 
 
+@pytest.mark.parametrize(("off_deg", "is_flagged"), [(1.4, False), (-1.4, True)])
+def test_the_sea_dips_below_the_horizontal_from_high_up(off_deg, is_flagged):
+    """From 2.3 km it does so by 1.4 degrees; the picture's horizon lies lower, or higher, by as much."""
+    low = [at_sea(k, told_pitch_deg=-4.0 - off_deg) for k in range(12)]
+    high = [replace(one, sea_z_m=2300.0 + one.world_from_camera.translation[2]) for one in low]
+    assert expect_horizon(high[0]).dip_deg == pytest.approx(1.4, abs=0.02)
+    assert any(flags(high)[0]) is is_flagged
+
+
 def test_hills_raise_the_horizon_of_a_land():
     on_land = [replace(at_sea(k, told_pitch_deg=0.0), sea_z_m=None) for k in range(8)]
     assert flags(on_land)[0] == [None] * 8
@@ -74,8 +84,8 @@ def test_hills_raise_the_horizon_of_a_land():
     [
         ({"told_roll_deg": -6.0}, r"turned by [-+]6\.\d"),
         ({"told_roll_deg": 3.5}, r"turned by \+3\.\d"),
-        ({"told_pitch_deg": -1.0}, r"raised by \+[23]\.\d"),
-        ({"told_pitch_deg": -9.5}, r"raised by -[45]\.\d"),
+        ({"told_pitch_deg": -1.0}, r"raised by [23]\.\d"),
+        ({"told_pitch_deg": -9.5}, r"lowered by [45]\.\d"),
     ],
 )
 def test_a_wrong_attitude_is_flagged_until_it_is_right_again(told, words):

@@ -17,9 +17,9 @@ from deckline.dehaze.sea_view import EARTH_RADIUS_M
 from deckline.types import Camera, Frame, Notice, Reason
 
 ANSWER_S = 0.3  # after a picture, in which its horizon is found; later frames wait, so that replays agree
-OFF_DEG = 1.0  # what attitude and lens may add to
-SIGMAS = 2.0  # of the horizon's own uncertainty: haze that thickens with range lowers it by up to 2.7 of them
-SIGMAS_UP = 1.0  # it was never seen too high by more than OFF_DEG and these
+OFF_DEG = 1.0  # what attitude and lens may be off
+SIGMAS = 2.0  # of the horizon's own uncertainty, besides: haze that thickens with range lowers it by up to 2.7 of them
+SIGMAS_UP = 1.0  # the same where it is seen too high, which haze does not do
 STEEPEST_DEG = 20.0  # of roll, in which a horizon is looked for
 FLAGGED, MOST = 1.0, 2.0  # sum of the excess over the limits, in limits
 
@@ -82,7 +82,8 @@ class AttitudeCheck:
         if self._sum < FLAGGED:
             self.flag = None
         elif excess > 0:
-            how = f"turned by {turned_deg:+.1f}" if by_roll else f"raised by {raised_deg:+.1f}"
+            raised_or_lowered = f"{'raised' if raised_deg > 0 else 'lowered'} by {abs(raised_deg):.1f}"
+            how = f"turned by {turned_deg:+.1f}" if by_roll else raised_or_lowered
             self.flag = Notice(Reason.ATTITUDE, f"the horizon in the picture is {how} degrees against the attitude")
 
 
@@ -102,6 +103,6 @@ def expect_horizon(frame: Frame) -> ExpectedHorizon | None:
     row = float(camera.cy - camera.fy * (down[2] + down[0] * aside) / down[1])
     if not 0 <= row <= camera.height - 1:
         return None
-    height_m = None if frame.sea_z_m is None else max(frame.sea_z_m - float(pose.translation[2]), 0.0)
-    dip_deg = None if height_m is None else float(np.rad2deg(np.sqrt(2 * height_m / EARTH_RADIUS_M)))
-    return ExpectedHorizon(roll_deg, row, dip_deg)
+    height_m = np.nan if frame.sea_z_m is None else frame.sea_z_m - float(pose.translation[2])
+    dip_deg = float(np.rad2deg(np.sqrt(2 * max(height_m, 0.0) / EARTH_RADIUS_M)))
+    return ExpectedHorizon(roll_deg, row, dip_deg if np.isfinite(height_m) else None)

@@ -228,7 +228,8 @@ class Models:
         detector: of the lines.
         detect_in: the picture that the detector sees. `dehazed` is the published chain; the shipped detector was
             trained on haze and finds more in the hazy picture.
-        camera_height_m: above the water, of pictures without a pose; with it their visibility is told in metres.
+        camera_height_m: above the water, of pictures without a pose or a height; with it their visibility is told in
+            metres.
     """
 
     dehazer: str = "coarse-t"

@@ -66,7 +66,7 @@ class RunOptions:
         heading_deg: direction of landing of that runway.
         dehazer: name (see `deckline info`) or .onnx file; none: no dehazing.
         strength: of the dehazing, 0 to 1 (default 1).
-        camera_height_m: above the water, for the visibility of pictures without a pose.
+        camera_height_m: above the water, for the visibility of pictures without a pose or a height.
         detector: name (see `deckline info`) or .onnx file.
         detect_in: the picture that the detector sees: hazy, or dehazed as published.
         device: what computes the networks: cpu (ONNX Runtime; the default), openvino, cuda or tensorrt.

@@ -213,6 +213,9 @@ def test_without_a_height_the_visibility_is_in_heights_and_the_haze_goes_all_the
     told = result.visibility_heights
     assert told.value * -EYE_Z_M == pytest.approx(visibility_from_beta(BETA), rel=0.1)
     assert told.sigma < 0.4 * told.value
+    depth_m = np.full(hazy.shape[:2], 30.0, np.float32)  # of true metres, which no height turns into others
+    with_depth = GeometryDehazer().restore(frame_of(hazy, deck_z_m=None, world_from_body=moved, depth_m=depth_m))
+    np.testing.assert_array_equal(with_depth.image_rgb, result.image_rgb)
     known = GeometryDehazer().restore(frame_of(hazy))
     assert psnr_db(result.image_rgb, clear) > psnr_db(known.image_rgb, clear) - 1 > psnr_db(hazy, clear) + 3
 

@@ -214,6 +214,7 @@ NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
         ({}, {}, Status.OK),
         ({"mode": DepthMode.COARSE}, {}, Status.UNVERIFIED),
         ({"mode": DepthMode.COARSE}, {"scale_from": (Scale.WIDTH,)}, Status.OK),
+        ({"mode": DepthMode.COARSE, "depth_agrees": True}, {}, Status.OK),
         ({}, {"doubts": (YOUNG,)}, Status.UNVERIFIED),
         ({}, {"state": TrackState.LOST, "lines": {}}, Status.UNVERIFIED),
         ({}, {"flags": (Notice(Reason.HEIGHT, "off"),)}, Status.UNVERIFIED),

@@ -78,7 +78,7 @@ def live(
         mcap: for pictures and guidance as ROS 2 messages.
         foxglove: the same live, for Foxglove (127.0.0.1:8765).
         deck_z_m: world z (down, metres) of the deck plane.
-        sea_z_m: world z (down, metres) of the water.
+        sea_z_m: world z (down, metres) of the water, for dehazing, and to notice a pitched camera.
         pose_offset_s: the clock of the poses minus this machine's Unix time (0).
         max_pose_gap_s: between two poses, beyond which frames in between have no pose (0.5).
         origin: latitude, longitude, degrees, and altitude, m, of the world's origin.

@@ -76,7 +76,8 @@ def run(
         origin: of the world, degrees and metres, for poses that have these; their first position when not given.
         fov_deg: horizontal field of view of an AirSim recording without a camera file.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
-        sea_z_m: world z (down, metres) of the water, for dehazing by geometry; without it 20 m below the deck.
+        sea_z_m: world z (down, metres) of the water, for dehazing, where it is 20 m below the deck when not given, and
+            to notice a pitched camera.
         pose_offset_s: the clock of the poses minus that of the pictures, for poses that go by time (0).
         max_pose_gap_s: between two poses, beyond which pictures have no pose (0.5).
         topic: of a ROS bag, where several are there.

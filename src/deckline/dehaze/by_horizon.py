@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.checks import check_image
 from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
-from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, downscale_frame
+from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, at_usual_height, downscale_frame
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.veil import VeilDehazer
@@ -41,13 +41,12 @@ def pose_from_horizon(camera: Camera, horizon: Horizon, height_m: float) -> Rigi
     return RigidTransform.from_components([0.0, 0.0, -height_m], rotation)
 
 
-def with_horizon_pose(frame: Frame, horizon: Horizon, height_m: float = USUAL_HEIGHT_M) -> Frame:
-    """A frame without a pose with one that its horizon allows, above a sea at z = 0."""
+def with_horizon_pose(frame: Frame, horizon: Horizon) -> Frame:
+    """A frame without a pose with one that its horizon allows, from the usual height above a sea at z = 0."""
     camera = frame.camera
     if not camera.known:
         camera = Camera.from_fov(camera.width, camera.height, USUAL_FOV_RAD)
-    pose = pose_from_horizon(camera, horizon, height_m) * frame.body_from_camera.inv()
-    return replace(frame, camera=camera, world_from_body=pose, sea_z_m=0.0, deck_z_m=None)
+    return at_usual_height(replace(frame, camera=camera), pose_from_horizon(camera, horizon, USUAL_HEIGHT_M))
 
 
 class HorizonDehazer:

@@ -51,13 +51,14 @@ class GeometrySolution:
     light: Light
     has_height: bool = True  # the camera's above the water is known; else it counts as USUAL_HEIGHT_M
 
-    @property
-    def visibility(self) -> dict[str, Value]:
-        """As the fields of `Restored` have it."""
-        metres, unit = self.haze.visibility, 1.0 if self.has_height else USUAL_HEIGHT_M
-        return {
-            "visibility_m" if self.has_height else "visibility_heights": Value(metres.value / unit, metres.sigma / unit)
-        }
+    def restored(self, image_rgb: NDArray[np.uint8], note: str = "") -> Restored:
+        """A picture of this air, with the visibility that the fit tells."""
+        told = self.haze.visibility
+        if self.has_height:
+            return Restored(image_rgb, note, visibility_m=told)
+        return Restored(
+            image_rgb, note, visibility_heights=Value(told.value / USUAL_HEIGHT_M, told.sigma / USUAL_HEIGHT_M)
+        )
 
     def remove(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The frame's image (H, W, 3), of any resolution, without its haze."""
@@ -112,7 +113,7 @@ class GeometryDehazer:
         solution = self.solve(frame)
         if isinstance(solution, NotFitted):
             return Restored(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
-        return Restored(solution.remove(frame.image_rgb), "", **solution.visibility)
+        return solution.restored(solution.remove(frame.image_rgb))
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
         """How the frame's haze is removed and what its air is like, or why that cannot be told."""
@@ -127,7 +128,7 @@ class GeometryDehazer:
         elif sea_z_m is None:
             sea_z_m = deck_z_m + self.config.sea_below_deck_m
         if sea_z_m is None or deck_z_m is None:
-            solution = self.solve(at_usual_height(frame))
+            solution = self.solve(at_usual_height(frame, pose))
             return replace(solution, has_height=False) if isinstance(solution, GeometrySolution) else solution
         if sea_z_m < deck_z_m:
             return NotFitted(f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
@@ -151,13 +152,11 @@ class GeometryDehazer:
         return GeometrySolution(haze, gain, offset, light)
 
 
-def at_usual_height(frame: Frame) -> Frame:
-    """A frame with a pose as from USUAL_HEIGHT_M above a sea at z = 0."""
-    body, camera = frame.world_from_body, frame.world_from_camera
-    if body is None or camera is None:
-        raise ValueError("the frame has no pose")
-    raised = RigidTransform.from_translation([0.0, 0.0, -USUAL_HEIGHT_M - camera.translation[2]])
-    return replace(frame, world_from_body=raised * body, sea_z_m=0.0, deck_z_m=None)
+def at_usual_height(frame: Frame, world_from_camera: RigidTransform) -> Frame:
+    """A frame as from USUAL_HEIGHT_M above a sea at z = 0, without its depth, which is of true metres."""
+    pose = RigidTransform.from_components([0.0, 0.0, -USUAL_HEIGHT_M], world_from_camera.rotation)
+    body = pose * frame.body_from_camera.inv()
+    return replace(frame, world_from_body=body, sea_z_m=0.0, deck_z_m=None, depth_m=None)
 
 
 def downscale_frame(frame: Frame, long_side_px: int) -> Frame:

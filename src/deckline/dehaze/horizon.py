@@ -24,7 +24,7 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 STRIPS = 12
-COARSE_PX, FINE_PX = 96, 288  # image widths: for all lines, and for those near the best one
+COARSE_PX, FINE_PX = 96, 288  # longer sides of the image: for all lines, and for those near the best one
 MIN_SIDE_PX = 24
 HAZES = np.geomspace(0.01, 0.8, 13)  # image widths; with 8 the wrong power fits better, and lines are 8 deg off
 HAZE = np.r_[0.0, HAZES, HAZES]  # k
@@ -38,7 +38,7 @@ SKY_TERMS = (0.06, 0.2, 0.4)  # 1-sigma of the sky's slope, curvature and third 
 DARK, DARK_SIGMA = 0.65, 0.25  # of the airlight: how far water seen from above is below it
 MIRROR, MIRROR_SIGMA = 0.3, 0.26  # of that: what grazing water adds; 1-sigma of the airlight
 SLOPE_SIGMA = 0.3  # of the level: the water's own change over one focal length
-LEVEL_STEP = 1.05
+LEVEL_STEP = 1.05  # ratio of the levels that share a model; the priors are vaguer by far
 PRIOR_NOISE = 3.0  # levels of noise that these priors are weighed against
 NOISE = 0.5  # levels: the least residual
 BRIGHTER = 0.1  # of the airlight: 1-sigma of how much brighter than the sky water is; clipped at three
@@ -150,13 +150,13 @@ def find_horizon(image_rgb: NDArray[np.uint8], rough: bool = False) -> Horizon |
     return _judge(fine, profiles, x, fine_unit, width, height, rough)
 
 
-def measure_strips(image_rgb: NDArray[np.uint8], width_px: int) -> tuple[Float32, Float64, float]:
-    """Median colours of vertical strips (S, N, 3) of an image averaged down to a width; their middles' columns (S,)
-    off the image's middle; and a row's height in image widths."""
+def measure_strips(image_rgb: NDArray[np.uint8], long_side_px: int) -> tuple[Float32, Float64, float]:
+    """Median colours of vertical strips (S, N, 3) of an image averaged down to this longer side; the columns of their
+    middles (S,) off the image's middle; and a row's height in image widths."""
     import cv2
 
     height, width = image_rgb.shape[:2]
-    scale = min(1.0, width_px / width)
+    scale = min(1.0, long_side_px / max(width, height))
     size = max(STRIPS, round(width * scale)), max(12, round(height * scale))
     small = cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     edges = np.linspace(0, size[0], STRIPS + 1).astype(int)
@@ -229,7 +229,7 @@ def _model(rows: Float64, count: int, unit: float, level: float, haze: float, po
     return models
 
 
-@lru_cache(maxsize=2)  # a flight's pictures are alike
+@lru_cache(maxsize=2)  # a flight's pictures are alike; of 16:9 20 MB each, of a square 70
 def _all_models(count: int, unit: float, level: float) -> list[list[_Model]]:
     rows = _all_rows(count)
     return [_model(rows, count, unit, level, haze, power) for haze, power in zip(HAZE, POWER, strict=True)]
@@ -261,8 +261,8 @@ def _strip_nats(profiles: Float32, hazes: Iterable[list[_Model]]) -> Float64:
 
 
 def _design(rows: Float64, count: int, unit: float, haze: float | Float64, power: float | Float64) -> Float64:
-    """The linear model of a profile (V, P, N) in one haze, or one for each row: A, three terms of the sky, three of
-    the water."""
+    """The linear model of a profile (V, P, N) in one haze, or (V,) in one for each row: A, three terms of the sky,
+    three of the water."""
     below = (np.arange(count) + 0.5 - rows[:, None]) * (unit / FOCAL)
     up, down = np.maximum(-below, 0), np.maximum(below, 1e-4)
     depth = np.minimum((np.asarray(haze)[..., None] / down / FOCAL) ** np.asarray(power)[..., None], 50)

@@ -110,18 +110,17 @@ class OnnxDehazer:
         solution = None if self.geometry is None else self.geometry.solve(frame)
         if not isinstance(solution, GeometrySolution):
             return self._restore_without_fit(frame, solution)
-        told = solution.visibility
         air = 0.0 if self.network_only else clear_air_certainty(solution.haze.visibility_m)
         if air == 1:
             heights = f"{CLEAR_M[1] / USUAL_HEIGHT_M:g} heights of the camera"
             reach = f"{CLEAR_M[1] / 1e3:g} km" if solution.has_height else heights
-            return Restored(frame.image_rgb.copy(), f"not dehazed: the air is clear for {reach} or more", **told)
+            return solution.restored(frame.image_rgb.copy(), f"not dehazed: the air is clear for {reach} or more")
         if self.network_only:
-            return Restored(self._run(frame.image_rgb, solution.remove(frame.image_rgb)), "", **told)
+            return solution.restored(self._run(frame.image_rgb, solution.remove(frame.image_rgb)))
         small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
         prior = solution.remove(small)
         change = limited_change(self._run(small, prior), prior)
-        return Restored(solution.moved(change, keep=air).remove(frame.image_rgb), "", **told)
+        return solution.restored(solution.moved(change, keep=air).remove(frame.image_rgb))
 
     def _restore_without_fit(self, frame: Frame, why: NotFitted | None) -> Restored:
         if why is None or self.network_only or frame.world_from_camera is None:
