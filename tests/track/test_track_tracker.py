@@ -90,6 +90,14 @@ def test_after_two_seconds_the_track_is_lost_and_begins_anew_when_lines_come_bac
     assert states[5.0] is TrackState.TRACKING
 
 
+@pytest.mark.parametrize(("seen_frames", "then"), [(1, TrackState.LOST), (2, TrackState.COASTING)])
+def test_what_one_frame_saw_does_not_coast(seen_frames, then):
+    tracker, states = Tracker(CALM), []
+    for number, (frame, estimate) in enumerate(frames_of(Flight(start_m=600.0, seed=4), 4)):
+        states.append(tracker.update(frame, estimate if number < seen_frames else NOTHING).state)
+    assert states == [TrackState.TRACKING] * seen_frames + [then] * (4 - seen_frames)
+
+
 def frames_of(flight, count, rate_hz=10.0):
     errors, rng = draw_errors(flight), np.random.default_rng(9)
     return [one_frame(flight, i / rate_hz, errors, rng)[:2] for i in range(count)]

@@ -195,7 +195,8 @@ class Tracker:
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
         memory = self._update_memory(memory, gated, context)
         unseen_s, inconsistent_s = time_s - memory.seen_s, time_s - memory.consistent_s
-        if unseen_s > config.tracking.coast_s + ROUNDING_S or inconsistent_s > config.tracking.reacquire_s + ROUNDING_S:
+        coast_s = config.tracking.coast_s if memory.seen_s > memory.start_s else 0.0  # what one frame saw may be noise
+        if unseen_s > coast_s + ROUNDING_S or inconsistent_s > config.tracking.reacquire_s + ROUNDING_S:
             self._memory = None
             if np.isfinite(memory.seen_s):
                 self._faults = self._faults.restart(memory.state, config)
