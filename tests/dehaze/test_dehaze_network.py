@@ -15,10 +15,11 @@ from deckline.dehaze.network import (
     CLEAR_M,
     MIN_SIDE_PX,
     average_down,
+    change_share,
     clear_air_certainty,
     darkest_detail,
+    held_to_angles,
     image_to_tensor,
-    limit_change,
     limited_change,
     pad,
     reduction_factor,
@@ -35,14 +36,40 @@ def network(level: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("apart", "moved"), [(0, 0), (5, 0.4 * 5 / (1 + 1 / 16)), (20, 4), (60, 2.4), (150, 60 / 57.25)]
+    ("apart", "moved"), [(0, 0), (5, 0.3 * 5 / (1 + 1 / 16)), (20, 3), (60, 1.8), (150, 45 / 57.25)]
 )
 def test_the_network_moves_geometry_where_they_agree_and_never_far(apart: int, moved: float) -> None:
     ours, theirs = network(100 + apart), network(100)
-    np.testing.assert_allclose(limited_change(ours, theirs), moved, atol=1e-3)
-    np.testing.assert_allclose(limited_change(theirs, ours), -moved, atol=1e-3)
+    np.testing.assert_allclose(limited_change(theirs, ours), moved, atol=1e-3)
+    np.testing.assert_allclose(limited_change(ours, theirs), -moved, atol=1e-3)
     assert (ours == 100 + apart).all()
     assert (theirs == 100).all()
+
+
+def test_what_the_network_paints_is_held_to_the_angle_below_the_horizontal() -> None:
+    """A gain and an offset that change with the angle are kept; a cloud that it adds is not."""
+    rng = np.random.default_rng(4)
+    image = rng.integers(60, 140, (90, 160, 3), dtype=np.uint8)
+    down = np.linspace(-0.1, 0.4, 90, dtype=np.float32)[:, None].repeat(160, axis=1)
+    gain = 1 + 2 * np.clip(down, 0, 1)[..., None]
+    wanted = np.clip(gain * (image - 50.0) + 20, 0, 255)
+    cloudy = wanted.copy()
+    cloudy[30:60, :16] -= 20
+    held = held_to_angles(image, np.rint(cloudy).astype(np.uint8), down)(image)
+    apart = held.astype(float) - wanted
+    assert np.abs(apart[8:-8]).mean() < 4
+    assert abs(apart[30:60, :16].mean() - apart[30:60, 16:].mean()) < 1
+
+
+def test_a_picture_that_shows_nothing_gets_no_texture() -> None:
+    """The network draws a pattern into a plain grey; held to the angle it is a smooth change."""
+    rng = np.random.default_rng(5)
+    plain = (140 + rng.normal(0, 1, (90, 160, 1))).round().astype(np.uint8).repeat(3, axis=2)
+    pattern = np.clip(plain + 30 * np.sin(np.arange(160) / 3)[None, :, None] - 20, 0, 255).astype(np.uint8)
+    down = np.linspace(0, 0.4, 90, dtype=np.float32)[:, None].repeat(160, axis=1)
+    held = held_to_angles(plain, pattern, down)(plain)
+    assert held.std() < 2
+    assert held.mean() == pytest.approx(pattern.mean(), abs=1)
 
 
 def test_clear_air_begins_and_ends_where_it_is_said() -> None:
@@ -54,8 +81,8 @@ def test_clear_air_begins_and_ends_where_it_is_said() -> None:
 @pytest.mark.parametrize(("change", "done"), [(5, 0), (6, 0), (7, 7 / 3), (8, 8 * 2 / 3), (9, 9), (60, 60)])
 def test_a_small_change_is_not_made(change: int, done: float) -> None:
     image = network(100)
-    np.testing.assert_allclose(limit_change(image, image + np.uint8(change)), 100 + done, atol=0.5)
-    np.testing.assert_allclose(limit_change(image, image - np.uint8(change)), 100 - done, atol=0.5)
+    for network_rgb in (image + np.uint8(change), image - np.uint8(change)):
+        assert change * change_share(image, network_rgb) == pytest.approx(done, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -63,9 +90,8 @@ def test_a_small_change_is_not_made(change: int, done: float) -> None:
 )
 def test_without_certainty_the_change_keeps_a_clear_image_at_32_db(certainty: float, done: float) -> None:
     image = network(100)
-    limited = limit_change(image, network(60), certainty)
-    np.testing.assert_array_equal(limited, 100 - done)
-    assert (psnr_db(limited, image) > 32) == (certainty < 0.5)
+    assert 40 * change_share(image, network(60), certainty) == pytest.approx(done)
+    assert (psnr_db(network(round(100 - done)), image) > 32) == (certainty < 0.5)
 
 
 def test_the_darkest_detail_is_a_share_of_the_brightest() -> None:

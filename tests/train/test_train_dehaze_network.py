@@ -17,6 +17,7 @@ from deckline.dehaze import GeometryDehazer, OnnxDehazer
 from deckline.dehaze.geometry import GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.network import average_down, image_to_tensor, pad
+from deckline.dehaze.pixel_map import PixelMap
 from deckline.geometry import Camera
 from deckline.train.dehaze import export_dehaze
 from deckline.train.dehaze_blocks import (
@@ -196,7 +197,8 @@ class Halved(GeometryDehazer):
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
         haze = HazeFit(np.full(3, 200.0), 1e-3, 0.0, 0.0, np.zeros((2, 3)))
         size = frame.image_rgb.shape[:2]
-        return GeometrySolution(haze, np.full(size, 0.5, np.float32), np.zeros((3, *size), np.float32), "display")
+        half, zero = np.full(size, 0.5, np.float32), np.zeros((3, *size), np.float32)
+        return GeometrySolution(haze, PixelMap(half, half, zero), np.zeros(size, np.float32))
 
 
 @pytest.mark.parametrize("baseline", [False, True])

@@ -10,7 +10,7 @@ import torch
 from scipy.spatial.transform import RigidTransform
 
 from clear_scene import clear_frame, clear_recording
-from deckline.dehaze.geometry import linear_levels
+from deckline.dehaze.pixel_map import linear_levels
 from deckline.evaluation.metrics import psnr_db
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.haze import beta_from_visibility, transmission

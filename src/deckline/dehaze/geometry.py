@@ -7,8 +7,8 @@ no signal, that is the sea's own colour, so that plain sea in the result does no
 The picture of a sea in haze depends on extinction times the camera's height: where that is not known, the fit from a
 usual one serves, and tells the visibility in heights.
 
-In every pixel the solution is linear in the image: J = gain I + offset. Both are found in an image of at most
-`analysis_px`; a larger one only gets them applied.
+In every pixel the solution is linear in the image (`PixelMap`). It is found in an image of at most `analysis_px`; a
+larger one only gets it applied.
 """
 
 from dataclasses import dataclass, replace
@@ -27,15 +27,15 @@ from deckline.dehaze.haze_fit import (
     fit_haze,
     hidden_sea_certainty,
 )
+from deckline.dehaze.pixel_map import Image, Light, PixelMap, level_table, luma
 from deckline.dehaze.sea_view import SeaView, ray_lengths, view_sea, view_water
-from deckline.dehaze.transmission import GeometryConfig, Light, find_objects, signal_gain, transmissions
+from deckline.dehaze.transmission import GeometryConfig, find_objects, signal_gain, transmissions
 from deckline.types import Frame, Value
-
-Image = NDArray[np.float32]
 
 ANALYSIS_PX = 400  # longer side of the image that air and objects are estimated in; 640 px are no better
 USUAL_HEIGHT_M = 50.0  # of a camera above the water, where it is not known; the limits of `haze_fit` are metres
 NOISE_ROWS = 30  # about so many are read for noise
+BLOCK_PX = 8  # apart: compression makes the pixels of one block alike
 NOISE_WEIGHT = 2.0  # best in [1, 3] on preset paper with noise of 3 and 8 levels added
 NOISE_PART = 0.9  # of the differences that count
 NOISE_MEAN = 0.9297  # of a normal difference of sigma sqrt(2), in size, of that smallest part
@@ -43,12 +43,11 @@ NOISE_MEAN = 0.9297  # of a normal difference of sigma sqrt(2), in size, of that
 
 @dataclass(frozen=True, eq=False)
 class GeometrySolution:
-    """A frame whose air could be estimated: J = gain I + offset in levels of its light, at the analysis' resolution."""
+    """A frame whose air could be estimated."""
 
     haze: HazeFit
-    gain: Image  # (h, w)
-    offset: Image  # (3, h, w)
-    light: Light
+    remove: PixelMap  # takes the haze off the frame's image, of any resolution
+    down: Image  # (h, w) sines of the angle below the horizontal
     has_height: bool = True  # the camera's above the water is known; else it counts as USUAL_HEIGHT_M
 
     def restored(self, image_rgb: NDArray[np.uint8], note: str = "") -> Restored:
@@ -59,32 +58,6 @@ class GeometrySolution:
         return Restored(
             image_rgb, note, visibility_heights=Value(told.value / USUAL_HEIGHT_M, told.sigma / USUAL_HEIGHT_M)
         )
-
-    def remove(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The frame's image (H, W, 3), of any resolution, without its haze."""
-        import cv2
-
-        size = image_rgb.shape[1], image_rgb.shape[0]
-        gain = cv2.resize(self.gain, size)
-        scene, added = np.empty_like(gain), np.empty_like(gain)  # used again: fresh memory costs more than the sums
-        channels = list(cv2.split(image_rgb))
-        for channel, offset in zip(channels, self.offset, strict=True):
-            seen = cv2.LUT(channel, level_table(self.light)) if self.light == "linear" else channel
-            cv2.multiply(seen, gain, dst=scene, dtype=cv2.CV_32F)
-            cv2.resize(offset, size, dst=added)
-            if self.light == "linear":
-                cv2.convertScaleAbs(display_levels(scene + added), dst=channel)
-            else:
-                cv2.add(scene, added, dst=channel, dtype=cv2.CV_8U)
-        return np.asarray(cv2.merge(channels), dtype=np.uint8)
-
-    def moved(self, levels: Image, keep: float) -> "GeometrySolution":
-        """The same with `levels` (..., ..., 3) added to its result, and a share `keep` of the haze left in."""
-        import cv2
-
-        added = np.moveaxis(np.asarray(cv2.resize(levels, self.gain.shape[::-1])), 2, 0)
-        offset = (1 - keep) * (self.offset + added)
-        return replace(self, gain=keep + (1 - keep) * self.gain, offset=np.ascontiguousarray(offset, np.float32))
 
 
 class GeometryDehazer:
@@ -139,17 +112,17 @@ class GeometryDehazer:
         light = self.config.light
         levels = [cv2.LUT(channel, level_table(light)) for channel in cv2.split(small.image_rgb)]
         planes = np.stack(levels).astype(np.float32, copy=False)
-        small_noise, noise = (measure_sky_noise(image, view, light) for image in (small.image_rgb, frame.image_rgb))
+        small_noise = measure_sky_noise(small.image_rgb, view, light)
+        noise = measure_sky_noise(frame.image_rgb, view, light, BLOCK_PX)
         water = LIGHT_WATER if light == "linear" else DISPLAY_WATER
         haze = fit_haze(small.image_rgb if light == "display" else np.moveaxis(planes, 0, 2), view, water, small_noise)
         if isinstance(haze, NotFitted):
-            return replace(haze, hidden=hidden_sea_certainty(small.image_rgb, view))
+            return replace(haze, hidden=hidden_sea_certainty(small.image_rgb, view), down=view.down)
         deck = view_water(view.down, view.height_m + deck_z_m - sea_z_m)
         objects, bound = find_objects(planes, view, deck, haze, with_noise(self.config, small_noise))
         range_m = None if small.depth_m is None else small.depth_m * ray_lengths(small.camera)
         t, clear_t = transmissions(view, objects, bound, range_m, haze, self.config)
-        gain, offset = invert_haze(view, t, clear_t, haze, with_noise(self.config, noise))
-        return GeometrySolution(haze, gain, offset, light)
+        return GeometrySolution(haze, invert_haze(view, t, clear_t, haze, with_noise(self.config, noise)), view.down)
 
 
 def at_usual_height(frame: Frame, world_from_camera: RigidTransform) -> Frame:
@@ -180,18 +153,22 @@ def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
     return replace(small, depth_m=np.asarray(depth_m, dtype=np.float32))
 
 
-def measure_sky_noise(image_rgb: NDArray[np.uint8], view: SeaView, light: str) -> float:
-    """1-sigma of a pixel's noise in the sky of an image (H, W, 3), levels; `view` may be of another resolution."""
+def measure_sky_noise(image_rgb: NDArray[np.uint8], view: SeaView, light: Light, apart_px: int = 1) -> float:
+    """1-sigma of a pixel's noise in the sky of an image (H, W, 3), levels; `view` may be of another resolution.
+
+    Pixels `apart_px` are compared: noise of a reach below that counts in full.
+    """
     import cv2
 
     rows = image_rgb[:: 1 + len(image_rgb) // NOISE_ROWS]
     size = (rows.shape[1], len(rows))
     sky = cv2.resize((~view.is_sea).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    return estimate_noise(np.diff(level_table(light)[rows], axis=1)[sky[:, 1:] & sky[:, :-1]])
+    levels, left, right = level_table(light)[rows], np.s_[:, :-apart_px], np.s_[:, apart_px:]
+    return estimate_noise((levels[right] - levels[left])[sky[right] & sky[left]])
 
 
 def estimate_noise(differences: Image) -> float:
-    """1-sigma of a pixel's noise from differences (N, 3) of neighbours, of which the largest are clouds and edges."""
+    """1-sigma of a pixel's noise from differences (N, 3) of two, of which the largest are clouds and edges."""
     sizes = np.abs(differences).ravel()
     count = int(NOISE_PART * sizes.size)
     return float(np.partition(sizes, count)[:count].mean() / NOISE_MEAN) if count else 0.0
@@ -202,29 +179,13 @@ def with_noise(config: GeometryConfig, noise_sigma: float) -> GeometryConfig:
     return replace(config, level_sigma=max(config.level_sigma, NOISE_WEIGHT * noise_sigma))
 
 
-def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: GeometryConfig) -> tuple[Image, Image]:
-    """Gain (H, W) and offset (3, H, W) that thin the haze of transmission t (H, W) to a clear day's, clear_t (H, W)."""
+def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: GeometryConfig) -> PixelMap:
+    """What thins the haze of transmission t (H, W) to a clear day's, clear_t (H, W)."""
     airlight = haze.airlight.astype(np.float32)[:, None, None]
     usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight) - airlight
-    scene_gain = signal_gain(t, float(airlight.mean()), config)
-    gain = np.where(t == 1, np.float32(1), clear_t * scene_gain)
-    offset = airlight * (1 - gain) + usual * (clear_t * (1 - scene_gain * t))
-    return gain, np.where(t == 1, np.float32(0), offset)
-
-
-def level_table(light: str) -> Image:
-    """What display levels 0..255 are in the light that haze is counted in, (256,)."""
-    display = np.arange(256, dtype=np.float32)
-    return linear_levels(display) if light == "linear" else display
-
-
-def linear_levels(display: NDArray) -> Image:
-    """Light, 0..255, of display levels 0..255. Source: IEC 61966-2-1 (sRGB)."""
-    x = np.asarray(display, dtype=np.float32) / 255
-    return np.asarray(255 * np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4), dtype=np.float32)
-
-
-def display_levels(light: Image) -> Image:
-    """The inverse of `linear_levels`; light beyond 0..255 is clipped."""
-    y = np.clip(light, 0, 255) / 255
-    return np.asarray(255 * np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** (1 / 2.4) - 0.055), dtype=np.float32)
+    level, hazy = float(airlight.mean()), airlight + t * usual
+    gain = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_sigma, config.scene_sigma)
+    colour = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_hue_sigma, config.hue_sigma)
+    offset = airlight + clear_t * usual - colour * hazy - (gain - colour) * luma(hazy)
+    gain, colour = (np.where(t == 1, np.float32(1), part) for part in (gain, colour))
+    return PixelMap(gain, colour, np.where(t == 1, np.float32(0), offset), config.light)

@@ -40,6 +40,7 @@ DARKER_SIGMA = 0.1  # of A: grazing water mirrors more sky and is hardly darker;
 LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin's weight falls
 NEAR_LEVELS = 4.0  # between a bin and the law that explains it
 MIN_EXPLAINED = 0.6  # of the bins; seen on preset paper: 0.75 and more with a sea, 0.4 and less with a deck for a sea
+MIN_FAR_SEA = -0.05  # of the airlight: no water is darker than black; a deck for a sea makes it -0.1 and less
 SIDES_FROM = 0.56  # of the way from the middle column to the outermost
 MAX_RELATIVE_SIGMA = 0.5  # of the extinction; vaguer fits are not used
 END_BINS = 3  # of a profile, the nearest and the farthest
@@ -101,12 +102,13 @@ class HazeFit:
         return np.clip(straight + schlick(down) * grazing, 0, 255)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NotFitted:
     """Why an image does not tell its haze."""
 
     reason: str
     hidden: float = 0.0  # how surely haze hides the farthest sea all the same, 0 to 1
+    down: Float32 | None = None  # (h, w) sines of the angle below the horizontal, where the pose tells them
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +147,8 @@ def fit_haze(
         if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
             return NotFitted("the sea cannot be told from the haze")
         fit = _fit_profile(profile, airlight, water)
-        if explained_share(fit, profile) >= MIN_EXPLAINED:
+        far_sea = 1 + fit.sea.sum(axis=0) / fit.airlight
+        if far_sea.min() >= MIN_FAR_SEA and explained_share(fit, profile) >= MIN_EXPLAINED:
             vague = fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m
             return NotFitted("the sea does not tell how thick the haze is") if vague else fit
     return NotFitted("what lies below the horizon does not fade as a sea in haze does")

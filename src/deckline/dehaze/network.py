@@ -3,9 +3,10 @@
 A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air
 is left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
 where they do not, the network is more often far off. With a pose but without a fit, the network's change is made in
-full only where it is certain that there is haze. Without a pose a change that is no larger than what the network does
-to clear images is not made; on photographs of haze that change does harm, so that the shipped networks leave images
-without a pose to another dehazer.
+full only where it is certain that there is haze. With a pose the change depends on nothing but the angle below the
+horizontal, as haze over a sea does. Without a pose a change that is no larger than what the network does to clear
+images is not made; on photographs of haze that change does harm, so that the shipped networks leave images without a
+pose to another dehazer.
 """
 
 from pathlib import Path
@@ -18,6 +19,7 @@ from deckline.config import CPU, Engine
 from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
 from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, GeometrySolution, downscale_frame
 from deckline.dehaze.haze_fit import NotFitted
+from deckline.dehaze.pixel_map import PixelMap
 from deckline.dehaze.transmission import max_channel
 from deckline.runtime import load_session
 from deckline.types import Frame
@@ -30,10 +32,12 @@ MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the netwo
 
 # Chosen on nine random sets of 150 m to 20 km and clear air: docs/experiments/2026-11-dehazing-blend.md
 CLEAR_M = (7000.0, 9000.0)  # fitted visibility: from here on less is removed, and from here on nothing
-NETWORK_SHARE = 0.4  # where both agree
+NETWORK_SHARE = 0.3  # where both agree
 AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 4 levels
-AGREE_PX = 31  # side of the window in which they are compared, for images REFERENCE_PX wide
-REFERENCE_PX = 640
+ANGLE_BANDS = 12  # of equally many pixels
+BAND_STEP = 3  # every so many-th pixel, along rows and columns, is read
+BAND_RIDGE = 9.0  # squared levels: a band that shows no more than that tells no gain
+MAX_BAND_GAIN = 4.0
 CHANGE_PX = 320  # longer side of the image that the network changes
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
 # Without a fit. Chosen on 60 clear and 39 hazy views: docs/experiments/2026-11-dehazing-blend.md
@@ -102,7 +106,7 @@ class OnnxDehazer:
     def _restore_alone(self, image_rgb: Image) -> Image:
         check_image(image_rgb)
         clear = self._run(image_rgb, image_rgb)
-        return clear if self.network_only else limit_change(image_rgb, clear)
+        return clear if self.network_only else mix(image_rgb, clear, change_share(image_rgb, clear))
 
     def restore(self, frame: Frame) -> Restored:
         if self.without_pose is not None and frame.world_from_camera is None:
@@ -119,18 +123,19 @@ class OnnxDehazer:
             return solution.restored(self._run(frame.image_rgb, solution.remove(frame.image_rgb)))
         small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
         prior = solution.remove(small)
-        change = limited_change(self._run(small, prior), prior)
-        return solution.restored(solution.moved(change, keep=air).remove(frame.image_rgb))
+        change = limited_change(prior, held_to_angles(prior, self._run(small, prior), solution.down)(prior))
+        return solution.restored(solution.remove.plus(change).faded(air)(frame.image_rgb))
 
     def _restore_without_fit(self, frame: Frame, why: NotFitted | None) -> Restored:
-        if why is None or self.network_only or frame.world_from_camera is None:
-            return Restored(self._restore_alone(frame.image_rgb))
+        if why is None or why.down is None or self.network_only:
+            return Restored(self(frame.image_rgb))
         darkest = darkest_detail(frame.image_rgb)
         if darkest <= DARKEST[0]:
             return Restored(frame.image_rgb.copy(), f"not dehazed: {why.reason}, and dark details show no haze")
-        certainty = max(why.hidden, ramp(darkest, *VEILED))
-        clear = limit_change(frame.image_rgb, self._run(frame.image_rgb, frame.image_rgb), certainty)
-        return Restored(mix(frame.image_rgb, clear, ramp(darkest, *DARKEST)))
+        small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
+        held = held_to_angles(small, self._run(small, small), why.down)
+        done = change_share(small, held(small), max(why.hidden, ramp(darkest, *VEILED))) * ramp(darkest, *DARKEST)
+        return Restored(held.faded(1 - done)(frame.image_rgb))
 
     def _run(self, image_rgb: Image, prior_rgb: Image) -> Image:
         height, width = image_rgb.shape[:2]
@@ -221,14 +226,39 @@ def upsample_guided(image: Tensor, small: Tensor, result: Tensor, factor: int) -
     return full
 
 
-def limited_change(network_rgb: Image, geometry_rgb: Image) -> Tensor:
-    """What the network adds to geometry's image (H, W, 3), levels: a little, where they agree."""
+def held_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelMap:
+    """The map nearest to the network's that depends on the angle below the horizontal alone, as haze over a sea does.
+
+    A gain and an offset for every cell draw clouds, wakes and halos.
+
+    Args:
+        image_rgb: (H, W, 3) what the network saw.
+        network_rgb: what it made of it.
+        down: sines of the angle below the horizontal, of any resolution.
+    """
     import cv2
 
-    change = cv2.subtract(network_rgb, geometry_rgb, dtype=cv2.CV_32F)
-    apart = max_channel(np.moveaxis(np.abs(change), 2, 0))
-    side = max(1, round(AGREE_PX * apart.shape[1] / REFERENCE_PX)) // 2 * 2 + 1
-    share = NETWORK_SHARE / (1 + np.square(cv2.blur(apart, (side, side)) / np.float32(AGREE_LEVELS)))
+    seen_rgb, made_rgb = image_rgb[::BAND_STEP, ::BAND_STEP], network_rgb[::BAND_STEP, ::BAND_STEP]
+    down = np.asarray(cv2.resize(down, seen_rgb.shape[1::-1]))
+    angles, gains, offsets = [], [], []
+    for band in np.array_split(np.argsort(down, axis=None), min(ANGLE_BANDS, down.size)):
+        seen, wanted = (image.reshape(-1, 3)[band].astype(np.float32) for image in (seen_rgb, made_rgb))
+        off, wanted_off = seen - seen.mean(axis=0), wanted - wanted.mean(axis=0)
+        gain = ((off * wanted_off).mean() + BAND_RIDGE) / ((off * off).mean() + BAND_RIDGE)
+        angles.append(down.ravel()[band].mean())
+        gains.append(np.clip(gain, 1, MAX_BAND_GAIN))
+        offsets.append(wanted.mean(axis=0) - gains[-1] * seen.mean(axis=0))
+    gain = np.interp(down, angles, gains).astype(np.float32)
+    offset = np.stack([np.interp(down, angles, channel) for channel in np.transpose(offsets)]).astype(np.float32)
+    return PixelMap(gain, gain, offset)
+
+
+def limited_change(image_rgb: Image, held_rgb: Image) -> Tensor:
+    """What the network, held to angles, adds to geometry's image (H, W, 3), levels: a little, where they agree."""
+    import cv2
+
+    change = cv2.subtract(held_rgb, image_rgb, dtype=cv2.CV_32F)
+    share = NETWORK_SHARE / (1 + np.square(max_channel(np.moveaxis(np.abs(change), 2, 0)) / np.float32(AGREE_LEVELS)))
     return np.asarray(change * share[..., None], dtype=np.float32)
 
 
@@ -246,13 +276,12 @@ def darkest_detail(image_rgb: Image) -> float:
     return float(dark / bright) if bright - dark > MIN_DETAIL_LEVELS else 0.0
 
 
-def limit_change(image_rgb: Image, network_rgb: Image, certainty: float = 1.0) -> Image:
-    """The network's image (H, W, 3), blended with its input where it hardly differs from it.
+def change_share(image_rgb: Image, network_rgb: Image, certainty: float = 1.0) -> float:
+    """How much of the network's change is made, 0 to 1: little where its image hardly differs from its input.
 
     Where it is not certain, 0 to 1, that there is haze, the change has at most CHANGE_LEVELS[0] (rms): a clear image
     keeps 32 dB.
     """
     step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
     change = float(np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step]))))
-    done = ramp(change, *CHANGE_LEVELS) * max(certainty, min(1.0, CHANGE_LEVELS[0] / max(change, 1.0)))
-    return mix(image_rgb, network_rgb, done)
+    return ramp(change, *CHANGE_LEVELS) * max(certainty, min(1.0, CHANGE_LEVELS[0] / max(change, 1.0)))

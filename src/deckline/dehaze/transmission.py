@@ -6,18 +6,14 @@ second bound applies, or the deck plane's transmission where it is larger.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deckline.checks import check_choice, check_numbers
 from deckline.dehaze.haze_fit import HazeFit
+from deckline.dehaze.pixel_map import Image, Light
 from deckline.dehaze.sea_view import SeaView
 from deckline.haze import transmission
-
-Image = NDArray[np.float32]
-Light = Literal["display", "linear"]  # what haze adds to: the image's levels, or sRGB's light
 
 REFERENCE_PX = 1280  # image width that lengths in pixels are meant for
 OBJECT_SIGMAS = (1.0, 2.5)  # of noise off the airlight where haze hides the sea: as object_levels
@@ -36,7 +32,9 @@ class GeometryConfig:
     clear_beta_per_m: float = 1e-4  # what is left in the image: a clear day's air, visibility 39 km
     level_sigma: float = 2.0  # of a pixel's noise, levels 0..255, at least; a sky that shows more raises it
     airlight_sigma: float = 0.02  # of the airlight's share in a pixel, as a fraction of it
-    scene_sigma: float = 40.0  # of ship and waves about the sea's mean colour, levels
+    scene_sigma: float = 40.0  # of ship and waves about the sea's mean colour, levels; and in what differs from grey:
+    airlight_hue_sigma: float = 0.01
+    hue_sigma: float = 12.0
     object_levels: tuple[float, float] = (12.0, 30.0)  # off the hazy sea or sky: surely not an object, surely one
     nearer_ratio: tuple[float, float] = (1.1, 1.5)  # bound over the sea's transmission: surely sea, surely nearer
     window_px: int = 15  # over which one dark detail bounds its neighbours
@@ -46,7 +44,7 @@ class GeometryConfig:
 
     def __post_init__(self) -> None:
         check_choice("light", self.light, Light)
-        check_numbers(self, "", "level_sigma", "scene_sigma", "window_px", "min_object_t", above=0)
+        check_numbers(self, "", "level_sigma", "scene_sigma", "hue_sigma", "window_px", "min_object_t", above=0)
 
 
 def find_objects(
@@ -181,12 +179,12 @@ def transmissions(
     return t, clear_t
 
 
-def signal_gain(t: Image, airlight: float, config: GeometryConfig) -> Image:
+def signal_gain(t: Image, airlight: float, level_sigma: float, airlight_sigma: float, scene_sigma: float) -> Image:
     """Gain (H, W) on what is unexpected in I = J t + A (1 - t) + noise, for the most likely J, normal about its mean.
 
     It is near 1 / t in thin haze and falls to 0 where nothing but noise comes through. The noise includes a part of the
-    airlight's error.
+    airlight's error. The sigmas are those of `GeometryConfig`.
     """
-    hidden = config.airlight_sigma * airlight * (1 - t)
-    noise = np.float32(config.level_sigma**2) + hidden * hidden
-    return np.asarray(t / (t * t + noise / np.float32(config.scene_sigma**2)), np.float32)
+    hidden = airlight_sigma * airlight * (1 - t)
+    noise = np.float32(level_sigma**2) + hidden * hidden
+    return np.asarray(t / (t * t + noise / np.float32(scene_sigma**2)), np.float32)

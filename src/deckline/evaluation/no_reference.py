@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze.dark_channel import DarkChannelConfig, dark_channel
-from deckline.dehaze.geometry import linear_levels
+from deckline.dehaze.pixel_map import linear_levels
 from deckline.evaluation.tables import Figures, Table, number
 from deckline.labels.truth import VisibleLine, measure_contrast
 

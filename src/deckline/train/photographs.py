@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deckline.dehaze.airlight import find_sky, find_smooth_top
 from deckline.dehaze.dark_channel import guided_coefficients
-from deckline.dehaze.geometry import display_levels, linear_levels
+from deckline.dehaze.pixel_map import display_levels, linear_levels
 from deckline.dehaze.veil import VeilDehazer, to_full_scale
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility

@@ -1,0 +1,82 @@
+"""A dehazed picture as a linear map of the hazy one: found at a small resolution, applied at any.
+
+Haze adds to light, or to a picture's levels; `Light` says to which.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.float32]
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+Light = Literal["display", "linear"]  # what haze adds to: the image's levels, or sRGB's light
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMap:
+    """J = gain Y + colour (I - Y) + offset, in levels of `light`, where Y is a pixel's `luma`."""
+
+    gain: Image  # (h, w)
+    colour: Image  # (h, w), less than `gain` where what differs from grey is more likely noise
+    offset: Image  # (3, h, w)
+    light: Light = "display"
+
+    def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The map of an image (H, W, 3) of any resolution."""
+        import cv2
+
+        size = image_rgb.shape[1], image_rgb.shape[0]
+        colour, shared = (cv2.resize(part, size) for part in (self.colour, self.gain - self.colour))
+        scene, added = np.empty_like(colour), np.empty_like(colour)  # used again: fresh memory costs more than the sums
+        channels = list(cv2.split(image_rgb))
+        linear = self.light == "linear"
+        seen = [cv2.LUT(channel, level_table(self.light)) for channel in channels] if linear else channels
+        grey = luma(np.stack(seen)) if linear else cv2.cvtColor(image_rgb, cv2.COLOR_RGB2GRAY)
+        cv2.multiply(shared, grey, dst=shared, dtype=cv2.CV_32F)
+        for channel, level, offset in zip(channels, seen, self.offset, strict=True):
+            cv2.multiply(level, colour, dst=scene, dtype=cv2.CV_32F)
+            cv2.resize(offset, size, dst=added)
+            cv2.add(scene, shared, dst=scene)
+            if linear:
+                cv2.convertScaleAbs(display_levels(scene + added), dst=channel)
+            else:
+                cv2.add(scene, added, dst=channel, dtype=cv2.CV_8U)
+        return np.asarray(cv2.merge(channels), dtype=np.uint8)
+
+    def plus(self, levels: Image) -> "PixelMap":
+        """The same with `levels` (..., ..., 3) added to its result."""
+        import cv2
+
+        added = np.moveaxis(np.asarray(cv2.resize(levels, self.gain.shape[::-1])), 2, 0)
+        return PixelMap(self.gain, self.colour, np.ascontiguousarray(self.offset + added, np.float32), self.light)
+
+    def faded(self, keep: float) -> "PixelMap":
+        """The same with a share `keep`, 0 to 1, of the image as it is."""
+        done = np.float32(1 - keep)
+        gain, colour = (np.float32(keep) + done * part for part in (self.gain, self.colour))
+        return PixelMap(gain, colour, done * self.offset, self.light)
+
+
+def luma(levels: Image) -> Image:
+    """Grey (H, W) of levels (3, H, W). Source: ITU-R BT.601."""
+    return np.asarray(np.tensordot(LUMA, levels, axes=1), np.float32)
+
+
+def level_table(light: Light) -> Image:
+    """What display levels 0..255 are in the light that haze is counted in, (256,)."""
+    display = np.arange(256, dtype=np.float32)
+    return linear_levels(display) if light == "linear" else display
+
+
+def linear_levels(display: NDArray) -> Image:
+    """Light, 0..255, of display levels 0..255. Source: IEC 61966-2-1 (sRGB)."""
+    x = np.asarray(display, dtype=np.float32) / 255
+    return np.asarray(255 * np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4), dtype=np.float32)
+
+
+def display_levels(light: Image) -> Image:
+    """The inverse of `linear_levels`; light beyond 0..255 is clipped."""
+    y = np.clip(light, 0, 255) / 255
+    return np.asarray(255 * np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** (1 / 2.4) - 0.055), dtype=np.float32)

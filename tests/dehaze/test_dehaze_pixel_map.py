@@ -1,0 +1,39 @@
+"""A linear map of a picture, found at one size and applied at another."""
+
+import numpy as np
+import pytest
+
+from deckline.dehaze.pixel_map import Light, PixelMap, display_levels, linear_levels, luma
+
+
+def plane(value: float) -> np.ndarray:
+    return np.full((4, 6), value, np.float32)
+
+
+@pytest.mark.parametrize("light", ["display", "linear"])
+def test_a_larger_image_gets_the_same_map(light: Light) -> None:
+    same = PixelMap(plane(1), plane(1), np.zeros((3, 4, 6), np.float32), light)
+    image = np.random.default_rng(2).integers(0, 256, (31, 47, 3), dtype=np.uint8)
+    before = image.copy()
+    np.testing.assert_array_equal(same(image), image)
+    brighter = same.plus(np.full((2, 3, 3), 300, np.float32))
+    assert (brighter(image) == 255).all()
+    np.testing.assert_array_equal(brighter.faded(1.0)(image), image)
+    assert (same.plus(np.full((2, 3, 3), -300, np.float32))(image) == 0).all()
+    np.testing.assert_array_equal(image, before)
+
+
+def test_grey_and_what_differs_from_it_have_gains_of_their_own() -> None:
+    image = np.random.default_rng(3).integers(60, 120, (40, 60, 3), dtype=np.uint8)
+    grey = luma(np.moveaxis(image, 2, 0))[..., None]
+    shift = np.array([10.0, 0.0, -5.0])
+    offset = np.broadcast_to(shift[:, None, None], (3, 4, 6)).astype(np.float32)
+    parts = PixelMap(plane(1.6), plane(0.5), offset)
+    expected = 1.6 * grey + 0.5 * (image - grey) + shift
+    np.testing.assert_allclose(parts(image), expected, atol=1.1)  # the grey is rounded
+    np.testing.assert_allclose(parts.faded(0.25)(image), 0.25 * image + 0.75 * expected, atol=1.1)
+
+
+def test_light_is_srgb() -> None:
+    np.testing.assert_allclose(linear_levels(np.array([0, 10, 128, 255])), [0, 0.774, 55.045, 255], atol=1e-3)
+    np.testing.assert_allclose(display_levels(linear_levels(np.arange(256))), np.arange(256), atol=1e-3)
