@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, sea_pair, world_from_body
+from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, ray_z, sea_pair, world_from_body
 
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
@@ -117,6 +117,18 @@ def test_a_deck_just_ahead_hides_the_sea_and_its_sides_tell():
     fit = fit_haze(image, VIEW)
     assert isinstance(fit, HazeFit)
     assert fit.beta_per_m == pytest.approx(beta, rel=0.15)
+
+
+@pytest.mark.parametrize(("far", "is_sea"), [(60.0, True), (-60.0, False)])
+def test_water_darker_than_black_is_no_sea(far: float, is_sea: bool) -> None:
+    """A law through what gets darker than black with range, as a deck may seem to, is refused however well it fits."""
+    down = ray_z(world_from_body())[..., None]
+    range_m = np.where(down > 0, 60 / np.maximum(down, 1e-9), 1e9)
+    clear = 60 + (far - 60) * (1 - np.clip(down, 0, 1)) ** 5
+    t = np.exp(-beta_from_visibility(1500.0) * range_m)
+    levels = np.where(down > 0, AIRLIGHT + t * (clear - AIRLIGHT), AIRLIGHT)
+    fit = fit_haze(np.rint(levels).astype(np.uint8), VIEW)
+    assert isinstance(fit, HazeFit) == is_sea
 
 
 def test_noise_does_not_thin_the_haze():

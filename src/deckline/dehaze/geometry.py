@@ -156,7 +156,7 @@ def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
 def measure_sky_noise(image_rgb: NDArray[np.uint8], view: SeaView, light: Light, apart_px: int = 1) -> float:
     """1-sigma of a pixel's noise in the sky of an image (H, W, 3), levels; `view` may be of another resolution.
 
-    Pixels `apart_px` are compared: noise of a reach below that counts in full.
+    Pixels `apart_px` apart are compared: noise that is alike over less counts in full.
     """
     import cv2
 

@@ -147,8 +147,8 @@ def fit_haze(
         if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
             return NotFitted("the sea cannot be told from the haze")
         fit = _fit_profile(profile, airlight, water)
-        far_sea = 1 + fit.sea.sum(axis=0) / fit.airlight
-        if far_sea.min() >= MIN_FAR_SEA and explained_share(fit, profile) >= MIN_EXPLAINED:
+        far_sea = (airlight + fit.sea.sum(axis=0)).min() / airlight.mean()
+        if far_sea >= MIN_FAR_SEA and explained_share(fit, profile) >= MIN_EXPLAINED:
             vague = fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m
             return NotFitted("the sea does not tell how thick the haze is") if vague else fit
     return NotFitted("what lies below the horizon does not fade as a sea in haze does")
