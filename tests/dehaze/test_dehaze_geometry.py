@@ -116,16 +116,16 @@ def test_the_inversion_is_exact_without_noise_and_modest_with_it():
     scene = np.random.default_rng(1).uniform(0, 255, (3, 8, 9)).astype(np.float32)
     t, clear_t = np.full((8, 9), 0.3, np.float32), np.ones((8, 9), np.float32)
     hazy = airlight + t * (scene - airlight)
-    exact = GeometryConfig(level_sigma=1e-3, airlight_sigma=0.0, airlight_hue_sigma=0.0)
+    exact = GeometryConfig(level_sigma=1e-3, airlight_sigma=0.0, airlight_chroma_sigma=0.0)
     parts = invert_haze(view, t, clear_t, haze, exact)
     grey = luma(hazy)
-    np.testing.assert_allclose(parts.gain * grey + parts.colour * (hazy - grey) + parts.offset, scene, atol=0.01)
+    np.testing.assert_allclose(parts.gain * grey + parts.chroma * (hazy - grey) + parts.offset, scene, atol=0.01)
     nothing = invert_haze(view, np.zeros_like(t), clear_t, haze, GeometryConfig())
     np.testing.assert_array_equal(nothing.gain, 0)
-    np.testing.assert_array_equal(nothing.colour, 0)
+    np.testing.assert_array_equal(nothing.chroma, 0)
     np.testing.assert_allclose(nothing.offset, 50, atol=1e-4)
     modest = invert_haze(view, t, clear_t, haze, GeometryConfig(level_sigma=5.0))
-    assert (modest.colour < 0.75 * modest.gain).all()
+    assert (modest.chroma < 0.75 * modest.gain).all()
     assert (modest.gain < 1 / t).all()
 
 
@@ -166,6 +166,8 @@ def test_the_sky_shows_the_noise(size):
     blocks = hazy + np.random.default_rng(9).normal(0, 5, (len(hazy), 320 // 8, 3)).repeat(8, axis=1)
     compressed = np.clip(np.rint(blocks), 0, 255).astype(np.uint8)
     assert measure_sky_noise(compressed, view, "display") < 1
+    ramp = np.linspace(20, 200, hazy.shape[1])[None, :, None].repeat(len(hazy), axis=0).repeat(3, axis=2)
+    assert measure_sky_noise(np.rint(ramp).astype(np.uint8), view, "display", 8) < 0.6  # of rounding
     assert measure_sky_noise(compressed, view, "display", 8) == pytest.approx(5, rel=0.1)
     assert with_noise(GeometryConfig(level_sigma=3.0), 1.0).level_sigma == 3.0
     assert with_noise(GeometryConfig(level_sigma=3.0), 5.0).level_sigma == 10.0

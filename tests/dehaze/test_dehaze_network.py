@@ -1,13 +1,15 @@
 """Images to tensors and back, and the network's image blended with geometry's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sea_scene import frame_of, ray_z, sea_pair, world_from_body
+from sea_scene import CAMERA, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.config import Engine
-from deckline.dehaze import OnnxDehazer
+from deckline.dehaze import OnnxDehazer, geometry
 from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
 from deckline.dehaze.network import (
@@ -18,9 +20,9 @@ from deckline.dehaze.network import (
     change_share,
     clear_air_certainty,
     darkest_detail,
-    held_to_angles,
+    fit_to_angles,
     image_to_tensor,
-    limited_change,
+    limit_change,
     pad,
     reduction_factor,
     tensor_to_image,
@@ -40,8 +42,8 @@ def network(level: int) -> np.ndarray:
 )
 def test_the_network_moves_geometry_where_they_agree_and_never_far(apart: int, moved: float) -> None:
     ours, theirs = network(100 + apart), network(100)
-    np.testing.assert_allclose(limited_change(theirs, ours), moved, atol=1e-3)
-    np.testing.assert_allclose(limited_change(ours, theirs), -moved, atol=1e-3)
+    np.testing.assert_allclose(limit_change(theirs, ours), moved, atol=1e-3)
+    np.testing.assert_allclose(limit_change(ours, theirs), -moved, atol=1e-3)
     assert (ours == 100 + apart).all()
     assert (theirs == 100).all()
 
@@ -55,7 +57,7 @@ def test_what_the_network_paints_is_held_to_the_angle_below_the_horizontal() -> 
     wanted = np.clip(gain * (image - 50.0) + 20, 0, 255)
     cloudy = wanted.copy()
     cloudy[30:60, :16] -= 20
-    held = held_to_angles(image, np.rint(cloudy).astype(np.uint8), down)(image)
+    held = fit_to_angles(image, np.rint(cloudy).astype(np.uint8), down)(image)
     apart = held.astype(float) - wanted
     assert np.abs(apart[8:-8]).mean() < 4
     assert abs(apart[30:60, :16].mean() - apart[30:60, 16:].mean()) < 1
@@ -67,7 +69,7 @@ def test_a_picture_that_shows_nothing_gets_no_texture() -> None:
     plain = (140 + rng.normal(0, 1, (90, 160, 1))).round().astype(np.uint8).repeat(3, axis=2)
     pattern = np.clip(plain + 30 * np.sin(np.arange(160) / 3)[None, :, None] - 20, 0, 255).astype(np.uint8)
     down = np.linspace(0, 0.4, 90, dtype=np.float32)[:, None].repeat(160, axis=1)
-    held = held_to_angles(plain, pattern, down)(plain)
+    held = fit_to_angles(plain, pattern, down)(plain)
     assert held.std() < 2
     assert held.mean() == pytest.approx(pattern.mean(), abs=1)
 
@@ -91,7 +93,31 @@ def test_a_small_change_is_not_made(change: int, done: float) -> None:
 def test_without_certainty_the_change_keeps_a_clear_image_at_32_db(certainty: float, done: float) -> None:
     image = network(100)
     assert 40 * change_share(image, network(60), certainty) == pytest.approx(done)
-    assert (psnr_db(network(round(100 - done)), image) > 32) == (certainty < 0.5)
+
+
+def test_the_change_is_limited_in_the_picture_that_comes_out_not_in_the_small_one(monkeypatch) -> None:
+    """Fine waves that vanish in the picture that the network sees: their contrast is raised only as far as allowed."""
+    pose = world_from_body(-22.0, 0.0)
+    camera = CAMERA.resized(1280, 720)
+    down = np.clip(ray_z(pose), 0.1, 1).repeat(4, axis=0).repeat(4, axis=1)[..., None]
+    waves = np.random.default_rng(6).normal(0, 20, (720, 1280, 1))
+    levels = np.clip(110 + 30 * (1 - down) ** 5 + waves, 0, 255).repeat(3, axis=2)
+    image = np.rint(levels).astype(np.uint8)
+    frame = replace(frame_of(image[::4, ::4], world_from_body=pose), image_rgb=image, camera=camera)
+    dehazer = OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1))
+    raised = np.clip(3.0 * np.arange(256) - 250, 0, 255).astype(np.uint8)
+    monkeypatch.setattr(OnnxDehazer, "_run", lambda _, image, prior: raised[image])
+    assert psnr_db(dehazer.restore(frame).image_rgb, image) < 28  # it may be hazy
+    monkeypatch.setattr(geometry, "hidden_sea_certainty", lambda image, view: 0.0)
+    assert psnr_db(dehazer.restore(frame).image_rgb, image) > 32
+
+
+def test_a_pose_that_cannot_be_leaves_the_picture_and_says_why() -> None:
+    dehazer = OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1))
+    image = sea_pair(1e-3)[0]
+    restored = dehazer.restore(frame_of(image, world_from_body=world_from_body(eye_z_m=20.0)))
+    assert "below the sea" in restored.note
+    np.testing.assert_array_equal(restored.image_rgb, image)
 
 
 def test_the_darkest_detail_is_a_share_of_the_brightest() -> None:

@@ -16,10 +16,10 @@ def test_a_larger_image_gets_the_same_map(light: Light) -> None:
     image = np.random.default_rng(2).integers(0, 256, (31, 47, 3), dtype=np.uint8)
     before = image.copy()
     np.testing.assert_array_equal(same(image), image)
-    brighter = same.plus(np.full((2, 3, 3), 300, np.float32))
+    brighter = same.add(np.full((2, 3, 3), 300, np.float32))
     assert (brighter(image) == 255).all()
-    np.testing.assert_array_equal(brighter.faded(1.0)(image), image)
-    assert (same.plus(np.full((2, 3, 3), -300, np.float32))(image) == 0).all()
+    np.testing.assert_array_equal(brighter.fade(1.0)(image), image)
+    assert (same.add(np.full((2, 3, 3), -300, np.float32))(image) == 0).all()
     np.testing.assert_array_equal(image, before)
 
 
@@ -31,7 +31,7 @@ def test_grey_and_what_differs_from_it_have_gains_of_their_own() -> None:
     parts = PixelMap(plane(1.6), plane(0.5), offset)
     expected = 1.6 * grey + 0.5 * (image - grey) + shift
     np.testing.assert_allclose(parts(image), expected, atol=1.1)  # the grey is rounded
-    np.testing.assert_allclose(parts.faded(0.25)(image), 0.25 * image + 0.75 * expected, atol=1.1)
+    np.testing.assert_allclose(parts.fade(0.25)(image), 0.25 * image + 0.75 * expected, atol=1.1)
 
 
 def test_light_is_srgb() -> None:

@@ -164,7 +164,9 @@ def measure_sky_noise(image_rgb: NDArray[np.uint8], view: SeaView, light: Light,
     size = (rows.shape[1], len(rows))
     sky = cv2.resize((~view.is_sea).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     levels, left, right = level_table(light)[rows], np.s_[:, :-apart_px], np.s_[:, apart_px:]
-    return estimate_noise((levels[right] - levels[left])[sky[right] & sky[left]])
+    differences = (levels[right] - levels[left])[sky[right] & sky[left]]
+    slope = np.median(differences, axis=0) if len(differences) else 0
+    return estimate_noise(differences - slope)
 
 
 def estimate_noise(differences: Image) -> float:
@@ -185,7 +187,7 @@ def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: 
     usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight) - airlight
     level, hazy = float(airlight.mean()), airlight + t * usual
     gain = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_sigma, config.scene_sigma)
-    colour = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_hue_sigma, config.hue_sigma)
-    offset = airlight + clear_t * usual - colour * hazy - (gain - colour) * luma(hazy)
-    gain, colour = (np.where(t == 1, np.float32(1), part) for part in (gain, colour))
-    return PixelMap(gain, colour, np.where(t == 1, np.float32(0), offset), config.light)
+    chroma = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_chroma_sigma, config.chroma_sigma)
+    offset = airlight + clear_t * usual - chroma * hazy - (gain - chroma) * luma(hazy)
+    gain, chroma = (np.where(t == 1, np.float32(1), part) for part in (gain, chroma))
+    return PixelMap(gain, chroma, np.where(t == 1, np.float32(0), offset), config.light)

@@ -3,10 +3,10 @@
 A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air
 is left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
 where they do not, the network is more often far off. With a pose but without a fit, the network's change is made in
-full only where it is certain that there is haze. With a pose the change depends on nothing but the angle below the
-horizontal, as haze over a sea does. Without a pose a change that is no larger than what the network does to clear
-images is not made; on photographs of haze that change does harm, so that the shipped networks leave images without a
-pose to another dehazer.
+full only where it is certain that there is haze. With a pose the network tells a gain and offsets for every angle below
+the horizontal, as haze over a sea has them, and no more. Without a pose a change that is no larger than what the
+network does to clear images is not made; on photographs of haze that change does harm, so that the shipped networks
+leave images without a pose to another dehazer.
 """
 
 from pathlib import Path
@@ -33,7 +33,7 @@ MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the netwo
 # Chosen on nine random sets of 150 m to 20 km and clear air: docs/experiments/2026-11-dehazing-blend.md
 CLEAR_M = (7000.0, 9000.0)  # fitted visibility: from here on less is removed, and from here on nothing
 NETWORK_SHARE = 0.3  # where both agree
-AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 4 levels
+AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 3 levels
 ANGLE_BANDS = 12  # of equally many pixels
 BAND_STEP = 3  # every so many-th pixel, along rows and columns, is read
 BAND_RIDGE = 9.0  # squared levels: a band that shows no more than that tells no gain
@@ -123,19 +123,21 @@ class OnnxDehazer:
             return solution.restored(self._run(frame.image_rgb, solution.remove(frame.image_rgb)))
         small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
         prior = solution.remove(small)
-        change = limited_change(prior, held_to_angles(prior, self._run(small, prior), solution.down)(prior))
-        return solution.restored(solution.remove.plus(change).faded(air)(frame.image_rgb))
+        change = limit_change(prior, fit_to_angles(prior, self._run(small, prior), solution.down)(prior))
+        return solution.restored(solution.remove.add(change).fade(air)(frame.image_rgb))
 
     def _restore_without_fit(self, frame: Frame, why: NotFitted | None) -> Restored:
-        if why is None or why.down is None or self.network_only:
-            return Restored(self(frame.image_rgb))
+        if why is None or self.network_only or frame.world_from_camera is None:
+            return Restored(self._restore_alone(frame.image_rgb))
+        if why.down is None:
+            return Restored(frame.image_rgb.copy(), f"not dehazed: {why.reason}")
         darkest = darkest_detail(frame.image_rgb)
         if darkest <= DARKEST[0]:
             return Restored(frame.image_rgb.copy(), f"not dehazed: {why.reason}, and dark details show no haze")
         small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
-        held = held_to_angles(small, self._run(small, small), why.down)
-        done = change_share(small, held(small), max(why.hidden, ramp(darkest, *VEILED))) * ramp(darkest, *DARKEST)
-        return Restored(held.faded(1 - done)(frame.image_rgb))
+        clear = fit_to_angles(small, self._run(small, small), why.down)(frame.image_rgb)
+        done = change_share(frame.image_rgb, clear, max(why.hidden, ramp(darkest, *VEILED)))
+        return Restored(mix(frame.image_rgb, clear, done * ramp(darkest, *DARKEST)))
 
     def _run(self, image_rgb: Image, prior_rgb: Image) -> Image:
         height, width = image_rgb.shape[:2]
@@ -226,10 +228,11 @@ def upsample_guided(image: Tensor, small: Tensor, result: Tensor, factor: int) -
     return full
 
 
-def held_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelMap:
-    """The map nearest to the network's that depends on the angle below the horizontal alone, as haze over a sea does.
+def fit_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelMap:
+    """The map nearest to the network's whose gain and offsets depend on the angle below the horizontal alone.
 
-    A gain and an offset for every cell draw clouds, wakes and halos.
+    So does haze over a sea; a gain and an offset for every cell draw clouds, wakes and halos. No contrast is taken
+    away: a gain is at least 1.
 
     Args:
         image_rgb: (H, W, 3) what the network saw.
@@ -238,7 +241,9 @@ def held_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelM
     """
     import cv2
 
-    seen_rgb, made_rgb = image_rgb[::BAND_STEP, ::BAND_STEP], network_rgb[::BAND_STEP, ::BAND_STEP]
+    height, width = image_rgb.shape[:2]
+    part = tuple(slice(min(BAND_STEP // 2, side - 1), None, BAND_STEP) for side in (height, width))  # blocks' middles
+    seen_rgb, made_rgb = image_rgb[part], network_rgb[part]
     down = np.asarray(cv2.resize(down, seen_rgb.shape[1::-1]))
     angles, gains, offsets = [], [], []
     for band in np.array_split(np.argsort(down, axis=None), min(ANGLE_BANDS, down.size)):
@@ -253,7 +258,7 @@ def held_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelM
     return PixelMap(gain, gain, offset)
 
 
-def limited_change(image_rgb: Image, held_rgb: Image) -> Tensor:
+def limit_change(image_rgb: Image, held_rgb: Image) -> Tensor:
     """What the network, held to angles, adds to geometry's image (H, W, 3), levels: a little, where they agree."""
     import cv2
 

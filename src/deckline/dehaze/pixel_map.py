@@ -16,10 +16,10 @@ Light = Literal["display", "linear"]  # what haze adds to: the image's levels, o
 
 @dataclass(frozen=True, eq=False)
 class PixelMap:
-    """J = gain Y + colour (I - Y) + offset, in levels of `light`, where Y is a pixel's `luma`."""
+    """J = gain Y + chroma (I - Y) + offset, in levels of `light`, where Y is a pixel's `luma`."""
 
     gain: Image  # (h, w)
-    colour: Image  # (h, w), less than `gain` where what differs from grey is more likely noise
+    chroma: Image  # (h, w), less than `gain` where what differs from grey is more likely noise
     offset: Image  # (3, h, w)
     light: Light = "display"
 
@@ -28,15 +28,15 @@ class PixelMap:
         import cv2
 
         size = image_rgb.shape[1], image_rgb.shape[0]
-        colour, shared = (cv2.resize(part, size) for part in (self.colour, self.gain - self.colour))
-        scene, added = np.empty_like(colour), np.empty_like(colour)  # used again: fresh memory costs more than the sums
+        chroma, shared = (cv2.resize(part, size) for part in (self.chroma, self.gain - self.chroma))
+        scene, added = np.empty_like(chroma), np.empty_like(chroma)  # used again: fresh memory costs more than the sums
         channels = list(cv2.split(image_rgb))
         linear = self.light == "linear"
         seen = [cv2.LUT(channel, level_table(self.light)) for channel in channels] if linear else channels
         grey = luma(np.stack(seen)) if linear else cv2.cvtColor(image_rgb, cv2.COLOR_RGB2GRAY)
         cv2.multiply(shared, grey, dst=shared, dtype=cv2.CV_32F)
         for channel, level, offset in zip(channels, seen, self.offset, strict=True):
-            cv2.multiply(level, colour, dst=scene, dtype=cv2.CV_32F)
+            cv2.multiply(level, chroma, dst=scene, dtype=cv2.CV_32F)
             cv2.resize(offset, size, dst=added)
             cv2.add(scene, shared, dst=scene)
             if linear:
@@ -45,22 +45,22 @@ class PixelMap:
                 cv2.add(scene, added, dst=channel, dtype=cv2.CV_8U)
         return np.asarray(cv2.merge(channels), dtype=np.uint8)
 
-    def plus(self, levels: Image) -> "PixelMap":
-        """The same with `levels` (..., ..., 3) added to its result."""
+    def add(self, levels: Image) -> "PixelMap":
+        """The same with `levels` (..., ..., 3) of `light` added to its result."""
         import cv2
 
         added = np.moveaxis(np.asarray(cv2.resize(levels, self.gain.shape[::-1])), 2, 0)
-        return PixelMap(self.gain, self.colour, np.ascontiguousarray(self.offset + added, np.float32), self.light)
+        return PixelMap(self.gain, self.chroma, np.ascontiguousarray(self.offset + added, np.float32), self.light)
 
-    def faded(self, keep: float) -> "PixelMap":
+    def fade(self, keep: float) -> "PixelMap":
         """The same with a share `keep`, 0 to 1, of the image as it is."""
         done = np.float32(1 - keep)
-        gain, colour = (np.float32(keep) + done * part for part in (self.gain, self.colour))
-        return PixelMap(gain, colour, done * self.offset, self.light)
+        gain, chroma = (np.float32(keep) + done * part for part in (self.gain, self.chroma))
+        return PixelMap(gain, chroma, done * self.offset, self.light)
 
 
 def luma(levels: Image) -> Image:
-    """Grey (H, W) of levels (3, H, W). Source: ITU-R BT.601."""
+    """Grey (H, W) of levels (3, H, W), of the display or of light. Source of the weights: ITU-R BT.601."""
     return np.asarray(np.tensordot(LUMA, levels, axes=1), np.float32)
 
 

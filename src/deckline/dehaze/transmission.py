@@ -32,9 +32,10 @@ class GeometryConfig:
     clear_beta_per_m: float = 1e-4  # what is left in the image: a clear day's air, visibility 39 km
     level_sigma: float = 2.0  # of a pixel's noise, levels 0..255, at least; a sky that shows more raises it
     airlight_sigma: float = 0.02  # of the airlight's share in a pixel, as a fraction of it
-    scene_sigma: float = 40.0  # of ship and waves about the sea's mean colour, levels; and in what differs from grey:
-    airlight_hue_sigma: float = 0.01
-    hue_sigma: float = 12.0
+    scene_sigma: float = 40.0  # of ship and waves about the sea's mean colour, levels
+    # The same of what differs from grey; 8 to 20 are alike: docs/experiments/2026-11-dehazing-blend.md
+    airlight_chroma_sigma: float = 0.01
+    chroma_sigma: float = 12.0
     object_levels: tuple[float, float] = (12.0, 30.0)  # off the hazy sea or sky: surely not an object, surely one
     nearer_ratio: tuple[float, float] = (1.1, 1.5)  # bound over the sea's transmission: surely sea, surely nearer
     window_px: int = 15  # over which one dark detail bounds its neighbours
@@ -44,7 +45,7 @@ class GeometryConfig:
 
     def __post_init__(self) -> None:
         check_choice("light", self.light, Light)
-        check_numbers(self, "", "level_sigma", "scene_sigma", "hue_sigma", "window_px", "min_object_t", above=0)
+        check_numbers(self, "", "level_sigma", "scene_sigma", "chroma_sigma", "window_px", "min_object_t", above=0)
 
 
 def find_objects(
