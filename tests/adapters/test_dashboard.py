@@ -243,8 +243,11 @@ def test_a_recording_stays_open_until_ctrl_c(tmp_path, browser):
     args = ["run", str(tmp_path), "--out", str(tmp_path / "out"), "--detector", "classical", "--dehazer", "none"]
     command = [sys.executable, "-c", code, *args, "--dashboard", "127.0.0.1:0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
-        url = next(line.split()[1] for line in running.stderr if line.startswith("dashboard: "))
-        assert any("stays open" in line for line in running.stderr)
+        said = []
+        while not said or (said[-1] and "stays open" not in said[-1]):
+            said.append(running.stderr.readline())
+        assert said[-1], said  # it ended, and said why
+        url = next(line.split()[1] for line in said if line.startswith("dashboard: "))
         page = browser.new_page()
         page.goto(url)
         holds(page, "/recording [\\d.]+ s/.test(document.querySelector('#age')?.textContent)")
