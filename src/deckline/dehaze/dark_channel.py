@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_image, check_numbers
-from deckline.dehaze.pixel_map import luma
+from deckline.dehaze.pixel_map import LUMA
 
 Image = NDArray[np.floating]  # float32; (H, W, 3) in 0..1 or (H, W)
 
@@ -46,7 +46,7 @@ class DarkChannelDehazer:
         image = image_rgb.astype(np.float32) / 255
         airlight = estimate_airlight(image, dark_channel(image, config.patch_px), config.airlight_fraction)
         rough = 1 - config.omega * dark_channel(image / airlight, config.patch_px)
-        guide = luma(np.moveaxis(image, 2, 0).astype(np.float32, copy=False))
+        guide = image @ LUMA
         refined = guided_filter(guide, rough, config.guide_radius_px, config.guide_eps)
         t = np.clip(refined, config.min_transmission, 1)[..., None]
         clear = (image - airlight) / t + airlight
