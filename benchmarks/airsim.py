@@ -20,9 +20,9 @@ import msgpack
 import tyro
 
 from deckline.adapters.airsim.protocol import encode_request
-from deckline.adapters.airsim.server import serving_in_thread
-from deckline.adapters.airsim.settings import PLANAR, SCENE, SEGMENTATION, Capture, parse_settings
-from deckline.sim.config import DepthConfig, SimConfig
+from deckline_sim.airsim_server.server import serving_in_thread
+from deckline_sim.airsim_server.settings import PLANAR, SCENE, SEGMENTATION, Capture, parse_settings
+from deckline_sim.config import DepthConfig, SimConfig
 
 PEER = "ping"
 READ_BYTES = 1 << 20

@@ -18,9 +18,9 @@ import tyro
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.client import Connection, get_images, get_vehicle_pose, parse_address
-from deckline.adapters.airsim.protocol import pose_struct
 from deckline.adapters.airsim.source import measure_still_mount, read_image_pose
 from deckline.geometry import camera_mount
+from deckline_sim.airsim_server.structs import pose_struct
 
 STEP_S = 0.002  # between two poses of the moving vehicle
 CAMERA = "0"

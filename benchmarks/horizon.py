@@ -16,9 +16,9 @@ from deckline.attitude import expect_horizon
 from deckline.dehaze import HorizonDehazer, VeilDehazer
 from deckline.dehaze.by_horizon import find_horizon_of, measure_visibility
 from deckline.dehaze.horizon import Horizon
-from deckline.evaluation.frames import open_recorded
-from deckline.evaluation.metrics import psnr_db
 from deckline.types import Frame, Value
+from deckline_lab.evaluation.frames import open_recorded
+from deckline_lab.evaluation.metrics import psnr_db
 
 HEIGHT_PX = 720
 

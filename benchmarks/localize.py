@@ -20,12 +20,12 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
 from deckline.config import Deck, FrameNoise, Localization, Mode, RunConfig
-from deckline.evaluation.cramer_rao import cramer_rao
 from deckline.geometry import Camera, attitude, camera_mount, intersect_plane, wrap_angle
 from deckline.localize import localize
 from deckline.localize.depth import select_independent
-from deckline.research.sgd import localize_by_descent
 from deckline.types import SIDES, Detection, Frame, LinePoints, RunwayLine
+from deckline_lab.evaluation.cramer_rao import cramer_rao
+from deckline_lab.rivals.sgd import localize_by_descent
 
 CAMERA = Camera.from_fov(1280, 720, float(np.deg2rad(90.0)))
 LENGTH_M, WIDTH_M, GLIDE = 220.0, 14.7, float(np.tan(np.deg2rad(3.5)))

@@ -24,11 +24,11 @@ from pathlib import Path
 import numpy as np
 
 from deckline.processes import process_count
-from deckline.sim import SimConfig
-from deckline.sim.config import DepthConfig
-from deckline.sim.record import CHUNK, map_frames
-from deckline.sim.simulate import Simulator
 from deckline.types import Frame
+from deckline_sim import SimConfig
+from deckline_sim.config import DepthConfig
+from deckline_sim.record import CHUNK, map_frames
+from deckline_sim.simulate import Simulator
 
 SIZES = ((1280, 720), (640, 360))
 PRESETS = ("paper", "train")

@@ -13,12 +13,12 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from deckline.train.checkpoint import read_progress, read_tensors
-from deckline.train.detect import START_VIEWS, export_detect
-from deckline.train.detect_samples import DetectAugmentation, make_batch
-from deckline.train.line_networks import Hybrid
-from deckline.train.start import settle_norms, start_detector
-from deckline.train.views import open_line_views
+from deckline_lab.train.checkpoint import read_progress, read_tensors
+from deckline_lab.train.detect import START_VIEWS, export_detect
+from deckline_lab.train.detect_samples import DetectAugmentation, make_batch
+from deckline_lab.train.line_networks import Hybrid
+from deckline_lab.train.start import settle_norms, start_detector
+from deckline_lab.train.views import open_line_views
 
 BATCH = 16
 

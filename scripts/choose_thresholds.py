@@ -20,12 +20,12 @@ from rich.progress import track
 
 from deckline.detect import DETECTORS, OnnxDetector
 from deckline.detect.search import Search, View
-from deckline.evaluation.detection_truth import ExpectedLines, Scene
-from deckline.evaluation.frames import FrameSet, RenderOptions, open_recorded
-from deckline.evaluation.metrics import distance_px
 from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import SIDES, Detection
+from deckline_lab.evaluation.detection_truth import ExpectedLines, Scene
+from deckline_lab.evaluation.frames import FrameSet, RenderOptions, open_recorded
+from deckline_lab.evaluation.metrics import distance_px
 
 ROW = (0.3, 0.4, 0.5, 0.6)  # of a row
 BOTH = (*np.arange(0.3, 0.9, 0.05).round(2), 1.1)  # of both lines, with the whole image; 1.1: none

@@ -33,34 +33,46 @@ import numpy as np
 
 ROOT = Path(__file__).parent.parent
 sys.path += [str(ROOT / folder) for folder in ("src", "tests/recording", "tests/runtime")]
-INSTRUMENTED = ["deckline", "tomllib", "yaml", "PIL", "pyulog", "pymavlink.DFReader", "pymavlink.mavutil"]
+INSTRUMENTED = ["deckline", "deckline_sim", "deckline_lab", "tomllib", "yaml", "PIL"]
+INSTRUMENTED += ["pyulog", "pymavlink.DFReader", "pymavlink.mavutil"]
+    "deckline",
+    "deckline_sim",
+    "deckline_lab",
+    "tomllib",
+    "yaml",
+    "PIL",
+    "pyulog",
+    "pymavlink.DFReader",
+    "pymavlink.mavutil",
+]
 with atheris.instrument_imports(include=INSTRUMENTED):
     from log_bytes import dataflash, telemetry, ulog
 
-    from deckline.adapters.airsim.clock import Clock
-    from deckline.adapters.airsim.images import Recorder, get_images
-    from deckline.adapters.airsim.methods import METHODS, SIGNATURES
-    from deckline.adapters.airsim.protocol import REQUEST_LIMIT, Decoder, Response, encode, encode_request, pose_struct
-    from deckline.adapters.airsim.sensors import Sensors
-    from deckline.adapters.airsim.server import Connections
-    from deckline.adapters.airsim.service import Service
-    from deckline.adapters.airsim.settings import Capture, parse_settings, read_settings
+    from deckline.adapters.airsim.protocol import REQUEST_LIMIT, Decoder, Response, encode, encode_request
     from deckline.adapters.airsim.source import read_frame
-    from deckline.adapters.airsim.world import World
     from deckline.adapters.mavlink.link import Link, parse_datagram
     from deckline.config import Navigation, RunConfig
     from deckline.config_file import read_config, to_toml_text
-    from deckline.evaluation.store import Store
     from deckline.geometry import camera_mount
-    from deckline.labels.exchange import import_labels
-    from deckline.labels.lines import read_labels
     from deckline.live.clock import WallClock
     from deckline.live.poses import parse_pose_line
     from deckline.live.transport import Demultiplexer, transport_packets
     from deckline.recording import open_recording
     from deckline.report.records import lookup, read_records
     from deckline.report.run_folder import resume_folder
-    from deckline.sim.config import SimConfig
+    from deckline_lab.evaluation.store import Store
+    from deckline_lab.labels.exchange import import_labels
+    from deckline_lab.labels.lines import read_labels
+    from deckline_sim.airsim_server.clock import Clock
+    from deckline_sim.airsim_server.images import Recorder, get_images
+    from deckline_sim.airsim_server.methods import METHODS, SIGNATURES
+    from deckline_sim.airsim_server.sensors import Sensors
+    from deckline_sim.airsim_server.server import Connections
+    from deckline_sim.airsim_server.service import Service
+    from deckline_sim.airsim_server.settings import Capture, parse_settings, read_settings
+    from deckline_sim.airsim_server.structs import pose_struct
+    from deckline_sim.airsim_server.world import World
+    from deckline_sim.config import SimConfig
 
 WORDS = (
     *("inf", "nan", "1e999", "1e308", "-1", "0", "4294967296", "9223372036854775807", "null", "true", "NaN"),

@@ -23,8 +23,8 @@ BESIDE = ("frag", "vert", "glsl", "html", "js", "css")
 MARKS = {"source": 27_000, "tests": 19_000, "words": 9_000}
 ENTRIES = {
     "run": "deckline.report.run",
-    "training view": "deckline.train.views",
-    "eval localization": "deckline.evaluation.localization",
+    "training view": "deckline_lab.train.views",
+    "eval localization": "deckline_lab.evaluation.localization",
 }
 FLAG = re.compile(r"^\W*(?:-\w,\s*)?(--[a-z][\w.-]*)", re.MULTILINE)  # --on, --no-on stand in one line: one flag
 COMMANDS = re.compile(r"^usage: deckline[\w ]* \[-h\] \{([^}]*)\}")  # of a group: its commands

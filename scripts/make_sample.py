@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from deckline.recording import RecordingWriter
-from deckline.sim import SimConfig, frames
-from deckline.sim.config import DepthConfig
 from deckline.truth import range_to_ramp_m
 from deckline.types import Frame
+from deckline_sim import SimConfig, frames
+from deckline_sim.config import DepthConfig
 
 CONFIG = SimConfig(
     preset="paper",

@@ -13,7 +13,7 @@ import onnx
 
 from deckline.runtime import load_session
 from deckline.runtime.weights import MANIFEST, WEIGHTS, shipped_models
-from deckline.train.export import drop_empty_inputs, manifest_entry
+from deckline_lab.train.export import drop_empty_inputs, manifest_entry
 
 TABLE = "[[model]]"
 TEXTS = ("name", "command", "data", "hardware")  # of an entry, as they are given

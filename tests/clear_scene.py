@@ -14,8 +14,8 @@ from deckline.geometry import Camera
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.recording import RecordingWriter
 from deckline.report.draw import write_picture
-from deckline.train.dehaze import DehazeTrainConfig
 from deckline.types import Frame, Truth
+from deckline_lab.train.dehaze import DehazeTrainConfig
 
 CAMERA = Camera.from_fov(96, 64, 1.2)
 QUICK = DehazeTrainConfig(

@@ -16,12 +16,12 @@ from deckline.config import Localization, Models, RunConfig, RunwaySurvey, Track
 from deckline.dehaze import Restored
 from deckline.dehaze.base import IdentityDehazer
 from deckline.detect.prior import prior_from_survey
-from deckline.evaluation.chain import score_frame
 from deckline.flight import Dehazing, Flight
 from deckline.recording import open_recording
 from deckline.report.records import guidance_record
-from deckline.sim import SimConfig, frames
 from deckline.types import DepthMode, Detection, LinePoints, Reason, Seen, Status, TrackState, Value
+from deckline_lab.evaluation.chain import score_frame
+from deckline_sim import SimConfig, frames
 
 # Seeds from 1000 on are never trained on. 300 m to 40 m through 1200 m of visibility.
 APPROACH = SimConfig(
@@ -127,7 +127,7 @@ def test_demo_run_and_evaluation_give_the_same_guidance(tmp_path, monkeypatch):
         scored.append(guidance_record(result.guidance))
         return score_frame(result, approach)
 
-    monkeypatch.setattr("deckline.evaluation.chain.score_frame", record)
+    monkeypatch.setattr("deckline_lab.evaluation.chain.score_frame", record)
     assert main(["demo", "--out", str(tmp_path / "demo")]) == 0
     recording = str(tmp_path / "demo" / "approach")
     assert main(["run", recording, "--out", str(tmp_path / "run")]) == 0

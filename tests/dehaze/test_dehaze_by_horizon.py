@@ -12,10 +12,10 @@ from deckline.dehaze.by_horizon import (
     pose_from_horizon,
 )
 from deckline.dehaze.horizon import Horizon, NoHorizon
-from deckline.evaluation.metrics import psnr_db
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility
 from deckline.types import Value
+from deckline_lab.evaluation.metrics import psnr_db
 
 HEIGHT_M = 60.0
 

@@ -13,11 +13,11 @@ from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, frame_of, ray_z, sea_pair, wor
 from deckline.config import Engine
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
 from deckline.dehaze.base import FrameDehazer
-from deckline.evaluation.metrics import psnr_db
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.runtime import shipped_weights
-from deckline.sim import SimConfig, frames
 from deckline.types import Frame
+from deckline_lab.evaluation.metrics import psnr_db
+from deckline_sim import SimConfig, frames
 
 BETA = beta_from_visibility(1200.0)
 CLEAR_DB = 32.0  # a clear image comes out at least this near to itself

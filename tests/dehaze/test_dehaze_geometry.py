@@ -14,11 +14,11 @@ from deckline.dehaze.geometry import (
 from deckline.dehaze.haze_fit import HazeFit
 from deckline.dehaze.pixel_map import display_levels, linear_levels, luma
 from deckline.dehaze.sea_view import SeaView, view_sea
-from deckline.evaluation.metrics import below_horizon, psnr_db
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility, visibility_from_beta
-from deckline.sim import SimConfig, frames
 from deckline.types import Frame
+from deckline_lab.evaluation.metrics import below_horizon, psnr_db
+from deckline_sim import SimConfig, frames
 
 BOTH = ("geometry", "geometry-linear")
 BETA = beta_from_visibility(1200.0)

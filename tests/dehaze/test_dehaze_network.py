@@ -29,9 +29,9 @@ from deckline.dehaze.network import (
     tensor_to_image,
     upsample_guided,
 )
-from deckline.evaluation.metrics import psnr_db
 from deckline.haze import beta_from_visibility
 from deckline.runtime import shipped_weights
+from deckline_lab.evaluation.metrics import psnr_db
 
 
 def network(level: int) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deckline.dehaze.veil import LEVELS, VeilConfig, VeilDehazer, detail_certainty, own_veil, tone_table
-from deckline.evaluation.metrics import psnr_db
+from deckline_lab.evaluation.metrics import psnr_db
 
 AIRLIGHT = np.array([0.70, 0.74, 0.80])
 HEIGHT, WIDTH, HORIZON = 180, 320, 60

@@ -14,8 +14,8 @@ from deckline.detect.prior import ImagePrior, RunwaySurvey, prior_from_survey, p
 from deckline.detect.search import detect_lines
 from deckline.geometry import Camera, attitude
 from deckline.runtime import shipped_weights
-from deckline.sim import SimConfig, frames
 from deckline.types import DepthMode, Detection, Frame, LinePoints, RunwayEstimate, RunwayPrior, Seen
+from deckline_sim import SimConfig, frames
 
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
 EXACT = RunwaySurvey((0.0, 0.0, -20.0), sigma_m=0.0, heading_sigma_deg=0.0)

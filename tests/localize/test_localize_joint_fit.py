@@ -8,10 +8,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
 from deckline.config import Sensors
-from deckline.evaluation.cramer_rao import cramer_rao
 from deckline.geometry import wrap_angle
 from deckline.localize import solver
 from deckline.types import SIDES, DepthMode, Seen
+from deckline_lab.evaluation.cramer_rao import cramer_rao
 from runway_scene import (
     CAMERA,
     DECK_Z_M,

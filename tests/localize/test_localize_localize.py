@@ -12,8 +12,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.config import Localization, Sensors
 from deckline.geometry import wrap_angle
 from deckline.localize import runway
-from deckline.research.sgd import localize_by_descent
 from deckline.types import DepthMode, Detection, LinePoints, Reason, Seen, Segment
+from deckline_lab.rivals.sgd import localize_by_descent
 from runway_scene import (
     ANY_ANGLE,
     CAMERA,

@@ -1,7 +1,7 @@
 import pytest
 
-from deckline.sim.scene.gl import RendererError, open_context
-from deckline.sim.scene.render import Renderer
+from deckline_sim.scene.gl import RendererError, open_context
+from deckline_sim.scene.render import Renderer
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deckline.geometry import Camera
-from deckline.sim.ship.layout import Layout
+from deckline_sim.ship.layout import Layout
 
 CONTRAST = 10.0  # grey levels that paint must stand out
 FULL = 0.7  # of a line's usual contrast

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from deckline.sim import SimConfig
-from deckline.sim.config import (
+from deckline_lab.datasets.paper import DatasetConfig
+from deckline_sim import SimConfig
+from deckline_sim.config import (
     AirConfig,
     DepthConfig,
     FilmConfig,
@@ -16,8 +17,7 @@ from deckline.sim.config import (
     SensorConfig,
     WeatherConfig,
 )
-from deckline.sim.dataset import DatasetConfig
-from deckline.sim.record import SheetConfig
+from deckline_sim.record import SheetConfig
 
 INF, NAN = float("inf"), float("nan")
 

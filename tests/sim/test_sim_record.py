@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 
 from deckline.cli.main import main
-from deckline.cli.sim import RECORDING, SHEET
 from deckline.config_file import read_config
 from deckline.geometry import Camera, camera_mount, pose
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
-from deckline.sim import RendererError, SimConfig, frames, record
-from deckline.sim.config import DepthConfig, WeatherConfig
-from deckline.sim.record import (
+from deckline.types import Frame, Segment, Truth
+from deckline_sim import RendererError, SimConfig, frames, record
+from deckline_sim.cli import RECORDING, SHEET
+from deckline_sim.config import DepthConfig, WeatherConfig
+from deckline_sim.record import (
     frame_settings,
     join_tiles,
     json_values,
@@ -31,7 +32,6 @@ from deckline.sim.record import (
     repeatable_command,
     visibility_text,
 )
-from deckline.types import Frame, Segment, Truth
 
 SIM = ["sim", "--frames", "3", "--preset", "cvn", "--visibility", "400..900", "--width", "160", "--height", "90"]
 

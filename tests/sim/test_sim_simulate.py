@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from deckline.evaluation.frames import RenderOptions
-from deckline.sim import SimConfig, frames
-from deckline.sim.config import DepthConfig, MotionConfig, NavigationConfig, WeatherConfig
+from deckline_lab.evaluation.frames import RenderOptions
+from deckline_sim import SimConfig, frames
+from deckline_sim.config import DepthConfig, MotionConfig, NavigationConfig, WeatherConfig
 
 FAR = DepthConfig(range_m=float("inf"))
 SMALL = {"width": 160, "height": 90}

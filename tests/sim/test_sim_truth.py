@@ -8,19 +8,19 @@ import pytest
 from pixel_truth import Shot, deck_and_sea, local_means, middle_offsets, moved_ship, recorded, sight_lines, turn
 
 from deckline.geometry import Camera
-from deckline.sim.camera.lens import Lens, pinhole_for
-from deckline.sim.camera.sensor import DISPLAY_GAMMA
-from deckline.sim.config import DRAWN, Preset, SimConfig
-from deckline.sim.flight.views import Motion, pose_towards, ship_pose
-from deckline.sim.scene.view import Scene
-from deckline.sim.scene.weather import random_weather
-from deckline.sim.ship.deck_paint import paint_edge
-from deckline.sim.ship.mesh import boxes
-from deckline.sim.ship.paint import layers
-from deckline.sim.ship.random_plan import random_edge
-from deckline.sim.ship.ship import build_ship
-from deckline.sim.ship.ship_class import SHIP_CLASSES, DeckSurface, load_class
-from deckline.sim.simulate import frames
+from deckline_sim.camera.lens import Lens, pinhole_for
+from deckline_sim.camera.sensor import DISPLAY_GAMMA
+from deckline_sim.config import DRAWN, Preset, SimConfig
+from deckline_sim.flight.views import Motion, pose_towards, ship_pose
+from deckline_sim.scene.view import Scene
+from deckline_sim.scene.weather import random_weather
+from deckline_sim.ship.deck_paint import paint_edge
+from deckline_sim.ship.mesh import boxes
+from deckline_sim.ship.paint import layers
+from deckline_sim.ship.random_plan import random_edge
+from deckline_sim.ship.ship import build_ship
+from deckline_sim.ship.ship_class import SHIP_CLASSES, DeckSurface, load_class
+from deckline_sim.simulate import frames
 
 SUN = np.array([0.6, 0.0, 0.8])
 CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0)

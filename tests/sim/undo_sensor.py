@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.sim.camera.sensor import LUMINANCE, Sensor, light_of_levels
+from deckline_sim.camera.sensor import LUMINANCE, Sensor, light_of_levels
 
 
 def recorded_sensor(values: Mapping[str, Any]) -> Sensor:

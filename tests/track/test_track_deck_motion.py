@@ -9,12 +9,12 @@ from steady_view import HEIGHT_M, seen, view
 from deckline.config import Deck, RunConfig
 from deckline.dehaze import DEHAZERS
 from deckline.detect import DETECTORS
-from deckline.evaluation.approaches import FlightsConfig, PointNoise, fly_points
-from deckline.evaluation.localization_score import pilot_figures
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.track import Tracker
 from deckline.truth import touchdown, true_centre
+from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points
+from deckline_lab.evaluation.localization_score import pilot_figures
 
 RATE_HZ = 10.0
 CALM = RunConfig(deck=Deck(sea_state=0.0))

@@ -94,3 +94,6 @@ def _copy_frames(source: Source, out: Path) -> int:
             count += 1
     print(f"{out}: {count} frames")
     return 0
+
+
+COMMANDS = {"convert": convert}

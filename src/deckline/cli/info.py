@@ -42,3 +42,6 @@ def _version(package: str) -> str:
         return version(package)
     except PackageNotFoundError:
         return "not installed"
+
+
+COMMANDS = {"info": info}

@@ -213,3 +213,12 @@ def _stop_on_signal(session: Session) -> Iterator[None]:
         yield
     finally:
         restore()
+
+
+COMMANDS = {"live": live}
+EXAMPLES = {
+    "deckline live": (
+        "deckline live camera:0 --camera camera.toml --poses udp://0.0.0.0:5601 --deck-z-m -18",
+        "deckline live udp://0.0.0.0:5600 --to udp://127.0.0.1:5602 --out flight --record",
+    ),
+}

@@ -150,3 +150,12 @@ def _run(
     for path in summary.written:
         print(printable(path))
     return summary.exit_code
+
+
+COMMANDS = {"demo": demo, "run": run}
+EXAMPLES = {
+    "deckline run": (
+        "deckline run flights/first --out out --deck-z-m -18",
+        "deckline run approach.mp4 --out out --camera camera.toml --poses poses.csv --every 3 --start 60 --duration 30",
+    ),
+}

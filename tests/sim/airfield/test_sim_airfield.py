@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from deckline.labels.truth import find_visible_line, project_line
 from deckline.recording.images import encode_image
-from deckline.sim.airfield.ground import TILE, Viewer, fractal_noise
-from deckline.sim.airfield.picture import lay_coat, make_textures
-from deckline.sim.airfield.runway import BARS, random_runway
-from deckline.sim.config import DepthConfig, FilmConfig, SimConfig
-from deckline.sim.ship.paint import polygons
-from deckline.sim.simulate import frames, open_simulator
 from deckline.types import EdgeKind
+from deckline_sim.airfield.ground import TILE, Viewer, fractal_noise
+from deckline_sim.airfield.picture import lay_coat, make_textures
+from deckline_sim.airfield.runway import BARS, random_runway
+from deckline_sim.config import DepthConfig, FilmConfig, SimConfig
+from deckline_sim.ship.paint import polygons
+from deckline_sim.simulate import frames, open_simulator
+from deckline_sim.visible_line import find_visible_line, project_line
 
 LEVEL = np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]])  # axes of a camera that looks along x
 FAR = DepthConfig(range_m=np.inf)

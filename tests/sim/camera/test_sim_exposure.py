@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from deckline.geometry import Camera, camera_mount
-from deckline.sim.camera import exposure as rain
-from deckline.sim.camera.exposure import (
+from deckline_sim.camera import exposure as rain
+from deckline_sim.camera.exposure import (
     Exposure,
     Film,
     draw_exposure,
@@ -14,8 +14,8 @@ from deckline.sim.camera.exposure import (
     streak_quads,
     streaks,
 )
-from deckline.sim.config import FilmConfig
-from deckline.sim.scene.view import View
+from deckline_sim.config import FilmConfig
+from deckline_sim.scene.view import View
 
 CAMERA = Camera.from_fov(640, 360, 1.0)
 LEVEL = camera_mount()  # looks north: optical z is world x

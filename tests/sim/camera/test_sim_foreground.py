@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deckline.sim.camera.foreground import KINDS, OPEN_SHARE, Foreground, draw_foreground, lay_over
+from deckline_sim.camera.foreground import KINDS, OPEN_SHARE, Foreground, draw_foreground, lay_over
 
 SIZE = (160, 90)
 

@@ -6,11 +6,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
-from deckline.sim.camera import glass
-from deckline.sim.camera.foreground import OPEN_SHARE, draw_foreground
-from deckline.sim.camera.glass import look_through
-from deckline.sim.config import SimConfig
 from deckline.types import Frame, Segment, Truth
+from deckline_sim.camera import glass
+from deckline_sim.camera.foreground import OPEN_SHARE, draw_foreground
+from deckline_sim.camera.glass import look_through
+from deckline_sim.config import SimConfig
 
 CONFIG = SimConfig(preset="train", trajectory="random", foreground_share=1.0)
 CAMERA = Camera(160, 90, 120.0, 120.0, 79.5, 44.5)

@@ -10,7 +10,7 @@ from undo_sensor import recorded_sensor, undo_sensor
 
 from deckline.geometry import Camera, attitude, camera_mount, intersect_plane
 from deckline.haze import atmosphere_from_mapping, scatter, world_rays
-from deckline.sim.camera.imaging import (
+from deckline_sim.camera.imaging import (
     Imaging,
     Surroundings,
     draw_air,
@@ -19,10 +19,10 @@ from deckline.sim.camera.imaging import (
     draw_waves,
     rain_extinction,
 )
-from deckline.sim.camera.lens import pinhole_for, pixel_rays, random_lens
-from deckline.sim.camera.sensor import develop
-from deckline.sim.config import AirConfig, DepthConfig, FilmConfig, ImagingConfig, LensConfig, SensorConfig
-from deckline.sim.scene.view import View
+from deckline_sim.camera.lens import pinhole_for, pixel_rays, random_lens
+from deckline_sim.camera.sensor import develop
+from deckline_sim.config import AirConfig, DepthConfig, FilmConfig, ImagingConfig, LensConfig, SensorConfig
+from deckline_sim.scene.view import View
 
 CAMERA = Camera.from_fov(160, 90, 1.0)
 POSE = RigidTransform.from_components([0.0, 0.0, -40.0], attitude(0.02, -0.15, 0.3)) * camera_mount()

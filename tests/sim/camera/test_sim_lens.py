@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deckline.geometry import Camera
-from deckline.sim.camera.lens import Lens, pinhole_for, pixel_rays, random_lens
-from deckline.sim.config import LensConfig
-from deckline.sim.scene.view import View
+from deckline_sim.camera.lens import Lens, pinhole_for, pixel_rays, random_lens
+from deckline_sim.config import LensConfig
+from deckline_sim.scene.view import View
 
 BARREL = Camera(320, 200, 180.0, 184.0, 165.0, 96.0, (-0.15, 0.03, 0.002, -0.001, -0.004))
 PINCUSHION = Camera(320, 200, 180.0, 184.0, 155.5, 103.0, (0.08, 0.01, -0.001, 0.002, 0.0))

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import attitude
-from deckline.sim.camera.measure import drift, find_edges, measure_depth, measure_pose
-from deckline.sim.config import DepthConfig, NavigationConfig
+from deckline_sim.camera.measure import drift, find_edges, measure_depth, measure_pose
+from deckline_sim.config import DepthConfig, NavigationConfig
 
 
 def measured(depth, seed=0, **settings):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deckline.sim.camera import phone
+from deckline_sim.camera import phone
 
 EFFECTS = [effect for effect, _ in phone.EFFECTS]
 

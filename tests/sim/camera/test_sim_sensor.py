@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from undo_sensor import undo_sensor
 
-from deckline.sim.camera.sensor import (
+from deckline_sim.camera.sensor import (
     DISPLAY_GAMMA,
     STEPS,
     TARGET,
@@ -25,7 +25,7 @@ from deckline.sim.camera.sensor import (
     tone_level,
     tone_table,
 )
-from deckline.sim.config import SensorConfig
+from deckline_sim.config import SensorConfig
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 

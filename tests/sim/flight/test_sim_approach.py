@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deckline.geometry import camera_mount
-from deckline.sim.config import FLIGHTS, FlightConfig, SimConfig
-from deckline.sim.flight.approach import (
+from deckline_sim.config import FLIGHTS, FlightConfig, SimConfig
+from deckline_sim.flight.approach import (
     approach_view,
     closing_speed,
     draw_flight,
@@ -17,10 +17,10 @@ from deckline.sim.flight.approach import (
     remaining_offset,
     wander,
 )
-from deckline.sim.flight.views import Motion, runway_in_view, ship_pose
-from deckline.sim.ship.layout import class_layout
-from deckline.sim.ship.paint import axes
-from deckline.sim.ship.ship_class import load_class
+from deckline_sim.flight.views import Motion, runway_in_view, ship_pose
+from deckline_sim.ship.layout import class_layout
+from deckline_sim.ship.paint import axes
+from deckline_sim.ship.ship_class import load_class
 
 CVN = class_layout(load_class("cvn"))
 PAPER_SHIP = class_layout(load_class("paper"))

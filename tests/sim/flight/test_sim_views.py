@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from deckline.geometry import Camera
-from deckline.sim.config import MotionConfig, SimConfig
-from deckline.sim.flight.views import (
+from deckline_sim.config import MotionConfig, SimConfig
+from deckline_sim.flight.views import (
     APPARENT_WIDTH,
     STILL,
     Motion,
@@ -28,9 +28,9 @@ from deckline.sim.flight.views import (
     ship_velocity,
     steady_pose,
 )
-from deckline.sim.ship.layout import class_layout, random_layout
-from deckline.sim.ship.paint import axes
-from deckline.sim.ship.ship_class import load_class
+from deckline_sim.ship.layout import class_layout, random_layout
+from deckline_sim.ship.paint import axes
+from deckline_sim.ship.ship_class import load_class
 
 CVN = class_layout(load_class("cvn"))
 PAPER_SHIP = class_layout(load_class("paper"))

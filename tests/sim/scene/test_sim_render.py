@@ -9,20 +9,20 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, camera_mount, intersect_plane
-from deckline.sim.camera.sensor import DISPLAY_GAMMA
-from deckline.sim.flight.views import pose_towards
-from deckline.sim.scene import gl
-from deckline.sim.scene.gl import RendererError, light_from_ship, noise_field, texture_size
-from deckline.sim.scene.render import KEPT_TARGETS, Renderer
-from deckline.sim.scene.view import Label, Quality, Scene, clip_from_optical, sea_uniforms, solid_uniforms
-from deckline.sim.scene.weather import random_weather, sun_direction
-from deckline.sim.ship.deck_paint import paint_edge
-from deckline.sim.ship.layout import class_layout, random_layout, world_points
-from deckline.sim.ship.mesh import boxes
-from deckline.sim.ship.paint import axes, layers
-from deckline.sim.ship.ship import Ship
-from deckline.sim.ship.ship_class import DeckSurface, load_class
-from deckline.sim.ship.structure import deck_mesh
+from deckline_sim.camera.sensor import DISPLAY_GAMMA
+from deckline_sim.flight.views import pose_towards
+from deckline_sim.scene import gl
+from deckline_sim.scene.gl import RendererError, light_from_ship, noise_field, texture_size
+from deckline_sim.scene.render import KEPT_TARGETS, Renderer
+from deckline_sim.scene.view import Label, Quality, Scene, clip_from_optical, sea_uniforms, solid_uniforms
+from deckline_sim.scene.weather import random_weather, sun_direction
+from deckline_sim.ship.deck_paint import paint_edge
+from deckline_sim.ship.layout import class_layout, random_layout, world_points
+from deckline_sim.ship.mesh import boxes
+from deckline_sim.ship.paint import axes, layers
+from deckline_sim.ship.ship import Ship
+from deckline_sim.ship.ship_class import DeckSurface, load_class
+from deckline_sim.ship.structure import deck_mesh
 
 SUN = np.array([0.6, 0.0, 0.8])
 CVN, PAPER = load_class("cvn"), load_class("paper")

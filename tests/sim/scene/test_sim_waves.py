@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deckline.sim.scene.waves import (
+from deckline_sim.scene.waves import (
     STATE_HEIGHT_M,
     peak_length_m,
     phase_speed_m_s,

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline.sim.config import WeatherConfig
-from deckline.sim.scene.weather import (
+from deckline_sim.config import WeatherConfig
+from deckline_sim.scene.weather import (
     ELEVATION_DEG,
     random_daylight,
     random_sky,

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from deckline.sim.ship.layout import class_layout, random_layout
-from deckline.sim.ship.ship_class import load_class
+from deckline_sim.ship.layout import class_layout, random_layout
+from deckline_sim.ship.ship_class import load_class
 
 
 @pytest.fixture(scope="session")

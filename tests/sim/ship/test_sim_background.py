@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from deckline.sim.ship import background as bg
-from deckline.sim.ship.hull import DRAUGHT_M
-from deckline.sim.ship.layout import class_layout, random_layout, world_points
-from deckline.sim.ship.mesh import join
-from deckline.sim.ship.ship_class import SHIP_CLASSES, load_class
+from deckline_sim.ship import background as bg
+from deckline_sim.ship.hull import DRAUGHT_M
+from deckline_sim.ship.layout import class_layout, random_layout, world_points
+from deckline_sim.ship.mesh import join
+from deckline_sim.ship.ship_class import SHIP_CLASSES, load_class
 
 
 @pytest.fixture(scope="module")

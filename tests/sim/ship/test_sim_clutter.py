@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from deckline.sim.ship import clutter as cl
-from deckline.sim.ship.layout import edge_distance, runway_distance
-from deckline.sim.ship.mesh import join, rectangle
-from deckline.sim.ship.ship_class import load_class
-from deckline.sim.ship.structure import random_islands
+from deckline_sim.ship import clutter as cl
+from deckline_sim.ship.layout import edge_distance, runway_distance
+from deckline_sim.ship.mesh import join, rectangle
+from deckline_sim.ship.ship_class import load_class
+from deckline_sim.ship.structure import random_islands
 
 
 def test_a_lot_gives_a_place_once(cvn):

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deckline.sim.ship import deck_paint as dp
-from deckline.sim.ship import ship_class as sc
-from deckline.sim.ship.layout import class_layout, runway_distance
-from deckline.sim.ship.paint import axes, layers
-from deckline.sim.ship.random_plan import random_edge
+from deckline_sim.ship import deck_paint as dp
+from deckline_sim.ship import ship_class as sc
+from deckline_sim.ship.layout import class_layout, runway_distance
+from deckline_sim.ship.paint import axes, layers
+from deckline_sim.ship.random_plan import random_edge
 
 DARK = sc.DeckSurface((0.1, 0.1, 0.1), grain=0.0, wear=0.0)
 CVN = sc.load_class("cvn")

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from deckline.sim.ship import hull as hl
-from deckline.sim.ship.ship_class import load_class
+from deckline_sim.ship import hull as hl
+from deckline_sim.ship.ship_class import load_class
 
 CVN_HULL = load_class("cvn").hull
 GREY = np.full(3, 0.5)

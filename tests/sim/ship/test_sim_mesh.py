@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deckline.sim.ship import mesh as m
+from deckline_sim.ship import mesh as m
 
 WHITE = (1.0, 1.0, 1.0)
 

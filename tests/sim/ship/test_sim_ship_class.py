@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from deckline.config_file import read_config
-from deckline.sim.ship.ship_class import SHIP_CLASSES, SHIPS, LineStyle, ShipClass, load_class
+from deckline_sim.ship.ship_class import SHIP_CLASSES, SHIPS, LineStyle, ShipClass, load_class
 
 CVN = (SHIPS / "cvn.toml").read_text(encoding="utf-8")
 EDGE = load_class("cvn").plan.edge

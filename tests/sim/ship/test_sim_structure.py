@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deckline.sim.ship import structure as sr
-from deckline.sim.ship.hull import SLAB_M
-from deckline.sim.ship.layout import CLEAR_M, before_end, class_layout, runway_distance
-from deckline.sim.ship.mesh import rectangle
-from deckline.sim.ship.paint import axes
-from deckline.sim.ship.ship_class import SHIP_CLASSES, Hull, Island, load_class
+from deckline_sim.ship import structure as sr
+from deckline_sim.ship.hull import SLAB_M
+from deckline_sim.ship.layout import CLEAR_M, before_end, class_layout, runway_distance
+from deckline_sim.ship.mesh import rectangle
+from deckline_sim.ship.paint import axes
+from deckline_sim.ship.ship_class import SHIP_CLASSES, Hull, Island, load_class
 
 GREY = np.full(3, 0.5)
 

@@ -1,1 +1,0 @@
-"""The paper's rivals, its own estimator, ablations and checks of data: nothing that flies imports it."""

@@ -1,0 +1,1 @@
+"""What each part of the dehazing network is worth."""

@@ -1,0 +1,99 @@
+"""`deckline benchmark`."""
+
+import tempfile
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from deckline.cli.run import DEFAULTS, unpack_sample
+from deckline.config import Engine
+from deckline.detect import Detector, OnnxDetector
+from deckline.flight import Flight
+from deckline.options import RunOptions
+from deckline.recording import open_recording, select_frames
+from deckline.runtime import describe_processor
+from deckline_lab.evaluation import benchmark as measure
+from deckline_lab.evaluation.tables import Figures, OutputFiles, publish
+
+
+def benchmark(
+    source: tyro.conf.Positional[Path | None] = None,
+    out: Path | None = None,
+    every: int = 1,
+    start: float = 0.0,
+    duration: float | None = None,
+    peer: Path | None = None,
+    options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
+) -> int:
+    """Measure how long every stage takes on this machine, and how late live answers are.
+
+    The recording is answered frame after frame, run as `deckline run` does with film and report, and played at its own
+    pace. Stages are compared with one look of UFLD with ResNet-18 on the same engine.
+
+    Args:
+        source: recording, folder of images or video; the shipped approach when not given.
+        out: JSON file of the figures.
+        every: take one frame of so many.
+        start: seconds after the first frame at which to begin.
+        duration: seconds of the recording to take.
+        peer: .onnx file of UFLD with ResNet-18; without it one is made with torch, if that is installed.
+        options: of the configuration.
+    """
+    config = options.run_config()
+    flight = Flight.from_config(config)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        opened = unpack_sample(folder / "approach") if source is None else open_recording(source)
+        chosen = select_frames(opened, every, start, duration)
+        whole = measure.measure_file(chosen, flight, folder / "film.mp4")
+        again = partial(Flight.from_config, config, dehazer=flight.dehazer, detector=flight.detector)
+        run_rate = measure.measure_run(chosen, again(), folder / "run")
+        live, progress = measure.measure_live(chosen, again())
+        looks, notes = _measure_looks(flight.detector, peer, config.engine, folder)
+    file_figures, live_figures = whole.figures(), live.figures() | asdict(progress)
+    guided = whole.seconds[measure.GUIDANCE]
+    rates = {"guidance": len(guided) / sum(guided), "film and report": run_rate}
+    file_figures["frames_per_s"] = rates
+    tables = [
+        measure.stage_table("file: one frame after the other", file_figures, looks),
+        measure.stage_table("live: the recording at its own pace", live_figures, looks),
+        *([measure.look_table(looks)] if looks else []),
+    ]
+    words = [f"{value:.1f} frames/s to {name}" for name, value in rates.items()]
+    notes += [f"file: {', '.join(words)}; {_describe(whole)}"]
+    notes += [f"live: {progress.dropped} of {progress.frames} frames dropped; {_describe(live)}"]
+    figures: dict[str, Any] = {"processor": describe_processor(), "engine": asdict(config.engine)}
+    figures |= {"file": file_figures, "live": live_figures, "looks": looks}
+    engine = f"{config.models.detector} on {config.engine.device} {config.engine.precision}"
+    title = f"{'shipped approach' if source is None else source}: {len(chosen)} frames, {engine}, "
+    title += f"{config.engine.threads or 'all'} threads\n{figures['processor']}"
+    publish(title, tables, figures, OutputFiles(json=out), notes)
+    return 0
+
+
+def _measure_looks(
+    detector: Detector, peer: Path | None, engine: Engine, folder: Path
+) -> tuple[dict[str, Figures], list[str]]:
+    """One look of the detector and of the peer; nothing and the reason where there is no peer."""
+    try:
+        other = OnnxDetector(peer or measure.export_peer(folder), engine=engine)
+    except ImportError as error:
+        return {}, [f"no ratios to {measure.PEER}: {error}"]
+    return measure.measure_looks(detector, other), []
+
+
+def _describe(timing: measure.Timing) -> str:
+    memory = "" if timing.peak_bytes is None else f"; at most {timing.peak_bytes / 2**20:.0f} MiB resident"
+    return f"first answer after {timing.first_s:.2f} s{memory}"
+
+
+COMMANDS = {"benchmark": benchmark}
+EXAMPLES = {
+    "deckline benchmark": (
+        "deckline benchmark --threads 2",
+        "deckline benchmark flights/first --device openvino --precision bf16 --out profile.json",
+    ),
+}

@@ -1,0 +1,59 @@
+"""`deckline eval`."""
+
+from deckline_lab.ablation.ablation import ablation
+from deckline_lab.evaluation import chain, dehazing, detection, flicker, integrity, localization, tables
+
+COMMANDS = {
+    "chain": chain.chain,
+    "recording": chain.recording,
+    "labels": chain.labels,
+    "flicker": flicker.flicker,
+    "ablation": ablation,
+    "dehazing": dehazing.dehazing,
+    "detection": detection.detection,
+    "detectors": detection.detectors,
+    "integrity": integrity.integrity,
+    "localization": localization.localization,
+    "report": tables.report,
+}
+EXAMPLES = {
+    "deckline eval": ("deckline eval chain --frames 50 --json figures/chain.json", "deckline eval report figures"),
+    "deckline eval chain": ("deckline eval chain --frames 50", "deckline eval chain --preset cvn --out scores"),
+    "deckline eval recording": (
+        "deckline eval recording flights/first",
+        "deckline eval recording flights/first --dehazer none --json figures/first.json",
+    ),
+    "deckline eval labels": ("deckline eval labels photos", "deckline eval labels photos --detector mine/detect.onnx"),
+    "deckline eval detection": (
+        "deckline eval detection --frames 50 --preset paper cvn",
+        "deckline eval detection flights/first --out scores --worst 5",
+    ),
+    "deckline eval detectors": (
+        "deckline eval detectors --frames 50 --detector hybrid ufld",
+        "deckline eval detectors flights/first --dehazer none coarse-t",
+    ),
+    "deckline eval dehazing": (
+        "deckline eval dehazing data/test --cost",
+        "deckline eval dehazing photographs --dehazer geometry mine/dehaze.onnx --blind sheets",
+    ),
+    "deckline eval flicker": (
+        "deckline eval flicker flights/first",
+        "deckline eval flicker flights/first --dehazer coarse-t --every 2",
+    ),
+    "deckline eval ablation": (
+        "deckline eval ablation data --out ablation --steps 3000",
+        "deckline eval ablation data --out ablation --minutes 60",
+    ),
+    "deckline eval localization": (
+        "deckline eval localization --points --approaches 20",
+        "deckline eval localization --approaches 4 --out table6",
+    ),
+    "deckline eval integrity": (
+        "deckline eval integrity --jobs 0 --out faults",
+        "deckline eval integrity --runs 5 --nominal 20 --sea-state 4",
+    ),
+    "deckline eval report": (
+        "deckline eval report figures",
+        "deckline eval report figures --out docs/results.md",
+    ),
+}

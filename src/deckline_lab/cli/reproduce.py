@@ -1,0 +1,11 @@
+"""`deckline reproduce`."""
+
+from deckline_lab.reproduce.reproduce import reproduce
+
+COMMANDS = {"reproduce": reproduce}
+EXAMPLES = {
+    "deckline reproduce": (
+        "deckline reproduce table6",
+        "deckline reproduce table4 --runs runs --minutes 7",
+    ),
+}

@@ -1,0 +1,1 @@
+"""The paper's dataset of clear and hazy pairs."""

@@ -1,0 +1,229 @@
+"""`deckline dataset`: clear and hazy pairs with depth, split and cut into tiles as the paper did.
+
+OUT/manifest.json                         settings, versions, counts, SHA-256 of every file; written last
+OUT/{train,test}/                         each an AirSim-layout recording: images/ (hazy, depth), clear/, scene.json
+OUT/{train,test}/tiles/{hazy,clear}/<frame>_<tile>.png
+OUT/{train,test}/tiles/depth/<frame>_<tile>.npy    half precision, metres along the optical axis, NaN: nothing seen
+"""
+
+import json
+import platform
+from collections.abc import Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from importlib.metadata import version
+from io import BytesIO
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline import __version__
+from deckline.atomic import write_atomic
+from deckline.checks import check_numbers
+from deckline.processes import map_ordered
+from deckline.recording import RecordingWriter
+from deckline.recording.images import encode_image
+from deckline.recording.writer import EncodedFrame, encode_frame
+from deckline.runtime import sha256_of
+from deckline.types import Frame
+from deckline_sim.config import FLIGHTS, DepthConfig, SimConfig, WeatherConfig
+from deckline_sim.record import Item, json_values, map_frames, show_progress, visibility_text
+from deckline_sim.scene.gl import open_context
+
+MANIFEST = "manifest.json"
+# A pair as its files hold it; a tile: folder and suffix with {} for the frame's number, and the file.
+Sample = tuple[EncodedFrame, list[tuple[str, bytes]]]
+FORMAT, VERSION = "deckline-dataset", 1
+PACKAGES = ("numpy", "scipy", "opencv-python-headless", "moderngl")
+SPLITS = ("train", "test")
+COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper
+FLIGHT_FRAMES = 25  # of one flight; each has its own weather and visibility
+FLIGHT_GAP_S = 3600.0  # between the starts of two flights, so that a recording's time never runs back
+RANDOM_SHARE = 0.5  # of the frames: unrelated views around the glide path; the others are from flights
+SEEDS = 100  # simulator seeds that one dataset may use: seed * SEEDS and following
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """The paper's dataset. A value out of its range is a ValueError that names the setting and the value."""
+
+    frames: int = 600  # clear and hazy pairs, training and test together
+    test: int = 179  # how many of them are for testing, drawn by frame
+    seed: int = 0  # same seed, same bytes on one machine
+    # lowest and highest visibility, m at 2 % contrast; one for a random view, one for a whole flight
+    visibility_m: tuple[float, float] = (300.0, 3000.0)
+    width: int = 1280  # of the images, px
+    height: int = 720
+    fov_deg: float = 90.0  # horizontal field of view
+    depth_range_m: float = inf  # reach of the depth camera; inf records depth everywhere, as training a dehazer needs
+    one_scene: bool = False  # the same light, sky and sea everywhere; else drawn anew for each flight and random view
+    tiles: bool = True  # also cut every image into 8 overlapping squares
+    tile_px: int = 512  # their side
+
+    def __post_init__(self) -> None:
+        if not 0 < self.test < self.frames:
+            raise ValueError(f"test must lie between 1 and frames - 1 = {self.frames - 1}, got {self.test}")
+        check_numbers(self, "", "seed", least=0)
+        if not 0 < self.visibility_m[0] <= self.visibility_m[1] < inf:
+            raise ValueError(f"visibility_m must be 0 < low <= high < inf, got {self.visibility_m}")
+        if self.tiles and not 1 <= self.tile_px <= min(self.width, self.height):
+            raise ValueError(f"tile_px must lie between 1 and the image's smaller side, got {self.tile_px}")
+
+
+def write_dataset(config: DatasetConfig, out: Path, jobs: int = 1) -> None:
+    """Render the dataset into `out`, going on where an earlier call stopped.
+
+    Args:
+        jobs: processes that render; the files are the same whatever it is. 0: one for every core.
+
+    Raises:
+        ValueError: `out` holds a dataset made with other settings.
+        OSError: the disk refuses, or rendering stopped.
+    """
+    members = split_frames(config)
+    with ExitStack() as opened:
+        writers = {
+            split: opened.enter_context(RecordingWriter(out / split, scene={**_origin(config), "split": split}))
+            for split in SPLITS
+        }
+        left = sorted(k for split in SPLITS for k in members[split][writers[split].count :])
+        if left:
+            (out / MANIFEST).unlink(missing_ok=True)
+            _render(config, writers, left, jobs)
+    if not (out / MANIFEST).exists():
+        write_manifest(out, {**_origin(config), "frames": members}, jobs)
+    print(out / MANIFEST)
+
+
+def _render(config: DatasetConfig, writers: dict[str, RecordingWriter], left: list[int], jobs: int) -> None:
+    items, test = dataset_items(config), set(split_frames(config)["test"])
+    samples = map_frames(partial(make_sample, config=config), [items[k] for k in left], jobs, config.frames)
+    with closing(samples):
+        for k, (encoded, tiles) in zip(left, samples, strict=True):
+            writer = writers["test" if k in test else "train"]
+            for name, data in tiles:  # first: a frame with a row in its recording is whole
+                path = writer.out / "tiles" / name.format(f"{k:05d}")
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomic(path, data)
+            flight = items[k][0].seed - SEEDS * config.seed
+            writer.append(replace(encoded, time_s=encoded.time_s + flight * FLIGHT_GAP_S))
+
+
+def dataset_items(config: DatasetConfig) -> list[Item]:
+    """The dataset's frames in order: random views first, then flights of the trajectories that there are."""
+    base = SimConfig(
+        preset="paper",
+        trajectory="random",
+        frames=round(RANDOM_SHARE * config.frames),
+        visibility_m=config.visibility_m,
+        seed=SEEDS * config.seed,
+        width=config.width,
+        height=config.height,
+        fov_deg=config.fov_deg,
+        depth=DepthConfig(range_m=config.depth_range_m),
+        weather=WeatherConfig(seed=config.seed if config.one_scene else None),
+    )
+    recordings = [base]
+    left = config.frames - base.frames
+    length = max(FLIGHT_FRAMES, -(-left // (SEEDS - 1)))
+    while left > 0:
+        k = len(recordings)
+        frames, kind = min(length, left), FLIGHTS[(k - 1) % len(FLIGHTS)]
+        recordings.append(replace(base, trajectory=kind, frames=frames, seed=base.seed + k))
+        left -= frames
+    return [(recording, index) for recording in recordings for index in range(recording.frames)]
+
+
+def split_frames(config: DatasetConfig) -> dict[str, list[int]]:
+    """Numbers of the frames in each split, rising."""
+    order = np.random.default_rng([config.seed, 5]).permutation(config.frames).tolist()
+    return {"train": sorted(order[config.test :]), "test": sorted(order[: config.test])}
+
+
+def make_sample(frame: Frame, config: DatasetConfig) -> Sample:
+    """Encode a frame and its tiles.
+
+    Raises:
+        ValueError: a frame without its clear view or depth.
+    """
+    clear = None if frame.truth is None else frame.truth.clear_rgb
+    if clear is None or frame.depth_m is None:
+        raise ValueError(f"{frame.file}: a pair needs the view without haze and its depth")
+    tiles: list[tuple[str, bytes]] = []
+    if config.tiles:
+        corners = tile_corners(config.width, config.height, config.tile_px)
+        for k, (left, top) in enumerate(corners):
+            part = np.s_[top : top + config.tile_px, left : left + config.tile_px]
+            tiles.append((f"hazy/{{}}_{k}.png", encode_image(frame.image_rgb[part], "png")))
+            tiles.append((f"clear/{{}}_{k}.png", encode_image(clear[part], "png")))
+            tiles.append((f"depth/{{}}_{k}.npy", _encode_half(frame.depth_m[part])))
+    return encode_frame(frame), tiles
+
+
+def tile_corners(width: int, height: int, tile_px: int) -> list[tuple[int, int]]:
+    """Left and top of every tile, px, row by row: spread evenly, the outer ones at the image's borders."""
+    lefts = np.rint(np.linspace(0, width - tile_px, COLUMNS)).astype(int).tolist()
+    tops = np.rint(np.linspace(0, height - tile_px, ROWS)).astype(int).tolist()
+    return [(left, top) for top in tops for left in lefts]
+
+
+def _encode_half(depth_m: NDArray[np.float32]) -> bytes:
+    file = BytesIO()
+    with np.errstate(over="ignore"):  # beyond 65504 m nothing is seen
+        half = depth_m.astype(np.float16)
+    half[np.isinf(half)] = np.nan
+    np.save(file, half)
+    return file.getvalue()
+
+
+def _origin(config: DatasetConfig) -> dict[str, Any]:
+    values = {item.name: getattr(config, item.name) for item in fields(config)}
+    words = ["deckline", "dataset", "OUT"]
+    for name, value in values.items():
+        option = "visibility" if name == "visibility_m" else name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{option}" if value else f"--no-{option}")
+        else:
+            words += [f"--{option}", visibility_text(value) if isinstance(value, tuple) else str(value)]
+    return {"generator": f"deckline {__version__}", "command": " ".join(words), "dataset": json_values(values)}
+
+
+def write_manifest(out: Path, values: Mapping[str, Any], jobs: int = 1) -> None:
+    """Write manifest.json of a complete dataset: the given values, versions, counts and hashes; no dates, no paths.
+
+    Args:
+        jobs: processes that read files; 0: one for every core.
+    """
+    files = file_hashes(out, jobs)
+    content = {"format": FORMAT, "version": VERSION, **values, "versions": versions()}
+    content |= {"counts": count_files(files), "files": files}
+    write_atomic(out / MANIFEST, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def file_hashes(out: Path, jobs: int = 1) -> dict[str, str]:
+    """SHA-256 of every file below `out` but the manifest, by relative path in order."""
+    names = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
+    names = [name for name in names if name != MANIFEST]
+    digests = map_ordered(sha256_of, [out / name for name in names], jobs)
+    return dict(zip(names, show_progress("hashing", digests, len(names)), strict=True))
+
+
+def count_files(files: Mapping[str, str]) -> dict[str, dict[str, int]]:
+    """Frames and tiles of each split."""
+    of = {"frames": "clear/", "tiles": "tiles/hazy/"}
+    return {
+        split: {what: sum(name.startswith(f"{split}/{folder}") for name in files) for what, folder in of.items()}
+        for split in sorted(SPLITS)
+    }
+
+
+def versions() -> dict[str, str]:
+    """What the bytes of a rendered file depend on besides the settings."""
+    context = open_context()
+    renderer = str(context.info["GL_RENDERER"])
+    context.release()
+    return {"python": platform.python_version(), "opengl": renderer} | {name: version(name) for name in PACKAGES}

@@ -1,0 +1,150 @@
+"""How long every stage takes, how late live answers are, both beside UFLD with ResNet-18 on the same engine."""
+
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deckline.detect import Detector, OnnxDetector
+from deckline.extras import needs_extra
+from deckline.files import print_line
+from deckline.flight import Flight
+from deckline.live.messages import Progress
+from deckline.live.pipeline import Outputs, Session
+from deckline.live.source import Playback
+from deckline.recording import Source
+from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
+from deckline.report.run import run
+from deckline.report.video import VideoPiece
+from deckline.types import Frame
+from deckline_lab.evaluation.dehazers import read_memory, reset_peak
+from deckline_lab.evaluation.detection_cost import measure_costs
+from deckline_lab.evaluation.tables import Figures, Table, number
+
+ANSWER = ("decode", "detect", "localize", "track", "guide")  # stages from the file to guidance
+FILM = ("dehaze", "film")  # and those that make the film
+GUIDANCE = "guidance"  # all stages of an answer
+PERCENTILES = (50, 95, 99)
+PEER, PEER_NETWORK = "UFLD-R18", "ufld-r18"
+LOOKS = 30  # of each network, in turns
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Of one mode."""
+
+    seconds: dict[str, list[float]]  # by stage, one a frame, in file mode without the first
+    first_s: float  # of the first frame, from the beginning of its decoding or from its capture to its guidance
+    peak_bytes: float | None  # most that was resident, models included; None without Linux's /proc
+
+    def figures(self) -> dict[str, Any]:
+        """JSON values: percentiles by stage, ms; the first answer, s; memory."""
+        stages = {
+            stage: {f"p{share}_ms": 1e3 * float(np.percentile(times, share)) for share in PERCENTILES}
+            for stage, times in self.seconds.items()
+        }
+        return {"stages": stages, "first_s": self.first_s, "peak_bytes": self.peak_bytes}
+
+
+def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
+    """Every stage of every usable frame of a source, one after the other.
+
+    Args:
+        film: video file to write, as `deckline run` does.
+
+    Raises:
+        ValueError: fewer than two frames.
+    """
+    resident = reset_peak()
+    with closing(VideoPiece(film, OVERLAY_PX)) as piece:
+        frames = [_measure_frame(frame, decode_s, flight, piece) for frame, decode_s in _decode(source)]
+    if len(frames) < 2:
+        raise ValueError(f"{source.name} has {len(frames)} usable frames; the first one warms up, so two are needed")
+    seconds = {stage: [frame[stage] for frame in frames[1:]] for stage in (*ANSWER, *FILM)}
+    seconds[GUIDANCE] = [sum(frame[stage] for stage in ANSWER) for frame in frames[1:]]
+    return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), resident and read_memory("VmHWM"))
+
+
+def measure_run(source: Source, flight: Flight, out: Path) -> float:
+    """Frames a second of `deckline run` into a new folder, film and report included."""
+    start = time.perf_counter()
+    return run(source, flight, out, config=flight.config).frames / (time.perf_counter() - start)
+
+
+def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
+    """The age of every answer, from capture to its message, of a recording played at its own pace.
+
+    Raises:
+        ValueError: no answer.
+    """
+    resident = reset_peak()
+    quiet = Outputs(send=lambda _: None, log=print_line)
+    summary = Session(Playback(source), flight, quiet).run()
+    if not summary.ages_s:
+        raise ValueError(f"{source.name}: live mode gave no answer")
+    peak = resident and read_memory("VmHWM")
+    return Timing({"age of the answer": list(summary.ages_s)}, summary.ages_s[0], peak), summary.progress
+
+
+def _decode(source: Source) -> Iterator[tuple[Frame, float]]:
+    """Usable frames and the seconds that each took to read, damaged ones before it included."""
+    start = time.perf_counter()
+    for item in source.items():
+        if isinstance(item, Frame):
+            yield item, time.perf_counter() - start
+            start = time.perf_counter()
+
+
+def _measure_frame(frame: Frame, decode_s: float, flight: Flight, piece: VideoPiece) -> Figures:
+    """Seconds of every stage of one frame."""
+    result = flight(frame)
+    start = time.perf_counter()
+    panels = draw_panels(result)  # it dehazes
+    piece.add(draw_overlay(frame, result.guidance, panels), frame.time_s)
+    film_s = time.perf_counter() - start
+    seconds = {"dehaze": 0.0} | result.seconds
+    return seconds | {"decode": decode_s, "film": film_s - seconds["dehaze"]}
+
+
+def measure_looks(detector: Detector, peer: Detector) -> dict[str, Figures]:
+    """One look of a detector's network and of the peer's, in turns; nothing for a detector without a network."""
+    return measure_costs({detector.name: detector, PEER: peer}, LOOKS) if isinstance(detector, OnnxDetector) else {}
+
+
+def export_peer(folder: Path) -> Path:
+    """UFLD with ResNet-18 as an ONNX file; its weights are random, which changes no time.
+
+    Raises:
+        ImportError: torch is not installed.
+    """
+    with needs_extra("train"):
+        from deckline_lab.rivals.detectors import DETECTORS
+        from deckline_lab.train.detect import export_detect
+    return export_detect(DETECTORS[PEER_NETWORK](None).eval(), folder / f"{PEER_NETWORK}.onnx", {}, 0)
+
+
+def stage_table(title: str, figures: dict[str, Any], looks: dict[str, Figures]) -> Table:
+    """A row a stage; the last column is its median as a share of one look of the peer."""
+    rows = [
+        (stage, *(number(value, ".1f") for value in each.values()), _share(each["p50_ms"], looks))
+        for stage, each in figures["stages"].items()
+    ]
+    return Table(title, ("ms", *(f"{share} %" for share in PERCENTILES), f"of {PEER}"), rows)
+
+
+def look_table(looks: dict[str, Figures]) -> Table:
+    """A row a network."""
+    macs = [number(each.get("macs", np.nan) / 1e9, ".2f") for each in looks.values()]
+    rows = [
+        (name, number(each["pass_ms"], ".1f"), _share(each["pass_ms"], looks), size)
+        for (name, each), size in zip(looks.items(), macs, strict=True)
+    ]
+    return Table("one look", ("network", "ms", f"of {PEER}", "MACs, G"), rows)
+
+
+def _share(value_ms: float, looks: dict[str, Figures]) -> str:
+    return number(value_ms / looks[PEER]["pass_ms"] if looks else None, ".2f")

@@ -1,0 +1,316 @@
+"""`deckline eval chain`, `recording` and `labels`: the whole chain against truth, detected points against labels."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from deckline.config import Approach, Models, RunConfig, Tracking
+from deckline.dehaze import NOT_DEHAZED
+from deckline.flight import Flight, FrameResult
+from deckline.options import RunOptions
+from deckline.report.provenance import settings_of
+from deckline.statistics import RANGE_M, VISIBILITY_M, by_band, median_and_p95, share
+from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
+from deckline.types import SIDES, DepthMode, Seen
+from deckline_lab.evaluation.frames import FrameSet, Recorded, RenderOptions, Sample, score_frames
+from deckline_lab.evaluation.metrics import below_horizon, distance_px, normal_pixel_error, psnr_db, ssim
+from deckline_lab.evaluation.store import Store
+from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, OutputFiles, Table, number, publish
+from deckline_lab.labels import Labels
+
+FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
+DEFAULTS = RunOptions()
+MEANS = ("psnr", "ssim", "seconds")  # figures that are averaged; of the others median and 95 % are given
+BAND_COLUMNS = {
+    "found": "found_rate",
+    "direction left, deg": "direction_error_deg.left.median",
+    "right, deg": "direction_error_deg.right.median",
+    "lateral left, m": "lateral_error_at_ramp_m.left.median",
+    "right, m": "lateral_error_at_ramp_m.right.median",
+    "points left, px": "point_error_px.left.median",
+    "right, px": "point_error_px.right.median",
+    "hazy, dB": "psnr_db_hazy.mean",
+    "dehazed, dB": "psnr_db.mean",
+    "without sky, dB": "psnr_db_surface.mean",
+}
+
+
+@dataclass(frozen=True)
+class FrameScore:
+    """One frame's errors. Plain values: a score is a line of JSON."""
+
+    file: str
+    seen: str
+    mode: str
+    has_runway: bool
+    range_m: float  # aircraft to the ramp, horizontal; NaN without pose or runway
+    visibility_m: float  # NaN when unknown
+    errors: Figures  # by dotted name; those that do not exist are left out
+
+
+def single_frames(config: RunConfig | None = None) -> RunConfig:
+    """The same configuration for unrelated frames: without a track."""
+    config = config or RunConfig()
+    return replace(config, tracking=replace(config.tracking, enabled=False))
+
+
+def single_frames_with(dehazer: str, detector: str) -> RunConfig:
+    """The default configuration for unrelated frames with other models."""
+    return RunConfig(models=Models(dehazer, detector, "dehazed"), tracking=Tracking(enabled=False))
+
+
+def chain(
+    frames: int = 200,
+    seed: int = 1000,
+    preset: Literal["paper", "cvn", "train"] = "paper",
+    visibility: str = "500..3000",
+    range_m: tuple[float, float] = (60.0, 800.0),
+    fov_deg: float = 90.0,
+    options: FlightOptions = DEFAULTS,
+    out: Path | None = None,
+    output: Output = TO_TERMINAL,
+) -> int:
+    """Run the whole chain on freshly rendered frames with exact truth and print its errors.
+
+    Args:
+        frames: how many, from random viewpoints.
+        seed: of the simulator; the shipped weights never saw seeds from 1000 on.
+        preset: the ship.
+        visibility: metres at 2 % contrast, LOW..HIGH.
+        range_m: distance from the ramp, nearest and farthest.
+        fov_deg: horizontal field of view.
+        options: of the configuration that flies.
+        out: folder of every frame's errors; a stopped command resumes from it.
+        output: files of the results.
+    """
+    sets = RenderOptions(frames, 0, (preset,), seed, visibility, range_m, fov_deg).open_sets(keep_clear=True)
+    title = (
+        f"{frames} simulated frames, preset {preset}, seed {seed}, V {visibility} m, {range_m[0]:g}-{range_m[1]:g} m"
+    )
+    return _evaluate(sets, title, single_frames(options.run_config()), out, output)
+
+
+def recording(
+    source: tyro.conf.Positional[Path],
+    options: FlightOptions = DEFAULTS,
+    output: Output = TO_TERMINAL,
+) -> int:
+    """Run the whole chain on a recording that carries truth (scene.json) and print its errors.
+
+    The frames fly in their order, as in `deckline run`: a stopped command begins again.
+
+    Args:
+        source: recording folder.
+        options: of the configuration that flies.
+        output: files of the results.
+    """
+    return _evaluate([Recorded(source)], str(source), options.run_config(), None, output)
+
+
+def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path | None, output: OutputFiles) -> int:
+    flight = Flight.from_config(config)
+    store = Store(out, "chain.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
+
+    def score(sample: Sample) -> dict[str, Any]:
+        return asdict(score_frame(flight(sample.frame), config.approach))
+
+    [rows] = score_frames(sets, [(store, score)])
+    scores = [FrameScore(**row) for row in rows]
+    figures = summarise(scores)
+    models = config.models
+    title += f"; dehazer {models.dehazer}, detector {models.detector} in the {models.detect_in} picture"
+    by_range = {"all": scores} | by_band(scores, lambda score: score.range_m, RANGE_M, short=True)
+    by_visibility = by_band(scores, lambda score: score.visibility_m, VISIBILITY_M, short=True)
+    tables = [
+        _band_table("range to the ramp", by_range),
+        _band_table("visibility", by_visibility),
+        Table("all figures", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
+    ]
+    publish(title, tables, figures, output)
+    return 0
+
+
+def score_frame(result: FrameResult, approach: Approach) -> FrameScore:
+    """Compare one result with its frame's truth: the lines of the frame alone, and the guidance that is flown.
+
+    Raises:
+        ValueError: the frame carries no truth.
+    """
+    frame, truth = result.frame, result.frame.truth
+    if truth is None:
+        raise ValueError(f"{frame.file} has no truth to compare with: evaluate a recording with a scene.json")
+    errors: Figures = {}
+    for side, segment in true_segments(truth).items():
+        if side in result.estimate.lines:
+            for name, value in compare_line(result.estimate.lines[side], segment).items():
+                errors[f"{name.replace('lateral_error_m', 'lateral_error_at_ramp_m')}.{side}"] = value
+        world_from_camera = frame.true_world_from_camera
+        if side in SIDES and world_from_camera is not None:
+            points = getattr(result.detection, side).points_px
+            ends = world_from_camera.inv().apply(np.stack([segment.p0_m, segment.p1_m]))
+            if len(points):
+                errors[f"point_error_px.{side}"] = float(np.median(normal_pixel_error(points, ends, frame.camera)))
+    exact = true_guidance(frame, approach)
+    against = errors_against(truth, result.estimate, result.guidance, exact) or {"guidance": {}}
+    missed = {name: value for name, value in against["guidance"].items() if value is not None}
+    errors |= {f"guidance_error.{name}": abs(value) for name, value in missed.items()}
+    if truth.clear_rgb is not None:
+        errors |= _restoration(result, truth.clear_rgb)
+    errors |= {f"seconds.{stage}": seconds for stage, seconds in result.seconds.items()}
+    visibility = np.nan if truth.visibility_m is None else truth.visibility_m
+    seen, mode = result.estimate.seen, result.estimate.mode
+    has_runway, range_m = truth.left is not None, range_to_ramp_m(frame)
+    return FrameScore(frame.file, seen, mode, has_runway, range_m, visibility, errors)
+
+
+def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> Figures:
+    """PSNR and SSIM before and after dehazing; PSNR also without the sky, which haze hides completely."""
+    frame, figures = result.frame, {}
+    pose = frame.true_world_from_camera
+    surface = None if pose is None else below_horizon(frame.camera, pose)
+    for name, picture in {"": result.dehazed_rgb, "_hazy": frame.image_rgb}.items():
+        figures[f"psnr_db{name}"] = psnr_db(picture, clear_rgb)
+        figures[f"ssim{name}"] = ssim(picture, clear_rgb)
+        if surface is not None and surface.any():
+            figures[f"psnr_db_surface{name}"] = psnr_db(picture, clear_rgb, surface)
+    return figures
+
+
+def summarise(scores: Sequence[FrameScore]) -> Figures:
+    """Flat figures of one frame or more under dotted names: rates, and median / p95 / mean of every error."""
+    if not scores:
+        raise ValueError("no frame could be evaluated")
+    figures = {"frames": float(len(scores))}
+    decks, empty = ([score for score in scores if score.has_runway is has] for has in (True, False))
+    if decks:
+        rates = {"found_rate": Seen.BOTH, "one_line_rate": Seen.ONE, "not_seen_rate": Seen.NONE}
+        for name, seen in rates.items():
+            figures[name] = sum(score.seen == seen for score in decks) / len(decks)
+    if empty:
+        figures["false_line_rate"] = share(empty, lambda score: score.seen != Seen.NONE)
+    for mode in (DepthMode.FINE, DepthMode.COARSE, DepthMode.NONE):
+        figures[f"mode_rate.{mode}"] = sum(score.mode == mode for score in scores) / len(scores)
+    figures |= _error_figures(scores)
+    for mode in (DepthMode.FINE, DepthMode.COARSE):
+        of_mode = _error_figures([score for score in scores if score.mode == mode])
+        figures |= {f"{mode}.{name}": value for name, value in of_mode.items() if not name.startswith(MEANS)}
+    return figures
+
+
+def _error_figures(scores: Sequence[FrameScore]) -> Figures:
+    figures = {}
+    for name in sorted({name for score in scores for name in score.errors}):
+        values = np.array([score.errors[name] for score in scores if name in score.errors])
+        if name.startswith(MEANS):
+            figures[f"{name}.mean"] = float(values.mean())
+        else:
+            figures[f"{name}.median"], figures[f"{name}.p95"] = np.percentile(values, (50, 95)).tolist()
+    return figures
+
+
+def _band_table(by: str, groups: dict[str, list[FrameScore]]) -> Table:
+    rows = []
+    for band, members in groups.items():
+        figures = summarise(members)
+        cells = (number(figures.get(name), ".3g") for name in BAND_COLUMNS.values())
+        rows.append((band, str(len(members)), *cells))
+    return Table(f"by {by}", (by, "frames", *BAND_COLUMNS), rows)
+
+
+@dataclass(frozen=True)
+class LabelScore:
+    """One labelled frame's errors. Plain values: a score is a line of JSON."""
+
+    file: str
+    seen: str
+    labelled: bool  # both lines are labelled
+    errors_px: dict[str, list[float]]  # by side: normal distance of every detected point; found lines only
+
+    @property
+    def found(self) -> bool:
+        """Points on both lines."""
+        return all(side in self.errors_px for side in SIDES)
+
+
+def labels(
+    folders: tyro.conf.Positional[tuple[Path, ...]],
+    deck_z_m: float | None = None,
+    dehazer: str = NOT_DEHAZED,
+    detector: str = Models.detector,
+    out: Path | None = None,
+    output: Output = TO_TERMINAL,
+) -> int:
+    """Find the lines in images that carry labels (labels.json beside them) and print the distance to them in pixels.
+
+    Args:
+        folders: image folders with camera.toml and labels.json.
+        deck_z_m: world z of the deck plane, for what localization makes of the lines.
+        dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
+        detector: name or .onnx file.
+        out: folder of every frame's errors; a stopped command resumes from it.
+        output: files of the results.
+    """
+    flight = Flight.from_config(single_frames_with(dehazer, detector))
+    sets = [Recorded(folder, deck_z_m) for folder in folders]
+    store = Store(out, "labels.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
+
+    def score(sample: Sample) -> dict[str, Any]:
+        if sample.labels is None:
+            raise ValueError(f"{sample.source}: no labels.json: nothing to compare with")
+        return asdict(score_labels(flight(sample.frame), sample.labels))
+
+    [rows] = score_frames(sets, [(store, score)])
+    scores = [LabelScore(**row) for row in rows]
+    figures = summarise_labels(scores)
+    title = f"{len(scores)} labelled frames; dehazer {dehazer}, detector {detector}"
+    tables = [
+        _frames_table(scores),
+        Table("all frames", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
+    ]
+    publish(title, tables, figures, output)
+    return 0
+
+
+def score_labels(result: FrameResult, labels: Labels) -> LabelScore:
+    """Compare one frame's detected points with its labels. Points where no line is labelled are infinitely wrong."""
+    errors = {}
+    for side in SIDES:
+        points, line = getattr(result.detection, side).points_px, labels[side]
+        if len(points):
+            far = np.full(len(points), np.inf)
+            errors[side] = (far if line is None else distance_px(points, line, result.frame.camera)).tolist()
+    labelled = all(labels[side] is not None for side in SIDES)
+    return LabelScore(result.frame.file, result.estimate.seen, labelled, errors)
+
+
+def summarise_labels(scores: Sequence[LabelScore]) -> Figures:
+    """Found-rate, false lines and pixel errors of one frame or more under dotted names."""
+    if not scores:
+        raise ValueError("no labelled frame could be evaluated")
+    figures = {"frames": float(len(scores))}
+    runway, empty = ([score for score in scores if score.labelled is both] for both in (True, False))
+    if runway:
+        figures["found_rate"] = share(runway, lambda score: score.found)
+        figures["ok_rate"] = share(runway, lambda score: score.seen == Seen.BOTH)
+        lines = [score.errors_px[side] for score in runway for side in SIDES if side in score.errors_px]
+        if lines:
+            figures |= median_and_p95(np.concatenate(lines), "error_px")
+            figures["worst_line_median_px"] = max(float(np.median(line)) for line in lines)
+    if empty:
+        figures["false_line_rate"] = share(empty, lambda score: bool(score.errors_px))
+    return figures
+
+
+def _frames_table(scores: Sequence[LabelScore]) -> Table:
+    rows = []
+    for score in scores:
+        lines = (score.errors_px.get(side) for side in SIDES)
+        cells = ([f"{q:.2f}" for q in np.percentile(line, (50, 95))] if line else [MISSING] * 2 for line in lines)
+        rows.append((score.file, score.seen, *(text for pair in cells for text in pair)))
+    columns = ("frame", "seen", *(f"{side} {what}, px" for side in SIDES for what in ("median", "95 %")))
+    return Table("by frame", columns, rows)

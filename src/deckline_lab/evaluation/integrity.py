@@ -1,0 +1,251 @@
+"""`deckline eval integrity`: faults put into flights, and whether they are noticed."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, astuple, dataclass, field
+from functools import cached_property, partial
+from itertools import groupby
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from deckline.checks import check_numbers
+from deckline.config_file import read_config, to_toml_text
+from deckline.flight import Flight
+from deckline.processes import map_ordered
+from deckline.progress import progress
+from deckline.report.provenance import settings_of
+from deckline.statistics import share_interval
+from deckline_lab.evaluation.approaches import (
+    FlightsConfig,
+    PointNoise,
+    describe_flights,
+    flight_settings,
+    fly,
+    fly_points,
+)
+from deckline_lab.evaluation.coverage import coverage_table
+from deckline_lab.evaluation.integrity_faults import FAULTS
+from deckline_lab.evaluation.integrity_films import film
+from deckline_lab.evaluation.integrity_frames import FRAME_FAULTS
+from deckline_lab.evaluation.integrity_score import (
+    AIDS,
+    ALERT_S,
+    NOMINAL,
+    SETTLED_S,
+    FaultRow,
+    FrameState,
+    Run,
+    fault_row,
+    flags_raised,
+    fly_frames,
+    fly_run,
+    settled_frames,
+)
+from deckline_lab.evaluation.store import Store
+from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
+
+STATES_FILE = "integrity.jsonl"
+GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames
+NOMINAL_COUNTS = {  # of frames, and what people call them
+    "flagged": "false alarms",
+    "misleading": "misleading",
+    "excluded": "left out",
+    "protected": "guided",
+    "is_told": "ok",
+}
+SETTLED_OK = f"ok after {SETTLED_S:g} s, %"
+NOTES = f"""\
+A frame misleads when lateral deviation, height above the deck, heading or distance to the ramp is farther off than its
+protection level and no flag is up. A run is detected when a flag came and no stretch misled for longer than the time to
+alert; harmless when no frame misled and no flag came; misleading otherwise. Misleading as ok: runs that mislead whoever
+follows `ok` guidance alone, as an autopilot should. Left out: frames of which a measurement contradicted the track and
+was not used. Guided: frames without a flag and with a protected centre line; ok: those of them that an autopilot takes;
+ok after {SETTLED_S:g} s: the same share of the guided frames from so long after a flight's first one on.
+Square brackets: 95 % intervals (Clopper and Pearson) of runs or frames taken as independent; frames of one run are not,
+and theirs are too narrow. The same flights carry every fault."""
+
+
+@dataclass(frozen=True)
+class IntegrityConfig:
+    """Put faults into flights and print how many are detected, harmless or misleading, and how often nominal flights
+    raise an alarm.
+
+    Without --rendered there are no pictures: true lines are projected and points drawn from a model of the detector's
+    noise. With it each approach is rendered once and flown as `deckline run` flies, with every fault and every aid; the
+    faults are then those of pictures, poses and times. With --out, a stopped command resumes.
+
+    Args:
+        runs: with each fault.
+        nominal: runs without one.
+        fault: which are put in; all when not given.
+        rendered: render the flights and let the detector look at them.
+        aid: with --rendered, what measures the scale besides pose and deck height: any of `no aid`, `depth`, `width`,
+            `depth, width`.
+        flights: what is flown.
+        noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
+        alert_s: time to alert.
+        jobs: processes, where nothing is rendered; 0: one for every core.
+        out: folder of every run's frames.
+        films: with --rendered, folder in which each run is flown once more as `deckline run` writes it: film, report,
+            records. A run that --out holds already is not filmed.
+        output: files of the results.
+    """
+
+    runs: int = 30
+    nominal: int = 90
+    fault: tuple[str, ...] = ()
+    rendered: bool = False
+    aid: tuple[str, ...] = tuple(AIDS)
+    flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
+    noise: Path | None = None
+    alert_s: float = ALERT_S
+    jobs: int = 1
+    out: Path | None = None
+    films: Path | None = None
+    output: Output = TO_TERMINAL
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "", "runs", least=0)
+        check_numbers(self, "", "nominal", least=1)
+        check_numbers(self, "", "alert_s", least=0)
+        for what, names, known in (("fault", self.fault, self.faults), ("aid", self.aid, AIDS)):
+            unknown = [name for name in names if name not in known]
+            if unknown:
+                raise ValueError(f"unknown {what} {unknown[0]!r}: use any of {', '.join(known)}")
+
+        if self.films is not None and not self.rendered:
+            raise ValueError("--films needs pictures: use --rendered")
+
+    @property
+    def faults(self) -> list[str]:
+        """Those that can be put in."""
+        told = [name for name, fault in FRAME_FAULTS.items() if fault.told]
+        return list(FRAME_FAULTS) if self.rendered else [*FAULTS, *told]
+
+    @cached_property
+    def point_noise(self) -> PointNoise:
+        """The modelled detector."""
+        return PointNoise() if self.noise is None else read_config(PointNoise, self.noise)
+
+    @property
+    def wanted(self) -> list[Run]:
+        """All runs, those of one flight together."""
+        names = (NOMINAL, *dict.fromkeys(self.fault or self.faults))
+        aids = dict.fromkeys(self.aid if self.rendered else ("",))
+        most = max(self.runs, self.nominal)
+        numbered = [(name, number, aid) for number in range(most) for name in names for aid in aids]
+        return [Run(*run) for run in numbered if run[1] < (self.nominal if run[0] == NOMINAL else self.runs)]
+
+
+def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
+    config.flights.approach(0)  # refuses before the work, not after
+    models = Flight.from_config(config.flights.run) if config.rendered else None
+    points = {"points": asdict(config.point_noise)} if models is None else settings_of(models)
+    settings = {**flight_settings(config.flights), "run": to_toml_text(config.flights.run), "seen by": points}
+    with Store(config.out, STATES_FILE, settings) as store:
+        missing = [run for run in config.wanted if astuple(run) not in store.rows]
+        with progress("flying", len(config.wanted), len(config.wanted) - len(missing)) as advance:
+            for run, states in fly_runs(missing, config, models):
+                store.add(astuple(run), [asdict(state) for state in states])
+                advance()
+    by_fault: dict[str, list[list[FrameState]]] = {}
+    for run in config.wanted:
+        by_fault.setdefault(run.name, []).append([FrameState(**row) for row in store.rows[astuple(run)]])
+    how = f"rendered, detector {config.flights.run.models.detector}" if config.rendered else f"{config.point_noise}"
+    title = (
+        f"{config.runs} runs of each fault, {config.nominal} without, of {describe_flights(config.flights)}; "
+        f"time to alert {config.alert_s:g} s; {how}"
+    )
+    tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)
+    publish(title, tables, figures, config.output, [NOTES])
+    return 0
+
+
+def fly_runs(
+    runs: Sequence[Run], config: IntegrityConfig, models: Flight | None
+) -> Iterator[tuple[Run, list[FrameState]]]:
+    """Every run with its frames, as they are flown. All faults are put into one flight after the other."""
+    by_flight = [list(group) for _, group in groupby(runs, key=lambda run: run.number)]
+    if models is not None:
+        for group in by_flight:
+            frames = list(fly(config.flights, group[0].number))
+            for run in group:
+                if config.films is not None:
+                    film(frames, run, config.flights, models, config.films)
+                yield run, fly_frames(frames, run, config.flights, models)
+        return
+    work = partial(_fly_together, flights=config.flights, noise=config.point_noise)
+    with closing(map_ordered(work, by_flight, config.jobs)) as results:
+        for group, states in zip(by_flight, results, strict=True):
+            yield from zip(group, states, strict=True)
+
+
+def _fly_together(runs: Sequence[Run], flights: FlightsConfig, noise: PointNoise) -> list[list[FrameState]]:
+    sightings = list(fly_points(flights.approach(runs[0].number), flights.run.sensors, noise))
+    return [fly_run(sightings, run, flights) for run in runs]
+
+
+def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float) -> list[Table]:
+    """Faults, then nominal flights, then which flags were raised: one frame may raise several."""
+    rows = {name: fault_row(runs, alert_s) for name, runs in by_fault.items() if not name.startswith(NOMINAL)}
+    tables = [_faults_table(rows)] if rows else []
+    nominal = {name: _count_nominal(runs) for name, runs in by_fault.items() if name.startswith(NOMINAL)}
+    if nominal:
+        title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
+        columns = ("flights", "runs", "frames", *(f"{what}, %" for what in NOMINAL_COUNTS.values()), SETTLED_OK)
+        tables.append(Table(title, columns, [_nominal_cells(name, counts) for name, counts in nominal.items()]))
+    tables += [coverage_table(name, runs) for name, runs in by_fault.items() if name.startswith(NOMINAL)]
+    raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
+    flags = [(name, ", ".join(f"{flag} {n}" for flag, n in each.items()) or MISSING) for name, each in raised.items()]
+    return [*tables, Table("frames by flag", ("fault", "flags"), flags)]
+
+
+def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
+    """One row a fault; the title has all of them together."""
+    cells = []
+    for name, row in rows.items():
+        counts = (row.runs, row.detected, row.harmless, row.misleading, row.misleading_ok)
+        frames = (row.misleading_frames, row.excluding_frames, row.frames - row.lost_frames)
+        shares = (f"{100 * count / row.frames:.2f}" for count in frames)
+        good_share = _share(row.detected + row.harmless, row.runs)
+        cells.append((name, *map(str, counts), good_share, *shares, number(row.delay_s, ".1f")))
+    runs, good = sum(row.runs for row in rows.values()), sum(row.detected + row.harmless for row in rows.values())
+    title = f"faults: {_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
+    columns = ("fault", "runs", "detected", "harmless", "misleading", "misleading as ok", "detected or harmless, %")
+    return Table(title, (*columns, "misleading frames, %", "left out, %", "guided, %", "flag after, s"), cells)
+
+
+def _nominal_cells(name: str, counts: Mapping[str, int]) -> tuple[str, ...]:
+    shares = (_share(counts[what], counts["frames"]) for what in NOMINAL_COUNTS)
+    settled = _share(counts["settled_ok"], counts["settled"])
+    return (name, str(counts["runs"]), str(counts["frames"]), *shares, settled)
+
+
+def _share(hits: int, trials: int) -> str:
+    if not trials:
+        return MISSING
+    low, high = share_interval(hits, trials)
+    return f"{100 * hits / trials:.2f} [{100 * low:.2f}, {100 * high:.2f}]"
+
+
+def flat_figures(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float) -> Figures:
+    """The tables' numbers under dotted names."""
+    figures: Figures = {}
+    for name, runs in by_fault.items():
+        is_nominal = name.startswith(NOMINAL)
+        row: dict[str, Any] = _count_nominal(runs) if is_nominal else asdict(fault_row(runs, alert_s))
+        figures |= {f"{name}.{key}": float(value) for key, value in row.items()}
+    return figures
+
+
+def _count_nominal(runs: Sequence[Sequence[FrameState]]) -> dict[str, int]:
+    frames = [frame for run in runs for frame in run]
+    counts = {name: sum(getattr(frame, name) for frame in frames) for name in NOMINAL_COUNTS}
+    settled = [frame for run in runs for frame in settled_frames(run)]
+    counts |= {"settled": len(settled), "settled_ok": sum(frame.is_told for frame in settled)}
+    return {"runs": len(runs), "frames": len(frames), **counts}
+
+
+integrity.__doc__ = IntegrityConfig.__doc__

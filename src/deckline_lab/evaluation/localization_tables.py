@@ -1,0 +1,311 @@
+"""The tables of `deckline eval localization`: Table 6, a pilot's errors, consistency, efficiency, protection."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.localize import localize
+from deckline.statistics import APPROACH_RANGE_M, VISIBILITY_M, by_band, consistency, percentile, share
+from deckline.types import SIDES
+from deckline_lab.evaluation.localization_methods import Method
+from deckline_lab.evaluation.localization_score import STATES, Score
+from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
+
+Scores = Mapping[str, Sequence[Score]]  # method -> its frames
+
+LINE_CELLS = {  # heading: figure, format
+    "slope": ("slope", ".5f"),
+    "intercept, m": ("intercept_m", ".3f"),
+    "height, m": ("height_m", ".3f"),
+    "slope off": ("slope_error", ".5f"),
+    "intercept off, m": ("intercept_error_m", ".3f"),
+    "height off, m": ("height_error_m", ".3f"),
+    "direction off, deg": ("direction_error_deg", ".4f"),
+}
+LINE_FIGURES = (*(name for name, _ in LINE_CELLS.values()), "lateral_error_m")
+IMPROVED = {"direction": "direction_error_deg", "intercept": "intercept_error_m"}
+PILOT_CELLS = {"lateral": ("lateral_m", "m"), "height": ("height_m", "m"), "heading": ("heading_deg", "deg")}
+USABLE = {"direction_error_deg": 0.3, "lateral_error_m": 1.0}  # our marks of the near and of the far range
+UNIT = "unit alone"
+SEED = 0  # of the intervals' resampling
+NOTES = """\
+Table 6: a line is y = slope x + intercept at world z = height (down); the first three columns are means of the
+estimates, "off" are means of the sizes of the errors; all are means over approaches of each approach's mean over its
+frames. found: frames with this line; the others are in no mean. Improvement: 1 - error / error of the first row, of the
+mean sizes of direction or intercept errors, left and right added for "both". Usable: of all frames, those without a
+line counted as of no use; it is no figure of the paper's. Unit alone: lines seen exactly, placed by the navigation
+unit's own wrong position and heading, in every frame. Pilot: errors of the centre line as seen
+from the aircraft, at the touchdown point; what the navigation unit is wrong by about its own position and heading is
+taken out, as a landing follows the picture. A star: as asked for. Consistency: mean of the squared error over its
+covariance of offset, azimuth and height, with its 95 % interval over approaches; 3 is expected, and 95 % inside.
+Efficiency: the Cramer-Rao bound's variance for the detected points and their stated noise, over the mean squared
+error."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """An accuracy asked for, of errors pooled over lines."""
+
+    name: str
+    figures: tuple[str, ...]
+    percent: float  # of the sizes of the errors
+    limit: float
+    band_m: tuple[float, float]  # of range
+    unit: str
+    source: str
+
+
+DIRECTION, LATERAL, HEIGHT = (
+    tuple(f"{name}.{side}" for side in SIDES) for name in ("direction_error_deg", "lateral_error_m", "height_error_m")
+)
+NEAR_M, FAR_M = (0.0, 150.0), (150.0, 800.0)
+OWN, CARRIER, SATELLITE, CAT_IIIB = "own mark", "carrier, 1 ft", "shipboard satellite landing", "CAT IIIb, 95 %"
+MARKS = (  # public figures
+    Mark("direction, median", DIRECTION, 50.0, 0.1, NEAR_M, "deg", OWN),
+    Mark("direction, 95 %", DIRECTION, 95.0, 0.3, NEAR_M, "deg", OWN),
+    Mark("lateral at the ramp, 95 %", LATERAL, 95.0, 0.3, NEAR_M, "m", OWN),
+    Mark("height, 95 %", HEIGHT, 95.0, 0.3, NEAR_M, "m", OWN),
+    Mark("direction, median", DIRECTION, 50.0, 0.3, FAR_M, "deg", OWN),
+    Mark("lateral at the ramp, 95 %", LATERAL, 95.0, 1.0, FAR_M, "m", OWN),
+    Mark("pilot's height, 95 %", ("centre.height_m",), 95.0, 0.3048, NEAR_M, "m", CARRIER),
+    Mark("pilot's height, 95 %", ("centre.height_m",), 95.0, 0.4, NEAR_M, "m", SATELLITE),
+    Mark("pilot's height, largest", ("centre.height_m",), 100.0, 1.1, NEAR_M, "m", f"{SATELLITE}, alert limit"),
+    Mark("pilot's height, 95 %", ("centre.height_m",), 95.0, 2.0, NEAR_M, "m", CAT_IIIB),
+    Mark("pilot's lateral, 95 %", ("centre.lateral_m",), 95.0, 6.2, NEAR_M, "m", CAT_IIIB),
+    Mark("pilot's lateral, largest", ("centre.lateral_m",), 100.0, 15.5, NEAR_M, "m", f"{CAT_IIIB}, alert limit"),
+)
+
+
+def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table]:
+    """Every table, of the methods in their order."""
+    tracked = [method.name for method in methods if method.tracked]
+    tables = [table_6(scores), improvements(scores), usable_table(scores), _pilot_table("pilot, all frames", scores)]
+    for name in tracked:
+        for what, bands in {"range to the ramp": by_range, "visibility": by_visibility}.items():
+            tables.append(_pilot_table(f"pilot, {name}, by {what}", bands(scores[name])))
+    tables += [marks_table(scores), consistency_table(scores)]
+    joint = [method.name for method in methods if method.localizer is localize and not method.tracked]
+    tables += [efficiency_table(name, scores[name]) for name in joint[:1]]
+    return tables + ([protection_table(scores, tracked)] if tracked else [])
+
+
+def by_range(scores: Sequence[Score]) -> dict[str, list[Score]]:
+    return by_band(scores, lambda score: score.range_m, APPROACH_RANGE_M)
+
+
+def by_visibility(scores: Sequence[Score]) -> dict[str, list[Score]]:
+    return by_band(scores, lambda score: score.visibility_m, VISIBILITY_M)
+
+
+def by_approach(scores: Iterable[Score], name: str) -> list[list[float]]:
+    """The figure of each approach's frames, of approaches that have any."""
+    runs: dict[int, list[float]] = {}
+    for score in scores:
+        if name in score.figures:
+            runs.setdefault(score.approach, []).append(score.figures[name])
+    return list(runs.values())
+
+
+def run_mean(scores: Iterable[Score], name: str) -> float:
+    """Mean over approaches of each one's mean over the frames that have the figure; NaN where none has."""
+    runs = by_approach(scores, name)
+    return float(np.mean([np.mean(values) for values in runs])) if runs else float("nan")
+
+
+def sizes(scores: Iterable[Score], *names: str) -> NDArray[np.float64]:
+    """Absolute values (N,) of figures, pooled."""
+    return np.abs([score.figures[name] for score in scores for name in names if name in score.figures])
+
+
+def line_means(scores: Sequence[Score], side: str, prefix: str = "") -> Figures:
+    """LINE_FIGURES of one line of Table 6, with prefix `unit.` of the navigation unit alone, `true_` of the true line.
+
+    What no frame has is left out.
+    """
+    means = {name: run_mean(scores, f"{prefix}{name}.{side}") for name in LINE_FIGURES}
+    return {name: value for name, value in means.items() if np.isfinite(value)}
+
+
+def found_share(scores: Sequence[Score], side: str) -> float:
+    return share(scores, lambda score: f"slope.{side}" in score.figures)
+
+
+def table_6(scores: Scores) -> Table:
+    """The paper's columns, left and right."""
+    rows = []
+    for side in SIDES:
+        true = line_means(next(iter(scores.values())), side, "true_")
+        rows.append(("true", side, MISSING, *(number(true.get(name), form) for name, form in LINE_CELLS.values())))
+    for method, members in scores.items():
+        for side in SIDES:
+            means = line_means(members, side)
+            cells = (number(means.get(name), form) for name, form in LINE_CELLS.values())
+            rows.append((method, side, f"{100 * found_share(members, side):.1f}", *cells))
+    return Table("Table 6", ("method", "line", "found %", *LINE_CELLS), rows)
+
+
+def improvement(means: Sequence[Figures], reference: Sequence[Figures], name: str) -> float:
+    """1 - error / reference's error of a figure, the errors of the given lines added up; NaN where one is missing.
+
+    Frames in which a method gave no line are not in its mean, which favours the method that gives up more often.
+    """
+    ours, theirs = (sum(line.get(name, np.nan) for line in each) for each in (means, reference))
+    return float(1.0 - ours / theirs) if theirs else float("nan")
+
+
+def improvements(scores: Scores) -> Table:
+    """Improvement of every row over the first, and of lines seen exactly: no row can do better in the world."""
+    lines = {name: {side: line_means(members, side) for side in SIDES} for name, members in scores.items()}
+    reference, every = next(iter(scores)), next(iter(scores.values()))
+    lines[UNIT] = {side: line_means(every, side, "unit.") for side in SIDES}
+    columns = [(what, group) for what in IMPROVED for group in (("left",), ("right",), SIDES)]
+    rows = []
+    for name, sides in lines.items():
+        values = (
+            improvement([sides[s] for s in group], [lines[reference][s] for s in group], IMPROVED[what])
+            for what, group in columns
+        )
+        rows.append((name, *(number(100 * value, ".1f") for value in values)))
+    headings = (f"{what} {'both' if group == SIDES else group[0]}" for what, group in columns)
+    return Table(f"improvement over {reference}, %", ("method", *headings), rows)
+
+
+def usable_share(scores: Sequence[Score]) -> float:
+    """Share of the frames with both lines, each within USABLE of the true one.
+
+    Every frame counts: one without a line, or with a wrong one, is of no use.
+    """
+    limits = {f"{name}.{side}": most for name, most in USABLE.items() for side in SIDES}
+    return share(scores, lambda score: all(score.figures.get(name, np.inf) <= most for name, most in limits.items()))
+
+
+def unusable_improvement(scores: Sequence[Score], reference: Sequence[Score]) -> float:
+    """1 - share of frames that are not usable / the reference's share; NaN where all of the reference's are usable."""
+    theirs = 1 - usable_share(reference)
+    return 1 - (1 - usable_share(scores)) / theirs if theirs else float("nan")
+
+
+def usable_table(scores: Scores) -> Table:
+    """Share of frames that are of use, those without a line counted as what they are."""
+    reference = next(iter(scores))
+    rows = []
+    for name, members in scores.items():
+        fewer = unusable_improvement(members, scores[reference])
+        rows.append((name, str(len(members)), number(100 * usable_share(members), ".1f"), number(100 * fewer, ".1f")))
+    deg, metres = USABLE.values()
+    title = f"both lines within {deg:g} deg and {metres:g} m at the ramp, in the world"
+    return Table(title, ("method", "frames", "usable %", f"fewer not usable than {reference}, %"), rows)
+
+
+def _pilot_table(title: str, groups: Mapping[str, Sequence[Score]]) -> Table:
+    rows = []
+    for name, members in groups.items():
+        given = share(members, lambda score: "centre.lateral_m" in score.figures)
+        fine = share(members, lambda score: score.mode == "fine")
+        errors = [sizes(members, f"centre.{figure}") for figure, _ in PILOT_CELLS.values()]
+        cells = (number(percentile(values, percent), ".3f") for values in errors for percent in (50.0, 95.0))
+        rows.append((name, str(len(members)), f"{100 * given:.1f}", f"{100 * fine:.0f}", *cells))
+    headings = (f"{what} {q}, {unit}" for what, (_, unit) in PILOT_CELLS.items() for q in ("50 %", "95 %"))
+    return Table(title, ("", "frames", "given %", "fine %", *headings), rows)
+
+
+def measure_mark(scores: Iterable[Score], mark: Mark) -> float:
+    """What a mark is compared with; NaN without frames in its band."""
+    low, high = mark.band_m
+    return percentile(sizes((score for score in scores if low <= score.range_m < high), *mark.figures), mark.percent)
+
+
+def marks_table(scores: Scores) -> Table:
+    """What is asked for, what the navigation unit alone would give and what each method does; a star where reached."""
+    rows, every = [], next(iter(scores.values()))
+    for mark in MARKS:
+        low, high = mark.band_m
+        unit_mark = replace(mark, figures=tuple(f"unit.{name}" for name in mark.figures))
+        values = (measure_mark(every, unit_mark), *(measure_mark(members, mark) for members in scores.values()))
+        cells = (number(value, ".3f") + (" *" if value <= mark.limit else "") for value in values)
+        rows.append((mark.name, f"{low:g}-{high:g} m", f"{mark.limit:.3g} {mark.unit}", mark.source, *cells))
+    return Table("accuracy asked for", ("error", "range", "limit", "from", UNIT, *scores), rows)
+
+
+def consistency_table(scores: Scores) -> Table:
+    """Squared errors over their covariance, those of the centre line also by where the distances came from."""
+    rng = np.random.default_rng(SEED)
+    centre, figure = "centre, from the aircraft", "centre.normalised"
+    rows = []
+    for method, members in scores.items():
+        lines = {side: (f"normalised.{side}", members) for side in SIDES} | {centre: (figure, members)}
+        for mode in ("fine", "coarse"):
+            lines[f"{centre}, {mode}"] = figure, [score for score in members if score.mode == mode]
+        for line, (name, inside) in lines.items():
+            found = consistency(by_approach(inside, name), len(STATES), rng)
+            if found.frames:
+                interval = "" if np.isnan(found.low) else f" [{found.low:.2f}, {found.high:.2f}]"
+                cells = (str(found.frames), f"{found.mean:.2f}{interval}", f"{100 * found.inside:.1f}")
+                rows.append((method, line, *cells))
+    return Table("consistency", ("method", "line", "frames", "mean, 3 is expected", "in 95 %, %"), rows)
+
+
+def efficiency(scores: Iterable[Score], error: str, bound: str) -> tuple[float, int]:
+    """Cramer-Rao variance over mean squared error, and from how many frames; NaN without any."""
+    pairs = np.array([(s.figures[error], s.figures[bound]) for s in scores if {error, bound} <= s.figures.keys()])
+    if not len(pairs):
+        return float("nan"), 0
+    squared = float(np.mean(pairs[:, 0] ** 2))
+    return float(np.mean(pairs[:, 1] ** 2)) / squared if squared else float("inf"), len(pairs)
+
+
+def efficiency_table(method: str, scores: Sequence[Score]) -> Table:
+    """Bound over mean squared error of the centre line, by range."""
+    rows = []
+    for band, members in by_range(scores).items():
+        found = [efficiency(members, f"centre.{name}", f"bound.{name}") for name, _ in PILOT_CELLS.values()]
+        rows.append((band, str(max(frames for _, frames in found)), *(number(value, ".2f") for value, _ in found)))
+    return Table(f"efficiency, {method}", ("range to the ramp", "frames", *PILOT_CELLS), rows)
+
+
+def protection_table(scores: Scores, tracked: Sequence[str]) -> Table:
+    """What the tracker promised, and whether it kept it."""
+    rows = []
+    for name in tracked:
+        members = scores[name]
+        promised = [s for s in members if {"protection.lateral_m", "centre.lateral_m"} <= s.figures.keys()]
+        flagged = sum(s.figures.get("flagged", 0.0) > 0 for s in members)
+        counts = (len(members), len(promised), flagged, sum(misleads(s.figures) for s in promised))
+        levels = (percentile(sizes(promised, f"protection.{what}_m"), 50.0) for what in ("lateral", "height"))
+        rows.append((name, *map(str, counts), *(number(level, ".2f") for level in levels)))
+    columns = ("method", "frames", "protected", "flagged", "misleading", "lateral level, m", "height level, m")
+    return Table("protection", columns, rows)
+
+
+def misleads(figures: Figures) -> bool:
+    """Whether an error is beyond its protection level, without a flag."""
+    pairs = {"centre.deviation_m": "protection.lateral_m", "centre.height_m": "protection.height_m"}
+    known = {error: level for error, level in pairs.items() if {error, level} <= figures.keys()}
+    return not figures.get("flagged") and any(abs(figures[error]) > figures[level] for error, level in known.items())
+
+
+def flat_figures(scores: Scores) -> Figures:
+    """The numbers of the tables under dotted names: method, then figure."""
+    rng = np.random.default_rng(SEED)
+    lines = {name: [line_means(members, side) for side in SIDES] for name, members in scores.items()}
+    reference, first = next(iter(lines.values())), next(iter(scores.values()))
+    figures: Figures = {}
+    for name, members in scores.items():
+        for side, means in zip(SIDES, lines[name], strict=True):
+            figures |= {f"{name}.{figure}.{side}": value for figure, value in means.items()}
+            figures[f"{name}.found.{side}"] = found_share(members, side)
+        for what, figure in IMPROVED.items():
+            figures[f"{name}.improvement.{what}"] = improvement(lines[name], reference, figure)
+        figures[f"{name}.usable"] = usable_share(members)
+        figures[f"{name}.improvement.not_usable"] = unusable_improvement(members, first)
+        for band, inside in ({"": members} | by_range(members) | by_visibility(members)).items():
+            prefix = f"{name}.pilot.{band}" if band else f"{name}.pilot"
+            for figure, _ in PILOT_CELLS.values():
+                values = sizes(inside, f"centre.{figure}")
+                figures[f"{prefix}.{figure}.median"] = percentile(values, 50.0)
+                figures[f"{prefix}.{figure}.p95"] = percentile(values, 95.0)
+        found = consistency(by_approach(members, "centre.normalised"), len(STATES), rng)
+        figures |= {f"{name}.honesty.mean": found.mean, f"{name}.honesty.inside": found.inside}
+    return figures

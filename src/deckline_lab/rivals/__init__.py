@@ -1,0 +1,1 @@
+"""Published methods that ours is compared with."""

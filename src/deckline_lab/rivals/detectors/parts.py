@@ -1,0 +1,207 @@
+"""What compared networks share: backbones, region branch, painted lines on anchors one pixel high."""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from deckline.detect.anchors import MAP_OUTPUTS, DecodeConfig, RowGrid
+from deckline_lab.train.backbone import CHANNELS, conv_norm, separable
+from deckline_lab.train.detect_losses import DetectTargets, LossWeights, box_loss, class_weights, region_loss
+from deckline_lab.train.line_networks import NetworkKind, RegionHead
+
+REGION_WIDTH = 64  # channels, as in our own networks
+WIDTHS = (64, 128, 256, 512)  # channels of the four stages
+BLOCKS = {18: (2, 2, 2, 2), 34: (3, 4, 6, 3)}  # residual blocks of the four stages, by layers
+STRIPE_PX = 12.0  # width along a row of the stripe that is painted; at 512 px about the 30 px of 1640 that CULane draws
+BACKGROUND_WEIGHT = 0.4  # of the cross-entropy; published (SCNN, SAD, RESA)
+EXISTENCE_WEIGHT = 0.1  # published
+
+_GRID = RowGrid()
+MAP_KIND = NetworkKind(
+    grid=_GRID,
+    target_grid=RowGrid(_GRID.width, _GRID.height, _GRID.width, _GRID.height),
+    output_names=MAP_OUTPUTS,
+    decode=DecodeConfig(min_line_share=0.5, stripe_cells=STRIPE_PX / _GRID.cell_px),
+)
+
+
+class RegionBranch(nn.Module):
+    """Where the runway is. No part of the published networks: with it all of them search coarse to fine, as ours.
+
+    Args:
+        eighth: channels of the features at stride 8.
+        sixteenth: channels of those at stride 16; None where a network has none.
+    """
+
+    def __init__(self, eighth: int, sixteenth: int | None = None) -> None:
+        super().__init__()
+        self.eighth = conv_norm(eighth, REGION_WIDTH, 1)
+        self.sixteenth = (
+            separable(REGION_WIDTH, REGION_WIDTH) if sixteenth is None else conv_norm(sixteenth, REGION_WIDTH, 1)
+        )
+        self.head = RegionHead(REGION_WIDTH)
+
+    def forward(self, eighth: Tensor, sixteenth: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Class logits (B, cells + 1) and box offsets (B, 4, rows, columns) on the stride-16 grid."""
+        near = self.eighth(eighth)
+        return self.head(near, self.sixteenth(F.max_pool2d(near, 2) if sixteenth is None else sixteenth))
+
+
+class Merge(nn.Module):
+    """Features of EfficientNet-Lite0 at strides 8, 16 and 32, each by a 1x1 convolution, added up at stride 8.
+
+    It stands for the dilated last stages of a ResNet: dilating these costs four and sixteen times as much.
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.lateral = nn.ModuleList(conv_norm(channels, width, 1) for channels in CHANNELS[1:])
+
+    def forward(self, taps: list[Tensor]) -> Tensor:
+        """The backbone's taps -> (B, width, H/8, W/8), not negative."""
+        eighth, sixteenth, deepest = (layer(tap) for layer, tap in zip(self.lateral, taps[1:], strict=True))
+        x = F.interpolate(deepest, scale_factor=2.0, mode="bilinear", align_corners=False) + sixteenth
+        return F.relu(F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False) + eighth)
+
+
+class ResNet(nn.Module):
+    """ResNet-18 or -34: (B, 3, H, W) -> features of stages two to four, 128, 256, 512 channels at strides 8, 16, 32.
+
+    Args:
+        layers: 18 or 34.
+        stages: how many of the four are built.
+        dilated: the third and fourth stage keep stride 8 and dilate their kernels instead.
+
+    Source: He, Zhang, Ren and Sun, "Deep Residual Learning for Image Recognition", 2016.
+    """
+
+    def __init__(self, layers: int = 18, stages: int = 4, dilated: bool = False) -> None:
+        super().__init__()
+        self.stem = nn.Sequential(
+            nn.Conv2d(3, 64, 7, 2, 3, bias=False), nn.BatchNorm2d(64), nn.ReLU(), nn.MaxPool2d(3, 2, 1)
+        )
+        self.stages = nn.ModuleList()
+        channels = WIDTHS[0]
+        for index in range(stages):
+            stride = 1 if index == 0 or (dilated and index >= 2) else 2
+            dilation = 2 ** (index - 1) if dilated and index >= 2 else 1
+            blocks = [_Block(channels, WIDTHS[index], stride, dilation)]
+            blocks += [_Block(WIDTHS[index], WIDTHS[index], 1, dilation) for _ in range(BLOCKS[layers][index] - 1)]
+            self.stages.append(nn.Sequential(*blocks))
+            channels = WIDTHS[index]
+        for layer in self.modules():
+            if isinstance(layer, nn.Conv2d):
+                nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
+
+    def forward(self, image: Tensor) -> list[Tensor]:
+        x, taps = self.stem(image), []
+        for index, stage in enumerate(self.stages):
+            x = stage(x)
+            if index > 0:
+                taps.append(x)
+        return taps
+
+
+class _Block(nn.Module):
+    """Two 3x3 convolutions added to their input, which a 1x1 convolution brings to the same shape where it differs."""
+
+    def __init__(self, channels_in: int, channels_out: int, stride: int, dilation: int) -> None:
+        super().__init__()
+        self.first = nn.Sequential(
+            nn.Conv2d(channels_in, channels_out, 3, stride, dilation, dilation, bias=False),
+            nn.BatchNorm2d(channels_out),
+            nn.ReLU(),
+        )
+        self.second = nn.Sequential(
+            nn.Conv2d(channels_out, channels_out, 3, 1, dilation, dilation, bias=False), nn.BatchNorm2d(channels_out)
+        )
+        self.shortcut: nn.Module = nn.Identity()
+        if stride != 1 or channels_in != channels_out:
+            self.shortcut = nn.Sequential(
+                nn.Conv2d(channels_in, channels_out, 1, stride, bias=False), nn.BatchNorm2d(channels_out)
+            )
+
+    def forward(self, x: Tensor) -> Tensor:
+        return F.relu(self.second(self.first(x)) + self.shortcut(x))
+
+
+class MapOutput(NamedTuple):
+    """What a painting network says of a batch."""
+
+    map: Tensor  # (B, lines + 1, H, W) class logits of background and every line
+    lines: Tensor  # (B, lines) logits
+    region: Tensor  # (B, region cells + 1) class logits
+    box: Tensor  # (B, 4, region rows, region columns)
+    encoded: tuple[Tensor, ...] = ()  # features of the encoder's blocks, shallow to deep; in training only
+
+
+class LineExistence(nn.Module):
+    """Which lines are in the view, from features at stride 8: the branch that SCNN introduced.
+
+    Args:
+        hidden: channels of a first 3x3 convolution; None goes straight to the class maps.
+        grid_size: width and height of the features; the fully connected layer fixes them.
+
+    Source: Pan et al., "Spatial As Deep: Spatial CNN for Traffic Scene Understanding", 2018.
+    """
+
+    FC_WIDTH = 128  # published
+
+    def __init__(self, channels: int, hidden: int | None, lines: int, grid_size: tuple[int, int]) -> None:
+        super().__init__()
+        self.hidden: nn.Module = nn.Identity()
+        if hidden is not None:
+            conv = nn.Conv2d(channels, hidden, 3, padding=4, dilation=4, bias=False)
+            self.hidden = nn.Sequential(conv, nn.BatchNorm2d(hidden), nn.ReLU())
+        self.classes = nn.Sequential(nn.Dropout2d(0.1), nn.Conv2d(hidden or channels, lines + 1, 1))
+        flat = (lines + 1) * (grid_size[0] // 2) * (grid_size[1] // 2)
+        self.fc = nn.Sequential(nn.Linear(flat, self.FC_WIDTH), nn.ReLU(), nn.Linear(self.FC_WIDTH, lines))
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(B, lines) logits."""
+        shares = self.classes(self.hidden(features)).softmax(1)
+        return self.fc(F.avg_pool2d(shares, 2).flatten(1))
+
+
+def paint_stripes(cell: Tensor, width: int) -> Tensor:
+    """Class (B, H, width) of every pixel: 0, or k + 1 within the stripe of line k.
+
+    Args:
+        cell: (B, lines, H) position on every pixel row, px, NaN for "no line here".
+        width: px.
+    """
+    x = torch.arange(width, device=cell.device)
+    label = torch.zeros(cell.shape[0], cell.shape[2], width, dtype=torch.long, device=cell.device)
+    for line in range(cell.shape[1]):
+        label[(x - cell[:, line, :, None]).abs() <= STRIPE_PX / 2] = line + 1  # never true beside NaN
+    return label
+
+
+def map_loss(output: MapOutput, targets: DetectTargets, weights: LossWeights) -> tuple[Tensor, dict[str, Tensor]]:
+    """Cross-entropy of the painted lines, existence, region and box: weighted sum, and every part by name."""
+    logits = output.map.float()
+    label = paint_stripes(targets.cell, logits.shape[3])
+    there = (~torch.isnan(targets.cell)).any(2).float()
+    parts = {
+        "map": F.cross_entropy(logits, label, weight=class_weights(logits, BACKGROUND_WEIGHT)),
+        "existence": F.binary_cross_entropy_with_logits(output.lines.float(), there),
+        "region": region_loss(output.region.float(), targets.region),
+        "box": box_loss(output.box.float(), targets.box, targets.box_weight),
+    }
+    total = weights.rows * parts["map"] + EXISTENCE_WEIGHT * parts["existence"]
+    return total + weights.region * parts["region"] + weights.box * parts["box"], parts
+
+
+def overlap_loss(logits: Tensor, label: Tensor) -> Tensor:
+    """1 - intersection over union of every line's probability with its stripe, mean over the lines that are there.
+
+    Source: Hou et al. 2019 (SAD), after Zhang et al. 2017.
+    """
+    shares = logits.softmax(1)[:, 1:]
+    stripe = torch.stack([(label == line + 1).float() for line in range(shares.shape[1])], dim=1)
+    both = (shares * stripe).sum((2, 3))
+    union = (shares + stripe).sum((2, 3)) - both
+    there = stripe.sum((2, 3)) > 0
+    return ((1 - both / union.clamp(min=1e-6)) * there).sum() / there.sum().clamp(min=1)

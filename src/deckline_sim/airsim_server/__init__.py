@@ -1,0 +1,1 @@
+"""Serves the simulator to AirSim's clients."""

@@ -1,0 +1,277 @@
+"""AirSim's flight commands. Each is answered when it ends: True when it was completed, False when it timed out or was
+cancelled by another command, `cancelLastTask`, `reset`, a new pose or contact. Speeds m/s, angles degrees, times s of
+the simulation."""
+
+import asyncio
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from deckline.adapters.airsim.protocol import quote, read_flag, read_number, read_vector
+from deckline_sim.airsim_server.flight import Command, Vehicle
+from deckline_sim.airsim_server.motion import KEEP, Vector, Yaw, braking_speed, limit, towards, wrap
+from deckline_sim.airsim_server.service import Service
+from deckline_sim.airsim_server.structs import read_geo, vector_struct
+from deckline_sim.airsim_server.world import World
+
+TICK_S = 0.02  # of the wall clock: how often a running command is looked at
+LONG_S = 3e38  # AirSim's endless timeout
+ARRIVED_M, STOPPED_M_S = 0.2, 0.1
+TAKEOFF_M, TAKEOFF_M_S = 3.0, 1.0
+HOME_M_S = 5.0
+LANDING_PER_S, LANDING_M_S = 0.3, (0.5, 5.0)  # speed of descent for each metre of height; least and most
+LOOKAHEAD_S, LEAST_LOOKAHEAD_M = 0.6, 0.75  # on a path, in time at the wanted speed: AirSim's own
+TURNED_RAD_S = 0.01  # a slower turn has ended
+MAX_POINTS, MOST_M, MOST_M_S, MOST_DEG = 10_000, 1e6, 1e4, 1e6
+FORWARD_ONLY = 1  # of AirSim's DrivetrainType: the nose to the direction of flight
+
+Maker = Callable[[Vehicle], Command]
+RATE_ZERO: Mapping[str, Any] = {"is_rate": True, "yaw_or_rate": 0.0}
+
+
+async def fly(world: World, make: Maker) -> bool:
+    """Start a command and wait for its end; a ValueError where the vehicle may not fly."""
+    if not world.state.api_control:
+        raise ValueError("API control is off: call enableApiControl(True) first")
+    if not world.state.armed:
+        raise ValueError("the vehicle is not armed: call armDisarm(True) first")
+    command = world.vehicle.start(make)
+    while command.result is None:
+        await asyncio.sleep(TICK_S)
+        world.vehicle.update()
+    return command.result
+
+
+async def take_off(service: Service, timeout: float = 20.0, vehicle: str = "") -> bool:
+    return await fly(service.world, lambda body: climb(body, read_timeout(timeout)))
+
+
+async def land(service: Service, timeout: float = 60.0, vehicle: str = "") -> bool:
+    """Straight down, onto whatever is there."""
+
+    def steer(body: Vehicle) -> Vector:
+        least, most = LANDING_M_S
+        return np.array([0.0, 0.0, min(max(LANDING_PER_S * body.ground.height_m, least), most)])
+
+    command = Command(steer, lambda body: body.landed, timeout_s=read_timeout(timeout), lands=True)
+    return await fly(service.world, lambda body: command)
+
+
+async def go_home(service: Service, timeout: float = LONG_S, vehicle: str = "") -> bool:
+    """To the world's origin."""
+    return await fly(service.world, lambda body: follow(body, [np.zeros(3)], HOME_M_S, read_timeout(timeout)))
+
+
+async def hover(service: Service, vehicle: str = "") -> bool:
+    """Brake, and hold the place."""
+
+    def make(body: Vehicle) -> Command:
+        return Command(lambda body: np.zeros(3), lambda body: float(np.linalg.norm(body.velocity)) < STOPPED_M_S)
+
+    return await fly(service.world, make)
+
+
+async def move_on_path(
+    service: Service,
+    path: Any,
+    speed: float,
+    timeout: float = LONG_S,
+    drivetrain: int = 0,
+    yaw_mode: Any = RATE_ZERO,
+    lookahead: float = -1.0,
+    adaptive: float = 1.0,
+    vehicle: str = "",
+) -> bool:
+    if not isinstance(path, list) or not 0 < len(path) <= MAX_POINTS:
+        raise ValueError(f"path must be a list of 1 to {MAX_POINTS} positions, got {quote(path)}")
+    points = [read_vector(point, "path", MOST_M) for point in path]
+    yaw = read_yaw(yaw_mode, drivetrain)
+    ahead_m, speed = read_number(lookahead, "lookahead", -1.0, MOST_M), read_speed(speed)
+    if ahead_m == 0.0 or (yaw.is_rate and yaw.along):
+        raise ValueError("lookahead cannot be 0" if ahead_m == 0.0 else "ForwardOnly takes no yaw rate")
+    return await fly(service.world, lambda body: follow(body, points, speed, read_timeout(timeout), yaw, ahead_m))
+
+
+async def move_to_position(
+    service: Service,
+    x: float,
+    y: float,
+    z: float,
+    speed: float,
+    timeout: float = LONG_S,
+    drivetrain: int = 0,
+    yaw_mode: Any = RATE_ZERO,
+    lookahead: float = -1.0,
+    adaptive: float = 1.0,
+    vehicle: str = "",
+) -> bool:
+    return await move_on_path(
+        service, [{"x_val": x, "y_val": y, "z_val": z}], speed, timeout, drivetrain, yaw_mode, lookahead
+    )
+
+
+async def move_to_gps(
+    service: Service,
+    latitude: float,
+    longitude: float,
+    altitude: float,
+    speed: float,
+    timeout: float = LONG_S,
+    drivetrain: int = 0,
+    yaw_mode: Any = RATE_ZERO,
+    lookahead: float = -1.0,
+    adaptive: float = 1.0,
+    vehicle: str = "",
+) -> bool:
+    point = read_geo(latitude, longitude, altitude, service.world.settings.origin)
+    return await move_on_path(service, [vector_struct(point)], speed, timeout, drivetrain, yaw_mode, lookahead)
+
+
+async def move_to_z(
+    service: Service,
+    z: float,
+    speed: float,
+    timeout: float = LONG_S,
+    yaw_mode: Any = RATE_ZERO,
+    lookahead: float = -1.0,
+    adaptive: float = 1.0,
+    vehicle: str = "",
+) -> bool:
+    """Over the present place."""
+    x, y, _ = service.world.vehicle.read().pose.translation.tolist()
+    path = [{"x_val": x, "y_val": y, "z_val": z}]
+    return await move_on_path(service, path, speed, timeout, 0, yaw_mode, lookahead)
+
+
+async def move_by_velocity(
+    service: Service,
+    vx: float,
+    vy: float,
+    vz: float,
+    duration: float,
+    drivetrain: int = 0,
+    yaw_mode: Any = RATE_ZERO,
+    vehicle: str = "",
+    *,
+    in_body: bool = False,
+    at_z: bool = False,
+) -> bool:
+    """For a duration. `in_body`: forward and right of the present heading; `at_z`: `vz` is a height, world z."""
+    across = [read_number(value, name, -MOST_M_S, MOST_M_S) for value, name in ((vx, "vx"), (vy, "vy"))]
+    down = read_number(vz, "z" if at_z else "vz", *((-MOST_M, MOST_M) if at_z else (-MOST_M_S, MOST_M_S)))
+    yaw, duration = read_yaw(yaw_mode, drivetrain), read_timeout(duration)
+
+    def make(body: Vehicle) -> Command:
+        cos, sin = (math.cos(body.yaw), math.sin(body.yaw)) if in_body else (1.0, 0.0)
+        level = [across[0] * cos - across[1] * sin, across[0] * sin + across[1] * cos]
+
+        def steer(body: Vehicle) -> Vector:
+            vertical = towards(np.array([0.0, 0.0, down - body.position[2]]), MOST_M_S)[2] if at_z else down
+            return np.array([*level, vertical])
+
+        return Command(steer, lambda body: False, yaw, duration, timed=True)
+
+    return await fly(service.world, make)
+
+
+async def rotate_to_yaw(
+    service: Service, yaw: float, timeout: float = LONG_S, margin: float = 5.0, vehicle: str = ""
+) -> bool:
+    angle = math.radians(read_number(yaw, "yaw", -MOST_DEG, MOST_DEG))
+    margin = math.radians(read_number(margin, "margin", 0.0, 360.0)) + 1e-3
+
+    def is_done(body: Vehicle) -> bool:
+        return abs(wrap(body.yaw - angle)) <= margin and abs(body.yaw_rate) <= TURNED_RAD_S
+
+    timeout = read_timeout(timeout)
+    return await fly(service.world, lambda body: Command(hold(body), is_done, Yaw(is_rate=False, value=angle), timeout))
+
+
+async def rotate_by_yaw_rate(service: Service, yaw_rate: float, duration: float, vehicle: str = "") -> bool:
+    yaw = Yaw(value=math.radians(read_number(yaw_rate, "yaw_rate", -MOST_DEG, MOST_DEG)))
+    duration = read_timeout(duration)
+    return await fly(service.world, lambda body: Command(hold(body), lambda body: False, yaw, duration, timed=True))
+
+
+def climb(body: Vehicle, timeout_s: float) -> Command:
+    """Straight up, TAKEOFF_M above where the vehicle is now; a deck under way stays behind."""
+    goal = body.position[2] - TAKEOFF_M
+
+    def steer(body: Vehicle) -> Vector:
+        return towards(np.array([0.0, 0.0, goal - body.position[2]]), TAKEOFF_M_S)
+
+    return Command(steer, lambda body: abs(body.position[2] - goal) <= ARRIVED_M, timeout_s=timeout_s)
+
+
+def hold(body: Vehicle) -> Callable[[Vehicle], Vector]:
+    """Steers to where the vehicle is now."""
+    place = body.position
+    return lambda body: towards(place - body.position, MOST_M_S)
+
+
+def follow(
+    body: Vehicle, points: list[Vector], speed: float, timeout_s: float, yaw: Yaw = KEEP, lookahead_m: float = -1.0
+) -> Command:
+    """Flies from here along straight lines through points (3,), towards the path so far ahead; -1: AirSim's choice."""
+    corners = np.array([body.position, *points])
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    ends = np.concatenate([[0.0], np.cumsum(lengths)])
+    ahead = lookahead_m if lookahead_m > 0.0 else max(LOOKAHEAD_S * speed, LEAST_LOOKAHEAD_M)
+    done_m = 0.0  # way along the path
+
+    def point_at(way_m: float) -> Vector:
+        return np.array([np.interp(way_m, ends, column) for column in corners.T])
+
+    def steer(body: Vehicle) -> Vector:
+        nonlocal done_m
+        index = min(int(np.searchsorted(ends, done_m, side="right")) - 1, len(lengths) - 1)
+        if lengths[index] > 0.0:  # no turning back
+            along = (corners[index + 1] - corners[index]) / lengths[index]
+            done_m = max(done_m, min(ends[index] + (body.position - corners[index]) @ along, ends[index + 1]))
+        if done_m + ahead >= ends[-1]:
+            return towards(corners[-1] - body.position, speed)
+        off_m = float(np.linalg.norm(body.position - point_at(done_m)))  # looks farther ahead from beside the path
+        aim = limit(point_at(done_m + ahead + off_m) - body.position, 1.0)
+        return aim * min(speed, braking_speed(float(ends[-1]) - done_m))
+
+    def is_done(body: Vehicle) -> bool:
+        return done_m + ahead >= ends[-1] and float(np.linalg.norm(corners[-1] - body.position)) <= ARRIVED_M
+
+    return Command(steer, is_done, yaw, timeout_s)
+
+
+def read_timeout(value: Any) -> float:
+    return read_number(value, "timeout or duration", -math.inf, math.inf)
+
+
+def read_speed(value: Any) -> float:
+    return read_number(value, "velocity", 0.01, MOST_M_S)
+
+
+def read_yaw(mode: Any, drivetrain: Any) -> Yaw:
+    """A YawMode and a DrivetrainType."""
+    mode = mode if isinstance(mode, Mapping) else {}
+    is_rate = read_flag(mode.get("is_rate"), "yaw_mode.is_rate")
+    angle = math.radians(read_number(mode.get("yaw_or_rate"), "yaw_mode.yaw_or_rate", -MOST_DEG, MOST_DEG))
+    return Yaw(is_rate, angle, along=drivetrain == FORWARD_ONLY)
+
+
+FLIGHT: dict[str, Callable[..., Any]] = {
+    "takeoff": take_off,
+    "land": land,
+    "goHome": go_home,
+    "hover": hover,
+    "moveOnPath": move_on_path,
+    "moveToPosition": move_to_position,
+    "moveToGPS": move_to_gps,
+    "moveToZ": move_to_z,
+    "moveByVelocity": move_by_velocity,
+    "moveByVelocityZ": partial(move_by_velocity, at_z=True),
+    "moveByVelocityBodyFrame": partial(move_by_velocity, in_body=True),
+    "moveByVelocityZBodyFrame": partial(move_by_velocity, in_body=True, at_z=True),
+    "rotateToYaw": rotate_to_yaw,
+    "rotateByYawRate": rotate_by_yaw_rate,
+}

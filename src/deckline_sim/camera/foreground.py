@@ -1,0 +1,143 @@
+"""What hides a scene from its camera: cockpits, airframes, drones' legs, dirty glass, captions, drawn at random."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deckline_sim.camera import cockpit, screen
+from deckline_sim.camera.brushes import Layer, Rng
+
+OPEN_SHARE = 0.7  # of the kept box that stays uncovered
+MOST_PX = 800  # on the longer side; larger foregrounds are drawn at this size and enlarged
+TRIES = 3  # drawings of an element before it is left out
+SETTINGS = (0.55, 0.2, 0.25)  # shares of cockpits, of airframes and drones, of plain pictures
+
+
+@dataclass(frozen=True, eq=False)
+class Foreground:
+    """What hides a scene, and what glows before it."""
+
+    rgb: NDArray[np.float32]  # (H, W, 3) 0..255, weighted by the cover; reflections hardly have any
+    cover: NDArray[np.float32]  # (H, W) 0..1, share of the scene that it hides
+
+
+class _Kind(NamedTuple):
+    paint: Callable[[Layer, Rng], None]
+    shares: tuple[float, float, float]  # in each of SETTINGS
+    blur: tuple[float, float]  # 1-sigma, of the picture's height
+    opacity: tuple[float, float] = (1.0, 1.0)
+    solid: bool = True  # has a material, and edges lit from outside
+
+
+KINDS = (  # from the scene to the viewer
+    _Kind(cockpit.paint_nose, (0.4, 0.25, 0.0), (0.0, 0.01)),
+    _Kind(cockpit.paint_propeller, (0.1, 0.2, 0.0), (0.002, 0.015), (0.05, 0.6)),
+    _Kind(cockpit.paint_strut, (0.3, 0.4, 0.05), (0.0, 0.01)),
+    _Kind(cockpit.paint_legs, (0.0, 0.45, 0.0), (0.002, 0.02)),
+    _Kind(cockpit.paint_specks, (0.5, 0.3, 0.15), (0.0, 0.01), (0.15, 0.9), solid=False),
+    _Kind(cockpit.paint_reflection, (0.35, 0.0, 0.15), (0.005, 0.05), (0.03, 0.25), solid=False),
+    _Kind(screen.paint_hud, (0.08, 0.12, 0.08), (0.0, 0.002), (0.5, 1.0), solid=False),
+    _Kind(cockpit.paint_overhead, (0.25, 0.0, 0.0), (0.001, 0.015), (0.6, 1.0)),
+    _Kind(cockpit.paint_windows, (0.3, 0.0, 0.06), (0.001, 0.015)),
+    _Kind(cockpit.paint_pillars, (0.45, 0.0, 0.06), (0.001, 0.015)),
+    _Kind(cockpit.paint_panel, (0.65, 0.0, 0.05), (0.0, 0.008)),
+    _Kind(cockpit.paint_pilot, (0.25, 0.0, 0.0), (0.002, 0.015)),
+    _Kind(cockpit.paint_rails, (0.15, 0.1, 0.1), (0.0, 0.01), (0.5, 1.0)),
+    _Kind(cockpit.paint_flare, (0.2, 0.2, 0.2), (0.005, 0.03), (0.2, 1.0), solid=False),
+    _Kind(screen.paint_inset, (0.06, 0.06, 0.1), (0.0, 0.001), solid=False),
+    _Kind(screen.paint_captions, (0.25, 0.25, 0.55), (0.0, 0.002), (0.4, 1.0), solid=False),
+    _Kind(screen.paint_bars, (0.08, 0.08, 0.2), (0.0, 0.0), solid=False),
+)
+
+
+def lay_over(image: NDArray[Any], foreground: Foreground) -> NDArray[np.float32]:
+    """The picture (H, W, 3), 0..255, behind a foreground of its size."""
+    shown = image * (1 - foreground.cover[..., None])
+    shown += foreground.rgb
+    return np.minimum(shown, 255.0, out=shown).astype(np.float32, copy=False)
+
+
+def draw_foreground(width: int, height: int, rng: Rng, keep: ArrayLike | None = None) -> Foreground:
+    """A random foreground, now and then an empty one.
+
+    Args:
+        width, height: of the picture, px.
+        keep: (4,) box u0, v0, u1, v1, px, of which `OPEN_SHARE` stays uncovered: what hides more is drawn elsewhere
+            or left out.
+    """
+    scale = min(1.0, MOST_PX / max(width, height))
+    wide, tall = max(1, round(width * scale)), max(1, round(height * scale))
+    total: Layer = np.zeros((tall, wide, 4), np.uint8)
+    texture = _draw_texture(wide, tall, rng)
+    box = None if keep is None else _clip_box(np.multiply(keep, scale), wide, tall)
+    setting = int(rng.choice(len(SETTINGS), p=SETTINGS))
+    for kind in KINDS:
+        if rng.random() < kind.shares[setting]:
+            for _ in range(TRIES):
+                layer: Layer = np.zeros_like(total)
+                kind.paint(layer, rng)
+                if _add_layer(total, layer, texture, kind, box, rng):
+                    break
+    total = cv2.resize(total, (width, height)) if scale < 1 else total
+    return Foreground(total[..., :3].astype(np.float32), total[..., 3] * np.float32(1 / 255))
+
+
+def _clip_box(box: ArrayLike, width: int, height: int) -> tuple[slice, slice]:
+    """Rows and columns of the part of a box inside the picture, at least one pixel."""
+    low, high = np.clip(np.reshape(box, (2, 2)), 0, [width - 1, height - 1]).astype(int)
+    return slice(low[1], high[1] + 1), slice(low[0], high[0] + 1)
+
+
+def _add_layer(
+    total: Layer, layer: Layer, texture: Layer, kind: _Kind, box: tuple[slice, slice] | None, rng: Rng
+) -> bool:
+    """Put a layer over those drawn, in place; False, and nothing put, where it would cover too much of the box."""
+    sigma, opacity = len(layer) * rng.uniform(*kind.blur), rng.uniform(*kind.opacity)
+    reach = round(1.5 * sigma)
+    u, v, wide, tall = cv2.boundingRect(layer[..., 3])
+    part = slice(max(v - reach, 0), v + tall + reach), slice(max(u - reach, 0), u + wide + reach)
+    if wide == 0:
+        return True
+    if reach > 0:
+        side = 2 * reach + 1
+        layer[part] = cv2.GaussianBlur(layer[part], (side, side), sigma, borderType=cv2.BORDER_REPLICATE)
+    if box is not None:
+        open_before, open_layer = 1 - total[..., 3][box] / 255, 1 - opacity * layer[..., 3][box] / 255
+        if np.mean(open_before * open_layer) < OPEN_SHARE:
+            return False
+    drawn = _light(layer[part], texture[part], rng) if kind.solid else layer[part]
+    if opacity < 1:
+        drawn = cv2.convertScaleAbs(drawn, alpha=opacity)
+    seen = cv2.merge([255 - drawn[..., 3]] * 4)
+    total[part] = cv2.add(cv2.multiply(total[part], seen, None, 1 / 255), drawn)
+    return True
+
+
+def _light(layer: Layer, texture: Layer, rng: Rng) -> Layer:
+    """A layer with a material, unevenly lit, its edges by light from outside."""
+    height, width = layer.shape[:2]
+    cover = layer[..., 3]
+    shade = cv2.resize(rng.integers(50, 200, (2, 3), dtype=np.uint8), (width, height))
+    shade = cv2.multiply(shade, texture, None, 1 / 128)
+    whole = np.full_like(cover, 128)
+    lit: Layer = cv2.multiply(layer, cv2.merge([shade, shade, shade, whole]), None, 1 / 128)
+    if rng.random() < 0.5:
+        small = cv2.resize(cover, (max(width // 8, 1), max(height // 8, 1)), interpolation=cv2.INTER_AREA)
+        soft = cv2.GaussianBlur(small, (0, 0), rng.uniform(0.5, 2.5), borderType=cv2.BORDER_REPLICATE)
+        rim = cv2.multiply(255 - cv2.resize(soft, (width, height)), cover, None, rng.uniform(0.05, 0.5) / 255)
+        lit = cv2.add(lit, cv2.merge([rim, rim, rim, np.zeros_like(rim)]))
+    return lit
+
+
+def _draw_texture(width: int, height: int, rng: Rng) -> Layer:
+    """Brightness (H, W) of a material, 128 where it is even: stains and grain."""
+    texture: Layer = np.full((height, width), 128, np.uint8)
+    for cell, most in ((height / 6, 30), (rng.uniform(1.0, 4.0), 10)):
+        size = max(2, round(height / cell)), max(2, round(width / cell))
+        noise = rng.integers(0, 2 + int(most * 2 * rng.random()), size, dtype=np.uint8)
+        texture = cv2.add(texture, cv2.resize(noise, (width, height)))
+    return texture

@@ -1,0 +1,296 @@
+"""Frames of a simulated recording: the same configuration and index always give the same frame."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from deckline.types import Frame, Segment, Truth
+from deckline_sim.airfield.simulate import AirfieldSimulator
+from deckline_sim.camera.glass import look_through
+from deckline_sim.camera.imaging import Imaging, Shot, Surroundings, triple
+from deckline_sim.camera.lens import pinhole_for, random_lens
+from deckline_sim.camera.measure import measure_pose
+from deckline_sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig, draw_visibility
+from deckline_sim.flight.approach import approach_view
+from deckline_sim.flight.views import (
+    Motion,
+    Viewpoint,
+    away_view,
+    draw_motion,
+    from_any_side,
+    glide_view,
+    random_view,
+    ship_pose,
+    ship_velocity,
+    view_towards,
+)
+from deckline_sim.scene.render import Renderer
+from deckline_sim.scene.view import BEST, Quality, Scene, random_quality
+from deckline_sim.scene.weather import Weather, random_time_of_day, random_weather, sun_direction
+from deckline_sim.ship.background import Kind, background_mesh
+from deckline_sim.ship.layout import Layout, random_layout, world_points
+from deckline_sim.ship.mesh import join
+from deckline_sim.ship.ship import NO_RUNWAY, Ship, build_ship
+
+OPEN_SEA = 0.4  # part of the views without a runway that show no ship either
+VEHICLE, CAMERA = "deckline", "front"
+# Random streams: of a ship, of a frame, of a whole flight, of sun and weather with a seed, of views without a runway.
+SHIP, FRAME, FLIGHT, SUN, WEATHER, DECKLESS = 2, 3, 4, 5, 6, 7
+OPEN, SHIPS, COAST, PAST, BARE = "open", "ships", "coast", "past", "bare"
+CYCLE = (OPEN, SHIPS, COAST, PAST, BARE)  # one view without a runway of each in turn
+RANGE_M = {SHIPS: (120.0, 2000.0), COAST: (300.0, 4000.0)}  # of the camera from what it looks at
+SEEN_SHARE = 0.5  # of the visibility: nothing that is looked at lies farther, or it would be hidden
+CANDIDATES = 400  # ships that are looked through for one without a runway; one in eight has none
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """What a picture is taken in, its view and its ship aside."""
+
+    weather: Weather
+    visibility_m: float  # 2 % contrast; infinite is clear air
+    imaging: ImagingConfig
+    quality: Quality = BEST
+    with_ship: bool = True
+
+
+class Simulator:
+    """Renders single frames of a recording in any order; holds the OpenGL context and the ship last used.
+
+    Args:
+        config: the recording.
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine.
+    """
+
+    def __init__(self, config: SimConfig) -> None:
+        self.config = config
+        self.renderer = Renderer()
+        self.imaging = Imaging(self.renderer.context)
+        self.loaded = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.renderer.__exit__(kind, error, trace)
+
+    def frame(self, index: int) -> Frame:
+        """Frame `index`: the same whatever was rendered before."""
+        block = ship_block(self.config, index)
+        if block != self.loaded:
+            self.load(block)
+        config, ship = self.config, self.ship
+        train, unrelated = config.preset == "train", config.trajectory == "random"
+        own = np.random.default_rng([config.seed, FRAME, index])
+        kept = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # a flight keeps weather and camera
+        for_weather, for_lens, for_air, for_picture, for_quality = kept.spawn(5)
+        if config.weather.seed is not None:
+            for_weather = np.random.default_rng([config.weather.seed, WEATHER])
+        for_view, for_noise, for_sea = own.spawn(3)
+        weather = random_weather(for_weather, not train, self.weather, sun=self.renderer.sun)
+        if unrelated:
+            view = random_view(config, ship.layout, index, for_view, self.motion)
+        else:
+            view = approach_view(config, ship.layout, index, self.motion)
+        camera = random_lens(config.lens, view.camera, for_lens, wide=train)
+        scenery = Scenery(
+            weather,
+            draw_visibility(config.visibility_m, for_air),
+            config.imaging,
+            quality=random_quality(for_quality) if train else BEST,
+            with_ship=ship.runway or bool(for_sea.random() >= OPEN_SEA),
+        )
+        name = f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png"
+        frame = self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, name)
+        return look_through(frame, config, index)
+
+    def load(self, block: int) -> None:
+        """Bring the ship of a block of frames onto the card, and draw its motion and its sun."""
+        config, train = self.config, self.config.preset == "train"
+        for_ship, for_sun, for_motion = np.random.default_rng([config.seed, SHIP, block]).spawn(3)
+        self.ship: Ship = build_ship(config.preset, for_ship)
+        if config.weather.seed is not None:
+            for_sun = np.random.default_rng([config.weather.seed, SUN])
+        time = config.weather.time_of_day or random_time_of_day(for_sun, fair=not train)
+        sea, swell = config.weather.sea_state, config.motion.sea_state  # one that is not given follows the other
+        sea_state = round(swell) if sea is None and swell is not None else sea
+        self.weather: WeatherConfig = replace(config.weather, time_of_day=time, sea_state=sea_state)
+        swell = sea if swell is None else swell
+        self.motion: Motion = draw_motion(replace(config.motion, sea_state=swell), train, for_motion)
+        self.renderer.load(self.ship, sun_direction(for_sun, time))
+        self.loaded = block
+
+    def picture(
+        self, view: Viewpoint, scenery: Scenery, recording: np.random.Generator, frame: np.random.Generator, name: str
+    ) -> Frame:
+        """The picture of a view, its camera's lens included, of the ship as it lies at the view's time.
+
+        Args:
+            recording: draws what a recording keeps: the air and the sensor's settings.
+            frame: draws what every frame has of its own: shaking, noise.
+            name: of the frame's file.
+
+        Raises:
+            ValueError: a camera that is not above the sea.
+        """
+        config, ship, weather, camera = self.config, self.ship, scenery.weather, view.camera
+        layout = ship.layout.at_pose(ship_pose(ship.layout, self.motion, view.time_s))
+        pose, how = view.world_from_camera, (scenery.with_ship, scenery.quality, layout.world_from_ship)
+        shot = self.imaging.take(
+            self.renderer.render(Scene(pinhole_for(camera), pose, weather, view.time_s, *how)),
+            camera,
+            pose,
+            self._surroundings(view, scenery),
+            scenery.imaging,
+            recording,
+            frame,
+            wide=config.preset == "train",
+            keep_clear=config.keep_clear and np.isfinite(scenery.visibility_m),
+        )
+        return Frame(
+            file=name,
+            time_s=view.time_s,
+            image_rgb=shot.image_rgb,
+            camera=camera,
+            body_from_camera=view.body_from_camera,
+            depth_m=shot.depth_m,
+            world_from_body=measure_pose(view.world_from_body, view.time_s, config.navigation, config.seed),
+            deck_z_m=float(ship.layout.world_from_ship.translation[2]),
+            sea_z_m=float(layout.sea_z_m),
+            truth=self._truth(shot, layout, view, weather),
+        )
+
+    def _surroundings(self, view: Viewpoint, scenery: Scenery) -> Surroundings:
+        layout, weather = self.ship.layout, scenery.weather
+        over_deck = view.velocity_m_s - ship_velocity(layout, self.motion, view.time_s)
+        return Surroundings(
+            horizon=weather.horizon_rgb,
+            sun=weather.sun,
+            sea_z_m=layout.sea_z_m,
+            visibility_m=scenery.visibility_m,
+            velocity_m_s=triple(over_deck),
+            turning_rad_s=triple(view.world_from_body.rotation.apply(view.angular_rate_rad_s)),
+        )
+
+    def _truth(self, shot: Shot, layout: Layout, view: Viewpoint, weather: Weather) -> Truth:
+        """What is known of a picture of the ship as `layout` has it."""
+        left, right = truth_segments(layout) if self.ship.runway else (None, None)
+        return Truth(
+            left,
+            right,
+            centre_painted=self.ship.runway and self.ship.centre,
+            visibility_m=shot.visibility_m,
+            airlight_rgb=shot.airlight_rgb,
+            clear_rgb=shot.clear_rgb,
+            world_from_body=None if self.config.navigation.exact else view.world_from_body,
+            world_from_ship=layout.world_from_ship,
+            conditions=shot.records | {"weather": asdict(weather), "motion": asdict(self.motion)},
+        )
+
+
+class DecklessSimulator(Simulator):
+    """Frames of trajectory `deckless`; a ship, its sea and its light are drawn anew for every one."""
+
+    def frame(self, index: int) -> Frame:
+        """Frame `index`; its truth's conditions say under "deckless" what it shows."""
+        kind = CYCLE[index % len(CYCLE)]
+        rng = np.random.default_rng([self.config.seed, DECKLESS, index])
+        for_things, for_view, for_weather, for_lens, for_air, for_picture, for_noise, for_quality = rng.spawn(8)
+        self.load(self._bare_ship(index) if kind == BARE else index)
+        if kind in (OPEN, SHIPS, COAST):
+            self._hide_ship(kind, for_things)
+        visibility_m = draw_visibility(self.config.visibility_m, for_air)
+        view = replace(self._deckless_view(kind, visibility_m, for_view), time_s=float(index))
+        scenery = Scenery(
+            random_weather(for_weather, False, self.weather, sun=self.renderer.sun),
+            visibility_m,
+            self.config.imaging,
+            random_quality(for_quality),
+            with_ship=kind in (PAST, BARE),
+        )
+        camera = random_lens(self.config.lens, view.camera, for_lens, wide=True)
+        frame = self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, f"deckless_{index}.png")
+        if frame.truth is None:
+            raise AssertionError("unreachable: the simulator knows the truth of its frames")
+        conditions = {**frame.truth.conditions, "deckless": self._describe_kind(kind)}
+        known = replace(frame, truth=replace(frame.truth, conditions=conditions))
+        return look_through(known, self.config, index)
+
+    def _bare_ship(self, index: int) -> int:
+        """Number of a random ship that has no runway: its own draw is repeated, which is quicker than building it."""
+        for block in range(index * CANDIDATES, (index + 1) * CANDIDATES):
+            for_layout = np.random.default_rng([self.config.seed, SHIP, block]).spawn(3)[0].spawn(5)[0]
+            if not random_layout(for_layout).on_land and for_layout.random() < NO_RUNWAY:
+                return block
+        raise AssertionError("unreachable: one random ship in eight has no runway")
+
+    def _hide_ship(self, kind: str, rng: np.random.Generator) -> None:
+        things: Kind = "ships" if kind == SHIPS else "coast"
+        mesh = join([]) if kind == OPEN else background_mesh(self.ship.layout, rng, things)
+        self.ship = replace(self.ship, runway=False, background=mesh)
+        self.renderer.load(self.ship, self.renderer.sun)
+
+    def _deckless_view(self, kind: str, visibility_m: float, rng: np.random.Generator) -> Viewpoint:
+        config, layout, things = self.config, self.ship.layout, self.ship.background
+        if kind in RANGE_M and len(things):
+            low, high = np.minimum(RANGE_M[kind], SEEN_SHARE * visibility_m)
+            target = things[rng.integers(len(things)), :3].astype(np.float64)
+            return view_towards(config, target, float(np.exp(rng.uniform(np.log(low), np.log(high)))), rng)
+        if kind == PAST and self.ship.runway:
+            return away_view(config, layout, rng)
+        if kind == BARE:
+            return glide_view(config, layout, rng)
+        return from_any_side(config, layout, rng, float(rng.uniform(-180.0, 180.0)))
+
+    def _describe_kind(self, kind: str) -> str:
+        on_land = self.ship.layout.on_land
+        if kind == BARE:
+            return "bare deck"
+        if kind == PAST:
+            return "past a runway" if on_land else "past a ship"
+        if kind == OPEN or not len(self.ship.background):
+            return "open land" if on_land else "open sea"
+        return "other ships" if kind == SHIPS else "coast"
+
+
+def open_simulator(config: SimConfig) -> Simulator | AirfieldSimulator:
+    """What renders the frames of a recording.
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine, which presets `airfield` and `pad` do without.
+    """
+    if config.preset in DRAWN:
+        return AirfieldSimulator(config)
+    return DecklessSimulator(config) if config.trajectory == "deckless" else Simulator(config)
+
+
+def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
+    """Frames `start`, `start + 1`, ... of a recording, before `stop` (None: all).
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine.
+        ValueError: a negative start.
+    """
+    if start < 0:
+        raise ValueError(f"start must not be negative, got {start}")
+    with open_simulator(config) as simulator:
+        for index in range(start, config.frames if stop is None else min(stop, config.frames)):
+            yield simulator.frame(index)
+
+
+def ship_block(config: SimConfig, index: int) -> int:
+    """Which ship a frame shows: an approach has one, random views share one by `frames_per_ship`."""
+    if config.trajectory == "deckless":
+        return index
+    return index // config.frames_per_ship if config.trajectory == "random" else 0
+
+
+def truth_segments(layout: Layout) -> tuple[Segment, Segment]:
+    """Middle of the left and of the right edge marking in the world, ramp end first."""
+    left, right = world_points(layout, layout.left_m), world_points(layout, layout.right_m)
+    return Segment(left[0], left[1]), Segment(right[0], right[1])

@@ -1,0 +1,90 @@
+"""`deckline train`: flags over a recipe, first weights by name, and how it ends."""
+
+from pathlib import Path
+
+import pytest
+
+from clear_scene import clear_recording, interrupting
+from deckline.cli.main import main
+from deckline.config import Models
+from deckline.detect import DETECTORS, OnnxDetector
+from deckline.extras import needs_extra
+from deckline.runtime import shipped_weights
+from deckline_lab.cli import train as commands
+from deckline_lab.cli.train import DehazeFlags, DetectFlags, find_weights, make_recipe
+from deckline_lab.train import loop
+from deckline_lab.train.checkpoint import read_progress
+from deckline_lab.train.dehaze import DehazeTrainConfig
+from deckline_lab.train.detect import DetectTrainConfig
+
+
+@pytest.mark.parametrize("network", ["dehaze", "detect"])
+def test_training_without_recordings_is_one_line(network, tmp_path, capsys):
+    assert main(["train", network, "--out", str(tmp_path)]) == 2
+    assert "deckline: error: no " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("network", ["dehaze", "detect"])
+def test_help_begins_with_two_examples_and_fits_on_two_screens(network, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["train", network, "--help"])
+    assert ended.value.code == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 100
+    assert [line.split()[:3] for line in lines[lines.index("examples:") + 1 :][:2]] == [
+        ["deckline", "train", network]
+    ] * 2
+
+
+def test_flags_override_the_recipe_which_overrides_the_defaults(tmp_path):
+    file = tmp_path / "recipe.toml"
+    file.write_text('lr = 1e-3\nminutes = "none"\nprior = true\n[haze]\nprior_share = 0.25\n')
+    config = make_recipe(DehazeTrainConfig, file, DehazeFlags(lr=2e-3, steps=5))
+    assert (config.lr, config.steps, config.minutes, config.prior) == (2e-3, 5, None, True)
+    assert config.haze.prior_share == 0.25
+    assert config.batch == DehazeTrainConfig.batch
+    assert make_recipe(DetectTrainConfig, None, DetectFlags(bf16=False)).bf16 is False
+    file.write_text("learning_rate = 1e-3\n")
+    with pytest.raises(ValueError, match=r"recipe\.toml.*learning_rate"):
+        make_recipe(DetectTrainConfig, file, DetectFlags())
+
+
+def test_shipped_weights_are_those_that_fly(tmp_path, monkeypatch):
+    """`train detect --start-from shipped` goes on from the network that `run` uses by default."""
+    given = []
+    monkeypatch.setattr(commands.train_detect, "train_detect", lambda *args: given.extend(args))
+    assert main(["train", "detect", str(tmp_path), "--out", str(tmp_path), "--start-from", "shipped"]) == 0
+    flying = DETECTORS[Models.detector]()
+    assert isinstance(flying, OnnxDetector)
+    config, first = given[0], given[3]
+    assert (config.network, first) == (Models.detector, flying.session.path)
+
+
+def test_first_weights_have_the_names_of_shipped_models():
+    assert find_weights("ufld", "hybrid") == shipped_weights("ufld")
+    assert find_weights("runs/first", "hybrid") == Path("runs/first")
+    assert find_weights(None, "hybrid") is None
+    with pytest.raises(ValueError, match="enet-sad"):
+        find_weights("shipped", "enet-sad")
+
+
+def test_ctrl_c_ends_with_130_and_a_checkpoint(tmp_path, monkeypatch, capsys):
+    recording, out = clear_recording(tmp_path / "clear", 4), tmp_path / "out"
+    monkeypatch.setattr(loop, "_step", interrupting(loop._step, at=2))
+    size = ["--crop-height", "48", "--crop-width", "64", "--batch", "1", "--held-out", "0.25", "--threads", "1"]
+    assert main(["train", "dehaze", str(recording), "--out", str(out), "--steps", "9", *size]) == 130
+    progress = read_progress(out)
+    assert progress is not None and progress["step"] == 2
+    assert "step 2" in capsys.readouterr().err
+    assert not (out / "dehaze.onnx").exists()
+
+
+def test_a_missing_package_names_the_extra_that_brings_it():
+    message = r'no_such_package is not installed; run: pip install "deckline\[train\]"'
+    with pytest.raises(ImportError, match=message), needs_extra("train"):
+        import no_such_package  # noqa: F401
+
+
+def test_a_missing_module_of_our_own_stays_what_it_is():
+    with pytest.raises(ModuleNotFoundError, match=r"deckline\.nothing"), needs_extra("train"):
+        import deckline.nothing  # noqa: F401

@@ -1,0 +1,246 @@
+"""Scores of dehazers, and their tables."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from level_deck import CAMERA, LEFT, RIGHT, frame_at, pixels_of, result_of
+
+from deckline.types import Segment, Truth
+from deckline_lab.evaluation.dehazers import Cost
+from deckline_lab.evaluation.dehazing_pairs import film_of, labelled_lines, seen_length_px, true_lines
+from deckline_lab.evaluation.dehazing_score import (
+    ImageScore,
+    Results,
+    dehazing_tables,
+    json_of,
+    restoration,
+    score_lines,
+    summarise,
+    summarise_film,
+    worse_lines,
+)
+from deckline_lab.evaluation.metrics import psnr_db, ssim
+from deckline_lab.evaluation.tables import OutputFiles, publish
+
+FILMED = {"a": "dry and sharp", "b": "rain", "c": "rain", "d": None}
+
+
+def pixels(segment: Segment) -> np.ndarray:
+    return pixels_of(frame_at(), segment)
+
+
+def score(key: str, dehazer: str, psnr_db: float, visibility_m: float = 800.0, **more) -> ImageScore:
+    return ImageScore("here", key, dehazer, visibility_m, {"psnr_db": psnr_db}, **more)
+
+
+def test_figures_are_of_the_whole_picture_and_of_the_surface():
+    rng = np.random.default_rng(0)
+    clear, image = (rng.integers(40, 200, (48, 64, 3)).astype(np.uint8) for _ in range(2))
+    surface = np.zeros((48, 64), dtype=bool)
+    surface[30:, 10:] = True
+    below = psnr_db(image[30:, 10:], clear[30:, 10:])
+    expected = {"psnr_db": psnr_db(image, clear), "psnr_db_surface": below, "ssim": ssim(image, clear)}
+    assert restoration(image, clear, surface) == pytest.approx(expected, abs=1e-12)
+
+
+def test_an_untouched_picture_counts_60_db_and_what_does_not_exist_is_left_out():
+    small = np.full((8, 20, 3), 7, np.uint8)
+    assert restoration(small, small, None) == {"psnr_db": 60.0}
+    assert restoration(small, small, np.zeros((8, 20), dtype=bool)) == {"psnr_db": 60.0}
+
+
+def test_the_part_of_a_line_inside_the_image_is_measured():
+    along = np.linspace(0, 1, 1001)[:, None]
+    across = np.array([-100.0, 50.0]) + along * [1000.0, 0.0]  # enters at u = 0, leaves at u = 639
+    assert seen_length_px(across, CAMERA) == pytest.approx(639.0)
+    assert seen_length_px(np.full((10, 2), np.nan), CAMERA) == 0.0
+
+
+def test_lines_behind_the_aircraft_or_a_speck_far_away_are_not_asked_for():
+    assert true_lines(frame_at()) is not None
+    assert true_lines(frame_at(x_m=300.0)) is None
+    assert true_lines(frame_at(x_m=-9000.0)) is None  # 20 m high: the 200 m of the line are 0.02 px tall
+    assert true_lines(replace(frame_at(), truth=None)) is None
+    assert true_lines(replace(frame_at(), truth=Truth(visibility_m=500.0))) is None
+
+
+def test_exact_points_are_found_with_no_error_and_shifted_ones_are_off_by_the_shift():
+    left, right = pixels(LEFT), pixels(RIGHT)
+    lines = true_lines(frame_at())
+    found, distances_px = score_lines(result_of(frame_at(), left, right), lines)
+    assert found
+    np.testing.assert_allclose(distances_px, np.zeros(60), atol=1e-9)
+    slope = np.diff(left[[0, -1]], axis=0)[0]
+    normal = np.array([-slope[1], slope[0]]) / np.linalg.norm(slope)
+    _, distances_px = score_lines(result_of(frame_at(), left + 3.0 * normal, right), lines)
+    np.testing.assert_allclose(distances_px, [3.0] * 30 + [0.0] * 30, atol=1e-9)
+    assert score_lines(result_of(frame_at(), [], []), lines) == (False, [])
+
+
+def test_labelled_lines_give_the_same_distances_as_true_ones():
+    truth, labelled = true_lines(frame_at()), labelled_lines({"left": pixels(LEFT), "right": pixels(RIGHT)}, CAMERA)
+    points = np.array([[100.0, 300.0], [320.0, 200.0]])
+    for side in ("left", "right"):
+        np.testing.assert_allclose(labelled[side](points), truth[side](points), atol=1e-6)
+    assert labelled_lines({"left": pixels(LEFT), "right": None}, CAMERA) is None
+    assert labelled_lines({"left": pixels(LEFT), "right": pixels(RIGHT) + 1000.0}, CAMERA) is None
+
+
+def test_means_and_paired_differences_of_known_numbers():
+    hazy = [score(str(i), "none", 10.0 + i) for i in range(4)]
+    better = [score(str(i), "net", 12.5 + i, note="left" if i == 3 else "") for i in range(4)]
+    summary = summarise([*better, *hazy], "none")["all"]
+    assert summary["none"].means == {"psnr_db": 11.5} and summary["net"].means == {"psnr_db": 14.0}
+    assert summary["none"].differences == {}
+    gain = summary["net"].differences["psnr_db"]
+    assert (gain.value, gain.low, gain.high, gain.images) == (2.5, 2.5, 2.5, 4)
+    assert summary["net"].left_alone == 1 and summary["net"].images == 4
+
+
+def test_only_images_measured_both_ways_are_paired():
+    scores = [score("a", "none", 10.0), score("b", "none", 20.0), score("b", "net", 21.0), score("c", "net", 50.0)]
+    gain = summarise(scores, "none")["all"]["net"].differences["psnr_db"]
+    assert (gain.value, gain.images) == (1.0, 1)
+
+
+@pytest.mark.parametrize(
+    ("visibility_m", "band"),
+    [
+        (150.0, "150-300 m"),
+        (299.9, "150-300 m"),
+        (300.0, "300-500 m"),
+        (1000.0, "1000-3000 m"),
+        (3000.0, "3000+ m"),
+        (np.inf, "3000+ m"),
+        (90.0, "0-150 m"),
+    ],
+)
+def test_an_image_is_in_one_band(visibility_m, band):
+    assert list(summarise([score("a", "none", 10.0, visibility_m)], "none")) == ["all", band]
+
+
+def test_unknown_visibility_counts_in_all_alone_and_nothing_is_refused():
+    assert list(summarise([score("a", "none", 10.0, np.nan)], "none")) == ["all"]
+    with pytest.raises(ValueError, match="no image"):
+        summarise([], "none")
+
+
+def test_line_figures_pool_all_points_and_compare_medians_image_by_image():
+    scores = [score(str(i), "none", 10.0, found=True, distances_px=[1.0, 1.0, 4.0]) for i in range(10)]
+    scores += [score(str(i), "net", 12.0, found=i < 5, distances_px=[2.0, 2.0]) for i in range(9)]
+    scores += [score("9", "net", 12.0, found=False), score("10", "net", 12.0)]
+    summary = summarise(scores, "none")["all"]
+    assert summary["none"].lines == {"found_rate": 1.0, "point_error_px.median": 1.0, "point_error_px.p95": 4.0}
+    assert summary["net"].asked == 10 and summary["net"].images == 11
+    assert summary["net"].lines["found_rate"] == 0.5
+    found, farther = (summary["net"].line_differences[name] for name in ("found_rate", "point_error_px"))
+    assert found.value == -0.5 and -0.9 <= found.low < found.high <= -0.1 and found.images == 10
+    assert (farther.value, farther.images) == (1.0, 9)  # the tenth has no points
+
+
+def test_higher_psnr_with_worse_lines_is_named_and_no_other():
+    names = {"none": (10.0, True, 1.0), "worse": (15.0, False, 1.0), "farther": (15.0, True, 2.0)}
+    names |= {"good": (15.0, True, 1.0), "lower": (9.0, False, 1.0)}
+    scores = [
+        score(str(i), name, psnr, found=found, distances_px=[px])
+        for name, (psnr, found, px) in names.items()
+        for i in range(12)
+    ]
+    assert worse_lines(summarise(scores, "none")["all"]) == ["worse", "farther"]
+
+
+def test_rain_and_blur_are_summed_up_apart():
+    scores = [
+        *(score(key, "none", 10.0 + index, film=film) for index, (key, film) in enumerate(FILMED.items())),
+        *(score(key, "net", 20.0 + 2 * index, film=film) for index, (key, film) in enumerate(FILMED.items())),
+    ]
+    groups = summarise_film(scores, "none")
+    assert list(groups) == ["dry and sharp", "rain"]
+    assert groups["rain"]["net"].means["psnr_db"] == pytest.approx(23.0)
+    assert groups["rain"]["net"].differences["psnr_db"].value == pytest.approx(11.5)
+    assert groups["dry and sharp"]["net"].images == 1
+    assert summarise_film([one for one in scores if one.film != "rain"], "none") == {}
+
+
+@pytest.mark.parametrize(
+    ("exposure", "film"),
+    [
+        ({"rain_mm_h": 0.0, "lens_drops": 0, "exposure_s": 0.0}, "dry and sharp"),
+        ({"rain_mm_h": 4.0, "lens_drops": 0, "exposure_s": 0.0}, "rain"),
+        ({"rain_mm_h": 0.0, "lens_drops": 3, "exposure_s": 0.0}, "rain"),
+        ({"rain_mm_h": 0.0, "lens_drops": 0, "exposure_s": 0.01}, "motion blur"),
+        ({"rain_mm_h": 9.0, "lens_drops": 0, "exposure_s": 0.01}, "rain and motion blur"),
+        ({"rain_mm_h": 9.0, "lens_drops": 0}, None),
+        ({"rain_mm_h": "much", "lens_drops": 0, "exposure_s": 0.01}, None),
+        ("long", None),
+    ],
+)
+def test_rain_and_blur_are_told_from_what_truth_holds(exposure, film):
+    assert film_of({"exposure": exposure}) == film
+    assert film_of({}) is None
+
+
+def scores(name: str, psnr_db: float, found: bool) -> list[ImageScore]:
+    lines = {"found": found, "distances_px": [1.0, 3.0]}
+    return [ImageScore("/a", str(i), name, 400.0, {"psnr_db": psnr_db + i}, **lines) for i in range(8)]
+
+
+def results(**changes) -> Results:
+    both = [*scores("none", 10.0, True), *scores("[net]", 14.0, False)]
+    sizes = {"none": None, "[net]": (1_500_000, 2_340_000_000)}
+    plain = Results("8 pairs", "[net]", summarise(both, "[net]"), {}, sizes, {}, (1280, 720), {}, ())
+    return replace(plain, **changes)
+
+
+def rows_of(table) -> dict[str, dict[str, str]]:
+    return {row[table.columns.index("dehazer")]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
+
+
+def test_cells_of_known_numbers():
+    first, _, lines, _ = dehazing_tables(results())
+    net, none = rows_of(first)["[net]"], rows_of(first)["none"]
+    assert (net["PSNR, dB"], net["to [net], dB"], net["SSIM"]) == ("17.50", "-", "-")
+    assert none["to [net], dB"] == "-4.00 [-4.00, -4.00]"
+    assert (net["parameters"], net["MACs 256x256"], none["parameters"]) == ("1.500 M", "2.34 G", "-")
+    assert "below horizon, dB" not in first.columns
+    assert rows_of(lines)["[net]"]["difference, points"] == "-100.0 [-100.0, -100.0]"
+    assert rows_of(lines)["none"]["points, median px"] == "2.00"
+
+
+def test_rain_has_a_table_of_its_own():
+    wet = [replace(one, film="rain") for one in scores("none", 10.0, True)]
+    measured = results(film=summarise_film(wet, "[net]"))
+    first, _, film, *_ = dehazing_tables(measured)
+    assert film.columns[0] == "rain and motion blur" and "rain and motion blur" not in first.columns
+    assert [row[:4] for row in film.rows] == [("rain", "none", "8", "13.50")]
+    assert json_of(measured)["film"]["rain"]["none"]["images"] == 8
+    assert not any("rain" in table.title for table in dehazing_tables(results()))
+
+
+def test_a_higher_psnr_with_worse_lines_is_said():
+    assert "Higher PSNR, worse lines: [net] (all), [net] (300-500 m)." in dehazing_tables(results())[-2].notes
+    both = [*scores("none", 10.0, True), *scores("[net]", 14.0, True)]
+    assert not any("worse" in line for line in dehazing_tables(results(summaries=summarise(both, "none")))[-2].notes)
+
+
+def test_cost_has_its_ratio_to_the_reference_and_a_failure_its_reason():
+    costs = {"none": Cost(0.05, 10 * 2.0**20), "[net]": Cost(0.2, 40 * 2.0**20)}
+    row = rows_of(dehazing_tables(results(costs=costs))[0])["none"]
+    assert (row["ms at 1280x720"], row["peak MiB"]) == ("50.0 (0.25)", "10 (0.25)")
+    compared_with_nothing = results(costs=costs, reference="none")
+    assert rows_of(dehazing_tables(compared_with_nothing)[0])["[net]"]["ms at 1280x720"] == "200.0"
+    broken = dehazing_tables(results(costs={"[net]": Cost(0.2, None)}, failed={"none": "no memory"}))[0]
+    assert rows_of(broken)["none"]["peak MiB"] == rows_of(broken)["[net]"]["peak MiB"] == "-"
+    assert "none: no cost: no memory" in broken.notes
+
+
+def test_json_of_known_numbers(tmp_path):
+    single = [*scores("none", 10.0, True)[:1], *scores("[net]", 14.0, True)[:1]]
+    one = results(skipped=(("/a: 9.png", "cut short"),), summaries=summarise(single, "none"))
+    publish("one pair", dehazing_tables(one), json_of(one), OutputFiles(tmp_path / "f.json"))
+    saved = json.loads((tmp_path / "f.json").read_text())
+    assert saved["visibility"]["all"]["[net]"]["differences"]["psnr_db"]["low"] is None
+    assert saved["skipped"] == [["/a: 9.png", "cut short"]]
+    assert json_of(results())["higher_psnr_worse_lines"] == {"all": ["[net]"], "300-500 m": ["[net]"]}

@@ -1,0 +1,262 @@
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from level_deck import deck
+
+from approach_scene import CAMERA, chain, frame
+from deckline.cli.main import main
+from deckline.detect import DETECTORS, ClassicalDetector
+from deckline.recording import RecordingWriter
+from deckline.types import Detection, LinePoints
+from deckline_lab.evaluation.dehazers import detector_label
+from deckline_lab.evaluation.detection import (
+    SCORES_FILE,
+    comparison_tables,
+    detection_tables,
+    flat_figures,
+    score_detections,
+)
+from deckline_lab.evaluation.detection_cost import cost_table, measure_costs
+from deckline_lab.evaluation.detection_score import DetectionScore, TuSimple
+from deckline_lab.evaluation.detection_truth import Scene
+from deckline_lab.evaluation.frames import Recorded, name_sets, open_recorded
+from deckline_lab.evaluation.pictures import figures_line, write_worst
+from deckline_lab.evaluation.tables import markdown
+from deckline_lab.labels import LabelledImage, write_labels
+from deckline_lab.labels.of_frame import label_frame
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Three frames with a runway, one of the sea."""
+    folder = tmp_path_factory.mktemp("data") / "approach"
+    with RecordingWriter(folder, scene={"preset": "cvn"}) as writer:
+        for index, range_m in enumerate((150.0, 100.0, 60.0, 90.0)):
+            writer.add(frame(index, range_m, runway=index != 3))
+    return folder
+
+
+def half_blind(at):
+    """Sees both lines exactly in the first frame and the third, one in the second; a line of its own on the sea."""
+    if at.truth.left is None:
+        return replace(chain(at, ()), detection=Detection(chain(replace(at, truth=frame().truth)).detection.left, NONE))
+    return chain(at, ("left",) if at.time_s == 0.25 else ("left", "right"))
+
+
+def scores_of(folder, out=None, run=half_blind, settings=None) -> list[DetectionScore]:
+    [scores] = score_detections([Recorded(folder)], [(out, settings or {}, lambda sample: run(sample.frame).detection)])
+    return scores
+
+
+NONE = LinePoints.empty()
+
+
+def error_of(capsys, *args) -> str:
+    assert main(["eval", "detection", *map(str, args)]) == 2
+    *_, line = capsys.readouterr().err.strip().splitlines()
+    return line
+
+
+def test_figures_of_a_recording(recording):
+    figures = flat_figures(scores_of(recording))
+    assert figures["found_rate"] == figures["placed_rate"] == pytest.approx(2 / 3)
+    assert figures["false_rate"] == 1.0
+    assert figures["error_px.p95"] < 1e-3
+    assert figures["range to the ramp.100 to 200 m.found_rate"] == 0.5
+    assert figures["range to the ramp.0 to 100 m.found_rate"] == 1.0
+    assert figures["ship.cvn.decks"] == 3
+    assert figures["visibility.2000 m and more.frames"] == 3
+    assert figures["culane.f1"] == pytest.approx(2 * 5 / (2 * 5 + 1))
+    assert sum(value for name, value in figures.items() if name.endswith(".points")) == 5 * 20 + 20
+
+
+def test_tables_of_a_recording(recording):
+    tables = detection_tables(scores_of(recording))
+    first = tables[0]
+    cells = dict(zip(first.columns, first.rows[0], strict=True))
+    assert (cells["frames"], cells["decks"], cells["empty"]) == ("4", "3", "1")
+    assert (cells["found %"], cells["false %"], cells["F1 %"]) == ("66.7", "100.0", "90.9")
+    assert markdown(first).splitlines()[4].startswith("| all | 4 | 3 | 1 | 66.7 | 66.7 |")
+    by_ship = next(table for table in tables if table.title == "by ship")
+    assert [row[0] for row in by_ship.rows] == ["cvn"]
+
+
+def test_a_stopped_evaluation_resumes(recording, tmp_path):
+    seen = []
+
+    def counted(at):
+        seen.append(at.file)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+        return half_blind(at)
+
+    with pytest.raises(KeyboardInterrupt, match=SCORES_FILE):
+        scores_of(recording, tmp_path, counted)
+    resumed = scores_of(recording, tmp_path, counted)
+    assert len(seen) == 5
+    assert detection_tables(resumed) == detection_tables(scores_of(recording))
+    with pytest.raises(ValueError, match="detector"):
+        scores_of(recording, tmp_path, settings={"detector": "other"})
+
+
+def test_frames_that_cannot_be_used_are_named(tmp_path, capsys):
+    damaged = tmp_path / "damaged"
+    with RecordingWriter(damaged) as writer:
+        for index in range(2):
+            writer.add(frame(index))
+    image = sorted((damaged / "images").iterdir())[0]
+    image.write_bytes(image.read_bytes()[:100])
+    for _ in range(2):  # also when the command is given again
+        assert len(scores_of(damaged, tmp_path / "out", chain)) == 1
+        assert image.name in capsys.readouterr().err
+
+
+def test_the_worst_frames_become_pictures_with_their_truth_and_a_line_of_figures(recording, tmp_path):
+    item, scores = Recorded(recording), scores_of(recording)
+    text = write_worst(tmp_path, {item.name: item}, scores, 1, half_blind).read_text()
+    assert "100 m to the ramp; clear air" in text
+    assert "left: 0.0 px median" in text and "right: not found" in text
+    picture = cv2.imread(str(tmp_path / "worst" / "001.png"))[:, :, ::-1]
+    assert picture.shape == (648, 1280, 3)
+    label = label_frame(item.load(1).frame, "x")
+    u, v = label.left_px.mean(axis=0) * 2  # the left panel shows the 320 px wide image twice as large, 40 px down
+    around = picture[int(v) + 30 : int(v) + 50, int(u) - 10 : int(u) + 10].reshape(-1, 3)
+    assert (around.min(axis=1) > 220).any() and (around.max(axis=1) < 40).any()  # white dashes on a dark halo
+    assert "20 false points, confidence 0.75" in figures_line(scores[3])
+    text = write_worst(tmp_path, {item.name: item}, scores, 10, half_blind).read_text()
+    assert text.index(scores[1].file) < text.index(scores[3].file)
+
+
+def labelled_folder(folder):
+    folder.mkdir()
+    for name, height in (("a.png", CAMERA.height), ("b.png", 90), ("c.png", 60)):
+        cv2.imwrite(str(folder / name), np.full((height, CAMERA.width, 3), 90, np.uint8))
+    both = label_frame(frame(), "a.png")
+    write_labels(folder / "labels.json", [both, LabelledImage("b.png", None, None)])
+    return folder
+
+
+def test_labelled_images_are_a_source_and_unlabelled_ones_are_not(tmp_path):
+    folder = labelled_folder(tmp_path / "mine")
+    (item,) = open_recorded((folder,))
+    assert item.load(0).expected.scene is Scene.DECK
+    assert item.load(1).expected.scene is Scene.EMPTY
+    assert item.load(2) is None
+    assert item.load(0).ship == "labelled"
+
+
+def test_a_datasets_folder_stands_for_its_recordings(recording):
+    (item,) = open_recorded((recording.parent,))
+    assert item.name == str(recording)
+    assert len(item) == 4
+
+
+def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_for(tmp_path, capsys):
+    folder, out = labelled_folder(tmp_path / "mine"), tmp_path / "out"
+    files = ("--json", tmp_path / "f.json", "--markdown", tmp_path / "t.md", "--out", out, "--worst", "2")
+    assert main(["eval", "detection", str(folder), "--dehazer", "none", *map(str, files)]) == 0
+    figures = json.loads((tmp_path / "f.json").read_text())
+    assert figures["found_rate"] == 0.0 and figures["false_rate"] == 0.0  # there is nothing in grey images
+    assert "| labelled | 2 | 1 | 1 | 0.0 |" in (tmp_path / "t.md").read_text()
+    assert (out / "worst" / "001.png").exists() and not (out / "worst" / "002.png").exists()
+    shown = capsys.readouterr()
+    assert "by ship" in shown.out and "skipped" not in shown.err
+    # the dehazer is another one
+    assert "choose another folder" in error_of(capsys, folder, "--dehazer", "dark-channel", "--out", out)
+
+
+def test_the_chain_gets_a_runway_prior_when_asked_to(recording, capsys, monkeypatch):
+    boxes = []
+    nothing = Detection(NONE, NONE)
+    monkeypatch.setattr(
+        ClassicalDetector, "__call__", lambda self, image, prior_box=None: boxes.append(prior_box) or nothing
+    )
+    words = ["eval", "detection", str(recording), "--detector", "classical", "--dehazer", "none"]
+    assert main(words) == 0
+    assert boxes == [None] * 4
+    assert main([*words, "--prior-sigma-m", "2"]) == 0
+    assert "prior with 1-sigma of 2 m" in " ".join(capsys.readouterr().out.split())
+    assert all(box is not None for box in boxes[4:]) and len(boxes) == 8
+    pixels = chain(frame(0, 150.0)).detection.left.points_px
+    assert boxes[4][0] <= pixels[:, 0].min() and boxes[4][3] >= pixels[:, 1].max()
+
+
+def test_bad_input_is_one_line(recording, tmp_path, capsys):
+    assert "--worst" in error_of(capsys, recording, "--worst", "3")
+    assert "deckless" in error_of(capsys, recording, "--deckless", "-1")
+    assert "--prior-sigma-m" in error_of(capsys, recording, "--prior-sigma-m", "-1")
+    assert "titanic" in error_of(capsys, "--frames", "1", "--preset", "titanic")
+    assert str(recording) in error_of(capsys, recording, recording)
+    plain = tmp_path / "plain"
+    with RecordingWriter(plain) as writer:
+        writer.add(frame())
+    (plain / "scene.json").unlink()
+    assert "scene.json" in error_of(capsys, plain)
+
+
+def test_many_sources_are_named_by_the_first_and_the_last(tmp_path):
+    paths = [tmp_path / str(k) for k in range(9)]
+    for path in paths:
+        with RecordingWriter(path) as writer:
+            writer.add(frame())
+    sets = open_recorded(paths)
+    assert name_sets(sets[:2]) == f"{paths[0]}, {paths[1]}"
+    assert name_sets(sets) == f"9 sources, {paths[0]} to {paths[8]}"
+
+
+def score_of(index: int, found: int, range_m: float = 150.0, scene: Scene = Scene.DECK) -> DetectionScore:
+    errors = {"left": [1.0] * (found > 0), "right": [2.0] * (found > 1)}
+    return deck(**errors, index=index, scene=scene, range_m=range_m, tusimple=TuSimple(1.0, 0.0, 0.0))
+
+
+def test_differences_are_of_the_same_decks_and_bands_of_the_share_found():
+    first = [score_of(k, 2 if k < 10 else 0) for k in range(20)] + [score_of(20, 1, scene=Scene.EMPTY)]
+    other = [score_of(k, 2, 150.0 if k < 19 else 500.0) for k in range(20)] + [score_of(20, 0, scene=Scene.EMPTY)]
+    tables = comparison_tables({("one", "none"): first, ("two", "none"): other})
+    rows = [dict(zip(tables[0].columns, row, strict=True)) for row in tables[0].rows]
+    assert tables[0].title == "20 decks, 1 frames without a runway"
+    assert [row["found %"] for row in rows] == ["50.0", "100.0"]
+    assert [row["false %"] for row in rows] == ["100.0", "0.0"]
+    assert rows[0]["found, to the first"] == "-"
+    value, low, high = (float(part.strip("[],")) for part in rows[1]["found, to the first"].split())
+    exact = 1.96 * 100 * np.sqrt(0.5 * 0.5 / 20)  # of a share of a half
+    assert value == 50.0
+    assert high - value == pytest.approx(exact, abs=6)
+    assert value - low == pytest.approx(exact, abs=6)
+    assert "by visibility" in tables[2].title
+
+
+def test_a_file_is_called_by_its_own_name_or_its_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert detector_label("detect.onnx") == tmp_path.name
+    assert detector_label("ufld") == "ufld"
+    assert detector_label("runs/hybrid/detect.onnx") == "hybrid"
+    assert detector_label("weights/mine.onnx") == "mine"
+
+
+def test_detectors_and_dehazers_on_one_recording(tmp_path, capsys):
+    with RecordingWriter(tmp_path / "approach", scene={"preset": "cvn"}) as writer:
+        for index in range(2):
+            writer.add(frame(index, 120.0))
+    command = ["eval", "detectors", str(tmp_path / "approach"), "--detector", "classical"]
+    command += ["--out", str(tmp_path / "out")]
+    assert main([*command, "--dehazer", "none"]) == 0
+    capsys.readouterr()
+    assert main([*command, "--dehazer", "none", "dark-channel", "--markdown", str(tmp_path / "t.md")]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["classical+dark-channel", "classical+none"]
+    lines = (tmp_path / "t.md").read_text().splitlines()
+    assert [line.split(" | ")[:2] for line in lines if line.startswith("| classical")][:2] == [
+        ["| classical", "none"],
+        ["| classical", "dark-channel"],
+    ]
+
+
+def test_costs_are_those_that_the_file_states_and_only_networks_have_any():
+    costs = measure_costs({"hybrid": DETECTORS["hybrid"](), "classical": ClassicalDetector()})
+    assert list(costs) == ["hybrid"]
+    assert costs["hybrid"]["pass_ms"] > 0
+    table = cost_table({"one": {"parameters": 2.5e6, "macs": 1.24e9, "pass_ms": 60.04}, "other": {"pass_ms": 1.0}})
+    assert [tuple(row) for row in table.rows] == [("one", "2.50", "1.24", "60.0"), ("other", "-", "-", "1.0")]

@@ -1,0 +1,147 @@
+import dataclasses
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from approach_scene import CAMERA, frame
+from deckline.cli.main import main
+from deckline.geometry import Camera
+from deckline.recording import RecordingWriter, open_recording
+from deckline.recording.camera_file import format_camera
+from deckline_lab.labels import read_labels
+from deckline_lab.labels.of_frame import label_frame
+
+FORMATS = ("tusimple", "culane", "coco", "yolo-pose", "labelme")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Two approaches to a runway and one sea."""
+    folder = tmp_path_factory.mktemp("approach")
+    with RecordingWriter(folder) as writer:
+        for index, range_m in enumerate((120.0, 60.0, 90.0)):
+            writer.add(frame(index, range_m, runway=index != 2))
+    return folder
+
+
+def error_of(capsys, *args) -> str:
+    assert main([str(arg) for arg in args]) == 2
+    *_, line = capsys.readouterr().err.strip().splitlines()  # above it the progress bar
+    assert line.startswith("deckline: error: ")
+    return line
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_truth_goes_out_and_comes_back_beside_its_images(recording, tmp_path, form, capsys):
+    out, back = tmp_path / "out", tmp_path / "back"
+    assert main(["labels", "export", str(recording), "--format", form, "--out", str(out)]) == 0
+    assert main(["labels", "import", str(out), "--format", form, "--out", str(back)]) == 0
+    assert "3 images: 2 with both lines, 0 with one, 1 with none" in capsys.readouterr().out
+    labels = read_labels(back / "labels.json")
+    source = open_recording(back)
+    assert len(source) == len(labels) == 3
+    for original, copy in zip(open_recording(recording), source, strict=True):
+        np.testing.assert_array_equal(copy.image_rgb, original.image_rgb)
+        assert (copy.camera.fx, copy.camera.cy) == (original.camera.fx, original.camera.cy)
+        truth = label_frame(original, "x")
+        for side, line in truth.lines.items():
+            read = labels[copy.file][side]
+            assert (read is None) == (line is None)
+            if line is not None:  # straight lines: the same one, and its ends within a row
+                start, end = line[0], line[-1]
+                normal = np.array([start[1] - end[1], end[0] - start[0]]) / np.linalg.norm(end - start)
+                assert np.abs((read - start) @ normal).max() < 0.01
+                assert abs(np.ptp(read[:, 1]) - np.ptp(line[:, 1])) < 2.0
+
+
+def test_culane_masks_show_left_as_1_and_right_as_2(recording, tmp_path):
+    out = tmp_path / "out"
+    assert main(["labels", "export", str(recording), "--format", "culane", "--out", str(out)]) == 0
+    rows = (out / "list" / "train_gt.txt").read_text().splitlines()
+    assert [row.split()[2:] for row in rows] == [["1", "1"], ["1", "1"], ["0", "0"]]
+    mask = cv2.imread(str(out / rows[0].split()[1].lstrip("/")), cv2.IMREAD_GRAYSCALE)
+    assert mask.shape == (CAMERA.height, CAMERA.width)
+    columns = {value: np.nonzero(mask == value)[1].mean() for value in (1, 2)}
+    assert columns[1] < columns[2]
+    assert set(np.unique(mask)) == {0, 1, 2}
+
+
+def test_own_labels_can_be_exported_and_images_named_elsewhere_imported(recording, tmp_path, capsys):
+    first, own, again = (tmp_path / name for name in ("first", "own", "again"))
+    for command in (
+        ["export", recording, "--format", "coco", "--out", first],
+        ["import", first, "--format", "coco", "--out", own],
+        ["export", own, "--format", "tusimple", "--out", again, "--row-step-px", "3"],
+    ):
+        assert main(["labels", *map(str, command)]) == 0
+    moved = tmp_path / "moved"
+    (again / "clips").rename(moved)
+    label_file = again / "label_data.json"
+    label_file.write_text(label_file.read_text().replace("clips/", ""))
+    capsys.readouterr()
+    command = ["labels", "import", label_file, "--format", "tusimple", "--out", tmp_path / "x"]
+    assert "is not in" in error_of(capsys, *command) and not (tmp_path / "x" / "labels.json").exists()
+    assert main([*map(str, command[:-1]), str(tmp_path / "y"), "--images", str(moved)]) == 0
+    assert open_recording(tmp_path / "y").load(0).camera.fx == pytest.approx(CAMERA.fx)
+
+
+def test_a_recording_of_several_cameras_is_exported_with_a_note(tmp_path, capsys):
+    wide = Camera.from_fov(CAMERA.width, CAMERA.height, 1.4)
+    with RecordingWriter(tmp_path / "a") as writer:
+        writer.add(frame(0))
+        writer.add(dataclasses.replace(frame(1), camera=wide))
+    assert main(["labels", "export", str(tmp_path / "a"), "--format", "coco", "--out", str(tmp_path / "b")]) == 0
+    assert "note: 2 different cameras: no camera.toml was written" in capsys.readouterr().err
+
+
+def test_bad_input_is_one_line(recording, tmp_path, capsys):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "a").write_text("")
+    out = ("--format", "coco", "--out")
+    assert "full holds a " in error_of(capsys, "labels", "export", recording, *out, tmp_path / "full")
+    rows = error_of(capsys, "labels", "export", recording, *out, tmp_path / "o", "--row-step-px", "0")
+    assert "--row-step-px must be at least 1" in rows
+    wrong = error_of(capsys, "labels", "import", tmp_path, *out, tmp_path / "o", "--keypoints", "left", "right")
+    assert "--keypoints names those of yolo-pose; the format is coco" in wrong
+    assert "no annotations.json" in error_of(capsys, "labels", "import", tmp_path, *out, tmp_path / "o")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"file_name": "../a.png"}, "must be a path inside the data set"),
+        ({"file_name": "labels.json"}, "image 'labels.json' must be named as one"),
+        ({"width": 41, "height": 30}, "a.png is 40x30 px, its labels are for (41, 30)"),
+        ({"file_name": "b.png"}, "image b.png is not in"),
+        ({"file_name": "cut.png"}, "cut.png: damaged or cut short"),
+        ({"file_name": "small.png"}, "small.png is 20x10 px, the camera 40x30"),
+    ],
+)
+def test_images_that_cannot_be_used_are_named(tmp_path, capsys, change, message):
+    picture = cv2.imencode(".png", np.zeros((30, 40, 3), np.uint8))[1].tobytes()
+    (tmp_path / "a.png").write_bytes(picture)
+    (tmp_path / "cut.png").write_bytes(picture[:-8])
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((10, 20, 3), np.uint8))
+    (tmp_path / "camera.toml").write_text(format_camera(Camera.from_fov(40, 30, 1.0), frame(0).body_from_camera))
+    (tmp_path / "x").mkdir()
+    (tmp_path / "x" / "a.png").write_bytes(picture)
+    values = {
+        "images": [{"id": 0, "file_name": "x/a.png"}, {"id": 1, "file_name": "a.png"} | change],
+        "annotations": [],
+        "categories": [{"id": 1, "keypoints": ["left_1", "left_2"]}],
+    }
+    (tmp_path / "labels.json").write_text(json.dumps(values))
+    command = ("labels", "import", tmp_path / "labels.json", "--format", "coco", "--out", tmp_path / "out")
+    assert message in error_of(capsys, *command)
+
+
+def test_lines_of_another_image_size_are_refused(tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((30, 40, 3), np.uint8))
+    (tmp_path / "a.lines.txt").write_text("400 300 420 200\n600 300 620 200\n")
+    command = ("labels", "import", tmp_path, "--format", "culane", "--out", tmp_path / "out")
+    for _ in range(2):  # what a refused import leaves does not stop the next one
+        assert "a.png: its left line lies outside of its 40x30" in error_of(capsys, *command)
+    (tmp_path / "out" / "labels.json").write_text("")
+    assert "out holds labels.json already" in error_of(capsys, *command)

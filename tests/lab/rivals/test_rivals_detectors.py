@@ -1,0 +1,165 @@
+"""Every network beside our first: its published size, what it says, learning, and torch against ONNX."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from deckline.detect import OnnxDetector
+from deckline.detect.anchors import RowGrid, encode, encode_region
+from deckline_lab.rivals.detectors import DETECTORS
+from deckline_lab.rivals.detectors.enet_sad import EnetSad
+from deckline_lab.rivals.detectors.resa import Resa
+from deckline_lab.rivals.detectors.sad import Sad
+from deckline_lab.rivals.detectors.ufld_published import PublishedUfld
+from deckline_lab.train.detect import NETWORKS, DetectTrainConfig, export_detect, runtime_parameters, torch_infer
+from deckline_lab.train.detect_losses import DetectTargets, LossWeights
+from deckline_lab.train.export import count_parameters, network_cost
+from deckline_lab.train.line_networks import Hybrid, LineNetwork, PyramidConfig, Ufld
+from deckline_lab.train.loop import build_network
+
+CULANE = (800, 288)  # width and height at which the costs were published
+CULANE_LINES = 4
+BUILDERS = NETWORKS | DETECTORS
+CONFIG = DetectTrainConfig()
+
+
+def small(name: str) -> LineNetwork:
+    """A network for a small view."""
+    torch.manual_seed(0)
+    match name:
+        case "ufld-lite0" | "ufld-r18":
+            return PublishedUfld(RowGrid(128, 64, 32, 16), resnet=name == "ufld-r18", pretrained=False)
+        case "sad-lite0":
+            return Sad(size_px=(128, 64), pretrained=False)
+        case "enet-sad":
+            return EnetSad(size_px=(128, 64))
+        case "resa-lite0" | "resa-r18":
+            return Resa(18 if name == "resa-r18" else None, size_px=(128, 64), pretrained=False)
+        case _:
+            shape = PyramidConfig(RowGrid(128, 64, 32, 16), pretrained=False, frozen_blocks=0)
+            return Ufld(shape) if name == "ufld" else Hybrid(shape)
+
+
+def batch(model: LineNetwork, name: str) -> tuple[torch.Tensor, DetectTargets]:
+    """Two bright lines on a grey view, twice, and the second time nothing; encoded as in training."""
+    grid = model.kind.target_grid
+    if "map_logits" in model.kind.output_names:
+        grid = RowGrid(128, 64, 128, 64)
+    lines = np.array([[[0.3, 0.95], [0.42, 0.2]], [[0.7, 0.95], [0.58, 0.2]]]) * [grid.width, grid.height]
+    view = np.zeros((3, grid.height, grid.width), np.float32)
+    for near, far in lines:
+        for v in range(int(far[1]), int(near[1])):
+            u = near[0] + (v - near[1]) * (far[0] - near[0]) / (far[1] - near[1])
+            view[:, v, int(u) - 2 : int(u) + 3] = 3.0
+    lines = np.concatenate([lines, lines.mean(axis=0, keepdims=True)])[: model.kind.lines]
+    cell = np.stack([encode(line, [True, True], grid) for line in lines])
+    known = np.ones(len(lines), bool)
+    box = [*lines.min(axis=(0, 1)), *lines.max(axis=(0, 1))]
+    cells = (grid.width // 16, grid.height // 16)
+    full = (cell, known, *encode_region(box, cells))
+    empty = (np.full_like(cell, np.nan), known, *encode_region(None, cells))
+    columns = [torch.from_numpy(np.stack(pair)) for pair in zip(full, empty, strict=True)]
+    return torch.from_numpy(np.stack([view, np.zeros_like(view)])), DetectTargets(*columns, torch.tensor([0, -1]))
+
+
+def test_enet_sad_has_the_published_parameters() -> None:
+    """0.98 M (Hou et al. 2019), four lines at 288x800, existence branch included: its size follows the input."""
+    model = EnetSad(CULANE_LINES, CULANE)
+    assert count_parameters(model) - count_parameters(model.region) == pytest.approx(0.98e6, rel=0.01)
+
+
+def test_ufld_has_the_published_cost() -> None:
+    """8.4 GMACs as tabulated by Tabelini et al. 2021 (LaneATT), CULane: 200 cells, 18 rows, four lines.
+
+    Our region branch, counted here too, is less than half a percent of it.
+    """
+    model = PublishedUfld(RowGrid(*CULANE, 200, 18), CULANE_LINES, resnet=True)
+    assert network_cost(model, CULANE[::-1]).macs == pytest.approx(8.4e9, rel=0.01)
+    flat, outputs = 8 * 9 * 25, 4 * 18 * 201
+    layers = 11_176_512 + (512 * 8 + 8) + (flat + 1) * 2048 + 2049 * outputs
+    assert runtime_parameters(model) - count_parameters(model.region) == layers
+
+
+def test_resa_has_the_published_cost() -> None:
+    """41.0 GMACs with ResNet-34 as tabulated by Zheng et al. 2022 (CLRNet). That fits the plain decoder, one 1x1
+    convolution before interpolation, and no fourth stage; the paper's bilateral decoder, ours, costs 5 G more."""
+    model = Resa(34, CULANE_LINES, CULANE)
+    grid = (CULANE[1] // 8, CULANE[0] // 8)
+    decoder, region = (network_cost(part, grid, (128,)).macs for part in (model.decoder, model.region))
+    plain = 128 * (CULANE_LINES + 1) * grid[0] * grid[1]
+    assert network_cost(model, CULANE[::-1]).macs - region - decoder + plain == pytest.approx(41.0e9, rel=0.01)
+    assert decoder == pytest.approx(5.1e9, rel=0.05)
+
+
+@pytest.mark.parametrize("name", list(BUILDERS))
+def test_outputs_have_the_shapes_of_the_grid(name: str) -> None:
+    model = BUILDERS[name](CONFIG).eval().to("meta")
+    grid = model.kind.grid
+    outputs = model(torch.empty(2, 3, grid.height, grid.width, device="meta"))
+    shapes = {
+        "row_logits": (2, model.kind.lines, grid.rows, grid.cells + 1),
+        "column_logits": (2, model.kind.lines, grid.cells, grid.rows + 1),
+        "map_logits": (2, 3, grid.height, grid.width),
+        "line_logits": (2, 2),
+        "region_logits": (2, 577),
+        "region_box": (2, 4, 18, 32),
+        "edge_logits": (2, 3),
+    }
+    for wanted, value in zip(model.kind.output_names, outputs, strict=False):
+        assert tuple(value.shape) == shapes[wanted], wanted
+    assert not any(isinstance(value, torch.Tensor) for value in outputs[len(model.kind.output_names) :])
+
+
+@pytest.mark.parametrize("name", list(BUILDERS))
+def test_a_few_steps_lower_the_loss_and_every_weight_learns(name: str) -> None:
+    model = small(name).train()
+    image, targets = batch(model, name)
+    optimizer = torch.optim.AdamW(model.parameters(), 1e-3)
+    totals = []
+    for _ in range(3):
+        torch.manual_seed(0)  # the same channels are dropped every time
+        loss, parts = model.loss(model(image), targets, LossWeights(), fraction=1.0)
+        assert all(np.isfinite(value) for value in parts.values())
+        totals.append(loss.item())
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    assert totals[-1] < totals[0] - 0.1
+    trained = [(key, value.grad) for key, value in model.named_parameters() if value.requires_grad]
+    assert [key for key, grad in trained if grad is None or not grad.abs().max() > 0] == []
+
+
+@pytest.mark.parametrize("name", ["ufld-lite0", "sad-lite0", "resa-lite0"])
+def test_compared_networks_start_from_the_features_that_ours_starts_from(name: str) -> None:
+    ours, theirs = (BUILDERS[each](CONFIG).backbone.state_dict() for each in ("hybrid", name))
+    assert all(torch.equal(value, theirs[key]) for key, value in ours.items())
+
+
+@pytest.mark.parametrize("name", list(BUILDERS))
+def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    model = (small(name) if name in ("ufld-r18", "ufld-lite0") else BUILDERS[name](CONFIG)).eval()
+    path = export_detect(model, tmp_path / f"{name}.onnx", {"lr": 1.0}, 7)
+    detector = OnnxDetector(path)
+    assert detector.name == name
+    assert (detector.config.grid, detector.config.decode) == (model.kind.grid, model.kind.decode)
+    assert detector.session.config["parameters"] == runtime_parameters(model)
+    grid = model.kind.grid
+    view = np.random.default_rng(0).standard_normal((3, grid.height, grid.width), dtype=np.float32)
+    ours, theirs = torch_infer(model)(view), detector.infer(view)
+    assert (ours.columns is None) == (theirs.columns is None) == (name != "hybrid")
+    for one, other in zip(ours, theirs, strict=True):
+        if one is not None and other is not None:
+            assert np.abs(one).max() > 1e-3, "the network must say something for the comparison to mean anything"
+            np.testing.assert_allclose(one, other, atol=2e-3 * max(1.0, np.abs(one).max()))
+
+
+def test_a_network_that_nobody_knows_is_refused() -> None:
+    with pytest.raises(
+        ValueError,
+        match=r"network.*hybrid, ufld, ufld-lite0, sad-lite0, resa-lite0, ufld-r18, enet-sad, resa-r18.*'lanenet'",
+    ):
+        build_network(BUILDERS, replace(CONFIG, network="lanenet"))

@@ -1,0 +1,169 @@
+"""The compared detectors one by one: backbone, shifts, attention, painted stripes and their losses."""
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+
+from deckline.detect.anchors import decode, encode_region, rows_from_map
+from deckline_lab.rivals.detectors import parts
+from deckline_lab.rivals.detectors.enet_sad import EnetSad, unpool
+from deckline_lab.rivals.detectors.parts import MAP_KIND, STRIPE_PX, MapOutput, ResNet
+from deckline_lab.rivals.detectors.resa import GAIN, ROUNDS, FeatureShift
+from deckline_lab.rivals.detectors.sad import DISTIL_FROM, attention, distillation_loss
+from deckline_lab.train.detect_losses import DetectTargets, LossWeights
+from deckline_lab.train.export import count_parameters, network_cost
+
+
+def test_size_is_the_published_one() -> None:
+    """ResNet-18 has 11.69 M parameters and 1.8 GMACs at 224x224 with its classifier (512 x 1000 + 1000)."""
+    assert count_parameters(ResNet(18)) + 513_000 == 11_689_512
+    assert network_cost(ResNet(18), (224, 224)).macs == pytest.approx(1.8e9, rel=0.02)
+    assert count_parameters(ResNet(34)) + 513_000 == 21_797_672
+
+
+def test_taps_have_their_strides() -> None:
+    image = torch.empty(1, 3, 64, 96, device="meta")
+    taps = ResNet(18).to("meta")(image)
+    assert [tuple(tap.shape[1:]) for tap in taps] == [(128, 8, 12), (256, 4, 6), (512, 2, 3)]
+    dilated = ResNet(18, dilated=True).to("meta")(image)
+    assert [tuple(tap.shape[1:]) for tap in dilated] == [(128, 8, 12), (256, 8, 12), (512, 8, 12)]
+    assert len(ResNet(18, stages=3).stages) == 3
+
+
+def test_dilation_changes_no_weight_s_shape() -> None:
+    shapes = [{n: v.shape for n, v in ResNet(18, dilated=flag).state_dict().items()} for flag in (False, True)]
+    assert shapes[0] == shapes[1]
+
+
+def one_tap(module: FeatureShift) -> None:
+    """Every convolution hands on the middle pixel of its own channel."""
+    for convs in module.rounds:
+        for conv in convs:
+            conv.weight.data.zero_()
+            conv.weight.data[:, :, conv.kernel_size[0] // 2, conv.kernel_size[1] // 2] = torch.eye(conv.in_channels)
+
+
+def test_a_pass_is_its_formula() -> None:
+    """Written out with index arithmetic: row i gets row (i + H / 2^(K - k)) mod H, then the other directions."""
+    torch.manual_seed(0)
+    module, x = FeatureShift(2), torch.randn(1, 2, 16, 32)
+    one_tap(module)
+    expected = x.clone()
+    for dim, sign in ((2, 1), (2, -1), (3, 1), (3, -1)):
+        side = x.shape[dim]
+        for k in range(ROUNDS):
+            index = (torch.arange(side) + sign * (side // 2 ** (ROUNDS - k))) % side
+            expected = expected + GAIN * expected.index_select(dim, index).clamp(min=0)
+    with torch.no_grad():
+        torch.testing.assert_close(module(x), expected)
+
+
+def test_one_pixel_reaches_every_other() -> None:
+    module = FeatureShift(1)
+    one_tap(module)
+    x = torch.zeros(1, 1, 16, 16)
+    x[0, 0, 3, 5] = 1.0
+    with torch.no_grad():
+        assert (module(x) > 0).all()
+
+
+def test_values_go_back_to_where_the_maxima_were() -> None:
+    torch.manual_seed(0)
+    before, x = torch.randn(2, 3, 8, 10), torch.randn(2, 3, 4, 5)
+    _, places = F.max_pool2d(before, 2, return_indices=True)
+    torch.testing.assert_close(unpool(x, before), F.max_unpool2d(x, places, 2), rtol=0, atol=0)
+
+
+def test_attention_is_a_distribution_over_places() -> None:
+    features = torch.zeros(1, 2, 2, 2)
+    features[0, :, 0, 1] = torch.tensor([1.0, -1.0])
+    expected = torch.tensor([1.0, 2.718281828**4, 1.0, 1.0])  # 4 times the mean
+    torch.testing.assert_close(attention(features, (2, 2))[0], expected / expected.sum())
+    assert attention(features, (4, 6)).sum().item() == pytest.approx(1.0)
+
+
+def test_only_the_shallower_block_learns() -> None:
+    torch.manual_seed(0)
+    shallow, deep = (torch.randn(1, 4, 8, 8, requires_grad=True) for _ in range(2))
+    loss = distillation_loss((shallow, deep))
+    loss.backward()
+    assert shallow.grad is not None and shallow.grad.abs().max() > 0
+    assert deep.grad is None
+    assert distillation_loss((shallow, shallow)).item() == 0
+    assert 0 < loss.item() <= 2
+
+
+def test_distillation_comes_in_late() -> None:
+    torch.manual_seed(0)
+    model = EnetSad(size_px=(64, 32)).train()
+    image, targets = painted_batch(64, 32)
+    output = model(image)
+    assert [features.shape[2] for features in output.encoded] == [16, 8, 4, 4]
+    early, late = (model.loss(output, targets, LossWeights(), share) for share in (DISTIL_FROM - 0.01, DISTIL_FROM))
+    assert "distil" not in early[1]
+    assert (late[0] - early[0]).item() == pytest.approx(0.1 * late[1]["distil"], rel=1e-3)
+
+
+def test_the_stripe_has_its_width_on_every_row() -> None:
+    cell = torch.full((1, 2, 5), float("nan"))
+    cell[0, 0, 1:4] = torch.tensor([20.0, 20.5, 21.0])
+    cell[0, 1, 2] = 40.0
+    label = parts.paint_stripes(cell, 64)
+    assert (label[0] == 1).sum(1).tolist() == [0, STRIPE_PX + 1, STRIPE_PX, STRIPE_PX + 1, 0]
+    assert (label[0, 2] == 2).nonzero().flatten().tolist() == list(range(34, 47))
+    assert label[0, 0].max() == label[0, 4].max() == 0
+
+
+def test_overlap_is_one_minus_intersection_over_union() -> None:
+    label = torch.zeros(1, 2, 4, dtype=torch.long)
+    label[0, :, 0] = 1
+    logits = torch.full((1, 3, 2, 4), -20.0)
+    logits[0, 0], logits[0, 1, :, :2] = 0.0, 20.0  # twice as wide as the stripe; the second line is not there
+    assert parts.overlap_loss(logits, label).item() == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_perfect_answer_costs_nothing_and_a_wrong_one_does() -> None:
+    _, targets = painted_batch(128, 32)
+    label = parts.paint_stripes(targets.cell, 128)
+    logits = 40.0 * torch.nn.functional.one_hot(label, 3).permute(0, 3, 1, 2).float()
+    lines = torch.tensor([[40.0, 40.0], [-40.0, -40.0]])
+    region = torch.log(targets.region + 1e-12)
+    right, losses = parts.map_loss(MapOutput(logits, lines, region, targets.box), targets, LossWeights())
+    assert [losses[name].item() for name in ("map", "existence", "box")] == pytest.approx([0] * 3, abs=1e-6)
+    swapped = MapOutput(logits[:, [0, 2, 1]], lines, region, targets.box)  # left for right
+    assert parts.map_loss(swapped, targets, LossWeights())[0].item() > right.item() + 1
+
+
+def test_what_is_taught_is_what_is_decoded() -> None:
+    """A network that paints exactly as taught gives the line back to a tenth of a pixel, and says how sure it is."""
+    grid = MAP_KIND.grid
+    y = np.arange(grid.height)
+    x = np.stack([100.3 + 0.21 * y, 400.8 - 0.37 * y])
+    label = parts.paint_stripes(torch.from_numpy(x[None]).float(), grid.width)[0].numpy()
+    logits = 12.0 * (label[None] == np.arange(3)[:, None, None])
+    rows = rows_from_map(logits.astype(np.float32), np.array([9.0, -9.0], np.float32), grid)
+    found = decode(rows[0], grid, MAP_KIND.decode)
+    expected = np.interp(grid.row_y, y, x[0])
+    assert np.abs(found.x_px - expected).max() < 0.35  # a painted edge falls on whole pixels
+    assert np.abs(found.x_px - expected).mean() < 0.1
+    assert found.confidence.min() > 0.99
+    assert found.sigma_px.max() < 2.0
+    assert np.isnan(decode(rows[1], grid, MAP_KIND.decode).x_px).all()  # painted, but said not to be there
+
+
+def painted_batch(width: int, height: int) -> tuple[torch.Tensor, DetectTargets]:
+    """Views (2, 3, height, width) and targets; the lines stand upright at a third and at two thirds."""
+    image, cell = torch.zeros(2, 3, height, width), torch.full((2, 2, height), float("nan"))
+    for line, u in enumerate((width // 3, 2 * width // 3)):
+        image[0, :, :, u - 1 : u + 2] = 3.0
+        cell[0, line] = u
+    cells = (width // 16, height // 16)
+    box = [width / 3, 1.0, 2 * width / 3, height - 2.0]
+    pairs = zip(encode_region(box, cells), encode_region(None, cells), strict=True)
+    return image, DetectTargets(
+        cell,
+        torch.ones(2, 2, dtype=torch.bool),
+        *(torch.from_numpy(np.stack(pair)) for pair in pairs),
+        edge=torch.tensor([0, -1]),
+    )

@@ -1,0 +1,176 @@
+"""The paper's dataset and its manifest."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from deckline.cli.main import main
+from deckline.recording import open_recording
+from deckline.recording.images import read_image
+from deckline_lab.datasets.check import check_dataset
+from deckline_lab.datasets.paper import (
+    DatasetConfig,
+    count_files,
+    dataset_items,
+    file_hashes,
+    split_frames,
+    tile_corners,
+    write_manifest,
+)
+
+SMALL = ["--frames", "12", "--test", "4", "--width", "160", "--height", "90", "--tile-px", "64"]
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    out = tmp_path_factory.mktemp("dataset") / "a"
+    assert main(["dataset", str(out), *SMALL]) == 0
+    return out
+
+
+def test_the_papers_counts_are_the_defaults():
+    config = DatasetConfig()
+    members = split_frames(config)
+    assert (len(members["train"]), len(members["test"])) == (421, 179)
+    assert sorted(members["train"] + members["test"]) == list(range(600))
+    assert split_frames(config) == members != split_frames(DatasetConfig(seed=1))
+    corners = tile_corners(config.width, config.height, config.tile_px)
+    assert (421 * len(corners), 179 * len(corners)) == (3368, 1432)
+
+
+def test_one_scene_has_one_weather_for_every_flight_and_view():
+    assert {item[0].weather.seed for item in dataset_items(DatasetConfig(seed=3, one_scene=True))} == {3}
+    assert {item[0].weather.seed for item in dataset_items(DatasetConfig(seed=3))} == {None}
+
+
+def test_tiles_overlap_and_cover_the_image():
+    covered = np.zeros((720, 1280), dtype=int)
+    for left, top in tile_corners(1280, 720, 512):
+        covered[top : top + 512, left : left + 512] += 1
+        assert 0 <= left <= 1280 - 512
+        assert 0 <= top <= 720 - 512
+    assert covered.min() == 1
+    assert covered.max() == 4  # two columns and two rows overlap
+    assert covered.sum() == 8 * 512 * 512
+
+
+def test_frames_are_half_random_views_and_half_flights_of_their_own_seed():
+    items = dataset_items(DatasetConfig(seed=3))
+    assert len(items) == 600
+    recordings = list({id(config): config for config, _ in items}.values())
+    assert (recordings[0].trajectory, recordings[0].frames, recordings[0].seed) == ("random", 300, 300)
+    assert [config.seed for config in recordings] == list(range(300, 313))
+    assert {config.preset for config in recordings} == {"paper"}
+    assert "approach" in {config.trajectory for config in recordings}
+    many = dataset_items(DatasetConfig(frames=20000, test=10))
+    assert len(many) == 20000
+    assert max(config.seed for config, _ in many) < 100
+
+
+def test_what_is_written_is_as_the_manifest_counts(dataset):
+    manifest = json.loads((dataset / "manifest.json").read_text())
+    assert manifest["counts"] == {"train": {"frames": 8, "tiles": 64}, "test": {"frames": 4, "tiles": 32}}
+    assert manifest["dataset"]["depth_range_m"] == "inf"
+    for split, count in (("train", 8), ("test", 4)):
+        for kind, suffix in (("hazy", "png"), ("clear", "png"), ("depth", "npy")):
+            assert len(list((dataset / split / "tiles" / kind).glob(f"*.{suffix}"))) == 8 * count
+
+
+def test_tiles_are_cut_from_their_frames(dataset):
+    members = json.loads((dataset / "manifest.json").read_text())["frames"]
+    frames = list(open_recording(dataset / "test"))
+    times = [frame.time_s for frame in frames]
+    assert times == sorted(times)
+    for number, frame in zip(members["test"], frames, strict=True):
+        assert 300 <= frame.truth.visibility_m <= 3000
+        for k, (left, top) in enumerate(tile_corners(160, 90, 64)):
+            part = np.s_[top : top + 64, left : left + 64]
+            tiles = dataset / "test" / "tiles"
+            for kind, image in (("hazy", frame.image_rgb), ("clear", frame.truth.clear_rgb)):
+                np.testing.assert_array_equal(read_image(tiles / kind / f"{number:05d}_{k}.png"), image[part])
+            depth = np.load(tiles / "depth" / f"{number:05d}_{k}.npy")
+            assert depth.dtype == np.float16
+            np.testing.assert_allclose(depth, frame.depth_m[part], rtol=2**-11)  # half precision rounds to this
+
+
+def test_the_same_seed_gives_the_same_bytes_over_processes_and_after_a_stop(dataset, tmp_path):
+    out = tmp_path / "b"
+    assert main(["dataset", str(out), *SMALL]) == 0
+    for name in ("train/airsim_rec.txt", "test/airsim_rec.txt"):  # as a kill leaves them: whole rows and a torn one
+        path = out / name
+        path.write_bytes(path.read_bytes()[:-40])
+    assert main(["dataset", str(out), *SMALL, "--jobs", "2"]) == 0
+    assert (out / "manifest.json").read_bytes() == (dataset / "manifest.json").read_bytes()
+    assert main(["dataset", str(out), "--check"]) == 0
+
+
+def test_a_complete_dataset_is_left_alone_and_other_settings_are_refused(dataset, capsys):
+    before = (dataset / "manifest.json").stat().st_mtime_ns
+    assert main(["dataset", str(dataset), *SMALL]) == 0
+    assert (dataset / "manifest.json").stat().st_mtime_ns == before
+    assert main(["dataset", str(dataset), *SMALL, "--seed", "1"]) == 2
+    assert "choose another folder" in capsys.readouterr().err
+
+
+def test_without_tiles_there_are_recordings_alone(tmp_path):
+    out = tmp_path / "a"
+    assert main(["dataset", str(out), *SMALL[:-2], "--no-tiles"]) == 0
+    assert {path.name for path in (out / "train").iterdir()} == {"airsim_rec.txt", "clear", "images", "scene.json"}
+    assert main(["dataset", str(out), "--check"]) == 0
+
+
+NAMES = ["test/clear/b.png", "train/clear/a.png", "train/tiles/hazy/00000_0.png", "train/tiles/hazy/00000_1.png"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in NAMES:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(name.encode())
+    write_manifest(tmp_path, {"seed": 4})
+    return tmp_path
+
+
+def test_the_manifest_holds_sha256_by_relative_path_and_counts(folder):
+    hashes = file_hashes(folder, jobs=2)
+    assert list(hashes) == NAMES
+    assert hashes == {name: hashlib.sha256(name.encode()).hexdigest() for name in NAMES}
+    assert count_files(hashes) == {"train": {"frames": 1, "tiles": 2}, "test": {"frames": 1, "tiles": 0}}
+
+
+def test_a_whole_dataset_passes(folder):
+    assert check_dataset(folder) == 4
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["seed"] == 4
+    assert {"python", "numpy", "moderngl", "opengl"} <= set(manifest["versions"])
+
+
+def test_what_is_wrong_is_named_in_one_line(folder, capsys):
+    (folder / "train/clear/a.png").unlink()
+    (folder / "test/clear/b.png").write_bytes(b"other")
+    (folder / "test/c.txt").write_bytes(b"")
+    (folder / "test/d.txt").write_bytes(b"")
+    assert main(["dataset", str(folder), "--check"]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("deckline: error")]
+    assert lines == [
+        f"deckline: error: {folder}: train/clear/a.png is missing, test/clear/b.png has changed, "
+        "test/c.txt is not in the manifest and 1 more; make the dataset again in another folder"
+    ]
+
+
+def test_a_folder_without_a_manifest_of_ours_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"holds no manifest\.json: give the command"):
+        check_dataset(tmp_path)
+    (tmp_path / "manifest.json").write_text('{"format": "other"}')
+    with pytest.raises(ValueError, match="not a deckline-dataset manifest of version 1"):
+        check_dataset(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["{", '{"format": "deckline-dataset", "version": 1}', '{"\xe4": 1}'])
+def test_a_damaged_manifest_is_named(text, tmp_path):
+    (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ValueError, match=r"manifest\.json is damaged: .*; remove it and give the command"):
+        check_dataset(tmp_path)

@@ -1,0 +1,102 @@
+"""A server on a thread of its own, and the real published client against it."""
+
+import asyncio
+import socket
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from deckline.adapters.airsim.protocol import Decoder, encode_request
+from deckline_sim import RendererError
+from deckline_sim.airsim_server.clock import Clock
+from deckline_sim.airsim_server.server import serving_in_thread
+from deckline_sim.airsim_server.settings import Capture, parse_settings
+from deckline_sim.config import DepthConfig, SensorConfig, SimConfig
+
+WIDTH, HEIGHT, FOV_DEG = 96, 54, 90.0
+EPOCH_NS = 1_700_000_000_000_000_000
+# Nothing random in the picture's last steps, so that two pictures of one view are equal.
+CONFIG = SimConfig(
+    width=WIDTH,
+    height=HEIGHT,
+    fov_deg=FOV_DEG,
+    keep_clear=False,
+    depth=DepthConfig(range_m=float("inf")),
+    sensor=SensorConfig(noise=0.0, electrons=0.0),
+)
+WORLD_SETTINGS = parse_settings({}, Capture(WIDTH, HEIGHT, FOV_DEG))
+
+
+@dataclass
+class Running:
+    """What a test needs of a server. Its time stands where the test puts it."""
+
+    port: int
+    lines: list[str]
+    out: Path
+    ticks: list[float]
+
+
+@contextmanager
+def run_server(out, config=CONFIG, **options):
+    """A server until the block ends; an error in it is raised here."""
+    running = Running(0, [], out, [0.0])
+    clock = Clock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)
+    settings = parse_settings({}, Capture(config.width, config.height, config.fov_deg))
+    options |= {"port": 0, "out": out, "log": running.lines.append, "clock": clock}
+    try:
+        with serving_in_thread(config, settings, **options) as running.port:
+            yield running
+    except RendererError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")
+
+
+@contextmanager
+def open_client(port):
+    """The real client of PyPI, on an event loop of its own; it leaves loop and tasks to whoever made it."""
+    airsim = pytest.importorskip("cosysairsim")
+    loop = asyncio.new_event_loop()
+    asyncio.set_event_loop(loop)
+    made = airsim.MultirotorClient(port=port)
+    try:
+        yield made
+    finally:
+        for transport in made.client._transport._sockets:
+            transport._stream.set_close_callback(None)
+        made.client.close()
+        tasks = asyncio.all_tasks(loop)
+        for task in tasks:
+            task.cancel()
+        loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
+        made.client._loop.dettach_periodic_callback()
+        made.client._loop._ioloop.close()
+        asyncio.set_event_loop(None)
+
+
+def connect(port):
+    """A plain socket to the server."""
+    peer = socket.create_connection(("127.0.0.1", port), timeout=30.0)
+    peer.settimeout(30.0)
+    return peer
+
+
+def ask(peer, method, *params):
+    """(error, result) of a call over a plain socket."""
+    peer.sendall(encode_request(7, method, params))
+    decoder = Decoder(limit=1 << 28)
+    while data := peer.recv(1 << 16):
+        for answer in decoder.feed(data):
+            return answer.error, answer.result
+    raise ConnectionError("closed without an answer")
+
+
+def is_closed(peer):
+    """Whether the server closes the connection."""
+    try:
+        while peer.recv(1 << 16):
+            pass
+    except ConnectionResetError:
+        pass
+    return True

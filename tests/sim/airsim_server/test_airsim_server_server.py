@@ -1,0 +1,303 @@
+"""Connections and their limits, seeded fuzzing over loopback, and the options of `deckline sim --serve`."""
+
+import math
+import socket
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+from airsim_serving import ask, connect, is_closed, open_client, run_server
+
+from deckline.adapters.airsim import HOST, PORT
+from deckline.adapters.airsim.protocol import encode_request
+from deckline.cli.main import main
+from deckline_sim import RendererError
+from deckline_sim.airsim_server import server as airsim_server
+from deckline_sim.airsim_server.methods import METHODS
+from deckline_sim.airsim_server.server import is_loopback
+from deckline_sim.scene.gl import open_context
+
+pytest.importorskip("cosysairsim")
+ROUNDS, CALLS = 150, 2000  # of fuzzing
+LASTING = ("startRecording", "simContinueForTime")  # writes to the disk, or waits for a time that stands still
+SERVE = ["sim", "--serve", "--width", "64", "--height", "36"]
+
+
+def picture(image_type, as_float=False):
+    return {"camera_name": "0", "image_type": image_type, "pixels_as_float": as_float}
+
+
+def test_sixteen_clients_at_once_see_the_same(client, server):
+    expected = client.simGetImage("0", 0)
+
+    def take_two(_number):
+        with open_client(server.port) as other:
+            return [other.simGetImage("0", 0) for _ in range(2)]
+
+    with ThreadPoolExecutor(16) as pool:
+        pairs = pool.map(take_two, range(16))
+        assert client.ping() is True
+        assert [*pairs] == 16 * [[expected, expected]]
+
+
+def test_more_connections_than_there_may_be_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "MAX_CONNECTIONS", 2)
+    with run_server(tmp_path) as few, connect(few.port) as first, connect(few.port) as second:
+        assert ask(first, "ping") == ask(second, "ping") == (None, True)
+        with connect(few.port) as third:
+            assert is_closed(third)
+        assert ask(first, "ping") == (None, True)
+        assert few.lines[0].endswith("refused, 2 connections are open")
+        second.close()
+        for _ in range(100):  # until the server notices that a place is free
+            with suppress(ConnectionError), connect(few.port) as again:
+                assert ask(again, "ping") == (None, True)
+                break
+            time.sleep(0.01)
+        else:
+            raise AssertionError("no place was given back")
+
+
+def test_many_requests_keep_memory_flat(server):
+    requests = [picture(0), picture(1, as_float=True), picture(5)]
+
+    def resident_mib():
+        with Path("/proc/self/statm").open() as file:
+            return int(file.read().split()[1]) * 4096 / 2**20
+
+    with connect(server.port) as peer:
+        for _ in range(20):
+            ask(peer, "simGetImages", requests, "")
+        before = resident_mib()
+        for _ in range(100):
+            error, answers = ask(peer, "simGetImages", requests, "")
+            assert error is None and len(answers) == 3
+        assert resident_mib() - before < 8.0  # 100 times the answers are 12 MiB, the frames behind them 60
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (b"GET / HTTP/1.1\r\n\r\n", "71"),
+        (b"\xdd\x7f\xff\xff\xff", "2147483647"),
+        (b"\x94\x01\x07\xc0\xc3", "answer"),
+        (encode_request(1, "ping", ())[:-1], "middle"),
+    ],
+)
+def test_broken_connections_are_named_and_closed(client, server, data, says):
+    with connect(server.port) as peer:
+        peer.sendall(data)
+        peer.shutdown(1)
+        assert is_closed(peer)
+    assert client.ping() is True
+    assert len(server.lines) == 1 and server.lines[0].startswith("127.0.0.1:") and says in server.lines[0]
+
+
+def test_what_is_too_large_is_refused_as_it_comes(tmp_path, server):
+    with run_server(tmp_path, message_limit=100_000) as small, connect(small.port) as peer:
+        with pytest.raises(OSError):
+            for _ in range(400):
+                peer.sendall(encode_request(1, "ping", ())[:2] + b"\xc5\xff\xff" + b"x" * 65535)
+                time.sleep(0.001)
+        with connect(small.port) as other:
+            assert ask(other, "ping") == (None, True)
+        assert "closed" in small.lines[0]
+
+
+def test_a_peer_that_takes_no_answer_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "PATIENCE_S", 0.2)
+    images = [picture(1, as_float=True)] * 64
+    with run_server(tmp_path) as server, connect(server.port) as peer, connect(server.port) as other:
+        peer.sendall(encode_request(1, "simGetImages", (images, "")) * 12)  # 20 MB of answers
+        for _ in range(500):
+            if server.lines:
+                break
+            assert ask(other, "ping") == (None, True)
+            time.sleep(0.01)
+        assert "took no answer for 0.2 s" in server.lines[0]
+
+
+def test_an_idle_connection_gives_its_place_to_a_new_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "MAX_CONNECTIONS", 2)
+    monkeypatch.setattr(airsim_server, "IDLE_S", 0.2)
+    with run_server(tmp_path) as few, connect(few.port) as idle, connect(few.port) as busy:
+        assert ask(idle, "ping") == (None, True)
+        time.sleep(0.3)
+        assert ask(busy, "ping") == (None, True)
+        with connect(few.port) as third:
+            assert ask(third, "ping") == ask(busy, "ping") == (None, True)
+        assert is_closed(idle)
+        assert "asked nothing" in few.lines[0]
+
+
+def test_who_leaves_most_unread_goes_first(tmp_path, monkeypatch):
+    monkeypatch.setattr(airsim_server, "UNREAD_BYTES", 1_000_000)
+    images = [picture(1, as_float=True)] * 64
+    with run_server(tmp_path) as server, connect(server.port) as greedy, connect(server.port) as other:
+        greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        greedy.sendall(encode_request(1, "simGetImages", (images, "")) * 30)  # of 0.7 MB each
+        for _ in range(500):
+            error, answers = ask(other, "simGetImages", images, "")
+            assert error is None and len(answers) == 64
+            if server.lines:
+                break
+        assert "MiB waited" in server.lines[0]
+
+
+def test_half_open_connections_hold_up_nobody(client, server):
+    peers = [connect(server.port) for _ in range(20)]
+    for peer in peers:
+        peer.sendall(encode_request(1, "simGetImages", (["x" * 100],))[:-50])
+    assert client.ping() is True
+    assert client.simGetImage("0", 0)
+    for peer in peers:
+        peer.close()
+
+
+@pytest.fixture(scope="module")
+def fuzzed(tmp_path_factory):
+    """A server of its own: odd calls leave its clock anywhere, and reset leaves the clock alone."""
+    with run_server(tmp_path_factory.mktemp("recordings")) as running:
+        yield running
+
+
+def break_call(rng):
+    """A call with bytes changed, left out, doubled or put in, or noise altogether."""
+    pose = {"position": {"x_val": 1.0}, "orientation": {"w_val": 1.0}}
+    calls = [
+        ("ping", ()),
+        ("simGetImages", ([picture(0)], "")),
+        ("simSetVehiclePose", (pose,)),
+    ]
+    method, params = calls[rng.integers(len(calls))]
+    data = bytearray(encode_request(int(rng.integers(2**31)), method, params))
+    kind, at = rng.integers(5), int(rng.integers(len(data)))
+    if kind == 0:
+        data[at] = rng.integers(256)
+    elif kind == 1:
+        del data[at:]
+    elif kind == 2:
+        data[at:at] = rng.bytes(int(rng.integers(1, 40)))
+    elif kind == 3:
+        data *= 2
+        del data[at]
+    else:
+        data = bytearray(rng.bytes(int(rng.integers(1, 400))))
+    return bytes(data)
+
+
+def odd_value(rng, depth=0):
+    """A value of a kind that nobody expects there."""
+    kinds = [None, True, -1, 2**63, 0.5, float("nan"), float("inf"), "", "0", "\x00\x1b[2J", b"\xff", "front_center"]
+    roll = rng.integers(len(kinds) + 3)
+    if roll < len(kinds):
+        return kinds[roll]
+    if depth > 2 or roll == len(kinds):
+        return msgpack.ExtType(int(rng.integers(1, 100)), b"x")
+    inner = [odd_value(rng, depth + 1) for _ in range(rng.integers(4))]
+    names = ("camera_name", "image_type", "position", "orientation", "x_val")
+    return inner if roll == len(kinds) + 1 else dict(zip(names, inner, strict=False))
+
+
+def test_broken_bytes_hurt_nobody_else(fuzzed):
+    rng = np.random.default_rng(20)
+    with connect(fuzzed.port) as good:
+        for _ in range(ROUNDS):
+            with connect(fuzzed.port) as peer:
+                peer.sendall(break_call(rng))
+                peer.shutdown(socket.SHUT_WR)
+                assert is_closed(peer)
+            assert ask(good, "ping") == (None, True)
+        error, images = ask(good, "simGetImages", [picture(0)], "")
+        assert error is None and images[0]["image_data_uint8"].startswith(b"\x89PNG")
+    assert not any("failed" in line for line in fuzzed.lines)
+
+
+def test_odd_parameters_are_answered_and_break_nothing(fuzzed):
+    rng = np.random.default_rng(21)
+    methods = [name for name in METHODS if name not in LASTING]
+    refused = 0
+    with connect(fuzzed.port) as peer:
+        for _ in range(CALLS):
+            method = methods[rng.integers(len(methods))]
+            error, _ = ask(peer, method, *(odd_value(rng) for _ in range(rng.integers(5))))
+            refused += error is not None
+            assert error is None or "failed in the server" not in error, (method, error)
+        assert refused > CALLS // 4
+        ask(peer, "ping")  # may tell of a flight command that was refused
+        assert ask(peer, "reset") == (None, None)
+        assert ask(peer, "ping") == (None, True)
+    assert all(line.isprintable() for line in fuzzed.lines)
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """The arguments of the server, which does not start."""
+    calls = []
+
+    async def remember(*args):
+        calls.append(args)
+
+    monkeypatch.setattr(airsim_server, "serve_forever", remember)
+    return calls
+
+
+def test_loopback_is_known():
+    assert all(is_loopback(host) for host in ("127.0.0.1", "::1", "localhost"))
+    assert not any(is_loopback(host) for host in ("0.0.0.0", "192.168.1.4", "ship"))
+
+
+def test_it_serves_this_machine_alone_in_clear_air_unless_told(served, capsys):
+    assert main(SERVE) == 0
+    ((config, settings, server, _),) = served
+    assert (server.host, server.port) == (HOST, PORT) == ("127.0.0.1", 41451)
+    assert config.visibility_m == (math.inf, math.inf) and config.depth.range_m == math.inf
+    assert settings.cameras["front_center"].capture(0).width == 64
+    assert not capsys.readouterr().err
+
+
+def test_options_reach_the_server(served, tmp_path, capsys):
+    file = tmp_path / "settings.json"
+    file.write_text('{"ViewMode": "Fpv", "Vehicles": {"Drone1": {}}}')
+    words = ["--host", "0.0.0.0", "--port", "0", "--settings", str(file), "--out", str(tmp_path), "--preset", "cvn"]
+    assert main([*SERVE, *words, "--visibility", "700"]) == 0
+    ((config, settings, server, out),) = served
+    assert (server.host, server.port, out) == ("0.0.0.0", 0, tmp_path)
+    assert config.preset == "cvn" and config.visibility_m == (700.0, 700.0) and settings.vehicle == "Drone1"
+    said = capsys.readouterr().err
+    assert "without effect here: ViewMode" in said and "whoever reaches this machine" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--settings", "nowhere.json"], "nowhere.json"),
+        (["--port", "70000"], "70000"),
+        (["--contact-sheet", "a.png"], "--contact-sheet"),
+        (["--preset", "yacht"], "yacht"),
+    ],
+)
+def test_what_cannot_be_served_is_one_line(words, says, served, capsys):
+    try:
+        code = main([*SERVE, *words])
+    except SystemExit as ended:
+        code = ended.code
+    assert code != 0 and not served
+    said = capsys.readouterr().err
+    assert says in said and "Traceback" not in said
+
+
+def test_a_port_in_use_is_one_line(capsys):
+    try:
+        open_context().release()
+    except RendererError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main([*SERVE, "--port", str(port)]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1 and f"cannot listen on 127.0.0.1:{port}" in said[0] and "choose --host or --port" in said[0]
