@@ -13,7 +13,7 @@ import sys
 import cosysairsim as airsim
 
 from deckline import Flight, Guidance
-from deckline.adapters.airsim.source import LiveSource
+from deckline.adapters.airsim.source import AirSimSource
 from deckline.types import Status
 
 STEP_S = 0.4  # of flight from picture to picture
@@ -43,7 +43,7 @@ def main(port: int = 41451) -> None:
     deck_z_m = client.simGetObjectPose("Touchdown").position.z_val
     client.simPause(True)
     flight, lost, known, is_past = Flight.from_config(), 0, None, False
-    for frame in LiveSource(f"airsim://127.0.0.1:{port}", "front_center", rate_hz=1000.0, deck_z_m=deck_z_m):
+    for frame in AirSimSource(f"airsim://127.0.0.1:{port}", "front_center", rate_hz=1000.0, deck_z_m=deck_z_m):
         guidance, place = flight(frame).guidance, frame.world_from_body.translation
         usable = guidance.status in (Status.OK, Status.UNVERIFIED) and guidance.distance_to_touchdown_m is not None
         lost = 0 if usable else lost + 1

@@ -17,7 +17,7 @@ from deckline_lab.train.checkpoint import read_progress, read_tensors
 from deckline_lab.train.detect import START_VIEWS, export_detect
 from deckline_lab.train.detect_samples import DetectAugmentation, make_batch
 from deckline_lab.train.line_networks import Hybrid
-from deckline_lab.train.start import settle_norms, start_detector
+from deckline_lab.train.start import recalibrate_batch_norm, start_detector
 from deckline_lab.train.views import open_line_views
 
 BATCH = 16
@@ -57,7 +57,7 @@ def main() -> None:
     start_detector(model, given.start)
     views = open_line_views(given.recordings, held_out=0.02)
     seed = [progress["recipe"]["seed"]]
-    settle_norms(model, make_batch(views, START_VIEWS, model.kind.target_grid, DetectAugmentation(), seed)[0])
+    recalibrate_batch_norm(model, make_batch(views, START_VIEWS, model.kind.target_grid, DetectAugmentation(), seed)[0])
     trained, mean = read_tensors(given.run, "ema"), {}
     for name, first in model.state_dict().items():
         new = name.startswith("edge.") or not first.dtype.is_floating_point  # the start has no such head

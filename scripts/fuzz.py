@@ -35,16 +35,6 @@ ROOT = Path(__file__).parent.parent
 sys.path += [str(ROOT / folder) for folder in ("src", "tests/recording", "tests/runtime")]
 INSTRUMENTED = ["deckline", "deckline_sim", "deckline_lab", "tomllib", "yaml", "PIL"]
 INSTRUMENTED += ["pyulog", "pymavlink.DFReader", "pymavlink.mavutil"]
-    "deckline",
-    "deckline_sim",
-    "deckline_lab",
-    "tomllib",
-    "yaml",
-    "PIL",
-    "pyulog",
-    "pymavlink.DFReader",
-    "pymavlink.mavutil",
-]
 with atheris.instrument_imports(include=INSTRUMENTED):
     from log_bytes import dataflash, telemetry, ulog
 

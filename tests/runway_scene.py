@@ -13,9 +13,9 @@ from deckline.localize.ransac import fit_pixel_line
 from deckline.types import (
     SIDES,
     Detection,
+    Diagnostics,
     Frame,
     LinePoints,
-    Notices,
     PixelLine,
     Reason,
     RunwayEstimate,
@@ -58,7 +58,7 @@ def locate(
 
 
 def reasons(estimate: RunwayEstimate) -> list[Reason]:
-    return [notice.reason for notice in estimate.notices]
+    return [diagnostic.reason for diagnostic in estimate.diagnostics]
 
 
 def azimuth(line: Segment) -> float:
@@ -190,8 +190,8 @@ def error_at(
 
 def observe_lines(
     frame: Frame, found: Detection, mode: Mode = "auto", sides: tuple[str, ...] = SIDES
-) -> tuple[Observations, Notices, dict[str, PixelLine]]:
-    """Observations of the lines, notices, and the lines in the image."""
+) -> tuple[Observations, Diagnostics, dict[str, PixelLine]]:
+    """Observations of the lines, diagnostics, and the lines in the image."""
     points = {side: getattr(found, side) for side in sides}
     lines = {side: fit_pixel_line(points[side], frame.camera, np.random.default_rng(0)) for side in sides}
     return *observe(frame, points, lines, mode), lines

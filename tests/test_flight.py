@@ -13,13 +13,13 @@ import deckline
 from approach_scene import CAMERA, LEFT, RIGHT, STILL, frame, points
 from deckline.cli.main import main
 from deckline.config import Localization, Models, RunConfig, RunwaySurvey, Tracking
-from deckline.dehaze import Restored
+from deckline.dehaze import DehazeResult
 from deckline.dehaze.base import IdentityDehazer
 from deckline.detect.prior import prior_from_survey
 from deckline.flight import Dehazing, Flight
 from deckline.recording import open_recording
 from deckline.report.records import guidance_record
-from deckline.types import DepthMode, Detection, LinePoints, Reason, Seen, Status, TrackState, Value
+from deckline.types import DepthMode, Detection, LinePoints, LineVisibility, Reason, Status, TrackState, Value
 from deckline_lab.evaluation.chain import score_frame
 from deckline_sim import SimConfig, frames
 
@@ -43,7 +43,7 @@ def results(flight):
 def test_an_approach_is_found_and_measured_from_coarse_to_fine(results):
     """Three times what is measured: direction errors 0.03 degrees, lateral errors 0.04 m, in the median."""
     scores = [score_frame(result, SINGLE.approach) for result in results]
-    assert [score.seen for score in scores] == [Seen.BOTH] * len(scores)
+    assert [score.seen for score in scores] == [LineVisibility.BOTH] * len(scores)
     for side in ("left", "right"):
         assert np.median([s.errors[f"direction_error_deg.{side}"] for s in scores]) < 0.09
         assert np.median([s.errors[f"lateral_error_at_ramp_m.{side}"] for s in scores]) < 0.12
@@ -68,7 +68,7 @@ def test_fine_mode_without_a_depth_camera_says_so_and_gives_nothing(results):
     config = replace(SINGLE, localization=Localization(mode="fine"))
     result = Flight.from_config(config)(replace(results[-1].frame, depth_m=None))
     assert result.estimate.mode is DepthMode.NONE
-    assert Reason.NO_DEPTH in [notice.reason for notice in result.guidance.notices]
+    assert Reason.NO_DEPTH in [diagnostic.reason for diagnostic in result.guidance.diagnostics]
     assert result.guidance.lateral_deviation_m is None
 
 
@@ -97,7 +97,7 @@ def test_an_unknown_model_is_refused_by_name(field):
 def test_a_known_camera_height_gives_the_visibility_in_metres(results):
     class ByHorizon(IdentityDehazer):
         def restore(self, frame):
-            return Restored(frame.image_rgb.copy(), visibility_heights=Value(20.0, 2.0))
+            return DehazeResult(frame.image_rgb.copy(), visibility_heights=Value(20.0, 2.0))
 
     def told(height_m):
         return Dehazing(results[0].frame, ByHorizon(), {}, Models(camera_height_m=height_m))().visibility_m
@@ -114,8 +114,8 @@ def test_the_shipped_sample_is_whole_and_its_lines_are_found(flight, tmp_path):
     result = flight(sample.load(22))
     assert (result.guidance.status, result.estimate.mode) == (Status.OK, DepthMode.FINE)
     plain = flight(open_recording(tmp_path / "images").load(22))  # the pictures alone: no camera
-    assert (plain.estimate.seen, plain.estimate.mode) == (Seen.BOTH, DepthMode.NONE)
-    assert [notice.reason for notice in plain.guidance.notices] == [Reason.NO_CAMERA]
+    assert (plain.estimate.seen, plain.estimate.mode) == (LineVisibility.BOTH, DepthMode.NONE)
+    assert [diagnostic.reason for diagnostic in plain.guidance.diagnostics] == [Reason.NO_CAMERA]
     for side, line in result.estimate.pixel_lines.items():
         np.testing.assert_allclose(plain.estimate.pixel_lines[side].ends_px, line.ends_px, atol=0.5)
 
@@ -195,7 +195,7 @@ def test_a_frame_that_shows_nothing_is_bridged():
     results, _ = fly(approach(5), blind=("frame_003.png",))
     assert results[3].guidance.track is TrackState.COASTING
     assert abs(results[3].guidance.lateral_deviation_m.value - 3.0) < 0.1
-    assert [notice.reason for notice in results[3].guidance.notices] == [Reason.NO_LINE]
+    assert [diagnostic.reason for diagnostic in results[3].guidance.diagnostics] == [Reason.NO_LINE]
     assert results[4].guidance.track is TrackState.TRACKING
 
 

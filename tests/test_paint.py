@@ -17,10 +17,10 @@ from deckline.types import (
     EdgeKind,
     Frame,
     LinePoints,
+    LineVisibility,
     PixelLine,
     Reason,
     RunwayEstimate,
-    Seen,
 )
 from detect.drawn_deck import BOTTOM, TOP, at, deck
 
@@ -126,7 +126,7 @@ def shown(index, stripes, left=0.0, right=1.0, step_s=0.5):
     image = deck(stripes)
     image[0, 0] = index
     frame = Frame(f"{index}.png", step_s * index, image, Camera.from_fov(800, 480, 1.0))
-    return frame, RunwayEstimate(Seen.BOTH, DepthMode.NONE, {"left": line(left), "right": line(right)}, {})
+    return frame, RunwayEstimate(LineVisibility.BOTH, DepthMode.NONE, {"left": line(left), "right": line(right)}, {})
 
 
 def flags(views, every_s=0.5, edge=None):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.sea_view import EARTH_RADIUS_M
-from deckline.types import Camera, Frame, Notice, Reason
+from deckline.types import Camera, Diagnostic, Frame, Reason
 
 ANSWER_S = 0.3  # after a picture, in which its horizon is found; later frames wait, so that replays agree
 OFF_DEG = 1.0  # what attitude and lens may be off
@@ -44,7 +44,7 @@ class AttitudeCheck:
 
     def __init__(self, every_s: float) -> None:
         self.every_s = every_s
-        self.flag: Notice | None = None
+        self.flag: Diagnostic | None = None
         self._sum = 0.0
         self._pending: tuple[Camera, ExpectedHorizon, Future[Horizon | NoHorizon]] | None = None
         self._last_s = -np.inf  # of the last picture looked at
@@ -84,7 +84,7 @@ class AttitudeCheck:
         elif excess > 0:
             raised_or_lowered = f"{'raised' if raised_deg > 0 else 'lowered'} by {abs(raised_deg):.1f}"
             how = f"turned by {turned_deg:+.1f}" if by_roll else raised_or_lowered
-            self.flag = Notice(Reason.ATTITUDE, f"the horizon in the picture is {how} degrees against the attitude")
+            self.flag = Diagnostic(Reason.ATTITUDE, f"the horizon in the picture is {how} degrees against the attitude")
 
 
 def expect_horizon(frame: Frame) -> ExpectedHorizon | None:

@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 
 from deckline.attitude import AttitudeCheck
 from deckline.config import Engine, Models, RunConfig
-from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, Restored, downscale_frame, restore
-from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, Watch
+from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, downscale_frame, restore
+from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, SearchScheduler
 from deckline.detect.crop import Box
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
 from deckline.paint import PaintCheck
 from deckline.track import Tracker
-from deckline.types import Detection, Frame, Guidance, Notice, Reason, RunwayEstimate, RunwayPrior, Track, Value
+from deckline.types import Detection, Diagnostic, Frame, Guidance, Reason, RunwayEstimate, RunwayPrior, Track, Value
 
 T = TypeVar("T")
-OTHER_LINES = Notice(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
+OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +56,9 @@ class Dehazing:
     dehazer: Dehazer
     seconds: dict[str, float]  # of the frame's stages; gets "dehaze"
     models: Models = field(default_factory=Models)
-    made: dict[tuple[int, int], Restored] = field(default_factory=dict)
+    made: dict[tuple[int, int], DehazeResult] = field(default_factory=dict)
 
-    def __call__(self, long_side_px: int | None = None) -> Restored:
+    def __call__(self, long_side_px: int | None = None) -> DehazeResult:
         """The picture with this longer side at most; None: as large as the frame."""
         frame = self.frame if long_side_px is None else downscale_frame(self.frame, long_side_px)
         size = frame.camera.width, frame.camera.height
@@ -66,14 +66,14 @@ class Dehazing:
             self.made[size] = _timed(self.seconds, "dehaze", lambda: self._restore(frame))
         return self.made[size]
 
-    def _restore(self, frame: Frame) -> Restored:
+    def _restore(self, frame: Frame) -> DehazeResult:
         restored, height_m = restore(self.dehazer, frame, self.models.strength), self.models.camera_height_m
         heights = restored.visibility_heights
         if heights is None or height_m is None or restored.visibility_m is not None:
             return restored
         return replace(restored, visibility_m=Value(heights.value * height_m, heights.sigma * height_m))
 
-    def shown(self, long_side_px: int) -> Restored:
+    def shown(self, long_side_px: int) -> DehazeResult:
         """The same for people, of any size that was made before.
 
         A frame that the dehazer refuses is shown as it is, with the reason, and stays flown.
@@ -82,11 +82,11 @@ class Dehazing:
             return self.restored or self(long_side_px)
         except ValueError as error:
             frame = downscale_frame(self.frame, long_side_px)
-            left = Restored(frame.image_rgb.copy(), f"not dehazed: {' '.join(str(error).split())}")
+            left = DehazeResult(frame.image_rgb.copy(), f"not dehazed: {' '.join(str(error).split())}")
             return self.made.setdefault((frame.camera.width, frame.camera.height), left)
 
     @property
-    def restored(self) -> Restored | None:
+    def restored(self) -> DehazeResult | None:
         """What was made first; None when nobody asked."""
         return next(iter(self.made.values()), None)
 
@@ -120,7 +120,9 @@ class Flight:
         self.tracker = Tracker(config) if config.tracking.enabled else None
         self._survey = prior_from_survey(config.survey)
         self._image_prior = ImagePrior()
-        self._watch = Watch(detector, config.tracking.search_s) if isinstance(detector, SearchingDetector) else None
+        self._scheduler = (
+            SearchScheduler(detector, config.tracking.search_s) if isinstance(detector, SearchingDetector) else None
+        )
         self._attitude = AttitudeCheck(config.tracking.horizon_s)
         self._paint = PaintCheck(config.tracking.paint_s)
         self._track: Track | None = None
@@ -196,16 +198,16 @@ class Flight:
 
     def _look(self, frame: Frame, picture: NDArray[np.uint8], box: Box | None, is_sure: bool) -> Detection:
         """Lines of the picture, where they should be (`box`) if the track is sure of that."""
-        if self._watch is None or self.tracker is None:
+        if self._scheduler is None or self.tracker is None:
             return self.detector(picture, box)
-        return self._watch(frame.time_s, picture, box, is_sure)
+        return self._scheduler(frame.time_s, picture, box, is_sure)
 
     def _follow(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> Track | None:
         if self.tracker is None:
             return None
         self._image_prior.update(frame, detection, estimate)
         track = self.tracker.update(frame, estimate)
-        others = OTHER_LINES if self._watch is not None and self._watch.is_contradicted else None
+        others = OTHER_LINES if self._scheduler is not None and self._scheduler.is_contradicted else None
         self._track = replace(
             track, flags=(*track.flags, *filter(None, (others, self._attitude.flag, self._paint.flag)))
         )

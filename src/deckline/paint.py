@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from deckline.types import SIDES, EdgeKind, Frame, Notice, PixelLine, Reason, RunwayEstimate
+from deckline.types import SIDES, Diagnostic, EdgeKind, Frame, PixelLine, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]
 # Shares and limits were set on rendered approaches of presets paper, cvn, axial, small and train.
@@ -73,7 +73,7 @@ class PaintCheck:
 
     def __init__(self, every_s: float) -> None:
         self.every_s = every_s
-        self.flag: Notice | None = None
+        self.flag: Diagnostic | None = None
         self._sums = dict.fromkeys(MESSAGES, 0.0)
         self._last_s = -np.inf  # of the last picture looked at
 
@@ -96,7 +96,7 @@ class PaintCheck:
             elif before < FLAGGED:
                 self._sums[what] = FADING * before
         worst = max(self._sums, key=lambda what: self._sums[what])
-        self.flag = Notice(Reason.PAINT, MESSAGES[worst]) if self._sums[worst] >= FLAGGED else None
+        self.flag = Diagnostic(Reason.PAINT, MESSAGES[worst]) if self._sums[worst] >= FLAGGED else None
 
 
 def find_paint(image_rgb: NDArray[np.uint8], left: PixelLine, right: PixelLine) -> PaintLook:

@@ -12,9 +12,9 @@ from deckline.types import (
     DepthMode,
     Frame,
     Guidance,
+    LineVisibility,
     RunwayEstimate,
     RunwayLine,
-    Seen,
     Segment,
     Truth,
     Value,
@@ -116,7 +116,7 @@ def true_guidance(frame: Frame, approach: Approach) -> Guidance | None:
     if centre is None or frame.true_world_from_body is None:
         return None
     line = replace(true_line(centre), point_m=touchdown(centre, approach.touchdown_m))
-    exact = RunwayEstimate(Seen.BOTH, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
+    exact = RunwayEstimate(LineVisibility.BOTH, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
     return guidance(replace(frame, world_from_body=frame.true_world_from_body), exact, None, approach)
 
 

@@ -14,124 +14,184 @@ from deckline.geometry import Camera, camera_mount
 SIDES = ("left", "right")  # line 0 and line 1, seen in the landing direction
 
 
-class Seen(StrEnum):
+class LineVisibility(StrEnum):
     """Which edge lines one picture shows."""
 
     BOTH = "both lines"
+    """Both edge lines are seen."""
     ONE = "one line"
+    """One edge line is seen."""
     NONE = "none"
+    """No edge line is seen."""
 
 
 class Status(StrEnum):
     """What guidance is worth."""
 
-    OK = "ok"  # both lines in a fresh picture, no flag, and something besides the stated deck height confirms the scale
-    UNVERIFIED = "unverified"  # both lines, but nothing confirms the scale, the track has doubts, or a flag is up
-    ONE_LINE = "one line"  # one line is seen, or kept
-    COASTING = "coasting"  # from earlier pictures alone
-    STALE = "stale"  # the picture is not new
-    NOT_SEEN = "not seen"  # no line is trustworthy
+    OK = "ok"
+    """Both lines in a fresh picture, no flag, and something besides the stated deck height confirms the scale."""
+    UNVERIFIED = "unverified"
+    """Both lines, but nothing confirms the scale, the track has doubts, or a flag is up."""
+    ONE_LINE = "one line"
+    """One line is seen, or one line passes the innovation gate."""
+    COASTING = "coasting"
+    """Predicted from earlier pictures; this one adds nothing."""
+    STALE = "stale"
+    """The picture is not new."""
+    NOT_SEEN = "not seen"
+    """No line is trustworthy."""
 
 
 class Scale(StrEnum):
     """What confirms the scale of guidance besides the stated deck height."""
 
-    DEPTH = "depth"  # of a depth camera, in this frame
-    WIDTH = "width"  # stated, and in agreement with the track
+    DEPTH = "depth"
+    """A depth camera, in this frame."""
+    WIDTH = "width"
+    """The stated runway width, which agrees with the track."""
 
 
 class Reason(StrEnum):
-    """Why something is missing, left out, not trusted or flagged; for code. A `Notice` carries the text for people."""
+    """Why something is missing, left out, not trusted or flagged, for code; a `Diagnostic` has the text for people."""
 
-    # what a frame lacks
     NO_CAMERA = "no camera"
+    """The frame has no intrinsics."""
     NO_POSE = "no pose"
-    NO_DEPTH = "no depth"  # fine mode was asked for
+    """The frame has no pose."""
+    NO_DEPTH = "no depth"
+    """Fine mode was asked for, and the frame has no depth on the lines."""
     NO_DECK_HEIGHT = "no deck height"
+    """The frame has no deck height, and no depth that replaces it."""
     NO_LINE = "no line"
-    NO_POINTS = "no points"  # a line with too few points on the deck
+    """The picture shows no line."""
+    NO_POINTS = "no points"
+    """A line has too few points on the deck."""
     NO_CENTRE_LINE = "no centre line"
+    """One edge line and no runway width give no centre line."""
     NO_RAMP = "no ramp"
+    """The ramp is not in the picture."""
     NO_HEADING = "no heading"
+    """The heading of the lines is not known."""
     NOT_LOCALIZED = "not localized"
-    NO_SCALE = "no scale"  # nothing confirms it
+    """Lines are seen but could not be placed in the world."""
+    NO_SCALE = "no scale"
+    """Nothing confirms the scale."""
     YOUNG_TRACK = "young track"
-    UNLIKELY_ERRORS = "unlikely errors"  # of sensors and paint, as the track estimates them
-    # what contradicts itself in a frame
-    CROSSED = "crossed"  # the left line lies right of the right one
+    """The track is too young to show contradictions."""
+    UNLIKELY_ERRORS = "unlikely errors"
+    """The estimated errors of sensors and paint are unlikely together."""
+    CROSSED = "crossed"
+    """The left line lies right of the right one."""
     LINE_SPACING = "line spacing"
+    """The lines of one frame are too near or too far apart."""
     LINE_ANGLE = "line angle"
+    """The lines of one frame are not nearly parallel."""
     LINE_ENDS = "line ends"
-    UNSURE = "unsure"  # of a line's direction
-    CENTRE_LINE = "centre line"  # not midway between the edge lines
-    DEPTH_HEIGHT = "depth and height"  # the depth camera against the reported deck height
-    ABOVE_CAMERA = "above camera"  # the reported deck
-    HORIZON = "horizon"  # a line along it
-    # what a track cannot use
+    """The near ends of the lines lie too far apart along the runway."""
+    UNSURE = "unsure"
+    """A line's direction is too uncertain."""
+    CENTRE_LINE = "centre line"
+    """The painted centre line is not midway between the edge lines."""
+    DEPTH_HEIGHT = "depth and height"
+    """The depth camera contradicts the reported deck height."""
+    ABOVE_CAMERA = "above camera"
+    """The reported deck lies above the camera."""
+    HORIZON = "horizon"
+    """A line lies along the horizon."""
     BAD_TIME = "bad time"
+    """The frame's time is no number, or before the track's."""
     RESTARTED = "restarted"
-    # flags, and measurements that are left out
+    """The track began anew."""
     BORESIGHT = "boresight"
+    """The camera seems turned against its stated mounting."""
     HEIGHT = "height"
+    """The deck's height contradicts the track, or seems wrong."""
     DEPTH = "depth"
+    """Depths seem wrong."""
     FOCAL = "focal"
+    """The focal length seems wrong."""
     DELAY = "delay"
+    """The pose seems older or newer than the picture."""
     LEFT = "left"
+    """The left line contradicts the track, or seems to be another marking."""
     RIGHT = "right"
+    """The right line contradicts the track, or seems to be another marking."""
     SPACING = "spacing"
+    """The lines' spacing is not what was stated."""
     ANGLE = "angle"
+    """The angle between the lines is not what was stated."""
     DRIFT = "drift"
+    """The lines move sideways as neither ship nor heading explain."""
     RESIDUALS = "residuals"
+    """Residuals are too large for too long."""
     FROZEN = "frozen"
+    """The camera shows the same picture while time goes on."""
     SWAPPED = "swapped"
+    """Left and right are exchanged in the track."""
     RESUMED = "resumed"
-    OTHER_LINES = "other lines"  # in a search of the whole picture, or in a new track than in the one before
-    STALE = "stale"  # no frame, or an answer too late to be used
-    PAINT = "paint"  # the picture shows no paint under a line, or a centre line elsewhere than midway
-    ATTITUDE = "attitude"  # the horizon in the picture lies otherwise
-    DECK_SIGN = "deck sign"  # the reported deck height seems to have the wrong sign
+    """The run was interrupted before this frame."""
+    OTHER_LINES = "other lines"
+    """A search of the whole picture, or a new track, has other lines than the track."""
+    STALE = "stale"
+    """There is no frame, or the answer came too late to be used."""
+    PAINT = "paint"
+    """The picture shows no paint under a line, or a centre line elsewhere than midway."""
+    ATTITUDE = "attitude"
+    """The horizon in the picture contradicts the attitude."""
+    DECK_SIGN = "deck sign"
+    """The reported deck height seems to have the wrong sign."""
 
 
 @dataclass(frozen=True)
-class Notice:
+class Diagnostic:
     """A reason with its message."""
 
-    reason: Reason  # for code
-    message: str  # for people
+    reason: Reason
+    """For code."""
+    message: str
+    """For people."""
 
 
-Notices = tuple[Notice, ...]
-NO_CAMERA = Notice(Reason.NO_CAMERA, "no camera: lines in pixels, no metres (give camera.toml)")
-NO_POSE = Notice(Reason.NO_POSE, "no pose: give poses.csv with this time")
+Diagnostics = tuple[Diagnostic, ...]
+NO_CAMERA = Diagnostic(Reason.NO_CAMERA, "no camera: lines in pixels, no metres (give camera.toml)")
+NO_POSE = Diagnostic(Reason.NO_POSE, "no pose: give poses.csv with this time")
 
 
-def message_of(notices: Notices) -> str:
+def message_of(diagnostics: Diagnostics) -> str:
     """The messages in one line, each once."""
-    return "; ".join(dict.fromkeys(notice.message for notice in notices))
+    return "; ".join(dict.fromkeys(diagnostic.message for diagnostic in diagnostics))
 
 
 class EdgeKind(StrEnum):
-    """What a runway's edge line was seen on."""
+    """What an edge line of a runway is."""
 
-    PAINT = "paint"  # the middle of the painted edge marking
-    PAVEMENT = "pavement"  # the edge of the surface, where no stripe is painted
-    LIGHTS = "lights"  # the row of edge lights, at night
+    PAINT = "paint"
+    """The middle of the painted edge marking."""
+    PAVEMENT = "pavement"
+    """The edge of the surface, where no stripe is painted."""
+    LIGHTS = "lights"
+    """The row of edge lights, at night."""
 
 
 class DepthMode(StrEnum):
     """Where the distance of the line points came from."""
 
-    FINE = "fine"  # depth camera
-    COARSE = "coarse"  # ray and deck plane
-    NONE = "none"  # neither was possible; the reason is carried beside it
+    FINE = "fine"
+    """From a depth camera."""
+    COARSE = "coarse"
+    """Where the ray meets the deck plane."""
+    NONE = "none"
+    """Neither was possible; a `Diagnostic` says why."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
     """A true line: the middle of one runway marking, world frame."""
 
-    p0_m: NDArray[np.float64]  # (3,) its ramp end
-    p1_m: NDArray[np.float64]  # (3,) its far end
+    p0_m: NDArray[np.float64]
+    """(3,) its end at the ramp, world, m."""
+    p1_m: NDArray[np.float64]
+    """(3,) its far end, world, m."""
 
     def __post_init__(self) -> None:
         _check(self, p0_m=(3,), p1_m=(3,))
@@ -141,31 +201,50 @@ class Segment:
 class Truth:
     """What a simulator or a survey knows about a frame. The pipeline never reads it."""
 
-    left: Segment | None = None  # None with right None: there is no runway in this scene
+    left: Segment | None = None
+    """The left edge line; None with `right` None: the scene has no runway."""
     right: Segment | None = None
-    visibility_m: float | None = None  # 2 % contrast; inf is clear air
-    airlight_rgb: tuple[float, float, float] | None = None  # 0..255
-    clear_rgb: NDArray[np.uint8] | None = None  # (H, W, 3) the same view without haze
-    world_from_body: RigidTransform | None = None  # where the aircraft is, if the frame's pose is a measured one
-    world_from_ship: RigidTransform | None = None  # ship: x forward, y starboard, z down, origin on the deck's stern
-    conditions: Mapping[str, Any] = field(default_factory=dict)  # plain values: what air, light and camera were like
-    centre_painted: bool | None = None  # whether a line is painted midway between left and right; None: not known
+    """The right edge line."""
+    visibility_m: float | None = None
+    """Range at which 2 % of a contrast is left, m; inf: clear air."""
+    airlight_rgb: tuple[float, float, float] | None = None
+    """Red, green, blue of the airlight, 0..255."""
+    clear_rgb: NDArray[np.uint8] | None = None
+    """(H, W, 3) RGB, the same view without haze."""
+    world_from_body: RigidTransform | None = None
+    """The aircraft's true pose, where the frame's is a measured one."""
+    world_from_ship: RigidTransform | None = None
+    """The ship's pose: x forward, y starboard, z down, origin at the stern end of the deck."""
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+    """Plain values: air, light and camera of the scene."""
+    centre_painted: bool | None = None
+    """Whether a line is painted midway between left and right; None: not known."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One instant of an approach."""
 
-    file: str  # name of the image, or "<video>#<frame number>"
+    file: str
+    """Name of the image, or `<video>#<frame number>`."""
     time_s: float
-    image_rgb: NDArray[np.uint8]  # (H, W, 3)
+    """Time of exposure, on the source's clock, s."""
+    image_rgb: NDArray[np.uint8]
+    """(H, W, 3) RGB."""
     camera: Camera
+    """Intrinsics of the picture."""
     body_from_camera: RigidTransform = field(default_factory=camera_mount)
-    depth_m: NDArray[np.float32] | None = None  # (H, W) along the optical axis, NaN where unknown
-    world_from_body: RigidTransform | None = None  # None where the camera is not known
-    deck_z_m: float | None = None  # world z (down) of the deck plane, as the ship reports it
-    sea_z_m: float | None = None  # world z (down) of the water
+    """The camera's mounting: optical frame to body (forward, right, down)."""
+    depth_m: NDArray[np.float32] | None = None
+    """(H, W) along the optical axis, m; NaN where unknown."""
+    world_from_body: RigidTransform | None = None
+    """Pose, North-East-Down; None: not known. Needs a known camera."""
+    deck_z_m: float | None = None
+    """World z (down) of the deck plane as the ship reports it, m; None: not known."""
+    sea_z_m: float | None = None
+    """World z (down) of the water, m; None: not known."""
     truth: Truth | None = None
+    """What a simulator or survey knows; the chain never reads it."""
 
     def __post_init__(self) -> None:
         shape = (self.camera.height, self.camera.width)
@@ -184,7 +263,7 @@ class Frame:
             raise ValueError(f"{self.file}: a pose of a camera that is not known; give the camera, or no pose")
 
     @property
-    def missing(self) -> Notice | None:
+    def missing(self) -> Diagnostic | None:
         """What it lacks to place lines in the world; None with camera and pose."""
         if not self.camera.known:
             return NO_CAMERA
@@ -209,9 +288,12 @@ class Frame:
 class LinePoints:
     """Detected points on the middle of one runway line, near (large v) or far, in no promised order."""
 
-    points_px: NDArray[np.float64]  # (N, 2) u, v in the full image; N may be 0
-    confidence: NDArray[np.float64]  # (N,) in 0..1
-    sigma_px: NDArray[np.float64]  # (N,) 1-sigma of u, px
+    points_px: NDArray[np.float64]
+    """(N, 2) u, v in the full image, px; N may be 0."""
+    confidence: NDArray[np.float64]
+    """(N,) of each point, 0..1."""
+    sigma_px: NDArray[np.float64]
+    """(N,) 1-sigma of u, px."""
 
     def __post_init__(self) -> None:
         n = len(self.points_px)
@@ -230,20 +312,29 @@ class Detection:
     """Points of the lines in one image. A line that was not seen has no points."""
 
     left: LinePoints
+    """Points of the left edge line."""
     right: LinePoints
-    region_px: tuple[float, float, float, float] | None = None  # u0, v0, u1, v1 of the part looked at closely
-    centre: LinePoints = field(default_factory=lambda: LinePoints.empty())  # painted between them; few networks see it
-    edge: EdgeKind | None = None  # what the edge lines are; None: not known
+    """Points of the right edge line."""
+    region_px: tuple[float, float, float, float] | None = None
+    """u0, v0, u1, v1 of the part that the network saw at full resolution, px."""
+    centre: LinePoints = field(default_factory=lambda: LinePoints.empty())
+    """Points of the painted centre line; only some networks detect it."""
+    edge: EdgeKind | None = None
+    """What the edge lines are; None: not known."""
 
 
 @dataclass(frozen=True, eq=False)
 class PixelLine:
     """A straight line in the image: a u + b v + c = 0 with a^2 + b^2 = 1."""
 
-    coefficients: NDArray[np.float64]  # (3,) a, b, c
-    inliers: NDArray[np.bool_]  # (N,) which of the line's detected points it keeps
-    ends_px: NDArray[np.float64]  # (2, 2) its nearest (largest v) and farthest inlier, moved onto the line
-    sigma_px: float  # 1-sigma of an inlier normal to the line
+    coefficients: NDArray[np.float64]
+    """(3,) a, b, c, for u, v in px."""
+    inliers: NDArray[np.bool_]
+    """(N,) which of the detected points lie on it."""
+    ends_px: NDArray[np.float64]
+    """(2, 2) u, v, px, of its nearest (largest v) and farthest inlier, moved onto the line."""
+    sigma_px: float
+    """1-sigma of an inlier normal to the line, px."""
 
     def __post_init__(self) -> None:
         _check(self, coefficients=(3,), ends_px=(2, 2))
@@ -260,10 +351,12 @@ class LineErrors:
     about the middle between the lines' points.
     """
 
-    slopes_rad: NDArray[np.float64]  # (2,) how the deck's z was found to grow along the lines and to their right
-    # (5, M) what is new in every frame: columns are independent and of 1-sigma, the same ones for all lines of a frame
+    slopes_rad: NDArray[np.float64]
+    """(2,) slope of the deck's z along the lines and to their right, rad."""
     own: NDArray[np.float64]
-    effects: NDArray[np.float64]  # (5, 7) what each common error adds to offset, azimuth, z and slopes
+    """(5, M) what is new in every frame: independent columns of 1-sigma, shared by all lines of a frame."""
+    effects: NDArray[np.float64]
+    """(5, 7) what a unit of each common error adds to offset, azimuth, z and slopes."""
 
     def __post_init__(self) -> None:
         _check(self, slopes_rad=(2,), own=(5, self.own.shape[-1]), effects=(5, 7))
@@ -276,13 +369,17 @@ class RunwayLine:
     Equivalent to the paper's w0 + w1 x + w2 y = 0, z = w3.
     """
 
-    point_m: NDArray[np.float64]  # (3,) world; on the line, in the middle of what was measured
-    azimuth_rad: float  # direction of landing, from world x towards world y
-    covariance: NDArray[np.float64]  # (3, 3) of [offset across the line to its right, m; azimuth, rad; z, m] at point_m
-    # (3, 3) the same numbers seen from the aircraft: what an error of its own position and heading moves along with
-    # the aircraft is taken out. None: not known, `covariance` bounds it.
+    point_m: NDArray[np.float64]
+    """(3,) world, m; on the line, in the middle of what was measured."""
+    azimuth_rad: float
+    """Direction of landing, from world x towards world y, rad."""
+    covariance: NDArray[np.float64]
+    """(3, 3) of [offset across the line to its right, m; azimuth, rad; z, m] at point_m."""
     relative_covariance: NDArray[np.float64] | None = None
-    errors: LineErrors | None = None  # what `relative_covariance` is made of; None: not known
+    """(3, 3) the same numbers seen from the aircraft: what an error of its own position and heading moves along with
+    the aircraft is taken out. None: not known, `covariance` bounds it."""
+    errors: LineErrors | None = None
+    """The parts of `relative_covariance`; None: not known."""
 
     def __post_init__(self) -> None:
         _check(self, point_m=(3,), covariance=(3, 3))
@@ -319,10 +416,14 @@ class RunwayLine:
 class RunwayPrior:
     """Where the runway is believed to be before looking, world frame, and how wrong that may be."""
 
-    left_m: NDArray[np.float64]  # (2, 3) near and far end of the left line
-    right_m: NDArray[np.float64]  # (2, 3) the same of the right line
-    sigma_m: float  # 1-sigma of its position, on every axis, seen from the aircraft
-    azimuth_sigma_rad: float  # 1-sigma of its direction, seen from the aircraft
+    left_m: NDArray[np.float64]
+    """(2, 3) near and far end of the left line, world, m."""
+    right_m: NDArray[np.float64]
+    """(2, 3) near and far end of the right line, world, m."""
+    sigma_m: float
+    """1-sigma of its position along each axis, seen from the aircraft, m."""
+    azimuth_sigma_rad: float
+    """1-sigma of its direction, seen from the aircraft, rad."""
 
     def __post_init__(self) -> None:
         _check(self, left_m=(2, 3), right_m=(2, 3))
@@ -332,20 +433,29 @@ class RunwayPrior:
 class RunwayEstimate:
     """Where the lines are, from one frame."""
 
-    seen: Seen
+    seen: LineVisibility
+    """Which edge lines are seen."""
     mode: DepthMode
-    pixel_lines: dict[str, PixelLine]  # "left" and "right", those that were seen
-    lines: dict[str, RunwayLine]  # "left", "right", "centre", those that could be localized
-    ramp_m: NDArray[np.float64] | None = None  # (3,) world: nearest visible end of the centre line
-    ramp_sigma_m: float | None = None  # 1-sigma along the deck
-    notices: Notices = ()  # why something is missing
-    flags: Notices = ()  # what seems to be wrong with what the frame was told
-    depth_agrees: bool = False  # in coarse mode: with the deck height, at 6 points of each line or more
+    """Where distances come from."""
+    pixel_lines: dict[str, PixelLine]
+    """The lines in the image: "left" and "right", those that are seen."""
+    lines: dict[str, RunwayLine]
+    """The lines in the world: "left", "right" and "centre", those that could be localized."""
+    ramp_m: NDArray[np.float64] | None = None
+    """(3,) nearest visible end of the centre line, world, m."""
+    ramp_sigma_m: float | None = None
+    """1-sigma of `ramp_m` along the deck, m."""
+    diagnostics: Diagnostics = ()
+    """Why something is missing."""
+    flags: Diagnostics = ()
+    """What seems wrong with the stated values of the frame."""
+    depth_confirms_height: bool = False
+    """In coarse mode: the depth camera agrees with the deck height at 6 points of each line or more."""
 
     @property
     def reason(self) -> str:
         """Why something is missing, for people."""
-        return message_of(self.notices)
+        return message_of(self.diagnostics)
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,26 +463,36 @@ class Value:
     """A measured number with its 1-sigma, in the same unit."""
 
     value: float
+    """The measurement."""
     sigma: float
+    """Its 1-sigma."""
 
 
 class TrackState(StrEnum):
     """Whether the runway is followed over frames."""
 
     TRACKING = "tracking"
-    COASTING = "coasting"  # no line now, but not for long
+    """Lines of this frame updated the track."""
+    COASTING = "coasting"
+    """No line is measured, for a short time."""
     LOST = "lost"
+    """There is no track."""
 
 
 @dataclass(frozen=True)
 class Protection:
     """Errors larger than these, without a flag, are as rare as `risk` says."""
 
-    lateral_m: float  # of the lateral deviation
-    vertical_m: float  # of the height above deck
-    heading_rad: float | None  # of the heading error; None: the lines' drift, which shows a turned camera, is not known
-    distance_m: float | None  # of the distance to the ramp; None: no ramp is known
-    risk: float  # probability per frame and direction
+    lateral_m: float
+    """Bound on the error of the lateral deviation, m."""
+    vertical_m: float
+    """Bound on the error of the height above deck, m."""
+    heading_rad: float | None
+    """Bound on the error of the heading error, rad; None: the lines' drift, which shows a turned camera, is unknown."""
+    distance_m: float | None
+    """Bound on the error of the distance to the ramp, m; None: no ramp is known."""
+    risk: float
+    """Probability that an error without a flag exceeds its bound, per frame and direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,21 +500,35 @@ class Track:
     """Where the lines are, from all frames so far."""
 
     time_s: float
+    """Of the frame, s."""
     state: TrackState
-    # "left", "right", "centre", world, as measured with the frame's pose, at the touchdown point; {} when lost
+    """Whether this frame updated the track."""
     lines: dict[str, RunwayLine]
-    protection: Protection | None = None  # None when lost, or without a pose
-    flags: Notices = ()  # what contradicts the track; empty: nothing is known to be wrong
-    excluded: Notices = ()  # measurements of this frame that were left out: LEFT, RIGHT, HEIGHT
-    ramp_m: NDArray[np.float64] | None = None  # (3,) world: nearest end of the centre line
-    ramp_sigma_m: float | None = None  # 1-sigma along the deck
-    lateral_rate_m_s: Value | None = None  # + : the lateral deviation grows to the right
-    height_rate_m_s: Value | None = None  # + : the height above deck grows
-    closing_m_s: Value | None = None  # + : the aircraft comes nearer to the ramp
-    notices: Notices = ()  # why a frame was not used or the track began again
-    age_s: float = 0.0  # since the track began; 0: it knows no more than this frame
-    scale_from: tuple[Scale, ...] = ()  # what confirms the scale in all its frames
-    doubts: Notices = ()  # what keeps it from being trusted though nothing is flagged
+    """Of "left", "right" and "centre", world, as the frame's pose has it, at the touchdown point; {} when lost."""
+    protection: Protection | None = None
+    """None when lost, or without a pose."""
+    flags: Diagnostics = ()
+    """What contradicts the track; empty: nothing is known to be wrong."""
+    excluded: Diagnostics = ()
+    """Measurements of this frame that were left out: LEFT, RIGHT, HEIGHT."""
+    ramp_m: NDArray[np.float64] | None = None
+    """(3,) near end of the centre line, world, m."""
+    ramp_sigma_m: float | None = None
+    """1-sigma of `ramp_m` along the deck, m."""
+    lateral_rate_m_s: Value | None = None
+    """Rate of the lateral deviation, m/s; positive: to the right."""
+    height_rate_m_s: Value | None = None
+    """Rate of the height above deck, m/s; positive: climbing."""
+    closing_m_s: Value | None = None
+    """Closing speed, m/s; positive: the aircraft comes nearer to the ramp."""
+    diagnostics: Diagnostics = ()
+    """Why a frame was not used or the track began again."""
+    age_s: float = 0.0
+    """Since the track began, s; 0: this frame began it."""
+    scale_sources: tuple[Scale, ...] = ()
+    """What confirms the scale in all its frames."""
+    doubts: Diagnostics = ()
+    """Why it is not `ok` though nothing is flagged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,30 +536,50 @@ class Guidance:
     """Where the aircraft is relative to the centre line and the glideslope."""
 
     time_s: float
+    """Of the frame, s."""
     status: Status
+    """What it is worth."""
     mode: DepthMode
-    lateral_deviation_m: Value | None = None  # + : aircraft is right of the centre line, looking along the landing
-    heading_error_rad: Value | None = None  # + : nose points right of the centre line
-    height_above_deck_m: Value | None = None  # + : above; over the touchdown point in a track, else over what was seen
-    distance_to_ramp_m: Value | None = None  # + : the ramp is still ahead, along the centre line
-    notices: Notices = ()  # why something is missing
-    vertical_deviation_m: Value | None = None  # + : above the glideslope
-    lateral_deviation_rad: Value | None = None  # + : right; angle at the aim point, as a localizer shows it
-    vertical_deviation_rad: Value | None = None  # + : above; angle at the aim point
-    distance_to_touchdown_m: Value | None = None  # + : the aim point is still ahead, along the centre line
-    lateral_rate_m_s: Value | None = None  # + : the lateral deviation grows to the right
-    height_rate_m_s: Value | None = None  # + : the height above deck grows; negative in a descent
-    closing_m_s: Value | None = None  # + : the ramp comes nearer
-    protection: Protection | None = None  # bounds on errors of lateral deviation and height above deck
-    track: TrackState | None = None  # None: from this frame alone
-    flags: Notices = ()  # what integrity found wrong; empty: nothing is known to be wrong
-    glideslope_rad: float | None = None  # the wanted one
-    scale_from: tuple[Scale, ...] = ()  # what confirms the scale
+    """Where distances come from."""
+    lateral_deviation_m: Value | None = None
+    """m; positive: the aircraft is right of the centre line, looking along the landing."""
+    heading_error_rad: Value | None = None
+    """rad; positive: the nose points right of the centre line."""
+    height_above_deck_m: Value | None = None
+    """m; above the touchdown point with a track, else above what this frame shows."""
+    distance_to_ramp_m: Value | None = None
+    """m along the centre line; positive: the ramp is ahead."""
+    diagnostics: Diagnostics = ()
+    """Why something is missing."""
+    vertical_deviation_m: Value | None = None
+    """m; positive: above the glideslope."""
+    lateral_deviation_rad: Value | None = None
+    """rad at the aim point, as a localizer shows it; positive: right."""
+    vertical_deviation_rad: Value | None = None
+    """rad at the aim point; positive: above."""
+    distance_to_touchdown_m: Value | None = None
+    """m along the centre line; positive: the aim point is ahead."""
+    lateral_rate_m_s: Value | None = None
+    """Rate of the lateral deviation, m/s; positive: to the right."""
+    height_rate_m_s: Value | None = None
+    """Rate of the height above deck, m/s; negative in a descent."""
+    closing_m_s: Value | None = None
+    """Closing speed, m/s; positive: the ramp comes nearer."""
+    protection: Protection | None = None
+    """Bounds on its errors; None: not known."""
+    track: TrackState | None = None
+    """State of the track; None: from this frame alone."""
+    flags: Diagnostics = ()
+    """What is found wrong; empty: nothing is known to be wrong."""
+    glideslope_rad: float | None = None
+    """The wanted glideslope above the deck, rad."""
+    scale_sources: tuple[Scale, ...] = ()
+    """What confirms the scale."""
 
     @property
     def reason(self) -> str:
         """Why something is missing, for people."""
-        return message_of(self.notices)
+        return message_of(self.diagnostics)
 
 
 def _check(owner: Any, **shapes: tuple[int, ...]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from deckline.types import Frame, Segment, Truth
 from deckline_sim.airfield.simulate import AirfieldSimulator
-from deckline_sim.camera.glass import look_through
+from deckline_sim.camera.glass import add_foreground
 from deckline_sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline_sim.camera.lens import pinhole_for, random_lens
 from deckline_sim.camera.measure import measure_pose
@@ -107,7 +107,7 @@ class Simulator:
         )
         name = f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png"
         frame = self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, name)
-        return look_through(frame, config, index)
+        return add_foreground(frame, config, index)
 
     def load(self, block: int) -> None:
         """Bring the ship of a block of frames onto the card, and draw its motion and its sun."""
@@ -219,7 +219,7 @@ class DecklessSimulator(Simulator):
             raise AssertionError("unreachable: the simulator knows the truth of its frames")
         conditions = {**frame.truth.conditions, "deckless": self._describe_kind(kind)}
         known = replace(frame, truth=replace(frame.truth, conditions=conditions))
-        return look_through(known, self.config, index)
+        return add_foreground(known, self.config, index)
 
     def _bare_ship(self, index: int) -> int:
         """Number of a random ship that has no runway: its own draw is repeated, which is quicker than building it."""

@@ -18,7 +18,7 @@ import pytest
 
 from approach_scene import LEFT, RIGHT, STILL, chain, frame, points
 from deckline.adapters.dashboard.advice import CHECK, advise
-from deckline.adapters.dashboard.moments import Memory, Moment, dehaze, make_moment
+from deckline.adapters.dashboard.moments import Memory, Snapshot, dehaze, make_moment
 from deckline.adapters.dashboard.server import Dashboard
 from deckline.cli.main import main
 from deckline.config import Approach, Models
@@ -259,7 +259,7 @@ def test_a_recording_stays_open_until_ctrl_c(tmp_path, browser):
 
 
 def moment(number, size):
-    return Moment(number, "x" * size, [], None)
+    return Snapshot(number, "x" * size, [], None)
 
 
 def test_memory_forgets_the_oldest():

@@ -14,7 +14,7 @@ from deckline.detect.prior import ImagePrior, RunwaySurvey, prior_from_survey, p
 from deckline.detect.search import detect_lines
 from deckline.geometry import Camera, attitude
 from deckline.runtime import shipped_weights
-from deckline.types import DepthMode, Detection, Frame, LinePoints, RunwayEstimate, RunwayPrior, Seen
+from deckline.types import DepthMode, Detection, Frame, LinePoints, LineVisibility, RunwayEstimate, RunwayPrior
 from deckline_sim import SimConfig, frames
 
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
@@ -110,7 +110,7 @@ def test_a_lens_moves_the_box_and_cannot_bend_what_is_outside_into_the_image():
 
 LEFT, RIGHT = np.array([[600.0, 400.0], [560.0, 500.0]]), np.array([[640.0, 400.0], [700.0, 510.0]])
 DETECTION = Detection(*(LinePoints(points, np.ones(2), np.full(2, 0.3)) for points in (LEFT, RIGHT)))
-SEEN = RunwayEstimate(Seen.BOTH, DepthMode.NONE, {}, {})
+SEEN = RunwayEstimate(LineVisibility.BOTH, DepthMode.NONE, {}, {})
 
 
 def image_at(time_s: float) -> Frame:
@@ -135,7 +135,7 @@ def test_what_is_old_or_of_another_flight_is_forgotten(time_s):
     assert memory.predict(image_at(10.0)) is None
 
 
-@pytest.mark.parametrize("seen", [Seen.ONE, Seen.NONE])
+@pytest.mark.parametrize("seen", [LineVisibility.ONE, LineVisibility.NONE])
 def test_what_was_not_seen_whole_replaces_nothing(seen):
     memory, later = ImagePrior(), image_at(1.0)
     memory.update(image_at(0.0), DETECTION, SEEN)

@@ -10,14 +10,14 @@ from deckline.geometry import Camera, attitude
 from deckline.track.integrity import YOUNG
 from deckline.types import (
     DepthMode,
+    Diagnostic,
     Frame,
-    Notice,
+    LineVisibility,
     Protection,
     Reason,
     RunwayEstimate,
     RunwayLine,
     Scale,
-    Seen,
     Status,
     Track,
     TrackState,
@@ -26,7 +26,7 @@ from deckline.types import (
 
 APPROACH = Approach()
 CAMERA = Camera(4, 3, 2.0, 2.0, 1.5, 1.0)
-ONE, NOTHING = Notice(Reason.NO_CENTRE_LINE, "one line"), Notice(Reason.NO_LINE, "no line")
+ONE, NOTHING = Diagnostic(Reason.NO_CENTRE_LINE, "one line"), Diagnostic(Reason.NO_LINE, "no line")
 NORTH = RunwayLine(np.array([0.0, 0.0, -20.0]), 0.0, np.diag([0.3, 0.01, 0.2]) ** 2)
 
 
@@ -40,7 +40,7 @@ def guidance(at, found, track=None, approach=APPROACH):
 
 
 def estimate(**changes):
-    values = dict(seen=Seen.BOTH, mode=DepthMode.FINE, pixel_lines={}, lines={"centre": NORTH})
+    values = dict(seen=LineVisibility.BOTH, mode=DepthMode.FINE, pixel_lines={}, lines={"centre": NORTH})
     return RunwayEstimate(**values | changes)
 
 
@@ -90,30 +90,30 @@ def test_deviations_do_not_depend_on_where_the_world_points(turn, lateral, headi
 
 
 def test_one_line_gives_the_height_alone():
-    found = guidance(HERE, estimate(seen=Seen.ONE, lines={"left": NORTH}, notices=(ONE,)))
+    found = guidance(HERE, estimate(seen=LineVisibility.ONE, lines={"left": NORTH}, diagnostics=(ONE,)))
     assert found.height_above_deck_m.value == pytest.approx(9.0)
     assert found.lateral_deviation_m is None
     assert found.heading_error_rad is None
     assert found.distance_to_ramp_m is None
-    assert (found.status, found.notices) == (Status.ONE_LINE, (ONE,))
+    assert (found.status, found.diagnostics) == (Status.ONE_LINE, (ONE,))
 
 
 @pytest.mark.parametrize(
     ("position", "changes"),
-    [(None, {}), ([0.0, 0, -30], {"lines": {}}), ([0.0, 0, -30], {"lines": {}, "seen": Seen.NONE})],
+    [(None, {}), ([0.0, 0, -30], {"lines": {}}), ([0.0, 0, -30], {"lines": {}, "seen": LineVisibility.NONE})],
 )
 def test_nothing_to_say_is_said(position, changes):
     found = guidance(frame(position), estimate(**changes))
     assert found.height_above_deck_m is None
     assert found.lateral_deviation_m is None
-    assert [notice.reason for notice in found.notices] == [Reason.NOT_LOCALIZED]
+    assert [diagnostic.reason for diagnostic in found.diagnostics] == [Reason.NOT_LOCALIZED]
 
 
 def test_a_vertical_nose_has_no_heading():
     found = guidance(frame([-100.0, 4.0, -29.0], attitude(0, np.pi / 2, 0)), estimate())
     assert found.heading_error_rad is None
     assert found.lateral_deviation_m.value == pytest.approx(4.0)
-    assert [notice.reason for notice in found.notices] == [Reason.NO_HEADING]
+    assert [diagnostic.reason for diagnostic in found.diagnostics] == [Reason.NO_HEADING]
 
 
 ON_SLOPE_M = np.tan(np.deg2rad(3.5)) * (40.0 + 70.0)
@@ -190,19 +190,19 @@ def test_a_lost_track_leaves_the_frame_unless_something_is_wrong():
     alone = guidance(HERE, estimate(), track(TrackState.LOST, lines={}, protection=None))
     assert alone.lateral_deviation_m.value == pytest.approx(4.0)
     assert (alone.track, alone.protection) == (TrackState.LOST, None)
-    wrong = Notice(Reason.SPACING, "the lines are 9 m apart")
+    wrong = Diagnostic(Reason.SPACING, "the lines are 9 m apart")
     doubted = guidance(HERE, estimate(), track(TrackState.LOST, lines={}, protection=None, flags=(wrong,)))
     assert doubted.lateral_deviation_m is None
     assert doubted.flags == (wrong,)
-    assert wrong in doubted.notices
+    assert wrong in doubted.diagnostics
 
 
 def test_a_coasting_track_guides_where_the_frame_shows_nothing():
-    nothing = estimate(lines={}, seen=Seen.NONE, notices=(NOTHING,))
+    nothing = estimate(lines={}, seen=LineVisibility.NONE, diagnostics=(NOTHING,))
     found = guidance(HERE, nothing, track(TrackState.COASTING))
     assert found.lateral_deviation_m.value == pytest.approx(4.0)
     assert (found.status, found.track) == (Status.COASTING, TrackState.COASTING)
-    assert found.notices == (NOTHING,)
+    assert found.diagnostics == (NOTHING,)
 
 
 NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
@@ -213,17 +213,17 @@ NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
     [
         ({}, {}, Status.OK),
         ({"mode": DepthMode.COARSE}, {}, Status.UNVERIFIED),
-        ({"mode": DepthMode.COARSE}, {"scale_from": (Scale.WIDTH,)}, Status.OK),
-        ({"mode": DepthMode.COARSE, "depth_agrees": True}, {}, Status.OK),
+        ({"mode": DepthMode.COARSE}, {"scale_sources": (Scale.WIDTH,)}, Status.OK),
+        ({"mode": DepthMode.COARSE, "depth_confirms_height": True}, {}, Status.OK),
         ({}, {"doubts": (YOUNG,)}, Status.UNVERIFIED),
         ({}, {"state": TrackState.LOST, "lines": {}}, Status.UNVERIFIED),
-        ({}, {"flags": (Notice(Reason.HEIGHT, "off"),)}, Status.UNVERIFIED),
-        ({}, {"flags": (Notice(Reason.FROZEN, "same"),)}, Status.STALE),
-        ({}, {"excluded": (Notice(Reason.LEFT, "off"),)}, Status.ONE_LINE),
-        ({"seen": Seen.ONE}, {}, Status.ONE_LINE),
-        ({"seen": Seen.NONE}, {}, Status.COASTING),
+        ({}, {"flags": (Diagnostic(Reason.HEIGHT, "off"),)}, Status.UNVERIFIED),
+        ({}, {"flags": (Diagnostic(Reason.FROZEN, "same"),)}, Status.STALE),
+        ({}, {"excluded": (Diagnostic(Reason.LEFT, "off"),)}, Status.ONE_LINE),
+        ({"seen": LineVisibility.ONE}, {}, Status.ONE_LINE),
+        ({"seen": LineVisibility.NONE}, {}, Status.COASTING),
         ({}, {"state": TrackState.COASTING}, Status.COASTING),
-        ({"seen": Seen.NONE, "lines": {}}, {"state": TrackState.LOST, "lines": {}}, Status.NOT_SEEN),
+        ({"seen": LineVisibility.NONE, "lines": {}}, {"state": TrackState.LOST, "lines": {}}, Status.NOT_SEEN),
         ({"lines": {}, "mode": DepthMode.NONE}, {"state": TrackState.LOST, "lines": {}}, Status.UNVERIFIED),
     ],
 )

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from deckline.config import Sensors
 from deckline.geometry import wrap_angle
 from deckline.localize import solver
-from deckline.types import SIDES, DepthMode, Seen
+from deckline.types import SIDES, DepthMode, LineVisibility
 from deckline_lab.evaluation.cramer_rao import cramer_rao
 from runway_scene import (
     CAMERA,
@@ -69,7 +69,7 @@ def test_errors_reach_the_bound_and_match_the_covariance(case, monkeypatch):
     for _ in range(DRAWS):
         noisy_frame, found = add_noise(frame, exact, config.noise, rng)
         estimate = locate(noisy_frame, found, config, rng)
-        assert estimate.seen is Seen.BOTH
+        assert estimate.seen is LineVisibility.BOTH
         for name, truth in TRUTHS.items():
             line = estimate.lines[name]
             poses = {

@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.config import Localization, Sensors
 from deckline.geometry import wrap_angle
 from deckline.localize import runway
-from deckline.types import DepthMode, Detection, LinePoints, Reason, Seen, Segment
+from deckline.types import DepthMode, Detection, LinePoints, LineVisibility, Reason, Segment
 from deckline_lab.rivals.sgd import localize_by_descent
 from runway_scene import (
     ANY_ANGLE,
@@ -62,7 +62,7 @@ def test_exact_points_give_the_papers_lines(paper, camera, mode):
     estimate = (localize_by_descent if paper else locate)(frame, detection(frame), config, rng)
     # The depth image is float32 and, behind a lens, inverse depth is not exactly linear between its pixels.
     tolerance = 1e-6 if mode == "coarse" else 1e-3
-    assert (estimate.seen, estimate.mode, estimate.flags) == (Seen.BOTH, DepthMode(mode), ())
+    assert (estimate.seen, estimate.mode, estimate.flags) == (LineVisibility.BOTH, DepthMode(mode), ())
     for side, slope, constant in (("left", 0.16300, -35.788523), ("right", 0.15632, -20.889669)):
         line = estimate.lines[side]
         assert line.slope == pytest.approx(-slope, abs=tolerance)
@@ -86,7 +86,7 @@ def test_larger_sensor_noise_gives_larger_sigma():
 def test_one_line_has_a_centre_only_with_a_known_width():
     found = Detection(EMPTY, detection(NEAR).right)
     estimate = locate(NEAR, found)
-    assert (estimate.seen, set(estimate.lines)) == (Seen.ONE, {"right"})
+    assert (estimate.seen, set(estimate.lines)) == (LineVisibility.ONE, {"right"})
     assert reasons(estimate) == [Reason.NO_CENTRE_LINE]
     known = locate(NEAR, found, still_deck(width_m=14.0))
     assert set(known.lines) == {"right", "centre"}
@@ -105,7 +105,7 @@ def test_a_line_none_of_whose_points_lies_on_its_plane_is_dropped(monkeypatch):
 
     monkeypatch.setattr(localize, "locate_inliers", miss)
     estimate = locate(NEAR, detection(NEAR))
-    assert (estimate.seen, set(estimate.lines)) == (Seen.ONE, {"right"})
+    assert (estimate.seen, set(estimate.lines)) == (LineVisibility.ONE, {"right"})
     assert Reason.NO_POINTS in reasons(estimate)
 
 
@@ -113,14 +113,14 @@ def test_a_line_none_of_whose_points_lies_on_its_plane_is_dropped(monkeypatch):
 def test_one_line_is_located_exactly(side):
     found = detection(FAR, PARALLEL_RIGHT)
     estimate = locate(FAR, replace(found, **{"right" if side == "left" else "left": EMPTY}))
-    assert estimate.seen is Seen.ONE
+    assert estimate.seen is LineVisibility.ONE
     truth = {"left": LEFT, "right": PARALLEL_RIGHT}[side]
     np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-6)
 
 
 def test_without_a_pose_only_the_image_lines_are_given():
     estimate = locate(replace(NEAR, world_from_body=None), detection(NEAR))
-    assert (estimate.seen, estimate.mode, estimate.lines) == (Seen.BOTH, DepthMode.NONE, {})
+    assert (estimate.seen, estimate.mode, estimate.lines) == (LineVisibility.BOTH, DepthMode.NONE, {})
     assert set(estimate.pixel_lines) == {"left", "right"}
     assert reasons(estimate) == [Reason.NO_POSE]
 
@@ -136,7 +136,7 @@ def test_third_of_outliers_does_not_bias():
             noisy.points_px[generator.choice(40, 12, replace=False), 0] += generator.uniform(-60, 60, 12)
             lines.append(noisy)
         estimate = locate(FAR, Detection(*lines), STILL, generator)
-        assert estimate.seen is Seen.BOTH
+        assert estimate.seen is LineVisibility.BOTH
         line = estimate.lines["left"]
         error, covariance = error_at(line.point_m, line.azimuth_rad, line.covariance, LEFT, LEFT.p0_m)
         errors.append(error[:2] / np.sqrt(np.diag(covariance)[:2]))
@@ -156,7 +156,7 @@ def test_rolled_camera_changes_nothing(roll_deg):
     """At 75 degrees the lines run nearly along the image's rows."""
     frame = approach(90.0, 9.0, roll=np.deg2rad(roll_deg), pitch=-0.08, right=PARALLEL_RIGHT)
     estimate = locate(frame, detection(frame, PARALLEL_RIGHT))
-    assert estimate.seen is Seen.BOTH
+    assert estimate.seen is LineVisibility.BOTH
     for side, truth in (("left", LEFT), ("right", PARALLEL_RIGHT)):
         np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-5)
 
@@ -165,12 +165,12 @@ def test_camera_mounted_upside_down_in_the_settings_gives_no_runway():
     mount = MIDDLE.body_from_camera
     turned = RigidTransform.from_components(mount.translation, mount.rotation * Rotation.from_euler("z", np.pi))
     estimate = locate(replace(MIDDLE, body_from_camera=turned), detection(MIDDLE, PARALLEL_RIGHT))
-    assert (estimate.seen, estimate.lines, reasons(estimate)) == (Seen.NONE, {}, [Reason.CROSSED])
+    assert (estimate.seen, estimate.lines, reasons(estimate)) == (LineVisibility.NONE, {}, [Reason.CROSSED])
 
 
 def test_deck_above_the_camera_gives_no_runway():
     estimate = locate(replace(MIDDLE, deck_z_m=-40.0), detection(MIDDLE, PARALLEL_RIGHT))
-    assert (estimate.seen, reasons(estimate)) == (Seen.NONE, [Reason.ABOVE_CAMERA])
+    assert (estimate.seen, reasons(estimate)) == (LineVisibility.NONE, [Reason.ABOVE_CAMERA])
 
 
 def test_tiny_runway_is_found_with_a_large_sigma():
@@ -182,7 +182,7 @@ def test_tiny_runway_is_found_with_a_large_sigma():
     for _ in range(20):
         found = Detection(shift_points(exact.left, generator), shift_points(exact.right, generator))
         estimate = locate(frame, found, STILL, generator)
-        assert estimate.seen is Seen.BOTH
+        assert estimate.seen is LineVisibility.BOTH
         centre = estimate.lines["centre"]
         sigma = np.sqrt(centre.covariance[1, 1])
         scores.append(wrap_angle(centre.azimuth_rad - azimuth(LEFT)) / sigma)
@@ -245,7 +245,7 @@ def test_a_depth_camera_that_sees_a_part_of_the_lines_confirms_the_height(range_
     config = replace(STILL, localization=Localization(asked))
     estimate = locate(told, detection(frame, PARALLEL_RIGHT), config)
     assert estimate.mode is DepthMode.COARSE and set(estimate.lines) == {"left", "right", "centre"}
-    assert estimate.depth_agrees is agrees
+    assert estimate.depth_confirms_height is agrees
 
 
 def test_known_angle_gives_a_short_line_its_direction(monkeypatch):
@@ -294,7 +294,7 @@ def test_painted_centre_line_sharpens_the_middle_and_replaces_a_line():
     assert painted.relative_covariance[1, 1] < 0.9 * plain.relative_covariance[1, 1]
     np.testing.assert_allclose(ramp_error(painted, PARALLEL_CENTRE), 0, atol=1e-5)
     alone = locate(FAR, Detection(exact.left, EMPTY, centre=centre))
-    assert (alone.seen, set(alone.lines)) == (Seen.ONE, {"left", "centre"})
+    assert (alone.seen, set(alone.lines)) == (LineVisibility.ONE, {"left", "centre"})
     np.testing.assert_allclose(ramp_error(alone.lines["centre"], PARALLEL_CENTRE), 0, atol=1e-5)
 
 
@@ -304,7 +304,7 @@ def test_centre_line_off_the_middle_is_left_out_and_far_off_rejects_the_edges(of
     shift = np.array([0.0, off_m, 0.0])
     wrong = line_points(FAR, Segment(PARALLEL_CENTRE.p0_m + shift, PARALLEL_CENTRE.p1_m + shift), 20, 0.5)
     plain, estimate = locate(FAR, exact), locate(FAR, replace(exact, centre=wrong))
-    assert estimate.seen is (Seen.BOTH if believed else Seen.NONE)
+    assert estimate.seen is (LineVisibility.BOTH if believed else LineVisibility.NONE)
     assert Reason.CENTRE_LINE in reasons(estimate)
     assert "14.7 m" in estimate.reason
     if believed:
@@ -345,7 +345,7 @@ def test_deck_height_of_the_wrong_sign_is_flagged(width_m, reported_z_m, known_w
     raised = RigidTransform.from_translation([0.0, 0.0, -20.0 - DECK_Z_M]) * frame.world_from_body
     reported = replace(frame, world_from_body=raised, deck_z_m=reported_z_m)
     estimate = locate(reported, detection(frame, right), still_deck(width_m=known_width_m))
-    assert estimate.seen is Seen.BOTH
+    assert estimate.seen is LineVisibility.BOTH
     assert [flag.reason for flag in estimate.flags] == [Reason.DECK_SIGN] * flagged
     assert not flagged or ("20 m" in estimate.flags[0].message and "55 m" in estimate.flags[0].message)
 

@@ -5,7 +5,7 @@ from deckline.config import Deck
 from deckline.localize.model import (
     NUISANCES,
     DeckPlane,
-    State,
+    FitState,
     linearize_deck_prior,
     linearize_height_prior,
     linearize_measurements,
@@ -17,7 +17,7 @@ from runway_scene import LEFT, LENS, NOISE, PARALLEL_RIGHT, approach, azimuth, d
 ALONG = np.array([np.cos(azimuth(LEFT)), np.sin(azimuth(LEFT))])
 PLANE = DeckPlane(np.array([-40.0, 35.0]), np.stack([ALONG, [-ALONG[1], ALONG[0]]]), np.array([0.01, 0.02]))
 FRAME = approach(70.0, 8.0, right=PARALLEL_RIGHT)
-TRUTH = State(
+TRUTH = FitState(
     np.stack([line.p0_m[:2] + 40 * ALONG for line in (LEFT, PARALLEL_RIGHT)]),
     np.full(2, azimuth(LEFT)),
     float(LEFT.p0_m[2]),
@@ -89,7 +89,7 @@ def test_deck_prior_holds_at_the_truth_and_its_jacobian_equals_finite_difference
     offsets = {"left": -7.35, "centre": 0.0, "right": 7.35}
     turns = {"left": -0.005, "centre": 0.0, "right": 0.005}
     azimuths = np.array([azimuth(LEFT) + turns[name] for name in names])
-    state = State(np.stack([offsets[name] * PLANE.axes[1] for name in names]), azimuths, 6.0, np.zeros(NUISANCES))
+    state = FitState(np.stack([offsets[name] * PLANE.axes[1] for name in names]), azimuths, 6.0, np.zeros(NUISANCES))
     terms = linearize_deck_prior(names, state, deck)
     assert len(terms.residuals) == (4 if len(names) == 3 else 2)
     np.testing.assert_allclose(terms.residuals, 0, atol=0.02)  # widths are exact across the mean direction only
@@ -101,5 +101,5 @@ def test_deck_prior_holds_at_the_truth_and_its_jacobian_equals_finite_difference
 
 
 def test_single_line_has_no_deck_prior():
-    one = State(np.zeros((1, 2)), np.zeros(1), 0.0, np.zeros(NUISANCES))
+    one = FitState(np.zeros((1, 2)), np.zeros(1), 0.0, np.zeros(NUISANCES))
     assert linearize_deck_prior(("left",), one, Deck(width_m=14.7)).jacobian.shape == (0, 9)

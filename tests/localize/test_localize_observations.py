@@ -17,8 +17,8 @@ def observe_20(frame, mode="auto"):
 
 def test_rays_meet_the_line_and_steps_are_those_of_the_detector():
     frame = approach(80.0, 8.0, camera=LENS)
-    observations, notices, _ = observe_20(frame)
-    assert (observations.names, notices) == (("left", "right"), ())
+    observations, diagnostics, _ = observe_20(frame)
+    assert (observations.names, diagnostics) == (("left", "right"), ())
     left = observations.world_rays[observations.line == 0]
     ground = observations.camera_m + left * ((DECK_Z_M - observations.camera_m[2]) / left[:, 2:])
     along = (LEFT.p1_m - LEFT.p0_m) / np.linalg.norm(LEFT.p1_m - LEFT.p0_m)
@@ -51,10 +51,10 @@ def test_points_above_the_horizon_are_left_out():
     left = detection(FRAME).left
     lines = {"left": fit_pixel_line(left, FRAME.camera, np.random.default_rng(0))}
     high = replace(left, points_px=left.points_px - [0.0, 400.0])
-    observations, notices = observe(level, {"left": high}, lines, "auto")
+    observations, diagnostics = observe(level, {"left": high}, lines, "auto")
     assert observations.names == ()
-    assert [notice.reason for notice in notices] == [Reason.NO_POINTS]
-    assert "left" in notices[0].message
+    assert [diagnostic.reason for diagnostic in diagnostics] == [Reason.NO_POINTS]
+    assert "left" in diagnostics[0].message
 
 
 def test_initial_height():

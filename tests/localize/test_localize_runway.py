@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deckline.localize import runway
-from deckline.types import Detection, LinePoints, Reason, Seen, Segment
+from deckline.types import Detection, LinePoints, LineVisibility, Reason, Segment
 from runway_scene import (
     ANY_ANGLE,
     LATERAL,
@@ -51,7 +51,7 @@ def test_ramp_is_found_within_its_sigma_only_when_in_view():
     bottom = float(found.left.points_px[:, 1].max()) + 1.0
     cropped = Detection(found.left, found.right, (0.0, 0.0, 1279.0, bottom))
     for estimate in (locate(over_deck, detection(over_deck)), locate(NEAR, cropped)):
-        assert (estimate.seen, estimate.ramp_m, reasons(estimate)) == (Seen.BOTH, None, [Reason.NO_RAMP])
+        assert (estimate.seen, estimate.ramp_m, reasons(estimate)) == (LineVisibility.BOTH, None, [Reason.NO_RAMP])
 
 
 def test_lines_that_begin_far_apart_are_rejected(monkeypatch):
@@ -59,9 +59,9 @@ def test_lines_that_begin_far_apart_are_rejected(monkeypatch):
     rows = found.left.points_px[:, 1]
     found = Detection(keep(found.left, rows < np.percentile(rows, 40)), found.right)
     estimate = locate(NEAR, found)
-    assert (estimate.seen, estimate.lines, reasons(estimate)) == (Seen.NONE, {}, [Reason.LINE_ENDS])
+    assert (estimate.seen, estimate.lines, reasons(estimate)) == (LineVisibility.NONE, {}, [Reason.LINE_ENDS])
     monkeypatch.setattr(runway, "MAX_END_STEP_M", 1000.0)
-    assert locate(NEAR, found).seen is Seen.BOTH
+    assert locate(NEAR, found).seen is LineVisibility.BOTH
 
 
 def test_slope_sigma_allows_the_near_ends_of_a_banked_deck_to_differ():
@@ -71,9 +71,9 @@ def test_slope_sigma_allows_the_near_ends_of_a_banked_deck_to_differ():
     lines = [Segment(line.p0_m + up, line.p1_m + up) for line, up in ((LEFT, -rise), (PARALLEL_RIGHT, rise))]
     banked = Detection(*(line_points(frame, line) for line in lines))
     level = locate(frame, banked)
-    assert (level.seen, reasons(level)) == (Seen.NONE, [Reason.LINE_ENDS])
+    assert (level.seen, reasons(level)) == (LineVisibility.NONE, [Reason.LINE_ENDS])
     assert " 16 m" in level.reason
-    assert locate(frame, banked, still_deck(slope_deg=3.0)).seen is Seen.BOTH
+    assert locate(frame, banked, still_deck(slope_deg=3.0)).seen is LineVisibility.BOTH
 
 
 LEFT_POINTS, RIGHT_POINTS = detection(NEAR).left, detection(NEAR).right
@@ -97,6 +97,6 @@ TURNED = shift_left_line(14.0, np.deg2rad(12))
 )
 def test_contradicting_lines_are_dropped_with_the_reason(left, right, reason, kept):
     estimate = locate(NEAR, Detection(left, right), still_deck(**ANY_ANGLE))
-    assert estimate.seen is (Seen.ONE if kept else Seen.NONE)
+    assert estimate.seen is (LineVisibility.ONE if kept else LineVisibility.NONE)
     assert (set(estimate.pixel_lines), set(estimate.lines)) == (kept, kept)
     assert reasons(estimate)[0] is reason

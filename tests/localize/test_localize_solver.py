@@ -4,7 +4,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from deckline.localize.model import NUISANCES, State
+from deckline.localize.model import NUISANCES, FitState
 from deckline.localize.solver import noise_inflation, solve
 from runway_scene import LEFT, NOISE, PARALLEL_RIGHT, STILL, approach, azimuth, detection, observe_lines, with_depth
 
@@ -15,7 +15,7 @@ def solve_from_offset(frame, found, mode="auto", deck_z_m=LEFT.p0_m[2]):
     """The solution from a start that is off by 0.3 m, 0.01 rad and 0.4 m of height."""
     observations, *_ = observe_lines(frame, found, mode)
     middles = np.stack([(line.p0_m + line.p1_m)[:2] / 2 for line in (LEFT, PARALLEL_RIGHT)])
-    start = State(middles + 0.3, np.full(2, azimuth(LEFT) + 0.01), LEFT.p0_m[2] + 0.4, np.zeros(NUISANCES))
+    start = FitState(middles + 0.3, np.full(2, azimuth(LEFT) + 0.01), LEFT.p0_m[2] + 0.4, np.zeros(NUISANCES))
     return solve(observations, start, NOISE, STILL.deck, deck_z_m)
 
 

@@ -12,13 +12,13 @@ from deckline.guide import guidance
 from deckline.report import draw, instrument, overlay
 from deckline.types import (
     DepthMode,
+    Diagnostic,
     Guidance,
-    Notice,
+    LineVisibility,
     Protection,
     Reason,
     RunwayEstimate,
     RunwayLine,
-    Seen,
     Status,
     TrackState,
 )
@@ -28,7 +28,7 @@ def guide(lateral_m=0.0, height_m=20.0, distance_m=250.0, **changes) -> Guidance
     """What the real guidance makes of such a place."""
     covariance = np.diag([0.2**2, 0.01**2, 0.1**2])
     line = RunwayLine(np.array([-distance_m, 0.0, 0.0]), 0.0, covariance)
-    ramp = RunwayEstimate(Seen.BOTH, DepthMode.FINE, {}, {"centre": line}, np.zeros(3), 2.0)
+    ramp = RunwayEstimate(LineVisibility.BOTH, DepthMode.FINE, {}, {"centre": line}, np.zeros(3), 2.0)
     at = replace(frame(), world_from_body=RigidTransform.from_translation([-distance_m, lateral_m, -height_m]))
     return replace(guidance(at, ramp, None, Approach()), **changes)
 
@@ -58,7 +58,7 @@ def test_the_glideslope_band_is_the_spread_of_the_needle():
 
 
 def test_unknown_is_a_flag_and_never_a_needle():
-    nothing = Guidance(0.0, Status.NOT_SEEN, DepthMode.NONE, notices=(Notice(Reason.NO_LINE, "no line"),))
+    nothing = Guidance(0.0, Status.NOT_SEEN, DepthMode.NONE, diagnostics=(Diagnostic(Reason.NO_LINE, "no line"),))
     assert instrument.lateral_needle(nothing) is None
     assert instrument.glideslope_needle(nothing) is None
     left, top, side = instrument.FACE
@@ -82,7 +82,7 @@ def test_the_protection_level_stands_beside_the_needle_while_it_is_on_the_scale(
 def test_a_flag_is_red_and_goes_before_the_tracks_state():
     column = slice(instrument.FACE[0] + instrument.FACE[2], None)
     tracked = instrument.draw_instrument(guide(track=TrackState.TRACKING))[144:180, column]
-    flags = (Notice(Reason.HEIGHT, "2 m off"),)
+    flags = (Diagnostic(Reason.HEIGHT, "2 m off"),)
     flagged = instrument.draw_instrument(guide(track=TrackState.TRACKING, flags=flags))[144:180, column]
     assert not has(tracked, draw.FLAG)
     assert has(flagged, draw.FLAG)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from approach_scene import HEIGHT_M, LATERAL_M, STILL, chain, frame
 from deckline.config import Approach
-from deckline.dehaze import DEHAZERS, Restored
+from deckline.dehaze import DEHAZERS, DehazeResult
 from deckline.flight import Flight
 from deckline.recording import BadFrame
 from deckline.report import records as report_records
@@ -23,7 +23,7 @@ from deckline.report.records import (
     to_line,
     write_csv,
 )
-from deckline.types import EdgeKind, Notice, Reason, Value
+from deckline.types import Diagnostic, EdgeKind, Reason, Value
 
 
 def frame_record(result):
@@ -162,14 +162,14 @@ def test_every_column_is_found_in_a_whole_record():
 def test_visibility_is_told_once_the_picture_is_dehazed():
     result = tracked()[-1]
     assert frame_record(result)["visibility_m"] is None
-    result.dehazing.made[1, 1] = Restored(result.frame.image_rgb, visibility_m=Value(900.0, 80.0))
+    result.dehazing.made[1, 1] = DehazeResult(result.frame.image_rgb, visibility_m=Value(900.0, 80.0))
     assert frame_record(result)["visibility_m"] == {"value": 900.0, "sigma": 80.0}
     assert frame_record(result)["visibility_heights"] is None
 
 
 def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):
     result = tracked(blind=("frame_003.png",))[-1]
-    flag = Notice(Reason.HEIGHT, "2 m off")
+    flag = Diagnostic(Reason.HEIGHT, "2 m off")
     result = replace(result, track=replace(result.track, flags=(flag,)))
     record = frame_record(result)
     assert (record["status"], record["seen"]) == ("coasting", "none")

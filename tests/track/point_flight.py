@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, attitude, camera_mount
-from deckline.types import DepthMode, Frame, PixelLine, RunwayEstimate, RunwayLine, Seen, Segment, Truth
+from deckline.types import DepthMode, Frame, LineVisibility, PixelLine, RunwayEstimate, RunwayLine, Segment, Truth
 
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
 IMAGE = np.zeros((720, 1280, 3), dtype=np.uint8)
@@ -136,13 +136,13 @@ def one_frame(
         if seen is not None:
             found[side], pixel_lines[side] = seen
     if len(found) < 2:
-        return frame, RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {}), truth
+        return frame, RunwayEstimate(LineVisibility.NONE, DepthMode.NONE, {}, {}), truth
     height = np.mean([line.height_m for line in found.values()])
     lines_found = {s: replace(line, point_m=np.array([*line.point_m[:2], height])) for s, line in found.items()}
     mode = DepthMode.FINE if fine else DepthMode.COARSE
     ramp = lines["centre"].point_m + rng.normal(0, 1.0) * ALONG
     ramp[2] = height
-    estimate = RunwayEstimate(Seen.BOTH, mode, pixel_lines, lines_found, ramp, 1.0)
+    estimate = RunwayEstimate(LineVisibility.BOTH, mode, pixel_lines, lines_found, ramp, 1.0)
     return frame, estimate, truth
 
 

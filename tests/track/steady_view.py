@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
-from deckline.types import DepthMode, Frame, RunwayEstimate, RunwayLine, Seen
+from deckline.types import DepthMode, Frame, LineVisibility, RunwayEstimate, RunwayLine
 
 CAMERA = Camera(4, 3, 2.0, 2.0, 1.5, 1.0)
 OFFSET_M, TURN_RAD, HEIGHT_M = 0.05, 0.002, 0.1  # 1-sigma of one frame's line
@@ -26,4 +26,4 @@ def seen(rng, z_m=-20.0, spacing_m=15.0, aside_m=0.0, mode=DepthMode.FINE, noise
         y = aside_m + sign * spacing_m + noise * rng.normal(0, OFFSET_M)
         point = np.array([50.0, y, height])
         lines[side] = RunwayLine(point, noise * rng.normal(0, TURN_RAD), 4 * covariance, covariance)
-    return RunwayEstimate(Seen.BOTH, mode, {}, lines)
+    return RunwayEstimate(LineVisibility.BOTH, mode, {}, lines)

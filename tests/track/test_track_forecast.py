@@ -67,7 +67,7 @@ def test_far_away_place_and_direction_are_less_sure_and_the_height_is_not(range_
     near_m = memory.extent.near_m - range_m * memory.state.along
     pose = Pose(near_m - [0.0, 0.0, 40.0], np.zeros(3), np.zeros(3))
     far = describe_track(memory, pose, CALM)
-    monkeypatch.setattr("deckline.track.forecast.FAR_TIMES", 1.0)
+    monkeypatch.setattr("deckline.track.forecast.FAR_SIGMA_INFLATION", 1.0)
     plain = describe_track(memory, pose, CALM)
     for name in ("covariance", "relative_covariance"):
         found, usual = (np.sqrt(np.diag(getattr(track.lines["left"], name))) for track in (far, plain))

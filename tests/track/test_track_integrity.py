@@ -14,9 +14,9 @@ from deckline.config import Deck, Integrity, RunConfig
 from deckline.track import Tracker
 from deckline.track.filter import DECK, DRIFT, FOCAL, SIZE, initial_state, update
 from deckline.track.frozen import FrozenImageMonitor
-from deckline.track.integrity import UNLIKELY, YOUNG, bias_flag, drift_flag, find_doubts, protection_levels
+from deckline.track.integrity import UNLIKELY, YOUNG, bias_flag, drift_flag, protection_levels, unverified_reasons
 from deckline.track.motion import Pose
-from deckline.types import DepthMode, Reason, RunwayEstimate, RunwayLine, Seen, TrackState
+from deckline.types import DepthMode, LineVisibility, Reason, RunwayEstimate, RunwayLine, TrackState
 
 SLOW = Flight(modes="both", rate_hz=4.0, start_m=500.0)
 KNOWN = RunConfig(deck=Deck(sea_state=0.0, width_m=15.0))
@@ -89,7 +89,7 @@ def test_one_wrong_height_is_left_out_and_a_lasting_one_is_flagged():
     for index in range(20):
         before = tracker.update(view(index / 10), seen(rng))
     once = tracker.update(view(2.0), seen(rng, z_m=-14.0))
-    assert [notice.reason for notice in once.excluded] == [Reason.HEIGHT]
+    assert [diagnostic.reason for diagnostic in once.excluded] == [Reason.HEIGHT]
     assert once.flags == ()
     assert once.lines["centre"].height_m == pytest.approx(before.lines["centre"].height_m, abs=0.2)
     assert tracker.update(view(2.1), seen(rng)).excluded == ()
@@ -133,7 +133,7 @@ def test_after_a_jump_of_the_pose_nothing_is_known_of_the_lines_before():
     jump = RigidTransform.from_translation([0.0, 0.0, 300.0])
     jumped = [replace(view(2.0 + i / 10), world_from_body=jump * view(0.0).world_from_body) for i in range(5)]
     tracks = [tracker.update(frame, seen(rng, aside_m=-8.0)) for frame in jumped]
-    assert any(notice.reason is Reason.RESTARTED for notice in tracks[0].notices)
+    assert any(diagnostic.reason is Reason.RESTARTED for diagnostic in tracks[0].diagnostics)
     assert tracks[-1].flags == ()
 
 
@@ -146,12 +146,12 @@ def test_errors_that_are_each_just_possible_are_doubted_together():
         for index, size in sizes.items():  # measured well: 0.1 sigma
             design = np.eye(1, SIZE, index)
             now = update(now, np.array([size * sigmas[index]]), design, np.array([[0.01 * sigmas[index] ** 2]]))
-        return find_doubts(now, 5.0, 0.0, KNOWN)
+        return unverified_reasons(now, 5.0, 0.0, KNOWN)
 
     assert doubts({DRIFT: 0.0, DECK: 3.2}) == ()
     assert doubts({DRIFT: 0.0, DECK: 3.2, FOCAL: 3.2}) == (UNLIKELY,)
     assert doubts({}) == (YOUNG,), "the drift is not known"
-    assert find_doubts(replace(state, covariance=0.01 * state.covariance), 0.0, 0.0, KNOWN) == (YOUNG,)
+    assert unverified_reasons(replace(state, covariance=0.01 * state.covariance), 0.0, 0.0, KNOWN) == (YOUNG,)
 
 
 def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two():
@@ -232,7 +232,7 @@ def test_the_level_of_the_heading_holds_a_turned_camera():
         assert told > 5
 
 
-NOTHING = RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {})
+NOTHING = RunwayEstimate(LineVisibility.NONE, DepthMode.NONE, {}, {})
 
 
 def moving_frames(count):

@@ -42,7 +42,7 @@ def test_one_line_elsewhere_is_left_out_by_name(side):
     lines = seen(rng).lines
     lines[side] = seen(rng, aside_m=4.0).lines[side]
     found = select_consistent(state, measure(state, lines, DepthMode.FINE, pose, CONFIG), 5.0)
-    assert [notice.reason for notice in found.excluded] == [Reason(side)]
+    assert [diagnostic.reason for diagnostic in found.excluded] == [Reason(side)]
     assert len(found.kept.innovation) == 3
 
 
@@ -51,7 +51,7 @@ def test_everything_elsewhere_leaves_nothing():
     lines = seen(rng, z_m=-14.0, spacing_m=25.0, aside_m=9.0).lines
     found = select_consistent(state, measure(state, lines, DepthMode.FINE, pose, CONFIG), 5.0)
     assert found.kept is None
-    assert {notice.reason for notice in found.excluded} == {Reason.LEFT, Reason.RIGHT, Reason.HEIGHT}
+    assert {diagnostic.reason for diagnostic in found.excluded} == {Reason.LEFT, Reason.RIGHT, Reason.HEIGHT}
 
 
 def test_the_gate_is_as_rare_as_its_standard_deviations_say():

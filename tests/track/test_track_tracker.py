@@ -10,9 +10,11 @@ from scipy.stats import chi2
 
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
-from deckline.types import DepthMode, Notice, Reason, RunwayEstimate, Seen, Track, TrackState
+from deckline.types import DepthMode, Diagnostic, LineVisibility, Reason, RunwayEstimate, Track, TrackState
 
-NOTHING = RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {}, notices=(Notice(Reason.NO_LINE, "no line"),))
+NOTHING = RunwayEstimate(
+    LineVisibility.NONE, DepthMode.NONE, {}, {}, diagnostics=(Diagnostic(Reason.NO_LINE, "no line"),)
+)
 
 
 CALM = RunConfig(deck=Deck(sea_state=0.0))
@@ -117,8 +119,8 @@ def test_a_time_that_cannot_be_changes_nothing_and_is_said(time_s, named):
         before = tracker.update(frame, estimate)
         disturbed.update(frame, estimate)
     odd = disturbed.update(replace(shown[10][0], time_s=time_s), shown[10][1])
-    assert [notice.reason for notice in odd.notices] == [Reason.BAD_TIME]
-    assert named in odd.notices[0].message
+    assert [diagnostic.reason for diagnostic in odd.diagnostics] == [Reason.BAD_TIME]
+    assert named in odd.diagnostics[0].message
     assert same(odd, before) and odd.state is TrackState.COASTING
     assert same(disturbed.update(*shown[11]), tracker.update(*shown[11]))
 
@@ -147,9 +149,9 @@ def test_frames_without_a_pose_are_bridged():
     for frame, estimate in shown[:10]:
         tracker.update(frame, estimate)
     for frame, _ in shown[10:13]:
-        track = tracker.update(replace(frame, world_from_body=None), replace(NOTHING, seen=Seen.BOTH))
+        track = tracker.update(replace(frame, world_from_body=None), replace(NOTHING, seen=LineVisibility.BOTH))
         assert track.state is TrackState.COASTING
-        assert Reason.NO_POSE in [notice.reason for notice in track.notices]
+        assert Reason.NO_POSE in [diagnostic.reason for diagnostic in track.diagnostics]
         assert track.protection is None
     assert tracker.update(*shown[14]).state is TrackState.TRACKING
 
@@ -169,8 +171,8 @@ def test_a_pose_that_jumps_a_gap_and_a_new_flight_begin_a_new_track():
             jump = RigidTransform.from_translation([0.0, 30.0, 0.0])
             change = {"world_from_body": jump * frame.world_from_body}
         track = tracker.update(replace(frame, **change), estimate)
-        assert [notice.reason for notice in track.notices] == [Reason.RESTARTED]
-        assert named in track.notices[0].message
+        assert [diagnostic.reason for diagnostic in track.diagnostics] == [Reason.RESTARTED]
+        assert named in track.diagnostics[0].message
         assert track.state is TrackState.TRACKING
         right = np.array([-np.sin(track.lines["left"].azimuth_rad), np.cos(track.lines["left"].azimuth_rad), 0.0])
         assert abs((track.lines["left"].point_m - estimate.lines["left"].point_m) @ right) < 0.5

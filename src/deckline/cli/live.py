@@ -183,8 +183,8 @@ def _open_other(
     if poses is not None:
         raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
     with needs_extra("sim"):
-        from deckline.adapters.airsim.source import LiveSource as AirSim
-    return Simulator(AirSim(source, camera or "0", rate, deck_z_m, sea_z_m))
+        from deckline.adapters.airsim.source import AirSimSource
+    return Simulator(AirSimSource(source, camera or "0", rate, deck_z_m, sea_z_m))
 
 
 def _pose_losses(poses: PoseSource | None) -> list[str]:

@@ -105,8 +105,8 @@ def run(
         if (every, start, duration) != (1, 0.0, None):
             raise ValueError(f"{source}: a simulator runs live: leave --every, --start and --duration out, take --rate")
         with needs_extra("sim"):
-            from deckline.adapters.airsim.source import LiveSource
-        opened = LiveSource(source, camera or "0", rate, deck_z_m, sea_z_m)
+            from deckline.adapters.airsim.source import AirSimSource
+        opened = AirSimSource(source, camera or "0", rate, deck_z_m, sea_z_m)
     else:
         recording = open_recording(
             source,

@@ -6,7 +6,7 @@ cv2 and onnxruntime are imported only when a method that needs them is built or 
 from collections.abc import Callable
 
 from deckline.config import CPU
-from deckline.dehaze.base import Dehazer, IdentityDehazer, Restored, restore
+from deckline.dehaze.base import Dehazer, DehazeResult, IdentityDehazer, restore
 from deckline.dehaze.by_horizon import HorizonDehazer
 from deckline.dehaze.dark_channel import DarkChannelDehazer
 from deckline.dehaze.geometry import GeometryDehazer, downscale_frame
@@ -19,11 +19,11 @@ __all__ = [
     "DEHAZERS",
     "NOT_DEHAZED",
     "DarkChannelDehazer",
+    "DehazeResult",
     "Dehazer",
     "GeometryDehazer",
     "HorizonDehazer",
     "OnnxDehazer",
-    "Restored",
     "VeilDehazer",
     "downscale_frame",
     "restore",

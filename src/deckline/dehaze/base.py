@@ -23,7 +23,7 @@ class Dehazer(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Restored:
+class DehazeResult:
     """A dehazed frame."""
 
     image_rgb: NDArray[np.uint8]  # (H, W, 3), no view of the input
@@ -36,7 +36,7 @@ class Restored:
 class FrameDehazer(Dehazer, Protocol):
     """A dehazer that uses the frame's camera, pose and depth too."""
 
-    def restore(self, frame: Frame) -> Restored: ...
+    def restore(self, frame: Frame) -> DehazeResult: ...
 
 
 class IdentityDehazer:
@@ -49,10 +49,10 @@ class IdentityDehazer:
         return image_rgb.copy()
 
 
-def restore(dehazer: Dehazer, frame: Frame, strength: float = 1.0) -> Restored:
+def restore(dehazer: Dehazer, frame: Frame, strength: float = 1.0) -> DehazeResult:
     """A frame through any dehazer; `strength`, 0 to 1, is how much of the removal is kept."""
     if not isinstance(dehazer, FrameDehazer):
-        return Restored(mix(frame.image_rgb, dehazer(frame.image_rgb), strength))
+        return DehazeResult(mix(frame.image_rgb, dehazer(frame.image_rgb), strength))
     restored = dehazer.restore(frame)
     if not restored.note and np.array_equal(restored.image_rgb, frame.image_rgb):
         return replace(restored, note="not dehazed: no haze is seen")
@@ -68,6 +68,6 @@ def mix(first_rgb: NDArray[np.uint8], second_rgb: NDArray[np.uint8], share: floa
     return np.asarray(cv2.addWeighted(first_rgb, 1 - share, second_rgb, share, 0), dtype=np.uint8)
 
 
-def ramp(value: float, low: float, high: float) -> float:
+def linear_step(value: float, low: float, high: float) -> float:
     """0 up to `low`, 1 from `high` on."""
     return float(np.clip((value - low) / (high - low), 0, 1))

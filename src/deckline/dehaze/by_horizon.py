@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.checks import check_image
-from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
+from deckline.dehaze.base import Dehazer, DehazeResult, linear_step, mix, restore
 from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, at_usual_height, downscale_frame
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
@@ -67,7 +67,7 @@ class HorizonDehazer:
         height, width = image_rgb.shape[:2]
         return self.restore(Frame("", 0.0, image_rgb, Camera.unknown(width, height))).image_rgb
 
-    def restore(self, frame: Frame) -> Restored:
+    def restore(self, frame: Frame) -> DehazeResult:
         horizon = find_horizon_of(frame)
         if isinstance(horizon, NoHorizon):
             return restore(self.otherwise, frame)
@@ -78,13 +78,13 @@ class HorizonDehazer:
             return restore(self.otherwise, frame)
         heights = solution.haze.visibility_m / USUAL_HEIGHT_M
         told = visibility_in_heights(frame, horizon, solution.haze)
-        clear = ramp(float(np.log(heights)), *np.log(CLEAR_HEIGHTS))
+        clear = linear_step(float(np.log(heights)), *np.log(CLEAR_HEIGHTS))
         if clear == 0:
-            return Restored(solution.remove(frame.image_rgb), visibility_heights=told)
+            return DehazeResult(solution.remove(frame.image_rgb), visibility_heights=told)
         other = restore(self.otherwise, frame)
         if clear == 1:
             return replace(other, visibility_heights=told)
-        return Restored(mix(solution.remove(frame.image_rgb), other.image_rgb, clear), visibility_heights=told)
+        return DehazeResult(mix(solution.remove(frame.image_rgb), other.image_rgb, clear), visibility_heights=told)
 
 
 def find_horizon_of(frame: Frame) -> Horizon | NoHorizon:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_image
-from deckline.dehaze.base import Restored
+from deckline.dehaze.base import DehazeResult
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
     LIGHT_WATER,
@@ -50,12 +50,12 @@ class GeometrySolution:
     down: Image  # (h, w) sines of the angle below the horizontal
     has_height: bool = True  # the camera's above the water is known; else it counts as USUAL_HEIGHT_M
 
-    def restored(self, image_rgb: NDArray[np.uint8], note: str = "") -> Restored:
+    def restored(self, image_rgb: NDArray[np.uint8], note: str = "") -> DehazeResult:
         """A picture of this air, with the visibility that the fit tells."""
         told = self.haze.visibility
         if self.has_height:
-            return Restored(image_rgb, note, visibility_m=told)
-        return Restored(
+            return DehazeResult(image_rgb, note, visibility_m=told)
+        return DehazeResult(
             image_rgb, note, visibility_heights=Value(told.value / USUAL_HEIGHT_M, told.sigma / USUAL_HEIGHT_M)
         )
 
@@ -82,10 +82,10 @@ class GeometryDehazer:
         check_image(image_rgb)
         return image_rgb.copy()  # an image alone says nothing about ranges
 
-    def restore(self, frame: Frame) -> Restored:
+    def restore(self, frame: Frame) -> DehazeResult:
         solution = self.solve(frame)
         if isinstance(solution, NotFitted):
-            return Restored(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
+            return DehazeResult(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
         return solution.restored(solution.remove(frame.image_rgb))
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:

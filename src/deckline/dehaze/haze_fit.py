@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from deckline.dehaze.base import ramp
+from deckline.dehaze.base import linear_step
 from deckline.dehaze.sea_view import EARTH_RADIUS_M, SeaView
 from deckline.haze import CONTRAST_THRESHOLD
 from deckline.types import Value
@@ -34,7 +34,7 @@ MIN_BINS = 8
 QUANTILES = (0.3, 0.5)  # of a bin's levels, between which the mean is taken; foam is bright and on the other side
 QUANTILES_BELOW = 0.2562  # sigmas of normal noise that this mean lies below the median
 BETAS_PER_M = np.geomspace(1e-4, 3e-2, 80)  # visibility 39 km to 130 m
-BANKS = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
+FOG_LAYER_K = np.array([0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0])  # k of the term for air that thickens with range
 BANK_PENALTY = 10.0  # what that term must gain, in squared sigmas
 DARKER_SIGMA = 0.1  # of A: grazing water mirrors more sky and is hardly darker; fits at a misplaced horizon make it so
 LEVEL_SIGMA = 1.0  # of a bin's quantile from the law, levels; beyond twice that a bin's weight falls
@@ -199,7 +199,7 @@ def hidden_sea_certainty(image: Image, view: SeaView) -> float:
     near, far = levels[:END_BINS].mean(), levels[-END_BINS:].mean()
     brightening = (far - np.interp(ranges[-1] - np.log(2), ranges, levels)) / max(far - near, MIN_CONTRAST)
     brightest = np.percentile(image.mean(axis=2), BRIGHTEST)
-    return (1 - ramp(brightening, *BRIGHTENING)) * ramp(far / max(brightest, 1), *FAR_LEVEL)
+    return (1 - linear_step(brightening, *BRIGHTENING)) * linear_step(far / max(brightest, 1), *FAR_LEVEL)
 
 
 def _mean_between_quantiles(levels: NDArray) -> Float64:
@@ -213,7 +213,7 @@ def _fit_profile(profile: SeaProfile, airlight: Float64, water: WaterPrior) -> H
 
     The extinction is the posterior mean: the best of the grid would jump from one value to the next between frames.
     """
-    beta, bank = (grid.ravel() for grid in np.meshgrid(BETAS_PER_M, BANKS, indexing="ij"))
+    beta, bank = (grid.ravel() for grid in np.meshgrid(BETAS_PER_M, FOG_LAYER_K, indexing="ij"))
     _, cost = _solve_sea_colours(profile, airlight, water, beta, bank)
     best = int(cost.argmin())
     likelihood = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))

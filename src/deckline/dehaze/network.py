@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from deckline.checks import check_image
 from deckline.config import CPU, Engine
-from deckline.dehaze.base import Dehazer, Restored, mix, ramp, restore
+from deckline.dehaze.base import Dehazer, DehazeResult, linear_step, mix, restore
 from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, GeometrySolution, downscale_frame
 from deckline.dehaze.haze_fit import NotFitted
 from deckline.dehaze.pixel_map import PixelMap
@@ -108,7 +108,7 @@ class OnnxDehazer:
         clear = self._run(image_rgb, image_rgb)
         return clear if self.network_only else mix(image_rgb, clear, change_share(image_rgb, clear))
 
-    def restore(self, frame: Frame) -> Restored:
+    def restore(self, frame: Frame) -> DehazeResult:
         if self.without_pose is not None and frame.world_from_camera is None:
             return restore(self.without_pose, frame)
         solution = None if self.geometry is None else self.geometry.solve(frame)
@@ -126,18 +126,18 @@ class OnnxDehazer:
         change = limit_change(prior, fit_to_angles(prior, self._run(small, prior), solution.down)(prior))
         return solution.restored(solution.remove.add(change).fade(air)(frame.image_rgb))
 
-    def _restore_without_fit(self, frame: Frame, why: NotFitted | None) -> Restored:
+    def _restore_without_fit(self, frame: Frame, why: NotFitted | None) -> DehazeResult:
         if why is None or self.network_only or frame.world_from_camera is None:
-            return Restored(self._restore_alone(frame.image_rgb))
+            return DehazeResult(self._restore_alone(frame.image_rgb))
         if why.down is None:
-            return Restored(frame.image_rgb.copy(), f"not dehazed: {why.reason}")
+            return DehazeResult(frame.image_rgb.copy(), f"not dehazed: {why.reason}")
         darkest = darkest_detail(frame.image_rgb)
         if darkest <= DARKEST[0]:
-            return Restored(frame.image_rgb.copy(), f"not dehazed: {why.reason}, and dark details show no haze")
+            return DehazeResult(frame.image_rgb.copy(), f"not dehazed: {why.reason}, and dark details show no haze")
         small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
         clear = fit_to_angles(small, self._run(small, small), why.down)(frame.image_rgb)
-        done = change_share(frame.image_rgb, clear, max(why.hidden, ramp(darkest, *VEILED)))
-        return Restored(mix(frame.image_rgb, clear, done * ramp(darkest, *DARKEST)))
+        done = change_share(frame.image_rgb, clear, max(why.hidden, linear_step(darkest, *VEILED)))
+        return DehazeResult(mix(frame.image_rgb, clear, done * linear_step(darkest, *DARKEST)))
 
     def _run(self, image_rgb: Image, prior_rgb: Image) -> Image:
         height, width = image_rgb.shape[:2]
@@ -269,7 +269,7 @@ def limit_change(image_rgb: Image, held_rgb: Image) -> Tensor:
 
 def clear_air_certainty(visibility_m: float) -> float:
     """How surely air of this fitted visibility is clear, 0 to 1."""
-    return ramp(float(np.log(visibility_m)), *np.log(CLEAR_M))
+    return linear_step(float(np.log(visibility_m)), *np.log(CLEAR_M))
 
 
 def darkest_detail(image_rgb: Image) -> float:
@@ -289,4 +289,4 @@ def change_share(image_rgb: Image, network_rgb: Image, certainty: float = 1.0) -
     """
     step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
     change = float(np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step]))))
-    return ramp(change, *CHANGE_LEVELS) * max(certainty, min(1.0, CHANGE_LEVELS[0] / max(change, 1.0)))
+    return linear_step(change, *CHANGE_LEVELS) * max(certainty, min(1.0, CHANGE_LEVELS[0] / max(change, 1.0)))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from deckline.checks import check_image, check_numbers
 from deckline.dehaze.airlight import estimate_airlight_surface
-from deckline.dehaze.base import Restored, ramp
+from deckline.dehaze.base import DehazeResult, linear_step
 from deckline.dehaze.dark_channel import dark_channel, guided_coefficients, min_channel
 from deckline.dehaze.geometry import estimate_noise
 from deckline.types import Frame
@@ -87,10 +87,10 @@ class VeilDehazer:
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return self._restore(image_rgb).image_rgb
 
-    def restore(self, frame: Frame) -> Restored:
+    def restore(self, frame: Frame) -> DehazeResult:
         return self._restore(frame.image_rgb)
 
-    def _restore(self, image_rgb: NDArray[np.uint8]) -> Restored:
+    def _restore(self, image_rgb: NDArray[np.uint8]) -> DehazeResult:
         import cv2
 
         check_image(image_rgb)
@@ -101,8 +101,8 @@ class VeilDehazer:
         noise = estimate_noise(np.diff(image_rgb[:: max(1, height // 90)].astype(np.float32), axis=1)) / 255
         air = estimate_air(small, noise, self.config)
         if air.strength == 0:
-            return Restored(image_rgb.copy(), "not dehazed: the picture is dark, or its dark places show no haze")
-        return Restored(remove_veil(image_rgb, air, find_gamma(small, air)))
+            return DehazeResult(image_rgb.copy(), "not dehazed: the picture is dark, or its dark places show no haze")
+        return DehazeResult(remove_veil(image_rgb, air, find_gamma(small, air)))
 
 
 def to_full_scale(levels: NDArray) -> Image:
@@ -151,12 +151,12 @@ def _haziness(dark: Image, airlight: Image) -> float:
     if not len(dark):
         return 0.0
     parts = [
-        weight * ramp(value, low, high)
+        weight * linear_step(value, low, high)
         for value, (low, high, weight) in ((float(np.percentile(dark, 2)), DARKEST), (float(dark.mean()), MEAN))
     ]
-    coloured = ramp(float(np.ptp(airlight) / airlight.max()), *COLOURED)
-    warm = ramp(float((airlight[0] - airlight[2]) / airlight.max()), *WARM)
-    return min(1.0, sum(parts)) * ramp(float(airlight.mean()), *NIGHT) * (1 - coloured) * (1 - warm)
+    coloured = linear_step(float(np.ptp(airlight) / airlight.max()), *COLOURED)
+    warm = linear_step(float((airlight[0] - airlight[2]) / airlight.max()), *WARM)
+    return min(1.0, sum(parts)) * linear_step(float(airlight.mean()), *NIGHT) * (1 - coloured) * (1 - warm)
 
 
 def estimate_scene(image: Image, airlight: Image, sigma: Image, slope: Image, offset: Image, noise: float) -> Image:

@@ -11,7 +11,7 @@ from deckline.detect.classical import ClassicalDetector
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
 from deckline.detect.network import OnnxDetector
-from deckline.detect.watch import SearchingDetector, Watch
+from deckline.detect.scheduler import SearchingDetector, SearchScheduler
 from deckline.runtime.weights import shipped_weights
 from deckline.types import Detection
 
@@ -22,8 +22,8 @@ __all__ = [
     "DetectConfig",
     "Detector",
     "OnnxDetector",
+    "SearchScheduler",
     "SearchingDetector",
-    "Watch",
 ]
 
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from deckline.config import RunwaySurvey
 from deckline.detect.crop import Box, box_around
 from deckline.geometry import Camera
-from deckline.types import Detection, Frame, RunwayEstimate, RunwayPrior, Seen
+from deckline.types import Detection, Frame, LineVisibility, RunwayEstimate, RunwayPrior
 
 Array = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ class ImagePrior:
 
     def update(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> None:
         """Remember what was seen in a frame, if both lines were and agree."""
-        if estimate.seen is not Seen.BOTH:
+        if estimate.seen is not LineVisibility.BOTH:
             return
         box = box_around(detection.left, detection.right)
         self._last = frame.time_s, (frame.camera.width, frame.camera.height), box

@@ -9,15 +9,15 @@ from deckline.config import Approach
 from deckline.geometry import wrap_angle
 from deckline.types import (
     DepthMode,
+    Diagnostic,
+    Diagnostics,
     Frame,
     Guidance,
-    Notice,
-    Notices,
+    LineVisibility,
     Reason,
     RunwayEstimate,
     RunwayLine,
     Scale,
-    Seen,
     Status,
     Track,
     TrackState,
@@ -26,14 +26,14 @@ from deckline.types import (
 
 MIN_LEVEL_SHARE = 0.1  # horizontal share of the nose's direction below which it has no heading
 MIN_BASE_M = 10.0  # closer to the aim point an angle says nothing
-NOT_LOCALIZED = Notice(Reason.NOT_LOCALIZED, "no line was localized")
-NO_SCALE = Notice(
+NOT_LOCALIZED = Diagnostic(Reason.NOT_LOCALIZED, "no line was localized")
+NO_SCALE = Diagnostic(
     Reason.NO_SCALE, "only the stated deck height tells the scale: state the runway's width or use a depth camera"
 )
-ONE_FRAME = Notice(Reason.YOUNG_TRACK, "no track: one frame alone shows no contradictions")
+ONE_FRAME = Diagnostic(Reason.YOUNG_TRACK, "no track: one frame alone shows no contradictions")
 LINE_REASONS = {Reason.LEFT, Reason.RIGHT}
 NOT_FRESH = {Reason.FROZEN, Reason.STALE}
-NO_HEADING = Notice(Reason.NO_HEADING, "no heading: the nose points straight up or down")
+NO_HEADING = Diagnostic(Reason.NO_HEADING, "no heading: the nose points straight up or down")
 
 
 def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approach: Approach) -> Guidance:
@@ -47,7 +47,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     pitching deck has another height than at the ramp or below the aircraft; one frame gives it in the middle of what
     it saw.
 
-    What cannot be given is None, and `notices` says why.
+    What cannot be given is None, and `diagnostics` says why.
 
     Args:
         frame: the pose.
@@ -59,33 +59,33 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     body = frame.world_from_body
     source = _select_source(estimate, track)
     flags = estimate.flags if track is None else track.flags + estimate.flags
-    has_depth = estimate.mode is DepthMode.FINE or estimate.depth_agrees
-    scale_from: tuple[Scale, ...] = (Scale.DEPTH,) if has_depth else ()
+    has_depth = estimate.mode is DepthMode.FINE or estimate.depth_confirms_height
+    scale_sources: tuple[Scale, ...] = (Scale.DEPTH,) if has_depth else ()
     if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
-        scale_from += track.scale_from
-    doubts: Notices = () if scale_from else (NO_SCALE,)
+        scale_sources += track.scale_sources
+    doubts: Diagnostics = () if scale_sources else (NO_SCALE,)
     if track is not None:
         doubts += track.doubts if track.lines else (ONE_FRAME,)
     base = Guidance(
         frame.time_s,
-        judge(estimate, track, flags, doubts),
+        guidance_status(estimate, track, flags, doubts),
         estimate.mode,
         glideslope_rad=float(np.deg2rad(approach.glideslope_deg)),
         track=None if track is None else track.state,
         flags=flags,
-        scale_from=scale_from,
+        scale_sources=scale_sources,
     )
-    notices = source.notices + flags
+    diagnostics = source.diagnostics + flags
     if body is None or not source.lines:
-        return replace(base, notices=notices or (NOT_LOCALIZED,))
+        return replace(base, diagnostics=diagnostics or (NOT_LOCALIZED,))
     if base.status is Status.UNVERIFIED:
-        notices += doubts
+        diagnostics += doubts
     place = body.apply(np.array(approach.point_m))
     centre = source.lines.get("centre")
     line = centre or next(iter(source.lines.values()))
     height = Value(float(line.height_m - place[2]), float(np.sqrt(line.aircraft_covariance[2, 2])))
     if centre is None:
-        return replace(base, height_above_deck_m=height, notices=notices)
+        return replace(base, height_above_deck_m=height, diagnostics=diagnostics)
     heading, ramp = _heading(body, centre), None
     if source.ramp_m is not None and source.ramp_sigma_m is not None:
         ramp = Value(float((source.ramp_m - place) @ centre.direction), source.ramp_sigma_m)
@@ -95,7 +95,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         heading_error_rad=heading,
         height_above_deck_m=height,
         distance_to_ramp_m=ramp,
-        notices=notices if heading is not None else (*notices, NO_HEADING),
+        diagnostics=diagnostics if heading is not None else (*diagnostics, NO_HEADING),
     )
     if track is not None and source.lines is track.lines:
         found = replace(
@@ -108,7 +108,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     return _add_approach(found, approach)
 
 
-def judge(estimate: RunwayEstimate, track: Track | None, flags: Notices, doubts: Notices) -> Status:
+def guidance_status(estimate: RunwayEstimate, track: Track | None, flags: Diagnostics, doubts: Diagnostics) -> Status:
     """What guidance from one frame and its track is worth.
 
     Args:
@@ -121,11 +121,13 @@ def judge(estimate: RunwayEstimate, track: Track | None, flags: Notices, doubts:
         return Status.STALE
     has_track = track is not None and bool(track.lines)
     is_unused = track is not None and track.state is TrackState.COASTING
-    if has_track and (is_unused or estimate.seen is Seen.NONE):
+    if has_track and (is_unused or estimate.seen is LineVisibility.NONE):
         return Status.COASTING
-    if estimate.seen is Seen.NONE:
+    if estimate.seen is LineVisibility.NONE:
         return Status.NOT_SEEN
-    if estimate.seen is Seen.ONE or (track is not None and any(n.reason in LINE_REASONS for n in track.excluded)):
+    if estimate.seen is LineVisibility.ONE or (
+        track is not None and any(n.reason in LINE_REASONS for n in track.excluded)
+    ):
         return Status.ONE_LINE
     is_placed = has_track or "centre" in estimate.lines
     return Status.OK if is_placed and not doubts and not flags else Status.UNVERIFIED
@@ -136,10 +138,12 @@ def _select_source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstim
     if track is None:
         return estimate
     first = track.age_s == 0.0 and bool(estimate.lines)
-    notices = tuple(dict.fromkeys(track.notices + estimate.notices))
+    diagnostics = tuple(dict.fromkeys(track.diagnostics + estimate.diagnostics))
     if (not track.lines or first) and not track.flags and not track.excluded:
-        return replace(estimate, notices=notices)
-    return replace(estimate, lines=track.lines, ramp_m=track.ramp_m, ramp_sigma_m=track.ramp_sigma_m, notices=notices)
+        return replace(estimate, diagnostics=diagnostics)
+    return replace(
+        estimate, lines=track.lines, ramp_m=track.ramp_m, ramp_sigma_m=track.ramp_sigma_m, diagnostics=diagnostics
+    )
 
 
 def _add_approach(found: Guidance, approach: Approach) -> Guidance:

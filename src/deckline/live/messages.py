@@ -11,7 +11,7 @@ from deckline.flight import FrameResult
 from deckline.guide import guidance
 from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record, protection_record
 from deckline.track.forecast import Forecast
-from deckline.types import DepthMode, Guidance, Notice, Reason, RunwayEstimate, Seen, Status, Track, Value
+from deckline.types import DepthMode, Diagnostic, Guidance, LineVisibility, Reason, RunwayEstimate, Status, Track, Value
 
 NO_FRAME = "without a frame"  # what is counted of messages that carry none
 LIVE_COLUMNS = {
@@ -19,7 +19,7 @@ LIVE_COLUMNS = {
 }
 VELOCITY_STEP_S = 0.1  # the deck's velocity is how far the touchdown point goes in this time
 Moment = tuple[Track, RigidTransform, float]  # track, world_from_body and 1-sigma of its heading, rad
-NOTHING = RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {})
+NOTHING = RunwayEstimate(LineVisibility.NONE, DepthMode.NONE, {}, {})
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def answer_record(
     """
     result, age_s = answer.result, now_s - answer.at_s
     if age_s > stale_s:
-        late = Notice(Reason.STALE, f"the answer is {age_s:.2f} s old")
+        late = Diagnostic(Reason.STALE, f"the answer is {age_s:.2f} s old")
         flags = (*result.guidance.flags, late)
         result = replace(result, guidance=replace(result.guidance, status=Status.STALE, flags=flags))
     return frame_record(result, approach) | {"live": _live(answer, progress, now_s, offset_s, approach)}
@@ -70,8 +70,8 @@ def stale_record(
         "file": None,
         "time_s": None,
         "status": str(Status.STALE),
-        "seen": str(Seen.NONE),
-        "scale_from": [],
+        "seen": str(LineVisibility.NONE),
+        "scale_sources": [],
         "mode": str(DepthMode.NONE),
         "reason": reason,
         "reasons": [str(Reason.STALE)],

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.config import FrameNoise, Mode
 from deckline.geometry import intersect_plane
-from deckline.types import NO_POSE, DepthMode, Frame, Notice, Reason
+from deckline.types import NO_POSE, DepthMode, Diagnostic, Frame, Reason
 
 Array = NDArray[np.float64]
 WINDOW = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])  # px about a point
@@ -86,7 +86,7 @@ def count_depths(depth_m: NDArray[np.float32], lines_px: list[Array]) -> list[in
     return [int(np.isfinite(sample_depth(depth_m, points)).sum()) for points in lines_px]
 
 
-def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[DepthMode, Notice | None]:
+def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[DepthMode, Diagnostic | None]:
     """Fine, coarse or none for one frame, and why when it is none.
 
     Args:
@@ -118,12 +118,12 @@ def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[Dept
     return DepthMode.COARSE, None
 
 
-def _no_deck_height(found: str) -> tuple[DepthMode, Notice]:
-    return DepthMode.NONE, Notice(Reason.NO_DECK_HEIGHT, f"{found} no deck height: give --deck-z-m")
+def _no_deck_height(found: str) -> tuple[DepthMode, Diagnostic]:
+    return DepthMode.NONE, Diagnostic(Reason.NO_DECK_HEIGHT, f"{found} no deck height: give --deck-z-m")
 
 
-def _no_depth(why: str) -> tuple[DepthMode, Notice]:
-    return DepthMode.NONE, Notice(Reason.NO_DEPTH, f"fine mode was asked for: {why}")
+def _no_depth(why: str) -> tuple[DepthMode, Diagnostic]:
+    return DepthMode.NONE, Diagnostic(Reason.NO_DEPTH, f"fine mode was asked for: {why}")
 
 
 def locate_points(

@@ -13,13 +13,13 @@ from deckline.localize.model import (
     MIN_SIGMA_M,
     NUISANCES,
     PARALLEL_FACTOR,
-    State,
+    FitState,
     right_vectors,
 )
 from deckline.localize.observations import Observations, initial_height, initial_line, observe
 from deckline.localize.runway import LineFit, drop_contradictions
 from deckline.localize.solver import Solution, solve
-from deckline.types import SIDES, DepthMode, Frame, LineErrors, LinePoints, Notice, Notices, PixelLine, Reason
+from deckline.types import SIDES, DepthMode, Diagnostic, Diagnostics, Frame, LineErrors, LinePoints, PixelLine, Reason
 
 Array = NDArray[np.float64]
 HEIGHT_GATE_SIGMA = 4.0  # between the reported deck height and the depth camera
@@ -35,7 +35,7 @@ def fit_jointly(
     pixel_lines: dict[str, PixelLine],
     mode: DepthMode,
     config: RunConfig,
-) -> tuple[dict[str, LineFit], Notices]:
+) -> tuple[dict[str, LineFit], Diagnostics]:
     """Fits of `left`, `right` and a painted `centre`, first without the prior of the lines' geometry, then with it.
 
     The first fit tests the lines against each other, and the depth camera against the reported deck height. When these
@@ -46,9 +46,9 @@ def fit_jointly(
     """
     noise = _apply_floor(config.noise)
     deck_z_m = None if config.localization.mode == "fine" else frame.deck_z_m
-    observations, start, notices = _initialize(frame, points, pixel_lines, deck_z_m, config.localization.mode)
+    observations, start, diagnostics = _initialize(frame, points, pixel_lines, deck_z_m, config.localization.mode)
     if start is None:
-        return {}, notices
+        return {}, diagnostics
     free = solve(observations, start, noise, config.frame_deck, deck_z_m)
     if abs(free.height_score) > HEIGHT_GATE_SIGMA and np.isfinite(observations.log_depth).any():
         if mode is DepthMode.FINE:
@@ -57,18 +57,18 @@ def fit_jointly(
             believed = "deck height"
             observations = replace(observations, log_depth=np.full(len(observations.line), np.nan))
         message = f"depth camera and reported deck height contradict each other: the {believed} is believed"
-        notices += (Notice(Reason.DEPTH_HEIGHT, message),)
+        diagnostics += (Diagnostic(Reason.DEPTH_HEIGHT, message),)
         free = solve(observations, start, noise, config.frame_deck, deck_z_m)
     names, contradictions = _select_consistent(line_fits(free, observations, noise), config.frame_deck)
-    notices += contradictions
+    diagnostics += contradictions
     if not set(SIDES) & set(names):
-        return {}, notices
+        return {}, diagnostics
     start = free.state.select([observations.names.index(name) for name in names])
     solution = solve(observations.select(names), start, noise, config.frame_deck, deck_z_m, free.inflation)
-    return line_fits(solution, observations, noise), notices
+    return line_fits(solution, observations, noise), diagnostics
 
 
-def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str, ...], Notices]:
+def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str, ...], Diagnostics]:
     """Names of the lines that agree with each other, and why others do not.
 
     A painted centre line far from midway between two edge lines shows that one of them is another marking. Neither edge
@@ -88,7 +88,7 @@ def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str,
             f"the centre line is not midway: {off_m:.1f} m off where the lines are {spacing_m:.1f} m apart, turned by "
             f"{turn:.1f} degrees"
         )
-        contradictions = (Notice(Reason.CENTRE_LINE, message),)
+        contradictions = (Diagnostic(Reason.CENTRE_LINE, message),)
         if off_m > MAX_CENTRE_SHARE * spacing_m:
             return (), contradictions
     return edges, contradictions
@@ -176,14 +176,14 @@ def _initialize(
     pixel_lines: dict[str, PixelLine],
     deck_z_m: float | None,
     mode: Mode,
-) -> tuple[Observations, State | None, Notices]:
+) -> tuple[Observations, FitState | None, Diagnostics]:
     """Observations of the lines whose image meets the deck, the initial state, and why others have none."""
-    observations, notices = observe(frame, points, pixel_lines, mode)
+    observations, diagnostics = observe(frame, points, pixel_lines, mode)
     if not observations.names:
-        return observations, None, notices
+        return observations, None, diagnostics
     z_m = initial_height(observations, deck_z_m, mode == "fine")
     if z_m is None:
-        return observations, None, (*notices, Notice(Reason.ABOVE_CAMERA, "the deck is not below the camera"))
+        return observations, None, (*diagnostics, Diagnostic(Reason.ABOVE_CAMERA, "the deck is not below the camera"))
     found = {}
     for number, name in enumerate(observations.names):
         # The plane through the camera and an image line l has the normal K^T l in the optical frame.
@@ -192,12 +192,12 @@ def _initialize(
         if line is not None:
             found[name] = line
     others = [name for name in observations.names if name not in found]
-    notices += tuple(Notice(Reason.HORIZON, f"the {name} line lies along the horizon") for name in others)
+    diagnostics += tuple(Diagnostic(Reason.HORIZON, f"the {name} line lies along the horizon") for name in others)
     if not found:
-        return observations, None, notices
+        return observations, None, diagnostics
     points_m = np.stack([point[:2] for point, _ in found.values()])
     azimuths = np.array([azimuth for _, azimuth in found.values()])
-    return observations.select(tuple(found)), State(points_m, azimuths, z_m, np.zeros(NUISANCES)), notices
+    return observations.select(tuple(found)), FitState(points_m, azimuths, z_m, np.zeros(NUISANCES)), diagnostics
 
 
 def _is_between(fits: dict[str, LineFit], deck: Deck) -> bool:

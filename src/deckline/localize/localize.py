@@ -24,17 +24,17 @@ from deckline.types import (
     SIDES,
     DepthMode,
     Detection,
+    Diagnostic,
+    Diagnostics,
     Frame,
     LinePoints,
-    Notice,
-    Notices,
+    LineVisibility,
     PixelLine,
     Reason,
     RunwayEstimate,
-    Seen,
 )
 
-NO_LINE = Notice(Reason.NO_LINE, "no line in the image")
+NO_LINE = Diagnostic(Reason.NO_LINE, "no line in the image")
 LOWEST_DECK_M = 0.5  # above the water
 USUAL_WIDTH_M = (10.0, 35.0)  # of landing runways of ships; beyond, the sign of the deck height is checked
 
@@ -45,8 +45,8 @@ class PlacedLines:
 
     fits: dict[str, LineFit]  # of left and right, and of a painted centre line
     deck_points: dict[str, DeckPoints]  # the inliers of left and right
-    notices: Notices
-    depth_agrees: bool = False  # as in `RunwayEstimate`
+    diagnostics: Diagnostics
+    depth_confirms_height: bool = False  # as in `RunwayEstimate`
 
 
 Placement = Callable[[Frame, Detection, dict[str, PixelLine], DepthMode, RunConfig, np.random.Generator], PlacedLines]
@@ -66,7 +66,7 @@ def place_jointly(
     points = {"left": detection.left, "right": detection.right, "centre": detection.centre}
     painted = fit_pixel_line(detection.centre, frame.camera, rng)
     lines = pixel_lines if painted is None else {**pixel_lines, "centre": painted}
-    fits, notices = fit_jointly(frame, points, lines, mode, config)
+    fits, diagnostics = fit_jointly(frame, points, lines, mode, config)
     kept, unsure = drop_unsure(fits)
     # The ramp lies on the deck plane of the fit.
     inliers = {}
@@ -78,13 +78,13 @@ def place_jointly(
             inliers[side] = locate_inliers(on_deck, points[side], pixel_lines[side], DepthMode.COARSE, noise)
             if not len(inliers[side]):
                 del kept[side]
-                unsure += (Notice(Reason.NO_POINTS, f"no point of the {side} line lies on the plane of its fit"),)
+                unsure += (Diagnostic(Reason.NO_POINTS, f"no point of the {side} line lies on the plane of its fit"),)
     agrees = False
     if frame.depth_m is not None and mode is DepthMode.COARSE and config.localization.mode == "auto":
         counts = count_depths(frame.depth_m, [points[side].points_px[pixel_lines[side].inliers] for side in inliers])
-        is_believed = all(notice.reason is not Reason.DEPTH_HEIGHT for notice in notices)
+        is_believed = all(diagnostic.reason is not Reason.DEPTH_HEIGHT for diagnostic in diagnostics)
         agrees = is_believed and min(counts, default=0) >= MIN_LINE_POINTS
-    return PlacedLines(kept, inliers, notices + unsure, agrees)
+    return PlacedLines(kept, inliers, diagnostics + unsure, agrees)
 
 
 def localize(
@@ -120,11 +120,11 @@ def localize(
     inliers = [points[side].points_px[line.inliers] for side, line in pixel_lines.items()]
     mode, missing = choose_mode(frame, inliers, config.localization.mode)
     if missing is not None:
-        return RunwayEstimate(_seen(pixel_lines), mode, pixel_lines, {}, notices=(missing,))
+        return RunwayEstimate(_seen(pixel_lines), mode, pixel_lines, {}, diagnostics=(missing,))
     placed = place(frame, detection, pixel_lines, mode, config, rng)
     pixel_lines = {side: line for side, line in pixel_lines.items() if side in placed.fits}
     if not pixel_lines:
-        return _not_seen(placed.notices)
+        return _not_seen(placed.diagnostics)
     return _estimate(frame, detection, pixel_lines, placed, mode, config)
 
 
@@ -142,17 +142,17 @@ def _estimate(
     mode: DepthMode,
     config: RunConfig,
 ) -> RunwayEstimate:
-    fits, notices = dict(placed.fits), placed.notices
-    flags: Notices = ()
+    fits, diagnostics = dict(placed.fits), placed.diagnostics
+    flags: Diagnostics = ()
     ramp_m = ramp_sigma_m = None
     if set(SIDES) <= set(fits):
         fits["centre"] = average_lines(fits["left"], fits["right"])
         points = {"left": detection.left, "right": detection.right}
         ends = find_near_ends(frame, points, placed.deck_points, fits["centre"], detection.region_px)
-        if isinstance(ends, Notice):
-            notices += (ends,)
+        if isinstance(ends, Diagnostic):
+            diagnostics += (ends,)
         elif contradiction := check_near_ends(ends, fits["left"], fits["right"]):
-            return _not_seen((*notices, contradiction))
+            return _not_seen((*diagnostics, contradiction))
         else:
             ramp_m, ramp_sigma_m = locate_ramp(ends, fits["centre"])
         flags = _check_deck_sign(frame, fits, config)
@@ -162,17 +162,27 @@ def _estimate(
         side = next(iter(fits))
         width = config.frame_deck.width_m
         if width is None:
-            notices += (Notice(Reason.NO_CENTRE_LINE, f"no centre line: only the {side} line and no runway width"),)
+            diagnostics += (
+                Diagnostic(Reason.NO_CENTRE_LINE, f"no centre line: only the {side} line and no runway width"),
+            )
         else:
             half = width / 2 if side == "left" else -width / 2
             fits["centre"] = shift_line(fits[side], half, config.deck.width_sigma_m / 2)
     lines = {side: fit.runway_line for side, fit in fits.items()}
     return RunwayEstimate(
-        _seen(pixel_lines), mode, pixel_lines, lines, ramp_m, ramp_sigma_m, notices, flags, placed.depth_agrees
+        _seen(pixel_lines),
+        mode,
+        pixel_lines,
+        lines,
+        ramp_m,
+        ramp_sigma_m,
+        diagnostics,
+        flags,
+        placed.depth_confirms_height,
     )
 
 
-def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) -> Notices:
+def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) -> Diagnostics:
     """Flag a deck height of the wrong sign: it is below the water, or the spacing of the lines is plausible only with
     the other sign.
 
@@ -181,7 +191,7 @@ def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) 
     pose, deck_z_m = frame.world_from_camera, frame.deck_z_m
     if deck_z_m is not None and frame.sea_z_m is not None and deck_z_m > frame.sea_z_m - LOWEST_DECK_M:
         message = f"the deck height of {deck_z_m:g} m is that of the water ({frame.sea_z_m:g} m) or below it"
-        return (Notice(Reason.DECK_SIGN, message),)
+        return (Diagnostic(Reason.DECK_SIGN, message),)
     if pose is None or deck_z_m is None or config.deck.width_m is not None:
         return ()
     height, other = deck_z_m - float(pose.translation[2]), -deck_z_m - float(pose.translation[2])
@@ -193,12 +203,12 @@ def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) 
         f"the deck height of {deck_z_m:g} m seems to have the wrong sign (z is down): the lines come out "
         f"{spacing:.0f} m apart, and {expected:.0f} m with {-deck_z_m:g} m; if it is right, state the runway's width"
     )
-    return (Notice(Reason.DECK_SIGN, message),)
+    return (Diagnostic(Reason.DECK_SIGN, message),)
 
 
-def _not_seen(notices: Notices) -> RunwayEstimate:
-    return RunwayEstimate(Seen.NONE, DepthMode.NONE, {}, {}, notices=notices)
+def _not_seen(diagnostics: Diagnostics) -> RunwayEstimate:
+    return RunwayEstimate(LineVisibility.NONE, DepthMode.NONE, {}, {}, diagnostics=diagnostics)
 
 
-def _seen(pixel_lines: dict[str, PixelLine]) -> Seen:
-    return Seen.BOTH if len(pixel_lines) == len(SIDES) else Seen.ONE
+def _seen(pixel_lines: dict[str, PixelLine]) -> LineVisibility:
+    return LineVisibility.BOTH if len(pixel_lines) == len(SIDES) else LineVisibility.ONE

@@ -31,7 +31,7 @@ CENTRE_SIGMA_RAD = float(np.deg2rad(0.05))  # and of its direction
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class FitState:
     """The unknowns: lines, deck height and nuisances."""
 
     points_m: Array  # (L, 2) world x, y on every line
@@ -44,14 +44,14 @@ class State:
         """Number of unknowns."""
         return 2 * len(self.azimuths_rad) + 1 + NUISANCES
 
-    def select(self, numbers: list[int]) -> "State":
+    def select(self, numbers: list[int]) -> "FitState":
         """The state of some of the lines."""
         return replace(self, points_m=self.points_m[numbers], azimuths_rad=self.azimuths_rad[numbers])
 
-    def step(self, step: Array) -> "State":
+    def step(self, step: Array) -> "FitState":
         """The state after a step (2 L + 1 + 6,) of the unknowns."""
         lines = step[: 2 * len(self.azimuths_rad)].reshape(-1, 2)
-        return State(
+        return FitState(
             self.points_m + lines[:, :1] * right_vectors(self.azimuths_rad),
             self.azimuths_rad + lines[:, 1],
             self.z_m + float(step[2 * len(lines)]),
@@ -76,7 +76,7 @@ class Terms:
     jacobian: Array  # (M, P)
 
 
-def empty_terms(state: State) -> Terms:
+def empty_terms(state: FitState) -> Terms:
     return Terms(np.zeros(0), np.zeros((0, state.size)))
 
 
@@ -86,7 +86,7 @@ def right_vectors(azimuths_rad: Array) -> Array:
 
 
 def linearize_measurements(
-    observations: Observations, state: State, plane: DeckPlane, noise: FrameNoise
+    observations: Observations, state: FitState, plane: DeckPlane, noise: FrameNoise
 ) -> tuple[Terms, Terms]:
     """Terms of all points' pixels (N,), normal to the line in the image, and of the existing depths (D,)."""
     attitude_error = Rotation.from_rotvec([*state.nuisances[:2] * noise.attitude_rad, 0.0]).as_matrix()
@@ -102,7 +102,7 @@ def linearize_measurements(
 @dataclass(frozen=True, eq=False)
 class _Context:
     observations: Observations
-    state: State
+    state: FitState
     plane: DeckPlane
     noise: FrameNoise
     lever_arm: Array  # (3,) camera from body, world
@@ -204,13 +204,13 @@ def _cross(a: Array, b: Array) -> Array:
     return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
 
-def linearize_nuisance_prior(state: State) -> Terms:
+def linearize_nuisance_prior(state: FitState) -> Terms:
     """Prior of the nuisances: zero mean, unit variance in their own 1-sigma."""
     lines = np.zeros((NUISANCES, 2 * len(state.azimuths_rad) + 1))
     return Terms(-state.nuisances, np.hstack([lines, np.eye(NUISANCES)]))
 
 
-def linearize_height_prior(state: State, deck_z_m: float | None, noise: FrameNoise) -> Terms:
+def linearize_height_prior(state: FitState, deck_z_m: float | None, noise: FrameNoise) -> Terms:
     """Prior of the deck height: the reported one; no row without it."""
     if deck_z_m is None:
         return empty_terms(state)
@@ -225,7 +225,7 @@ def parallel_sigma(deck: Deck) -> float:
     return max(PARALLEL_FACTOR * deck.angle_sigma_rad, MIN_SIGMA_RAD)
 
 
-def linearize_deck_prior(names: tuple[str, ...], state: State, deck: Deck) -> Terms:
+def linearize_deck_prior(names: tuple[str, ...], state: FitState, deck: Deck) -> Terms:
     """Prior of the lines' geometry: angle, spacing, and the centre line's place between them."""
     pairs = {name: k for k, name in enumerate(names)}
     parallel, width, angle = parallel_sigma(deck), deck.width_m, deck.angle_rad
@@ -252,7 +252,7 @@ def linearize_deck_prior(names: tuple[str, ...], state: State, deck: Deck) -> Te
     return Terms(np.array([row[0] for row in rows]), np.stack([row[1] for row in rows]))
 
 
-def _azimuth_row(state: State, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
+def _azimuth_row(state: FitState, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
     """A weighted sum of azimuths, whose weights add up to zero, against its expectation."""
     first = state.azimuths_rad[0]
     azimuths = np.arctan2(np.sin(state.azimuths_rad - first), np.cos(state.azimuths_rad - first))
@@ -262,7 +262,7 @@ def _azimuth_row(state: State, shares: dict[int, float], expected: float, sigma:
     return (expected - sum(share * float(azimuths[k]) for k, share in shares.items())) / sigma, row
 
 
-def _offset_row(state: State, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
+def _offset_row(state: FitState, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
     """A weighted sum of offsets across the lines' mean direction, at the middle of their points."""
     sigma = max(sigma, MIN_SIGMA_M)
     numbers = list(shares)

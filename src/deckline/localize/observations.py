@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from deckline.config import Mode
 from deckline.geometry import intersect_plane
 from deckline.localize.depth import MIN_DOWN, MIN_LINE_POINTS, MIN_SIGMA_PX, sample_depth, select_independent
-from deckline.types import NO_POSE, Frame, LinePoints, Notice, Notices, PixelLine, Reason
+from deckline.types import NO_POSE, Diagnostic, Diagnostics, Frame, LinePoints, PixelLine, Reason
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -47,7 +47,7 @@ class Observations:
 
 def observe(
     frame: Frame, points: dict[str, LinePoints], pixel_lines: dict[str, PixelLine], mode: Mode
-) -> tuple[Observations, Notices]:
+) -> tuple[Observations, Diagnostics]:
     """Points of the lines that have enough of them on the deck, and which lines have not.
 
     A point above the horizon is on no deck and is left out. A point without a depth stays: it lies on the deck that the
@@ -70,7 +70,7 @@ def observe(
     for side, line in pixel_lines.items():
         part = _line_rays(frame, points[side], line, rotation, mode)
         if len(part[0]) < MIN_LINE_POINTS:
-            missing.append(Notice(Reason.NO_POINTS, f"the {side} line has too few points on the deck"))
+            missing.append(Diagnostic(Reason.NO_POINTS, f"the {side} line has too few points on the deck"))
         else:
             parts[side] = part
     nothing = (np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))

@@ -7,7 +7,18 @@ from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane, wrap_angle
 from deckline.localize.depth import DeckPoints
-from deckline.types import NO_POSE, SIDES, Frame, LineErrors, LinePoints, Notice, Notices, PixelLine, Reason, RunwayLine
+from deckline.types import (
+    NO_POSE,
+    SIDES,
+    Diagnostic,
+    Diagnostics,
+    Frame,
+    LineErrors,
+    LinePoints,
+    PixelLine,
+    Reason,
+    RunwayLine,
+)
 
 Array = NDArray[np.float64]
 Region = tuple[float, float, float, float]
@@ -71,7 +82,7 @@ class NearEnds:
         return float(abs(self.along_m[0] - self.along_m[1]))
 
 
-def check_pixel_order(lines: dict[str, PixelLine]) -> Notice | None:
+def check_pixel_order(lines: dict[str, PixelLine]) -> Diagnostic | None:
     """Why the two image lines cannot be left and right of one runway.
 
     Compared at the near end of the line that ends farther up, where both were seen.
@@ -83,10 +94,10 @@ def check_pixel_order(lines: dict[str, PixelLine]) -> Notice | None:
     if u["left"] < u["right"]:
         return None
     found = f"u {u['left']:.0f} and {u['right']:.0f} px"
-    return Notice(Reason.CROSSED, f"the left line passes right of the right line in the image ({found})")
+    return Diagnostic(Reason.CROSSED, f"the left line passes right of the right line in the image ({found})")
 
 
-def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Notices]:
+def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Diagnostics]:
     """The fits that do not contradict each other, and why others were dropped.
 
     Of two lines that contradict each other in spacing or direction, the clearly surer one stays, or neither; of two
@@ -99,7 +110,7 @@ def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], N
     angle = abs(float(wrap_angle(left.azimuth_rad - right.azimuth_rad)))
     sigma = float(np.linalg.norm(left.own[1] - right.own[1]))
     if spacing <= 0:
-        return {}, (Notice(Reason.CROSSED, f"the left line lies {-spacing:.1f} m right of the right line"),)
+        return {}, (Diagnostic(Reason.CROSSED, f"the left line lies {-spacing:.1f} m right of the right line"),)
     if not MIN_SPACING_M - 2 * spacing_sigma <= spacing <= MAX_SPACING_M + 2 * spacing_sigma:
         reason = Reason.LINE_SPACING
         message = f"the lines are {spacing:.1f} m apart, expected {MIN_SPACING_M:g} to {MAX_SPACING_M:g} m"
@@ -111,15 +122,17 @@ def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], N
     azimuth_sigma = {side: float(np.linalg.norm(fits[side].own[1])) for side in SIDES}
     best = min(azimuth_sigma, key=lambda side: azimuth_sigma[side])
     if max(azimuth_sigma.values()) < CLEARLY_BETTER * azimuth_sigma[best]:
-        return {}, (Notice(reason, f"{message}; neither is clearly the better one"),)
-    return {best: fits[best]}, (Notice(reason, f"{message}; only the surer one, {best}, is kept"),)
+        return {}, (Diagnostic(reason, f"{message}; neither is clearly the better one"),)
+    return {best: fits[best]}, (Diagnostic(reason, f"{message}; only the surer one, {best}, is kept"),)
 
 
-def drop_unsure(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Notices]:
+def drop_unsure(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Diagnostics]:
     """The fits whose direction is certain enough, and which were dropped."""
     kept = {side: fit for side, fit in fits.items() if np.sqrt(fit.covariance[1, 1]) <= MAX_AZIMUTH_SIGMA_RAD}
     dropped = (side for side in fits if side not in kept)
-    return kept, tuple(Notice(Reason.UNSURE, f"the direction of the {side} line is too uncertain") for side in dropped)
+    return kept, tuple(
+        Diagnostic(Reason.UNSURE, f"the direction of the {side} line is too uncertain") for side in dropped
+    )
 
 
 def average_lines(left: LineFit, right: LineFit) -> LineFit:
@@ -152,7 +165,7 @@ def find_near_ends(
     deck_points: dict[str, DeckPoints],
     centre: LineFit,
     region_px: Region | None,
-) -> NearEnds | Notice:
+) -> NearEnds | Diagnostic:
     """Where both lines begin, or why it is not known: both must end inside the part that the detector searched.
 
     Detectors give points by rows or columns of the image: the true end lies between the last point and the next row or
@@ -165,7 +178,7 @@ def find_near_ends(
     for side in SIDES:
         line = deck_points[side]
         if not len(line.points_m):
-            return Notice(Reason.NO_RAMP, f"no ramp: no point of the {side} line lies on the deck")
+            return Diagnostic(Reason.NO_RAMP, f"no ramp: no point of the {side} line lies on the deck")
         along_m = (line.points_m[:, :2] - centre.point_m[:2]) @ centre.direction
         nearest, farthest = int(np.argmin(along_m)), int(np.argmax(along_m))
         pixels = points[side].points_px[line.index]
@@ -173,12 +186,12 @@ def find_near_ends(
         step = _point_step(pixels, nearer)
         margin = max(MARGIN_STEPS * step, MARGIN_SHARE * nearer, key=np.linalg.norm)
         if not _is_inside(pixels[nearest] + margin, frame, region_px):
-            return Notice(Reason.NO_RAMP, f"no ramp: the near end of the {side} line is not in view")
+            return Diagnostic(Reason.NO_RAMP, f"no ramp: the near end of the {side} line is not in view")
         rays = pose.rotation.apply(frame.camera.rays(np.stack([pixels[nearest], pixels[nearest] + step])))
         ground = intersect_plane(pose.translation, rays, float(line.points_m[nearest, 2]))
         gap = float(abs((ground[0, :2] - ground[1, :2]) @ centre.direction))
         if not np.isfinite(gap):
-            return Notice(Reason.NO_RAMP, f"no ramp: the near end of the {side} line cannot be placed on the deck")
+            return Diagnostic(Reason.NO_RAMP, f"no ramp: the near end of the {side} line cannot be placed on the deck")
         ends.append(float(along_m[nearest]) - gap / 2)
         variances.append(gap**2 + float((line.depth_m[nearest, :2] @ centre.direction) ** 2))
         shared.append(line.common_m[:, nearest, :2] @ centre.direction)
@@ -187,7 +200,7 @@ def find_near_ends(
     return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2, float(np.mean(ratios)))
 
 
-def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Notice | None:
+def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Diagnostic | None:
     """Why lines that begin there are not both edges of one runway.
 
     On a deck that rolls one line lies higher than assumed; the tolerance includes the fits' height difference.
@@ -196,7 +209,7 @@ def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Notice | N
     variance = ends.variance.sum() + ends.distance_per_height**2 * (higher @ higher)
     if ends.separation_m <= MAX_END_STEP_M + 3 * np.sqrt(variance):
         return None
-    return Notice(Reason.LINE_ENDS, f"the lines begin {ends.separation_m:.0f} m apart along the runway")
+    return Diagnostic(Reason.LINE_ENDS, f"the lines begin {ends.separation_m:.0f} m apart along the runway")
 
 
 def locate_ramp(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:

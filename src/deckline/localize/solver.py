@@ -15,7 +15,7 @@ from deckline.config import Deck, FrameNoise
 from deckline.localize.model import (
     NUISANCES,
     DeckPlane,
-    State,
+    FitState,
     Terms,
     empty_terms,
     linearize_deck_prior,
@@ -26,7 +26,7 @@ from deckline.localize.model import (
 from deckline.localize.observations import Observations
 
 Array = NDArray[np.float64]
-Fit = tuple[State, Terms, Terms]  # a state with its measurements and priors
+Fit = tuple[FitState, Terms, Terms]  # a state with its measurements and priors
 STEPS = 12  # of Gauss-Newton at most; three or four are usual
 CONVERGED = 1e-2  # 1-sigma; a smaller step ends the iteration
 HUBER = 2.5  # 1-sigma; cost of larger residuals grows linearly: 99 % efficient without outliers
@@ -54,7 +54,7 @@ class Solution:
     """The estimated state and its sensitivities: each column is the change by one source of 1-sigma."""
 
     names: tuple[str, ...]
-    state: State
+    state: FitState
     plane: DeckPlane
     points: Array  # (P, M) to the points' noise and the prior of the lines' geometry
     height: Array  # (P,) to the error of the reported deck height less the aircraft's own; 0 without a report
@@ -65,7 +65,7 @@ class Solution:
 
 def solve(
     observations: Observations,
-    start: State,
+    start: FitState,
     noise: FrameNoise,
     deck: Deck,
     deck_z_m: float | None,
@@ -87,7 +87,7 @@ def solve(
     depths = int(np.isfinite(observations.log_depth).sum())
     blocks = np.concatenate([observations.line, np.full(depths, len(observations.names), dtype=np.int64)])
 
-    def terms(state: State) -> tuple[Terms, Terms]:
+    def terms(state: FitState) -> tuple[Terms, Terms]:
         measurement = _concatenate(*linearize_measurements(observations, state, plane, noise))
         geometry = empty_terms(state) if inflation is None else linearize_deck_prior(observations.names, state, deck)
         height = linearize_height_prior(state, deck_z_m, noise)
@@ -106,7 +106,7 @@ def solve(
     return _derive_solution(factors, fit, plane, blocks, scale, deck_z_m is not None)
 
 
-def _orient_plane(start: State, noise: FrameNoise) -> DeckPlane:
+def _orient_plane(start: FitState, noise: FrameNoise) -> DeckPlane:
     """The plane of the deck through the lines, its axes along and across their mean direction."""
     along = np.array([np.cos(start.azimuths_rad).sum(), np.sin(start.azimuths_rad).sum()])
     length = float(np.linalg.norm(along))
@@ -117,7 +117,7 @@ def _orient_plane(start: State, noise: FrameNoise) -> DeckPlane:
 
 
 def _minimize(
-    terms: Callable[[State], tuple[Terms, Terms]], start: State, blocks: NDArray[np.int64], scale: Array
+    terms: Callable[[FitState], tuple[Terms, Terms]], start: FitState, blocks: NDArray[np.int64], scale: Array
 ) -> Fit:
     state, damping = start, 0.0
     measurement, prior = terms(state)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from deckline.report.records import GUIDANCE, KNOWN_TRUE, LINES, STAGES, Record, lookup
 from deckline.statistics import RANGE_M, by_band, share
-from deckline.types import Seen
+from deckline.types import LineVisibility
 
 NONE = "–"
 LINE_ERRORS = (
@@ -53,7 +53,7 @@ def band_rows(records: list[Record]) -> list[tuple[str, ...]]:
         lateral, heading, height = (
             _quantiles(_gather(members, ("errors", "guidance", name))[0], name) for name in names
         )
-        found = share(members, lambda record: record["seen"] == Seen.BOTH)
+        found = share(members, lambda record: record["seen"] == LineVisibility.BOTH)
         rows.append((band, f"{len(members)}", percent(found), *lateral, heading[0], height[0]))
     return rows
 
@@ -61,13 +61,13 @@ def band_rows(records: list[Record]) -> list[tuple[str, ...]]:
 def found_rate(records: list[Record]) -> float | None:
     """Share of frames with both lines found among those that truly show a runway; None where that is not known."""
     decks = [r for r in records if lookup(r, ("truth", "has_runway"))]
-    return sum(r["seen"] == Seen.BOTH for r in decks) / len(decks) if decks else None
+    return sum(r["seen"] == LineVisibility.BOTH for r in decks) / len(decks) if decks else None
 
 
 def false_lines(records: list[Record]) -> tuple[int, int]:
     """Frames with a line though there is truly no runway, and frames without a runway."""
     empty = [r for r in records if lookup(r, ("truth", "has_runway")) is False]
-    return sum(r["seen"] != Seen.NONE for r in empty), len(empty)
+    return sum(r["seen"] != LineVisibility.NONE for r in empty), len(empty)
 
 
 def stage_seconds(records: list[Record]) -> dict[str, float]:

@@ -18,7 +18,7 @@ from deckline.report.video import VideoPiece
 WAITING = 4  # results that wait to be drawn, at most: 25 MB each in 4K
 
 
-class Film:
+class OverlayWriter:
     """Draws results in the order in which they are added, until `close`.
 
     An error ends the drawing; the next `add` or `close` raises it.
@@ -79,7 +79,7 @@ def join_dehazing(records: Iterable[Record], dehazed: Iterable[Record]) -> Itera
 
     Args:
         records: all of a run, in their order.
-        dehazed: what `Film` wrote, by ascending "index"; a resumed run tells of some frames again.
+        dehazed: what `OverlayWriter` wrote, by ascending "index"; a resumed run tells of some frames again.
     """
     told = iter(dehazed)
     line = next(told, None)

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from deckline.report import figures
 from deckline.report.figures import number, percent
 from deckline.report.records import GUIDANCE, Record, lookup
-from deckline.types import SIDES, Seen, Status
+from deckline.types import SIDES, LineVisibility, Status
 
 TEMPLATES = Path(__file__).parent / "templates"
 STATUSES = (*map(str, Status), "skipped")
@@ -99,7 +99,7 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
     if rate is not None:
         yield "Both lines found", percent(rate), "of the frames that truly show a runway"
     elif total > skipped:
-        both = sum(record["seen"] == Seen.BOTH for record in seen)
+        both = sum(record["seen"] == LineVisibility.BOTH for record in seen)
         yield "Both lines found", percent(both / len(seen)), "of the frames used"
     errors = {name: (median, p95) for name, _, median, p95, *_ in figures.error_rows(seen)}
     for name, label in (("Lateral deviation", "Lateral error"), ("Centre line, direction", "Direction error")):

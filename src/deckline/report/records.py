@@ -18,7 +18,7 @@ from deckline.flight import FrameResult
 from deckline.recording import BadFrame
 from deckline.recording.source import parse_json
 from deckline.truth import errors_against, range_to_ramp_m, true_guidance
-from deckline.types import SIDES, Guidance, Notices, Protection, RunwayLine, Track, Value
+from deckline.types import SIDES, Diagnostics, Guidance, Protection, RunwayLine, Track, Value
 
 DIGITS = 9  # significant digits written,
 DECIMALS = 6  # but never fewer decimals than these: microseconds of a Unix time, micrometres of a far origin
@@ -63,16 +63,16 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
         "time_s": frame.time_s,
         "status": str(result.guidance.status),
         "seen": str(estimate.seen),
-        "scale_from": [str(source) for source in result.guidance.scale_from],
+        "scale_sources": [str(source) for source in result.guidance.scale_sources],
         "mode": str(estimate.mode),
         "edge": detection.edge and str(detection.edge),
         "reason": result.guidance.reason,
-        "reasons": [str(notice.reason) for notice in result.guidance.notices],
+        "reasons": [str(diagnostic.reason) for diagnostic in result.guidance.diagnostics],
         "lines": lines,
         "ramp": None if estimate.ramp_m is None else {"point_m": estimate.ramp_m, "sigma_m": estimate.ramp_sigma_m},
         "guidance": guidance_record(result.guidance),
         "protection": result.guidance.protection and protection_record(result.guidance.protection),
-        "flags": _notices(result.guidance.flags),
+        "flags": _diagnostics(result.guidance.flags),
         "track": result.track and _track(result.track),
         **dehazing_record(result),
         **_truth(result, approach),
@@ -174,7 +174,7 @@ def _columns() -> dict[str, tuple[str | int, ...]]:
     """Column names with units -> where each value lies in a record."""
     columns: dict[str, tuple[str | int, ...]] = {
         name: (name,)
-        for name in ("file", "time_s", "status", "seen", "scale_from", "mode", "edge", "reason", "flags", "skipped")
+        for name in ("file", "time_s", "status", "seen", "scale_sources", "mode", "edge", "reason", "flags", "skipped")
     }
     for name in GUIDANCE:
         unit = next(unit for unit in UNITS if name.endswith(unit))
@@ -226,16 +226,16 @@ def _value(guidance: Guidance, name: str) -> Record | None:
     return {key: np.rad2deg(number) if in_degrees else number for key, number in vars(value).items()}
 
 
-def _notices(notices: Notices) -> list[Record]:
-    return [{"name": str(notice.reason), "reason": notice.message} for notice in notices]
+def _diagnostics(diagnostics: Diagnostics) -> list[Record]:
+    return [{"name": str(diagnostic.reason), "reason": diagnostic.message} for diagnostic in diagnostics]
 
 
 def _track(track: Track) -> Record:
     return {
         "state": str(track.state),
         "age_s": track.age_s,
-        "flags": _notices(track.flags),
-        "excluded": _notices(track.excluded),
+        "flags": _diagnostics(track.flags),
+        "excluded": _diagnostics(track.excluded),
         "lines": {line: _world(track.lines.get(line)) for line in LINES},
     }
 

@@ -19,7 +19,7 @@ from deckline.files import lock_folder, printable
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame, FrameError, Source, Stream
 from deckline.report.figures import count_reasons
-from deckline.report.film import Film, join_dehazing
+from deckline.report.film import OverlayWriter, join_dehazing
 from deckline.report.html import STATUSES, Pictures, report_html
 from deckline.report.provenance import Settings, run_info, settings_of
 from deckline.report.records import (
@@ -45,10 +45,10 @@ from deckline.report.run_folder import (
     start_folder,
 )
 from deckline.report.video import join
-from deckline.types import Frame, Notice, Reason
+from deckline.types import Diagnostic, Frame, Reason
 
 INTERRUPTED, NOTHING_USABLE = 130, 1  # exit codes
-RESUMED = Notice(Reason.RESUMED, "the run was interrupted here: the track began anew")
+RESUMED = Diagnostic(Reason.RESUMED, "the run was interrupted here: the track began anew")
 REPORT_RECORDS = 2000  # records that plots are made of, at most, besides those with pictures
 REPORT_SKIPPED = 200  # skipped frames always among them, at most
 
@@ -176,7 +176,7 @@ def _process(
         stopped = stack.enter_context(_catch_ctrl_c(source))
         progress = stack.enter_context(_make_progress())
         lines = stack.enter_context(folder.jsonl.open("ab", buffering=0))
-        film = stack.enter_context(closing(Film(folder, sample)))
+        film = stack.enter_context(closing(OverlayWriter(folder, sample)))
         task = progress.add_task("frames", total=total, completed=first, counts=_format_counts(counts))
         try:
             for index, item in enumerate(_read_items(source, first, total), first):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
-from deckline.track.filter import ATTITUDE_X, ATTITUDE_Y, FOCAL, HEAVE, HEIGHT, PITCH, SIZE, State
+from deckline.track.filter import ATTITUDE_X, ATTITUDE_Y, FOCAL, HEAVE, HEIGHT, PITCH, SIZE, FilterState
 from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Value
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Extent:
         return Value(self.speed_m_s, float(np.sqrt(self.covariance[1, 1])))
 
 
-def visible_extent(frame: Frame, estimate: RunwayEstimate, state: State) -> tuple[float, float] | None:
+def visible_extent(frame: Frame, estimate: RunwayEstimate, state: FilterState) -> tuple[float, float] | None:
     """Nearest and farthest visible part of the lines, m from the state's point; None without a pose or lines."""
     pose = frame.world_from_camera
     if pose is None or not estimate.pixel_lines:
@@ -62,7 +62,7 @@ class Ramp:
     response: Array  # (8,) of the place along the deck to one unit of each shared error, as large as it may be
 
 
-def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: State, shared_variances: Array) -> Ramp | None:
+def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: FilterState, shared_variances: Array) -> Ramp | None:
     """The near end of the lines on the track's present deck height.
 
     One frame alone may know the deck's mean height only, and on a higher deck a ramp far ahead is nearer.
@@ -88,7 +88,7 @@ def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: State, shared_var
 
 def update_extent(
     before: Extent | None,
-    state: State,
+    state: FilterState,
     visible: tuple[float, float] | None,
     ramp: Ramp | None,
     step_s: float,
@@ -136,11 +136,11 @@ def update_extent(
     return replace(extent, length_m=max(extent.length_m, reach)) if reach <= MAX_LENGTH_M else extent
 
 
-def _point_at(state: State, x_m: float) -> Array:
+def _point_at(state: FilterState, x_m: float) -> Array:
     return state.point_m + x_m * state.along
 
 
-def advance_extent(before: Extent, state: State, step_s: float) -> Extent:
+def advance_extent(before: Extent, state: FilterState, step_s: float) -> Extent:
     """The ends `step_s` later, on the line of the present state."""
     transition = np.array([[1.0, step_s], [0.0, 1.0]])
     process = SPEED_M_S15**2 * np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
@@ -150,13 +150,13 @@ def advance_extent(before: Extent, state: State, step_s: float) -> Extent:
     return replace(before, near_m=_point_at(state, x), covariance=covariance, response=response)
 
 
-def _is_beyond(extent: Extent, state: State, place_m: float, sigma_m: float, gate_sigma: float) -> bool:
+def _is_beyond(extent: Extent, state: FilterState, place_m: float, sigma_m: float, gate_sigma: float) -> bool:
     """Whether a ramp seems farther ahead than the known one by more than both may err."""
     ahead_m = place_m - float(state.local(extent.near_m)[0])
     return bool(ahead_m > gate_sigma * np.hypot(extent.sigma_m, sigma_m))
 
 
-def _measure_ramp(before: Extent, state: State, place_m: float, variance: float, response: Array) -> Extent:
+def _measure_ramp(before: Extent, state: FilterState, place_m: float, variance: float, response: Array) -> Extent:
     x = float(state.local(before.near_m)[0])
     gain = before.covariance[:, 0] / (before.covariance[0, 0] + variance)
     rest = np.eye(2) - np.outer(gain, [1.0, 0.0])
@@ -169,7 +169,7 @@ def _measure_ramp(before: Extent, state: State, place_m: float, variance: float,
     )
 
 
-def runway_prior(state: State, extent: Extent, lines: dict[str, RunwayLine], step_s: float) -> RunwayPrior:
+def runway_prior(state: FilterState, extent: Extent, lines: dict[str, RunwayLine], step_s: float) -> RunwayPrior:
     """Ends of both edge lines where they should be now, with their 1-sigma as seen from the aircraft.
 
     Args:

@@ -39,7 +39,7 @@ INITIAL_SIGMA_M, INITIAL_SIGMA_RAD = 1000.0, 1.0  # of an unknown line
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class FilterState:
     """Mean and covariance. OFFSET, AZIMUTH and HEIGHT of the mean are folded into point and azimuth, so they are 0."""
 
     time_s: float
@@ -92,7 +92,7 @@ def deck_motion_sigmas(config: RunConfig) -> Array:
     return np.array([motion.heave_m, motion.pitch_rad, motion.roll_rad])
 
 
-def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config: RunConfig) -> State:
+def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config: RunConfig) -> FilterState:
     """Nothing is known but that there is a runway near a measured line, whose point and direction are the reference.
 
     Args:
@@ -111,7 +111,7 @@ def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config:
     covariance = np.diag(sigma**2)
     for (index, period_s), size in zip(OSCILLATIONS, deck_motion_sigmas(config), strict=True):
         covariance[index : index + 2, index : index + 2] = size**2 * stationary_covariance(period_s)
-    state = State(time_s, line.point_m, line.azimuth_rad, mean, covariance)
+    state = FilterState(time_s, line.point_m, line.azimuth_rad, mean, covariance)
     if ramp_m is None:
         return state
     transfer = np.eye(SIZE)
@@ -119,7 +119,7 @@ def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config:
     return replace(state, mean=transfer @ mean, covariance=transfer @ state.covariance @ transfer.T)
 
 
-def predict(state: State, time_s: float, aircraft_m: Array | None, config: RunConfig) -> State:
+def predict(state: FilterState, time_s: float, aircraft_m: Array | None, config: RunConfig) -> FilterState:
     """The state at a later time.
 
     Args:
@@ -152,7 +152,7 @@ def predict(state: State, time_s: float, aircraft_m: Array | None, config: RunCo
     return _fold(replace(state, time_s=time_s, point_m=point, mean=transition @ state.mean, covariance=covariance))
 
 
-def _fold(state: State) -> State:
+def _fold(state: FilterState) -> FilterState:
     """The same belief with the mean's offset, azimuth and height moved into point and azimuth."""
     mean = state.mean.copy()
     point = state.point_m + mean[OFFSET] * state.right + np.array([0.0, 0.0, mean[HEIGHT]])
@@ -161,7 +161,7 @@ def _fold(state: State) -> State:
     return replace(state, point_m=point, azimuth_rad=azimuth, mean=mean)
 
 
-def shift_reference(state: State, x_m: float) -> State:
+def shift_reference(state: FilterState, x_m: float) -> FilterState:
     """The same belief, referred to a point `x_m` farther along the line."""
     transfer = np.eye(SIZE)
     for index, rate in ((OFFSET, AZIMUTH), (SPACING, ANGLE), (HEAVE, PITCH), (HEAVE_RATE, PITCH_RATE)):
@@ -171,7 +171,7 @@ def shift_reference(state: State, x_m: float) -> State:
     return replace(state, point_m=point, mean=transfer @ state.mean, covariance=covariance)
 
 
-def update(state: State, innovation: Array, design: Array, noise: Array) -> State:
+def update(state: FilterState, innovation: Array, design: Array, noise: Array) -> FilterState:
     """Kalman update in Joseph's form, which keeps the covariance symmetric and positive.
 
     Args:
@@ -187,7 +187,7 @@ def update(state: State, innovation: Array, design: Array, noise: Array) -> Stat
     return _fold(replace(state, mean=mean, covariance=(covariance + covariance.T) / 2))
 
 
-def track_lines(state: State, pose: Pose | None, at_m: float, config: RunConfig) -> dict[str, RunwayLine]:
+def track_lines(state: FilterState, pose: Pose | None, at_m: float, config: RunConfig) -> dict[str, RunwayLine]:
     """The three lines in the world, as measured with the aircraft's pose.
 
     Args:
@@ -212,7 +212,7 @@ def track_lines(state: State, pose: Pose | None, at_m: float, config: RunConfig)
     return found
 
 
-def line_rows(state: State, sign: float, at_m: float, delay: Array) -> Array:
+def line_rows(state: FilterState, sign: float, at_m: float, delay: Array) -> Array:
     """Rows (3, 20) that give a line's offset, azimuth and z at a place along it.
 
     Args:
@@ -228,14 +228,14 @@ def line_rows(state: State, sign: float, at_m: float, delay: Array) -> Array:
     return rows
 
 
-def delay_effect(state: State, pose: Pose, ahead_m: float) -> Array:
+def delay_effect(state: FilterState, pose: Pose, ahead_m: float) -> Array:
     """Change (3,) of offset, azimuth and z at a point `ahead_m` of the aircraft by a second of delay of the pose."""
     turn_rate = float(pose.turn_rate_rad_s[2])
     return -np.array([pose.velocity_m_s @ state.right + ahead_m * turn_rate, turn_rate, pose.velocity_m_s[2]])
 
 
 def track_rates(
-    state: State,
+    state: FilterState,
     aircraft: Aircraft,
     pose: Pose | None,
     ramp_speed: Value | None,

@@ -9,8 +9,8 @@ from scipy.stats import norm
 
 from deckline.config import RunConfig
 from deckline.track.extent import Extent, advance_extent
-from deckline.track.filter import State, predict, track_lines, track_rates
-from deckline.track.integrity import find_doubts, protection_levels
+from deckline.track.filter import FilterState, predict, track_lines, track_rates
+from deckline.track.integrity import protection_levels, unverified_reasons
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
 from deckline.types import RunwayLine, Scale, Track, TrackState
 
@@ -18,7 +18,7 @@ from deckline.types import RunwayLine, Scale, Track, TrackState
 # quantile of error over 1-sigma in 40 rendered flights (paper's ship, sea state 4, 500 to 3000 m) was 0.97 of a
 # normal's between 500 and 600 m, 1.14 to 700 m, 1.25 to 800 m; heights kept theirs. Source: Angelopoulos and Bates,
 # "Conformal prediction: a gentle introduction", 2023.
-FAR_M, FAR_TIMES = (550.0, 800.0), 1.3
+FAR_M, FAR_SIGMA_INFLATION = (550.0, 800.0), 1.3
 TURN_SIGMA_RAD_S = float(np.deg2rad(2.0))  # of the averaged turn rate; simulated approaches in gusts stay below
 
 
@@ -26,7 +26,7 @@ TURN_SIGMA_RAD_S = float(np.deg2rad(2.0))  # of the averaged turn rate; simulate
 class TrackMemory:
     """What is carried from frame to frame."""
 
-    state: State
+    state: FilterState
     aircraft: Aircraft
     extent: Extent | None
     seen_s: float  # when lines were last used
@@ -48,7 +48,7 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
     ramp = extent if extent is not None and extent.is_ramp else None
     at_m, far = touchdown or 0.0, 1.0
     if pose is not None:
-        far = float(np.interp(near_m - state.local(pose.position_m)[0], FAR_M, (1.0, FAR_TIMES)))
+        far = float(np.interp(near_m - state.local(pose.position_m)[0], FAR_M, (1.0, FAR_SIGMA_INFLATION)))
     lateral, height, closing = track_rates(
         state, memory.aircraft, pose, None if ramp is None else ramp.speed, at_m, config
     )
@@ -63,8 +63,8 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         height_rate_m_s=height,
         closing_m_s=closing,
         age_s=state.time_s - memory.start_s,
-        doubts=find_doubts(state, state.time_s - memory.start_s, near_m, config),
-        scale_from=() if config.deck.width_m is None else (Scale.WIDTH,),
+        doubts=unverified_reasons(state, state.time_s - memory.start_s, near_m, config),
+        scale_sources=() if config.deck.width_m is None else (Scale.WIDTH,),
     )
 
 
@@ -93,7 +93,7 @@ class Forecast:
         track = describe_track(replace(memory, state=state, aircraft=aircraft), pose, self.config)
         turn_rad = TURN_SIGMA_RAD_S * (time_s - before.time_s)
         track = _loosen(track, float(aircraft.covariance[0, 0] - before.covariance[0, 0]), turn_rad)
-        track = replace(track, state=self.track.state, flags=self.track.flags, notices=self.track.notices)
+        track = replace(track, state=self.track.state, flags=self.track.flags, diagnostics=self.track.diagnostics)
         body = RigidTransform.from_components(aircraft.position_m, aircraft.attitude)
         return track, body, turn_rad
 

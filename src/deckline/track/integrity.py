@@ -34,7 +34,7 @@ from deckline.track.filter import (
     SCALE,
     SIZE,
     SPACING,
-    State,
+    FilterState,
     delay_effect,
     drift_sigma,
     error_sigmas,
@@ -44,7 +44,7 @@ from deckline.track.filter import (
 )
 from deckline.track.measurement import NAMES, GatedMeasurement
 from deckline.track.motion import Pose
-from deckline.types import Notice, Notices, Protection, Reason, RunwayLine
+from deckline.types import Diagnostic, Diagnostics, Protection, Reason, RunwayLine
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
@@ -65,8 +65,8 @@ MESSAGES = {
     ANGLE: (Reason.ANGLE, "degrees", "the angle between the lines is {:+.1f} degrees off what was stated"),
     DRIFT: (Reason.DRIFT, "m", "the lines drift sideways at {:+.1f} m/s, which neither ship nor heading explain"),
 }
-YOUNG = Notice(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
-UNLIKELY = Notice(
+YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
+UNLIKELY = Diagnostic(
     Reason.UNLIKELY_ERRORS, "the errors of sensors and paint that would explain the lines are unlikely together"
 )
 SCALES = {"degrees": float(np.rad2deg(1.0)), "percent": 100.0, "m": 1.0, "s": 1.0}
@@ -83,18 +83,18 @@ def stated_priors(config: RunConfig) -> dict[int, tuple[float, float]]:
     return priors
 
 
-def is_drift_known(state: State) -> bool:
+def is_drift_known(state: FilterState) -> bool:
     """Whether frames have told the lines' sideways speed well enough for `drift_flag`."""
     return bool(state.covariance[DRIFT, DRIFT] <= KNOWN_DRIFT_SIGMA_M_S**2)
 
 
-def drift_flag(state: State, config: RunConfig) -> Notice | None:
+def drift_flag(state: FilterState, config: RunConfig) -> Diagnostic | None:
     """A flag for lines that move sideways faster than a ship can, as they seem to where the camera is turned in yaw."""
     drift, sigma = float(state.mean[DRIFT]), float(np.sqrt(state.covariance[DRIFT, DRIFT]))
     if abs(drift) - config.integrity.alarm_sigma * sigma <= config.integrity.max_drift_m_s:
         return None
     message = f"the lines drift sideways at {drift:+.1f} m/s, faster than a ship's: is the camera turned in its mount?"
-    return Notice(Reason.DRIFT, message)
+    return Diagnostic(Reason.DRIFT, message)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class PriorTest:
     sigma: float  # of that, if what was stated is true
 
 
-def prior_tests(state: State, near_m: float, config: RunConfig) -> Iterator[PriorTest]:
+def prior_tests(state: FilterState, near_m: float, config: RunConfig) -> Iterator[PriorTest]:
     """The tests of all states that frames have told enough of.
 
     Args:
@@ -124,17 +124,17 @@ def prior_tests(state: State, near_m: float, config: RunConfig) -> Iterator[Prio
             yield PriorTest(index, row, float(row @ state.mean - expected), float(np.sqrt(observed + place**2)))
 
 
-def bias_flag(state: State, near_m: float, config: RunConfig) -> Notice | None:
+def bias_flag(state: FilterState, near_m: float, config: RunConfig) -> Diagnostic | None:
     """The state that is most significantly off its prior, if any is; `near_m` as in `prior_tests`."""
     tests = list(prior_tests(state, near_m, config))
     worst = max(tests, key=lambda test: abs(test.bias) / test.sigma, default=None)
     if worst is None or abs(worst.bias) / worst.sigma <= config.integrity.alarm_sigma:
         return None
     reason, unit, message = MESSAGES[worst.index]
-    return Notice(reason, message.format(SCALES[unit] * worst.bias))
+    return Diagnostic(reason, message.format(SCALES[unit] * worst.bias))
 
 
-def find_doubts(state: State, age_s: float, near_m: float, config: RunConfig) -> Notices:
+def unverified_reasons(state: FilterState, age_s: float, near_m: float, config: RunConfig) -> Diagnostics:
     """What keeps a track from being trusted that no test flags.
 
     Several errors that are each just possible are unlikely together: the overall model test, which sums the squares of
@@ -154,7 +154,7 @@ def find_doubts(state: State, age_s: float, near_m: float, config: RunConfig) ->
 
 
 def protection_levels(
-    state: State, pose: Pose, touchdown_m: float | None, ramp: Extent | None, far: float, config: RunConfig
+    state: FilterState, pose: Pose, touchdown_m: float | None, ramp: Extent | None, far: float, config: RunConfig
 ) -> Protection:
     """Bounds on errors of the lateral deviation beside the aircraft, of the deck's height at touchdown, of the heading
     and of the distance to the ramp.
@@ -197,7 +197,7 @@ def protection_levels(
     )
 
 
-def _undetected_faults(state: State, near_m: float, config: RunConfig) -> Array:
+def _undetected_faults(state: FilterState, near_m: float, config: RunConfig) -> Array:
     """The largest size (8,) of each shared error that may stay undetected by any test, in its own unit.
 
     An error of size m moves another state's estimate by P_xb / P_bb(0) m, and its own by 1 - P_bb / P_bb(0).
@@ -223,14 +223,14 @@ class FaultMonitor:
     squares: float = 0.0  # exponentially fading sum of squared normalised residuals
     degrees: float = 0.0  # and of their degrees of freedom
     since_s: dict[Reason, float] = field(default_factory=dict)  # since when a measurement is left out
-    learned: State | None = None  # of the track before this one began
+    learned: FilterState | None = None  # of the track before this one began
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
         """After one more frame; a frame without a line says nothing of those that are left out."""
         fade, since_s = float(np.exp(-step_s / config.integrity.window_s)), self.since_s
         squares, degrees = fade * self.squares, fade * self.degrees
         if gated is not None:
-            left_out = {notice.reason: self.since_s.get(notice.reason, time_s) for notice in gated.excluded}
+            left_out = {diagnostic.reason: self.since_s.get(diagnostic.reason, time_s) for diagnostic in gated.excluded}
             since_s = {
                 reason: since for reason, since in self.since_s.items() if reason not in gated.measured
             } | left_out
@@ -238,13 +238,13 @@ class FaultMonitor:
                 squares, degrees = squares + gated.distance2, degrees + gated.degrees
         return replace(self, squares=squares, degrees=degrees, since_s=since_s)
 
-    def has_come_back(self, gated: GatedMeasurement, time_s: float, config: RunConfig) -> bool:
+    def is_readmitted(self, gated: GatedMeasurement, time_s: float, config: RunConfig) -> bool:
         """Whether a measurement that was flagged as left out passes the gate again.
 
         While it was left out the state's covariance grew, so that what passes may be as wrong as before, and what it
         taught the state before it was left out stays. Neither is to be believed.
         """
-        out = {notice.reason for notice in gated.excluded}
+        out = {diagnostic.reason for diagnostic in gated.excluded}
         return any(
             reason in gated.measured - out and time_s - since >= config.integrity.persist_s
             for reason, since in self.since_s.items()
@@ -254,7 +254,7 @@ class FaultMonitor:
         """Without what is left out: the track that it contradicted is given up."""
         return replace(self, since_s={})
 
-    def restart(self, before: State | None, config: RunConfig) -> "FaultMonitor":
+    def restart(self, before: FilterState | None, config: RunConfig) -> "FaultMonitor":
         """For a new track: what was learned of the old one is kept, unless that contradicts what is kept already."""
         learned = self.learned
         if before is not None and np.sqrt(before.covariance[SPACING, SPACING]) < LEARNED_SIGMA_M:
@@ -265,12 +265,12 @@ class FaultMonitor:
     def active_flags(
         self,
         gated: GatedMeasurement | None,
-        state: State | None,
+        state: FilterState | None,
         extent: Extent | None,
         aircraft_m: Array | None,
         time_s: float,
         config: RunConfig,
-    ) -> Notices:
+    ) -> Diagnostics:
         """All flags of one frame. What was left out when it was last seen stays flagged while nothing is seen.
 
         Args:
@@ -281,27 +281,27 @@ class FaultMonitor:
             time_s: of the frame.
             config: limits.
         """
-        messages = {} if gated is None else {notice.reason: notice.message for notice in gated.excluded}
-        flags: list[Notice | None] = []
+        messages = {} if gated is None else {diagnostic.reason: diagnostic.message for diagnostic in gated.excluded}
+        flags: list[Diagnostic | None] = []
         for reason, since in self.since_s.items():
             if time_s - since >= config.integrity.persist_s:
                 message = messages.get(reason, f"{WHAT[reason]} contradicted the track when last seen")
-                flags.append(Notice(reason, f"{message}, for {time_s - since:.1f} s"))
+                flags.append(Diagnostic(reason, f"{message}, for {time_s - since:.1f} s"))
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
             flags += [bias_flag(state, near_m, config), drift_flag(state, config), self._residual_flag(config)]
             flags += [] if self.learned is None else [_change_flag(self.learned, state, aircraft_m, config)]
         return tuple(flag for flag in flags if flag is not None)
 
-    def _residual_flag(self, config: RunConfig) -> Notice | None:
+    def _residual_flag(self, config: RunConfig) -> Diagnostic | None:
         """Residuals that are too large for too long, each of them small enough to pass the gate."""
         if self.degrees < MIN_RESIDUALS or self.squares < config.integrity.excess * self.degrees:
             return None
         excess = float(np.sqrt(self.squares / self.degrees))
-        return Notice(Reason.RESIDUALS, f"measurements scatter {excess:.1f} times as much as they should")
+        return Diagnostic(Reason.RESIDUALS, f"measurements scatter {excess:.1f} times as much as they should")
 
 
-def check_order(lines: dict[str, RunwayLine]) -> Notice | None:
+def check_order(lines: dict[str, RunwayLine]) -> Diagnostic | None:
     """A flag for two lines that cannot be left and right of one runway."""
     if "left" not in lines or "right" not in lines:
         return None
@@ -310,10 +310,12 @@ def check_order(lines: dict[str, RunwayLine]) -> Notice | None:
     spacing = float((right.point_m - left.point_m) @ lateral_axis)
     if spacing > MIN_SPACING_M:
         return None
-    return Notice(Reason.SWAPPED, f"the right line lies {-spacing:.1f} m left of the left line")
+    return Diagnostic(Reason.SWAPPED, f"the right line lies {-spacing:.1f} m left of the left line")
 
 
-def _change_flag(learned: State, state: State, aircraft_m: Array | None, config: RunConfig) -> Notice | None:
+def _change_flag(
+    learned: FilterState, state: FilterState, aircraft_m: Array | None, config: RunConfig
+) -> Diagnostic | None:
     """A flag for lines that are not where those of the track before should be by now, or not as far apart.
 
     Args:
@@ -338,6 +340,6 @@ def _change_flag(learned: State, state: State, aircraft_m: Array | None, config:
         return None
     if worst == 2:
         message = f"the lines are {state.mean[SPACING]:.1f} m apart and were {spacing:.1f} m apart before"
-        return Notice(Reason.SPACING, message)
+        return Diagnostic(Reason.SPACING, message)
     off = f"{y:+.1f} m beside" if worst == 0 else f"{np.rad2deg(turn):+.1f} degrees from"
-    return Notice(Reason.OTHER_LINES, f"the lines lie {off} where the track before had them")
+    return Diagnostic(Reason.OTHER_LINES, f"the lines lie {off} where the track before had them")

@@ -32,11 +32,11 @@ from deckline.track.filter import (
     SIGN,
     SIZE,
     SPACING,
-    State,
+    FilterState,
     error_sigmas,
 )
 from deckline.track.motion import Pose
-from deckline.types import SIDES, DepthMode, Notice, Notices, Reason, RunwayLine
+from deckline.types import SIDES, DepthMode, Diagnostic, Diagnostics, Reason, RunwayLine
 
 Array = NDArray[np.float64]
 MIN_OWN_SHARE = 0.02  # of a measurement's variance that is its own and not shared by all frames
@@ -68,7 +68,9 @@ class Measurement:
         return Measurement(self.sides, self.innovation[rows], self.design[rows], noise, self.x_m)
 
 
-def measure(state: State, lines: dict[str, RunwayLine], mode: DepthMode, pose: Pose, config: RunConfig) -> Measurement:
+def measure(
+    state: FilterState, lines: dict[str, RunwayLine], mode: DepthMode, pose: Pose, config: RunConfig
+) -> Measurement:
     """The measurement by the edge lines among `lines`, at least one.
 
     Args:
@@ -91,7 +93,7 @@ def _stack(parts: tuple[Array, ...]) -> Array:
 
 
 def _linearize_line(
-    state: State, line: RunwayLine, side: str, mode: DepthMode, pose: Pose, hub: Array, config: RunConfig
+    state: FilterState, line: RunwayLine, side: str, mode: DepthMode, pose: Pose, hub: Array, config: RunConfig
 ) -> tuple[Array, Array, Array, Array]:
     """Residual (K, 1), design (K, 20), the pose's white noise (K, 5) and own noise (K, M) of one line.
 
@@ -131,7 +133,7 @@ def _linearize_line(
 
 
 def _effects_and_own(
-    state: State, line: RunwayLine, side: str, ahead_m: Array, mode: DepthMode, config: RunConfig
+    state: FilterState, line: RunwayLine, side: str, ahead_m: Array, mode: DepthMode, config: RunConfig
 ) -> tuple[Array, Array]:
     """Effects of shared errors on a line, (5, 7) as in `LineErrors` but in its own axes, and its own noise (5, M).
 
@@ -187,7 +189,7 @@ class GatedMeasurement:
     """The part of a measurement that may update the filter."""
 
     kept: Measurement | None  # None: nothing of it
-    excluded: Notices  # LEFT, RIGHT, HEIGHT: why it was left out
+    excluded: Diagnostics  # LEFT, RIGHT, HEIGHT: why it was left out
     distance2: float  # squared Mahalanobis distance of what was kept
     degrees: int  # of freedom of that
     measured: frozenset[Reason]  # LEFT, RIGHT, HEIGHT: what was there to keep or leave out
@@ -200,7 +202,7 @@ NAMES = {
 }
 
 
-def select_consistent(state: State, measurement: Measurement, gate_sigma: float) -> GatedMeasurement:
+def select_consistent(state: FilterState, measurement: Measurement, gate_sigma: float) -> GatedMeasurement:
     """Chi-square innovation gate: drop the one component whose removal makes the innovation consistent.
 
     One contradiction is assumed at most: each line and the height is left out in turn, and the rest that agrees best is
@@ -233,18 +235,18 @@ def _gate(sigma: float, degrees: int) -> float:
     return float(chi2.isf(2 * norm.sf(sigma), degrees))
 
 
-def _distance2(state: State, measurement: Measurement, rows: list[int]) -> float:
+def _distance2(state: FilterState, measurement: Measurement, rows: list[int]) -> float:
     part = measurement.subset(rows)
     variance = part.design @ state.covariance @ part.design.T + part.noise
     return float(part.innovation @ np.linalg.solve(variance, part.innovation))
 
 
-def _deviation(measurement: Measurement, name: str) -> Notice:
+def _deviation(measurement: Measurement, name: str) -> Diagnostic:
     """How far off a component of the measurement is."""
     rows, (reason, what) = measurement.rows(name), NAMES[name]
     first = float(measurement.innovation[rows[0]])
     if name == "height":
-        return Notice(reason, f"{what} is {abs(first):.1f} m {'lower' if first > 0 else 'higher'} than expected")
+        return Diagnostic(reason, f"{what} is {abs(first):.1f} m {'lower' if first > 0 else 'higher'} than expected")
     turn = np.rad2deg(measurement.innovation[rows[1]])
     side = "right" if first > 0 else "left"
-    return Notice(reason, f"{what} is {abs(first):.1f} m to the {side} and {turn:+.1f} degrees off")
+    return Diagnostic(reason, f"{what} is {abs(first):.1f} m to the {side} and {turn:+.1f} degrees off")

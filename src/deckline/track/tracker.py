@@ -26,9 +26,9 @@ from deckline.track.measurement import GatedMeasurement, measure, select_consist
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
 from deckline.types import (
     SIDES,
+    Diagnostic,
+    Diagnostics,
     Frame,
-    Notice,
-    Notices,
     Reason,
     RunwayEstimate,
     RunwayLine,
@@ -41,10 +41,10 @@ NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 MOST_REFUSED = 10  # frames in a row: without a time nobody knows how old the track is
 # Frames so close together err alike, so that they count as one: points are off the same way, and a deck moves otherwise
 # than as an oscillation. 30 full frames a second contradict a stated width in half of the nominal flights.
-ALIKE_S = 0.33
+CORRELATION_TIME_S = 0.33
 ROUNDING_S = 1e-6  # of sums of times
 MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE = 1e-5, 1e-3, 1e-4  # floors of exact sensors
-FROZEN = Notice(Reason.FROZEN, "the camera shows the same picture while time goes on")
+FROZEN = Diagnostic(Reason.FROZEN, "the camera shows the same picture while time goes on")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +55,14 @@ class FrameContext:
     estimate: RunwayEstimate
     lines: dict[str, RunwayLine]  # the edge lines that may be used
     step_s: float  # since the frame before; 0 at the beginning
-    flags: Notices  # found before any filtering
-    notices: Notices  # why the frame, or the track before it, is not used
+    flags: Diagnostics  # found before any filtering
+    diagnostics: Diagnostics  # why the frame, or the track before it, is not used
 
 
 class Tracker:
     """Follows the runway through the frames of one flight, in the order of their times.
 
-    Frames that cannot be used are bridged and say why in `Track.notices`: without pose, without a line, with a time
+    Frames that cannot be used are bridged and say why in `Track.diagnostics`: without pose, without a line, with a time
     that is not a number, repeated, or a little earlier than one before. A time more than two seconds back, a gap longer
     than `tracking.coast_s`, or a pose that jumps starts a new track.
 
@@ -86,9 +86,9 @@ class Tracker:
         if refused is not None:
             self._refused += 1
             if self._last is None or self._refused > MOST_REFUSED:
-                return Track(frame.time_s, TrackState.LOST, {}, notices=(refused,))
+                return Track(frame.time_s, TrackState.LOST, {}, diagnostics=(refused,))
             state = TrackState.COASTING if self._last.state is TrackState.TRACKING else self._last.state
-            return replace(self._last, state=state, notices=(refused,), excluded=())
+            return replace(self._last, state=state, diagnostics=(refused,), excluded=())
         self._refused = 0
         before, self._time_s = self._time_s, frame.time_s
         self._last = self._advance(frame, estimate, None if before is None else frame.time_s - before)
@@ -111,32 +111,32 @@ class Tracker:
         lines = track_lines(state, memory.aircraft.camera_pose(frame), 0.0, self.config)
         return runway_prior(state, memory.extent, lines, step_s)
 
-    def _check_time(self, time_s: float) -> Notice | None:
+    def _check_time(self, time_s: float) -> Diagnostic | None:
         """Why a frame of this time cannot be used."""
         if not np.isfinite(time_s):
-            return Notice(Reason.BAD_TIME, "the frame's time is not a number")
+            return Diagnostic(Reason.BAD_TIME, "the frame's time is not a number")
         if self._time_s is None or time_s < self._time_s - NEW_FLIGHT_S or time_s > self._time_s:
             return None
         if time_s == self._time_s:
-            return Notice(Reason.BAD_TIME, f"the frame's time {time_s:.3f} s was there before")
-        return Notice(Reason.BAD_TIME, f"the frame is {self._time_s - time_s:.3f} s older than the one before")
+            return Diagnostic(Reason.BAD_TIME, f"the frame's time {time_s:.3f} s was there before")
+        return Diagnostic(Reason.BAD_TIME, f"the frame is {self._time_s - time_s:.3f} s older than the one before")
 
     def _advance(self, frame: Frame, estimate: RunwayEstimate, step_s: float | None) -> Track:
         memory, restart = self._predict(frame, step_s)
-        notices = () if restart is None else (restart,)
+        diagnostics = () if restart is None else (restart,)
         self._images = self._images.update(frame, estimate)
         lines = {side: estimate.lines[side] for side in SIDES if side in estimate.lines}
         if frame.missing is not None:
-            lines, notices = {}, notices or (frame.missing,)
+            lines, diagnostics = {}, diagnostics or (frame.missing,)
         flag = FROZEN if self._images.is_frozen else check_order(lines)
         if flag is not None:
-            lines, notices = {}, (*notices, flag)
+            lines, diagnostics = {}, (*diagnostics, flag)
         flags = () if flag is None else (flag,)
         if memory is not None:
-            return self._continue_track(memory, FrameContext(frame, estimate, lines, step_s or 0.0, flags, notices))
-        return self._start_track(FrameContext(frame, estimate, lines, 0.0, flags, notices))
+            return self._continue_track(memory, FrameContext(frame, estimate, lines, step_s or 0.0, flags, diagnostics))
+        return self._start_track(FrameContext(frame, estimate, lines, 0.0, flags, diagnostics))
 
-    def _predict(self, frame: Frame, step_s: float | None) -> tuple[TrackMemory | None, Notice | None]:
+    def _predict(self, frame: Frame, step_s: float | None) -> tuple[TrackMemory | None, Diagnostic | None]:
         """The memory at the frame's time; None, and why, where the track ends."""
         memory = self._memory
         if memory is None or step_s is None:
@@ -185,10 +185,10 @@ class Tracker:
         if pose is not None and context.lines:
             measurement = measure(memory.state, context.lines, context.estimate.mode, pose, config)
             gated = select_consistent(memory.state, measurement, config.tracking.gate_sigma)
-            if self._faults.has_come_back(gated, time_s, config):
+            if self._faults.is_readmitted(gated, time_s, config):
                 self._faults = self._faults.forget()
                 back = _restart("a measurement that was left out is back")
-                return self._start_track(replace(context, notices=(*context.notices, back)), memory.aircraft)
+                return self._start_track(replace(context, diagnostics=(*context.diagnostics, back)), memory.aircraft)
         if gated is not None and gated.excluded and memory.start_s == time_s:  # nothing of a track is there to be right
             self._faults = self._faults.forget()
             return _lost_track(context, gated, context.flags + gated.excluded)
@@ -216,7 +216,7 @@ class Tracker:
             return replace(memory, consistent_s=time_s)
         if gated.kept is None:
             return memory
-        alike = ALIKE_S / context.step_s if 0 < context.step_s < ALIKE_S else 1.0
+        alike = CORRELATION_TIME_S / context.step_s if 0 < context.step_s < CORRELATION_TIME_S else 1.0
         state = update(memory.state, gated.kept.innovation, gated.kept.design, alike * gated.kept.noise)
         state = shift_reference(state, gated.kept.x_m)
         ramp = locate_ramp(context.frame, context.estimate, state, error_sigmas(self.config) ** 2)
@@ -233,7 +233,7 @@ class Tracker:
         context: FrameContext,
         pose: Pose | None,
         gated: GatedMeasurement | None,
-        flags: Notices,
+        flags: Diagnostics,
     ) -> Track:
         used = gated is not None and gated.kept is not None
         return replace(
@@ -241,15 +241,15 @@ class Tracker:
             state=TrackState.TRACKING if used else TrackState.COASTING,
             flags=flags,
             excluded=() if gated is None else gated.excluded,
-            notices=context.notices,
+            diagnostics=context.diagnostics,
         )
 
 
-def _lost_track(context: FrameContext, gated: GatedMeasurement | None, flags: Notices) -> Track:
+def _lost_track(context: FrameContext, gated: GatedMeasurement | None, flags: Diagnostics) -> Track:
     excluded = () if gated is None else gated.excluded
-    notices = context.notices + excluded
-    return Track(context.frame.time_s, TrackState.LOST, {}, flags=flags, excluded=excluded, notices=notices)
+    diagnostics = context.diagnostics + excluded
+    return Track(context.frame.time_s, TrackState.LOST, {}, flags=flags, excluded=excluded, diagnostics=diagnostics)
 
 
-def _restart(why: str) -> Notice:
-    return Notice(Reason.RESTARTED, f"began anew: {why}")
+def _restart(why: str) -> Diagnostic:
+    return Diagnostic(Reason.RESTARTED, f"began anew: {why}")

@@ -16,7 +16,7 @@ from deckline.options import RunOptions
 from deckline.report.provenance import settings_of
 from deckline.statistics import RANGE_M, VISIBILITY_M, by_band, median_and_p95, share
 from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
-from deckline.types import SIDES, DepthMode, Seen
+from deckline.types import SIDES, DepthMode, LineVisibility
 from deckline_lab.evaluation.frames import FrameSet, Recorded, RenderOptions, Sample, score_frames
 from deckline_lab.evaluation.metrics import below_horizon, distance_px, normal_pixel_error, psnr_db, ssim
 from deckline_lab.evaluation.store import Store
@@ -188,11 +188,15 @@ def summarise(scores: Sequence[FrameScore]) -> Figures:
     figures = {"frames": float(len(scores))}
     decks, empty = ([score for score in scores if score.has_runway is has] for has in (True, False))
     if decks:
-        rates = {"found_rate": Seen.BOTH, "one_line_rate": Seen.ONE, "not_seen_rate": Seen.NONE}
+        rates = {
+            "found_rate": LineVisibility.BOTH,
+            "one_line_rate": LineVisibility.ONE,
+            "not_seen_rate": LineVisibility.NONE,
+        }
         for name, seen in rates.items():
             figures[name] = sum(score.seen == seen for score in decks) / len(decks)
     if empty:
-        figures["false_line_rate"] = share(empty, lambda score: score.seen != Seen.NONE)
+        figures["false_line_rate"] = share(empty, lambda score: score.seen != LineVisibility.NONE)
     for mode in (DepthMode.FINE, DepthMode.COARSE, DepthMode.NONE):
         figures[f"mode_rate.{mode}"] = sum(score.mode == mode for score in scores) / len(scores)
     figures |= _error_figures(scores)
@@ -296,7 +300,7 @@ def summarise_labels(scores: Sequence[LabelScore]) -> Figures:
     runway, empty = ([score for score in scores if score.labelled is both] for both in (True, False))
     if runway:
         figures["found_rate"] = share(runway, lambda score: score.found)
-        figures["ok_rate"] = share(runway, lambda score: score.seen == Seen.BOTH)
+        figures["ok_rate"] = share(runway, lambda score: score.seen == LineVisibility.BOTH)
         lines = [score.errors_px[side] for score in runway for side in SIDES if side in score.errors_px]
         if lines:
             figures |= median_and_p95(np.concatenate(lines), "error_px")

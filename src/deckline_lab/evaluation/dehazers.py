@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 import deckline.dehaze
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
-from deckline.dehaze.base import Restored
+from deckline.dehaze.base import DehazeResult
 from deckline.runtime import sha256_of
 from deckline.types import Frame
 from deckline_lab.evaluation.dehazing_pairs import open_pairs
@@ -107,12 +107,12 @@ class SharedDehazer:
     def __init__(self, dehazer: Dehazer) -> None:
         self.name = dehazer.name
         self._dehazer = dehazer
-        self._last: tuple[Frame, Restored] | None = None
+        self._last: tuple[Frame, DehazeResult] | None = None
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return self._dehazer(image_rgb)
 
-    def restore(self, frame: Frame) -> Restored:
+    def restore(self, frame: Frame) -> DehazeResult:
         if self._last is None or self._last[0] is not frame:
             self._last = frame, restore(self._dehazer, frame)
         return self._last[1]

@@ -19,7 +19,7 @@ from deckline.statistics import (
     paired_difference,
     share,
 )
-from deckline.types import SIDES, Seen
+from deckline.types import SIDES, LineVisibility
 from deckline_lab.evaluation.dehazers import Cost
 from deckline_lab.evaluation.dehazing_pairs import FILMS, Distances
 from deckline_lab.evaluation.metrics import SSIM_WINDOW_PX, psnr_db, ssim
@@ -104,7 +104,7 @@ def restoration(
 def score_lines(result: FrameResult, lines: Mapping[str, Distances]) -> tuple[bool, list[float]]:
     """Whether both lines are found in agreement, and the distances of all detected points to the true lines, px."""
     distances = [lines[side](getattr(result.detection, side).points_px) for side in SIDES]
-    return result.estimate.seen is Seen.BOTH, np.concatenate(distances).tolist()
+    return result.estimate.seen is LineVisibility.BOTH, np.concatenate(distances).tolist()
 
 
 def summarise(scores: Sequence[ImageScore], reference: str) -> dict[str, dict[str, Summary]]:

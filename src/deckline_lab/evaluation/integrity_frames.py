@@ -13,7 +13,7 @@ from deckline.extras import needs_extra
 from deckline.truth import true_segments
 from deckline.types import SIDES, Frame, Segment
 from deckline_lab.evaluation.integrity_faults import CATAPULT_M, CATAPULT_RAD, DELAY_S, offset_line, pose_at
-from deckline_lab.evaluation.integrity_paint import erase, paint, stand
+from deckline_lab.evaluation.integrity_paint import draw_boxes, erase, paint
 
 ROLL_DEG = (5.0, 15.0)  # of a picture, either way
 DROPPED = 0.7  # share of the frames
@@ -129,14 +129,14 @@ def _darken(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
 def _rain(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
     """Streaks of falling rain and drops on the lens, as the simulator exposes them; the air stays as it is."""
     with needs_extra("sim"):
-        from deckline_sim.camera.exposure import Film, draw_exposure
+        from deckline_sim.camera.exposure import ExposurePass, draw_exposure
         from deckline_sim.config import FilmConfig
         from deckline_sim.scene.gl import open_context
         from deckline_sim.scene.view import View
     config = FilmConfig(rain_mm_h=float(rng.uniform(*RAIN_MM_H)), lens_drops=int(rng.integers(*LENS_DROPS)))
     seed = int(rng.integers(2**31))
     with open_context() as context:
-        film = Film(context)
+        film = ExposurePass(context)
         for number, (before, frame) in enumerate(pairwise((frames[0], *frames))):
             pose = frame.true_world_from_camera
             if pose is None or before.true_world_from_camera is None:
@@ -229,7 +229,7 @@ def _blacken(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
 
 def _park(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
     side, at, level = SIDES[rng.integers(2)], float(rng.uniform(*AIRCRAFT_AT)), float(rng.uniform(60, 160))
-    return lambda frame, edges: stand(frame, edges[side], [(at, 0.0)], AIRCRAFT_M, level)
+    return lambda frame, edges: draw_boxes(frame, edges[side], [(at, 0.0)], AIRCRAFT_M, level)
 
 
 def _gather(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
@@ -238,7 +238,7 @@ def _gather(rng: np.random.Generator) -> Callable[[Frame, Edges], Frame]:
 
     def repaint(frame: Frame, edges: Edges) -> Frame:
         for side in SIDES:
-            frame = stand(frame, edges[side], places[side], PERSON_M, PERSON_LEVEL)
+            frame = draw_boxes(frame, edges[side], places[side], PERSON_M, PERSON_LEVEL)
         return frame
 
     return repaint

@@ -41,7 +41,9 @@ def erase(frame: Frame, line: Segment, width_m: float, right_m: float) -> Frame:
     return _cover(frame, line, width_m, beside)
 
 
-def stand(frame: Frame, line: Segment, places: ArrayLike, size_m: tuple[float, float, float], level: float) -> Frame:
+def draw_boxes(
+    frame: Frame, line: Segment, places: ArrayLike, size_m: tuple[float, float, float], level: float
+) -> Frame:
     """The frame with boxes on a line of its deck, lengthwise; errors as in `paint`.
 
     Args:

@@ -14,7 +14,7 @@ from deckline.localize.depth import MIN_LINE_POINTS, DeckPoints
 from deckline.localize.localize import PlacedLines, localize, locate_inliers
 from deckline.localize.runway import LineFit, drop_contradictions, drop_unsure
 from deckline.localize.solver import CORRELATION, CORRELATION_SIGMA, noise_inflation
-from deckline.types import DepthMode, Detection, Frame, Notice, PixelLine, Reason, RunwayEstimate
+from deckline.types import DepthMode, Detection, Diagnostic, Frame, PixelLine, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]
 MIN_SIGMA_M = 1e-6  # keeps residuals of noiseless points finite
@@ -42,7 +42,7 @@ def place_alone(
     points = {s: locate_inliers(frame, getattr(detection, s), line, mode, noise) for s, line in pixel_lines.items()}
     fits = {} if pose is None else fit_alone(points, pose.translation, rng)
     others = (side for side in pixel_lines if side not in fits)
-    missing = (Notice(Reason.NO_POINTS, f"the {side} line has too few points on the deck") for side in others)
+    missing = (Diagnostic(Reason.NO_POINTS, f"the {side} line has too few points on the deck") for side in others)
     sure, unsure = drop_unsure(fits)
     kept, contradictions = drop_contradictions(sure)
     return PlacedLines(kept, points, (*missing, *unsure, *contradictions))

@@ -26,7 +26,7 @@ from deckline_lab.train.detect_samples import DetectAugmentation, make_batch
 from deckline_lab.train.export import count_parameters, export_onnx, network_cost
 from deckline_lab.train.line_networks import Hybrid, LineNetwork, PyramidConfig, Ufld
 from deckline_lab.train.loop import Recipe
-from deckline_lab.train.start import settle_norms, start_detector
+from deckline_lab.train.start import recalibrate_batch_norm, start_detector
 from deckline_lab.train.views import LineView, Views, make_ahead, open_line_views
 
 START_VIEWS = 24  # whose statistics the batch norms of another training's weights are given
@@ -88,7 +88,7 @@ def train_detect(
     backdrops = [] if photographs is None else read_backdrops(photographs)
     if start_from is not None:
         start_detector(model, start_from)
-        settle_norms(model, make_batch(views, START_VIEWS, grid, config.augment, [config.seed])[0])
+        recalibrate_batch_norm(model, make_batch(views, START_VIEWS, grid, config.augment, [config.seed])[0])
     model.to(device)
     model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs lack this form
     run = loop.open_run(config, model, _optimizer(config, model), out)

@@ -104,7 +104,7 @@ def start_with_file(model: PyramidNetwork, path: Path) -> None:
     _check_same(model, path)
 
 
-def settle_norms(model: LineNetwork, views: Tensor) -> None:
+def recalibrate_batch_norm(model: LineNetwork, views: Tensor) -> None:
     """Give the batch norms that training uses the statistics of views (B, 3, H, W), and weights that undo the change.
 
     What the model computes stays the same. In a file batch norms are folded away; without this the first training step

@@ -17,7 +17,7 @@ from deckline.types import Frame, Segment, Truth
 from deckline_sim.airfield.ground import NOISE_SLOPES, TILE, Viewer
 from deckline_sim.airfield.pad import draw_pad
 from deckline_sim.airfield.picture import Airfield, draw_airfield, make_textures
-from deckline_sim.camera.glass import look_through
+from deckline_sim.camera.glass import add_foreground
 from deckline_sim.camera.measure import measure_depth
 from deckline_sim.config import SimConfig, draw_visibility
 
@@ -85,7 +85,7 @@ class AirfieldSimulator:
                 conditions={} if airfield.edge is None else {"edge": str(airfield.edge)},
             ),
         )
-        return look_through(drawn, config, index)
+        return add_foreground(drawn, config, index)
 
 
 def _read_photographs(folder: Path, rng: np.random.Generator) -> Iterator[NDArray[np.uint8]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline_sim.airsim_server.structs import Struct, geo_struct, pose_struct, vector_struct
-from deckline_sim.airsim_server.world import State, World
+from deckline_sim.airsim_server.world import World, WorldState
 from deckline_sim.scene.view import Label
 from deckline_sim.ship.paint import axes
 
@@ -50,7 +50,7 @@ def object_names(world: World) -> list[str]:
     return ["Carrier", "Deck", "Ramp", "Touchdown", surface_name(world), world.settings.vehicle]
 
 
-def object_pose(world: World, name: str, state: State, time_s: float) -> RigidTransform | None:
+def object_pose(world: World, name: str, state: WorldState, time_s: float) -> RigidTransform | None:
     """world_from_object at a time, or None.
 
     Carrier and Deck: x forward, y starboard, z down, origin on the deck's stern. Ramp and Touchdown: on the deck, x
@@ -88,12 +88,12 @@ def segmented_names(world: World) -> dict[str, Label]:
     return {surface_name(world): Label.SURFACE} | OWN_LABEL
 
 
-def object_ids(world: World, state: State) -> dict[str, int]:
+def object_ids(world: World, state: WorldState) -> dict[str, int]:
     """The segmentation IDs as set; an object's own is its label."""
     return {name: state.object_ids.get(name, int(label)) for name, label in segmented_names(world).items()}
 
 
-def segmentation(world: World, camera: str, image_type: int, state: State, time_s: float) -> NDArray[np.uint8]:
+def segmentation(world: World, camera: str, image_type: int, state: WorldState, time_s: float) -> NDArray[np.uint8]:
     """A camera's picture (H, W, 3) of the objects' IDs in `PALETTE`; the sky and ID -1 are black."""
     colours = np.zeros((len(Label), 3), dtype=np.uint8)
     labels = segmented_names(world)

@@ -1,7 +1,7 @@
 """The simulated world behind the server: a ship in its weather, one vehicle, its cameras.
 
-Clients replace the frozen `State` as a whole, so that a picture shows one instant of it; the vehicle's pose in it is
-that of the instant. Only the thread that made the world owns OpenGL and draws; any thread may read the rest.
+Clients replace the frozen `WorldState` as a whole, so that a picture shows one instant of it and of the vehicle's pose.
+Only the thread that made the world owns OpenGL and draws; any thread may read the rest.
 """
 
 import math
@@ -38,7 +38,7 @@ RAY_RAD, RAY_PX = 1e-3, 3  # the view of a distance sensor, whose middle pixel i
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class WorldState:
     """The values that clients set, and the vehicle's pose at an instant."""
 
     world_from_body: RigidTransform
@@ -73,7 +73,7 @@ class World:
         start = settings.start
         if start is None:
             start = approach_view(config, self.layout, 0, self._simulator.motion).world_from_body
-        self._start = self._state = State(start)
+        self._start = self._state = WorldState(start)
         self.vehicle = Vehicle(start, clock, self.ground, self.ship_pose)
 
     def close(self) -> None:
@@ -86,11 +86,11 @@ class World:
         self.vehicle.reset()
 
     @property
-    def state(self) -> State:
+    def state(self) -> WorldState:
         """The state now."""
         return self.snapshot()[0]
 
-    def snapshot(self) -> tuple[State, float]:
+    def snapshot(self) -> tuple[WorldState, float]:
         """The state now, and the simulated time, s."""
         motion = self.vehicle.read()
         return replace(self._state, world_from_body=motion.pose), motion.time_s
@@ -99,7 +99,7 @@ class World:
         """Set parts of the state; only on one thread."""
         self._state = replace(self._state, **values)
 
-    def mount(self, name: str, state: State | None = None) -> RigidTransform:
+    def mount(self, name: str, state: WorldState | None = None) -> RigidTransform:
         """body_from_mount of a camera, by its own name."""
         return (state or self.state).mounts.get(name, self.settings.cameras[name].mount)
 
@@ -107,7 +107,7 @@ class World:
         """body_from_mount of a distance sensor."""
         return self.state.distance_mounts.get(name, self.settings.distances[name].mount)
 
-    def camera(self, name: str, image_type: int, state: State | None = None) -> Camera:
+    def camera(self, name: str, image_type: int, state: WorldState | None = None) -> Camera:
         """The pinhole behind a camera's pictures of a type."""
         capture = self.settings.cameras[name].capture(image_type)
         fov_deg = (state or self.state).fovs_deg.get(name, capture.fov_deg)
@@ -148,7 +148,7 @@ class World:
         )
         return float(self._simulator.renderer.depth(scene)[RAY_PX // 2, RAY_PX // 2])
 
-    def picture(self, name: str, image_type: int, state: State, time_s: float) -> Frame:
+    def picture(self, name: str, image_type: int, state: WorldState, time_s: float) -> Frame:
         """A camera's picture; only on the world's own thread. A camera that is not above the sea is a ValueError."""
         view, weather, air_rng, picture_rng = self._view(name, image_type, state, time_s)
         scenery = self._scenery(state, weather, draw_visibility(self.config.visibility_m, air_rng))
@@ -158,7 +158,7 @@ class World:
         return self._simulator.picture(view, scenery, picture_rng, self._noise_rng(), f"{name} {image_type}")
 
     def depth(
-        self, name: str, image_type: int, state: State, time_s: float
+        self, name: str, image_type: int, state: WorldState, time_s: float
     ) -> tuple[Camera, NDArray[np.float32] | None]:
         """Camera with its lens, and depth (H, W) of `picture`, m along the axis, NaN where nothing is seen.
 
@@ -171,7 +171,7 @@ class World:
         true_m = self._simulator.renderer.depth(Scene(view.camera, pose, weather, time_s, world_from_ship=ship))
         return view.camera, measure_depth(true_m, self.config.depth, self._noise_rng())
 
-    def labels(self, name: str, image_type: int, state: State, time_s: float) -> NDArray[np.uint8]:
+    def labels(self, name: str, image_type: int, state: WorldState, time_s: float) -> NDArray[np.uint8]:
         """What a camera's pixels (H, W) show, as `Label`, without distortion; errors as `picture`."""
         view, weather, _, _ = self._view(name, image_type, state, time_s)
         camera = self.camera(name, image_type, state)
@@ -179,7 +179,7 @@ class World:
         return self._simulator.renderer.labels(Scene(camera, pose, weather, time_s, world_from_ship=ship))
 
     def _view(
-        self, name: str, image_type: int, state: State, time_s: float
+        self, name: str, image_type: int, state: WorldState, time_s: float
     ) -> tuple[Viewpoint, Weather, np.random.Generator, np.random.Generator]:
         """Where a camera is, the weather there, and the randomness of the air and of the camera's picture."""
         self._set_light(state, time_s)
@@ -195,7 +195,7 @@ class World:
         self._drawn += 1
         return np.random.default_rng([self.config.seed, FRAME, self._drawn])
 
-    def _scenery(self, state: State, weather: Weather, clear_m: float) -> Scenery:
+    def _scenery(self, state: WorldState, weather: Weather, clear_m: float) -> Scenery:
         imaging = self.config.imaging
         if state.weather and state.rain > 0.0:
             imaging = replace(imaging, film=replace(imaging.film, rain_mm_h=RAIN_MM_H * state.rain))
@@ -204,7 +204,7 @@ class World:
         fog = state.fog if state.weather else 0.0
         return Scenery(weather, foggy_visibility(clear_m, fog), imaging)
 
-    def _set_light(self, state: State, time_s: float) -> None:
+    def _set_light(self, state: WorldState, time_s: float) -> None:
         """Put the sun where it stands at the time of day."""
         simulator = self._simulator
         time, sun = self._time_of_day, self._sun

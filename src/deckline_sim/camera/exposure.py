@@ -98,7 +98,7 @@ def _setting(given: float | None, drawn: float, wide: bool) -> float:
     return given if given is not None else drawn if wide else 0.0
 
 
-class Film:
+class ExposurePass:
     """Exposes pinhole pictures; lives on the renderer's OpenGL context."""
 
     def __init__(self, context: moderngl.Context) -> None:

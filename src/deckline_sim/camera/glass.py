@@ -15,7 +15,7 @@ FOREGROUND = 9  # random stream
 OPEN_BOX = (0.25, 0.25, 0.75, 0.75)  # of the picture, which stays open in a flight: u0, v0, u1, v1
 
 
-def look_through(frame: Frame, config: SimConfig, index: int) -> Frame:
+def add_foreground(frame: Frame, config: SimConfig, index: int) -> Frame:
     """The frame behind a foreground that leaves its runway open; the same foreground in all frames of a flight.
 
     Depth and truth stay the scene's. `keep_clear` keeps the scene as the clear view, also in clear air.

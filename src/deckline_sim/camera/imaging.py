@@ -20,7 +20,7 @@ from deckline.haze import (
     visibility_from_beta,
     world_rays,
 )
-from deckline_sim.camera.exposure import Exposure, Film, draw_exposure
+from deckline_sim.camera.exposure import Exposure, ExposurePass, draw_exposure
 from deckline_sim.camera.lens import Lens, pinhole_for, pixel_rays
 from deckline_sim.camera.measure import measure_depth
 from deckline_sim.camera.sensor import Sensor, develop, draw_sensor, finish, meter
@@ -168,7 +168,7 @@ class Imaging:
     """The camera path; its GPU passes live on the renderer's OpenGL context."""
 
     def __init__(self, context: moderngl.Context) -> None:
-        self.lens, self.film = Lens(context), Film(context)
+        self.lens, self.film = Lens(context), ExposurePass(context)
 
     def take(
         self,

@@ -10,7 +10,7 @@ from level_deck import CAMERA, GREY, LEFT, RIGHT, frame_at, pixels_of, points, r
 from approach_scene import STILL
 from deckline.cli.main import main
 from deckline.recording import RecordingWriter
-from deckline.types import DepthMode, Detection, Seen
+from deckline.types import DepthMode, Detection, LineVisibility
 from deckline_lab.evaluation.chain import score_frame, score_labels, summarise, summarise_labels
 
 LEFT_PX = np.array([[100.0, 300.0], [250.0, 150.0], [300.0, 100.0]])  # u + v = 400
@@ -20,7 +20,7 @@ RIGHT_PX = np.array([[500.0, 300.0], [400.0, 100.0]])
 def test_perfect_points_have_no_error():
     frame = frame_at()
     score = score_frame(result_of(frame, pixels_of(frame, LEFT), pixels_of(frame, RIGHT)), STILL.approach)
-    assert score.seen == Seen.BOTH
+    assert score.seen == LineVisibility.BOTH
     assert score.mode == DepthMode.COARSE
     assert score.range_m == pytest.approx(100.0)
     for name in ("direction_error_deg.left", "lateral_error_at_ramp_m.right", "height_error_m.centre"):
@@ -90,7 +90,7 @@ def test_a_stopped_command_says_what_it_wrote(tmp_path, capsys, monkeypatch):
 
 def score_pixels(left, right, left_label=LEFT_PX, right_label=RIGHT_PX):
     frame, detection = SimpleNamespace(file="a.png", camera=CAMERA), Detection(points(left), points(right))
-    result = SimpleNamespace(frame=frame, detection=detection, estimate=SimpleNamespace(seen=Seen.BOTH))
+    result = SimpleNamespace(frame=frame, detection=detection, estimate=SimpleNamespace(seen=LineVisibility.BOTH))
     return score_labels(result, {"left": left_label, "right": right_label})
 
 

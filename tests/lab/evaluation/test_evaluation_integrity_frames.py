@@ -13,7 +13,7 @@ from deckline_lab.evaluation.approaches import FlightsConfig
 from deckline_lab.evaluation.integrity_faults import offset_line
 from deckline_lab.evaluation.integrity_films import film
 from deckline_lab.evaluation.integrity_frames import FRAME_FAULTS, inject_frames
-from deckline_lab.evaluation.integrity_paint import PAINT_LEVEL, erase, paint, stand
+from deckline_lab.evaluation.integrity_paint import PAINT_LEVEL, draw_boxes, erase, paint
 from deckline_lab.evaluation.integrity_score import Run, fly_frames, inject_run
 
 ONSET_S = 0.6  # between the third and the fourth frame
@@ -96,13 +96,13 @@ def test_an_erased_line_is_gone_and_what_stands_on_the_deck_hides_it():
     bare = erase(painted, RIGHT, 2.0, -2.5)
     lit, left_over = (np.count_nonzero(at.image_rgb > 100) for at in (painted, bare))
     assert left_over < 0.1 * lit  # far off, where a pixel is wider than the deck beside the line
-    hidden = stand(painted, RIGHT, [(0.5, 0.0)], (12.0, 6.0, 4.0), 20.0)
+    hidden = draw_boxes(painted, RIGHT, [(0.5, 0.0)], (12.0, 6.0, 4.0), 20.0)
     v, u = np.argwhere(hidden.image_rgb[..., 0] == 20).mean(axis=0)
     middle = plain.world_from_camera.inv().apply([(RIGHT.p0_m + RIGHT.p1_m) / 2 - [0.0, 0.0, 2.0]])
     np.testing.assert_allclose([u, v], plain.camera.project(middle)[0], atol=3.0)
-    behind_the_camera = stand(painted, RIGHT, [(-2.0, 0.0)], (12.0, 6.0, 4.0), 20.0)
+    behind_the_camera = draw_boxes(painted, RIGHT, [(-2.0, 0.0)], (12.0, 6.0, 4.0), 20.0)
     np.testing.assert_array_equal(behind_the_camera.image_rgb, painted.image_rgb)
-    two = stand(painted, RIGHT, [(0.5, 0.0), (0.5, -5.0)], (12.0, 4.0, 4.0), 20.0)
+    two = draw_boxes(painted, RIGHT, [(0.5, 0.0), (0.5, -5.0)], (12.0, 4.0, 4.0), 20.0)
     assert np.argwhere(two.image_rgb[..., 0] == 20)[:, 1].mean() < u  # the second one stands to the left of the first
 
 

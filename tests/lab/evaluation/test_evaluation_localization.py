@@ -10,7 +10,7 @@ import pytest
 from approach_scene import chain, frame
 from deckline.cli.main import main
 from deckline.config import Models, RunConfig
-from deckline.dehaze.base import Restored
+from deckline.dehaze.base import DehazeResult
 from deckline.detect import SearchingDetector
 from deckline.localize import localize
 from deckline.options import RunOptions
@@ -165,7 +165,7 @@ class Counting:
 
     def restore(self, at):
         self.calls.append(at.file)
-        return Restored(at.image_rgb + np.uint8(1))
+        return DehazeResult(at.image_rgb + np.uint8(1))
 
     def __call__(self, image_rgb, prior_box=None):
         self.calls.append(prior_box)

@@ -15,7 +15,7 @@ from deckline_lab.train.dehaze import export_dehaze
 from deckline_lab.train.dehaze_network import DehazeNetwork, DehazeNetworkConfig
 from deckline_lab.train.detect import export_detect
 from deckline_lab.train.line_networks import Hybrid, PyramidConfig, PyramidNetwork, Ufld
-from deckline_lab.train.start import settle_norms, start_detector, start_with
+from deckline_lab.train.start import recalibrate_batch_norm, start_detector, start_with
 
 TINY = DehazeNetworkConfig(channels=8, depths=(1, 1, 1, 1, 1), vit_layers=(1, 1, 1))
 
@@ -110,7 +110,7 @@ def test_settled_norms_change_nothing_but_how_training_begins():
     images = torch.from_numpy(np.random.default_rng(2).standard_normal((2, 3, 288, 512), dtype=np.float32))
     with torch.no_grad():
         before = model.eval()(images)
-        settle_norms(model, images)
+        recalibrate_batch_norm(model, images)
         after, training = model(images), model.train()(images)
     torch.testing.assert_close(after.rows, before.rows, atol=1e-3, rtol=1e-3)
     torch.testing.assert_close(training.rows, before.rows, atol=5e-2, rtol=5e-2)

@@ -12,7 +12,7 @@ from airsim_serving import CONFIG, run_server
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.client import Connection
-from deckline.adapters.airsim.source import LiveSource
+from deckline.adapters.airsim.source import AirSimSource
 from deckline.cli.main import main
 from deckline.geometry import attitude
 from deckline.recording import open_recording
@@ -83,7 +83,7 @@ def test_live_frames_are_where_the_vehicle_was_put_and_show_what_is_there(runnin
         connection.call("simSetVehiclePose", pose_struct(RigidTransform.from_components(place, body)), True)
         mount = pose_struct(RigidTransform.from_components(offset, tilt))
         connection.call("simSetCameraPose", "front_center", mount)
-        source = LiveSource(f"airsim://127.0.0.1:{running.port}", "front_center", rate_hz=100.0, deck_z_m=6.08)
+        source = AirSimSource(f"airsim://127.0.0.1:{running.port}", "front_center", rate_hz=100.0, deck_z_m=6.08)
         (frame,) = islice(source, 1)
         connection.call("reset")
     assert source.notes == ()

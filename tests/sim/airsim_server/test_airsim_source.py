@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.adapters.airsim.client import Connection
 from deckline.adapters.airsim.protocol import read_pose
 from deckline.adapters.airsim.source import (
-    LiveSource,
+    AirSimSource,
     MountMeasurement,
     Pace,
     interpolate_middle,
@@ -157,7 +157,7 @@ def live(server, vehicle="", **options):
     """A source as fast as the server answers, and its log."""
     log = []
     address = f"airsim://127.0.0.1:{server.port}/{vehicle}"
-    return LiveSource(address, **({"rate_hz": 1000.0, "log": log.append} | options)), log
+    return AirSimSource(address, **({"rate_hz": 1000.0, "log": log.append} | options)), log
 
 
 def number_images():
@@ -243,15 +243,15 @@ def test_nobody_there_or_no_such_camera_is_one_line_at_once():
     with StandIn() as server:
         port = server.port
     with pytest.raises(RecordingError, match=f"127.0.0.1:{port}.*Connection refused"):
-        LiveSource(f"airsim://127.0.0.1:{port}")
+        AirSimSource(f"airsim://127.0.0.1:{port}")
 
     def unknown(*_params):
         raise ValueError("no camera 'left'")
 
     with StandIn(simGetCameraInfo=unknown) as server, pytest.raises(RecordingError, match="no camera 'left'"):
-        LiveSource(f"airsim://127.0.0.1:{server.port}", camera="left")
+        AirSimSource(f"airsim://127.0.0.1:{server.port}", camera="left")
     with pytest.raises(RecordingError, match=r"rate.*0 and 1000.*0\.0"):
-        LiveSource("airsim://127.0.0.1:1", rate_hz=0.0)
+        AirSimSource("airsim://127.0.0.1:1", rate_hz=0.0)
 
 
 def test_a_moving_vehicles_mount_is_noted_with_its_bound():

@@ -7,7 +7,7 @@ from deckline.geometry import Camera, camera_mount
 from deckline_sim.camera import exposure as rain
 from deckline_sim.camera.exposure import (
     Exposure,
-    Film,
+    ExposurePass,
     draw_exposure,
     drops_on_lens,
     mean_bright_light,
@@ -76,7 +76,7 @@ FLAT = np.full((96, 160), 30.0, np.float32)
 
 @pytest.fixture(scope="module")
 def film(context):
-    return Film(context)
+    return ExposurePass(context)
 
 
 def expose(film, picture, depth, camera=None, **exposure):

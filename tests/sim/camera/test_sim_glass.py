@@ -9,7 +9,7 @@ from deckline.geometry import Camera
 from deckline.types import Frame, Segment, Truth
 from deckline_sim.camera import glass
 from deckline_sim.camera.foreground import OPEN_SHARE, draw_foreground
-from deckline_sim.camera.glass import look_through
+from deckline_sim.camera.glass import add_foreground
 from deckline_sim.config import SimConfig
 
 CONFIG = SimConfig(preset="train", trajectory="random", foreground_share=1.0)
@@ -31,7 +31,7 @@ def test_the_runway_stays_open(monkeypatch):
         glass, "draw_foreground", lambda *args: drawn.append((args, draw_foreground(*args))) or drawn[-1][1]
     )
     for index in range(40):
-        look_through(FRAME, CONFIG, index)
+        add_foreground(FRAME, CONFIG, index)
     for (_, _, _, keep), foreground in drawn:
         assert 0 <= keep[0] < keep[2] <= 159 and 0 <= keep[1] < keep[3] <= 89
         u0, v0, u1, v1 = keep.astype(int)
@@ -42,13 +42,13 @@ def test_a_flight_keeps_its_foreground_and_not_its_noise(monkeypatch):
     drawn = []
     monkeypatch.setattr(glass, "draw_foreground", lambda *args: drawn.append(draw_foreground(*args)) or drawn[-1])
     monkeypatch.setattr(glass, "phone_picture", lambda image, rng: image + rng.normal(0, 5, image.shape))
-    seen = [look_through(FRAME, replace(CONFIG, trajectory="approach"), index).image_rgb for index in (1, 2)]
+    seen = [add_foreground(FRAME, replace(CONFIG, trajectory="approach"), index).image_rgb for index in (1, 2)]
     np.testing.assert_array_equal(drawn[0].rgb, drawn[1].rgb)
     assert not np.array_equal(*seen)
 
 
 def test_the_scene_without_its_foreground_is_kept():
-    np.testing.assert_array_equal(look_through(FRAME, CONFIG, 0).truth.clear_rgb, FRAME.image_rgb)
-    assert look_through(FRAME, replace(CONFIG, keep_clear=False), 0).truth.clear_rgb is None
+    np.testing.assert_array_equal(add_foreground(FRAME, CONFIG, 0).truth.clear_rgb, FRAME.image_rgb)
+    assert add_foreground(FRAME, replace(CONFIG, keep_clear=False), 0).truth.clear_rgb is None
     hazy = replace(FRAME, truth=replace(FRAME.truth, clear_rgb=np.zeros_like(FRAME.image_rgb)))
-    assert not look_through(hazy, CONFIG, 0).truth.clear_rgb.any()
+    assert not add_foreground(hazy, CONFIG, 0).truth.clear_rgb.any()

@@ -197,7 +197,7 @@ def print_to_stderr(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-class LiveSource(Stream):
+class AirSimSource(Stream):
     """Frames of a simulator's camera until `stop`. A simulator that goes away is waited for.
 
     Args:

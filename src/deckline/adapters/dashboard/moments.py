@@ -38,7 +38,7 @@ class Pictures:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class Snapshot:
     """An answer, or that there was none."""
 
     number: int
@@ -62,11 +62,11 @@ class Memory:
 
     def __init__(self, limit: int = MEMORY) -> None:
         self._limit = limit
-        self._moments: deque[Moment] = deque()
+        self._moments: deque[Snapshot] = deque()
         self._size = 0
         self._lock = threading.Lock()
 
-    def add(self, moment: Moment) -> None:
+    def add(self, moment: Snapshot) -> None:
         """Append the next moment, numbered one higher than the last one."""
         with self._lock:
             self._moments.append(moment)
@@ -74,13 +74,13 @@ class Memory:
             while self._size > self._limit and len(self._moments) > 1:
                 self._size -= self._moments.popleft().size
 
-    def get(self, number: int) -> Moment | None:
+    def get(self, number: int) -> Snapshot | None:
         """The moment of this number; None: forgotten, or not there yet."""
         with self._lock:
             index = number - self._moments[0].number if self._moments else -1
             return self._moments[index] if 0 <= index < len(self._moments) else None
 
-    def after(self, number: int) -> list[Moment]:
+    def after(self, number: int) -> list[Snapshot]:
         """The moments that came after this number, oldest first."""
         with self._lock:
             first = self._moments[0].number if self._moments else 0
@@ -93,7 +93,7 @@ class Memory:
             return self._moments[0].number if self._moments else -1
 
 
-def make_moment(number: int, result: FrameResult | None, record: Record, pictured: int | None) -> Moment:
+def make_moment(number: int, result: FrameResult | None, record: Record, pictured: int | None) -> Snapshot:
     """What to keep of a result and its record.
 
     Args:
@@ -116,7 +116,7 @@ def make_moment(number: int, result: FrameResult | None, record: Record, picture
         shown |= {"lines": find_marks(result), "size": (camera.width, camera.height), "window": pictures.window}
     plotted = [(lookup(values, (value, "value")), levels.get(level)) for value, level in PLOTTED]
     row = [number, time_s, *(size for pair in plotted for size in pair), record["status"]]
-    return Moment(number, json.dumps(shown, separators=(",", ":"), allow_nan=False), row, pictures)
+    return Snapshot(number, json.dumps(shown, separators=(",", ":"), allow_nan=False), row, pictures)
 
 
 def take_pictures(result: FrameResult) -> Pictures:

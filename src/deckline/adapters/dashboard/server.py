@@ -19,7 +19,7 @@ from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from deckline.adapters.dashboard.moments import Memory, Moment, Pictures, dehaze, make_moment
+from deckline.adapters.dashboard.moments import Memory, Pictures, Snapshot, dehaze, make_moment
 from deckline.config import RunConfig
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer
 from deckline.files import print_line
@@ -87,7 +87,7 @@ class Dashboard:
         }
         self._mail: Mailbox[tuple[FrameResult | None, Record, float]] = Mailbox()
         self._memory = Memory()
-        self._newest: tuple[Moment, float | None, float] | None = None  # moment, its age, and when that was
+        self._newest: tuple[Snapshot, float | None, float] | None = None  # moment, its age, and when that was
         self._stopped = threading.Event()
         self._dehazers: dict[str, Dehazer] = {}
         self._dehazed: OrderedDict[tuple[int, str], tuple[bytes, bytes | None, str]] = OrderedDict()
@@ -202,7 +202,7 @@ class Dashboard:
                     self._dehazed.popitem(last=False)
             return self._dehazed[key]
 
-    def _find(self, number: int) -> Moment:
+    def _find(self, number: int) -> Snapshot:
         moment = self._memory.get(number)
         if moment is None:
             raise HTTPException(404)

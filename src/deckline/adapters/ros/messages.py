@@ -135,7 +135,7 @@ def diagnostics(record: Record, source: str, time_s: float) -> Message:
     flat |= {f"{key}_sigma": value["sigma"] for key, value in numbers.items() if isinstance(value, dict)}
     flat["flags"] = ", ".join(flag["name"] for flag in record.get("flags", ()))
     flat |= {key: record[key] for key in ("seen", "mode", "edge", "skipped") if record.get(key)}
-    flat["scale_from"] = ", ".join(record.get("scale_from", ()))
+    flat["scale_sources"] = ", ".join(record.get("scale_sources", ()))
     values = [{"key": key, "value": str(value)} for key, value in flat.items() if value not in (None, "")]
     reason = record.get("reason") or record.get("skipped", "")
     told = {"level": LEVELS.get(status, ERROR), "name": "deckline: guidance", "hardware_id": source, "values": values}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_detect_coarse_to_fine import Oracle, check_lines, draw
 
-from deckline.detect import DetectConfig, Watch
+from deckline.detect import DetectConfig, SearchScheduler
 from deckline.detect.search import Search, detect_lines
 
 HERE = ((600.0, 500.0, 630.0, 400.0), (700.0, 500.0, 670.0, 400.0))
@@ -32,8 +32,8 @@ class Looking:
 
 
 def watch_over(detector, pictures, period_s=0.1, search_s=1.0, tracked=True):
-    """Watch pictures at a fixed period; returns the watch, and the looks that each took."""
-    watch, looks, found = Watch(detector, search_s), [], []
+    """SearchScheduler pictures at a fixed period; returns the watch, and the looks that each took."""
+    watch, looks, found = SearchScheduler(detector, search_s), [], []
     for number, picture in enumerate(pictures):
         before = detector.looks
         found.append(watch(number * period_s, picture, BOX, tracked and number > 0))
@@ -92,4 +92,4 @@ def test_a_track_cannot_hold_itself_up():
 
 def test_a_picture_is_checked():
     with pytest.raises(ValueError, match="uint8"):
-        Watch(Looking(), 1.0)(0.0, np.zeros((5, 5, 3)), BOX, True)
+        SearchScheduler(Looking(), 1.0)(0.0, np.zeros((5, 5, 3)), BOX, True)

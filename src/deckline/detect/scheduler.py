@@ -38,7 +38,7 @@ class Background:
     detection: Detection
 
 
-class Watch:
+class SearchScheduler:
     """Called with every picture of a flight, in their order.
 
     Args:
