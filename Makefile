@@ -1,5 +1,6 @@
 # Two commands on a fresh machine: `make demo` (core only, no torch, no GPU, from a wheel) and `make test` (everything).
 PYTHON ?= python3
+.DEFAULT_GOAL := help
 CORE := .venv
 DEV := .venv-dev
 # NiceGUI is global: tests of its server have a process of their own.
@@ -7,29 +8,36 @@ DASHBOARD := tests/adapters/test_dashboard.py
 export PYTHONUTF8 := 1
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: demo wheel test lint docs audit clean
+.PHONY: help demo wheel test lint docs smoke audit clean
 
-demo: $(CORE)/.wheel
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: $(CORE)/.wheel ## install the core from a wheel, and fly the shipped sample approach
 	$(CORE)/bin/deckline demo --out demo-out
 
-wheel: $(CORE)/.wheel
+wheel: $(CORE)/.wheel ## source archive and wheel into dist/
 
-test: $(DEV)/.dev system
+test: $(DEV)/.dev system ## install all extras, and run the tests
 	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest --numprocesses auto --dist loadfile --max-worker-restart 0 --ignore $(DASHBOARD)
 	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest $(DASHBOARD)
 
-lint: $(DEV)/.dev
+lint: $(DEV)/.dev ## ruff, mypy, import contracts
 	$(DEV)/bin/ruff check src tests benchmarks examples
 	$(DEV)/bin/ruff format --check src tests benchmarks examples
 	$(DEV)/bin/mypy
 	$(DEV)/bin/lint-imports
 
-docs: $(DEV)/.docs
+docs: $(DEV)/.docs ## build the site: open site/index.html
 	NO_MKDOCS_2_WARNING=1 $(DEV)/bin/mkdocs build --strict
 	@echo "open site/index.html"
 
+# The core's demo and a smoke test on every other interpreter that is there; their packages are the newest, not the locked ones.
+smoke: $(CORE)/.wheel ## the demo on every Python 3.12 and later that is found
+	@sh scripts/smoke-interpreters
+
 # Known vulnerabilities of the locked packages; needs the network.
-audit:
+audit: ## known vulnerabilities of the locked packages
 	$(PYTHON) -m venv .venv-audit
 	.venv-audit/bin/pip install --quiet pip-audit
 	.venv-audit/bin/pip-audit --disable-pip --require-hashes --requirement requirements.lock
@@ -65,5 +73,5 @@ $(DEV)/.docs: $(DEV)/.dev
 system:
 	@sh scripts/system-packages
 
-clean:
-	rm -rf $(CORE) $(DEV) .venv-audit demo-out build dist site
+clean: ## remove what the targets made
+	rm -rf $(CORE) $(DEV) .venv-audit .venv-smoke-* demo-out build dist site

@@ -2,8 +2,9 @@
 
     python scripts/make_sample.py
 
-24 frames of the paper's deck through haze, poses, truth, and depth for the near frames. Depth is rounded to 1/32 m,
-as ranging cameras do, and left out where no deck is within the depth camera's reach: that keeps the archive small.
+10 pictures a second of an approach to the paper's deck through haze, as JPEG, with poses, truth, the runway's width,
+and depth for the last frames. Depth is rounded to 1/32 m, as ranging cameras do, and left out beyond the depth
+camera's reach: that keeps the archive small.
 """
 
 import tempfile
@@ -22,24 +23,27 @@ from deckline_sim.config import DepthConfig
 CONFIG = SimConfig(
     preset="paper",
     trajectory="approach",
-    frames=24,
+    frames=91,
     visibility_m=(700.0, 700.0),
-    seed=11,
-    depth=DepthConfig(range_m=150.0),
+    seed=17,
+    depth=DepthConfig(range_m=45.0),
     keep_clear=False,
-    start_m=800.0,
+    start_m=610.0,
     end_m=25.0,
 )
 DEPTH_STEP_M = 1 / 32
+RUNWAY = "[deck]\nwidth_m = 14.85  # between the middles of both edge lines at the ramp\n"
 TARGET = Path(__file__).parent.parent / "src" / "deckline" / "sample" / "approach.zip"
 
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "approach"
-        with RecordingWriter(recording, scene={"command": "python scripts/make_sample.py", "seed": CONFIG.seed}) as out:
+        scene = {"command": "python scripts/make_sample.py", "seed": CONFIG.seed}
+        with RecordingWriter(recording, image_format="jpg", scene=scene) as out:
             for frame in frames(CONFIG):
                 out.add(_slim(frame))
+        (recording / "runway.toml").write_text(RUNWAY, encoding="utf-8")
         _zip(recording, TARGET)
     print(f"{TARGET.name}: {TARGET.stat().st_size / 1e6:.1f} MB")
 

@@ -64,7 +64,7 @@ class SimFlags:
     set: tuple[str, ...]  # settings as the file has them, such as film.rain_mm_h=10
     print_config: bool  # print all settings as TOML and stop
     jobs: int  # processes that render; 0: one for every core
-    image_format: ImageFormat  # png, or ppm: large, but quick to write
+    image_format: ImageFormat  # png; ppm: large, quick to write; jpg: small, with losses
     preset: Preset  # the ship; train: random ships, light, weather, cameras
     trajectory: Trajectory  # one approach, the paper's profile, unrelated views
     frames: int  # how many

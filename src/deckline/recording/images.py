@@ -25,6 +25,7 @@ from deckline.files import check_size, read_regular
 from deckline.geometry import Camera
 
 FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
+JPEG_QUALITY = 90  # of written pictures
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 LOW_BITS = 12  # of camera pixels that a 16-bit file holds unscaled, when the file does not say how many there are
 # What Pillow raises for damaged files
@@ -103,11 +104,12 @@ def _scale_16_bits(data: bytes) -> NDArray[np.uint8]:
 
 
 def encode_image(image_rgb: NDArray[np.uint8], image_format: str) -> bytes:
-    """RGB uint8 (H, W, 3) -> bytes of a "png" or "ppm" file."""
+    """RGB uint8 (H, W, 3) -> bytes of a "png", "ppm" or "jpg" file."""
     if image_format == "ppm":
         height, width = image_rgb.shape[:2]
         return b"P6\n%d %d\n255\n" % (width, height) + np.ascontiguousarray(image_rgb).tobytes()
-    done, buffer = cv2.imencode(".png", image_rgb[:, :, ::-1])
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if image_format == "jpg" else []
+    done, buffer = cv2.imencode(f".{image_format}", image_rgb[:, :, ::-1], options)
     if not done:
         raise ValueError(f"OpenCV could not encode an image of shape {image_rgb.shape}")
     return buffer.tobytes()

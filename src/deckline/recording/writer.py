@@ -26,7 +26,7 @@ from deckline.recording.scene import (
 from deckline.recording.source import RecordingError, read_text
 from deckline.types import Frame
 
-ImageFormat = Literal["png", "ppm"]
+ImageFormat = Literal["png", "ppm", "jpg"]
 CLEAR_FOLDER = "clear"
 SCENE_EVERY = 25  # frames between two writings of scene.json; a killed writer loses fewer than these ...
 LONG = 1000  # ... for each so many frames of a recording, so that long ones do not write it all the time
@@ -76,7 +76,7 @@ class RecordingWriter:
 
     Args:
         out: folder, made when missing.
-        image_format: "png", or "ppm": large, but quick to write.
+        image_format: "png", "ppm" (large, but quick to write) or "jpg" (small, with a camera's losses).
         scene: free keys of scene.json (preset, seed, ...), plain JSON values.
         vehicle, camera_name: parts of the image files' names.
 
