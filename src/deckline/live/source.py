@@ -10,7 +10,7 @@ from typing import Any
 import av
 
 from deckline.live.clock import StreamClock, WallClock
-from deckline.live.transport import Picture
+from deckline.live.decoding import Picture
 from deckline.recording import BadFrame, RecordingError, Source, Stream
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.types import Frame
@@ -101,7 +101,7 @@ class Playback(LiveSource):
             yield item if isinstance(item, BadFrame) else Captured(item, time.monotonic())
 
 
-class Camera(LiveSource):
+class StreamCamera(LiveSource):
     """Pictures of a device or a stream, decoded by FFmpeg. One that fails or falls silent is opened again and again.
 
     Pictures are refused from a damaged one to the next key picture: those in between are made from the damaged one.
