@@ -20,9 +20,9 @@ from deckline.live.datagrams import LOST_S, Receiver
 from deckline.recording import RecordingError
 
 BOUNDS = {"max_pixels": str(MOST_PIXELS)}
-# Without FFmpeg's parser, which delays by one more picture. With "nobuffer" FFmpeg drops what it analyses: the first
-# key picture. Analysis ends with the first picture; a picture beyond max_packet_size (bytes) arrives in parts.
-MPEG_TS = {"fflags": "noparse+nofillin", "analyzeduration": "1", "max_packet_size": str(16 << 20), **BOUNDS}
+# Without FFmpeg's parser, which delays by one more picture. The least probesize ends the analysis with the first picture;
+# "nobuffer" would drop the pictures that are analysed. A picture beyond max_packet_size (bytes) arrives in parts.
+MPEG_TS = {"fflags": "noparse+nofillin", "probesize": "32", "max_packet_size": str(16 << 20), **BOUNDS}
 WAITED_S = 2e-3  # for data that were not there yet, at least
 SETTLED_S = 1.0  # after opening, when a stream that nobody had to wait for is taken as it comes
 ANEW_S = 30.0  # without a picture, after which a stream is opened anew: its codec or its tables may have changed
@@ -147,13 +147,15 @@ def _choose_stream(container: Any) -> Any:
 
 
 def _decode_packet(packet: Any, arrival_s: float, waited: bool) -> Iterator[Picture]:
-    damage = "data are missing" if packet.is_corrupt else ""
+    """Pictures of a packet. A damaged one is not decoded: FFmpeg's H.264 decoder mixes it into the next key picture."""
+    if packet.is_corrupt:
+        yield Picture(None, "data are missing", None, arrival_s, waited)
+        return
     try:
         images = packet.decode()
     except av.error.FFmpegError as error:
         yield Picture(None, f"a picture cannot be decoded: {error.strerror or error}", None, arrival_s, waited)
         return
     for image in images:
+        damage = "the decoder concealed missing data" if image.is_corrupt else ""
         yield Picture(image, damage, image.time, arrival_s, waited)
-    if damage and not images:
-        yield Picture(None, damage, None, arrival_s, waited)

@@ -161,7 +161,6 @@ class StreamCamera(LiveSource):
             damage = picture.damage or damage
             if picture.image is not None:
                 damage = "" if picture.image.key_frame and not picture.damage else damage
-                damage = "a picture's data are damaged" if picture.image.is_corrupt else damage
             if damage:
                 yield BadFrame(self._next_name(), damage)
                 continue
