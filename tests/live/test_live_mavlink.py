@@ -13,9 +13,9 @@ from autopilot import FIRMWARES, Autopilot
 from loopback import CONFIG, MOUNTED, SHOWN, Sender, detect, free_port, wait_until
 from pymavlink.dialects.v20 import common as mavlink
 
-from deckline.adapters.mavlink.clock import TOLERANCE_NS, ClockOffset
 from deckline.adapters.mavlink.link import Link, parse_datagram
 from deckline.adapters.mavlink.messages import describe, landing_target, ship_beacon, status_text
+from deckline.adapters.mavlink.timesync import TOLERANCE_NS, ClockOffset
 from deckline.cli.main import main
 from deckline.config import Navigation
 from deckline.flight import Flight
@@ -204,11 +204,11 @@ def test_the_shortest_round_trip_counts_and_a_clock_that_began_anew_is_followed(
     clock, offset = ClockOffset(), 5_000_000_000
     assert clock.offset_s is None
     for start, there, back in ((0, 1e6, 30e6), (10**9, 1e6, 1e6), (2 * 10**9, 40e6, 1e6)):
-        clock.take(int(start + there + offset), clock.ask(start), int(start + there + back))
+        clock.add_answer(int(start + there + offset), clock.request(start), int(start + there + back))
     assert clock.offset_s == pytest.approx(5.0, abs=1e-6)
-    clock.take(1, 12345, 10**10)  # nobody asked
+    clock.add_answer(1, 12345, 10**10)  # nobody asked
     assert clock.offset_s == pytest.approx(5.0, abs=1e-6)
-    clock.take(100 + TOLERANCE_NS, clock.ask(3 * 10**9), 3 * 10**9 + 200)
+    clock.add_answer(100 + TOLERANCE_NS, clock.request(3 * 10**9), 3 * 10**9 + 200)
     assert clock.offset_s == pytest.approx(-3.0, abs=2e-3)
 
 

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from deckline.recording import RecordingError
 
 POLL_S = 0.1  # a wait notices a stop within this time
-SILENCE_S = 0.5  # of a sender, after which another one is listened to
+SILENCE_S = 0.5  # of a sender, after which another one is accepted
 LOST_S = 1.0  # of silence, after which a stream is over
 RECEIVE_BUFFER = 4 << 20  # bytes; half a second of 60 Mbit/s
 LARGEST = 65536  # bytes of a datagram

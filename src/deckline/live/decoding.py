@@ -20,8 +20,8 @@ from deckline.live.datagrams import LOST_S, Receiver
 from deckline.recording import RecordingError
 
 BOUNDS = {"max_pixels": str(MOST_PIXELS)}
-# Without FFmpeg's parser, which delays by one more picture. The least probesize ends the analysis with the first picture;
-# "nobuffer" would drop the pictures that are analysed. A picture beyond max_packet_size (bytes) arrives in parts.
+# Without FFmpeg's parser, which delays by one more picture. The least probesize ends the analysis with the first
+# picture; "nobuffer" would drop that picture. A picture beyond max_packet_size (bytes) arrives in parts.
 MPEG_TS = {"fflags": "noparse+nofillin", "probesize": "32", "max_packet_size": str(16 << 20), **BOUNDS}
 WAITED_S = 2e-3  # for data that were not there yet, at least
 SETTLED_S = 1.0  # after opening, when a stream that nobody had to wait for is taken as it comes

@@ -102,9 +102,10 @@ class Playback(LiveSource):
 
 
 class StreamCamera(LiveSource):
-    """Pictures of a device or a stream, decoded by FFmpeg. One that fails or falls silent is opened again and again.
+    """Pictures of a device or a stream, decoded by FFmpeg.
 
-    Pictures are refused from a damaged one to the next key picture: those in between are made from the damaged one.
+    A source that fails or falls silent is opened again after a wait that doubles each time. Pictures are refused from a
+    damaged one to the next key picture, because they are predicted from the damaged one.
 
     Args:
         name: what people call it.
@@ -112,7 +113,7 @@ class StreamCamera(LiveSource):
         mounted: None: no camera file, lines in pixels only.
         wall: Unix time of the frames.
         latency_s: of exposure, coding and network, subtracted from the times of arrival.
-        log: gets a line when the source is lost and when it is back.
+        log: receives a line when the source is lost and when it recovers.
     """
 
     def __init__(
