@@ -112,7 +112,7 @@ def decode_stream(receiver: Receiver, stopped: Event) -> Iterator[Picture]:
 
 
 def _decode_file(file: DatagramFile) -> Iterator[Picture]:
-    with av.open(file, format="mpegts", options={**MPEG_TS, "protocol_whitelist": "none"}) as container:
+    with av.open(file, "r", format="mpegts", options={**MPEG_TS, "protocol_whitelist": "none"}) as container:
         stream = _choose_stream(container)
         for packet in container.demux(stream):
             if file.ended:
