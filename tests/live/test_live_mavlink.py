@@ -29,6 +29,23 @@ from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodet
 WIDE = replace(CONFIG, deck=replace(CONFIG.deck, width_m=16.0))  # a stated width: guidance becomes `ok`
 PROGRESS, WALL = Progress(), WallClock()
 TARGET_M = np.array([70.0, 0.0, -20.0])  # of a runway along world x from 0
+BEAT = bytes.fromhex("fd0900000001010000000000000002030400")  # a HEARTBEAT without its checksum
+MESSAGES = {
+    "nothing": b"",
+    "a mark of MAVLink 1": b"\xfe",
+    "a mark of MAVLink 2": b"\xfd",
+    "a head alone": BEAT[:10],
+    "a head of 255 bytes and none there": b"\xfd\xff" + BEAT[2:10],
+    "a wrong checksum": BEAT + b"\0\0\0",
+    "a flag of a later version": BEAT[:2] + b"\xff" + BEAT[3:] + bytes(3),
+    "a signature that is not there": BEAT[:2] + b"\x01" + BEAT[3:] + bytes(3),
+    "a payload of nothing": b"\xfd\0" + BEAT[2:10] + bytes(2),
+    "marks alone": 300 * b"\xfd",
+    "marks of both versions": 150 * b"\xfd\xfe",
+    "every byte": bytes(range(256)),
+    "a line of text": b"HEARTBEAT\n",
+    "65,000 bytes": 65_000 * b"\xfe",
+}
 
 
 def answers(count=8, step_s=0.1):
@@ -188,6 +205,11 @@ def test_another_system_another_firmware_and_garbage_change_nothing():
             wait_until(lambda: autopilot.receiver.targets)
             assert not third.receiver.targets + other.receiver.targets + third.texts + other.texts
         assert link._thread.is_alive() and [line.count("not served") for line in lines] == [0, 1, 1]
+
+
+@pytest.mark.parametrize("name", MESSAGES)
+def test_bad_datagrams_hold_no_message(name):
+    assert parse_datagram(MESSAGES[name]) == []
 
 
 def test_messages_survive_garbage_beside_them_in_a_datagram():

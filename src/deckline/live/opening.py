@@ -69,8 +69,8 @@ def open_camera(
     if scheme in ("rtsp", "rtsps"):
         return StreamCamera(hide_credentials(address), lambda: decode_container(lambda: _open_rtsp(address)), *same)
     if scheme == "srt":
-        _check_srt(address)
         name = hide_credentials(address).partition("?")[0]  # a query may hold the passphrase
+        _check_srt(name)
         return StreamCamera(name, lambda: decode_container(lambda: _open_srt(address)), *same)
     path, options = _device(address, mounted, rate_hz)
     return StreamCamera(path, lambda: decode_container(lambda: _open_device(path, options)), *same)
@@ -99,11 +99,10 @@ def _open_device(path: str, options: dict[str, str]) -> Any:
     return av.open(path, format="v4l2", options={**options, **BOUNDS}, timeout=(OPEN_S, LOST_S))
 
 
-def _check_srt(address: str) -> None:
+def _check_srt(name: str) -> None:
     try:
         av.open("srt://", format="mpegts", options=SRT)  # every build refuses it; one without SRT names the protocol
     except av.error.ProtocolNotFoundError:
-        name = hide_credentials(address).partition("?")[0]
         raise RecordingError(f"{name}: the FFmpeg in PyAV has no SRT: send MPEG-TS over udp:// or rtp://") from None
     except av.error.FFmpegError:
         return
