@@ -20,9 +20,10 @@ import time
 import warnings
 import zipfile
 from collections.abc import Callable
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from io import StringIO
 from pathlib import Path
+from threading import Event
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -45,9 +46,10 @@ with atheris.instrument_imports(include=INSTRUMENTED):
     from deckline.config_file import read_config, to_toml_text
     from deckline.geometry import camera_mount
     from deckline.live.clock import WallClock
+    from deckline.live.datagrams import rtp_payload
+    from deckline.live.decoding import decode_stream
     from deckline.live.poses import parse_pose_line
-    from deckline.live.transport import Demultiplexer, transport_packets
-    from deckline.recording import open_recording
+    from deckline.recording import RecordingError, open_recording
     from deckline.report.records import lookup, read_records
     from deckline.report.run_folder import resume_folder
     from deckline_lab.evaluation.store import Store
@@ -155,10 +157,13 @@ def import_from(form: Any) -> Callable[[Path], object]:
 
 
 def take_datagram(_folder: Path, data: bytes) -> None:
-    """What comes over the air: a stream's datagram, a line of poses."""
-    demultiplexer = Demultiplexer()
-    for start in range(0, len(data), 1316):
-        list(demultiplexer.feed(transport_packets(data[start : start + 1316]), 0.0))
+    """Datagrams of a network: of a stream, lines of poses."""
+    datagrams = [(data[start : start + 1316], False) for start in range(0, len(data), 1316)]
+    receiver: Any = SimpleNamespace(receive=lambda timeout_s: datagrams.pop(0) if datagrams else None)
+    rtp_payload(data)
+    if datagrams:
+        with suppress(av.error.FFmpegError, RecordingError):
+            list(decode_stream(receiver, Event()))
     for line in data.decode(errors="replace").splitlines():
         try:
             parse_pose_line(line)
@@ -191,7 +196,7 @@ class Autopilot:
             self.link = Link(f"udp:127.0.0.1:{port}", "px4", GLOBE, WallClock(), lambda line: None, True)
         self.link._system = 1
         for message in parse_datagram(data):
-            self.link._take(message, ("127.0.0.1", 9))
+            self.link._handle(message, ("127.0.0.1", 9))
 
 
 def telemetry_seeds() -> list[bytes]:

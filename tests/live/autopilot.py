@@ -100,7 +100,7 @@ class Autopilot:
             if ticks % 25 == 0:
                 self._mav.heartbeat_send(mavlink.MAV_TYPE_FIXED_WING, FIRMWARES[self.firmware], 0, 0, 4)
                 self._mav.gps_global_origin_send(480000000, 110000000, 0)
-            self._tell_pose()
+            self._send_pose()
             if ticks % 5 == 0:
                 self._mav.timesync_send(0, round(1e9 * boot_time_s()))
             ticks, end_s = ticks + 1, time.monotonic() + 0.02
@@ -113,7 +113,7 @@ class Autopilot:
                     for message in parser.parse_buffer(data) or []:
                         self._take(message)
 
-    def _tell_pose(self):
+    def _send_pose(self):
         at, time_ms = frame(0, 120.0).world_from_body, round(1e3 * boot_time_s())
         w, x, y, z = at.rotation.as_quat(scalar_first=True)
         self._mav.attitude_quaternion_send(time_ms, w, x, y, z, 0, 0, 0)

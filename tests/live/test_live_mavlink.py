@@ -13,9 +13,9 @@ from autopilot import FIRMWARES, Autopilot
 from loopback import CONFIG, MOUNTED, SHOWN, Sender, detect, free_port, wait_until
 from pymavlink.dialects.v20 import common as mavlink
 
-from deckline.adapters.mavlink.clock import TOLERANCE_NS, ClockOffset
 from deckline.adapters.mavlink.link import Link, parse_datagram
 from deckline.adapters.mavlink.messages import describe, landing_target, ship_beacon, status_text
+from deckline.adapters.mavlink.timesync import TOLERANCE_NS, ClockOffset
 from deckline.cli.main import main
 from deckline.config import Navigation
 from deckline.flight import Flight
@@ -29,6 +29,23 @@ from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodet
 WIDE = replace(CONFIG, deck=replace(CONFIG.deck, width_m=16.0))  # a stated width: guidance becomes `ok`
 PROGRESS, WALL = Progress(), WallClock()
 TARGET_M = np.array([70.0, 0.0, -20.0])  # of a runway along world x from 0
+BEAT = bytes.fromhex("fd0900000001010000000000000002030400")  # a HEARTBEAT without its checksum
+MESSAGES = {
+    "nothing": b"",
+    "a mark of MAVLink 1": b"\xfe",
+    "a mark of MAVLink 2": b"\xfd",
+    "a head alone": BEAT[:10],
+    "a head of 255 bytes and none there": b"\xfd\xff" + BEAT[2:10],
+    "a wrong checksum": BEAT + b"\0\0\0",
+    "a flag of a later version": BEAT[:2] + b"\xff" + BEAT[3:] + bytes(3),
+    "a signature that is not there": BEAT[:2] + b"\x01" + BEAT[3:] + bytes(3),
+    "a payload of nothing": b"\xfd\0" + BEAT[2:10] + bytes(2),
+    "marks alone": 300 * b"\xfd",
+    "marks of both versions": 150 * b"\xfd\xfe",
+    "every byte": bytes(range(256)),
+    "a line of text": b"HEARTBEAT\n",
+    "65,000 bytes": 65_000 * b"\xfe",
+}
 
 
 def answers(count=8, step_s=0.1):
@@ -190,6 +207,11 @@ def test_another_system_another_firmware_and_garbage_change_nothing():
         assert link._thread.is_alive() and [line.count("not served") for line in lines] == [0, 1, 1]
 
 
+@pytest.mark.parametrize("name", MESSAGES)
+def test_bad_datagrams_hold_no_message(name):
+    assert parse_datagram(MESSAGES[name]) == []
+
+
 def test_messages_survive_garbage_beside_them_in_a_datagram():
     rng, packed = np.random.default_rng(1), mavlink.MAVLink_statustext_message(6, b"here").pack(mavlink.MAVLink(None))
     for _ in range(500):
@@ -204,11 +226,11 @@ def test_the_shortest_round_trip_counts_and_a_clock_that_began_anew_is_followed(
     clock, offset = ClockOffset(), 5_000_000_000
     assert clock.offset_s is None
     for start, there, back in ((0, 1e6, 30e6), (10**9, 1e6, 1e6), (2 * 10**9, 40e6, 1e6)):
-        clock.take(int(start + there + offset), clock.ask(start), int(start + there + back))
+        clock.add_answer(int(start + there + offset), clock.request(start), int(start + there + back))
     assert clock.offset_s == pytest.approx(5.0, abs=1e-6)
-    clock.take(1, 12345, 10**10)  # nobody asked
+    clock.add_answer(1, 12345, 10**10)  # nobody asked
     assert clock.offset_s == pytest.approx(5.0, abs=1e-6)
-    clock.take(100 + TOLERANCE_NS, clock.ask(3 * 10**9), 3 * 10**9 + 200)
+    clock.add_answer(100 + TOLERANCE_NS, clock.request(3 * 10**9), 3 * 10**9 + 200)
     assert clock.offset_s == pytest.approx(-3.0, abs=2e-3)
 
 

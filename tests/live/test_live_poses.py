@@ -15,6 +15,30 @@ from deckline.live.poses import UdpPoses, parse_pose_line
 from deckline.recording import RecordingError
 
 T = 1000.0
+POSE = {"time_s": 1.0, "x_m": 0.0, "y_m": 0.0, "z_m": -3.0, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
+LINES = {
+    "nothing": "",
+    "text": "pose",
+    "half an object": json.dumps(POSE)[:40],
+    "a list": "[1, 2, 3]",
+    "a number": "7",
+    "null": "null",
+    "brackets without end": 50_000 * "[",
+    "a number of 5000 digits": json.dumps(POSE).replace("1.0", 5000 * "1", 1),
+    "a number of 400 digits": json.dumps(POSE).replace("1.0", 400 * "1", 1),
+    "infinite time": json.dumps(POSE | {"time_s": float("inf")}),
+    "no number of time": json.dumps(POSE | {"time_s": float("nan")}),
+    "time of text": json.dumps(POSE | {"time_s": "1.0"}),
+    "a true position": json.dumps(POSE | {"x_m": True}),
+    "a position of a list": json.dumps(POSE | {"z_m": [1]}),
+    "no position": json.dumps({name: value for name, value in POSE.items() if name != "y_m"}),
+    "infinite position": json.dumps(POSE | {"y_m": float("-inf")}),
+    "a position as far as numbers go": json.dumps(POSE | {"y_m": 1e300}),
+    "a quaternion of zeros": json.dumps(POSE | {"qw": 0.0}),
+    "a quaternion of length 2": json.dumps(POSE | {"qx": 3.0**0.5}),
+    "a quaternion beyond numbers": json.dumps(POSE | {"qw": 1e308, "qx": 1e308}),
+    "a line of replaced bytes": b"\xff\xfe{}".decode(errors="replace"),
+}
 
 
 @pytest.fixture
@@ -111,6 +135,16 @@ def test_a_port_that_is_taken_is_named():
         pytest.raises(RecordingError, match=address),
     ):
         UdpPoses(address, Navigation(), WallClock())
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_bad_lines_are_no_pose(name):
+    with pytest.raises(ValueError, match=r"\w"):
+        parse_pose_line(LINES[name])
+
+
+def test_the_line_without_a_fault_is_a_pose():
+    assert parse_pose_line(json.dumps(POSE))[0] == 1.0
 
 
 def test_a_pose_line_round_trips():

@@ -3,13 +3,13 @@
 import time
 from collections import deque
 
-LARGEST_STEP_S = 1.0  # between presentation times; a larger one, or one back, is a clock that began anew
-PICTURES = 8  # of which the least delay is taken
+LARGEST_STEP_S = 1.0  # between presentation times; a larger one, or one back, is a clock that was reset
+PICTURES = 8  # whose least delay is used
 LEAST_STEP_S = 1e-4  # between two captures
 
 
 class WallClock:
-    """Unix time that follows the monotonic clock from the moment it is made: a wall clock set anew moves no ages."""
+    """Unix time from the monotonic clock since construction: setting the wall clock changes no ages."""
 
     def __init__(self) -> None:
         self._offset_s = time.time() - time.monotonic()
@@ -19,14 +19,15 @@ class WallClock:
 
 
 class StreamClock:
-    """Capture times of a stream's pictures. One that was waited for is new; one that was there already has waited too.
+    """Capture times of a stream's pictures.
 
-    How long, its presentation time says, compared with the least delay of the last pictures that were waited for: few
-    of them, so that a stream that states a wrong frame rate is followed. What every picture waits - exposure, coding,
-    network - cannot be seen here.
+    A picture that the receiver waited for is new. Another one has waited in a buffer, and its presentation time gives
+    for how long: its delay minus the least delay of the last pictures that were waited for. These are few, so that the
+    clock follows a stream that states a wrong frame rate. A delay that all pictures share (exposure, coding, network)
+    cannot be observed here.
 
     Attributes:
-        is_set: whether a picture was waited for; the ones before have waited for an unknown time.
+        is_set: whether a picture was waited for; earlier pictures have waited for an unknown time.
     """
 
     def __init__(self) -> None:
@@ -35,12 +36,12 @@ class StreamClock:
         self._presented_s = self._captured_s = -float("inf")
 
     def capture_time(self, presented_s: float | None, arrival_s: float, waited: bool) -> float:
-        """When the picture was taken, later than the one before and not after its arrival, s.
+        """When the picture was taken, s: after the previous one and not after its arrival.
 
         Args:
-            presented_s: presentation time on the stream's own clock; None: the stream has none.
-            arrival_s: when its data were there, monotonic clock.
-            waited: whether they were waited for.
+            presented_s: presentation time on the stream's clock; None: the stream has none.
+            arrival_s: when its data arrived, monotonic clock.
+            waited: whether the receiver waited for them.
         """
         self.is_set |= waited
         captured_s = arrival_s

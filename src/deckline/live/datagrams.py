@@ -1,4 +1,8 @@
-"""Datagrams of one sender at a time."""
+"""Datagrams of one sender at a time: MPEG-TS, bare or in RTP, and poses.
+
+FFmpeg's own `udp:` is not used: it mixes senders, and does not report when a datagram arrived.
+Source: ISO/IEC 13818-1 (transport packets); RFC 3550 and 3551 (RTP).
+"""
 
 import ipaddress
 import socket
@@ -11,10 +15,12 @@ from urllib.parse import urlsplit
 from deckline.recording import RecordingError
 
 POLL_S = 0.1  # a wait notices a stop within this time
-SILENCE_S = 0.5  # of a sender, after which another one is listened to
+SILENCE_S = 0.5  # of a sender, after which another one is accepted
 LOST_S = 1.0  # of silence, after which a stream is over
 RECEIVE_BUFFER = 4 << 20  # bytes; half a second of 60 Mbit/s
 LARGEST = 65536  # bytes of a datagram
+PACKET, SYNC = 188, 0x47  # length of a transport packet, bytes, and its first byte
+RTP_VERSION, RTP_HEADER, RTP_MPEG_TS = 2, 12, 33
 
 
 def parse_udp(address: str, schemes: tuple[str, ...] = ("udp",)) -> tuple[str, int]:
@@ -29,28 +35,42 @@ def parse_udp(address: str, schemes: tuple[str, ...] = ("udp",)) -> tuple[str, i
     return host, port
 
 
+def is_transport(datagram: bytes) -> bool:
+    """Whether a datagram holds transport packets; it may begin and end within one."""
+    if len(datagram) < 2 * PACKET:
+        return len(datagram) == PACKET and datagram[0] == SYNC
+    return any(set(datagram[start::PACKET]) == {SYNC} for start in range(PACKET))
+
+
+def rtp_payload(datagram: bytes) -> bytes:
+    """The transport packets in an RTP packet; empty for other datagrams."""
+    is_rtp = len(datagram) > RTP_HEADER and datagram[0] >> 6 == RTP_VERSION and datagram[1] & 0x7F == RTP_MPEG_TS
+    return datagram[RTP_HEADER + 4 * (datagram[0] & 0x0F) :] if is_rtp else b""
+
+
 class Receiver:
-    """A socket that listens to the first sender, and to another one once that has been silent for `SILENCE_S`.
+    """A socket that accepts the first sender, and another one once that has been silent for `SILENCE_S`.
 
     Args:
-        address: udp://HOST:PORT. HOST is this machine's own address, 0.0.0.0 for all of them, or a multicast group.
+        address: udp://HOST:PORT or rtp://HOST:PORT. HOST is this machine's own address, 0.0.0.0 for all of them, or a
+            multicast group.
         stopped: when set, waits end.
-        unwrap: what a datagram holds; one that holds nothing is left out and makes nobody a sender.
+        accepts: whether a sender is accepted that begins with this datagram.
 
     Attributes:
         foreign: datagrams left out: of other senders, or empty.
 
     Raises:
         ValueError: a wrong address.
-        RecordingError: nobody can listen there.
+        RecordingError: the address cannot be opened.
     """
 
-    def __init__(self, address: str, stopped: Event, unwrap: Callable[[bytes], bytes] = bytes) -> None:
+    def __init__(self, address: str, stopped: Event, accepts: Callable[[bytes], bool] = bool) -> None:
         host, port = parse_udp(address, ("udp", "rtp"))
-        self.name = f"udp://{host}:{port}"
         self.foreign = 0
         self._stopped = stopped
-        self._unwrap = unwrap
+        self._accepts = accepts
+        self._unwrap: Callable[[bytes], bytes] = rtp_payload if address.startswith("rtp:") else bytes
         self._sender: tuple[str, int] | None = None
         self._heard_s = 0.0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -71,7 +91,7 @@ class Receiver:
         self._socket.settimeout(POLL_S)
 
     def receive(self, timeout_s: float) -> tuple[bytes, bool] | None:
-        """What the next datagram holds, and whether another sender began with it; None: none in time, or stopped."""
+        """The next datagram's payload, and whether a sender begins with it; None: none in time, or stopped."""
         end_s = time.monotonic() + timeout_s
         while not self._stopped.is_set():
             try:
@@ -81,7 +101,7 @@ class Receiver:
                     return None
                 continue
             now_s, data, is_new = time.monotonic(), self._unwrap(data), sender != self._sender
-            if not data or (is_new and now_s - self._heard_s < SILENCE_S):
+            if not data or (is_new and (now_s - self._heard_s < SILENCE_S or not self._accepts(data))):
                 self.foreign += 1
                 if now_s >= end_s:
                     return None
@@ -91,7 +111,7 @@ class Receiver:
         return None
 
     def drain(self) -> None:
-        """Forget what arrived and nobody asked for."""
+        """Discard the datagrams that have arrived."""
         self._socket.setblocking(False)
         with suppress(BlockingIOError):
             while True:

@@ -1,6 +1,6 @@
-"""Poses of the aircraft while it flies.
+"""Poses of the aircraft in flight.
 
-A `PoseSource` is any callable that answers where the aircraft was at a time: an autopilot's link fits in here.
+A `PoseSource` is any callable from a time to a pose, such as an autopilot's link.
 """
 
 import json
@@ -24,31 +24,31 @@ from deckline.recording.poses import NUMBERS
 from deckline.recording.source import check_number
 
 PoseSource = Callable[[float], RigidTransform | None]  # Unix time, s -> world_from_body; None: not known
-KEPT = 4000  # poses: ten seconds at 400 a second
-FUTURE_S = 0.1  # a pose that is so much later than its arrival has a wrong clock
+CAPACITY = 4000  # poses: ten seconds at 400 a second
+FUTURE_S = 0.1  # of a pose's time after its arrival, beyond which its clock is wrong
 WAIT_S = 0.1  # for the pose after a picture, at most
 
 
 class PoseBuffer:
-    """The last poses of one clock, interpolated; one thread adds, another one asks.
+    """The last poses of one clock, interpolated; one thread adds, another one reads.
 
     Args:
-        max_gap_s: between two poses, beyond which there is none in between.
+        max_gap_s: longest interval between two poses that is interpolated.
     """
 
     def __init__(self, max_gap_s: float) -> None:
         self._gap_s = max_gap_s
-        self._poses: deque[tuple[float, RigidTransform]] = deque(maxlen=KEPT)  # ascending times
+        self._poses: deque[tuple[float, RigidTransform]] = deque(maxlen=CAPACITY)  # ascending times
         self._changed = threading.Condition()
 
     def __len__(self) -> int:
         return len(self._poses)
 
     def add(self, time_s: float, world_from_body: RigidTransform) -> None:
-        """Take a pose; a clock that jumps back by more than the longest gap begins a new track.
+        """Append a pose; a clock that steps back by more than the longest gap begins a new track.
 
         Raises:
-            ValueError: not later than the one before.
+            ValueError: it is not later than the last one.
         """
         with self._changed:
             back_s = self._poses[-1][0] - time_s if self._poses else -1.0
@@ -60,7 +60,7 @@ class PoseBuffer:
             self._changed.notify()
 
     def at(self, time_s: float) -> RigidTransform | None:
-        """The pose at a time of the poses' clock; waits a little for the pose after it while poses come."""
+        """The pose at a time of the poses' clock; waits up to `WAIT_S` for the next pose while poses arrive."""
         with self._changed:
             if self._poses and time_s - self._gap_s <= self._poses[-1][0] < time_s:
                 self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1][0] >= time_s, WAIT_S)
@@ -78,21 +78,21 @@ class UdpPoses:
     """A `PoseSource`: JSON lines over UDP, interpolated as the poses of a recording are; a context manager.
 
     A line is an object with the keys of poses.csv: time_s (Unix time), x_m, y_m, z_m, qw, qx, qy, qz. Poses from the
-    future, of a second sender, or not later than the one before are refused; a clock that jumps back by more than the
-    longest gap begins a new track. A source may be called by one thread.
+    future, of a second sender, or not later than the last one are refused; a clock that steps back by more than the
+    longest gap begins a new track. One thread may call it.
 
     Args:
-        address: udp://HOST:PORT to listen on.
+        address: udp://HOST:PORT that receives them.
         navigation: offset of the poses' clock, and the longest gap.
         wall: this machine's Unix time.
 
     Attributes:
-        refused: lines that were not used.
-        reason: why the last one was not; empty: none was refused.
+        refused: number of lines that were refused.
+        reason: of the last refused line; empty: none was refused.
 
     Raises:
         ValueError: a wrong address.
-        RecordingError: nobody can listen there.
+        RecordingError: the address cannot be opened.
     """
 
     def __init__(self, address: str, navigation: Navigation, wall: WallClock) -> None:
@@ -107,11 +107,11 @@ class UdpPoses:
         self._thread.start()
 
     def __call__(self, time_s: float) -> RigidTransform | None:
-        """world_from_body at a Unix time; waits a little for the pose after it while poses come."""
+        """world_from_body at a Unix time; waits up to `WAIT_S` for the next pose while poses arrive."""
         return self._poses.at(time_s + (self._navigation.offset_s or 0.0))
 
     def add(self, line: str, arrival_s: float) -> None:
-        """Take a line that arrived at a Unix time; one that is no pose is refused."""
+        """Use a line that arrived at a Unix time; refuse one that is no pose."""
         try:
             time_s, world_from_body = parse_pose_line(line)
             ahead_s = time_s - (self._navigation.offset_s or 0.0) - arrival_s

@@ -10,7 +10,7 @@ from typing import Any
 import av
 
 from deckline.live.clock import StreamClock, WallClock
-from deckline.live.transport import Picture
+from deckline.live.decoding import Picture
 from deckline.recording import BadFrame, RecordingError, Source, Stream
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.types import Frame
@@ -101,10 +101,11 @@ class Playback(LiveSource):
             yield item if isinstance(item, BadFrame) else Captured(item, time.monotonic())
 
 
-class Camera(LiveSource):
-    """Pictures of a device or a stream, decoded by FFmpeg. One that fails or falls silent is opened again and again.
+class StreamCamera(LiveSource):
+    """Pictures of a device or a stream, decoded by FFmpeg.
 
-    Pictures are refused from a damaged one to the next key picture: those in between are made from the damaged one.
+    A source that fails or falls silent is opened again after a wait that doubles each time. Pictures are refused from a
+    damaged one to the next key picture, because they are predicted from the damaged one.
 
     Args:
         name: what people call it.
@@ -112,7 +113,7 @@ class Camera(LiveSource):
         mounted: None: no camera file, lines in pixels only.
         wall: Unix time of the frames.
         latency_s: of exposure, coding and network, subtracted from the times of arrival.
-        log: gets a line when the source is lost and when it is back.
+        log: receives a line when the source is lost and when it recovers.
     """
 
     def __init__(
@@ -161,7 +162,6 @@ class Camera(LiveSource):
             damage = picture.damage or damage
             if picture.image is not None:
                 damage = "" if picture.image.key_frame and not picture.damage else damage
-                damage = "a picture's data are damaged" if picture.image.is_corrupt else damage
             if damage:
                 yield BadFrame(self._next_name(), damage)
                 continue

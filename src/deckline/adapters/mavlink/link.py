@@ -10,7 +10,6 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.adapters.mavlink.clock import ClockOffset
 from deckline.adapters.mavlink.messages import (
     FIRMWARES,
     Origin,
@@ -19,6 +18,7 @@ from deckline.adapters.mavlink.messages import (
     ship_beacon,
     status_text,
 )
+from deckline.adapters.mavlink.timesync import ClockOffset
 from deckline.config import Navigation
 from deckline.geometry import pose
 from deckline.live.clock import WallClock
@@ -30,37 +30,37 @@ from deckline.recording.pose_track import PoseTrack, place_in_world
 from deckline.report.records import Record
 
 POLL_S = 0.05
-HEARTBEAT_S, ASK_S, BEACON_S = 1.0, 0.2, 0.2
-TOLD_S, REPEATED_S = 0.5, 5.0  # between two STATUSTEXT at least, and at most while no target is sent
-MISSING_S = 1.5  # without a message that is needed, after which it is asked for
-POSE_US, ORIGIN_US = 20_000, 1_000_000  # between the autopilot's messages that are asked for
+HEARTBEAT_S, TIMESYNC_S, BEACON_S = 1.0, 0.2, 0.2  # between two messages
+TEXT_S, REPEAT_S = 0.5, 5.0  # between two STATUSTEXT: at least, and at most while no target is sent
+MISSING_S = 1.5  # without a required message, after which it is requested
+POSE_US, ORIGIN_US = 20_000, 1_000_000  # requested intervals of the autopilot's messages
 COMPANION, BEACON_SYSTEM = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, 100
 ATTITUDE, LOCAL = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 GLOBAL, ORIGIN = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
 
 
 class Link:
-    """Sends guidance to the first autopilot of a firmware that is heard, and is a `PoseSource` of what it tells.
+    """Sends guidance to the first autopilot of a firmware on the link, and is a `PoseSource` of its poses.
 
-    Only `ok` guidance goes out as LANDING_TARGET, and as a ship's beacon where the world's origin is known; every
-    change of status or flags is a STATUSTEXT. Other systems, other firmwares, and what is no MAVLink are left out.
+    Only `ok` guidance is sent as LANDING_TARGET, and as a ship's beacon where the world's origin is known; every change
+    of status or flags is a STATUSTEXT. Other systems, other firmwares, and data that are not MAVLink are ignored.
 
     Args:
-        address: udp:HOST:PORT listens there and answers the autopilot; udpout:HOST:PORT sends there.
+        address: udp:HOST:PORT waits there for the autopilot and answers it; udpout:HOST:PORT sends there.
         firmware: a key of `FIRMWARES`.
-        navigation: longest gap of the poses, what is added to the clock's offset, and the world's origin: with one,
+        navigation: longest gap of the poses, correction of the clock's offset, and the world's origin: with one,
             positions come from GLOBAL_POSITION_INT, else from LOCAL_POSITION_NED.
         wall: this machine's Unix time.
-        log: takes one line about whom it serves.
-        takes_poses: whether the autopilot is asked for poses.
+        log: receives one line for each autopilot that is served or refused.
+        takes_poses: whether poses are requested from the autopilot.
 
     Attributes:
         sent: LANDING_TARGET messages.
-        refused: poses that were not used.
+        refused: number of poses that were not used.
 
     Raises:
         ValueError: a wrong address or an unknown firmware.
-        RecordingError: nobody can listen there.
+        RecordingError: the address cannot be opened.
     """
 
     def __init__(
@@ -72,33 +72,33 @@ class Link:
         self._firmware, self._navigation, self._wall, self._log = firmware, navigation, wall, log
         self._needed = _needed_messages(navigation, takes_poses)
         self._socket, self._peer = _open_socket(address)
-        self._lock = threading.Lock()  # of what is sent
-        self._system: int | None = None  # that is served
-        self._refused_systems: set[tuple[int, int]] = set()  # heard, and not served
+        self._lock = threading.Lock()  # of sending
+        self._system: int | None = None  # the autopilot that is served
+        self._refused_systems: set[tuple[int, int]] = set()  # system, autopilot: not served
         self._mav, self._ship = mavlink.MAVLink(self, 1, COMPANION), mavlink.MAVLink(self, BEACON_SYSTEM, 1)
         self._clock = ClockOffset()
-        self._attitudes, self._places = PoseBuffer(navigation.max_gap_s), PoseBuffer(navigation.max_gap_s)
+        self._attitudes, self._positions = PoseBuffer(navigation.max_gap_s), PoseBuffer(navigation.max_gap_s)
         self._origin: Origin | None = navigation.origin
-        self._heard_s: dict[int, float] = {}  # when each message of the autopilot came
-        self._beat_s = self._asked_s = self._target_s = self._beacon_s = self._told_s = -np.inf
-        self._told = ""
+        self._received_s: dict[int, float] = {}  # arrival of the last message of each kind
+        self._heartbeat_s = self._timesync_s = self._target_s = self._beacon_s = self._text_s = -np.inf
+        self._text = ""
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="mavlink", daemon=True)
         self._thread.start()
 
     def __call__(self, time_s: float) -> RigidTransform | None:
-        """world_from_body at a Unix time; None before TIMESYNC was answered, and where `PoseBuffer` has none."""
+        """world_from_body at a Unix time; None before the first TIMESYNC answer, and where `PoseBuffer` has none."""
         offset_s = self._clock.offset_s
         if offset_s is None:
             return None
         wanted_s = time_s + offset_s + (self._navigation.offset_s or 0.0)
-        attitude, place = self._attitudes.at(wanted_s), self._places.at(wanted_s)
-        if attitude is None or place is None:
+        attitude, position = self._attitudes.at(wanted_s), self._positions.at(wanted_s)
+        if attitude is None or position is None:
             return None
-        return RigidTransform.from_components(place.translation, place.rotation * attitude.rotation)
+        return RigidTransform.from_components(position.translation, position.rotation * attitude.rotation)
 
     def send(self, record: Record) -> None:
-        """Tell the autopilot about a live record; without one that is served nothing goes out."""
+        """Send a live record to the autopilot that is served, if there is one."""
         if self._system is None:
             return
         now_s, target = time.monotonic(), landing_target(record, self._firmware)
@@ -110,9 +110,9 @@ class Link:
             if origin is not None and now_s - self._beacon_s >= BEACON_S:
                 self._beacon_s = now_s
                 self._send(ship_beacon(record, origin), self._ship)
-        told, quiet_s = describe(record), now_s - self._told_s
-        if quiet_s >= (TOLD_S if told != self._told else REPEATED_S if target is None else np.inf):
-            self._told, self._told_s = told, now_s
+        text, quiet_s = describe(record), now_s - self._text_s
+        if quiet_s >= (TEXT_S if text != self._text else REPEAT_S if target is None else np.inf):
+            self._text, self._text_s = text, now_s
             self._send(status_text(record, silent_s if np.isfinite(silent_s) else None))
 
     def close(self) -> None:
@@ -121,7 +121,7 @@ class Link:
         self._socket.close()
 
     def write(self, data: bytes) -> None:
-        """For pymavlink: one message is one datagram; one that the network does not take is lost."""
+        """Send one message as one datagram, for pymavlink; ignore a network that refuses it."""
         if self._peer is not None:
             with suppress(OSError):
                 self._socket.sendto(data, self._peer)
@@ -138,40 +138,40 @@ class Link:
         while not self._stopped.is_set():
             try:
                 data, sender = self._socket.recvfrom(LARGEST)
-            except OSError:  # no datagram in time, or one that was sent found nobody
+            except OSError:  # no datagram in time, or a sent one reached nobody
                 data, sender = b"", ("", 0)
                 self._stopped.wait(0.001)
             for message in parse_datagram(data):
                 if message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1:
-                    self._take(message, sender)
-            self._beat(time.monotonic())
+                    self._handle(message, sender)
+            self._send_periodic(time.monotonic())
 
-    def _beat(self, now_s: float) -> None:
-        """What goes out by the clock."""
-        if now_s - self._beat_s >= HEARTBEAT_S:
-            self._beat_s = now_s
+    def _send_periodic(self, now_s: float) -> None:
+        """Heartbeat, requests of missing messages, and TIMESYNC."""
+        if now_s - self._heartbeat_s >= HEARTBEAT_S:
+            self._heartbeat_s = now_s
             kind, none = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
             self._send(mavlink.MAVLink_heartbeat_message(kind, none, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))
             for message, interval_us in self._needed.items() if self._system is not None else ():
-                if now_s - self._heard_s.get(message, -np.inf) > MISSING_S:
+                if now_s - self._received_s.get(message, -np.inf) > MISSING_S:
                     command = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message, interval_us, 0, 0, 0, 0, 0)
                     self._send(mavlink.MAVLink_command_long_message(self._system, 1, *command))
-        if self._system is not None and now_s - self._asked_s >= ASK_S:
-            self._asked_s = now_s
-            self._send(mavlink.MAVLink_timesync_message(0, self._clock.ask(self._now_ns())))
+        if self._system is not None and now_s - self._timesync_s >= TIMESYNC_S:
+            self._timesync_s = now_s
+            self._send(mavlink.MAVLink_timesync_message(0, self._clock.request(self._now_ns())))
 
-    def _take(self, message: Any, sender: tuple[str, int]) -> None:
-        """A message of an autopilot, which need not be the one that is served."""
+    def _handle(self, message: Any, sender: tuple[str, int]) -> None:
+        """Use a message of an autopilot; of one that is not served, its heartbeat alone."""
         kind, system = message.get_msgId(), message.get_srcSystem()
         if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-            self._meet(system, message.autopilot, sender)
+            self._choose_system(system, message.autopilot, sender)
         if system != self._system:
             return
-        self._heard_s[kind] = time.monotonic()
+        self._received_s[kind] = time.monotonic()
         if kind == mavlink.MAVLINK_MSG_ID_TIMESYNC and message.tc1 == 0:
             self._send(mavlink.MAVLink_timesync_message(self._now_ns(), message.ts1))
         elif kind == mavlink.MAVLINK_MSG_ID_TIMESYNC:
-            self._clock.take(message.tc1, message.ts1, self._now_ns())
+            self._clock.add_answer(message.tc1, message.ts1, self._now_ns())
         elif kind == ORIGIN and kind in self._needed:
             self._origin = (1e-7 * message.latitude, 1e-7 * message.longitude, 1e-3 * message.altitude)
         elif kind in self._needed:
@@ -180,8 +180,8 @@ class Link:
             except (ValueError, RecordingError):
                 self.refused += 1
 
-    def _meet(self, system: int, autopilot: int, sender: tuple[str, int]) -> None:
-        """A heartbeat: the first system of the firmware is served, wherever it sends from."""
+    def _choose_system(self, system: int, autopilot: int, sender: tuple[str, int]) -> None:
+        """Serve the first system of the firmware that sends a heartbeat, from whatever address."""
         if autopilot != FIRMWARES[self._firmware] or self._system not in (None, system):
             if (system, autopilot) not in self._refused_systems:
                 self._refused_systems.add((system, autopilot))
@@ -195,23 +195,23 @@ class Link:
             self._log(f"mavlink: serving system {system}, {self._firmware} at {sender[0]}:{sender[1]}")
 
     def _add_pose(self, kind: int, message: Any) -> None:
-        """Half a pose: attitudes and positions are interpolated each by itself, and joined when asked for."""
+        """Store an attitude or a position; the two are interpolated separately and joined in `__call__`."""
         time_s = 1e-3 * message.time_boot_ms
         if kind == ATTITUDE:
             turned = pose(np.zeros(3), [message.q1, message.q2, message.q3, message.q4])
             return self._attitudes.add(time_s, turned)
         if kind == LOCAL:
-            return self._places.add(time_s, pose([message.x, message.y, message.z], [1.0, 0.0, 0.0, 0.0]))
+            return self._positions.add(time_s, pose([message.x, message.y, message.z], [1.0, 0.0, 0.0, 0.0]))
         if message.lat == message.lon == 0:
             raise ValueError("a position without a fix")
         geodetic = np.array([[1e-7 * message.lat, 1e-7 * message.lon, 1e-3 * message.alt]])
         track = PoseTrack("GLOBAL_POSITION_INT", np.array([time_s]), geodetic, Rotation.identity(1), 1.0, 0.0)
         placed = place_in_world(track, self._navigation.origin)
-        self._places.add(time_s, RigidTransform.from_components(placed.positions_m[0], placed.rotations[0]))
+        self._positions.add(time_s, RigidTransform.from_components(placed.positions_m[0], placed.rotations[0]))
 
 
 def parse_datagram(data: bytes) -> list[Any]:
-    """The messages of a datagram; what is none is left out."""
+    """The MAVLink messages of a datagram; other bytes are ignored."""
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
     messages = parser.parse_buffer(data) if data else None
@@ -219,7 +219,7 @@ def parse_datagram(data: bytes) -> list[Any]:
 
 
 def _needed_messages(navigation: Navigation, takes_poses: bool) -> dict[int, int]:
-    """Messages that the autopilot is asked for, and the microseconds between two."""
+    """Messages to request from the autopilot -> their interval, microseconds."""
     if not takes_poses:
         return {}
     if navigation.origin is not None:
@@ -228,7 +228,7 @@ def _needed_messages(navigation: Navigation, takes_poses: bool) -> dict[int, int
 
 
 def _open_socket(address: str) -> tuple[socket.socket, tuple[str, int] | None]:
-    """A socket and whom it sends to; None: whoever is heard."""
+    """A socket and its peer; None: the peer is the first autopilot on the link."""
     scheme, _, rest = address.partition(":")
     if scheme not in ("udp", "udpin", "udpout"):
         raise ValueError(f"{address}: expected udp:HOST:PORT or udpout:HOST:PORT, such as udp:0.0.0.0:14540")

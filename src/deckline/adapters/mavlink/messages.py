@@ -1,9 +1,9 @@
-"""What an autopilot is told: a live record as MAVLink messages.
+"""A live record as MAVLink messages.
 
 Source: PX4-Autopilot, src/modules/mavlink/mavlink_receiver.cpp, handle_message_landing_target (d96ba2d88a75): a valid
-position counts in MAV_FRAME_LOCAL_NED alone, as an absolute one. ArduPilot,
-libraries/AC_PrecLand/AC_PrecLand_MAVLink.cpp (2b30683d193f): it counts in MAV_FRAME_BODY_FRD alone, divided by a
-distance that must be its length.
+position is used in MAV_FRAME_LOCAL_NED alone, as an absolute one. ArduPilot,
+libraries/AC_PrecLand/AC_PrecLand_MAVLink.cpp (2b30683d193f): a position is used in MAV_FRAME_BODY_FRD
+alone, divided by a distance that must be its length.
 """
 
 import math
@@ -84,7 +84,7 @@ def ship_beacon(record: Record, origin: Origin) -> Any:
 
 
 def describe(record: Record) -> str:
-    """What guidance is worth, for STATUSTEXT: the status with its flags, or what is missing."""
+    """Text of STATUSTEXT: the status, with its flags or else its reasons."""
     status, flags = record["status"], [flag["name"] for flag in record["flags"]]
     if status == Status.OK:
         return "ok" if record["live"]["touchdown"] else "ok: no touchdown point"
