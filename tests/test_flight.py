@@ -110,10 +110,10 @@ def test_the_shipped_sample_is_whole_and_its_lines_are_found(flight, tmp_path):
     with zipfile.ZipFile(Path(deckline.__file__).parent / "sample" / "approach.zip") as archive:
         archive.extractall(tmp_path)
     sample = open_recording(tmp_path)
-    assert len(sample) == 24
-    result = flight(sample.load(22))
+    assert len(sample) == 91
+    result = flight(sample.load(90))
     assert (result.guidance.status, result.estimate.mode) == (Status.OK, DepthMode.FINE)
-    plain = flight(open_recording(tmp_path / "images").load(22))  # the pictures alone: no camera
+    plain = flight(open_recording(tmp_path / "images").load(90))  # the pictures alone: no camera
     assert (plain.estimate.seen, plain.estimate.mode) == (LineVisibility.BOTH, DepthMode.NONE)
     assert [diagnostic.reason for diagnostic in plain.guidance.diagnostics] == [Reason.NO_CAMERA]
     for side, line in result.estimate.pixel_lines.items():
@@ -134,7 +134,7 @@ def test_demo_run_and_evaluation_give_the_same_guidance(tmp_path, monkeypatch):
     assert main(["eval", "recording", recording]) == 0
     written = ((tmp_path / at / "guidance.jsonl").read_text().splitlines() for at in ("demo", "run"))
     demo, run = ([json.loads(line) for line in lines] for lines in written)
-    assert len(scored) == 24
+    assert len(scored) == 91
     for one, other, evaluated in zip(demo, run, scored, strict=True):
         assert one["guidance"] == other["guidance"] == evaluated
         for key in ("status", "protection", "reason", "flags"):
