@@ -9,9 +9,10 @@ from scipy.stats import norm
 
 from deckline.config import RunConfig
 from deckline.track.extent import Extent, advance_extent
-from deckline.track.filter import FilterState, predict, track_lines, track_rates
+from deckline.track.filter import predict, track_lines, track_rates
 from deckline.track.integrity import protection_levels, unverified_reasons
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
+from deckline.track.states import FilterState
 from deckline.types import RunwayLine, Scale, Track, TrackState
 
 # From so far before the ramp to so far, m, 1-sigmas grow by up to so many times: split conformal prediction. The 95 %
