@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deckline.attitude import AttitudeCheck, expect_horizon
 from scipy.spatial.transform import RigidTransform
 
 from approach_scene import CAMERA, STILL, frame
-from deckline.attitude import AttitudeCheck, expect_horizon
 from deckline.dehaze.base import IdentityDehazer
 from deckline.flight import Flight
 from deckline.geometry import attitude

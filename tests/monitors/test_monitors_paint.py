@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deckline.paint import PaintCheck, find_paint
 
 from approach_scene import STILL
 from deckline.config import Tracking
 from deckline.dehaze.base import IdentityDehazer
 from deckline.flight import Flight
 from deckline.geometry import Camera
-from deckline.paint import PaintCheck, find_paint
 from deckline.types import (
     DepthMode,
     Detection,

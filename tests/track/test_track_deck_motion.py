@@ -4,7 +4,7 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-from steady_view import HEIGHT_M, seen, view
+from steady_view import CALM, HEIGHT_M, advance, seen, view
 
 from deckline.config import Deck, RunConfig
 from deckline.dehaze import DEHAZERS
@@ -17,7 +17,6 @@ from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_po
 from deckline_lab.evaluation.localization_score import pilot_figures
 
 RATE_HZ = 10.0
-CALM = RunConfig(deck=Deck(sea_state=0.0))
 
 
 def deck_z(time_s):
@@ -31,7 +30,7 @@ def test_a_pitching_deck_is_followed_within_a_fifth_of_a_second_and_smoothed():
     times = np.arange(0.0, 40.0, 1 / RATE_HZ)
     found, rates, flags = [], [], 0
     for time_s in times:
-        track = tracker.update(view(time_s), seen(rng, deck_z(time_s)))
+        track = advance(tracker, view(time_s), seen(rng, deck_z(time_s)))
         found.append(track.lines["centre"].height_m)
         rates.append(track.height_rate_m_s.value if track.height_rate_m_s else np.nan)
         flags += bool(track.flags)
@@ -49,7 +48,7 @@ def test_memory_does_not_grow_with_the_flight():
     rng, tracker = np.random.default_rng(2), Tracker(CALM)
     sizes = []
     for index in range(240):
-        tracker.update(view(index / RATE_HZ), seen(rng))
+        advance(tracker, view(index / RATE_HZ), seen(rng))
         if index in (40, 239):
             sizes.append(len(pickle.dumps(vars(tracker))))
     assert abs(sizes[1] - sizes[0]) < 50  # digits of a frame's name, no more
