@@ -1,4 +1,4 @@
-"""An aircraft that waits 100 m before the ramp of a runway along x, lines as a depth camera gives them, and trackers."""
+"""An aircraft that waits 100 m before the ramp of a runway along x, and lines as a depth camera gives them."""
 
 import re
 

@@ -164,9 +164,8 @@ def test_the_protection_level_is_that_of_noise_plus_the_worst_undetected_fault()
     state = initial_state(0.0, LINE, None, KNOWN)
     covariance = np.zeros((States.SIZE, States.SIZE))
     covariance[States.HEIGHT, States.HEIGHT] = 0.3**2
-    covariance[States.HEIGHT, States.DECK] = covariance[
-        States.DECK, States.HEIGHT
-    ] = -0.02  # z moves with the deck height, which is as unsure as at first
+    # z moves with the deck height, which is as unsure as at first
+    covariance[States.HEIGHT, States.DECK] = covariance[States.DECK, States.HEIGHT] = -0.02
     covariance[States.DECK, States.DECK] = state.covariance[States.DECK, States.DECK]
     state = replace(state, covariance=covariance)
     pose = Pose(np.array([-100.0, 0.0, -10.0]), np.zeros(3), np.zeros(3))
