@@ -42,14 +42,14 @@ def test_one_line_elsewhere_is_left_out_by_name(settled, side):
     lines[side] = seen(rng, aside_m=4.0).lines[side]
     found = select_consistent(state, measure(state, lines, DepthMode.FINE, pose, KNOWN), 5.0)
     assert [diagnostic.reason for diagnostic in found.excluded] == [Reason(side)]
-    assert len(found.kept.innovation) == 3
+    assert len(found.accepted.innovation) == 3
 
 
 def test_everything_elsewhere_leaves_nothing(settled):
     state, pose, rng = settled
     lines = seen(rng, z_m=-14.0, spacing_m=25.0, aside_m=9.0).lines
     found = select_consistent(state, measure(state, lines, DepthMode.FINE, pose, KNOWN), 5.0)
-    assert found.kept is None
+    assert found.accepted is None
     assert {diagnostic.reason for diagnostic in found.excluded} == {Reason.LEFT, Reason.RIGHT, Reason.HEIGHT}
 
 

@@ -1,4 +1,4 @@
-"""Where the aircraft is relative to the runway."""
+"""Lateral deviation, heading error, height, distance and their status, from a frame's lines and its track."""
 
 from dataclasses import replace
 
@@ -25,10 +25,10 @@ from deckline.types import (
 )
 
 MIN_LEVEL_SHARE = 0.1  # horizontal share of the nose's direction below which it has no heading
-MIN_BASE_M = 10.0  # closer to the aim point an angle says nothing
+MIN_BASE_M = 10.0  # distance to the aim point below which no angle is given
 NOT_LOCALIZED = Diagnostic(Reason.NOT_LOCALIZED, "no line was localized")
 NO_SCALE = Diagnostic(
-    Reason.NO_SCALE, "only the stated deck height tells the scale: state the runway's width or use a depth camera"
+    Reason.NO_SCALE, "only the stated deck height gives the scale: state the runway's width or use a depth camera"
 )
 ONE_FRAME = Diagnostic(Reason.YOUNG_TRACK, "no track: one frame alone shows no contradictions")
 LINE_REASONS = {Reason.LEFT, Reason.RIGHT}
@@ -43,11 +43,11 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     where the line was measured. Errors of the aircraft's own position and heading move the measured line with the
     aircraft and cancel; the line's `relative_covariance` leaves them out.
 
-    The height is that over the deck at the point of the centre line: a track gives it at the touchdown point, where a
-    pitching deck has another height than at the ramp or below the aircraft; one frame gives it in the middle of what
-    it saw.
+    The height is measured over the deck at the point of the centre line. A track's point is the touchdown point, where
+    a pitching deck has another height than at the ramp or below the aircraft. One frame's point is in the middle of the
+    visible lines.
 
-    What cannot be given is None, and `diagnostics` says why.
+    A deviation that cannot be measured is None; `diagnostics` gives the reason.
 
     Args:
         frame: the pose.
@@ -61,7 +61,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     flags = estimate.flags if track is None else track.flags + estimate.flags
     has_depth = estimate.mode is DepthMode.FINE or estimate.depth_confirms_height
     scale_sources: tuple[Scale, ...] = (Scale.DEPTH,) if has_depth else ()
-    if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
+    if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track is used alone
         scale_sources += track.scale_sources
     doubts: Diagnostics = () if scale_sources else (NO_SCALE,)
     if track is not None:
@@ -86,12 +86,12 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     height = Value(float(line.height_m - place[2]), float(np.sqrt(line.aircraft_covariance[2, 2])))
     if centre is None:
         return replace(base, height_above_deck_m=height, diagnostics=diagnostics)
-    heading, ramp = _heading(body, centre), None
+    heading, ramp = _heading_error(body, centre), None
     if source.ramp_m is not None and source.ramp_sigma_m is not None:
         ramp = Value(float((source.ramp_m - place) @ centre.direction), source.ramp_sigma_m)
     found = replace(
         base,
-        lateral_deviation_m=_lateral(place, centre),
+        lateral_deviation_m=_lateral_deviation(place, centre),
         heading_error_rad=heading,
         height_above_deck_m=height,
         distance_to_ramp_m=ramp,
@@ -109,13 +109,13 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
 
 
 def guidance_status(estimate: RunwayEstimate, track: Track | None, flags: Diagnostics, doubts: Diagnostics) -> Status:
-    """What guidance from one frame and its track is worth.
+    """The status of guidance from one frame and its track.
 
     Args:
         estimate: of the frame.
-        track: None: the frame stands for itself.
+        track: None: the frame is used alone.
         flags: of both.
-        doubts: what keeps two lines that nothing contradicts from being trusted.
+        doubts: why two lines are not `ok` though nothing contradicts them.
     """
     if any(flag.reason in NOT_FRESH for flag in flags):
         return Status.STALE
@@ -134,7 +134,7 @@ def guidance_status(estimate: RunwayEstimate, track: Track | None, flags: Diagno
 
 
 def _select_source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstimate:
-    """The lines and ramp to use: the track's where it lives, none where it is in doubt, else the frame's."""
+    """The lines and ramp to use: the track's while it lasts, none where a lost track is flagged, else the frame's."""
     if track is None:
         return estimate
     first = track.age_s == 0.0 and bool(estimate.lines)
@@ -170,7 +170,8 @@ def _angle(across: Value, ahead_sigma_m: float, ahead_m: float) -> Value:
     return Value(float(np.arctan2(across.value, ahead_m)), float(sigma))
 
 
-def _lateral(place_m: np.ndarray, centre: RunwayLine) -> Value:
+def _lateral_deviation(place_m: np.ndarray, centre: RunwayLine) -> Value:
+    """The place's distance from the centre line, m, positive to its right."""
     right = np.array([-np.sin(centre.azimuth_rad), np.cos(centre.azimuth_rad), 0.0])
     offset = place_m - centre.point_m
     # The line's offset abreast of the aircraft: its offset at its point plus azimuth times the distance to it.
@@ -178,7 +179,8 @@ def _lateral(place_m: np.ndarray, centre: RunwayLine) -> Value:
     return Value(float(offset @ right), float(np.sqrt(lever @ centre.aircraft_covariance @ lever)))
 
 
-def _heading(body: RigidTransform, centre: RunwayLine) -> Value | None:
+def _heading_error(body: RigidTransform, centre: RunwayLine) -> Value | None:
+    """The nose's azimuth minus the centre line's, rad; None for a nose that points straight up or down."""
     nose = body.rotation.apply([1.0, 0.0, 0.0])
     if np.hypot(nose[0], nose[1]) < MIN_LEVEL_SHARE:
         return None

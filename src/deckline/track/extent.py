@@ -106,15 +106,15 @@ def update_extent(
 ) -> Extent | None:
     """The ends after one more frame; None while nothing is known of them.
 
-    Where the ramp left the picture, or its rows are not found, the nearest part that is seen looks like it. A ramp that
-    seems farther ahead than the known one is therefore left out. One that seems nearer is believed: more of the runway
-    was found.
+    Where the ramp left the picture, or its rows are not found, the nearest visible part passes for it. A ramp farther
+    ahead than the known one is therefore left out. A nearer one is used: more of the runway was found.
 
     Args:
         before: from the frame before, `step_s` earlier.
         state: of this frame.
-        visible: as `visible_extent` gives it.
-        ramp: where it was in view.
+        visible: by `visible_extent`.
+        ramp: of this frame; None: not in view.
+        step_s: since `before`.
         ship_m_s: speed of the ship along the line, where it is known.
         gate_sigma: standard deviations beyond which a ramp is too far ahead.
     """

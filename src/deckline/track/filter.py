@@ -1,4 +1,4 @@
-"""The tracker's Kalman filter: prediction, update, and what its state says of lines and rates."""
+"""The tracker's Kalman filter: prediction, update, and the lines and rates of a state."""
 
 from dataclasses import replace
 

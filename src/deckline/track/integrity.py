@@ -219,7 +219,7 @@ class FaultMonitor:
     learned: FilterState | None = None  # of the track before this one began
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
-        """After one more frame; a frame without a line says nothing of those that are left out."""
+        """After one more frame; a frame without a line changes nothing about those that are left out."""
         fade, since_s = float(np.exp(-step_s / config.integrity.window_s)), self.since_s
         squares, degrees = fade * self.squares, fade * self.degrees
         if gated is not None:
@@ -227,15 +227,15 @@ class FaultMonitor:
             since_s = {
                 reason: since for reason, since in self.since_s.items() if reason not in gated.measured
             } | left_out
-            if gated.kept is not None:
+            if gated.accepted is not None:
                 squares, degrees = squares + gated.distance2, degrees + gated.degrees
         return replace(self, squares=squares, degrees=degrees, since_s=since_s)
 
     def is_readmitted(self, gated: GatedMeasurement, time_s: float, config: RunConfig) -> bool:
         """Whether a measurement that was flagged as left out passes the gate again.
 
-        While it was left out the state's covariance grew, so that what passes may be as wrong as before, and what it
-        taught the state before it was left out stays. Neither is to be believed.
+        While it was left out the state's covariance grew, so that a measurement as wrong as before may pass. Its
+        earlier updates are still in the state. Neither can be trusted.
         """
         out = {diagnostic.reason for diagnostic in gated.excluded}
         return any(
@@ -248,7 +248,7 @@ class FaultMonitor:
         return replace(self, since_s={})
 
     def restart(self, before: FilterState | None, config: RunConfig) -> "FaultMonitor":
-        """For a new track: what was learned of the old one is kept, unless that contradicts what is kept already."""
+        """For a new track: compare it with the old one from now on, unless the old one contradicts the one before it."""
         learned = self.learned
         if before is not None and np.sqrt(before.covariance[States.SPACING, States.SPACING]) < LEARNED_SIGMA_M:
             is_other = learned is not None and _change_flag(learned, before, None, config) is not None

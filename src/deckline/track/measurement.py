@@ -106,8 +106,8 @@ def _linearize_line(
     s = config.sensors
     white = rigid * np.array([s.attitude_white_rad] * 3 + [s.position_white_m] * 2)
     # Only a depth camera measures slopes; without it they follow from the assumed directions of the lines.
-    keep = [0, 1, 2, *(k for k in (3, 4) if mode is DepthMode.FINE and 1 + effects[k, 2 + k] > MIN_SLOPE_GAIN)]
-    return residual[keep, None], design[keep], white[keep], own[keep]
+    rows = [0, 1, 2, *(k for k in (3, 4) if mode is DepthMode.FINE and 1 + effects[k, 2 + k] > MIN_SLOPE_GAIN)]
+    return residual[rows, None], design[rows], white[rows], own[rows]
 
 
 def _effects_and_own(
@@ -166,11 +166,11 @@ def _regularise(matrix: Array) -> Array:
 class GatedMeasurement:
     """The part of a measurement that may update the filter."""
 
-    kept: Measurement | None  # None: nothing of it
+    accepted: Measurement | None  # None: nothing of it
     excluded: Diagnostics  # LEFT, RIGHT, HEIGHT: why it was left out
-    distance2: float  # squared Mahalanobis distance of what was kept
+    distance2: float  # squared Mahalanobis distance of what was accepted
     degrees: int  # of freedom of that
-    measured: frozenset[Reason]  # LEFT, RIGHT, HEIGHT: what was there to keep or leave out
+    measured: frozenset[Reason]  # LEFT, RIGHT, HEIGHT: what was measured
 
 
 NAMES = {
@@ -184,7 +184,7 @@ def select_consistent(state: FilterState, measurement: Measurement, gate_sigma: 
     """Chi-square innovation gate: drop the one component whose removal makes the innovation consistent.
 
     One contradiction is assumed at most: each line and the height is left out in turn, and the rest that agrees best is
-    kept. When none agrees, nothing is kept.
+    accepted. When none agrees, nothing is accepted.
 
     Args:
         gate_sigma: standard deviations of a normal error with the same probability of being exceeded.

@@ -36,12 +36,19 @@ class Prediction:
     """The track at the time of a frame, from the frames before: made once, for the detector's prior and the update."""
 
     frame: Frame
-    refused: Diagnostic | None = None  # why the frame's time cannot be used
-    step_s: float = 0.0  # since the frame before; 0: there is none
-    memory: TrackMemory | None = None  # with state and aircraft at the frame's time; None: no track continues
-    runway: RunwayPrior | None = None  # where the detector should expect the runway; None: not known
-    restart: Diagnostic | None = None  # why the track ends here
-    is_new_flight: bool = False  # the frames before say nothing of this one
+    """The frame."""
+    refused: Diagnostic | None = None
+    """Why the frame's time cannot be used; None: it can."""
+    step_s: float = 0.0
+    """Since the frame before, s; 0: there is none."""
+    memory: TrackMemory | None = None
+    """The track's memory with state and aircraft at the frame's time; None: no track continues."""
+    runway: RunwayPrior | None = None
+    """Where the detector should expect the runway, world; None: not known."""
+    restart: Diagnostic | None = None
+    """Why the track ends here; None: it does not."""
+    is_new_flight: bool = False
+    """Whether nothing learned from the frames before holds in this frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,11 +234,13 @@ class Tracker:
         time_s = context.frame.time_s
         if gated is None:
             return replace(memory, consistent_s=time_s)
-        if gated.kept is None:
+        if gated.accepted is None:
             return memory
         correlated = CORRELATION_TIME_S / context.step_s if 0 < context.step_s < CORRELATION_TIME_S else 1.0  # frames
-        state = update(memory.state, gated.kept.innovation, gated.kept.design, correlated * gated.kept.noise)
-        state = shift_reference(state, gated.kept.x_m)
+        state = update(
+            memory.state, gated.accepted.innovation, gated.accepted.design, correlated * gated.accepted.noise
+        )
+        state = shift_reference(state, gated.accepted.x_m)
         ramp = move_ramp_to_deck(context.frame, context.estimate, state, error_sigmas(self.config) ** 2)
         speed = self.config.deck.ship_velocity_m_s
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
@@ -248,7 +257,7 @@ class Tracker:
         gated: GatedMeasurement | None,
         flags: Diagnostics,
     ) -> Track:
-        used = gated is not None and gated.kept is not None
+        used = gated is not None and gated.accepted is not None
         return replace(
             describe_track(memory, pose, self.config),
             state=TrackState.TRACKING if used else TrackState.COASTING,
