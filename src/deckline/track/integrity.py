@@ -248,7 +248,7 @@ class FaultMonitor:
         return replace(self, since_s={})
 
     def restart(self, before: FilterState | None, config: RunConfig) -> "FaultMonitor":
-        """For a new track: compare it with the old one from now on, unless the old one contradicts the one before it."""
+        """For a new track: compare it with the old one, unless the old one contradicts the one before it."""
         learned = self.learned
         if before is not None and np.sqrt(before.covariance[States.SPACING, States.SPACING]) < LEARNED_SIGMA_M:
             is_other = learned is not None and _change_flag(learned, before, None, config) is not None
