@@ -56,13 +56,9 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         track: lines of all frames so far, with rates, protection levels and flags.
         approach: the wanted approach, and the point of the aircraft that deviations refer to.
     """
-    body = frame.world_from_body
     source = _select_source(estimate, track)
     flags = estimate.flags if track is None else track.flags + estimate.flags
-    has_depth = estimate.mode is DepthMode.FINE or estimate.depth_confirms_height
-    scale_sources: tuple[Scale, ...] = (Scale.DEPTH,) if has_depth else ()
-    if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track is used alone
-        scale_sources += track.scale_sources
+    scale_sources = _scale_sources(estimate, track)
     doubts: Diagnostics = () if scale_sources else (NO_SCALE,)
     if track is not None:
         doubts += track.doubts if track.lines else (ONE_FRAME,)
@@ -75,29 +71,12 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         flags=flags,
         scale_sources=scale_sources,
     )
-    diagnostics = source.diagnostics + flags
-    if body is None or not source.lines:
-        return replace(base, diagnostics=diagnostics or (NOT_LOCALIZED,))
-    if base.status is Status.UNVERIFIED:
-        diagnostics += doubts
-    place = body.apply(np.array(approach.point_m))
-    centre = source.lines.get("centre")
-    line = centre or next(iter(source.lines.values()))
-    height = Value(float(line.height_m - place[2]), float(np.sqrt(line.aircraft_covariance[2, 2])))
-    if centre is None:
-        return replace(base, height_above_deck_m=height, diagnostics=diagnostics)
-    heading, ramp = _heading_error(body, centre), None
-    if source.ramp_m is not None and source.ramp_sigma_m is not None:
-        ramp = Value(float((source.ramp_m - place) @ centre.direction), source.ramp_sigma_m)
-    found = replace(
-        base,
-        lateral_deviation_m=_lateral_deviation(place, centre),
-        heading_error_rad=heading,
-        height_above_deck_m=height,
-        distance_to_ramp_m=ramp,
-        diagnostics=diagnostics if heading is not None else (*diagnostics, NO_HEADING),
-    )
-    if track is not None and source.lines is track.lines:
+    if frame.world_from_body is None or not source.lines:
+        return replace(base, diagnostics=source.diagnostics + flags or (NOT_LOCALIZED,))
+    doubts = doubts if base.status is Status.UNVERIFIED else ()
+    base = replace(base, diagnostics=source.diagnostics + flags + doubts)
+    found = _add_deviations(base, frame.world_from_body, source, approach)
+    if "centre" in source.lines and track is not None and source.lines is track.lines:
         found = replace(
             found,
             lateral_rate_m_s=track.lateral_rate_m_s,
@@ -106,6 +85,35 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
             protection=track.protection,
         )
     return _add_approach(found, approach)
+
+
+def _scale_sources(estimate: RunwayEstimate, track: Track | None) -> tuple[Scale, ...]:
+    has_depth = estimate.mode is DepthMode.FINE or estimate.depth_confirms_height
+    by_depth: tuple[Scale, ...] = (Scale.DEPTH,) if has_depth else ()
+    if track is None or not track.lines or track.age_s == 0.0:  # a track's first frame is used alone
+        return by_depth
+    return by_depth + track.scale_sources
+
+
+def _add_deviations(base: Guidance, body: RigidTransform, source: RunwayEstimate, approach: Approach) -> Guidance:
+    """The same with height, lateral deviation, heading error and distance of the aircraft's reference point."""
+    place = body.apply(np.array(approach.point_m))
+    centre = source.lines.get("centre")
+    line = centre or next(iter(source.lines.values()))
+    height = Value(float(line.height_m - place[2]), float(np.sqrt(line.aircraft_covariance[2, 2])))
+    found = replace(base, height_above_deck_m=height)
+    if centre is None:
+        return found
+    heading, ramp = _heading_error(body, centre), None
+    if source.ramp_m is not None and source.ramp_sigma_m is not None:
+        ramp = Value(float((source.ramp_m - place) @ centre.direction), source.ramp_sigma_m)
+    return replace(
+        found,
+        lateral_deviation_m=_lateral_deviation(place, centre),
+        heading_error_rad=heading,
+        distance_to_ramp_m=ramp,
+        diagnostics=base.diagnostics if heading is not None else (*base.diagnostics, NO_HEADING),
+    )
 
 
 def guidance_status(estimate: RunwayEstimate, track: Track | None, flags: Diagnostics, doubts: Diagnostics) -> Status:

@@ -8,7 +8,7 @@ from typing import Protocol
 from deckline.config import Tracking
 from deckline.monitors.attitude import AttitudeMonitor
 from deckline.monitors.frozen_image import FrozenImageMonitor
-from deckline.monitors.paint import PaintMonitor
+from deckline.monitors.painted_lines import PaintMonitor
 from deckline.types import Detection, Diagnostics, Frame, RunwayEstimate
 
 __all__ = ["AttitudeMonitor", "FrozenImageMonitor", "Monitor", "PaintMonitor", "build_monitors"]

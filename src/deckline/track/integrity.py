@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_RESIDUALS = 10
 WHAT = dict(NAMES.values())  # may be left out, in words
-LEARNED_SIGMA_M = 1.0  # of a spacing, below which it counts as learned
+MAX_SPACING_SIGMA_M = 1.0  # of a track whose lines are compared with those of the next track
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 MESSAGES = {
     States.ATTITUDE_X: (Reason.BORESIGHT, "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
@@ -216,7 +216,7 @@ class FaultMonitor:
     squares: float = 0.0  # exponentially fading sum of squared normalised residuals
     degrees: float = 0.0  # and of their degrees of freedom
     since_s: dict[Reason, float] = field(default_factory=dict)  # since when a measurement is left out
-    learned: FilterState | None = None  # of the track before this one began
+    previous: FilterState | None = None  # of the track before this one, at its end
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
         """After one more frame; a frame without a line changes nothing about those that are left out."""
@@ -249,11 +249,11 @@ class FaultMonitor:
 
     def restart(self, before: FilterState | None, config: RunConfig) -> "FaultMonitor":
         """For a new track: compare it with the old one, unless the old one contradicts the one before it."""
-        learned = self.learned
-        if before is not None and np.sqrt(before.covariance[States.SPACING, States.SPACING]) < LEARNED_SIGMA_M:
-            is_other = learned is not None and _change_flag(learned, before, None, config) is not None
-            learned = learned if is_other else before
-        return FaultMonitor(since_s=self.since_s, learned=learned)
+        previous = self.previous
+        if before is not None and np.sqrt(before.covariance[States.SPACING, States.SPACING]) < MAX_SPACING_SIGMA_M:
+            is_other = previous is not None and _change_flag(previous, before, None, config) is not None
+            previous = previous if is_other else before
+        return FaultMonitor(since_s=self.since_s, previous=previous)
 
     def active_flags(
         self,
@@ -283,7 +283,7 @@ class FaultMonitor:
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
             flags += [bias_flag(state, near_m, config), drift_flag(state, config), self._residual_flag(config)]
-            flags += [] if self.learned is None else [_change_flag(self.learned, state, aircraft_m, config)]
+            flags += [] if self.previous is None else [_change_flag(self.previous, state, aircraft_m, config)]
         return tuple(flag for flag in flags if flag is not None)
 
     def _residual_flag(self, config: RunConfig) -> Diagnostic | None:
@@ -307,17 +307,17 @@ def check_order(lines: dict[str, RunwayLine]) -> Diagnostic | None:
 
 
 def _change_flag(
-    learned: FilterState, state: FilterState, aircraft_m: Array | None, config: RunConfig
+    previous: FilterState, state: FilterState, aircraft_m: Array | None, config: RunConfig
 ) -> Diagnostic | None:
     """A flag for lines that are not where those of the track before should be by now, or not as far apart.
 
     Args:
-        learned: of the track before.
+        previous: of the track before, at its end.
         state: of the new track.
         aircraft_m: (3,) world, about which a drifting heading turned the lines; None: about the old track's point.
         config: limits.
     """
-    before = predict(learned, state.time_s, aircraft_m, config)
+    before = predict(previous, state.time_s, aircraft_m, config)
     x, y, _ = before.local(state.point_m)
     design = np.zeros((3, States.SIZE))
     design[0, [States.OFFSET, States.AZIMUTH]] = 1.0, x

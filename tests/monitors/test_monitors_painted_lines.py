@@ -1,4 +1,4 @@
-"""Paint under the lines that were found, seen without a network."""
+"""Paint under the detected lines, measured without a network."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from deckline.config import Tracking
 from deckline.dehaze.base import IdentityDehazer
 from deckline.flight import Flight
 from deckline.geometry import Camera
-from deckline.monitors.paint import PaintMonitor, find_paint
+from deckline.monitors.painted_lines import PaintMonitor, find_paint
 from deckline.types import (
     DepthMode,
     Detection,
