@@ -63,7 +63,7 @@ def test_a_ramp_is_placed_on_the_deck_that_the_track_knows():
     frame, estimate = view(0.0), seen(np.random.default_rng(0))
     line = estimate.lines["left"]
     sigma_alone, sigma_track = float(np.sqrt(line.relative_covariance[2, 2])), 0.2
-    measured = np.array([0.0, 0.0, -20.0])  # on the reported deck; the camera stands at (-100, 0, -35)
+    measured = np.array([0.0, 0.0, -20.0])  # on the reported deck; the camera is at (-100, 0, -35)
     estimate = replace(estimate, ramp_m=measured, ramp_sigma_m=float(np.hypot(1.5, 100.0 / 15.0 * sigma_alone)))
     state = initial_state(0.0, replace(line, point_m=np.array([50.0, 0.0, -20.0]), azimuth_rad=0.0), None, CALM)
     mean, covariance = np.zeros(States.SIZE), np.zeros((States.SIZE, States.SIZE))
