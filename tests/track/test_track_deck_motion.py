@@ -65,7 +65,7 @@ def fly(approach, *configs):
 
 
 def test_on_a_deck_that_heaves_pitches_and_rolls_errors_are_as_large_as_stated():
-    """The simulator's ship, of which the tracker knows neither turning point nor periods; once with a calmer sea stated."""
+    """The simulator's ship: the tracker knows neither turning point nor periods; once a calmer sea is stated."""
     most = {4.0: 3.0, 5.0: 2.4}  # stated sea state, and the largest usual ratio of error and 1-sigma
     ratios, misses = {sea_state: [] for sea_state in most}, {sea_state: [] for sea_state in most}
     for seed in range(7100, 7104):
