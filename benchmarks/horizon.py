@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from deckline.attitude import expect_horizon
 from deckline.dehaze import HorizonDehazer, VeilDehazer
 from deckline.dehaze.by_horizon import find_horizon_of, measure_visibility
 from deckline.dehaze.horizon import Horizon
+from deckline.monitors.attitude import expect_horizon
 from deckline.types import Frame, Value
 from deckline_lab.evaluation.frames import open_recorded
 from deckline_lab.evaluation.metrics import psnr_db

@@ -23,10 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
-from deckline.processes import process_count
 from deckline.types import Frame
 from deckline_sim import SimConfig
 from deckline_sim.config import DepthConfig
+from deckline_sim.processes import process_count
 from deckline_sim.record import CHUNK, map_frames
 from deckline_sim.simulate import Simulator
 

@@ -20,9 +20,9 @@ from typing import Any
 from PIL import Image
 
 from deckline.atomic import write_atomic
-from deckline.progress import progress
 from deckline.recording.images import read_image
 from deckline_lab.labels import LABELS_FILE, LabelledImage, write_labels
+from deckline_sim.progress import progress
 
 LIST = Path(__file__).with_name("photographs.toml")
 DOWNLOAD, UNPACK = "/usr/lib/apt/apt-helper", "dpkg-deb"

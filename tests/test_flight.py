@@ -15,6 +15,7 @@ from deckline.cli.main import main
 from deckline.config import Localization, Models, RunConfig, RunwaySurvey, Tracking
 from deckline.dehaze import DehazeResult
 from deckline.dehaze.base import IdentityDehazer
+from deckline.detect import SearchingDetector
 from deckline.detect.prior import prior_from_survey
 from deckline.flight import Dehazing, Flight
 from deckline.recording import open_recording
@@ -141,7 +142,7 @@ def test_demo_run_and_evaluation_give_the_same_guidance(tmp_path, monkeypatch):
             assert one[key] == other[key]
 
 
-class Detector:
+class RecordingDetector:
     """Sees both lines exactly, but for blind frames, and remembers the boxes it is given."""
 
     name = "recorder"
@@ -161,13 +162,9 @@ class Detector:
         return Detection(points(at, LEFT), points(at, RIGHT))
 
 
-def none_dehazer():
-    return Flight.from_config(RunConfig(models=Models("none", "classical"))).dehazer
-
-
 def fly(shown, config=STILL, blind=()):
-    detector = Detector(shown, blind)
-    chain = Flight(config, none_dehazer(), detector)
+    detector = RecordingDetector(shown, blind)
+    chain = Flight(config, IdentityDehazer(), detector)
     return [chain(one) for one in shown], detector
 
 
@@ -175,7 +172,7 @@ def approach(count):
     return [frame(index, 150.0 - 15.0 * index) for index in range(count)]
 
 
-def test_the_search_is_told_where_the_track_expects_the_runway_and_the_guidance_is_the_tracks():
+def test_the_search_gets_the_tracks_box_and_the_guidance_is_the_tracks():
     results, detector = fly(approach(5))
     assert detector.boxes[0] is None
     u0, v0, u1, v1 = detector.boxes[-1]
@@ -191,6 +188,35 @@ def test_the_search_is_told_where_the_track_expects_the_runway_and_the_guidance_
     assert set(results[-1].seconds) == {"detect", "localize", "track", "guide"}
 
 
+def test_a_reset_starts_another_flight_with_the_same_models():
+    detector = RecordingDetector(shown := approach(5))
+    flight = Flight(STILL, IdentityDehazer(), detector)
+    first = [flight(one).guidance for one in shown]
+    flight.reset()
+    second = [flight(one).guidance for one in shown]
+    assert detector.boxes[:5] == detector.boxes[5:] and detector.boxes[5] is None
+    for one, other in zip(first, second, strict=True):
+        assert guidance_record(one) == guidance_record(other) and one.track is other.track
+
+
+class SearchStartedError(Exception):
+    """Raised where a search is started."""
+
+
+def start_search(self, image_rgb):
+    raise SearchStartedError
+
+
+def test_a_detector_is_searched_view_by_view_where_its_class_states_it():
+    plain = type("Plain", (RecordingDetector,), {"start_search": start_search})
+    stated = type("Stated", (RecordingDetector, SearchingDetector), {"start_search": start_search})
+    shown = approach(2)
+    Flight(STILL, IdentityDehazer(), plain(shown))(shown[0])  # a method of that name alone states nothing
+    Flight(SINGLE, IdentityDehazer(), stated(shown))(shown[0])  # without a track every picture is searched whole
+    with pytest.raises(SearchStartedError):
+        Flight(STILL, IdentityDehazer(), stated(shown))(shown[0])
+
+
 def test_a_frame_that_shows_nothing_is_bridged():
     results, _ = fly(approach(5), blind=("frame_003.png",))
     assert results[3].guidance.track is TrackState.COASTING
@@ -199,7 +225,7 @@ def test_a_frame_that_shows_nothing_is_bridged():
     assert results[4].guidance.track is TrackState.TRACKING
 
 
-def test_unrelated_frames_are_answered_one_by_one():
+def test_unrelated_frames_get_results_of_their_own():
     shown = [frame(index, range_m) for index, range_m in enumerate((150.0, 40.0, 190.0, 60.0))]
     tracked, single = fly(shown)[0], fly(shown, SINGLE)[0]
     for result, alone in zip(tracked, single, strict=True):
@@ -209,7 +235,7 @@ def test_unrelated_frames_are_answered_one_by_one():
         assert (result.guidance.flags, result.guidance.protection) == ((), None)
 
 
-def test_without_a_pose_the_last_picture_says_where_to_search_unless_there_is_no_track():
+def test_without_a_pose_the_last_picture_gives_the_box_unless_there_is_no_track():
     shown = [replace(frame(index, 150.0 - index), world_from_body=None) for index in range(2)]
     _, detector = fly(shown)
     before, box = detector.boxes
@@ -226,8 +252,8 @@ def test_a_given_prior_comes_before_the_survey_and_that_before_the_last_picture(
     right = prior_from_survey(replace(SURVEY, ramp_m=(0.0, 60.0, -20.0)))
     behind = prior_from_survey(RunwaySurvey((-900.0, 0.0, -20.0)))
     broken = replace(right, sigma_m=np.nan)
-    detector = Detector()
-    chain = Flight(replace(SINGLE, survey=replace(SURVEY, ramp_m=(0.0, -60.0, -20.0))), none_dehazer(), detector)
+    detector = RecordingDetector()
+    chain = Flight(replace(SINGLE, survey=replace(SURVEY, ramp_m=(0.0, -60.0, -20.0))), IdentityDehazer(), detector)
     at = replace(frame(), world_from_body=RigidTransform.from_translation([-300.0, 0.0, -50.0]))
     for prior in (right, None, behind, broken):
         chain(at, prior=prior)
@@ -244,15 +270,15 @@ def test_lines_are_searched_in_the_picture_that_is_asked_for(detect_in, grey):
         def __call__(self, image_rgb):
             return np.full_like(image_rgb, 99)
 
-    detector = Detector()
+    detector = RecordingDetector()
     result = Flight(replace(SINGLE, models=Models(detect_in=detect_in)), Grey(), detector)(frame())
     assert np.unique(detector.images[0]).tolist() == [grey]
     assert np.all(result.dehazed_rgb == 99)
 
 
-def test_a_known_detection_is_taken_without_a_look_at_the_picture():
-    at, detector = frame(), Detector()
-    result = Flight(STILL, none_dehazer(), detector)(at, detection=Detection(points(at, LEFT), points(at, RIGHT)))
+def test_a_given_detection_is_used_without_a_search_of_the_picture():
+    at, detector = frame(), RecordingDetector()
+    result = Flight(STILL, IdentityDehazer(), detector)(at, detection=Detection(points(at, LEFT), points(at, RIGHT)))
     assert detector.boxes == []
     assert result.guidance.lateral_deviation_m.value == pytest.approx(3.0, abs=1e-3)
 

@@ -1,6 +1,12 @@
 """From frame to guidance: the only module that joins the stages.
 
-dehaze, detect -> localize -> track -> guide. A detector that was trained on haze finds more in the hazy picture; the
+    detect    lines in the picture, searched where `Tracker.predict` expects the runway
+    localize  the lines in the world, with covariance, from this frame alone
+    monitors  flags that contradict lines or pose without the track
+    track     the lines over frames: the filter's update, gate and fault tests
+    guide     lateral deviation, heading error, height, distance: `guide/deviations.py`
+
+ A detector that was trained on haze finds more in the hazy picture; the
 dehazed one is for people, and for detectors that never saw haze (`models.detect_in`).
 """
 
@@ -8,13 +14,13 @@ import time
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.attitude import AttitudeCheck
 from deckline.config import Engine, Models, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, downscale_frame, restore
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, SearchScheduler
@@ -22,12 +28,11 @@ from deckline.detect.crop import Box
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
-from deckline.paint import PaintCheck
-from deckline.track import Tracker
-from deckline.types import Detection, Diagnostic, Frame, Guidance, Reason, RunwayEstimate, RunwayPrior, Track, Value
+from deckline.monitors import Monitor, build_monitors
+from deckline.track import Prediction, Tracker
+from deckline.types import Detection, Diagnostics, Frame, Guidance, RunwayEstimate, RunwayPrior, Track, Value
 
 T = TypeVar("T")
-OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +102,12 @@ class Dehazing:
 
 
 class Flight:
-    """Called with every frame of one flight, in their order; answers where the aircraft is.
+    """Called with every frame of one flight, in their order; returns where the aircraft is.
 
-    The search starts where the track expects the runway, else where the survey says, else where the last picture
-    showed it. Frames that are unrelated to each other are answered one by one; for these `tracking.enabled = false`
-    saves the filter.
+    The search starts where the track expects the runway, else at the surveyed place, else where the last picture showed
+    it. Frames that are unrelated to each other get results of their own; for these `tracking.enabled = false` saves the
+    filter. `reset` starts another flight with the same models. `close`, or leaving `with Flight(...) as flight`, ends
+    the threads of its monitors.
 
     Args:
         config: everything that decides the answers.
@@ -120,12 +126,13 @@ class Flight:
         self.tracker = Tracker(config) if config.tracking.enabled else None
         self._survey = prior_from_survey(config.survey)
         self._image_prior = ImagePrior()
-        self._scheduler = (
-            SearchScheduler(detector, config.tracking.search_s) if isinstance(detector, SearchingDetector) else None
-        )
-        self._attitude = AttitudeCheck(config.tracking.horizon_s)
-        self._paint = PaintCheck(config.tracking.paint_s)
-        self._track: Track | None = None
+        self._scheduler: SearchScheduler | None = None
+        self._monitors: tuple[Monitor, ...] = ()
+        if self.tracker is not None:
+            self._monitors = build_monitors(config.tracking)
+            if isinstance(detector, SearchingDetector):  # stated by the detector's class, see there
+                self._scheduler = SearchScheduler(detector, config.tracking.search_s)
+                self._monitors = (self._scheduler, *self._monitors)
 
     @classmethod
     def from_config(
@@ -154,6 +161,25 @@ class Flight:
             localizer,
         )
 
+    def reset(self) -> None:
+        """Start another flight: forget all frames."""
+        self._image_prior = ImagePrior()
+        if self.tracker is not None:
+            self.tracker.reset()
+        for monitor in self._monitors:
+            monitor.reset()
+
+    def close(self) -> None:
+        """End the threads of the monitors."""
+        for monitor in self._monitors:
+            monitor.close()
+
+    def __enter__(self) -> "Flight":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def __call__(
         self,
         frame: Frame,
@@ -171,47 +197,54 @@ class Flight:
             rng: RANSAC's draws; None: a generator of the frame's own, from `config.seed` and the file's name.
         """
         seconds: dict[str, float] = {}
-        is_searched = detection is None and self.tracker is not None
+        prediction = None if self.tracker is None else self.tracker.predict(frame)
+        is_given = detection is not None
         dehazing = Dehazing(frame, self.dehazer, seconds, self.config.models)
         if detection is None:
             picture = frame.image_rgb if self.config.models.detect_in == "hazy" else dehazing().image_rgb
-            detection = _timed(seconds, "detect", lambda: self._detect(frame, picture, prior))
+            detection = _timed(seconds, "detect", lambda: self._detect(frame, picture, prior, prediction))
         points = detection
         rng = rng or np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
-        if is_searched:
-            self._attitude(frame)
-            self._paint(frame, estimate, points.edge)
-        track = _timed(seconds, "track", lambda: self._follow(frame, points, estimate))
+        flags = self._monitor(prediction, estimate, None if is_given else points)
+        track = _timed(seconds, "track", lambda: self._update_track(prediction, points, estimate, flags))
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
         return FrameResult(frame, dehazing, points, estimate, advice, seconds, track)
 
-    def _detect(self, frame: Frame, picture: NDArray[np.uint8], prior: RunwayPrior | None) -> Detection:
-        tracked = None if self.tracker is None else self.tracker.runway_prior(frame)
+    def _detect(
+        self, frame: Frame, picture: NDArray[np.uint8], prior: RunwayPrior | None, prediction: Prediction | None
+    ) -> Detection:
+        tracked = None if prediction is None else prediction.runway
         for known in (prior, tracked, self._survey):
             box = None if known is None else project_prior(frame, known)
             if box is not None:
-                is_sure = known is tracked and self._track is not None and not self._track.flags
-                return self._look(frame, picture, box, is_sure)
+                is_sure = known is tracked and self.tracker is not None and not self.tracker.is_flagged
+                return self._detect_in_box(frame, picture, box, is_sure)
         box = None if self.tracker is None else self._image_prior.predict(frame)
-        return self._look(frame, picture, box, is_sure=True)
+        return self._detect_in_box(frame, picture, box, is_sure=True)
 
-    def _look(self, frame: Frame, picture: NDArray[np.uint8], box: Box | None, is_sure: bool) -> Detection:
-        """Lines of the picture, where they should be (`box`) if the track is sure of that."""
-        if self._scheduler is None or self.tracker is None:
+    def _detect_in_box(self, frame: Frame, picture: NDArray[np.uint8], box: Box | None, is_sure: bool) -> Detection:
+        """Lines in the picture; `box`: where they should be, `is_sure`: as the frames before confirm."""
+        if self._scheduler is None:
             return self.detector(picture, box)
-        return self._scheduler(frame.time_s, picture, box, is_sure)
+        return self._scheduler.detect(frame.time_s, picture, box, is_sure)
 
-    def _follow(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> Track | None:
-        if self.tracker is None:
+    def _monitor(
+        self, prediction: Prediction | None, estimate: RunwayEstimate, detection: Detection | None
+    ) -> Diagnostics:
+        """The flags of all monitors; `detection`: None when the points were given. Late frames are not monitored."""
+        if prediction is None or prediction.refused is not None:
+            return ()
+        flags = (monitor.update(prediction.frame, estimate, detection) for monitor in self._monitors)
+        return tuple(chain.from_iterable(flags))
+
+    def _update_track(
+        self, prediction: Prediction | None, detection: Detection, estimate: RunwayEstimate, flags: Diagnostics
+    ) -> Track | None:
+        if self.tracker is None or prediction is None:
             return None
-        self._image_prior.update(frame, detection, estimate)
-        track = self.tracker.update(frame, estimate)
-        others = OTHER_LINES if self._scheduler is not None and self._scheduler.is_contradicted else None
-        self._track = replace(
-            track, flags=(*track.flags, *filter(None, (others, self._attitude.flag, self._paint.flag)))
-        )
-        return self._track
+        self._image_prior.update(prediction.frame, detection, estimate)
+        return self.tracker.update(prediction, estimate, flags)
 
 
 def _build(

@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 
 from deckline import __version__
 from deckline.checks import check_numbers
-from deckline.processes import map_ordered, process_count
-from deckline.progress import progress
 from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
 from deckline.report.draw import check_picture_name, write_picture
 from deckline.types import Frame
 from deckline_sim.airfield.simulate import AirfieldSimulator
 from deckline_sim.config import FLIGHTS, LARGEST_PX, SimConfig
+from deckline_sim.processes import map_ordered, process_count
+from deckline_sim.progress import progress
 from deckline_sim.simulate import Simulator, open_simulator, ship_block
 
 CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs

@@ -1,10 +1,11 @@
-"""A track's close looks, and the search of the whole picture beside them."""
+"""One view a picture where the track is sure, and the search of the whole picture beside it."""
 
 import numpy as np
 import pytest
 from test_detect_coarse_to_fine import Oracle, check_lines, draw
 
-from deckline.detect import DetectConfig, SearchScheduler
+from deckline.detect import DetectConfig, OnnxDetector, SearchingDetector, SearchScheduler
+from deckline.detect.scheduler import OTHER_LINES
 from deckline.detect.search import Search, detect_lines
 
 HERE = ((600.0, 500.0, 630.0, 400.0), (700.0, 500.0, 670.0, 400.0))
@@ -12,13 +13,13 @@ THERE = ((200.0, 500.0, 230.0, 400.0), (300.0, 500.0, 270.0, 400.0))
 BOX = (590.0, 390.0, 710.0, 510.0)
 
 
-class Looking:
-    """The oracle as a detector; a close look of up to `near_px` px a network pixel sees what `looks_like` shows."""
+class OracleDetector(SearchingDetector):
+    """The oracle as a detector; it counts its views."""
 
-    def __init__(self, looks_like=None, near_px: float = 1.5) -> None:
+    name = "oracle"
+
+    def __init__(self) -> None:
         self.oracle = Oracle()
-        self.looks_like = looks_like
-        self.near_px = near_px
 
     def __call__(self, image_rgb, prior_box=None):
         return detect_lines(image_rgb, self.oracle, DetectConfig(), prior_box)
@@ -27,45 +28,45 @@ class Looking:
         return Search(image_rgb, self.oracle, DetectConfig())
 
     @property
-    def looks(self) -> int:
+    def views(self) -> int:
         return len(self.oracle.views)
 
 
-def watch_over(detector, pictures, period_s=0.1, search_s=1.0, tracked=True):
-    """SearchScheduler pictures at a fixed period; returns the watch, and the looks that each took."""
-    watch, looks, found = SearchScheduler(detector, search_s), [], []
+def detect_all(detector, pictures, period_s=0.1, search_s=1.0, is_sure=True):
+    """The scheduler after pictures at a fixed period, the views that each took, and their detections."""
+    scheduler, views, found = SearchScheduler(detector, search_s), [], []
     for number, picture in enumerate(pictures):
-        before = detector.looks
-        found.append(watch(number * period_s, picture, BOX, tracked and number > 0))
-        looks.append(detector.looks - before)
-    return watch, looks, found
+        before = detector.views
+        found.append(scheduler.detect(number * period_s, picture, BOX, is_sure and number > 0))
+        views.append(detector.views - before)
+    return scheduler, views, found
 
 
-def test_a_sure_track_costs_one_look_a_picture_and_two_while_a_search_runs_beside_it():
+def test_a_sure_track_costs_one_view_a_picture_and_two_while_a_search_runs_beside_it():
     picture = draw((1280, 720), *HERE)
-    watch, looks, found = watch_over(Looking(), [picture] * 40)
+    scheduler, views, found = detect_all(OracleDetector(), [picture] * 40)
     for detection in found:
         check_lines(detection, *HERE)
-    assert looks[0] > 1 and max(looks[1:]) == 2
-    assert looks[1:11] == [1] * 9 + [2]  # a second after the first search
-    assert sum(looks[1:]) < 1.5 * len(looks)
-    assert not watch.is_contradicted
+    assert views[0] > 1 and max(views[1:]) == 2
+    assert views[1:11] == [1] * 9 + [2]  # a second after the first search
+    assert sum(views[1:]) < 1.5 * len(views)
+    assert scheduler.update(None, None, None) == ()
 
 
-@pytest.mark.parametrize(("search_s", "tracked", "period_s"), [(0.0, True, 0.1), (1.0, False, 0.1), (1.0, True, 1.5)])
-def test_without_a_track_or_when_told_so_or_after_a_gap_every_picture_is_searched_whole(search_s, tracked, period_s):
-    _, looks, _ = watch_over(Looking(), [draw((1280, 720), *HERE)] * 5, period_s, search_s, tracked)
-    assert min(looks) > 1
+@pytest.mark.parametrize(("search_s", "is_sure", "period_s"), [(0.0, True, 0.1), (1.0, False, 0.1), (1.0, True, 1.5)])
+def test_without_a_period_or_a_sure_track_or_after_a_gap_every_picture_is_searched_whole(search_s, is_sure, period_s):
+    _, views, _ = detect_all(OracleDetector(), [draw((1280, 720), *HERE)] * 5, period_s, search_s, is_sure)
+    assert min(views) > 1
 
 
 def test_a_runway_that_is_gone_is_searched_at_once():
     pictures = [draw((1280, 720), *HERE)] * 3 + [draw((1280, 720), *THERE)] * 2
-    _, _, found = watch_over(Looking(), pictures)
+    _, _, found = detect_all(OracleDetector(), pictures)
     check_lines(found[3], *THERE)
 
 
-class Deluded(Looking):
-    """Sees a runway wherever it is told to look closely."""
+class DeludedDetector(OracleDetector):
+    """Sees a runway in every view of the track's box."""
 
     def start_search(self, image_rgb):
         search = super().start_search(image_rgb)
@@ -81,15 +82,23 @@ class Deluded(Looking):
         return search
 
 
-def test_a_track_cannot_hold_itself_up():
+def test_a_track_cannot_confirm_itself():
     pictures = [draw((1280, 720), *HERE)] + [draw((1280, 720), *THERE)] * 30
-    watch, _, found = watch_over(Deluded(), pictures)
+    scheduler, _, found = detect_all(DeludedDetector(), pictures)
     taken = [detection.left.points_px[:, 0].mean() > 500 for detection in found]
-    assert taken[1:10] == [True] * 9  # the close look is believed for a second
+    assert taken[1:10] == [True] * 9  # the view of the box counts for a second
     assert not any(taken[20:])  # then every picture is searched whole, and its runway is beyond doubt
-    assert watch.is_contradicted  # as long as the close look differs
+    assert scheduler.update(None, None, None) == (OTHER_LINES,)  # as long as the view of the box differs
+    scheduler.reset()
+    assert scheduler.update(None, None, None) == ()
+
+
+def test_a_detector_states_that_it_can_search_view_by_view():
+    assert issubclass(OnnxDetector, SearchingDetector)
+    with pytest.raises(TypeError):  # without a search of its own
+        SearchingDetector()
 
 
 def test_a_picture_is_checked():
-    with pytest.raises(ValueError, match="uint8"):
-        SearchScheduler(Looking(), 1.0)(0.0, np.zeros((5, 5, 3)), BOX, True)
+    with pytest.raises(ValueError, match="float64"):
+        SearchScheduler(OracleDetector(), 1.0).detect(0.0, np.zeros((5, 5, 3)), BOX, True)

@@ -102,7 +102,7 @@ def test_one_line_gives_the_height_alone():
     ("position", "changes"),
     [(None, {}), ([0.0, 0, -30], {"lines": {}}), ([0.0, 0, -30], {"lines": {}, "seen": LineVisibility.NONE})],
 )
-def test_nothing_to_say_is_said(position, changes):
+def test_a_frame_without_a_place_or_lines_is_not_localized(position, changes):
     found = guidance(frame(position), estimate(**changes))
     assert found.height_above_deck_m is None
     assert found.lateral_deviation_m is None
@@ -121,7 +121,7 @@ RAMP = dict(ramp_m=np.array([-60.0, 0.0, -20.0]), ramp_sigma_m=1.5)
 
 
 def track(state=TrackState.TRACKING, **changes):
-    values = dict(lines={"centre": NORTH}, protection=Protection(2.0, 1.0, 0.02, None, 1e-7), age_s=1.0)
+    values = dict(lines={"centre": NORTH}, protection=Protection(2.0, 1.0, 0.02, None, 1e-7), age_s=5.0)
     return Track(2.5, state, **values | changes)
 
 
@@ -142,7 +142,7 @@ def test_above_and_right_are_positive_in_metres_and_as_angles_at_the_aim_point(a
     assert found.vertical_deviation_rad.value == pytest.approx(angle)
 
 
-def test_spread_of_the_deviations_is_that_of_drawn_measurements():
+def test_sigmas_of_the_deviations_are_those_of_drawn_measurements():
     rng = np.random.default_rng(0)
     rows = []
     for _ in range(2000):
@@ -161,9 +161,15 @@ def test_another_slope_aim_point_and_hook():
     assert found.lateral_deviation_m.value == pytest.approx(0.5)
     assert found.distance_to_touchdown_m.value == pytest.approx(42.0 + 50.0)
     assert found.vertical_deviation_m.value == pytest.approx(6.0 - 92.0 * np.tan(np.deg2rad(4.0)))
-    for wrong in ({"glideslope_deg": 0.0}, {"touchdown_m": -1.0}, {"point_m": (0.0, np.nan, 0.0)}):
-        with pytest.raises(ValueError, match=next(iter(wrong))):
-            Approach(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "number"),
+    [("glideslope_deg", 0.0, "0.0"), ("touchdown_m", -1.0, "-1.0"), ("point_m", (0.0, np.nan, 0.0), "nan")],
+)
+def test_an_impossible_approach_is_refused(name, value, number):
+    with pytest.raises(ValueError, match=f"{name}.*{number}"):
+        Approach(**{name: value})
 
 
 def test_over_the_aim_point_there_are_no_angles():
@@ -205,9 +211,6 @@ def test_a_coasting_track_guides_where_the_frame_shows_nothing():
     assert found.diagnostics == (NOTHING,)
 
 
-NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
-
-
 @pytest.mark.parametrize(
     ("of_frame", "of_track", "status"),
     [
@@ -227,6 +230,5 @@ NEAR_LINES = {"lines": {"centre": NORTH}, "age_s": 5.0}
         ({"lines": {}, "mode": DepthMode.NONE}, {"state": TrackState.LOST, "lines": {}}, Status.UNVERIFIED),
     ],
 )
-def test_what_guidance_is_worth(of_frame, of_track, status):
-    track = Track(2.5, **{"state": TrackState.TRACKING, **NEAR_LINES} | of_track)
-    assert guidance(HERE, estimate(**of_frame), track).status is status
+def test_the_status_follows_frame_and_track(of_frame, of_track, status):
+    assert guidance(HERE, estimate(**of_frame), track(**of_track)).status is status

@@ -52,7 +52,7 @@ ACROSS = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
 
 
 def deck_rise(flight: Flight, time_s: float, x_m: float = 0.0) -> float:
-    """How far the deck, x from the ramp, stands above its mean, m; the tilt moves it by its arm."""
+    """How far the deck, x from the ramp, is above its mean, m; pitch moves it by its arm."""
     pitch = flight.pitch_rad * np.sin(2 * np.pi * time_s / 12.0 + flight.seed)
     return float(flight.heave_m * np.sin(2 * np.pi * time_s / 18.0 + 2.0 * flight.seed) - pitch * (166.0 - x_m))
 

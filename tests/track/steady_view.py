@@ -1,10 +1,29 @@
 """An aircraft that waits 100 m before the ramp of a runway along x, and lines as a depth camera gives them."""
 
+import re
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from deckline.config import Deck, RunConfig
 from deckline.geometry import Camera
-from deckline.types import DepthMode, Frame, LineVisibility, RunwayEstimate, RunwayLine
+from deckline.track import Tracker
+from deckline.types import (
+    DepthMode,
+    Diagnostic,
+    Frame,
+    LineVisibility,
+    Reason,
+    RunwayEstimate,
+    RunwayLine,
+    Track,
+)
+
+CALM = RunConfig(deck=Deck(sea_state=0.0))
+KNOWN = RunConfig(deck=Deck(sea_state=0.0, width_m=15.0))
+NOTHING = RunwayEstimate(
+    LineVisibility.NONE, DepthMode.NONE, {}, {}, diagnostics=(Diagnostic(Reason.NO_LINE, "no line"),)
+)
 
 CAMERA = Camera(4, 3, 2.0, 2.0, 1.5, 1.0)
 OFFSET_M, TURN_RAD, HEIGHT_M = 0.05, 0.002, 0.1  # 1-sigma of one frame's line
@@ -27,3 +46,29 @@ def seen(rng, z_m=-20.0, spacing_m=15.0, aside_m=0.0, mode=DepthMode.FINE, noise
         point = np.array([50.0, y, height])
         lines[side] = RunwayLine(point, noise * rng.normal(0, TURN_RAD), 4 * covariance, covariance)
     return RunwayEstimate(LineVisibility.BOTH, mode, {}, lines)
+
+
+def advance(tracker, frame, estimate, flags=()) -> Track:
+    """The track after one more frame."""
+    return tracker.update(tracker.predict(frame), estimate, flags)
+
+
+def advance_all(tracker, shown) -> list[Track]:
+    """The tracks after each of several frames with their estimates; what else comes with them is left out."""
+    return [advance(tracker, frame, estimate) for frame, estimate, *_ in shown]
+
+
+def settled(config=CALM, seed=4) -> tuple[Tracker, np.random.Generator]:
+    """A tracker that has followed the runway for 2 s, and what draws the lines of the next frames."""
+    rng, tracker = np.random.default_rng(seed), Tracker(config)
+    advance_all(tracker, ((view(index / 10), seen(rng)) for index in range(20)))
+    return tracker, rng
+
+
+def numbers_in(message) -> list[float]:
+    """All numbers of a text for people."""
+    return [float(number) for number in re.findall(r"[-+]?\d+(?:\.\d+)?", message)]
+
+
+def reasons(diagnostics) -> list[Reason]:
+    return [diagnostic.reason for diagnostic in diagnostics]

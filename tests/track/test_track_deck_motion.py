@@ -4,7 +4,7 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-from steady_view import HEIGHT_M, seen, view
+from steady_view import CALM, HEIGHT_M, advance, seen, view
 
 from deckline.config import Deck, RunConfig
 from deckline.dehaze import DEHAZERS
@@ -17,7 +17,6 @@ from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_po
 from deckline_lab.evaluation.localization_score import pilot_figures
 
 RATE_HZ = 10.0
-CALM = RunConfig(deck=Deck(sea_state=0.0))
 
 
 def deck_z(time_s):
@@ -31,7 +30,7 @@ def test_a_pitching_deck_is_followed_within_a_fifth_of_a_second_and_smoothed():
     times = np.arange(0.0, 40.0, 1 / RATE_HZ)
     found, rates, flags = [], [], 0
     for time_s in times:
-        track = tracker.update(view(time_s), seen(rng, deck_z(time_s)))
+        track = advance(tracker, view(time_s), seen(rng, deck_z(time_s)))
         found.append(track.lines["centre"].height_m)
         rates.append(track.height_rate_m_s.value if track.height_rate_m_s else np.nan)
         flags += bool(track.flags)
@@ -49,7 +48,7 @@ def test_memory_does_not_grow_with_the_flight():
     rng, tracker = np.random.default_rng(2), Tracker(CALM)
     sizes = []
     for index in range(240):
-        tracker.update(view(index / RATE_HZ), seen(rng))
+        advance(tracker, view(index / RATE_HZ), seen(rng))
         if index in (40, 239):
             sizes.append(len(pickle.dumps(vars(tracker))))
     assert abs(sizes[1] - sizes[0]) < 50  # digits of a frame's name, no more
@@ -66,29 +65,31 @@ def fly(approach, *configs):
 
 
 def test_on_a_deck_that_heaves_pitches_and_rolls_errors_are_as_large_as_stated():
-    """The simulator's ship, of which the tracker knows neither turning point nor periods; also told of a calmer sea."""
-    most = {4.0: 3.0, 5.0: 2.4}  # sea state that is told, and the largest usual ratio of error and 1-sigma
-    ratios, misses = {told: [] for told in most}, {told: [] for told in most}
+    """The simulator's ship: the tracker knows neither turning point nor periods; once a calmer sea is stated."""
+    most = {4.0: 3.0, 5.0: 2.4}  # stated sea state, and the largest usual ratio of error and 1-sigma
+    ratios, misses = {sea_state: [] for sea_state in most}, {sea_state: [] for sea_state in most}
     for seed in range(7100, 7104):
         flights = FlightsConfig(seed=seed, preset="cvn", options=RunOptions(grade="good", sea_state=5.0))
-        configs = [replace(flights.run, deck=Deck(sea_state=told)) for told in most]
+        configs = [replace(flights.run, deck=Deck(sea_state=sea_state)) for sea_state in most]
         for frame, *tracks in fly(flights.approach(0), *configs):
-            for told, track in zip(most, tracks, strict=True):
+            for sea_state, track in zip(most, tracks, strict=True):
                 assert track.flags == ()
                 if "centre" not in track.lines:
                     continue
                 found = pilot_figures(frame, track.lines["centre"], 70.0)
-                ratios[told].append([found[name + "_m"] / found[name + "_sigma_m"] for name in ("lateral", "height")])
+                ratios[sea_state].append(
+                    [found[name + "_m"] / found[name + "_sigma_m"] for name in ("lateral", "height")]
+                )
                 assert abs(found["deviation_m"]) < track.protection.lateral_m
                 assert abs(found["height_m"]) < track.protection.vertical_m
                 if frame.depth_m is not None and np.isfinite(frame.depth_m).sum() > 1000:
-                    misses[told].append(abs(found["height_m"]))
-    for told, limit in most.items():
-        assert len(ratios[told]) > 140
-        assert np.all(np.median(np.abs(ratios[told]), axis=0) < 0.9)
-        assert np.all(np.percentile(np.abs(ratios[told]), 95, axis=0) < limit)
-        assert len(misses[told]) > 10
-        assert np.percentile(misses[told], 95) < 0.3  # of a deck that moves by 1.6 m where aircraft touch down
+                    misses[sea_state].append(abs(found["height_m"]))
+    for sea_state, limit in most.items():
+        assert len(ratios[sea_state]) > 140
+        assert np.all(np.median(np.abs(ratios[sea_state]), axis=0) < 0.9)
+        assert np.all(np.percentile(np.abs(ratios[sea_state]), 95, axis=0) < limit)
+        assert len(misses[sea_state]) > 10
+        assert np.percentile(misses[sea_state], 95) < 0.3  # of a deck that moves by 1.6 m where aircraft touch down
 
 
 def test_the_simulated_decks_height_is_followed_without_lag():

@@ -1,11 +1,13 @@
-"""What a track says of later times, against the truth of approaches without pictures."""
+"""Tracks predicted to later times, against the truth of approaches without pictures."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 from point_flight import Flight, approach, true_lines, true_pose
-from test_track_tracker import CALM, NOTHING, deviations
+from steady_view import CALM, NOTHING, advance, advance_all
+from test_track_tracker import deviations
 
 from deckline.track import Tracker
 from deckline.track.forecast import describe_track
@@ -16,7 +18,7 @@ def forecasts(flight, ahead_s):
     """Errors (N, 3) of lateral deviation, heading and height so long after each frame, and their 1-sigma (N, 3)."""
     tracker, errors, sigmas = Tracker(CALM), [], []
     for frame, estimate, _ in approach(flight):
-        tracker.update(frame, estimate)
+        advance(tracker, frame, estimate)
         time_s, forecast = frame.time_s + ahead_s, tracker.forecast()
         if frame.time_s < 2.0 or forecast is None or (moment := forecast.at(time_s)) is None:
             continue
@@ -31,7 +33,7 @@ def forecasts(flight, ahead_s):
     return np.array(errors), np.array(sigmas)
 
 
-def test_errors_of_a_forecast_are_as_large_as_it_says():
+def test_errors_of_a_forecast_agree_with_its_covariance():
     shares = []
     for seed in range(3):
         errors, sigmas = forecasts(Flight(seed=seed, rate_hz=5.0), 0.3)
@@ -41,11 +43,9 @@ def test_errors_of_a_forecast_are_as_large_as_it_says():
 
 def test_uncertainty_grows_and_ends_with_the_track():
     tracker = Tracker(CALM)
-    for index, (frame, estimate, _) in enumerate(approach(Flight())):
-        tracker.update(frame, estimate)
-        if index == 30:
-            break
-    forecast = tracker.forecast()
+    shown = list(islice(approach(Flight()), 31))
+    advance_all(tracker, shown)
+    frame, forecast = shown[-1][0], tracker.forecast()
     now, later = (forecast.at(frame.time_s + ahead_s) for ahead_s in (0.0, 0.5))
     for name in ("lateral_m", "vertical_m", "heading_rad"):
         assert getattr(later[0].protection, name) > getattr(now[0].protection, name)
@@ -61,8 +61,7 @@ def test_uncertainty_grows_and_ends_with_the_track():
 @pytest.mark.parametrize(("range_m", "times"), [(300.0, 1.0), (675.0, 1.15), (2000.0, 1.3)])
 def test_far_away_place_and_direction_are_less_sure_and_the_height_is_not(range_m, times, monkeypatch):
     tracker = Tracker(CALM)
-    for frame, estimate, _ in approach(Flight(), end_m=770.0):
-        tracker.update(frame, estimate)
+    advance_all(tracker, approach(Flight(), end_m=770.0))
     memory = tracker.forecast().memory
     near_m = memory.extent.near_m - range_m * memory.state.along
     pose = Pose(near_m - [0.0, 0.0, 40.0], np.zeros(3), np.zeros(3))
@@ -80,8 +79,8 @@ def test_no_forecast_without_a_track_or_a_pose():
     tracker = Tracker(CALM)
     assert tracker.forecast() is None
     frames = list(approach(Flight(), end_m=780.0))
-    for frame, estimate, _ in frames:
-        tracker.update(frame, estimate)
+    advance_all(tracker, frames)
+    frame = frames[-1][0]
     blind = replace(frame, time_s=frame.time_s + 0.1, world_from_body=None)
-    tracker.update(blind, NOTHING)
+    advance(tracker, blind, NOTHING)
     assert tracker.forecast() is None or tracker.forecast().at(blind.time_s) is None

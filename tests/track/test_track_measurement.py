@@ -3,32 +3,31 @@
 import numpy as np
 import pytest
 from scipy.stats import norm
-from steady_view import seen, view
+from steady_view import KNOWN, seen, view
 
-from deckline.config import Deck, RunConfig
-from deckline.track.filter import initial_state, predict, update
+from deckline.track.filter import predict, update
 from deckline.track.measurement import measure, select_consistent
 from deckline.track.motion import Pose
+from deckline.track.states import initial_state
 from deckline.types import DepthMode, Reason
 
-CONFIG = RunConfig(deck=Deck(sea_state=0.0, width_m=15.0))
 
-
-def settle():
+@pytest.fixture
+def settled():
     """A state that has seen 20 frames, and the pose."""
     rng = np.random.default_rng(5)
     pose = Pose(view(0.0).world_from_camera.translation, np.zeros(3), np.zeros(3))
-    state = initial_state(0.0, seen(rng).lines["left"], None, CONFIG)
+    state = initial_state(0.0, seen(rng).lines["left"], None, KNOWN)
     for index in range(20):
-        state = predict(state, index / 10, pose.position_m, CONFIG)
-        measured = measure(state, seen(rng).lines, DepthMode.FINE, pose, CONFIG)
+        state = predict(state, index / 10, pose.position_m, KNOWN)
+        measured = measure(state, seen(rng).lines, DepthMode.FINE, pose, KNOWN)
         state = update(state, measured.innovation, measured.design, measured.noise)
     return state, pose, rng
 
 
-def test_a_measurement_as_expected_passes_whole():
-    state, pose, rng = settle()
-    measured = measure(state, seen(rng).lines, DepthMode.FINE, pose, CONFIG)
+def test_a_measurement_as_expected_passes_whole(settled):
+    state, pose, rng = settled
+    measured = measure(state, seen(rng).lines, DepthMode.FINE, pose, KNOWN)
     found = select_consistent(state, measured, 5.0)
     assert found.excluded == ()
     assert found.degrees == 5
@@ -37,26 +36,26 @@ def test_a_measurement_as_expected_passes_whole():
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_one_line_elsewhere_is_left_out_by_name(side):
-    state, pose, rng = settle()
+def test_one_line_elsewhere_is_left_out_by_name(settled, side):
+    state, pose, rng = settled
     lines = seen(rng).lines
     lines[side] = seen(rng, aside_m=4.0).lines[side]
-    found = select_consistent(state, measure(state, lines, DepthMode.FINE, pose, CONFIG), 5.0)
+    found = select_consistent(state, measure(state, lines, DepthMode.FINE, pose, KNOWN), 5.0)
     assert [diagnostic.reason for diagnostic in found.excluded] == [Reason(side)]
-    assert len(found.kept.innovation) == 3
+    assert len(found.accepted.innovation) == 3
 
 
-def test_everything_elsewhere_leaves_nothing():
-    state, pose, rng = settle()
+def test_everything_elsewhere_leaves_nothing(settled):
+    state, pose, rng = settled
     lines = seen(rng, z_m=-14.0, spacing_m=25.0, aside_m=9.0).lines
-    found = select_consistent(state, measure(state, lines, DepthMode.FINE, pose, CONFIG), 5.0)
-    assert found.kept is None
+    found = select_consistent(state, measure(state, lines, DepthMode.FINE, pose, KNOWN), 5.0)
+    assert found.accepted is None
     assert {diagnostic.reason for diagnostic in found.excluded} == {Reason.LEFT, Reason.RIGHT, Reason.HEIGHT}
 
 
-def test_the_gate_is_as_rare_as_its_standard_deviations_say():
-    state, pose, rng = settle()
-    measured = measure(state, seen(rng).lines, DepthMode.FINE, pose, CONFIG)
+def test_the_gate_is_as_rare_as_its_standard_deviations_say(settled):
+    state, pose, rng = settled
+    measured = measure(state, seen(rng).lines, DepthMode.FINE, pose, KNOWN)
     variance = measured.design @ state.covariance @ measured.design.T + measured.noise
     root, out = np.linalg.cholesky(variance), 0
     for _ in range(400):

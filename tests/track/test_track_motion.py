@@ -27,7 +27,7 @@ def at(time_s, rng=None):
     return replace(view(time_s), world_from_body=pose)
 
 
-def test_velocity_and_turning_are_those_advance_aircraft():
+def test_velocity_and_turn_rate_are_estimated():
     rng = np.random.default_rng(6)
     aircraft = start_aircraft(at(0.0, rng), SIGMA_M)
     for index in range(1, 40):
@@ -38,7 +38,7 @@ def test_velocity_and_turning_are_those_advance_aircraft():
     assert aircraft.turn_rate_rad_s == pytest.approx([0.0, 0.0, TURN_RAD_S], abs=1e-6)
 
 
-def test_a_jump_is_told_by_its_size_and_begins_anew():
+def test_a_jump_is_measured_and_restarts_the_aircraft():
     aircraft = start_aircraft(at(0.0), SIGMA_M)
     for index in range(1, 20):
         aircraft, _ = advance_aircraft(aircraft, at(index / 10), SIGMA_M)
@@ -61,9 +61,9 @@ DRIFT = np.array([[0.0, 1.0], [-(OMEGA**2), -2 * DAMPING * OMEGA]])
 
 
 @pytest.mark.parametrize("dt_s", [0.01, 0.3, 2.0, 30.0])
-def test_the_move_is_the_oscillators_and_the_noise_the_integral_of_what_drives_it(dt_s):
-    move, noise = oscillate(dt_s, 12.0)
-    np.testing.assert_allclose(move, expm(DRIFT * dt_s), atol=1e-12)
+def test_transition_and_noise_solve_the_oscillators_equations(dt_s):
+    transition, noise = oscillate(dt_s, 12.0)
+    np.testing.assert_allclose(transition, expm(DRIFT * dt_s), atol=1e-12)
     push = 4 * DAMPING * OMEGA**3  # of white noise that keeps the deflection at 1-sigma 1
 
     def grow(_, flat):
@@ -81,6 +81,6 @@ def test_two_steps_are_one():
 
 
 def test_a_long_time_forgets_everything():
-    move, noise = oscillate(300.0, 12.0)
-    np.testing.assert_allclose(move, 0.0, atol=1e-12)
+    transition, noise = oscillate(300.0, 12.0)
+    np.testing.assert_allclose(transition, 0.0, atol=1e-12)
     np.testing.assert_allclose(noise, stationary_covariance(12.0), atol=1e-12)

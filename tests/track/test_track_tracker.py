@@ -7,17 +7,11 @@ import pytest
 from point_flight import Flight, approach, draw_errors, one_frame, true_lines
 from scipy.spatial.transform import RigidTransform
 from scipy.stats import chi2
+from steady_view import CALM, KNOWN, NOTHING, advance, advance_all, numbers_in, reasons, seen, settled, view
 
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
-from deckline.types import DepthMode, Diagnostic, LineVisibility, Reason, RunwayEstimate, Track, TrackState
-
-NOTHING = RunwayEstimate(
-    LineVisibility.NONE, DepthMode.NONE, {}, {}, diagnostics=(Diagnostic(Reason.NO_LINE, "no line"),)
-)
-
-
-CALM = RunConfig(deck=Deck(sea_state=0.0))
+from deckline.types import Diagnostic, LineVisibility, Reason, Track, TrackState
 
 
 def deviations(pose, line):
@@ -28,7 +22,7 @@ def deviations(pose, line):
 
 
 def errors_of(flight, frame, truth, line, side="centre"):
-    """Errors (3,) of what a pilot is told, and their covariance (3, 3) as the track states it."""
+    """Errors (3,) of the deviations, and their covariance (3, 3) as the track states it."""
     exact = deviations(truth, true_lines(flight, frame.time_s)[side])
     behind = float((frame.world_from_body.translation - line.point_m) @ line.direction)
     carry = np.array([[-1.0, -behind, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -40,15 +34,15 @@ def follow(flight, config, without=()):
     tracker = Tracker(config)
     for frame, estimate, truth in approach(flight):
         hidden = any(low <= frame.time_s < high for low, high in without)
-        yield frame, truth, tracker.update(frame, NOTHING if hidden else estimate)
+        yield frame, truth, advance(tracker, frame, NOTHING if hidden else estimate)
 
 
 @pytest.mark.parametrize("modes", ["coarse", "both"])
-def test_errors_are_as_large_as_the_track_says(modes):
+def test_errors_agree_with_the_tracks_covariance(modes):
     squares = []
     for seed in range(10):
         flight = Flight(modes=modes, seed=seed, rate_hz=4.0)
-        for frame, truth, track in follow(flight, RunConfig(deck=Deck(sea_state=0.0, width_m=flight.spacing_m))):
+        for frame, truth, track in follow(flight, KNOWN):
             if frame.time_s > 1.0 and frame.time_s % 2.0 < 0.2:
                 error, covariance = errors_of(flight, frame, truth, track.lines["centre"])
                 squares.append(error @ np.linalg.solve(covariance, error))
@@ -96,7 +90,7 @@ def test_after_two_seconds_the_track_is_lost_and_begins_anew_when_lines_come_bac
 def test_what_one_frame_saw_does_not_coast(seen_frames, then):
     tracker, states = Tracker(CALM), []
     for number, (frame, estimate) in enumerate(frames_of(Flight(start_m=600.0, seed=4), 4)):
-        states.append(tracker.update(frame, estimate if number < seen_frames else NOTHING).state)
+        states.append(advance(tracker, frame, estimate if number < seen_frames else NOTHING).state)
     assert states == [TrackState.TRACKING] * seen_frames + [then] * (4 - seen_frames)
 
 
@@ -111,68 +105,98 @@ def same(one: Track, other: Track) -> bool:
     return all(np.array_equal(one.lines[side].point_m, other.lines[side].point_m) for side in one.lines)
 
 
-@pytest.mark.parametrize(("time_s", "named"), [(np.nan, "time"), (np.inf, "time"), (0.9, "0.900 s"), (0.55, "0.350 s")])
-def test_a_time_that_cannot_be_changes_nothing_and_is_said(time_s, named):
-    shown = frames_of(Flight(seed=5), 12)
+@pytest.fixture
+def shown():
+    """40 frames with estimates of one flight, ten a second."""
+    return frames_of(Flight(seed=5), 40)
+
+
+@pytest.mark.parametrize(("time_s", "numbers"), [(np.nan, []), (np.inf, []), (0.9, [0.9]), (0.55, [0.35])])
+def test_a_frame_whose_time_cannot_be_used_changes_nothing_and_is_reported(shown, time_s, numbers):
     tracker, disturbed = Tracker(CALM), Tracker(CALM)
-    for frame, estimate in shown[:10]:
-        before = tracker.update(frame, estimate)
-        disturbed.update(frame, estimate)
-    odd = disturbed.update(replace(shown[10][0], time_s=time_s), shown[10][1])
-    assert [diagnostic.reason for diagnostic in odd.diagnostics] == [Reason.BAD_TIME]
-    assert named in odd.diagnostics[0].message
+    before = advance_all(tracker, shown[:10])[-1]
+    advance_all(disturbed, shown[:10])
+    odd = advance(disturbed, replace(shown[10][0], time_s=time_s), shown[10][1])
+    assert reasons(odd.diagnostics) == [Reason.BAD_TIME]
+    assert numbers_in(odd.diagnostics[0].message) == pytest.approx(numbers)
     assert same(odd, before) and odd.state is TrackState.COASTING
-    assert same(disturbed.update(*shown[11]), tracker.update(*shown[11]))
+    assert same(advance(disturbed, *shown[11]), advance(tracker, *shown[11]))
 
 
 @pytest.mark.parametrize("step_s", [0.0, -0.01])
-def test_times_that_stand_still_or_go_backwards_lose_the_track(step_s):
-    shown = frames_of(Flight(seed=5), 12)
+def test_times_that_repeat_or_go_backwards_lose_the_track(shown, step_s):
     tracker = Tracker(CALM)
-    for frame, estimate in shown[:10]:
-        tracker.update(frame, estimate)
+    advance_all(tracker, shown[:10])
     frame, estimate = shown[10]
-    later = [tracker.update(replace(frame, time_s=0.9 + step_s * k), estimate).state for k in range(12)]
+    later = [advance(tracker, replace(frame, time_s=0.9 + step_s * k), estimate).state for k in range(12)]
     assert TrackState.TRACKING not in later and later[-1] is TrackState.LOST
 
 
-def test_a_first_frame_without_a_time_is_lost_and_harmless():
-    frame, estimate = frames_of(Flight(seed=5), 1)[0]
+def test_a_first_frame_without_a_time_is_lost_and_harmless(shown):
+    frame, estimate = shown[0]
     tracker = Tracker(CALM)
-    assert tracker.update(replace(frame, time_s=np.nan), estimate).state is TrackState.LOST
-    assert tracker.update(frame, estimate).state is TrackState.TRACKING
+    assert advance(tracker, replace(frame, time_s=np.nan), estimate).state is TrackState.LOST
+    assert advance(tracker, frame, estimate).state is TrackState.TRACKING
 
 
-def test_frames_without_a_pose_are_bridged():
-    shown = frames_of(Flight(seed=6), 15)
+def test_frames_without_a_pose_are_bridged(shown):
     tracker = Tracker(CALM)
-    for frame, estimate in shown[:10]:
-        tracker.update(frame, estimate)
+    advance_all(tracker, shown[:10])
     for frame, _ in shown[10:13]:
-        track = tracker.update(replace(frame, world_from_body=None), replace(NOTHING, seen=LineVisibility.BOTH))
+        track = advance(tracker, replace(frame, world_from_body=None), replace(NOTHING, seen=LineVisibility.BOTH))
         assert track.state is TrackState.COASTING
-        assert Reason.NO_POSE in [diagnostic.reason for diagnostic in track.diagnostics]
+        assert Reason.NO_POSE in reasons(track.diagnostics)
         assert track.protection is None
-    assert tracker.update(*shown[14]).state is TrackState.TRACKING
+    assert advance(tracker, *shown[14]).state is TrackState.TRACKING
 
 
-def test_a_pose_that_jumps_a_gap_and_a_new_flight_begin_a_new_track():
-    shown = frames_of(Flight(seed=7), 40)
-    for at, change, named in (
-        (11, {"world_from_body": None}, "30 m"),
-        (39, {}, "3.0 s"),
-        (0, {"time_s": -5.0}, "time"),
-    ):
-        tracker = Tracker(CALM)
-        for frame, estimate in shown[:10]:
-            tracker.update(frame, estimate)
-        frame, estimate = shown[at]
-        if "world_from_body" in change:
-            jump = RigidTransform.from_translation([0.0, 30.0, 0.0])
-            change = {"world_from_body": jump * frame.world_from_body}
-        track = tracker.update(replace(frame, **change), estimate)
-        assert [diagnostic.reason for diagnostic in track.diagnostics] == [Reason.RESTARTED]
-        assert named in track.diagnostics[0].message
-        assert track.state is TrackState.TRACKING
-        right = np.array([-np.sin(track.lines["left"].azimuth_rad), np.cos(track.lines["left"].azimuth_rad), 0.0])
-        assert abs((track.lines["left"].point_m - estimate.lines["left"].point_m) @ right) < 0.5
+JUMP = RigidTransform.from_translation([0.0, 30.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("at", "change", "numbers"),
+    [
+        (11, lambda frame: {"world_from_body": JUMP * frame.world_from_body}, [30.0]),
+        (39, lambda frame: {}, [3.0]),
+        (0, lambda frame: {"time_s": -5.0}, []),
+    ],
+    ids=["jump of the pose", "gap", "new flight"],
+)
+def test_what_breaks_a_flight_starts_a_new_track(shown, at, change, numbers):
+    tracker = Tracker(CALM)
+    advance_all(tracker, shown[:10])
+    frame, estimate = shown[at]
+    track = advance(tracker, replace(frame, **change(frame)), estimate)
+    assert reasons(track.diagnostics) == [Reason.RESTARTED]
+    assert numbers_in(track.diagnostics[0].message) == pytest.approx(numbers)
+    assert track.state is TrackState.TRACKING
+    right = np.array([-np.sin(track.lines["left"].azimuth_rad), np.cos(track.lines["left"].azimuth_rad), 0.0])
+    assert abs((track.lines["left"].point_m - estimate.lines["left"].point_m) @ right) < 0.5
+
+
+def test_a_prediction_changes_nothing_and_a_reset_forgets_everything(shown):
+    tracker, fresh = Tracker(CALM), Tracker(CALM)
+    advance_all(tracker, shown[:10])
+    for frame, _ in shown[10:13]:
+        assert tracker.predict(frame).memory.state.time_s == frame.time_s
+    assert tracker.predict(shown[10][0]).step_s == pytest.approx(0.1)
+    tracker.reset()
+    assert tracker.predict(shown[0][0]).memory is None and tracker.forecast() is None
+    for one, other in zip(advance_all(tracker, shown[:3]), advance_all(fresh, shown[:3]), strict=True):
+        assert same(one, other) and one.age_s == other.age_s
+
+
+FROZEN, PAINT = Diagnostic(Reason.FROZEN, "same picture"), Diagnostic(Reason.PAINT, "no paint")
+
+
+def test_flags_of_monitors_join_the_tracks_and_a_frozen_picture_updates_nothing():
+    tracker, rng = settled()
+    before = advance(tracker, view(2.0), seen(rng), (PAINT,))
+    assert (before.state, before.flags, tracker.is_flagged) == (TrackState.TRACKING, (PAINT,), True)
+    assert reasons(before.diagnostics) == []
+    frozen = advance(tracker, view(2.1), seen(rng, aside_m=4.0), (PAINT, FROZEN))
+    assert (frozen.state, frozen.flags) == (TrackState.COASTING, (FROZEN, PAINT))
+    assert (frozen.diagnostics, frozen.excluded) == ((FROZEN,), ())
+    assert advance(tracker, view(2.1), seen(rng)).flags == (FROZEN, PAINT), "a repeated time repeats the last flags"
+    assert advance(tracker, view(2.2), seen(rng)).flags == ()
+    assert not tracker.is_flagged

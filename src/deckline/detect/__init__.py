@@ -33,7 +33,7 @@ class Detector(Protocol):
     Takes an image (H, W, 3) uint8 RGB of any size and leaves it untouched; gives the points of both lines in that
     image's pixels. A line that is not seen has no points; a line is never returned with fewer than three.
     `prior_box` is a box (u0, v0, u1, v1), px, in which the runway should be. It is searched only where a search of the
-    whole image misses a line.
+    whole image misses a line. A detector that can search one view at a time inherits from `SearchingDetector`.
     """
 
     @property

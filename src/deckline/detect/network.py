@@ -10,6 +10,7 @@ from deckline.config import CPU, Engine
 from deckline.detect.anchors import KNOWN_OUTPUTS, ROW_OUTPUTS, DecodeConfig, NetworkOutput, RowGrid, network_output
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
+from deckline.detect.scheduler import SearchingDetector
 from deckline.detect.search import Search, detect_lines
 from deckline.runtime.session import load_session
 from deckline.types import Detection
@@ -21,7 +22,7 @@ ROWS_ALONE = DetectConfig(
 )
 
 
-class OnnxDetector:
+class OnnxDetector(SearchingDetector):
     """Finds the two runway lines with an exported row-anchor, row-and-column-anchor or line-map network.
 
     Args:

@@ -1,37 +1,41 @@
-"""Lines in the pictures of one flight: one close look where the track is sure, a search of the whole beside it.
+"""Detection over the pictures of one flight: one view a picture where the track is sure, a whole search beside it.
 
-A track must not hold itself up: every second a picture is searched as if nothing were known, one look a frame, and
-compared with what the close look said of the same picture. Where they differ, every picture is searched whole again
-until they agree, and from the second such search on the track is flagged.
+A track must not confirm itself. Every `search_s` a picture is searched as if nothing were known, one view a frame, and
+compared with the lines that the track's box gave in the same picture. While they differ, every picture is searched
+whole; from the second such search on the track is flagged.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deckline.detect.crop import Box
 from deckline.detect.search import Search, search_lines
-from deckline.types import Detection
+from deckline.types import Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 DONE = object()
+OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
 
 
-@runtime_checkable
-class SearchingDetector(Protocol):
-    """A detector whose search can be done look by look."""
+class SearchingDetector(ABC):
+    """Base class of detectors whose search can be done one view at a time.
 
-    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection: ...
+    A detector states that it can by inheriting from this class. A `Flight` then computes one view a frame where its
+    track is sure. A detector that does not inherit searches every picture whole, whatever methods it has.
+    """
 
-    def start_search(self, image_rgb: NDArray[np.uint8]) -> Search: ...
+    @abstractmethod
+    def start_search(self, image_rgb: NDArray[np.uint8]) -> Search:
+        """A search of an image (H, W, 3) in which no view has been computed yet."""
 
 
 @dataclass(frozen=True, eq=False)
-class Background:
-    """A search under way, and what the close look said of its picture."""
+class BackgroundSearch:
+    """A search under way, and the lines that the track's box gave in its picture."""
 
     search: Search
     steps: Iterator[None]
@@ -39,7 +43,7 @@ class Background:
 
 
 class SearchScheduler:
-    """Called with every picture of a flight, in their order.
+    """Detects the lines in every picture of a flight, in their order; a `Monitor` of the track.
 
     Args:
         detector: finds the lines.
@@ -50,37 +54,51 @@ class SearchScheduler:
     def __init__(self, detector: SearchingDetector, search_s: float) -> None:
         self.detector = detector
         self.search_s = search_s
-        self._contradictions = 0  # searches in a row that saw other lines than the close look
-        self._background: Background | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all pictures, and the search under way."""
+        self._contradictions = 0  # searches in a row that found other lines than the track's box
+        self._background: BackgroundSearch | None = None
         self._last_s = -np.inf  # when a search ended
         self._seen_s = -np.inf  # the last picture's time
 
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether two searches in a row saw other lines than the close look."""
-        return self._contradictions > 1
+    def close(self) -> None:
+        """No threads to end."""
 
-    def __call__(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None, is_tracked: bool) -> Detection:
-        """Lines in an image (H, W, 3). `box`: where the runway should be; `is_tracked`: the pictures before say so."""
-        search, close = (self.detector.start_search(image_rgb) for _ in range(2))  # a close look is no place searched
-        look = None if box is None else cache(partial(close.look_at_prior, box))
+    def update(self, frame: Frame, estimate: RunwayEstimate, detection: Detection | None) -> Diagnostics:
+        """A flag where two searches in a row found other lines than the track's box."""
+        return (OTHER_LINES,) if self._contradictions > 1 else ()
+
+    def detect(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None, is_sure: bool) -> Detection:
+        """Lines in the next picture.
+
+        Args:
+            time_s: of the picture.
+            image_rgb: (H, W, 3).
+            box: where the runway should be; None: not known.
+            is_sure: the pictures before confirm the box.
+        """
+        search, roi_search = (self.detector.start_search(image_rgb) for _ in range(2))  # the box is no place searched
+        view_roi = None if box is None else cache(partial(roi_search.look_at_prior, box))
         follows, self._seen_s = 0 < time_s - self._seen_s <= self.search_s, time_s
-        told = look() if look is not None and is_tracked and follows else None
-        if told is not None and told.probability >= close.config.agreeing_probability and not self._contradictions:
-            self._search_beside(time_s, image_rgb, told.lines)
-            return told.lines
-        detection = search_lines(search, look)
+        roi_view = view_roi() if view_roi is not None and is_sure and follows else None
+        least = roi_search.config.agreeing_probability
+        if roi_view is not None and roi_view.probability >= least and not self._contradictions:
+            self._search_beside(time_s, image_rgb, roi_view.lines)
+            return roi_view.lines
+        detection = search_lines(search, view_roi)
         self._background, self._last_s = None, time_s
-        self._compare(search, detection if told is None else told.lines)
+        self._compare(search, detection if roi_view is None else roi_view.lines)
         return detection
 
     def _search_beside(self, time_s: float, image_rgb: NDArray[np.uint8], detection: Detection) -> None:
-        """One look of the search of this picture, or of the one that is under way."""
+        """One view of the search of this picture, or of the search under way."""
         if self._background is None:
             if 0 <= time_s - self._last_s < self.search_s:
                 return
             search = self.detector.start_search(image_rgb)
-            self._background = Background(search, search.steps(), detection)
+            self._background = BackgroundSearch(search, search.steps(), detection)
         if next(self._background.steps, DONE) is DONE:
             self._compare(self._background.search, self._background.detection)
             self._background, self._last_s = None, time_s

@@ -1,4 +1,4 @@
-"""Where the aircraft is relative to the runway."""
+"""Lateral deviation, heading error, height, distance and their status, from a frame's lines and its track."""
 
 from dataclasses import replace
 
@@ -25,10 +25,10 @@ from deckline.types import (
 )
 
 MIN_LEVEL_SHARE = 0.1  # horizontal share of the nose's direction below which it has no heading
-MIN_BASE_M = 10.0  # closer to the aim point an angle says nothing
+MIN_BASE_M = 10.0  # distance to the aim point below which no angle is given
 NOT_LOCALIZED = Diagnostic(Reason.NOT_LOCALIZED, "no line was localized")
 NO_SCALE = Diagnostic(
-    Reason.NO_SCALE, "only the stated deck height tells the scale: state the runway's width or use a depth camera"
+    Reason.NO_SCALE, "only the stated deck height gives the scale: state the runway's width or use a depth camera"
 )
 ONE_FRAME = Diagnostic(Reason.YOUNG_TRACK, "no track: one frame alone shows no contradictions")
 LINE_REASONS = {Reason.LEFT, Reason.RIGHT}
@@ -43,11 +43,11 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     where the line was measured. Errors of the aircraft's own position and heading move the measured line with the
     aircraft and cancel; the line's `relative_covariance` leaves them out.
 
-    The height is that over the deck at the point of the centre line: a track gives it at the touchdown point, where a
-    pitching deck has another height than at the ramp or below the aircraft; one frame gives it in the middle of what
-    it saw.
+    The height is measured over the deck at the point of the centre line. A track's point is the touchdown point, where
+    a pitching deck has another height than at the ramp or below the aircraft. One frame's point is in the middle of the
+    visible lines.
 
-    What cannot be given is None, and `diagnostics` says why.
+    A deviation that cannot be measured is None; `diagnostics` gives the reason.
 
     Args:
         frame: the pose.
@@ -56,13 +56,9 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         track: lines of all frames so far, with rates, protection levels and flags.
         approach: the wanted approach, and the point of the aircraft that deviations refer to.
     """
-    body = frame.world_from_body
     source = _select_source(estimate, track)
     flags = estimate.flags if track is None else track.flags + estimate.flags
-    has_depth = estimate.mode is DepthMode.FINE or estimate.depth_confirms_height
-    scale_sources: tuple[Scale, ...] = (Scale.DEPTH,) if has_depth else ()
-    if track is not None and track.lines and track.age_s > 0.0:  # the first frame of a track stands for itself
-        scale_sources += track.scale_sources
+    scale_sources = _scale_sources(estimate, track)
     doubts: Diagnostics = () if scale_sources else (NO_SCALE,)
     if track is not None:
         doubts += track.doubts if track.lines else (ONE_FRAME,)
@@ -75,29 +71,12 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         flags=flags,
         scale_sources=scale_sources,
     )
-    diagnostics = source.diagnostics + flags
-    if body is None or not source.lines:
-        return replace(base, diagnostics=diagnostics or (NOT_LOCALIZED,))
-    if base.status is Status.UNVERIFIED:
-        diagnostics += doubts
-    place = body.apply(np.array(approach.point_m))
-    centre = source.lines.get("centre")
-    line = centre or next(iter(source.lines.values()))
-    height = Value(float(line.height_m - place[2]), float(np.sqrt(line.aircraft_covariance[2, 2])))
-    if centre is None:
-        return replace(base, height_above_deck_m=height, diagnostics=diagnostics)
-    heading, ramp = _heading(body, centre), None
-    if source.ramp_m is not None and source.ramp_sigma_m is not None:
-        ramp = Value(float((source.ramp_m - place) @ centre.direction), source.ramp_sigma_m)
-    found = replace(
-        base,
-        lateral_deviation_m=_lateral(place, centre),
-        heading_error_rad=heading,
-        height_above_deck_m=height,
-        distance_to_ramp_m=ramp,
-        diagnostics=diagnostics if heading is not None else (*diagnostics, NO_HEADING),
-    )
-    if track is not None and source.lines is track.lines:
+    if frame.world_from_body is None or not source.lines:
+        return replace(base, diagnostics=source.diagnostics + flags or (NOT_LOCALIZED,))
+    doubts = doubts if base.status is Status.UNVERIFIED else ()
+    base = replace(base, diagnostics=source.diagnostics + flags + doubts)
+    found = _add_deviations(base, frame.world_from_body, source, approach)
+    if "centre" in source.lines and track is not None and source.lines is track.lines:
         found = replace(
             found,
             lateral_rate_m_s=track.lateral_rate_m_s,
@@ -108,14 +87,43 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     return _add_approach(found, approach)
 
 
+def _scale_sources(estimate: RunwayEstimate, track: Track | None) -> tuple[Scale, ...]:
+    has_depth = estimate.mode is DepthMode.FINE or estimate.depth_confirms_height
+    by_depth: tuple[Scale, ...] = (Scale.DEPTH,) if has_depth else ()
+    if track is None or not track.lines or track.age_s == 0.0:  # a track's first frame is used alone
+        return by_depth
+    return by_depth + track.scale_sources
+
+
+def _add_deviations(base: Guidance, body: RigidTransform, source: RunwayEstimate, approach: Approach) -> Guidance:
+    """The same with height, lateral deviation, heading error and distance of the aircraft's reference point."""
+    place = body.apply(np.array(approach.point_m))
+    centre = source.lines.get("centre")
+    line = centre or next(iter(source.lines.values()))
+    height = Value(float(line.height_m - place[2]), float(np.sqrt(line.aircraft_covariance[2, 2])))
+    found = replace(base, height_above_deck_m=height)
+    if centre is None:
+        return found
+    heading, ramp = _heading_error(body, centre), None
+    if source.ramp_m is not None and source.ramp_sigma_m is not None:
+        ramp = Value(float((source.ramp_m - place) @ centre.direction), source.ramp_sigma_m)
+    return replace(
+        found,
+        lateral_deviation_m=_lateral_deviation(place, centre),
+        heading_error_rad=heading,
+        distance_to_ramp_m=ramp,
+        diagnostics=base.diagnostics if heading is not None else (*base.diagnostics, NO_HEADING),
+    )
+
+
 def guidance_status(estimate: RunwayEstimate, track: Track | None, flags: Diagnostics, doubts: Diagnostics) -> Status:
-    """What guidance from one frame and its track is worth.
+    """The status of guidance from one frame and its track.
 
     Args:
         estimate: of the frame.
-        track: None: the frame stands for itself.
+        track: None: the frame is used alone.
         flags: of both.
-        doubts: what keeps two lines that nothing contradicts from being trusted.
+        doubts: why two lines are not `ok` though nothing contradicts them.
     """
     if any(flag.reason in NOT_FRESH for flag in flags):
         return Status.STALE
@@ -134,7 +142,7 @@ def guidance_status(estimate: RunwayEstimate, track: Track | None, flags: Diagno
 
 
 def _select_source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstimate:
-    """The lines and ramp to use: the track's where it lives, none where it is in doubt, else the frame's."""
+    """The lines and ramp to use: the track's while it lasts, none where a lost track is flagged, else the frame's."""
     if track is None:
         return estimate
     first = track.age_s == 0.0 and bool(estimate.lines)
@@ -170,7 +178,8 @@ def _angle(across: Value, ahead_sigma_m: float, ahead_m: float) -> Value:
     return Value(float(np.arctan2(across.value, ahead_m)), float(sigma))
 
 
-def _lateral(place_m: np.ndarray, centre: RunwayLine) -> Value:
+def _lateral_deviation(place_m: np.ndarray, centre: RunwayLine) -> Value:
+    """The place's distance from the centre line, m, positive to its right."""
     right = np.array([-np.sin(centre.azimuth_rad), np.cos(centre.azimuth_rad), 0.0])
     offset = place_m - centre.point_m
     # The line's offset abreast of the aircraft: its offset at its point plus azimuth times the distance to it.
@@ -178,7 +187,8 @@ def _lateral(place_m: np.ndarray, centre: RunwayLine) -> Value:
     return Value(float(offset @ right), float(np.sqrt(lever @ centre.aircraft_covariance @ lever)))
 
 
-def _heading(body: RigidTransform, centre: RunwayLine) -> Value | None:
+def _heading_error(body: RigidTransform, centre: RunwayLine) -> Value | None:
+    """The nose's azimuth minus the centre line's, rad; None for a nose that points straight up or down."""
     nose = body.rotation.apply([1.0, 0.0, 0.0])
     if np.hypot(nose[0], nose[1]) < MIN_LEVEL_SHARE:
         return None

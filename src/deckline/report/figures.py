@@ -6,8 +6,8 @@ from collections.abc import Hashable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.report.bands import RANGE_M, by_band, share
 from deckline.report.records import GUIDANCE, KNOWN_TRUE, LINES, STAGES, Record, lookup
-from deckline.statistics import RANGE_M, by_band, share
 from deckline.types import LineVisibility
 
 NONE = "–"

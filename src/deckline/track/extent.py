@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
-from deckline.track.filter import ATTITUDE_X, ATTITUDE_Y, FOCAL, HEAVE, HEIGHT, PITCH, SIZE, FilterState
+from deckline.track.states import FilterState, States
 from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Value
 
 Array = NDArray[np.float64]
@@ -15,7 +15,7 @@ KNOWN_SPEED_SIGMA_M_S = 0.5  # of a ship whose velocity is stated
 SPEED_M_S15 = 0.1  # noise density of it
 CORRELATION_S = 1.0  # over which ramp positions share the same error of attitude and of the detector
 MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which a ramp is not moved onto the deck's present height
-MIN_OWN_SHARE = 0.1  # of a ramp's 1-sigma that does not come from the deck's height
+MIN_RAMP_OWN_SHARE = 0.1  # of a ramp's 1-sigma that does not come from the deck's height
 MIN_RAMP_SIGMA_M = 0.1
 MAX_LENGTH_M = 400.0  # a far end beyond this is a grazing ray, not a runway; decks are 333 m long
 DEFAULT_LENGTH_M = 220.0  # of a runway whose far end was never in view; those of large carriers are 218 to 239 m
@@ -28,7 +28,7 @@ class Extent:
     near_m: Array  # (3,)
     speed_m_s: float  # along the line
     covariance: Array  # (2, 2) of position and speed along the line
-    response: Array  # (2, 8) of both to one unit of each error that all frames share (`filter.ATTITUDE_X` and on)
+    response: Array  # (2, 8) of both to one unit of each error that all frames share (`States.SHARED_ERRORS`)
     is_ramp: bool  # the end itself was in view; else the nearest part of the lines
     length_m: float
 
@@ -62,28 +62,37 @@ class Ramp:
     response: Array  # (8,) of the place along the deck to one unit of each shared error, as large as it may be
 
 
-def locate_ramp(frame: Frame, estimate: RunwayEstimate, state: FilterState, shared_variances: Array) -> Ramp | None:
-    """The near end of the lines on the track's present deck height.
+def move_ramp_to_deck(
+    frame: Frame, estimate: RunwayEstimate, state: FilterState, shared_variances: Array
+) -> Ramp | None:
+    """The frame's ramp, moved along its ray onto the track's present deck.
 
     One frame alone may know the deck's mean height only, and on a higher deck a ramp far ahead is nearer.
+
+    Args:
+        frame: the pose.
+        estimate: of the frame; None is returned for one without a ramp.
+        state: of this frame.
+        shared_variances: (8,) of the shared errors.
     """
     pose, ramp, sigma_m = frame.world_from_camera, estimate.ramp_m, estimate.ramp_sigma_m
     if pose is None or ramp is None or sigma_m is None or not estimate.lines:
         return None
     ray = ramp - pose.translation
-    row = np.zeros(SIZE)
-    row[[HEIGHT, HEAVE, PITCH]] = 1.0, 1.0, float(state.local(ramp)[0])
+    row = np.zeros(States.SIZE)
+    row[[States.HEIGHT, States.HEAVE, States.PITCH]] = 1.0, 1.0, float(state.local(ramp)[0])
     down = float(state.point_m[2] + row @ state.mean - pose.translation[2])
     if min(ray[2], down) < MIN_HEIGHT_M:
         return Ramp(ramp, sigma_m, np.zeros(len(shared_variances)))
     line = next(iter(estimate.lines.values()))
     per_metre = float(np.hypot(ray[0], ray[1])) / ray[2]
-    own = max(sigma_m**2 - per_metre**2 * float(line.aircraft_covariance[2, 2]), (MIN_OWN_SHARE * sigma_m) ** 2)
+    own = max(sigma_m**2 - per_metre**2 * float(line.aircraft_covariance[2, 2]), (MIN_RAMP_OWN_SHARE * sigma_m) ** 2)
     variance = own + per_metre**2 * float(row @ state.covariance @ row)
-    response = per_metre * np.abs(row @ state.covariance[:, ATTITUDE_X:]) / shared_variances
-    range_m = per_metre * down
-    response[[ATTITUDE_Y - ATTITUDE_X, FOCAL - ATTITUDE_X]] += (range_m**2 + down**2) / down, range_m
-    return Ramp(pose.translation + down / ray[2] * ray, float(np.sqrt(variance)), response)
+    response = per_metre * np.abs(row @ state.covariance[:, States.SHARED_ERRORS]) / shared_variances
+    range_m, direct = per_metre * down, np.zeros(States.SIZE)
+    direct[[States.ATTITUDE_Y, States.FOCAL]] = (range_m**2 + down**2) / down, range_m
+    place_m = pose.translation + down / ray[2] * ray
+    return Ramp(place_m, float(np.sqrt(variance)), response + direct[States.SHARED_ERRORS])
 
 
 def update_extent(
@@ -97,15 +106,15 @@ def update_extent(
 ) -> Extent | None:
     """The ends after one more frame; None while nothing is known of them.
 
-    Where the ramp left the picture, or its rows are not found, the nearest part that is seen looks like it. A ramp that
-    seems farther ahead than the known one is therefore left out. One that seems nearer is believed: more of the runway
-    was found.
+    Where the ramp left the picture, or its rows are not found, the nearest visible part passes for it. A ramp farther
+    ahead than the known one is therefore left out. A nearer one is used: more of the runway was found.
 
     Args:
         before: from the frame before, `step_s` earlier.
         state: of this frame.
-        visible: as `visible_extent` gives it.
-        ramp: where it was in view.
+        visible: by `visible_extent`.
+        ramp: of this frame; None: not in view.
+        step_s: since `before`.
         ship_m_s: speed of the ship along the line, where it is known.
         gate_sigma: standard deviations beyond which a ramp is too far ahead.
     """
@@ -124,7 +133,7 @@ def update_extent(
     elif extent is None and visible is not None:
         length = visible[1] - visible[0]
         covariance = np.diag([length**2, SHIP_SPEED_SIGMA_M_S**2])
-        response = np.zeros((2, SIZE - ATTITUDE_X))
+        response = np.zeros((2, States.SIZE))[:, States.SHARED_ERRORS]
         extent = Extent(_point_at(state, visible[0]), ship_m_s or 0.0, covariance, response, False, length)
     if extent is None or visible is None:
         return extent

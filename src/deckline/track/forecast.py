@@ -1,4 +1,4 @@
-"""What a track says of the time of its last frame, and of later times."""
+"""The track described at the time of its last frame, and predicted to later times."""
 
 from dataclasses import dataclass, replace
 
@@ -9,9 +9,10 @@ from scipy.stats import norm
 
 from deckline.config import RunConfig
 from deckline.track.extent import Extent, advance_extent
-from deckline.track.filter import FilterState, predict, track_lines, track_rates
+from deckline.track.filter import predict, track_lines, track_rates
 from deckline.track.integrity import protection_levels, unverified_reasons
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
+from deckline.track.states import FilterState
 from deckline.types import RunwayLine, Scale, Track, TrackState
 
 # From so far before the ramp to so far, m, 1-sigmas grow by up to so many times: split conformal prediction. The 95 %
@@ -55,7 +56,7 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
     return Track(
         state.time_s,
         TrackState.COASTING,
-        {side: _scale(line, far) for side, line in track_lines(state, pose, at_m, config).items()},
+        {side: _scale_sigmas(line, far) for side, line in track_lines(state, pose, at_m, config).items()},
         protection=None if pose is None else protection_levels(state, pose, touchdown, ramp, far, config),
         ramp_m=None if ramp is None else ramp.near_m,
         ramp_sigma_m=None if ramp is None else far * ramp.sigma_m,
@@ -70,18 +71,18 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """A track after a frame, to be asked about later times. It never changes, so any thread may ask."""
+    """Predicts a track to later times. It never changes, so any thread may use it."""
 
     memory: TrackMemory
     track: Track  # at the frame
     config: RunConfig
 
     def at(self, time_s: float) -> tuple[Track, RigidTransform, float] | None:
-        """Track, world_from_body and 1-sigma of its heading, rad, at a time; what the aircraft may do meanwhile counts.
+        """Track, world_from_body and 1-sigma of its heading, rad, at a time.
 
-        The aircraft keeps velocity and turn rate. The growing 1-sigma of its position is part of the lines' covariance,
-        of the ramp's 1-sigma and of the protection levels. None before the frame, for a frame without a pose, and when
-        no line was seen for longer than `tracking.coast_s`.
+        The aircraft is predicted with constant velocity and turn rate. The growing 1-sigma of its position is part of
+        the lines' covariance, of the ramp's 1-sigma and of the protection levels. None before the frame, for a frame
+        without a pose, and when no line was seen for longer than `tracking.coast_s`.
         """
         memory, before = self.memory, self.memory.aircraft
         known = before.time_s == memory.state.time_s <= time_s <= memory.seen_s + self.config.tracking.coast_s
@@ -92,22 +93,22 @@ class Forecast:
         state = predict(memory.state, time_s, aircraft.position_m, self.config)
         track = describe_track(replace(memory, state=state, aircraft=aircraft), pose, self.config)
         turn_rad = TURN_SIGMA_RAD_S * (time_s - before.time_s)
-        track = _loosen(track, float(aircraft.covariance[0, 0] - before.covariance[0, 0]), turn_rad)
+        track = _add_motion_uncertainty(track, float(aircraft.covariance[0, 0] - before.covariance[0, 0]), turn_rad)
         track = replace(track, state=self.track.state, flags=self.track.flags, diagnostics=self.track.diagnostics)
         body = RigidTransform.from_components(aircraft.position_m, aircraft.attitude)
         return track, body, turn_rad
 
 
-def _scale(line: RunwayLine, times: float) -> RunwayLine:
-    """The same line, the 1-sigmas of its place and direction so many times as large."""
+def _scale_sigmas(line: RunwayLine, times: float) -> RunwayLine:
+    """The line with the 1-sigmas of its place and direction so many times as large."""
     scale = np.outer([times, times, 1.0], [times, times, 1.0])
     relative = line.relative_covariance
     relative = None if relative is None else scale * relative
     return replace(line, covariance=scale * line.covariance, relative_covariance=relative)
 
 
-def _loosen(track: Track, variance_m2: float, turn_rad: float) -> Track:
-    """The same track, with what the aircraft's position has gained of variance, and its turn's 1-sigma."""
+def _add_motion_uncertainty(track: Track, variance_m2: float, turn_rad: float) -> Track:
+    """The track with the variance that the aircraft's position gained, and the 1-sigma of its turn."""
     sigma_m, protection, ramp_sigma_m = float(np.sqrt(variance_m2)), track.protection, track.ramp_sigma_m
     if protection is not None:
         quantile = float(norm.isf(protection.risk / 2))
@@ -120,10 +121,12 @@ def _loosen(track: Track, variance_m2: float, turn_rad: float) -> Track:
             distance_m=None if protection.distance_m is None else protection.distance_m + bound_m,
         )
     ramp_sigma_m = None if ramp_sigma_m is None else float(np.hypot(ramp_sigma_m, sigma_m))
-    lines = {side: _widen(line, np.diag([variance_m2, 0.0, variance_m2])) for side, line in track.lines.items()}
+    lines = {
+        side: _add_covariance(line, np.diag([variance_m2, 0.0, variance_m2])) for side, line in track.lines.items()
+    }
     return replace(track, lines=lines, protection=protection, ramp_sigma_m=ramp_sigma_m)
 
 
-def _widen(line: RunwayLine, added: NDArray[np.float64]) -> RunwayLine:
+def _add_covariance(line: RunwayLine, added: NDArray[np.float64]) -> RunwayLine:
     relative = line.aircraft_covariance + added
     return replace(line, covariance=line.covariance + added, relative_covariance=relative)

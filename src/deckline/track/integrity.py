@@ -17,53 +17,46 @@ from scipy.stats import chi2, norm
 from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
 from deckline.track.extent import Extent
-from deckline.track.filter import (
-    ANGLE,
-    ATTITUDE_X,
-    ATTITUDE_Y,
-    AZIMUTH,
-    DECK,
-    DELAY,
-    DRIFT,
-    FOCAL,
-    KNOWN_DRIFT_SIGMA_M_S,
-    LEFT,
-    OFFSET,
-    RAMP_SIGMA_M,
-    RIGHT,
-    SCALE,
-    SIZE,
-    SPACING,
-    FilterState,
-    delay_effect,
-    drift_sigma,
-    error_sigmas,
-    line_rows,
-    predict,
-    width_sigma_m,
-)
+from deckline.track.filter import delay_effect, line_rows, predict
 from deckline.track.measurement import NAMES, GatedMeasurement
 from deckline.track.motion import Pose
+from deckline.track.states import (
+    KNOWN_DRIFT_SIGMA_M_S,
+    RAMP_SIGMA_M,
+    FilterState,
+    States,
+    drift_sigma,
+    error_sigmas,
+    width_sigma_m,
+)
 from deckline.types import Diagnostic, Diagnostics, Protection, Reason, RunwayLine
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_RESIDUALS = 10
 WHAT = dict(NAMES.values())  # may be left out, in words
-LEARNED_SIGMA_M = 1.0  # of a spacing, below which it counts as learned
+MAX_SPACING_SIGMA_M = 1.0  # of a track whose lines are compared with those of the next track
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 MESSAGES = {
-    ATTITUDE_X: (Reason.BORESIGHT, "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
-    ATTITUDE_Y: (Reason.BORESIGHT, "degrees", "the camera seems pitched by {:+.2f} degrees against its mounting"),
-    DECK: (Reason.HEIGHT, "m", "the deck's height or the aircraft's seems {:+.1f} m wrong"),
-    SCALE: (Reason.DEPTH, "percent", "depths seem {:+.1f} % wrong"),
-    FOCAL: (Reason.FOCAL, "percent", "the focal length seems {:+.2f} % wrong"),
-    DELAY: (Reason.DELAY, "s", "the pose seems {:+.2f} s older than the picture"),
-    LEFT: (Reason.LEFT, "m", "the left line seems to be another marking, {:+.1f} m beside it"),
-    RIGHT: (Reason.RIGHT, "m", "the right line seems to be another marking, {:+.1f} m beside it"),
-    SPACING: (Reason.SPACING, "m", "the lines' spacing is {:+.1f} m off what was stated"),
-    ANGLE: (Reason.ANGLE, "degrees", "the angle between the lines is {:+.1f} degrees off what was stated"),
-    DRIFT: (Reason.DRIFT, "m", "the lines drift sideways at {:+.1f} m/s, which neither ship nor heading explain"),
+    States.ATTITUDE_X: (Reason.BORESIGHT, "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
+    States.ATTITUDE_Y: (
+        Reason.BORESIGHT,
+        "degrees",
+        "the camera seems pitched by {:+.2f} degrees against its mounting",
+    ),
+    States.DECK: (Reason.HEIGHT, "m", "the deck's height or the aircraft's seems {:+.1f} m wrong"),
+    States.SCALE: (Reason.DEPTH, "percent", "depths seem {:+.1f} % wrong"),
+    States.FOCAL: (Reason.FOCAL, "percent", "the focal length seems {:+.2f} % wrong"),
+    States.DELAY: (Reason.DELAY, "s", "the pose seems {:+.2f} s older than the picture"),
+    States.LEFT: (Reason.LEFT, "m", "the left line seems to be another marking, {:+.1f} m beside it"),
+    States.RIGHT: (Reason.RIGHT, "m", "the right line seems to be another marking, {:+.1f} m beside it"),
+    States.SPACING: (Reason.SPACING, "m", "the lines' spacing is {:+.1f} m off what was stated"),
+    States.ANGLE: (Reason.ANGLE, "degrees", "the angle between the lines is {:+.1f} degrees off what was stated"),
+    States.DRIFT: (
+        Reason.DRIFT,
+        "m",
+        "the lines drift sideways at {:+.1f} m/s, which neither ship nor heading explain",
+    ),
 }
 YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
 UNLIKELY = Diagnostic(
@@ -74,23 +67,24 @@ SCALES = {"degrees": float(np.rad2deg(1.0)), "percent": 100.0, "m": 1.0, "s": 1.
 
 def stated_priors(config: RunConfig) -> dict[int, tuple[float, float]]:
     """Prior mean and variance of every state that is tested against what was stated."""
-    priors = {index: (0.0, float(sigma**2)) for index, sigma in enumerate(error_sigmas(config), ATTITUDE_X)}
-    priors[ANGLE] = config.deck.angle_rad, config.deck.angle_sigma_rad**2
+    shared = range(States.SIZE)[States.SHARED_ERRORS]
+    priors = {index: (0.0, float(sigma**2)) for index, sigma in zip(shared, error_sigmas(config), strict=True)}
+    priors[States.ANGLE] = config.deck.angle_rad, config.deck.angle_sigma_rad**2
     if config.deck.width_m is not None:
-        priors[SPACING] = config.deck.width_m, width_sigma_m(config) ** 2
+        priors[States.SPACING] = config.deck.width_m, width_sigma_m(config) ** 2
     if config.deck.ship_velocity_m_s is not None:
-        priors[DRIFT] = 0.0, drift_sigma(config) ** 2
+        priors[States.DRIFT] = 0.0, drift_sigma(config) ** 2
     return priors
 
 
 def is_drift_known(state: FilterState) -> bool:
-    """Whether frames have told the lines' sideways speed well enough for `drift_flag`."""
-    return bool(state.covariance[DRIFT, DRIFT] <= KNOWN_DRIFT_SIGMA_M_S**2)
+    """Whether the lines' sideways speed is estimated well enough for `drift_flag`."""
+    return bool(state.covariance[States.DRIFT, States.DRIFT] <= KNOWN_DRIFT_SIGMA_M_S**2)
 
 
 def drift_flag(state: FilterState, config: RunConfig) -> Diagnostic | None:
     """A flag for lines that move sideways faster than a ship can, as they seem to where the camera is turned in yaw."""
-    drift, sigma = float(state.mean[DRIFT]), float(np.sqrt(state.covariance[DRIFT, DRIFT]))
+    drift, sigma = float(state.mean[States.DRIFT]), float(np.sqrt(state.covariance[States.DRIFT, States.DRIFT]))
     if abs(drift) - config.integrity.alarm_sigma * sigma <= config.integrity.max_drift_m_s:
         return None
     message = f"the lines drift sideways at {drift:+.1f} m/s, faster than a ship's: is the camera turned in its mount?"
@@ -108,16 +102,16 @@ class PriorTest:
 
 
 def prior_tests(state: FilterState, near_m: float, config: RunConfig) -> Iterator[PriorTest]:
-    """The tests of all states that frames have told enough of.
+    """The tests of all states that frames have observed well enough.
 
     Args:
         near_m: where the runway begins, m along the line from the state's point: there it has its stated spacing.
     """
     for index, (expected, variance) in stated_priors(config).items():
-        row, place = np.zeros(SIZE), 0.0
+        row, place = np.zeros(States.SIZE), 0.0
         row[index] = 1.0
-        if index == SPACING:
-            row[ANGLE] = near_m
+        if index == States.SPACING:
+            row[States.ANGLE] = near_m
             place = config.deck.angle_sigma_rad * RAMP_SIGMA_M  # what is stated holds where the runway truly begins
         observed = variance - float(row @ state.covariance @ row)
         if observed > OBSERVED_SHARE * variance:
@@ -175,13 +169,13 @@ def protection_levels(
 
     def bound(row: Array, white: float, times: float) -> tuple[float, float]:
         """Of the filter's own error, and of one undetected fault."""
-        effect = np.abs(row @ state.covariance[:, ATTITUDE_X:]) / error_sigmas(config) ** 2
+        effect = np.abs(row @ state.covariance[:, States.SHARED_ERRORS]) / error_sigmas(config) ** 2
         sigma = float(np.sqrt(row @ state.covariance @ row + white**2))
         return quantile * times * sigma, float(np.max(effect * faults))
 
     at_touchdown = line_rows(state, 0.0, touchdown_m or 0.0, delay)
     chance, fault = bound(at_touchdown[1], sensors.attitude_white_rad, far)
-    # A camera that is turned about the vertical turns the lines with it, and no state but their drift tells.
+    # A camera that is turned about the vertical turns the lines with it, and their drift alone shows that.
     turned = max(fault, float(np.deg2rad(config.integrity.max_boresight_deg)))
     heading_rad = chance + turned if is_drift_known(state) else None
     distance_m = None
@@ -208,9 +202,8 @@ def _undetected_faults(state: FilterState, near_m: float, config: RunConfig) -> 
     undetected = np.array([*largest, test.max_delay_s, test.max_line_m, test.max_line_m])
     variances = error_sigmas(config) ** 2
     for one in prior_tests(state, near_m, config):
-        response = one.row @ state.covariance[:, ATTITUDE_X:] / variances
-        if one.index >= ATTITUDE_X:
-            response[one.index - ATTITUDE_X] -= 1.0
+        own = np.eye(States.SIZE)[one.index, States.SHARED_ERRORS]
+        response = one.row @ state.covariance[:, States.SHARED_ERRORS] / variances - own
         surely = (test.alarm_sigma + test.missed_sigma) * one.sigma
         undetected = np.minimum(undetected, surely / np.maximum(np.abs(response), 1e-12))
     return undetected
@@ -223,10 +216,10 @@ class FaultMonitor:
     squares: float = 0.0  # exponentially fading sum of squared normalised residuals
     degrees: float = 0.0  # and of their degrees of freedom
     since_s: dict[Reason, float] = field(default_factory=dict)  # since when a measurement is left out
-    learned: FilterState | None = None  # of the track before this one began
+    previous: FilterState | None = None  # of the track before this one, at its end
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
-        """After one more frame; a frame without a line says nothing of those that are left out."""
+        """After one more frame; a frame without a line changes nothing about those that are left out."""
         fade, since_s = float(np.exp(-step_s / config.integrity.window_s)), self.since_s
         squares, degrees = fade * self.squares, fade * self.degrees
         if gated is not None:
@@ -234,15 +227,15 @@ class FaultMonitor:
             since_s = {
                 reason: since for reason, since in self.since_s.items() if reason not in gated.measured
             } | left_out
-            if gated.kept is not None:
+            if gated.accepted is not None:
                 squares, degrees = squares + gated.distance2, degrees + gated.degrees
         return replace(self, squares=squares, degrees=degrees, since_s=since_s)
 
     def is_readmitted(self, gated: GatedMeasurement, time_s: float, config: RunConfig) -> bool:
         """Whether a measurement that was flagged as left out passes the gate again.
 
-        While it was left out the state's covariance grew, so that what passes may be as wrong as before, and what it
-        taught the state before it was left out stays. Neither is to be believed.
+        While it was left out the state's covariance grew, so that a measurement as wrong as before may pass. Its
+        earlier updates are still in the state. Neither can be trusted.
         """
         out = {diagnostic.reason for diagnostic in gated.excluded}
         return any(
@@ -255,12 +248,12 @@ class FaultMonitor:
         return replace(self, since_s={})
 
     def restart(self, before: FilterState | None, config: RunConfig) -> "FaultMonitor":
-        """For a new track: what was learned of the old one is kept, unless that contradicts what is kept already."""
-        learned = self.learned
-        if before is not None and np.sqrt(before.covariance[SPACING, SPACING]) < LEARNED_SIGMA_M:
-            is_other = learned is not None and _change_flag(learned, before, None, config) is not None
-            learned = learned if is_other else before
-        return FaultMonitor(since_s=self.since_s, learned=learned)
+        """For a new track: compare it with the old one, unless the old one contradicts the one before it."""
+        previous = self.previous
+        if before is not None and np.sqrt(before.covariance[States.SPACING, States.SPACING]) < MAX_SPACING_SIGMA_M:
+            is_other = previous is not None and _change_flag(previous, before, None, config) is not None
+            previous = previous if is_other else before
+        return FaultMonitor(since_s=self.since_s, previous=previous)
 
     def active_flags(
         self,
@@ -290,7 +283,7 @@ class FaultMonitor:
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
             flags += [bias_flag(state, near_m, config), drift_flag(state, config), self._residual_flag(config)]
-            flags += [] if self.learned is None else [_change_flag(self.learned, state, aircraft_m, config)]
+            flags += [] if self.previous is None else [_change_flag(self.previous, state, aircraft_m, config)]
         return tuple(flag for flag in flags if flag is not None)
 
     def _residual_flag(self, config: RunConfig) -> Diagnostic | None:
@@ -314,32 +307,33 @@ def check_order(lines: dict[str, RunwayLine]) -> Diagnostic | None:
 
 
 def _change_flag(
-    learned: FilterState, state: FilterState, aircraft_m: Array | None, config: RunConfig
+    previous: FilterState, state: FilterState, aircraft_m: Array | None, config: RunConfig
 ) -> Diagnostic | None:
     """A flag for lines that are not where those of the track before should be by now, or not as far apart.
 
     Args:
-        learned: of the track before.
+        previous: of the track before, at its end.
         state: of the new track.
         aircraft_m: (3,) world, about which a drifting heading turned the lines; None: about the old track's point.
         config: limits.
     """
-    before = predict(learned, state.time_s, aircraft_m, config)
+    before = predict(previous, state.time_s, aircraft_m, config)
     x, y, _ = before.local(state.point_m)
-    design = np.zeros((3, SIZE))
-    design[0, [OFFSET, AZIMUTH]] = 1.0, x
-    design[1, AZIMUTH] = 1.0
-    design[2, [SPACING, ANGLE]] = 1.0, x
+    design = np.zeros((3, States.SIZE))
+    design[0, [States.OFFSET, States.AZIMUTH]] = 1.0, x
+    design[1, States.AZIMUTH] = 1.0
+    design[2, [States.SPACING, States.ANGLE]] = 1.0, x
     turn = wrap_angle(state.azimuth_rad - before.azimuth_rad)
-    spacing = before.mean[SPACING] + before.mean[ANGLE] * x
-    changes = np.array([y, turn, state.mean[SPACING] - spacing])
-    own = state.covariance[[OFFSET, AZIMUTH, SPACING], [OFFSET, AZIMUTH, SPACING]]
+    spacing = before.mean[States.SPACING] + before.mean[States.ANGLE] * x
+    changes = np.array([y, turn, state.mean[States.SPACING] - spacing])
+    compared = [States.OFFSET, States.AZIMUTH, States.SPACING]
+    own = state.covariance[compared, compared]
     sigmas = np.sqrt(np.einsum("ij,jk,ik->i", design, before.covariance, design) + own)
     worst = int(np.argmax(np.abs(changes) / sigmas))
     if abs(changes[worst]) <= config.integrity.alarm_sigma * sigmas[worst]:
         return None
     if worst == 2:
-        message = f"the lines are {state.mean[SPACING]:.1f} m apart and were {spacing:.1f} m apart before"
+        message = f"the lines are {state.mean[States.SPACING]:.1f} m apart and were {spacing:.1f} m apart before"
         return Diagnostic(Reason.SPACING, message)
     off = f"{y:+.1f} m beside" if worst == 0 else f"{np.rad2deg(turn):+.1f} degrees from"
     return Diagnostic(Reason.OTHER_LINES, f"the lines lie {off} where the track before had them")

@@ -13,34 +13,12 @@ from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
-from deckline.track.filter import (
-    ANGLE,
-    ATTITUDE_X,
-    ATTITUDE_Y,
-    AZIMUTH,
-    DECK,
-    DELAY,
-    FOCAL,
-    HEAVE,
-    HEIGHT,
-    LEFT,
-    OFFSET,
-    PITCH,
-    RIGHT,
-    ROLL,
-    SCALE,
-    SIGN,
-    SIZE,
-    SPACING,
-    FilterState,
-    error_sigmas,
-)
+from deckline.track.filter import SIGN
 from deckline.track.motion import Pose
+from deckline.track.states import MIN_OWN_SHARE, MIN_OWN_SIGMA, FilterState, States, error_sigmas
 from deckline.types import SIDES, DepthMode, Diagnostic, Diagnostics, Reason, RunwayLine
 
 Array = NDArray[np.float64]
-MIN_OWN_SHARE = 0.02  # of a measurement's variance that is its own and not shared by all frames
-MIN_OWN_SIGMA = 1e-5  # m, rad; floor of a line's own noise
 MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which sensitivities are not valid
 MIN_SLOPE_GAIN = 0.05  # share of a slope that a frame must show for its slope to be used
 DOWN = np.array([0.0, 0.0, 1.0, 0.0, 0.0])  # of offset, azimuth, z and slopes
@@ -101,8 +79,8 @@ def _linearize_line(
     """
     sign = SIGN[side]
     x, y, z = state.local(line.point_m)
-    expected = sign / 2 * (state.mean[SPACING] + state.mean[ANGLE] * x)
-    azimuth = float(wrap_angle(line.azimuth_rad - state.azimuth_rad - sign / 2 * state.mean[ANGLE]))
+    expected = sign / 2 * (state.mean[States.SPACING] + state.mean[States.ANGLE] * x)
+    azimuth = float(wrap_angle(line.azimuth_rad - state.azimuth_rad - sign / 2 * state.mean[States.ANGLE]))
     slopes = np.zeros(2) if line.errors is None else line.errors.slopes_rad
     residual = np.array([y - expected, azimuth, z, *slopes])
     camera = state.local(pose.position_m)
@@ -111,25 +89,25 @@ def _linearize_line(
     # An error of heading or of lateral position moves the line with the aircraft; one of height does unless the
     # reported deck height is trusted more than the aircraft's.
     rigid = np.column_stack([effects[:, :2], [ahead[0], 1.0, 0, 0, 0], [1.0, 0, 0, 0, 0], DOWN - effects[:, 2]])
-    design = np.zeros((5, SIZE))
-    design[0, [OFFSET, AZIMUTH, SPACING, ANGLE]] = 1.0, x, sign / 2, sign / 2 * x
-    design[1, [AZIMUTH, ANGLE]] = 1.0, sign / 2
-    design[2, HEIGHT] = 1.0
-    design[:, [ATTITUDE_X, ATTITUDE_Y, DECK, FOCAL, SCALE]] = effects[:, :5]
+    design = np.zeros((5, States.SIZE))
+    design[0, [States.OFFSET, States.AZIMUTH, States.SPACING, States.ANGLE]] = 1.0, x, sign / 2, sign / 2 * x
+    design[1, [States.AZIMUTH, States.ANGLE]] = 1.0, sign / 2
+    design[2, States.HEIGHT] = 1.0
+    design[:, [States.ATTITUDE_X, States.ATTITUDE_Y, States.DECK, States.FOCAL, States.SCALE]] = effects[:, :5]
     rises = np.array([[1.0, x, expected], [1.0, hub[0], hub[1]]])  # by heave, pitch, roll: at the line, and midway
-    design[:, [HEAVE, PITCH, ROLL]] = np.outer(DOWN, rises[0]) - np.outer(effects[:, 2], rises[1])
-    design[:, [PITCH, ROLL]] += effects[:, 5:]
-    design[[3, 4], [PITCH, ROLL]] += 1.0
+    design[:, [States.HEAVE, States.PITCH, States.ROLL]] = np.outer(DOWN, rises[0]) - np.outer(effects[:, 2], rises[1])
+    design[:, [States.PITCH, States.ROLL]] += effects[:, 5:]
+    design[[3, 4], [States.PITCH, States.ROLL]] += 1.0
     axes = np.stack([state.along, state.right, DOWN[:3]])
     motion = np.concatenate([axes @ pose.turn_rate_rad_s, axes[1:] @ pose.velocity_m_s])  # a second's turn and shift
-    design[:, DELAY] = -rigid @ motion
-    design[0, LEFT if side == "left" else RIGHT] = 1.0
-    residual -= design[:, HEAVE:] @ state.mean[HEAVE:]
+    design[:, States.DELAY] = -rigid @ motion
+    design[0, States.LEFT if side == "left" else States.RIGHT] = 1.0
+    residual -= design[:, States.DISTURBANCES] @ state.mean[States.DISTURBANCES]
     s = config.sensors
     white = rigid * np.array([s.attitude_white_rad] * 3 + [s.position_white_m] * 2)
     # Only a depth camera measures slopes; without it they follow from the assumed directions of the lines.
-    keep = [0, 1, 2, *(k for k in (3, 4) if mode is DepthMode.FINE and 1 + effects[k, 2 + k] > MIN_SLOPE_GAIN)]
-    return residual[keep, None], design[keep], white[keep], own[keep]
+    rows = [0, 1, 2, *(k for k in (3, 4) if mode is DepthMode.FINE and 1 + effects[k, 2 + k] > MIN_SLOPE_GAIN)]
+    return residual[rows, None], design[rows], white[rows], own[rows]
 
 
 def _effects_and_own(
@@ -188,11 +166,11 @@ def _regularise(matrix: Array) -> Array:
 class GatedMeasurement:
     """The part of a measurement that may update the filter."""
 
-    kept: Measurement | None  # None: nothing of it
+    accepted: Measurement | None  # None: nothing of it
     excluded: Diagnostics  # LEFT, RIGHT, HEIGHT: why it was left out
-    distance2: float  # squared Mahalanobis distance of what was kept
+    distance2: float  # squared Mahalanobis distance of what was accepted
     degrees: int  # of freedom of that
-    measured: frozenset[Reason]  # LEFT, RIGHT, HEIGHT: what was there to keep or leave out
+    measured: frozenset[Reason]  # LEFT, RIGHT, HEIGHT: what was measured
 
 
 NAMES = {
@@ -206,7 +184,7 @@ def select_consistent(state: FilterState, measurement: Measurement, gate_sigma: 
     """Chi-square innovation gate: drop the one component whose removal makes the innovation consistent.
 
     One contradiction is assumed at most: each line and the height is left out in turn, and the rest that agrees best is
-    kept. When none agrees, nothing is kept.
+    accepted. When none agrees, nothing is accepted.
 
     Args:
         gate_sigma: standard deviations of a normal error with the same probability of being exceeded.

@@ -5,25 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deckline.config import RunConfig
-from deckline.track.extent import (
-    locate_ramp,
-    runway_prior,
-    update_extent,
-    visible_extent,
-)
-from deckline.track.filter import (
-    error_sigmas,
-    initial_state,
-    predict,
-    shift_reference,
-    track_lines,
-    update,
-)
+from deckline.track.extent import move_ramp_to_deck, runway_prior, update_extent, visible_extent
+from deckline.track.filter import predict, shift_reference, track_lines, update
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
-from deckline.track.frozen import FrozenImageMonitor
 from deckline.track.integrity import FaultMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
+from deckline.track.states import CORRELATION_TIME_S, error_sigmas, initial_state, limit_sensors
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -38,13 +26,29 @@ from deckline.types import (
 )
 
 NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
-MOST_REFUSED = 10  # frames in a row: without a time nobody knows how old the track is
-# Frames so close together err alike, so that they count as one: points are off the same way, and a deck moves otherwise
-# than as an oscillation. 30 full frames a second contradict a stated width in half of the nominal flights.
-CORRELATION_TIME_S = 0.33
+MAX_REFUSED = 10  # frames in a row: without a time the track's age is unknown
 ROUNDING_S = 1e-6  # of sums of times
-MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE = 1e-5, 1e-3, 1e-4  # floors of exact sensors
-FROZEN = Diagnostic(Reason.FROZEN, "the camera shows the same picture while time goes on")
+UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The track at the time of a frame, from the frames before: made once, for the detector's prior and the update."""
+
+    frame: Frame
+    """The frame."""
+    refused: Diagnostic | None = None
+    """Why the frame's time cannot be used; None: it can."""
+    step_s: float = 0.0
+    """Since the frame before, s; 0: there is none."""
+    memory: TrackMemory | None = None
+    """The track's memory with state and aircraft at the frame's time; None: no track continues."""
+    runway: RunwayPrior | None = None
+    """Where the detector should expect the runway, world; None: not known."""
+    restart: Diagnostic | None = None
+    """Why the track ends here; None: it does not."""
+    is_new_flight: bool = False
+    """Whether nothing learned from the frames before holds in this frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,54 +66,75 @@ class FrameContext:
 class Tracker:
     """Follows the runway through the frames of one flight, in the order of their times.
 
-    Frames that cannot be used are bridged and say why in `Track.diagnostics`: without pose, without a line, with a time
-    that is not a number, repeated, or a little earlier than one before. A time more than two seconds back, a gap longer
-    than `tracking.coast_s`, or a pose that jumps starts a new track.
+    Frames that cannot be used are bridged; `Track.diagnostics` gives the reason: without pose, without a line, with a
+    time that is not a number, repeated, or a little earlier than one before. A time more than two seconds back, a gap
+    longer than `tracking.coast_s`, or a pose that jumps starts a new track.
 
     `Track.flags` names what lasts and would mislead; a single measurement that was left out is in `Track.excluded`.
     """
 
     def __init__(self, config: RunConfig | None = None) -> None:
         config = config or RunConfig()
-        sensors = config.sensors.with_floor(MIN_SIGMA_RAD, MIN_SIGMA_M, MIN_SHARE)
-        self.config = replace(config, sensors=sensors)
+        self.config = replace(config, sensors=limit_sensors(config.sensors))
+        self.reset()
+
+    def reset(self) -> None:
+        """Start another flight: forget all frames."""
         self._memory: TrackMemory | None = None
         self._faults = FaultMonitor()
-        self._images = FrozenImageMonitor()
-        self._time_s: float | None = None
+        self._time_s: float | None = None  # of the last frame that was used
         self._refused = 0  # frames in a row whose time cannot be used
         self._last: Track | None = None
 
-    def update(self, frame: Frame, estimate: RunwayEstimate) -> Track:
-        """The track after one more frame."""
-        refused = self._check_time(frame.time_s)
-        if refused is not None:
+    def predict(self, frame: Frame) -> Prediction:
+        """The track at the time of the next frame; changes nothing."""
+        refused, memory, time_s = self._check_time(frame.time_s), self._memory, frame.time_s
+        if refused is not None or self._time_s is None:
+            return Prediction(frame, refused)
+        step_s = time_s - self._time_s
+        if memory is None:
+            return Prediction(frame, None, step_s)
+        if step_s < 0:
+            return Prediction(frame, None, step_s, restart=self._end("the time went back"), is_new_flight=True)
+        if step_s > self.config.tracking.coast_s + ROUNDING_S:
+            return Prediction(frame, None, step_s, restart=self._end(f"no frame for {step_s:.1f} s"))
+        camera = frame.world_from_camera
+        state = predict(memory.state, time_s, None if camera is None else camera.translation, self.config)
+        found = Prediction(frame, None, step_s, runway=self._predict_runway(replace(memory, state=state), frame))
+        aircraft, jump_m = advance_aircraft(memory.aircraft, frame, self.config.sensors.position_white_m)
+        if jump_m:
+            return replace(found, restart=self._end(f"the pose jumped by {jump_m:.0f} m"), is_new_flight=True)
+        return replace(found, memory=replace(memory, state=state, aircraft=aircraft or memory.aircraft))
+
+    def update(self, prediction: Prediction, estimate: RunwayEstimate, flags: Diagnostics = ()) -> Track:
+        """The track after one more frame.
+
+        Args:
+            prediction: by `predict`, of the frame.
+            estimate: lines of the frame alone.
+            flags: of the frame's monitors; they join those of the track.
+        """
+        time_s = prediction.frame.time_s
+        if prediction.refused is not None:
             self._refused += 1
-            if self._last is None or self._refused > MOST_REFUSED:
-                return Track(frame.time_s, TrackState.LOST, {}, diagnostics=(refused,))
+            if self._last is None or self._refused > MAX_REFUSED:
+                return Track(time_s, TrackState.LOST, {}, flags=flags, diagnostics=(prediction.refused,))
             state = TrackState.COASTING if self._last.state is TrackState.TRACKING else self._last.state
-            return replace(self._last, state=state, diagnostics=(refused,), excluded=())
-        self._refused = 0
-        before, self._time_s = self._time_s, frame.time_s
-        self._last = self._advance(frame, estimate, None if before is None else frame.time_s - before)
+            return replace(self._last, state=state, diagnostics=(prediction.refused,), excluded=())
+        self._refused, self._time_s = 0, time_s
+        unusable = tuple(flag for flag in flags if flag.reason in UNUSABLE)
+        track = self._advance(prediction, estimate, unusable)
+        self._last = replace(track, flags=track.flags + tuple(flag for flag in flags if flag not in unusable))
         return self._last
 
-    def forecast(self) -> Forecast | None:
-        """What the track after the last frame says of later times; None when it is lost."""
-        return None if self._memory is None or self._last is None else Forecast(self._memory, self._last, self.config)
+    @property
+    def is_flagged(self) -> bool:
+        """Whether anything contradicts the track after the last frame."""
+        return self._last is not None and bool(self._last.flags)
 
-    def runway_prior(self, frame: Frame) -> RunwayPrior | None:
-        """Where the runway should be in the next frame, before its picture is searched; None when the track is lost."""
-        memory = self._memory
-        if memory is None or memory.extent is None or self._check_time(frame.time_s) is not None:
-            return None
-        step_s = frame.time_s - memory.seen_s
-        if not 0 <= step_s <= self.config.tracking.coast_s + ROUNDING_S:
-            return None
-        camera = frame.world_from_camera
-        state = predict(memory.state, frame.time_s, None if camera is None else camera.translation, self.config)
-        lines = track_lines(state, memory.aircraft.camera_pose(frame), 0.0, self.config)
-        return runway_prior(state, memory.extent, lines, step_s)
+    def forecast(self) -> Forecast | None:
+        """Predicts the track after the last frame to later times; None when it is lost."""
+        return None if self._memory is None or self._last is None else Forecast(self._memory, self._last, self.config)
 
     def _check_time(self, time_s: float) -> Diagnostic | None:
         """Why a frame of this time cannot be used."""
@@ -121,42 +146,37 @@ class Tracker:
             return Diagnostic(Reason.BAD_TIME, f"the frame's time {time_s:.3f} s was there before")
         return Diagnostic(Reason.BAD_TIME, f"the frame is {self._time_s - time_s:.3f} s older than the one before")
 
-    def _advance(self, frame: Frame, estimate: RunwayEstimate, step_s: float | None) -> Track:
-        memory, restart = self._predict(frame, step_s)
-        diagnostics = () if restart is None else (restart,)
-        self._images = self._images.update(frame, estimate)
+    def _end(self, why: str) -> Diagnostic | None:
+        """Why the track ends; None for one of a single frame: unrelated frames lose nothing."""
+        is_young = self._memory is not None and self._time_s == self._memory.start_s
+        return None if is_young else _restart(why)
+
+    def _predict_runway(self, memory: TrackMemory, frame: Frame) -> RunwayPrior | None:
+        """Where the runway should be in the frame; None when no line was used for too long."""
+        unseen_s = frame.time_s - memory.seen_s
+        if memory.extent is None or unseen_s > self.config.tracking.coast_s + ROUNDING_S:
+            return None
+        lines = track_lines(memory.state, memory.aircraft.camera_pose(frame), 0.0, self.config)
+        return runway_prior(memory.state, memory.extent, lines, unseen_s)
+
+    def _advance(self, prediction: Prediction, estimate: RunwayEstimate, unusable: Diagnostics) -> Track:
+        if prediction.is_new_flight:
+            self._forget()
+        frame, diagnostics = prediction.frame, () if prediction.restart is None else (prediction.restart,)
         lines = {side: estimate.lines[side] for side in SIDES if side in estimate.lines}
         if frame.missing is not None:
             lines, diagnostics = {}, diagnostics or (frame.missing,)
-        flag = FROZEN if self._images.is_frozen else check_order(lines)
-        if flag is not None:
-            lines, diagnostics = {}, (*diagnostics, flag)
-        flags = () if flag is None else (flag,)
-        if memory is not None:
-            return self._continue_track(memory, FrameContext(frame, estimate, lines, step_s or 0.0, flags, diagnostics))
-        return self._start_track(FrameContext(frame, estimate, lines, 0.0, flags, diagnostics))
-
-    def _predict(self, frame: Frame, step_s: float | None) -> tuple[TrackMemory | None, Diagnostic | None]:
-        """The memory at the frame's time; None, and why, where the track ends."""
-        memory = self._memory
-        if memory is None or step_s is None:
-            return None, None
-        young = frame.time_s - step_s == memory.start_s  # one frame is no track: unrelated frames lose nothing
-        if step_s < 0:
-            self._forget()
-            return None, None if young else _restart("the time went back")
-        if step_s > self.config.tracking.coast_s + ROUNDING_S:
-            return None, None if young else _restart(f"no frame for {step_s:.1f} s")
-        aircraft, jump_m = advance_aircraft(memory.aircraft, frame, self.config.sensors.position_white_m)
-        if jump_m:
-            self._forget()
-            return None, None if young else _restart(f"the pose jumped by {jump_m:.0f} m")
-        camera = frame.world_from_camera
-        state = predict(memory.state, frame.time_s, None if camera is None else camera.translation, self.config)
-        return replace(memory, state=state, aircraft=aircraft or memory.aircraft), None
+        order = None if unusable else check_order(lines)
+        flags = unusable if order is None else (order,)
+        if flags:
+            lines, diagnostics = {}, (*diagnostics, *flags)
+        if prediction.memory is None:
+            return self._start_track(FrameContext(frame, estimate, lines, 0.0, flags, diagnostics))
+        context = FrameContext(frame, estimate, lines, prediction.step_s, flags, diagnostics)
+        return self._continue_track(prediction.memory, context)
 
     def _forget(self) -> None:
-        """Another flight, or another place: what was learned says nothing of it."""
+        """Another flight, or another place: no memory holds there."""
         self._memory, self._faults = None, FaultMonitor()
 
     def _start_track(self, context: FrameContext, aircraft: Aircraft | None = None) -> Track:
@@ -179,7 +199,7 @@ class Tracker:
         return self._continue_track(TrackMemory(state, aircraft, None, -np.inf, frame.time_s, frame.time_s), context)
 
     def _continue_track(self, memory: TrackMemory, context: FrameContext) -> Track:
-        """Update the predicted memory with the frame's lines and keep it for the next frame."""
+        """Update the predicted memory with the frame's lines and store it for the next frame."""
         config, time_s = self.config, context.frame.time_s
         pose, gated = memory.aircraft.camera_pose(context.frame), None
         if pose is not None and context.lines:
@@ -189,7 +209,7 @@ class Tracker:
                 self._faults = self._faults.forget()
                 back = _restart("a measurement that was left out is back")
                 return self._start_track(replace(context, diagnostics=(*context.diagnostics, back)), memory.aircraft)
-        if gated is not None and gated.excluded and memory.start_s == time_s:  # nothing of a track is there to be right
+        if gated is not None and gated.excluded and memory.start_s == time_s:  # there is no track that could be right
             self._faults = self._faults.forget()
             return _lost_track(context, gated, context.flags + gated.excluded)
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
@@ -214,12 +234,14 @@ class Tracker:
         time_s = context.frame.time_s
         if gated is None:
             return replace(memory, consistent_s=time_s)
-        if gated.kept is None:
+        if gated.accepted is None:
             return memory
-        alike = CORRELATION_TIME_S / context.step_s if 0 < context.step_s < CORRELATION_TIME_S else 1.0
-        state = update(memory.state, gated.kept.innovation, gated.kept.design, alike * gated.kept.noise)
-        state = shift_reference(state, gated.kept.x_m)
-        ramp = locate_ramp(context.frame, context.estimate, state, error_sigmas(self.config) ** 2)
+        correlated = CORRELATION_TIME_S / context.step_s if 0 < context.step_s < CORRELATION_TIME_S else 1.0  # frames
+        state = update(
+            memory.state, gated.accepted.innovation, gated.accepted.design, correlated * gated.accepted.noise
+        )
+        state = shift_reference(state, gated.accepted.x_m)
+        ramp = move_ramp_to_deck(context.frame, context.estimate, state, error_sigmas(self.config) ** 2)
         speed = self.config.deck.ship_velocity_m_s
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
         visible = visible_extent(context.frame, context.estimate, state)
@@ -235,7 +257,7 @@ class Tracker:
         gated: GatedMeasurement | None,
         flags: Diagnostics,
     ) -> Track:
-        used = gated is not None and gated.kept is not None
+        used = gated is not None and gated.accepted is not None
         return replace(
             describe_track(memory, pose, self.config),
             state=TrackState.TRACKING if used else TrackState.COASTING,

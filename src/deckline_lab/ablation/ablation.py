@@ -17,14 +17,14 @@ from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.extras import needs_extra
 from deckline.files import print_line
-from deckline.progress import progress
 from deckline.recording import FrameError, Source, open_recording
 from deckline.runtime import sha256_of
-from deckline.statistics import Difference, paired_difference
 from deckline.types import Frame
 from deckline_lab.evaluation.dehazing_score import FIGURES, restoration
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, OutputFiles, Table, number, publish
+from deckline_lab.statistics import Difference, paired_difference
+from deckline_sim.progress import progress
 
 HAZY = "hazy"  # the row that does nothing
 IMAGES_FILE = "images.jsonl"

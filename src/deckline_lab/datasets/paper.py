@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from deckline import __version__
 from deckline.atomic import write_atomic
 from deckline.checks import check_numbers
-from deckline.processes import map_ordered
 from deckline.recording import RecordingWriter
 from deckline.recording.images import encode_image
 from deckline.recording.writer import EncodedFrame, encode_frame
 from deckline.runtime import sha256_of
 from deckline.types import Frame
 from deckline_sim.config import FLIGHTS, DepthConfig, SimConfig, WeatherConfig
+from deckline_sim.processes import map_ordered
 from deckline_sim.record import Item, json_values, map_frames, show_progress, visibility_text
 from deckline_sim.scene.gl import open_context
 

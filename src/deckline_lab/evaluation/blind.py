@@ -15,14 +15,14 @@ import numpy as np
 from deckline.atomic import write_atomic
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.files import print_line
-from deckline.progress import progress
 from deckline.recording import FrameError
 from deckline.recording.poses import read_table
 from deckline.recording.source import parse_json, read_text
 from deckline.report.draw import BACKGROUND, INK, PANEL, Image, draw_tag, write_picture
-from deckline.statistics import share_interval
 from deckline_lab.evaluation.dehazing_pairs import PairSource
 from deckline_lab.evaluation.tables import Table
+from deckline_lab.statistics import share_interval
+from deckline_sim.progress import progress
 
 KEY_FILE, VOTES_FILE, VOTES_FILES, SHEETS_FOLDER = "key.json", "votes.csv", "votes*.csv", "sheets"
 SHEET, ORDER = "sheet", "order"  # columns of the form

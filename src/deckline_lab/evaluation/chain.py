@@ -13,8 +13,8 @@ from deckline.config import Approach, Models, RunConfig, Tracking
 from deckline.dehaze import NOT_DEHAZED
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
+from deckline.report.bands import RANGE_M, by_band, share
 from deckline.report.provenance import settings_of
-from deckline.statistics import RANGE_M, VISIBILITY_M, by_band, median_and_p95, share
 from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
 from deckline.types import SIDES, DepthMode, LineVisibility
 from deckline_lab.evaluation.frames import FrameSet, Recorded, RenderOptions, Sample, score_frames
@@ -22,6 +22,7 @@ from deckline_lab.evaluation.metrics import below_horizon, distance_px, normal_p
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, OutputFiles, Table, number, publish
 from deckline_lab.labels import Labels
+from deckline_lab.statistics import VISIBILITY_M, median_and_p95
 
 FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
 DEFAULTS = RunOptions()

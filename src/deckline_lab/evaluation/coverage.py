@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from deckline.statistics import APPROACH_RANGE_M, CONFIDENCE, RESAMPLES, by_band
+from deckline.report.bands import by_band
 from deckline_lab.evaluation.integrity_score import FrameState
 from deckline_lab.evaluation.tables import MISSING, Table
+from deckline_lab.statistics import APPROACH_RANGE_M, CONFIDENCE, RESAMPLES
 
 PROMISED = (0.68, 0.95, 0.999)  # shares of errors within an interval of a normal
 QUANTITIES = {  # error and 1-sigma, by what people call them

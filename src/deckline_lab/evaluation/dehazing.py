@@ -13,7 +13,6 @@ from deckline.checks import check_numbers
 from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.flight import Flight
-from deckline.progress import progress
 from deckline.recording import FrameError
 from deckline.report.draw import check_picture_name, write_picture
 from deckline.report.provenance import settings_of
@@ -44,6 +43,7 @@ from deckline_lab.evaluation.no_reference import no_reference_figures, visible_r
 from deckline_lab.evaluation.pictures import sheet
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import TO_TERMINAL, Output, made_with, publish
+from deckline_sim.progress import progress
 
 NO_DETECTOR = "none"
 SCORES_FILE = "dehazing.jsonl"

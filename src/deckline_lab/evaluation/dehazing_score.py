@@ -11,20 +11,14 @@ from numpy.typing import NDArray
 
 from deckline.dehaze import NOT_DEHAZED
 from deckline.flight import FrameResult
-from deckline.statistics import (
-    DEHAZING_VISIBILITY_M,
-    Difference,
-    by_band,
-    median_and_p95,
-    paired_difference,
-    share,
-)
+from deckline.report.bands import by_band, share
 from deckline.types import SIDES, LineVisibility
 from deckline_lab.evaluation.dehazers import Cost
 from deckline_lab.evaluation.dehazing_pairs import FILMS, Distances
 from deckline_lab.evaluation.metrics import SSIM_WINDOW_PX, psnr_db, ssim
 from deckline_lab.evaluation.no_reference import no_reference_table, summarise_no_reference
 from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
+from deckline_lab.statistics import DEHAZING_VISIBILITY_M, Difference, median_and_p95, paired_difference
 
 MOST_PSNR_DB = 60.0  # what an untouched picture counts, so that means are finite
 ALL = "all"

@@ -14,8 +14,8 @@ from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED
 from deckline.detect import Detector
 from deckline.flight import Flight
+from deckline.report.bands import share
 from deckline.report.provenance import settings_of
-from deckline.statistics import paired_difference, share
 from deckline.types import Detection
 from deckline_lab.evaluation.chain import single_frames_with
 from deckline_lab.evaluation.dehazers import SharedDehazer, detector_label
@@ -33,6 +33,7 @@ from deckline_lab.evaluation.frames import FrameSet, RenderOptions, Sample, name
 from deckline_lab.evaluation.pictures import write_worst
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
+from deckline_lab.statistics import paired_difference
 
 SCORES_FILE = "scores.jsonl"
 DETECTION_FRAMES, COMPARISON_FRAMES = RenderOptions(), RenderOptions(visibility="200..3000")

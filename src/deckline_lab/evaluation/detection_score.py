@@ -12,21 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from deckline.statistics import (
-    CONTRAST,
-    DETECTION_VISIBILITY_M,
-    LIGHT_PERCENT,
-    RANGE_M,
-    by_band,
-    median_and_p95,
-    share,
-)
+from deckline.report.bands import RANGE_M, by_band, share
 from deckline.types import SIDES, Detection
 from deckline_lab.evaluation.detection_truth import Scene
 from deckline_lab.evaluation.frames import Sample
 from deckline_lab.evaluation.metrics import distance_px
 from deckline_lab.evaluation.tables import Figures
 from deckline_lab.labels.lines import Line, interpolate_rows
+from deckline_lab.statistics import CONTRAST, DETECTION_VISIBILITY_M, LIGHT_PERCENT, median_and_p95
 
 RIGHT_PX = 3.0  # a point this near to its line, in an image of 1280 px, is right: the marks' 95th percentile
 FULL_WIDTH_PX = 1280

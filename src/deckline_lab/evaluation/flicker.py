@@ -21,12 +21,12 @@ from scipy.spatial.transform import RigidTransform
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer, restore
 from deckline.files import print_line
 from deckline.geometry import Camera
-from deckline.progress import progress
 from deckline.recording import FrameError, open_recording
 from deckline.types import Frame
 from deckline_lab.evaluation.dehazers import build_dehazer, by_name
 from deckline_lab.evaluation.metrics import PEAK
 from deckline_lab.evaluation.tables import TO_TERMINAL, Output, Table, number, publish
+from deckline_sim.progress import progress
 
 CLEAR = "clear"  # the truth without haze; every table has it, and NOT_DEHAZED, the input
 MEASURED = tuple(name for name in DEHAZERS if name != NOT_DEHAZED)

@@ -11,7 +11,6 @@ from typing import Any
 from deckline.checks import check_numbers
 from deckline.extras import needs_extra
 from deckline.files import print_line
-from deckline.progress import progress
 from deckline.recording import FrameError, open_recording
 from deckline.recording.airsim import RECORD_FILE
 from deckline.recording.scene import SCENE_FILE, read_scene
@@ -19,6 +18,7 @@ from deckline.types import Frame
 from deckline_lab.evaluation.detection_truth import ExpectedLines, expected_from_labels, expected_from_truth
 from deckline_lab.evaluation.store import Store
 from deckline_lab.labels import LABELS_FILE, Labels, read_labels
+from deckline_sim.progress import progress
 
 FRAMES, DECKLESS = 200, 100  # rendered when no source is given
 NAMED = 6  # sets whose names are all printed

@@ -13,10 +13,7 @@ import tyro
 from deckline.checks import check_numbers
 from deckline.config_file import read_config, to_toml_text
 from deckline.flight import Flight
-from deckline.processes import map_ordered
-from deckline.progress import progress
 from deckline.report.provenance import settings_of
-from deckline.statistics import share_interval
 from deckline_lab.evaluation.approaches import (
     FlightsConfig,
     PointNoise,
@@ -45,6 +42,9 @@ from deckline_lab.evaluation.integrity_score import (
 )
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
+from deckline_lab.statistics import share_interval
+from deckline_sim.processes import map_ordered
+from deckline_sim.progress import progress
 
 STATES_FILE = "integrity.jsonl"
 GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames

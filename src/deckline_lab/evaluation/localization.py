@@ -16,8 +16,6 @@ from deckline.checks import check_numbers
 from deckline.config_file import read_config
 from deckline.files import print_line
 from deckline.localize import localize
-from deckline.processes import map_ordered, process_count
-from deckline.progress import progress
 from deckline_lab.evaluation.approaches import (
     FlightsConfig,
     PointNoise,
@@ -40,6 +38,8 @@ from deckline_lab.evaluation.localization_tables import NOTES, flat_figures, loc
 from deckline_lab.evaluation.pictures import write_figure
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import TO_TERMINAL, Output, publish
+from deckline_sim.processes import map_ordered, process_count
+from deckline_sim.progress import progress
 
 SCORES_FILE, CSV_FILE, FIGURES = "localization.jsonl", "localization.csv", "figures"
 

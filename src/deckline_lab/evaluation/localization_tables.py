@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.localize import localize
-from deckline.statistics import APPROACH_RANGE_M, VISIBILITY_M, by_band, consistency, percentile, share
+from deckline.report.bands import by_band, share
 from deckline.types import SIDES
 from deckline_lab.evaluation.localization_methods import Method
 from deckline_lab.evaluation.localization_score import STATES, Score
 from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
+from deckline_lab.statistics import APPROACH_RANGE_M, VISIBILITY_M, consistency, percentile
 
 Scores = Mapping[str, Sequence[Score]]  # method -> its frames
 

@@ -12,7 +12,6 @@ import numpy as np
 from deckline.atomic import write_atomic
 from deckline.files import is_there
 from deckline.geometry import Camera
-from deckline.progress import progress
 from deckline.recording import BadFrame, Source
 from deckline.recording.camera_file import CAMERA_FILE, format_camera, read_camera_file
 from deckline.recording.images import IMAGE_SUFFIXES, encode_image, read_bytes, read_image
@@ -32,6 +31,7 @@ from deckline_lab.labels.labelme import read_labelme, write_labelme
 from deckline_lab.labels.lines import LABELS_FILE, LabelledImage, LabelSet, read_labels, write_labels
 from deckline_lab.labels.of_frame import label_frame
 from deckline_lab.labels.yolo_pose import read_yolo_pose, write_yolo_pose
+from deckline_sim.progress import progress
 
 Format = Literal["tusimple", "culane", "coco", "yolo-pose", "labelme"]
 TUSIMPLE_FILE, COCO_FILE = "label_data.json", "annotations.json"

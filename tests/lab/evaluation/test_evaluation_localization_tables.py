@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from deckline.config import RunConfig
-from deckline.statistics import percentile
 from deckline_lab.evaluation.localization_methods import point_methods
 from deckline_lab.evaluation.localization_score import Score
 from deckline_lab.evaluation.localization_tables import (
@@ -26,6 +25,7 @@ from deckline_lab.evaluation.localization_tables import (
     usable_share,
 )
 from deckline_lab.evaluation.pictures import medians_by_range, write_figure
+from deckline_lab.statistics import percentile
 
 # Table 6: errors of direction, degrees, of the lines without dehazing and with it.
 PRINTED = {"left": (8.5456, 1.3347), "right": (3.9949, 0.0559)}

@@ -1,9 +1,8 @@
-"""Statistics that every evaluation shares: bands, quantiles, paired differences, intervals of shares."""
+"""Statistics that every evaluation shares: quantiles, paired differences, intervals of shares."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,43 +13,12 @@ RESAMPLES = 5000  # the ends of an interval then move by about 2 % of its width 
 STATISTICS: dict[str, Callable[..., Any]] = {"mean": np.mean, "median": np.median}
 
 # Edges of the bands that results are grouped by.
-RANGE_M = (0.0, 100.0, 200.0, 400.0, 800.0, np.inf)  # to the ramp, of unrelated frames
 APPROACH_RANGE_M = (0.0, 150.0, 300.0, 500.0, 1000.0, np.inf)  # of approaches: 150 m is where our accuracy marks change
 VISIBILITY_M = (0.0, 500.0, 1000.0, 2000.0, np.inf)
 DETECTION_VISIBILITY_M = (0.0, 200.0, 500.0, 1000.0, 2000.0, np.inf)
 DEHAZING_VISIBILITY_M = (0.0, 150.0, 300.0, 500.0, 1000.0, 3000.0, np.inf)
 LIGHT_PERCENT = (0.0, 10.0, 30.0, 60.0, np.inf)  # of the ramp's light that comes through the air
 CONTRAST = (0.0, 1.0, 2.0, 5.0, 15.0, np.inf)  # grey levels
-
-T = TypeVar("T")
-
-
-def by_band(
-    items: Iterable[T], value: Callable[[T], float], edges: Sequence[float], unit: str = "m", short: bool = False
-) -> dict[str, list[T]]:
-    """Items by the band that their value lies in; bands without items are left out.
-
-    Args:
-        items: what to group.
-        value: of an item; one that is NaN is in no band.
-        edges: of the bands, in order. Infinity is in the last band when that is open.
-        unit: of the value.
-        short: name bands `0-100 m` instead of `0 to 100 m`.
-    """
-    valued = [(value(item), item) for item in items]
-    groups = {}
-    for low, high in pairwise(edges):
-        members = [item for number, item in valued if low <= number < high or number == high == np.inf]
-        if members and short:
-            groups[f"{low:g}+ {unit}" if np.isinf(high) else f"{low:g}-{high:g} {unit}"] = members
-        elif members:
-            groups[f"{low:g} {unit} and more" if np.isinf(high) else f"{low:g} to {high:g} {unit}"] = members
-    return groups
-
-
-def share(items: Sequence[T], test: Callable[[T], bool]) -> float:
-    """Part of the items, 0..1, that pass a test."""
-    return sum(map(test, items)) / len(items)
 
 
 def median_and_p95(values: ArrayLike, name: str) -> dict[str, float]:

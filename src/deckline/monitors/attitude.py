@@ -1,12 +1,11 @@
-"""Whether the horizon in the pictures lies as the attitude says: a measurement that owes nothing to the lines.
+"""The horizon in the picture against the attitude of the pose: a test that is independent of the lines.
 
-A camera that turned in its mount, a mirrored picture or a wrong attitude turn, raise or lower the horizon against what
-the pose says of it. The excess over what a horizon may be off is summed from look to look and flagged when the sum is
-large: Page, "Continuous inspection schemes", 1954.
+A camera that turned in its mount, a mirrored picture or a wrong attitude turns, raises or lowers the horizon against
+the pose. The excess over the horizon's tolerance is summed over the searches and flagged when the sum is large (CUSUM).
+Source: Page, "Continuous inspection schemes", 1954.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +13,13 @@ from numpy.typing import NDArray
 
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.sea_view import EARTH_RADIUS_M
-from deckline.types import Camera, Diagnostic, Frame, Reason
+from deckline.types import Camera, Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
-ANSWER_S = 0.3  # after a picture, in which its horizon is found; later frames wait, so that replays agree
-OFF_DEG = 1.0  # what attitude and lens may be off
-SIGMAS = 2.0  # of the horizon's own uncertainty, besides: haze that thickens with range lowers it by up to 2.7 of them
-SIGMAS_UP = 1.0  # the same where it is seen too high, which haze does not do
-STEEPEST_DEG = 20.0  # of roll, in which a horizon is looked for
+ANSWER_S = 0.3  # after a picture, when its horizon is used; a frame at that time waits for it, so that replays agree
+OFF_DEG = 1.0  # tolerance of attitude and lens
+SIGMAS = 2.0  # of the horizon's own uncertainty, added: haze that thickens with range lowers it by up to 2.7 of them
+SIGMAS_UP = 1.0  # the same for a horizon that is too high, which haze does not cause
+STEEPEST_DEG = 20.0  # of roll, up to which the horizon is searched
 FLAGGED, MOST = 1.0, 2.0  # sum of the excess over the limits, in limits
 
 
@@ -32,42 +31,57 @@ class ExpectedHorizon(NamedTuple):
     dip_deg: float | None  # of the sea's below the horizontal; None without the water's height: hills may raise it
 
 
-class AttitudeCheck:
-    """Called with every frame of a flight, in their order; `flag` is what the last looks at the horizon say.
+class AttitudeMonitor:
+    """Compares the horizon in the picture with the attitude of the pose; a `Monitor`.
 
-    A look takes a tenth of a second, in a thread beside the flight. A frame that has no pose, or shows no horizon,
-    changes nothing; distorted pictures are not looked at, as they bend the line.
+    A search for the horizon takes a tenth of a second, in a thread beside the flight. A frame without a pose or without
+    a horizon changes nothing. Distorted pictures are not searched, as distortion bends the horizon.
 
     Args:
-        every_s: from one look to the next; 0: none.
+        every_s: from one search to the next; 0: none.
     """
 
     def __init__(self, every_s: float) -> None:
         self.every_s = every_s
-        self.flag: Diagnostic | None = None
+        self._thread: ThreadPoolExecutor | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames, and the search under way."""
+        self._flags: Diagnostics = ()
         self._sum = 0.0
         self._pending: tuple[Camera, ExpectedHorizon, Future[Horizon | NoHorizon]] | None = None
-        self._last_s = -np.inf  # of the last picture looked at
+        self._last_s = -np.inf  # time of the last picture that was searched
 
-    @cached_property
-    def _thread(self) -> ThreadPoolExecutor:
-        return ThreadPoolExecutor(1, "horizon")
+    def close(self) -> None:
+        """End the thread; the next update starts another."""
+        self.reset()
+        if self._thread is not None:
+            self._thread.shutdown(cancel_futures=True)
+            self._thread = None
 
-    def __call__(self, frame: Frame) -> None:
-        """Take the answer that is due, and begin the next look when it is time."""
+    def update(self, frame: Frame, estimate: RunwayEstimate, detection: Detection | None) -> Diagnostics:
+        """Take the result that is due, and start the next search when it is time."""
+        if detection is None:
+            return self._flags
         if not self._last_s <= frame.time_s:  # another flight, or not a number
-            self._pending, self._last_s, self._sum, self.flag = None, -np.inf, 0.0, None
+            self.reset()
         if self._pending is not None and frame.time_s - self._last_s >= ANSWER_S:
-            camera, asked, answer = self._pending
+            camera, expected, result = self._pending
             self._pending = None
-            self._judge(camera, asked, answer.result())
+            self._compare(camera, expected, result.result())
         is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
-        if is_due and self._pending is None and (expected := expect_horizon(frame)) is not None:
-            look = self._thread.submit(find_horizon, frame.image_rgb, rough=True)
-            self._pending = frame.camera, expected, look
+        if is_due and self._pending is None and (expected_now := expect_horizon(frame)) is not None:
+            self._pending = frame.camera, expected_now, self._submit(frame.image_rgb)
             self._last_s = frame.time_s
+        return self._flags
 
-    def _judge(self, camera: Camera, expected: ExpectedHorizon, seen: Horizon | NoHorizon) -> None:
+    def _submit(self, image_rgb: NDArray[np.uint8]) -> "Future[Horizon | NoHorizon]":
+        if self._thread is None:
+            self._thread = ThreadPoolExecutor(1, "horizon")
+        return self._thread.submit(find_horizon, image_rgb, rough=True)
+
+    def _compare(self, camera: Camera, expected: ExpectedHorizon, seen: Horizon | NoHorizon) -> None:
         if isinstance(seen, NoHorizon):
             return
         turned_deg = float(np.rad2deg(np.arctan(seen.slope * camera.fx / camera.fy))) - expected.roll_deg
@@ -80,11 +94,12 @@ class AttitudeCheck:
         excess = (turned if by_roll else raised) - 1.0
         self._sum = min(max(self._sum + excess, 0.0), MOST)
         if self._sum < FLAGGED:
-            self.flag = None
+            self._flags = ()
         elif excess > 0:
             raised_or_lowered = f"{'raised' if raised_deg > 0 else 'lowered'} by {abs(raised_deg):.1f}"
             how = f"turned by {turned_deg:+.1f}" if by_roll else raised_or_lowered
-            self.flag = Diagnostic(Reason.ATTITUDE, f"the horizon in the picture is {how} degrees against the attitude")
+            message = f"the horizon in the picture is {how} degrees against the attitude"
+            self._flags = (Diagnostic(Reason.ATTITUDE, message),)
 
 
 def expect_horizon(frame: Frame) -> ExpectedHorizon | None:

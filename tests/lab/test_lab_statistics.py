@@ -2,15 +2,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from deckline.statistics import (
-    RANGE_M,
-    by_band,
-    consistency,
-    median_and_p95,
-    paired_difference,
-    share,
-    share_interval,
-)
+from deckline.report.bands import RANGE_M, by_band, share
+from deckline_lab.statistics import consistency, median_and_p95, paired_difference, share_interval
 
 
 def test_the_interval_of_normal_differences_is_that_of_the_mean():

@@ -1,4 +1,4 @@
-"""Paint under the lines that were found, seen without a network."""
+"""Paint under the detected lines, measured without a network."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from deckline.config import Tracking
 from deckline.dehaze.base import IdentityDehazer
 from deckline.flight import Flight
 from deckline.geometry import Camera
-from deckline.paint import PaintCheck, find_paint
+from deckline.monitors.painted_lines import PaintMonitor, find_paint
 from deckline.types import (
     DepthMode,
     Detection,
@@ -23,6 +23,7 @@ from deckline.types import (
     RunwayEstimate,
 )
 from detect.drawn_deck import BOTTOM, TOP, at, deck
+from track.steady_view import reasons
 
 EDGES = [0.0, 1.0]
 CENTRED = [0.0, 0.5, 1.0]
@@ -36,52 +37,52 @@ def line(share, near=BOTTOM, far=TOP):
     return PixelLine(np.array([*normal, -normal @ ends[0]]), np.zeros(0, bool), ends, 0.3)
 
 
-def look(stripes, left=0.0, right=1.0, haze=0.0, **kwargs):
+def find(stripes, left=0.0, right=1.0, haze=0.0, **kwargs):
     image = deck(stripes, **kwargs).astype(float)
     return find_paint((image * (1 - haze) + 170 * haze).astype(np.uint8), line(left), line(right))
 
 
 def test_paint_is_found_under_lines_that_lie_on_it():
-    found = look(CENTRED)
+    found = find(CENTRED)
     assert found.left > 0.95 and found.right > 0.95
     assert found.centre == pytest.approx(0.5, abs=0.01)
     assert max(found.excess().values()) < 0
 
 
 @pytest.mark.parametrize(("left", "right", "side"), [(0.15, 1.0, "left"), (0.0, 0.85, "right"), (-0.1, 1.0, "left")])
-def test_a_line_beside_its_paint_is_told(left, right, side):
-    excess = look(EDGES, left, right).excess()
+def test_a_line_beside_its_paint_is_measured(left, right, side):
+    excess = find(EDGES, left, right).excess()
     assert excess[side] > 0.9
     assert all(value < 0 for what, value in excess.items() if what != side)
 
 
-def test_a_line_on_another_painted_line_is_told_by_the_centre_line_alone():
+def test_a_line_on_another_painted_line_is_shown_by_the_centre_line_alone():
     """The right edge is gone; another line lies 27 % farther out, as beside the paper's deck."""
-    found = look([0.0, 0.5, 1.27], right=1.27)
+    found = find([0.0, 0.5, 1.27], right=1.27)
     assert found.left > 0.95 and found.right > 0.95
     assert found.centre == pytest.approx(0.5 / 1.27, abs=0.015)
     assert found.excess()["centre left"] > 0.5 and found.excess()["centre right"] < 0
-    assert look([-0.27, 0.5, 1.0], left=-0.27).excess()["centre right"] > 0.5
+    assert find([-0.27, 0.5, 1.0], left=-0.27).excess()["centre right"] > 0.5
 
 
 def test_what_could_be_several_lines_is_no_centre_line():
-    assert look([0.0, 0.33, 0.7, 1.0]).centre is None
-    assert look(EDGES).centre is None
-    assert look([0.0, 0.29, 1.0]).centre is None  # too far off for the edges to be the wrong ones
+    assert find([0.0, 0.33, 0.7, 1.0]).centre is None
+    assert find(EDGES).centre is None
+    assert find([0.0, 0.29, 1.0]).centre is None  # too far off for the edges to be the wrong ones
 
 
 def test_other_lines_beside_the_edges_change_nothing():
-    excess = look([-0.28, 0.0, 0.5, 1.0, 1.27]).excess()
+    excess = find([-0.28, 0.0, 0.5, 1.0, 1.27]).excess()
     assert set(excess) == {"left", "right", "centre left", "centre right"} and max(excess.values()) < 0
 
 
-def test_haze_says_less_until_it_says_nothing():
-    assert look(CENTRED, haze=0.6).left > 0.9
-    assert look(CENTRED, 0.15, haze=0.98).excess() == {}
-    assert look([], 0.0, 1.0).excess() == {}
+def test_haze_hides_paint_until_nothing_is_measured():
+    assert find(CENTRED, haze=0.6).left > 0.9
+    assert find(CENTRED, 0.15, haze=0.98).excess() == {}
+    assert find([], 0.0, 1.0).excess() == {}
 
 
-def test_where_no_line_has_paint_the_two_do_not_accuse_each_other():
+def test_lines_without_any_paint_do_not_contradict_each_other():
     """Lights in rows of their own, as along a runway at night."""
     image = deck([])
     for v in range(TOP, BOTTOM, 6):
@@ -91,7 +92,7 @@ def test_where_no_line_has_paint_the_two_do_not_accuse_each_other():
     assert find_paint(image, line(0.0), line(1.0)).excess() == {}
 
 
-def test_too_few_rows_or_too_narrow_a_runway_say_nothing():
+def test_too_few_rows_or_too_narrow_a_runway_measure_nothing():
     image = deck(CENTRED)
     assert find_paint(image, line(0.0, 200, 194), line(1.0, 200, 194)).excess() == {}
     assert find_paint(image, line(0.48), line(0.51)).excess() == {}
@@ -103,7 +104,7 @@ def test_too_few_rows_or_too_narrow_a_runway_say_nothing():
 
 
 @pytest.mark.parametrize(("row", "expected"), [(350, True), (160, False)])
-def test_rows_without_deck_beside_a_line_are_not_looked_at(row, expected):
+def test_rows_without_deck_beside_a_line_are_not_sampled(row, expected):
     """The left line leaves the picture at a row; a line that is cut off has no side that is darker."""
     cut = int(at(row, 0.0))
     moved = [
@@ -130,45 +131,45 @@ def shown(index, stripes, left=0.0, right=1.0, step_s=0.5):
 
 
 def flags(views, every_s=0.5, edge=None):
-    check, seen = PaintCheck(every_s), []
-    for frame, estimate in views:
-        check(frame, estimate, edge)
-        seen.append(check.flag and check.flag.reason)
-    return seen
+    """Whether each frame is flagged."""
+    monitor, detection = PaintMonitor(every_s), Detection(LinePoints.empty(), LinePoints.empty(), edge=edge)
+    found = [monitor.update(frame, estimate, detection) for frame, estimate in views]
+    assert {flag.reason for flags in found for flag in flags} <= {Reason.PAINT}
+    return [bool(flags) for flags in found]
 
 
 def test_only_what_lasts_is_flagged_until_it_is_over():
     wrong = [shown(k, EDGES, left=0.15) for k in range(5)]
-    assert flags(wrong) == [None, None, Reason.PAINT, Reason.PAINT, Reason.PAINT]
+    assert flags(wrong) == [False, False, True, True, True]
     right = [shown(k, CENTRED) for k in range(5, 9)]
-    assert flags([*wrong, *right])[-1] is None
-    assert flags([shown(k, CENTRED, left=0.15 * (k % 3 == 0)) for k in range(12)]) == [None] * 12
+    assert not flags([*wrong, *right])[-1]
+    assert not any(flags([shown(k, CENTRED, left=0.15 * (k % 3 == 0)) for k in range(12)]))
 
 
-def test_what_is_contradicted_now_and_then_between_pictures_that_say_nothing_is_not_flagged():
+def test_rare_contradictions_between_pictures_without_paint_are_not_flagged():
     """Haze in all pictures but every fourth."""
     views = [shown(k, EDGES if k % 4 == 0 else [], left=0.15) for k in range(24)]
-    assert flags(views) == [None] * 24
+    assert not any(flags(views))
 
 
-def test_it_looks_at_its_rate_at_painted_lines_in_pictures_without_distortion():
+def test_painted_lines_are_checked_at_the_rate_in_pictures_without_distortion():
     wrong = [shown(k, EDGES, left=0.15, step_s=0.1) for k in range(16)]
     seen = flags(wrong)
-    assert seen.index(Reason.PAINT) == 10  # the third look
-    assert flags(wrong, every_s=0.0) == [None] * 16
-    assert flags(wrong, edge=EdgeKind.PAINT)[-1] is Reason.PAINT
-    assert flags(wrong, edge=EdgeKind.LIGHTS) == [None] * 16
+    assert seen.index(True) == 10  # the third check
+    assert not any(flags(wrong, every_s=0.0))
+    assert flags(wrong, edge=EdgeKind.PAINT)[-1]
+    assert not any(flags(wrong, edge=EdgeKind.LIGHTS))
     bent = replace(wrong[0][0].camera, distortion=(0.1, 0, 0, 0, 0))
-    assert flags([(replace(frame, camera=bent), estimate) for frame, estimate in wrong]) == [None] * 16
-    assert flags([(frame, replace(estimate, pixel_lines={})) for frame, estimate in wrong]) == [None] * 16
+    assert not any(flags([(replace(frame, camera=bent), estimate) for frame, estimate in wrong]))
+    assert not any(flags([(frame, replace(estimate, pixel_lines={})) for frame, estimate in wrong]))
 
 
 def test_another_flight_begins_without_a_flag():
     seen = flags([*(shown(k, EDGES, left=0.15) for k in range(4)), shown(0, CENTRED)])
-    assert seen[3] is Reason.PAINT and seen[4] is None
+    assert seen[3] and not seen[4]
 
 
-def told(left):
+def detector(left):
     """A detector that sees these lines in every picture."""
     v = np.linspace(TOP + 1, BOTTOM - 1, 30)
     sides = [LinePoints(np.column_stack([at(v, share), v]), np.ones(30), np.full(30, 0.3)) for share in (left, 1.0)]
@@ -179,9 +180,9 @@ def told(left):
     ("left", "paint_s", "expected"), [(0.15, 0.5, [Reason.PAINT]), (0.0, 0.5, []), (0.15, 0.0, [])]
 )
 def test_a_flight_flags_what_its_detector_takes_for_a_line(left, paint_s, expected):
-    flight = Flight(replace(STILL, tracking=Tracking(paint_s=paint_s)), IdentityDehazer(), told(left))
+    flight = Flight(replace(STILL, tracking=Tracking(paint_s=paint_s)), IdentityDehazer(), detector(left))
     results = [flight(shown(k, EDGES)[0]) for k in range(4)]
-    assert [flag.reason for flag in results[-1].track.flags] == expected
-    given = Flight(STILL, IdentityDehazer(), told(left))
-    results = [given(shown(k, EDGES)[0], detection=told(left)(None)) for k in range(4)]
+    assert reasons(results[-1].track.flags) == expected
+    given = Flight(STILL, IdentityDehazer(), detector(left))
+    results = [given(shown(k, EDGES)[0], detection=detector(left)(None)) for k in range(4)]
     assert not results[-1].track.flags

@@ -1,9 +1,10 @@
-"""Whether the picture shows paint under the lines that were found: edges and geometry, no network.
+"""Whether the picture shows paint under the detected lines: edges and geometry, no network.
 
-Every row between two lines is stretched so that the left one lies at 0 and the right one at 1. What is parallel to them
-on the deck stands upright there, at any range. Ridges of brightness are compared within a row, whose haze and light
-they share. Two things contradict the lines: paint under one of them alone, and a centre line that is not midway. What
-contradicts is summed from look to look and flagged when the sum is large: Page, "Continuous inspection schemes", 1954.
+Every row between two lines is stretched so that the left line lies at 0 and the right line at 1. A marking parallel to
+them is vertical there, at any range. Ridges of brightness are compared within a row, whose haze and light they share.
+Two observations contradict the lines: paint under one of them alone, and a centre line that is not midway. The excess
+over their limits is summed over the checks and flagged when the sum is large (CUSUM).
+Source: Page, "Continuous inspection schemes", 1954.
 """
 
 from dataclasses import dataclass
@@ -12,26 +13,36 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from deckline.types import SIDES, Diagnostic, EdgeKind, Frame, PixelLine, Reason, RunwayEstimate
+from deckline.types import (
+    SIDES,
+    Detection,
+    Diagnostic,
+    Diagnostics,
+    EdgeKind,
+    Frame,
+    PixelLine,
+    Reason,
+    RunwayEstimate,
+)
 
 Array = NDArray[np.float64]
 # Shares and limits were set on rendered approaches of presets paper, cvn, axial, small and train.
 STEP, MARGIN = 0.01, 0.3  # of the width: sampling, and what is sampled beyond the lines
 RIDGES = (3, 5, 9, 17)  # widths of a stripe, a ladder or a dashed line, in steps
-MOST_ROWS, MIN_ROWS = 128, 8  # looked at; that must show paint
+MOST_ROWS, MIN_ROWS = 128, 8  # that are sampled; that must show paint
 MIN_WIDTH_PX, MIN_CENTRE_PX = 12.0, 24.0  # of the runway in the middle row, for edges and for a centre line
-SIDE = 0.1  # of the width: what of the deck beside both lines must be in the picture, in a row that is looked at
+SIDE = 0.1  # of the width: what of the deck beside both lines must be in the picture, in a row that is sampled
 MIN_CONTRAST, NOISES = 4.0, 3.0  # of paint: grey levels, and over the deck between the lines
 BESIDE, DECK = 0.235, 0.09  # from the middle to bare deck, and to each side of it, of the width
 SAME_PLACE, SAME_PX = 0.02, 1.5  # of the width or px, that paint may lie beside its line
 PAINTED = 0.3  # of the other line's contrast in the same row, from which a line is painted too
 LEAST_PAINTED = 0.5  # of the rows
 CENTRE, OTHERS = 0.17, 0.25  # a centre line may lie so far off the middle, of the width; other lines beside it
-STANDS_OUT = 0.2  # mean contrast of a centre line over that of its rivals, both over the edges'
+MIN_PROMINENCE = 0.2  # mean contrast of a centre line over that of its rivals, both over the edges'
 RIVAL = 0.08  # from a centre line to what is another line
 MIDWAY, MIDWAY_PX = 0.05, 0.7  # of the width and px, that a centre line may lie off the middle
-LARGEST_EXCESS, FLAGGED, MOST = 0.45, 1.0, 2.0  # of one look, sum of the excess over the limits, in limits
-FADING = 0.8  # of a sum below the flag, at a look without an answer
+LARGEST_EXCESS, FLAGGED, MOST = 0.45, 1.0, 2.0  # of one check, sum of the excess over the limits, in limits
+FADING = 0.8  # of a sum below the flag, at a check that measures nothing
 MESSAGES = {
     "left": "the picture shows no paint under the left line, though under the right one",
     "right": "the picture shows no paint under the right line, though under the left one",
@@ -41,8 +52,8 @@ MESSAGES = {
 
 
 @dataclass(frozen=True)
-class PaintLook:
-    """What one picture says of two lines; None: it can not say."""
+class PaintCheck:
+    """The paint that one picture shows near two lines; None: not measurable."""
 
     left: float | None = None  # share of the rows with paint under the right line that have it under the left one too
     right: float | None = None  # the same of the right line
@@ -50,7 +61,7 @@ class PaintLook:
     width_px: float = 0.0  # of the runway in the middle row
 
     def excess(self) -> dict[str, float]:
-        """By how much every answer is beyond its limit, in limits; negative: it confirms the lines."""
+        """By how much every measurement is beyond its limit, in limits; negative: it confirms the lines."""
         found = {}
         for side, share in (("left", self.left), ("right", self.right)):
             if share is not None:
@@ -61,46 +72,56 @@ class PaintLook:
         return found
 
 
-class PaintCheck:
-    """Called with every frame of a flight and its lines, in their order; `flag` is what the last looks say.
+class PaintMonitor:
+    """Compares the paint in the picture with the detected lines; a `Monitor`.
 
-    A look takes two milliseconds, within the frame. Distorted pictures are not looked at, as they bend the lines,
-    and no edges but painted ones.
+    A check takes two milliseconds, within the frame. Distorted pictures are not checked, as distortion bends the lines.
+    Only painted edges are.
 
     Args:
-        every_s: from one look to the next; 0: none.
+        every_s: from one check to the next; 0: none.
     """
 
     def __init__(self, every_s: float) -> None:
         self.every_s = every_s
-        self.flag: Diagnostic | None = None
-        self._sums = dict.fromkeys(MESSAGES, 0.0)
-        self._last_s = -np.inf  # of the last picture looked at
+        self.reset()
 
-    def __call__(self, frame: Frame, estimate: RunwayEstimate, edge: EdgeKind | None) -> None:
-        """Look at the picture when it is time."""
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._flags: Diagnostics = ()
+        self._sums = dict.fromkeys(MESSAGES, 0.0)
+        self._last_s = -np.inf  # time of the last picture that was checked
+
+    def close(self) -> None:
+        """No threads to end."""
+
+    def update(self, frame: Frame, estimate: RunwayEstimate, detection: Detection | None) -> Diagnostics:
+        """Check the picture when it is time."""
+        if detection is None:
+            return self._flags
         if not self._last_s <= frame.time_s:  # another flight, or not a number
-            self._last_s, self._sums, self.flag = -np.inf, dict.fromkeys(MESSAGES, 0.0), None
+            self.reset()
         lines, is_bent = estimate.pixel_lines, frame.camera.has_distortion
-        is_painted = edge in (None, EdgeKind.PAINT)
+        is_painted = detection.edge in (None, EdgeKind.PAINT)
         is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
         if is_due and is_painted and not is_bent and set(SIDES) <= set(lines):
             self._last_s = frame.time_s
-            self._judge(find_paint(frame.image_rgb, lines["left"], lines["right"]))
+            self._accumulate(find_paint(frame.image_rgb, lines["left"], lines["right"]))
+        return self._flags
 
-    def _judge(self, look: PaintLook) -> None:
-        found = look.excess()
+    def _accumulate(self, found: PaintCheck) -> None:
+        excess = found.excess()
         for what, before in self._sums.items():
-            if what in found:
-                self._sums[what] = min(max(before + min(found[what], LARGEST_EXCESS), 0.0), MOST)
+            if what in excess:
+                self._sums[what] = min(max(before + min(excess[what], LARGEST_EXCESS), 0.0), MOST)
             elif before < FLAGGED:
                 self._sums[what] = FADING * before
         worst = max(self._sums, key=lambda what: self._sums[what])
-        self.flag = Diagnostic(Reason.PAINT, MESSAGES[worst]) if self._sums[worst] >= FLAGGED else None
+        self._flags = (Diagnostic(Reason.PAINT, MESSAGES[worst]),) if self._sums[worst] >= FLAGGED else ()
 
 
-def find_paint(image_rgb: NDArray[np.uint8], left: PixelLine, right: PixelLine) -> PaintLook:
-    """Look for paint under both lines and for a centre line, in the rows that both have.
+def find_paint(image_rgb: NDArray[np.uint8], left: PixelLine, right: PixelLine) -> PaintCheck:
+    """Find paint under both lines, and a centre line, in the rows that both have.
 
     Args:
         image_rgb: (H, W, 3).
@@ -110,19 +131,19 @@ def find_paint(image_rgb: NDArray[np.uint8], left: PixelLine, right: PixelLine) 
     top = max(left.ends_px[:, 1].min(), right.ends_px[:, 1].min(), 0.0)
     bottom = min(left.ends_px[:, 1].max(), right.ends_px[:, 1].max(), height - 1.0)
     if bottom - top < MIN_ROWS - 1:
-        return PaintLook()
+        return PaintCheck()
     rows = np.unique(np.linspace(np.ceil(top), np.floor(bottom), MOST_ROWS).astype(np.int64))
     start, end = _u_at(left, rows), _u_at(right, rows)
     side = SIDE * (end - start)
     inside = (start >= side) & (end + side <= width - 1)
     rows, start, end = rows[inside], start[inside], end[inside]
     if len(rows) < MIN_ROWS or not (width_px := float(np.median(end - start))) >= MIN_WIDTH_PX:
-        return PaintLook()
+        return PaintCheck()
     place = np.arange(-MARGIN, 1.0 + MARGIN + STEP / 2, STEP)
     u = start[:, None] + (end - start)[:, None] * place
     ridges = _find_ridges(_sample_rows(image_rgb, rows, u), width_px)
     ridges[(u < 0) | (u > width - 1)] = 0.0
-    return _judge_ridges(ridges, place, width_px)
+    return _measure_ridges(ridges, place, width_px)
 
 
 def _u_at(line: PixelLine, v: NDArray[np.int64]) -> Array:
@@ -152,7 +173,7 @@ def _find_ridges(level: Array, width_px: float) -> Array:
     return best
 
 
-def _judge_ridges(ridges: Array, place: Array, width_px: float) -> PaintLook:
+def _measure_ridges(ridges: Array, place: Array, width_px: float) -> PaintCheck:
     beside = max(round(SAME_PLACE / STEP), round(SAME_PX / width_px / STEP))
     near = maximum_filter1d(ridges, 2 * beside + 1, axis=1)
     left, right = (near[:, int(np.argmin(np.abs(place - edge)))] for edge in (0.0, 1.0))
@@ -166,7 +187,7 @@ def _judge_ridges(ridges: Array, place: Array, width_px: float) -> PaintLook:
     both = edges > least
     is_clear = both.sum() >= MIN_ROWS and width_px >= MIN_CENTRE_PX
     centre = _find_centre(near[both] / edges[both, None], place, beside * STEP) if is_clear else None
-    return PaintLook(shares[0], shares[1], centre, width_px)
+    return PaintCheck(shares[0], shares[1], centre, width_px)
 
 
 def _share_painted(own: Array, other: Array, least: float) -> float | None:
@@ -184,5 +205,5 @@ def _find_centre(contrast: Array, place: Array, beside: float) -> float | None:
     best, first = float(peaks.max()), float(place[peaks.argmax()])
     near = np.abs(place - first) <= RIVAL + beside
     at = float(place[near & (mean >= 0.95 * best)].mean())
-    stands_out = best - float(peaks[~near].max()) >= STANDS_OUT
-    return at if stands_out and abs(at - 0.5) < CENTRE else None
+    is_prominent = best - float(peaks[~near].max()) >= MIN_PROMINENCE
+    return at if is_prominent and abs(at - 0.5) < CENTRE else None

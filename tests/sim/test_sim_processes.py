@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from deckline.processes import map_ordered, process_count
+from deckline_sim.processes import map_ordered, process_count
 
 
 def square(number: int) -> tuple[int, list[int], int]:

@@ -1,0 +1,76 @@
+"""Pictures that repeat while the aircraft moves."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import intersect_plane
+from deckline.types import Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
+
+SAMPLE_PX = 37  # every so many rows and columns of the picture are compared
+MIN_TURN_RAD, MIN_MOVE_M = 1e-3, 0.1  # of the camera, which every picture shows
+MIN_EXPECTED_MOTION_PX = 0.5  # of the lines in the image, above which their rest is a sign
+MAX_REST_SHARE = 0.02  # of the expected motion, below which the lines rest
+MIN_RESTING_FRAMES = 3  # in a row
+MAX_SAME_S = 0.3  # that a camera may show the same picture; films repeat single ones
+FROZEN = Diagnostic(Reason.FROZEN, "the camera shows the same picture while time goes on")
+
+
+class FrozenImageMonitor:
+    """Detects a picture that repeats while time goes on; a `Monitor`.
+
+    Equal pixels decide where a picture has any contrast: at once when the pose moved, after `MAX_SAME_S` when it did
+    not. The other sign: lines that rest in the image although the pose requires them to move.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._sample: NDArray[np.uint8] | None = None  # of the last picture
+        self._pose: RigidTransform | None = None  # world_from_camera of the last frame
+        self._estimate: RunwayEstimate | None = None  # of the last frame
+        self._resting = 0  # frames in a row in which lines rested though they should have moved
+        self._new_s = 0.0  # time of the last picture that differed from the one before
+
+    def close(self) -> None:
+        """No threads to end."""
+
+    def update(self, frame: Frame, estimate: RunwayEstimate, detection: Detection | None) -> Diagnostics:
+        """Compare the frame with the one before."""
+        sample = frame.image_rgb[::SAMPLE_PX, ::SAMPLE_PX].copy()
+        same = bool(np.ptp(sample)) and self._sample is not None and bool(np.array_equal(self._sample, sample))
+        self._new_s = self._new_s if same else frame.time_s
+        stalled = same and (self._has_moved(frame.world_from_camera) or frame.time_s - self._new_s > MAX_SAME_S)
+        is_first = self._sample is None or self._sample.shape != sample.shape
+        self._resting = self._resting + 1 if not is_first and self._lines_rest(frame, estimate) else 0
+        self._sample, self._pose, self._estimate = sample, frame.world_from_camera, estimate
+        return (FROZEN,) if stalled or self._resting >= MIN_RESTING_FRAMES else ()
+
+    def _has_moved(self, pose: RigidTransform | None) -> bool:
+        """Whether the camera turned or moved by what every picture shows."""
+        if self._pose is None or pose is None:
+            return False
+        turn = (self._pose.rotation.inv() * pose.rotation).magnitude()
+        return bool(turn > MIN_TURN_RAD or np.linalg.norm(pose.translation - self._pose.translation) > MIN_MOVE_M)
+
+    def _lines_rest(self, frame: Frame, estimate: RunwayEstimate) -> bool:
+        """Whether all lines lie where they lay although they should have moved."""
+        before, pose = self._pose, frame.world_from_camera
+        if before is None or pose is None or self._estimate is None:
+            return False
+        sides = set(self._estimate.pixel_lines) & set(estimate.pixel_lines) & set(self._estimate.lines)
+        expected_px, actual_px = 0.0, 0.0
+        for side in sides:
+            line = self._estimate.pixel_lines[side]
+            rays = before.rotation.apply(frame.camera.rays(line.ends_px))
+            on_deck = intersect_plane(before.translation, rays, self._estimate.lines[side].height_m)
+            optical = pose.inv().apply(np.where(np.isfinite(on_deck), on_deck, pose.translation))
+            a, b, c = line.coefficients
+            expected = frame.camera.project(optical) @ [a, b] + c
+            a, b, c = estimate.pixel_lines[side].coefficients
+            if np.isfinite(expected).any():
+                expected_px = max(expected_px, float(np.nanmax(np.abs(expected))))
+            actual_px = max(actual_px, float(np.max(np.abs(line.ends_px @ [a, b] + c))))
+        return expected_px > MIN_EXPECTED_MOTION_PX and actual_px < MAX_REST_SHARE * expected_px
