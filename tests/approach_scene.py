@@ -8,7 +8,7 @@ from deckline.flight import Dehazing, FrameResult
 from deckline.geometry import Camera, attitude
 from deckline.guide import guidance
 from deckline.localize import localize
-from deckline.recording import FrameError, Source
+from deckline.recording import FrameError, Recording
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(320, 180, np.deg2rad(60))
@@ -60,7 +60,7 @@ class Halved:
         return image_rgb // 2
 
 
-class Approach(Source):
+class Approach(Recording):
     """`count` frames ever nearer; those in `bad` cannot be read."""
 
     name = "approach"

@@ -43,7 +43,7 @@ class Flown(LiveSource):
         super().__init__("approach")
         self.stalled = threading.Event()
 
-    def items(self):
+    def captures(self):
         index = 0
         while not self.wait_for_stop(STEP_S):
             if not self.stalled.is_set():

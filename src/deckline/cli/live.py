@@ -21,7 +21,7 @@ from deckline.live.folder import Folder, open_output
 from deckline.live.opening import is_camera, open_camera
 from deckline.live.pipeline import STALE_S, Outputs, Session
 from deckline.live.poses import PoseSource, UdpPoses
-from deckline.live.source import LiveSource, Playback, Simulator
+from deckline.live.source import LiveSource, Playback
 from deckline.options import RunOptions
 from deckline.recording import open_recording
 from deckline.recording.camera_file import read_camera_file
@@ -184,7 +184,7 @@ def _open_other(
         raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
     with needs_extra("sim"):
         from deckline.adapters.airsim.source import AirSimSource
-    return Simulator(AirSimSource(source, camera or "0", rate, deck_z_m, sea_z_m))
+    return AirSimSource(source, camera or "0", rate, deck_z_m, sea_z_m)
 
 
 def _pose_losses(poses: PoseSource | None) -> list[str]:

@@ -13,7 +13,7 @@ from deckline.extras import needs_extra
 from deckline.files import print_line, printable, read_regular
 from deckline.flight import Flight
 from deckline.options import RunOptions
-from deckline.recording import Source, Stream, open_recording, select_frames
+from deckline.recording import Recording, Source, open_recording, select_frames
 from deckline.recording.airsim import RECORD_FILE
 from deckline.report.records import View
 
@@ -32,7 +32,7 @@ def demo(out: Path = Path("demo-out")) -> int:
     return _run(unpack_sample(recording), Flight.from_config(), out, overwrite=own)
 
 
-def unpack_sample(folder: Path) -> Source:
+def unpack_sample(folder: Path) -> Recording:
     """The shipped approach through haze, unpacked into a folder that is new, or holds it already."""
     with zipfile.ZipFile(SAMPLE) as archive:
         rows = folder / RECORD_FILE
@@ -98,7 +98,7 @@ def run(
     navigation: Any = {name: value for name, value in stated.items() if value is not None}
     config = replace(config, navigation=replace(config.navigation, **navigation))
     flight = Flight.from_config(config)
-    opened: Stream
+    opened: Source
     if source.startswith("airsim:"):
         if poses is not None:
             raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
@@ -125,7 +125,7 @@ def run(
 
 
 def _run(
-    source: Stream,
+    source: Source,
     flight: Flight,
     out: Path,
     max_frames: int | None = None,

@@ -142,7 +142,7 @@ class Session:
         return Progress(self._whole, self._frames.dropped, self._damaged, self._answers.dropped)
 
     def _capture(self) -> None:
-        for item in self._source.items():
+        for item in self._source.captures():
             if isinstance(item, BadFrame):
                 self._refuse(item)
             else:

@@ -17,7 +17,7 @@ from deckline.config import RunConfig
 from deckline.config_file import to_toml_text
 from deckline.files import lock_folder, printable
 from deckline.flight import FrameResult
-from deckline.recording import BadFrame, FrameError, Source, Stream
+from deckline.recording import BadFrame, FrameError, Recording, Source
 from deckline.report.figures import count_reasons
 from deckline.report.film import OverlayWriter, join_dehazing
 from deckline.report.html import STATUSES, Pictures, report_html
@@ -74,7 +74,7 @@ class RunSummary:
 
 
 def run(
-    source: Stream,
+    source: Source,
     chain: Chain,
     out: Path,
     *,
@@ -106,12 +106,12 @@ def run(
     """
     if max_frames is not None and max_frames < 1:
         raise ValueError(f"max_frames must be at least 1, got {max_frames}")
-    if resume and not isinstance(source, Source):
+    if resume and not isinstance(source, Recording):
         raise ValueError(f"{source.name}: frames missed live are gone: leave resume out, or choose another folder")
     total = min((limit for limit in (source.length, max_frames) if limit is not None), default=None)
     settings = settings_of(chain)
     state = {"source": source.name, "frames": str(source.length)} | settings
-    if isinstance(source, Source):
+    if isinstance(source, Recording):
         check_apart(Path(source.name), out)
     with lock_folder(out):
         folder = resume_folder(out, state) if resume else start_folder(out, state, overwrite)
@@ -119,7 +119,7 @@ def run(
 
 
 def _fly(
-    source: Stream,
+    source: Source,
     chain: Chain,
     folder: RunFolder,
     total: int | None,
@@ -140,7 +140,7 @@ def _fly(
     console.print(f"{info['frames'].partition(',')[0]} frames: {_format_counts(counts)}")
     if reason := explain_missing(read_records(folder.out / JSONL), frames - counts["skipped"]):
         console.print(printable(reason))
-    if stopped and isinstance(source, Source):
+    if stopped and isinstance(source, Recording):
         console.print("stopped; what was written is whole, and --resume goes on from there")
     else:
         folder.finish()
@@ -156,7 +156,7 @@ def explain_missing(records: Iterable[Record], used: int) -> str:
 
 
 def _process(
-    source: Stream,
+    source: Source,
     chain: Chain,
     folder: RunFolder,
     sample: PictureSample,
@@ -202,9 +202,9 @@ def _process(
     return counts, stopped.is_set() and sum(counts.values()) != total
 
 
-def _read_items(source: Stream, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
+def _read_items(source: Source, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
     """Items `first` to `total` of the source. From the beginning it is iterated, as films are read best that way."""
-    if first == 0 or not isinstance(source, Source):
+    if first == 0 or not isinstance(source, Recording):
         yield from islice(source.items(), total)
         return
     for index in range(first, len(source) if total is None else total):
@@ -292,7 +292,7 @@ def _make_progress() -> Progress:
 
 
 @contextmanager
-def _catch_ctrl_c(source: Stream) -> Iterator[threading.Event]:
+def _catch_ctrl_c(source: Source) -> Iterator[threading.Event]:
     """An event that the first Ctrl-C sets, so that the current frame is finished; the second one interrupts.
 
     A source that waits for its next frame is told to end the wait.

@@ -16,7 +16,7 @@ from deckline.flight import Flight
 from deckline.live.messages import Progress
 from deckline.live.pipeline import Outputs, Session
 from deckline.live.source import Playback
-from deckline.recording import Source
+from deckline.recording import Recording
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
 from deckline.report.run import run
 from deckline.report.video import VideoPiece
@@ -50,7 +50,7 @@ class Timing:
         return {"stages": stages, "first_s": self.first_s, "peak_bytes": self.peak_bytes}
 
 
-def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
+def measure_file(source: Recording, flight: Flight, film: Path) -> Timing:
     """Every stage of every usable frame of a source, one after the other.
 
     Args:
@@ -69,13 +69,13 @@ def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
     return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), resident and read_memory("VmHWM"))
 
 
-def measure_run(source: Source, flight: Flight, out: Path) -> float:
+def measure_run(source: Recording, flight: Flight, out: Path) -> float:
     """Frames a second of `deckline run` into a new folder, film and report included."""
     start = time.perf_counter()
     return run(source, flight, out, config=flight.config).frames / (time.perf_counter() - start)
 
 
-def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
+def measure_live(source: Recording, flight: Flight) -> tuple[Timing, Progress]:
     """The age of every answer, from capture to its message, of a recording played at its own pace.
 
     Raises:
@@ -90,7 +90,7 @@ def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
     return Timing({"age of the answer": list(summary.ages_s)}, summary.ages_s[0], peak), summary.progress
 
 
-def _decode(source: Source) -> Iterator[tuple[Frame, float]]:
+def _decode(source: Recording) -> Iterator[tuple[Frame, float]]:
     """Usable frames and the seconds that each took to read, damaged ones before it included."""
     start = time.perf_counter()
     for item in source.items():

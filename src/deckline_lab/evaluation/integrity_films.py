@@ -4,14 +4,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from deckline.flight import Flight
-from deckline.recording.source import Stream
+from deckline.recording.source import Source
 from deckline.report.run import run as run_flight
 from deckline.types import Frame
 from deckline_lab.evaluation.approaches import FlightsConfig
 from deckline_lab.evaluation.integrity_score import Run, flight_with, inject_run
 
 
-class Frames(Stream):
+class Frames(Source):
     """Frames that are at hand.
 
     Args:
