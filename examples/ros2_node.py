@@ -28,7 +28,7 @@ from deckline.config_file import read_config
 from deckline.flight import Flight
 from deckline.geometry import attitude, camera_mount, pose
 from deckline.live.mailbox import Mailbox
-from deckline.live.pipeline import STALE_S, WAIT_S, Outputs, Session
+from deckline.live.pipeline import STALE_S, WAIT_S, LiveSession, Outputs
 from deckline.live.poses import PoseBuffer
 from deckline.live.source import Captured, LiveSource
 from deckline.recording import BadFrame
@@ -92,7 +92,7 @@ class DecklineNode(Node):
             self.create_subscription(kind, topic, take, qos_profile_sensor_data)
         outputs = Outputs(lambda record: None, self.get_logger().info, views=(self.publish,))
         flight, stale_s = Flight.from_config(self.config), given["stale_s"]
-        self.session = Session(self.pictures, flight, outputs, poses=self.poses.at, stale_s=stale_s)
+        self.session = LiveSession(self.pictures, flight, outputs, poses=self.poses.at, stale_s=stale_s)
 
     def now_s(self):
         return 1e-9 * self.get_clock().now().nanoseconds

@@ -1,4 +1,4 @@
-"""Annotators: each draws one thing that a result says on a picture of its frame.
+"""Annotators: each draws one thing of a result on a picture of its frame.
 
     picture = LineAnnotator().annotate(result.frame.image_rgb, result)
 
@@ -23,7 +23,7 @@ from deckline.report.instrument import draw_indicator
 from deckline.types import SIDES, Frame, LinePoints, PixelLine, RunwayEstimate
 
 MATCHED_PX = 24  # width of the part of a picture that a magnified view is matched to, at least
-MATCH_RIDGE = 4.0  # grey levels squared: contrast below which nothing is told of it
+MATCH_RIDGE = 4.0  # grey levels squared: contrast below which it is not matched
 MAX_GAIN = 10.0  # of contrast
 INSET_PX = (272, 153)  # width, height of the magnified view
 MARGIN_PX = 10  # of what is placed in a corner
@@ -64,8 +64,8 @@ class Annotator(Protocol):
         ...
 
 
-class Mark:
-    """An annotator whose drawing follows the image: it can be drawn in a magnified view as well."""
+class ViewportAnnotator:
+    """An annotator that draws into any part of the frame at any size: into a magnified view as well."""
 
     def annotate(self, image: Image, result: FrameResult) -> Image:
         """The picture (H, W, 3) of the result's frame with what this draws.
@@ -79,13 +79,13 @@ class Mark:
         return marked
 
     def draw(self, image: Image, view: Viewport, result: FrameResult) -> None:
-        """Draw into `image`, which shows the part of the frame that `view` says."""
+        """Draw into `image`, which shows the part of the frame that `view` states."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class LineAnnotator(Mark):
-    """The edge lines, and the centre line in dashes where a pose tells it.
+class LineAnnotator(ViewportAnnotator):
+    """The edge lines, and the centre line in dashes where a pose gives it.
 
     Args:
         width_px: of the edge lines.
@@ -96,7 +96,7 @@ class LineAnnotator(Mark):
     pale: float = 0.0
 
     def draw(self, image: Image, view: Viewport, result: FrameResult) -> None:
-        """Draw into `image`, which shows the part of the frame that `view` says."""
+        """Draw into `image`, which shows the part of the frame that `view` states."""
         centre = project_centre_line(result.frame, result.estimate)
         if centre is not None:
             _draw_centre_line(image, view(centre))
@@ -106,17 +106,17 @@ class LineAnnotator(Mark):
 
 
 @dataclass(frozen=True)
-class PointAnnotator(Mark):
+class PointAnnotator(ViewportAnnotator):
     """The detected points of both edge lines, larger with their confidence; those that no line took are rings."""
 
     def draw(self, image: Image, view: Viewport, result: FrameResult) -> None:
-        """Draw into `image`, which shows the part of the frame that `view` says."""
+        """Draw into `image`, which shows the part of the frame that `view` states."""
         for side in SIDES:
             line = result.estimate.pixel_lines.get(side)
             _draw_points(image, view, getattr(result.detection, side), line, COLOURS[side])
 
 
-CLOSE_UP: tuple[Mark, ...] = (PointAnnotator(), LineAnnotator(width_px=1, pale=0.65))
+CLOSE_UP: tuple[ViewportAnnotator, ...] = (PointAnnotator(), LineAnnotator(width_px=1, pale=0.65))
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class MagnifierAnnotator:
         size_px: its width and height.
     """
 
-    marks: Sequence[Mark] = CLOSE_UP
+    marks: Sequence[ViewportAnnotator] = CLOSE_UP
     size_px: tuple[int, int] = INSET_PX
 
     def annotate(self, image: Image, result: FrameResult) -> Image:

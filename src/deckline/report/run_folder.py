@@ -9,25 +9,27 @@ grows in .unfinished too: until the new run ends, the old one stays as it was.
 import json
 import os
 import shutil
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from deckline.atomic import write_atomic
 from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
 from deckline.report.draw import encode_picture
 from deckline.report.overlay import Panels
-from deckline.report.records import keep_whole_lines, read_records
+from deckline.report.provenance import Settings
+from deckline.report.records import keep_whole_lines, kind_of, read_records
 from deckline.report.video import count_pictures
 
 JSONL, CSV, VIDEO, REPORT, CONFIG = "guidance.jsonl", "guidance.csv", "overlay.mp4", "report.html", "run.toml"
-MADE_AT_THE_END = (REPORT, VIDEO, CSV, CONFIG)
+DEHAZING = "dehazing.jsonl"  # what dehazing found in each of the film's frames
+MADE_AT_THE_END = (REPORT, VIDEO, CSV, DEHAZING, CONFIG)
 UNFINISHED = ".unfinished"
 STATE = "run.json"
 OTHER = "choose another folder"
 MOST_PICTURES = 60
 JPEG_QUALITY = 78
-
-State = dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -38,15 +40,17 @@ class RunFolder:
     jsonl: Path  # in `out`, or in `work` while an older run is still in `out`
     recorded: int = 0  # whole lines that were there when the folder was opened
     filmed: int = 0  # records that need no film any more: all before this one
+    pictures: int = 0  # of the film: frames among these records
+    counts: Mapping[str, int] = field(default_factory=dict)  # records that were there by status, and "skipped"
 
     @property
     def work(self) -> Path:
         return self.out / UNFINISHED
 
     @property
-    def dehazed(self) -> Path:
-        """What dehazing told of each frame, a line of JSON each."""
-        return self.work / "dehazed.jsonl"
+    def dehazing(self) -> Path:
+        """Lines of dehazing.jsonl while the film grows: one for each of its pictures."""
+        return self.work / "film.jsonl"
 
     def pieces(self) -> list[Path]:
         """Pieces of the film, in order."""
@@ -67,7 +71,7 @@ class RunFolder:
         shutil.rmtree(self.work)
 
 
-def start_folder(out: Path, state: State, overwrite: bool = False) -> RunFolder:
+def start_folder(out: Path, state: Settings, overwrite: bool = False) -> RunFolder:
     """Start a new run in `out`.
 
     Args:
@@ -98,7 +102,7 @@ def start_folder(out: Path, state: State, overwrite: bool = False) -> RunFolder:
     return RunFolder(out, jsonl)
 
 
-def resume_folder(out: Path, state: State) -> RunFolder:
+def resume_folder(out: Path, state: Settings) -> RunFolder:
     """Go on with the unfinished run in `out`; start one where `out` holds none at all.
 
     Raises:
@@ -116,8 +120,7 @@ def resume_folder(out: Path, state: State) -> RunFolder:
         recorded = keep_whole_lines(jsonl)
     except OSError as error:
         raise ValueError(f"{out}: cannot be resumed: {error.strerror or error}") from None
-    folder = RunFolder(out, jsonl, recorded, recorded)
-    return replace(folder, filmed=_first_unfilmed(folder))
+    return _review(RunFolder(out, jsonl, recorded))
 
 
 def check_apart(source: Path, out: Path) -> None:
@@ -138,9 +141,9 @@ def _check_ours(out: Path) -> None:
             raise ValueError(f"{path} is of no run of deckline and is not replaced: {OTHER}")
 
 
-def _read_state(path: Path) -> State:
+def _read_state(path: Path) -> Settings:
     try:
-        state: State = parse_plain(json.loads, read_regular(path, MOST_CONFIG_BYTES).decode())
+        state: Settings = parse_plain(json.loads, read_regular(path, MOST_CONFIG_BYTES).decode())
     except ValueError:
         state = {}
     if not isinstance(state, dict) or not state:
@@ -148,19 +151,23 @@ def _read_state(path: Path) -> State:
     return state
 
 
-def _first_unfilmed(folder: RunFolder) -> int:
-    """Index of the first record whose picture is not in the film: a killed writer loses its last few."""
-    pictures = sum(count_pictures(piece) for piece in folder.pieces())
+def _review(folder: RunFolder) -> RunFolder:
+    """The folder with its records counted; `filmed` is the first whose picture is not in the film.
+
+    A killed writer loses its last few pictures.
+    """
+    made, pictures = sum(count_pictures(piece) for piece in folder.pieces()), 0
+    filmed, counts = folder.recorded, Counter[str]()
     for index, record in enumerate(read_records(folder.jsonl)):
-        if "skipped" in record:
-            continue
-        if pictures == 0:
-            return index
-        pictures -= 1
-    return folder.recorded
+        counts[kind_of(record)] += 1
+        if "skipped" not in record and pictures < made:
+            pictures += 1
+        elif "skipped" not in record:
+            filmed = min(filmed, index)
+    return RunFolder(folder.out, folder.jsonl, folder.recorded, filmed, pictures, counts)
 
 
-def _check_same(out: Path, before: State, now: State) -> None:
+def _check_same(out: Path, before: Settings, now: Settings) -> None:
     for key in sorted({*before, *now}):
         old, new = (str(state.get(key, "unset")).splitlines() for state in (before, now))
         if old != new:

@@ -43,7 +43,5 @@ def film(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models: Flig
     faulty = [frame for frame, _ in inject_run(frames, run, flights)]
     flight = flight_with(frames, run, flights, models)
     folder = out / f"{run.name} {run.number}".replace("; ", ", ").replace(" ", "_")
-    run_flight(
-        Frames(f"{run.name}, approach {run.number}", faulty), flight, folder, config=flight.config, overwrite=True
-    )
+    run_flight(Frames(f"{run.name}, approach {run.number}", faulty), flight, folder, overwrite=True)
     return folder

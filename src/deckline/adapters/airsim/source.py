@@ -245,8 +245,10 @@ class AirSimSource(LiveSource):
     def captures(self) -> Iterator[Captured | BadFrame]:
         """Its frames, numbered as those of any live source; one counts as taken when it is there."""
         for number, item in enumerate(self.items(), 1):
-            is_bad = isinstance(item, BadFrame)
-            yield item if is_bad else Captured(replace(item, file=frame_name(number)), time.monotonic())
+            if isinstance(item, BadFrame):
+                yield item
+            else:
+                yield Captured(replace(item, file=frame_name(number)), time.monotonic())
 
     def items(self) -> Iterator[Frame | BadFrame]:
         pace = Pace(self._rate_hz)

@@ -19,7 +19,7 @@ from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from deckline.adapters.dashboard.moments import Memory, Pictures, Snapshot, dehaze, make_moment
+from deckline.adapters.dashboard.snapshots import Memory, Snapshot, SnapshotPictures, dehaze, make_snapshot
 from deckline.config import RunConfig
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer
 from deckline.files import print_line
@@ -27,6 +27,7 @@ from deckline.flight import FrameResult
 from deckline.live.mailbox import Mailbox
 from deckline.report.instrument import FULL_SCALE_DOTS, GLIDESLOPE_DOT_DEG, LATERAL_DOT_M
 from deckline.report.records import Record
+from deckline.report.status import STATUS_COLOURS
 
 DEFAULT = "127.0.0.1:8080"
 LOOPBACK = ("127.0.0.1", "localhost")
@@ -83,6 +84,7 @@ class Dashboard:
             "can_record": record is not None,
             "dehazers": [name for name in DEHAZERS if name != NOT_DEHAZED],
             "dehazer": config.models.dehazer if config.models.dehazer in DEHAZERS else NOT_DEHAZED,
+            "statuses": {str(status): colours.css for status, colours in STATUS_COLOURS.items()},
             "dots": {"lateral_m": LATERAL_DOT_M, "slope_deg": GLIDESLOPE_DOT_DEG, "full": FULL_SCALE_DOTS},
         }
         self._mail: Mailbox[tuple[FrameResult | None, Record, float]] = Mailbox()
@@ -119,7 +121,7 @@ class Dashboard:
                 continue
             result, record, at_s = item
             try:
-                moment = make_moment(number, result, record, pictured)
+                moment = make_snapshot(number, result, record, pictured)
             except (ValueError, cv2.error) as error:  # nothing new is shown, and what is shown grows old
                 print_line(f"dashboard: {error}")
                 continue
@@ -191,13 +193,13 @@ class Dashboard:
         data = whole if part == "whole" else deck or b""
         return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-store", "Note": quote(note)})
 
-    def _dehaze(self, number: int, pictures: Pictures, name: str) -> tuple[bytes, bytes | None, str]:
+    def _dehaze(self, number: int, pictures: SnapshotPictures, name: str) -> tuple[bytes, bytes | None, str]:
         with self._lock:
             key = number, name
             if key not in self._dehazed:
                 if name not in self._dehazers:  # on one core: guidance comes first
                     self._dehazers[name] = DEHAZERS[name](replace(self._config.engine, threads=1))
-                self._dehazed[key] = dehaze(pictures, self._dehazers[name], self._config.models.strength)
+                self._dehazed[key] = dehaze(pictures, self._dehazers[name], self._config.models)
                 if len(self._dehazed) > DEHAZED:
                     self._dehazed.popitem(last=False)
             return self._dehazed[key]
