@@ -17,6 +17,7 @@ from loopback import (
 
 from deckline.config import Navigation
 from deckline.live.clock import WallClock
+from deckline.live.folder import FlightRecorder
 from deckline.live.opening import hide_credentials, open_camera
 from deckline.live.pipeline import LiveSession, Outputs
 from deckline.live.poses import UdpPoses

@@ -95,7 +95,7 @@ class LiveSession:
     ) -> None:
         if not stale_s > 2 * TICK_S:
             raise ValueError(f"stale_s must be greater than {2 * TICK_S}, got {stale_s}")
-        self._counts: dict[str, int] = {}
+        self.counts: dict[str, int] = {}
         self._source = source
         self._flight = flight
         self._out = outputs
@@ -137,7 +137,7 @@ class LiveSession:
         self._source.close()
         if self._errors:
             raise self._errors[0]
-        return LiveSummary(self._count(), dict(self._counts), tuple(self._ages))
+        return LiveSummary(self._count(), dict(self.counts), tuple(self._ages))
 
     def _watch(self, step: Callable[[], None]) -> None:
         try:
@@ -227,4 +227,4 @@ class LiveSession:
         for view in self._out.views:
             view(result, record)
         kind = NO_FRAME if record["file"] is None else str(record["status"])
-        self._counts[kind] = self._counts.get(kind, 0) + 1
+        self.counts[kind] = self.counts.get(kind, 0) + 1
