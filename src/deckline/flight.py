@@ -2,7 +2,7 @@
 
 detect -> localize -> track -> guide. A detector that was trained on haze finds more in the hazy picture. The chain
 dehazes only for a detector that never saw haze (`models.detect_in`), or to measure the visibility
-(`models.visibility`); views dehaze for themselves what people look at.
+(`models.visibility`); views dehaze their own pictures for people.
 """
 
 import time
@@ -55,7 +55,7 @@ class FrameResult:
 class Flight:
     """Called with every frame of one flight, in their order; answers where the aircraft is.
 
-    The search starts where the track expects the runway, else where the survey says, else where the last picture
+    The search starts where the track expects the runway, else where the survey has it, else where the last picture
     showed it. Frames that are unrelated to each other are answered one by one; for these `tracking.enabled = false`
     saves the filter.
 

@@ -152,6 +152,9 @@ def test_a_picture_is_dehazed_on_request(page):
     wait(page, "#whole image[href^=blob]")
     page.keyboard.press("d")
     holds(page, "/^(dehazed: veil|not dehazed)/.test(document.querySelector('#whole .caption').textContent)")
+    page.keyboard.press("d")
+    holds(page, "!document.querySelector('#whole .caption').textContent.includes('dehazed')")
+    assert page.get_attribute("#whole image", "href").startswith("blob:")
 
 
 def test_a_stalled_source_is_old_and_grows_older(flying, page):
@@ -273,7 +276,7 @@ def test_memory_forgets_the_oldest():
     assert memory.oldest == 9
 
 
-def test_a_moment_tells_what_the_record_tells():
+def test_a_snapshot_has_the_values_of_its_record():
     result = chain(frame(3))
     kept = make_snapshot(7, result, frame_record(result, Approach()), None)
     shown = json.loads(kept.shown)
@@ -287,7 +290,7 @@ def test_a_moment_tells_what_the_record_tells():
     assert "go around" in stale["advice"][0]["do"]
 
 
-def test_dehazing_keeps_the_size_and_a_refusal_is_told():
+def test_dehazing_leaves_the_size_and_a_refusal_has_its_reason():
     pictures = make_snapshot(0, chain(frame()), frame_record(chain(frame()), Approach()), None).pictures
     whole, deck, _ = dehaze(pictures, DEHAZERS["veil"](), Models())
     assert cv2.imdecode(np.frombuffer(whole, np.uint8), 1).shape == (180, 320, 3)
@@ -300,14 +303,14 @@ def test_dehazing_keeps_the_size_and_a_refusal_is_told():
     assert dehaze(pictures, Refusing(), Models()) == (pictures.whole, pictures.deck, "not dehazed: too dark")
 
 
-def test_every_status_but_ok_and_every_flag_say_what_to_do():
+def test_every_status_but_ok_and_every_flag_has_its_advice():
     record = {"reason": "no pose", "flags": []}
     assert advise(record | {"status": "ok"}) == []
     for status in set(Status) - {Status.OK}:
-        (told,) = advise(record | {"status": str(status)})
-        assert told["words"] == "no pose" and told["do"]
+        (advice,) = advise(record | {"status": str(status)})
+        assert advice["words"] == "no pose" and advice["do"]
     late = [{"name": "left", "reason": "off"}, {"name": "stale", "reason": "1 s old"}]
-    assert [told["words"] for told in advise(record | {"status": "stale", "flags": late})] == ["1 s old"]
+    assert [advice["words"] for advice in advise(record | {"status": "stale", "flags": late})] == ["1 s old"]
     for reason in CHECK:
-        (told,) = advise({"status": "unverified", "reason": "", "flags": [{"name": str(reason), "reason": "why"}]})
-        assert told["do"].startswith("check ") and told["words"] == "why"
+        (advice,) = advise({"status": "unverified", "reason": "", "flags": [{"name": str(reason), "reason": "why"}]})
+        assert advice == {"words": "why", "do": f"check {CHECK[reason]}"}

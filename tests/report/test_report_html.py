@@ -198,7 +198,7 @@ def test_data_behind_the_plots():
     assert rows[0]["guidance"]["lateral_deviation_m"]["value"] == pytest.approx(2.5)
     assert rows[0]["truth"]["lateral_deviation_m"] == pytest.approx(3.0)
     assert rows[0]["errors"]["lateral_deviation_m"] == pytest.approx(-0.5)
-    assert rows[0]["left"] == {"points": 3, "kept": 2, "confidence": pytest.approx(0.7)}
+    assert rows[0]["left"] == {"points": 3, "used": 2, "confidence": pytest.approx(0.7)}
     assert rows[0]["time_s"] == 1_700_000_003.076923
     assert rows[0]["seconds"] == pytest.approx(0.161)
     assert rows[1] == {"file": "b.png", "skipped": True}

@@ -64,7 +64,7 @@ class LiveSource(Source):
 
 
 class Playback(LiveSource):
-    """A recording at its own pace, once through. Its frames keep their times; a late one delays those after it."""
+    """A recording at its own pace, once through. Its frames have their own times; a late one delays those after it."""
 
     def __init__(self, recording: Recording) -> None:
         super().__init__(recording.name, recording.notes)

@@ -197,7 +197,7 @@ def whole_view(image: Image, frame: Frame) -> Viewport:
 def match_contrast(image: Image, hazy: Image, clear: Image) -> Image:
     """An image (H, W, 3) with the gain and offset of each channel that take a hazy picture (h, w, 3) to a clear one.
 
-    The frame is dehazed as small as it is shown; this brings a magnified part of it to the same look.
+    The frame is dehazed as small as it is shown; this gives a magnified part of it the same contrast.
     """
     before, after = (part.reshape(-1, 3).astype(np.float32) for part in (hazy, clear))
     means = before.mean(axis=0), after.mean(axis=0)
@@ -277,11 +277,11 @@ def resize(image: Image, size: tuple[int, int]) -> Image:
 
 def _draw_points(image: Image, view: Viewport, points: LinePoints, line: PixelLine | None, colour: Colour) -> None:
     shown = view(points.points_px)
-    kept = np.zeros(len(points), dtype=bool) if line is None else line.inliers
+    inliers = np.zeros(len(points), dtype=bool) if line is None else line.inliers
     rows = np.sort(shown[:, 1])
     spacing = float(np.median(np.diff(rows))) if len(rows) > 1 else DOT_PX[1]
     largest = float(np.clip(1.2 * spacing, RIM_PX, DOT_PX[1]))
-    for at, confidence, inlier in zip(shown, points.confidence, kept, strict=True):
+    for at, confidence, inlier in zip(shown, points.confidence, inliers, strict=True):
         radius = DOT_PX[0] + (largest - DOT_PX[0]) * float(np.clip(confidence, 0.0, 1.0))
         draw_dot(image, at, radius, colour, filled=bool(inlier), rim=radius > RIM_PX)
 

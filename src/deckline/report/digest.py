@@ -12,7 +12,7 @@ REPORT_SKIPPED = 200  # skipped frames always among them, at most
 
 
 class RunDigest:
-    """Chooses the report's records, whose number does not grow with the run, and counts what keeps frames from `ok`.
+    """Chooses the report's records, whose number does not grow with the run; counts why frames lack distances or `ok`.
 
     Args:
         frames: of the run, skipped ones included.
@@ -27,7 +27,7 @@ class RunDigest:
         self.records: list[Record] = []
         self.pictures: ReportPictures = {}
         self._step = max(-(-frames // REPORT_RECORDS), 1)
-        self._sample, self._kept = sample, set(sample.kept() if sample else ())
+        self._sample, self._pictured = sample, set(sample.indices() if sample else ())
         self._index = self._skipped = 0
         self._missing, self._unverified = Tally(), Tally()
         self._unverified_frames = 0
@@ -39,9 +39,9 @@ class RunDigest:
         index, is_skipped = self._index, "skipped" in record
         self._index += 1
         self._skipped += is_skipped
-        if self._sample is not None and index in self._kept:
+        if self._sample is not None and index in self._pictured:
             self.pictures[len(self.records)] = self._sample.read(index)
-        if index % self._step == 0 or index in self._kept or (is_skipped and self._skipped <= REPORT_SKIPPED):
+        if index % self._step == 0 or index in self._pictured or (is_skipped and self._skipped <= REPORT_SKIPPED):
             self.records.append(record)
         if not is_skipped:
             self._count(record)

@@ -1,4 +1,4 @@
-"""The film and the report's pictures, made in a thread of their own: guidance does not wait for what people look at.
+"""The film and the report's pictures, made in a thread of their own: guidance does not wait for them.
 
 Their pictures are dehazed here. What that finds in each frame is a file of its own, dehazing.jsonl.
 """

@@ -33,8 +33,8 @@ def report_html(
 
     Args:
         info: label to value, in the order shown: source, command, version, weights, configuration, date. "source"
-            is the heading, "date" and "version" stand below it; "frames" is told with their number, and values whose
-            label begins with "note" are repeated above everything else.
+            is the heading, "date" and "version" stand below it; "frames" is repeated beside their number, values whose
+            label begins with "note" above everything else.
         records: records of guidance.jsonl, perhaps thinned out evenly: plots and figures are made of these.
         pictures: for the slider: index of a frame's record -> two JPEG files, as the camera saw it, and dehazed with
             the lines found.
@@ -95,7 +95,7 @@ def _row(record: Record) -> Record:
         inliers = lookup(record, ("lines", side, "pixel_line", "inliers"))
         row[side] = {
             "points": len(confidence),
-            "kept": None if inliers is None else sum(inliers),
+            "used": None if inliers is None else sum(inliers),
             "confidence": float(np.mean(confidence)) if confidence else None,
         }
     return row | {"seconds": sum(record["seconds"].values()) if record.get("seconds") else None}
@@ -142,7 +142,7 @@ def _cards(
 
 
 def _track_cards(seen: list[Record]) -> Iterator[tuple[str, str, str]]:
-    """How much of the run was guided by a track, and what its integrity said."""
+    """How much of the run was guided by a track, and what was flagged."""
     tracks = [record["track"] for record in seen if record.get("track")]
     if tracks:
         states = Counter(track["state"] for track in tracks)

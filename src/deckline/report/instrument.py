@@ -43,17 +43,17 @@ MODES = {
 
 
 def lateral_needle(guidance: Guidance) -> Value | None:
-    """Where the vertical needle stands, dots, right positive; None: flag."""
+    """Deflection of the vertical needle, dots, right positive; None: flag."""
     return _needle(guidance.lateral_deviation_m, LATERAL_DOT_M)
 
 
 def glideslope_needle(guidance: Guidance) -> Value | None:
-    """Where the horizontal needle stands, dots, up positive; None: flag."""
+    """Deflection of the horizontal needle, dots, up positive; None: flag."""
     return _needle(guidance.vertical_deviation_rad, float(np.deg2rad(GLIDESLOPE_DOT_DEG)))
 
 
 def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
-    """Where the vertical needle could stand at the protection level, dots; None: not known, or off the scale."""
+    """Deflections of the vertical needle at the protection level, dots; None: not known, or off the scale."""
     deviation, protection = guidance.lateral_deviation_m, guidance.protection
     if deviation is None or protection is None:
         return None

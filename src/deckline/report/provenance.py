@@ -25,7 +25,7 @@ Settings = dict[str, str]
 
 
 class Chain(Protocol):
-    """What answers frames: a `Flight`, or what stands in for one."""
+    """What answers frames, as a `Flight` does."""
 
     config: RunConfig
     dehazer: Dehazer

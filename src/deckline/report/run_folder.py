@@ -179,24 +179,24 @@ def _check_same(out: Path, before: Settings, now: Settings) -> None:
 
 
 class PictureSample:
-    """Small pictures for the report: keeps every n-th frame's; n doubles whenever there are too many.
+    """Small pictures for the report: those of every n-th frame; n doubles whenever there are too many.
 
     So any run length is spread evenly, and pictures need not stay in memory.
 
     Args:
         folder: where the pictures lie; those of an interrupted run are taken over.
-        most: pictures kept, at least 2.
+        most: pictures, at least 2.
     """
 
     def __init__(self, folder: Path, most: int = MOST_PICTURES) -> None:
         if most < 2:
-            raise ValueError(f"at least 2 pictures must be kept, got {most}")
+            raise ValueError(f"most pictures must be at least 2, got {most}")
         folder.mkdir(exist_ok=True)
         self._folder = folder
         self._most = most
         self._every = 1
-        self._kept = {int(path.stem) for path in folder.glob("*.marked") if path.stem.isdigit()}
-        while len(self._kept) > 1 and all(index % (2 * self._every) == 0 for index in self._kept):
+        self._indices = {int(path.stem) for path in folder.glob("*.marked") if path.stem.isdigit()}
+        while len(self._indices) > 1 and all(index % (2 * self._every) == 0 for index in self._indices):
             self._every *= 2
 
     def add(self, index: int, panels: Panels) -> None:
@@ -205,20 +205,20 @@ class PictureSample:
             return
         for path, image in zip(self._files(index), (panels.hazy, panels.marked), strict=True):
             path.write_bytes(encode_picture(image, ".jpg", JPEG_QUALITY))
-        self._kept.add(index)
-        while len(self._kept) > self._most:
+        self._indices.add(index)
+        while len(self._indices) > self._most:
             self._every *= 2
-            for dropped in [kept for kept in self._kept if kept % self._every]:
-                self._kept.remove(dropped)
+            for dropped in [index for index in self._indices if index % self._every]:
+                self._indices.remove(dropped)
                 for path in self._files(dropped):
                     path.unlink(missing_ok=True)
 
-    def kept(self) -> list[int]:
-        """Indices of the records whose pictures are kept, in order."""
-        return sorted(self._kept)
+    def indices(self) -> list[int]:
+        """Indices of the records whose pictures it has, in order."""
+        return sorted(self._indices)
 
     def read(self, index: int) -> tuple[bytes, bytes]:
-        """JPEG files of a kept record: hazy, and dehazed with the lines."""
+        """JPEG files of such a record: hazy, and dehazed with the lines."""
         hazy, marked = self._files(index)
         return hazy.read_bytes(), marked.read_bytes()
 

@@ -312,7 +312,7 @@ def test_run_takes_frames_live_and_writes_whole_results(tmp_path, capsys):
     records = [json.loads(line) for line in (tmp_path / "guidance.jsonl").read_text().splitlines()]
     assert [record["time_s"] for record in records] == [0.0, 1.0, 2.0]
     written = {path.name for path in tmp_path.iterdir()}
-    assert written == {"guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html", "run.toml"}
+    assert written == {"dehazing.jsonl", "guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html", "run.toml"}
     shown = capsys.readouterr()
     assert address in shown.err and "resume" in shown.err
     assert str(tmp_path / "report.html") in shown.out

@@ -32,11 +32,11 @@ from deckline.report.status import STATUS_COLOURS
 DEFAULT = "127.0.0.1:8080"
 LOOPBACK = ("127.0.0.1", "localhost")
 TICK_S = 0.1  # between messages to a browser
-STEP_S = 0.05  # between moments that are kept, at least
+STEP_S = 0.05  # between snapshots, at least
 HELD_S = 1.0  # an older answer is greyed out, whatever its status
-DEHAZED = 8  # dehazed moments that are kept for other browsers
+DEHAZED = 8  # dehazed snapshots in memory, for other browsers
 WAIT_S = 0.1
-END_S = 3.0  # for browsers to be told
+END_S = 3.0  # for a thread to end
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self'; frame-ancestors 'none'"
 
 
@@ -168,7 +168,7 @@ class Dashboard:
             ui.notify(str(error), type="negative")
 
     def _news(self, sent: int) -> Record:
-        """What a browser does not know yet that was told everything up to moment `sent`."""
+        """What is new for a browser that has everything up to snapshot `sent`."""
         new, newest, now_s = self._memory.after(sent), self._newest, time.monotonic()
         news: Record = {"newest": sent, "oldest": self._memory.oldest, "recording": self._is_recording}
         news |= {"rows": [moment.row for moment in new], "age_s": None, "silent_s": 0.0}
@@ -183,7 +183,7 @@ class Dashboard:
         return Response(self._find(number).shown, media_type="application/json")
 
     def _get_picture(self, number: int, part: str, dehazer: str = NOT_DEHAZED) -> Response:
-        """A JPEG; the header `Note` says why a picture is not dehazed. Runs in a thread of its own."""
+        """A JPEG; the header `Note` has the reason why a picture is not dehazed. Runs in a thread of its own."""
         pictures = self._find(number).pictures
         if pictures is None or part not in ("whole", "deck"):
             raise HTTPException(404)

@@ -19,7 +19,7 @@ from deckline.report.draw import Image, encode_picture
 from deckline.report.records import Record, lookup
 from deckline.types import SIDES, Frame
 
-WHOLE_PX = 960  # longer side of a picture that is kept
+WHOLE_PX = 960  # longer side of a snapshot's picture
 DECK_PX = (480, 270)  # width, height of the magnified deck
 ANY_SCALE = 1e-6  # a deck is magnified however large it is in the picture
 QUALITY = 90  # of the JPEGs
@@ -50,15 +50,15 @@ class Snapshot:
     @property
     def size(self) -> int:
         """Bytes, about."""
-        kept = self.pictures
-        return 2000 + len(self.shown) + (0 if kept is None else len(kept.whole) + len(kept.deck or b""))
+        pictures = self.pictures
+        return 2000 + len(self.shown) + (0 if pictures is None else len(pictures.whole) + len(pictures.deck or b""))
 
 
 class Memory:
     """The last moments; for any thread.
 
     Args:
-        limit: bytes, about; the newest moment is always kept.
+        limit: bytes, about; the newest snapshot always stays.
     """
 
     def __init__(self, limit: int = MEMORY) -> None:
@@ -95,7 +95,7 @@ class Memory:
 
 
 def make_snapshot(number: int, result: FrameResult | None, record: Record, pictured: int | None) -> Snapshot:
-    """What to keep of a result and its record.
+    """What the dashboard remembers of a result and its record.
 
     Args:
         number: one higher than the last moment's.

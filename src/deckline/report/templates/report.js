@@ -73,7 +73,7 @@
   }
   const charts = [
     ...GUIDANCE.map(guidanceChart),
-    pointsChart("Line points kept", "", 0, "kept"),
+    pointsChart("Line points used", "", 0, "used"),
     pointsChart("Confidence of the points, mean", "", 2, "confidence"),
   ].filter((chart) => chart.exists);
 
@@ -302,7 +302,7 @@
     byId("frame-name").textContent = `${row.file}${time} · mode ${row.mode}${row.track ? ` · ${row.track}` : ""} · picture ${number + 1} of ${pictures.length}`;
     byId("frame-words").textContent = [flagged(row) ? `Flagged: ${row.flags.join("; ")}.` : "", words(row)].filter(Boolean).join(" ");
     numbers(row);
-    const lines = ["left", "right"].map((side) => `${side} line: ${row[side].kept ?? 0} of ${row[side].points} points kept`);
+    const lines = ["left", "right"].map((side) => `${side} line: ${row[side].used ?? 0} of ${row[side].points} points used`);
     const speed = known(row.seconds) ? ` · computed in ${fixed(row.seconds * 1000, 0)} ms` : "";
     byId("frame-points").textContent = lines.join(" · ") + speed;
     if (charts.length) pointAt(state.row);
