@@ -26,7 +26,7 @@ class SourceOptions:
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
         sea_z_m: world z (down, metres) of the water, for dehazing (20 m below the deck when not given) and to notice a
             pitched camera.
-        pose_offset_s: the clock of the poses minus that of the pictures, live: minus Unix time (0).
+        pose_offset_s: clock of the poses minus the pictures' (live: Unix time); 0.
         max_pose_gap_s: between two poses, beyond which pictures have no pose (0.5).
         topic: of a ROS bag, where several are there.
     """

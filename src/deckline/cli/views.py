@@ -26,7 +26,7 @@ class ViewOptions:
     """What watches a flight besides its files.
 
     Args:
-        dashboard: watch in a browser (127.0.0.1:8080); that of a recording stays open until Ctrl-C.
+        dashboard: watch in a browser (127.0.0.1:8080), a recording until Ctrl-C.
         mcap: for pictures and guidance as ROS 2 messages.
         foxglove: the same live, for Foxglove (127.0.0.1:8765).
     """

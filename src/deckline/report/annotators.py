@@ -43,9 +43,13 @@ class Viewport:
     """A part of the full image shown at another size; (0, 0) is a pixel's centre in both."""
 
     left_px: float
+    """Left edge of the part, image px."""
     top_px: float
-    x: float  # shown pixels per image pixel
+    """Top edge of the part, image px."""
+    x: float
+    """Shown pixels per image pixel, across."""
     y: float
+    """Shown pixels per image pixel, down."""
 
     def __call__(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Image pixels (N, 2) as they are shown."""

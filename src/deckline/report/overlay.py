@@ -20,9 +20,12 @@ FAR: tuple[ViewportAnnotator, ...] = (LineAnnotator(),)
 class Panels:
     """The two pictures of a frame, each at most 640x360 px, in the image's proportions."""
 
-    hazy: Image  # (h, w, 3)
-    marked: Image  # (h, w, 3) dehazed, with what was found
-    not_dehazed: str = ""  # why it is as the camera saw it; empty: it is dehazed
+    hazy: Image
+    """(h, w, 3) as the camera saw it."""
+    marked: Image
+    """(h, w, 3) dehazed, with what was found."""
+    not_dehazed: str = ""
+    """Why `marked` is not dehazed; empty: it is."""
 
 
 def draw_panels(result: FrameResult, dehazed: DehazeResult) -> Panels:

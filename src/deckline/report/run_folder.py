@@ -1,9 +1,9 @@
 """The files of a run, whole at every moment.
 
-OUT/guidance.jsonl grows by whole lines while the run goes on. Everything that a stopped run needs to go on lies in
-OUT/.unfinished: the settings, the pieces of the film, the pictures for the report. When the run ends, the other files
-are made there and renamed into OUT, and .unfinished goes away. Where OUT already holds a run, the new guidance.jsonl
-grows in .unfinished too: until the new run ends, the old one stays as it was.
+OUT/guidance.jsonl grows by whole lines during the run. OUT/.unfinished holds all that a stopped run needs to go on:
+the settings, the pieces of the film, the pictures for the report. When the run ends, the other files are made there and
+renamed into OUT, and .unfinished is removed. Where OUT already holds a run, the new guidance.jsonl grows in .unfinished
+too: until the new run ends, the old one stays as it was.
 """
 
 import json
@@ -34,14 +34,20 @@ JPEG_QUALITY = 78
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Where a run is written and how far it came."""
+    """Where a run is written, and what of it is there already."""
 
     out: Path
-    jsonl: Path  # in `out`, or in `work` while an older run is still in `out`
-    recorded: int = 0  # whole lines that were there when the folder was opened
-    filmed: int = 0  # records that need no film any more: all before this one
-    pictures: int = 0  # of the film: frames among these records
-    counts: Mapping[str, int] = field(default_factory=dict)  # records that were there by status, and "skipped"
+    """The folder."""
+    jsonl: Path
+    """guidance.jsonl: in `out`, or in `work` while an older run is still in `out`."""
+    recorded: int = 0
+    """Whole lines when the folder is opened."""
+    filmed: int = 0
+    """Index of the first record whose picture the film lacks."""
+    pictures: int = 0
+    """Pictures of the film before that record."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """These records by status, and "skipped"."""
 
     @property
     def work(self) -> Path:

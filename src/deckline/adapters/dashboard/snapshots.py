@@ -31,11 +31,16 @@ PLOTTED = (("lateral_deviation_m", "lateral_m"), ("vertical_deviation_m", "verti
 class SnapshotPictures:
     """A moment's frame, small."""
 
-    frame: Frame  # without its image: every pixel is black
-    whole: bytes  # JPEG of the image
-    deck: bytes | None  # JPEG of the magnified deck; None: there is none to magnify
-    window: Window | None  # of the image as the camera took it that `deck` shows
-    width_px: int  # of that image
+    frame: Frame
+    """The frame without its image: every pixel is black."""
+    whole: bytes
+    """JPEG of the image."""
+    deck: bytes | None
+    """JPEG of the magnified deck; None: there is none to magnify."""
+    window: Window | None
+    """Part of the camera's image that `deck` shows, px."""
+    width_px: int
+    """Width of the camera's image, px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +48,13 @@ class Snapshot:
     """An answer, or that there was none."""
 
     number: int
-    shown: str  # JSON: what the browser shows
-    row: list[Any]  # for the plots: number, time, value and protection level of each of `PLOTTED`, status
-    pictures: SnapshotPictures | None  # None: no new picture
+    """One higher than that of the snapshot before."""
+    shown: str
+    """JSON: what the browser shows."""
+    row: list[Any]
+    """For the plots: number, time, value and protection level of each of `PLOTTED`, status."""
+    pictures: SnapshotPictures | None
+    """Pictures of the frame; None: no new picture."""
 
     @property
     def size(self) -> int:
