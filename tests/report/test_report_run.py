@@ -13,6 +13,7 @@ from approach_scene import STILL, Approach, ExactChain, chain
 from deckline.config import Models, RunConfig
 from deckline.config_file import read_config
 from deckline.flight import Flight
+from deckline.live.source import Playback
 from deckline.report.advice import REMEDIES
 from deckline.report.records import read_records
 from deckline.report.run import run
@@ -163,6 +164,15 @@ def test_a_resumed_run_flags_where_its_track_began_anew(out):
     tracks = [record["track"] for record in out.records()]
     assert [[flag["name"] for flag in track["flags"]] for track in tracks] == [[]] * 4 + [["resumed"]] + [[]] * 3
     assert [track["age_s"] for track in tracks][3:6] == [0.75, 0.0, 0.25]
+
+
+def test_a_live_source_is_run_as_any_other(out, monkeypatch):
+    monkeypatch.setattr(Playback, "wait_for_stop", lambda *_: False)
+    summary = run(Playback(Approach(3, bad=(1,))), chain, out.path)
+    assert (summary.exit_code, summary.frames, summary.counts["skipped"]) == (0, 3, 1)
+    assert out.files() == named(0, 1, 2)
+    with pytest.raises(ValueError, match="approach"):
+        run(Playback(Approach(3)), chain, out.path, resume=True)
 
 
 def test_lines_can_be_read_while_the_run_goes_on(out):

@@ -15,6 +15,7 @@ from deckline.recording import BadFrame, Recording, RecordingError, Source
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.types import Frame
 
+SLICE_S = 0.05  # within which a wait notices a stop
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to open a source; each wait doubles
 
 Log = Callable[[str], None]
@@ -59,8 +60,14 @@ class LiveSource(Source):
         self.stopped.set()
 
     def wait_for_stop(self, seconds: float) -> bool:
-        """Sleep; whether `stop` ended it."""
-        return self.stopped.wait(max(seconds, 0.0))
+        """Sleep; whether `stop` ended it. In slices: a signal handler may not set an event that is waited for."""
+        end_s = time.monotonic() + seconds
+        while not self.stopped.is_set():
+            rest_s = end_s - time.monotonic()
+            if rest_s <= 0:
+                return False
+            time.sleep(min(rest_s, SLICE_S))
+        return True
 
 
 class Playback(LiveSource):

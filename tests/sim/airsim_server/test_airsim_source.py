@@ -2,6 +2,7 @@ import json
 import os
 import signal
 import threading
+import time
 from itertools import islice
 
 import numpy as np
@@ -200,6 +201,16 @@ def test_a_broken_frame_is_passed_on_as_such_and_the_next_is_asked_for():
     assert "got 5 bytes" in items[1].reason
     assert items[1].file == "0#1700000000250000000"
     assert items[2].file == "0"
+
+
+def test_live_frames_are_numbered_and_count_as_taken_when_they_are_there():
+    with StandIn(simGetImages=number_images()) as server:
+        source, _ = live(server)
+        start_s = time.monotonic()
+        captures = list(islice(source.captures(), 3))
+    assert [taken.frame.file for taken in captures] == [f"frame_{number:08d}.png" for number in (1, 2, 3)]
+    times_s = [start_s, *(taken.at_s for taken in captures), time.monotonic()]
+    assert times_s == sorted(times_s)
 
 
 def test_a_simulator_that_goes_away_is_waited_for_and_said_once():

@@ -18,7 +18,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.adapters.airsim.client import (
     DEPTH_PLANAR,
-    POLL_S,
     SCHEME,
     Connection,
     ConnectionLostError,
@@ -304,16 +303,6 @@ class AirSimSource(LiveSource):
             with suppress(ConnectionLostError, ValueError):  # not there yet, or there and still loading
                 self._mount = self._connect().body_from_camera
         self._log("the simulator is back")
-
-    def wait_for_stop(self, seconds: float) -> bool:
-        """Sleep; whether `stop` ended it. In slices: a signal handler may not set an event that is waited for."""
-        end_s = time.monotonic() + seconds
-        while not self.stopped.is_set():
-            rest_s = end_s - time.monotonic()
-            if rest_s <= 0:
-                return False
-            time.sleep(min(rest_s, POLL_S))
-        return True
 
     def _hang_up(self) -> None:
         if self._connection is not None:
