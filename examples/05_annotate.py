@@ -10,12 +10,14 @@ import sys
 from PIL import Image
 
 from deckline import Flight, open_recording
+from deckline.dehaze import dehaze_frame
 from deckline.report.annotators import LineAnnotator, MagnifierAnnotator, NeedleAnnotator
 
 
 def main(recording: str, index: str = "0", picture: str = "annotated.png") -> None:
-    result = Flight.from_config()(open_recording(recording).load(int(index)))
-    image = result.dehazed_rgb  # or result.frame.image_rgb, or either in another size
+    flight = Flight.from_config()
+    result = flight(open_recording(recording).load(int(index)))
+    image = dehaze_frame(result.frame, flight.dehazer).image_rgb  # or result.frame.image_rgb, or either in another size
     for annotator in (MagnifierAnnotator(), LineAnnotator(), NeedleAnnotator()):
         image = annotator.annotate(image, result)
     Image.fromarray(image).save(picture)

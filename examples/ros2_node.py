@@ -28,7 +28,7 @@ from deckline.config_file import read_config
 from deckline.flight import Flight
 from deckline.geometry import attitude, camera_mount, pose
 from deckline.live.mailbox import Mailbox
-from deckline.live.pipeline import STALE_S, WAIT_S, Outputs, Session
+from deckline.live.pipeline import STALE_S, WAIT_S, LiveSession, Outputs
 from deckline.live.poses import PoseBuffer
 from deckline.live.source import Captured, LiveSource
 from deckline.recording import BadFrame
@@ -46,14 +46,14 @@ MOUNT = {"mount_m": [0.0] * 3, "mount_deg": [0.0] * 3}  # forward, right, down; 
 PARAMETERS = {"config": "", "deck_z_m": math.nan, "sea_z_m": math.nan, "stale_s": STALE_S, **MOUNT}
 
 
-class Pictures(LiveSource):
+class PictureTopic(LiveSource):
     """The newest picture of a subscription."""
 
     def __init__(self, mount, heights_m):
         super().__init__("ros2")
         self.mailbox, self.camera, self._mount, self._heights_m = Mailbox(), None, mount, heights_m
 
-    def items(self):
+    def captures(self):
         while not self.stopped.is_set():
             if (taken := self.mailbox.take(WAIT_S)) is not None:
                 yield self._capture(*taken)
@@ -79,7 +79,7 @@ class DecklineNode(Node):
         self.config = read_config(RunConfig, given["config"]) if given["config"] else RunConfig()
         mount = camera_mount(given["mount_m"], attitude(*np.deg2rad(given["mount_deg"])))
         heights_m = [None if math.isnan(given[name]) else given[name] for name in ("deck_z_m", "sea_z_m")]
-        self.pictures, self.poses = Pictures(mount, heights_m), PoseBuffer(self.config.navigation.max_gap_s)
+        self.pictures, self.poses = PictureTopic(mount, heights_m), PoseBuffer(self.config.navigation.max_gap_s)
         self.encoder = Encoder()
         self.outgoing = {topic: self.create_publisher(kind, topic, 10) for topic, kind in PUBLISHED.items()}
         for kind, topic, take in (
@@ -92,7 +92,7 @@ class DecklineNode(Node):
             self.create_subscription(kind, topic, take, qos_profile_sensor_data)
         outputs = Outputs(lambda record: None, self.get_logger().info, views=(self.publish,))
         flight, stale_s = Flight.from_config(self.config), given["stale_s"]
-        self.session = Session(self.pictures, flight, outputs, poses=self.poses.at, stale_s=stale_s)
+        self.session = LiveSession(self.pictures, flight, outputs, poses=self.poses.at, stale_s=stale_s)
 
     def now_s(self):
         return 1e-9 * self.get_clock().now().nanoseconds

@@ -4,11 +4,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Deck, RunConfig
-from deckline.flight import Dehazing, FrameResult
+from deckline.flight import FrameResult
 from deckline.geometry import Camera, attitude
 from deckline.guide import guidance
 from deckline.localize import localize
-from deckline.recording import FrameError, Source
+from deckline.recording import FrameError, Recording
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
 CAMERA = Camera.from_fov(320, 180, np.deg2rad(60))
@@ -40,17 +40,6 @@ def points(at: Frame, line: Segment, count: int = 20) -> LinePoints:
     return LinePoints(pixels, np.linspace(1.0, 0.5, count), np.full(count, 0.5))
 
 
-def chain(at: Frame, sides: tuple[str, ...] = ("left", "right")) -> FrameResult:
-    """Exact detections of the named sides, then the real localization and guidance."""
-    lines = {"left": LEFT, "right": RIGHT}
-    found = {side: points(at, lines[side]) if side in sides else LinePoints.empty() for side in lines}
-    detection = Detection(found["left"], found["right"])
-    estimate = localize(at, detection, STILL, np.random.default_rng(0))
-    seconds = {"detect": 0.04, "localize": 0.002, "guide": 0.0001}
-    dehazing = Dehazing(at, Halved(), seconds)
-    return FrameResult(at, dehazing, detection, estimate, guidance(at, estimate, None, STILL.approach), seconds)
-
-
 class Halved:
     """A dehazer that darkens."""
 
@@ -60,7 +49,25 @@ class Halved:
         return image_rgb // 2
 
 
-class Approach(Source):
+class ExactChain:
+    """A chain that detects the lines exactly; localization and guidance are the real ones."""
+
+    config, dehazer = STILL, Halved()
+
+    def __call__(self, at: Frame, sides: tuple[str, ...] = ("left", "right")) -> FrameResult:
+        """The result of a frame that shows the named sides."""
+        lines = {"left": LEFT, "right": RIGHT}
+        found = {side: points(at, lines[side]) if side in sides else LinePoints.empty() for side in lines}
+        detection = Detection(found["left"], found["right"])
+        estimate = localize(at, detection, STILL, np.random.default_rng(0))
+        seconds = {"detect": 0.04, "localize": 0.002, "guide": 0.0001}
+        return FrameResult(at, detection, estimate, guidance(at, estimate, None, STILL.approach), seconds)
+
+
+chain = ExactChain()
+
+
+class Approach(Recording):
     """`count` frames ever nearer; those in `bad` cannot be read."""
 
     name = "approach"

@@ -129,3 +129,11 @@ def test_the_example_file_is_readable():
     path = Path(__file__).parents[1] / "examples" / "still_deck.toml"
     config = RunOptions(config=path).run_config()
     assert (config.sensors, config.noise.slope_rad) == (GRADES["good"], 0.0)
+
+
+def test_a_flag_that_is_not_set_leaves_the_files_value(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text("[models]\nvisibility = true\n")
+    assert RunOptions(config=path).run_config().models.visibility
+    assert RunOptions(measure_visibility=True).run_config().models.visibility
+    assert not RunOptions().run_config().models.visibility

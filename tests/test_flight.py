@@ -13,14 +13,13 @@ import deckline
 from approach_scene import CAMERA, LEFT, RIGHT, STILL, frame, points
 from deckline.cli.main import main
 from deckline.config import Localization, Models, RunConfig, RunwaySurvey, Tracking
-from deckline.dehaze import DehazeResult
 from deckline.dehaze.base import IdentityDehazer
 from deckline.detect import SearchingDetector
 from deckline.detect.prior import prior_from_survey
-from deckline.flight import Dehazing, Flight
+from deckline.flight import Flight
 from deckline.recording import open_recording
 from deckline.report.records import guidance_record
-from deckline.types import DepthMode, Detection, LinePoints, LineVisibility, Reason, Status, TrackState, Value
+from deckline.types import DepthMode, Detection, LinePoints, LineVisibility, Reason, Status, TrackState
 from deckline_lab.evaluation.chain import score_frame
 from deckline_sim import SimConfig, frames
 
@@ -73,38 +72,10 @@ def test_fine_mode_without_a_depth_camera_says_so_and_gives_nothing(results):
     assert result.guidance.lateral_deviation_m is None
 
 
-def test_a_dehazer_that_needs_the_pose_says_when_there_is_none(results):
-    chain = Flight.from_config(replace(SINGLE, models=Models(dehazer="geometry")))
-    hazy = results[0].frame
-    blind, seeing = chain(replace(hazy, world_from_body=None)), chain(hazy)
-    assert blind.dehazing.note is None  # nobody has looked yet
-    np.testing.assert_array_equal(blind.dehazed_rgb, hazy.image_rgb)
-    assert (seeing.dehazed_rgb != hazy.image_rgb).any()
-    assert "no pose" in blind.dehazing.note and seeing.dehazing.note is None
-
-
-def test_no_strength_leaves_the_picture(results):
-    frame = results[0].frame
-    chain = Flight.from_config(replace(SINGLE, models=Models(dehazer="geometry", strength=0.0)))
-    np.testing.assert_array_equal(chain(frame).dehazed_rgb, frame.image_rgb)
-
-
 @pytest.mark.parametrize("field", ["dehazer", "detector"])
 def test_an_unknown_model_is_refused_by_name(field):
     with pytest.raises(ValueError, match=f"{field}.*magic"):
         Flight.from_config(RunConfig(models=Models(**{field: "magic"})))
-
-
-def test_a_known_camera_height_gives_the_visibility_in_metres(results):
-    class ByHorizon(IdentityDehazer):
-        def restore(self, frame):
-            return DehazeResult(frame.image_rgb.copy(), visibility_heights=Value(20.0, 2.0))
-
-    def told(height_m):
-        return Dehazing(results[0].frame, ByHorizon(), {}, Models(camera_height_m=height_m))().visibility_m
-
-    assert told(None) is None
-    assert (told(15.0).value, told(15.0).sigma) == (300.0, 30.0)
 
 
 def test_the_shipped_sample_is_whole_and_its_lines_are_found(flight, tmp_path):
@@ -262,18 +233,46 @@ def test_a_given_prior_comes_before_the_survey_and_that_before_the_last_picture(
     assert detector.boxes[1] == detector.boxes[2] == detector.boxes[3]
 
 
-@pytest.mark.parametrize(("detect_in", "grey"), [("hazy", 120), ("dehazed", 99)])
-def test_lines_are_searched_in_the_picture_that_is_asked_for(detect_in, grey):
-    class Grey:
-        name = "grey"
+class Grey:
+    """A dehazer that paints everything grey."""
 
-        def __call__(self, image_rgb):
-            return np.full_like(image_rgb, 99)
+    name = "grey"
 
+    def __call__(self, image_rgb):
+        return np.full_like(image_rgb, 99)
+
+
+@pytest.mark.parametrize(
+    ("models", "searched", "dehazed"),
+    [
+        (Models(), 120, None),
+        (Models(visibility=True), 120, 99),
+        (Models(detect_in="dehazed"), 99, 99),
+    ],
+)
+def test_the_chain_dehazes_only_what_the_configuration_asks_for(models, searched, dehazed):
     detector = RecordingDetector()
-    result = Flight(replace(SINGLE, models=Models(detect_in=detect_in)), Grey(), detector)(frame())
-    assert np.unique(detector.images[0]).tolist() == [grey]
-    assert np.all(result.dehazed_rgb == 99)
+    result = Flight(replace(SINGLE, models=models), Grey(), detector)(frame())
+    assert np.unique(detector.images[0]).tolist() == [searched]
+    assert (result.dehazed is None) == (dehazed is None) == ("dehaze" not in result.seconds)
+    assert dehazed is None or np.all(result.dehazed.image_rgb == dehazed)
+
+
+REFUSED = [(Models(visibility=True), True), (Models(detect_in="dehazed"), False)]
+
+
+@pytest.mark.parametrize(("models", "is_flown"), REFUSED)
+def test_only_a_detector_that_needs_the_dehazed_picture_is_stopped_by_a_dehazer_that_refuses(models, is_flown):
+    class Refusing(Grey):
+        def __call__(self, image_rgb):
+            raise ValueError("too dark")
+
+    flight = Flight(replace(SINGLE, models=models), Refusing(), RecordingDetector())
+    if is_flown:
+        assert flight(frame()).dehazed.note == "not dehazed: too dark"
+    else:
+        with pytest.raises(ValueError, match="too dark"):
+            flight(frame())
 
 
 def test_a_given_detection_is_used_without_a_search_of_the_picture():

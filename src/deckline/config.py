@@ -223,13 +223,13 @@ class Models:
     """Which dehazer and detector run; a name of the shipped ones or the path of an ONNX file.
 
     Args:
-        dehazer: of the picture for people.
+        dehazer: of the pictures for people.
         strength: of the dehazing, 0 (the picture as it is) to 1.
         detector: of the lines.
         detect_in: the picture that the detector sees. `dehazed` is the published chain; the shipped detector was
             trained on haze and finds more in the hazy picture.
-        camera_height_m: above the water, of pictures without a pose or a height; with it their visibility is told in
-            metres.
+        camera_height_m: above the water, of pictures without a pose or a height; with it their visibility is in metres.
+        visibility: measure the visibility of every frame for its record; the chain then dehazes each frame, at 640 px.
     """
 
     dehazer: str = "coarse-t"
@@ -237,6 +237,7 @@ class Models:
     detect_in: Picture = "hazy"
     strength: float = 1.0
     camera_height_m: float | None = None
+    visibility: bool = False
 
     def __post_init__(self) -> None:
         check_choice("models.detect_in", self.detect_in, Picture)

@@ -6,14 +6,14 @@
     track     the lines over frames: the filter's update, gate and fault tests
     guide     lateral deviation, heading error, height, distance: `guide/deviations.py`
 
- A detector that was trained on haze finds more in the hazy picture; the
-dehazed one is for people, and for detectors that never saw haze (`models.detect_in`).
+A detector that was trained on haze finds more in the hazy picture. The chain dehazes only for a detector that never saw
+haze (`models.detect_in`), or to measure the visibility (`models.visibility`); views dehaze their own pictures.
 """
 
 import time
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import TypeVar
@@ -21,8 +21,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import Engine, Models, RunConfig
-from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, downscale_frame, restore
+from deckline.config import Engine, RunConfig
+from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, dehaze_for_display, dehaze_frame
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, SearchScheduler
 from deckline.detect.crop import Box
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
@@ -30,75 +30,30 @@ from deckline.guide import guidance
 from deckline.localize import Localizer, localize
 from deckline.monitors import Monitor, build_monitors
 from deckline.track import Prediction, Tracker
-from deckline.types import Detection, Diagnostics, Frame, Guidance, RunwayEstimate, RunwayPrior, Track, Value
+from deckline.types import Detection, Diagnostics, Frame, Guidance, RunwayEstimate, RunwayPrior, Track
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """Everything that came out of one frame."""
+    """Everything that the chain found in one frame; final."""
 
     frame: Frame
-    dehazing: "Dehazing"  # made when somebody looks
+    """The frame itself."""
     detection: Detection
-    estimate: RunwayEstimate  # from this frame alone
+    """Points of the lines in its picture."""
+    estimate: RunwayEstimate
+    """Lines in the world, from this frame alone."""
     guidance: Guidance
-    seconds: dict[str, float]  # wall time of "detect", "localize", "track" and "guide", of "dehaze" when it was made
-    track: Track | None = None  # of the frames so far; None: every frame is for itself
-
-    @property
-    def dehazed_rgb(self) -> NDArray[np.uint8]:
-        """The dehazed picture (H, W, 3), made by the first who asks for it."""
-        return self.dehazing().image_rgb
-
-
-@dataclass(frozen=True, eq=False)
-class Dehazing:
-    """A frame's dehazed picture, made on demand and kept."""
-
-    frame: Frame
-    dehazer: Dehazer
-    seconds: dict[str, float]  # of the frame's stages; gets "dehaze"
-    models: Models = field(default_factory=Models)
-    made: dict[tuple[int, int], DehazeResult] = field(default_factory=dict)
-
-    def __call__(self, long_side_px: int | None = None) -> DehazeResult:
-        """The picture with this longer side at most; None: as large as the frame."""
-        frame = self.frame if long_side_px is None else downscale_frame(self.frame, long_side_px)
-        size = frame.camera.width, frame.camera.height
-        if size not in self.made:
-            self.made[size] = _timed(self.seconds, "dehaze", lambda: self._restore(frame))
-        return self.made[size]
-
-    def _restore(self, frame: Frame) -> DehazeResult:
-        restored, height_m = restore(self.dehazer, frame, self.models.strength), self.models.camera_height_m
-        heights = restored.visibility_heights
-        if heights is None or height_m is None or restored.visibility_m is not None:
-            return restored
-        return replace(restored, visibility_m=Value(heights.value * height_m, heights.sigma * height_m))
-
-    def shown(self, long_side_px: int) -> DehazeResult:
-        """The same for people, of any size that was made before.
-
-        A frame that the dehazer refuses is shown as it is, with the reason, and stays flown.
-        """
-        try:
-            return self.restored or self(long_side_px)
-        except ValueError as error:
-            frame = downscale_frame(self.frame, long_side_px)
-            left = DehazeResult(frame.image_rgb.copy(), f"not dehazed: {' '.join(str(error).split())}")
-            return self.made.setdefault((frame.camera.width, frame.camera.height), left)
-
-    @property
-    def restored(self) -> DehazeResult | None:
-        """What was made first; None when nobody asked."""
-        return next(iter(self.made.values()), None)
-
-    @property
-    def note(self) -> str | None:
-        """Why the picture that was made is left as it is; None for one that is dehazed, or that nobody asked for."""
-        return next((made.note for made in self.made.values() if made.note), None)
+    """Where the aircraft is relative to them."""
+    seconds: Mapping[str, float]
+    """Wall time of `detect`, `localize`, `track` and `guide`, of `dehaze` where the chain dehazes, s."""
+    track: Track | None = None
+    """Lines in the world, from the frames so far; None: every frame is for itself."""
+    dehazed: DehazeResult | None = None
+    """What the chain dehazed: the whole picture for `models.detect_in = "dehazed"`, a small one for
+    `models.visibility`; None with neither."""
 
 
 class Flight:
@@ -111,7 +66,7 @@ class Flight:
 
     Args:
         config: everything that decides the answers.
-        dehazer: makes the picture for people.
+        dehazer: of the pictures for people, and of those for the detector where the configuration asks for them.
         detector: finds the points of the lines.
         localizer: places the lines in the world.
     """
@@ -193,15 +148,15 @@ class Flight:
         Args:
             frame: the next one of the flight.
             prior: where the runway should be; None: where the track, the survey or the last picture has it.
-            detection: points of the lines that are known already; the picture is then neither dehazed nor searched.
+            detection: points of the lines that are known already; the picture is then not searched.
             rng: RANSAC's draws; None: a generator of the frame's own, from `config.seed` and the file's name.
         """
         seconds: dict[str, float] = {}
         prediction = None if self.tracker is None else self.tracker.predict(frame)
         is_given = detection is not None
-        dehazing = Dehazing(frame, self.dehazer, seconds, self.config.models)
+        dehazed = self._dehaze(frame, not is_given, seconds)
         if detection is None:
-            picture = frame.image_rgb if self.config.models.detect_in == "hazy" else dehazing().image_rgb
+            picture = dehazed.image_rgb if dehazed and self.config.models.detect_in == "dehazed" else frame.image_rgb
             detection = _timed(seconds, "detect", lambda: self._detect(frame, picture, prior, prediction))
         points = detection
         rng = rng or np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
@@ -209,7 +164,15 @@ class Flight:
         flags = self._monitor(prediction, estimate, None if is_given else points)
         track = _timed(seconds, "track", lambda: self._update_track(prediction, points, estimate, flags))
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
-        return FrameResult(frame, dehazing, points, estimate, advice, seconds, track)
+        return FrameResult(frame, points, estimate, advice, seconds, track, dehazed)
+
+    def _dehaze(self, frame: Frame, is_searched: bool, seconds: dict[str, float]) -> DehazeResult | None:
+        models = self.config.models
+        if is_searched and models.detect_in == "dehazed":
+            return _timed(seconds, "dehaze", lambda: dehaze_frame(frame, self.dehazer, models))
+        if models.visibility:
+            return _timed(seconds, "dehaze", lambda: dehaze_for_display(frame, self.dehazer, models))
+        return None
 
     def _detect(
         self, frame: Frame, picture: NDArray[np.uint8], prior: RunwayPrior | None, prediction: Prediction | None

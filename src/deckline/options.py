@@ -37,6 +37,7 @@ TARGETS = {  # option -> section and field of the RunConfig
     "camera_height_m": ("models", "camera_height_m"),
     "detector": ("models", "detector"),
     "detect_in": ("models", "detect_in"),
+    "measure_visibility": ("models", "visibility"),
     "device": ("engine", "device"),
     "threads": ("engine", "threads"),
     "precision": ("engine", "precision"),
@@ -73,6 +74,7 @@ class RunOptions:
         threads: of the processor, for the networks; all when not given.
         precision: of the networks' arithmetic: f32 (the default), or with openvino bf16 where the processor has it.
         mode: where distances come from: depth camera (fine), deck plane (coarse), or both (auto).
+        measure_visibility: of every frame, for its record; each is dehazed for it.
         no_track: treat every frame alone, without the filter over the frames of one flight.
     """
 
@@ -100,6 +102,7 @@ class RunOptions:
     threads: Annotated[int | None, _flag("N")] = None
     precision: Annotated[Precision | None, _flag("{f32,bf16}")] = None
     mode: Annotated[Mode | None, _flag("{auto,fine,coarse}")] = None
+    measure_visibility: tyro.conf.FlagCreatePairsOff[bool] = False
     no_track: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run_config(self, base: RunConfig | None = None) -> RunConfig:
@@ -116,7 +119,8 @@ class RunOptions:
             config = replace(config, sensors=GRADES[self.grade])
         sections: dict[str, dict[str, Any]] = {"tracking": {"enabled": False}} if self.no_track else {}
         for option, (section, name) in TARGETS.items():
-            if (value := getattr(self, option)) is not None:
+            value = getattr(self, option)
+            if value is not None and value is not False:  # a flag that is not set leaves the file's value
                 sections.setdefault(section, {})[name] = value
         for section, values in sections.items():
             part = getattr(config, section)

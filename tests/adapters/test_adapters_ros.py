@@ -233,7 +233,7 @@ def test_foxglove_gets_the_same_messages():
         assert data[0] == 1 and int.from_bytes(data[1:5], "little") == 7
         values = {"header": {"frame_id": "deck"}}
         assert data[13:][:4] == Encoder()("geometry_msgs/msg/PoseWithCovarianceStamped", values)[:4]
-        with pytest.raises(ValueError, match=f"{address}: cannot listen there"):
+        with pytest.raises(ValueError, match=address):
             Publisher(None, address)
 
 
@@ -245,5 +245,5 @@ def test_a_wrong_address_is_one_line(address, pictures, tmp_path, capsys):
 
 
 def test_unknown_fields_are_refused():
-    with pytest.raises(ValueError, match="Pose has no places"):
+    with pytest.raises(ValueError, match=r"Pose.*places"):
         Encoder()("geometry_msgs/msg/Pose", {"places": {}})

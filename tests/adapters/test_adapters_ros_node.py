@@ -123,4 +123,5 @@ def test_pictures_and_poses_become_messages(rclpy, capsys):
 
 def test_the_launch_file_compiles():
     path = EXAMPLES / "ros2_node.launch.py"
-    compile(path.read_text(), path, "exec")
+    code = compile(path.read_text(), path, "exec")
+    assert "generate_launch_description" in code.co_names

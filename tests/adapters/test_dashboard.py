@@ -17,15 +17,15 @@ import numpy as np
 import pytest
 
 from approach_scene import LEFT, RIGHT, STILL, chain, frame, points
-from deckline.adapters.dashboard.advice import CHECK, advise
-from deckline.adapters.dashboard.moments import Memory, Snapshot, dehaze, make_moment
 from deckline.adapters.dashboard.server import Dashboard
+from deckline.adapters.dashboard.snapshots import Memory, Snapshot, dehaze, make_snapshot
 from deckline.cli.main import main
 from deckline.config import Approach, Models
 from deckline.dehaze import DEHAZERS
 from deckline.flight import Flight
-from deckline.live.pipeline import Outputs, Session
+from deckline.live.pipeline import LiveSession, Outputs
 from deckline.live.source import Captured, LiveSource
+from deckline.report.advice import CHECK, advise
 from deckline.report.records import frame_record
 from deckline.types import Detection, Status
 
@@ -43,7 +43,7 @@ class Flown(LiveSource):
         super().__init__("approach")
         self.stalled = threading.Event()
 
-    def items(self):
+    def captures(self):
         index = 0
         while not self.wait_for_stop(STEP_S):
             if not self.stalled.is_set():
@@ -69,7 +69,7 @@ class Flying:
         config = replace(STILL, models=Models(dehazer="veil", detector="classical"))
         self.board = Dashboard("127.0.0.1:0", "approach", config, True, self._record)
         outputs = Outputs(lambda record: self.sent.append(record["status"]), print, views=(self.board.view,))
-        self.session = Session(self.source, Seeing.from_config(config), outputs, stale_s=0.5)
+        self.session = LiveSession(self.source, Seeing.from_config(config), outputs, stale_s=0.5)
         self.thread = threading.Thread(target=self.session.run, daemon=True)
         self.thread.start()
 
@@ -152,6 +152,9 @@ def test_a_picture_is_dehazed_on_request(page):
     wait(page, "#whole image[href^=blob]")
     page.keyboard.press("d")
     holds(page, "/^(dehazed: veil|not dehazed)/.test(document.querySelector('#whole .caption').textContent)")
+    page.keyboard.press("d")
+    holds(page, "!document.querySelector('#whole .caption').textContent.includes('dehazed')")
+    assert page.get_attribute("#whole image", "href").startswith("blob:")
 
 
 def test_a_stalled_source_is_old_and_grows_older(flying, page):
@@ -273,23 +276,23 @@ def test_memory_forgets_the_oldest():
     assert memory.oldest == 9
 
 
-def test_a_moment_tells_what_the_record_tells():
+def test_a_snapshot_has_the_values_of_its_record():
     result = chain(frame(3))
-    kept = make_moment(7, result, frame_record(result, Approach()), None)
+    kept = make_snapshot(7, result, frame_record(result, Approach()), None)
     shown = json.loads(kept.shown)
     assert shown["values"]["lateral_deviation_m"]["value"] == pytest.approx(3.0, abs=0.05)
     assert (shown["number"], shown["picture"], shown["status"]) == (7, 7, str(result.guidance.status))
     np.testing.assert_allclose(shown["lines"]["left"], result.estimate.pixel_lines["left"].ends_px, atol=0.06)
     assert kept.row[:2] == [7, 0.75] and kept.row[2] == pytest.approx(3.0, abs=0.05)
     assert kept.pictures.frame.image_rgb.max() == 0 and result.frame.image_rgb.max() > 0
-    stale = json.loads(make_moment(8, None, STALE | {"live": {"captured_s": 1.0, "sent_s": 2.0}}, 7).shown)
+    stale = json.loads(make_snapshot(8, None, STALE | {"live": {"captured_s": 1.0, "sent_s": 2.0}}, 7).shown)
     assert (stale["picture"], stale["time_s"], stale["lines"]) == (7, 2.0, None)
     assert "go around" in stale["advice"][0]["do"]
 
 
-def test_dehazing_keeps_the_size_and_a_refusal_is_told():
-    pictures = make_moment(0, chain(frame()), frame_record(chain(frame()), Approach()), None).pictures
-    whole, deck, _ = dehaze(pictures, DEHAZERS["veil"](), 1.0)
+def test_dehazing_leaves_the_size_and_a_refusal_has_its_reason():
+    pictures = make_snapshot(0, chain(frame()), frame_record(chain(frame()), Approach()), None).pictures
+    whole, deck, _ = dehaze(pictures, DEHAZERS["veil"](), Models())
     assert cv2.imdecode(np.frombuffer(whole, np.uint8), 1).shape == (180, 320, 3)
     assert deck is None or cv2.imdecode(np.frombuffer(deck, np.uint8), 1).shape == (270, 480, 3)
 
@@ -297,17 +300,17 @@ def test_dehazing_keeps_the_size_and_a_refusal_is_told():
         def __call__(self, image_rgb):
             raise ValueError("too dark")
 
-    assert dehaze(pictures, Refusing(), 1.0) == (pictures.whole, pictures.deck, "not dehazed: too dark")
+    assert dehaze(pictures, Refusing(), Models()) == (pictures.whole, pictures.deck, "not dehazed: too dark")
 
 
-def test_every_status_but_ok_and_every_flag_say_what_to_do():
+def test_every_status_but_ok_and_every_flag_has_its_advice():
     record = {"reason": "no pose", "flags": []}
     assert advise(record | {"status": "ok"}) == []
     for status in set(Status) - {Status.OK}:
-        (told,) = advise(record | {"status": str(status)})
-        assert told["words"] == "no pose" and told["do"]
+        (advice,) = advise(record | {"status": str(status)})
+        assert advice["words"] == "no pose" and advice["do"]
     late = [{"name": "left", "reason": "off"}, {"name": "stale", "reason": "1 s old"}]
-    assert [told["words"] for told in advise(record | {"status": "stale", "flags": late})] == ["1 s old"]
+    assert [advice["words"] for advice in advise(record | {"status": "stale", "flags": late})] == ["1 s old"]
     for reason in CHECK:
-        (told,) = advise({"status": "unverified", "reason": "", "flags": [{"name": str(reason), "reason": "why"}]})
-        assert told["do"].startswith("check ") and told["words"] == "why"
+        (advice,) = advise({"status": "unverified", "reason": "", "flags": [{"name": str(reason), "reason": "why"}]})
+        assert advice == {"words": "why", "do": f"check {CHECK[reason]}"}

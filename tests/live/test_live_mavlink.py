@@ -20,14 +20,14 @@ from deckline.cli.main import main
 from deckline.config import Navigation
 from deckline.flight import Flight
 from deckline.live.clock import WallClock
-from deckline.live.messages import Answer, Progress, answer_record, stale_record
+from deckline.live.messages import Answer, FrameCounts, answer_record, stale_record
 from deckline.live.opening import open_camera
-from deckline.live.pipeline import Outputs, Session
+from deckline.live.pipeline import LiveSession, Outputs
 from deckline.recording import RecordingError
 from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodetic_from_ned
 
 WIDE = replace(CONFIG, deck=replace(CONFIG.deck, width_m=16.0))  # a stated width: guidance becomes `ok`
-PROGRESS, WALL = Progress(), WallClock()
+PROGRESS, WALL = FrameCounts(), WallClock()
 TARGET_M = np.array([70.0, 0.0, -20.0])  # of a runway along world x from 0
 BEAT = bytes.fromhex("fd0900000001010000000000000002030400")  # a HEARTBEAT without its checksum
 MESSAGES = {
@@ -114,7 +114,7 @@ def test_a_stream_flown_by_the_autopilots_poses_gives_it_targets_until_the_wire_
         camera = open_camera(f"udp://127.0.0.1:{port}", MOUNTED, WALL, log=lines.append)
         outputs = Outputs(link.send, lines.append)
         flight = Flight.from_config(WIDE, detector=detect)
-        session = Session(camera, flight, outputs, poses=link, wall=WALL, stale_s=1.0)
+        session = LiveSession(camera, flight, outputs, poses=link, wall=WALL, stale_s=1.0)
         thread = threading.Thread(target=session.run)
         thread.start()
         try:

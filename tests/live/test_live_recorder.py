@@ -1,4 +1,4 @@
-"""Frames that are kept come back as they were."""
+"""Recorded frames are read as they were."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from approach_scene import CAMERA, STILL, Approach, frame
 from deckline.config import Models
 from deckline.flight import Flight
 from deckline.geometry import Camera
-from deckline.live.folder import RECORDING, Folder
+from deckline.live.folder import RECORDING, FlightRecorder
 from deckline.live.pipeline import Outputs
 from deckline.live.recorder import FrameFolder, round_pose
 from deckline.live.source import Playback
@@ -75,16 +75,16 @@ def test_a_frame_of_another_camera_is_refused(tmp_path):
 def test_recording_is_switched_on_and_off_while_it_flies(tmp_path):
     flight = Flight.from_config(replace(STILL, models=Models(dehazer="none", detector="classical")))
     folder, other = (
-        Folder(tmp_path / name, Playback(Approach(3)), flight, record=False, overwrite=False) for name in "ab"
+        FlightRecorder(tmp_path / name, Playback(Approach(3)), flight, record=False, overwrite=False) for name in "ab"
     )
-    keep = folder.add_to(Outputs(print, print)).keep
+    add = folder.add_to(Outputs(print, print)).record
     for index, on in enumerate((False, True, False)):
         folder.record(on)
-        keep(frame(index))
-    folder.finish({})
+        add(frame(index))
+    folder.finish()
     recording = tmp_path / "a" / RECORDING
     assert [path.name for path in recording.glob("*.png")] == ["frame_001.png"]
     recording.rename(tmp_path / "b" / RECORDING)
     with pytest.raises(ValueError, match=RECORDING):
         other.record(True)
-    other.finish({})
+    other.finish()

@@ -17,9 +17,9 @@ from loopback import (
 
 from deckline.config import Navigation
 from deckline.live.clock import WallClock
-from deckline.live.folder import Folder
+from deckline.live.folder import FlightRecorder
 from deckline.live.opening import hide_credentials, open_camera
-from deckline.live.pipeline import Outputs, Session
+from deckline.live.pipeline import LiveSession, Outputs
 from deckline.live.poses import UdpPoses
 from deckline.recording import RecordingError, open_recording
 from deckline.report.records import frame_record
@@ -33,8 +33,8 @@ def flying(port, mounted=MOUNTED, poses=None, folder=None, stale_s=0.2):
     wall, messages, lines = WallClock(), [], []
     camera = open_camera(f"udp://127.0.0.1:{port}", mounted, wall, log=lines.append)
     outputs, chain = Outputs(messages.append, lines.append), flight()
-    kept = None if folder is None else Folder(folder, camera, chain, record=True, overwrite=False)
-    session = Session(
+    kept = None if folder is None else FlightRecorder(folder, camera, chain, record=True, overwrite=False)
+    session = LiveSession(
         camera, chain, outputs if kept is None else kept.add_to(outputs), poses=poses, wall=wall, stale_s=stale_s
     )
     thread = threading.Thread(target=session.run)
@@ -45,7 +45,7 @@ def flying(port, mounted=MOUNTED, poses=None, folder=None, stale_s=0.2):
         session.stop()
         thread.join()
         if kept is not None:
-            kept.finish(session.counts)
+            kept.finish()
 
 
 def answers(messages):
@@ -144,7 +144,7 @@ def test_a_flight_that_fails_ends_the_session_with_its_error(tmp_path):
         chain = flight()
         chain.detector = broken
         with pytest.raises(RuntimeError, match="a bug"):
-            Session(camera, chain, Outputs(lambda record: None, lambda line: None)).run(30.0)
+            LiveSession(camera, chain, Outputs(lambda record: None, lambda line: None)).run(30.0)
 
 
 @pytest.mark.parametrize("address", ["camera:x", "camera:0?gain=3", "/dev/null", "udp://127.0.0.1", "udp://u@h:5/x"])

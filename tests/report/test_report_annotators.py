@@ -44,7 +44,7 @@ def test_a_picture_of_any_size_gets_a_new_picture(annotator, size, sides):
 
 @pytest.mark.parametrize("annotator", ALL, ids=lambda a: type(a).__name__)
 def test_what_is_no_picture_is_refused(annotator):
-    with pytest.raises(ValueError, match=r"\(H, W, 3\) of uint8, got \(4, 5\) of float64"):
+    with pytest.raises(ValueError, match=r"uint8.*\(4, 5\).*float64"):
         annotator.annotate(np.zeros((4, 5)), chain(frame()))
 
 

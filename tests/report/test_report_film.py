@@ -1,19 +1,35 @@
-import json
+import errno
 import threading
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from approach_scene import Approach, chain
+from approach_scene import Approach, ExactChain, chain
+from deckline.dehaze import DehazeResult
 from deckline.report import film
-from deckline.report.film import WAITING, join_dehazing
+from deckline.report.film import WAITING
+from deckline.report.records import read_records
 from deckline.report.run import run
+from deckline.types import Value
 
 DRAW = film.draw_overlay
 
 
-def lines(out) -> int:
-    return len((out / "guidance.jsonl").read_text(encoding="utf-8").splitlines())
+class Watched(ExactChain):
+    """A chain that calls `watch` before each frame."""
+
+    def __init__(self, watch):
+        self._watch = watch
+
+    def __call__(self, frame):
+        self._watch(frame)
+        return super().__call__(frame)
+
+
+def files(out, name="guidance.jsonl"):
+    return [record["file"] for record in read_records(out / name)]
 
 
 def test_guidance_does_not_wait_for_the_film(tmp_path, monkeypatch):
@@ -23,11 +39,10 @@ def test_guidance_does_not_wait_for_the_film(tmp_path, monkeypatch):
     def watch(frame):
         if frame.file == f"frame_{WAITING:03d}.png":
             assert not released.is_set()
-            assert lines(tmp_path) == WAITING
+            assert len(files(tmp_path)) == WAITING
             released.set()
-        return chain(frame)
 
-    assert run(Approach(WAITING + 3), watch, tmp_path).counts["unverified"] == WAITING + 3
+    assert run(Approach(WAITING + 3), Watched(watch), tmp_path).counts["unverified"] == WAITING + 3
 
 
 def test_few_results_wait_for_a_slow_film(tmp_path, monkeypatch):
@@ -39,7 +54,7 @@ def test_few_results_wait_for_a_slow_film(tmp_path, monkeypatch):
         return DRAW(frame, *rest)
 
     monkeypatch.setattr(film, "draw_overlay", draw)
-    run(Approach(20), lambda frame: flown.append(frame.file) or chain(frame), tmp_path)
+    run(Approach(20), Watched(lambda frame: flown.append(frame.file)), tmp_path)
     assert len(ahead) == 20
     assert max(ahead) <= WAITING + 2
 
@@ -47,26 +62,27 @@ def test_few_results_wait_for_a_slow_film(tmp_path, monkeypatch):
 def test_an_error_of_the_film_ends_the_run_which_can_be_resumed(tmp_path, monkeypatch):
     def refuse(frame, *rest):
         if frame.file == "frame_003.png":
-            raise OSError("No space left on device")
+            raise OSError(errno.ENOSPC, "no space")
         return DRAW(frame, *rest)
 
     monkeypatch.setattr(film, "draw_overlay", refuse)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError) as refused:
         run(Approach(20), chain, tmp_path)
-    assert 4 <= lines(tmp_path) <= 4 + WAITING + 2
+    assert refused.value.errno == errno.ENOSPC
+    assert 4 <= len(files(tmp_path)) <= 4 + WAITING + 2
     monkeypatch.undo()
     assert run(Approach(20), chain, tmp_path, resume=True).counts["unverified"] == 20
-    records = [json.loads(line) for line in (tmp_path / "guidance.jsonl").read_text(encoding="utf-8").splitlines()]
-    assert [record["file"] for record in records] == [f"frame_{i:03d}.png" for i in range(20)]
-    assert all("dehaze" in record["seconds"] for record in records)
+    assert files(tmp_path) == files(tmp_path, "dehazing.jsonl") == [f"frame_{i:03d}.png" for i in range(20)]
 
 
-def test_what_dehazing_told_is_joined_by_index():
-    records = [{"file": name, "seconds": {}} for name in "abcd"]
-    told = [{"index": index, "told": {"seconds": {"dehaze": index}}} for index in (0, 1, 2, 1, 2, 3)]
-    assert list(join_dehazing(records, told)) == [{"file": n, "seconds": {"dehaze": i}} for i, n in enumerate("abcd")]
-    assert list(join_dehazing(records, [told[2]])) == [
-        *records[:2],
-        {"file": "c", "seconds": {"dehaze": 2}},
-        records[3],
-    ]
+def test_a_frame_that_the_chain_dehazes_is_not_dehazed_again(tmp_path):
+    class Dehazing(ExactChain):
+        def __call__(self, frame):
+            result = super().__call__(frame)
+            found = DehazeResult(np.full_like(frame.image_rgb, 7), visibility_m=Value(900.0, 80.0))
+            return replace(result, dehazed=found, seconds={**result.seconds, "dehaze": 5.0})
+
+    run(Approach(1), Dehazing(), tmp_path)
+    (record,), (film,) = (read_records(tmp_path / name) for name in ("guidance.jsonl", "dehazing.jsonl"))
+    assert (film["seconds"], record["seconds"]["dehaze"]) == (5.0, 5.0)
+    assert film["visibility_m"] == record["visibility_m"] == {"value": 900.0, "sigma": 80.0}

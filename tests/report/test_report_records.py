@@ -16,6 +16,7 @@ from deckline.recording import BadFrame
 from deckline.report import records as report_records
 from deckline.report.records import (
     COLUMNS,
+    dehazing_record,
     keep_whole_lines,
     lookup,
     read_records,
@@ -110,14 +111,14 @@ def test_a_number_that_is_not_finite_is_refused():
         to_line({"file": "a", "time_s": math.nan})
 
 
-@given(cut=st.integers(min_value=0, max_value=400))
-def test_a_file_cut_anywhere_keeps_exactly_its_whole_lines(cut, tmp_path_factory):
+@given(cut=st.integers(min_value=0, max_value=400), most=st.none() | st.integers(0, 12))
+def test_a_file_cut_anywhere_keeps_exactly_its_whole_lines(cut, most, tmp_path_factory):
     lines = [to_line({"file": f"{i}.png", "skipped": "x" * i}).encode() for i in range(10)]
     whole = b"".join(lines)
     path = tmp_path_factory.mktemp("cut") / "guidance.jsonl"
     path.write_bytes(whole[:cut])
-    expected = sum(len(b"".join(lines[: i + 1])) <= cut for i in range(10))
-    assert keep_whole_lines(path) == expected
+    expected = sum(len(b"".join(lines[: i + 1])) <= cut for i in range(10 if most is None else min(most, 10)))
+    assert keep_whole_lines(path, most) == expected
     assert path.read_bytes() == b"".join(lines[:expected])
 
 
@@ -152,19 +153,30 @@ def tracked(blind=()):
 
 def test_every_column_is_found_in_a_whole_record():
     result = tracked()[-1]
-    result.dehazing()
-    record = frame_record(result)
+    dehazed = DehazeResult(result.frame.image_rgb, visibility_m=Value(900.0, 80.0))
+    record = frame_record(replace(result, dehazed=dehazed, seconds={**result.seconds, "dehaze": 0.1}))
     empty = [name for name, keys in COLUMNS.items() if lookup(record, keys) is None]
-    # These detections do not say what the edge is, and the dehazer nothing of the air.
-    assert sorted(empty) == ["edge", "skipped", "visibility_m", "visibility_sigma_m"]
+    assert sorted(empty) == ["edge", "skipped"]  # these detections do not state what the edge is
 
 
-def test_visibility_is_told_once_the_picture_is_dehazed():
-    result = tracked()[-1]
-    assert frame_record(result)["visibility_m"] is None
-    result.dehazing.made[1, 1] = DehazeResult(result.frame.image_rgb, visibility_m=Value(900.0, 80.0))
-    assert frame_record(result)["visibility_m"] == {"value": 900.0, "sigma": 80.0}
-    assert frame_record(result)["visibility_heights"] is None
+VALUE = {"value": 900.0, "sigma": 80.0}
+
+
+@pytest.mark.parametrize(
+    ("dehazed", "written"),
+    [
+        ({}, (None, None, None)),
+        ({"visibility_m": Value(900.0, 80.0)}, (None, VALUE, None)),
+        ({"visibility_heights": Value(900.0, 80.0)}, (None, None, VALUE)),
+        ({"note": "not dehazed: no haze"}, ("not dehazed: no haze", None, None)),
+    ],
+)
+def test_what_the_chain_dehazes_is_written(dehazed, written):
+    keys = ("not_dehazed", "visibility_m", "visibility_heights")
+    assert set(dehazing_record(None)) == set(keys) and set(dehazing_record(None).values()) == {None}
+    result = chain(frame())
+    record = frame_record(replace(result, dehazed=DehazeResult(result.frame.image_rgb, **dehazed)))
+    assert tuple(record[key] for key in keys) == written
 
 
 def test_a_track_stands_in_the_record_with_its_bounds_rates_and_flags(tmp_path):

@@ -10,7 +10,7 @@ from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.geometry import attitude, camera_mount
 from deckline.live.recorder import FrameFolder
-from deckline.recording import Source, open_recording
+from deckline.recording import Recording, open_recording
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.bag import is_bag
 from deckline.recording.camera_file import read_camera_file
@@ -70,7 +70,7 @@ def convert(
     return 0
 
 
-def _copy_frames(source: Source, out: Path) -> int:
+def _copy_frames(source: Recording, out: Path) -> int:
     """Write frames into a bag, or a folder of images; damaged ones are named and left out."""
     for note in source.notes:
         print_line(f"note: {note}")

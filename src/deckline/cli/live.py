@@ -10,27 +10,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from deckline.cli.dashboard import Address, open_dashboard
-from deckline.cli.publish import open_publisher
+from deckline.cli.sources import SIMULATOR, SourceOptions
+from deckline.cli.views import ViewOptions
 from deckline.config import RunConfig
 from deckline.extras import needs_extra
 from deckline.files import lock_folder, print_line
 from deckline.flight import Flight
 from deckline.live.clock import WallClock
-from deckline.live.folder import Folder, open_output
+from deckline.live.folder import FlightRecorder, open_output
 from deckline.live.opening import is_camera, open_camera
-from deckline.live.pipeline import STALE_S, Outputs, Session
+from deckline.live.pipeline import STALE_S, LiveSession, Outputs
 from deckline.live.poses import PoseSource, UdpPoses
-from deckline.live.source import LiveSource, Playback, Simulator
+from deckline.live.source import LiveSource, Playback
 from deckline.options import RunOptions
-from deckline.recording import open_recording
-from deckline.recording.camera_file import read_camera_file
+from deckline.recording.camera_file import MountedCamera, read_camera_file
 from deckline.report.records import Record
 
 if TYPE_CHECKING:
     from deckline.adapters.mavlink.link import Link
 
-DEFAULTS = RunOptions()
+DEFAULTS, SOURCE, VIEWS = RunOptions(), SourceOptions(), ViewOptions()
 FROM_AUTOPILOT = "mavlink"  # as the source of poses
 
 
@@ -39,19 +38,11 @@ def live(
     to: str = "-",
     out: Path | None = None,
     record: bool = False,
-    camera: str | None = None,
+    opening: Annotated[SourceOptions, tyro.conf.arg(name="")] = SOURCE,
     poses: str | None = None,
     mavlink: str | None = None,
     autopilot: str | None = None,
-    dashboard: Address = None,
-    mcap: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    foxglove: Address = None,
-    deck_z_m: float | None = None,
-    sea_z_m: float | None = None,
-    pose_offset_s: float | None = None,
-    max_pose_gap_s: float | None = None,
-    origin: tuple[float, float, float] | None = None,
-    topic: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = (),
+    watching: Annotated[ViewOptions, tyro.conf.arg(name="")] = VIEWS,
     latency_s: float = 0.0,
     stale_s: float = STALE_S,
     rate: float = 30.0,
@@ -59,30 +50,22 @@ def live(
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
     overwrite: bool = False,
 ) -> int:
-    """Guide from a camera, a network stream or a simulator: one JSON line for each answer, as late as it says.
+    """Guide from a camera, a network stream or a simulator: one JSON line for each answer, with its age.
 
-    Runs until Ctrl-C, SIGTERM or --duration; a source that fails is waited for, and guidance says "stale".
+    Runs until Ctrl-C, SIGTERM or --duration; a source that fails is waited for, and guidance is "stale".
 
     Args:
         source: camera:N, rtsp://..., udp://HOST:PORT (MPEG-TS), rtp://HOST:PORT (MPEG-TS in RTP), airsim://HOST:PORT,
             or a recording or video, which is played at its own pace.
         to: where the lines go: - for stdout, or udp://HOST:PORT.
         out: folder for guidance.jsonl, and at the end guidance.csv, report.html and run.toml.
-        record: keep the frames in `out`/recording, for `deckline run`.
-        camera: camera.toml, or a YAML calibration of OpenCV or ROS; of a simulator the camera's name.
+        record: write the frames into `out`/recording, for `deckline run`.
+        opening: of the source.
         poses: udp://HOST:PORT on which poses arrive as JSON lines, or mavlink: from the autopilot of --mavlink; of a
             recording as in `deckline run`.
         mavlink: udp:HOST:PORT to listen on for an autopilot that takes LANDING_TARGET, or udpout:HOST:PORT to send to.
         autopilot: px4 or ardupilot.
-        dashboard: watch in a browser at http://HOST:PORT (127.0.0.1:8080).
-        mcap: for pictures and guidance as ROS 2 messages.
-        foxglove: the same live, for Foxglove (127.0.0.1:8765).
-        deck_z_m: world z (down, metres) of the deck plane.
-        sea_z_m: world z (down, metres) of the water, for dehazing, and to notice a pitched camera.
-        pose_offset_s: the clock of the poses minus this machine's Unix time (0).
-        max_pose_gap_s: between two poses, beyond which frames in between have no pose (0.5).
-        origin: latitude, longitude, degrees, and altitude, m, of the world's origin.
-        topic: of a ROS bag, where several are there.
+        watching: of the views.
         latency_s: of exposure, coding and network, between a scene and its picture's arrival.
         stale_s: guidance is stale so many seconds after the last frame.
         rate: frames a second that are taken from a simulator or asked of it, at most.
@@ -91,53 +74,53 @@ def live(
         overwrite: replace the results of an older run in `out`.
     """
     if record and out is None:
-        raise ValueError("--record keeps frames in the folder of --out: state it")
+        raise ValueError("--record writes frames into the folder of --out: state it")
     if duration is not None and not duration > 0:
         raise ValueError(f"--duration must be greater than 0, got {duration}")
-    config = options.run_config()
-    stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s, "origin": origin}
-    navigation: Any = {name: value for name, value in stated.items() if value is not None}
-    config = replace(config, navigation=replace(config.navigation, **navigation))
+    config = opening.place_poses(options.run_config())
     wall, flight = WallClock(), Flight.from_config(config)
     with ExitStack() as stack:
         send = stack.enter_context(open_output(to))
         pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, stack)
+        link = _open_poses(source, opening, poses, pilot, config, wall, stack)
+        opened: LiveSource
         if is_camera(source):
-            mounted = None if camera is None else read_camera_file(Path(camera)).at(deck_z_m, sea_z_m)
-            opened: LiveSource = open_camera(source, mounted, wall, latency_s, rate, print_line)
-            link: PoseSource | None = pilot if poses == FROM_AUTOPILOT else None
-            if poses is not None and link is None:
-                link = stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))
-            if link is not None and mounted is None:
-                raise ValueError(f"{source}: poses are of no use without --camera")
-        elif poses == FROM_AUTOPILOT:
-            raise ValueError(f"{source}: poses of an autopilot are for cameras and streams; leave --poses out")
+            opened = open_camera(source, _read_camera(opening), wall, latency_s, rate, print_line)
+        elif source.startswith(SIMULATOR):
+            opened = opening.open_simulator(source, rate, poses)
         else:
-            link = None
-            opened = _open_other(source, camera, poses, deck_z_m, sea_z_m, rate, topic, config)
+            opened = Playback(opening.open_recording(source, config, poses))
         for note in opened.notes:
             print_line(f"note: {note}")
         if out is not None:
             stack.enter_context(lock_folder(out))
-        folder = None if out is None else Folder(out, opened, flight, record, overwrite)
+        recorder = None if out is None else FlightRecorder(out, opened, flight, record, overwrite)
         outputs = Outputs(send if pilot is None else _send_to_both(pilot.send, send), print_line)
-        outputs = outputs if folder is None else folder.add_to(outputs)
-        recorder = None if folder is None else folder.record
-        watched = open_dashboard(dashboard, opened.name, config, True, recorder, record)
-        published = open_publisher(mcap, foxglove, opened.name, config, True, overwrite)
-        views = (*stack.enter_context(watched), *stack.enter_context(published))
-        outputs = replace(outputs, views=(*outputs.views, *views))
-        session = Session(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
+        switch = None
+        if recorder is not None:
+            outputs, switch = recorder.add_to(outputs), recorder.record
+        views = watching.open(
+            opened.name, config, is_live=True, overwrite=overwrite, record=switch, is_recording=record
+        )
+        outputs = replace(outputs, views=stack.enter_context(views))
+        session = LiveSession(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
         with _stop_on_signal(session):
             try:
                 summary = session.run(duration)
             finally:
-                written = [] if folder is None else folder.finish(session.counts)
-    for line in (*summary.lines(), *([] if folder is None else folder.losses()), *_pose_losses(link)):
+                written = [] if recorder is None else recorder.finish()
+    for line in (*summary.lines(), *([] if recorder is None else recorder.notes()), *_pose_losses(link)):
         print_line(line)
     for path in written:
         print_line(path)
     return 0
+
+
+def _read_camera(opening: SourceOptions) -> MountedCamera | None:
+    """The stated camera of pictures that come without one."""
+    if opening.camera is None:
+        return None
+    return read_camera_file(Path(opening.camera)).at(opening.deck_z_m, opening.sea_z_m)
 
 
 def _open_autopilot(
@@ -166,25 +149,29 @@ def _send_to_both(first: Callable[[Record], None], second: Callable[[Record], No
     return send
 
 
-def _open_other(
+def _open_poses(
     source: str,
-    camera: str | None,
+    opening: SourceOptions,
     poses: str | None,
-    deck_z_m: float | None,
-    sea_z_m: float | None,
-    rate: float,
-    topics: tuple[str, ...],
+    pilot: "Link | None",
     config: RunConfig,
-) -> LiveSource:
-    """A simulator, or a recording played at its own pace."""
-    if not source.startswith("airsim:"):
-        heights: Any = {"deck_z_m": deck_z_m, "sea_z_m": sea_z_m, "navigation": config.navigation}
-        return Playback(open_recording(source, camera_file=camera, poses_file=poses, topics=topics, **heights))
-    if poses is not None:
-        raise ValueError(f"{source}: a simulator gives the poses itself; leave {poses} out")
-    with needs_extra("sim"):
-        from deckline.adapters.airsim.source import AirSimSource
-    return Simulator(AirSimSource(source, camera or "0", rate, deck_z_m, sea_z_m))
+    wall: WallClock,
+    stack: ExitStack,
+) -> PoseSource | None:
+    """Poses of a camera's pictures; None of those without, and of recordings and simulators, which have their own.
+
+    Raises:
+        ValueError: poses that the source has no use for.
+    """
+    if not is_camera(source):
+        if poses == FROM_AUTOPILOT:
+            raise ValueError(f"{source}: poses of an autopilot are for cameras and streams; leave --poses out")
+        return None
+    if poses is not None and opening.camera is None:
+        raise ValueError(f"{source}: poses are of no use without --camera")
+    if poses is None or poses == FROM_AUTOPILOT:
+        return pilot if poses == FROM_AUTOPILOT else None
+    return stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))
 
 
 def _pose_losses(poses: PoseSource | None) -> list[str]:
@@ -194,7 +181,7 @@ def _pose_losses(poses: PoseSource | None) -> list[str]:
 
 
 @contextmanager
-def _stop_on_signal(session: Session) -> Iterator[None]:
+def _stop_on_signal(session: LiveSession) -> Iterator[None]:
     """SIGINT and SIGTERM end the session; a second one is no longer held back."""
     signals = (signal.SIGINT, signal.SIGTERM)
     before: Any = [signal.getsignal(number) for number in signals]

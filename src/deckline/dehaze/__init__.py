@@ -9,6 +9,7 @@ from deckline.config import CPU
 from deckline.dehaze.base import Dehazer, DehazeResult, IdentityDehazer, restore
 from deckline.dehaze.by_horizon import HorizonDehazer
 from deckline.dehaze.dark_channel import DarkChannelDehazer
+from deckline.dehaze.display import DISPLAY_PX, dehaze_for_display, dehaze_frame
 from deckline.dehaze.geometry import GeometryDehazer, downscale_frame
 from deckline.dehaze.network import OnnxDehazer
 from deckline.dehaze.transmission import GeometryConfig
@@ -17,6 +18,7 @@ from deckline.runtime import shipped_weights
 
 __all__ = [
     "DEHAZERS",
+    "DISPLAY_PX",
     "NOT_DEHAZED",
     "DarkChannelDehazer",
     "DehazeResult",
@@ -25,6 +27,8 @@ __all__ = [
     "HorizonDehazer",
     "OnnxDehazer",
     "VeilDehazer",
+    "dehaze_for_display",
+    "dehaze_frame",
     "downscale_frame",
     "restore",
 ]

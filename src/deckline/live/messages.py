@@ -1,4 +1,4 @@
-"""What goes out: the records of guidance.jsonl with how late they are and what the track says of the present."""
+"""Live messages: the records of guidance.jsonl with their age and the track predicted to the present."""
 
 from dataclasses import asdict, dataclass, replace
 
@@ -18,37 +18,44 @@ LIVE_COLUMNS = {
     name: ("live", name) for name in ("captured_s", "sent_s", "age_s", "frames", "dropped", "damaged", "unsent")
 }
 VELOCITY_STEP_S = 0.1  # the deck's velocity is how far the touchdown point goes in this time
-Moment = tuple[Track, RigidTransform, float]  # track, world_from_body and 1-sigma of its heading, rad
+Prediction = tuple[Track, RigidTransform, float]  # track, world_from_body and 1-sigma of its heading, rad
 NOTHING = RunwayEstimate(LineVisibility.NONE, DepthMode.NONE, {}, {})
 
 
 @dataclass(frozen=True)
-class Progress:
-    """How far a session has come; every message carries it."""
+class FrameCounts:
+    """Frames of a session by what became of them; every message carries it."""
 
-    frames: int = 0  # that came whole
-    dropped: int = 0  # of these, those that a newer one replaced before it was looked at
-    damaged: int = 0  # frames that could not be used
-    unsent: int = 0  # answers that a newer one replaced because the output is slow
+    frames: int = 0
+    """Frames that came whole."""
+    dropped: int = 0
+    """Of these, those that a newer one replaced before they were processed."""
+    damaged: int = 0
+    """Frames that could not be used."""
+    unsent: int = 0
+    """Answers that a newer one replaced because the output is slow."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A frame's result, and what it takes to speak about later times."""
+    """A frame's result, and what predicts later times from it."""
 
     result: FrameResult
-    forecast: Forecast | None  # None: no track
-    at_s: float  # capture, monotonic clock
+    """Of the frame."""
+    forecast: Forecast | None
+    """Predicts its track; None: no track."""
+    at_s: float
+    """Time of capture, monotonic clock, s."""
 
 
 def answer_record(
-    answer: Answer, progress: Progress, now_s: float, offset_s: float, stale_s: float, approach: Approach
+    answer: Answer, counts: FrameCounts, now_s: float, offset_s: float, stale_s: float, approach: Approach
 ) -> Record:
     """The message about a frame.
 
     Args:
         answer: of the frame.
-        progress: counts so far.
+        counts: of frames so far.
         now_s: time of sending, monotonic clock.
         offset_s: Unix time minus the monotonic clock.
         stale_s: an older answer is flagged.
@@ -59,11 +66,11 @@ def answer_record(
         late = Diagnostic(Reason.STALE, f"the answer is {age_s:.2f} s old")
         flags = (*result.guidance.flags, late)
         result = replace(result, guidance=replace(result.guidance, status=Status.STALE, flags=flags))
-    return frame_record(result, approach) | {"live": _live(answer, progress, now_s, offset_s, approach)}
+    return frame_record(result, approach) | {"live": _live(answer, counts, now_s, offset_s, approach)}
 
 
 def stale_record(
-    answer: Answer | None, progress: Progress, now_s: float, offset_s: float, reason: str, approach: Approach
+    answer: Answer | None, counts: FrameCounts, now_s: float, offset_s: float, reason: str, approach: Approach
 ) -> Record:
     """The message when there is no new frame; `answer` is the last one."""
     return {
@@ -78,25 +85,25 @@ def stale_record(
         "guidance": dict.fromkeys(GUIDANCE),
         "protection": None,
         "flags": [{"name": str(Reason.STALE), "reason": reason}],
-        "live": _live(answer, progress, now_s, offset_s, approach),
+        "live": _live(answer, counts, now_s, offset_s, approach),
     }
 
 
-def _live(answer: Answer | None, progress: Progress, now_s: float, offset_s: float, approach: Approach) -> Record:
+def _live(answer: Answer | None, counts: FrameCounts, now_s: float, offset_s: float, approach: Approach) -> Record:
     moment = None if answer is None else _predict(answer, now_s)
     found = None if answer is None or moment is None else predict_guidance(answer, moment, approach)
     return {
         "captured_s": None if answer is None else round(answer.at_s + offset_s, 6),
         "sent_s": round(now_s + offset_s, 6),
         "age_s": None if answer is None else round(now_s - answer.at_s, 6),
-        **asdict(progress),
+        **asdict(counts),
         "now": None if found is None else guidance_record(found),
         "now_protection": None if found is None or found.protection is None else protection_record(found.protection),
         "touchdown": None if answer is None or moment is None else touchdown_record(answer, moment, now_s, approach),
     }
 
 
-def touchdown_record(answer: Answer, moment: Moment, now_s: float, approach: Approach) -> Record | None:
+def touchdown_record(answer: Answer, moment: Prediction, now_s: float, approach: Approach) -> Record | None:
     """The touchdown point of a moment in world and body, m, its velocity, m/s, and the azimuth of the landing.
 
     None while no ramp is known; the velocity is None where the track ends before it shows.
@@ -121,7 +128,7 @@ def _touchdown_point(track: Track, approach: Approach) -> NDArray[np.float64] | 
     return point
 
 
-def predict_guidance(answer: Answer, moment: Moment, approach: Approach) -> Guidance:
+def predict_guidance(answer: Answer, moment: Prediction, approach: Approach) -> Guidance:
     """The last answer's guidance with track and aircraft of a later moment."""
     track, world_from_body, turn_rad = moment
     if answer.result.track is not None:
@@ -136,7 +143,7 @@ def predict_guidance(answer: Answer, moment: Moment, approach: Approach) -> Guid
     return replace(found, heading_error_rad=Value(heading.value, float(np.hypot(heading.sigma, turn_rad))))
 
 
-def _predict(answer: Answer, now_s: float) -> Moment | None:
+def _predict(answer: Answer, now_s: float) -> Prediction | None:
     """Track and aircraft at a time of the monotonic clock.
 
     None without a track or a pose, and when no line was seen for too long.

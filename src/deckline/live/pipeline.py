@@ -11,45 +11,52 @@ import numpy as np
 from deckline.flight import Flight, FrameResult
 from deckline.live.clock import WallClock
 from deckline.live.mailbox import Mailbox
-from deckline.live.messages import NO_FRAME, Answer, Progress, answer_record, stale_record
+from deckline.live.messages import NO_FRAME, Answer, FrameCounts, answer_record, stale_record
 from deckline.live.poses import PoseSource
 from deckline.live.recorder import round_pose
 from deckline.live.source import Captured, LiveSource, Log
 from deckline.recording import BadFrame
-from deckline.report.records import Record, View
+from deckline.report.records import FlightView, Record
 from deckline.types import Frame
 
 STALE_S = 0.2
 STALE_EVERY_S = 0.5  # between messages while there is no frame
-TICK_S = 0.01  # how often staleness is looked at
+TICK_S = 0.01  # between checks for staleness
 WAIT_S = 0.1  # a wait for a frame notices a stop within this time
-TELL_EVERY_S = 5.0  # between lines about damaged frames
+REPORT_EVERY_S = 5.0  # between lines about damaged frames
 AGES = 10_000  # of the last answers, for the summary
 END_S = 3.0  # for a thread to end; one that hangs in a driver is left behind
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where everything goes. `keep` is called by the perceiving thread, the others by the guiding one."""
+    """Where everything goes. The perceiving thread calls `record`, the guiding one the others."""
 
     send: Callable[[Record], None]
+    """Takes each message."""
     log: Log
-    keep: Callable[[Frame], None] | None = None  # takes each frame that was flown
-    views: tuple[View, ...] = ()
+    """Takes lines for people."""
+    record: Callable[[Frame], None] | None = None
+    """Takes each frame that is flown; None: nothing does."""
+    views: tuple[FlightView, ...] = ()
+    """Watch the flight."""
 
 
 @dataclass(frozen=True)
-class Summary:
+class LiveSummary:
     """What a session came to."""
 
-    progress: Progress
-    counts: dict[str, int]  # messages by status, and those without a frame
-    ages_s: tuple[float, ...]  # of the last answers when they were sent
+    frames: FrameCounts
+    """Frames by what became of them."""
+    counts: dict[str, int]
+    """Messages by status, and those without a frame."""
+    ages_s: tuple[float, ...]
+    """Of the last answers when they were sent, s."""
 
     def lines(self) -> list[str]:
         """For people."""
         counts = ", ".join(f"{count} {status}" for status, count in self.counts.items()) or "none"
-        done = self.progress
+        done = self.frames
         found = [
             f"{done.frames} frames, {done.dropped} dropped, {done.damaged} damaged, {done.unsent} answers unsent",
             f"messages: {counts}",
@@ -61,10 +68,10 @@ class Summary:
 
 
 class End:
-    """Stands behind the last frame of a recording."""
+    """Marks the end of a recording."""
 
 
-class Session:
+class LiveSession:
     """One flight from a live source; `run` it once.
 
     Args:
@@ -101,7 +108,8 @@ class Session:
         self._answers: Mailbox[Answer | End] = Mailbox()
         self._whole = self._damaged = 0  # frames
         self._damage = ""  # why the last frame could not be used; empty: it could
-        self._captured_s = self._told_s = time.monotonic()  # capture of the last whole frame; last line about damage
+        self._captured_s = time.monotonic()  # capture of the last whole frame
+        self._reported_s = self._captured_s  # last line about damaged frames
         self._lock = threading.Lock()
         self._ages: deque[float] = deque(maxlen=AGES)
 
@@ -110,7 +118,7 @@ class Session:
         self._stopped.set()
         self._source.stop()
 
-    def run(self, duration_s: float | None = None) -> Summary:
+    def run(self, duration_s: float | None = None) -> LiveSummary:
         """Fly until `stop`, the end of a recording, or so many seconds.
 
         Raises:
@@ -129,7 +137,7 @@ class Session:
         self._source.close()
         if self._errors:
             raise self._errors[0]
-        return Summary(self._count(), dict(self.counts), tuple(self._ages))
+        return LiveSummary(self._count(), dict(self.counts), tuple(self._ages))
 
     def _watch(self, step: Callable[[], None]) -> None:
         try:
@@ -138,11 +146,11 @@ class Session:
             self._errors.append(error)
             self.stop()
 
-    def _count(self) -> Progress:
-        return Progress(self._whole, self._frames.dropped, self._damaged, self._answers.dropped)
+    def _count(self) -> FrameCounts:
+        return FrameCounts(self._whole, self._frames.dropped, self._damaged, self._answers.dropped)
 
     def _capture(self) -> None:
-        for item in self._source.items():
+        for item in self._source.captures():
             if isinstance(item, BadFrame):
                 self._refuse(item)
             else:
@@ -158,9 +166,9 @@ class Session:
         with self._lock:
             self._damaged += 1
             self._damage, now_s = bad.reason, time.monotonic()
-            if self._damaged > 1 and now_s - self._told_s < TELL_EVERY_S:
+            if self._damaged > 1 and now_s - self._reported_s < REPORT_EVERY_S:
                 return
-            self._told_s = now_s
+            self._reported_s = now_s
         self._out.log(f"{self._damaged} frames could not be used; the last one: {bad.reason}")
 
     def _perceive(self) -> None:
@@ -175,8 +183,8 @@ class Session:
                 frame = replace(frame, world_from_body=self._poses(frame.time_s))
             if frame.world_from_body is not None:
                 frame = replace(frame, world_from_body=round_pose(frame.world_from_body))
-            if self._out.keep is not None:
-                self._out.keep(frame)
+            if self._out.record is not None:
+                self._out.record(frame)
             try:
                 result = self._flight(frame)
             except ValueError as error:

@@ -2,19 +2,20 @@
 
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import av
 
 from deckline.live.clock import StreamClock, WallClock
 from deckline.live.decoding import Picture
-from deckline.recording import BadFrame, RecordingError, Source, Stream
+from deckline.recording import BadFrame, Recording, RecordingError, Source
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.types import Frame
 
+SLICE_S = 0.05  # within which a wait notices a stop
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to open a source; each wait doubles
 
 Log = Callable[[str], None]
@@ -25,7 +26,9 @@ class Captured:
     """A frame, and when it was taken."""
 
     frame: Frame
-    at_s: float  # monotonic clock
+    """The frame."""
+    at_s: float
+    """Time of capture, monotonic clock, s."""
 
 
 def frame_name(number: int) -> str:
@@ -33,8 +36,8 @@ def frame_name(number: int) -> str:
     return f"frame_{number:08d}.png"
 
 
-class LiveSource(ABC):
-    """Frames as they are taken.
+class LiveSource(Source):
+    """Frames as they are taken, until `stop`.
 
     Args:
         name: what people call it; without credentials.
@@ -47,48 +50,34 @@ class LiveSource(ABC):
         self.stopped = threading.Event()
 
     @abstractmethod
-    def items(self) -> Iterator[Captured | BadFrame]:
-        """Frames in the order in which they were taken, and damaged ones, until `stop`."""
+    def captures(self) -> Iterator[Captured | BadFrame]:
+        """Frames in the order in which they are taken, each with its time of capture, and damaged ones."""
+
+    def items(self) -> Iterator[Frame | BadFrame]:
+        return (item.frame if isinstance(item, Captured) else item for item in self.captures())
 
     def stop(self) -> None:
-        """End a wait for the next frame; for any thread."""
         self.stopped.set()
 
-    def close(self) -> None:  # noqa: B027 (few hold anything)
-        """Give up what it holds, once nobody iterates."""
-
     def wait_for_stop(self, seconds: float) -> bool:
-        """Sleep; whether `stop` ended it."""
-        return self.stopped.wait(max(seconds, 0.0))
-
-
-class Simulator(LiveSource):
-    """A stream that is live already; a frame counts as taken when it is there."""
-
-    def __init__(self, stream: Stream) -> None:
-        super().__init__(stream.name, stream.notes)
-        self._stream = stream
-
-    def items(self) -> Iterator[Captured | BadFrame]:
-        for number, item in enumerate(self._stream.items(), 1):
-            if isinstance(item, BadFrame):
-                yield item
-            else:
-                yield Captured(replace(item, file=frame_name(number)), time.monotonic())
-
-    def stop(self) -> None:
-        super().stop()
-        self._stream.stop()
+        """Sleep; whether `stop` ended it. In slices: a signal handler may not set an event that is waited for."""
+        end_s = time.monotonic() + seconds
+        while not self.stopped.is_set():
+            rest_s = end_s - time.monotonic()
+            if rest_s <= 0:
+                return False
+            time.sleep(min(rest_s, SLICE_S))
+        return True
 
 
 class Playback(LiveSource):
-    """A recording at its own pace, once through. Its frames keep their times; a late one delays those after it."""
+    """A recording at its own pace, once through. Its frames have their own times; a late one delays those after it."""
 
-    def __init__(self, recording: Source) -> None:
+    def __init__(self, recording: Recording) -> None:
         super().__init__(recording.name, recording.notes)
         self._recording = recording
 
-    def items(self) -> Iterator[Captured | BadFrame]:
+    def captures(self) -> Iterator[Captured | BadFrame]:
         start_s, before_s = time.monotonic(), float("nan")
         for item in self._recording.items():
             if isinstance(item, Frame):
@@ -136,7 +125,7 @@ class StreamCamera(LiveSource):
         self._number = 0
         self._size: tuple[int, int] | None = None
 
-    def items(self) -> Iterator[Captured | BadFrame]:
+    def captures(self) -> Iterator[Captured | BadFrame]:
         wait_s, reason = FIRST_WAIT_S, ""
         while not self.stopped.is_set():
             ended = "the stream ended, or fell silent"

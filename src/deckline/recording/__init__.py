@@ -2,16 +2,16 @@
 
 from deckline.recording.opening import open_recording
 from deckline.recording.selection import select_frames
-from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, Stream
+from deckline.recording.source import BadFrame, FrameError, Recording, RecordingError, Source
 from deckline.recording.writer import RecordingWriter
 
 __all__ = [
     "BadFrame",
     "FrameError",
+    "Recording",
     "RecordingError",
     "RecordingWriter",
     "Source",
-    "Stream",
     "open_recording",
     "select_frames",
 ]

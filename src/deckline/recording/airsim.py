@@ -22,7 +22,7 @@ from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_m
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
 from deckline.recording.poses import Cells, Rows, parse_number, parse_pose, read_table
 from deckline.recording.scene import SCENE_FILE, Scene, get_clear_image, read_scene, truth_from_mapping
-from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
+from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.types import Frame
 
 RECORD_FILE = "airsim_rec.txt"
@@ -55,7 +55,7 @@ class ReadOptions:
             raise ValueError(f"far_m must be > 0 m, got {self.far_m}")
 
 
-class AirSimRecording(Source):
+class AirSimRecording(Recording):
     """A recording folder. `load` keeps no state, so threads and processes may share it.
 
     Raises:

@@ -17,7 +17,7 @@ from deckline.files import open_regular
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.pose_track import PoseTrack
 from deckline.recording.ros_messages import decode_depth, decode_picture
-from deckline.recording.source import FrameError, RecordingError, Source, check_index
+from deckline.recording.source import FrameError, Recording, RecordingError, check_index
 from deckline.types import Frame
 
 SUFFIXES = (".mcap", ".db3", ".bag")
@@ -82,7 +82,7 @@ class Reel:
         return self._reader.deserialize(data, connection.msgtype)
 
 
-class Bag(Source):
+class Bag(Recording):
     """Pictures of one topic. Picture n is called <bag>#<n>; its time is its header's, on the poses' clock.
 
     Args:

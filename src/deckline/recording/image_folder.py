@@ -14,13 +14,13 @@ from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
 from deckline.recording.pose_track import PoseTrack
 from deckline.recording.poses import TIMES_FILE, Poses, parse_number
-from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
+from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.types import Frame
 
 DEPTH_FOLDER = "depth"  # PFM files, metres along the optical axis
 
 
-class ImageFolder(Source):
+class ImageFolder(Recording):
     """Images in natural order of their names. Without any times they are taken to be one second apart.
 
     Args:

@@ -17,7 +17,7 @@ from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
 from deckline.recording.logs import FORMATS, read_log_track
 from deckline.recording.pose_track import PoseTrack, read_csv_track
 from deckline.recording.poses import POSES_FILE, TIMES_FILE, names_images, read_image_times, read_poses
-from deckline.recording.source import BadFrame, RecordingError, Source
+from deckline.recording.source import BadFrame, Recording, RecordingError
 from deckline.recording.video import Video, read_film
 
 NAVIGATION = Navigation()
@@ -36,7 +36,7 @@ def open_recording(
     navigation: Navigation = NAVIGATION,
     topics: Sequence[str] = (),
     on_skip: Callable[[BadFrame], None] | None = None,
-) -> Source:
+) -> Recording:
     """Open a recording in AirSim's layout, a folder of images, a single image, a video file, or a ROS bag.
 
     Args:
@@ -73,7 +73,7 @@ def open_recording(
         if poses_file is not None:
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
         fallback = read_camera_file(path / CAMERA_FILE) if is_there(path / CAMERA_FILE) else None
-        source: Source = AirSimRecording(path, options, fallback)
+        source: Recording = AirSimRecording(path, options, fallback)
     elif is_bag(path) and not (path.is_dir() and list_images(path)):
         track = None if poses_file is None else _read_track(Path(poses_file), navigation)
         source = open_bag(path, topics, camera, (deck_z_m, sea_z_m), track, navigation)

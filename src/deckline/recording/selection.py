@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.recording.source import RecordingError, Source, check_index
+from deckline.recording.source import Recording, RecordingError, check_index
 from deckline.types import Frame
 
 
-class Selection(Source):
+class Selection(Recording):
     """The frames `indices` (N,), ascending, of a source; they keep their names and times."""
 
-    def __init__(self, source: Source, indices: NDArray[np.intp]) -> None:
+    def __init__(self, source: Recording, indices: NDArray[np.intp]) -> None:
         self._source = source
         self._indices = indices
         self.name = f"{source.name} ({len(indices)} of {len(source)} frames, {indices[0]} to {indices[-1]})"
@@ -27,7 +27,9 @@ class Selection(Source):
         return self._source.load(int(self._indices[index]))
 
 
-def select_frames(source: Source, every: int = 1, start_s: float = 0.0, duration_s: float | None = None) -> Source:
+def select_frames(
+    source: Recording, every: int = 1, start_s: float = 0.0, duration_s: float | None = None
+) -> Recording:
     """Every `every`-th frame, beginning `start_s` after the first one, of `duration_s` seconds.
 
     A frame without a time is left out where a start or a duration is asked for.

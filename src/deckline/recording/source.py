@@ -45,22 +45,23 @@ class BadFrame:
 
 
 def print_skipped(bad: BadFrame) -> None:
-    """Say on stderr which frame is skipped, and why."""
+    """Print on stderr which frame is skipped, and why."""
     print_line(f"skipped {bad.file}: {bad.reason}")
 
 
-class Stream(ABC):
-    """Frames as they come. Iterating yields the good ones and calls `on_skip` for each damaged one.
+class Source(ABC):
+    """Frames of a folder, a video, a bag, a simulator, a camera or a stream, in their order.
 
-    Attributes:
-        name: what a report calls it.
-        notes: what is odd about it but does not stop it, one line each, for people.
-        on_skip: takes a damaged frame; None prints its file and the reason on stderr.
+    A `Recording` can be asked for any of its frames; a `deckline.live.source.LiveSource` has them as they are taken.
+    Iterating yields the usable frames and calls `on_skip` for each damaged one.
     """
 
     name: str
+    """What a report calls it."""
     notes: tuple[str, ...] = ()
+    """What is odd about it but does not stop it, one line each, for people."""
     on_skip: Callable[[BadFrame], None] | None = None
+    """Takes a damaged frame; None prints its file and the reason on stderr."""
 
     @property
     def length(self) -> int | None:
@@ -79,11 +80,14 @@ class Stream(ABC):
                 yield item
 
     def stop(self) -> None:  # noqa: B027 (files need no stopping)
-        """End a wait for the next frame; may be called from a signal handler or another thread."""
+        """End a wait for the next frame; for a signal handler or any thread."""
+
+    def close(self) -> None:  # noqa: B027 (few hold anything)
+        """Release what it holds, once nobody iterates."""
 
 
-class Source(Stream):
-    """Frames in their order, any of which can be asked for."""
+class Recording(Source):
+    """A source of files, any of whose frames can be asked for."""
 
     @property
     def length(self) -> int | None:

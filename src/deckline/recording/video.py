@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from deckline.files import MOST_PIXELS, check_regular, check_size
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.pose_track import PoseTrack
-from deckline.recording.source import BadFrame, FrameError, RecordingError, Source, check_index
+from deckline.recording.source import BadFrame, FrameError, Recording, RecordingError, check_index
 from deckline.types import Frame
 
 COUNTED = "avi"  # this container stores no presentation times, only a rate: its pictures are counted
@@ -38,7 +38,7 @@ class Film:
     size: tuple[int, int]  # width, height of the pictures, px
 
 
-class Video(Source):
+class Video(Recording):
     """A video file. Frame n in order of presentation is called <video>#<n>, counted from 0.
 
     Its time is that of the poses' clock; without poses the film's own. Iterating streams. `load` decodes from the last

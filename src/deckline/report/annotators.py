@@ -1,4 +1,4 @@
-"""Annotators: each draws one thing that a result says on a picture of its frame.
+"""Annotators: each draws one thing of a result on a picture of its frame.
 
     picture = LineAnnotator().annotate(result.frame.image_rgb, result)
 
@@ -23,7 +23,7 @@ from deckline.report.instrument import draw_indicator
 from deckline.types import SIDES, Frame, LinePoints, PixelLine, RunwayEstimate
 
 MATCHED_PX = 24  # width of the part of a picture that a magnified view is matched to, at least
-MATCH_RIDGE = 4.0  # grey levels squared: contrast below which nothing is told of it
+MATCH_RIDGE = 4.0  # grey levels squared: contrast below which it is not matched
 MAX_GAIN = 10.0  # of contrast
 INSET_PX = (272, 153)  # width, height of the magnified view
 MARGIN_PX = 10  # of what is placed in a corner
@@ -43,9 +43,13 @@ class Viewport:
     """A part of the full image shown at another size; (0, 0) is a pixel's centre in both."""
 
     left_px: float
+    """Left edge of the part, image px."""
     top_px: float
-    x: float  # shown pixels per image pixel
+    """Top edge of the part, image px."""
+    x: float
+    """Shown pixels per image pixel, across."""
     y: float
+    """Shown pixels per image pixel, down."""
 
     def __call__(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Image pixels (N, 2) as they are shown."""
@@ -64,8 +68,8 @@ class Annotator(Protocol):
         ...
 
 
-class Mark:
-    """An annotator whose drawing follows the image: it can be drawn in a magnified view as well."""
+class ViewportAnnotator:
+    """An annotator that draws into any part of the frame at any size: into a magnified view as well."""
 
     def annotate(self, image: Image, result: FrameResult) -> Image:
         """The picture (H, W, 3) of the result's frame with what this draws.
@@ -79,13 +83,13 @@ class Mark:
         return marked
 
     def draw(self, image: Image, view: Viewport, result: FrameResult) -> None:
-        """Draw into `image`, which shows the part of the frame that `view` says."""
+        """Draw into `image`, which shows the part of the frame that `view` states."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class LineAnnotator(Mark):
-    """The edge lines, and the centre line in dashes where a pose tells it.
+class LineAnnotator(ViewportAnnotator):
+    """The edge lines, and the centre line in dashes where a pose gives it.
 
     Args:
         width_px: of the edge lines.
@@ -96,7 +100,7 @@ class LineAnnotator(Mark):
     pale: float = 0.0
 
     def draw(self, image: Image, view: Viewport, result: FrameResult) -> None:
-        """Draw into `image`, which shows the part of the frame that `view` says."""
+        """Draw into `image`, which shows the part of the frame that `view` states."""
         centre = project_centre_line(result.frame, result.estimate)
         if centre is not None:
             _draw_centre_line(image, view(centre))
@@ -106,17 +110,17 @@ class LineAnnotator(Mark):
 
 
 @dataclass(frozen=True)
-class PointAnnotator(Mark):
+class PointAnnotator(ViewportAnnotator):
     """The detected points of both edge lines, larger with their confidence; those that no line took are rings."""
 
     def draw(self, image: Image, view: Viewport, result: FrameResult) -> None:
-        """Draw into `image`, which shows the part of the frame that `view` says."""
+        """Draw into `image`, which shows the part of the frame that `view` states."""
         for side in SIDES:
             line = result.estimate.pixel_lines.get(side)
             _draw_points(image, view, getattr(result.detection, side), line, COLOURS[side])
 
 
-CLOSE_UP: tuple[Mark, ...] = (PointAnnotator(), LineAnnotator(width_px=1, pale=0.65))
+CLOSE_UP: tuple[ViewportAnnotator, ...] = (PointAnnotator(), LineAnnotator(width_px=1, pale=0.65))
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,7 @@ class MagnifierAnnotator:
         size_px: its width and height.
     """
 
-    marks: Sequence[Mark] = CLOSE_UP
+    marks: Sequence[ViewportAnnotator] = CLOSE_UP
     size_px: tuple[int, int] = INSET_PX
 
     def annotate(self, image: Image, result: FrameResult) -> Image:
@@ -197,7 +201,7 @@ def whole_view(image: Image, frame: Frame) -> Viewport:
 def match_contrast(image: Image, hazy: Image, clear: Image) -> Image:
     """An image (H, W, 3) with the gain and offset of each channel that take a hazy picture (h, w, 3) to a clear one.
 
-    The frame is dehazed as small as it is shown; this brings a magnified part of it to the same look.
+    The frame is dehazed as small as it is shown; this gives a magnified part of it the same contrast.
     """
     before, after = (part.reshape(-1, 3).astype(np.float32) for part in (hazy, clear))
     means = before.mean(axis=0), after.mean(axis=0)
@@ -277,11 +281,11 @@ def resize(image: Image, size: tuple[int, int]) -> Image:
 
 def _draw_points(image: Image, view: Viewport, points: LinePoints, line: PixelLine | None, colour: Colour) -> None:
     shown = view(points.points_px)
-    kept = np.zeros(len(points), dtype=bool) if line is None else line.inliers
+    inliers = np.zeros(len(points), dtype=bool) if line is None else line.inliers
     rows = np.sort(shown[:, 1])
     spacing = float(np.median(np.diff(rows))) if len(rows) > 1 else DOT_PX[1]
     largest = float(np.clip(1.2 * spacing, RIM_PX, DOT_PX[1]))
-    for at, confidence, inlier in zip(shown, points.confidence, kept, strict=True):
+    for at, confidence, inlier in zip(shown, points.confidence, inliers, strict=True):
         radius = DOT_PX[0] + (largest - DOT_PX[0]) * float(np.clip(confidence, 0.0, 1.0))
         draw_dot(image, at, radius, colour, filled=bool(inlier), rim=radius > RIM_PX)
 

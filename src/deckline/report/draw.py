@@ -1,4 +1,4 @@
-"""Drawing on RGB images: a few shapes with clean edges. Colours tell left from right to colour-blind eyes as well."""
+"""Drawing on RGB images: a few shapes with clean edges. Colour-blind eyes distinguish the colours of left and right."""
 
 from pathlib import Path
 from typing import Any
@@ -113,7 +113,7 @@ def wrap(words: str, size: int, width: int, lines: int) -> list[str]:
 
 
 def draw_segment(image: Image, ends: ArrayLike, colour: Colour, width: int, halo: int = 2) -> None:
-    """A line between two points (2, 2) px, on a dark halo that keeps it visible on bright haze."""
+    """A line between two points (2, 2) px, on a dark halo, to be seen on bright haze."""
     start, end = _fixed(ends)
     if halo:
         cv2.line(image, start, end, (0, 0, 0), width + halo, cv2.LINE_AA, SHIFT)
@@ -130,7 +130,7 @@ def draw_dashes(image: Image, ends: ArrayLike, colour: Colour, width: int, dash_
 
 
 def draw_dot(image: Image, at: ArrayLike, radius: float, colour: Colour, filled: bool = True, rim: bool = True) -> None:
-    """A round point, with a dark rim that keeps it visible on bright haze; or a thin ring."""
+    """A round point, with a dark rim, to be seen on bright haze; or a thin ring."""
     (centre,) = _fixed(np.asarray(at)[None])
     scaled = round(radius * (1 << SHIFT))
     if filled and rim:
@@ -157,7 +157,7 @@ def draw_tag(image: Image, words: str, corner: tuple[int, int], size: int, colou
 
 
 def _fixed(points: ArrayLike) -> list[tuple[int, int]]:
-    """Pixels as OpenCV's fixed-point numbers, kept far inside its 16-bit drawing range."""
+    """Pixels as OpenCV's fixed-point numbers, limited to far inside its 16-bit drawing range."""
     scaled = np.clip(np.asarray(points, dtype=np.float64), -3000, 6000) * (1 << SHIFT)
     return [(int(u), int(v)) for u, v in np.rint(scaled)]
 

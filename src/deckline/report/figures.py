@@ -18,6 +18,23 @@ LINE_ERRORS = (
 )
 
 
+class Tally:
+    """How often each key comes, with the text first given for it."""
+
+    def __init__(self) -> None:
+        self._texts: dict[Hashable, str] = {}
+        self._times: Counter[Hashable] = Counter()
+
+    def add(self, key: Hashable, text: str) -> None:
+        """Count a key once more."""
+        self._texts.setdefault(key, text)
+        self._times[key] += 1
+
+    def rows(self) -> list[tuple[str, int]]:
+        """Texts and counts, most frequent first."""
+        return [(self._texts[key], count) for key, count in self._times.most_common()]
+
+
 def error_rows(records: list[Record]) -> list[tuple[str, ...]]:
     """Measured minus true, of the guidance and of each line; empty without truth.
 
@@ -77,15 +94,13 @@ def stage_seconds(records: list[Record]) -> dict[str, float]:
 
 
 def median_visibility(records: list[Record]) -> tuple[str, str] | None:
-    """The median visibility that the dehazed pictures told and what to know of it; None where none did."""
-    for name, unit, words in (
-        ("visibility_m", "m", ""),
-        ("visibility_heights", "heights", " of the camera over the sea"),
-    ):
-        values, sigmas = _gather(records, (name, "value"), (name, "sigma"))
-        if len(values):
-            detail = f"median{words}, 1 sigma {number(float(np.median(sigmas)), unit)}; {len(values)} frames tell it"
-            return number(float(np.median(values)), unit), detail
+    """The median visibility and what to know of it; None where no dehazed picture shows one."""
+    values, sigmas = _gather(records, ("visibility_m", "value"), ("visibility_m", "sigma"))
+    if len(values):
+        detail = f"median of {len(values)} frames, 1 sigma {number(float(np.median(sigmas)), 'm')}"
+        return number(float(np.median(values)), "m"), detail
+    if any(record.get("visibility_heights") for record in records):
+        return NONE, "in metres once --camera-height-m states the camera's height above the water"
     return None
 
 
@@ -96,23 +111,19 @@ def median_sigma(records: list[Record], name: str) -> float | None:
 
 def count_reasons(records: Iterable[Record]) -> list[tuple[str, int]]:
     """Why something is missing, in the words first given, and in how many frames; most frequent first."""
-    return _count((tuple(record["reasons"]), record["reason"]) for record in records if record.get("reasons"))
+    reasons = Tally()
+    for record in records:
+        if record.get("reasons"):
+            reasons.add(tuple(record["reasons"]), record["reason"])
+    return reasons.rows()
 
 
 def count_flags(records: Iterable[Record]) -> list[tuple[str, int]]:
     """What was flagged, with the reason first given, and in how many frames; most frequent first."""
-    flags = (flag for record in records for flag in record.get("flags") or ())
-    return _count((flag["name"], f"{flag['name']}: at first {flag['reason']}") for flag in flags)
-
-
-def _count(items: Iterable[tuple[Hashable, str]]) -> list[tuple[str, int]]:
-    """The first text of each key and how often the key comes, most frequent first."""
-    texts: dict[Hashable, str] = {}
-    times: Counter[Hashable] = Counter()
-    for key, text in items:
-        texts.setdefault(key, text)
-        times[key] += 1
-    return [(texts[key], count) for key, count in times.most_common()]
+    flags = Tally()
+    for flag in (flag for record in records for flag in record.get("flags") or ()):
+        flags.add(flag["name"], f"{flag['name']}: at first {flag['reason']}")
+    return flags.rows()
 
 
 def beyond_protection(records: list[Record]) -> tuple[int, int] | None:

@@ -1,17 +1,19 @@
-"""The film and the report's pictures, made in a thread of their own: guidance does not wait for what people look at.
+"""The film and the report's pictures, made in a thread of their own: guidance does not wait for them.
 
-What dehazing tells of a frame is known only then. It is kept beside the records, which were written before, and joined
-with them once the run ends.
+Their pictures are dehazed here. What that finds in each frame is a file of its own, dehazing.jsonl.
 """
 
 import queue
 import threading
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Iterable
 from contextlib import closing
 
+from deckline.config import Models
+from deckline.dehaze import Dehazer, DehazeResult, dehaze_for_display
 from deckline.flight import FrameResult
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
-from deckline.report.records import Record, dehazing_record, keep_whole_lines, to_line
+from deckline.report.records import dehazing_record, keep_whole_lines, to_line
 from deckline.report.run_folder import PictureSample, RunFolder
 from deckline.report.video import VideoPiece
 
@@ -26,11 +28,15 @@ class OverlayWriter:
     Args:
         folder: of the run.
         sample: gets the pictures for the report.
+        dehazer: of the pictures, where the chain has not dehazed them.
+        models: of the configuration.
     """
 
-    def __init__(self, folder: RunFolder, sample: PictureSample) -> None:
+    def __init__(self, folder: RunFolder, sample: PictureSample, dehazer: Dehazer, models: Models) -> None:
         self._folder = folder
         self._sample = sample
+        self._dehazer = dehazer
+        self._models = models
         self._results: queue.Queue[tuple[int, FrameResult] | None] = queue.Queue(WAITING)
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._work, name="film", daemon=True)
@@ -62,28 +68,23 @@ class OverlayWriter:
                 pass
 
     def _draw(self, results: Iterable[tuple[int, FrameResult]]) -> None:
-        path = self._folder.dehazed
+        path = self._folder.dehazing
         path.touch()
-        keep_whole_lines(path)
+        keep_whole_lines(path, self._folder.pictures)
         piece = VideoPiece(self._folder.work / f"film-{len(self._folder.pieces()):04d}.mp4", OVERLAY_PX)
-        with closing(piece), path.open("ab", buffering=0) as dehazed:
+        with closing(piece), path.open("ab", buffering=0) as lines:
             for index, result in results:
-                panels = draw_panels(result)  # it dehazes
-                dehazed.write(to_line({"index": index, "told": dehazing_record(result)}).encode())
+                dehazed, seconds = self._dehaze(result)
+                frame = {"file": result.frame.file, "time_s": result.frame.time_s}
+                lines.write(to_line({**frame, **dehazing_record(dehazed), "seconds": round(seconds, 6)}).encode())
+                panels = draw_panels(result, dehazed)
                 self._sample.add(index, panels)
                 piece.add(draw_overlay(result.frame, result.guidance, panels), result.frame.time_s)
 
-
-def join_dehazing(records: Iterable[Record], dehazed: Iterable[Record]) -> Iterator[Record]:
-    """Records with what dehazing told of their frames.
-
-    Args:
-        records: all of a run, in their order.
-        dehazed: what `OverlayWriter` wrote, by ascending "index"; a resumed run tells of some frames again.
-    """
-    told = iter(dehazed)
-    line = next(told, None)
-    for index, record in enumerate(records):
-        while line is not None and line["index"] < index:
-            line = next(told, None)
-        yield record | line["told"] if line is not None and line["index"] == index else record
+    def _dehaze(self, result: FrameResult) -> tuple[DehazeResult, float]:
+        """The result's picture, and the seconds that it took."""
+        if result.dehazed is not None:
+            return result.dehazed, result.seconds.get("dehaze", 0.0)
+        start = time.perf_counter()
+        dehazed = dehaze_for_display(result.frame, self._dehazer, self._models)
+        return dehazed, time.perf_counter() - start

@@ -2,7 +2,7 @@
 
 import base64
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,27 +12,34 @@ from markupsafe import Markup
 from deckline.report import figures
 from deckline.report.figures import number, percent
 from deckline.report.records import GUIDANCE, Record, lookup
-from deckline.types import SIDES, LineVisibility, Status
+from deckline.report.status import STATUS_COLOURS, STATUS_WORDS
+from deckline.types import SIDES, LineVisibility
 
 TEMPLATES = Path(__file__).parent / "templates"
-STATUSES = (*map(str, Status), "skipped")
 MODES = {"fine": "depth camera", "coarse": "deck plane", "none": "no distance"}
 LISTED = 40  # rows of a list at most
 
-Pictures = dict[int, tuple[bytes, bytes]]
+ReportPictures = dict[int, tuple[bytes, bytes]]  # index of a record -> JPEG files: hazy, and dehazed with the lines
 
 
-def report_html(info: Mapping[str, str], records: list[Record], pictures: Pictures, counts: Mapping[str, int]) -> str:
+def report_html(
+    info: Mapping[str, str],
+    records: list[Record],
+    pictures: ReportPictures,
+    counts: Mapping[str, int],
+    dehazing: Sequence[Record] = (),
+) -> str:
     """The report as one HTML text: styles, script, data and images inside.
 
     Args:
         info: label to value, in the order shown: source, command, version, weights, configuration, date. "source"
-            is the heading, "date" and "version" stand below it; "frames" is told with their number, and values whose
-            label begins with "note" are repeated above everything else.
+            is the heading, "date" and "version" stand below it; "frames" is repeated beside their number, values whose
+            label begins with "note" above everything else.
         records: records of guidance.jsonl, perhaps thinned out evenly: plots and figures are made of these.
         pictures: for the slider: index of a frame's record -> two JPEG files, as the camera saw it, and dehazed with
             the lines found.
         counts: frames of the whole run by status, and "skipped".
+        dehazing: records of dehazing.jsonl, perhaps thinned out.
     """
     seen = [record for record in records if "skipped" not in record]
     source = info.get("source", "recording")
@@ -46,9 +53,9 @@ def report_html(info: Mapping[str, str], records: list[Record], pictures: Pictur
     return environment.get_template("report.html").render(
         heading=Path(source).name or source,
         info=info,
-        style=Markup((TEMPLATES / "report.css").read_text(encoding="utf-8")),
+        style=Markup((TEMPLATES / "report.css").read_text(encoding="utf-8") + _status_style()),
         script=Markup((TEMPLATES / "report.js").read_text(encoding="utf-8")),
-        cards=list(_cards(info, seen, counts)),
+        cards=list(_cards(info, seen, counts, dehazing)),
         bars=_bars(seen, counts),
         plots_note=_plots_note(seen, counts),
         errors=figures.error_rows(seen),
@@ -58,8 +65,19 @@ def report_html(info: Mapping[str, str], records: list[Record], pictures: Pictur
         skipped_frames=counts.get("skipped", 0),
         reasons=figures.count_reasons(seen),
         listed=LISTED,
-        data={"rows": [_row(record) for record in records], "pictures": shown, "titles": GUIDANCE},
+        data={
+            "rows": [_row(record) for record in records],
+            "pictures": shown,
+            "titles": GUIDANCE,
+            "statuses": STATUS_WORDS,
+        },
     )
+
+
+def _status_style() -> str:
+    """CSS of the status colours."""
+    rules = ((word.replace(" ", "-"), *colours.css) for word, colours in STATUS_COLOURS.items())
+    return "\n".join(f".{name} {{ --key: {fill}; --on-key: {ink}; }}" for name, fill, ink in rules)
 
 
 def _row(record: Record) -> Record:
@@ -77,7 +95,7 @@ def _row(record: Record) -> Record:
         inliers = lookup(record, ("lines", side, "pixel_line", "inliers"))
         row[side] = {
             "points": len(confidence),
-            "kept": None if inliers is None else sum(inliers),
+            "used": None if inliers is None else sum(inliers),
             "confidence": float(np.mean(confidence)) if confidence else None,
         }
     return row | {"seconds": sum(record["seconds"].values()) if record.get("seconds") else None}
@@ -85,12 +103,14 @@ def _row(record: Record) -> Record:
 
 def _bars(seen: list[Record], counts: Mapping[str, int]) -> list[tuple[str, list[tuple[str, str, int]]]]:
     """Title of each bar and its parts: name, meaning, frames."""
-    worth = [(name, "", counts.get(name, 0)) for name in STATUSES]
+    worth = [(name, "", counts.get(name, 0)) for name in STATUS_WORDS]
     modes = [(name, words, sum(record["mode"] == name for record in seen)) for name, words in MODES.items()]
     return [("What guidance is worth", worth), ("Where distances came from", modes)]
 
 
-def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int]) -> Iterator[tuple[str, str, str]]:
+def _cards(
+    info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int], dehazing: Sequence[Record]
+) -> Iterator[tuple[str, str, str]]:
     """What a figure is, the figure, and what else to know."""
     total, skipped = sum(counts.values()), counts.get("skipped", 0)
     detail = [info["frames"]] if "frames" in info else []
@@ -108,7 +128,7 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
     sigma = figures.median_sigma(seen, "lateral_deviation_m")
     if not errors and sigma is not None:
         yield "Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with"
-    visibility = figures.median_visibility(seen)
+    visibility = figures.median_visibility([*dehazing] or seen)
     if visibility is not None:
         yield "Visibility", *visibility
     yield from _track_cards(seen)
@@ -122,7 +142,7 @@ def _cards(info: Mapping[str, str], seen: list[Record], counts: Mapping[str, int
 
 
 def _track_cards(seen: list[Record]) -> Iterator[tuple[str, str, str]]:
-    """How much of the run was guided by a track, and what its integrity said."""
+    """How much of the run was guided by a track, and what was flagged."""
     tracks = [record["track"] for record in seen if record.get("track")]
     if tracks:
         states = Counter(track["state"] for track in tracks)

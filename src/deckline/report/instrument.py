@@ -20,6 +20,7 @@ from deckline.report.draw import (
     shorten,
     wrap,
 )
+from deckline.report.status import STATUS_COLOURS
 from deckline.types import DepthMode, Guidance, Status, TrackState, Value
 
 BAND = (1280, 248)  # width, height, px
@@ -30,17 +31,8 @@ DOT_PX = 40
 SIGMA_OPACITY = 0.28  # of the band around a needle
 FACE = (16, 12, 224)  # left, top, side
 
-STATUS_TAGS = {
-    Status.OK: ("OK", draw.GOOD, (8, 20, 16)),
-    Status.UNVERIFIED: ("UNVERIFIED", draw.CAUTION, (30, 28, 4)),
-    Status.ONE_LINE: ("ONE LINE", draw.CAUTION, (30, 28, 4)),
-    Status.COASTING: ("NO LINES NOW", draw.CAUTION, (30, 28, 4)),
-    Status.STALE: ("STALE", draw.FLAG, (255, 255, 255)),
-    Status.NOT_SEEN: ("NO LINES", draw.FLAG, (255, 255, 255)),
-}
-TRACK_TAGS = {
+TRACK_TAGS = {  # the state `coasting` is a status too
     TrackState.TRACKING: ("TRACKING", draw.GOOD, (8, 20, 16)),
-    TrackState.COASTING: ("COASTING", draw.CAUTION, (30, 28, 4)),
     TrackState.LOST: ("NO TRACK", draw.EDGE, draw.INK),
 }
 MODES = {
@@ -51,17 +43,17 @@ MODES = {
 
 
 def lateral_needle(guidance: Guidance) -> Value | None:
-    """Where the vertical needle stands, dots, right positive; None: flag."""
+    """Deflection of the vertical needle, dots, right positive; None: flag."""
     return _needle(guidance.lateral_deviation_m, LATERAL_DOT_M)
 
 
 def glideslope_needle(guidance: Guidance) -> Value | None:
-    """Where the horizontal needle stands, dots, up positive; None: flag."""
+    """Deflection of the horizontal needle, dots, up positive; None: flag."""
     return _needle(guidance.vertical_deviation_rad, float(np.deg2rad(GLIDESLOPE_DOT_DEG)))
 
 
 def lateral_limits_dots(guidance: Guidance) -> tuple[float, float] | None:
-    """Where the vertical needle could stand at the protection level, dots; None: not known, or off the scale."""
+    """Deflections of the vertical needle at the protection level, dots; None: not known, or off the scale."""
     deviation, protection = guidance.lateral_deviation_m, guidance.protection
     if deviation is None or protection is None:
         return None
@@ -112,8 +104,9 @@ def draw_indicator(guidance: Guidance) -> Image:
     if glideslope is None:
         draw_tag(image, "GS", (side - 48, 12), 15, draw.FLAG, draw.INK)
     if guidance.status is Status.NOT_SEEN:
+        words = guidance.status.upper()
         draw_box(image, (x - 70, y - 21), (140, 42), draw.FLAG, 5)
-        draw_text(image, "NO LINES", (x - measure_text("NO LINES", 22, 700) / 2, y + 8), 22, draw.INK, 700)
+        draw_text(image, words, (x - measure_text(words, 22, 700) / 2, y + 8), 22, draw.INK, 700)
     draw_text(image, f"dot {LATERAL_DOT_M:g} m", (12, side - 12), 12, draw.DIM)
     draw_text(image, f"dot {GLIDESLOPE_DOT_DEG:g}°", (side - 62, side - 12), 12, draw.DIM)
     return image
@@ -183,12 +176,12 @@ def _draw_tile(
 
 def _draw_status(image: Image, guidance: Guidance) -> None:
     left, top = FACE[0] + FACE[2] + 16, 144
-    words, colour, ink = STATUS_TAGS[guidance.status]
-    left += draw_tag(image, words, (left, top), 18, colour, ink) + 14
+    left += draw_tag(image, guidance.status.upper(), (left, top), 18, *STATUS_COLOURS[guidance.status]) + 14
     if guidance.flags:
         left += draw_tag(image, "DO NOT FOLLOW", (left, top), 18, draw.FLAG, draw.INK) + 14
-    elif guidance.track is not None:
-        left += draw_tag(image, TRACK_TAGS[guidance.track][0], (left, top), 18, *TRACK_TAGS[guidance.track][1:]) + 14
+    elif guidance.track in TRACK_TAGS:
+        words, colour, ink = TRACK_TAGS[guidance.track]
+        left += draw_tag(image, words, (left, top), 18, colour, ink) + 14
     left += draw_text(image, MODES[guidance.mode], (left, top + 22), 16, draw.INK) + 18
     for row, line in enumerate(wrap(guidance.reason, 14, BAND[0] - 16 - left, 2)):
         draw_text(image, line, (left, top + (21 if row == 0 else 41)), 14, draw.DIM)

@@ -2,40 +2,43 @@
 
 from dataclasses import dataclass
 
+from deckline.dehaze import DISPLAY_PX, DehazeResult
 from deckline.flight import FrameResult
 from deckline.report import draw
-from deckline.report.annotators import CLOSE_UP, LineAnnotator, MagnifierAnnotator, Mark, resize
+from deckline.report.annotators import CLOSE_UP, LineAnnotator, MagnifierAnnotator, ViewportAnnotator, resize
 from deckline.report.draw import Image, draw_text, measure_text, shorten
 from deckline.report.instrument import BAND, draw_instrument
 from deckline.types import Frame, Guidance
 
-PANEL_PX = (640, 360)  # width, height of each picture at most
+PANEL_PX = (DISPLAY_PX, 360)  # width, height of each picture at most
 HEADER_PX = 40
 OVERLAY_PX = (2 * PANEL_PX[0], HEADER_PX + PANEL_PX[1] + BAND[1])  # width, height; both even, as H.264 wants
-FAR: tuple[Mark, ...] = (LineAnnotator(),)
+FAR: tuple[ViewportAnnotator, ...] = (LineAnnotator(),)
 
 
 @dataclass(frozen=True, eq=False)
 class Panels:
     """The two pictures of a frame, each at most 640x360 px, in the image's proportions."""
 
-    hazy: Image  # (h, w, 3)
-    marked: Image  # (h, w, 3) dehazed, with what was found
-    not_dehazed: str | None = None  # why it is as the camera saw it
+    hazy: Image
+    """(h, w, 3) as the camera saw it."""
+    marked: Image
+    """(h, w, 3) dehazed, with what was found."""
+    not_dehazed: str = ""
+    """Why `marked` is not dehazed; empty: it is."""
 
 
-def draw_panels(result: FrameResult) -> Panels:
-    """The small pictures of one result."""
+def draw_panels(result: FrameResult, dehazed: DehazeResult) -> Panels:
+    """The small pictures of one result and of its frame dehazed."""
     camera = result.frame.camera
-    clear_rgb = result.dehazing.shown(max(PANEL_PX)).image_rgb
     scale = min(PANEL_PX[0] / camera.width, PANEL_PX[1] / camera.height)
     size = max(round(camera.width * scale), 2), max(round(camera.height * scale), 2)
-    hazy, marked = (resize(image, size) for image in (result.frame.image_rgb, clear_rgb))
+    hazy, marked = (resize(image, size) for image in (result.frame.image_rgb, dehazed.image_rgb))
     magnifier = MagnifierAnnotator()
     marked = magnifier.annotate(marked, result)
     for mark in CLOSE_UP if magnifier.find_place(hazy, result) is None else FAR:
         marked = mark.annotate(marked, result)
-    return Panels(MagnifierAnnotator(marks=()).annotate(hazy, result), marked, result.dehazing.note)
+    return Panels(MagnifierAnnotator(marks=()).annotate(hazy, result), marked, dehazed.note)
 
 
 def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
@@ -50,7 +53,7 @@ def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
     image[HEADER_PX + PANEL_PX[1] :] = draw_instrument(guidance)
     draw_text(image, "HAZY", (16, 26), 15, draw.INK, 600)
     draw_text(image, "as the camera saw it", (68, 26), 14, draw.DIM)
-    title = "DEHAZED" if pictures.not_dehazed is None else "NOT DEHAZED"
+    title = "NOT DEHAZED" if pictures.not_dehazed else "DEHAZED"
     draw_text(image, title, (PANEL_PX[0] + 16, 26), 15, draw.INK, 600)
     draw_text(image, "with the lines found", (PANEL_PX[0] + 28 + measure_text(title, 15, 600), 26), 14, draw.DIM)
     time = f"  ·  {frame.time_s:.6f} s"

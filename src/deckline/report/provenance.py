@@ -1,26 +1,39 @@
 """What a result was made with: software, settings and models."""
 
 import platform
+import re
 import shlex
 import sys
-from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
 from deckline import __version__
+from deckline.config import RunConfig
 from deckline.config_file import to_toml_text
-from deckline.dehaze import OnnxDehazer
+from deckline.dehaze import Dehazer, OnnxDehazer
 from deckline.detect import OnnxDetector
 from deckline.files import printable
 from deckline.flight import Flight, FrameResult
+from deckline.recording import Source
 from deckline.runtime import sha256_of
 from deckline.types import Frame
+
+CREDENTIALS = r"//[^/\s]*@"  # of an address
 
 Settings = dict[str, str]
 
 
-def settings_of(chain: Callable[[Frame], FrameResult]) -> Settings:
+class Chain(Protocol):
+    """What answers frames, as a `Flight` does."""
+
+    config: RunConfig
+    dehazer: Dehazer
+
+    def __call__(self, frame: Frame) -> FrameResult: ...
+
+
+def settings_of(chain: Chain) -> Settings:
     """Everything that decides what a flight answers, label -> value: a run is resumed only with the same."""
     settings = {"deckline": __version__}
     if isinstance(chain, Flight):
@@ -30,23 +43,17 @@ def settings_of(chain: Callable[[Frame], FrameResult]) -> Settings:
     return settings
 
 
-class Named(Protocol):
-    """A source of frames, recorded or live."""
-
-    name: str
-    notes: tuple[str, ...]
-
-
-def run_info(source: Named, frames: int, total: int | None, stopped: bool) -> Settings:
+def run_info(source: Source, frames: int, total: int | None, stopped: bool) -> Settings:
     """Where results come from, label -> value, in the order in which the report shows them."""
     machine = f"{platform.system()} {platform.machine()}"
     count = f"{frames}" if total is None else f"{frames} of {total}"
+    command = shlex.join([Path(sys.argv[0]).name.replace("__main__.py", "deckline"), *sys.argv[1:]])
     info = {
         "source": source.name,
         "frames": f"{count}, stopped before the end" if stopped else count,
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
         "version": f"deckline {__version__}, Python {platform.python_version()}, {machine}",
-        "command": shlex.join([Path(sys.argv[0]).name.replace("__main__.py", "deckline"), *sys.argv[1:]]),
+        "command": re.sub(CREDENTIALS, "//", command),
         **{f"note {number}": note for number, note in enumerate(source.notes, 1)},
     }
     return {label: printable(value) for label, value in info.items()}

@@ -7,12 +7,14 @@ import csv
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from deckline.config import Approach
+from deckline.dehaze import DehazeResult
 from deckline.files import check_regular, open_regular, printable
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame
@@ -44,12 +46,14 @@ STAGES = ("dehaze", "detect", "localize", "guide", "track")
 
 NO_COLUMNS: Mapping[str, Iterable[str | int]] = {}
 
+SKIPPED = "skipped"  # what a frame that cannot be used counts as
+
 Record = dict[str, Any]
-View = Callable[[FrameResult | None, Record], None]  # watches a flight; None: a record without a frame that was flown
+FlightView = Callable[[FrameResult | None, Record], None]  # watches a flight; None: a record without a result
 
 
 def frame_record(result: FrameResult, approach: Approach) -> Record:
-    """What is written about one frame, plain JSON values only; `approach` tells what the guidance should have been."""
+    """What is written about one frame, plain JSON values only; `approach` states what the guidance should be."""
     frame, estimate, detection = result.frame, result.estimate, result.detection
     lines: Record = {}
     for side in SIDES:
@@ -74,18 +78,18 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
         "protection": result.guidance.protection and protection_record(result.guidance.protection),
         "flags": _diagnostics(result.guidance.flags),
         "track": result.track and _track(result.track),
-        **dehazing_record(result),
+        **dehazing_record(result.dehazed),
+        "seconds": dict(result.seconds),
         **_truth(result, approach),
     }
     return {key: _plain(value) for key, value in record.items()}
 
 
-def dehazing_record(result: FrameResult) -> Record:
-    """What dehazing told of a frame, if it was dehazed so far, and the seconds of all stages."""
-    restored = result.dehazing.restored
-    values = {name: getattr(restored, name, None) for name in ("visibility_m", "visibility_heights")}
-    told: Record = {name: value and _plain(vars(value)) for name, value in values.items()}
-    return {"not_dehazed": result.dehazing.note, **told, "seconds": _plain(result.seconds)}
+def dehazing_record(dehazed: DehazeResult | None) -> Record:
+    """What dehazing found in a frame: why it is left as it is, and the visibility; null for what is not known."""
+    values = {name: getattr(dehazed, name, None) for name in ("visibility_m", "visibility_heights")}
+    measured: Record = {name: value and _plain(vars(value)) for name, value in values.items()}
+    return {"not_dehazed": (dehazed and dehazed.note) or None, **measured}
 
 
 def skipped_record(bad: BadFrame) -> Record:
@@ -131,12 +135,17 @@ def read_records(path: Path) -> Iterator[Record]:
                 yield record
 
 
-def keep_whole_lines(path: Path) -> int:
-    """Cut a JSONL file after its last whole line; returns the number of lines kept."""
+def kind_of(record: Record) -> str:
+    """What a record counts as: its status, or "skipped"."""
+    return SKIPPED if "skipped" in record else str(record["status"])
+
+
+def keep_whole_lines(path: Path, most: int | None = None) -> int:
+    """Cut a JSONL file after its last whole line, or after `most` lines; returns the number of lines retained."""
     count = end = 0
     check_regular(path)
     with path.open("r+b") as file:
-        for line in file:
+        for line in islice(file, most):
             if line.endswith(b"\n"):
                 count, end = count + 1, end + len(line)
         file.truncate(end)

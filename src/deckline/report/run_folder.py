@@ -1,52 +1,62 @@
 """The files of a run, whole at every moment.
 
-OUT/guidance.jsonl grows by whole lines while the run goes on. Everything that a stopped run needs to go on lies in
-OUT/.unfinished: the settings, the pieces of the film, the pictures for the report. When the run ends, the other files
-are made there and renamed into OUT, and .unfinished goes away. Where OUT already holds a run, the new guidance.jsonl
-grows in .unfinished too: until the new run ends, the old one stays as it was.
+OUT/guidance.jsonl grows by whole lines during the run. OUT/.unfinished holds all that a stopped run needs to go on:
+the settings, the pieces of the film, the pictures for the report. When the run ends, the other files are made there and
+renamed into OUT, and .unfinished is removed. Where OUT already holds a run, the new guidance.jsonl grows in .unfinished
+too: until the new run ends, the old one stays as it was.
 """
 
 import json
 import os
 import shutil
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from deckline.atomic import write_atomic
 from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
 from deckline.report.draw import encode_picture
 from deckline.report.overlay import Panels
-from deckline.report.records import keep_whole_lines, read_records
+from deckline.report.provenance import Settings
+from deckline.report.records import keep_whole_lines, kind_of, read_records
 from deckline.report.video import count_pictures
 
 JSONL, CSV, VIDEO, REPORT, CONFIG = "guidance.jsonl", "guidance.csv", "overlay.mp4", "report.html", "run.toml"
-MADE_AT_THE_END = (REPORT, VIDEO, CSV, CONFIG)
+DEHAZING = "dehazing.jsonl"  # what dehazing found in each of the film's frames
+MADE_AT_THE_END = (REPORT, VIDEO, CSV, DEHAZING, CONFIG)
 UNFINISHED = ".unfinished"
 STATE = "run.json"
 OTHER = "choose another folder"
 MOST_PICTURES = 60
 JPEG_QUALITY = 78
 
-State = dict[str, str]
-
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Where a run is written and how far it came."""
+    """Where a run is written, and what of it is there already."""
 
     out: Path
-    jsonl: Path  # in `out`, or in `work` while an older run is still in `out`
-    recorded: int = 0  # whole lines that were there when the folder was opened
-    filmed: int = 0  # records that need no film any more: all before this one
+    """The folder."""
+    jsonl: Path
+    """guidance.jsonl: in `out`, or in `work` while an older run is still in `out`."""
+    recorded: int = 0
+    """Whole lines when the folder is opened."""
+    filmed: int = 0
+    """Index of the first record whose picture the film lacks."""
+    pictures: int = 0
+    """Pictures of the film before that record."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """These records by status, and "skipped"."""
 
     @property
     def work(self) -> Path:
         return self.out / UNFINISHED
 
     @property
-    def dehazed(self) -> Path:
-        """What dehazing told of each frame, a line of JSON each."""
-        return self.work / "dehazed.jsonl"
+    def dehazing(self) -> Path:
+        """Lines of dehazing.jsonl while the film grows: one for each of its pictures."""
+        return self.work / "film.jsonl"
 
     def pieces(self) -> list[Path]:
         """Pieces of the film, in order."""
@@ -67,7 +77,7 @@ class RunFolder:
         shutil.rmtree(self.work)
 
 
-def start_folder(out: Path, state: State, overwrite: bool = False) -> RunFolder:
+def start_folder(out: Path, state: Settings, overwrite: bool = False) -> RunFolder:
     """Start a new run in `out`.
 
     Args:
@@ -98,7 +108,7 @@ def start_folder(out: Path, state: State, overwrite: bool = False) -> RunFolder:
     return RunFolder(out, jsonl)
 
 
-def resume_folder(out: Path, state: State) -> RunFolder:
+def resume_folder(out: Path, state: Settings) -> RunFolder:
     """Go on with the unfinished run in `out`; start one where `out` holds none at all.
 
     Raises:
@@ -116,8 +126,7 @@ def resume_folder(out: Path, state: State) -> RunFolder:
         recorded = keep_whole_lines(jsonl)
     except OSError as error:
         raise ValueError(f"{out}: cannot be resumed: {error.strerror or error}") from None
-    folder = RunFolder(out, jsonl, recorded, recorded)
-    return replace(folder, filmed=_first_unfilmed(folder))
+    return _review(RunFolder(out, jsonl, recorded))
 
 
 def check_apart(source: Path, out: Path) -> None:
@@ -138,9 +147,9 @@ def _check_ours(out: Path) -> None:
             raise ValueError(f"{path} is of no run of deckline and is not replaced: {OTHER}")
 
 
-def _read_state(path: Path) -> State:
+def _read_state(path: Path) -> Settings:
     try:
-        state: State = parse_plain(json.loads, read_regular(path, MOST_CONFIG_BYTES).decode())
+        state: Settings = parse_plain(json.loads, read_regular(path, MOST_CONFIG_BYTES).decode())
     except ValueError:
         state = {}
     if not isinstance(state, dict) or not state:
@@ -148,19 +157,23 @@ def _read_state(path: Path) -> State:
     return state
 
 
-def _first_unfilmed(folder: RunFolder) -> int:
-    """Index of the first record whose picture is not in the film: a killed writer loses its last few."""
-    pictures = sum(count_pictures(piece) for piece in folder.pieces())
+def _review(folder: RunFolder) -> RunFolder:
+    """The folder with its records counted; `filmed` is the first whose picture is not in the film.
+
+    A killed writer loses its last few pictures.
+    """
+    made, pictures = sum(count_pictures(piece) for piece in folder.pieces()), 0
+    filmed, counts = folder.recorded, Counter[str]()
     for index, record in enumerate(read_records(folder.jsonl)):
-        if "skipped" in record:
-            continue
-        if pictures == 0:
-            return index
-        pictures -= 1
-    return folder.recorded
+        counts[kind_of(record)] += 1
+        if "skipped" not in record and pictures < made:
+            pictures += 1
+        elif "skipped" not in record:
+            filmed = min(filmed, index)
+    return RunFolder(folder.out, folder.jsonl, folder.recorded, filmed, pictures, counts)
 
 
-def _check_same(out: Path, before: State, now: State) -> None:
+def _check_same(out: Path, before: Settings, now: Settings) -> None:
     for key in sorted({*before, *now}):
         old, new = (str(state.get(key, "unset")).splitlines() for state in (before, now))
         if old != new:
@@ -172,24 +185,24 @@ def _check_same(out: Path, before: State, now: State) -> None:
 
 
 class PictureSample:
-    """Small pictures for the report: keeps every n-th frame's; n doubles whenever there are too many.
+    """Small pictures for the report: those of every n-th frame; n doubles whenever there are too many.
 
     So any run length is spread evenly, and pictures need not stay in memory.
 
     Args:
         folder: where the pictures lie; those of an interrupted run are taken over.
-        most: pictures kept, at least 2.
+        most: pictures, at least 2.
     """
 
     def __init__(self, folder: Path, most: int = MOST_PICTURES) -> None:
         if most < 2:
-            raise ValueError(f"at least 2 pictures must be kept, got {most}")
+            raise ValueError(f"most pictures must be at least 2, got {most}")
         folder.mkdir(exist_ok=True)
         self._folder = folder
         self._most = most
         self._every = 1
-        self._kept = {int(path.stem) for path in folder.glob("*.marked") if path.stem.isdigit()}
-        while len(self._kept) > 1 and all(index % (2 * self._every) == 0 for index in self._kept):
+        self._indices = {int(path.stem) for path in folder.glob("*.marked") if path.stem.isdigit()}
+        while len(self._indices) > 1 and all(index % (2 * self._every) == 0 for index in self._indices):
             self._every *= 2
 
     def add(self, index: int, panels: Panels) -> None:
@@ -198,20 +211,20 @@ class PictureSample:
             return
         for path, image in zip(self._files(index), (panels.hazy, panels.marked), strict=True):
             path.write_bytes(encode_picture(image, ".jpg", JPEG_QUALITY))
-        self._kept.add(index)
-        while len(self._kept) > self._most:
+        self._indices.add(index)
+        while len(self._indices) > self._most:
             self._every *= 2
-            for dropped in [kept for kept in self._kept if kept % self._every]:
-                self._kept.remove(dropped)
+            for dropped in [index for index in self._indices if index % self._every]:
+                self._indices.remove(dropped)
                 for path in self._files(dropped):
                     path.unlink(missing_ok=True)
 
-    def kept(self) -> list[int]:
-        """Indices of the records whose pictures are kept, in order."""
-        return sorted(self._kept)
+    def indices(self) -> list[int]:
+        """Indices of the records whose pictures it has, in order."""
+        return sorted(self._indices)
 
     def read(self, index: int) -> tuple[bytes, bytes]:
-        """JPEG files of a kept record: hazy, and dehazed with the lines."""
+        """JPEG files of such a record: hazy, and dehazed with the lines."""
         hazy, marked = self._files(index)
         return hazy.read_bytes(), marked.read_bytes()
 

@@ -17,7 +17,7 @@ from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.extras import needs_extra
 from deckline.files import print_line
-from deckline.recording import FrameError, Source, open_recording
+from deckline.recording import FrameError, Recording, open_recording
 from deckline.runtime import sha256_of
 from deckline.types import Frame
 from deckline_lab.evaluation.dehazing_score import FIGURES, restoration
@@ -103,7 +103,7 @@ def ablation(
     return 0
 
 
-def measure(dehazers: Mapping[str, OnnxDehazer | None], source: Source, indices: range, store: Store) -> Scores:
+def measure(dehazers: Mapping[str, OnnxDehazer | None], source: Recording, indices: range, store: Store) -> Scores:
     """Figures of each row and image, as far as they are not in the store already, to which they are added one by one.
 
     Args:
@@ -124,7 +124,7 @@ def measure(dehazers: Mapping[str, OnnxDehazer | None], source: Source, indices:
     return {row: {k: rows[k, sha] for k in indices if (k, sha) in rows} for row, sha in weights.items()}
 
 
-def _load(source: Source, index: int) -> Frame | None:
+def _load(source: Recording, index: int) -> Frame | None:
     try:
         return source.load(index)
     except FrameError as error:

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from deckline.dehaze import dehaze_for_display
 from deckline.detect import Detector, OnnxDetector
 from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.flight import Flight
-from deckline.live.messages import Progress
-from deckline.live.pipeline import Outputs, Session
+from deckline.live.messages import FrameCounts
+from deckline.live.pipeline import LiveSession, Outputs
 from deckline.live.source import Playback
-from deckline.recording import Source
+from deckline.recording import Recording
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
 from deckline.report.run import run
 from deckline.report.video import VideoPiece
@@ -50,7 +51,7 @@ class Timing:
         return {"stages": stages, "first_s": self.first_s, "peak_bytes": self.peak_bytes}
 
 
-def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
+def measure_file(source: Recording, flight: Flight, film: Path) -> Timing:
     """Every stage of every usable frame of a source, one after the other.
 
     Args:
@@ -69,13 +70,17 @@ def measure_file(source: Source, flight: Flight, film: Path) -> Timing:
     return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), resident and read_memory("VmHWM"))
 
 
-def measure_run(source: Source, flight: Flight, out: Path) -> float:
+def measure_run(source: Recording, flight: Flight, out: Path) -> float:
     """Frames a second of `deckline run` into a new folder, film and report included."""
     start = time.perf_counter()
-    return run(source, flight, out, config=flight.config).frames / (time.perf_counter() - start)
+    return run(
+        source,
+        flight,
+        out,
+    ).frames / (time.perf_counter() - start)
 
 
-def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
+def measure_live(source: Recording, flight: Flight) -> tuple[Timing, FrameCounts]:
     """The age of every answer, from capture to its message, of a recording played at its own pace.
 
     Raises:
@@ -83,14 +88,14 @@ def measure_live(source: Source, flight: Flight) -> tuple[Timing, Progress]:
     """
     resident = reset_peak()
     quiet = Outputs(send=lambda _: None, log=print_line)
-    summary = Session(Playback(source), flight, quiet).run()
+    summary = LiveSession(Playback(source), flight, quiet).run()
     if not summary.ages_s:
         raise ValueError(f"{source.name}: live mode gave no answer")
     peak = resident and read_memory("VmHWM")
-    return Timing({"age of the answer": list(summary.ages_s)}, summary.ages_s[0], peak), summary.progress
+    return Timing({"age of the answer": list(summary.ages_s)}, summary.ages_s[0], peak), summary.frames
 
 
-def _decode(source: Source) -> Iterator[tuple[Frame, float]]:
+def _decode(source: Recording) -> Iterator[tuple[Frame, float]]:
     """Usable frames and the seconds that each took to read, damaged ones before it included."""
     start = time.perf_counter()
     for item in source.items():
@@ -103,11 +108,13 @@ def _measure_frame(frame: Frame, decode_s: float, flight: Flight, piece: VideoPi
     """Seconds of every stage of one frame."""
     result = flight(frame)
     start = time.perf_counter()
-    panels = draw_panels(result)  # it dehazes
+    dehazed = result.dehazed or dehaze_for_display(frame, flight.dehazer, flight.config.models)
+    dehaze_s = result.seconds.get("dehaze", time.perf_counter() - start)
+    start = time.perf_counter()
+    panels = draw_panels(result, dehazed)
     piece.add(draw_overlay(frame, result.guidance, panels), frame.time_s)
     film_s = time.perf_counter() - start
-    seconds = {"dehaze": 0.0} | result.seconds
-    return seconds | {"decode": decode_s, "film": film_s - seconds["dehaze"]}
+    return {**result.seconds, "dehaze": dehaze_s, "decode": decode_s, "film": film_s}
 
 
 def measure_looks(detector: Detector, peer: Detector) -> dict[str, Figures]:

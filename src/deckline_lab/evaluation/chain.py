@@ -1,5 +1,6 @@
 """`deckline eval chain`, `recording` and `labels`: the whole chain against truth, detected points against labels."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ import tyro
 from numpy.typing import NDArray
 
 from deckline.config import Approach, Models, RunConfig, Tracking
-from deckline.dehaze import NOT_DEHAZED
+from deckline.dehaze import NOT_DEHAZED, dehaze_frame
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
 from deckline.report.bands import RANGE_M, by_band, share
@@ -118,7 +119,8 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
     store = Store(out, "chain.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
 
     def score(sample: Sample) -> dict[str, Any]:
-        return asdict(score_frame(flight(sample.frame), config.approach))
+        result = flight(sample.frame)
+        return asdict(score_frame(_with_dehazed(result, flight), config.approach))
 
     [rows] = score_frames(sets, [(store, score)])
     scores = [FrameScore(**row) for row in rows]
@@ -134,6 +136,16 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
     ]
     publish(title, tables, figures, output)
     return 0
+
+
+def _with_dehazed(result: FrameResult, flight: Flight) -> FrameResult:
+    """The result with its whole picture dehazed, where truth has a clear one to compare with."""
+    truth, models = result.frame.truth, flight.config.models
+    if truth is None or truth.clear_rgb is None or models.detect_in == "dehazed":
+        return result
+    start = time.perf_counter()
+    dehazed = dehaze_frame(result.frame, flight.dehazer, models)
+    return replace(result, dehazed=dehazed, seconds={**result.seconds, "dehaze": time.perf_counter() - start})
 
 
 def score_frame(result: FrameResult, approach: Approach) -> FrameScore:
@@ -174,7 +186,8 @@ def _restoration(result: FrameResult, clear_rgb: NDArray[np.uint8]) -> Figures:
     frame, figures = result.frame, {}
     pose = frame.true_world_from_camera
     surface = None if pose is None else below_horizon(frame.camera, pose)
-    for name, picture in {"": result.dehazed_rgb, "_hazy": frame.image_rgb}.items():
+    pictures = {} if result.dehazed is None else {"": result.dehazed.image_rgb}
+    for name, picture in {**pictures, "_hazy": frame.image_rgb}.items():
         figures[f"psnr_db{name}"] = psnr_db(picture, clear_rgb)
         figures[f"ssim{name}"] = ssim(picture, clear_rgb)
         if surface is not None and surface.any():

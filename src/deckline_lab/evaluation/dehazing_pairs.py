@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deckline.geometry import Camera
-from deckline.recording import FrameError, Source, open_recording
+from deckline.recording import FrameError, Recording, open_recording
 from deckline.recording.image_folder import ImageFolder
 from deckline.recording.images import read_image
 from deckline.recording.source import is_inside, parse_json, read_text
@@ -86,7 +86,7 @@ def open_pairs(
     return PairSource(str(path.resolve()), keys, lambda key: _recorded(source.load(int(key)), with_depth, has_clear))
 
 
-def _has_clear(source: Source) -> bool:
+def _has_clear(source: Recording) -> bool:
     """Recordings keep the clear picture of every frame or of none: the first readable frame says which."""
     for index in range(len(source)):
         try:

@@ -4,14 +4,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from deckline.flight import Flight
-from deckline.recording.source import Stream
+from deckline.recording.source import Source
 from deckline.report.run import run as run_flight
 from deckline.types import Frame
 from deckline_lab.evaluation.approaches import FlightsConfig
 from deckline_lab.evaluation.integrity_score import Run, flight_with, inject_run
 
 
-class Frames(Stream):
+class Frames(Source):
     """Frames that are at hand.
 
     Args:
@@ -43,7 +43,5 @@ def film(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models: Flig
     faulty = [frame for frame, _ in inject_run(frames, run, flights)]
     flight = flight_with(frames, run, flights, models)
     folder = out / f"{run.name} {run.number}".replace("; ", ", ").replace(" ", "_")
-    run_flight(
-        Frames(f"{run.name}, approach {run.number}", faulty), flight, folder, config=flight.config, overwrite=True
-    )
+    run_flight(Frames(f"{run.name}, approach {run.number}", faulty), flight, folder, overwrite=True)
     return folder

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import norm
 
 from deckline.atomic import write_atomic
-from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
+from deckline.dehaze import NOT_DEHAZED, Dehazer, dehaze_for_display, restore
 from deckline.extras import needs_extra
 from deckline.flight import Flight
 from deckline.geometry import Camera
@@ -111,7 +111,8 @@ def write_worst(
             continue
         name = f"{FOLDER}/{rank:03d}.png"
         result = flight(sample.frame)
-        pictures = draw_panels(result)
+        dehazed = result.dehazed or dehaze_for_display(result.frame, flight.dehazer, flight.config.models)
+        pictures = draw_panels(result, dehazed)
         _draw_truth(pictures.hazy, sample.expected, sample.frame.camera)
         write_picture(out / name, draw_overlay(sample.frame, result.guidance, pictures))
         parts += [f"## {rank}. {score.file}", figures_line(score), f"\n![{score.file}]({name})\n"]

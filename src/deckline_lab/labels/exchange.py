@@ -12,7 +12,7 @@ import numpy as np
 from deckline.atomic import write_atomic
 from deckline.files import is_there
 from deckline.geometry import Camera
-from deckline.recording import BadFrame, Source
+from deckline.recording import BadFrame, Recording
 from deckline.recording.camera_file import CAMERA_FILE, format_camera, read_camera_file
 from deckline.recording.images import IMAGE_SUFFIXES, encode_image, read_bytes, read_image
 from deckline.recording.source import is_inside
@@ -53,7 +53,7 @@ MASK_PX = 16.0 / 1640.0  # width of a line in a mask over the image's width: CUL
 
 
 def export_labels(
-    source: Source, folder: Path, out: Path, form: Format, row_step_px: int, line_points: int
+    source: Recording, folder: Path, out: Path, form: Format, row_step_px: int, line_points: int
 ) -> tuple[list[LabelledImage], list[str]]:
     """Write images and labels below `out`, a new folder; the labels' file comes last.
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from approach_scene import STILL
-from deckline.dehaze.base import IdentityDehazer
-from deckline.flight import Dehazing, FrameResult
+from deckline.dehaze import DehazeResult
+from deckline.flight import FrameResult
 from deckline.geometry import Camera, attitude, pose
 from deckline.guide import guidance
 from deckline.localize import localize
@@ -45,8 +45,8 @@ def result_of(frame: Frame, left_px, right_px) -> FrameResult:
     detection = Detection(points(left_px), points(right_px))
     estimate = localize(frame, detection, STILL, np.random.default_rng(0))
     steered = guidance(frame, estimate, None, STILL.approach)
-    seconds = {"detect": 0.5}
-    return FrameResult(frame, Dehazing(frame, IdentityDehazer(), seconds), detection, estimate, steered, seconds)
+    dehazed = DehazeResult(frame.image_rgb.copy())
+    return FrameResult(frame, detection, estimate, steered, {"detect": 0.5}, dehazed=dehazed)
 
 
 def deck(left=(1.0,), right=(1.0,), confidence=0.9, **changes) -> DetectionScore:

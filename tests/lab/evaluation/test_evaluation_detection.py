@@ -46,6 +46,9 @@ def half_blind(at):
     return chain(at, ("left",) if at.time_s == 0.25 else ("left", "right"))
 
 
+half_blind.config, half_blind.dehazer = chain.config, chain.dehazer  # as a flight has them
+
+
 def scores_of(folder, out=None, run=half_blind, settings=None) -> list[DetectionScore]:
     [scores] = score_detections([Recorded(folder)], [(out, settings or {}, lambda sample: run(sample.frame).detection)])
     return scores

@@ -2,6 +2,7 @@ import json
 import os
 import signal
 import threading
+import time
 from itertools import islice
 
 import numpy as np
@@ -202,6 +203,16 @@ def test_a_broken_frame_is_passed_on_as_such_and_the_next_is_asked_for():
     assert items[2].file == "0"
 
 
+def test_live_frames_are_numbered_and_count_as_taken_when_they_are_there():
+    with StandIn(simGetImages=number_images()) as server:
+        source, _ = live(server)
+        start_s = time.monotonic()
+        captures = list(islice(source.captures(), 3))
+    assert [taken.frame.file for taken in captures] == [f"frame_{number:08d}.png" for number in (1, 2, 3)]
+    times_s = [start_s, *(taken.at_s for taken in captures), time.monotonic()]
+    assert times_s == sorted(times_s)
+
+
 def test_a_simulator_that_goes_away_is_waited_for_and_said_once():
     with StandIn() as server:
         source, log = live(server)
@@ -312,7 +323,7 @@ def test_run_takes_frames_live_and_writes_whole_results(tmp_path, capsys):
     records = [json.loads(line) for line in (tmp_path / "guidance.jsonl").read_text().splitlines()]
     assert [record["time_s"] for record in records] == [0.0, 1.0, 2.0]
     written = {path.name for path in tmp_path.iterdir()}
-    assert written == {"guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html", "run.toml"}
+    assert written == {"dehazing.jsonl", "guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html", "run.toml"}
     shown = capsys.readouterr()
     assert address in shown.err and "resume" in shown.err
     assert str(tmp_path / "report.html") in shown.out

@@ -1,4 +1,4 @@
-"""A simulator that speaks AirSim's protocol, as a stream of frames.
+"""A simulator that speaks AirSim's protocol, as a live source of frames.
 
 AirSim notes the camera's pose when it draws, and gives it with each image. The vehicle's pose has to be asked for, and
 is of a later instant. So a frame's pose comes from the image alone: world_from_body = world_from_camera of the image *
@@ -6,11 +6,10 @@ camera_from_body of the mount, which hardly changes.
 """
 
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.adapters.airsim.client import (
     DEPTH_PLANAR,
-    POLL_S,
     SCHEME,
     Connection,
     ConnectionLostError,
@@ -31,7 +29,8 @@ from deckline.adapters.airsim.client import (
 )
 from deckline.adapters.airsim.protocol import read_pose
 from deckline.geometry import Camera, camera_mount
-from deckline.recording import BadFrame, RecordingError, Stream
+from deckline.live.source import Captured, LiveSource, frame_name
+from deckline.recording import BadFrame, RecordingError
 from deckline.recording.images import check_depth_size, convert_to_axial_depth
 from deckline.types import Frame
 
@@ -197,7 +196,7 @@ def print_to_stderr(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-class AirSimSource(Stream):
+class AirSimSource(LiveSource):
     """Frames of a simulator's camera until `stop`. A simulator that goes away is waited for.
 
     Args:
@@ -225,10 +224,9 @@ class AirSimSource(Stream):
             raise RecordingError(f"rate must lie between 0 and 1000 frames a second, got {rate_hz}")
         self._host, self._port, self._vehicle = parse_address(address)
         vehicle = f"/{self._vehicle}" if self._vehicle else ""
-        self.name = f"{SCHEME}://{self._host}:{self._port}{vehicle} camera {camera}"
+        super().__init__(f"{SCHEME}://{self._host}:{self._port}{vehicle} camera {camera}")
         self._camera, self._rate_hz, self._heights = camera, rate_hz, (deck_z_m, sea_z_m)
         self._log = log
-        self._stopped = threading.Event()
         self._connection: Connection | None = None
         try:
             first = self._connect()
@@ -243,13 +241,18 @@ class AirSimSource(Stream):
                 f"the vehicle was moving: where the camera sits on it is known within {first.motion_m:.2g} m",
             )
 
-    def stop(self) -> None:
-        self._stopped.set()
+    def captures(self) -> Iterator[Captured | BadFrame]:
+        """Its frames, numbered as those of any live source; one counts as taken when it is there."""
+        for number, item in enumerate(self.items(), 1):
+            if isinstance(item, BadFrame):
+                yield item
+            else:
+                yield Captured(replace(item, file=frame_name(number)), time.monotonic())
 
     def items(self) -> Iterator[Frame | BadFrame]:
         pace = Pace(self._rate_hz)
         try:
-            while not self._wait_for_stop(pace.next_wait(time.monotonic())):
+            while not self.wait_for_stop(pace.next_wait(time.monotonic())):
                 start_s = time.monotonic()
                 try:
                     item = self._take_frame()
@@ -268,7 +271,7 @@ class AirSimSource(Stream):
     def _take_frame(self) -> Frame | BadFrame:
         """One frame. Raises ConnectionLostError or StoppedError."""
         if self._connection is None:
-            self._connection = Connection(self._host, self._port, self._stopped)
+            self._connection = Connection(self._host, self._port, self.stopped)
         name = self._camera
         try:
             scene, depth = get_images(self._connection, self._camera, self._vehicle)
@@ -281,7 +284,7 @@ class AirSimSource(Stream):
 
     def _connect(self) -> MountMeasurement:
         """Connect and measure the camera's mount. Raises ConnectionLostError, StoppedError or ValueError."""
-        self._connection = Connection(self._host, self._port, self._stopped)
+        self._connection = Connection(self._host, self._port, self.stopped)
         try:
             return measure_still_mount(self._connection, self._camera, self._vehicle)
         except (ConnectionLostError, ValueError):
@@ -294,22 +297,12 @@ class AirSimSource(Stream):
         self._log(f"lost the simulator ({error}); waiting for it")
         wait_s = FIRST_WAIT_S
         while self._connection is None:
-            if self._wait_for_stop(wait_s):
+            if self.wait_for_stop(wait_s):
                 raise StoppedError
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
             with suppress(ConnectionLostError, ValueError):  # not there yet, or there and still loading
                 self._mount = self._connect().body_from_camera
         self._log("the simulator is back")
-
-    def _wait_for_stop(self, seconds: float) -> bool:
-        """Sleep; whether `stop` ended it. In slices: a signal handler may not set an event that is waited for."""
-        end_s = time.monotonic() + seconds
-        while not self._stopped.is_set():
-            rest_s = end_s - time.monotonic()
-            if rest_s <= 0:
-                return False
-            time.sleep(min(rest_s, POLL_S))
-        return True
 
     def _hang_up(self) -> None:
         if self._connection is not None:

@@ -19,7 +19,7 @@ from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from deckline.adapters.dashboard.moments import Memory, Pictures, Snapshot, dehaze, make_moment
+from deckline.adapters.dashboard.snapshots import Memory, Snapshot, SnapshotPictures, dehaze, make_snapshot
 from deckline.config import RunConfig
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer
 from deckline.files import print_line
@@ -27,15 +27,16 @@ from deckline.flight import FrameResult
 from deckline.live.mailbox import Mailbox
 from deckline.report.instrument import FULL_SCALE_DOTS, GLIDESLOPE_DOT_DEG, LATERAL_DOT_M
 from deckline.report.records import Record
+from deckline.report.status import STATUS_COLOURS
 
 DEFAULT = "127.0.0.1:8080"
 LOOPBACK = ("127.0.0.1", "localhost")
 TICK_S = 0.1  # between messages to a browser
-STEP_S = 0.05  # between moments that are kept, at least
+STEP_S = 0.05  # between snapshots, at least
 HELD_S = 1.0  # an older answer is greyed out, whatever its status
-DEHAZED = 8  # dehazed moments that are kept for other browsers
+DEHAZED = 8  # dehazed snapshots in memory, for other browsers
 WAIT_S = 0.1
-END_S = 3.0  # for browsers to be told
+END_S = 3.0  # for a thread to end
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self'; frame-ancestors 'none'"
 
 
@@ -83,6 +84,7 @@ class Dashboard:
             "can_record": record is not None,
             "dehazers": [name for name in DEHAZERS if name != NOT_DEHAZED],
             "dehazer": config.models.dehazer if config.models.dehazer in DEHAZERS else NOT_DEHAZED,
+            "statuses": {str(status): colours.css for status, colours in STATUS_COLOURS.items()},
             "dots": {"lateral_m": LATERAL_DOT_M, "slope_deg": GLIDESLOPE_DOT_DEG, "full": FULL_SCALE_DOTS},
         }
         self._mail: Mailbox[tuple[FrameResult | None, Record, float]] = Mailbox()
@@ -119,7 +121,7 @@ class Dashboard:
                 continue
             result, record, at_s = item
             try:
-                moment = make_moment(number, result, record, pictured)
+                moment = make_snapshot(number, result, record, pictured)
             except (ValueError, cv2.error) as error:  # nothing new is shown, and what is shown grows old
                 print_line(f"dashboard: {error}")
                 continue
@@ -166,7 +168,7 @@ class Dashboard:
             ui.notify(str(error), type="negative")
 
     def _news(self, sent: int) -> Record:
-        """What a browser does not know yet that was told everything up to moment `sent`."""
+        """What is new for a browser that has everything up to snapshot `sent`."""
         new, newest, now_s = self._memory.after(sent), self._newest, time.monotonic()
         news: Record = {"newest": sent, "oldest": self._memory.oldest, "recording": self._is_recording}
         news |= {"rows": [moment.row for moment in new], "age_s": None, "silent_s": 0.0}
@@ -181,7 +183,7 @@ class Dashboard:
         return Response(self._find(number).shown, media_type="application/json")
 
     def _get_picture(self, number: int, part: str, dehazer: str = NOT_DEHAZED) -> Response:
-        """A JPEG; the header `Note` says why a picture is not dehazed. Runs in a thread of its own."""
+        """A JPEG; the header `Note` has the reason why a picture is not dehazed. Runs in a thread of its own."""
         pictures = self._find(number).pictures
         if pictures is None or part not in ("whole", "deck"):
             raise HTTPException(404)
@@ -191,13 +193,13 @@ class Dashboard:
         data = whole if part == "whole" else deck or b""
         return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-store", "Note": quote(note)})
 
-    def _dehaze(self, number: int, pictures: Pictures, name: str) -> tuple[bytes, bytes | None, str]:
+    def _dehaze(self, number: int, pictures: SnapshotPictures, name: str) -> tuple[bytes, bytes | None, str]:
         with self._lock:
             key = number, name
             if key not in self._dehazed:
                 if name not in self._dehazers:  # on one core: guidance comes first
                     self._dehazers[name] = DEHAZERS[name](replace(self._config.engine, threads=1))
-                self._dehazed[key] = dehaze(pictures, self._dehazers[name], self._config.models.strength)
+                self._dehazed[key] = dehaze(pictures, self._dehazers[name], self._config.models)
                 if len(self._dehazed) > DEHAZED:
                     self._dehazed.popitem(last=False)
             return self._dehazed[key]

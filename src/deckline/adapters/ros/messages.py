@@ -138,9 +138,9 @@ def diagnostics(record: Record, source: str, time_s: float) -> Message:
     flat["scale_sources"] = ", ".join(record.get("scale_sources", ()))
     values = [{"key": key, "value": str(value)} for key, value in flat.items() if value not in (None, "")]
     reason = record.get("reason") or record.get("skipped", "")
-    told = {"level": LEVELS.get(status, ERROR), "name": "deckline: guidance", "hardware_id": source, "values": values}
-    told["message"] = f"{status}: {reason}" if reason else str(status)
-    return message(DIAGNOSTICS_TOPIC, {"header": header(time_s, ""), "status": [told]})
+    state = {"level": LEVELS.get(status, ERROR), "name": "deckline: guidance", "hardware_id": source, "values": values}
+    state["message"] = f"{status}: {reason}" if reason else str(status)
+    return message(DIAGNOSTICS_TOPIC, {"header": header(time_s, ""), "status": [state]})
 
 
 def _seen(result: FrameResult) -> Values:
@@ -180,7 +180,7 @@ def _lines(result: FrameResult) -> list[Values]:
 
 
 def _covariance(result: FrameResult, attitude_rad: float) -> Sequence[float]:
-    """(36,) of x, y, z, roll, pitch, yaw in the deck's frame; roll and pitch are as good as the told attitude."""
+    """(36,) of x, y, z, roll, pitch, yaw in the deck's frame; roll and pitch are as good as the stated attitude."""
     guidance = result.guidance
     values = (guidance.distance_to_ramp_m, guidance.lateral_deviation_m, guidance.height_above_deck_m)
     sigmas = [*(value.sigma if value else 0.0 for value in values), attitude_rad, attitude_rad]

@@ -1,6 +1,6 @@
 "use strict";
 (() => {
-  const { rows, pictures, titles } = JSON.parse(document.getElementById("data").textContent);
+  const { rows, pictures, titles, statuses } = JSON.parse(document.getElementById("data").textContent);
   const byId = (id) => document.getElementById(id);
   const GUIDANCE = [
     { key: "lateral_deviation_m", unit: "m", digits: 2, sides: ["right of", "left of"], level: "lateral_m" },
@@ -14,7 +14,6 @@
   ].filter(({ key }) => rows.some((row) => row.guidance && row.guidance[key]))
     .map((value) => ({ ...value, title: titles[value.key] }));
   const hasLevels = rows.some((row) => row.protection);
-  const STATUSES = ["ok", "unverified", "one-line", "coasting", "stale", "not-seen", "skipped"];
   const MARGIN = { left: 52, right: 12, top: 8, bottom: 40 };
   const DOTS_UP_TO = 80; // points on the line stay readable up to so many frames
   const known = (value) => value !== null && value !== undefined;
@@ -38,7 +37,8 @@
     return parent.appendChild(node);
   }
   const flagged = (row) => Boolean(row.flags && row.flags.length);
-  const statusClass = (row) => (row.skipped ? "skipped" : row.status.replace(" ", "-"));
+  const statusOf = (row) => (row.skipped ? "skipped" : row.status);
+  const classOf = (status) => status.replace(" ", "-");
 
   // --- what the plots show --------------------------------------------------------------------------------------
   const times = rows.map((row) => row.time_s).filter(known);
@@ -73,7 +73,7 @@
   }
   const charts = [
     ...GUIDANCE.map(guidanceChart),
-    pointsChart("Line points kept", "", 0, "kept"),
+    pointsChart("Line points used", "", 0, "used"),
     pointsChart("Confidence of the points, mean", "", 2, "confidence"),
   ].filter((chart) => chart.exists);
 
@@ -146,7 +146,7 @@
   function drawStrip(svg, plot, xs, px) {
     const size = Math.max(1.5, Math.min(10, ((plot.right - plot.left) / rows.length) * 0.8));
     rows.forEach((row, index) => {
-      if (known(xs[index])) shape(svg, "rect", { class: `strip ${statusClass(row)}`, x: px(xs[index]) - size / 2, y: plot.bottom + 3, width: size, height: 5 });
+      if (known(xs[index])) shape(svg, "rect", { class: `strip ${classOf(statusOf(row))}`, x: px(xs[index]) - size / 2, y: plot.bottom + 3, width: size, height: 5 });
       if (known(xs[index]) && flagged(row)) shape(svg, "rect", { class: "strip flagged", x: px(xs[index]) - size / 2, y: plot.top, width: size, height: 5 });
     });
   }
@@ -254,8 +254,8 @@
     if (hasErrors) legend.append(element("span", { class: "k-truth" }, "true"));
     if (rows.some(flagged)) legend.append(element("span", { class: "flagged" }, "flagged"));
     for (const side of ["left", "right"]) legend.append(element("span", { class: `series-${side}` }, `${side} line`));
-    const present = new Set(rows.map(statusClass));
-    for (const name of STATUSES.filter((status) => present.has(status))) legend.append(element("span", { class: name }, name.replace("-", " ")));
+    const present = new Set(rows.map(statusOf));
+    for (const name of statuses.filter((status) => present.has(status))) legend.append(element("span", { class: classOf(name) }, name));
     new ResizeObserver(drawAll).observe(byId("plots"));
     drawAll();
   }
@@ -297,12 +297,12 @@
     byId("marked").src = `data:image/jpeg;base64,${picture.marked}`;
     byId("marked").alt = `Dehazed ${row.file} with the lines found`;
     byId("frame-status").textContent = row.status;
-    byId("frame-status").className = `pill ${statusClass(row)}`;
+    byId("frame-status").className = `pill ${classOf(statusOf(row))}`;
     const time = known(row.time_s) ? ` · ${Number(row.time_s.toFixed(6))} s` : "";
     byId("frame-name").textContent = `${row.file}${time} · mode ${row.mode}${row.track ? ` · ${row.track}` : ""} · picture ${number + 1} of ${pictures.length}`;
     byId("frame-words").textContent = [flagged(row) ? `Flagged: ${row.flags.join("; ")}.` : "", words(row)].filter(Boolean).join(" ");
     numbers(row);
-    const lines = ["left", "right"].map((side) => `${side} line: ${row[side].kept ?? 0} of ${row[side].points} points kept`);
+    const lines = ["left", "right"].map((side) => `${side} line: ${row[side].used ?? 0} of ${row[side].points} points used`);
     const speed = known(row.seconds) ? ` · computed in ${fixed(row.seconds * 1000, 0)} ms` : "";
     byId("frame-points").textContent = lines.join(" · ") + speed;
     if (charts.length) pointAt(state.row);

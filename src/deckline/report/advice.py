@@ -1,4 +1,4 @@
-"""What to do about a status or a flag, for the person who flies."""
+"""What to do about a status, a flag or a reason, for the person who flies and for the one who reads a run's end."""
 
 from deckline.report.records import Record
 from deckline.types import Reason, Status
@@ -22,7 +22,7 @@ CHECK = {
     Reason.ANGLE: "whether these lines are the runway's edges",
     Reason.DRIFT: "whether the camera turned in its mount",
     Reason.RESIDUALS: "the stated accuracies (--grade)",
-    Reason.FROZEN: "the camera: its picture stands still",
+    Reason.FROZEN: "the camera: its picture does not change",
     Reason.SWAPPED: "whether this is the right end of the runway",
     Reason.OTHER_LINES: "which runway is meant",
     Reason.PAINT: "whether these lines are the runway's edges",
@@ -31,10 +31,15 @@ CHECK = {
     Reason.RESUMED: "nothing: the track is new",
     Reason.STALE: "camera and link",
 }
+REMEDIES = {
+    Reason.NO_SCALE: "state --runway-width-m, or use a depth camera",
+    Reason.YOUNG_TRACK: "take more frames of the flight, without --no-track",
+    Reason.UNLIKELY_ERRORS: "state how accurate the sensors are (--grade)",
+}
 
 
 def advise(record: Record) -> list[Record]:
-    """What to tell of a record, most urgent first: `words`, and `do`, what to do about them.
+    """What a record calls for, most urgent first: `words`, and `do`, what to do about them.
 
     That it is stale; else its flags; without one the reason of a status that is not ok.
     """
@@ -44,3 +49,10 @@ def advise(record: Record) -> list[Record]:
         do = TO_DO.get(status)
         return [] if do is None else [{"words": "; ".join(late) or record["reason"] or str(status), "do": do}]
     return [{"words": flag["reason"], "do": f"check {CHECK[Reason(flag['name'])]}"} for flag in flags]
+
+
+def remedy_of(reason: Reason) -> str:
+    """What ends a reason that lasts, for the terminal; empty: nothing that a user states."""
+    if reason in CHECK:
+        return f"check {CHECK[reason]}"
+    return REMEDIES.get(reason, "")

@@ -10,15 +10,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from deckline.adapters.dashboard.advice import advise
-from deckline.dehaze import Dehazer, downscale_frame, restore
+from deckline.config import Models
+from deckline.dehaze import Dehazer, dehaze_for_display, downscale_frame
 from deckline.flight import FrameResult
+from deckline.report.advice import advise
 from deckline.report.annotators import Window, crop_around, find_window, match_contrast, project_centre_line, resize
 from deckline.report.draw import Image, encode_picture
 from deckline.report.records import Record, lookup
 from deckline.types import SIDES, Frame
 
-WHOLE_PX = 960  # longer side of a picture that is kept
+WHOLE_PX = 960  # longer side of a snapshot's picture
 DECK_PX = (480, 270)  # width, height of the magnified deck
 ANY_SCALE = 1e-6  # a deck is magnified however large it is in the picture
 QUALITY = 90  # of the JPEGs
@@ -27,14 +28,19 @@ PLOTTED = (("lateral_deviation_m", "lateral_m"), ("vertical_deviation_m", "verti
 
 
 @dataclass(frozen=True, eq=False)
-class Pictures:
+class SnapshotPictures:
     """A moment's frame, small."""
 
-    frame: Frame  # without its image: every pixel is black
-    whole: bytes  # JPEG of the image
-    deck: bytes | None  # JPEG of the magnified deck; None: there is none to magnify
-    window: Window | None  # of the image as the camera took it that `deck` shows
-    width_px: int  # of that image
+    frame: Frame
+    """The frame without its image: every pixel is black."""
+    whole: bytes
+    """JPEG of the image."""
+    deck: bytes | None
+    """JPEG of the magnified deck; None: there is none to magnify."""
+    window: Window | None
+    """Part of the camera's image that `deck` shows, px."""
+    width_px: int
+    """Width of the camera's image, px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,59 +48,63 @@ class Snapshot:
     """An answer, or that there was none."""
 
     number: int
-    shown: str  # JSON: what the browser shows
-    row: list[Any]  # for the plots: number, time, value and protection level of each of `PLOTTED`, status
-    pictures: Pictures | None  # None: no new picture
+    """One higher than that of the snapshot before."""
+    shown: str
+    """JSON: what the browser shows."""
+    row: list[Any]
+    """For the plots: number, time, value and protection level of each of `PLOTTED`, status."""
+    pictures: SnapshotPictures | None
+    """Pictures of the frame; None: no new picture."""
 
     @property
     def size(self) -> int:
         """Bytes, about."""
-        kept = self.pictures
-        return 2000 + len(self.shown) + (0 if kept is None else len(kept.whole) + len(kept.deck or b""))
+        pictures = self.pictures
+        return 2000 + len(self.shown) + (0 if pictures is None else len(pictures.whole) + len(pictures.deck or b""))
 
 
 class Memory:
     """The last moments; for any thread.
 
     Args:
-        limit: bytes, about; the newest moment is always kept.
+        limit: bytes, about; the newest snapshot always stays.
     """
 
     def __init__(self, limit: int = MEMORY) -> None:
         self._limit = limit
-        self._moments: deque[Snapshot] = deque()
+        self._snapshots: deque[Snapshot] = deque()
         self._size = 0
         self._lock = threading.Lock()
 
-    def add(self, moment: Snapshot) -> None:
+    def add(self, snapshot: Snapshot) -> None:
         """Append the next moment, numbered one higher than the last one."""
         with self._lock:
-            self._moments.append(moment)
-            self._size += moment.size
-            while self._size > self._limit and len(self._moments) > 1:
-                self._size -= self._moments.popleft().size
+            self._snapshots.append(snapshot)
+            self._size += snapshot.size
+            while self._size > self._limit and len(self._snapshots) > 1:
+                self._size -= self._snapshots.popleft().size
 
     def get(self, number: int) -> Snapshot | None:
         """The moment of this number; None: forgotten, or not there yet."""
         with self._lock:
-            index = number - self._moments[0].number if self._moments else -1
-            return self._moments[index] if 0 <= index < len(self._moments) else None
+            index = number - self._snapshots[0].number if self._snapshots else -1
+            return self._snapshots[index] if 0 <= index < len(self._snapshots) else None
 
     def after(self, number: int) -> list[Snapshot]:
         """The moments that came after this number, oldest first."""
         with self._lock:
-            first = self._moments[0].number if self._moments else 0
-            return list(islice(self._moments, max(number + 1 - first, 0), None))
+            first = self._snapshots[0].number if self._snapshots else 0
+            return list(islice(self._snapshots, max(number + 1 - first, 0), None))
 
     @property
     def oldest(self) -> int:
         """Its number; -1: nothing is remembered."""
         with self._lock:
-            return self._moments[0].number if self._moments else -1
+            return self._snapshots[0].number if self._snapshots else -1
 
 
-def make_moment(number: int, result: FrameResult | None, record: Record, pictured: int | None) -> Snapshot:
-    """What to keep of a result and its record.
+def make_snapshot(number: int, result: FrameResult | None, record: Record, pictured: int | None) -> Snapshot:
+    """What the dashboard remembers of a result and its record.
 
     Args:
         number: one higher than the last moment's.
@@ -119,7 +129,7 @@ def make_moment(number: int, result: FrameResult | None, record: Record, picture
     return Snapshot(number, json.dumps(shown, separators=(",", ":"), allow_nan=False), row, pictures)
 
 
-def take_pictures(result: FrameResult) -> Pictures:
+def take_pictures(result: FrameResult) -> SnapshotPictures:
     """The frame's picture and its magnified deck as JPEG."""
     frame = result.frame
     small = downscale_frame(replace(frame, depth_m=None, truth=None), WHOLE_PX)
@@ -128,21 +138,21 @@ def take_pictures(result: FrameResult) -> Pictures:
         u0, v0, u1, v1 = window
         deck = _to_jpeg(resize(frame.image_rgb[v0:v1, u0:u1], DECK_PX))
     black = np.broadcast_to(np.uint8(0), small.image_rgb.shape)  # takes no memory
-    return Pictures(replace(small, image_rgb=black), _to_jpeg(small.image_rgb), deck, window, frame.camera.width)
+    whole = _to_jpeg(small.image_rgb)
+    return SnapshotPictures(replace(small, image_rgb=black), whole, deck, window, frame.camera.width)
 
 
-def dehaze(pictures: Pictures, dehazer: Dehazer, strength: float) -> tuple[bytes, bytes | None, str]:
+def dehaze(pictures: SnapshotPictures, dehazer: Dehazer, models: Models) -> tuple[bytes, bytes | None, str]:
     """Both pictures dehazed, JPEG, and why they are as the camera saw them; empty: they are not."""
     hazy = _from_jpeg(pictures.whole)
-    try:
-        restored = restore(dehazer, replace(pictures.frame, image_rgb=hazy), strength)
-    except ValueError as error:
-        return pictures.whole, pictures.deck, f"not dehazed: {' '.join(str(error).split())}"
-    clear, deck = restored.image_rgb, pictures.deck
+    dehazed = dehaze_for_display(replace(pictures.frame, image_rgb=hazy), dehazer, models, WHOLE_PX)
+    if dehazed.note:
+        return pictures.whole, pictures.deck, dehazed.note
+    clear, deck = dehazed.image_rgb, pictures.deck
     if deck is not None and pictures.window is not None:
         around = [crop_around(image, pictures.window, pictures.width_px) for image in (hazy, clear)]
         deck = _to_jpeg(match_contrast(_from_jpeg(deck), *around))
-    return _to_jpeg(clear), deck, restored.note
+    return _to_jpeg(clear), deck, ""
 
 
 def find_marks(result: FrameResult) -> Record:

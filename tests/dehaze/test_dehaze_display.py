@@ -1,0 +1,52 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from approach_scene import frame
+from deckline.config import Models
+from deckline.dehaze import DEHAZERS, DehazeResult, dehaze_for_display, dehaze_frame
+from deckline.dehaze.base import IdentityDehazer
+from deckline.types import Value
+
+
+class ByHorizon(IdentityDehazer):
+    def restore(self, frame):
+        return DehazeResult(frame.image_rgb.copy(), visibility_heights=Value(20.0, 2.0))
+
+
+class Refusing(IdentityDehazer):
+    def __call__(self, image_rgb):
+        raise ValueError("no such\nimage")
+
+
+@pytest.mark.parametrize(("height_m", "visibility_m"), [(None, None), (15.0, (300.0, 30.0))])
+def test_the_cameras_height_gives_the_visibility_in_metres(height_m, visibility_m):
+    found = dehaze_frame(frame(), ByHorizon(), Models(camera_height_m=height_m)).visibility_m
+    assert (found and (found.value, found.sigma)) == visibility_m
+
+
+@pytest.mark.parametrize(("long_side_px", "size"), [(None, (180, 320)), (640, (180, 320)), (160, (90, 160))])
+def test_a_picture_has_at_most_the_longer_side_that_is_asked_for(long_side_px, size):
+    at = frame()
+    dehazed = dehaze_frame(at, IdentityDehazer(), long_side_px=long_side_px)
+    assert dehazed.image_rgb.shape == (*size, 3)
+    assert not np.shares_memory(dehazed.image_rgb, at.image_rgb)
+
+
+def test_a_frame_that_the_dehazer_refuses_is_shown_as_it_is_with_the_reason():
+    shown = dehaze_for_display(frame(), Refusing(), long_side_px=320)
+    np.testing.assert_array_equal(shown.image_rgb, frame().image_rgb)
+    assert shown.note == "not dehazed: no such image"
+    with pytest.raises(ValueError, match="no such"):
+        dehaze_frame(frame(), Refusing())
+
+
+def test_strength_and_a_missing_pose_leave_the_picture():
+    rng = np.random.default_rng(0)
+    at = replace(frame(), image_rgb=rng.integers(0, 256, (180, 320, 3), dtype=np.uint8), truth=None)
+    geometry = DEHAZERS["geometry"]()
+    np.testing.assert_array_equal(dehaze_frame(at, geometry, Models(strength=0.0)).image_rgb, at.image_rgb)
+    blind = dehaze_frame(replace(at, world_from_body=None), geometry)
+    np.testing.assert_array_equal(blind.image_rgb, at.image_rgb)
+    assert blind.note
