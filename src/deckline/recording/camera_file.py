@@ -14,7 +14,7 @@ from deckline.files import MOST_CONFIG_BYTES, parse_plain
 from deckline.geometry import BODY_FROM_OPTICAL, Camera, pose
 from deckline.recording.calibration import YAML_SUFFIXES, read_calibration
 from deckline.recording.source import RecordingError, check_number, check_numbers, read_text
-from deckline.types import Frame
+from deckline.types import CAMERA_REMEDY, Frame
 
 CAMERA_FILE = "camera.toml"
 CAMERA_FILES = (CAMERA_FILE, *(f"camera{suffix}" for suffix in YAML_SUFFIXES))
@@ -120,7 +120,7 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
 def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[str, Any]:
     """The JSON object that `camera_from_mapping` reads back; a ValueError for a camera that is not known."""
     if not camera.known:
-        raise ValueError("the camera is not known: give camera.toml")
+        raise ValueError(f"camera not known: {CAMERA_REMEDY}")
     return {
         **{key: getattr(camera, key) for key in INTRINSICS[:2]},
         **{key: float(getattr(camera, key)) for key in INTRINSICS[2:]},
