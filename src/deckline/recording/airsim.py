@@ -20,9 +20,10 @@ from deckline.files import is_there
 from deckline.geometry import Camera, camera_mount
 from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
-from deckline.recording.poses import Cells, Rows, parse_number, parse_pose, read_table
+from deckline.recording.poses import parse_pose
 from deckline.recording.scene import SCENE_FILE, Scene, get_clear_image, read_scene, truth_from_mapping
 from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
+from deckline.recording.tables import Cells, Table, read_table
 from deckline.types import Frame
 
 RECORD_FILE = "airsim_rec.txt"
@@ -69,8 +70,9 @@ class AirSimRecording(Source):
         self._options = options
         self._fallback = fallback
         rows, notes = read_rows(folder / RECORD_FILE)
-        vehicle = rows[0][1].get("VehicleName", "")
-        self._rows = [row for row in rows if row[1].get("VehicleName", "") == vehicle]
+        vehicles = rows.texts("VehicleName")
+        vehicle = next(vehicles)
+        self._rows = rows.take(np.array([True, *(name == vehicle for name in vehicles)]))
         if len(self._rows) < len(rows):
             notes.append(f"{len(rows) - len(self._rows)} rows of vehicles other than {vehicle!r} are left out")
         self.notes = tuple(notes)
@@ -79,7 +81,7 @@ class AirSimRecording(Source):
         return len(self._rows)
 
     def times(self) -> NDArray[np.float64]:
-        return np.array([parse_number(cells, "TimeStamp") / MS_PER_S for _, cells in self._rows])
+        return self._rows.numbers(["TimeStamp"])[:, 0] / MS_PER_S
 
     def load(self, index: int) -> Frame:
         check_index(index, len(self), self.name)
@@ -130,7 +132,7 @@ class AirSimRecording(Source):
         return known or MountedCamera(Camera.from_fov(shape[1], shape[0], fov_rad), camera_mount())
 
 
-def read_rows(path: Path) -> tuple[Rows, list[str]]:
+def read_rows(path: Path) -> tuple[Table, list[str]]:
     """Rows of airsim_rec.txt, by header, and notes about odd columns; errors as `read_table`."""
     return read_table(path, "\t", REQUIRED, ("VehicleName", *CAR_COLUMNS))
 

@@ -20,9 +20,9 @@ from deckline.recording.airsim import (
     read_rows,
 )
 from deckline.recording.camera_file import camera_to_mapping
-from deckline.recording.poses import Rows
 from deckline.recording.scene import SCENE_FILE, format_entry, format_scene, get_heights, read_scene
 from deckline.recording.source import BadFrame, RecordingError, is_inside
+from deckline.recording.tables import Table
 
 GENERATOR = "deckline convert"
 
@@ -72,7 +72,7 @@ def drop_scene(recording: Path, out: Path) -> Copied:
     return _copy(recording, out, rows, notes, None)
 
 
-def _copy(recording: Path, out: Path, rows: Rows, notes: list[str], scene: str | None) -> Copied:
+def _copy(recording: Path, out: Path, rows: Table, notes: list[str], scene: str | None) -> Copied:
     """Under a temporary name, renamed when whole."""
     work = out.with_name(f".{out.name}.unfinished")
     files, missing = 0, []

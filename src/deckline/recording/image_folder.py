@@ -13,7 +13,7 @@ from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
 from deckline.recording.pose_track import PoseTrack
-from deckline.recording.poses import TIMES_FILE, Poses, parse_number
+from deckline.recording.poses import TIMES_FILE, Poses
 from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
 from deckline.types import Frame
 
@@ -68,8 +68,7 @@ class ImageFolder(Source):
 
     def times(self) -> NDArray[np.float64]:
         if isinstance(self._poses, Poses):
-            rows = (self._poses.rows.get(file, (0, {}))[1] for file in self.files)
-            return np.array([parse_number(cells, "time_s") for cells in rows])
+            return self._poses.times(self.files)
         if self._times is None:
             return np.arange(float(len(self)))
         return np.array([self._times.get(file, np.nan) for file in self.files])

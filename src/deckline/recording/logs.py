@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from deckline.config import Navigation
 from deckline.extras import needs_extra
 from deckline.files import open_regular
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
+from deckline.recording.poses import quaternions_from_angles
 from deckline.recording.source import RecordingError
 
 Array = NDArray[np.float64]
@@ -177,7 +177,7 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
     quaternions = turns[:, 1:]
     if quaternions.shape[1] == 3:
         turns = turns[np.isfinite(turns).all(axis=1)]
-        quaternions = Rotation.from_euler("ZYX", turns[:, :0:-1]).as_quat(scalar_first=True)
+        quaternions = quaternions_from_angles(turns[:, 1:])
     level = np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1))
     attitudes = make_track(f"{path}: {log.attitude.name}", turns[:, 0], turns[:, 1:4], quaternions, own_clock)
     positions = make_track(f"{path}: {position.name}", places[:, 0], places[:, 1:], level, own_clock)

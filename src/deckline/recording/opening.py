@@ -135,7 +135,7 @@ def _open_folder(
     folder, files = (path, None) if path.is_dir() else (path.parent, [path.name])
     times_file = folder / TIMES_FILE
     if poses_file is not None and not _is_log(poses_file) and names_images(poses_file):
-        return ImageFolder(folder, mounted, read_poses(poses_file), None, options, files)
+        return ImageFolder(folder, mounted, read_poses(poses_file, navigation.origin), None, options, files)
     track = None if poses_file is None else _read_track(poses_file, navigation)
     if track is not None and not is_there(times_file):
         raise RecordingError(f"{poses_file} has poses by time; write {times_file} with the columns file,time_s")

@@ -114,14 +114,20 @@ class Source(Stream):
                 yield BadFrame(error.file, error.reason)
 
 
-def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
-    """UTF-8 text without byte-order mark; a RecordingError for a missing, unreadable or too large file, or no text."""
+def read_data(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
+    """All of a file; a RecordingError for a missing, unreadable or too large one."""
     try:
-        return read_regular(path, most_bytes).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+        return read_regular(path, most_bytes)
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
+    """UTF-8 text without byte-order mark; a RecordingError as `read_data`, and for what is no text."""
+    try:
+        return read_data(path, most_bytes).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
 
 
 def parse_json(text: str, where: str) -> Any:
