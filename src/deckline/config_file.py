@@ -1,7 +1,6 @@
 """Nested frozen dataclasses as TOML files: one table a dataclass, one key a field."""
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -9,7 +8,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
+from deckline.files import MOST_CONFIG_BYTES, parse_toml, read_regular
 
 T = TypeVar("T")
 NONE = "none"  # TOML has no null
@@ -41,7 +40,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ValueError: the file is no TOML.
     """
     try:
-        return parse_plain(tomllib.loads, read_regular(path, MOST_CONFIG_BYTES).decode())
+        return parse_toml(read_regular(path, MOST_CONFIG_BYTES).decode())
     except ValueError as error:  # of TOML or of UTF-8
         raise ValueError(f"{path}: not a TOML file: {error}") from None
 

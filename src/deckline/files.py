@@ -6,6 +6,7 @@ import os
 import re
 import stat
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -17,6 +18,9 @@ MOST_CONFIG_BYTES = 1 << 20
 MOST_PIXELS = 36_000_000  # of a picture: 8192x4320
 MOST_DEPTH = 50  # of tables in tables
 LARGEST_INTEGER = 2**63
+MOST_NAME = 200  # characters of a file's name in an error
+_TOML_KEY = r"""(?:"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|[\w-]+)"""
+_DEEP_KEY = re.compile(rf"(?:\.[ \t]*{_TOML_KEY}[ \t]*){{{MOST_DEPTH}}}")
 # C0 and C1 controls, lone surrogates, line separators, marks that turn the direction of writing
 _UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
@@ -111,11 +115,44 @@ def parse_plain(parse: Callable[[str], Any], text: str) -> Any:
     return values
 
 
+def parse_toml(text: str) -> dict[str, Any]:
+    """Tables of a TOML text; a ValueError as `parse_plain`.
+
+    A dotted key costs tomllib time and memory with the square of its dots, so deep ones are refused before it reads.
+    """
+    if found := _DEEP_KEY.search(text):
+        line = 1 + text.count("\n", 0, found.start())
+        raise ValueError(f"line {line}: a key of more than {MOST_DEPTH} parts")
+    return dict(parse_plain(tomllib.loads, text))
+
+
 def printable(text: object) -> str:
     r"""A text without what terminals obey and UTF-8 cannot hold: control characters become \x1b or \u202e, bytes of
     names that are no UTF-8 become \xff.
     """
     return _UNPRINTABLE.sub(lambda found: _escape(ord(found[0])), str(text))
+
+
+def shorten(text: str, most: int) -> str:
+    """A text of at most `most` characters: its middle gives way to three dots."""
+    if len(text) <= most:
+        return text
+    head = (most - 3) * 2 // 3
+    return f"{text[:head]}...{text[head + 3 - most :]}"
+
+
+def describe_error(error: BaseException, most: int = 2000) -> str:
+    """An error in one line: of the system's errors the file and the reason, never a number alone.
+
+    Args:
+        error: any.
+        most: characters; a longer text loses its middle, and a file's name in it first.
+    """
+    reason = getattr(error, "strerror", None)
+    if not isinstance(error, OSError) or reason is None:
+        return shorten(" ".join((str(error) or type(error).__name__).split()), most)
+    names = [shorten(str(name), MOST_NAME) for name in (error.filename, error.filename2) if name is not None]
+    return shorten(": ".join([" -> ".join(names) or "an output file", reason]), most)
 
 
 def print_line(line: object) -> None:

@@ -38,15 +38,14 @@ def _run_command(args: list[str]) -> Any:
 def _report(error: Exception) -> int:
     """Print an error of the user's input as one line; returns the exit code."""
     import os
-    import textwrap
 
-    longest = 2000  # characters
+    from deckline.files import describe_error
+
     if isinstance(error, BrokenPipeError) and _is_unread():
         return UNREAD
     if os.environ.get("DECKLINE_TRACEBACK"):
         raise error
-    words = str(error) or type(error).__name__
-    _print_line(f"deckline: error: {textwrap.shorten(words, longest, placeholder=' ...')}")
+    _print_line(f"deckline: error: {describe_error(error)}")
     return 2
 
 

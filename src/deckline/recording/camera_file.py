@@ -1,6 +1,5 @@
 """camera.toml: intrinsics and mounting of a camera, the same as a JSON object in scene.json, and YAML calibrations."""
 
-import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.files import MOST_CONFIG_BYTES, parse_plain
+from deckline.files import MOST_CONFIG_BYTES, parse_toml
 from deckline.geometry import BODY_FROM_OPTICAL, Camera, pose
 from deckline.recording.calibration import YAML_SUFFIXES, read_calibration
 from deckline.recording.source import RecordingError, check_number, check_numbers, read_text
@@ -83,7 +82,7 @@ def read_camera_file(path: Path) -> MountedCamera:
     if path.suffix.lower() in YAML_SUFFIXES:
         return camera_from_mapping(read_calibration(path), str(path))
     try:
-        values = parse_plain(tomllib.loads, read_text(path, MOST_CONFIG_BYTES))
+        values = parse_toml(read_text(path, MOST_CONFIG_BYTES))
     except RecordingError:
         raise
     except ValueError as error:

@@ -59,9 +59,8 @@ class Table:
     def _drop_blank(self, starts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Starts and numbers of the lines below the header that hold more than blanks and delimiters."""
         starts = starts[starts < len(self._data)]
-        is_blank = np.zeros(256, np.uint8)
-        is_blank[[*b" \t\r\n", ord(self._delimiter)]] = 1
-        filled = 1 - is_blank[np.frombuffer(self._data, np.uint8)]
+        blanks = b" \t\r\n" + self._delimiter.encode()
+        filled = np.frombuffer(self._data.translate(bytes(byte not in blanks for byte in range(256))), np.uint8)
         rows = 1 + np.flatnonzero(np.add.reduceat(filled, starts, dtype=np.int64)[1:]) if len(starts) else starts
         return starts[rows], rows + 1
 
