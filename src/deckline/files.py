@@ -18,7 +18,7 @@ MOST_CONFIG_BYTES = 1 << 20
 MOST_PIXELS = 36_000_000  # of a picture: 8192x4320
 MOST_DEPTH = 50  # of tables in tables
 LARGEST_INTEGER = 2**63
-MOST_NAME = 200  # characters of a file's name in an error
+MOST_WORD = 200  # characters of a word in an error, such as a file's name
 _TOML_KEY = r"""(?:"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|[\w-]+)"""
 _DEEP_KEY = re.compile(rf"(?:\.[ \t]*{_TOML_KEY}[ \t]*){{{MOST_DEPTH}}}")
 # C0 and C1 controls, lone surrogates, line separators, marks that turn the direction of writing
@@ -83,6 +83,17 @@ def lock_folder(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
+@contextmanager
+def name_in_errors(path: Path) -> Iterator[None]:
+    """Name a file or folder in errors of the system that name none, such as those of a write to a full disk."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.errno is not None:
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
+
+
 def check_size(width: int, height: int) -> None:
     """Raise ValueError for a picture of more pixels than there may be; to be asked before it is decoded."""
     if width * height > MOST_PIXELS:
@@ -142,17 +153,15 @@ def shorten(text: str, most: int) -> str:
 
 
 def describe_error(error: BaseException, most: int = 2000) -> str:
-    """An error in one line: of the system's errors the file and the reason, never a number alone.
+    """An error in one line of at most `most` characters; of the system's errors the file and the reason.
 
-    Args:
-        error: any.
-        most: characters; a longer text loses its middle, and a file's name in it first.
+    A word, such as a file's name, loses its middle beyond `MOST_WORD` characters.
     """
-    reason = getattr(error, "strerror", None)
-    if not isinstance(error, OSError) or reason is None:
-        return shorten(" ".join((str(error) or type(error).__name__).split()), most)
-    names = [shorten(str(name), MOST_NAME) for name in (error.filename, error.filename2) if name is not None]
-    return shorten(": ".join([" -> ".join(names) or "an output file", reason]), most)
+    text = str(error) or type(error).__name__
+    if isinstance(error, OSError) and error.strerror:
+        names = [str(name) for name in (error.filename, error.filename2) if name is not None]
+        text = f"{' -> '.join(names) or 'a file'}: {error.strerror}"
+    return shorten(" ".join(shorten(word, MOST_WORD) for word in text.split()), most)
 
 
 def print_line(line: object) -> None:

@@ -10,7 +10,7 @@ import tyro
 from deckline.cli.dashboard import Address, open_dashboard
 from deckline.cli.publish import open_publisher
 from deckline.extras import needs_extra
-from deckline.files import print_line, printable, read_regular
+from deckline.files import name_in_errors, print_line, printable, read_regular
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import Source, Stream, open_recording, select_frames
@@ -137,16 +137,17 @@ def _run(
 
     for note in source.notes:
         print_line(f"note: {note}")
-    summary = run_flight(
-        source,
-        flight,
-        out,
-        config=flight.config,
-        max_frames=max_frames,
-        resume=resume,
-        overwrite=overwrite,
-        views=views,
-    )
+    with name_in_errors(out):
+        summary = run_flight(
+            source,
+            flight,
+            out,
+            config=flight.config,
+            max_frames=max_frames,
+            resume=resume,
+            overwrite=overwrite,
+            views=views,
+        )
     for path in summary.written:
         print(printable(path))
     return summary.exit_code

@@ -79,7 +79,14 @@ class Reel:
         passed, self._next = index - self._next, -1  # should reading fail
         connection, _, data = next(islice(self._cursor, passed, None))
         self._next = index + 1
-        return self._reader.deserialize(data, connection.msgtype)
+        return deserialize(self._reader, connection, data)
+
+
+def deserialize(reader: Any, connection: Any, data: Any) -> Any:
+    """A message from its bytes. Raises what the parsers raise for damaged ones, a ValueError where SQLite has NULL."""
+    if data is None:
+        raise ValueError("a message without data (NULL)")
+    return reader.deserialize(data, connection.msgtype)
 
 
 class Bag(Source):

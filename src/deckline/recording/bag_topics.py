@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Navigation
-from deckline.recording.bag import Bag, Reel, Topic, open_reader, refuse
+from deckline.recording.bag import Bag, Reel, Topic, deserialize, open_reader, refuse
 from deckline.recording.camera_file import MountedCamera
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
 from deckline.recording.ros_messages import (
@@ -94,7 +94,7 @@ class Chooser:
         """The first message of a topic."""
         with refuse(lambda reason: RecordingError(f"{self.path}: {topic}: damaged: {reason}")):
             connection, _, data = next(self._reader.messages(topic.connections))
-            return self._reader.deserialize(data, connection.msgtype)
+            return deserialize(self._reader, connection, data)
 
     def pictures(self) -> tuple[Topic, Topic | None, list[str]]:
         """The pictures, the depth that belongs to them, and notes."""
@@ -163,7 +163,7 @@ def scan(path: Path, reader: Any, topics: Sequence[Topic]) -> Contents:
         with refuse(RecordingError):
             connections = [connection for topic in topics for connection in topic.connections]
             for connection, log_ns, data in reader.messages(connections):
-                message, name, last_ns = reader.deserialize(data, connection.msgtype), connection.topic, log_ns
+                message, name, last_ns = deserialize(reader, connection, data), connection.topic, log_ns
                 if kinds[name] in TREES:
                     found.tree.add(message, name.endswith(STATIC))
                     continue

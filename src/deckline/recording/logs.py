@@ -8,7 +8,7 @@ reference" (vehicle_attitude, vehicle_global_position, vehicle_local_position).
 
 import io
 from collections.abc import Callable, Mapping
-from contextlib import closing
+from contextlib import closing, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -161,7 +161,7 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
         ImportError: the extra `logs` is not installed.
     """
     log, own_clock = FORMATS[path.suffix.lower()], replace(navigation, offset_s=0.0)
-    rows = _read_rows(path, log)
+    rows, notes = _read_rows(path, log)
     if navigation.offset_s is None:
         raise RecordingError(
             f"{path} counts seconds since the autopilot's start: give --pose-offset-s, its clock minus the pictures' "
@@ -182,11 +182,21 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
     attitudes = make_track(f"{path}: {log.attitude.name}", turns[:, 0], turns[:, 1:4], quaternions, own_clock)
     positions = make_track(f"{path}: {position.name}", places[:, 0], places[:, 1:], level, own_clock)
     joined = join_tracks(attitudes, positions, position.geodetic, navigation)
-    return replace(joined, name=str(path))
+    return replace(joined, name=str(path), notes=(*notes, *joined.notes))
 
 
-def _read_rows(path: Path, log: LogFormat) -> dict[str, Array]:
-    """Rows of time, s, and values of each message of a log."""
+class _LineCounter(io.TextIOBase):
+    """Takes what parsers print of each damaged message, and counts its lines."""
+
+    count = 0
+
+    def write(self, text: str) -> int:
+        self.count += text.count("\n")
+        return len(text)
+
+
+def _read_rows(path: Path, log: LogFormat) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Rows of time, s, and values of each message of a log, and a note on its damage."""
     messages = (log.attitude, *log.positions)
     try:
         with open_regular(path) as file:
@@ -196,8 +206,11 @@ def _read_rows(path: Path, log: LogFormat) -> dict[str, Array]:
     if not begins_well:
         raise RecordingError(f"{path}: not a {path.suffix} log: it begins with other bytes")
     try:
-        rows = log.read(path, {message.name: message.fields for message in messages})
-        return {m.name: np.reshape(rows[m.name], (-1, len(m.fields))) * m.units for m in messages}
+        with redirect_stdout(_LineCounter()) as printed, redirect_stderr(printed):
+            rows = log.read(path, {message.name: message.fields for message in messages})
+        note = f"{path}: damaged: its parser left out bytes in {printed.count:,} places"
+        arrays = {m.name: np.reshape(rows[m.name], (-1, len(m.fields))) * m.units for m in messages}
+        return arrays, (note,) if printed.count else ()
     except ImportError:
         raise
     except Exception as error:  # the parsers raise what they like, Exception itself too
