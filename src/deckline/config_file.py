@@ -1,7 +1,7 @@
 """Nested frozen dataclasses as TOML files: one table a dataclass, one key a field."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -65,7 +65,7 @@ def _build(cls: type[T], table: Mapping[str, Any], base: T | None, source: str, 
     values = {}
     for key, value in table.items():
         if key not in known:
-            raise ValueError(f"{source}: unknown key {prefix}{key}{_nearest(key, known)}")
+            raise ValueError(f"{source}: unknown key {prefix}{key}{suggest_key(key, known)}")
         values[key] = _convert(hints[key], value, getattr(base, key, None), source, prefix + key)
     required = (name for name, item in known.items() if item.default is item.default_factory is MISSING)
     missing = [prefix + name for name in required if base is None and name not in values]
@@ -77,7 +77,8 @@ def _build(cls: type[T], table: Mapping[str, Any], base: T | None, source: str, 
         raise ValueError(f"{source}: {f'[{prefix[:-1]}] ' if prefix else ''}{error}") from None
 
 
-def _nearest(key: str, known: Mapping[str, Any]) -> str:
+def suggest_key(key: str, known: Collection[str]) -> str:
+    """The end of an error about an unknown key: the nearest known one, else all of them."""
     near = get_close_matches(key, known, 1, LEAST_LIKENESS)
     return f"; did you mean {near[0]}?" if near else f"; known keys: {', '.join(known)}"
 

@@ -26,7 +26,7 @@ def convert(
     out: Path,
     plain: bool = False,
     camera: Path | None = None,
-    fov_deg: float = 90.0,
+    fov_deg: float | None = None,
     mount_m: tuple[float, float, float] = NO_TURN,
     mount_deg: tuple[float, float, float] = NO_TURN,
     deck_z_m: float | None = None,
@@ -40,7 +40,7 @@ def convert(
         out: new folder, or new .mcap file of the ROS 2 profile.
         plain: leave scene.json and the clear images out, for AirSim's own tools.
         camera: camera.toml with intrinsics and mount; goes before the options below.
-        fov_deg: horizontal field of view.
+        fov_deg: horizontal field of view, where no file has the camera; of AirSim's recordings 90 when not given.
         mount_m: where the camera sits on the vehicle: forward, right, down of its centre.
         mount_deg: how the camera is turned on the vehicle: roll, pitch (up is positive), yaw.
         deck_z_m: world z (down, metres) of the deck plane.

@@ -29,7 +29,8 @@ def demo(out: Path = Path("demo-out")) -> int:
     """
     recording = out / "approach"
     own = recording.exists()
-    return _run(unpack_sample(recording), Flight.from_config(), out, overwrite=own)
+    source = unpack_sample(recording)
+    return _run(source, Flight.from_config(source.base_config), out, overwrite=own)
 
 
 def unpack_sample(folder: Path) -> Source:
@@ -48,7 +49,7 @@ def run(
     camera: str | None = None,
     poses: Path | None = None,
     origin: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="LAT LON ALT")] = None,
-    fov_deg: float = 90.0,
+    fov_deg: float | None = None,
     deck_z_m: float | None = None,
     sea_z_m: float | None = None,
     pose_offset_s: float | None = None,
@@ -74,7 +75,7 @@ def run(
         camera: camera.toml, or YAML of OpenCV or ROS, when not beside the source; of a simulator the camera's name.
         poses: poses.csv, when not beside the source, or a log of ArduPilot (.bin, .tlog) or PX4 (.ulg).
         origin: of the world, degrees and metres, for poses that have these; their first position when not given.
-        fov_deg: horizontal field of view of an AirSim recording without a camera file.
+        fov_deg: horizontal field of view, where no file has the camera: a pinhole that looks forward (AirSim: 90).
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
         sea_z_m: world z (down, metres) of the water, for dehazing, where it is 20 m below the deck when not given, and
             to notice a pitched camera.
@@ -97,7 +98,6 @@ def run(
     stated = {"offset_s": pose_offset_s, "max_gap_s": max_pose_gap_s, "origin": origin}
     navigation: Any = {name: value for name, value in stated.items() if value is not None}
     config = replace(config, navigation=replace(config.navigation, **navigation))
-    flight = Flight.from_config(config)
     opened: Stream
     if source.startswith("airsim:"):
         if poses is not None:
@@ -119,6 +119,8 @@ def run(
             topics=topic,
         )
         opened = select_frames(recording, every, start, duration)
+        config = replace(options.run_config(opened.base_config), navigation=config.navigation)
+    flight = Flight.from_config(config)
     published = open_publisher(mcap, foxglove, source, config, False, overwrite)
     with open_dashboard(dashboard, source, config, False) as watching, published as views:
         return _run(opened, flight, out, max_frames, resume, overwrite, (*watching, *views))

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Navigation
+from deckline.recording.airsim import ReadOptions
 from deckline.recording.bag import Bag, Reel, Topic, deserialize, open_reader, refuse
-from deckline.recording.camera_file import MountedCamera
+from deckline.recording.camera_file import check_fov, make_pinhole, note_pinhole
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
 from deckline.recording.ros_messages import (
     BODY,
@@ -180,8 +181,7 @@ def scan(path: Path, reader: Any, topics: Sequence[Topic]) -> Contents:
 def open_bag(
     path: Path,
     names: Sequence[str],
-    mounted: MountedCamera | None,
-    heights_m: tuple[float | None, float | None],
+    options: ReadOptions,
     track: PoseTrack | None,
     navigation: Navigation,
 ) -> Bag:
@@ -190,8 +190,7 @@ def open_bag(
     Args:
         path: MCAP, SQLite or ROS 1 file, or a ROS 2 bag's folder.
         names: topics that are preferred to others of their kind.
-        mounted: None: as camera_info and transforms say.
-        heights_m: world z (down) of deck and sea.
+        options: camera, else as camera_info and transforms state; heights of deck and sea; field of view without them.
         track: None: the bag's own poses.
         navigation: how poses are placed on pictures.
 
@@ -209,10 +208,15 @@ def open_bag(
     notes += [*depth_notes, *found.notes]
     body = _body_of(chooser, sources, found.tree, frame)
     mount: PoseTrack | RigidTransform | None = None
+    mounted = options.camera
     if mounted is None:
         info = chooser.info(pictures, frame)
         if info is not None:
             mounted = camera_from_info(chooser.first(info), "rect" in pictures.name, f"{path}: {info.name}")
+        if mounted is None and options.fov_deg is not None:
+            height, width = decode_picture(chooser.first(pictures)).shape[:2]
+            mounted = make_pinhole(width, height, options.fov_deg)
+            notes.append(note_pinhole(str(path), mounted.camera, options.fov_deg))
         if mounted is None:
             what = "no camera_info" if info is None else f"{info.name} is not calibrated"
             notes.append(f"{path}: {what}: lines in pixels, no metres; for these give --camera FILE")
@@ -225,7 +229,9 @@ def open_bag(
     notes += [f"{path}: no poses: no positions of the aircraft"] if track is None else track.notes_on(times)
     if mounted is not None and isinstance(mount, RigidTransform):
         mounted, mount = replace(mounted, body_from_camera=mount), None
-    mounted = mounted and mounted.at(*heights_m)
+    if mounted is not None:
+        check_fov(mounted.camera, options.fov_deg, str(path))
+        mounted = mounted.at(options.deck_z_m, options.sea_z_m)
     reels = {topic.name: _reel(path, topic, found) for topic in (pictures, depth) if topic}
     source = Bag(path, reels[pictures.name], mounted, mount, track, None if depth is None else reels[depth.name])
     used = f"pictures {pictures.name}" + "".join(f", poses {topic.name}" for topic in sources if track)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.files import MOST_CONFIG_BYTES, parse_toml
-from deckline.geometry import BODY_FROM_OPTICAL, Camera, pose
+from deckline.geometry import BODY_FROM_OPTICAL, Camera, camera_mount, pose
 from deckline.recording.calibration import YAML_SUFFIXES, read_calibration
 from deckline.recording.source import RecordingError, check_number, check_numbers, read_text
 from deckline.types import CAMERA_REMEDY, Frame
@@ -20,6 +20,7 @@ CAMERA_FILES = (CAMERA_FILE, *(f"camera{suffix}" for suffix in YAML_SUFFIXES))
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 HEIGHTS = ("deck_z_m", "sea_z_m")
 TRANSFORM = ("translation_m", "quaternion_wxyz")
+FOV_TOLERANCE_DEG = 1.0  # between a camera file and a stated field of view, which people round
 FORWARD = BODY_FROM_OPTICAL.as_quat(scalar_first=True).tolist()
 EXAMPLE = "width, height, fx, fy, cx, cy in px, one a line, such as fx = 1000.0"
 
@@ -59,6 +60,36 @@ class MountedCamera:
                 f"give a camera file made for this size"
             )
         return Frame(file=file, time_s=time_s, image_rgb=image_rgb, **{**vars(self), **values})
+
+
+def make_pinhole(width: int, height: int, fov_deg: float) -> MountedCamera:
+    """A pinhole of this horizontal field of view, degrees, that looks along the body's forward axis."""
+    return MountedCamera(Camera.from_fov(width, height, float(np.deg2rad(fov_deg))), camera_mount())
+
+
+def note_pinhole(name: str, camera: Camera, fov_deg: float) -> str:
+    """The note on a camera that `make_pinhole` made for a source."""
+    size = f"{camera.width}x{camera.height} px"
+    return f"{name}: the camera is taken for a pinhole of {fov_deg:g} degrees across {size} that looks forward"
+
+
+def check_fov(camera: Camera, fov_deg: float | None, where: str) -> None:
+    """Raise RecordingError, which begins with `where`, for a camera that contradicts a stated field of view.
+
+    Args:
+        camera: of a file.
+        fov_deg: horizontal, degrees; None: nobody stated one.
+    """
+    if fov_deg is None:
+        return
+    middle = (camera.height - 1) / 2.0
+    left, right = camera.rays([[-0.5, middle], [camera.width - 0.5, middle]])
+    found_deg = float(np.rad2deg(np.arctan2(right[0], right[2]) - np.arctan2(left[0], left[2])))
+    if abs(found_deg - fov_deg) > FOV_TOLERANCE_DEG:  # NaN: its edges have no rays
+        raise RecordingError(
+            f"{where}: its camera has a horizontal field of view of {found_deg:.1f} degrees, "
+            f"which contradicts fov_deg {fov_deg:g}; state one of both"
+        )
 
 
 def make_plain_frame(file: str, time_s: float, image_rgb: NDArray[np.uint8]) -> Frame:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -73,14 +74,6 @@ class ImageFolder(Source):
             return np.arange(float(len(self)))
         return np.array([self._times.get(file, np.nan) for file in self.files])
 
-    def first_size(self) -> tuple[int, int] | None:
-        """Width and height of the first image, px; None where it cannot be read."""
-        try:
-            height, width = read_image(self.folder / self.files[0]).shape[:2]
-        except ValueError:
-            return None
-        return width, height
-
     def _place(self, index: int) -> tuple[float, RigidTransform | None]:
         """Time in s and world_from_body of an image."""
         file = self.files[index]
@@ -114,6 +107,16 @@ def list_images(folder: Path) -> list[str]:
         for child in folder.iterdir()
         if child.suffix.lower() in IMAGE_SUFFIXES and not child.name.startswith(".") and child.is_file()
     ]
+
+
+def measure_images(path: Path) -> tuple[int, int] | None:
+    """Width and height, px, of an image, or of the first one in a folder that can be read; None without one."""
+    files = sorted(list_images(path), key=make_natural_key) if path.is_dir() else [""]
+    for file in files:
+        with suppress(ValueError):
+            height, width = read_image(path / file).shape[:2]
+            return width, height
+    return None
 
 
 def make_natural_key(name: str) -> list[tuple[int, int, str]]:

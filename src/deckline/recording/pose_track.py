@@ -130,14 +130,14 @@ def make_track(
     return PoseTrack(name, times[~late], positions[~late], rotations, navigation.max_gap_s, offset_s, tuple(notes))
 
 
-def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | None = None) -> PoseTrack:
+def read_csv_track(path: Path, navigation: Navigation, video_times_s: Array | None = None) -> PoseTrack:
     """A track from poses.csv, whose rows go by time_s; its columns are those of `recording.poses`.
 
     Args:
         path: the file.
-        navigation: offset and longest gap. Without an offset, and with a column `file` of a film's frame numbers, the
+        navigation: offset and longest gap. Without an offset, and with a column `file` of a video's frame numbers, the
             first row has the time of its frame.
-        film_times_s: (M,) presentation times of a film.
+        video_times_s: (M,) presentation times of a video.
 
     Raises:
         RecordingError: a column is missing, `file` holds no frame numbers, or as `make_track`.
@@ -146,15 +146,15 @@ def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | Non
     columns, notes = choose_columns(table)
     values = table.numbers(columns.names)
     times = values[:, 0]
-    if film_times_s is not None and "file" in table.header:
+    if video_times_s is not None and "file" in table.header:
         numbers = _frame_numbers(table)
-        known = np.isfinite(times) & (numbers < len(film_times_s))
-        ahead = times[known] - film_times_s[numbers[known]]
+        known = np.isfinite(times) & (numbers < len(video_times_s))
+        ahead = times[known] - video_times_s[numbers[known]]
         if navigation.offset_s is None and len(ahead):
             navigation = replace(navigation, offset_s=float(ahead[0]))
-        if len(ahead) and np.ptp(ahead) > np.median(np.diff(film_times_s, prepend=-1.0)) + ROUNDING_S:  # a frame
+        if len(ahead) and np.ptp(ahead) > np.median(np.diff(video_times_s, prepend=-1.0)) + ROUNDING_S:  # a frame
             notes.append(
-                f"{path}: the film's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
+                f"{path}: the video's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
             )
     quaternions = columns.quaternions(values[:, 4:])
     track = make_track(str(path), times, values[:, 1:4], quaternions, navigation, notes)

@@ -14,7 +14,7 @@ class Selection(Source):
         self._source = source
         self._indices = indices
         self.name = f"{source.name} ({len(indices)} of {len(source)} frames, {indices[0]} to {indices[-1]})"
-        self.notes, self.on_skip = source.notes, source.on_skip
+        self.notes, self.base_config, self.on_skip = source.notes, source.base_config, source.on_skip
 
     def __len__(self) -> int:
         return len(self._indices)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import RunConfig
 from deckline.files import MOST_TEXT_BYTES, parse_plain, print_line, read_regular
 from deckline.types import Frame
 
@@ -55,11 +56,13 @@ class Stream(ABC):
     Attributes:
         name: what a report calls it.
         notes: what is odd about it but does not stop it, one line each, for people.
+        base_config: what is known of its deck, as the configuration that runs start from; None: nothing.
         on_skip: takes a damaged frame; None prints its file and the reason on stderr.
     """
 
     name: str
     notes: tuple[str, ...] = ()
+    base_config: RunConfig | None = None
     on_skip: Callable[[BadFrame], None] | None = None
 
     @property

@@ -14,7 +14,7 @@ from deckline.files import lock_folder
 from deckline.recording.airsim import HEADER, IMAGE_FOLDER, MS_PER_S, RECORD_FILE, SCENE, choose_images
 from deckline.recording.camera_file import camera_to_mapping
 from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, encode_image, write_pfm
-from deckline.recording.scene import (
+from deckline.recording.scene_file import (
     RESERVED,
     SCENE_FILE,
     format_entry,
