@@ -75,7 +75,7 @@ def run(
         camera: camera.toml, or YAML of OpenCV or ROS, when not beside the source; of a simulator the camera's name.
         poses: poses.csv, when not beside the source, or a log of ArduPilot (.bin, .tlog) or PX4 (.ulg).
         origin: of the world, degrees and metres, for poses that have these; their first position when not given.
-        fov_deg: horizontal field of view, where no file has the camera: a pinhole that looks forward (AirSim: 90).
+        fov_deg: horizontal, without a camera file.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
         sea_z_m: world z (down, metres) of the water, for dehazing, where it is 20 m below the deck when not given, and
             to notice a pitched camera.

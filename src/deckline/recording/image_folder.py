@@ -122,4 +122,7 @@ def measure_images(path: Path) -> tuple[int, int] | None:
 def make_natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sort key that puts frame_2 before frame_10."""
     parts = re.split(r"([0-9]+)", name.lower())
-    return [*((1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts), (0, 0, name)]
+    numbers = (part.lstrip("0") for part in parts[1::2])  # compared by their length first: int() has a longest text
+    keys = [(0, 0, part) for part in parts]
+    keys[1::2] = [(1, len(number), number) for number in numbers]
+    return [*keys, (0, 0, name)]

@@ -7,8 +7,10 @@ reference" (vehicle_attitude, vehicle_global_position, vehicle_local_position).
 """
 
 import io
-from collections.abc import Callable, Mapping
-from contextlib import closing, redirect_stderr, redirect_stdout
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -185,14 +187,25 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
     return replace(joined, name=str(path), notes=(*notes, *joined.notes))
 
 
-class _LineCounter(io.TextIOBase):
-    """Takes what parsers print of each damaged message, and counts its lines."""
+@contextmanager
+def _count_lines() -> Iterator[list[int]]:
+    """Count the lines that parsers print on damaged messages, in Python and in C, and show none of them."""
+    lines, (reader, writer), stderr = [0], os.pipe(), os.dup(2)
+    os.dup2(writer, 2)
 
-    count = 0
+    def count() -> None:
+        with os.fdopen(reader, "rb") as printed:
+            lines[0] = sum(1 for _ in printed)
 
-    def write(self, text: str) -> int:
-        self.count += text.count("\n")
-        return len(text)
+    thread = threading.Thread(target=count, daemon=True)
+    thread.start()
+    try:
+        with os.fdopen(writer, "w", errors="replace") as stream, redirect_stdout(stream), redirect_stderr(stream):
+            yield lines
+    finally:
+        os.dup2(stderr, 2)  # the last end of the pipe that is written to
+        os.close(stderr)
+        thread.join()
 
 
 def _read_rows(path: Path, log: LogFormat) -> tuple[dict[str, Array], tuple[str, ...]]:
@@ -206,11 +219,11 @@ def _read_rows(path: Path, log: LogFormat) -> tuple[dict[str, Array], tuple[str,
     if not begins_well:
         raise RecordingError(f"{path}: not a {path.suffix} log: it begins with other bytes")
     try:
-        with redirect_stdout(_LineCounter()) as printed, redirect_stderr(printed):
+        with _count_lines() as printed:
             rows = log.read(path, {message.name: message.fields for message in messages})
-        note = f"{path}: damaged: its parser left out bytes in {printed.count:,} places"
+        note = f"{path}: damaged: its parser left out bytes in {printed[0]:,} places"
         arrays = {m.name: np.reshape(rows[m.name], (-1, len(m.fields))) * m.units for m in messages}
-        return arrays, (note,) if printed.count else ()
+        return arrays, (note,) if printed[0] else ()
     except ImportError:
         raise
     except Exception as error:  # the parsers raise what they like, Exception itself too
