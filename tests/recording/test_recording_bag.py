@@ -1,4 +1,6 @@
 import re
+import sqlite3
+from contextlib import closing
 
 import cv2
 import numpy as np
@@ -197,6 +199,25 @@ def test_without_camera_info_lines_are_in_pixels(tmp_path):
     (tmp_path / "camera.toml").write_text("width = 640\nheight = 360\nfx = 500\nfy = 500\ncx = 319.5\ncy = 179.5\n")
     frame = open_recording(path, camera_file=tmp_path / "camera.toml").load(0)
     assert frame.camera.fx == 250.0 and frame.world_from_body is not None
+
+
+def test_a_stated_field_of_view_stands_for_camera_info(tmp_path):
+    source = open_recording(write(tmp_path / "a", "mcap", rows(camera_info=False)), fov_deg=90.0)
+    frame = source.load(0)
+    assert (frame.camera.known, frame.camera.fx) == (True, pytest.approx(160.0))
+    np.testing.assert_allclose(frame.body_from_camera.translation, [0.5, -0.1, 0.2])  # as transforms state
+
+
+def test_null_data_of_a_bag_are_named(tmp_path):
+    folder = write(tmp_path / "a", "db3", rows())
+    with closing(sqlite3.connect(folder / "a.db3")) as file:
+        file.executescript(
+            "create table other (id integer, topic_id integer, timestamp integer, data blob);"
+            "insert into other select id, topic_id, timestamp, null from messages;"
+            "drop table messages; alter table other rename to messages;"
+        )
+    with pytest.raises(RecordingError, match=r"/camera/image.*NULL"):
+        open_recording(folder)
 
 
 def rewrite(folder, **options):

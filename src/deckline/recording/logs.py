@@ -221,7 +221,7 @@ def _read_rows(path: Path, log: LogFormat) -> tuple[dict[str, Array], tuple[str,
     try:
         with _count_lines() as printed:
             rows = log.read(path, {message.name: message.fields for message in messages})
-        note = f"{path}: damaged: its parser left out bytes in {printed[0]:,} places"
+        note = f"{path}: damaged: its parser printed {printed[0]:,} lines on what it left out"
         arrays = {m.name: np.reshape(rows[m.name], (-1, len(m.fields))) * m.units for m in messages}
         return arrays, (note,) if printed[0] else ()
     except ImportError:
