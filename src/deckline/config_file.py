@@ -16,11 +16,11 @@ LEAST_LIKENESS = 0.5  # of a wrong key and the key that its error names, 0..1; d
 
 
 def read_config(cls: type[T], path: Path, base: T | None = None) -> T:
-    """A configuration from a TOML file; keys that the file leaves out keep the values of `base`.
+    """A configuration from a TOML file; keys that the file leaves out have the values of `base`.
 
     Args:
         cls: a dataclass. Its fields are float, int, str, bool, Path, tuples, Literals, dataclasses, or one of these or
-            None; the text "none" stands for None.
+            None; the text "none" is None.
         path: the file.
         base: None: the defaults of `cls`.
 

@@ -62,7 +62,7 @@ def is_beneath(path: Path, folder: Path) -> bool:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Make a folder and keep others who ask out of it until the end, also when the program is killed.
+    """Make a folder and hold its lock until the end; a killed program releases it.
 
     Raises:
         ValueError: somebody else holds it, or it cannot be made.
@@ -104,7 +104,7 @@ def parse_plain(parse: Callable[[str], Any], text: str) -> Any:
     """What a parser of JSON, TOML or YAML makes of a text.
 
     Raises:
-        ValueError: as `parse`, for values nested too deeply, for one that stands in several places as YAML's aliases
+        ValueError: as `parse`, for values nested too deeply, for one in several places as YAML's aliases
             do, which grows without end when it is printed, and for whole numbers beyond 64 bits.
     """
     try:
@@ -120,7 +120,7 @@ def parse_plain(parse: Callable[[str], Any], text: str) -> Any:
             raise ValueError(f"a whole number of {value.bit_length()} bits; 64 are the most")
         if isinstance(value, dict | list):
             if id(value) in seen:
-                raise ValueError("a list or table that stands in two places")
+                raise ValueError("a list or table in two places")
             seen.add(id(value))
             waiting += [(item, depth + 1) for item in (value.values() if isinstance(value, dict) else value)]
     return values

@@ -1,4 +1,4 @@
-"""What flows through deckline. Shapes, units and frames stand beside each field; nobody writes into an input."""
+"""What flows through deckline. Shapes, units and frames are beside each field; nobody writes into an input."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -184,7 +184,7 @@ class DepthMode(StrEnum):
     COARSE = "coarse"
     """Where the ray meets the deck plane."""
     NONE = "none"
-    """Neither was possible; a `Diagnostic` says why."""
+    """Neither was possible; a `Diagnostic` has the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -487,7 +487,7 @@ class TrackState(StrEnum):
 
 @dataclass(frozen=True)
 class Protection:
-    """Errors larger than these, without a flag, are as rare as `risk` says."""
+    """Errors larger than these, without a flag, have a probability of `risk`."""
 
     lateral_m: float
     """Bound on the error of the lateral deviation, m."""

@@ -35,7 +35,7 @@ TABLE = {
     "labels": Command("deckline_lab.cli.labels", "Write or read runway labels in other tools' formats.", is_group=True),
 }
 EXAMPLES = ("deckline demo", "deckline run flights/first --out out --deck-z-m -18")
-DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
+DESCRIPTION = "Detects a ship's landing deck through haze and estimates where the aircraft is relative to its lines."
 HELP = ("-h", "--help")
 HELP_COLUMNS = 100
 

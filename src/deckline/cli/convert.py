@@ -58,7 +58,7 @@ def convert(
         rows, files, notes = drop_scene(recording, out)
     else:
         if camera is not None and mounted:
-            raise ValueError(f"{camera} says how the camera is mounted: leave --mount-m and --mount-deg out")
+            raise ValueError(f"{camera} states the camera's mount: leave --mount-m and --mount-deg out")
         if not np.isfinite((*mount_m, *mount_deg)).all():
             raise ValueError("--mount-m and --mount-deg must be finite numbers")
         given = None if camera is None else read_camera_file(camera)

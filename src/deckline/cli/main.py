@@ -10,7 +10,7 @@ UNREAD = 141  # and for one whose output nobody reads any more, as behind `| hea
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns the exit code. Bad input ends with one line and code 2, Ctrl-C with 130.
 
-    A command that is interrupted says what it wrote in the text of its KeyboardInterrupt.
+    The text of an interrupted command's KeyboardInterrupt names what it wrote.
     """
     args = sys.argv[1:] if argv is None else argv
     try:

@@ -62,7 +62,7 @@ class ReadOptions:
 
 
 class AirSimRecording(Source):
-    """A recording folder. `load` keeps no state, so threads and processes may share it.
+    """A recording folder. `load` changes no state, so threads and processes may share it.
 
     Raises:
         RecordingError: airsim_rec.txt is missing, empty, or lacks a column.

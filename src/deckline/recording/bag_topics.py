@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Navigation
 from deckline.recording.airsim import ReadOptions
-from deckline.recording.bag import Bag, Reel, Topic, deserialize, open_reader, refuse
+from deckline.recording.bag import Bag, MessageReader, Topic, deserialize, open_reader, refuse
 from deckline.recording.camera_file import check_fov, make_pinhole, note_pinhole
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
 from deckline.recording.ros_messages import (
@@ -43,7 +43,7 @@ CHOOSE = "choose with --topic"
 
 
 @dataclass(eq=False)
-class Contents:
+class BagContents:
     """What the scan of a bag found, by topic; times are those of the headers, s."""
 
     log_ns: dict[str, list[int]] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class Contents:
     notes: list[str] = field(default_factory=list)
 
 
-class Chooser:
+class TopicSelector:
     """The topics of a bag and those that somebody named.
 
     Raises:
@@ -155,9 +155,9 @@ class Chooser:
         return ", ".join(map(str, topics))
 
 
-def scan(path: Path, reader: Any, topics: Sequence[Topic]) -> Contents:
+def scan(path: Path, reader: Any, topics: Sequence[Topic]) -> BagContents:
     """Read all of a bag once: times of pictures, poses and transforms."""
-    found, kinds = Contents(), {topic.name: topic.kind for topic in topics}
+    found, kinds = BagContents(), {topic.name: topic.kind for topic in topics}
     readers = dict.fromkeys(POSES, read_pose) | dict.fromkeys(FIXES, read_fix) | dict.fromkeys(ATTITUDES, read_attitude)
     last_ns = 0
     try:
@@ -199,7 +199,7 @@ def open_bag(
         ImportError: the extra `ros` is not installed.
     """
     reader, notes = open_reader(path)
-    chooser = Chooser(path, reader, names)
+    chooser = TopicSelector(path, reader, names)
     pictures, depth, depth_notes = chooser.pictures()
     frame = chooser.first(pictures).header.frame_id
     sources = [] if track is not None else chooser.poses()
@@ -232,18 +232,18 @@ def open_bag(
     if mounted is not None:
         check_fov(mounted.camera, options.fov_deg, str(path))
         mounted = mounted.at(options.deck_z_m, options.sea_z_m)
-    reels = {topic.name: _reel(path, topic, found) for topic in (pictures, depth) if topic}
-    source = Bag(path, reels[pictures.name], mounted, mount, track, None if depth is None else reels[depth.name])
+    readers = {topic.name: _message_reader(path, topic, found) for topic in (pictures, depth) if topic}
+    source = Bag(path, readers[pictures.name], mounted, mount, track, None if depth is None else readers[depth.name])
     used = f"pictures {pictures.name}" + "".join(f", poses {topic.name}" for topic in sources if track)
     source.notes = (f"{path}: {used}" + (f", depth {depth.name}" if depth else ""), *notes)
     return source
 
 
-def _reel(path: Path, topic: Topic, found: Contents) -> tuple[Reel, NDArray[np.float64]]:
-    return Reel(path, topic, np.array(found.log_ns[topic.name])), np.array(found.times_s[topic.name])
+def _message_reader(path: Path, topic: Topic, found: BagContents) -> tuple[MessageReader, NDArray[np.float64]]:
+    return MessageReader(path, topic, np.array(found.log_ns[topic.name])), np.array(found.times_s[topic.name])
 
 
-def _body_of(chooser: Chooser, sources: Sequence[Topic], tree: TransformTree, frame: str) -> str:
+def _body_of(chooser: TopicSelector, sources: Sequence[Topic], tree: TransformTree, frame: str) -> str:
     """The body's frame: an odometry's child, else base_link, else the frame above the camera that moves."""
     if sources and sources[0].kind == POSES[0]:
         return str(chooser.first(sources[0]).child_frame_id).lstrip("/") or BODY
@@ -269,7 +269,7 @@ def _read_mount(
 
 
 def _read_track(
-    path: Path, sources: Sequence[Topic], found: Contents, body: str, navigation: Navigation
+    path: Path, sources: Sequence[Topic], found: BagContents, body: str, navigation: Navigation
 ) -> PoseTrack | None:
     """The body's poses in our world."""
     if not sources:

@@ -27,7 +27,7 @@ EXAMPLE = "width, height, fx, fy, cx, cy in px, one a line, such as fx = 1000.0"
 
 @dataclass(frozen=True, eq=False)
 class MountedCamera:
-    """A camera, where it sits on the aircraft, and the heights of deck and sea when the same file says them."""
+    """A camera, where it sits on the aircraft, and the heights of deck and sea that the same file states."""
 
     camera: Camera
     body_from_camera: RigidTransform
@@ -35,7 +35,7 @@ class MountedCamera:
     sea_z_m: float | None = None  # world z (down) of the water
 
     def at(self, deck_z_m: float | None, sea_z_m: float | None) -> "MountedCamera":
-        """The same with other heights; None keeps what the file says."""
+        """The same with other heights; None leaves what the file states."""
         deck_z_m = self.deck_z_m if deck_z_m is None else deck_z_m
         return replace(self, deck_z_m=deck_z_m, sea_z_m=self.sea_z_m if sea_z_m is None else sea_z_m)
 
@@ -63,7 +63,7 @@ class MountedCamera:
 
 
 def make_pinhole(width: int, height: int, fov_deg: float) -> MountedCamera:
-    """A pinhole of this horizontal field of view, degrees, that looks along the body's forward axis."""
+    """A pinhole of this horizontal field of view, degrees, along the body's forward axis."""
     return MountedCamera(Camera.from_fov(width, height, float(np.deg2rad(fov_deg))), camera_mount())
 
 
@@ -99,13 +99,13 @@ def make_plain_frame(file: str, time_s: float, image_rgb: NDArray[np.uint8]) -> 
 
 
 def read_camera_file(path: Path) -> MountedCamera:
-    """Read camera.toml, or a YAML calibration of OpenCV or ROS, whose camera looks along the body's forward axis.
+    """Read camera.toml, or a YAML calibration of OpenCV or ROS, whose camera points along the body's forward axis.
 
     Keys: width, height, fx, fy, cx, cy (px, the centre of the top-left pixel is 0, 0); optional distortion =
     [k1, k2, p1, p2, k3], or with fisheye = true [k1, k2, k3, k4]; calibration = a YAML file beside it in place of all
     these; deck_z_m and sea_z_m (metres), and a table [body_from_camera] with translation_m (3, metres,
     forward-right-down) and quaternion_wxyz of body <- optical frame (x right, y down, z forward). Without the table, or
-    without its quaternion, the camera looks along the body's forward axis: quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
+    without its quaternion, the camera points along the body's forward axis: quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
 
     Raises:
         RecordingError: missing or unreadable file, an unknown or missing key, or values that make no camera.

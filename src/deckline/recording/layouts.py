@@ -61,10 +61,10 @@ def open_recording(
             camera_info and transforms. Without any, `fov_deg` counts.
         poses_file: poses.csv of images or a video, or an autopilot's log (.bin, .tlog, .ulg). When not given: poses.csv
             in the folder; <file>.poses.csv, else poses.csv beside the file, when it is there.
-        fov_deg: horizontal field of view where nothing else states the camera: a pinhole that looks along the body's
-            forward axis. None: 90, AirSim's default, for AirSim recordings; others have lines in pixels only.
-        deck_z_m: world z (down) of the deck plane; overrides what files say.
-        sea_z_m: world z (down) of the water; overrides what files say.
+        fov_deg: horizontal field of view where nothing else states the camera: a pinhole along the body's forward
+            axis. None: 90, AirSim's default, for AirSim recordings; others have lines in pixels only.
+        deck_z_m: world z (down) of the deck plane; overrides what files state.
+        sea_z_m: world z (down) of the water; overrides what files state.
         pfm_rows: order of the rows in PFM depth files; AirSim's is "top-to-bottom", the PFM definition's the other.
         far_m: depths stored at or beyond this mean "nothing seen"; the default is AirSim's half-precision limit.
         navigation: how poses that go by time are placed on pictures.

@@ -193,7 +193,7 @@ def place_in_world(track: PoseTrack, origin: tuple[float, float, float] | None) 
     """A track of latitude, longitude, degrees, altitude, m, in the North-East-Down world of an origin (the same units).
 
     Attitudes are of the local axes at each position and are turned into those of the origin. Without an origin the
-    first position is it, and a note says so.
+    first position is the origin, and a note states it.
 
     Raises:
         RecordingError: latitudes or longitudes out of range.

@@ -8,7 +8,7 @@ from deckline.types import Frame
 
 
 class Selection(Source):
-    """The frames `indices` (N,), ascending, of a source; they keep their names and times."""
+    """The frames `indices` (N,), ascending, of a source, with the same names and times."""
 
     def __init__(self, source: Source, indices: NDArray[np.intp]) -> None:
         self._source = source

@@ -46,7 +46,7 @@ class BadFrame:
 
 
 def print_skipped(bad: BadFrame) -> None:
-    """Say on stderr which frame is skipped, and why."""
+    """Print on stderr the frame that is skipped, and the reason."""
     print_line(f"skipped {bad.file}: {bad.reason}")
 
 

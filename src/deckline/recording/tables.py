@@ -31,7 +31,7 @@ class Table:
 
     Args:
         path: UTF-8 text, with or without a byte-order mark.
-        delimiter: of cells, one character; a cell with it stands in double quotes.
+        delimiter: of cells, one character; a cell that holds it is in double quotes.
 
     Attributes:
         header: names of the columns; other spellings of latitude, longitude and altitude are lat_deg, lon_deg, alt_m.

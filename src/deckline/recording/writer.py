@@ -155,7 +155,7 @@ class RecordingWriter:
         self._frames[name] = format_entry(self._make_entry(encoded, name))
         self.written_bytes += sum(len(data) for data in (encoded.image, encoded.depth, encoded.clear) if data)
         self._last_ns = ns
-        time_ms = f"{encoded.time_s * MS_PER_S:.3f}".rstrip("0").rstrip(".")  # AirSim writes whole ms; we keep us
+        time_ms = f"{encoded.time_s * MS_PER_S:.3f}".rstrip("0").rstrip(".")  # AirSim writes whole ms; we write us
         cells = (self._vehicle, time_ms, *map(repr, encoded.pose), ";".join(names))
         self._rows.write("\t".join(cells) + "\n")
         self._rows.flush()
