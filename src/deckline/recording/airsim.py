@@ -21,7 +21,7 @@ from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH
 from deckline.recording.poses import parse_pose
 from deckline.recording.scene_file import SCENE_FILE, SceneFile, get_clear_image, read_scene, truth_from_mapping
 from deckline.recording.source import FrameError, Source, check_index, check_number, is_inside
-from deckline.recording.tables import Cells, Table, read_table
+from deckline.recording.text_table import Cells, TextTable, read_table
 from deckline.types import Frame
 
 RECORD_FILE = "airsim_rec.txt"
@@ -138,7 +138,7 @@ class AirSimRecording(Source):
         return self._known or make_pinhole(shape[1], shape[0], fov_deg)
 
 
-def read_rows(path: Path) -> tuple[Table, list[str]]:
+def read_rows(path: Path) -> tuple[TextTable, list[str]]:
     """Rows of airsim_rec.txt, by header, and notes about odd columns; errors as `read_table`."""
     return read_table(path, "\t", REQUIRED, ("VehicleName", *CAR_COLUMNS))
 

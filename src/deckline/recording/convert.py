@@ -23,7 +23,7 @@ from deckline.recording.camera_file import camera_to_mapping
 from deckline.recording.runway_file import RUNWAY_FILE
 from deckline.recording.scene_file import SCENE_FILE, format_entry, format_scene, get_heights, read_scene
 from deckline.recording.source import BadFrame, RecordingError, is_inside, read_data
-from deckline.recording.tables import Table
+from deckline.recording.text_table import TextTable
 
 GENERATOR = "deckline convert"
 
@@ -73,7 +73,7 @@ def drop_scene(recording: Path, out: Path) -> Copied:
     return _copy(recording, out, rows, notes, None)
 
 
-def _copy(recording: Path, out: Path, rows: Table, notes: list[str], scene: str | None) -> Copied:
+def _copy(recording: Path, out: Path, rows: TextTable, notes: list[str], scene: str | None) -> Copied:
     """Under a temporary name, renamed when whole."""
     work = out.with_name(f".{out.name}.unfinished")
     files, missing = 0, []

@@ -13,7 +13,7 @@ from deckline.geometry import FARTHEST_M, QUATERNION_TOLERANCE
 from deckline.recording.geodesy import check_geodetic, ned_from_geodetic
 from deckline.recording.poses import choose_columns, note_origin
 from deckline.recording.source import RecordingError
-from deckline.recording.tables import Table
+from deckline.recording.text_table import TextTable
 
 Array = NDArray[np.float64]
 MOST_DIGITS = 16  # of a frame's number
@@ -142,7 +142,7 @@ def read_csv_track(path: Path, navigation: Navigation, video_times_s: Array | No
     Raises:
         RecordingError: a column is missing, `file` holds no frame numbers, or as `make_track`.
     """
-    table = Table(path, ",")
+    table = TextTable(path, ",")
     columns, notes = choose_columns(table)
     values = table.numbers(columns.names)
     times = values[:, 0]
@@ -211,7 +211,7 @@ def place_in_world(track: PoseTrack, origin: tuple[float, float, float] | None) 
     return replace(track, positions_m=positions, rotations=rotations, notes=notes)
 
 
-def _frame_numbers(table: Table) -> NDArray[np.int64]:
+def _frame_numbers(table: TextTable) -> NDArray[np.int64]:
     """Numbers of a column `file`: bare, or as <video>#<number>."""
     numbers = np.empty(len(table), np.int64)
     for row, file in enumerate(table.texts("file")):

@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.geometry import pose
 from deckline.recording.geodesy import check_geodetic, ned_from_geodetic
 from deckline.recording.source import check_number
-from deckline.recording.tables import Cells, Table, parse_number, read_table
+from deckline.recording.text_table import Cells, TextTable, parse_number, read_table
 
 Array = NDArray[np.float64]
 POSES_FILE = "poses.csv"
@@ -58,8 +58,8 @@ class PoseColumns:
         return quaternions_from_angles(np.deg2rad(attitudes) if self.attitude == ANGLES_DEG else attitudes)
 
 
-def choose_columns(table: Table, *others: str) -> tuple[PoseColumns, list[str]]:
-    """The pose columns of a table, and notes on those that are ignored; errors as `Table.require`.
+def choose_columns(table: TextTable, *others: str) -> tuple[PoseColumns, list[str]]:
+    """The pose columns of a table, and notes on those that are ignored; errors as `TextTable.require`.
 
     Args:
         table: of poses.
@@ -85,7 +85,7 @@ def quaternions_from_angles(angles_rad: Array) -> Array:
 class Poses:
     """poses.csv whose rows name images. The numbers of a row are checked when it is asked for."""
 
-    table: Table
+    table: TextTable
     """Rows of the file."""
     columns: PoseColumns
     """Which of its columns hold poses."""
@@ -138,9 +138,9 @@ def read_poses(path: Path, origin: tuple[float, float, float] | None = None) -> 
         origin: of the world, where positions are latitude, longitude and altitude; None: the first of them.
 
     Raises:
-        RecordingError: as `Table`, a missing column, or one image in two rows.
+        RecordingError: as `TextTable`, a missing column, or one image in two rows.
     """
-    table = Table(path, ",")
+    table = TextTable(path, ",")
     columns, notes = choose_columns(table, "file")
     if columns.is_geodetic and origin is None:
         places = table.numbers(GEODETIC)
@@ -158,8 +158,8 @@ def note_origin(name: str, origin: Sequence[float]) -> str:
 
 
 def names_images(path: Path) -> bool:
-    """Whether a CSV file has a column `file`; errors as `Table`."""
-    return "file" in Table(path, ",").header
+    """Whether a CSV file has a column `file`; errors as `TextTable`."""
+    return "file" in TextTable(path, ",").header
 
 
 def read_image_times(path: Path) -> dict[str, float]:

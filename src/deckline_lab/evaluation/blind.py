@@ -18,7 +18,7 @@ from deckline.files import print_line
 from deckline.progress import progress
 from deckline.recording import FrameError
 from deckline.recording.source import parse_json, read_text
-from deckline.recording.tables import read_table
+from deckline.recording.text_table import read_table
 from deckline.report.draw import BACKGROUND, INK, PANEL, Image, draw_tag, write_picture
 from deckline.statistics import share_interval
 from deckline_lab.evaluation.dehazing_pairs import PairSource

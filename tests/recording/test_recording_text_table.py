@@ -4,13 +4,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deckline.recording import RecordingError
-from deckline.recording.tables import MOST_COLUMNS, MOST_FILES, MOST_LINE_BYTES, MOST_ROWS, Table, read_table
+from deckline.recording.text_table import MOST_COLUMNS, MOST_FILES, MOST_LINE_BYTES, MOST_ROWS, TextTable, read_table
 
 
 def table(tmp_path, text, delimiter=","):
     path = tmp_path / "table.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return Table(path, delimiter)
+    return TextTable(path, delimiter)
 
 
 def test_rows_are_cells_by_column_with_the_numbers_of_their_lines(tmp_path):

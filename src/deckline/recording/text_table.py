@@ -26,7 +26,7 @@ ALIASES = {
 Cells = Mapping[str, str]  # a row's texts by column
 
 
-class Table:
+class TextTable:
     """Rows below a header, blank ones left out. Memory is that of the file and 16 bytes a row.
 
     Args:
@@ -84,9 +84,9 @@ class Table:
     def __iter__(self) -> Iterator[tuple[int, Cells]]:
         return (self[row] for row in range(len(self)))
 
-    def take(self, rows: NDArray[np.bool_]) -> "Table":
+    def take(self, rows: NDArray[np.bool_]) -> "TextTable":
         """The same table with some of its rows."""
-        taken = object.__new__(Table)
+        taken = object.__new__(TextTable)
         vars(taken).update(vars(self), _starts=self._starts[rows], _lines=self._lines[rows])
         return taken
 
@@ -156,9 +156,9 @@ class Table:
 
 def read_table(
     path: Path, delimiter: str, required: Sequence[str], optional: Sequence[str] = ()
-) -> tuple[Table, list[str]]:
-    """A table with these columns, and notes on others; errors as those of `Table` and `Table.require`."""
-    table = Table(path, delimiter)
+) -> tuple[TextTable, list[str]]:
+    """A table with these columns, and notes on others; errors as those of `TextTable` and `TextTable.require`."""
+    table = TextTable(path, delimiter)
     return table, table.require(required, optional)
 
 
