@@ -1,15 +1,14 @@
 """Nested frozen dataclasses as TOML files: one table a dataclass, one key a field."""
 
 import json
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
+from deckline.files import MOST_CONFIG_BYTES, parse_toml, read_regular
 
 T = TypeVar("T")
 NONE = "none"  # TOML has no null
@@ -17,11 +16,11 @@ LEAST_LIKENESS = 0.5  # of a wrong key and the key that its error names, 0..1; d
 
 
 def read_config(cls: type[T], path: Path, base: T | None = None) -> T:
-    """A configuration from a TOML file; keys that the file leaves out keep the values of `base`.
+    """A configuration from a TOML file; keys that the file leaves out have the values of `base`.
 
     Args:
         cls: a dataclass. Its fields are float, int, str, bool, Path, tuples, Literals, dataclasses, or one of these or
-            None; the text "none" stands for None.
+            None; the text "none" is None.
         path: the file.
         base: None: the defaults of `cls`.
 
@@ -41,7 +40,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ValueError: the file is no TOML.
     """
     try:
-        return parse_plain(tomllib.loads, read_regular(path, MOST_CONFIG_BYTES).decode())
+        return parse_toml(read_regular(path, MOST_CONFIG_BYTES).decode())
     except ValueError as error:  # of TOML or of UTF-8
         raise ValueError(f"{path}: not a TOML file: {error}") from None
 
@@ -66,7 +65,7 @@ def _build(cls: type[T], table: Mapping[str, Any], base: T | None, source: str, 
     values = {}
     for key, value in table.items():
         if key not in known:
-            raise ValueError(f"{source}: unknown key {prefix}{key}{_nearest(key, known)}")
+            raise ValueError(f"{source}: unknown key {prefix}{key}{suggest_key(key, known)}")
         values[key] = _convert(hints[key], value, getattr(base, key, None), source, prefix + key)
     required = (name for name, item in known.items() if item.default is item.default_factory is MISSING)
     missing = [prefix + name for name in required if base is None and name not in values]
@@ -78,7 +77,8 @@ def _build(cls: type[T], table: Mapping[str, Any], base: T | None, source: str, 
         raise ValueError(f"{source}: {f'[{prefix[:-1]}] ' if prefix else ''}{error}") from None
 
 
-def _nearest(key: str, known: Mapping[str, Any]) -> str:
+def suggest_key(key: str, known: Collection[str]) -> str:
+    """The end of an error about an unknown key: the nearest known one, else all of them."""
     near = get_close_matches(key, known, 1, LEAST_LIKENESS)
     return f"; did you mean {near[0]}?" if near else f"; known keys: {', '.join(known)}"
 

@@ -6,6 +6,7 @@ import os
 import re
 import stat
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -17,6 +18,9 @@ MOST_CONFIG_BYTES = 1 << 20
 MOST_PIXELS = 36_000_000  # of a picture: 8192x4320
 MOST_DEPTH = 50  # of tables in tables
 LARGEST_INTEGER = 2**63
+MOST_WORD = 200  # characters of a word in an error, such as a file's name
+_TOML_KEY = r"""(?:"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|[\w-]+)"""
+_DEEP_KEY = re.compile(rf"(?:\.[ \t]*{_TOML_KEY}[ \t]*){{{MOST_DEPTH}}}")
 # C0 and C1 controls, lone surrogates, line separators, marks that turn the direction of writing
 _UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
@@ -58,7 +62,7 @@ def is_beneath(path: Path, folder: Path) -> bool:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Make a folder and keep others who ask out of it until the end, also when the program is killed.
+    """Make a folder and hold its lock until the end; a killed program releases it.
 
     Raises:
         ValueError: somebody else holds it, or it cannot be made.
@@ -79,6 +83,17 @@ def lock_folder(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
+@contextmanager
+def name_in_errors(path: Path) -> Iterator[None]:
+    """Name a file or folder in errors of the system that name none, such as those of a write to a full disk."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.errno is not None:
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
+
+
 def check_size(width: int, height: int) -> None:
     """Raise ValueError for a picture of more pixels than there may be; to be asked before it is decoded."""
     if width * height > MOST_PIXELS:
@@ -89,7 +104,7 @@ def parse_plain(parse: Callable[[str], Any], text: str) -> Any:
     """What a parser of JSON, TOML or YAML makes of a text.
 
     Raises:
-        ValueError: as `parse`, for values nested too deeply, for one that stands in several places as YAML's aliases
+        ValueError: as `parse`, for values nested too deeply, for one in several places as YAML's aliases
             do, which grows without end when it is printed, and for whole numbers beyond 64 bits.
     """
     try:
@@ -105,10 +120,21 @@ def parse_plain(parse: Callable[[str], Any], text: str) -> Any:
             raise ValueError(f"a whole number of {value.bit_length()} bits; 64 are the most")
         if isinstance(value, dict | list):
             if id(value) in seen:
-                raise ValueError("a list or table that stands in two places")
+                raise ValueError("a list or table in two places")
             seen.add(id(value))
             waiting += [(item, depth + 1) for item in (value.values() if isinstance(value, dict) else value)]
     return values
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Tables of a TOML text; a ValueError as `parse_plain`.
+
+    A dotted key costs tomllib time and memory with the square of its dots, so deep ones are refused before it reads.
+    """
+    if found := _DEEP_KEY.search(text):
+        line = 1 + text.count("\n", 0, found.start())
+        raise ValueError(f"line {line}: a key of more than {MOST_DEPTH} parts")
+    return dict(parse_plain(tomllib.loads, text))
 
 
 def printable(text: object) -> str:
@@ -116,6 +142,26 @@ def printable(text: object) -> str:
     names that are no UTF-8 become \xff.
     """
     return _UNPRINTABLE.sub(lambda found: _escape(ord(found[0])), str(text))
+
+
+def shorten(text: str, most: int) -> str:
+    """A text of at most `most` characters: its middle gives way to three dots."""
+    if len(text) <= most:
+        return text
+    head = (most - 3) * 2 // 3
+    return f"{text[:head]}...{text[head + 3 - most :]}"
+
+
+def describe_error(error: BaseException, most: int = 2000) -> str:
+    """An error in one line of at most `most` characters; of the system's errors the file and the reason.
+
+    A word, such as a file's name, loses its middle beyond `MOST_WORD` characters.
+    """
+    text = str(error) or type(error).__name__
+    if isinstance(error, OSError) and error.strerror:
+        names = [str(name) for name in (error.filename, error.filename2) if name is not None]
+        text = f"{' -> '.join(names) or 'a file'}: {error.strerror}"
+    return shorten(" ".join(shorten(word, MOST_WORD) for word in text.split()), most)
 
 
 def print_line(line: object) -> None:

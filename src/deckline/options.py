@@ -148,7 +148,7 @@ def read_run_config(path: Path, base: RunConfig | None = None) -> RunConfig:
 
 
 def _white_parts(sensors: Sensors, values: dict[str, Any]) -> dict[str, Any]:
-    """White noise keeps its share of an error whose total is stated anew."""
+    """White noise that has the same share of a newly stated total error."""
     pairs = {"position_m": "position_white_m", "attitude_deg": "attitude_white_deg"}
     stated = [(total, getattr(sensors, total)) for total in pairs if total in values]
     return {pairs[name]: values[name] / total * getattr(sensors, pairs[name]) for name, total in stated if total > 0}

@@ -1,4 +1,4 @@
-"""What flows through deckline. Shapes, units and frames stand beside each field; nobody writes into an input."""
+"""What flows through deckline. Shapes, units and frames are beside each field; nobody writes into an input."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -153,8 +153,11 @@ class Diagnostic:
 
 
 Diagnostics = tuple[Diagnostic, ...]
-NO_CAMERA = Diagnostic(Reason.NO_CAMERA, "no camera: lines in pixels, no metres (give camera.toml)")
-NO_POSE = Diagnostic(Reason.NO_POSE, "no pose: give poses.csv with this time")
+CAMERA_REMEDY = "pass Camera(...), or camera.toml beside the recording"
+NO_CAMERA = Diagnostic(Reason.NO_CAMERA, f"camera not known: lines in pixels, no metres; {CAMERA_REMEDY}")
+NO_POSE = Diagnostic(
+    Reason.NO_POSE, "pose not known: pass world_from_body, or poses.csv with this time beside the recording"
+)
 
 
 def message_of(diagnostics: Diagnostics) -> str:
@@ -181,7 +184,7 @@ class DepthMode(StrEnum):
     COARSE = "coarse"
     """Where the ray meets the deck plane."""
     NONE = "none"
-    """Neither was possible; a `Diagnostic` says why."""
+    """Neither was possible; a `Diagnostic` has the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,8 +234,8 @@ class Frame:
     """Time of exposure, on the source's clock, s."""
     image_rgb: NDArray[np.uint8]
     """(H, W, 3) RGB."""
-    camera: Camera
-    """Intrinsics of the picture."""
+    camera: Camera = None  # type: ignore[assignment]
+    """Intrinsics of the picture. None becomes `Camera.unknown` of the image's size: lines in pixels, no metres."""
     body_from_camera: RigidTransform = field(default_factory=camera_mount)
     """The camera's mounting: optical frame to body (forward, right, down)."""
     depth_m: NDArray[np.float32] | None = None
@@ -247,12 +250,15 @@ class Frame:
     """What a simulator or survey knows; the chain never reads it."""
 
     def __post_init__(self) -> None:
+        size, dtype = self.image_rgb.shape, self.image_rgb.dtype
+        if dtype != np.uint8 or len(size) != 3 or size[2] != 3:
+            raise ValueError(f"{self.file}: image_rgb must be (H, W, 3) of uint8, got {size} of {dtype}")
+        if self.camera is None:
+            object.__setattr__(self, "camera", Camera.unknown(size[1], size[0]))
         shape = (self.camera.height, self.camera.width)
-        if self.image_rgb.dtype != np.uint8:
-            raise ValueError(f"{self.file}: image must be uint8, got {self.image_rgb.dtype}")
-        if self.image_rgb.shape != (*shape, 3):
+        if size[:2] != shape:
             raise ValueError(
-                f"{self.file}: the camera is {shape[1]}x{shape[0]} px but the image has shape {self.image_rgb.shape}"
+                f"{self.file}: the camera is {shape[1]}x{shape[0]} px but the image is {size[1]}x{size[0]} px"
             )
         if self.depth_m is not None and self.depth_m.shape != shape:
             raise ValueError(
@@ -260,7 +266,7 @@ class Frame:
                 f"but the image is {shape[1]}x{shape[0]} px"
             )
         if self.world_from_body is not None and not self.camera.known:
-            raise ValueError(f"{self.file}: a pose of a camera that is not known; give the camera, or no pose")
+            raise ValueError(f"{self.file}: world_from_body needs a known camera; {CAMERA_REMEDY}")
 
     @property
     def missing(self) -> Diagnostic | None:
@@ -481,7 +487,7 @@ class TrackState(StrEnum):
 
 @dataclass(frozen=True)
 class Protection:
-    """Errors larger than these, without a flag, are as rare as `risk` says."""
+    """Errors larger than these, without a flag, have a probability of `risk`."""
 
     lateral_m: float
     """Bound on the error of the lateral deviation, m."""

@@ -6,6 +6,7 @@ import socket
 from contextlib import contextmanager
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 
@@ -15,7 +16,15 @@ CAMERA = "width=64\nheight=36\nfx=50.0\nfy=50.0\ncx=31.5\ncy=17.5\n"
 AIRSIM = "VehicleName\tTimeStamp\tPOS_X\tPOS_Y\tPOS_Z\tQ_W\tQ_X\tQ_Y\tQ_Z\tImageFile\n"
 ROW = "D\t100\t0\t0\t-30\t1\t0\t0\t0\timg_D_0_0_1.png\n"
 FAST = ("--detector", "classical", "--dehazer", "none")
-HUGE = "1" + 400 * "0"
+RUN = " ".join(("--out out", *FAST))
+IMPORT = "labels import . --out out --format"
+LOGGED = f"run . --poses x.%s --pose-offset-s 0 {RUN}"
+A, TIMES = {"a.png": PICTURE}, {"times.csv": "file,time_s\na.png,1.2\n"}
+AIR = {"airsim_rec.txt": AIRSIM + ROW, "images/img_D_0_0_1.png": PICTURE}
+DEEP_AIR = {**AIR, "airsim_rec.txt": AIRSIM + ROW.replace(".png", ".png;img_D_0_1_1.pfm")}
+BY_NAME = "file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\na.png,1.2,0,0,-30,1,0,0,0\n"
+BY_TIME = "time_s,x_m,y_m,z_m,qw,qx,qy,qz\n1,0,0,-30,1,0,0,0\n1.4,0,0,-30,1,0,0,0\n"
+YAML = "image_width: 64\nimage_height: 36\ncamera_matrix: [50.0, 0.0, 32.0, 0.0, 50.0, 18.0, 0.0, 0.0, 1.0]\n"
 DEEP = 1200 * "[" + 1200 * "]"
 BARS = ("frames ", "importing ", "exporting ", "evaluating ")  # that show how far a command is
 LONGEST_S, MOST_BYTES = 30.0, 2 << 30
@@ -38,6 +47,21 @@ def lay(folder: Path, files: dict) -> None:
 
 def link_to(target: str):
     return lambda path: path.symlink_to(target)
+
+
+def film(path: Path) -> None:
+    """A video of one picture."""
+    with av.open(str(path), "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 36, "yuv420p"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(GREY, format="rgb24")))
+        container.mux(stream.encode())
+
+
+def write_log(write, *attitude):
+    """An autopilot's log of the time of `TIMES`."""
+    times = (1.0, 1.2, 1.4)
+    return lambda path: write(path, [(t, *attitude) for t in times], [(t, 46.0, 7.0, 100.0) for t in times])
 
 
 def sparse(path: Path) -> None:

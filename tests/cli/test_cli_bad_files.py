@@ -6,25 +6,34 @@ import json
 import os
 import zipfile
 
-import av
 import cv2
 import numpy as np
 import pytest
 from bad_files import (
-    AIRSIM,
+    AIR,
+    BY_NAME,
+    BY_TIME,
     CAMERA,
     DEEP,
+    DEEP_AIR,
     FAST,
     GREY,
+    IMPORT,
+    LOGGED,
     PICTURE,
-    ROW,
+    RUN,
+    TIMES,
+    YAML,
+    A,
     bounded,
     check_line,
+    film,
     lay,
     lines_of,
     link_to,
     listen,
     sparse,
+    write_log,
 )
 
 from deckline.cli.main import main
@@ -34,9 +43,6 @@ DEPTH = b"Pf\n64 36\n-1\n" + np.full((36, 64), 20.0, "<f4").tobytes()
 TRUTH = {side: {"p0_m": [5.0, y, 0.0], "p1_m": [90.0, y, 0.0]} for side, y in (("left", -9.0), ("right", 9.0))}
 ENTRY = {"deck_z_m": 0.0, "truth": {**TRUTH, "visibility_m": 900.0, "clear_image": "clear/a.png"}}
 SCENE = json.dumps({"format": "deckline-scene", "version": 1, "frames": {"img_D_0_0_1.png": ENTRY}})
-BY_NAME = "file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\na.png,1.2,0,0,-30,1,0,0,0\n"
-BY_TIME = "time_s,x_m,y_m,z_m,qw,qx,qy,qz\n1,0,0,-30,1,0,0,0\n1.4,0,0,-30,1,0,0,0\n"
-YAML = "image_width: 64\nimage_height: 36\ncamera_matrix: [50.0, 0.0, 32.0, 0.0, 50.0, 18.0, 0.0, 0.0, 1.0]\n"
 LINES = {"left_px": [[20, 30], [28, 10]], "right_px": [[44, 30], [36, 10]]}
 COCO = {
     "images": [{"id": 1, "file_name": "a.png", "width": 64, "height": 36}],
@@ -48,20 +54,6 @@ COCO = {
 TUSIMPLE = {"raw_file": "a.png", "h_samples": [10, 30], "lanes": [[28, 20], [36, 44]]}
 SHAPES = [{"label": side, "shape_type": "line", "points": LINES[f"{side}_px"]} for side in ("left", "right")]
 YOLO = "0 .5 .5 1 1 .3 .8 2 .4 .3 2 .7 .8 2 .6 .3 2"
-STEPS = (1.0, 1.2, 1.4)
-PLACES = [(t, 46.0, 7.0, 100.0) for t in STEPS]
-
-
-def film(path) -> None:
-    with av.open(str(path), "w", format="mp4") as container:
-        stream = container.add_stream("libx264", rate=10)
-        stream.width, stream.height, stream.pix_fmt = 64, 36, "yuv420p"
-        container.mux(stream.encode(av.VideoFrame.from_ndarray(GREY, format="rgb24")))
-        container.mux(stream.encode())
-
-
-def log(write, *values):
-    return lambda path: write(path, [(t, *values) for t in STEPS], PLACES)
 
 
 def utf16(valid: bytes) -> bytes:
@@ -75,12 +67,6 @@ def zipped(_valid: bytes) -> bytes:
     return target.getvalue()
 
 
-RUN = " ".join(("--out out", *FAST))
-IMPORT = "labels import . --out out --format"
-A, TIMES = {"a.png": PICTURE}, {"times.csv": "file,time_s\na.png,1.2\n"}
-LOGGED = f"run . --poses x.%s --pose-offset-s 0 {RUN}"
-AIR = {"airsim_rec.txt": AIRSIM + ROW, "images/img_D_0_0_1.png": PICTURE}
-DEEP_AIR = {**AIR, "airsim_rec.txt": AIRSIM + ROW.replace(".png", ".png;img_D_0_1_1.pfm")}
 PARTLY = {**A, "out/guidance.jsonl": "", "out/.unfinished/run.json": "{}"}
 # A file: its contents where it is whole, None where it takes a renderer or a network; the files around it; the command.
 FILES = {
@@ -91,12 +77,13 @@ FILES = {
     "camera.toml": (CAMERA, A, f"run . {RUN}"),
     "camera.yaml": (YAML, A, f"run . {RUN}"),
     "given.toml": (CAMERA, A, f"run . --camera given.toml {RUN}"),
+    "runway.toml": ("[deck]\nwidth_m = 20.0\n", A, f"run . {RUN}"),
     "poses.csv": (BY_NAME, A, f"run . {RUN}"),
     "given.csv": (BY_TIME, {**A, **TIMES}, f"run . --poses given.csv {RUN}"),
     "times.csv": (TIMES["times.csv"], A, f"run . {RUN}"),
-    "x.bin": (log(dataflash, 1.0, 2.0, 3.0), {**A, **TIMES}, LOGGED % "bin"),
-    "x.tlog": (log(telemetry, 1.0, 2.0, 3.0), {**A, **TIMES}, LOGGED % "tlog"),
-    "x.ulg": (log(ulog, 1.0, 0.0, 0.0, 0.0), {**A, **TIMES}, LOGGED % "ulg"),
+    "x.bin": (write_log(dataflash, 1.0, 2.0, 3.0), {**A, **TIMES}, LOGGED % "bin"),
+    "x.tlog": (write_log(telemetry, 1.0, 2.0, 3.0), {**A, **TIMES}, LOGGED % "tlog"),
+    "x.ulg": (write_log(ulog, 1.0, 0.0, 0.0, 0.0), {**A, **TIMES}, LOGGED % "ulg"),
     "depth/a.pfm": (DEPTH, {**A, "camera.toml": CAMERA}, f"run . {RUN}"),
     "airsim_rec.txt": (AIR["airsim_rec.txt"], AIR, f"run . {RUN}"),
     "images/img_D_0_0_1.png": (PICTURE, AIR, f"run . {RUN}"),
@@ -142,7 +129,7 @@ FAULTS = {
 # Without keys a configuration leaves all as it is; without rows a picture has no runway; without its state a run begins
 # anew; and data.yaml may hold anything beside the names of keypoints.
 CONTENTS = tuple(FAULTS)[tuple(FAULTS).index("nothing in it") :]
-HARMLESS = {(name, "nothing in it") for name in ("x.toml", "ship.toml", "a.lines.txt", "a.txt")}
+HARMLESS = {(name, "nothing in it") for name in ("x.toml", "ship.toml", "runway.toml", "a.lines.txt", "a.txt")}
 HARMLESS |= {("out/.unfinished/run.json", fault) for fault in ("a link to nothing", "a link to itself")}
 HARMLESS |= {("data.yaml", fault) for fault in CONTENTS}
 KINDS = [(file, fault) for file in FILES for fault in FAULTS if (file, fault) not in HARMLESS]

@@ -174,19 +174,11 @@ def test_intrinsics_for_another_resolution(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "text"),
-    [
-        ("", "empty"),
-        ("\n \n", "empty"),
-        (HEADER + "\n", "zero frames"),
-        (HEADER.replace("Q_W", "QW") + "\n", "line 1: column Q_W missing"),
-        (HEADER.replace("\t", " ") + "\n", "TimeStamp, POS_X"),
-        (HEADER + "\tQ_W\n", "line 1: column Q_W "),
-    ],
+    ("header", "text"), [(HEADER.replace("Q_W", "QW"), "Q_W"), (HEADER.replace("\t", " "), "TimeStamp, POS_X")]
 )
-def test_record_file_that_cannot_be_read(tmp_path, content, text):
-    (tmp_path / "airsim_rec.txt").write_text(content)
-    with pytest.raises(RecordingError, match=f"airsim_rec.txt.*{text}"):
+def test_record_file_without_its_columns_is_named(tmp_path, header, text):
+    (tmp_path / "airsim_rec.txt").write_text(header + "\n")
+    with pytest.raises(RecordingError, match=rf"airsim_rec\.txt.*{text}"):
         open_recording(tmp_path)
 
 

@@ -56,7 +56,7 @@ def test_without_an_origin_the_first_position_is_it_and_gaps_stay(tmp_path, name
 
 
 def test_a_log_needs_its_clock_stated(tmp_path):
-    with pytest.raises(RecordingError, match=r"log\.bin counts seconds since .* --pose-offset-s"):
+    with pytest.raises(RecordingError, match=r"log\.bin.*--pose-offset-s"):
         read_log_track(dataflash(tmp_path / "log.bin", ANGLES, PLACES), Navigation())
 
 
@@ -86,7 +86,7 @@ def test_a_log_without_satellites_has_its_local_frame(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"garbage, and more of it"])
 def test_garbage_is_named(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(RecordingError, match=rf"{name}: not a"):
+    with pytest.raises(RecordingError, match=name):
         read_log_track(tmp_path / name, OWN_CLOCK)
 
 
@@ -101,17 +101,31 @@ def test_a_log_cut_short_gives_its_beginning(tmp_path, name):
 def test_a_damaged_message_that_meets_the_end_is_read_once(tmp_path):
     path, unknown = tmp_path / "log.ulg", b"\x13\0\0"  # of 19 bytes, of which 10 are there
     path.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8) + 10 * b"\x01\0I\0" + unknown + bytes(10))
-    with pytest.raises(RecordingError, match=r"log\.ulg: a log needs"):
+    with pytest.raises(RecordingError, match=r"log\.ulg.*vehicle_attitude"):
         read_log_track(path, OWN_CLOCK)
 
 
 def test_what_a_log_lacks_is_named(tmp_path):
-    with pytest.raises(RecordingError, match=r"log\.bin: a log needs ATT and POS or XKF1"):
+    with pytest.raises(RecordingError, match=r"log\.bin.*ATT.*POS.*XKF1"):
         read_log_track(dataflash(tmp_path / "log.bin", ANGLES, []), OWN_CLOCK)
-    with pytest.raises(RecordingError, match=r"log\.tlog: ATTITUDE: the clock jumps back from 13\.960 to 10\.000"):
+    with pytest.raises(RecordingError, match=r"log\.tlog.*ATTITUDE.*13\.960.*10\.000"):
         twice = telemetry(tmp_path / "log.tlog", ANGLES, PLACES).read_bytes() * 2
         (tmp_path / "log.tlog").write_bytes(twice)
         read_log_track(tmp_path / "log.tlog", OWN_CLOCK)
+
+
+def test_what_a_parser_prints_of_damage_is_counted_and_not_shown(tmp_path, capfd):
+    path = dataflash(tmp_path / "log.bin", ANGLES, PLACES)
+    data = path.read_bytes()
+    middle = data.index(b"\xa3\x95\x81", 1500)  # where a message begins
+    path.write_bytes(data[:middle] + bytes(50) + data[middle:])
+    track = read_log_track(path, OWN_CLOCK)
+    assert (len(track.notes), track.at(12.0) is None) == (2, False)
+    assert " 51 " in track.notes[0]
+    (tmp_path / "noise.bin").write_bytes(b"\xa3\x95\x80" + bytes(range(256)))
+    with pytest.raises(RecordingError, match=r"noise\.bin"):
+        read_log_track(tmp_path / "noise.bin", OWN_CLOCK)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_missing_parser_names_the_extra(tmp_path, monkeypatch):
@@ -139,7 +153,7 @@ def test_attitudes_are_turned_into_the_axes_of_the_origin(tmp_path):
 def test_positions_that_are_no_geodetic_ones(tmp_path):
     path = tmp_path / "poses.csv"
     path.write_text("time_s,lat_deg,lon_deg,alt_m,qw,qx,qy,qz\n0,95,0,0,1,0,0,0\n1,95,0,0,1,0,0,0\n")
-    with pytest.raises(RecordingError, match=r"poses\.csv: latitude"):
+    with pytest.raises(RecordingError, match=r"poses\.csv.*latitude.*95"):
         read_csv_track(path, OWN_CLOCK)
     with pytest.raises(ValueError, match=r"origin.*95"):
         Navigation(origin=(95.0, 0.0, 0.0))

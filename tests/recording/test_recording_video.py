@@ -18,19 +18,40 @@ def level(index: int) -> int:
     return 20 + 15 * index
 
 
+def encode(path, codec, pictures, times=None, lost=(), pix_fmt="yuv420p"):
+    """A video of pictures (H, W, 3) at these multiples of 40 ms, without these packets."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pix_fmt
+        packets = []
+        for time, picture in zip(times or range(len(pictures)), pictures, strict=True):
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame.pts, frame.time_base = time, Fraction(1, 25)
+            packets += stream.encode(frame)
+        packets += stream.encode()
+        container.mux([packet for number, packet in enumerate(packets) if number not in lost])
+    return path
+
+
+def flat(*colour):
+    return np.full((HEIGHT, WIDTH, 3), colour, np.uint8)
+
+
 @pytest.fixture
 def film(tmp_path):
     """A film at 25 frames/s whose frame n is a flat red of level(n)."""
-    path = tmp_path / "approach.mp4"
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=25)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        for index in range(COUNT):
-            image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-            image[:, :, 0] = level(index)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
-        container.mux(stream.encode())
-    return path
+    return encode(tmp_path / "approach.mp4", "libx264", [flat(level(index), 0, 0) for index in range(COUNT)])
+
+
+@pytest.fixture
+def write_film(tmp_path):
+    """Writes a film of flat grey levels at these multiples of 40 ms, without these packets."""
+
+    def write(name, times, lost=()):
+        pictures = [flat(level(index)) for index in range(len(times))]
+        return encode(tmp_path / name, "mjpeg", pictures, list(times), lost, "yuvj420p")
+
+    return write
 
 
 def beside(film, **files):
@@ -72,27 +93,12 @@ def test_poses_go_by_time_between_the_rows(film):
     np.testing.assert_allclose(x, np.arange(11) / 10, atol=1e-6)
     assert frames[11].missing is NO_POSE
     assert "1 of 12 pictures have no pose" in source.notes[0]
-    with pytest.raises(RecordingError, match=r"no pose .* 10\.000 to 10\.400 s.* 0\.000 to 0\.440 s.*--pose-offset"):
+    with pytest.raises(RecordingError, match=r"10\.000.*10\.400.*0\.000.*0\.440.*--pose-offset-s"):
         open_recording(film)
 
 
-def write_film(path, times, lost=()):
-    """A film with pictures at these multiples of 40 ms, each a flat level, and without these packets."""
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mjpeg", rate=25)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuvj420p"
-        packets = []
-        for index, time in enumerate(times):
-            picture = av.VideoFrame.from_ndarray(np.full((HEIGHT, WIDTH, 3), level(index), np.uint8), format="rgb24")
-            picture.pts, picture.time_base = time, Fraction(1, 25)
-            packets += stream.encode(picture)
-        packets += stream.encode()
-        container.mux([packet for number, packet in enumerate(packets) if number not in lost])
-    return path
-
-
-def test_lost_packets_move_no_poses(tmp_path):
-    film = write_film(tmp_path / "film.mkv", range(COUNT), lost=(3, 4, 5))
+def test_lost_packets_move_no_poses(write_film):
+    film = write_film("film.mkv", range(COUNT), lost=(3, 4, 5))
     rows = "".join(f"{n},{100 + n / 25},{n},0,0,1,0,0,0\n" for n in range(COUNT))
     source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows))
     frames = list(source)
@@ -103,16 +109,16 @@ def test_lost_packets_move_no_poses(tmp_path):
     assert "drift apart by 0.120 s" in source.notes[0]
 
 
-def test_a_container_without_times_says_that_lost_packets_move_poses(tmp_path):
-    film = write_film(tmp_path / "film.avi", range(COUNT))
+def test_a_container_without_times_says_that_lost_packets_move_poses(write_film):
+    film = write_film("film.avi", range(COUNT))
     rows = "".join(f"{n},{n / 25},{n},0,0,1,0,0,0\n" for n in range(COUNT))
     source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES + rows))
     assert any("avi stores no times" in note for note in source.notes)
 
 
-def test_a_variable_rate_keeps_its_times(tmp_path):
+def test_a_variable_rate_keeps_its_times(write_film):
     times = np.array([0, 1, 2, 7, 8, 30])
-    film = write_film(tmp_path / "film.mkv", times.tolist())
+    film = write_film("film.mkv", times.tolist())
     rows = "".join(f"{t},{t},0,0,1,0,0,0\n" for t in np.arange(0, 1.21, 0.4))
     source = open_recording(beside(film, camera__toml=CAMERA, poses__csv=POSES.replace("file,", "") + rows))
     for index, frame in enumerate(source):
@@ -122,13 +128,8 @@ def test_a_variable_rate_keeps_its_times(tmp_path):
 
 
 def test_a_film_without_times_is_refused(tmp_path):
-    path = tmp_path / "film.h264"
-    with av.open(str(path), "w", format="h264") as container:
-        stream = container.add_stream("libx264", rate=25)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        container.mux(stream.encode(av.VideoFrame(WIDTH, HEIGHT, "yuv420p")))
-        container.mux(stream.encode())
-    with pytest.raises(RecordingError, match=r"film\.h264.*presentation times.*ffmpeg"):
+    path = encode(tmp_path / "film.h264", "libx264", [flat(0)])
+    with pytest.raises(RecordingError, match=r"film\.h264.*ffmpeg"):
         open_recording(path)
 
 
@@ -156,15 +157,8 @@ def test_intrinsics_are_scaled_to_pictures_of_the_same_shape_and_refused_for_oth
 @pytest.fixture
 def motion_jpeg(tmp_path):
     """A film whose frames are JPEG pictures of noise, each for itself, and where each begins in the file."""
-    path = tmp_path / "film.avi"
-    rng = np.random.default_rng(0)
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mjpeg", rate=25)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuvj420p"
-        for _ in range(COUNT):
-            image = rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
-        container.mux(stream.encode())
+    pictures = np.random.default_rng(0).integers(0, 256, (COUNT, HEIGHT, WIDTH, 3), dtype=np.uint8)
+    path = encode(tmp_path / "film.avi", "mjpeg", list(pictures), pix_fmt="yuvj420p")
     data = path.read_bytes()
     starts = [match.start() for match in re.finditer(rb"\xff\xd8\xff", data)]
     assert len(starts) == COUNT

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from deckline.extras import needs_extra
 
 
-class Command(NamedTuple):
+class CliCommand(NamedTuple):
     """Where a command lies: its module has COMMANDS, functions by name, and may have EXAMPLES, lines by command."""
 
     module: str
@@ -21,21 +21,23 @@ class Command(NamedTuple):
 
 
 TABLE = {
-    "demo": Command("deckline.cli.run", "Fly the shipped sample approach: report, film and guidance in demo-out."),
-    "run": Command("deckline.cli.run", "Find the runway in a recording, pictures, a video, or live in a simulator."),
-    "live": Command("deckline.cli.live", "Guide from a camera, a network stream or a simulator, as JSON lines."),
-    "convert": Command("deckline.cli.convert", "Copy a recording into deckline's layout, AirSim's, or a ROS bag."),
-    "info": Command("deckline.cli.info", "Print versions, the processor, the engines and the shipped weights."),
-    "sim": Command("deckline_sim.cli", "Render a recording of a deck, or serve AirSim's clients.", "sim"),
-    "dataset": Command("deckline_lab.cli.dataset", "Render the paper's dataset of hazy pairs, or check one.", "sim"),
-    "benchmark": Command("deckline_lab.cli.benchmark", "Measure how long every stage takes on this machine."),
-    "train": Command("deckline_lab.cli.train", "Train a network.", "train", is_group=True),
-    "eval": Command("deckline_lab.cli.eval", "Measure the chain against truth.", "sim", is_group=True),
-    "reproduce": Command("deckline_lab.cli.reproduce", "Print the paper's Tables 4, 5 and 6 beside ours.", "train"),
-    "labels": Command("deckline_lab.cli.labels", "Write or read runway labels in other tools' formats.", is_group=True),
+    "demo": CliCommand("deckline.cli.run", "Fly the shipped sample approach: report, film and guidance in demo-out."),
+    "run": CliCommand("deckline.cli.run", "Find the runway in a recording, pictures, a video, or live in a simulator."),
+    "live": CliCommand("deckline.cli.live", "Guide from a camera, a network stream or a simulator, as JSON lines."),
+    "convert": CliCommand("deckline.cli.convert", "Copy a recording into deckline's layout, AirSim's, or a ROS bag."),
+    "info": CliCommand("deckline.cli.info", "Print versions, the processor, the engines and the shipped weights."),
+    "sim": CliCommand("deckline_sim.cli", "Render a recording of a deck, or serve AirSim's clients.", "sim"),
+    "dataset": CliCommand("deckline_lab.cli.dataset", "Render the paper's dataset of hazy pairs, or check one.", "sim"),
+    "benchmark": CliCommand("deckline_lab.cli.benchmark", "Measure how long every stage takes on this machine."),
+    "train": CliCommand("deckline_lab.cli.train", "Train a network.", "train", is_group=True),
+    "eval": CliCommand("deckline_lab.cli.eval", "Measure the chain against truth.", "sim", is_group=True),
+    "reproduce": CliCommand("deckline_lab.cli.reproduce", "Print the paper's Tables 4, 5 and 6 beside ours.", "train"),
+    "labels": CliCommand(
+        "deckline_lab.cli.labels", "Write or read runway labels in other tools' formats.", is_group=True
+    ),
 }
 EXAMPLES = ("deckline demo", "deckline run flights/first --out out --deck-z-m -18")
-DESCRIPTION = "Sees a ship's landing deck through haze and says where the aircraft is relative to its lines."
+DESCRIPTION = "Detects a ship's landing deck through haze and estimates where the aircraft is relative to its lines."
 HELP = ("-h", "--help")
 HELP_COLUMNS = 100
 

@@ -26,7 +26,7 @@ def convert(
     out: Path,
     plain: bool = False,
     camera: Path | None = None,
-    fov_deg: float = 90.0,
+    fov_deg: float | None = None,
     mount_m: tuple[float, float, float] = NO_TURN,
     mount_deg: tuple[float, float, float] = NO_TURN,
     deck_z_m: float | None = None,
@@ -40,7 +40,7 @@ def convert(
         out: new folder, or new .mcap file of the ROS 2 profile.
         plain: leave scene.json and the clear images out, for AirSim's own tools.
         camera: camera.toml with intrinsics and mount; goes before the options below.
-        fov_deg: horizontal field of view.
+        fov_deg: horizontal field of view, where no file has the camera; of AirSim's recordings 90 when not given.
         mount_m: where the camera sits on the vehicle: forward, right, down of its centre.
         mount_deg: how the camera is turned on the vehicle: roll, pitch (up is positive), yaw.
         deck_z_m: world z (down, metres) of the deck plane.
@@ -58,7 +58,7 @@ def convert(
         rows, files, notes = drop_scene(recording, out)
     else:
         if camera is not None and mounted:
-            raise ValueError(f"{camera} says how the camera is mounted: leave --mount-m and --mount-deg out")
+            raise ValueError(f"{camera} states the camera's mount: leave --mount-m and --mount-deg out")
         if not np.isfinite((*mount_m, *mount_deg)).all():
             raise ValueError("--mount-m and --mount-deg must be finite numbers")
         given = None if camera is None else read_camera_file(camera)

@@ -78,7 +78,7 @@ def live(
     if duration is not None and not duration > 0:
         raise ValueError(f"--duration must be greater than 0, got {duration}")
     config = opening.place_poses(options.run_config())
-    wall, flight = WallClock(), Flight.from_config(config)
+    wall = WallClock()
     with ExitStack() as stack:
         send = stack.enter_context(open_output(to))
         pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, stack)
@@ -90,6 +90,8 @@ def live(
             opened = opening.open_simulator(source, rate, poses)
         else:
             opened = Playback(opening.open_recording(source, config, poses))
+            config = opening.place_poses(options.run_config(opened.base_config))
+        flight = stack.enter_context(Flight.from_config(config))
         for note in opened.notes:
             print_line(f"note: {note}")
         if out is not None:

@@ -10,7 +10,7 @@ UNREAD = 141  # and for one whose output nobody reads any more, as behind `| hea
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns the exit code. Bad input ends with one line and code 2, Ctrl-C with 130.
 
-    A command that is interrupted says what it wrote in the text of its KeyboardInterrupt.
+    The text of an interrupted command's KeyboardInterrupt names what it wrote.
     """
     args = sys.argv[1:] if argv is None else argv
     try:
@@ -38,15 +38,14 @@ def _run_command(args: list[str]) -> Any:
 def _report(error: Exception) -> int:
     """Print an error of the user's input as one line; returns the exit code."""
     import os
-    import textwrap
 
-    longest = 2000  # characters
+    from deckline.files import describe_error
+
     if isinstance(error, BrokenPipeError) and _is_unread():
         return UNREAD
     if os.environ.get("DECKLINE_TRACEBACK"):
         raise error
-    words = str(error) or type(error).__name__
-    _print_line(f"deckline: error: {textwrap.shorten(words, longest, placeholder=' ...')}")
+    _print_line(f"deckline: error: {describe_error(error)}")
     return 2
 
 

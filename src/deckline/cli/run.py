@@ -8,7 +8,7 @@ import tyro
 
 from deckline.cli.sources import SIMULATOR, SourceOptions
 from deckline.cli.views import ViewOptions
-from deckline.files import print_line, printable, read_regular
+from deckline.files import name_in_errors, print_line, printable, read_regular
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import Recording, Source, open_recording, select_frames
@@ -26,7 +26,9 @@ def demo(out: Path = Path("demo-out")) -> int:
     """
     recording = out / "approach"
     own = recording.exists()
-    return _run(unpack_sample(recording), Flight.from_config(), out, overwrite=own)
+    source = unpack_sample(recording)
+    with Flight.from_config(source.base_config) as flight:
+        return _run(source, flight, out, overwrite=own)
 
 
 def unpack_sample(folder: Path) -> Recording:
@@ -44,7 +46,7 @@ def run(
     out: Path,
     opening: Annotated[SourceOptions, tyro.conf.arg(name="")] = SOURCE,
     poses: str | None = None,
-    fov_deg: float = 90.0,
+    fov_deg: float | None = None,
     every: int = 1,
     start: float = 0.0,
     duration: float | None = None,
@@ -62,7 +64,7 @@ def run(
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
         opening: of the source.
         poses: poses.csv, when not beside the source, or a log of ArduPilot (.bin, .tlog) or PX4 (.ulg).
-        fov_deg: horizontal field of view of an AirSim recording without a camera file.
+        fov_deg: horizontal, without a camera file.
         every: take one frame of so many.
         start: seconds after the first frame at which to begin.
         duration: seconds of the recording to take.
@@ -74,15 +76,19 @@ def run(
         overwrite: replace the results of an older run in `out`.
     """
     config = opening.place_poses(options.run_config())
-    flight = Flight.from_config(config)
     opened: Source
     if source.startswith(SIMULATOR):
         if (every, start, duration) != (1, 0.0, None):
             raise ValueError(f"{source}: a simulator runs live: leave --every, --start and --duration out, take --rate")
         opened = opening.open_simulator(source, rate, poses)
     else:
-        opened = select_frames(opening.open_recording(source, config, poses, fov_deg), every, start, duration)
-    with watching.open(source, config, is_live=False, overwrite=overwrite) as views:
+        recording = opening.open_recording(source, config, poses, fov_deg)
+        opened = select_frames(recording, every, start, duration)
+        config = opening.place_poses(options.run_config(opened.base_config))
+    with (
+        Flight.from_config(config) as flight,
+        watching.open(source, config, is_live=False, overwrite=overwrite) as views,
+    ):
         return _run(opened, flight, out, max_frames=max_frames, resume=resume, overwrite=overwrite, views=views)
 
 
@@ -92,7 +98,8 @@ def _run(source: Source, flight: Flight, out: Path, **how: Any) -> int:
 
     for note in source.notes:
         print_line(f"note: {note}")
-    summary = run_flight(source, flight, out, **how)
+    with name_in_errors(out):
+        summary = run_flight(source, flight, out, **how)
     for path in summary.written:
         print(printable(path))
     return summary.exit_code

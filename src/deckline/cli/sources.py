@@ -45,7 +45,9 @@ class SourceOptions:
         navigation: Any = {name: value for name, value in stated.items() if value is not None}
         return replace(config, navigation=replace(config.navigation, **navigation))
 
-    def open_recording(self, path: str, config: RunConfig, poses: str | None, fov_deg: float = 90.0) -> Recording:
+    def open_recording(
+        self, path: str, config: RunConfig, poses: str | None, fov_deg: float | None = None
+    ) -> Recording:
         """A recording, a folder of images, a video or a bag.
 
         Raises:

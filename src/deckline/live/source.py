@@ -75,6 +75,7 @@ class Playback(LiveSource):
 
     def __init__(self, recording: Recording) -> None:
         super().__init__(recording.name, recording.notes)
+        self.base_config = recording.base_config
         self._recording = recording
 
     def captures(self) -> Iterator[Captured | BadFrame]:

@@ -1,6 +1,6 @@
 """Recordings: AirSim-layout folders (read and write), image folders and video files."""
 
-from deckline.recording.opening import open_recording
+from deckline.recording.layouts import open_recording
 from deckline.recording.selection import select_frames
 from deckline.recording.source import BadFrame, FrameError, Recording, RecordingError, Source
 from deckline.recording.writer import RecordingWriter

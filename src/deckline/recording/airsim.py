@@ -6,7 +6,6 @@ with `;` the names img_<vehicle>_<camera>_<type>_<ns>.<ext> of images/, of one o
 Source: AirSim, "Recording" in its documentation; image types in its "Image APIs".
 """
 
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +16,12 @@ from numpy.typing import NDArray
 
 from deckline.checks import check_choice, check_numbers
 from deckline.files import is_there
-from deckline.geometry import Camera, camera_mount
-from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping
+from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping, check_fov, make_pinhole
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
-from deckline.recording.poses import Cells, Rows, parse_number, parse_pose, read_table
-from deckline.recording.scene import SCENE_FILE, Scene, get_clear_image, read_scene, truth_from_mapping
+from deckline.recording.poses import parse_pose
+from deckline.recording.scene_file import SCENE_FILE, SceneFile, get_clear_image, read_scene, truth_from_mapping
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
+from deckline.recording.text_table import Cells, TextTable, read_table
 from deckline.types import Frame
 
 RECORD_FILE = "airsim_rec.txt"
@@ -33,19 +32,26 @@ HEADER = ("VehicleName", *REQUIRED)
 CAR_COLUMNS = ("Throttle", "Steering", "Brake", "Gear", "Handbrake", "RPM", "Speed")  # between pose and ImageFile
 SCENE = 0  # AirSim's image type of the picture itself
 MS_PER_S = 1000.0
+AIRSIM_FOV_DEG = 90.0  # AirSim's default
 _IMAGE_NAME = re.compile(r"(?P<camera>img_.*)_(?P<type>\d+)_(?P<ns>\d+)\.(?P<suffix>\w+)")
 
 
 @dataclass(frozen=True, eq=False)
 class ReadOptions:
-    """How to read what a recording does not say itself."""
+    """How to read what a recording does not state itself."""
 
-    fov_deg: float = 90.0  # horizontal, of an AirSim recording without camera; 90 is AirSim's default
-    camera: MountedCamera | None = None  # given by the user: goes before the files'
-    deck_z_m: float | None = None  # world z of the deck plane; None: as the recording says
-    sea_z_m: float | None = None  # world z of the water; None: as the recording says
-    pfm_rows: PfmRows = "top-to-bottom"  # AirSim's order
-    far_m: float = FAR_DEPTH_M  # stored depths from here on mean "nothing seen"
+    fov_deg: float | None = None
+    """Horizontal field of view, degrees, of a recording without a camera; None: of AirSim's recordings 90."""
+    camera: MountedCamera | None = None
+    """Given by the user; it goes before the files'."""
+    deck_z_m: float | None = None
+    """World z (down) of the deck plane, m; None: as the recording states."""
+    sea_z_m: float | None = None
+    """World z (down) of the water, m; None: as the recording states."""
+    pfm_rows: PfmRows = "top-to-bottom"
+    """Order of the rows in depth files; the default is AirSim's."""
+    far_m: float = FAR_DEPTH_M
+    """Stored depths from here on mean that nothing was seen, m."""
 
     def __post_init__(self) -> None:
         check_numbers(self, "", "fov_deg", above=0.0, below=180.0)
@@ -56,7 +62,7 @@ class ReadOptions:
 
 
 class AirSimRecording(Recording):
-    """A recording folder. `load` keeps no state, so threads and processes may share it.
+    """A recording folder. `load` changes no state, so threads and processes may share it.
 
     Raises:
         RecordingError: airsim_rec.txt is missing, empty, or lacks a column.
@@ -65,12 +71,15 @@ class AirSimRecording(Recording):
     def __init__(self, folder: Path, options: ReadOptions, fallback: MountedCamera | None = None) -> None:
         self.folder = folder
         self.name = str(folder)
-        self._scene = read_scene(folder / SCENE_FILE) if is_there(folder / SCENE_FILE) else Scene()
+        self._scene = read_scene(folder / SCENE_FILE) if is_there(folder / SCENE_FILE) else SceneFile()
         self._options = options
-        self._fallback = fallback
+        self._known = options.camera or self._scene.camera or fallback
+        if self._known is not None:
+            check_fov(self._known.camera, options.fov_deg, self.name)
         rows, notes = read_rows(folder / RECORD_FILE)
-        vehicle = rows[0][1].get("VehicleName", "")
-        self._rows = [row for row in rows if row[1].get("VehicleName", "") == vehicle]
+        vehicles = rows.texts("VehicleName")
+        vehicle = next(vehicles)
+        self._rows = rows.take(np.array([True, *(name == vehicle for name in vehicles)]))
         if len(self._rows) < len(rows):
             notes.append(f"{len(rows) - len(self._rows)} rows of vehicles other than {vehicle!r} are left out")
         self.notes = tuple(notes)
@@ -79,7 +88,7 @@ class AirSimRecording(Recording):
         return len(self._rows)
 
     def times(self) -> NDArray[np.float64]:
-        return np.array([parse_number(cells, "TimeStamp") / MS_PER_S for _, cells in self._rows])
+        return self._rows.numbers(["TimeStamp"])[:, 0] / MS_PER_S
 
     def load(self, index: int) -> Frame:
         check_index(index, len(self), self.name)
@@ -125,12 +134,11 @@ class AirSimRecording(Recording):
             return self._options.camera
         if "camera" in entry:
             return camera_from_mapping(entry["camera"], "scene.json: camera")
-        fov_rad = math.radians(self._options.fov_deg)
-        known = self._scene.camera or self._fallback
-        return known or MountedCamera(Camera.from_fov(shape[1], shape[0], fov_rad), camera_mount())
+        fov_deg = AIRSIM_FOV_DEG if self._options.fov_deg is None else self._options.fov_deg
+        return self._known or make_pinhole(shape[1], shape[0], fov_deg)
 
 
-def read_rows(path: Path) -> tuple[Rows, list[str]]:
+def read_rows(path: Path) -> tuple[TextTable, list[str]]:
     """Rows of airsim_rec.txt, by header, and notes about odd columns; errors as `read_table`."""
     return read_table(path, "\t", REQUIRED, ("VehicleName", *CAR_COLUMNS))
 

@@ -53,7 +53,7 @@ class Topic:
         return f"{self.name} ({self.kind.replace('/msg/', '/')})"
 
 
-class Reel:
+class MessageReader:
     """Messages of one topic, the next one read on from the last; those before it, or far ahead, are sought by time.
 
     Args:
@@ -79,7 +79,14 @@ class Reel:
         passed, self._next = index - self._next, -1  # should reading fail
         connection, _, data = next(islice(self._cursor, passed, None))
         self._next = index + 1
-        return self._reader.deserialize(data, connection.msgtype)
+        return deserialize(self._reader, connection, data)
+
+
+def deserialize(reader: Any, connection: Any, data: Any) -> Any:
+    """A message from its bytes. Raises what the parsers raise for damaged ones, a ValueError where SQLite has NULL."""
+    if data is None:
+        raise ValueError("a message without data (NULL)")
+    return reader.deserialize(data, connection.msgtype)
 
 
 class Bag(Recording):
@@ -89,7 +96,7 @@ class Bag(Recording):
         path: of the bag.
         pictures, stamps_s: messages and their times (N,).
         mounted: None: no camera_info and no camera file.
-        mount: where the camera sits while it moves on the body; None: as `mounted` says.
+        mount: where the camera sits while it moves on the body; None: as `mounted` states.
         track: None: no poses.
         depth: messages with depth and their times; None: there is none.
     """
@@ -97,15 +104,15 @@ class Bag(Recording):
     def __init__(
         self,
         path: Path,
-        pictures: tuple[Reel, NDArray[np.float64]],
+        pictures: tuple[MessageReader, NDArray[np.float64]],
         mounted: MountedCamera | None,
         mount: PoseTrack | None,
         track: PoseTrack | None,
-        depth: tuple[Reel, NDArray[np.float64]] | None,
+        depth: tuple[MessageReader, NDArray[np.float64]] | None,
     ) -> None:
         self.name = str(path)
         self._stem = path.name
-        self._reel, self._times = pictures
+        self._message_reader, self._times = pictures
         self._mounted, self._mount, self._track, self._depth = mounted, mount, track, depth
 
     def __len__(self) -> int:
@@ -118,7 +125,7 @@ class Bag(Recording):
         check_index(index, len(self), self.name)
         file, time_s = f"{self._stem}#{index}", float(self._times[index])
         with refuse(lambda reason: FrameError(file, reason)):
-            image = decode_picture(self._reel.read(index))
+            image = decode_picture(self._message_reader.read(index))
             if self._mounted is None:
                 return make_plain_frame(file, time_s, image)
             mounted, pose = self._mounted.fit(image.shape[1], image.shape[0]), None
@@ -133,9 +140,9 @@ class Bag(Recording):
     def _find_depth(self, time_s: float) -> NDArray[np.float32] | None:
         if self._depth is None:
             return None
-        reel, times = self._depth
+        reader, times = self._depth
         nearest = int(np.abs(times - time_s).argmin())
-        return decode_depth(reel.read(nearest)) if abs(times[nearest] - time_s) <= DEPTH_TOLERANCE_S else None
+        return decode_depth(reader.read(nearest)) if abs(times[nearest] - time_s) <= DEPTH_TOLERANCE_S else None
 
 
 @contextmanager
@@ -160,22 +167,22 @@ def open_reader(path: Path) -> tuple[Any, list[str]]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     files = _list_files(path)
-    if files == [path] and path.is_dir() and any(_whole_end(file) for file in path.glob("*.mcap")):
+    if files == [path] and path.is_dir() and any(_intact_bytes(file) for file in path.glob("*.mcap")):
         files = sorted(path.glob("*.mcap"))
     with refuse(lambda reason: RecordingError(f"{path}: not a ROS bag, or damaged: {reason}")):
-        mended: list[Any] = [_Torn(file, end) if (end := _whole_end(file)) else file for file in files]
-        reader = AnyReader(mended, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        repaired: list[Any] = [_TruncatedFile(file, end) if (end := _intact_bytes(file)) else file for file in files]
+        reader = AnyReader(repaired, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
     weakref.finalize(reader, _close, reader.stack)
-    torn = (file for file in mended if isinstance(file, _Torn))
-    return reader, [f"{file.path}: cut short: its first {file.end:,} bytes are whole and are read" for file in torn]
+    truncated = (file for file in repaired if isinstance(file, _TruncatedFile))
+    return reader, [f"{file.path}: cut short: its first {file.end:,} bytes are read" for file in truncated]
 
 
 def _close(stack: Any) -> None:
     stack.close()
 
 
-def _whole_end(path: Path) -> int:
+def _intact_bytes(path: Path) -> int:
     """Where the last whole record of an MCAP file that was cut short ends, bytes; 0: it is whole, or no such file.
 
     Source: MCAP specification (magic, records of opcode and length, Data End before the summary).
@@ -198,7 +205,7 @@ def _whole_end(path: Path) -> int:
 
 
 @dataclass(frozen=True)
-class _Torn:
+class _TruncatedFile:
     """A path, as rosbags takes it, to what is whole of an MCAP file, closed by a footer."""
 
     path: Path
@@ -215,10 +222,10 @@ class _Torn:
         return False
 
     def open(self, _mode: str) -> BinaryIO:
-        return io.BufferedReader(_Mended(open_regular(self.path), self.end))
+        return io.BufferedReader(_RepairedStream(open_regular(self.path), self.end))
 
 
-class _Mended(io.RawIOBase):
+class _RepairedStream(io.RawIOBase):
     """The first bytes of a file, then a footer."""
 
     def __init__(self, file: BinaryIO, end: int) -> None:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Navigation
-from deckline.recording.bag import Bag, Reel, Topic, open_reader, refuse
-from deckline.recording.camera_file import MountedCamera
+from deckline.recording.airsim import ReadOptions
+from deckline.recording.bag import Bag, MessageReader, Topic, deserialize, open_reader, refuse
+from deckline.recording.camera_file import check_fov, make_pinhole, note_pinhole
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
 from deckline.recording.ros_messages import (
     BODY,
@@ -42,7 +43,7 @@ CHOOSE = "choose with --topic"
 
 
 @dataclass(eq=False)
-class Contents:
+class BagContents:
     """What the scan of a bag found, by topic; times are those of the headers, s."""
 
     log_ns: dict[str, list[int]] = field(default_factory=dict)
@@ -53,7 +54,7 @@ class Contents:
     notes: list[str] = field(default_factory=list)
 
 
-class Chooser:
+class TopicSelector:
     """The topics of a bag and those that somebody named.
 
     Raises:
@@ -94,7 +95,7 @@ class Chooser:
         """The first message of a topic."""
         with refuse(lambda reason: RecordingError(f"{self.path}: {topic}: damaged: {reason}")):
             connection, _, data = next(self._reader.messages(topic.connections))
-            return self._reader.deserialize(data, connection.msgtype)
+            return deserialize(self._reader, connection, data)
 
     def pictures(self) -> tuple[Topic, Topic | None, list[str]]:
         """The pictures, the depth that belongs to them, and notes."""
@@ -154,16 +155,16 @@ class Chooser:
         return ", ".join(map(str, topics))
 
 
-def scan(path: Path, reader: Any, topics: Sequence[Topic]) -> Contents:
+def scan(path: Path, reader: Any, topics: Sequence[Topic]) -> BagContents:
     """Read all of a bag once: times of pictures, poses and transforms."""
-    found, kinds = Contents(), {topic.name: topic.kind for topic in topics}
+    found, kinds = BagContents(), {topic.name: topic.kind for topic in topics}
     readers = dict.fromkeys(POSES, read_pose) | dict.fromkeys(FIXES, read_fix) | dict.fromkeys(ATTITUDES, read_attitude)
     last_ns = 0
     try:
         with refuse(RecordingError):
             connections = [connection for topic in topics for connection in topic.connections]
             for connection, log_ns, data in reader.messages(connections):
-                message, name, last_ns = reader.deserialize(data, connection.msgtype), connection.topic, log_ns
+                message, name, last_ns = deserialize(reader, connection, data), connection.topic, log_ns
                 if kinds[name] in TREES:
                     found.tree.add(message, name.endswith(STATIC))
                     continue
@@ -180,8 +181,7 @@ def scan(path: Path, reader: Any, topics: Sequence[Topic]) -> Contents:
 def open_bag(
     path: Path,
     names: Sequence[str],
-    mounted: MountedCamera | None,
-    heights_m: tuple[float | None, float | None],
+    options: ReadOptions,
     track: PoseTrack | None,
     navigation: Navigation,
 ) -> Bag:
@@ -190,8 +190,7 @@ def open_bag(
     Args:
         path: MCAP, SQLite or ROS 1 file, or a ROS 2 bag's folder.
         names: topics that are preferred to others of their kind.
-        mounted: None: as camera_info and transforms say.
-        heights_m: world z (down) of deck and sea.
+        options: camera, else as camera_info and transforms state; heights of deck and sea; field of view without them.
         track: None: the bag's own poses.
         navigation: how poses are placed on pictures.
 
@@ -200,7 +199,7 @@ def open_bag(
         ImportError: the extra `ros` is not installed.
     """
     reader, notes = open_reader(path)
-    chooser = Chooser(path, reader, names)
+    chooser = TopicSelector(path, reader, names)
     pictures, depth, depth_notes = chooser.pictures()
     frame = chooser.first(pictures).header.frame_id
     sources = [] if track is not None else chooser.poses()
@@ -209,10 +208,15 @@ def open_bag(
     notes += [*depth_notes, *found.notes]
     body = _body_of(chooser, sources, found.tree, frame)
     mount: PoseTrack | RigidTransform | None = None
+    mounted = options.camera
     if mounted is None:
         info = chooser.info(pictures, frame)
         if info is not None:
             mounted = camera_from_info(chooser.first(info), "rect" in pictures.name, f"{path}: {info.name}")
+        if mounted is None and options.fov_deg is not None:
+            height, width = decode_picture(chooser.first(pictures)).shape[:2]
+            mounted = make_pinhole(width, height, options.fov_deg)
+            notes.append(note_pinhole(str(path), mounted.camera, options.fov_deg))
         if mounted is None:
             what = "no camera_info" if info is None else f"{info.name} is not calibrated"
             notes.append(f"{path}: {what}: lines in pixels, no metres; for these give --camera FILE")
@@ -225,19 +229,21 @@ def open_bag(
     notes += [f"{path}: no poses: no positions of the aircraft"] if track is None else track.notes_on(times)
     if mounted is not None and isinstance(mount, RigidTransform):
         mounted, mount = replace(mounted, body_from_camera=mount), None
-    mounted = mounted and mounted.at(*heights_m)
-    reels = {topic.name: _reel(path, topic, found) for topic in (pictures, depth) if topic}
-    source = Bag(path, reels[pictures.name], mounted, mount, track, None if depth is None else reels[depth.name])
+    if mounted is not None:
+        check_fov(mounted.camera, options.fov_deg, str(path))
+        mounted = mounted.at(options.deck_z_m, options.sea_z_m)
+    readers = {topic.name: _message_reader(path, topic, found) for topic in (pictures, depth) if topic}
+    source = Bag(path, readers[pictures.name], mounted, mount, track, None if depth is None else readers[depth.name])
     used = f"pictures {pictures.name}" + "".join(f", poses {topic.name}" for topic in sources if track)
     source.notes = (f"{path}: {used}" + (f", depth {depth.name}" if depth else ""), *notes)
     return source
 
 
-def _reel(path: Path, topic: Topic, found: Contents) -> tuple[Reel, NDArray[np.float64]]:
-    return Reel(path, topic, np.array(found.log_ns[topic.name])), np.array(found.times_s[topic.name])
+def _message_reader(path: Path, topic: Topic, found: BagContents) -> tuple[MessageReader, NDArray[np.float64]]:
+    return MessageReader(path, topic, np.array(found.log_ns[topic.name])), np.array(found.times_s[topic.name])
 
 
-def _body_of(chooser: Chooser, sources: Sequence[Topic], tree: TransformTree, frame: str) -> str:
+def _body_of(chooser: TopicSelector, sources: Sequence[Topic], tree: TransformTree, frame: str) -> str:
     """The body's frame: an odometry's child, else base_link, else the frame above the camera that moves."""
     if sources and sources[0].kind == POSES[0]:
         return str(chooser.first(sources[0]).child_frame_id).lstrip("/") or BODY
@@ -263,7 +269,7 @@ def _read_mount(
 
 
 def _read_track(
-    path: Path, sources: Sequence[Topic], found: Contents, body: str, navigation: Navigation
+    path: Path, sources: Sequence[Topic], found: BagContents, body: str, navigation: Navigation
 ) -> PoseTrack | None:
     """The body's poses in our world."""
     if not sources:

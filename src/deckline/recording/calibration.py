@@ -22,7 +22,7 @@ def read_calibration(path: Path) -> dict[str, Any]:
     """Intrinsics under the keys of camera.toml, px, (0, 0) the centre of the top-left pixel.
 
     Raises:
-        RecordingError: missing or unreadable file, no YAML, or no calibration; says which key.
+        RecordingError: missing or unreadable file, no YAML, or no calibration; names the key.
     """
     text = "\n".join(line for line in read_text(path, MOST_CONFIG_BYTES).splitlines() if not line.startswith("%YAML"))
     try:

@@ -1,6 +1,5 @@
 """camera.toml: intrinsics and mounting of a camera, the same as a JSON object in scene.json, and YAML calibrations."""
 
-import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,24 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.files import MOST_CONFIG_BYTES, parse_plain
-from deckline.geometry import BODY_FROM_OPTICAL, Camera, pose
+from deckline.files import MOST_CONFIG_BYTES, parse_toml
+from deckline.geometry import BODY_FROM_OPTICAL, Camera, camera_mount, pose
 from deckline.recording.calibration import YAML_SUFFIXES, read_calibration
 from deckline.recording.source import RecordingError, check_number, check_numbers, read_text
-from deckline.types import Frame
+from deckline.types import CAMERA_REMEDY, Frame
 
 CAMERA_FILE = "camera.toml"
 CAMERA_FILES = (CAMERA_FILE, *(f"camera{suffix}" for suffix in YAML_SUFFIXES))
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 HEIGHTS = ("deck_z_m", "sea_z_m")
 TRANSFORM = ("translation_m", "quaternion_wxyz")
+FOV_TOLERANCE_DEG = 1.0  # between a camera file and a stated field of view, which people round
 FORWARD = BODY_FROM_OPTICAL.as_quat(scalar_first=True).tolist()
 EXAMPLE = "width, height, fx, fy, cx, cy in px, one a line, such as fx = 1000.0"
 
 
 @dataclass(frozen=True, eq=False)
 class MountedCamera:
-    """A camera, where it sits on the aircraft, and the heights of deck and sea when the same file says them."""
+    """A camera, where it sits on the aircraft, and the heights of deck and sea that the same file states."""
 
     camera: Camera
     body_from_camera: RigidTransform
@@ -35,7 +35,7 @@ class MountedCamera:
     sea_z_m: float | None = None  # world z (down) of the water
 
     def at(self, deck_z_m: float | None, sea_z_m: float | None) -> "MountedCamera":
-        """The same with other heights; None keeps what the file says."""
+        """The same with other heights; None leaves what the file states."""
         deck_z_m = self.deck_z_m if deck_z_m is None else deck_z_m
         return replace(self, deck_z_m=deck_z_m, sea_z_m=self.sea_z_m if sea_z_m is None else sea_z_m)
 
@@ -62,6 +62,36 @@ class MountedCamera:
         return Frame(file=file, time_s=time_s, image_rgb=image_rgb, **{**vars(self), **values})
 
 
+def make_pinhole(width: int, height: int, fov_deg: float) -> MountedCamera:
+    """A pinhole of this horizontal field of view, degrees, along the body's forward axis."""
+    return MountedCamera(Camera.from_fov(width, height, float(np.deg2rad(fov_deg))), camera_mount())
+
+
+def note_pinhole(name: str, camera: Camera, fov_deg: float) -> str:
+    """The note on a camera that `make_pinhole` made for a source."""
+    size = f"{camera.width}x{camera.height} px"
+    return f"{name}: the camera is taken for a pinhole of {fov_deg:g} degrees across {size} that looks forward"
+
+
+def check_fov(camera: Camera, fov_deg: float | None, where: str) -> None:
+    """Raise RecordingError, which begins with `where`, for a camera that contradicts a stated field of view.
+
+    Args:
+        camera: of a file.
+        fov_deg: horizontal, degrees; None: nobody stated one.
+    """
+    if fov_deg is None:
+        return
+    middle = (camera.height - 1) / 2.0
+    left, right = camera.rays([[-0.5, middle], [camera.width - 0.5, middle]])
+    found_deg = float(np.rad2deg(np.arctan2(right[0], right[2]) - np.arctan2(left[0], left[2])))
+    if abs(found_deg - fov_deg) > FOV_TOLERANCE_DEG:  # NaN: its edges have no rays
+        raise RecordingError(
+            f"{where}: its camera has a horizontal field of view of {found_deg:.1f} degrees, "
+            f"which contradicts fov_deg {fov_deg:g}; state one of both"
+        )
+
+
 def make_plain_frame(file: str, time_s: float, image_rgb: NDArray[np.uint8]) -> Frame:
     """A frame without a camera, in which pose and depth have no meaning."""
     height, width = image_rgb.shape[:2]
@@ -69,13 +99,13 @@ def make_plain_frame(file: str, time_s: float, image_rgb: NDArray[np.uint8]) -> 
 
 
 def read_camera_file(path: Path) -> MountedCamera:
-    """Read camera.toml, or a YAML calibration of OpenCV or ROS, whose camera looks along the body's forward axis.
+    """Read camera.toml, or a YAML calibration of OpenCV or ROS, whose camera points along the body's forward axis.
 
     Keys: width, height, fx, fy, cx, cy (px, the centre of the top-left pixel is 0, 0); optional distortion =
     [k1, k2, p1, p2, k3], or with fisheye = true [k1, k2, k3, k4]; calibration = a YAML file beside it in place of all
     these; deck_z_m and sea_z_m (metres), and a table [body_from_camera] with translation_m (3, metres,
     forward-right-down) and quaternion_wxyz of body <- optical frame (x right, y down, z forward). Without the table, or
-    without its quaternion, the camera looks along the body's forward axis: quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
+    without its quaternion, the camera points along the body's forward axis: quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
 
     Raises:
         RecordingError: missing or unreadable file, an unknown or missing key, or values that make no camera.
@@ -83,7 +113,7 @@ def read_camera_file(path: Path) -> MountedCamera:
     if path.suffix.lower() in YAML_SUFFIXES:
         return camera_from_mapping(read_calibration(path), str(path))
     try:
-        values = parse_plain(tomllib.loads, read_text(path, MOST_CONFIG_BYTES))
+        values = parse_toml(read_text(path, MOST_CONFIG_BYTES))
     except RecordingError:
         raise
     except ValueError as error:
@@ -120,7 +150,7 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
 def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[str, Any]:
     """The JSON object that `camera_from_mapping` reads back; a ValueError for a camera that is not known."""
     if not camera.known:
-        raise ValueError("the camera is not known: give camera.toml")
+        raise ValueError(f"camera not known: {CAMERA_REMEDY}")
     return {
         **{key: getattr(camera, key) for key in INTRINSICS[:2]},
         **{key: float(getattr(camera, key)) for key in INTRINSICS[2:]},

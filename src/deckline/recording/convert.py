@@ -9,7 +9,7 @@ from pathlib import Path
 
 from scipy.spatial.transform import RigidTransform
 
-from deckline.files import is_beneath, is_there
+from deckline.files import MOST_CONFIG_BYTES, is_beneath, is_there
 from deckline.recording.airsim import (
     IMAGE_FOLDER,
     RECORD_FILE,
@@ -20,9 +20,10 @@ from deckline.recording.airsim import (
     read_rows,
 )
 from deckline.recording.camera_file import camera_to_mapping
-from deckline.recording.poses import Rows
-from deckline.recording.scene import SCENE_FILE, format_entry, format_scene, get_heights, read_scene
-from deckline.recording.source import BadFrame, RecordingError, is_inside
+from deckline.recording.runway_file import RUNWAY_FILE
+from deckline.recording.scene_file import SCENE_FILE, format_entry, format_scene, get_heights, read_scene
+from deckline.recording.source import BadFrame, RecordingError, is_inside, read_data
+from deckline.recording.text_table import TextTable
 
 GENERATOR = "deckline convert"
 
@@ -72,13 +73,13 @@ def drop_scene(recording: Path, out: Path) -> Copied:
     return _copy(recording, out, rows, notes, None)
 
 
-def _copy(recording: Path, out: Path, rows: Rows, notes: list[str], scene: str | None) -> Copied:
+def _copy(recording: Path, out: Path, rows: TextTable, notes: list[str], scene: str | None) -> Copied:
     """Under a temporary name, renamed when whole."""
     work = out.with_name(f".{out.name}.unfinished")
     files, missing = 0, []
     named = dict.fromkeys(name for _, cells in rows for name in list_row_images(cells))
     names = [name for name in named if is_inside(name)]
-    _check_links(recording, [RECORD_FILE, *(f"{IMAGE_FOLDER}/{name}" for name in names)])
+    _check_links(recording, [RECORD_FILE, RUNWAY_FILE, *(f"{IMAGE_FOLDER}/{name}" for name in names)])
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise RecordingError(f"{out} is there already: choose another folder")
@@ -95,6 +96,8 @@ def _copy(recording: Path, out: Path, rows: Rows, notes: list[str], scene: str |
         shutil.copyfile(recording / RECORD_FILE, work / RECORD_FILE)
         if scene is not None:
             (work / SCENE_FILE).write_text(scene, encoding="utf-8")
+            if is_there(recording / RUNWAY_FILE):
+                (work / RUNWAY_FILE).write_bytes(read_data(recording / RUNWAY_FILE, MOST_CONFIG_BYTES))
         work.replace(out)
     except OSError as error:
         raise RecordingError(f"{out}: cannot be written: {error.strerror or error}") from None

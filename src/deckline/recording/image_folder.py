@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
 from deckline.recording.pose_track import PoseTrack
-from deckline.recording.poses import TIMES_FILE, Poses, parse_number
+from deckline.recording.poses import TIMES_FILE, Poses
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.types import Frame
 
@@ -68,19 +69,10 @@ class ImageFolder(Recording):
 
     def times(self) -> NDArray[np.float64]:
         if isinstance(self._poses, Poses):
-            rows = (self._poses.rows.get(file, (0, {}))[1] for file in self.files)
-            return np.array([parse_number(cells, "time_s") for cells in rows])
+            return self._poses.times(self.files)
         if self._times is None:
             return np.arange(float(len(self)))
         return np.array([self._times.get(file, np.nan) for file in self.files])
-
-    def first_size(self) -> tuple[int, int] | None:
-        """Width and height of the first image, px; None where it cannot be read."""
-        try:
-            height, width = read_image(self.folder / self.files[0]).shape[:2]
-        except ValueError:
-            return None
-        return width, height
 
     def _place(self, index: int) -> tuple[float, RigidTransform | None]:
         """Time in s and world_from_body of an image."""
@@ -117,7 +109,20 @@ def list_images(folder: Path) -> list[str]:
     ]
 
 
+def measure_images(path: Path) -> tuple[int, int] | None:
+    """Width and height, px, of an image, or of the first one in a folder that can be read; None without one."""
+    files = sorted(list_images(path), key=make_natural_key) if path.is_dir() else [""]
+    for file in files:
+        with suppress(ValueError):
+            height, width = read_image(path / file).shape[:2]
+            return width, height
+    return None
+
+
 def make_natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sort key that puts frame_2 before frame_10."""
     parts = re.split(r"([0-9]+)", name.lower())
-    return [*((1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts), (0, 0, name)]
+    numbers = (part.lstrip("0") for part in parts[1::2])  # compared by their length first: int() has a longest text
+    keys = [(0, 0, part) for part in parts]
+    keys[1::2] = [(1, len(number), number) for number in numbers]
+    return [*keys, (0, 0, name)]

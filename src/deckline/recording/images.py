@@ -1,7 +1,7 @@
 """Image files to RGB uint8, depth files to metres, and back. A file that is cut short is an error, never half an image.
 
-PFM as AirSim writes it holds its rows from top to bottom; the format's own definition says bottom to top. Nothing in
-the file tells them apart, so the reader says which (`pfm_rows`).
+PFM as AirSim writes it holds its rows from top to bottom; the format's own definition is bottom to top. Nothing in
+the file distinguishes them, so the caller states the order (`pfm_rows`).
 Source: Debevec, "PFM Portable FloatMap Image Format" (header and byte order); AirSim, "Image APIs" (depth types).
 """
 
@@ -27,7 +27,7 @@ from deckline.geometry import Camera
 FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 JPEG_QUALITY = 90  # of written pictures
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
-LOW_BITS = 12  # of camera pixels that a 16-bit file holds unscaled, when the file does not say how many there are
+LOW_BITS = 12  # of camera pixels that a 16-bit file holds unscaled, when the file does not state their number
 # What Pillow raises for damaged files
 _DAMAGED = (OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, OverflowError, struct.error)
 PfmRows = Literal["top-to-bottom", "bottom-to-top"]
@@ -45,7 +45,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     may state another number of significant bits in its sBIT chunk; sBIT 16 always means 0..65535.
 
     Raises:
-        ValueError: missing, cut short, damaged, or no image; says which.
+        ValueError: missing, cut short, damaged, or no image; states which.
     """
     return decode_image(read_bytes(path, "image"))
 
@@ -84,7 +84,7 @@ def _decode(data: bytes) -> NDArray[np.uint8]:
 
 
 def _check_jpeg(data: bytes) -> None:
-    """Raise ValueError for damaged data: Pillow fills with grey what it cannot decode and does not say so."""
+    """Raise ValueError for damaged data: Pillow fills with grey what it cannot decode, without an error."""
     decoder = av.CodecContext.create("mjpeg", "r")
     decoder.options = {"err_detect": "explode"}
     with suppress(av.error.PatchWelcomeError):  # a kind of JPEG that FFmpeg does not know
@@ -92,7 +92,7 @@ def _check_jpeg(data: bytes) -> None:
 
 
 def _scale_16_bits(data: bytes) -> NDArray[np.uint8]:
-    """Pillow keeps only the upper 8 bits of 16-bit colours, so OpenCV decodes them; it applies the orientation too."""
+    """Pillow reads only the upper 8 bits of 16-bit colours, so OpenCV decodes them; it applies the orientation too."""
     values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if values is None:
         raise ValueError("OpenCV cannot decode it")
@@ -145,7 +145,7 @@ def read_depth(
         rows: order of the rows in the file.
 
     Raises:
-        ValueError: missing, cut short, no one-channel PFM, or of another size than the image; says which.
+        ValueError: missing, cut short, no one-channel PFM, or of another size than the image; states which.
     """
     stored = read_pfm(read_bytes(path, "depth map"), rows)
     check_depth_size(stored.shape, camera, name)

@@ -7,20 +7,22 @@ reference" (vehicle_attitude, vehicle_global_position, vehicle_local_position).
 """
 
 import io
-from collections.abc import Callable, Mapping
-from contextlib import closing
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from deckline.config import Navigation
 from deckline.extras import needs_extra
 from deckline.files import open_regular
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
+from deckline.recording.poses import quaternions_from_angles
 from deckline.recording.source import RecordingError
 
 Array = NDArray[np.float64]
@@ -161,7 +163,7 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
         ImportError: the extra `logs` is not installed.
     """
     log, own_clock = FORMATS[path.suffix.lower()], replace(navigation, offset_s=0.0)
-    rows = _read_rows(path, log)
+    rows, notes = _read_rows(path, log)
     if navigation.offset_s is None:
         raise RecordingError(
             f"{path} counts seconds since the autopilot's start: give --pose-offset-s, its clock minus the pictures' "
@@ -177,16 +179,37 @@ def read_log_track(path: Path, navigation: Navigation) -> PoseTrack:
     quaternions = turns[:, 1:]
     if quaternions.shape[1] == 3:
         turns = turns[np.isfinite(turns).all(axis=1)]
-        quaternions = Rotation.from_euler("ZYX", turns[:, :0:-1]).as_quat(scalar_first=True)
+        quaternions = quaternions_from_angles(turns[:, 1:])
     level = np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1))
     attitudes = make_track(f"{path}: {log.attitude.name}", turns[:, 0], turns[:, 1:4], quaternions, own_clock)
     positions = make_track(f"{path}: {position.name}", places[:, 0], places[:, 1:], level, own_clock)
     joined = join_tracks(attitudes, positions, position.geodetic, navigation)
-    return replace(joined, name=str(path))
+    return replace(joined, name=str(path), notes=(*notes, *joined.notes))
 
 
-def _read_rows(path: Path, log: LogFormat) -> dict[str, Array]:
-    """Rows of time, s, and values of each message of a log."""
+@contextmanager
+def _count_lines() -> Iterator[list[int]]:
+    """Count the lines that parsers print on damaged messages, in Python and in C, and show none of them."""
+    lines, (reader, writer), stderr = [0], os.pipe(), os.dup(2)
+    os.dup2(writer, 2)
+
+    def count() -> None:
+        with os.fdopen(reader, "rb") as printed:
+            lines[0] = sum(1 for _ in printed)
+
+    thread = threading.Thread(target=count, daemon=True)
+    thread.start()
+    try:
+        with os.fdopen(writer, "w", errors="replace") as stream, redirect_stdout(stream), redirect_stderr(stream):
+            yield lines
+    finally:
+        os.dup2(stderr, 2)  # the last end of the pipe that is written to
+        os.close(stderr)
+        thread.join()
+
+
+def _read_rows(path: Path, log: LogFormat) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Rows of time, s, and values of each message of a log, and a note on its damage."""
     messages = (log.attitude, *log.positions)
     try:
         with open_regular(path) as file:
@@ -196,8 +219,11 @@ def _read_rows(path: Path, log: LogFormat) -> dict[str, Array]:
     if not begins_well:
         raise RecordingError(f"{path}: not a {path.suffix} log: it begins with other bytes")
     try:
-        rows = log.read(path, {message.name: message.fields for message in messages})
-        return {m.name: np.reshape(rows[m.name], (-1, len(m.fields))) * m.units for m in messages}
+        with _count_lines() as printed:
+            rows = log.read(path, {message.name: message.fields for message in messages})
+        note = f"{path}: damaged: its parser printed {printed[0]:,} lines on what it left out"
+        arrays = {m.name: np.reshape(rows[m.name], (-1, len(m.fields))) * m.units for m in messages}
+        return arrays, (note,) if printed[0] else ()
     except ImportError:
         raise
     except Exception as error:  # the parsers raise what they like, Exception itself too

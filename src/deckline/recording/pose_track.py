@@ -10,14 +10,12 @@ from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from deckline.config import Navigation
 from deckline.geometry import FARTHEST_M, QUATERNION_TOLERANCE
-from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned
-from deckline.recording.poses import Rows, parse_number, read_table
-from deckline.recording.source import RecordingError, read_text
+from deckline.recording.geodesy import check_geodetic, ned_from_geodetic
+from deckline.recording.poses import choose_columns, note_origin
+from deckline.recording.source import RecordingError
+from deckline.recording.text_table import TextTable
 
 Array = NDArray[np.float64]
-POSITION = ("x_m", "y_m", "z_m")
-GEODETIC = ("lat_deg", "lon_deg", "alt_m")  # in place of POSITION
-ATTITUDE = ("qw", "qx", "qy", "qz")
 MOST_DIGITS = 16  # of a frame's number
 ROUNDING_S = 1e-3  # of presentation times, which many containers store in milliseconds
 
@@ -132,35 +130,35 @@ def make_track(
     return PoseTrack(name, times[~late], positions[~late], rotations, navigation.max_gap_s, offset_s, tuple(notes))
 
 
-def read_csv_track(path: Path, navigation: Navigation, film_times_s: Array | None = None) -> PoseTrack:
-    """A track from poses.csv, whose rows go by time_s; positions in metres, or latitude, longitude and altitude.
+def read_csv_track(path: Path, navigation: Navigation, video_times_s: Array | None = None) -> PoseTrack:
+    """A track from poses.csv, whose rows go by time_s; its columns are those of `recording.poses`.
 
     Args:
         path: the file.
-        navigation: offset and longest gap. Without an offset, and with a column `file` of a film's frame numbers, the
+        navigation: offset and longest gap. Without an offset, and with a column `file` of a video's frame numbers, the
             first row has the time of its frame.
-        film_times_s: (M,) presentation times of a film.
+        video_times_s: (M,) presentation times of a video.
 
     Raises:
         RecordingError: a column is missing, `file` holds no frame numbers, or as `make_track`.
     """
-    geodetic = all(name in read_text(path).partition("\n")[0] for name in GEODETIC)
-    names = ("time_s", *(GEODETIC if geodetic else POSITION), *ATTITUDE)
-    table, notes = read_table(path, ",", names, ("file",))
-    columns = [[parse_number(cells, name) for _, cells in table] for name in names]
-    times, values = np.array(columns[0]), np.array(columns[1:]).T
-    if film_times_s is not None and "file" in table[0][1]:
-        numbers = _frame_numbers(path, table)
-        known = np.isfinite(times) & (numbers < len(film_times_s))
-        ahead = times[known] - film_times_s[numbers[known]]
+    table = TextTable(path, ",")
+    columns, notes = choose_columns(table)
+    values = table.numbers(columns.names)
+    times = values[:, 0]
+    if video_times_s is not None and "file" in table.header:
+        numbers = _frame_numbers(table)
+        known = np.isfinite(times) & (numbers < len(video_times_s))
+        ahead = times[known] - video_times_s[numbers[known]]
         if navigation.offset_s is None and len(ahead):
             navigation = replace(navigation, offset_s=float(ahead[0]))
-        if len(ahead) and np.ptp(ahead) > np.median(np.diff(film_times_s, prepend=-1.0)) + ROUNDING_S:  # a frame
+        if len(ahead) and np.ptp(ahead) > np.median(np.diff(video_times_s, prepend=-1.0)) + ROUNDING_S:  # a frame
             notes.append(
-                f"{path}: the film's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
+                f"{path}: the video's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
             )
-    track = make_track(str(path), times, values[:, :3], values[:, 3:], navigation, notes)
-    return place_in_world(track, navigation.origin) if geodetic else track
+    quaternions = columns.quaternions(values[:, 4:])
+    track = make_track(str(path), times, values[:, 1:4], quaternions, navigation, notes)
+    return place_in_world(track, navigation.origin) if columns.is_geodetic else track
 
 
 def join_tracks(attitudes: PoseTrack, positions: PoseTrack, geodetic: bool, navigation: Navigation) -> PoseTrack:
@@ -195,36 +193,35 @@ def place_in_world(track: PoseTrack, origin: tuple[float, float, float] | None) 
     """A track of latitude, longitude, degrees, altitude, m, in the North-East-Down world of an origin (the same units).
 
     Attitudes are of the local axes at each position and are turned into those of the origin. Without an origin the
-    first position is it, and a note says so.
+    first position is the origin, and a note states it.
 
     Raises:
         RecordingError: latitudes or longitudes out of range.
     """
     geodetic = track.positions_m
-    if (np.abs(geodetic[:, :2]) > [90.0, 180.0]).any():
-        raise RecordingError(f"{track.name}: latitude must lie within 90 degrees, longitude within 180")
+    try:
+        check_geodetic(geodetic)
+    except ValueError as error:
+        raise RecordingError(f"{track.name}: {error}") from None
     notes = track.notes
     if origin is None:
-        latitude, longitude, altitude = geodetic[0]
-        stated = f"{latitude:.7f} {longitude:.7f} {altitude:.2f}"
-        notes = (*notes, f"{track.name}: the world's origin is the first position; to state it: --origin {stated}")
-    at = geodetic[:1] if origin is None else np.array([origin])
-    ned_from_ecef = ecef_from_ned(at)[0].inv()
-    positions = ned_from_ecef.apply(ecef_from_geodetic(geodetic) - ecef_from_geodetic(at))
-    rotations = ned_from_ecef * ecef_from_ned(geodetic) * track.rotations
+        origin = (float(geodetic[0, 0]), float(geodetic[0, 1]), float(geodetic[0, 2]))
+        notes = (*notes, note_origin(track.name, origin))
+    positions, rotations = ned_from_geodetic(geodetic, track.rotations, origin)
     return replace(track, positions_m=positions, rotations=rotations, notes=notes)
 
 
-def _frame_numbers(path: Path, table: Rows) -> NDArray[np.int64]:
+def _frame_numbers(table: TextTable) -> NDArray[np.int64]:
     """Numbers of a column `file`: bare, or as <video>#<number>."""
-    numbers = []
-    for line, cells in table:
-        digits = cells.get("file", "").rpartition("#")[2].strip()
+    numbers = np.empty(len(table), np.int64)
+    for row, file in enumerate(table.texts("file")):
+        digits = file.rpartition("#")[2].strip()
         if not (digits.isascii() and digits.isdigit() and len(digits) < MOST_DIGITS):
-            file = cells.get("file", "")
-            raise RecordingError(f"{path} line {line}: file must be the frame's number from 0, got {file!r}")
-        numbers.append(int(digits))
-    return np.array(numbers)
+            raise RecordingError(
+                f"{table.path} line {table[row][0]}: file must be the frame's number from 0, got {file!r}"
+            )
+        numbers[row] = int(digits)
+    return numbers
 
 
 def _note_left_out(name: str, rows: NDArray[np.bool_], why: str) -> list[str]:

@@ -1,35 +1,100 @@
-"""Rows of poses: poses.csv that names its images, times.csv, and the table of an AirSim recording.
+"""Poses in tables: which columns hold them, poses.csv that names its images, times.csv, and AirSim's rows.
 
-poses.csv has the columns file, time_s, x_m, y_m, z_m, qw, qx, qy, qz in any order: world_from_body, the world
-North-East-Down or any right-handed forward-right-down frame. With a column `file` in a folder of images a row belongs
-to the image of this name, and may leave the pose empty; otherwise rows go by time (`pose_track`).
+poses.csv has a header; its columns are in any order. time_s: the poses' clock. x_m, y_m, z_m: position in a world that
+is North-East-Down or any right-handed forward-right-down frame; or lat_deg, lon_deg, alt_m (lat, lon, alt; latitude,
+longitude, altitude): degrees, and metres up. qw, qx, qy, qz: world_from_body as a quaternion; or roll_deg, pitch_deg,
+yaw_deg (or roll_rad, pitch_rad, yaw_rad): yaw about down, then pitch (nose up is positive), then roll (right wing down
+is positive), from North-East-Down to the body's forward-right-down. With a column `file` in a folder of images a row
+belongs to the image of this name, and its pose may be empty; otherwise rows go by time (`pose_track`).
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from scipy.spatial.transform import RigidTransform
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import pose
-from deckline.recording.source import RecordingError, check_number, read_text
+from deckline.recording.geodesy import check_geodetic, ned_from_geodetic
+from deckline.recording.source import check_number
+from deckline.recording.text_table import Cells, TextTable, parse_number, read_table
 
+Array = NDArray[np.float64]
 POSES_FILE = "poses.csv"
 TIMES_FILE = "times.csv"  # file, time_s: when each image of a folder was taken
-NUMBERS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+POSITION, GEODETIC = ("x_m", "y_m", "z_m"), ("lat_deg", "lon_deg", "alt_m")
+QUATERNION = ("qw", "qx", "qy", "qz")
+ANGLES_DEG, ANGLES_RAD = ("roll_deg", "pitch_deg", "yaw_deg"), ("roll_rad", "pitch_rad", "yaw_rad")
+NUMBERS = ("time_s", *POSITION, *QUATERNION)
 COLUMNS = ("file", *NUMBERS)
-Cells = Mapping[str, str]  # a row's texts by column
-Rows = list[tuple[int, Cells]]  # with the number of the line
+CHOICES = "; lat,lon,alt may replace x_m,y_m,z_m, and roll_deg,pitch_deg,yaw_deg or roll_rad,pitch_rad,yaw_rad qw to qz"
+
+
+@dataclass(frozen=True)
+class PoseColumns:
+    """The columns of a table that hold poses."""
+
+    position: tuple[str, ...]
+    """POSITION or GEODETIC."""
+    attitude: tuple[str, ...]
+    """QUATERNION, ANGLES_DEG or ANGLES_RAD."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Time, position, attitude."""
+        return ("time_s", *self.position, *self.attitude)
+
+    @property
+    def is_geodetic(self) -> bool:
+        """Whether positions are latitude, longitude and altitude."""
+        return self.position == GEODETIC
+
+    def quaternions(self, attitudes: Array) -> Array:
+        """Attitudes (N, 3 or 4) as the columns hold them -> quaternions (N, 4), scalar first; NaN where one is."""
+        if self.attitude == QUATERNION:
+            return attitudes
+        return quaternions_from_angles(np.deg2rad(attitudes) if self.attitude == ANGLES_DEG else attitudes)
+
+
+def choose_columns(table: TextTable, *others: str) -> tuple[PoseColumns, list[str]]:
+    """The pose columns of a table, and notes on those that are ignored; errors as `TextTable.require`.
+
+    Args:
+        table: of poses.
+        others: further columns that must be there.
+    """
+    header = set(table.header)
+    position = GEODETIC if header.issuperset(GEODETIC) else POSITION
+    attitude = next((names for names in (ANGLES_DEG, ANGLES_RAD) if header.issuperset(names)), QUATERNION)
+    columns = PoseColumns(position, QUATERNION if header.issuperset(QUATERNION) else attitude)
+    return columns, table.require((*others, *columns.names), ("file",), CHOICES)
+
+
+def quaternions_from_angles(angles_rad: Array) -> Array:
+    """Roll, pitch, yaw (N, 3), rad, as `geometry.attitude` -> quaternions (N, 4), scalar first; NaN where one is."""
+    quaternions = np.full((len(angles_rad), 4), np.nan)
+    known = np.isfinite(angles_rad).all(axis=1)
+    if known.any():
+        quaternions[known] = Rotation.from_euler("ZYX", angles_rad[known, ::-1]).as_quat(scalar_first=True)
+    return quaternions
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Rows of poses.csv. The numbers of a row are checked when it is asked for."""
+    """poses.csv whose rows name images. The numbers of a row are checked when it is asked for."""
 
-    path: Path
-    rows: Mapping[str, tuple[int, Cells]]  # file -> line number, cells
+    table: TextTable
+    """Rows of the file."""
+    columns: PoseColumns
+    """Which of its columns hold poses."""
+    rows: Mapping[str, int]
+    """Row of the table by the image's name."""
+    origin: tuple[float, float, float] | None
+    """Latitude, longitude, degrees, and altitude, m, of the world's origin; None: positions are metres."""
     notes: tuple[str, ...] = ()
+    """What is odd about the file, one line each."""
 
     def at(self, file: str) -> tuple[float, RigidTransform | None]:
         """Time in s and world_from_body of an image, None where its row gives a time only.
@@ -38,85 +103,74 @@ class Poses:
             ValueError: there is no row for it, or one that is no pose.
         """
         if file not in self.rows:
-            raise ValueError(f"{self.path} has no row for it; add one, or take the image away")
-        line, cells = self.rows[file]
+            raise ValueError(f"{self.table.path} has no row for it; add one, or take the image away")
+        line, cells = self.table[self.rows[file]]
         try:
-            if not any(cells.get(name) for name in NUMBERS[1:]):
-                return check_number(parse_number(cells, NUMBERS[0]), NUMBERS[0]), None
-            return parse_pose(cells, NUMBERS)
+            if not any(cells.get(name) for name in self.columns.names[1:]):
+                return check_number(parse_number(cells.get("time_s", "")), "time_s"), None
+            return self._read(cells)
         except ValueError as error:
-            raise ValueError(f"{self.path} line {line}: {error}") from None
+            raise ValueError(f"{self.table.path} line {line}: {error}") from None
+
+    def times(self, files: Sequence[str]) -> Array:
+        """Times of images (N,), s; NaN without one."""
+        times = self.table.numbers(["time_s"])[:, 0]
+        return np.array([times[self.rows[file]] if file in self.rows else np.nan for file in files])
+
+    def _read(self, cells: Cells) -> tuple[float, RigidTransform]:
+        time_s, *values = read_numbers(cells, self.columns.names)
+        attitude = values[3:]
+        if self.columns.attitude != QUATERNION:
+            attitude = [check_number(angle, name) for angle, name in zip(attitude, self.columns.attitude, strict=True)]
+        placed = pose(values[:3], self.columns.quaternions(np.array([attitude]))[0])
+        if self.origin is not None:
+            check_geodetic(placed.translation[None])
+            positions, rotations = ned_from_geodetic(placed.translation[None], placed.rotation, self.origin)
+            placed = RigidTransform.from_components(positions[0], rotations[0])
+        return check_number(time_s, "time_s"), placed
 
 
-def read_poses(path: Path) -> Poses:
-    """Read poses.csv whose rows name images. Errors as `read_table`."""
-    table, notes = read_table(path, ",", COLUMNS)
-    return Poses(path, _index_by_file(path, table), tuple(notes))
+def read_poses(path: Path, origin: tuple[float, float, float] | None = None) -> Poses:
+    """Read poses.csv whose rows name images.
+
+    Args:
+        path: the file.
+        origin: of the world, where positions are latitude, longitude and altitude; None: the first of them.
+
+    Raises:
+        RecordingError: as `TextTable`, a missing column, or one image in two rows.
+    """
+    table = TextTable(path, ",")
+    columns, notes = choose_columns(table, "file")
+    if columns.is_geodetic and origin is None:
+        places = table.numbers(GEODETIC)
+        known = places[np.isfinite(places).all(axis=1)]
+        if len(known):
+            origin = (float(known[0, 0]), float(known[0, 1]), float(known[0, 2]))
+            notes.append(note_origin(str(path), origin))
+    return Poses(table, columns, table.index_files(), origin if columns.is_geodetic else None, tuple(notes))
+
+
+def note_origin(name: str, origin: Sequence[float]) -> str:
+    """The note on an origin, latitude, longitude, degrees, and altitude, m, that nobody stated."""
+    stated = "{:.7f} {:.7f} {:.2f}".format(*origin)
+    return f"{name}: the world's origin is the first position; to state it: --origin {stated}"
 
 
 def names_images(path: Path) -> bool:
-    """Whether a CSV file has a column `file`."""
-    return "file" in [cell.strip() for cell in read_text(path).partition("\n")[0].split(",")]
+    """Whether a CSV file has a column `file`; errors as `TextTable`."""
+    return "file" in TextTable(path, ",").header
 
 
 def read_image_times(path: Path) -> dict[str, float]:
     """Time in s of each image of times.csv; NaN for what is no number. Errors as `read_table`."""
     table, _ = read_table(path, ",", ("file", "time_s"))
-    return {file: parse_number(cells, "time_s") for file, (_, cells) in _index_by_file(path, table).items()}
+    times = table.numbers(["time_s"])[:, 0].tolist()
+    return {file: times[row] for file, row in table.index_files().items()}
 
 
-def _index_by_file(path: Path, table: Rows) -> dict[str, tuple[int, Cells]]:
-    rows: dict[str, tuple[int, Cells]] = {}
-    for line, cells in table:
-        file = cells.get("file", "")
-        if file in rows:
-            raise RecordingError(f"{path} lines {rows[file][0]} and {line}: {file!r} stands there twice; keep one")
-        rows[file] = line, cells
-    return rows
-
-
-def read_table(
-    path: Path, delimiter: str, required: Sequence[str], optional: Sequence[str] = ()
-) -> tuple[Rows, list[str]]:
-    """Line number and cells of each row of a text table with a header, and notes about unknown columns.
-
-    Raises:
-        RecordingError: missing or empty file, a missing or repeated column, no rows.
-    """
-    reader = csv.reader(read_text(path).splitlines(), delimiter=delimiter)
-    try:
-        header = [cell.strip() for cell in next(reader, [])]
-        rows: Rows = [
-            (reader.line_num, dict(zip(header, (cell.strip() for cell in cells), strict=False)))
-            for cells in reader
-            if any(cell.strip() for cell in cells)
-        ]
-    except csv.Error as error:
-        raise RecordingError(f"{path} line {reader.line_num}: {error}") from None
-    named = [column for column in header if column]
-    missing = [column for column in required if column not in named]
-    if missing:
-        what = f"column {', '.join(missing)} missing" if named or rows else "the file is empty"
-        raise RecordingError(f"{path} line 1: {what}; expected the columns {delimiter.join(required)}")
-    repeated = sorted({column for column in named if named.count(column) > 1})
-    if repeated:
-        raise RecordingError(f"{path} line 1: column {', '.join(repeated)} stands there more than once")
-    if not rows:
-        raise RecordingError(f"{path}: zero frames: there is a header but no row below it")
-    unknown = [column for column in named if column not in (*required, *optional)]
-    return rows, [f"{path} line 1: unknown column {', '.join(unknown)} ignored"] if unknown else []
-
-
-def parse_number(cells: Cells, column: str) -> float:
-    """The number of a cell; NaN for what is none."""
-    try:
-        return float(cells.get(column, ""))
-    except ValueError:
-        return float("nan")
-
-
-def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransform]:
-    """Time in its column's unit and world_from_body, of time, position, quaternion w, x, y, z; or a ValueError."""
+def read_numbers(cells: Cells, columns: Sequence[str]) -> list[float]:
+    """Numbers of cells; a ValueError that names the column and the text of one that is none."""
     values = []
     for column in columns:
         text = cells.get(column, "")
@@ -124,4 +178,10 @@ def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransf
             values.append(float(text))
         except ValueError:
             raise ValueError(f"column {column} is no number: {text!r}") from None
-    return check_number(values[0], columns[0]), pose(values[1:4], values[4:8])
+    return values
+
+
+def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransform]:
+    """Time in its column's unit and world_from_body, of time, position, quaternion w, x, y, z; or a ValueError."""
+    time, *values = read_numbers(cells, columns)
+    return check_number(time, columns[0]), pose(values[:3], values[3:])

@@ -1,7 +1,7 @@
 """ROS messages as pictures, depth, cameras and poses; of ROS 1 and 2, as rosbags or rclpy reads them.
 
-ROS worlds are East-North-Up and bodies forward-left-up, or, where a frame's name says so, North-East-Down (`_ned`) and
-forward-right-down (`_frd`); pictures are taken in optical frames.
+ROS worlds are East-North-Up and bodies forward-left-up, or, where a frame's name states it,
+North-East-Down (`_ned`) and forward-right-down (`_frd`); pictures are taken in optical frames.
 Source: REP 103 (axes, suffixes), REP 105 (frames), REP 118 (depth images), REP 145 (IMU); sensor_msgs/Image,
 CompressedImage, CameraInfo and image_encodings.hpp.
 """
@@ -161,7 +161,7 @@ def read_pose(message: Any) -> list[float]:
 
 
 def read_attitude(message: Any) -> list[float]:
-    """Zeros for the position and the quaternion, scalar first, of an Imu; NaN where it tells none."""
+    """Zeros for the position and the quaternion, scalar first, of an Imu; NaN where it has none."""
     is_known = message.orientation_covariance[0] != -1.0
     return [0.0, 0.0, 0.0, *(_quaternion(message.orientation) if is_known else [np.nan] * 4)]
 
@@ -178,7 +178,7 @@ def _quaternion(q: Any) -> list[float]:
 
 @dataclass(eq=False)
 class TransformTree:
-    """What TF messages tell: parent of each frame, and rows of time, position and quaternion (scalar first)."""
+    """What TF messages state: parent of each frame, and rows of time, position and quaternion (scalar first)."""
 
     parents: dict[str, str] = field(default_factory=dict)
     rows: dict[str, list[list[float]]] = field(default_factory=dict)

@@ -8,13 +8,13 @@ from deckline.types import Frame
 
 
 class Selection(Recording):
-    """The frames `indices` (N,), ascending, of a source; they keep their names and times."""
+    """The frames `indices` (N,), ascending, of a source, with the same names and times."""
 
     def __init__(self, source: Recording, indices: NDArray[np.intp]) -> None:
         self._source = source
         self._indices = indices
         self.name = f"{source.name} ({len(indices)} of {len(source)} frames, {indices[0]} to {indices[-1]})"
-        self.notes, self.on_skip = source.notes, source.on_skip
+        self.notes, self.base_config, self.on_skip = source.notes, source.base_config, source.on_skip
 
     def __len__(self) -> int:
         return len(self._indices)

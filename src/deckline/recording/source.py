@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.config import RunConfig
 from deckline.files import MOST_TEXT_BYTES, parse_plain, print_line, read_regular
 from deckline.types import Frame
 
@@ -60,6 +61,8 @@ class Source(ABC):
     """What a report calls it."""
     notes: tuple[str, ...] = ()
     """What is odd about it but does not stop it, one line each, for people."""
+    base_config: RunConfig | None = None
+    """What is known of its deck, as the configuration that runs start from; None: nothing."""
     on_skip: Callable[[BadFrame], None] | None = None
     """Takes a damaged frame; None prints its file and the reason on stderr."""
 
@@ -118,14 +121,20 @@ class Recording(Source):
                 yield BadFrame(error.file, error.reason)
 
 
-def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
-    """UTF-8 text without byte-order mark; a RecordingError for a missing, unreadable or too large file, or no text."""
+def read_data(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
+    """All of a file; a RecordingError for a missing, unreadable or too large one."""
     try:
-        return read_regular(path, most_bytes).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+        return read_regular(path, most_bytes)
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
+    """UTF-8 text without byte-order mark; a RecordingError as `read_data`, and for what is no text."""
+    try:
+        return read_data(path, most_bytes).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
 
 
 def parse_json(text: str, where: str) -> Any:

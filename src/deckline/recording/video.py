@@ -1,7 +1,7 @@
-"""Video files, decoded frame by frame: memory does not grow with the film.
+"""Video files, decoded frame by frame: memory does not grow with the packets.
 
 Frames and poses go by presentation time, never by count, so a lost packet moves nothing. A picture is bad when its
-decoder says so; films carry no checksums, so damage that still decodes cannot be told.
+decoder reports it; videos carry no checksums, so damage that still decodes stays unnoticed.
 """
 
 from bisect import bisect_left
@@ -29,41 +29,45 @@ TIME_TOLERANCE_S = 1e-6  # of equal presentation times
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
-    """What a video's packets say, without decoding them."""
+class VideoPackets:
+    """What a video's packets state, without decoding them."""
 
     path: Path
-    times_s: NDArray[np.float64]  # (N,) presentation times in ascending order, the film's clock
-    by_count: bool  # the container tells no more than a rate
-    size: tuple[int, int]  # width, height of the pictures, px
+    """The file."""
+    times_s: NDArray[np.float64]
+    """(N,) presentation times in ascending order, the video's clock, s."""
+    by_count: bool
+    """Whether the container stores only a rate, so that pictures are counted."""
+    size: tuple[int, int]
+    """Width, height of the pictures, px."""
 
 
 class Video(Recording):
     """A video file. Frame n in order of presentation is called <video>#<n>, counted from 0.
 
-    Its time is that of the poses' clock; without poses the film's own. Iterating streams. `load` decodes from the last
+    Its time is that of the poses' clock; without poses the video's own. Iterating streams. `load` decodes from the last
     frame it gave, or from the beginning: going backwards is slow. `mounted` is None without a camera file.
     """
 
-    def __init__(self, film: Film, mounted: MountedCamera | None, poses: PoseTrack | None) -> None:
-        self.film = film
-        self.name = str(film.path)
+    def __init__(self, packets: VideoPackets, mounted: MountedCamera | None, poses: PoseTrack | None) -> None:
+        self.packets = packets
+        self.name = str(packets.path)
         self._mounted = mounted
         self._poses = poses
         self._cursor: Iterator[tuple[int, Any]] = iter(())
         self._next = -1
-        no_poses = (f"{film.path}: no poses.csv: no positions of the aircraft",)
-        self.notes = no_poses if poses is None else poses.notes_on(film.times_s)
-        if poses is not None and film.by_count:
+        no_poses = (f"{packets.path}: no poses.csv: no positions of the aircraft",)
+        self.notes = no_poses if poses is None else poses.notes_on(packets.times_s)
+        if poses is not None and packets.by_count:
             self.notes += (
-                f"{film.path}: {COUNTED} stores no times: where a picture is lost, later ones get earlier poses",
+                f"{packets.path}: {COUNTED} stores no times: where a picture is lost, later ones get earlier poses",
             )
 
     def __len__(self) -> int:
-        return len(self.film.times_s)
+        return len(self.packets.times_s)
 
     def times(self) -> NDArray[np.float64]:
-        return self.film.times_s
+        return self.packets.times_s
 
     def load(self, index: int) -> Frame:
         check_index(index, len(self), self.name)
@@ -84,14 +88,14 @@ class Video(Recording):
     def _pictures(self) -> Iterator[tuple[int, Any]]:
         """Every frame's number once, with its decoded picture or the reason why there is none."""
         expected, reason = 0, "cannot be decoded"
-        for decoded in _decode(self.film.path):
+        for decoded in _decode(self.packets.path):
             number = expected
             if isinstance(decoded, str):
                 reason = decoded
-                if not self.film.by_count:
-                    continue  # the time of the next picture says which ones are missing
-            elif not self.film.by_count:
-                number = bisect_left(self.film.times_s, _seconds(decoded) - TIME_TOLERANCE_S, expected)
+                if not self.packets.by_count:
+                    continue  # the time of the next picture shows which ones are missing
+            elif not self.packets.by_count:
+                number = bisect_left(self.packets.times_s, _seconds(decoded) - TIME_TOLERANCE_S, expected)
             if number >= len(self):
                 break
             yield from ((missing, reason) for missing in range(expected, number))
@@ -101,7 +105,7 @@ class Video(Recording):
         yield from ((missing, reason) for missing in range(expected, len(self)))
 
     def _frame(self, index: int, picture: Any) -> Frame:
-        file, time_s, world_from_body = f"{self.film.path.name}#{index}", float(self.film.times_s[index]), None
+        file, time_s, world_from_body = f"{self.packets.path.name}#{index}", float(self.packets.times_s[index]), None
         if isinstance(picture, str):
             raise FrameError(file, picture)
         if self._poses is not None:
@@ -116,7 +120,7 @@ class Video(Recording):
             raise FrameError(file, str(error)) from None
 
 
-def read_film(path: Path) -> Film:
+def scan_video(path: Path) -> VideoPackets:
     """Presentation times of all coded pictures; a RecordingError for no video, or one without pictures or times."""
     with _open(path) as container:
         times = [
@@ -135,11 +139,11 @@ def read_film(path: Path) -> Film:
             f"{path}: the video holds no presentation times; write it anew with its frame rate: "
             f"ffmpeg -framerate 30 -i {path.name} {path.stem}.mp4"
         )
-    return Film(path, np.sort([time for time in times if not np.isnan(time)]), by_count, size)
+    return VideoPackets(path, np.sort([time for time in times if not np.isnan(time)]), by_count, size)
 
 
 def _seconds(timed: Any) -> float:
-    """Presentation time of a packet or a picture on the film's clock, s; NaN without one."""
+    """Presentation time of a packet or a picture on the video's clock, s; NaN without one."""
     return float("nan") if timed.pts is None else float(timed.pts * timed.time_base)
 
 

@@ -14,7 +14,7 @@ from deckline.files import lock_folder
 from deckline.recording.airsim import HEADER, IMAGE_FOLDER, MS_PER_S, RECORD_FILE, SCENE, choose_images
 from deckline.recording.camera_file import camera_to_mapping
 from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, encode_image, write_pfm
-from deckline.recording.scene import (
+from deckline.recording.scene_file import (
     RESERVED,
     SCENE_FILE,
     format_entry,
@@ -155,7 +155,7 @@ class RecordingWriter:
         self._frames[name] = format_entry(self._make_entry(encoded, name))
         self.written_bytes += sum(len(data) for data in (encoded.image, encoded.depth, encoded.clear) if data)
         self._last_ns = ns
-        time_ms = f"{encoded.time_s * MS_PER_S:.3f}".rstrip("0").rstrip(".")  # AirSim writes whole ms; we keep us
+        time_ms = f"{encoded.time_s * MS_PER_S:.3f}".rstrip("0").rstrip(".")  # AirSim writes whole ms; we write us
         cells = (self._vehicle, time_ms, *map(repr, encoded.pose), ";".join(names))
         self._rows.write("\t".join(cells) + "\n")
         self._rows.flush()

@@ -15,7 +15,7 @@ def export(
     out: Path,
     format: Format,
     camera: Path | None = None,
-    fov_deg: float = 90.0,
+    fov_deg: float | None = None,
     row_step_px: int = 1,
     line_points: int = 9,
 ) -> int:
@@ -26,7 +26,7 @@ def export(
         out: new folder.
         format: tusimple, culane, coco keypoints, yolo-pose or labelme.
         camera: camera.toml, when it does not lie beside the images.
-        fov_deg: horizontal field of view of an AirSim recording without a camera file.
+        fov_deg: horizontal field of view, where no file has the camera.
         row_step_px: rows between points, of TuSimple and CULane; TuSimple's own is 10, too coarse for a far runway.
         line_points: points of a line, of COCO, YOLO-pose and labelme.
     """

@@ -16,8 +16,8 @@ from deckline.atomic import write_atomic
 from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
 from deckline.files import print_line
 from deckline.recording import FrameError
-from deckline.recording.poses import read_table
 from deckline.recording.source import parse_json, read_text
+from deckline.recording.text_table import read_table
 from deckline.report.draw import BACKGROUND, INK, PANEL, Image, draw_tag, write_picture
 from deckline_lab.evaluation.dehazing_pairs import PairSource
 from deckline_lab.evaluation.tables import Table

@@ -13,7 +13,7 @@ from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.recording import FrameError, open_recording
 from deckline.recording.airsim import RECORD_FILE
-from deckline.recording.scene import SCENE_FILE, read_scene
+from deckline.recording.scene_file import SCENE_FILE, read_scene
 from deckline.types import Frame
 from deckline_lab.evaluation.detection_truth import ExpectedLines, expected_from_labels, expected_from_truth
 from deckline_lab.evaluation.store import Store

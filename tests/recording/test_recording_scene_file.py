@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from deckline.geometry import pose
 from deckline.recording import RecordingError
-from deckline.recording.scene import (
+from deckline.recording.scene_file import (
     format_entry,
     format_scene,
     get_clear_image,

@@ -36,7 +36,7 @@ POSES = ("world_from_body", "world_from_ship")  # of a frame's truth
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SceneFile:
     """A parsed scene.json. Entries of single frames are checked when they are asked for."""
 
     camera: MountedCamera | None = None
@@ -44,7 +44,7 @@ class Scene:
     extra: dict[str, Any] = field(default_factory=dict)  # the free keys
 
 
-def read_scene(path: Path) -> Scene:
+def read_scene(path: Path) -> SceneFile:
     """Read scene.json; a RecordingError for no JSON, another format or version, or a camera that is none."""
     values = parse_json(read_text(path), str(path))
     if not isinstance(values, dict) or values.get("format") != FORMAT:
@@ -56,7 +56,7 @@ def read_scene(path: Path) -> Scene:
         raise RecordingError(f"{path}: frames must be an object by image file name, got {type(frames).__name__}")
     raw_camera = values.get("camera")
     camera = None if raw_camera is None else camera_from_mapping(raw_camera, f"{path}: camera")
-    return Scene(camera, frames, {key: value for key, value in values.items() if key not in RESERVED})
+    return SceneFile(camera, frames, {key: value for key, value in values.items() if key not in RESERVED})
 
 
 def get_heights(frame: Frame) -> dict[str, float]:

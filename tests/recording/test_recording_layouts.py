@@ -3,8 +3,12 @@ import re
 
 import numpy as np
 import pytest
+from bag_files import rows, write
 from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
+from scipy.spatial.transform import Rotation
 
+from deckline.config import Navigation
+from deckline.geometry import Camera, camera_mount
 from deckline.recording import BadFrame, FrameError, RecordingError, open_recording
 from deckline.recording.image_folder import make_natural_key
 from deckline.types import NO_CAMERA, Frame
@@ -106,6 +110,59 @@ def test_unix_times_keep_their_microseconds(tmp_path):
     assert [frame.time_s for frame in open_recording(folder)] == times
 
 
+ANGLES = Rotation.from_euler("ZYX", [100.0, -5.0, 20.0], degrees=True)  # yaw, pitch, roll
+
+
+@pytest.mark.parametrize("by_time", [False, True])
+@pytest.mark.parametrize("unit", [("deg", 1.0), ("rad", np.pi / 180)])
+def test_attitudes_may_be_roll_pitch_and_yaw(tmp_path, unit, by_time):
+    name, size = unit
+    header = f"{'' if by_time else 'file,'}time_s,x_m,y_m,z_m,roll_{name},pitch_{name},yaw_{name}\n"
+    angles = ",".join(repr(angle * size) for angle in (20.0, -5.0, 100.0))
+    rows = f"{'' if by_time else 'a.png,'}1,0,0,-30,{angles}\n"
+    images(tmp_path, ["a.png"], poses=header + rows + (rows.replace("1,", "1.4,", 1) if by_time else ""))
+    if by_time:
+        (tmp_path / "times.csv").write_text("file,time_s\na.png,1.2\n")
+    found = open_recording(tmp_path).load(0).world_from_body.rotation
+    assert (found.inv() * ANGLES).magnitude() == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("names", ["lat,lon,alt", "latitude,longitude,altitude", "lat_deg,lon_deg,alt_m"])
+def test_images_may_have_latitude_and_longitude(tmp_path, names):
+    rows = "a.png,1,60,8,10,1,0,0,0\nb.png,2,60,8.001,30,1,0,0,0\n"
+    folder = images(tmp_path, ["a.png", "b.png"], poses=f"file,time_s,{names},qw,qx,qy,qz\n" + rows)
+    source = open_recording(folder)
+    assert "--origin 60.0000000 8.0000000 10.00" in source.notes[0]
+    second = source.load(1).world_from_body
+    np.testing.assert_allclose(second.translation, [0.0, 55.8, -20.0], atol=0.05)  # a radius of 3,197 km at 60 degrees
+    assert second.rotation.as_euler("ZYX", degrees=True)[0] == pytest.approx(-0.001 * np.sin(np.deg2rad(60.0)))
+    given = open_recording(folder, navigation=Navigation(origin=(60.0, 8.001, 0.0)))
+    np.testing.assert_allclose(given.load(1).world_from_body.translation, [0.0, 0.0, -30.0], atol=1e-6)
+
+
+def test_a_field_of_view_stands_for_a_camera_file(tmp_path):
+    source = open_recording(images(tmp_path, ["a.png"], camera=None), fov_deg=60.0, deck_z_m=-17.0)
+    frame = source.load(0)
+    assert vars(frame.camera) == vars(Camera.from_fov(3, 2, np.pi / 3))
+    assert (frame.deck_z_m, frame.camera.known) == (-17.0, True)
+    np.testing.assert_array_equal(frame.body_from_camera.as_matrix(), camera_mount().as_matrix())
+    assert " 60 degrees" in source.notes[-1]
+
+
+@pytest.mark.parametrize("layout", ["images", "airsim", "bag"])
+def test_a_field_of_view_must_not_contradict_the_camera(tmp_path, layout):
+    if layout == "airsim":
+        folder = recording(tmp_path / "rec", [row(1_000_000)], {IMAGE: png(PIXELS)})
+        (folder / "camera.toml").write_text(CAMERA)
+    else:
+        folder = images(tmp_path, ["a.png"]) if layout == "images" else write(tmp_path / "a", "mcap", rows())
+    camera = open_recording(folder).load(0).camera
+    fov_deg = np.rad2deg(2 * np.arctan(camera.width / 2 / camera.fx))
+    assert open_recording(folder, fov_deg=round(fov_deg)).load(0).camera.fx == camera.fx
+    with pytest.raises(RecordingError, match=rf"{fov_deg:.1f}.*99"):
+        open_recording(folder, fov_deg=99.0)
+
+
 def test_single_image(tmp_path):
     folder = images(tmp_path, ["a.png", "b.png"], poses=POSES + "a.png,1,0,0,0,1,0,0,0\nb.png,2,7,0,0,1,0,0,0\n")
     source = open_recording(folder / "b.png", deck_z_m=-17.0)
@@ -174,19 +231,9 @@ def test_sizes_must_agree(tmp_path):
     assert all(text in size.reason for text in ("3x2", "3x1"))
 
 
-@pytest.mark.parametrize(
-    ("poses", "text"),
-    [
-        ("", "line 1: .*empty"),
-        (POSES, "zero frames"),
-        (POSES.replace("qw", "w"), "line 1: column qw missing"),
-        (POSES + "a.png,0,0,0,0,1,0,0,0\na.png,0,0,0,0,1,0,0,0\n", "lines 2 and 3: 'a.png'"),
-        (POSES.replace("qz", "qz,qz"), "line 1: column qz"),
-    ],
-)
-def test_poses_file_that_cannot_be_used(tmp_path, poses, text):
-    with pytest.raises(RecordingError, match=f"poses.csv.*{text}"):
-        open_recording(images(tmp_path, ["a.png"], poses=poses))
+def test_a_poses_file_that_cannot_be_used_is_named(tmp_path):
+    with pytest.raises(RecordingError, match=r"poses\.csv.*qw.*roll_deg"):
+        open_recording(images(tmp_path, ["a.png"], poses=POSES.replace("qw", "w")))
 
 
 def test_images_without_a_camera_file_may_have_any_size_and_have_no_pose(tmp_path):

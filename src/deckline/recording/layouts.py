@@ -1,4 +1,4 @@
-"""open_recording: from a path to frames, with the camera and the poses given or found beside them."""
+"""From a path to frames: which layout it has, and the camera, the poses and the runway given or found beside it."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,14 +11,24 @@ from deckline.files import is_there
 from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
 from deckline.recording.bag import is_bag
 from deckline.recording.bag_topics import open_bag
-from deckline.recording.camera_file import CAMERA_FILE, CAMERA_FILES, EXAMPLE, MountedCamera, read_camera_file
-from deckline.recording.image_folder import ImageFolder, list_images
+from deckline.recording.camera_file import (
+    CAMERA_FILE,
+    CAMERA_FILES,
+    EXAMPLE,
+    MountedCamera,
+    check_fov,
+    make_pinhole,
+    note_pinhole,
+    read_camera_file,
+)
+from deckline.recording.image_folder import ImageFolder, list_images, measure_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
 from deckline.recording.logs import FORMATS, read_log_track
 from deckline.recording.pose_track import PoseTrack, read_csv_track
 from deckline.recording.poses import POSES_FILE, TIMES_FILE, names_images, read_image_times, read_poses
+from deckline.recording.runway_file import RUNWAY_FILE, read_runway_file
 from deckline.recording.source import BadFrame, Recording, RecordingError
-from deckline.recording.video import Video, read_film
+from deckline.recording.video import Video, scan_video
 
 NAVIGATION = Navigation()
 
@@ -28,7 +38,7 @@ def open_recording(
     *,
     camera_file: Path | str | None = None,
     poses_file: Path | str | None = None,
-    fov_deg: float = 90.0,
+    fov_deg: float | None = None,
     deck_z_m: float | None = None,
     sea_z_m: float | None = None,
     pfm_rows: PfmRows = "top-to-bottom",
@@ -39,19 +49,22 @@ def open_recording(
 ) -> Recording:
     """Open a recording in AirSim's layout, a folder of images, a single image, a video file, or a ROS bag.
 
+    runway.toml in the folder (of a file <file>.runway.toml, else runway.toml beside it) states what is known of the
+    deck, and becomes `base_config` of the source; see `recording.runway_file`.
+
     Args:
         path: folder with airsim_rec.txt, folder of images, image or video file; .mcap, .db3 or .bag file, or folder of
             a ROS 2 bag.
         camera_file: camera.toml, or a YAML calibration of OpenCV or ROS. When not given: an AirSim recording takes
-            scene.json's camera, else camera.toml in its folder, else a pinhole of `fov_deg`; a folder takes its
-            camera.toml, else camera.yaml; an image or video file takes <file>.camera.toml (.yaml), else camera.toml
-            (.yaml) beside it. Images and videos without one have lines in pixels only. A bag takes its camera_info and
-            transforms.
+            scene.json's camera, else camera.toml in its folder; a folder takes its camera.toml, else camera.yaml; an
+            image or video file takes <file>.camera.toml (.yaml), else camera.toml (.yaml) beside it; a bag takes its
+            camera_info and transforms. Without any, `fov_deg` counts.
         poses_file: poses.csv of images or a video, or an autopilot's log (.bin, .tlog, .ulg). When not given: poses.csv
             in the folder; <file>.poses.csv, else poses.csv beside the file, when it is there.
-        fov_deg: horizontal field of view of an AirSim recording that has no camera; 90 is AirSim's default.
-        deck_z_m: world z (down) of the deck plane; overrides what files say.
-        sea_z_m: world z (down) of the water; overrides what files say.
+        fov_deg: horizontal field of view where nothing else states the camera: a pinhole along the body's forward
+            axis. None: 90, AirSim's default, for AirSim recordings; others have lines in pixels only.
+        deck_z_m: world z (down) of the deck plane; overrides what files state.
+        sea_z_m: world z (down) of the water; overrides what files state.
         pfm_rows: order of the rows in PFM depth files; AirSim's is "top-to-bottom", the PFM definition's the other.
         far_m: depths stored at or beyond this mean "nothing seen"; the default is AirSim's half-precision limit.
         navigation: how poses that go by time are placed on pictures.
@@ -59,7 +72,7 @@ def open_recording(
         on_skip: takes each damaged frame while somebody iterates; None prints its file and the reason on stderr.
 
     Raises:
-        RecordingError: the source cannot be opened; one line that says what, where, and how to mend it.
+        RecordingError: the source cannot be opened; one line with the file, the reason and the remedy.
         ValueError: an option out of its range.
     """
     path = Path(path)
@@ -76,11 +89,14 @@ def open_recording(
         source: Recording = AirSimRecording(path, options, fallback)
     elif is_bag(path) and not (path.is_dir() and list_images(path)):
         track = None if poses_file is None else _read_track(Path(poses_file), navigation)
-        source = open_bag(path, topics, camera, (deck_z_m, sea_z_m), track, navigation)
+        source = open_bag(path, topics, options, track, navigation)
     elif topics:
         raise RecordingError(f"{path}: not a ROS bag: it has no topics; leave {', '.join(topics)} out")
     else:
         source = _open_images(path, poses_file, options, navigation)
+    if (runway_file := _find(path, RUNWAY_FILE)) is not None:
+        source.base_config, note = read_runway_file(runway_file)
+        source.notes += (note,)
     source.on_skip = on_skip
     return source
 
@@ -94,36 +110,57 @@ def _open_images(
         hint = f"; did you mean {inside}/?" if inside else ""
         places = f"neither {RECORD_FILE} nor images ({' '.join(IMAGE_SUFFIXES)}) in this folder"
         raise RecordingError(f"{path}: zero frames: {places}{hint}")
-    film = None if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES else read_film(path)
-    mounted = options.camera
-    if mounted is None and (camera_file := _find(path, *CAMERA_FILES)) is not None:
-        mounted = read_camera_file(camera_file)
-    mounted = mounted and mounted.at(options.deck_z_m, options.sea_z_m)
+    packets = None if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES else scan_video(path)
+    size = measure_images(path) if packets is None else packets.size
+    mounted, notes = _find_camera(path, size, options)
     poses_file = None if (found := poses_file or _find(path, POSES_FILE)) is None else Path(found)
-    if film is not None:
-        track = None if poses_file is None else _read_track(poses_file, navigation, film.times_s)
-        source: ImageFolder | Video = Video(film, mounted, track)
+    if packets is not None:
+        track = None if poses_file is None else _read_track(poses_file, navigation, packets.times_s)
+        source: ImageFolder | Video = Video(packets, mounted, track)
     else:
         source = _open_folder(path, mounted, poses_file, options, navigation)
-    if mounted is None:
-        place = _list_places(path, CAMERA_FILE)[-1]
-        source.notes = (f"{path}: no camera file: lines in pixels, no metres; for these write {place}: {EXAMPLE}",)
-    else:
-        source.notes += _note_scaling(mounted, source)
+    source.notes = notes if mounted is None else (*source.notes, *notes)
     return source
 
 
-def _note_scaling(mounted: MountedCamera, source: ImageFolder | Video) -> tuple[str, ...]:
+def _find_camera(
+    path: Path, size: tuple[int, int] | None, options: ReadOptions
+) -> tuple[MountedCamera | None, tuple[str, ...]]:
+    """The camera of pictures: given, beside them, or a pinhole of the stated field of view; and notes on it.
+
+    Args:
+        path: of the source.
+        size: width and height of its first picture, px; None where none can be read.
+        options: the caller's.
+
+    Raises:
+        RecordingError: a camera file of another shape, or one that contradicts the stated field of view.
+    """
+    mounted = options.camera
+    if mounted is None and (camera_file := _find(path, *CAMERA_FILES)) is not None:
+        mounted = read_camera_file(camera_file)
+    if mounted is not None:
+        check_fov(mounted.camera, options.fov_deg, str(path))
+        notes = _note_scaling(path, mounted, size)
+    elif options.fov_deg is not None and size is not None:
+        mounted = make_pinhole(*size, options.fov_deg)
+        notes = (note_pinhole(str(path), mounted.camera, options.fov_deg),)
+    else:
+        place = _list_places(path, CAMERA_FILE)[-1]
+        notes = (f"{path}: no camera file: lines in pixels, no metres; for these write {place}: {EXAMPLE}",)
+    return mounted and mounted.at(options.deck_z_m, options.sea_z_m), notes
+
+
+def _note_scaling(path: Path, mounted: MountedCamera, size: tuple[int, int] | None) -> tuple[str, ...]:
     """A note where intrinsics are scaled to the first picture's size; a RecordingError where its shape is another."""
     try:
-        size = source.film.size if isinstance(source, Video) else source.first_size()
         if size is None or (fitted := mounted.fit(*size)) is mounted:
             return ()
     except ValueError as error:
-        raise RecordingError(f"{source.name}: {error}") from None
+        raise RecordingError(f"{path}: {error}") from None
     camera, scaled = mounted.camera, fitted.camera
     return (
-        f"{source.name}: intrinsics for {camera.width}x{camera.height} px are scaled to the pictures' "
+        f"{path}: intrinsics for {camera.width}x{camera.height} px are scaled to the pictures' "
         f"{scaled.width}x{scaled.height} px, fx {camera.fx:.1f} to {scaled.fx:.1f} px",
     )
 
@@ -135,7 +172,7 @@ def _open_folder(
     folder, files = (path, None) if path.is_dir() else (path.parent, [path.name])
     times_file = folder / TIMES_FILE
     if poses_file is not None and not _is_log(poses_file) and names_images(poses_file):
-        return ImageFolder(folder, mounted, read_poses(poses_file), None, options, files)
+        return ImageFolder(folder, mounted, read_poses(poses_file, navigation.origin), None, options, files)
     track = None if poses_file is None else _read_track(poses_file, navigation)
     if track is not None and not is_there(times_file):
         raise RecordingError(f"{poses_file} has poses by time; write {times_file} with the columns file,time_s")
@@ -147,8 +184,8 @@ def _is_log(path: Path) -> bool:
     return path.suffix.lower() in FORMATS
 
 
-def _read_track(path: Path, navigation: Navigation, film_times_s: NDArray[np.float64] | None = None) -> PoseTrack:
-    return read_log_track(path, navigation) if _is_log(path) else read_csv_track(path, navigation, film_times_s)
+def _read_track(path: Path, navigation: Navigation, video_times_s: NDArray[np.float64] | None = None) -> PoseTrack:
+    return read_log_track(path, navigation) if _is_log(path) else read_csv_track(path, navigation, video_times_s)
 
 
 def _list_places(path: Path, name: str) -> list[Path]:
