@@ -14,9 +14,9 @@ import tyro
 from deckline.config_file import config_from_table, read_config, to_toml_text
 from deckline.recording.writer import ImageFormat
 from deckline_sim import CLEAR, SimConfig
-from deckline_sim.airsim_server.server import ServeConfig, serve_sim
+from deckline_sim.airsim_server.rpc_server import ServeConfig, serve_sim
 from deckline_sim.config import DepthConfig, Model, Preset, Sky, TimeOfDay, Trajectory
-from deckline_sim.record import SheetConfig, parse_visibility, simulate, visibility_text, write_sheet
+from deckline_sim.record import ContactSheetConfig, parse_visibility, simulate, visibility_text, write_contact_sheet
 
 SIM_HELP = """\
 examples:
@@ -38,7 +38,7 @@ class SimSettings(SimConfig):
 
     frames: int = 40
     visibility_m: tuple[float, float] = (300.0, 3000.0)
-    sheet: SheetConfig = field(default_factory=SheetConfig)
+    sheet: ContactSheetConfig = field(default_factory=ContactSheetConfig)
     server: ServeConfig = field(default_factory=ServeConfig)
 
     @property
@@ -61,7 +61,7 @@ class SimFlags:
     contact_sheet: Path | None  # write this .png or .jpg of all the frames instead
     serve: bool  # answer AirSim's clients until Ctrl-C
     config: Path | None  # TOML file of settings
-    set: tuple[str, ...]  # settings as the file has them, such as film.rain_mm_h=10
+    set: tuple[str, ...]  # settings as the file has them, such as exposure.rain_mm_h=10
     print_config: bool  # print all settings as TOML and stop
     jobs: int  # processes that render; 0: one for every core
     image_format: ImageFormat  # png, or ppm: large, but quick to write
@@ -112,7 +112,7 @@ def sim(args: Sequence[str]) -> int:
     elif flags.out is not None:
         simulate(settings.simulated, flags.out, flags.image_format, flags.jobs)
     elif flags.contact_sheet is not None:
-        write_sheet(settings.simulated, flags.contact_sheet, settings.sheet, flags.jobs)
+        write_contact_sheet(settings.simulated, flags.contact_sheet, settings.sheet, flags.jobs)
     return 0
 
 

@@ -21,7 +21,7 @@ UNLIMITED = 1e9
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train", "airfield", "pad"]
 DRAWN: tuple[Preset, ...] = ("airfield", "pad")  # on a plane, without OpenGL
 NOT_DRAWN = (
-    *("weather", "motion", "flight", "air", "lens", "film", "sensor", "navigation"),
+    *("weather", "motion", "flight", "air", "lens", "exposure", "sensor", "navigation"),
     *("fov_deg", "fixed_fov", "range_m", "elevation_deg", "start_m", "end_m"),
 )
 Trajectory = Literal["approach", "profile", "random", "deckless"]
@@ -67,7 +67,7 @@ class LensConfig:
 
 
 @dataclass(frozen=True)
-class FilmConfig:
+class ExposureConfig:
     """What happens during the exposure."""
 
     exposure_s: float | None = None  # how long the shutter is open; 0: no motion blur; default 0
@@ -185,7 +185,7 @@ class ImagingConfig:
     """The camera, the air before it and its depth camera."""
 
     lens: LensConfig = field(default_factory=LensConfig)
-    film: FilmConfig = field(default_factory=FilmConfig)
+    exposure: ExposureConfig = field(default_factory=ExposureConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     air: AirConfig = field(default_factory=AirConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
@@ -297,7 +297,7 @@ class SimConfig:
     flight: FlightConfig = field(default_factory=FlightConfig)
     air: AirConfig = field(default_factory=AirConfig)
     lens: LensConfig = field(default_factory=LensConfig)
-    film: FilmConfig = field(default_factory=FilmConfig)
+    exposure: ExposureConfig = field(default_factory=ExposureConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
     navigation: NavigationConfig = field(default_factory=NavigationConfig)
@@ -336,7 +336,7 @@ class SimConfig:
     @property
     def imaging(self) -> ImagingConfig:
         """Everything between the scene's light and the recorded picture."""
-        return ImagingConfig(self.lens, self.film, self.sensor, self.air, self.depth)
+        return ImagingConfig(self.lens, self.exposure, self.sensor, self.air, self.depth)
 
     @property
     def ranges_m(self) -> tuple[float, float]:

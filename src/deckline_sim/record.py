@@ -25,9 +25,9 @@ from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
 from deckline.report.draw import check_picture_name, write_picture
 from deckline.types import Frame
-from deckline_sim.airfield.simulate import AirfieldSimulator
+from deckline_sim.airfield.simulator import AirfieldSimulator
 from deckline_sim.config import FLIGHTS, LARGEST_PX, SimConfig
-from deckline_sim.simulate import Simulator, open_simulator, ship_block
+from deckline_sim.simulate import ShipSimulator, open_simulator, ship_block
 
 CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs
 T = TypeVar("T")
@@ -73,7 +73,9 @@ def show_progress(what: str, results: Generator[T, None, None], total: int, done
             advance()
 
 
-_opened: dict[SimConfig, Simulator | AirfieldSimulator] = {}  # the last recording's simulator in a rendering process
+_opened: dict[
+    SimConfig, ShipSimulator | AirfieldSimulator
+] = {}  # the last recording's simulator in a rendering process
 
 
 def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:
@@ -94,7 +96,7 @@ def _split_chunks(items: Sequence[Item]) -> Iterator[list[Item]]:
 
 
 @dataclass(frozen=True)
-class SheetConfig:
+class ContactSheetConfig:
     """A contact sheet."""
 
     tile_px: int = 320  # width of a frame in the picture; frames are rendered at their full size and shrunk
@@ -151,7 +153,7 @@ def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jo
     print(out)
 
 
-def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1) -> None:
+def write_contact_sheet(config: SimConfig, out: Path, sheet: ContactSheetConfig, jobs: int = 1) -> None:
     """Render `config.frames` frames into one picture, written whole or not at all.
 
     Raises:

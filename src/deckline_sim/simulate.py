@@ -8,15 +8,15 @@ from typing import Self
 import numpy as np
 
 from deckline.types import Frame, Segment, Truth
-from deckline_sim.airfield.simulate import AirfieldSimulator
-from deckline_sim.camera.glass import add_foreground
+from deckline_sim.airfield.simulator import AirfieldSimulator
+from deckline_sim.camera.foreground import add_foreground
 from deckline_sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline_sim.camera.lens import pinhole_for, random_lens
 from deckline_sim.camera.measure import measure_pose
 from deckline_sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig, draw_visibility
 from deckline_sim.flight.approach import approach_view
-from deckline_sim.flight.views import (
-    Motion,
+from deckline_sim.flight.viewpoints import (
+    ShipMotion,
     Viewpoint,
     away_view,
     draw_motion,
@@ -28,9 +28,9 @@ from deckline_sim.flight.views import (
     view_towards,
 )
 from deckline_sim.scene.render import Renderer
-from deckline_sim.scene.view import BEST, Quality, Scene, random_quality
+from deckline_sim.scene.view import BEST, RenderQuality, RenderScene, random_quality
 from deckline_sim.scene.weather import Weather, random_time_of_day, random_weather, sun_direction
-from deckline_sim.ship.background import Kind, background_mesh
+from deckline_sim.ship.background import BackgroundKind, background_mesh
 from deckline_sim.ship.layout import Layout, random_layout, world_points
 from deckline_sim.ship.mesh import join
 from deckline_sim.ship.ship import NO_RUNWAY, Ship, build_ship
@@ -53,11 +53,11 @@ class Scenery:
     weather: Weather
     visibility_m: float  # 2 % contrast; infinite is clear air
     imaging: ImagingConfig
-    quality: Quality = BEST
+    quality: RenderQuality = BEST
     with_ship: bool = True
 
 
-class Simulator:
+class ShipSimulator:
     """Renders single frames of a recording in any order; holds the OpenGL context and the ship last used.
 
     Args:
@@ -121,7 +121,7 @@ class Simulator:
         sea_state = round(swell) if sea is None and swell is not None else sea
         self.weather: WeatherConfig = replace(config.weather, time_of_day=time, sea_state=sea_state)
         swell = sea if swell is None else swell
-        self.motion: Motion = draw_motion(replace(config.motion, sea_state=swell), train, for_motion)
+        self.motion: ShipMotion = draw_motion(replace(config.motion, sea_state=swell), train, for_motion)
         self.renderer.load(self.ship, sun_direction(for_sun, time))
         self.loaded = block
 
@@ -142,7 +142,7 @@ class Simulator:
         layout = ship.layout.at_pose(ship_pose(ship.layout, self.motion, view.time_s))
         pose, how = view.world_from_camera, (scenery.with_ship, scenery.quality, layout.world_from_ship)
         shot = self.imaging.take(
-            self.renderer.render(Scene(pinhole_for(camera), pose, weather, view.time_s, *how)),
+            self.renderer.render(RenderScene(pinhole_for(camera), pose, weather, view.time_s, *how)),
             camera,
             pose,
             self._surroundings(view, scenery),
@@ -193,7 +193,7 @@ class Simulator:
         )
 
 
-class DecklessSimulator(Simulator):
+class DecklessSimulator(ShipSimulator):
     """Frames of trajectory `deckless`; a ship, its sea and its light are drawn anew for every one."""
 
     def frame(self, index: int) -> Frame:
@@ -230,7 +230,7 @@ class DecklessSimulator(Simulator):
         raise AssertionError("unreachable: one random ship in eight has no runway")
 
     def _hide_ship(self, kind: str, rng: np.random.Generator) -> None:
-        things: Kind = "ships" if kind == SHIPS else "coast"
+        things: BackgroundKind = "ships" if kind == SHIPS else "coast"
         mesh = join([]) if kind == OPEN else background_mesh(self.ship.layout, rng, things)
         self.ship = replace(self.ship, runway=False, background=mesh)
         self.renderer.load(self.ship, self.renderer.sun)
@@ -258,7 +258,7 @@ class DecklessSimulator(Simulator):
         return "other ships" if kind == SHIPS else "coast"
 
 
-def open_simulator(config: SimConfig) -> Simulator | AirfieldSimulator:
+def open_simulator(config: SimConfig) -> ShipSimulator | AirfieldSimulator:
     """What renders the frames of a recording.
 
     Raises:
@@ -266,7 +266,7 @@ def open_simulator(config: SimConfig) -> Simulator | AirfieldSimulator:
     """
     if config.preset in DRAWN:
         return AirfieldSimulator(config)
-    return DecklessSimulator(config) if config.trajectory == "deckless" else Simulator(config)
+    return DecklessSimulator(config) if config.trajectory == "deckless" else ShipSimulator(config)
 
 
 def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterator[Frame]:

@@ -9,7 +9,7 @@ from deckline_sim import SimConfig
 from deckline_sim.config import (
     AirConfig,
     DepthConfig,
-    FilmConfig,
+    ExposureConfig,
     FlightConfig,
     LensConfig,
     MotionConfig,
@@ -17,7 +17,7 @@ from deckline_sim.config import (
     SensorConfig,
     WeatherConfig,
 )
-from deckline_sim.record import SheetConfig
+from deckline_sim.record import ContactSheetConfig
 
 INF, NAN = float("inf"), float("nan")
 
@@ -55,8 +55,8 @@ INF, NAN = float("inf"), float("nan")
         (FlightConfig, {"pointing": "down"}, "pointing .*'ahead', 'runway'.*'down'"),
         (LensConfig, {"distortion": (0.1, 0.2)}, r"distortion .*5.*\(0.1, 0.2\)"),
         (LensConfig, {"principal_offset_px": (NAN, 0.0)}, r"principal_offset_px .*\(nan, 0.0\)"),
-        (FilmConfig, {"exposure_s": 2.0}, "exposure_s .*1.*2.0"),
-        (FilmConfig, {"rain_mm_h": -1.0}, "rain_mm_h .*-1.0"),
+        (ExposureConfig, {"exposure_s": 2.0}, "exposure_s .*1.*2.0"),
+        (ExposureConfig, {"rain_mm_h": -1.0}, "rain_mm_h .*-1.0"),
         (SensorConfig, {"vignetting": 2.0}, "vignetting .*1.*2.0"),
         (SensorConfig, {"jpeg_quality": 101}, "jpeg_quality .*100.*101"),
         (SensorConfig, {"tone": "hdr"}, "tone .*'hdr'"),
@@ -73,7 +73,7 @@ INF, NAN = float("inf"), float("nan")
         (DepthConfig, {"dropout": 1.5}, "dropout .*1.*1.5"),
         (NavigationConfig, {"position_sigma_m": -0.1}, "position_sigma_m .*-0.1"),
         (NavigationConfig, {"drift_s": 0.0}, "drift_s .*1.*0.0"),
-        (SheetConfig, {"tile_px": 0}, "tile_px .*0$"),
+        (ContactSheetConfig, {"tile_px": 0}, "tile_px .*0$"),
         (DatasetConfig, {"test": 600}, "test .*599.*600"),
         (DatasetConfig, {"seed": -1}, "seed .*-1"),
         (DatasetConfig, {"visibility_m": (300.0, INF)}, r"visibility_m .*\(300.0, inf\)"),

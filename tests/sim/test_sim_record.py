@@ -123,7 +123,7 @@ def test_settings_come_from_the_mode_the_file_set_and_flags_in_this_order(tmp_pa
     ("text", "named"),
     [
         ("[weather]\nwind = 3", "deck.toml.*weather.wind.*wind_m_s"),
-        ("[film]\nlens_drops = 1.5", "deck.toml.*film.lens_drops.*1.5"),
+        ("[exposure]\nlens_drops = 1.5", "deck.toml.*exposure.lens_drops.*1.5"),
     ],
 )
 def test_a_wrong_key_or_value_of_the_file_is_named(text, named, tmp_path, capsys):

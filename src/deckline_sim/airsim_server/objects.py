@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline_sim.airsim_server.structs import Struct, geo_struct, pose_struct, vector_struct
 from deckline_sim.airsim_server.world import World, WorldState
 from deckline_sim.scene.view import Label
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 
 LABELS = {"Deck": (Label.DECK,), "Carrier": (Label.DECK, Label.STRUCTURE)}  # of objects that cameras detect
 OWN_LABEL = {"Deck": Label.DECK, "Carrier": Label.STRUCTURE, "Background": Label.BACKGROUND}  # that IDs colour
@@ -22,7 +22,7 @@ _LEVELS = (255, 127, 191, 95, 159, 223, 79)  # of a channel, in the order in whi
 
 
 @dataclass(frozen=True)
-class Filter:
+class DetectionFilter:
     """The objects that a camera detects, by names with * and ?, and how near they must be, m."""
 
     names: tuple[str, ...] = ()
@@ -109,7 +109,7 @@ def detections(world: World, camera: str, image_type: int) -> list[Struct]:
     `box2D` bounds the visible pixels, and `box3D` the object in the mount's frame, whose x axis is the viewing axis.
     """
     state, time_s = world.snapshot()
-    wanted = state.filters.get((camera, image_type), Filter())
+    wanted = state.filters.get((camera, image_type), DetectionFilter())
     seen = world.labels(camera, image_type, state, time_s) if wanted.names else np.zeros((1, 1), np.uint8)
     mount_from_world = (state.world_from_body * world.mount(camera, state)).inv()
     ship, found = world.ship_pose(time_s), []

@@ -6,9 +6,9 @@ from typing import Any
 
 from deckline.adapters.airsim.protocol import read_number
 from deckline_sim.airsim_server import objects
-from deckline_sim.airsim_server.images import read_image_type
-from deckline_sim.airsim_server.motion import Motion
-from deckline_sim.airsim_server.sensors import Sensors, environment_struct
+from deckline_sim.airsim_server.image_requests import read_image_type
+from deckline_sim.airsim_server.kinematics import VehicleMotion
+from deckline_sim.airsim_server.sensors import SimulatedSensors, environment_struct
 from deckline_sim.airsim_server.service import Service, read_near_pose
 from deckline_sim.airsim_server.structs import Struct, pose_struct, unknown_pose_struct
 
@@ -44,12 +44,12 @@ def get_object_id(service: Service, name: str) -> int:
 
 
 def set_filter(
-    service: Service, camera: Any, image_type: int, change: Callable[[objects.Filter], objects.Filter]
+    service: Service, camera: Any, image_type: int, change: Callable[[objects.DetectionFilter], objects.DetectionFilter]
 ) -> None:
     """Change the filter of a camera's detections."""
     key = (service.world.settings.find_camera(str(camera)), read_image_type(image_type))
     filters = service.world.state.filters
-    service.change(filters={**filters, key: change(filters.get(key, objects.Filter()))})
+    service.change(filters={**filters, key: change(filters.get(key, objects.DetectionFilter()))})
 
 
 def add_filter_name(
@@ -85,7 +85,7 @@ async def get_detections(
     return found
 
 
-def read_sensor(service: Service, measure: Callable[[Sensors, Motion, float], Struct]) -> Struct:
+def read_sensor(service: Service, measure: Callable[[SimulatedSensors, VehicleMotion, float], Struct]) -> Struct:
     motion = service.world.vehicle.read()
     return service.sensors.read(measure.__name__, motion, lambda *args: measure(service.sensors, *args))
 
@@ -121,10 +121,10 @@ SCENE_METHODS: dict[str, Callable[..., Any]] = {
     "simSetDetectionFilterRadius": set_filter_radius,
     "simClearDetectionMeshNames": clear_filter,
     "simGetDetections": get_detections,
-    "getImuData": lambda service, name="", vehicle="": read_sensor(service, Sensors.imu),
-    "getGpsData": lambda service, name="", vehicle="": read_sensor(service, Sensors.gps),
-    "getBarometerData": lambda service, name="", vehicle="": read_sensor(service, Sensors.barometer),
-    "getMagnetometerData": lambda service, name="", vehicle="": read_sensor(service, Sensors.magnetometer),
+    "getImuData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.imu),
+    "getGpsData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.gps),
+    "getBarometerData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.barometer),
+    "getMagnetometerData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.magnetometer),
     "getDistanceSensorData": get_distance,
     "simSetDistanceSensorPose": set_distance_pose,
     "simGetGroundTruthEnvironment": get_environment,

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline_sim.airsim_server.motion import GRAVITY_M_S2, Motion
+from deckline_sim.airsim_server.kinematics import GRAVITY_M_S2, VehicleMotion
 from deckline_sim.airsim_server.settings import DistanceSetting
 from deckline_sim.airsim_server.structs import Struct, geo_struct, pose_struct, vector_struct
 from deckline_sim.airsim_server.world import World
@@ -34,7 +34,7 @@ DIPOLE_GAUSS = np.array([-1450.9, 4652.5, -29404.8]) * 1e-5  # g11, h11, g10
 Origin = tuple[float, float, float]
 
 
-class Sensors:
+class SimulatedSensors:
     """Reads the sensors; only on one thread.
 
     Args:
@@ -52,7 +52,7 @@ class Sensors:
         self._last: dict[str, tuple[float, Struct]] = {}  # time and reading by sensor
         self._gyro_bias, self._acceleration_bias, self._pressure_drift = np.zeros(3), np.zeros(3), 0.0
 
-    def read(self, name: str, motion: Motion, measure: Callable[[Motion, float], Struct]) -> Struct:
+    def read(self, name: str, motion: VehicleMotion, measure: Callable[[VehicleMotion, float], Struct]) -> Struct:
         """A reading by `measure`, which gets the time since the sensor's last one; stamped with the time."""
         before_s, reading = self._last.get(name, (self._started_s, {}))
         if not reading or motion.time_s > before_s:
@@ -61,7 +61,7 @@ class Sensors:
             self._last[name] = motion.time_s, reading
         return reading
 
-    def imu(self, motion: Motion, passed_s: float) -> Struct:
+    def imu(self, motion: VehicleMotion, passed_s: float) -> Struct:
         """ImuData: specific force and rates about the body's axes; the orientation is true, as AirSim's."""
         turn = motion.pose.rotation
         force = turn.inv().apply(motion.acceleration - [0.0, 0.0, GRAVITY_M_S2])
@@ -77,7 +77,7 @@ class Sensors:
             "linear_acceleration": vector_struct(force),
         }
 
-    def gps(self, motion: Motion, passed_s: float) -> Struct:
+    def gps(self, motion: VehicleMotion, passed_s: float) -> Struct:
         """GpsData, old by the latency. AirSim states an accuracy and adds no error; here the error is as stated."""
         on_s = motion.time_s - self._started_s
         sigma_m = GPS_END_M + (GPS_START_M - GPS_END_M) * math.exp(-on_s / GPS_TIME_S)
@@ -95,7 +95,7 @@ class Sensors:
             "is_valid": True,
         }
 
-    def barometer(self, motion: Motion, passed_s: float) -> Struct:
+    def barometer(self, motion: VehicleMotion, passed_s: float) -> Struct:
         """BarometerData: pressure, Pa, the altitude it stands for, m, and the sea-level pressure, hPa."""
         keep = math.exp(-passed_s / PRESSURE_DRIFT_S)
         drift, noise = self._rng.normal(size=2)
@@ -105,7 +105,7 @@ class Sensors:
         altitude_m = (1.0 - (pressure / SEA_LEVEL_PA) ** (1.0 / PRESSURE_EXPONENT)) * SEA_LEVEL_K / LAPSE_K_M
         return {"altitude": altitude_m, "pressure": pressure, "qnh": SEA_LEVEL_PA / 100.0}
 
-    def magnetometer(self, motion: Motion, passed_s: float) -> Struct:
+    def magnetometer(self, motion: VehicleMotion, passed_s: float) -> Struct:
         """MagnetometerData, gauss along the body's axes."""
         field = motion.pose.rotation.inv().apply(magnetic_field(self._world.settings.origin))
         noise = MAGNETIC_NOISE_GAUSS * self._rng.normal(size=3)
@@ -141,7 +141,7 @@ def magnetic_field(origin: Origin) -> NDArray[np.float64]:
     return np.array([[-sin * c, -sin * s, cos], [-s, c, 0.0], -up]) @ field
 
 
-def environment_struct(motion: Motion, origin: Origin) -> Struct:
+def environment_struct(motion: VehicleMotion, origin: Origin) -> Struct:
     """EnvironmentState."""
     place = geo_struct(motion.pose.translation, origin)
     pressure, temperature, density = standard_air(place["altitude"])

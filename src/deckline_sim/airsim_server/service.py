@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.protocol import read_pose
-from deckline_sim.airsim_server.flight import FARTHEST_M
-from deckline_sim.airsim_server.images import Recorder
-from deckline_sim.airsim_server.sensors import Sensors
+from deckline_sim.airsim_server.image_requests import Recorder
+from deckline_sim.airsim_server.sensors import SimulatedSensors
+from deckline_sim.airsim_server.vehicle import FARTHEST_M
 from deckline_sim.airsim_server.world import World
 
 
@@ -21,7 +21,7 @@ class Service:
     world: World
     render: Callable[..., Awaitable[Any]]  # do something on the world's thread, behind the work that waits there
     recorder: Recorder
-    sensors: Sensors
+    sensors: SimulatedSensors
     log: Callable[[str], None]
 
     def change(self, **values: Any) -> None:

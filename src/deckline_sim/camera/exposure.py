@@ -8,9 +8,9 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
 from deckline.haze import Triple, triple
-from deckline_sim.config import FilmConfig
+from deckline_sim.config import ExposureConfig
 from deckline_sim.scene.gl import fullscreen, image_texture, link, moderngl
-from deckline_sim.scene.view import View
+from deckline_sim.scene.view import Rendering
 
 BLUR_CHANCE, RAIN_CHANCE, SPRAY_CHANCE = 0.22, 0.08, 0.03  # of a frame of preset train
 EXPOSURE_S = (1 / 1000, 1 / 25)  # drawn, lowest and highest
@@ -53,7 +53,7 @@ class Exposure:
 
 
 def draw_exposure(
-    config: FilmConfig,
+    config: ExposureConfig,
     camera: Camera,
     world_from_camera: RigidTransform,
     velocity_m_s: ArrayLike,
@@ -103,14 +103,14 @@ class ExposurePass:
 
     def __init__(self, context: moderngl.Context) -> None:
         self.context = context
-        self.blur = link(context, "fullscreen.vert", "film.frag")
-        self.streak = link(context, "film_quad.vert", "film_streak.frag")
-        self.drop = link(context, "film_quad.vert", "film_drop.frag")
+        self.blur = link(context, "fullscreen.vert", "exposure.frag")
+        self.streak = link(context, "exposure_quad.vert", "rain_streak.frag")
+        self.drop = link(context, "exposure_quad.vert", "lens_drop.frag")
         self.screen = fullscreen(context, self.blur)
         self.blur["radiance"], self.blur["nearness"], self.drop["radiance"] = 0, 1, 0
         self.drop["zoom"] = DROP_ZOOM
 
-    def expose(self, view: View, camera: Camera, exposure: Exposure) -> View:
+    def expose(self, view: Rendering, camera: Camera, exposure: Exposure) -> Rendering:
         """A view of the middle of the exposure with the light of all of it; itself if nothing moves and nothing falls.
 
         Raises:
@@ -119,7 +119,7 @@ class ExposurePass:
         if exposure.still:
             return view
         if camera.has_distortion or view.depth_m.shape != (camera.height, camera.width):
-            raise ValueError(f"film needs a pinhole of the picture's size {view.depth_m.shape}, got {camera}")
+            raise ValueError(f"the exposure needs a pinhole of the picture's size {view.depth_m.shape}, got {camera}")
         textures = [self.context.texture((camera.width, camera.height), 4, dtype="f4") for _ in range(2)]
         frames = [self.context.framebuffer([texture]) for texture in textures]
         self.context.disable(moderngl.DEPTH_TEST | moderngl.BLEND)
@@ -143,9 +143,9 @@ class ExposurePass:
         for frame, texture in zip(frames, textures, strict=True):
             frame.release()
             texture.release()
-        return View(exposed, view.depth_m)
+        return Rendering(exposed, view.depth_m)
 
-    def _blur(self, target: moderngl.Framebuffer, view: View, camera: Camera, exposure: Exposure) -> None:
+    def _blur(self, target: moderngl.Framebuffer, view: Rendering, camera: Camera, exposure: Exposure) -> None:
         """Every pixel's mean along its path during the exposure."""
         light, near = image_texture(self.context, view.radiance), image_texture(self.context, view.nearness)
         light.repeat_x = light.repeat_y = False

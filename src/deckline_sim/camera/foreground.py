@@ -1,19 +1,25 @@
 """What hides a scene from its camera: cockpits, airframes, drones' legs, dirty glass, captions, drawn at random."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deckline.types import Frame
 from deckline_sim.camera import cockpit, screen
 from deckline_sim.camera.brushes import Layer, Rng
+from deckline_sim.camera.phone import phone_picture
+from deckline_sim.config import FLIGHTS, SimConfig
+from deckline_sim.visible_line import find_visible_line
 
 OPEN_SHARE = 0.7  # of the kept box that stays uncovered
 MOST_PX = 800  # on the longer side; larger foregrounds are drawn at this size and enlarged
 TRIES = 3  # drawings of an element before it is left out
+FOREGROUND = 9  # random stream
+OPEN_BOX = (0.25, 0.25, 0.75, 0.75)  # of the picture, which stays open in a flight: u0, v0, u1, v1
 SETTINGS = (0.55, 0.2, 0.25)  # shares of cockpits, of airframes and drones, of plain pictures
 
 
@@ -52,6 +58,37 @@ KINDS = (  # from the scene to the viewer
     _Kind(screen.paint_captions, (0.25, 0.25, 0.55), (0.0, 0.002), (0.4, 1.0), solid=False),
     _Kind(screen.paint_bars, (0.08, 0.08, 0.2), (0.0, 0.0), solid=False),
 )
+
+
+def add_foreground(frame: Frame, config: SimConfig, index: int) -> Frame:
+    """The frame behind a foreground that leaves its runway open; the same foreground in all frames of a flight.
+
+    Depth and truth stay the scene's. `keep_clear` keeps the scene as the clear view, also in clear air.
+    """
+    flight = config.trajectory in FLIGHTS
+    rng = np.random.default_rng([config.seed, FOREGROUND, 0 if flight else index])
+    if rng.random() >= config.foreground_share:
+        return frame
+    height, width = frame.image_rgb.shape[:2]
+    keep = np.multiply(OPEN_BOX, [width, height] * 2) if flight else _box_lines(frame)
+    foreground = draw_foreground(width, height, rng, keep)
+    noise = np.random.default_rng([config.seed, FOREGROUND, 1, index])
+    seen = phone_picture(lay_over(frame.image_rgb, foreground), noise)
+    truth = frame.truth
+    if truth is not None and truth.clear_rgb is None and config.keep_clear:
+        truth = replace(truth, clear_rgb=frame.image_rgb)
+    return replace(frame, image_rgb=np.clip(np.rint(seen), 0, 255).astype(np.uint8), truth=truth)
+
+
+def _box_lines(frame: Frame) -> NDArray[np.float64] | None:
+    """Box u0, v0, u1, v1 (4,) px of what the picture shows of the true lines; None: nothing."""
+    truth = frame.truth
+    segments = [] if truth is None else [line for line in (truth.left, truth.right) if line is not None]
+    lines = [find_visible_line(frame, segment, within_visibility=False) for segment in segments]
+    points = [line.points_px for line in lines if line is not None]
+    if not points:
+        return None
+    return np.concatenate([np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)])
 
 
 def lay_over(image: NDArray[Any], foreground: Foreground) -> NDArray[np.float32]:

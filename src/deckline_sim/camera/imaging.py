@@ -26,7 +26,7 @@ from deckline_sim.camera.measure import measure_depth
 from deckline_sim.camera.sensor import Sensor, develop, draw_sensor, finish, meter
 from deckline_sim.config import AirConfig, ImagingConfig, Model
 from deckline_sim.scene.gl import moderngl
-from deckline_sim.scene.view import View
+from deckline_sim.scene.view import Rendering
 
 PHYSICAL_SHARE = 0.5  # of the frames of preset train
 WAVELENGTH_NM = np.array([610.0, 550.0, 465.0])  # middles of red, green and blue; visibility is quoted for green
@@ -168,11 +168,11 @@ class Imaging:
     """The camera path; its GPU passes live on the renderer's OpenGL context."""
 
     def __init__(self, context: moderngl.Context) -> None:
-        self.lens, self.film = Lens(context), ExposurePass(context)
+        self.lens, self.exposure_pass = Lens(context), ExposurePass(context)
 
     def take(
         self,
-        view: View,
+        view: Rendering,
         camera: Camera,
         world_from_camera: RigidTransform,
         scene: Surroundings,
@@ -194,7 +194,7 @@ class Imaging:
         """
         pinhole = pinhole_for(camera)
         moving = scene.velocity_m_s, scene.turning_rad_s
-        exposure = draw_exposure(config.film, pinhole, world_from_camera, *moving, recording, frame, wide)
+        exposure = draw_exposure(config.exposure, pinhole, world_from_camera, *moving, recording, frame, wide)
         model, air = self._air(scene, config.air, exposure.rain_mm_h, recording, wide)
         thick = model == "physical" and any(air.extinction_per_m)
         seen = scatter_view(view, pinhole, world_from_camera, air) if thick else view
@@ -229,9 +229,9 @@ class Imaging:
             air = replace(air, extinction_per_m=grey, scale_height_m=math.inf, glow=0.0, waves=())
         return model, air
 
-    def _expose(self, view: View, pinhole: Camera, camera: Camera, exposure: Exposure) -> View:
+    def _expose(self, view: Rendering, pinhole: Camera, camera: Camera, exposure: Exposure) -> Rendering:
         """The view through the exposure and the lens."""
-        exposed = self.film.expose(view, pinhole, exposure)
+        exposed = self.exposure_pass.expose(view, pinhole, exposure)
         return self.lens.warp(exposed, pinhole, camera) if camera.has_distortion else exposed
 
 
@@ -247,15 +247,15 @@ def display_levels(light: Triple, sensor: Sensor) -> Triple:
     return triple(develop(np.asarray(light, np.float32).reshape(1, 1, 3), sensor)[0, 0])
 
 
-def scatter_view(view: View, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> View:
+def scatter_view(view: Rendering, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> Rendering:
     """A pinhole's view through air of the physical model."""
     directions, lengths = world_rays(pixel_rays(camera), world_from_camera.rotation.as_matrix())
     light = np.minimum(view.radiance, np.float32(BRIGHTEST))
     eye = world_from_camera.translation
-    return View(scatter(light, view.depth_m * lengths, directions, eye, air), view.depth_m)
+    return Rendering(scatter(light, view.depth_m * lengths, directions, eye, air), view.depth_m)
 
 
-def meter_view(view: View, air: Atmosphere, air_to_come: bool) -> float:
+def meter_view(view: Rendering, air: Atmosphere, air_to_come: bool) -> float:
     """The light that automatic exposure goes by, on every fourth pixel of a view whose even air may be yet to come.
 
     Ray lengths are taken for depths here: exposure needs no more.

@@ -10,11 +10,11 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, camera_mount
 from deckline_sim.config import FlightConfig, Pointing, SimConfig
-from deckline_sim.flight.views import (
+from deckline_sim.flight.viewpoints import (
     RAMP_CLEARANCE_M,
     STILL,
     TOUCHDOWN_M,
-    Motion,
+    ShipMotion,
     Viewpoint,
     deck_rise,
     pose_towards,
@@ -42,7 +42,7 @@ SHAKE_HZ = (0.05, 0.4)  # of the attitude
 
 
 @dataclass(frozen=True)
-class Flight:
+class ApproachFlight:
     """One flight's numbers, all random choices made."""
 
     speed_m_s: float
@@ -54,12 +54,12 @@ class Flight:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class ApproachPath:
     """One flight from its first to its last frame."""
 
     layout: Layout  # of the ship as it lies at time 0
-    motion: Motion
-    flight: Flight
+    motion: ShipMotion
+    flight: ApproachFlight
     pointing: Pointing
     seed: int
     start_m: float  # distance to the ramp
@@ -74,7 +74,7 @@ class Path:
         return (self.start_m - self.end_m) / self.closing_m_s
 
 
-def approach_view(config: SimConfig, layout: Layout, index: int, motion: Motion = STILL) -> Viewpoint:
+def approach_view(config: SimConfig, layout: Layout, index: int, motion: ShipMotion = STILL) -> Viewpoint:
     """Frame `index` of a final approach or of the paper's profile from 5 km, frames equally spaced in time.
 
     The profile's flight out to 10 km and back, during which the paper's aircraft sees no deck, is left out, and
@@ -101,7 +101,7 @@ def approach_view(config: SimConfig, layout: Layout, index: int, motion: Motion 
     )
 
 
-def flight_path(config: SimConfig, layout: Layout, motion: Motion) -> Path:
+def flight_path(config: SimConfig, layout: Layout, motion: ShipMotion) -> ApproachPath:
     """The flight of a recording, all random choices made; errors as for `approach_view`."""
     is_profile, slope = config.trajectory == "profile", np.tan(np.deg2rad(config.flight.glideslope_deg))
     touchdown_m = TOUCHDOWN_M if is_profile else config.flight.touchdown_m
@@ -114,7 +114,7 @@ def flight_path(config: SimConfig, layout: Layout, motion: Motion) -> Path:
     wind = -flight.headwind_m_s * along - flight.crosswind_m_s * np.array([-along[1], along[0]])
     closing = closing_speed(along, steady_velocity(layout, motion)[:2], wind, flight.speed_m_s)
     height_m = profile_height() if is_profile else lambda range_m: (range_m + touchdown_m) * slope
-    return Path(
+    return ApproachPath(
         layout, motion, flight, pointing, config.seed, start_m, config.end_m, height_m, closing, wind, touchdown_m
     )
 
@@ -127,7 +127,7 @@ def profile_height() -> Callable[[float], float]:
     return CubicHermiteSpline(points[::-1, 0], points[::-1, 1], at_points[::-1])
 
 
-def draw_flight(config: FlightConfig, train: bool, rng: np.random.Generator) -> Flight:
+def draw_flight(config: FlightConfig, train: bool, rng: np.random.Generator) -> ApproachFlight:
     """Numbers that the configuration leaves open; `train`: as preset `train` has them."""
     drawn = {
         "headwind_m_s": rng.uniform(0.0, 12.0),
@@ -138,7 +138,7 @@ def draw_flight(config: FlightConfig, train: bool, rng: np.random.Generator) -> 
     }
     chosen = {name: getattr(config, name) for name in drawn}
     open_ones = {name: float(drawn[name]) if train else 0.0 for name, value in chosen.items() if value is None}
-    return Flight(config.speed_m_s, **(chosen | open_ones))
+    return ApproachFlight(config.speed_m_s, **(chosen | open_ones))
 
 
 def closing_speed(
@@ -200,7 +200,7 @@ def landing_direction(layout: Layout) -> NDArray[np.float64]:
     return delta / np.hypot(*delta)
 
 
-def pose_at(path: Path, time_s: float) -> tuple[RigidTransform, RigidTransform]:
+def pose_at(path: ApproachPath, time_s: float) -> tuple[RigidTransform, RigidTransform]:
     """world_from_body and body_from_camera at a time."""
     position, shake = position_at(path, time_s), shake_at(path, time_s)
     target = runway_point(steady_layout(path, time_s), path.touchdown_m)
@@ -214,7 +214,7 @@ def pose_at(path: Path, time_s: float) -> tuple[RigidTransform, RigidTransform]:
     return body, RigidTransform.from_components(np.zeros(3), body.rotation.inv() * gaze.rotation)
 
 
-def position_at(path: Path, time_s: float) -> NDArray[np.float64]:
+def position_at(path: ApproachPath, time_s: float) -> NDArray[np.float64]:
     """Position (3,) in the world at a time."""
     rng = np.random.default_rng([path.seed, 1])
     flight, left = path.flight, remaining_offset(time_s / path.duration_s)
@@ -228,7 +228,7 @@ def position_at(path: Path, time_s: float) -> NDArray[np.float64]:
     return runway_point(steady_layout(path, time_s), -range_m, lateral, max(height, lowest))
 
 
-def shake_at(path: Path, time_s: float) -> NDArray[np.float64]:
+def shake_at(path: ApproachPath, time_s: float) -> NDArray[np.float64]:
     """Roll, pitch and yaw (3,) by which the attitude strays at a time."""
     rng = np.random.default_rng([path.seed, 6])
     (side, _), (rise, _) = gusts_at(path, time_s)
@@ -236,18 +236,18 @@ def shake_at(path: Path, time_s: float) -> NDArray[np.float64]:
     return turned + SHAKE_RAD * [wander(time_s, SHAKE_HZ, rng) for _ in range(3)]
 
 
-def gusts_at(path: Path, time_s: float) -> list[tuple[float, float]]:
+def gusts_at(path: ApproachPath, time_s: float) -> list[tuple[float, float]]:
     """Gust, m/s, and displacement, m, to the right and upwards at a time."""
     rng = np.random.default_rng([path.seed, 7])
     return [gust(time_s, path.flight.turbulence_m_s, path.flight.speed_m_s, rng) for _ in range(2)]
 
 
-def steady_layout(path: Path, time_s: float) -> Layout:
+def steady_layout(path: ApproachPath, time_s: float) -> Layout:
     """The ship where it has sailed to, without its roll, pitch and heave, which an aircraft does not follow."""
     return path.layout.at_pose(steady_pose(path.layout, path.motion, time_s))
 
 
-def crab_angle(path: Path) -> float:
+def crab_angle(path: ApproachPath) -> float:
     """How far the nose points to the right of the way over the deck, rad."""
     along = landing_direction(path.layout)
     ship = steady_velocity(path.layout, path.motion)[:2]

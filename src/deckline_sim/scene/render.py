@@ -24,7 +24,16 @@ from deckline_sim.scene.gl import (
     paint_deck,
     tile_texture,
 )
-from deckline_sim.scene.view import CLEAR_AIR_M, SAMPLES, Label, Scene, Uniforms, View, scene_uniforms, solid_uniforms
+from deckline_sim.scene.view import (
+    CLEAR_AIR_M,
+    SAMPLES,
+    Label,
+    Rendering,
+    RenderScene,
+    Uniforms,
+    scene_uniforms,
+    solid_uniforms,
+)
 from deckline_sim.scene.waves import wave_tile
 from deckline_sim.ship.mesh import Mesh
 from deckline_sim.ship.ship import Ship
@@ -97,7 +106,7 @@ class Renderer:
             self.lamps = self.context.vertex_array(self.lamp, [(self._buffer(ship.lights), *LAMP)])
             self.ship_objects.append(self.lamps)
 
-    def render(self, scene: Scene) -> View:
+    def render(self, scene: RenderScene) -> Rendering:
         """Picture and depth of a scene.
 
         Raises:
@@ -105,15 +114,15 @@ class Renderer:
         """
         return self._draw(scene, *self._place(scene))
 
-    def labels(self, scene: Scene) -> NDArray[np.uint8]:
+    def labels(self, scene: RenderScene) -> NDArray[np.uint8]:
         """What each pixel's middle shows, (H, W) of `Label`; errors as for `render`."""
         return np.maximum(self._measure(scene, *self._place(scene), labels=True), 0.0).astype(np.uint8)
 
-    def depth(self, scene: Scene) -> NDArray[np.float32]:
+    def depth(self, scene: RenderScene) -> NDArray[np.float32]:
         """The depth (H, W) of `render` without its picture, which takes most of the time."""
         return _mask_sky(self._measure(scene, *self._place(scene)))
 
-    def _place(self, scene: Scene) -> tuple[Uniforms, Uniforms]:
+    def _place(self, scene: RenderScene) -> tuple[Uniforms, Uniforms]:
         """Tell all programs about a scene; returns what the ship and the rest of the world are drawn with."""
         camera = scene.camera
         if camera.has_distortion:
@@ -134,7 +143,7 @@ class Renderer:
         self._bind(values, scene.quality.anisotropy)
         return ship, world | {"shadow": 0.0}
 
-    def _draw(self, scene: Scene, ship: Uniforms, world: Uniforms) -> View:
+    def _draw(self, scene: RenderScene, ship: Uniforms, world: Uniforms) -> Rendering:
         sampled, resolved, _ = self._targets(scene.camera)
         drawn = sampled if scene.quality.samples > 1 else resolved
         solids = self.solids if scene.with_ship else []
@@ -161,9 +170,11 @@ class Renderer:
         radiance = np.minimum(radiance, BRIGHTEST)  # the sun's glitter may be more
         depth = self._measure(scene, ship, world)
         rgb = radiance.reshape(*depth.shape, 4)[..., :3].astype(np.float32)
-        return View(rgb, _mask_sky(depth))
+        return Rendering(rgb, _mask_sky(depth))
 
-    def _measure(self, scene: Scene, ship: Uniforms, world: Uniforms, labels: bool = False) -> NDArray[np.float32]:
+    def _measure(
+        self, scene: RenderScene, ship: Uniforms, world: Uniforms, labels: bool = False
+    ) -> NDArray[np.float32]:
         """Depth (H, W) along the optical axis, or what is seen; not positive in the sky."""
         measured = self._targets(scene.camera)[-1]
         measured.use()

@@ -89,7 +89,7 @@ def build_rotor(hub: list[float], folded: bool) -> Mesh:
 
 
 @dataclass(eq=False)
-class Lot:
+class DeckOccupancy:
     """The deck as a car park: which places are occupied so far."""
 
     layout: Layout
@@ -123,7 +123,7 @@ class Lot:
 
 def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng: Generator) -> Mesh:
     """Everything loose on deck; sometimes a full air wing, sometimes nothing."""
-    lot = Lot(layout, runway)
+    lot = DeckOccupancy(layout, runway)
     for island in islands:
         for x in np.arange(-0.5, 0.51, 0.25) * island.length_m + island.middle_m[0]:
             lot.occupied_m.append((float(x), island.middle_m[1], island.width_m * 0.5))
@@ -133,7 +133,7 @@ def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng
     return m.join(parts)
 
 
-def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> Mesh:
+def park_aircraft(lot: DeckOccupancy, islands: tuple[Island, ...], fullness: float, rng: Generator) -> Mesh:
     """Rows along the deck's edge, a pack beside the island, and some anywhere."""
     wing = rng.choice(list(load_aircraft()["kinds"]), size=3)  # a ship carries few types
     coat = COATS[rng.integers(len(COATS))]
@@ -183,7 +183,7 @@ def pack_spots(x_m: float, y_m: float, rng: Generator) -> list[Pose]:
     return [(x, y, turned + rng.normal(0.0, 0.05)) for x, y in spots]
 
 
-def park_vehicles(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> list[Mesh]:
+def park_vehicles(lot: DeckOccupancy, islands: tuple[Island, ...], fullness: float, rng: Generator) -> list[Mesh]:
     """Tractors, fork lifts, fire engines, crates, pallets, and the big deck crane."""
     parts = []
     for _ in range(rng.integers(0, 3 + round(22 * fullness))):
@@ -204,7 +204,7 @@ def park_vehicles(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: G
     return parts + park_crane(lot, rng) if rng.random() < 0.25 else parts
 
 
-def park_crane(lot: Lot, rng: Generator) -> list[Mesh]:
+def park_crane(lot: DeckOccupancy, rng: Generator) -> list[Mesh]:
     """The yellow wheeled crane for crashed aircraft, its jib lowered; none where ten tries find no room."""
     for _ in range(10):
         x, yaw = rng.uniform(0.2, 0.8) * lot.layout.length_m, rng.uniform(-np.pi, np.pi)
@@ -228,7 +228,7 @@ def park_crane(lot: Lot, rng: Generator) -> list[Mesh]:
     ]
 
 
-def place_crew(lot: Lot, rng: Generator) -> list[Mesh]:
+def place_crew(lot: DeckOccupancy, rng: Generator) -> list[Mesh]:
     """Crew in groups, jerseys by trade, and rows of them along an edge on some days."""
     layout, at = lot.layout, [np.zeros((0, 2))]
     for _ in range(rng.integers(0, 7)):
@@ -252,7 +252,7 @@ def place_crew(lot: Lot, rng: Generator) -> list[Mesh]:
     return [m.boxes(m.at_height(points, -up), size, rgb, yaw) for size, up, rgb in people]
 
 
-def build_deflectors(lot: Lot, rng: Generator) -> list[Mesh]:
+def build_deflectors(lot: DeckOccupancy, rng: Generator) -> list[Mesh]:
     """Raised jet blast deflectors: tilted plates on the foredeck."""
     parts = []
     for _ in range(rng.integers(0, 3)):

@@ -11,7 +11,19 @@ from numpy.typing import ArrayLike
 
 from deckline_sim.ship.layout import Layout
 from deckline_sim.ship.mesh import Array, Rgb, place, rectangle
-from deckline_sim.ship.paint import Coat, axes, bars, blots, dashes, figures, layers, polygons, ring, streaks, stripe
+from deckline_sim.ship.paint_shapes import (
+    Coat,
+    axes,
+    bars,
+    blots,
+    dashes,
+    figures,
+    layers,
+    polygons,
+    ring,
+    streaks,
+    stripe,
+)
 from deckline_sim.ship.ship_class import Catapult, DeckSurface, EdgeStyle, LineStyle, Plan
 
 ASTERN = ((0.0, 0.0), (1.0, 0.0))  # a line along the ship's axis

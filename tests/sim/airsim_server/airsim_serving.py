@@ -10,9 +10,9 @@ import pytest
 
 from deckline.adapters.airsim.protocol import Decoder, encode_request
 from deckline_sim import RendererError
-from deckline_sim.airsim_server.clock import Clock
-from deckline_sim.airsim_server.server import serving_in_thread
-from deckline_sim.airsim_server.settings import Capture, parse_settings
+from deckline_sim.airsim_server.rpc_server import serving_in_thread
+from deckline_sim.airsim_server.settings import CaptureSetting, parse_settings
+from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.config import DepthConfig, SensorConfig, SimConfig
 
 WIDTH, HEIGHT, FOV_DEG = 96, 54, 90.0
@@ -26,7 +26,7 @@ CONFIG = SimConfig(
     depth=DepthConfig(range_m=float("inf")),
     sensor=SensorConfig(noise=0.0, electrons=0.0),
 )
-WORLD_SETTINGS = parse_settings({}, Capture(WIDTH, HEIGHT, FOV_DEG))
+WORLD_SETTINGS = parse_settings({}, CaptureSetting(WIDTH, HEIGHT, FOV_DEG))
 
 
 @dataclass
@@ -43,8 +43,8 @@ class Running:
 def run_server(out, config=CONFIG, **options):
     """A server until the block ends; an error in it is raised here."""
     running = Running(0, [], out, [0.0])
-    clock = Clock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)
-    settings = parse_settings({}, Capture(config.width, config.height, config.fov_deg))
+    clock = SimClock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)
+    settings = parse_settings({}, CaptureSetting(config.width, config.height, config.fov_deg))
     options |= {"port": 0, "out": out, "log": running.lines.append, "clock": clock}
     try:
         with serving_in_thread(config, settings, **options) as running.port:

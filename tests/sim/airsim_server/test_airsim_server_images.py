@@ -10,14 +10,21 @@ from scipy.spatial.transform import RigidTransform
 from deckline.geometry import Camera
 from deckline.recording import open_recording
 from deckline.types import Frame
-from deckline_sim.airsim_server import images
-from deckline_sim.airsim_server.clock import Clock
-from deckline_sim.airsim_server.images import Recorder, draw_depth, encode_depth, get_images, has_moved, read_requests
-from deckline_sim.airsim_server.settings import PERSPECTIVE, PLANAR, SCENE, Capture, parse_settings
+from deckline_sim.airsim_server import image_requests as images
+from deckline_sim.airsim_server.image_requests import (
+    Recorder,
+    draw_depth,
+    encode_depth,
+    get_images,
+    has_moved,
+    read_requests,
+)
+from deckline_sim.airsim_server.settings import PERSPECTIVE, PLANAR, SCENE, CaptureSetting, parse_settings
+from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.airsim_server.world import World
 from deckline_sim.config import LensConfig
 
-INTERVAL = replace(parse_settings({}, Capture(8, 6, 90.0)), interval_s=0.01)
+INTERVAL = replace(parse_settings({}, CaptureSetting(8, 6, 90.0)), interval_s=0.01)
 
 
 def test_pictures_of_one_call_are_drawn_once_a_camera(world, monkeypatch):
@@ -38,7 +45,7 @@ def test_pictures_of_one_call_are_drawn_once_a_camera(world, monkeypatch):
 def test_depth_goes_through_lenses_that_bend():
     asked = [{"camera_name": "0", "image_type": PERSPECTIVE, "pixels_as_float": True}]
     lens = LensConfig(distortion=(-0.05, 0.0, 0.0, 0.0, 0.0))
-    with closing(World(replace(CONFIG, lens=lens), WORLD_SETTINGS, Clock(lambda: 0.0))) as bent:
+    with closing(World(replace(CONFIG, lens=lens), WORLD_SETTINGS, SimClock(lambda: 0.0))) as bent:
         frame = bent.picture("front_center", SCENE, bent.state, 0.0)
         (answer,) = get_images(bent, read_requests(asked, WORLD_SETTINGS))
     v, u = np.argwhere(frame.depth_m < 1000.0)[100]

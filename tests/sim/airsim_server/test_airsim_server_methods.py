@@ -8,10 +8,14 @@ from airsim_serving import CONFIG, EPOCH_NS, HEIGHT, WIDTH, ask, connect
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
 from deckline_sim import frames
-from deckline_sim.simulate import Simulator
+from deckline_sim.simulate import ShipSimulator
 
 airsim = pytest.importorskip("cosysairsim")
-SCENE, PLANAR, PERSPECTIVE = airsim.ImageType.Scene, airsim.ImageType.DepthPlanar, airsim.ImageType.DepthPerspective
+SCENE, PLANAR, PERSPECTIVE = (
+    airsim.ImageType.Scene,
+    airsim.ImageType.DepthPlanar,
+    airsim.ImageType.DepthPerspective,
+)
 FAR_M = 65504.0
 TURNED = airsim.Quaternionr(0.1, 0.5, 0.1, 0.7300000000000000**0.5)  # of length 1
 
@@ -98,7 +102,7 @@ def test_poses_are_kept_where_they_are_nan_and_the_ship_is_an_object(client, fli
 
 def test_cameras_look_where_they_are_mounted(client):
     height_m = 40.0
-    with Simulator(CONFIG) as simulator:
+    with ShipSimulator(CONFIG) as simulator:
         simulator.load(0)
         sea_z_m = simulator.ship.layout.sea_z_m
     client.simSetVehiclePose(airsim.Pose(airsim.Vector3r(3000.0, 0.0, sea_z_m - height_m), airsim.Quaternionr()), True)

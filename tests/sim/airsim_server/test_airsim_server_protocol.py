@@ -20,7 +20,7 @@ from deckline.adapters.airsim.protocol import (
     read_pose,
 )
 from deckline.geometry import Camera, pose
-from deckline_sim.airsim_server.motion import Collision, Ground, Motion
+from deckline_sim.airsim_server.kinematics import Collision, Ground, VehicleMotion
 from deckline_sim.airsim_server.structs import (
     camera_struct,
     collision_struct,
@@ -186,7 +186,7 @@ def test_geo_points_are_where_the_sphere_has_them():
 
 def test_states_have_the_fields_of_the_published_client():
     airsim = pytest.importorskip("cosysairsim")
-    motion = Motion(1.0, HERE, np.array([3.0, 4.0, 0.0]), np.zeros(3), np.zeros(3), True, Ground("Deck", 0.0))
+    motion = VehicleMotion(1.0, HERE, np.array([3.0, 4.0, 0.0]), np.zeros(3), np.zeros(3), True, Ground("Deck", 0.0))
     state = airsim.MultirotorState.from_msgpack(multirotor_struct(motion, (45.0, 10.0, 5.0), 9))
     for kind, value in ((airsim.MultirotorState, state), (airsim.CollisionInfo(), state.collision)):
         assert {name for name in dir(kind) if not name.startswith(("_", "to_", "from_"))} == set(vars(value))

@@ -16,9 +16,9 @@ from deckline.adapters.airsim import HOST, PORT
 from deckline.adapters.airsim.protocol import encode_request
 from deckline.cli.main import main
 from deckline_sim import RendererError
-from deckline_sim.airsim_server import server as airsim_server
-from deckline_sim.airsim_server.methods import METHODS
-from deckline_sim.airsim_server.server import is_loopback
+from deckline_sim.airsim_server import rpc_server as airsim_server
+from deckline_sim.airsim_server.rpc_methods import METHODS
+from deckline_sim.airsim_server.rpc_server import is_loopback
 from deckline_sim.scene.gl import open_context
 
 pytest.importorskip("cosysairsim")

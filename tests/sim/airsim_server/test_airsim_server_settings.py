@@ -3,9 +3,9 @@ import json
 import numpy as np
 import pytest
 
-from deckline_sim.airsim_server.settings import ORIGIN, PLANAR, SCENE, Capture, parse_settings, read_settings
+from deckline_sim.airsim_server.settings import ORIGIN, PLANAR, SCENE, CaptureSetting, parse_settings, read_settings
 
-USUAL = Capture(1280, 720, 90.0)
+USUAL = CaptureSetting(1280, 720, 90.0)
 # As AirSim's documentation has it.
 GIVEN = {
     "SettingsVersion": 1.2,
@@ -78,8 +78,8 @@ def test_a_settings_file_is_read_as_airsim_does(tmp_path):
         settings.find_distance("x")
     assert json.loads(settings.text) == GIVEN
     nose = settings.cameras["nose"]
-    assert nose.capture(SCENE) == Capture(640, 480, 60.0)
-    assert nose.capture(PLANAR) == Capture(256, 144, 90.0)
+    assert nose.capture(SCENE) == CaptureSetting(640, 480, 60.0)
+    assert nose.capture(PLANAR) == CaptureSetting(256, 144, 90.0)
     assert nose.capture(5) == USUAL
     np.testing.assert_allclose(nose.mount.translation, [0.5, 0.0, 0.1])
     down = np.sin(np.deg2rad(10.0))

@@ -10,7 +10,7 @@ from airsim_serving import CONFIG, HEIGHT, WIDTH, ask, connect, open_client, run
 
 from deckline.adapters.airsim.protocol import encode_request
 from deckline_sim.airsim_server.objects import PALETTE
-from deckline_sim.simulate import Simulator
+from deckline_sim.simulate import ShipSimulator
 
 airsim = pytest.importorskip("cosysairsim")
 RAMP_M, COURSE_RAD = [7.5, 27.1, 6.08], math.radians(170.93)  # of the paper's ship, as in the landing example
@@ -231,7 +231,7 @@ def test_the_distance_sensor_sees_the_water_and_the_deck(client, server):
     client.simSetDistanceSensorPose(
         "Distance", airsim.Pose(airsim.Vector3r(0, 0, 0), airsim.Quaternionr(0, -math.sqrt(0.5), 0, math.sqrt(0.5)))
     )
-    with Simulator(CONFIG) as simulator:
+    with ShipSimulator(CONFIG) as simulator:
         simulator.load(0)
         sea_z_m = simulator.ship.layout.sea_z_m
     for position, expected in (([1000.0, 0.0, sea_z_m - 30.0], 30.0), (deck_point(client) - [0, 0, 5.0], 5.0)):

@@ -17,16 +17,16 @@ from deckline_sim.flight.approach import (
     remaining_offset,
     wander,
 )
-from deckline_sim.flight.views import Motion, runway_in_view, ship_pose
+from deckline_sim.flight.viewpoints import ShipMotion, runway_in_view, ship_pose
 from deckline_sim.ship.layout import class_layout
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import load_class
 
 CVN = class_layout(load_class("cvn"))
 PAPER_SHIP = class_layout(load_class("paper"))
 PAPER = SimConfig(preset="paper", frames=50)
 PROFILE = replace(PAPER, trajectory="profile")
-UNDER_WAY = Motion(speed_m_s=12.9, roll_rad=0.03, pitch_rad=0.02, heave_m=1.6)
+UNDER_WAY = ShipMotion(speed_m_s=12.9, roll_rad=0.03, pitch_rad=0.02, heave_m=1.6)
 WINDY = FlightConfig(headwind_m_s=8.0, crosswind_m_s=6.0)
 
 
@@ -83,7 +83,7 @@ def test_no_approach_meets_a_ramp_that_rises():
     assert min(close) >= 3.05 - 1e-9
 
 
-@pytest.mark.parametrize("motion", [Motion(), UNDER_WAY], ids=["still", "under way"])
+@pytest.mark.parametrize("motion", [ShipMotion(), UNDER_WAY], ids=["still", "under way"])
 def test_the_aircraft_keeps_its_speed_through_the_air(motion):
     config = SimConfig(preset="cvn", frames=400, flight=WINDY)
     path = flight_path(config, CVN, motion)

@@ -6,7 +6,7 @@ import pytest
 from deckline_sim.ship import deck_paint as dp
 from deckline_sim.ship import ship_class as sc
 from deckline_sim.ship.layout import class_layout, runway_distance
-from deckline_sim.ship.paint import axes, layers
+from deckline_sim.ship.paint_shapes import axes, layers
 from deckline_sim.ship.random_plan import random_edge
 
 DARK = sc.DeckSurface((0.1, 0.1, 0.1), grain=0.0, wear=0.0)

@@ -7,7 +7,7 @@ from deckline_sim.ship import structure as sr
 from deckline_sim.ship.hull import SLAB_M
 from deckline_sim.ship.layout import CLEAR_M, before_end, class_layout, runway_distance
 from deckline_sim.ship.mesh import rectangle
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import SHIP_CLASSES, Hull, Island, load_class
 
 GREY = np.full(3, 0.5)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline_sim.ship.paint import bars, blots, dashes, figures, layers, ring, streaks, stripe
+from deckline_sim.ship.paint_shapes import bars, blots, dashes, figures, layers, ring, streaks, stripe
 
 WHITE = (1.0, 1.0, 1.0)
 AHEAD = ((0, 0), (10, 0))

@@ -7,10 +7,10 @@ import pytest
 
 from deckline.geometry import Camera
 from deckline_sim.config import MotionConfig, SimConfig
-from deckline_sim.flight.views import (
+from deckline_sim.flight.viewpoints import (
     APPARENT_WIDTH,
     STILL,
-    Motion,
+    ShipMotion,
     Viewpoint,
     away_view,
     deck_amplitudes,
@@ -29,15 +29,15 @@ from deckline_sim.flight.views import (
     steady_pose,
 )
 from deckline_sim.ship.layout import class_layout, random_layout
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import load_class
 
 CVN = class_layout(load_class("cvn"))
 PAPER_SHIP = class_layout(load_class("paper"))
 ROUGH = draw_motion(MotionConfig(sea_state=6, ship_speed_m_s=12.9), False, np.random.default_rng(3))
 LAYOUTS = [PAPER_SHIP, CVN]
-RISING = Motion(pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.0, np.pi, 0.0))
-UNDER_WAY = Motion(speed_m_s=10.0, roll_rad=0.02)
+RISING = ShipMotion(pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.0, np.pi, 0.0))
+UNDER_WAY = ShipMotion(speed_m_s=10.0, roll_rad=0.02)
 TRAIN = SimConfig(preset="train", trajectory="random", width=640, height=360)
 
 

@@ -27,7 +27,7 @@ class Ground(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class VehicleMotion:
     """Where the vehicle is and how it moves at one time."""
 
     time_s: float
@@ -58,7 +58,7 @@ class Yaw:
     along: bool = False
 
 
-KEEP = Yaw()
+NO_TURN = Yaw()
 
 
 def towards(offset: Vector, speed_m_s: float) -> Vector:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from deckline.adapters.airsim.protocol import quote, read_flag, read_number, read_vector
-from deckline_sim.airsim_server.flight import Command, Vehicle
-from deckline_sim.airsim_server.motion import KEEP, Vector, Yaw, braking_speed, limit, towards, wrap
+from deckline_sim.airsim_server.kinematics import NO_TURN, Vector, Yaw, braking_speed, limit, towards, wrap
 from deckline_sim.airsim_server.service import Service
 from deckline_sim.airsim_server.structs import read_geo, vector_struct
+from deckline_sim.airsim_server.vehicle import Vehicle, VehicleCommand
 from deckline_sim.airsim_server.world import World
 
 TICK_S = 0.02  # of the wall clock: how often a running command is looked at
@@ -28,7 +28,7 @@ TURNED_RAD_S = 0.01  # a slower turn has ended
 MAX_POINTS, MOST_M, MOST_M_S, MOST_DEG = 10_000, 1e6, 1e4, 1e6
 FORWARD_ONLY = 1  # of AirSim's DrivetrainType: the nose to the direction of flight
 
-Maker = Callable[[Vehicle], Command]
+Maker = Callable[[Vehicle], VehicleCommand]
 RATE_ZERO: Mapping[str, Any] = {"is_rate": True, "yaw_or_rate": 0.0}
 
 
@@ -56,7 +56,7 @@ async def land(service: Service, timeout: float = 60.0, vehicle: str = "") -> bo
         least, most = LANDING_M_S
         return np.array([0.0, 0.0, min(max(LANDING_PER_S * body.ground.height_m, least), most)])
 
-    command = Command(steer, lambda body: body.landed, timeout_s=read_timeout(timeout), lands=True)
+    command = VehicleCommand(steer, lambda body: body.landed, timeout_s=read_timeout(timeout), lands=True)
     return await fly(service.world, lambda body: command)
 
 
@@ -68,8 +68,8 @@ async def go_home(service: Service, timeout: float = LONG_S, vehicle: str = "") 
 async def hover(service: Service, vehicle: str = "") -> bool:
     """Brake, and hold the place."""
 
-    def make(body: Vehicle) -> Command:
-        return Command(lambda body: np.zeros(3), lambda body: float(np.linalg.norm(body.velocity)) < STOPPED_M_S)
+    def make(body: Vehicle) -> VehicleCommand:
+        return VehicleCommand(lambda body: np.zeros(3), lambda body: float(np.linalg.norm(body.velocity)) < STOPPED_M_S)
 
     return await fly(service.world, make)
 
@@ -164,7 +164,7 @@ async def move_by_velocity(
     down = read_number(vz, "z" if at_z else "vz", *((-MOST_M, MOST_M) if at_z else (-MOST_M_S, MOST_M_S)))
     yaw, duration = read_yaw(yaw_mode, drivetrain), read_timeout(duration)
 
-    def make(body: Vehicle) -> Command:
+    def make(body: Vehicle) -> VehicleCommand:
         cos, sin = (math.cos(body.yaw), math.sin(body.yaw)) if in_body else (1.0, 0.0)
         level = [across[0] * cos - across[1] * sin, across[0] * sin + across[1] * cos]
 
@@ -172,7 +172,7 @@ async def move_by_velocity(
             vertical = towards(np.array([0.0, 0.0, down - body.position[2]]), MOST_M_S)[2] if at_z else down
             return np.array([*level, vertical])
 
-        return Command(steer, lambda body: False, yaw, duration, timed=True)
+        return VehicleCommand(steer, lambda body: False, yaw, duration, timed=True)
 
     return await fly(service.world, make)
 
@@ -187,23 +187,27 @@ async def rotate_to_yaw(
         return abs(wrap(body.yaw - angle)) <= margin and abs(body.yaw_rate) <= TURNED_RAD_S
 
     timeout = read_timeout(timeout)
-    return await fly(service.world, lambda body: Command(hold(body), is_done, Yaw(is_rate=False, value=angle), timeout))
+    return await fly(
+        service.world, lambda body: VehicleCommand(hold(body), is_done, Yaw(is_rate=False, value=angle), timeout)
+    )
 
 
 async def rotate_by_yaw_rate(service: Service, yaw_rate: float, duration: float, vehicle: str = "") -> bool:
     yaw = Yaw(value=math.radians(read_number(yaw_rate, "yaw_rate", -MOST_DEG, MOST_DEG)))
     duration = read_timeout(duration)
-    return await fly(service.world, lambda body: Command(hold(body), lambda body: False, yaw, duration, timed=True))
+    return await fly(
+        service.world, lambda body: VehicleCommand(hold(body), lambda body: False, yaw, duration, timed=True)
+    )
 
 
-def climb(body: Vehicle, timeout_s: float) -> Command:
+def climb(body: Vehicle, timeout_s: float) -> VehicleCommand:
     """Straight up, TAKEOFF_M above where the vehicle is now; a deck under way stays behind."""
     goal = body.position[2] - TAKEOFF_M
 
     def steer(body: Vehicle) -> Vector:
         return towards(np.array([0.0, 0.0, goal - body.position[2]]), TAKEOFF_M_S)
 
-    return Command(steer, lambda body: abs(body.position[2] - goal) <= ARRIVED_M, timeout_s=timeout_s)
+    return VehicleCommand(steer, lambda body: abs(body.position[2] - goal) <= ARRIVED_M, timeout_s=timeout_s)
 
 
 def hold(body: Vehicle) -> Callable[[Vehicle], Vector]:
@@ -213,8 +217,8 @@ def hold(body: Vehicle) -> Callable[[Vehicle], Vector]:
 
 
 def follow(
-    body: Vehicle, points: list[Vector], speed: float, timeout_s: float, yaw: Yaw = KEEP, lookahead_m: float = -1.0
-) -> Command:
+    body: Vehicle, points: list[Vector], speed: float, timeout_s: float, yaw: Yaw = NO_TURN, lookahead_m: float = -1.0
+) -> VehicleCommand:
     """Flies from here along straight lines through points (3,), towards the path so far ahead; -1: AirSim's choice."""
     corners = np.array([body.position, *points])
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
@@ -240,7 +244,7 @@ def follow(
     def is_done(body: Vehicle) -> bool:
         return done_m + ahead >= ends[-1] and float(np.linalg.norm(corners[-1] - body.position)) <= ARRIVED_M
 
-    return Command(steer, is_done, yaw, timeout_s)
+    return VehicleCommand(steer, is_done, yaw, timeout_s)
 
 
 def read_timeout(value: Any) -> float:

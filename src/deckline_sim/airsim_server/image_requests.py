@@ -17,7 +17,7 @@ from deckline.recording import RecordingWriter
 from deckline.recording.images import encode_image
 from deckline.types import Frame
 from deckline_sim.airsim_server.objects import segmentation
-from deckline_sim.airsim_server.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, Settings
+from deckline_sim.airsim_server.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, AirSimSettings
 from deckline_sim.airsim_server.structs import Struct, pose_struct
 from deckline_sim.airsim_server.world import World
 
@@ -44,14 +44,14 @@ class ImageRequest:
     annotation: str = ""
 
 
-def read_requests(values: Any, settings: Settings) -> list[ImageRequest]:
+def read_requests(values: Any, settings: AirSimSettings) -> list[ImageRequest]:
     """The list that clients send; a ValueError names an unknown camera, type or form of picture."""
     if not isinstance(values, list) or len(values) > MAX_IMAGES:
         raise ValueError(f"image requests must be a list of at most {MAX_IMAGES}")
     return [_read_request(value, settings) for value in values]
 
 
-def _read_request(value: Any, settings: Settings) -> ImageRequest:
+def _read_request(value: Any, settings: AirSimSettings) -> ImageRequest:
     if not isinstance(value, Mapping):
         raise ValueError(f"an image request must be a map, got {type(value).__name__}")
     name, image_type = str(value.get("camera_name", "0")), read_image_type(value.get("image_type", SCENE))
@@ -170,7 +170,7 @@ class Recorder:
     def __init__(
         self,
         out: Path,
-        settings: Settings,
+        settings: AirSimSettings,
         take: Callable[[], Awaitable[Frame]],
         scene: dict[str, object],
         log: Callable[[str], None],

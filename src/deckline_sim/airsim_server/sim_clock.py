@@ -17,7 +17,7 @@ DARK_DEG = -6.0  # the sun's elevation at the end of civil twilight: below it, t
 FORMAT = "%Y-%m-%d %H:%M:%S"  # AirSim's
 
 
-class Clock:
+class SimClock:
     """Seconds since it was made: it runs with the wall clock, stands still, or runs for so many seconds.
 
     Every thread may read it.

@@ -14,24 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline_sim.airsim_server.clock import Clock
-from deckline_sim.airsim_server.motion import (
+from deckline_sim.airsim_server.kinematics import (
     BRAKING_M_S2,
     GRAVITY_M_S2,
-    KEEP,
     LEAN_S,
+    NO_TURN,
     VELOCITY_S,
     YAW_RATE_S,
     Collision,
     Ground,
-    Motion,
     Vector,
+    VehicleMotion,
     Yaw,
     attitude_of,
     limit,
     towards,
     wrap,
 )
+from deckline_sim.airsim_server.sim_clock import SimClock
 
 STEP_S = 0.02  # AirSim commands its vehicles as often
 MAX_AIRSPEED_M_S = 80.0
@@ -47,12 +47,12 @@ RATE_STEP_S = 0.01  # half the step of a landed vehicle's velocity
 
 
 @dataclass(eq=False)
-class Command:
+class VehicleCommand:
     """A flight command: what velocity it wants, and when it is done."""
 
     steer: Callable[["Vehicle"], Vector]
     is_done: Callable[["Vehicle"], bool]
-    yaw: Yaw = KEEP
+    yaw: Yaw = NO_TURN
     timeout_s: float = math.inf
     timed: bool = False  # lasts as long as its timeout, and has then succeeded
     lands: bool = False  # done when it touches deck or water
@@ -72,7 +72,7 @@ class Vehicle:
     def __init__(
         self,
         start: RigidTransform,
-        clock: Clock,
+        clock: SimClock,
         ground: Callable[[Vector, float], Ground],
         ship_pose: Callable[[float], RigidTransform],
     ) -> None:
@@ -86,7 +86,7 @@ class Vehicle:
         """To the start, without wind or command."""
         with self._lock:
             self.wind = np.zeros(3)
-            self._command: Command | None = None
+            self._command: VehicleCommand | None = None
             self._collision: Collision | None = None
             self._place(self._start)
 
@@ -98,7 +98,7 @@ class Vehicle:
             if self.ground.height_m <= 0.0:
                 self._collide(self.ground.name, np.array([0.0, 0.0, -1.0]))
 
-    def start(self, make: Callable[["Vehicle"], Command]) -> Command:
+    def start(self, make: Callable[["Vehicle"], VehicleCommand]) -> VehicleCommand:
         """Begin the command that `make` makes of the vehicle as it is now; one that runs is cancelled."""
         with self._lock:
             self._advance(self._clock.seconds())
@@ -131,7 +131,7 @@ class Vehicle:
         with self._lock:
             self._advance(self._clock.seconds())
 
-    def read(self) -> Motion:
+    def read(self) -> VehicleMotion:
         """The motion now."""
         with self._lock:
             time_s = self._clock.seconds()
@@ -191,7 +191,7 @@ class Vehicle:
             if command is not None:
                 self._check_command(command, down=bool(wanted[2] > LIFT_OFF_M_S))
             return
-        self._fly(wanted, KEEP if command is None else command.yaw)
+        self._fly(wanted, NO_TURN if command is None else command.yaw)
         self._touch()
         if command is not None and self._command is command:
             self._check_command(command)
@@ -258,7 +258,7 @@ class Vehicle:
         self._rest, self._height_m = None, GEAR_M
         return True
 
-    def _check_command(self, command: Command, down: bool = False) -> None:
+    def _check_command(self, command: VehicleCommand, down: bool = False) -> None:
         if command.is_done(self):
             self._finish(True)
         elif self.time_s >= command.end_s - 1e-9:
@@ -288,15 +288,15 @@ class Vehicle:
         rates = (first.rotation.inv() * last.rotation).as_rotvec() / (2 * RATE_STEP_S)
         return (c - a) / (2 * RATE_STEP_S), (a - 2 * b + c) / RATE_STEP_S**2, rates
 
-    def _motion(self, time_s: float) -> Motion:
+    def _motion(self, time_s: float) -> VehicleMotion:
         still = np.zeros(3)
         if self._frozen:
             landed = self._height_m <= GEAR_M
-            return Motion(time_s, self._put, still, still, still, landed, self.ground)
+            return VehicleMotion(time_s, self._put, still, still, still, landed, self.ground)
         if self._rest is not None:
-            return Motion(time_s, self._resting(time_s), *self._resting_motion(time_s), True, self.ground)
+            return VehicleMotion(time_s, self._resting(time_s), *self._resting_motion(time_s), True, self.ground)
         attitude = attitude_of(self.yaw, self._lean)
         rates = (attitude_of(*self._before).inv() * attitude).as_rotvec() / STEP_S
         position = self.position + self.velocity * (time_s - self.time_s)
         pose = RigidTransform.from_components(position, attitude * Rotation.from_rotvec(rates * (time_s - self.time_s)))
-        return Motion(time_s, pose, self.velocity, self._acceleration, rates, False, self.ground)
+        return VehicleMotion(time_s, pose, self.velocity, self._acceleration, rates, False, self.ground)

@@ -12,12 +12,12 @@ from difflib import get_close_matches
 from typing import Any
 
 from deckline.adapters.airsim.protocol import read_flag, read_number, read_vector
-from deckline_sim.airsim_server.clock import SolarClock, read_time
-from deckline_sim.airsim_server.commands import FLIGHT
-from deckline_sim.airsim_server.images import get_images, read_requests
+from deckline_sim.airsim_server.flight_commands import FLIGHT
+from deckline_sim.airsim_server.image_requests import get_images, read_requests
 from deckline_sim.airsim_server.scene_methods import SCENE_METHODS
 from deckline_sim.airsim_server.service import Service, read_near_pose
 from deckline_sim.airsim_server.settings import SCENE
+from deckline_sim.airsim_server.sim_clock import SolarClock, read_time
 from deckline_sim.airsim_server.structs import (
     Struct,
     camera_struct,
