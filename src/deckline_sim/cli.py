@@ -23,12 +23,12 @@ examples:
   deckline sim --out approach --frames 40 --visibility 300..3000 --seed 1
   deckline sim --contact-sheet sheet.jpg --jobs 0
 
-Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout. A stopped command goes on
-where it was when it is given again. With --contact-sheet, one picture of many frames is rendered instead, of random
-ships unless told otherwise. With --serve, AirSim's clients fly and look around in it.
+Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout. A stopped command
+continues its recording when it is given again. With --contact-sheet, one picture of many
+frames is rendered instead, of random ships by default. With --serve, AirSim's clients fly in the simulated world.
 
-Wind, gusts, rain, lens, sensor, errors of depth and pose, and the sheet's layout are keys of the TOML file of --config;
---print-config shows them all. Flags count more than --set, --set counts more than the file."""
+Wind, gusts, rain, lens, sensor, errors of depth and pose, and the contact sheet's layout are keys of the TOML file of
+--config; --print-config shows them all. Flags override --set, and --set overrides the file."""
 TABLES = ("weather", "air", "depth")  # whose flags are named TABLE.KEY
 
 
@@ -117,7 +117,7 @@ def sim(args: Sequence[str]) -> int:
 
 
 def _read_settings(args: Sequence[str]) -> SimSettings:
-    """The settings before the flags: the usual ones of a recording, a sheet or a server, the file, then --set."""
+    """The settings below the flags: defaults of a recording, a contact sheet or a server, then the file, then --set."""
     parser = argparse.ArgumentParser(prog="deckline sim", add_help=False, allow_abbrev=False)
     parser.add_argument("--config", type=Path)
     parser.add_argument("--set", nargs="*", default=[])
@@ -133,7 +133,7 @@ def _read_settings(args: Sequence[str]) -> SimSettings:
 
 
 def _parse_assignment(text: str) -> dict[str, Any]:
-    """KEY=VALUE as TOML has it, where a bare word is a text."""
+    """KEY=VALUE as TOML; a bare word is a string."""
     key, equals, value = text.partition("=")
     if not equals:
         raise ValueError(f"--set takes KEY=VALUE, got {text!r}")
@@ -144,7 +144,7 @@ def _parse_assignment(text: str) -> dict[str, Any]:
 
 
 def _setting_flags(settings: SimSettings) -> dict[str, Any]:
-    """The flags that settings stand for."""
+    """The flags whose values are in the settings."""
     values: dict[str, Any] = {"visibility": visibility_text(settings.visibility_m)}
     for item in fields(SimFlags):
         table, key = _setting_of(settings, item.name)
@@ -155,7 +155,7 @@ def _setting_flags(settings: SimSettings) -> dict[str, Any]:
 
 
 def _setting_of(settings: SimSettings, flag: str) -> tuple[str, str]:
-    """Table and key of the setting that a flag stands for; a key beside the tables has the table ""."""
+    """Table and key of the setting that a flag changes; a top-level key has the table ""."""
     table, _, key = flag.partition("_")
     return (table, key) if table in TABLES else ("server" if hasattr(settings.server, flag) else "", flag)
 

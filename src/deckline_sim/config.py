@@ -16,7 +16,7 @@ from deckline.haze import Triple
 Model = Literal["paper", "physical"]
 Tone = Literal["gamma", "srgb", "filmic"]
 LEAST_SCALE_HEIGHT_M = 40.0  # no shallower bank is drawn; far above one, single precision would run out
-OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # what the paper's model does not know
+OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # parameters of model `physical` alone
 UNLIMITED = 1e9
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train", "airfield", "pad"]
 DRAWN: tuple[Preset, ...] = ("airfield", "pad")  # on a plane, without OpenGL
@@ -68,7 +68,7 @@ class LensConfig:
 
 @dataclass(frozen=True)
 class ExposureConfig:
-    """What happens during the exposure."""
+    """Motion blur and rain during the exposure, and drops on the lens."""
 
     exposure_s: float | None = None  # how long the shutter is open; 0: no motion blur; default 0
     # 1-sigma of the camera's turning about each axis, beside its flight; seen while the shutter is open; default
@@ -83,10 +83,10 @@ class ExposureConfig:
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """What the camera's picture path does."""
+    """Lens blur, exposure, tone curve, noise and compression of the camera."""
 
-    # stops off automatic exposure, which keeps up to a quarter of the scene's own stops; default within 0.1
-    # mostly
+    # stops off automatic exposure, which leaves up to a quarter of the scene's own stops; default mostly
+    # within 0.1
     exposure_ev: float | None = None
     white_balance: Triple | None = None  # gain of red, green and blue, up to 100; default within 2 %
     vignetting: float | None = None  # 0 none, 1 falls to 56 % in the corners; default 0
@@ -128,7 +128,7 @@ class AirConfig:
             self.refuse_physical("model is paper")
 
     def refuse_physical(self, why: str) -> None:
-        """Refuse what the paper's model does not know; `why` it is the paper's is part of the message."""
+        """Refuse parameters of model `physical`; the message holds `why` the model is `paper`."""
         given = [name for name in OF_PHYSICAL if getattr(self, name) is not None]
         if given:
             raise ValueError(f"air: only model physical knows {', '.join(given)}, and {why}: set model to physical")
@@ -142,13 +142,13 @@ class DepthConfig:
     noise_per_m 0.1 / (700 * 0.3) = 0.0005.
     """
 
-    range_m: float = 200.0  # nothing is seen farther away than this, along the optical axis
-    noise_m: float = 0.0  # 1-sigma that does not depend on depth
-    noise_per_m: float = 0.0  # 1-sigma that grows with the depth's square: sigma = noise_m + noise_per_m * z^2
-    dropout: float = 0.0  # share of the pixels that see nothing, at random
-    edge_dropout: float = 0.0  # share of the pixels at the edges of things that see nothing
-    step_m: float = 0.0  # depths come in multiples of this; 0: they do not
-    half_precision: bool = False  # depths pass through 16-bit floating point numbers, as AirSim's can
+    range_m: float = 200.0  # largest measured depth, m along the optical axis
+    noise_m: float = 0.0  # constant part of the 1-sigma
+    noise_per_m: float = 0.0  # 1/m, quadratic part of the 1-sigma: sigma = noise_m + noise_per_m * z^2
+    dropout: float = 0.0  # share of the pixels without a measurement, at random
+    edge_dropout: float = 0.0  # share of the pixels at depth edges without a measurement
+    step_m: float = 0.0  # quantization of the depths; 0: none
+    half_precision: bool = False  # round depths to 16-bit floating point numbers, as AirSim can
 
     def __post_init__(self) -> None:
         if not self.range_m > 0:
@@ -167,7 +167,7 @@ class NavigationConfig:
 
     position_sigma_m: float = 0.0  # 1-sigma of white noise on each axis
     attitude_sigma_deg: float = 0.0  # 1-sigma of white noise about each body axis
-    position_bias_m: float = 0.0  # 1-sigma of a slowly drifting error on each axis
+    position_bias_m: float = 0.0  # 1-sigma of a slow drift on each axis
     attitude_bias_deg: float = 0.0  # the same about each body axis
     drift_s: float = 60.0  # time constant of the drift (first-order Gauss-Markov), at least 1: faster errors are noise
 
@@ -225,7 +225,7 @@ class MotionConfig:
 
 @dataclass(frozen=True)
 class FlightConfig:
-    """How an approach or the profile is flown; unrelated views know nothing of it.
+    """How an approach or the profile is flown; random views ignore it.
 
     Winds blow over the water; the ship's own speed comes on top. None: still air and no offset for the named presets,
     drawn widely for preset `train`.
@@ -241,7 +241,7 @@ class FlightConfig:
     lateral_offset_m: float | None = None
     vertical_offset_m: float | None = None  # above the path at the start
     turbulence_m_s: float | None = None  # 1-sigma of the gusts to the side and upwards; 1 is light, 3 severe
-    # where the camera looks. `ahead`: along the aircraft's axis; `runway`: turned to the touchdown point with a
+    # viewing direction. `ahead`: along the aircraft's axis; `runway`: turned to the touchdown point with a
     # level horizon. None: `runway` for trajectory `profile`, `ahead` for the others.
     pointing: Pointing | None = None
 
@@ -275,8 +275,8 @@ class SimConfig:
     width: int = 1280  # of the image, px; up to 8192
     height: int = 720  # likewise
     fov_deg: float = 90.0  # horizontal field of view; random views of preset `train` draw their own unless `fixed_fov`
-    # also give a view without its haze, rain and motion blur (Frame.truth.clear_rgb); none is given where the
-    # visibility is infinite and no foreground hides the view
+    # also render the view without haze, rain and motion blur (Frame.truth.clear_rgb), unless the visibility is
+    # infinite and no foreground hides the view
     keep_clear: bool = True
     # nearest and farthest distance to the ramp of a random view, up to 10 km; None: 60 to 800 m, and 30 to 1500 m
     # for preset `train`
@@ -284,10 +284,10 @@ class SimConfig:
     # least and greatest glide angle to the touchdown point of a random view before the ramp, degrees; None: 2 to
     # 8, and at times 1.5 to 12 for preset `train`
     elevation_deg: tuple[float, float] | None = None
-    # of the pictures are seen from a cockpit, past a drone's legs or under captions, and taken as phones do
+    # share of the pictures behind a foreground (cockpit, a drone's legs, captions) and processed as phones do
     foreground_share: float = 0.0
     photographs: str = ""  # folder of pictures whose pieces are textures of presets `airfield` and `pad`
-    fixed_fov: bool = False  # keep `fov_deg` for the random views of preset `train`
+    fixed_fov: bool = False  # `fov_deg` also for the random views of preset `train`
     start_m: float = 800.0  # distance to the ramp where an approach begins, up to 10 km; the profile begins at 5 km
     end_m: float = 12.0  # and where both end
     frames_per_ship: int = 4  # random views that share a ship, its paint and the sun's direction
@@ -325,7 +325,7 @@ class SimConfig:
             self.air.refuse_physical(f"preset {self.preset} uses model paper")
 
     def _refuse_rendering(self) -> None:
-        """What the presets that are drawn on a plane do not know."""
+        """Refuse settings that presets drawn on a plane do not have."""
         if self.trajectory != "random":
             raise ValueError(f"preset {self.preset} has no trajectory {self.trajectory!r}; give --trajectory random")
         for item in fields(self):

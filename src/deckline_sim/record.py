@@ -1,4 +1,4 @@
-"""`deckline sim`: frames rendered over processes, into an AirSim-layout recording or into one picture to look at."""
+"""`deckline sim`: frames rendered over processes, into an AirSim-layout recording or a contact sheet."""
 
 import math
 import os
@@ -29,7 +29,7 @@ from deckline_sim.airfield.simulator import AirfieldSimulator
 from deckline_sim.config import FLIGHTS, LARGEST_PX, SimConfig
 from deckline_sim.simulate import ShipSimulator, open_simulator, ship_block
 
-CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs
+CHUNK = 4  # most frames in one task of a process; at most 2 * CHUNK * jobs results wait for their turn
 T = TypeVar("T")
 Item = tuple[SimConfig, int]  # a recording and the index of one of its frames
 NOT_DECIDING = ("--out", "--jobs")  # options of a command that do not change what it makes
@@ -208,7 +208,7 @@ def _dot_lines(frame: Frame, image: NDArray[np.uint8]) -> None:
 
 
 def frame_settings(config: SimConfig) -> dict[str, Any]:
-    """Kept in scene.json: a recording made with other values is never continued. Infinity is written as text."""
+    """The settings in scene.json: a recording made with others is never continued. Infinity is written as text."""
     values = asdict(config)
     length = values.pop("frames")
     if config.trajectory in FLIGHTS:  # more frames of an approach are other frames
@@ -217,7 +217,7 @@ def frame_settings(config: SimConfig) -> dict[str, Any]:
 
 
 def json_values(value: Any) -> Any:
-    """The value as JSON holds it: tuples are lists, infinity and NaN are text."""
+    """A value for JSON: tuples become lists, infinity and NaN text."""
     if isinstance(value, dict):
         return {name: json_values(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
@@ -226,10 +226,10 @@ def json_values(value: Any) -> Any:
 
 
 def repeatable_command() -> str:
-    """The command as it was typed, without what does not change its result: the folder and the processes."""
-    kept, skip = [], False
+    """The command line without the options that do not change its result: the folder and the processes."""
+    words, skip = [], False
     for word in sys.argv[1:]:
         if not skip and word.partition("=")[0] not in NOT_DECIDING:
-            kept.append(word)
+            words.append(word)
         skip = word in NOT_DECIDING
-    return shlex.join(["deckline", *kept])
+    return shlex.join(["deckline", *words])

@@ -41,14 +41,14 @@ VEHICLE, CAMERA = "deckline", "front"
 SHIP, FRAME, FLIGHT, SUN, WEATHER, DECKLESS = 2, 3, 4, 5, 6, 7
 OPEN, SHIPS, COAST, PAST, BARE = "open", "ships", "coast", "past", "bare"
 CYCLE = (OPEN, SHIPS, COAST, PAST, BARE)  # one view without a runway of each in turn
-RANGE_M = {SHIPS: (120.0, 2000.0), COAST: (300.0, 4000.0)}  # of the camera from what it looks at
-SEEN_SHARE = 0.5  # of the visibility: nothing that is looked at lies farther, or it would be hidden
-CANDIDATES = 400  # ships that are looked through for one without a runway; one in eight has none
+RANGE_M = {SHIPS: (120.0, 2000.0), COAST: (300.0, 4000.0)}  # of the camera from its target
+SEEN_SHARE = 0.5  # of the visibility: the farthest target, so that haze does not hide it
+CANDIDATES = 400  # random ships searched for one without a runway; one in eight has none
 
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """What a picture is taken in, its view and its ship aside."""
+    """Weather, air, camera settings and quality of a picture."""
 
     weather: Weather
     visibility_m: float  # 2 % contrast; infinite is clear air
@@ -87,8 +87,8 @@ class ShipSimulator:
         config, ship = self.config, self.ship
         train, unrelated = config.preset == "train", config.trajectory == "random"
         own = np.random.default_rng([config.seed, FRAME, index])
-        kept = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # a flight keeps weather and camera
-        for_weather, for_lens, for_air, for_picture, for_quality = kept.spawn(5)
+        shared = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # one a flight
+        for_weather, for_lens, for_air, for_picture, for_quality = shared.spawn(5)
         if config.weather.seed is not None:
             for_weather = np.random.default_rng([config.weather.seed, WEATHER])
         for_view, for_noise, for_sea = own.spawn(3)
@@ -110,7 +110,7 @@ class ShipSimulator:
         return add_foreground(frame, config, index)
 
     def load(self, block: int) -> None:
-        """Bring the ship of a block of frames onto the card, and draw its motion and its sun."""
+        """Build the ship of a block of frames, its motion and its sun, and load it into the renderer."""
         config, train = self.config, self.config.preset == "train"
         for_ship, for_sun, for_motion = np.random.default_rng([config.seed, SHIP, block]).spawn(3)
         self.ship: Ship = build_ship(config.preset, for_ship)
@@ -131,8 +131,8 @@ class ShipSimulator:
         """The picture of a view, its camera's lens included, of the ship as it lies at the view's time.
 
         Args:
-            recording: draws what a recording keeps: the air and the sensor's settings.
-            frame: draws what every frame has of its own: shaking, noise.
+            recording: draws the values that a recording's frames share: the air and the sensor's settings.
+            frame: draws the values of one frame: shake, noise.
             name: of the frame's file.
 
         Raises:
@@ -178,7 +178,7 @@ class ShipSimulator:
         )
 
     def _truth(self, shot: Shot, layout: Layout, view: Viewpoint, weather: Weather) -> Truth:
-        """What is known of a picture of the ship as `layout` has it."""
+        """The truth of a picture; `layout`: the ship at the picture's time."""
         left, right = truth_segments(layout) if self.ship.runway else (None, None)
         return Truth(
             left,
@@ -197,7 +197,7 @@ class DecklessSimulator(ShipSimulator):
     """Frames of trajectory `deckless`; a ship, its sea and its light are drawn anew for every one."""
 
     def frame(self, index: int) -> Frame:
-        """Frame `index`; its truth's conditions say under "deckless" what it shows."""
+        """Frame `index`; its truth's conditions hold what it shows as "deckless"."""
         kind = CYCLE[index % len(CYCLE)]
         rng = np.random.default_rng([self.config.seed, DECKLESS, index])
         for_things, for_view, for_weather, for_lens, for_air, for_picture, for_noise, for_quality = rng.spawn(8)
@@ -259,10 +259,10 @@ class DecklessSimulator(ShipSimulator):
 
 
 def open_simulator(config: SimConfig) -> ShipSimulator | AirfieldSimulator:
-    """What renders the frames of a recording.
+    """The simulator of a recording.
 
     Raises:
-        RendererError: no OpenGL through EGL on this machine, which presets `airfield` and `pad` do without.
+        RendererError: no OpenGL through EGL on this machine; presets `airfield` and `pad` need none.
     """
     if config.preset in DRAWN:
         return AirfieldSimulator(config)

@@ -39,7 +39,7 @@ DARK = 0.06  # of daylight, at night
 
 @dataclass(frozen=True, eq=False)
 class AirfieldPicture:
-    """A picture and what is in it."""
+    """A picture with its ranges, camera and true edge lines."""
 
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
     range_m: Float32  # (H, W) ray length; inf for sky
@@ -151,7 +151,7 @@ def _axes(yaw: float, pitch: float, roll: float) -> Float64:
 def lay_coat(
     image: Float32, viewer: GroundCamera, coat: Coat, points: Float32, wear: Float32, worn: float, rng: Generator
 ) -> None:
-    """Draw a coat of triangles over the picture, supersampled, as worn as a texture on the ground says."""
+    """Draw a coat of triangles over the picture, supersampled, worn by a texture on the ground."""
     shapes = _project_triangles(viewer, coat)
     if not shapes:
         return
@@ -242,7 +242,7 @@ def _cut(corners: Float64, height: Float64) -> Float64:
 
 
 def _road(rng: Generator) -> Coat:
-    """A road with its lines: what looks like a runway and is none."""
+    """A road with its lines, which resembles a runway."""
     wide, lanes = float(rng.uniform(7, 30)), int(rng.integers(2, 7))
     angle, shift = rng.normal(0, 0.25), rng.normal(0, 60)
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -279,11 +279,11 @@ def _draw_relief(image: Float32, range_m: Float32, viewer: GroundCamera, grass: 
         rays = np.stack([np.cos(heading), np.sin(heading), tall], 1)
         top, ahead = viewer.project(viewer.position_m + 1000 * rays)
         foot, _ = viewer.project(viewer.position_m + 1000 * (rays * [1, 1, 0] - [0, 0, 0.004]))
-        keep = ahead > 50
-        outline = np.concatenate([top[keep], foot[keep][::-1]])
+        visible = ahead > 50
+        outline = np.concatenate([top[visible], foot[visible][::-1]])
         haze = rng.uniform(120, 220) * np.ones(3)
         colour = (0.6 * grass + (haze - 0.6 * grass) * (0.2 + 0.7 * depth)).tolist()
-        if keep.sum() > 1:
+        if visible.sum() > 1:
             points = np.rint(np.clip(outline, -MOST_FIXED, MOST_FIXED) * 16).astype(np.int32)
             cv2.fillPoly(image, [points], colour, cv2.LINE_AA, shift=4)
             cv2.fillPoly(hills := np.zeros_like(range_m), [points], 1.0, cv2.LINE_8, shift=4)

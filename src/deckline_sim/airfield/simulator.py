@@ -30,8 +30,8 @@ class AirfieldSimulator:
     """Draws single frames in any order.
 
     Args:
-        config: of one of them. Size, number, seed, visibility, depth and photographs count; camera, light, ground and
-            runway are drawn anew for every frame.
+        config: of preset `airfield` or `pad`. It sets size, number, seed, visibility, depth and photographs;
+            camera, light, ground and runway are drawn for every frame.
 
     Raises:
         ValueError: a damaged photograph, or a folder without any that makes a texture.
@@ -53,7 +53,7 @@ class AirfieldSimulator:
         return
 
     def frame(self, index: int) -> Frame:
-        """Frame `index`; its truth's conditions say under "edge" what the edge line is."""
+        """Frame `index`; its truth's conditions hold the kind of its edge lines as "edge"."""
         config = self.config
         rng = np.random.default_rng([config.seed, FRAME, index])
         draw = draw_pad if config.preset == "pad" else draw_airfield

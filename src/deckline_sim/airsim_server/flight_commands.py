@@ -17,7 +17,7 @@ from deckline_sim.airsim_server.structs import read_geo, vector_struct
 from deckline_sim.airsim_server.vehicle import Vehicle, VehicleCommand
 from deckline_sim.airsim_server.world import World
 
-TICK_S = 0.02  # of the wall clock: how often a running command is looked at
+TICK_S = 0.02  # of the wall clock: between two checks of a running command
 LONG_S = 3e38  # AirSim's endless timeout
 ARRIVED_M, STOPPED_M_S = 0.2, 0.1
 TAKEOFF_M, TAKEOFF_M_S = 3.0, 1.0
@@ -50,7 +50,7 @@ async def take_off(service: Service, timeout: float = 20.0, vehicle: str = "") -
 
 
 async def land(service: Service, timeout: float = 60.0, vehicle: str = "") -> bool:
-    """Straight down, onto whatever is there."""
+    """Straight down."""
 
     def steer(body: Vehicle) -> Vector:
         least, most = LANDING_M_S
@@ -66,7 +66,7 @@ async def go_home(service: Service, timeout: float = LONG_S, vehicle: str = "") 
 
 
 async def hover(service: Service, vehicle: str = "") -> bool:
-    """Brake, and hold the place."""
+    """Brake, and hold the position."""
 
     def make(body: Vehicle) -> VehicleCommand:
         return VehicleCommand(lambda body: np.zeros(3), lambda body: float(np.linalg.norm(body.velocity)) < STOPPED_M_S)
@@ -140,7 +140,7 @@ async def move_to_z(
     adaptive: float = 1.0,
     vehicle: str = "",
 ) -> bool:
-    """Over the present place."""
+    """Over the present position."""
     x, y, _ = service.world.vehicle.read().pose.translation.tolist()
     path = [{"x_val": x, "y_val": y, "z_val": z}]
     return await move_on_path(service, path, speed, timeout, 0, yaw_mode, lookahead)
@@ -201,7 +201,7 @@ async def rotate_by_yaw_rate(service: Service, yaw_rate: float, duration: float,
 
 
 def climb(body: Vehicle, timeout_s: float) -> VehicleCommand:
-    """Straight up, TAKEOFF_M above where the vehicle is now; a deck under way stays behind."""
+    """Straight up by TAKEOFF_M in the world, also from a moving deck."""
     goal = body.position[2] - TAKEOFF_M
 
     def steer(body: Vehicle) -> Vector:
@@ -211,7 +211,7 @@ def climb(body: Vehicle, timeout_s: float) -> VehicleCommand:
 
 
 def hold(body: Vehicle) -> Callable[[Vehicle], Vector]:
-    """Steers to where the vehicle is now."""
+    """Steers to the present position."""
     place = body.position
     return lambda body: towards(place - body.position, MOST_M_S)
 
@@ -219,7 +219,7 @@ def hold(body: Vehicle) -> Callable[[Vehicle], Vector]:
 def follow(
     body: Vehicle, points: list[Vector], speed: float, timeout_s: float, yaw: Yaw = NO_TURN, lookahead_m: float = -1.0
 ) -> VehicleCommand:
-    """Flies from here along straight lines through points (3,), towards the path so far ahead; -1: AirSim's choice."""
+    """Fly along straight lines through points (3,), steering to a point `lookahead_m` ahead on them; -1: AirSim's."""
     corners = np.array([body.position, *points])
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     ends = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -237,7 +237,7 @@ def follow(
             done_m = max(done_m, min(ends[index] + (body.position - corners[index]) @ along, ends[index + 1]))
         if done_m + ahead >= ends[-1]:
             return towards(corners[-1] - body.position, speed)
-        off_m = float(np.linalg.norm(body.position - point_at(done_m)))  # looks farther ahead from beside the path
+        off_m = float(np.linalg.norm(body.position - point_at(done_m)))  # cross-track error: adds to the lookahead
         aim = limit(point_at(done_m + ahead + off_m) - body.position, 1.0)
         return aim * min(speed, braking_speed(float(ends[-1]) - done_m))
 

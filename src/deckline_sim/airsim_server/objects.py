@@ -54,7 +54,7 @@ def object_pose(world: World, name: str, state: WorldState, time_s: float) -> Ri
     """world_from_object at a time, or None.
 
     Carrier and Deck: x forward, y starboard, z down, origin on the deck's stern. Ramp and Touchdown: on the deck, x
-    along the landing, origin in the middle of the runway's near end, and where the approach is to touch down.
+    along the landing, origin in the middle of the runway's near end, and at the planned touchdown point.
     """
     if name == world.settings.vehicle:
         return state.world_from_body
@@ -73,7 +73,7 @@ def object_pose(world: World, name: str, state: WorldState, time_s: float) -> Ri
 
 
 def find(names: list[str], pattern: str, is_regex: bool) -> list[str]:
-    """Which names a pattern matches, case aside; a ValueError for a bad expression."""
+    """The names that a pattern matches, ignoring case; a ValueError for an invalid expression."""
     if not isinstance(pattern, str) or len(pattern) > LONGEST:
         raise ValueError(f"a name or expression has at most {LONGEST} characters, got {str(pattern)[:40]!r}")
     try:

@@ -38,7 +38,7 @@ WITHOUT_EFFECT = {2: "Snow", 3: "RoadSnow", 4: "MapleLeaf", 5: "RoadLeaf", 6: "D
 
 
 def enable_api_control(service: Service, enabled: bool, vehicle: str = "") -> None:
-    """Taken away, the vehicle brakes and hovers."""
+    """Without API control the vehicle brakes and hovers."""
     service.change(api_control=read_flag(enabled, "is_enabled"))
     if not enabled:
         service.world.vehicle.cancel()
@@ -60,7 +60,7 @@ def reset(service: Service) -> None:
 
 
 async def run_for(service: Service, seconds: float) -> None:
-    """Run on, and answer when the time stands again, or when another call pauses or releases it."""
+    """Run for a time; answer when it is over, or when another call pauses or resumes the time."""
     clock = service.world.clock
     clock.run_for(read_number(seconds, "seconds", 0.0, 1e6))
     run = clock.run
@@ -69,7 +69,7 @@ async def run_for(service: Service, seconds: float) -> None:
 
 
 def set_pose(service: Service, pose: Any, ignore_collision: bool = True, vehicle: str = "") -> None:
-    """Put the vehicle somewhere; NaN keeps its position, its orientation or both."""
+    """Set the vehicle's pose; a position or orientation with NaN stays as it is."""
     service.world.vehicle.place(read_near_pose(pose, service.world.state.world_from_body))
 
 
@@ -79,7 +79,7 @@ def get_multirotor(service: Service, vehicle: str = "") -> Struct:
 
 
 def get_collision(service: Service, vehicle: str = "") -> Struct:
-    """The last contact since this was asked before."""
+    """The last contact since the previous call."""
     collision, clock = service.world.vehicle.take_collision(), service.world.clock
     return collision_struct(collision, clock.nanoseconds(clock.seconds() if collision is None else collision.time_s))
 
@@ -113,7 +113,7 @@ def get_camera(service: Service, camera: Any, vehicle: str = "", external: bool 
 
 
 def set_camera_pose(service: Service, camera: Any, pose: Any, vehicle: str = "", external: bool = False) -> None:
-    """Mount a camera elsewhere on the vehicle; NaN keeps as for the vehicle."""
+    """Set a camera's mount on the vehicle; a position or orientation with NaN stays as it is."""
     world = service.world
     name = world.settings.find_camera(str(camera))
     service.change(mounts={**world.state.mounts, name: read_near_pose(pose, world.mount(name))})

@@ -62,14 +62,14 @@ class ServeConfig:
 
 
 class Connections:
-    """Answers every client's calls; trouble with one client does not reach the others."""
+    """Answers every client's calls; an error of one client does not affect the others."""
 
     def __init__(self, service: Service, limit: int) -> None:
         self._service, self._limit = service, limit
         self._tasks: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
-        self._called_s: dict[asyncio.StreamWriter, float] = {}  # when each connection last asked something
+        self._called_s: dict[asyncio.StreamWriter, float] = {}  # time of each connection's last call
         self._flights: set[asyncio.Task[None]] = set()  # answers to flight commands; a flight outlives its client
-        self._refused: dict[asyncio.StreamWriter, str] = {}  # why a flight command was, until a call tells the client
+        self._refused: dict[asyncio.StreamWriter, str] = {}  # the reason, until a call reports it to the client
 
     def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take a connection, unless there are too many."""
@@ -102,7 +102,7 @@ class Connections:
         writer.transport.abort()
 
     def _make_room(self, size: int) -> None:
-        """Drop the connections that leave most unread until an answer of so many bytes has room among the unread."""
+        """Drop the connections with most unread bytes until an answer of `size` bytes fits below UNREAD_BYTES."""
         unread = {writer: writer.transport.get_write_buffer_size() for writer in self._called_s}
         for writer in sorted(unread, key=lambda other: unread[other], reverse=True):
             if sum(unread.values()) + size <= UNREAD_BYTES or not unread[writer]:
@@ -263,7 +263,7 @@ async def serve_forever(config: SimConfig, settings: AirSimSettings, options: Se
 
 
 def serve_sim(config: SimConfig, options: ServeConfig, out: Path | None) -> None:
-    """Serve until interrupted; recordings become folders in `out`. What cannot be is a ValueError or OSError."""
+    """Serve until interrupted; recordings become folders in `out`. Invalid settings are a ValueError or OSError."""
     if config.preset in DRAWN:
         raise ValueError(f"the server flies in a rendered world, which preset {config.preset!r} has not")
     config = replace(config, trajectory="approach", keep_clear=False)

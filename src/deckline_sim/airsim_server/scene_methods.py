@@ -100,7 +100,7 @@ async def get_distance(service: Service, name: Any = "", vehicle: str = "") -> S
 
 
 def set_distance_pose(service: Service, name: Any, pose: Any, vehicle: str = "") -> None:
-    """Mount a distance sensor elsewhere on the vehicle; NaN keeps as for the vehicle."""
+    """Set a distance sensor's mount on the vehicle; a position or orientation with NaN stays as it is."""
     world = service.world
     key = world.settings.find_distance(str(name))
     mounts = world.state.distance_mounts

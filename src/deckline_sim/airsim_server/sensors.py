@@ -1,6 +1,6 @@
 """The vehicle's sensors with AirSim's default errors, and the standard atmosphere.
 
-A reading is drawn anew whenever the simulated time has gone on; two at one time are the same.
+A sensor draws one reading for each simulated time; two readings at one time are equal.
 Source of the values: AirSim's documented defaults; of the pressure: ICAO standard atmosphere; of the magnetic field:
 the dipole of IGRF-13, epoch 2020, good to 15 degrees and 20 %.
 """
@@ -46,14 +46,14 @@ class SimulatedSensors:
         self.reset()
 
     def reset(self) -> None:
-        """As switched on now."""
+        """Restart every sensor now."""
         self._rng = np.random.default_rng([self._seed, 41451])
         self._started_s = self._world.clock.seconds()
         self._last: dict[str, tuple[float, Struct]] = {}  # time and reading by sensor
         self._gyro_bias, self._acceleration_bias, self._pressure_drift = np.zeros(3), np.zeros(3), 0.0
 
     def read(self, name: str, motion: VehicleMotion, measure: Callable[[VehicleMotion, float], Struct]) -> Struct:
-        """A reading by `measure`, which gets the time since the sensor's last one; stamped with the time."""
+        """The reading of a sensor at `motion.time_s`, with a time stamp; `measure` also gets the s passed."""
         before_s, reading = self._last.get(name, (self._started_s, {}))
         if not reading or motion.time_s > before_s:
             stamp = {"time_stamp": self._world.clock.nanoseconds(motion.time_s)}
@@ -78,7 +78,7 @@ class SimulatedSensors:
         }
 
     def gps(self, motion: VehicleMotion, passed_s: float) -> Struct:
-        """GpsData, old by the latency. AirSim states an accuracy and adds no error; here the error is as stated."""
+        """GpsData, delayed by the latency. The error has the stated accuracy; AirSim adds none."""
         on_s = motion.time_s - self._started_s
         sigma_m = GPS_END_M + (GPS_START_M - GPS_END_M) * math.exp(-on_s / GPS_TIME_S)
         error = sigma_m * self._rng.normal(size=3)
@@ -96,10 +96,10 @@ class SimulatedSensors:
         }
 
     def barometer(self, motion: VehicleMotion, passed_s: float) -> Struct:
-        """BarometerData: pressure, Pa, the altitude it stands for, m, and the sea-level pressure, hPa."""
-        keep = math.exp(-passed_s / PRESSURE_DRIFT_S)
+        """BarometerData: pressure, Pa, its pressure altitude, m, and the sea-level pressure, hPa."""
+        decay = math.exp(-passed_s / PRESSURE_DRIFT_S)
         drift, noise = self._rng.normal(size=2)
-        self._pressure_drift = keep * self._pressure_drift + PRESSURE_DRIFT * math.sqrt(1.0 - keep**2) * drift
+        self._pressure_drift = decay * self._pressure_drift + PRESSURE_DRIFT * math.sqrt(1.0 - decay**2) * drift
         altitude_m = self._world.settings.origin[2] - motion.pose.translation[2]
         pressure = standard_air(altitude_m)[0] * (1.0 + self._pressure_drift) + PRESSURE_NOISE_PA * noise
         altitude_m = (1.0 - (pressure / SEA_LEVEL_PA) ** (1.0 / PRESSURE_EXPONENT)) * SEA_LEVEL_K / LAPSE_K_M

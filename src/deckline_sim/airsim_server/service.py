@@ -1,4 +1,4 @@
-"""What the server's calls act on."""
+"""The objects that the server's calls act on."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from deckline_sim.airsim_server.world import World
 
 @dataclass(frozen=True, eq=False)
 class Service:
-    """What calls act on."""
+    """The objects that calls act on."""
 
     world: World
-    render: Callable[..., Awaitable[Any]]  # do something on the world's thread, behind the work that waits there
+    render: Callable[..., Awaitable[Any]]  # run a function on the world's thread, after the work queued there
     recorder: Recorder
     sensors: SimulatedSensors
     log: Callable[[str], None]
@@ -30,7 +30,7 @@ class Service:
 
 
 def read_near_pose(value: Any, default: RigidTransform) -> RigidTransform:
-    """A pose that can be rendered; parts with NaN are those of `default`."""
+    """A pose near enough to render; a position or orientation with NaN is that of `default`."""
     pose = read_pose(value, "pose", default)
     if np.abs(pose.translation).max() > FARTHEST_M:
         position = pose.translation.tolist()

@@ -100,7 +100,7 @@ class AirSimSettings:
 
 
 def read_settings(path: Path, default: CaptureSetting) -> AirSimSettings:
-    """A settings.json; `default` is for cameras that it leaves out. A ValueError says what cannot be."""
+    """A settings.json; `default` is for cameras that it leaves out. A ValueError names the invalid value."""
     text = read_regular(path, MOST_CONFIG_BYTES).decode("utf-8-sig", errors="replace")
     try:
         values = parse_plain(json.loads, text)
@@ -113,7 +113,7 @@ def read_settings(path: Path, default: CaptureSetting) -> AirSimSettings:
 
 
 def parse_settings(values: Mapping[str, Any], default: CaptureSetting, text: str = "{}") -> AirSimSettings:
-    """Settings of the parsed file, of an empty one AirSim's five cameras; a ValueError names what cannot be."""
+    """Settings of the parsed file, of an empty one AirSim's five cameras; a ValueError names the invalid value."""
     defaults = _mapping(values.get("CameraDefaults", {}), "CameraDefaults")
     common = _captures(defaults, {ALL_TYPES: default}, "CameraDefaults")
     vehicles = _mapping(values.get("Vehicles", {}), "Vehicles")

@@ -1,4 +1,4 @@
-"""AirSim's structures as maps, as its server answers with them.
+"""AirSim's structures as maps, as its server sends them.
 
 Source: AirSim's API.
 """
@@ -102,7 +102,7 @@ def read_geo(latitude: Any, longitude: Any, altitude: Any, origin: tuple[float, 
 
 
 def multirotor_struct(motion: VehicleMotion, origin: tuple[float, float, float], time_ns: int) -> Struct:
-    """MultirotorState. Contacts are told by simGetCollisionInfo alone, which also forgets them."""
+    """MultirotorState. Only simGetCollisionInfo reports contacts, each once."""
     channels = dict.fromkeys(("pitch", "roll", "throttle", "yaw"), 0.0)
     switches = dict.fromkeys((f"switch{number}" for number in range(1, 9)), 0)
     return {

@@ -1,8 +1,8 @@
 """Kinematic flight of the server's one vehicle: a point with first-order dynamics that leans as a multirotor does.
 
 The ground velocity follows the wanted one with the time constant VELOCITY_S, within the limits below; so does the yaw
-rate. There are no rotors, no battery and no ground effect. Wind is held against until the airspeed it takes is more
-than the vehicle has; body and accelerometer show it. What touches deck or water stops at once and rests there.
+rate. There are no rotors, no battery and no ground effect. The vehicle compensates wind up to its largest airspeed;
+body and accelerometer show it. A vehicle that touches deck or water stops at once and rests there.
 Vectors (3,) are in the world, North-East-Down, m, m/s, m/s^2. All values are our choice.
 """
 
@@ -39,16 +39,16 @@ MAX_ACCELERATION_M_S2 = 5.0
 MAX_YAW_RATE_RAD_S = math.radians(90.0)
 YAW_PER_S = 1.0 / (4.0 * YAW_RATE_S)
 DRAG_PER_S = 0.02  # acceleration for each m/s of airspeed: 1.2 deg of lean for 10 m/s
-GEAR_M = 0.3  # height of the body's origin above what it stands on
+GEAR_M = 0.3  # height of the body's origin above the ground it rests on
 LIFT_OFF_M_S, SLIDE_M_S = 0.05, 0.5  # wanted speed up, or along the deck, with which a landed vehicle lifts off
-MOST_BEHIND_S = 30.0  # of flight is made up for at once; without a command the vehicle is at rest by then
+MOST_BEHIND_S = 30.0  # longest flight simulated in one update; without a command the vehicle is at rest by then
 FARTHEST_M = 1e6  # a position beyond this is a mistake, and more than the renderer's single precision can place
 RATE_STEP_S = 0.01  # half the step of a landed vehicle's velocity
 
 
 @dataclass(eq=False)
 class VehicleCommand:
-    """A flight command: what velocity it wants, and when it is done."""
+    """A flight command: the velocity it demands, and when it is done."""
 
     steer: Callable[["Vehicle"], Vector]
     is_done: Callable[["Vehicle"], bool]
@@ -61,7 +61,7 @@ class VehicleCommand:
 
 
 class Vehicle:
-    """The vehicle, brought up to the clock's time whenever someone looks. Every thread may call its public methods.
+    """The vehicle; each public method first simulates it up to the clock's time. Its public methods are thread-safe.
 
     Args:
         start: world_from_body.
@@ -91,7 +91,7 @@ class Vehicle:
             self._place(self._start)
 
     def place(self, pose: RigidTransform) -> None:
-        """Put it somewhere, where it stays exactly as put until the next command; one that runs is cancelled."""
+        """Set world_from_body, held exactly until the next command; a running command is cancelled."""
         with self._lock:
             self._finish(False)
             self._place(pose)
@@ -99,7 +99,7 @@ class Vehicle:
                 self._collide(self.ground.name, np.array([0.0, 0.0, -1.0]))
 
     def start(self, make: Callable[["Vehicle"], VehicleCommand]) -> VehicleCommand:
-        """Begin the command that `make` makes of the vehicle as it is now; one that runs is cancelled."""
+        """Start the command that `make` creates from the present state; a running command is cancelled."""
         with self._lock:
             self._advance(self._clock.seconds())
             self._ride()
@@ -121,13 +121,13 @@ class Vehicle:
             self._finish(False)
 
     def set_wind(self, wind: Vector) -> None:
-        """From now on, m/s."""
+        """Set the air's velocity (3,), world, m/s."""
         with self._lock:
             self._advance(self._clock.seconds())
             self.wind = wind
 
     def update(self) -> None:
-        """Fly on until now."""
+        """Simulate up to now."""
         with self._lock:
             self._advance(self._clock.seconds())
 
@@ -139,7 +139,7 @@ class Vehicle:
             return self._motion(time_s)
 
     def take_collision(self) -> Collision | None:
-        """The last contact since this was asked before."""
+        """The last contact since the previous call."""
         with self._lock:
             self._advance(self._clock.seconds())
             last, self._collision = self._collision, None
@@ -218,10 +218,10 @@ class Vehicle:
         return YAW_PER_S * wrap(yaw.value + course - self.yaw)
 
     def _touch(self) -> None:
-        """Land, or run into the hull; leave no way out of the world."""
+        """Land, or run into the hull; stay inside the world."""
         before, self.ground = self._height_m, self._ground(self.position, self.time_s)
         self._height_m = self.ground.height_m
-        if self._height_m < -GEAR_M - abs(self.velocity[2]) * STEP_S:  # it came from the side
+        if self._height_m < -GEAR_M - abs(self.velocity[2]) * STEP_S:  # from the side
             self._collide("Carrier", -self.velocity / max(float(np.linalg.norm(self.velocity)), 1e-9))
             self.position = self.position - self.velocity * (2.0 * STEP_S)
         elif np.abs(self.position).max() > FARTHEST_M:
@@ -270,7 +270,7 @@ class Vehicle:
         self._collision = Collision(name, self.time_s, self.position, normal)
 
     def _ride(self) -> None:
-        """Bring a landed vehicle along with what it stands on."""
+        """Move a landed vehicle with the deck."""
         if self._rest is not None:
             pose = self._resting(self.time_s)
             self.position = np.array(pose.translation)

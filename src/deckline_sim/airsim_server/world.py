@@ -57,9 +57,12 @@ class WorldState:
 
 
 class World:
-    """Make it, take its pictures and close it on one thread; a RendererError where there is no OpenGL through EGL.
+    """The simulated world. One thread creates it, takes its pictures and closes it.
 
-    The vehicle starts where the first frame of a recorded approach of this config is.
+    The vehicle starts at the first frame of a recorded approach of this config.
+
+    Raises:
+        RendererError: no OpenGL through EGL.
     """
 
     def __init__(self, config: SimConfig, settings: AirSimSettings, clock: SimClock) -> None:
@@ -81,7 +84,7 @@ class World:
         self._simulator.__exit__(None, None, None)
 
     def reset(self) -> None:
-        """Restore the state of the beginning; the time goes on."""
+        """Restore the first state; the time continues."""
         self._state = self._start
         self.vehicle.reset()
 
@@ -140,7 +143,7 @@ class World:
         return np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
 
     def distance(self, world_from_mount: RigidTransform, time_s: float) -> float:
-        """Way along a mount's x axis to what it meets, m; NaN: to nothing. Only on the world's own thread."""
+        """Distance along a mount's x axis to the first surface, m; NaN: none. Only on the world's own thread."""
         _, weather, _, _ = self._view(next(iter(self.settings.cameras)), SEGMENTATION, self.state, time_s)
         camera = Camera.from_fov(RAY_PX, RAY_PX, RAY_RAD)
         scene = RenderScene(
@@ -205,7 +208,7 @@ class World:
         return Scenery(weather, foggy_visibility(clear_m, fog), imaging)
 
     def _set_light(self, state: WorldState, time_s: float) -> None:
-        """Put the sun where it stands at the time of day."""
+        """Set the sun's direction and the time of day."""
         simulator = self._simulator
         time, sun = self._time_of_day, self._sun
         if state.solar_clock is not None:

@@ -16,7 +16,7 @@ BLUR_CHANCE, RAIN_CHANCE, SPRAY_CHANCE = 0.22, 0.08, 0.03  # of a frame of prese
 EXPOSURE_S = (1 / 1000, 1 / 25)  # drawn, lowest and highest
 FALL_M_S = 9.0  # of large raindrops: Gunn and Kinzer 1949
 RAIN_MM_H = (2.0, 60.0)  # drawn: light to torrential
-SHAKE_DEG_S = 5.0  # 1-sigma of the camera's turning in flight that training wants
+SHAKE_DEG_S = 5.0  # 1-sigma of the camera's turning in flight in training
 BLUR_LIMIT = 0.02  # of the picture's width: more turning is not drawn
 DROP_ZOOM = 7.0  # radii of the picture that a drop on the lens shows in one of its own
 MOST_OPAQUE = 0.8  # of a streak
@@ -41,7 +41,7 @@ class Exposure:
     turned_rad: Triple = (0.0, 0.0, 0.0)  # rotation vector of the same
     rain_mm_h: float = 0.0
     rain_m_s: Triple = (0.0, FALL_M_S, 0.0)  # velocity of the drops, optical frame
-    streak_contrast: float = 1.0  # 1: as physics has it; more is what drawn rain looks like
+    streak_contrast: float = 1.0  # 1: physical; more: as rain drawn by games
     lens_drops: int = 0
     lens_seed: int = 0  # of the drops on the lens
     seed: int = 0  # of the falling ones
@@ -64,7 +64,7 @@ def draw_exposure(
 ) -> Exposure:
     """Exposure of a camera that flies with a velocity (3,) relative to the ship and turns at a rate (3,), both world.
 
-    `recording` draws the shutter, the rain and where drops sit on the lens, `frame` what is new in every frame.
+    `recording` draws the shutter, the rain and the drops on the lens, `frame` the values of one frame.
     """
     kinds = recording.random(3)
     drawn_s = float(np.exp(recording.uniform(*np.log(EXPOSURE_S)))) if kinds[0] < BLUR_CHANCE else 0.0

@@ -1,4 +1,4 @@
-"""What hides a scene from its camera: cockpits, airframes, drones' legs, dirty glass, captions, drawn at random."""
+"""Random foregrounds between camera and scene: cockpits, airframes, drones' legs, dirty windows, captions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from deckline_sim.camera.phone import phone_picture
 from deckline_sim.config import FLIGHTS, SimConfig
 from deckline_sim.visible_line import find_visible_line
 
-OPEN_SHARE = 0.7  # of the kept box that stays uncovered
+OPEN_SHARE = 0.7  # of the open box that stays uncovered
 MOST_PX = 800  # on the longer side; larger foregrounds are drawn at this size and enlarged
 TRIES = 3  # drawings of an element before it is left out
 FOREGROUND = 9  # random stream
@@ -25,7 +25,7 @@ SETTINGS = (0.55, 0.2, 0.25)  # shares of cockpits, of airframes and drones, of 
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """What hides a scene, and what glows before it."""
+    """A layer over a scene that hides it and adds light."""
 
     rgb: NDArray[np.float32]  # (H, W, 3) 0..255, weighted by the cover; reflections hardly have any
     cover: NDArray[np.float32]  # (H, W) 0..1, share of the scene that it hides
@@ -63,15 +63,15 @@ KINDS = (  # from the scene to the viewer
 def add_foreground(frame: Frame, config: SimConfig, index: int) -> Frame:
     """The frame behind a foreground that leaves its runway open; the same foreground in all frames of a flight.
 
-    Depth and truth stay the scene's. `keep_clear` keeps the scene as the clear view, also in clear air.
+    Depth and truth stay the scene's. With `keep_clear`, the scene is the clear view, also in clear air.
     """
     flight = config.trajectory in FLIGHTS
     rng = np.random.default_rng([config.seed, FOREGROUND, 0 if flight else index])
     if rng.random() >= config.foreground_share:
         return frame
     height, width = frame.image_rgb.shape[:2]
-    keep = np.multiply(OPEN_BOX, [width, height] * 2) if flight else _box_lines(frame)
-    foreground = draw_foreground(width, height, rng, keep)
+    open_box = np.multiply(OPEN_BOX, [width, height] * 2) if flight else _box_lines(frame)
+    foreground = draw_foreground(width, height, rng, open_box)
     noise = np.random.default_rng([config.seed, FOREGROUND, 1, index])
     seen = phone_picture(lay_over(frame.image_rgb, foreground), noise)
     truth = frame.truth
@@ -98,19 +98,19 @@ def lay_over(image: NDArray[Any], foreground: Foreground) -> NDArray[np.float32]
     return np.minimum(shown, 255.0, out=shown).astype(np.float32, copy=False)
 
 
-def draw_foreground(width: int, height: int, rng: Rng, keep: ArrayLike | None = None) -> Foreground:
+def draw_foreground(width: int, height: int, rng: Rng, open_box: ArrayLike | None = None) -> Foreground:
     """A random foreground, now and then an empty one.
 
     Args:
         width, height: of the picture, px.
-        keep: (4,) box u0, v0, u1, v1, px, of which `OPEN_SHARE` stays uncovered: what hides more is drawn elsewhere
-            or left out.
+        open_box: (4,) box u0, v0, u1, v1, px, of which `OPEN_SHARE` stays uncovered: an element that hides more is
+            drawn again or left out.
     """
     scale = min(1.0, MOST_PX / max(width, height))
     wide, tall = max(1, round(width * scale)), max(1, round(height * scale))
     total: Layer = np.zeros((tall, wide, 4), np.uint8)
     texture = _draw_texture(wide, tall, rng)
-    box = None if keep is None else _clip_box(np.multiply(keep, scale), wide, tall)
+    box = None if open_box is None else _clip_box(np.multiply(open_box, scale), wide, tall)
     setting = int(rng.choice(len(SETTINGS), p=SETTINGS))
     for kind in KINDS:
         if rng.random() < kind.shares[setting]:

@@ -38,9 +38,9 @@ TINT = 0.04  # 1-sigma of the airlight's colour, from cold to warm
 # Carbonneau's rain attenuation, ITU-R P.1814: 1.076 R^0.67 dB/km, R in mm/h.
 RAIN_DB_PER_KM, RAIN_EXPONENT = 1.076, 0.67
 DB_PER_NEPER = 10.0 / math.log(10.0)
-METER_STEP = 4  # metering looks at every fourth pixel
+METER_STEP = 4  # metering uses every fourth pixel
 BRIGHTEST = 3.0  # light that thick air lets through at all: it dims the sun before the sun's glitter is seen through it
-FAIR_STRENGTH = 0.15  # how far the sensor strays in the named presets, of what training wants
+FAIR_STRENGTH = 0.15  # spread of the sensor's settings in the named presets, relative to training
 
 
 def draw_model(config: AirConfig, rng: np.random.Generator, wide: bool) -> Model:
@@ -140,7 +140,7 @@ def draw_airlight(horizon: NDArray[np.float64], rng: np.random.Generator, wide: 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the camera path needs to know of the scene."""
+    """The scene's values that the camera path uses."""
 
     horizon: Triple  # linear light of the clear sky at the horizon
     sun: Triple  # unit vector from the sun to the ground, world
@@ -187,8 +187,8 @@ class Imaging:
         Args:
             view: rendered with `pinhole_for(camera)`.
             world_from_camera: in the middle of the exposure.
-            recording: draws what a recording keeps: the air and the sensor's settings.
-            frame: draws what every frame has of its own: shaking, noise.
+            recording: draws the values that a recording's frames share: the air and the sensor's settings.
+            frame: draws the values of one frame: shake, noise.
             wide: draw what the configuration leaves open, as for preset train.
             keep_clear: also give the picture without haze, rain and motion blur.
         """
@@ -256,9 +256,9 @@ def scatter_view(view: Rendering, camera: Camera, world_from_camera: RigidTransf
 
 
 def meter_view(view: Rendering, air: Atmosphere, air_to_come: bool) -> float:
-    """The light that automatic exposure goes by, on every fourth pixel of a view whose even air may be yet to come.
+    """The light that automatic exposure measures, on every fourth pixel; `air_to_come`: the view lacks its even air.
 
-    Ray lengths are taken for depths here: exposure needs no more.
+    Depths serve as ray lengths, which is accurate enough for exposure.
     """
     light = view.radiance[::METER_STEP, ::METER_STEP]
     if air_to_come and any(air.extinction_per_m):

@@ -1,4 +1,4 @@
-"""Flights to the ship: final approaches and the paper's profile, in wind and gusts, flown by a pilot who strays."""
+"""Flights to the ship: final approaches and the paper's profile, in wind and gusts, with a pilot's deviations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ CLOSED = 0.7  # part of an approach after which the pilot has closed the first o
 GUST_SCALE_M = 200.0  # Dryden length at 50 m height (202 m): MIL-F-8785C, low-altitude model
 GUST_HZ = (0.02, 0.6)  # slower gusts are wind, faster ones an aircraft does not follow
 GUST_WAVES = 24
-PILOT_RAD_S = 0.5  # how fast a pilot brings a displaced aircraft back; our choice
+PILOT_RAD_S = 0.5  # rate at which a pilot corrects a displacement; our choice
 ROLL_PER_GUST = 0.02  # rad of roll for 1 m/s of side gust; our choice
 WANDER_HZ = (0.02, 0.1)  # of a flown path about the nominal one
 SHAKE_HZ = (0.05, 0.4)  # of the attitude
@@ -43,7 +43,7 @@ SHAKE_HZ = (0.05, 0.4)  # of the attitude
 
 @dataclass(frozen=True)
 class ApproachFlight:
-    """One flight's numbers, all random choices made."""
+    """Speed, wind, offsets and turbulence of one flight, all random choices made."""
 
     speed_m_s: float
     headwind_m_s: float
@@ -77,8 +77,8 @@ class ApproachPath:
 def approach_view(config: SimConfig, layout: Layout, index: int, motion: ShipMotion = STILL) -> Viewpoint:
     """Frame `index` of a final approach or of the paper's profile from 5 km, frames equally spaced in time.
 
-    The profile's flight out to 10 km and back, during which the paper's aircraft sees no deck, is left out, and
-    `start_m` of the configuration has no say in it.
+    The profile starts at 5 km whatever `start_m` is. The paper's flight out to 10 km and back, without a deck in view,
+    is left out.
 
     Args:
         layout: the ship as it lies at time 0.
@@ -182,7 +182,7 @@ def gust(time_s: float, sigma_m_s: float, speed_m_s: float, rng: np.random.Gener
     """Gust along one axis, m/s, and how far it has moved the aircraft, m, the same function for the same rng state.
 
     Sines with the amplitudes of Dryden's longitudinal spectrum (MIL-F-8785C), scaled to the sigma inside the band. The
-    aircraft moves with a gust except that its pilot brings it back, so slow gusts do not add up.
+    aircraft moves with a gust and its pilot corrects the displacement, so slow gusts do not add up.
     """
     edges = 2 * np.pi * np.geomspace(*GUST_HZ, GUST_WAVES + 1)
     omega = np.sqrt(edges[:-1] * edges[1:])
@@ -229,7 +229,7 @@ def position_at(path: ApproachPath, time_s: float) -> NDArray[np.float64]:
 
 
 def shake_at(path: ApproachPath, time_s: float) -> NDArray[np.float64]:
-    """Roll, pitch and yaw (3,) by which the attitude strays at a time."""
+    """Deviation (3,) of roll, pitch and yaw, rad, at a time."""
     rng = np.random.default_rng([path.seed, 6])
     (side, _), (rise, _) = gusts_at(path, time_s)
     turned = np.array([ROLL_PER_GUST * side, -rise / path.flight.speed_m_s, -side / path.flight.speed_m_s])

@@ -28,11 +28,11 @@ TRAIN_FOV_DEG = (10.0, 90.0)
 FEW, FEW_ENOUGH, ENOUGH = 0.12, 0.2, 0.65  # few views may show so little of the lines, the others no less than that
 DECK_SHARE, ODD_SHARE, AWAY_SHARE = 0.06, 0.04, 0.06  # of the training views; the others lie around the glide path
 ODD_RANGE_M = (150.0, 2000.0)  # from the ship's middle
-CLEAR_OF_SHIP_M = 80.0  # a view from any side stays so far from the ship's ends
+CLEAR_OF_SHIP_M = 80.0  # of a view from any side to the ship's ends
 DECK_HEIGHT_M = (6.0, 30.0)  # over the deck; where there is no runway, parked aircraft up to 5.6 m high may be below
 SPEED_M_S = 65.0
 RATES_RAD_S = np.deg2rad([4.0, 1.5, 1.5])  # 1-sigma of roll, pitch and yaw rate; our choice
-ELEVATION_DEG = (2.0, 8.0)  # of the camera over what it looks at, as on a glide path
+ELEVATION_DEG = (2.0, 8.0)  # of the camera over its target, as on a glide path
 NUDGE_DEG = (4.0, 3.0, 6.0)  # 1-sigma of roll, pitch and yaw about that direction
 
 
@@ -96,7 +96,7 @@ def ship_velocity(
 
 
 def deck_rise(layout: Layout, motion: ShipMotion, time_s: float, point_m: ArrayLike) -> float:
-    """How far, m, a deck point (2,) of the ship frame stands above where the steady ship has it."""
+    """Height, m, of a deck point (2,) of the ship frame above its place on the steady ship."""
     (roll, pitch, heave), _ = _swing(layout, motion, time_s)
     arm = np.array([*np.asarray(point_m, dtype=np.float64), 0.0]) - middle_m(layout)
     return float(heave - (attitude(roll, pitch, 0.0).apply(arm)[2] - arm[2]))
@@ -144,7 +144,7 @@ def random_view(
     """An unrelated view at time `index` seconds.
 
     For the named presets, and mostly for `train`: from somewhere around the glide path, showing enough of the runway.
-    Preset `train` also looks from over the deck, at the ship from any side, and past it.
+    Preset `train` also has views over the deck, of the ship from any side, and past it.
 
     Args:
         layout: the ship as it lies at time 0.

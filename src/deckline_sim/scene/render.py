@@ -123,7 +123,7 @@ class Renderer:
         return _mask_sky(self._measure(scene, *self._place(scene)))
 
     def _place(self, scene: RenderScene) -> tuple[Uniforms, Uniforms]:
-        """Tell all programs about a scene; returns what the ship and the rest of the world are drawn with."""
+        """Set the uniforms of all programs; returns those of the ship and those of the rest of the world."""
         camera = scene.camera
         if camera.has_distortion:
             raise ValueError(f"the renderer draws a pinhole, got distortion {camera.distortion}")
@@ -136,7 +136,7 @@ class Renderer:
         where = self.ship.layout.world_from_ship if scene.world_from_ship is None else scene.world_from_ship
         ship = solid_uniforms(scene, where, CLEAR_AIR_M)
         moved = where.translation - self.ship.layout.world_from_ship.translation
-        company = RigidTransform.from_translation([moved[0], moved[1], 0.0])  # other ships and land keep their distance
+        company = RigidTransform.from_translation([moved[0], moved[1], 0.0])  # other ships and land follow the ship
         world = solid_uniforms(scene, company, scene.weather.fade_m)
         values = scene_uniforms(scene, self.ship, where)
         values |= ship | {"sun": self.sun, "light_from_ship": self.shadow.light_from_ship.T}
@@ -175,7 +175,7 @@ class Renderer:
     def _measure(
         self, scene: RenderScene, ship: Uniforms, world: Uniforms, labels: bool = False
     ) -> NDArray[np.float32]:
-        """Depth (H, W) along the optical axis, or what is seen; not positive in the sky."""
+        """Depth (H, W) along the optical axis, or the labels (H, W); not positive in the sky."""
         measured = self._targets(scene.camera)[-1]
         measured.use()
         measured.clear()
@@ -210,7 +210,7 @@ class Renderer:
         return self.targets[size]
 
     def _bind(self, values: Uniforms, anisotropy: float) -> None:
-        """Hand every drawing program the uniforms and textures that it has."""
+        """Set the uniforms and textures of every drawing program."""
         for program in (self.sea, self.ground, self.sea_depth, self.solid, self.deck, self.measure, self.lamp):
             _set(program, values)
         self.paint_map.anisotropy = anisotropy

@@ -1,4 +1,4 @@
-"""One picture: what is asked of the renderer, what the shaders are told by the names they use, and what comes out."""
+"""One picture: the renderer's input, the shaders' uniforms by name, and the renderer's output."""
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -32,7 +32,7 @@ class Label(IntEnum):
 
 @dataclass(frozen=True)
 class RenderQuality:
-    """How carefully a picture is drawn; a poor one looks like other renderers' work."""
+    """Anti-aliasing and texture filtering; low values resemble simpler renderers."""
 
     samples: int = SAMPLES  # per pixel, this many or 1, which leaves jagged edges
     anisotropy: float = 16.0  # of the deck's texture filter; 1 smears far markings together
@@ -43,7 +43,7 @@ BEST = RenderQuality()
 
 @dataclass(frozen=True, eq=False)
 class RenderScene:
-    """The loaded ship, or its sea alone, as a pinhole camera has it before it."""
+    """The renderer's input: a pinhole camera's view of the loaded ship, or of its sea alone."""
 
     camera: Camera
     world_from_camera: RigidTransform
@@ -56,7 +56,7 @@ class RenderScene:
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """A rendered scene."""
+    """The renderer's output."""
 
     radiance: NDArray[np.float32]  # (H, W, 3) linear light; 1 is what a white surface in full daylight sends
     depth_m: NDArray[np.float32]  # (H, W) along the optical axis; NaN in the sky
@@ -103,7 +103,7 @@ def scene_uniforms(scene: RenderScene, ship: Ship, ship_pose: RigidTransform) ->
 
 
 def solid_uniforms(scene: RenderScene, pose: RigidTransform, haze_m: float) -> Uniforms:
-    """Where a solid is drawn that stands at world_from_solid, and how hazy the air before it is."""
+    """Transforms of a solid at world_from_solid `pose`, and the distance scale of the haze before it."""
     optical_from_solid = (scene.world_from_camera.inv() * pose).as_matrix()
     return {
         "clip_from_ship": (clip_from_optical(scene.camera) @ optical_from_solid).T,

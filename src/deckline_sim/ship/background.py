@@ -43,7 +43,7 @@ def background_mesh(layout: Layout, rng: Generator, kind: BackgroundKind = "rand
             "ships" and "coast": those, always.
 
     Returns:
-        A mesh in the world. Hills are open sheets: their normals point up and towards the sea.
+        A mesh in the world. Hills are open surfaces: their normals point up and towards the sea.
     """
     ships = kind == "ships" or rng.random() < {"random": 0.35, "fair": 0.15}.get(kind, 0.0)
     coast = kind == "coast" or rng.random() < {"random": 0.25}.get(kind, 0.0)
@@ -65,7 +65,7 @@ def approach_axis(layout: Layout) -> tuple[Array, Array, float]:
 
 
 def blocks_approach(layout: Layout, point_m: Array, radius_m: float) -> bool:
-    """Whether anything within `radius` of a world point (2,) would stand in the way of an approach."""
+    """Whether anything within `radius` of a world point (2,) would block an approach."""
     ramp, ahead, _ = approach_axis(layout)
     delta = point_m - ramp
     astern, beside = -delta @ ahead, np.abs(delta @ np.array([-ahead[1], ahead[0]]))

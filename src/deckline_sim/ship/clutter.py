@@ -1,4 +1,4 @@
-"""What stands on deck: aircraft in rows, packs and anywhere, vehicles, crates, people, blast deflectors.
+"""Clutter on deck: aircraft in rows, packs and anywhere, vehicles, crates, people, blast deflectors.
 
 Aircraft are prototypes of unit length around the origin, nose to +x, wheels on z = 0, colours as tints.
 """
@@ -90,7 +90,7 @@ def build_rotor(hub: list[float], folded: bool) -> Mesh:
 
 @dataclass(eq=False)
 class DeckOccupancy:
-    """The deck as a car park: which places are occupied so far."""
+    """Which places of a deck are occupied."""
 
     layout: Layout
     runway: bool

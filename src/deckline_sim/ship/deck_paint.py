@@ -133,7 +133,7 @@ def paint_runway(layout: Layout, plan: Plan, rubber: Coat, rng: Generator) -> Co
     """Everything that marks the runway, in order: the edge markings on top, tyre marks (`rubber`) under them."""
     centre, half = layout.centre_m, layout.spacing_m / 2
     coats = []
-    inner = half - plan.edge.width_m / 2 - 0.3  # bare deck beside the edge markings keeps them symmetric
+    inner = half - plan.edge.width_m / 2 - 0.3  # bare deck on both sides leaves the edge markings symmetric
     if plan.area_opacity > 0.0 and inner > 0.0:
         coats.append(bars(centre, (0.0, axes(*centre)[2]), (-inner, inner), plan.area_rgb, plan.area_opacity))
     for distance, style in plan.fouls:

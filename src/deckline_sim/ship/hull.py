@@ -22,7 +22,7 @@ BOOT_M = 1.2  # height of the dark stripe above the water
 STATIONS = np.array([0.0, 0.04, 0.12, 0.3, 0.5, 0.65, 0.76, 0.85, 0.92, 0.97, 1.0])  # of frames, along a level
 LIMIT_M = 0.5  # the hull's top stays this far inside the deck's edge
 BOOTS = np.array([[0.16, 0.05, 0.05], [0.08, 0.08, 0.09], [0.35, 0.1, 0.08], [0.05, 0.07, 0.1]])
-PROUD_M = 0.12  # how far painted panels stand off the hull's side
+PROUD_M = 0.12  # distance of painted panels from the hull's side
 RAIL_M = 1.1  # height of a railing
 RUST = np.array([0.42, 0.26, 0.17])
 
@@ -218,7 +218,7 @@ def build_walk(layout: Layout, side: float, paint: Array, rng: Generator, rails:
     kerb = strip(outer, outer + np.array([0.0, 0.0, 0.35]))[present]
     parts = [facing(strip(inner, outer)[present], shade, (0.0, 0.0, -1.0))]
     parts.append(facing(kerb, shade * 0.8, (0.0, side, 0.0)))
-    if rails and drop >= RAIL_M:  # a lower walk's rail would stand above the deck
+    if rails and drop >= RAIL_M:  # the rail of a higher walk would rise above the deck
         starts, ends = outer[:-1][present], outer[1:][present]
         up = np.array([0.0, 0.0, RAIL_M])
         parts.append(rods(np.concatenate([starts - up, starts]), np.concatenate([ends - up, starts - up]), 0.08, shade))

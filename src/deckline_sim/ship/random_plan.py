@@ -111,7 +111,7 @@ def _wires(layout: Layout, rng: Generator) -> tuple[float, ...]:
 
 
 def _fouls(edge: EdgeStyle, rng: Generator) -> tuple[tuple[float, LineStyle], ...]:
-    """Lines that keep others clear of the landing area, outside its edge markings."""
+    """Safety lines of the landing area, outside its edge markings."""
     fouls = []
     styles: list[tuple[Rgb, ...]] = [(RED, edge.rgb), (YELLOW, edge.rgb), (YELLOW,), (edge.rgb,), (RED,)]
     for side in (-1.0, 1.0):

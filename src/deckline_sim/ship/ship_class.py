@@ -111,7 +111,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Plan:
-    """All paint of a deck but its wear; a deck without a runway shows only what stands from `stern_m` on."""
+    """All paint of a deck but its wear; a deck without a runway shows only the fields from `stern_m` on."""
 
     edge: EdgeStyle
     right_edge: EdgeStyle | None = None  # where it differs from the left one
