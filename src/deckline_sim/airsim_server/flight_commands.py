@@ -67,11 +67,8 @@ async def go_home(service: Service, timeout: float = LONG_S, vehicle: str = "") 
 
 async def hover(service: Service, vehicle: str = "") -> bool:
     """Brake, and hold the position."""
-
-    def make(body: Vehicle) -> VehicleCommand:
-        return VehicleCommand(lambda body: np.zeros(3), lambda body: float(np.linalg.norm(body.velocity)) < STOPPED_M_S)
-
-    return await fly(service.world, make)
+    command = VehicleCommand(lambda body: np.zeros(3), lambda body: float(np.linalg.norm(body.velocity)) < STOPPED_M_S)
+    return await fly(service.world, lambda body: command)
 
 
 async def move_on_path(
@@ -89,13 +86,13 @@ async def move_on_path(
         raise ValueError(f"path must be a list of 1 to {MAX_POINTS} positions, got {quote(path)}")
     points = [read_vector(point, "path", MOST_M) for point in path]
     yaw = read_yaw(yaw_mode, drivetrain)
-    ahead_m, speed = read_number(lookahead, "lookahead", -1.0, MOST_M), read_speed(speed)
+    ahead_m, speed = read_number(lookahead, "lookahead", -1.0, MOST_M), read_number(speed, "velocity", 0.01, MOST_M_S)
     if ahead_m == 0.0 or (yaw.is_rate and yaw.along):
         raise ValueError("lookahead cannot be 0" if ahead_m == 0.0 else "ForwardOnly takes no yaw rate")
     return await fly(service.world, lambda body: follow(body, points, speed, read_timeout(timeout), yaw, ahead_m))
 
 
-async def move_to_position(
+async def move_to_point(
     service: Service,
     x: float,
     y: float,
@@ -107,27 +104,14 @@ async def move_to_position(
     lookahead: float = -1.0,
     adaptive: float = 1.0,
     vehicle: str = "",
+    *,
+    geographic: bool = False,
 ) -> bool:
-    return await move_on_path(
-        service, [{"x_val": x, "y_val": y, "z_val": z}], speed, timeout, drivetrain, yaw_mode, lookahead
-    )
-
-
-async def move_to_gps(
-    service: Service,
-    latitude: float,
-    longitude: float,
-    altitude: float,
-    speed: float,
-    timeout: float = LONG_S,
-    drivetrain: int = 0,
-    yaw_mode: Any = RATE_ZERO,
-    lookahead: float = -1.0,
-    adaptive: float = 1.0,
-    vehicle: str = "",
-) -> bool:
-    point = read_geo(latitude, longitude, altitude, service.world.settings.origin)
-    return await move_on_path(service, [vector_struct(point)], speed, timeout, drivetrain, yaw_mode, lookahead)
+    """`geographic`: x, y and z are latitude, deg, longitude, deg, and altitude, m."""
+    point = {"x_val": x, "y_val": y, "z_val": z}
+    if geographic:
+        point = vector_struct(read_geo(x, y, z, service.world.settings.origin))
+    return await move_on_path(service, [point], speed, timeout, drivetrain, yaw_mode, lookahead)
 
 
 async def move_to_z(
@@ -142,8 +126,7 @@ async def move_to_z(
 ) -> bool:
     """Over the present position."""
     x, y, _ = service.world.vehicle.read().pose.translation.tolist()
-    path = [{"x_val": x, "y_val": y, "z_val": z}]
-    return await move_on_path(service, path, speed, timeout, 0, yaw_mode, lookahead)
+    return await move_to_point(service, x, y, z, speed, timeout, 0, yaw_mode, lookahead)
 
 
 async def move_by_velocity(
@@ -251,10 +234,6 @@ def read_timeout(value: Any) -> float:
     return read_number(value, "timeout or duration", -math.inf, math.inf)
 
 
-def read_speed(value: Any) -> float:
-    return read_number(value, "velocity", 0.01, MOST_M_S)
-
-
 def read_yaw(mode: Any, drivetrain: Any) -> Yaw:
     """A YawMode and a DrivetrainType."""
     mode = mode if isinstance(mode, Mapping) else {}
@@ -269,8 +248,8 @@ FLIGHT: dict[str, Callable[..., Any]] = {
     "goHome": go_home,
     "hover": hover,
     "moveOnPath": move_on_path,
-    "moveToPosition": move_to_position,
-    "moveToGPS": move_to_gps,
+    "moveToPosition": move_to_point,
+    "moveToGPS": partial(move_to_point, geographic=True),
     "moveToZ": move_to_z,
     "moveByVelocity": move_by_velocity,
     "moveByVelocityZ": partial(move_by_velocity, at_z=True),

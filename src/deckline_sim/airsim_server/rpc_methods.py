@@ -39,7 +39,7 @@ WITHOUT_EFFECT = {2: "Snow", 3: "RoadSnow", 4: "MapleLeaf", 5: "RoadLeaf", 6: "D
 
 def enable_api_control(service: Service, enabled: bool, vehicle: str = "") -> None:
     """Without API control the vehicle brakes and hovers."""
-    service.change(api_control=read_flag(enabled, "is_enabled"))
+    service.world.change(api_control=read_flag(enabled, "is_enabled"))
     if not enabled:
         service.world.vehicle.cancel()
 
@@ -48,7 +48,7 @@ def arm(service: Service, armed: bool, vehicle: str = "") -> bool:
     """Whether it was done: API control has to be on. A vehicle that is disarmed in the air hovers, and cannot fly."""
     armed, allowed = read_flag(armed, "arm"), service.world.state.api_control
     if allowed:
-        service.change(armed=armed)
+        service.world.change(armed=armed)
         if not armed:
             service.world.vehicle.cancel()
     return allowed
@@ -116,13 +116,15 @@ def set_camera_pose(service: Service, camera: Any, pose: Any, vehicle: str = "",
     """Set a camera's mount on the vehicle; a position or orientation with NaN stays as it is."""
     world = service.world
     name = world.settings.find_camera(str(camera))
-    service.change(mounts={**world.state.mounts, name: read_near_pose(pose, world.mount(name))})
+    world.change(mounts={**world.state.mounts, name: read_near_pose(pose, world.mount(name))})
 
 
 def set_camera_fov(service: Service, camera: Any, fov_deg: float, vehicle: str = "", external: bool = False) -> None:
     """Horizontal field of view, degrees."""
     name = service.world.settings.find_camera(str(camera))
-    service.change(fovs_deg={**service.world.state.fovs_deg, name: read_number(fov_deg, "fov_degrees", 1.0, 150.0)})
+    service.world.change(
+        fovs_deg={**service.world.state.fovs_deg, name: read_number(fov_deg, "fov_degrees", 1.0, 150.0)}
+    )
 
 
 def set_weather(service: Service, parameter: int, value: float) -> None:
@@ -131,9 +133,9 @@ def set_weather(service: Service, parameter: int, value: float) -> None:
     if isinstance(parameter, bool) or not isinstance(parameter, int) or not 0 <= parameter <= ENABLED:
         raise ValueError(f"a weather parameter is a number between 0 and {ENABLED}, got {parameter!r:.40}")
     if parameter in WEATHER:
-        service.change(**{WEATHER[parameter]: value})
+        service.world.change(**{WEATHER[parameter]: value})
     elif parameter == ENABLED:
-        service.change(weather=value > 0.0)
+        service.world.change(weather=value > 0.0)
     else:
         service.log(f"simSetWeatherParameter: {WITHOUT_EFFECT[parameter]} has no effect here")
 
@@ -149,12 +151,12 @@ def set_time_of_day(
 ) -> None:
     """Sun or moon at a date and local solar time; without a date, of today's."""
     if not read_flag(enabled, "is_enabled"):
-        service.change(solar_clock=None)
+        service.world.change(solar_clock=None)
         return
     date = datetime.now() if start == "" else read_time(start)
     speed = read_number(speed, "celestial_clock_speed", 0.0, 1e6) if move_sun else 0.0
     step_s = read_number(step_s, "update_interval_secs", 1e-3, 1e6)
-    service.change(solar_clock=SolarClock(date, service.world.clock.seconds(), speed, step_s))
+    service.world.change(solar_clock=SolarClock(date, service.world.clock.seconds(), speed, step_s))
 
 
 METHODS: dict[str, Callable[..., Any]] = {
@@ -183,7 +185,7 @@ METHODS: dict[str, Callable[..., Any]] = {
     "simSetCameraFov": set_camera_fov,
     "simSetFov": set_camera_fov,
     "simGetCurrentFieldOfView": lambda service, camera, vehicle="", external=False: get_camera(service, camera)["fov"],
-    "simEnableWeather": lambda service, enabled: service.change(weather=read_flag(enabled, "enable")),
+    "simEnableWeather": lambda service, enabled: service.world.change(weather=read_flag(enabled, "enable")),
     "simSetWeatherParameter": set_weather,
     "simSetTimeOfDay": set_time_of_day,
     "startRecording": lambda service: service.recorder.start(),

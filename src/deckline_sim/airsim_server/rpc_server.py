@@ -38,8 +38,8 @@ MOST_FLIGHTS = 8  # flight commands of a connection that are not answered: all b
 RECORDINGS = Path("recordings")
 
 
-def print_to_stderr(line: str) -> None:
-    """Log one line for whoever runs the server."""
+def log_line(line: str) -> None:
+    """Print one line on stderr."""
     print_line(f"deckline: {line}")
 
 
@@ -189,7 +189,7 @@ async def serving(
     port: int = PORT,
     out: Path = RECORDINGS,
     scene: Mapping[str, Any] | None = None,
-    log: Callable[[str], None] = print_to_stderr,
+    log: Callable[[str], None] = log_line,
     clock: SimClock | None = None,
     message_limit: int = REQUEST_LIMIT,
 ) -> AsyncIterator[int]:
@@ -258,7 +258,7 @@ def serving_in_thread(config: SimConfig, settings: AirSimSettings, **options: An
 async def serve_forever(config: SimConfig, settings: AirSimSettings, options: ServeConfig, out: Path) -> None:
     scene = {"generator": f"deckline {__version__}", "command": repeatable_command(), **frame_settings(config)}
     async with serving(config, settings, options.host, options.port, out, scene) as port:
-        print_to_stderr(f"AirSim server on {options.host}:{port}, vehicle {settings.vehicle}; Ctrl-C ends it")
+        log_line(f"AirSim server on {options.host}:{port}, vehicle {settings.vehicle}; Ctrl-C ends it")
         await asyncio.Event().wait()
 
 
@@ -270,9 +270,9 @@ def serve_sim(config: SimConfig, options: ServeConfig, out: Path | None) -> None
     default = CaptureSetting(config.width, config.height, config.fov_deg)
     settings = parse_settings({}, default) if options.settings is None else read_settings(options.settings, default)
     if settings.unused:
-        print_to_stderr(f"{options.settings}: without effect here: {', '.join(settings.unused)}")
+        log_line(f"{options.settings}: without effect here: {', '.join(settings.unused)}")
     if not is_loopback(options.host):
-        print_to_stderr(f"listening on {options.host}: whoever reaches this machine can steer the simulator")
+        log_line(f"listening on {options.host}: every machine that reaches this address can steer the simulator")
     asyncio.run(serve_forever(config, settings, options, out or RECORDINGS))
 
 

@@ -34,7 +34,7 @@ def set_object_id(service: Service, name: str, number: int, is_regex: bool = Fal
         raise ValueError(f"an object's ID is a number between -1 and {objects.MOST_ID}, got {number!r:.40}")
     ids = objects.object_ids(service.world, service.world.state)
     named = objects.find(list(ids), name, is_regex)
-    service.change(object_ids=ids | dict.fromkeys(named, number))
+    service.world.change(object_ids=ids | dict.fromkeys(named, number))
     return bool(named)
 
 
@@ -49,7 +49,7 @@ def set_filter(
     """Change the filter of a camera's detections."""
     key = (service.world.settings.find_camera(str(camera)), read_image_type(image_type))
     filters = service.world.state.filters
-    service.change(filters={**filters, key: change(filters.get(key, objects.DetectionFilter()))})
+    service.world.change(filters={**filters, key: change(filters.get(key, objects.DetectionFilter()))})
 
 
 def add_filter_name(
@@ -104,7 +104,7 @@ def set_distance_pose(service: Service, name: Any, pose: Any, vehicle: str = "")
     world = service.world
     key = world.settings.find_distance(str(name))
     mounts = world.state.distance_mounts
-    service.change(distance_mounts={**mounts, key: read_near_pose(pose, world.distance_mount(key))})
+    world.change(distance_mounts={**mounts, key: read_near_pose(pose, world.distance_mount(key))})
 
 
 def get_environment(service: Service, vehicle: str = "") -> Struct:

@@ -114,9 +114,7 @@ class SimulatedSensors:
     def distance(self, setting: DistanceSetting, true_m: float) -> Struct:
         """DistanceSensorData of a true distance, m; NaN: nothing there."""
         measured = true_m + DISTANCE_NOISE_M * float(self._rng.normal())
-        measured = (
-            setting.farthest_m if math.isnan(true_m) else min(max(measured, setting.nearest_m), setting.farthest_m)
-        )
+        measured = setting.farthest_m if math.isnan(true_m) else measured
         return {
             "distance": float(np.clip(measured, setting.nearest_m, setting.farthest_m)),
             "min_distance": setting.nearest_m,

@@ -24,10 +24,6 @@ class Service:
     sensors: SimulatedSensors
     log: Callable[[str], None]
 
-    def change(self, **values: Any) -> None:
-        """Set parts of the world's state."""
-        self.world.change(**values)
-
 
 def read_near_pose(value: Any, default: RigidTransform) -> RigidTransform:
     """A pose near enough to render; a position or orientation with NaN is that of `default`."""

@@ -5,7 +5,6 @@ is of a later instant. So a frame's pose comes from the image alone: world_from_
 camera_from_body of the mount, which hardly changes.
 """
 
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -30,6 +29,7 @@ from deckline.adapters.airsim.client import (
     parse_address,
 )
 from deckline.adapters.airsim.protocol import read_pose
+from deckline.files import print_line
 from deckline.geometry import Camera, camera_mount
 from deckline.recording import BadFrame, RecordingError, Stream
 from deckline.recording.images import check_depth_size, convert_to_axial_depth
@@ -193,10 +193,6 @@ def _check_same_pose(scene: RigidTransform, depth: RigidTransform) -> None:
         )
 
 
-def print_to_stderr(line: str) -> None:
-    print(line, file=sys.stderr)
-
-
 class AirSimSource(Stream):
     """Frames of a simulator's camera until `stop`. After a lost connection it waits for the simulator.
 
@@ -219,7 +215,7 @@ class AirSimSource(Stream):
         rate_hz: float = 5.0,
         deck_z_m: float | None = None,
         sea_z_m: float | None = None,
-        log: Callable[[str], None] = print_to_stderr,
+        log: Callable[[str], None] = print_line,
     ) -> None:
         if not 0.0 < rate_hz <= 1000.0:
             raise RecordingError(f"rate must lie between 0 and 1000 frames a second, got {rate_hz}")
