@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ WORLD_SETTINGS = parse_settings({}, CaptureSetting(WIDTH, HEIGHT, FOV_DEG))
 
 @dataclass
 class Running:
-    """What a test needs of a server. Its time stands where the test puts it."""
+    """What a test needs of a server. Its time is `ticks[0]`, or runs with the wall clock."""
 
     port: int
     lines: list[str]
@@ -40,10 +41,11 @@ class Running:
 
 
 @contextmanager
-def run_server(out, config=CONFIG, **options):
-    """A server until the block ends; an error in it is raised here."""
+def run_server(out, config=CONFIG, speed=None, **options):
+    """A server until the block ends; an error in it is raised here. `speed`: of its time over the wall clock's."""
     running = Running(0, [], out, [0.0])
-    clock = SimClock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)
+    ticks = (lambda: running.ticks[0]) if speed is None else (lambda: speed * time.monotonic())
+    clock = SimClock(ticks, epoch_ns=EPOCH_NS)
     settings = parse_settings({}, CaptureSetting(config.width, config.height, config.fov_deg))
     options |= {"port": 0, "out": out, "log": running.lines.append, "clock": clock}
     try:

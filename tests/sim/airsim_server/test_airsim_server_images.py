@@ -65,8 +65,8 @@ def test_depth_is_stored_and_shown_as_airsim_does():
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ("0", "list.*64"),
-        ([{}] * 65, "list.*64"),
+        ("0", "64"),
+        ([{}] * 65, "64"),
         ([5], "int"),
         ([{"image_type": True}], "True"),
         ([{"image_type": 0, "pixels_as_float": True}], "Scene.*pixels_as_float"),
@@ -125,7 +125,8 @@ def test_frames_are_whole_when_it_stops(tmp_path):
         loaded = source.load(index)
         assert loaded.time_s == 100.0 + index and loaded.image_rgb[0, 0, 0] == index
         np.testing.assert_allclose(loaded.world_from_body.translation, [index, 0.0, 0.0])
-    assert lines == [f"recording into {folder}", f"recorded {len(source)} frames into {folder}"]
+    begun, ended = lines
+    assert str(folder) in begun and str(folder) in ended and f" {len(source)} " in ended
 
 
 def test_only_moves_count_when_they_shall(tmp_path):
@@ -151,7 +152,7 @@ def test_a_picture_that_cannot_be_taken_ends_it_with_a_line(tmp_path):
 
     on, lines = record(tmp_path, INTERVAL, take, 5)
     (folder,) = tmp_path.iterdir()
-    assert not on and lines[-1] == f"recording into {folder} ended: the camera must be above the sea"
+    assert not on and lines[-1].endswith("the camera must be above the sea")
     assert len(open_recording(folder)) == 2
 
 
@@ -169,8 +170,10 @@ def test_turns_count_as_moves():
     assert has_moved(here, replace(here, world_from_body=turned))
 
 
-@pytest.mark.parametrize("limit", ["RECORDING_BYTES", "FREE_BYTES"])
-def test_a_recording_ends_before_the_disk_is_full(tmp_path, monkeypatch, limit):
-    monkeypatch.setattr(images, limit, 0 if limit == "RECORDING_BYTES" else 1 << 60)
+@pytest.mark.parametrize(
+    ("limit", "value", "named"), [("RECORDING_BYTES", 0, "0 GiB"), ("FREE_BYTES", 1 << 60, f"{1 << 40} MiB")]
+)
+def test_a_recording_ends_before_the_disk_is_full(tmp_path, monkeypatch, limit, value, named):
+    monkeypatch.setattr(images, limit, value)
     on, lines = record(tmp_path, INTERVAL, lambda number: frame_at(number, float(number)), 500)
-    assert not on and "ended: " in lines[-1]
+    assert not on and named in lines[-1]

@@ -157,7 +157,7 @@ def test_recordings_are_read_by_deckline(client, server):
     assert {frame.world_from_body.translation[2] for frame in loaded} >= {-60.0, -50.0}
     assert all(frame.image_rgb.shape == (HEIGHT, WIDTH, 3) and frame.depth_m is not None for frame in loaded)
     assert loaded[0].truth.left is not None and loaded[0].deck_z_m is not None
-    assert any("recorded" in line for line in server.lines)
+    assert all(str(folder) in line for line in server.lines) and len(server.lines) == 2
 
 
 @pytest.mark.parametrize(
@@ -182,13 +182,13 @@ def test_wrong_calls_get_an_error_and_the_next_one_an_answer(client, call, says)
 
 def test_a_camera_under_water_is_an_error_for_its_own_client_only(client, server):
     client.simSetVehiclePose(airsim.Pose(airsim.Vector3r(0, 0, 500.0)), True)
-    with pytest.raises(Exception, match="above the sea"):
+    with pytest.raises(Exception, match=r"500\.00 m"):
         client.simGetImages([raw()])
     client.reset()
     assert len(client.simGetImages([raw()])) == 1
-    with pytest.raises(Exception, match="no method"):
+    with pytest.raises(Exception, match="simDance"):
         client.client.call("simDance")
-    assert any("no method 'simDance'" in line for line in server.lines)
+    assert any("simDance" in line for line in server.lines)
 
 
 def test_classic_clients_give_three_parameters(client, server):

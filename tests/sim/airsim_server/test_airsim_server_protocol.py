@@ -84,13 +84,13 @@ def test_float_arrays_are_lists_of_single_precision_numbers():
     ("data", "says"),
     [
         (b"GET / HTTP/1.1\r\n", "71"),
-        (b"\xc1", "no msgpack-rpc"),
+        (b"\xc1", None),
         (b"\x94\x00\x07\xa4\xff\xff\xff\xff\x90", "utf-8"),
         (b"\x94\x00\xc0\xa4ping\x90", "None, 'ping'"),
         (b"\x94\x03\x07\xa4ping\x90", "3, 7, 'ping'"),
         (b"\x90", r"\[\]"),
-        (b"\x81\x01\x02", "map key"),
-        (b"\x91" * 5000, "nested"),
+        (b"\x81\x01\x02", None),
+        (b"\x91" * 5000, None),
         (b"\xc6\x7f\xff\xff\xff" + b"x" * 65531, "65536"),
         (b"\xdd\xff\xff\xff\xff", "4294967295 .*65536"),  # refused before the values come
         (b"\xdf\xff\xff\xff\xff", "4294967295 .*65536"),

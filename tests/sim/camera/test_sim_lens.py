@@ -134,10 +134,10 @@ def test_a_tiny_picture_may_have_a_lens():
 
 
 def test_wrong_use_is_named(lens):
-    with pytest.raises(ValueError, match="no ray reaches some of the image's border"):
+    with pytest.raises(ValueError, match=r"distortion \(-0\.5"):
         pinhole_for(Camera(320, 200, 100.0, 100.0, 160.0, 100.0, (-0.5, 0.0, 0.0, 0.0, 0.0)))
     view = Rendering(np.zeros((4, 5, 3), np.float32), np.zeros((4, 5), np.float32))
-    with pytest.raises(ValueError, match=r"the source is 64x40 px, its view \(4, 5\)"):
+    with pytest.raises(ValueError, match=r"64x40 .*\(4, 5\)"):
         lens.warp(view, Camera.from_fov(64, 40, 1.0), BARREL)
-    with pytest.raises(ValueError, match=r"the source must be a pinhole, got distortion \(-0.15"):
+    with pytest.raises(ValueError, match=r"distortion \(-0\.15"):
         lens.warp(view, BARREL, BARREL)

@@ -147,7 +147,7 @@ def test_profile_passes_the_papers_points():
 
 def test_a_flight_that_ends_before_it_begins_is_refused():
     config = SimConfig(trajectory="profile", start_m=9000.0, end_m=6000.0)
-    with pytest.raises(ValueError, match="trajectory profile begins at 5000 m, got end_m 6000"):
+    with pytest.raises(ValueError, match=r"profile .*5000 .*end_m 6000"):
         approach_view(config, PAPER_SHIP, 0)
 
 
@@ -171,7 +171,7 @@ def path_wind(layout):
     return -8.0 * along - 6.0 * np.array([-along[1], along[0]])
 
 
-def test_an_approach_looks_along_the_aircraft_unless_told_to_point():
+def test_an_approach_looks_along_the_aircraft_by_default():
     configs = [replace(PAPER, preset="cvn", flight=FlightConfig(pointing=p)) for p in (None, "runway")]
     fixed, pointed = (approach_view(config, CVN, 20) for config in configs)
     np.testing.assert_allclose(fixed.body_from_camera.as_matrix(), camera_mount().as_matrix())
@@ -196,9 +196,9 @@ def test_the_deck_is_closed_at_the_speed_that_ship_and_wind_leave(ship, wind, ex
 
 
 def test_too_much_wind_is_named():
-    with pytest.raises(ValueError, match=r"an aircraft of 20 m/s cannot approach a deck that moves at 30.0 m/s"):
+    with pytest.raises(ValueError, match=r"20 m/s .*30\.0 m/s"):
         closing_speed(ALONG, STILL_AIR, -30.0 * ALONG, 20.0)
-    with pytest.raises(ValueError, match="cannot approach"):
+    with pytest.raises(ValueError, match=r"20 m/s .*30\.0 m/s"):
         closing_speed(ALONG, STILL_AIR, 30.0 * ACROSS, 20.0)
 
 
@@ -235,11 +235,11 @@ def test_wander_is_a_smooth_function_about_one_in_size():
     assert np.std(values) == pytest.approx(1.0, abs=0.15)
 
 
-def test_named_presets_fly_in_still_air_unless_told():
+def test_named_presets_fly_in_still_air_by_default():
     rng = np.random.default_rng
     still = draw_flight(FlightConfig(), False, rng(1))
     assert (still.headwind_m_s, still.crosswind_m_s, still.lateral_offset_m, still.turbulence_m_s) == (0, 0, 0, 0)
-    told = draw_flight(FlightConfig(crosswind_m_s=-3.0), True, rng(1))
-    assert told.crosswind_m_s == -3.0
-    assert told.turbulence_m_s > 0
-    assert told.headwind_m_s == draw_flight(FlightConfig(), True, rng(1)).headwind_m_s
+    given = draw_flight(FlightConfig(crosswind_m_s=-3.0), True, rng(1))
+    assert given.crosswind_m_s == -3.0
+    assert given.turbulence_m_s > 0
+    assert given.headwind_m_s == draw_flight(FlightConfig(), True, rng(1)).headwind_m_s

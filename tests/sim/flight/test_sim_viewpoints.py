@@ -115,7 +115,7 @@ def test_smaller_seas_move_the_deck_less():
     np.testing.assert_allclose(deck_amplitudes(4.5), (np.array(deck_amplitudes(4)) + deck_amplitudes(5)) / 2)
 
 
-def test_presets_decide_what_is_not_said():
+def test_presets_decide_what_is_not_given():
     named = [draw_motion(MotionConfig(), False, np.random.default_rng(k)) for k in range(20)]
     assert all((m.roll_rad, m.pitch_rad, m.heave_m, m.speed_m_s) == (0.0, 0.0, 0.0, 0.0) for m in named)
     drawn = np.array([draw_motion(MotionConfig(), True, np.random.default_rng(k)).heave_m for k in range(300)])

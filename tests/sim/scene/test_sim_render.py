@@ -199,9 +199,9 @@ def test_light_is_not_clipped(renderer):
 def test_wrong_use_is_named(renderer):
     renderer.load(clean_ship(LAYOUT, CVN_EDGE), SUN)
     pose = camera_pose(LAYOUT, 100.0, 10.0, 0.0)
-    with pytest.raises(ValueError, match=r"draws a pinhole, got distortion \(0.1"):
+    with pytest.raises(ValueError, match=r"\(0\.1, 0"):
         renderer.render(RenderScene(replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)), pose, CALM))
-    with pytest.raises(ValueError, match=r"above the sea \(z < 0.00 m\), got z = 10.00 m"):
+    with pytest.raises(ValueError, match=r"0\.00 m.*10\.00 m"):
         renderer.render(RenderScene(CAMERA, camera_pose(LAYOUT, 100.0, -30.0, 0.0), CALM))
 
 
@@ -210,7 +210,7 @@ def test_missing_egl_names_the_packages(monkeypatch):
         raise Exception("libEGL.so not loaded")
 
     monkeypatch.setattr(gl.moderngl, "create_context", refuse)
-    with pytest.raises(RendererError, match=r"libEGL.so not loaded.*apt-get install libegl1 libgl1-mesa-dri"):
+    with pytest.raises(RendererError, match=r"libEGL.so.*libegl1 libgl1-mesa-dri libegl-mesa0"):
         gl.open_context()
 
 
@@ -240,7 +240,7 @@ def test_frame_buffers_of_old_sizes_are_given_back(renderer):
     assert len(renderer.targets) == KEPT_TARGETS
 
 
-def test_labels_say_what_the_depth_lies_on(renderer):
+def test_labels_name_the_surface_of_the_depth(renderer):
     layout = class_layout(PAPER).at_pose(
         RigidTransform.from_translation([3.0, 0.0, -1.0]) * class_layout(PAPER).world_from_ship
     )
