@@ -37,14 +37,23 @@ class Exposure:
     """One frame's exposure: plain numbers, recorded with it."""
 
     exposure_s: float = 0.0
-    moved_m: Triple = (0.0, 0.0, 0.0)  # of the camera while the shutter is open, in its optical frame
-    turned_rad: Triple = (0.0, 0.0, 0.0)  # rotation vector of the same
+    """Time that the shutter is open, s."""
+    moved_m: Triple = (0.0, 0.0, 0.0)
+    """(3,) of the camera while the shutter is open, in its optical frame, m."""
+    turned_rad: Triple = (0.0, 0.0, 0.0)
+    """(3,) rotation vector of the same, rad."""
     rain_mm_h: float = 0.0
-    rain_m_s: Triple = (0.0, FALL_M_S, 0.0)  # velocity of the drops, optical frame
-    streak_contrast: float = 1.0  # 1: physical; more: as rain drawn by games
+    """Rainfall, mm/h."""
+    rain_m_s: Triple = (0.0, FALL_M_S, 0.0)
+    """(3,) velocity of the falling drops, optical frame, m/s."""
+    streak_contrast: float = 1.0
+    """1: physical; more: as rain drawn by games."""
     lens_drops: int = 0
-    lens_seed: int = 0  # of the drops on the lens
-    seed: int = 0  # of the falling ones
+    """Number of drops on the lens."""
+    lens_seed: int = 0
+    """Seed of the drops on the lens."""
+    seed: int = 0
+    """Seed of the falling drops."""
 
     @property
     def still(self) -> bool:

@@ -27,8 +27,10 @@ SETTINGS = (0.55, 0.2, 0.25)  # shares of cockpits, of airframes and drones, of 
 class Foreground:
     """A layer over a scene that hides it and adds light."""
 
-    rgb: NDArray[np.float32]  # (H, W, 3) 0..255, weighted by the cover; reflections hardly have any
-    cover: NDArray[np.float32]  # (H, W) 0..1, share of the scene that it hides
+    rgb: NDArray[np.float32]
+    """(H, W, 3) 0..255, weighted by the cover; reflections hardly have any."""
+    cover: NDArray[np.float32]
+    """(H, W) 0..1, share of the scene that it hides."""
 
 
 class _Kind(NamedTuple):

@@ -142,26 +142,38 @@ def draw_airlight(horizon: NDArray[np.float64], rng: np.random.Generator, wide: 
 class Surroundings:
     """The scene's values that the camera path uses."""
 
-    horizon: Triple  # linear light of the clear sky at the horizon
-    sun: Triple  # unit vector from the sun to the ground, world
-    sea_z_m: float  # world z of the water
-    visibility_m: float  # 2 % contrast at the water, without rain; infinite: no air at all, in any rain
-    velocity_m_s: Triple  # of the camera relative to the ship, world
-    turning_rad_s: Triple = (0.0, 0.0, 0.0)  # of the camera, world
+    horizon: Triple
+    """(3,) linear light of the clear sky at the horizon."""
+    sun: Triple
+    """(3,) unit vector from the sun to the ground, world."""
+    sea_z_m: float
+    """World z of the water, m."""
+    visibility_m: float
+    """2 % contrast at the water, without rain, m; infinite: no air at all, in any rain."""
+    velocity_m_s: Triple
+    """(3,) of the camera relative to the ship, world, m/s."""
+    turning_rad_s: Triple = (0.0, 0.0, 0.0)
+    """(3,) of the camera, world, rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
     """One recorded picture."""
 
-    image_rgb: NDArray[np.uint8]  # (H, W, 3)
-    # (H, W, 3) without haze, rain, blur by motion, noise and JPEG; None: not asked for
+    image_rgb: NDArray[np.uint8]
+    """(H, W, 3) the picture."""
     clear_rgb: NDArray[np.uint8] | None
-    depth_m: NDArray[np.float32]  # (H, W) as the depth camera measures it, NaN where nothing was seen
-    true_depth_m: NDArray[np.float32]  # (H, W) NaN in the sky
-    visibility_m: float  # 2 % contrast at the water, with the rain
-    airlight_rgb: Triple  # 0..255, of thick air away from the sun
-    records: dict[str, Any]  # plain numbers for scene.json: model, air, exposure, sensor
+    """(H, W, 3) without haze, rain, motion blur, noise and JPEG; None: not asked for."""
+    depth_m: NDArray[np.float32]
+    """(H, W) as the depth camera measures it, m along the axis; NaN without a measurement."""
+    true_depth_m: NDArray[np.float32]
+    """(H, W) m along the axis; NaN in the sky."""
+    visibility_m: float
+    """2 % contrast at the water, with the rain, m."""
+    airlight_rgb: Triple
+    """(3,) 0..255, of thick air away from the sun."""
+    records: dict[str, Any]
+    """Plain numbers for scene.json: model, air, exposure, sensor."""
 
 
 class Imaging:
