@@ -14,7 +14,7 @@ from deckline_sim.flight.viewpoints import pose_towards
 from deckline_sim.scene import gl
 from deckline_sim.scene.gl import RendererError, light_from_ship, noise_field, texture_size
 from deckline_sim.scene.render import KEPT_TARGETS, Renderer
-from deckline_sim.scene.view import Label, RenderQuality, RenderScene, clip_from_optical, sea_uniforms, solid_uniforms
+from deckline_sim.scene.view import Label, RenderQuality, RenderScene, clip_from_optical, sea_uniforms
 from deckline_sim.scene.weather import random_weather, sun_direction
 from deckline_sim.ship.deck_paint import paint_edge
 from deckline_sim.ship.layout import class_layout, random_layout, world_points
@@ -302,12 +302,6 @@ def test_projection_agrees_with_the_camera():
     clip = np.column_stack([points, np.ones(3)]) @ clip_from_optical(CAMERA).T
     pixels = (clip[:, :2] / clip[:, 3:] + 1) / 2 * [640, 360] - 0.5
     np.testing.assert_allclose(pixels, CAMERA.project(points), atol=1e-9)
-
-
-def test_depth_row_gives_the_depth_along_the_axis():
-    pose = RigidTransform.from_translation([4.0, 5.0, 6.0])
-    values = solid_uniforms(RenderScene(CAMERA, RigidTransform.identity(), CALM), pose, 100.0)
-    assert values["depth_row"] @ np.array([1.0, 2.0, 3.0, 1.0]) == pytest.approx(9.0)
 
 
 def test_long_waves_run_faster():
