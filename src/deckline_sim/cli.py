@@ -15,7 +15,7 @@ from deckline.config_file import config_from_table, read_config, to_toml_text
 from deckline.recording.writer import ImageFormat
 from deckline_sim import CLEAR, SimConfig
 from deckline_sim.airsim_server.rpc_server import ServeConfig, serve_sim
-from deckline_sim.config import DepthConfig, Model, Preset, Sky, TimeOfDay, Trajectory
+from deckline_sim.config import AirModel, DepthConfig, Preset, Sky, TimeOfDay, Trajectory
 from deckline_sim.record import ContactSheetConfig, parse_visibility, simulate, visibility_text, write_contact_sheet
 
 SIM_HELP = """\
@@ -84,7 +84,7 @@ class SimFlags:
     # 0 to 6, of sea and ship. None: drawn
     weather_sea_state: Annotated[int | None, tyro.conf.arg(name="weather.sea-state")]
     # haze on 8-bit levels as in the paper, or on light
-    air_model: Annotated[Model | None, tyro.conf.arg(name="air.model")]
+    air_model: Annotated[AirModel | None, tyro.conf.arg(name="air.model")]
     # reach of the depth camera; inf: to the horizon
     depth_range_m: Annotated[float, tyro.conf.arg(name="depth.range-m")]
     host: str  # address that the server listens on

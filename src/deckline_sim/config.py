@@ -13,7 +13,7 @@ import numpy as np
 from deckline.config import Approach
 from deckline.haze import Triple
 
-Model = Literal["paper", "physical"]
+AirModel = Literal["paper", "physical"]
 Tone = Literal["gamma", "srgb", "filmic"]
 LEAST_SCALE_HEIGHT_M = 40.0  # no shallower bank is drawn; far above one, single precision would run out
 OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # parameters of model `physical` alone
@@ -119,7 +119,7 @@ class SensorConfig:
 class AirConfig:
     """The air."""
 
-    model: Model | None = None
+    model: AirModel | None = None
     """`paper`: I = J t + A (1 - t) on 8-bit levels with one extinction. `physical`: in linear light, before exposure;
     the other fields need it. Default `paper`."""
     scale_height_m: float | None = None
@@ -134,7 +134,7 @@ class AirConfig:
     """Excess brightness of thick air towards the sun, as a share; default 1."""
 
     def __post_init__(self) -> None:
-        _check_choices(self, model=Model)
+        _check_choices(self, model=AirModel)
         _check_limits(self, scale_height_m=(LEAST_SCALE_HEIGHT_M, np.inf), patch_m=(1, np.inf))
         _check_limits(self, patchiness=(0, 0.9), angstrom=(0, 4), glow=(0, 20))
         if self.model == "paper":

@@ -82,7 +82,7 @@ def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:
     config = chunk[0][0]
     if config not in _opened:
         for other in list(_opened):
-            _opened.pop(other).__exit__(None, None, None)
+            _opened.pop(other).close()
         _opened[config] = open_simulator(config)
     return [task(_opened[config].frame(index)) for _, index in chunk]
 

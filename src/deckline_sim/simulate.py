@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -76,8 +75,12 @@ class ShipSimulator:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.renderer.__exit__(kind, error, trace)
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the OpenGL context."""
+        self.renderer.close()
 
     def frame(self, index: int) -> Frame:
         """Frame `index`: the same whatever was rendered before."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -49,8 +48,11 @@ class AirfieldSimulator:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        return
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Nothing to release; as `ShipSimulator.close`."""
 
     def frame(self, index: int) -> Frame:
         """Frame `index`; its truth's conditions hold the kind of its edge lines as "edge"."""

@@ -81,7 +81,7 @@ class World:
 
     def close(self) -> None:
         """Free the renderer; only on the world's own thread."""
-        self._simulator.__exit__(None, None, None)
+        self._simulator.close()
 
     def reset(self) -> None:
         """Restore the first state; the time continues."""

@@ -24,7 +24,7 @@ from deckline_sim.camera.exposure import Exposure, ExposurePass, draw_exposure
 from deckline_sim.camera.lens import Lens, pinhole_for, pixel_rays
 from deckline_sim.camera.measure import measure_depth
 from deckline_sim.camera.sensor import Sensor, develop, draw_sensor, finish, meter
-from deckline_sim.config import AirConfig, ImagingConfig, Model
+from deckline_sim.config import AirConfig, AirModel, ImagingConfig
 from deckline_sim.scene.gl import moderngl
 from deckline_sim.scene.view import Rendering
 
@@ -43,7 +43,7 @@ BRIGHTEST = 3.0  # light that thick air lets through at all: it dims the sun bef
 FAIR_STRENGTH = 0.15  # spread of the sensor's settings in the named presets, relative to training
 
 
-def draw_model(config: AirConfig, rng: np.random.Generator, wide: bool) -> Model:
+def draw_model(config: AirConfig, rng: np.random.Generator, wide: bool) -> AirModel:
     """Which model a frame has."""
     physical = rng.random() < PHYSICAL_SHARE
     if config.model is not None:
@@ -231,7 +231,7 @@ class Imaging:
 
     def _air(
         self, scene: Surroundings, config: AirConfig, rain_mm_h: float, rng: np.random.Generator, wide: bool
-    ) -> tuple[Model, Atmosphere]:
+    ) -> tuple[AirModel, Atmosphere]:
         """The model and its air, which for the paper's is even and grey."""
         model = draw_model(config, rng, wide)
         rain = 0.0 if math.isinf(scene.visibility_m) else rain_mm_h

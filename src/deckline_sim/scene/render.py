@@ -7,7 +7,7 @@ centres; it does not pass through the depth buffer.
 
 from dataclasses import dataclass
 from functools import partial
-from types import TracebackType
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,10 +74,14 @@ class Renderer:
         self.ship: Ship | None = None
         self.ship_objects: list[moderngl.Buffer | moderngl.Texture | moderngl.VertexArray] = []
 
-    def __enter__(self) -> "Renderer":
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the OpenGL context."""
         self.context.__enter__()
         self.context.release()
 

@@ -25,7 +25,7 @@ COATS = np.array([[62, 64, 67], [52, 55, 58], [72, 74, 76], [35, 38, 42], [45, 5
 VEHICLES = np.array([[82, 66, 12], [85, 85, 83], [60, 15, 12], [30, 36, 27], [50, 52, 54], [20, 20, 22]]) / 100
 JERSEYS = [[90, 80, 10], [15, 50, 20], [75, 12, 12], [90, 90, 90], [15, 25, 60], [45, 20, 50], [40, 26, 15]]
 GAP_M = 0.8  # between parked things
-Pose = tuple[float, float, float]  # x, y, m, and yaw, rad, on deck
+DeckPose = tuple[float, float, float]  # x, y, m, and yaw, rad, on deck
 
 
 @cache
@@ -137,7 +137,7 @@ def park_aircraft(lot: DeckOccupancy, islands: tuple[Island, ...], fullness: flo
     """Rows along the deck's edge, a pack beside the island, and some anywhere."""
     wing = rng.choice(list(load_aircraft()["kinds"]), size=3)  # a ship carries few types
     coat = COATS[rng.integers(len(COATS))]
-    spots: list[Pose] = []
+    spots: list[DeckPose] = []
     for side in (-1.0, 1.0):
         for _ in range(rng.integers(0, 1 + round(5 * fullness))):
             spots += row_spots(lot.layout, side, rng)
@@ -163,7 +163,7 @@ def park_aircraft(lot: DeckOccupancy, islands: tuple[Island, ...], fullness: flo
     return m.join([m.instances(prototype(name), t[:, :3], t[:, 3], t[:, 4:5], t[:, 5:]) for name, t in tables.items()])
 
 
-def row_spots(layout: Layout, side: float, rng: Generator) -> list[Pose]:
+def row_spots(layout: Layout, side: float, rng: Generator) -> list[DeckPose]:
     """Side by side along a deck edge, noses inwards at an angle."""
     start = rng.uniform(0.02, 0.8) * layout.length_m
     x = np.arange(start, min(start + rng.uniform(30.0, 140.0), 0.97 * layout.length_m), rng.uniform(8.0, 14.0))
@@ -173,7 +173,7 @@ def row_spots(layout: Layout, side: float, rng: Generator) -> list[Pose]:
     return [(a, b, yaw + rng.normal(0.0, 0.03)) for a, b in zip(x, y, strict=True)]
 
 
-def pack_spots(x_m: float, y_m: float, rng: Generator) -> list[Pose]:
+def pack_spots(x_m: float, y_m: float, rng: Generator) -> list[DeckPose]:
     """A tight pack around a point: rows of aircraft that all point about the same way."""
     yaw, heading = rng.uniform(-np.pi, np.pi), rng.choice([0.0, np.pi / 2, -np.pi / 2])
     pitch = rng.uniform(11.0, 18.0), rng.uniform(9.0, 13.0)

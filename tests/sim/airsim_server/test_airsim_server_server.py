@@ -15,11 +15,9 @@ from airsim_serving import ask, connect, is_closed, open_client, run_server
 from deckline.adapters.airsim import HOST, PORT
 from deckline.adapters.airsim.protocol import encode_request
 from deckline.cli.main import main
-from deckline_sim import RendererError
 from deckline_sim.airsim_server import rpc_server as airsim_server
 from deckline_sim.airsim_server.rpc_methods import METHODS
 from deckline_sim.airsim_server.rpc_server import is_loopback
-from deckline_sim.scene.gl import open_context
 
 pytest.importorskip("cosysairsim")
 ROUNDS, CALLS = 150, 2000  # of fuzzing
@@ -291,11 +289,7 @@ def test_what_cannot_be_served_is_one_line(words, says, served, capsys):
     assert says in said and "Traceback" not in said
 
 
-def test_a_port_in_use_is_one_line(capsys):
-    try:
-        open_context().release()
-    except RendererError as error:
-        pytest.skip(f"no OpenGL on this machine: {error}")
+def test_a_port_in_use_is_one_line(opengl, capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert main([*SERVE, "--port", str(port)]) == 2
