@@ -20,8 +20,8 @@ import msgpack
 import tyro
 
 from deckline.adapters.airsim.protocol import encode_request
-from deckline_sim.airsim_server.server import serving_in_thread
-from deckline_sim.airsim_server.settings import PLANAR, SCENE, SEGMENTATION, Capture, parse_settings
+from deckline_sim.airsim_server.rpc_server import serving_in_thread
+from deckline_sim.airsim_server.settings import PLANAR, SCENE, SEGMENTATION, CaptureSetting, parse_settings
 from deckline_sim.config import DepthConfig, SimConfig
 
 PEER = "ping"
@@ -30,7 +30,7 @@ READ_BYTES = 1 << 20
 
 def main(repeats: int = 10, width: int = 1280, height: int = 720) -> None:
     config = SimConfig(width=width, height=height, keep_clear=False, depth=DepthConfig(range_m=float("inf")))
-    settings = parse_settings({}, Capture(config.width, config.height, config.fov_deg))
+    settings = parse_settings({}, CaptureSetting(config.width, config.height, config.fov_deg))
     seconds: dict[str, list[float]] = {name: [] for name in CALLS}
     with (
         tempfile.TemporaryDirectory() as out,

@@ -28,7 +28,7 @@ from deckline_sim import SimConfig
 from deckline_sim.config import DepthConfig
 from deckline_sim.processes import process_count
 from deckline_sim.record import CHUNK, map_frames
-from deckline_sim.simulate import Simulator
+from deckline_sim.simulate import ShipSimulator
 
 SIZES = ((1280, 720), (640, 360))
 PRESETS = ("paper", "train")
@@ -52,7 +52,7 @@ def cases() -> dict[str, SimConfig]:
 
 def alone(configs: dict[str, SimConfig], blocks: int) -> dict[str, tuple[float, float]]:
     """Median seconds a frame and median ratio to the peer, in this process."""
-    simulators = {name: Simulator(config) for name, config in configs.items()}
+    simulators = {name: ShipSimulator(config) for name, config in configs.items()}
     seconds: dict[str, list[float]] = {name: [] for name in configs}
     ratios: dict[str, list[float]] = {name: [] for name in configs}
     for block in range(blocks + 1):  # the first warms up
@@ -95,7 +95,7 @@ def memory(frames: int) -> None:
     width, height = MEMORY_SIZE
     config = replace(next(iter(cases().values())), preset="train", width=width, height=height)
     print(f"\nresident memory, {frames} frames of preset train, {width}x{height} px, {frames // BLOCK} ships")
-    with Simulator(config) as simulator:
+    with ShipSimulator(config) as simulator:
         for index in range(frames):
             simulator.frame(index)
             if (index + 1) % max(1, frames // CHECKPOINTS) == 0:
@@ -124,7 +124,7 @@ def speed(configs: dict[str, SimConfig], blocks: int, jobs: int) -> None:
 
 def main(blocks: int, jobs: int, memory_frames: int) -> None:
     configs = cases()
-    with Simulator(next(iter(configs.values()))) as simulator:
+    with ShipSimulator(next(iter(configs.values()))) as simulator:
         info = simulator.renderer.context.info
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "moderngl"))
     print(f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {date.today()}")

@@ -2,8 +2,9 @@
 
     python examples/03_airsim_landing.py [START_M] [PORT]
 
-START_M is where to begin, metres before the ramp. It needs `pip install cosysairsim` and a simulator: `deckline sim
---serve`, or Unreal with Cosys-AirSim, where RAMP_M and COURSE_DEG are those of your ship. See docs/airsim.md.
+START_M is the distance to the ramp at the start, metres. It needs `pip install cosysairsim` and a simulator:
+`deckline sim --serve`, or Unreal with Cosys-AirSim, where RAMP_M and COURSE_DEG are those of your ship. See
+docs/airsim.md.
 """
 
 import sys

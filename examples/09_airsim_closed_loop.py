@@ -2,8 +2,8 @@
 
     python examples/09_airsim_closed_loop.py [PORT]
 
-It needs `pip install cosysairsim`, `deckline sim --serve` and a deck that lies still. It steers on `ok` and
-`unverified` guidance alone, and waves off where that stays away. The simulator waits while deckline thinks.
+It needs `pip install cosysairsim`, `deckline sim --serve` and a deck at rest. It steers on `ok` and
+`unverified` guidance alone, and waves off after a time without it. The simulator is paused while deckline computes.
 See docs/airsim.md.
 """
 
@@ -18,10 +18,10 @@ from deckline.types import Status
 
 STEP_S = 0.4  # of flight from picture to picture
 PATIENCE = 10  # pictures without guidance until it waves off
-FAST_M_S, SLOW_M_S, PER_S = 20.0, 3.0, 0.2  # speed along the deck: most, least, for each metre to go
-CLOSE_PER_S = 0.3  # speed across and down for each metre of deviation
-RAMP_M = 15.0  # the ramp leaves the picture about here; from then on the way flown tells how far it is
-LOW_M, OVER_M = 3.0, 2.0  # it stays so high, where it sees both lines, and goes straight down so near to the point
+FAST_M_S, SLOW_M_S, PER_S = 20.0, 3.0, 0.2  # speed along the deck: most, least, per metre to go
+CLOSE_PER_S = 0.3  # speed across and down per metre of deviation
+RAMP_M = 15.0  # about where the ramp leaves the picture; nearer, the distance follows from the way flown
+LOW_M, OVER_M = 3.0, 2.0  # least height, at which both lines are in view; distance at which it goes straight down
 
 
 def steer(client: airsim.MultirotorClient, guidance: Guidance, to_go_m: float) -> None:

@@ -55,13 +55,13 @@ with atheris.instrument_imports(include=INSTRUMENTED):
     from deckline_lab.evaluation.store import Store
     from deckline_lab.labels.exchange import import_labels
     from deckline_lab.labels.lines import read_labels
-    from deckline_sim.airsim_server.clock import Clock
-    from deckline_sim.airsim_server.images import Recorder, get_images
-    from deckline_sim.airsim_server.methods import METHODS, SIGNATURES
-    from deckline_sim.airsim_server.sensors import Sensors
-    from deckline_sim.airsim_server.server import Connections
+    from deckline_sim.airsim_server.image_requests import Recorder, get_images
+    from deckline_sim.airsim_server.rpc_methods import METHODS, SIGNATURES
+    from deckline_sim.airsim_server.rpc_server import Connections
+    from deckline_sim.airsim_server.sensors import SimulatedSensors
     from deckline_sim.airsim_server.service import Service
-    from deckline_sim.airsim_server.settings import Capture, parse_settings, read_settings
+    from deckline_sim.airsim_server.settings import CaptureSetting, parse_settings, read_settings
+    from deckline_sim.airsim_server.sim_clock import SimClock
     from deckline_sim.airsim_server.structs import pose_struct
     from deckline_sim.airsim_server.world import World
     from deckline_sim.config import SimConfig
@@ -244,8 +244,8 @@ class Server:
     def __call__(self, folder: Path, data: bytes) -> None:
         if self.loop is None:
             self.loop = asyncio.new_event_loop()
-            self.settings = parse_settings({}, Capture(8, 6, 90.0))
-            clock = Clock(lambda: 1e6 * time.monotonic())  # a call may run for 1e6 simulated seconds
+            self.settings = parse_settings({}, CaptureSetting(8, 6, 90.0))
+            clock = SimClock(lambda: 1e6 * time.monotonic())  # a call may run for 1e6 simulated seconds
             self.world = World(SimConfig(width=8, height=6), self.settings, clock)
         lines: list[str] = []
         self.loop.run_until_complete(self.converse(folder, data, lines))
@@ -261,7 +261,7 @@ class Server:
 
         recorder = Recorder(folder, self.settings, take, {}, lines.append)
         self.world.reset()
-        service = Service(self.world, render, recorder, Sensors(self.world, 0), lines.append)
+        service = Service(self.world, render, recorder, SimulatedSensors(self.world, 0), lines.append)
         connections = Connections(service, REQUEST_LIMIT)
         reader = asyncio.StreamReader()
         reader.feed_data(data)
@@ -368,7 +368,9 @@ ALL: dict[str, Callable[[], Reader]] = {
         in_file("x.toml", lambda path: to_toml_text(read_config(RunConfig, path))), [to_toml_text(RunConfig()).encode()]
     ),
     "sim": lambda: Reader(in_file("x.toml", lambda path: read_config(SimConfig, path)), sim_seeds()),
-    "settings": lambda: Reader(in_file("s.json", lambda path: read_settings(path, Capture(8, 6, 90.0))), [SETTINGS]),
+    "settings": lambda: Reader(
+        in_file("s.json", lambda path: read_settings(path, CaptureSetting(8, 6, 90.0))), [SETTINGS]
+    ),
     "resume": lambda: Reader(
         in_file("guidance.jsonl", resume, **{".unfinished/run.json": b'{"source": "x"}'}), [2 * RECORD]
     ),

@@ -14,21 +14,21 @@ import tyro
 from deckline.config_file import config_from_table, read_config, to_toml_text
 from deckline.recording.writer import ImageFormat
 from deckline_sim import CLEAR, SimConfig
-from deckline_sim.airsim_server.server import ServeConfig, serve_sim
-from deckline_sim.config import DepthConfig, Model, Preset, Sky, TimeOfDay, Trajectory
-from deckline_sim.record import SheetConfig, parse_visibility, simulate, visibility_text, write_sheet
+from deckline_sim.airsim_server.rpc_server import ServeConfig, serve_sim
+from deckline_sim.config import AirModel, DepthConfig, Preset, Sky, TimeOfDay, Trajectory
+from deckline_sim.record import ContactSheetConfig, parse_visibility, simulate, visibility_text, write_contact_sheet
 
 SIM_HELP = """\
 examples:
   deckline sim --out approach --frames 40 --visibility 300..3000 --seed 1
   deckline sim --contact-sheet sheet.jpg --jobs 0
 
-Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout. A stopped command goes on
-where it was when it is given again. With --contact-sheet, one picture of many frames is rendered instead, of random
-ships unless told otherwise. With --serve, AirSim's clients fly and look around in it.
+Render a recording of a deck: images, depth, poses and exact truth lines, in AirSim's layout. A stopped command
+continues its recording when it is given again. With --contact-sheet, one picture of many
+frames is rendered instead, of random ships by default. With --serve, AirSim's clients fly in the simulated world.
 
-Wind, gusts, rain, lens, sensor, errors of depth and pose, and the sheet's layout are keys of the TOML file of --config;
---print-config shows them all. Flags count more than --set, --set counts more than the file."""
+Wind, gusts, rain, lens, sensor, errors of depth and pose, and the contact sheet's layout are keys of the TOML file of
+--config; --print-config shows them all. Flags override --set, and --set overrides the file."""
 TABLES = ("weather", "air", "depth")  # whose flags are named TABLE.KEY
 
 
@@ -38,7 +38,7 @@ class SimSettings(SimConfig):
 
     frames: int = 40
     visibility_m: tuple[float, float] = (300.0, 3000.0)
-    sheet: SheetConfig = field(default_factory=SheetConfig)
+    sheet: ContactSheetConfig = field(default_factory=ContactSheetConfig)
     server: ServeConfig = field(default_factory=ServeConfig)
 
     @property
@@ -61,7 +61,7 @@ class SimFlags:
     contact_sheet: Path | None  # write this .png or .jpg of all the frames instead
     serve: bool  # answer AirSim's clients until Ctrl-C
     config: Path | None  # TOML file of settings
-    set: tuple[str, ...]  # settings as the file has them, such as film.rain_mm_h=10
+    set: tuple[str, ...]  # settings as the file has them, such as exposure.rain_mm_h=10
     print_config: bool  # print all settings as TOML and stop
     jobs: int  # processes that render; 0: one for every core
     image_format: ImageFormat  # png; ppm: large, quick to write; jpg: small, with losses
@@ -84,7 +84,7 @@ class SimFlags:
     # 0 to 6, of sea and ship. None: drawn
     weather_sea_state: Annotated[int | None, tyro.conf.arg(name="weather.sea-state")]
     # haze on 8-bit levels as in the paper, or on light
-    air_model: Annotated[Model | None, tyro.conf.arg(name="air.model")]
+    air_model: Annotated[AirModel | None, tyro.conf.arg(name="air.model")]
     # reach of the depth camera; inf: to the horizon
     depth_range_m: Annotated[float, tyro.conf.arg(name="depth.range-m")]
     host: str  # address that the server listens on
@@ -112,12 +112,12 @@ def sim(args: Sequence[str]) -> int:
     elif flags.out is not None:
         simulate(settings.simulated, flags.out, flags.image_format, flags.jobs)
     elif flags.contact_sheet is not None:
-        write_sheet(settings.simulated, flags.contact_sheet, settings.sheet, flags.jobs)
+        write_contact_sheet(settings.simulated, flags.contact_sheet, settings.sheet, flags.jobs)
     return 0
 
 
 def _read_settings(args: Sequence[str]) -> SimSettings:
-    """The settings before the flags: the usual ones of a recording, a sheet or a server, the file, then --set."""
+    """The settings below the flags: defaults of a recording, a contact sheet or a server, then the file, then --set."""
     parser = argparse.ArgumentParser(prog="deckline sim", add_help=False, allow_abbrev=False)
     parser.add_argument("--config", type=Path)
     parser.add_argument("--set", nargs="*", default=[])
@@ -133,7 +133,7 @@ def _read_settings(args: Sequence[str]) -> SimSettings:
 
 
 def _parse_assignment(text: str) -> dict[str, Any]:
-    """KEY=VALUE as TOML has it, where a bare word is a text."""
+    """KEY=VALUE as TOML; a bare word is a string."""
     key, equals, value = text.partition("=")
     if not equals:
         raise ValueError(f"--set takes KEY=VALUE, got {text!r}")
@@ -144,7 +144,7 @@ def _parse_assignment(text: str) -> dict[str, Any]:
 
 
 def _setting_flags(settings: SimSettings) -> dict[str, Any]:
-    """The flags that settings stand for."""
+    """The flags whose values are in the settings."""
     values: dict[str, Any] = {"visibility": visibility_text(settings.visibility_m)}
     for item in fields(SimFlags):
         table, key = _setting_of(settings, item.name)
@@ -155,7 +155,7 @@ def _setting_flags(settings: SimSettings) -> dict[str, Any]:
 
 
 def _setting_of(settings: SimSettings, flag: str) -> tuple[str, str]:
-    """Table and key of the setting that a flag stands for; a key beside the tables has the table ""."""
+    """Table and key of the setting that a flag changes; a top-level key has the table ""."""
     table, _, key = flag.partition("_")
     return (table, key) if table in TABLES else ("server" if hasattr(settings.server, flag) else "", flag)
 

@@ -13,15 +13,15 @@ import numpy as np
 from deckline.config import Approach
 from deckline.haze import Triple
 
-Model = Literal["paper", "physical"]
+AirModel = Literal["paper", "physical"]
 Tone = Literal["gamma", "srgb", "filmic"]
 LEAST_SCALE_HEIGHT_M = 40.0  # no shallower bank is drawn; far above one, single precision would run out
-OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # what the paper's model does not know
+OF_PHYSICAL = ("scale_height_m", "patchiness", "patch_m", "angstrom", "glow")  # parameters of model `physical` alone
 UNLIMITED = 1e9
 Preset = Literal["paper", "cvn", "axial", "small", "runway", "train", "airfield", "pad"]
 DRAWN: tuple[Preset, ...] = ("airfield", "pad")  # on a plane, without OpenGL
 NOT_DRAWN = (
-    *("weather", "motion", "flight", "air", "lens", "film", "sensor", "navigation"),
+    *("weather", "motion", "flight", "air", "lens", "exposure", "sensor", "navigation"),
     *("fov_deg", "fixed_fov", "range_m", "elevation_deg", "start_m", "end_m"),
 )
 Trajectory = Literal["approach", "profile", "random", "deckless"]
@@ -54,10 +54,10 @@ def _check_choices(config: Any, **kinds: Any) -> None:
 class LensConfig:
     """The lens."""
 
-    # k1, k2, p1, p2, k3 as OpenCV orders them; default none
     distortion: tuple[float, float, float, float, float] | None = None
-    # of the optical axis from the image's middle, right and down; default 0 0
+    """k1, k2, p1, p2, k3 as OpenCV orders them; default none."""
     principal_offset_px: tuple[float, float] | None = None
+    """Of the optical axis from the image's middle, right and down, px; default 0 0."""
 
     def __post_init__(self) -> None:
         for name, count in (("distortion", 5), ("principal_offset_px", 2)):
@@ -67,15 +67,18 @@ class LensConfig:
 
 
 @dataclass(frozen=True)
-class FilmConfig:
-    """What happens during the exposure."""
+class ExposureConfig:
+    """Motion blur and rain during the exposure, and drops on the lens."""
 
-    exposure_s: float | None = None  # how long the shutter is open; 0: no motion blur; default 0
-    # 1-sigma of the camera's turning about each axis, beside its flight; seen while the shutter is open; default
-    # 0. Unless it is given, the picture smears by 2 % of its width at most.
+    exposure_s: float | None = None
+    """Time that the shutter is open, s; 0: no motion blur; default 0."""
     shake_deg_s: float | None = None
-    rain_mm_h: float | None = None  # rainfall, which also thickens the air unless the visibility is infinite; default 0
-    lens_drops: int | None = None  # drops on the lens; default 0
+    """1-sigma of the camera's rate about each axis during the exposure, deg/s, beside that of the flight; default 0.
+    Unless it is given, the picture smears by 2 % of its width at most."""
+    rain_mm_h: float | None = None
+    """Rainfall, mm/h, which also adds extinction unless the visibility is infinite; default 0."""
+    lens_drops: int | None = None
+    """Number of drops on the lens; default 0."""
 
     def __post_init__(self) -> None:
         _check_limits(self, exposure_s=(0, 1), shake_deg_s=(0, 1000), rain_mm_h=(0, 500), lens_drops=(0, 1000))
@@ -83,18 +86,25 @@ class FilmConfig:
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """What the camera's picture path does."""
+    """Lens blur, exposure, tone curve, noise and compression of the camera."""
 
-    # stops off automatic exposure, which keeps up to a quarter of the scene's own stops; default within 0.1
-    # mostly
     exposure_ev: float | None = None
-    white_balance: Triple | None = None  # gain of red, green and blue, up to 100; default within 2 %
-    vignetting: float | None = None  # 0 none, 1 falls to 56 % in the corners; default 0
-    blur_px: float | None = None  # 1-sigma of the lens' blur; default mostly 0
-    tone: Tone | None = None  # `gamma` (2.2), `srgb` or `filmic` (a shoulder for highlights); default `gamma`
-    noise: float | None = None  # 1-sigma of read-out noise, 8-bit steps; default about 0.3
-    electrons: float | None = None  # that a white pixel holds, for shot noise; 0: no shot noise; default above 40 000
-    jpeg_quality: int | None = None  # 1..100, 0: no JPEG; default 0
+    """Exposure, stops from automatic exposure, which leaves up to a quarter of the scene's own stops; default mostly
+    within 0.1."""
+    white_balance: Triple | None = None
+    """Gain of red, green and blue, up to 100; default within 2 %."""
+    vignetting: float | None = None
+    """0 none; 1 falls to 56 % in the corners; default 0."""
+    blur_px: float | None = None
+    """1-sigma of the lens' blur, px; default mostly 0."""
+    tone: Tone | None = None
+    """`gamma` (2.2), `srgb` or `filmic` (a shoulder for highlights); default `gamma`."""
+    noise: float | None = None
+    """1-sigma of read-out noise, 8-bit levels; default about 0.3."""
+    electrons: float | None = None
+    """Full well, electrons of a white pixel, for shot noise; 0: no shot noise; default above 40 000."""
+    jpeg_quality: int | None = None
+    """1..100; 0: no JPEG; default 0."""
 
     def __post_init__(self) -> None:
         _check_choices(self, tone=Tone)
@@ -109,26 +119,29 @@ class SensorConfig:
 class AirConfig:
     """The air."""
 
-    # `paper`: I = J t + A (1 - t) on 8-bit levels with one extinction; `physical`: in linear light, before
-    # exposure, with what follows, all of which needs it; default `paper`
-    model: Model | None = None
-    # the extinction falls by e with each of these heights, at least 40; infinite: uniform air; default 1000
+    model: AirModel | None = None
+    """`paper`: I = J t + A (1 - t) on 8-bit levels with one extinction. `physical`: in linear light, before exposure;
+    the other fields need it. Default `paper`."""
     scale_height_m: float | None = None
-    patchiness: float | None = None  # 0 even, up to 0.9: banks of haze; default 0
-    patch_m: float | None = None  # their wavelength, at least 1: shorter waves than a pixel only cost time; default 400
-    # exponent of the extinction's fall with wavelength: 0 grey fog, 1.3 bluish haze; default 0
+    """Height over which the extinction falls by e, m, at least 40; infinite: uniform air; default 1000."""
+    patchiness: float | None = None
+    """0 even air, up to 0.9: banks of haze; default 0."""
+    patch_m: float | None = None
+    """Wavelength of the banks, m, at least 1: shorter waves than a pixel only cost time; default 400."""
     angstrom: float | None = None
-    glow: float | None = None  # how much brighter thick air is at the sun, as a share; default 1
+    """Exponent of the extinction's fall with wavelength: 0 grey fog, 1.3 bluish haze; default 0."""
+    glow: float | None = None
+    """Excess brightness of thick air towards the sun, as a share; default 1."""
 
     def __post_init__(self) -> None:
-        _check_choices(self, model=Model)
+        _check_choices(self, model=AirModel)
         _check_limits(self, scale_height_m=(LEAST_SCALE_HEIGHT_M, np.inf), patch_m=(1, np.inf))
         _check_limits(self, patchiness=(0, 0.9), angstrom=(0, 4), glow=(0, 20))
         if self.model == "paper":
             self.refuse_physical("model is paper")
 
     def refuse_physical(self, why: str) -> None:
-        """Refuse what the paper's model does not know; `why` it is the paper's is part of the message."""
+        """Refuse parameters of model `physical`; the message holds `why` the model is `paper`."""
         given = [name for name in OF_PHYSICAL if getattr(self, name) is not None]
         if given:
             raise ValueError(f"air: only model physical knows {', '.join(given)}, and {why}: set model to physical")
@@ -142,13 +155,20 @@ class DepthConfig:
     noise_per_m 0.1 / (700 * 0.3) = 0.0005.
     """
 
-    range_m: float = 200.0  # nothing is seen farther away than this, along the optical axis
-    noise_m: float = 0.0  # 1-sigma that does not depend on depth
-    noise_per_m: float = 0.0  # 1-sigma that grows with the depth's square: sigma = noise_m + noise_per_m * z^2
-    dropout: float = 0.0  # share of the pixels that see nothing, at random
-    edge_dropout: float = 0.0  # share of the pixels at the edges of things that see nothing
-    step_m: float = 0.0  # depths come in multiples of this; 0: they do not
-    half_precision: bool = False  # depths pass through 16-bit floating point numbers, as AirSim's can
+    range_m: float = 200.0
+    """Largest measured depth along the optical axis, m."""
+    noise_m: float = 0.0
+    """Constant part of the 1-sigma, m."""
+    noise_per_m: float = 0.0
+    """Quadratic part of the 1-sigma, 1/m: sigma = noise_m + noise_per_m * z^2."""
+    dropout: float = 0.0
+    """Share of the pixels without a measurement, at random."""
+    edge_dropout: float = 0.0
+    """Share of the pixels at depth edges without a measurement."""
+    step_m: float = 0.0
+    """Quantization of the depths, m; 0: none."""
+    half_precision: bool = False
+    """Round depths to 16-bit floating point numbers, as AirSim can."""
 
     def __post_init__(self) -> None:
         if not self.range_m > 0:
@@ -165,11 +185,16 @@ class NavigationConfig:
     attitude_bias_deg 0.02, attitude_sigma_deg 0.005. A tactical one (satellite code aided): 1.5, 0.1, 0.1, 0.02.
     """
 
-    position_sigma_m: float = 0.0  # 1-sigma of white noise on each axis
-    attitude_sigma_deg: float = 0.0  # 1-sigma of white noise about each body axis
-    position_bias_m: float = 0.0  # 1-sigma of a slowly drifting error on each axis
-    attitude_bias_deg: float = 0.0  # the same about each body axis
-    drift_s: float = 60.0  # time constant of the drift (first-order Gauss-Markov), at least 1: faster errors are noise
+    position_sigma_m: float = 0.0
+    """1-sigma of white noise on each axis, m."""
+    attitude_sigma_deg: float = 0.0
+    """1-sigma of white noise about each body axis, degrees."""
+    position_bias_m: float = 0.0
+    """1-sigma of a slow drift on each axis, m."""
+    attitude_bias_deg: float = 0.0
+    """1-sigma of a slow drift about each body axis, degrees."""
+    drift_s: float = 60.0
+    """Time constant of the drift (first-order Gauss-Markov), s, at least 1: faster errors are noise."""
 
     def __post_init__(self) -> None:
         _check_limits(self, position_sigma_m=(0, UNLIMITED), attitude_sigma_deg=(0, UNLIMITED))
@@ -185,7 +210,7 @@ class ImagingConfig:
     """The camera, the air before it and its depth camera."""
 
     lens: LensConfig = field(default_factory=LensConfig)
-    film: FilmConfig = field(default_factory=FilmConfig)
+    exposure: ExposureConfig = field(default_factory=ExposureConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     air: AirConfig = field(default_factory=AirConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
@@ -195,15 +220,17 @@ class ImagingConfig:
 class WeatherConfig:
     """The weather; None: drawn widely for preset `train`, fair for the other presets."""
 
-    # `day`, `dusk` or `night`; None: mostly day in training, always day in the named presets
     time_of_day: TimeOfDay | None = None
-    sky: Sky | None = None  # `clear`, `broken` or `overcast`; None: any in training, not overcast in the named presets
-    # 0 (glassy) to 6 (waves of 5 m); None: 0 to 6 in training, 1 to 4 in the named presets
+    """`day`, `dusk` or `night`; None: mostly day in training, always day in the named presets."""
+    sky: Sky | None = None
+    """`clear`, `broken` or `overcast`; None: any in training, not overcast in the named presets."""
     sea_state: int | None = None
-    wind_m_s: float | None = None  # at 10 m above the water; None: about what raises the sea
-    # what the preset leaves open is drawn from this number, the same for every frame and recording that has it;
-    # None: from the recording's own seed
+    """0 (calm) to 6 (waves of 5 m); None: 0 to 6 in training, 1 to 4 in the named presets."""
+    wind_m_s: float | None = None
+    """At 10 m above the water, m/s; None: about what raises the sea."""
     seed: int | None = None
+    """Seed of all that the preset leaves open, the same in every frame and recording with this seed; None: from the
+    recording's own seed."""
 
     def __post_init__(self) -> None:
         _check_choices(self, time_of_day=TimeOfDay, sky=Sky)
@@ -214,10 +241,11 @@ class WeatherConfig:
 class MotionConfig:
     """The ship's motion."""
 
-    # 0 to 6, also between: roll, pitch and heave of the deck. Below 4 they shrink with the significant wave
-    # height. None: a random state for preset `train`, 0 (still) for the others.
     sea_state: float | None = None
-    ship_speed_m_s: float = 0.0  # along the ship's heading, up to 30; 12.9 is 25 knots
+    """0 to 6, also between: roll, pitch and heave of the deck. Below 4 they shrink with the significant wave height.
+    None: random for preset `train`, 0 (still) for the others."""
+    ship_speed_m_s: float = 0.0
+    """Along the ship's heading, m/s, up to 30; 12.9 is 25 knots."""
 
     def __post_init__(self) -> None:
         _check_limits(self, sea_state=(0, 6), ship_speed_m_s=(0, 30))
@@ -225,25 +253,31 @@ class MotionConfig:
 
 @dataclass(frozen=True)
 class FlightConfig:
-    """How an approach or the profile is flown; unrelated views know nothing of it.
+    """How an approach or the profile is flown; random views ignore it.
 
     Winds blow over the water; the ship's own speed comes on top. None: still air and no offset for the named presets,
     drawn widely for preset `train`.
     """
 
-    # of trajectory `approach`; the profile's heights are the paper's
     glideslope_deg: float = Approach.glideslope_deg
-    touchdown_m: float = Approach.touchdown_m  # where the path ends, beyond the ramp
-    speed_m_s: float = 65.0  # horizontal speed through the air
-    headwind_m_s: float | None = None  # against the landing direction
-    crosswind_m_s: float | None = None  # from the right; the nose turns into it
-    # to the right of the centre line at the start; the pilot closes it on the way
+    """Of trajectory `approach`, degrees; the profile's heights are the paper's."""
+    touchdown_m: float = Approach.touchdown_m
+    """Where the path ends, m beyond the ramp."""
+    speed_m_s: float = 65.0
+    """Horizontal speed through the air, m/s."""
+    headwind_m_s: float | None = None
+    """Against the landing direction, m/s."""
+    crosswind_m_s: float | None = None
+    """From the right, m/s; the nose turns into it."""
     lateral_offset_m: float | None = None
-    vertical_offset_m: float | None = None  # above the path at the start
-    turbulence_m_s: float | None = None  # 1-sigma of the gusts to the side and upwards; 1 is light, 3 severe
-    # where the camera looks. `ahead`: along the aircraft's axis; `runway`: turned to the touchdown point with a
-    # level horizon. None: `runway` for trajectory `profile`, `ahead` for the others.
+    """To the right of the centre line at the start, m; the pilot closes it on the way."""
+    vertical_offset_m: float | None = None
+    """Above the path at the start, m."""
+    turbulence_m_s: float | None = None
+    """1-sigma of the gusts to the side and upwards, m/s; 1 is light, 3 severe."""
     pointing: Pointing | None = None
+    """Viewing direction. `ahead`: along the aircraft's axis; `runway`: at the touchdown point with a level horizon.
+    None: `runway` for trajectory `profile`, `ahead` for the others."""
 
     def __post_init__(self) -> None:
         _check_choices(self, pointing=Pointing)
@@ -257,47 +291,57 @@ class FlightConfig:
 class SimConfig:
     """One simulated recording."""
 
-    # which ship. `paper`: the published edge lines; `cvn`: a large carrier of public dimensions; `axial`: a ship
-    # with a ski jump and an unangled deck; `small`: a short deck; `runway`: on land; `train`: another random ship
-    # every `frames_per_ship` frames, some without a runway, in any light, weather and camera; `airfield`: another
-    # land runway, ground, light and camera every frame, drawn on a plane; `pad`: a small ship's landing pad in the
-    # same way. These two have trajectory `random` alone.
     preset: Preset = "paper"
-    # `approach`: one final approach; `profile`: the paper's flight from 5 km; `random`: unrelated views around
-    # the glide path; `deckless`: views without a runway (preset `train`): in turn open sea or land, other ships,
-    # a coast, past a ship, a bare deck
+    """`paper`: the published edge lines; `cvn`: a large carrier of public dimensions; `axial`: a ship with a ski jump
+    and an unangled deck; `small`: a short deck; `runway`: on land; `train`: another random ship every `frames_per_ship`
+    frames, some without a runway, in any light, weather and camera; `airfield`: another land runway, ground, light and
+    camera every frame, drawn on a plane; `pad`: a small ship's landing pad, likewise. These two have trajectory
+    `random` alone."""
     trajectory: Trajectory = "approach"
-    frames: int = 100  # how many
-    # lowest and highest visibility (2 % contrast), drawn uniformly for every random view and once for a flight;
-    # both infinite: clear air
+    """`approach`: one final approach; `profile`: the paper's flight from 5 km; `random`: unrelated views around the
+    glide path; `deckless` (preset `train`): views without a runway, in turn open sea or land, other ships, a coast,
+    past a ship, a bare deck."""
+    frames: int = 100
+    """Number of frames."""
     visibility_m: tuple[float, float] = CLEAR
-    seed: int = 0  # everything random follows from it and from the frame's index
-    width: int = 1280  # of the image, px; up to 8192
-    height: int = 720  # likewise
-    fov_deg: float = 90.0  # horizontal field of view; random views of preset `train` draw their own unless `fixed_fov`
-    # also give a view without its haze, rain and motion blur (Frame.truth.clear_rgb); none is given where the
-    # visibility is infinite and no foreground hides the view
+    """Lowest and highest visibility (2 % contrast), m, drawn uniformly for every random view and once for a flight;
+    both infinite: clear air."""
+    seed: int = 0
+    """Everything random follows from it and from the frame's index."""
+    width: int = 1280
+    """Of the image, px, up to 8192."""
+    height: int = 720
+    """Of the image, px, up to 8192."""
+    fov_deg: float = 90.0
+    """Horizontal field of view, degrees; random views of preset `train` draw their own unless `fixed_fov`."""
     keep_clear: bool = True
-    # nearest and farthest distance to the ramp of a random view, up to 10 km; None: 60 to 800 m, and 30 to 1500 m
-    # for preset `train`
+    """Also render the view without haze, rain and motion blur (`Frame.truth.clear_rgb`), unless the visibility is
+    infinite and no foreground hides the view."""
     range_m: tuple[float, float] | None = None
-    # least and greatest glide angle to the touchdown point of a random view before the ramp, degrees; None: 2 to
-    # 8, and at times 1.5 to 12 for preset `train`
+    """Nearest and farthest distance to the ramp of a random view, m, up to 10 km; None: 60 to 800 m, and 30 to 1500 m
+    for preset `train`."""
     elevation_deg: tuple[float, float] | None = None
-    # of the pictures are seen from a cockpit, past a drone's legs or under captions, and taken as phones do
+    """Least and greatest glide angle to the touchdown point of a random view before the ramp, degrees; None: 2 to 8,
+    and at times 1.5 to 12 for preset `train`."""
     foreground_share: float = 0.0
-    photographs: str = ""  # folder of pictures whose pieces are textures of presets `airfield` and `pad`
-    fixed_fov: bool = False  # keep `fov_deg` for the random views of preset `train`
-    start_m: float = 800.0  # distance to the ramp where an approach begins, up to 10 km; the profile begins at 5 km
-    end_m: float = 12.0  # and where both end
-    frames_per_ship: int = 4  # random views that share a ship, its paint and the sun's direction
-    # A sea state given to one of weather and motion counts for both.
+    """Share of the pictures behind a foreground (cockpit, a drone's legs, captions) and processed as phones do."""
+    photographs: str = ""
+    """Folder of pictures whose pieces are textures of presets `airfield` and `pad`."""
+    fixed_fov: bool = False
+    """`fov_deg` also for the random views of preset `train`."""
+    start_m: float = 800.0
+    """Distance to the ramp where an approach begins, m, up to 10 km; the profile begins at 5 km."""
+    end_m: float = 12.0
+    """Distance to the ramp where an approach or the profile ends, m."""
+    frames_per_ship: int = 4
+    """Random views that share a ship, its paint and the sun's direction."""
     weather: WeatherConfig = field(default_factory=WeatherConfig)
+    """A sea state given to one of `weather` and `motion` counts for both."""
     motion: MotionConfig = field(default_factory=MotionConfig)
     flight: FlightConfig = field(default_factory=FlightConfig)
     air: AirConfig = field(default_factory=AirConfig)
     lens: LensConfig = field(default_factory=LensConfig)
-    film: FilmConfig = field(default_factory=FilmConfig)
+    exposure: ExposureConfig = field(default_factory=ExposureConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
     navigation: NavigationConfig = field(default_factory=NavigationConfig)
@@ -325,7 +369,7 @@ class SimConfig:
             self.air.refuse_physical(f"preset {self.preset} uses model paper")
 
     def _refuse_rendering(self) -> None:
-        """What the presets that are drawn on a plane do not know."""
+        """Refuse settings that presets drawn on a plane do not have."""
         if self.trajectory != "random":
             raise ValueError(f"preset {self.preset} has no trajectory {self.trajectory!r}; give --trajectory random")
         for item in fields(self):
@@ -336,7 +380,7 @@ class SimConfig:
     @property
     def imaging(self) -> ImagingConfig:
         """Everything between the scene's light and the recorded picture."""
-        return ImagingConfig(self.lens, self.film, self.sensor, self.air, self.depth)
+        return ImagingConfig(self.lens, self.exposure, self.sensor, self.air, self.depth)
 
     @property
     def ranges_m(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""`deckline sim`: frames rendered over processes, into an AirSim-layout recording or into one picture to look at."""
+"""`deckline sim`: frames rendered over processes, into an AirSim-layout recording or a contact sheet."""
 
 import math
 import os
@@ -23,13 +23,13 @@ from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
 from deckline.report.draw import check_picture_name, write_picture
 from deckline.types import Frame
-from deckline_sim.airfield.simulate import AirfieldSimulator
+from deckline_sim.airfield.simulator import AirfieldSimulator
 from deckline_sim.config import FLIGHTS, LARGEST_PX, SimConfig
 from deckline_sim.processes import map_ordered, process_count
 from deckline_sim.progress import progress
-from deckline_sim.simulate import Simulator, open_simulator, ship_block
+from deckline_sim.simulate import ShipSimulator, open_simulator, ship_block
 
-CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs
+CHUNK = 4  # most frames in one task of a process; at most 2 * CHUNK * jobs results wait for their turn
 T = TypeVar("T")
 Item = tuple[SimConfig, int]  # a recording and the index of one of its frames
 NOT_DECIDING = ("--out", "--jobs")  # options of a command that do not change what it makes
@@ -73,14 +73,16 @@ def show_progress(what: str, results: Generator[T, None, None], total: int, done
             advance()
 
 
-_opened: dict[SimConfig, Simulator | AirfieldSimulator] = {}  # the last recording's simulator in a rendering process
+_opened: dict[
+    SimConfig, ShipSimulator | AirfieldSimulator
+] = {}  # the last recording's simulator in a rendering process
 
 
 def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:
     config = chunk[0][0]
     if config not in _opened:
         for other in list(_opened):
-            _opened.pop(other).__exit__(None, None, None)
+            _opened.pop(other).close()
         _opened[config] = open_simulator(config)
     return [task(_opened[config].frame(index)) for _, index in chunk]
 
@@ -94,7 +96,7 @@ def _split_chunks(items: Sequence[Item]) -> Iterator[list[Item]]:
 
 
 @dataclass(frozen=True)
-class SheetConfig:
+class ContactSheetConfig:
     """A contact sheet."""
 
     tile_px: int = 320  # width of a frame in the picture; frames are rendered at their full size and shrunk
@@ -151,7 +153,7 @@ def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jo
     print(out)
 
 
-def write_sheet(config: SimConfig, out: Path, sheet: SheetConfig, jobs: int = 1) -> None:
+def write_contact_sheet(config: SimConfig, out: Path, sheet: ContactSheetConfig, jobs: int = 1) -> None:
     """Render `config.frames` frames into one picture, written whole or not at all.
 
     Raises:
@@ -206,7 +208,7 @@ def _dot_lines(frame: Frame, image: NDArray[np.uint8]) -> None:
 
 
 def frame_settings(config: SimConfig) -> dict[str, Any]:
-    """Kept in scene.json: a recording made with other values is never continued. Infinity is written as text."""
+    """The settings in scene.json: a recording made with others is never continued. Infinity is written as text."""
     values = asdict(config)
     length = values.pop("frames")
     if config.trajectory in FLIGHTS:  # more frames of an approach are other frames
@@ -215,7 +217,7 @@ def frame_settings(config: SimConfig) -> dict[str, Any]:
 
 
 def json_values(value: Any) -> Any:
-    """The value as JSON holds it: tuples are lists, infinity and NaN are text."""
+    """A value for JSON: tuples become lists, infinity and NaN text."""
     if isinstance(value, dict):
         return {name: json_values(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
@@ -224,10 +226,10 @@ def json_values(value: Any) -> Any:
 
 
 def repeatable_command() -> str:
-    """The command as it was typed, without what does not change its result: the folder and the processes."""
-    kept, skip = [], False
+    """The command line without the options that do not change its result: the folder and the processes."""
+    words, skip = [], False
     for word in sys.argv[1:]:
         if not skip and word.partition("=")[0] not in NOT_DECIDING:
-            kept.append(word)
+            words.append(word)
         skip = word in NOT_DECIDING
-    return shlex.join(["deckline", *kept])
+    return shlex.join(["deckline", *words])

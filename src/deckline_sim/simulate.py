@@ -2,21 +2,20 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from types import TracebackType
 from typing import Self
 
 import numpy as np
 
 from deckline.types import Frame, Segment, Truth
-from deckline_sim.airfield.simulate import AirfieldSimulator
-from deckline_sim.camera.glass import add_foreground
+from deckline_sim.airfield.simulator import AirfieldSimulator
+from deckline_sim.camera.foreground import add_foreground
 from deckline_sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline_sim.camera.lens import pinhole_for, random_lens
 from deckline_sim.camera.measure import measure_pose
 from deckline_sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig, draw_visibility
 from deckline_sim.flight.approach import approach_view
-from deckline_sim.flight.views import (
-    Motion,
+from deckline_sim.flight.viewpoints import (
+    ShipMotion,
     Viewpoint,
     away_view,
     draw_motion,
@@ -28,9 +27,9 @@ from deckline_sim.flight.views import (
     view_towards,
 )
 from deckline_sim.scene.render import Renderer
-from deckline_sim.scene.view import BEST, Quality, Scene, random_quality
+from deckline_sim.scene.view import BEST, RenderQuality, RenderScene, random_quality
 from deckline_sim.scene.weather import Weather, random_time_of_day, random_weather, sun_direction
-from deckline_sim.ship.background import Kind, background_mesh
+from deckline_sim.ship.background import BackgroundKind, background_mesh
 from deckline_sim.ship.layout import Layout, random_layout, world_points
 from deckline_sim.ship.mesh import join
 from deckline_sim.ship.ship import NO_RUNWAY, Ship, build_ship
@@ -41,23 +40,23 @@ VEHICLE, CAMERA = "deckline", "front"
 SHIP, FRAME, FLIGHT, SUN, WEATHER, DECKLESS = 2, 3, 4, 5, 6, 7
 OPEN, SHIPS, COAST, PAST, BARE = "open", "ships", "coast", "past", "bare"
 CYCLE = (OPEN, SHIPS, COAST, PAST, BARE)  # one view without a runway of each in turn
-RANGE_M = {SHIPS: (120.0, 2000.0), COAST: (300.0, 4000.0)}  # of the camera from what it looks at
-SEEN_SHARE = 0.5  # of the visibility: nothing that is looked at lies farther, or it would be hidden
-CANDIDATES = 400  # ships that are looked through for one without a runway; one in eight has none
+RANGE_M = {SHIPS: (120.0, 2000.0), COAST: (300.0, 4000.0)}  # of the camera from its target
+SEEN_SHARE = 0.5  # of the visibility: the farthest target, so that haze does not hide it
+CANDIDATES = 400  # random ships searched for one without a runway; one in eight has none
 
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """What a picture is taken in, its view and its ship aside."""
+    """Weather, air, camera settings and quality of a picture."""
 
     weather: Weather
     visibility_m: float  # 2 % contrast; infinite is clear air
     imaging: ImagingConfig
-    quality: Quality = BEST
+    quality: RenderQuality = BEST
     with_ship: bool = True
 
 
-class Simulator:
+class ShipSimulator:
     """Renders single frames of a recording in any order; holds the OpenGL context and the ship last used.
 
     Args:
@@ -76,8 +75,12 @@ class Simulator:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.renderer.__exit__(kind, error, trace)
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the OpenGL context."""
+        self.renderer.close()
 
     def frame(self, index: int) -> Frame:
         """Frame `index`: the same whatever was rendered before."""
@@ -87,8 +90,8 @@ class Simulator:
         config, ship = self.config, self.ship
         train, unrelated = config.preset == "train", config.trajectory == "random"
         own = np.random.default_rng([config.seed, FRAME, index])
-        kept = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # a flight keeps weather and camera
-        for_weather, for_lens, for_air, for_picture, for_quality = kept.spawn(5)
+        shared = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # one a flight
+        for_weather, for_lens, for_air, for_picture, for_quality = shared.spawn(5)
         if config.weather.seed is not None:
             for_weather = np.random.default_rng([config.weather.seed, WEATHER])
         for_view, for_noise, for_sea = own.spawn(3)
@@ -110,7 +113,7 @@ class Simulator:
         return add_foreground(frame, config, index)
 
     def load(self, block: int) -> None:
-        """Bring the ship of a block of frames onto the card, and draw its motion and its sun."""
+        """Build the ship of a block of frames, its motion and its sun, and load it into the renderer."""
         config, train = self.config, self.config.preset == "train"
         for_ship, for_sun, for_motion = np.random.default_rng([config.seed, SHIP, block]).spawn(3)
         self.ship: Ship = build_ship(config.preset, for_ship)
@@ -121,7 +124,7 @@ class Simulator:
         sea_state = round(swell) if sea is None and swell is not None else sea
         self.weather: WeatherConfig = replace(config.weather, time_of_day=time, sea_state=sea_state)
         swell = sea if swell is None else swell
-        self.motion: Motion = draw_motion(replace(config.motion, sea_state=swell), train, for_motion)
+        self.motion: ShipMotion = draw_motion(replace(config.motion, sea_state=swell), train, for_motion)
         self.renderer.load(self.ship, sun_direction(for_sun, time))
         self.loaded = block
 
@@ -131,8 +134,8 @@ class Simulator:
         """The picture of a view, its camera's lens included, of the ship as it lies at the view's time.
 
         Args:
-            recording: draws what a recording keeps: the air and the sensor's settings.
-            frame: draws what every frame has of its own: shaking, noise.
+            recording: draws the values that a recording's frames share: the air and the sensor's settings.
+            frame: draws the values of one frame: shake, noise.
             name: of the frame's file.
 
         Raises:
@@ -142,7 +145,7 @@ class Simulator:
         layout = ship.layout.at_pose(ship_pose(ship.layout, self.motion, view.time_s))
         pose, how = view.world_from_camera, (scenery.with_ship, scenery.quality, layout.world_from_ship)
         shot = self.imaging.take(
-            self.renderer.render(Scene(pinhole_for(camera), pose, weather, view.time_s, *how)),
+            self.renderer.render(RenderScene(pinhole_for(camera), pose, weather, view.time_s, *how)),
             camera,
             pose,
             self._surroundings(view, scenery),
@@ -178,7 +181,7 @@ class Simulator:
         )
 
     def _truth(self, shot: Shot, layout: Layout, view: Viewpoint, weather: Weather) -> Truth:
-        """What is known of a picture of the ship as `layout` has it."""
+        """The truth of a picture; `layout`: the ship at the picture's time."""
         left, right = truth_segments(layout) if self.ship.runway else (None, None)
         return Truth(
             left,
@@ -193,11 +196,11 @@ class Simulator:
         )
 
 
-class DecklessSimulator(Simulator):
+class DecklessSimulator(ShipSimulator):
     """Frames of trajectory `deckless`; a ship, its sea and its light are drawn anew for every one."""
 
     def frame(self, index: int) -> Frame:
-        """Frame `index`; its truth's conditions say under "deckless" what it shows."""
+        """Frame `index`; its truth's conditions hold what it shows as "deckless"."""
         kind = CYCLE[index % len(CYCLE)]
         rng = np.random.default_rng([self.config.seed, DECKLESS, index])
         for_things, for_view, for_weather, for_lens, for_air, for_picture, for_noise, for_quality = rng.spawn(8)
@@ -230,7 +233,7 @@ class DecklessSimulator(Simulator):
         raise AssertionError("unreachable: one random ship in eight has no runway")
 
     def _hide_ship(self, kind: str, rng: np.random.Generator) -> None:
-        things: Kind = "ships" if kind == SHIPS else "coast"
+        things: BackgroundKind = "ships" if kind == SHIPS else "coast"
         mesh = join([]) if kind == OPEN else background_mesh(self.ship.layout, rng, things)
         self.ship = replace(self.ship, runway=False, background=mesh)
         self.renderer.load(self.ship, self.renderer.sun)
@@ -258,15 +261,15 @@ class DecklessSimulator(Simulator):
         return "other ships" if kind == SHIPS else "coast"
 
 
-def open_simulator(config: SimConfig) -> Simulator | AirfieldSimulator:
-    """What renders the frames of a recording.
+def open_simulator(config: SimConfig) -> ShipSimulator | AirfieldSimulator:
+    """The simulator of a recording.
 
     Raises:
-        RendererError: no OpenGL through EGL on this machine, which presets `airfield` and `pad` do without.
+        RendererError: no OpenGL through EGL on this machine; presets `airfield` and `pad` need none.
     """
     if config.preset in DRAWN:
         return AirfieldSimulator(config)
-    return DecklessSimulator(config) if config.trajectory == "deckless" else Simulator(config)
+    return DecklessSimulator(config) if config.trajectory == "deckless" else ShipSimulator(config)
 
 
 def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterator[Frame]:

@@ -1,4 +1,4 @@
-"""Where true lines are in a frame's image, and how much a line stands out from the deck in the picture."""
+"""Projection of true lines into a frame's image, and the contrast of a line against the deck."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ FLANK = 0.05  # on both sides of a step
 
 @dataclass(frozen=True, eq=False)
 class VisibleLine:
-    """The part of a true line that a camera sees."""
+    """The visible part of a true line."""
 
     points_px: NDArray[np.float64]  # (N, 2) in order along the line, N >= 2
     ranges_m: NDArray[np.float64]  # (N,) from the camera
@@ -50,8 +50,8 @@ def project_line(
 def find_visible_line(frame: Frame, segment: Segment, within_visibility: bool = True) -> VisibleLine | None:
     """The part of a true line that lies in the image and shows through the air; None where there is none.
 
-    What is left of its contrast must be 2 % or more: the share of light that the air on the way lets through, where a
-    recording holds its air (`Truth.conditions`); else the range must not exceed the visibility.
+    A point is visible where the transmission of the air, known from `Truth.conditions`, is 2 % or more; without a
+    recorded air, where its range does not exceed the visibility.
     """
     ends = _clip_ends(frame, segment)
     if ends is None:
@@ -134,10 +134,10 @@ KERNELS = _build_kernels(OFFSETS)
 
 
 def measure_contrast(image: NDArray, line_px: ArrayLike, other_px: ArrayLike) -> NDArray[np.float64]:
-    """What sets a marking apart, (N,) grey levels: its stripe from both sides, or one side of its edge from the other.
+    """Contrast (N,) of a marking, grey levels: of a stripe against both sides, or between the two sides of its edge.
 
-    The greatest over widths and places of a marking, the mean along an eighth of the line. What haze, blur and distance
-    leave of it counts, and so do stains and shadows: bare decks have one or two grey levels in a clear view.
+    The maximum over widths and places of a marking, averaged along an eighth of the line. Haze, blur and distance lower
+    it. Stains and shadows count too: a bare deck in a clear view has one or two grey levels.
 
     Args:
         image: (H, W, 3) grey levels.

@@ -2,7 +2,10 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from scipy.ndimage import map_coordinates
+from scipy.spatial.transform import Rotation
 
 from deckline.geometry import Camera
 from deckline_sim.ship.layout import Layout
@@ -28,23 +31,14 @@ class Shot:
 
 def turn(axis, angle):
     """Rotation matrix about x, y or z."""
-    a, b = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    out = np.eye(3)
-    out[a, a] = out[b, b] = np.cos(angle)
-    out[b, a], out[a, b] = np.sin(angle), -np.sin(angle)
-    return out
+    return Rotation.from_euler(axis, angle).as_matrix()
 
 
 def moved_ship(layout, motion, time_s):
     """world_from_ship (4, 4) of a ship that sails, heaves, and rolls and pitches about its middle at the waterline."""
-    x, y, z, w = layout.world_from_ship.rotation.as_quat()
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    roll, pitch, heave = (
-        size * np.sin(2 * np.pi * time_s / period + phase)
-        for size, period, phase in zip(
-            (motion.roll_rad, motion.pitch_rad, motion.heave_m), (22.0, 12.0, 18.0), motion.phases_rad, strict=True
-        )
-    )
+    yaw = layout.world_from_ship.rotation.as_euler("ZYX")[0]
+    sizes = np.array([motion.roll_rad, motion.pitch_rad, motion.heave_m])
+    roll, pitch, heave = sizes * np.sin(2 * np.pi * time_s / np.array([22.0, 12.0, 18.0]) + motion.phases_rad)
     middle = np.array([layout.length_m / 2, 0.0, layout.deck_height_m])
     rotation = turn("z", yaw) @ turn("y", pitch) @ turn("x", roll)
     at_rest = np.array(layout.world_from_ship.translation)
@@ -56,14 +50,9 @@ def moved_ship(layout, motion, time_s):
 
 
 def project(camera, points):
-    """Pixels (N, 2) of points (N, 3) of the optical frame by Brown's lens."""
-    x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
-    k1, k2, p1, p2, k3 = camera.distortion
-    r2 = x**2 + y**2
-    bulge = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-    u = x * bulge + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
-    v = y * bulge + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
-    return np.column_stack([camera.fx * u + camera.cx, camera.fy * v + camera.cy])
+    """Pixels (N, 2) of points (N, 3) of the optical frame, by OpenCV."""
+    matrix = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    return cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array(camera.distortion))[0][:, 0]
 
 
 def sight_lines(camera, pixels):
@@ -89,15 +78,6 @@ def deck_pixels(shot, points):
     return project(shot.camera, optical)
 
 
-def grey_at(image, pixels):
-    """Bilinear grey levels (N,) of an image (H, W) at pixels (N, 2), all of them inside."""
-    u0, v0 = np.floor(pixels).astype(int).T
-    fu, fv = (pixels - np.floor(pixels)).T
-    top = image[v0, u0] * (1 - fu) + image[v0, u0 + 1] * fu
-    bottom = image[v0 + 1, u0] * (1 - fu) + image[v0 + 1, u0 + 1] * fu
-    return top * (1 - fv) + bottom * fv
-
-
 def middle_offsets(shot, line, half_width_m):
     """Distance (N,), px, between a line and the middle of the paint across it, at places that show both its sides.
 
@@ -112,7 +92,7 @@ def middle_offsets(shot, line, half_width_m):
         pixels = deck_pixels(shot, at + across[:, None] * right)
         if not np.all((pixels > 0) & (pixels < np.array(shot.image.shape[::-1]) - 1.001)):  # NaN too
             continue
-        level = grey_at(shot.image, pixels)
+        level = map_coordinates(shot.image, pixels[:, ::-1].T, order=1)
         low, high = level.min(), level.max()
         painted = np.clip((level - low) / max(high - low, 1e-9), LOW, HIGH) - LOW
         px_per_m = np.linalg.norm(pixels[-1] - pixels[0]) / (across[-1] - across[0])
@@ -165,8 +145,8 @@ def meet(shot, rays, point, normal):
 
 
 def recorded(frame):
-    """A frame as a shot: the pose put together from its numbers, the deck's axes from its two true lines."""
-    body = matrix_of(frame.world_from_body)
+    """A frame as a shot, the deck's axes from its two true lines."""
+    body = frame.world_from_body.as_matrix()
     left, right = frame.truth.left, frame.truth.right
     deck = np.eye(4)
     deck[:3, 0] = left.p1_m - left.p0_m
@@ -175,17 +155,4 @@ def recorded(frame):
     deck[:3, :3] /= np.linalg.norm(deck[:3, :3], axis=0)
     deck[:3, 3] = left.p0_m
     grey = frame.image_rgb.mean(axis=2)
-    return Shot(grey, frame.depth_m, frame.camera, body @ matrix_of(frame.body_from_camera), deck, None)
-
-
-def matrix_of(pose):
-    """A pose (4, 4) from its quaternion and translation."""
-    x, y, z, w = pose.rotation.as_quat()
-    out = np.eye(4)
-    out[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    out[:3, 3] = pose.translation
-    return out
+    return Shot(grey, frame.depth_m, frame.camera, body @ frame.body_from_camera.as_matrix(), deck, None)

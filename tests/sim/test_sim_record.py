@@ -82,23 +82,23 @@ def test_a_contact_sheet_that_cannot_be_written_is_refused_before_rendering(name
 
 
 @pytest.mark.parametrize(
-    ("words", "text"),
+    ("words", "named"),
     [
-        (["--visibility", "fog"], "visibility must be metres, LOW..HIGH or clear, got 'fog'"),
-        (["--fov-deg", "900"], "fov_deg must lie between 1 and 150, got 900"),
-        (["--set", "sheet.columns=0"], "sheet.columns must be at least 1, got 0"),
-        (["--set", "frames"], "--set takes KEY=VALUE, got 'frames'"),
-        (["--contact-sheet", "a.png"], "needs --out FOLDER for a recording"),
+        (["--visibility", "fog"], "visibility .*'fog'"),
+        (["--fov-deg", "900"], "fov_deg .*150.*900"),
+        (["--set", "sheet.columns=0"], r"sheet\.columns .*0"),
+        (["--set", "frames"], "--set .*'frames'"),
+        (["--contact-sheet", "a.png"], "--out .*--contact-sheet"),
     ],
 )
-def test_a_value_out_of_range_is_one_line(words, text, tmp_path, capsys):
+def test_a_value_out_of_range_is_one_line(words, named, tmp_path, capsys):
     assert main(["sim", "--out", str(tmp_path / "a"), *words]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("deckline: error: ")
-    assert text in line
+    assert re.search(named, line)
 
 
-def test_an_unknown_option_says_what_it_is(tmp_path, capsys):
+def test_an_unknown_option_is_named(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["sim", "--out", str(tmp_path), "--nope"])
     assert ended.value.code == 2
@@ -123,7 +123,7 @@ def test_settings_come_from_the_mode_the_file_set_and_flags_in_this_order(tmp_pa
     ("text", "named"),
     [
         ("[weather]\nwind = 3", "deck.toml.*weather.wind.*wind_m_s"),
-        ("[film]\nlens_drops = 1.5", "deck.toml.*film.lens_drops.*1.5"),
+        ("[exposure]\nlens_drops = 1.5", "deck.toml.*exposure.lens_drops.*1.5"),
     ],
 )
 def test_a_wrong_key_or_value_of_the_file_is_named(text, named, tmp_path, capsys):
@@ -187,20 +187,14 @@ def where(image: np.ndarray, colour: list[int]) -> np.ndarray:
     return np.argwhere(np.all(image == colour, axis=2))
 
 
-def test_lines_are_dotted_where_the_camera_sees_them():
-    image = make_tile(frame(), 64, True)
+@pytest.mark.parametrize("shrink", [1, 2])
+def test_lines_are_dotted_where_the_camera_sees_them(shrink):
+    image = make_tile(frame(), 64 // shrink, with_truth=True)
+    assert image.shape == (48 // shrink, 64 // shrink, 3)
     v, u = where(image, RED).T
-    assert set(u.tolist()) == {16}
-    assert (v.min(), v.max()) == (24, 40)
-    assert set(where(image, GREEN)[:, 1].tolist()) == {32}
-
-
-def test_lines_follow_the_shrunken_image():
-    image = make_tile(frame(), width_px=32, with_truth=True)
-    assert image.shape == (24, 32, 3)
-    v, u = where(image, RED).T
-    assert set(u.tolist()) == {8}
-    assert (v.min(), v.max()) == (12, 20)
+    assert set(u.tolist()) == {16 // shrink}
+    assert (v.min(), v.max()) == (24 // shrink, 40 // shrink)
+    assert set(where(image, GREEN)[:, 1].tolist()) == {32 // shrink}
 
 
 def test_lines_follow_the_true_pose_where_the_recorded_one_is_measured():
@@ -233,7 +227,7 @@ def test_tiles_are_placed_row_by_row():
 SMALL = SimConfig(preset="train", trajectory="random", frames=7, width=96, height=54, frames_per_ship=3)
 FLIGHT = SimConfig(preset="cvn", frames=6, width=96, height=54)
 COMMAND = ["sim", "--preset", "train", "--trajectory", "random", "--visibility", "300..900", "--seed", "5"]
-SIZE = ["--width", "160", "--height", "90"]
+COMMAND += ["--width", "160", "--height", "90", "--frames", "40"]
 
 
 def picture(frame: Frame) -> np.ndarray:
@@ -249,14 +243,13 @@ def test_frames_come_in_their_order_whoever_renders_them(jobs):
         np.testing.assert_array_equal(got, wanted)
 
 
-def test_chunks_keep_a_ship_together_and_stay_small():
-    chunks = record._split_chunks([(SMALL, index) for index in range(7)] + [(FLIGHT, index) for index in range(6)])
-    assert [[index for _, index in chunk] for chunk in chunks] == [[0, 1, 2], [3, 4, 5], [6], [0, 1, 2, 3], [4, 5]]
-
-
-def test_a_ship_that_is_only_partly_asked_for_is_not_shared_with_the_next():
-    chunks = record._split_chunks([(SMALL, index) for index in (2, 3, 6)])
-    assert [[index for _, index in chunk] for chunk in chunks] == [[2], [3], [6]]
+@pytest.mark.parametrize(
+    ("random", "flown", "expected"),
+    [(range(7), range(6), [[0, 1, 2], [3, 4, 5], [6], [0, 1, 2, 3], [4, 5]]), ((2, 3, 6), (), [[2], [3], [6]])],
+)
+def test_chunks_hold_one_ship_and_stay_small(random, flown, expected):
+    chunks = record._split_chunks([(SMALL, index) for index in random] + [(FLIGHT, index) for index in flown])
+    assert [[index for _, index in chunk] for chunk in chunks] == expected
 
 
 def test_a_machine_without_opengl_ends_in_an_error_that_the_command_line_prints(monkeypatch):
@@ -264,20 +257,18 @@ def test_a_machine_without_opengl_ends_in_an_error_that_the_command_line_prints(
         raise RendererError("cannot create an OpenGL context")
 
     monkeypatch.setattr(record, "open_simulator", none)
-    with pytest.raises(OSError, match="cannot create an OpenGL context"):
+    with pytest.raises(RendererError):
         list(map_frames(picture, [(SMALL, 0)]))
 
 
-def started(out: Path, frame_count: int) -> subprocess.Popen:
+def sim_words(out: Path, jobs: int) -> list[str]:
+    return [sys.executable, "-m", "deckline", *COMMAND, "--jobs", str(jobs), "--out", str(out)]
+
+
+def started(out: Path) -> subprocess.Popen:
     """A rendering command over two processes that has written its first rows, in a process group of its own."""
-    words = [*COMMAND, *SIZE, "--frames", str(frame_count), "--jobs", "2", "--out", str(out)]
-    command = subprocess.Popen(
-        [sys.executable, "-m", "deckline", *words],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    command = subprocess.Popen(sim_words(out, 2), **pipes, text=True, start_new_session=True)
     deadline = time.monotonic() + 60.0
     while not list(out.glob("images/*_5000000000.pfm")):
         assert command.poll() is None, command.stderr.read()
@@ -301,27 +292,22 @@ def folder_bytes(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def sim(out: Path, frame_count: int, jobs: int) -> None:
-    words = [*COMMAND, *SIZE, "--frames", str(frame_count), "--jobs", str(jobs), "--out", str(out)]
-    subprocess.run([sys.executable, "-m", "deckline", *words], check=True, capture_output=True)
-
-
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_a_stopped_command_leaves_no_process_and_goes_on_to_the_same_bytes(tmp_path, how):
-    command = started(tmp_path / "stopped", 40)
+    command = started(tmp_path / "stopped")
     workers = children(command.pid)
     assert len(workers) >= 2
     if how == signal.SIGINT:
         os.killpg(command.pid, how)  # as a terminal does: the whole group hears Ctrl-C
     else:
         command.kill()
-    _, said = command.communicate(timeout=60)
+    _, printed = command.communicate(timeout=60)
     check_gone(workers)
     if how == signal.SIGINT:
         assert command.returncode == 130
-        assert "Traceback" not in said
-        assert said.strip().splitlines()[-1].startswith("deckline: stopped")
+        assert "Traceback" not in printed
+        assert printed.strip().splitlines()[-1].startswith("deckline: ")
         assert 0 < len(open_recording(tmp_path / "stopped")) < 40
-    sim(tmp_path / "stopped", 40, 2)
-    sim(tmp_path / "once", 40, 1)
+    for name, jobs in (("stopped", 2), ("once", 1)):
+        subprocess.run(sim_words(tmp_path / name, jobs), check=True, capture_output=True)
     assert folder_bytes(tmp_path / "stopped") == folder_bytes(tmp_path / "once")

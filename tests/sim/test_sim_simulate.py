@@ -137,7 +137,7 @@ def test_every_class_is_flown_to_along_the_papers_profile(preset):
 
 
 def test_start_must_not_be_negative():
-    with pytest.raises(ValueError, match="start must not be negative, got -1"):
+    with pytest.raises(ValueError, match=r"start .*-1"):
         next(frames(SimConfig(), start=-1))
 
 

@@ -11,12 +11,12 @@ from deckline.geometry import Camera
 from deckline_sim.camera.lens import Lens, pinhole_for
 from deckline_sim.camera.sensor import DISPLAY_GAMMA
 from deckline_sim.config import DRAWN, Preset, SimConfig
-from deckline_sim.flight.views import Motion, pose_towards, ship_pose
-from deckline_sim.scene.view import Scene
+from deckline_sim.flight.viewpoints import ShipMotion, pose_towards, ship_pose
+from deckline_sim.scene.view import RenderScene
 from deckline_sim.scene.weather import random_weather
 from deckline_sim.ship.deck_paint import paint_edge
 from deckline_sim.ship.mesh import boxes
-from deckline_sim.ship.paint import layers
+from deckline_sim.ship.paint_shapes import layers
 from deckline_sim.ship.random_plan import random_edge
 from deckline_sim.ship.ship import build_ship
 from deckline_sim.ship.ship_class import SHIP_CLASSES, DeckSurface, load_class
@@ -29,7 +29,7 @@ SIZE = (640, 360)
 RANGES_M = (25.0, 120.0, 500.0)
 FOVS_DEG = (70.0, 36.0, 12.0)  # one for each range
 BARREL = (-0.18, 0.05, 0.002, -0.001, 0.0)  # at a corner of 1; scaled to the view's corner
-SWING = Motion(speed_m_s=12.9, roll_rad=0.0251, pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.7, 1.9, 4.0))
+SWING = ShipMotion(speed_m_s=12.9, roll_rad=0.0251, pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.7, 1.9, 4.0))
 TIME_S = 3.0
 
 
@@ -59,7 +59,7 @@ def built(name):
 
 def shoot(renderer, ship, range_m, fov_deg, moving, distorted):
     """The loaded ship from before its ramp, 5 m to the right, rolled a little."""
-    layout, motion = ship.layout, SWING if moving and not ship.layout.on_land else Motion()
+    layout, motion = ship.layout, SWING if moving and not ship.layout.on_land else ShipMotion()
     there = moved_ship(layout, motion, TIME_S)
     ramp = layout.centre_m[0]
     delta = layout.centre_m[1] - ramp
@@ -85,7 +85,7 @@ def take(renderer, layout, motion, camera, world_from_body, body_from_optical):
     matrix[:3, 3] = world_from_body.translation
     source = pinhole_for(camera)
     posed = ship_pose(layout, motion, TIME_S)
-    view = renderer.render(Scene(source, type(posed).from_matrix(matrix), CALM, TIME_S, world_from_ship=posed))
+    view = renderer.render(RenderScene(source, type(posed).from_matrix(matrix), CALM, TIME_S, world_from_ship=posed))
     if camera.has_distortion:
         view = Lens(renderer.context).warp(view, source, camera)
     grey = 255.0 * np.clip(view.radiance.mean(axis=2), 0.0, 1.0) ** (1 / DISPLAY_GAMMA)

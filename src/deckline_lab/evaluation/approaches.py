@@ -105,9 +105,9 @@ class FlightsConfig:
 def fly(config: FlightsConfig, approach: int) -> Iterator[Frame]:
     """The frames of one approach as its sensors have them; an OSError without OpenGL through EGL."""
     with needs_extra("sim"):
-        from deckline_sim.simulate import Simulator
+        from deckline_sim.simulate import ShipSimulator
     rendered = config.approach(approach)
-    with Simulator(rendered) as simulator:
+    with ShipSimulator(rendered) as simulator:
         for index in range(config.frames):
             frame = simulator.frame(index)
             noisy = add_depth_noise(frame, config.run.sensors, rendered.seed, index)
@@ -199,7 +199,7 @@ def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iter
         from deckline_sim.camera.measure import measure_pose
         from deckline_sim.config import draw_visibility
         from deckline_sim.flight.approach import approach_view
-        from deckline_sim.flight.views import draw_motion, ship_pose
+        from deckline_sim.flight.viewpoints import draw_motion, ship_pose
         from deckline_sim.ship.layout import class_layout
         from deckline_sim.ship.ship_class import load_class
         from deckline_sim.simulate import truth_segments

@@ -130,10 +130,10 @@ def _rain(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
     """Streaks of falling rain and drops on the lens, as the simulator exposes them; the air stays as it is."""
     with needs_extra("sim"):
         from deckline_sim.camera.exposure import ExposurePass, draw_exposure
-        from deckline_sim.config import FilmConfig
+        from deckline_sim.config import ExposureConfig
         from deckline_sim.scene.gl import open_context
-        from deckline_sim.scene.view import View
-    config = FilmConfig(rain_mm_h=float(rng.uniform(*RAIN_MM_H)), lens_drops=int(rng.integers(*LENS_DROPS)))
+        from deckline_sim.scene.view import Rendering
+    config = ExposureConfig(rain_mm_h=float(rng.uniform(*RAIN_MM_H)), lens_drops=int(rng.integers(*LENS_DROPS)))
     seed = int(rng.integers(2**31))
     with open_context() as context:
         film = ExposurePass(context)
@@ -147,7 +147,7 @@ def _rain(frames: Frames, rng: np.random.Generator) -> Iterator[Frame]:
             recording, drops = np.random.default_rng(seed), np.random.default_rng([seed, number])
             exposure = draw_exposure(config, frame.camera, pose, velocity, np.zeros(3), recording, drops, wide=False)
             light = np.asarray((frame.image_rgb / 255) ** GAMMA, dtype=np.float32)
-            wet = film.expose(View(light, np.ones(light.shape[:2], np.float32)), frame.camera, exposure).radiance
+            wet = film.expose(Rendering(light, np.ones(light.shape[:2], np.float32)), frame.camera, exposure).radiance
             levels = 255 * np.clip(wet, 0, 1) ** (1 / GAMMA)
             yield replace(frame, image_rgb=np.rint(levels).astype(np.uint8))
 

@@ -36,7 +36,7 @@ SEA = len(PALETTES) - 1
 
 
 @dataclass(frozen=True, eq=False)
-class Viewer:
+class GroundCamera:
     """A pinhole camera above the ground."""
 
     width: int
@@ -70,7 +70,7 @@ def fractal_noise(rng: Generator, size: int = TILE, slope: float = 1.0) -> Float
 
 
 def draw_ground(
-    viewer: Viewer,
+    viewer: GroundCamera,
     points: Float32,
     footprint_m: Float32,
     textures: Sequence[Float32],
@@ -178,7 +178,7 @@ def _draw_town(atlas: Float32, scale: float, rng: Generator) -> None:
         cv2.fillPoly(atlas, [np.rint(corners * 8).astype(np.int32)], colour.tolist(), cv2.LINE_AA, shift=3)
 
 
-def draw_sky(viewer: Viewer, rays: Float32, textures: Sequence[Float32], rng: Generator) -> Float32:
+def draw_sky(viewer: GroundCamera, rays: Float32, textures: Sequence[Float32], rng: Generator) -> Float32:
     """Colours (H, W, 3), 0..255, of the sky: a gradient, and clouds on a plane above."""
     up = rays[..., 2] / np.linalg.norm(rays, axis=2)
     horizon = rng.uniform(120, 250) * np.array([1 + rng.normal(0.0, 0.04), 1.0, 1 + rng.normal(0.03, 0.04)])

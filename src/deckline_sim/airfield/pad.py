@@ -11,17 +11,17 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from deckline.types import EdgeKind
-from deckline_sim.airfield.ground import Float32, Viewer
-from deckline_sim.airfield.picture import Airfield, draw_face, draw_surroundings, lay_coat, look_at
+from deckline_sim.airfield.ground import Float32, GroundCamera
+from deckline_sim.airfield.picture import AirfieldPicture, draw_face, draw_surroundings, lay_coat, look_at
 from deckline_sim.ship.mesh import Array
-from deckline_sim.ship.paint import Coat, figures, layers, polygons, ring, stripe
+from deckline_sim.ship.paint_shapes import Coat, figures, layers, polygons, ring, stripe
 
 WHITE, YELLOW = np.array([0.9, 0.9, 0.88]), np.array([0.85, 0.7, 0.15])
 WAKE = np.array([0.67, 0.7, 0.71])
 DECKS = np.array([[50, 52, 54], [70, 74, 78], [48, 60, 52], [88, 60, 50], [100, 100, 98], [34, 36, 38]]) / 255
 
 
-def draw_pad(width: int, height: int, textures: Sequence[Float32], rng: Generator) -> Airfield:
+def draw_pad(width: int, height: int, textures: Sequence[Float32], rng: Generator) -> AirfieldPicture:
     """A random ship's pad from a random approach.
 
     Args:
@@ -55,10 +55,10 @@ def draw_pad(width: int, height: int, textures: Sequence[Float32], rng: Generato
     range_m = np.where(ship, _ship_ranges(viewer, long, above), range_m)
     ends = np.array([[[near, y, above], [far, y, above]] for y in (-half, half)])
     picture = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    return Airfield(picture, range_m, viewer, ends, EdgeKind.PAINT, above, centred)
+    return AirfieldPicture(picture, range_m, viewer, ends, EdgeKind.PAINT, above, centred)
 
 
-def _ship_ranges(viewer: Viewer, long: float, above: float) -> Float32:
+def _ship_ranges(viewer: GroundCamera, long: float, above: float) -> Float32:
     """Ray lengths (H, W), m, to a ship: its stern, its pad, the front of its hangar."""
     rays, (back, _, high) = viewer.rays(), viewer.position_m
     ahead, down = np.maximum(rays[..., 0], 1e-6), np.maximum(-rays[..., 2], 1e-6)
@@ -95,7 +95,12 @@ def _markings(long: float, half: float, near: float, far: float, centred: bool, 
 
 
 def _draw_box(
-    image: Float32, viewer: Viewer, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], rgb: Array
+    image: Float32,
+    viewer: GroundCamera,
+    x: tuple[float, float],
+    y: tuple[float, float],
+    z: tuple[float, float],
+    rgb: Array,
 ) -> None:
     """An upright box: the side that is seen, its after face, its top."""
     seen = y[0] if viewer.position_m[1] < (y[0] + y[1]) / 2 else y[1]
@@ -109,7 +114,7 @@ def _draw_box(
 
 
 def _draw_hull(
-    image: Float32, viewer: Viewer, long: float, wide: float, above: float, rgb: Array, rng: Generator
+    image: Float32, viewer: GroundCamera, long: float, wide: float, above: float, rgb: Array, rng: Generator
 ) -> None:
     half, length = wide / 2, long + rng.uniform(15, 110)
     _draw_box(image, viewer, (0.0, length), (-half, half), (0.0, above), rgb * rng.uniform(0.6, 1.0))
@@ -121,7 +126,7 @@ def _draw_hull(
 
 
 def _draw_superstructure(
-    image: Float32, viewer: Viewer, long: float, wide: float, above: float, rgb: Array, rng: Generator
+    image: Float32, viewer: GroundCamera, long: float, wide: float, above: float, rgb: Array, rng: Generator
 ) -> None:
     """Hangar, upper decks, funnel, mast, from the farthest to the nearest; people and gear beside the pad."""
     boxes: list[tuple[float, NDArray[np.float64], tuple[float, float]]] = []

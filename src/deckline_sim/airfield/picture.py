@@ -19,14 +19,14 @@ from deckline_sim.airfield.ground import (
     TILE,
     Float32,
     Float64,
-    Viewer,
+    GroundCamera,
     draw_ground,
     draw_sky,
     fractal_noise,
     sample_tile,
 )
-from deckline_sim.airfield.runway import Runway, random_runway
-from deckline_sim.ship.paint import Coat, dashes, layers, polygons, stripe
+from deckline_sim.airfield.land_runway import LandRunway, random_runway
+from deckline_sim.ship.paint_shapes import Coat, dashes, layers, polygons, stripe
 
 NEAR_M = 1.0  # in front of the camera: where polygons are cut
 FORWARD = np.array([0.0, 0.0, 1.0])  # camera axes
@@ -38,12 +38,12 @@ DARK = 0.06  # of daylight, at night
 
 
 @dataclass(frozen=True, eq=False)
-class Airfield:
-    """A picture and what is in it."""
+class AirfieldPicture:
+    """A picture with its ranges, camera and true edge lines."""
 
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
     range_m: Float32  # (H, W) ray length; inf for sky
-    viewer: Viewer
+    viewer: GroundCamera
     # (2, 2, 3) of the left and the right edge line, near end first: x, y, height; None: no runway
     ends_m: Float64 | None
     edge: EdgeKind | None
@@ -69,7 +69,7 @@ def make_textures(rng: Generator, photographs: Iterable[NDArray[np.uint8]] = ())
     return tiles + [fractal_noise(rng, slope=slope) for slope in NOISE_SLOPES]
 
 
-def draw_airfield(width: int, height: int, textures: Sequence[Float32], rng: Generator) -> Airfield:
+def draw_airfield(width: int, height: int, textures: Sequence[Float32], rng: Generator) -> AirfieldPicture:
     """A random airfield from a random approach.
 
     Args:
@@ -92,13 +92,13 @@ def draw_airfield(width: int, height: int, textures: Sequence[Float32], rng: Gen
         _draw_lights(image, viewer, runway, rng)
     picture = np.clip(np.rint(image), 0, 255).astype(np.uint8)
     if empty:
-        return Airfield(picture, range_m, viewer, None, None)
+        return AirfieldPicture(picture, range_m, viewer, None, None)
     ends = np.array([[[x, y, 0.0] for x in runway.span_m] for y in (-runway.half_m, runway.half_m)])
-    return Airfield(picture, range_m, viewer, ends, runway.edge, centre_painted=runway.centre_painted)
+    return AirfieldPicture(picture, range_m, viewer, ends, runway.edge, centre_painted=runway.centre_painted)
 
 
 def draw_surroundings(
-    viewer: Viewer, textures: Sequence[Float32], rng: Generator, at_sea: bool = False
+    viewer: GroundCamera, textures: Sequence[Float32], rng: Generator, at_sea: bool = False
 ) -> tuple[Float32, Float32, Float32]:
     """Ground and sky: the picture (H, W, 3), 0..255, what is seen of the plane (H, W, 2), m, and ranges (H, W), m."""
     rays = viewer.rays()
@@ -116,7 +116,7 @@ def draw_surroundings(
     return image, points, range_m
 
 
-def _approach(width: int, height: int, runway: Runway, rng: Generator) -> Viewer:
+def _approach(width: int, height: int, runway: LandRunway, rng: Generator) -> GroundCamera:
     """On or beside an approach path, looking so that the runway is mostly in view."""
     distance = float(np.exp(rng.uniform(np.log(80), np.log(5000))))
     glide = np.deg2rad(rng.uniform(2.0, 4.5) if rng.random() < 0.75 else rng.uniform(1.5, 9.0))
@@ -126,7 +126,7 @@ def _approach(width: int, height: int, runway: Runway, rng: Generator) -> Viewer
     return look_at(width, height, position, np.array([rng.uniform(0, 0.5) * runway.length_m, 0.0, 0.0]), rng)
 
 
-def look_at(width: int, height: int, position_m: Float64, target_m: Float64, rng: Generator) -> Viewer:
+def look_at(width: int, height: int, position_m: Float64, target_m: Float64, rng: Generator) -> GroundCamera:
     """A random camera at a place (3,) that has a target (3,) mostly in its picture."""
     focal = width / 2 / np.tan(np.deg2rad(rng.uniform(22, 100)) / 2)
     target = target_m - position_m
@@ -136,7 +136,7 @@ def look_at(width: int, height: int, position_m: Float64, target_m: Float64, rng
     yaw -= np.arctan(rng.uniform(-0.42, 0.42) * width / focal)
     pitch += np.arctan(rng.uniform(-0.38, 0.4) * height / focal)
     roll = np.deg2rad(rng.normal(0, 3) if rng.random() < 0.85 else rng.normal(0, 14))
-    return Viewer(width, height, float(focal), position_m, _axes(yaw, pitch, roll))
+    return GroundCamera(width, height, float(focal), position_m, _axes(yaw, pitch, roll))
 
 
 def _axes(yaw: float, pitch: float, roll: float) -> Float64:
@@ -149,9 +149,9 @@ def _axes(yaw: float, pitch: float, roll: float) -> Float64:
 
 
 def lay_coat(
-    image: Float32, viewer: Viewer, coat: Coat, points: Float32, wear: Float32, worn: float, rng: Generator
+    image: Float32, viewer: GroundCamera, coat: Coat, points: Float32, wear: Float32, worn: float, rng: Generator
 ) -> None:
-    """Draw a coat of triangles over the picture, supersampled, as worn as a texture on the ground says."""
+    """Draw a coat of triangles over the picture, supersampled, worn by a texture on the ground."""
     shapes = _project_triangles(viewer, coat)
     if not shapes:
         return
@@ -187,7 +187,7 @@ def _fixed(polygon: Float64, factor: int) -> NDArray[np.int32]:
     return np.rint(((polygon + 0.5) * factor - 0.5) * 16).astype(np.int32)
 
 
-def _project_triangles(viewer: Viewer, coat: Coat) -> list[tuple[Float64, Float32, float]]:
+def _project_triangles(viewer: GroundCamera, coat: Coat) -> list[tuple[Float64, Float32, float]]:
     """Polygons (K, 2) px, their colours (3,) 0..255 and opacities, in order, of what is in front of the camera."""
     if not len(coat):
         return []
@@ -204,7 +204,7 @@ def _project_triangles(viewer: Viewer, coat: Coat) -> list[tuple[Float64, Float3
     return shapes
 
 
-def project_polygon(viewer: Viewer, corners_m: ArrayLike) -> Float64:
+def project_polygon(viewer: GroundCamera, corners_m: ArrayLike) -> Float64:
     """Pixels (N, 2) of a convex polygon (K, 3) x, y, height, cut well outside the picture; (0, 2) where unseen."""
     corners = (np.asarray(corners_m, dtype=np.float64) - viewer.position_m) @ viewer.axes.T
     reach = (viewer.width + viewer.height) / viewer.focal_px
@@ -215,7 +215,7 @@ def project_polygon(viewer: Viewer, corners_m: ArrayLike) -> Float64:
 
 
 def draw_face(
-    image: Float32, viewer: Viewer, corners_m: ArrayLike, rgb: Float64, range_m: Float32 | None = None
+    image: Float32, viewer: GroundCamera, corners_m: ArrayLike, rgb: Float64, range_m: Float32 | None = None
 ) -> None:
     """Draw a convex polygon (K, 3) x, y, height into a picture, and the range of its middle into ranges (H, W)."""
     pixels = project_polygon(viewer, corners_m)
@@ -242,7 +242,7 @@ def _cut(corners: Float64, height: Float64) -> Float64:
 
 
 def _road(rng: Generator) -> Coat:
-    """A road with its lines: what looks like a runway and is none."""
+    """A road with its lines, which resembles a runway."""
     wide, lanes = float(rng.uniform(7, 30)), int(rng.integers(2, 7))
     angle, shift = rng.normal(0, 0.25), rng.normal(0, 60)
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -268,7 +268,7 @@ def _road(rng: Generator) -> Coat:
     return layers(coats)
 
 
-def _draw_relief(image: Float32, range_m: Float32, viewer: Viewer, grass: Float64, rng: Generator) -> None:
+def _draw_relief(image: Float32, range_m: Float32, viewer: GroundCamera, grass: Float64, rng: Generator) -> None:
     """Hills or a tree line along the horizon, fainter the farther they are."""
     for depth in np.sort(rng.uniform(0, 1, int(rng.integers(0, 4))))[::-1]:
         bearing = np.linspace(-1.4, 1.4, 160)
@@ -279,18 +279,18 @@ def _draw_relief(image: Float32, range_m: Float32, viewer: Viewer, grass: Float6
         rays = np.stack([np.cos(heading), np.sin(heading), tall], 1)
         top, ahead = viewer.project(viewer.position_m + 1000 * rays)
         foot, _ = viewer.project(viewer.position_m + 1000 * (rays * [1, 1, 0] - [0, 0, 0.004]))
-        keep = ahead > 50
-        outline = np.concatenate([top[keep], foot[keep][::-1]])
+        visible = ahead > 50
+        outline = np.concatenate([top[visible], foot[visible][::-1]])
         haze = rng.uniform(120, 220) * np.ones(3)
         colour = (0.6 * grass + (haze - 0.6 * grass) * (0.2 + 0.7 * depth)).tolist()
-        if keep.sum() > 1:
+        if visible.sum() > 1:
             points = np.rint(np.clip(outline, -MOST_FIXED, MOST_FIXED) * 16).astype(np.int32)
             cv2.fillPoly(image, [points], colour, cv2.LINE_AA, shift=4)
             cv2.fillPoly(hills := np.zeros_like(range_m), [points], 1.0, cv2.LINE_8, shift=4)
             range_m[(hills > 0) & (range_m > FAR_M)] = FAR_M * (0.3 + 0.7 * depth)
 
 
-def _draw_buildings(image: Float32, range_m: Float32, viewer: Viewer, runway: Runway, rng: Generator) -> None:
+def _draw_buildings(image: Float32, range_m: Float32, viewer: GroundCamera, runway: LandRunway, rng: Generator) -> None:
     """Hangars, a tower, houses, trees: upright boxes beside the runway that hide none of it, the farthest first."""
     count = int(rng.integers(0, 40))
     side = rng.choice([-1.0, 1.0], count)
@@ -313,7 +313,7 @@ def _draw_buildings(image: Float32, range_m: Float32, viewer: Viewer, runway: Ru
             draw_face(image, viewer, corners, colour * shade, range_m)
 
 
-def _draw_lights(image: Float32, viewer: Viewer, runway: Runway, rng: Generator) -> None:
+def _draw_lights(image: Float32, viewer: GroundCamera, runway: LandRunway, rng: Generator) -> None:
     """Glows that grow slower than they come near."""
     if not len(runway.lights_m):
         return

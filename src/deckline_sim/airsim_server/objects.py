@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline_sim.airsim_server.structs import Struct, geo_struct, pose_struct, vector_struct
 from deckline_sim.airsim_server.world import World, WorldState
 from deckline_sim.scene.view import Label
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 
 LABELS = {"Deck": (Label.DECK,), "Carrier": (Label.DECK, Label.STRUCTURE)}  # of objects that cameras detect
 OWN_LABEL = {"Deck": Label.DECK, "Carrier": Label.STRUCTURE, "Background": Label.BACKGROUND}  # that IDs colour
@@ -22,7 +22,7 @@ _LEVELS = (255, 127, 191, 95, 159, 223, 79)  # of a channel, in the order in whi
 
 
 @dataclass(frozen=True)
-class Filter:
+class DetectionFilter:
     """The objects that a camera detects, by names with * and ?, and how near they must be, m."""
 
     names: tuple[str, ...] = ()
@@ -54,7 +54,7 @@ def object_pose(world: World, name: str, state: WorldState, time_s: float) -> Ri
     """world_from_object at a time, or None.
 
     Carrier and Deck: x forward, y starboard, z down, origin on the deck's stern. Ramp and Touchdown: on the deck, x
-    along the landing, origin in the middle of the runway's near end, and where the approach is to touch down.
+    along the landing, origin in the middle of the runway's near end, and at the planned touchdown point.
     """
     if name == world.settings.vehicle:
         return state.world_from_body
@@ -73,7 +73,7 @@ def object_pose(world: World, name: str, state: WorldState, time_s: float) -> Ri
 
 
 def find(names: list[str], pattern: str, is_regex: bool) -> list[str]:
-    """Which names a pattern matches, case aside; a ValueError for a bad expression."""
+    """The names that a pattern matches, ignoring case; a ValueError for an invalid expression."""
     if not isinstance(pattern, str) or len(pattern) > LONGEST:
         raise ValueError(f"a name or expression has at most {LONGEST} characters, got {str(pattern)[:40]!r}")
     try:
@@ -109,7 +109,7 @@ def detections(world: World, camera: str, image_type: int) -> list[Struct]:
     `box2D` bounds the visible pixels, and `box3D` the object in the mount's frame, whose x axis is the viewing axis.
     """
     state, time_s = world.snapshot()
-    wanted = state.filters.get((camera, image_type), Filter())
+    wanted = state.filters.get((camera, image_type), DetectionFilter())
     seen = world.labels(camera, image_type, state, time_s) if wanted.names else np.zeros((1, 1), np.uint8)
     mount_from_world = (state.world_from_body * world.mount(camera, state)).inv()
     ship, found = world.ship_pose(time_s), []

@@ -6,9 +6,9 @@ from typing import Any
 
 from deckline.adapters.airsim.protocol import read_number
 from deckline_sim.airsim_server import objects
-from deckline_sim.airsim_server.images import read_image_type
-from deckline_sim.airsim_server.motion import Motion
-from deckline_sim.airsim_server.sensors import Sensors, environment_struct
+from deckline_sim.airsim_server.image_requests import read_image_type
+from deckline_sim.airsim_server.kinematics import VehicleMotion
+from deckline_sim.airsim_server.sensors import SimulatedSensors, environment_struct
 from deckline_sim.airsim_server.service import Service, read_near_pose
 from deckline_sim.airsim_server.structs import Struct, pose_struct, unknown_pose_struct
 
@@ -34,7 +34,7 @@ def set_object_id(service: Service, name: str, number: int, is_regex: bool = Fal
         raise ValueError(f"an object's ID is a number between -1 and {objects.MOST_ID}, got {number!r:.40}")
     ids = objects.object_ids(service.world, service.world.state)
     named = objects.find(list(ids), name, is_regex)
-    service.change(object_ids=ids | dict.fromkeys(named, number))
+    service.world.change(object_ids=ids | dict.fromkeys(named, number))
     return bool(named)
 
 
@@ -44,12 +44,12 @@ def get_object_id(service: Service, name: str) -> int:
 
 
 def set_filter(
-    service: Service, camera: Any, image_type: int, change: Callable[[objects.Filter], objects.Filter]
+    service: Service, camera: Any, image_type: int, change: Callable[[objects.DetectionFilter], objects.DetectionFilter]
 ) -> None:
     """Change the filter of a camera's detections."""
     key = (service.world.settings.find_camera(str(camera)), read_image_type(image_type))
     filters = service.world.state.filters
-    service.change(filters={**filters, key: change(filters.get(key, objects.Filter()))})
+    service.world.change(filters={**filters, key: change(filters.get(key, objects.DetectionFilter()))})
 
 
 def add_filter_name(
@@ -85,7 +85,7 @@ async def get_detections(
     return found
 
 
-def read_sensor(service: Service, measure: Callable[[Sensors, Motion, float], Struct]) -> Struct:
+def read_sensor(service: Service, measure: Callable[[SimulatedSensors, VehicleMotion, float], Struct]) -> Struct:
     motion = service.world.vehicle.read()
     return service.sensors.read(measure.__name__, motion, lambda *args: measure(service.sensors, *args))
 
@@ -100,11 +100,11 @@ async def get_distance(service: Service, name: Any = "", vehicle: str = "") -> S
 
 
 def set_distance_pose(service: Service, name: Any, pose: Any, vehicle: str = "") -> None:
-    """Mount a distance sensor elsewhere on the vehicle; NaN keeps as for the vehicle."""
+    """Set a distance sensor's mount on the vehicle; a position or orientation with NaN stays as it is."""
     world = service.world
     key = world.settings.find_distance(str(name))
     mounts = world.state.distance_mounts
-    service.change(distance_mounts={**mounts, key: read_near_pose(pose, world.distance_mount(key))})
+    world.change(distance_mounts={**mounts, key: read_near_pose(pose, world.distance_mount(key))})
 
 
 def get_environment(service: Service, vehicle: str = "") -> Struct:
@@ -121,10 +121,10 @@ SCENE_METHODS: dict[str, Callable[..., Any]] = {
     "simSetDetectionFilterRadius": set_filter_radius,
     "simClearDetectionMeshNames": clear_filter,
     "simGetDetections": get_detections,
-    "getImuData": lambda service, name="", vehicle="": read_sensor(service, Sensors.imu),
-    "getGpsData": lambda service, name="", vehicle="": read_sensor(service, Sensors.gps),
-    "getBarometerData": lambda service, name="", vehicle="": read_sensor(service, Sensors.barometer),
-    "getMagnetometerData": lambda service, name="", vehicle="": read_sensor(service, Sensors.magnetometer),
+    "getImuData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.imu),
+    "getGpsData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.gps),
+    "getBarometerData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.barometer),
+    "getMagnetometerData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.magnetometer),
     "getDistanceSensorData": get_distance,
     "simSetDistanceSensorPose": set_distance_pose,
     "simGetGroundTruthEnvironment": get_environment,

@@ -1,6 +1,6 @@
 """The vehicle's sensors with AirSim's default errors, and the standard atmosphere.
 
-A reading is drawn anew whenever the simulated time has gone on; two at one time are the same.
+A sensor draws one reading for each simulated time; two readings at one time are equal.
 Source of the values: AirSim's documented defaults; of the pressure: ICAO standard atmosphere; of the magnetic field:
 the dipole of IGRF-13, epoch 2020, good to 15 degrees and 20 %.
 """
@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline_sim.airsim_server.motion import GRAVITY_M_S2, Motion
+from deckline_sim.airsim_server.kinematics import GRAVITY_M_S2, VehicleMotion
 from deckline_sim.airsim_server.settings import DistanceSetting
 from deckline_sim.airsim_server.structs import Struct, geo_struct, pose_struct, vector_struct
 from deckline_sim.airsim_server.world import World
@@ -34,7 +34,7 @@ DIPOLE_GAUSS = np.array([-1450.9, 4652.5, -29404.8]) * 1e-5  # g11, h11, g10
 Origin = tuple[float, float, float]
 
 
-class Sensors:
+class SimulatedSensors:
     """Reads the sensors; only on one thread.
 
     Args:
@@ -46,14 +46,14 @@ class Sensors:
         self.reset()
 
     def reset(self) -> None:
-        """As switched on now."""
+        """Restart every sensor now."""
         self._rng = np.random.default_rng([self._seed, 41451])
         self._started_s = self._world.clock.seconds()
         self._last: dict[str, tuple[float, Struct]] = {}  # time and reading by sensor
         self._gyro_bias, self._acceleration_bias, self._pressure_drift = np.zeros(3), np.zeros(3), 0.0
 
-    def read(self, name: str, motion: Motion, measure: Callable[[Motion, float], Struct]) -> Struct:
-        """A reading by `measure`, which gets the time since the sensor's last one; stamped with the time."""
+    def read(self, name: str, motion: VehicleMotion, measure: Callable[[VehicleMotion, float], Struct]) -> Struct:
+        """The reading of a sensor at `motion.time_s`, with a time stamp; `measure` also gets the s passed."""
         before_s, reading = self._last.get(name, (self._started_s, {}))
         if not reading or motion.time_s > before_s:
             stamp = {"time_stamp": self._world.clock.nanoseconds(motion.time_s)}
@@ -61,7 +61,7 @@ class Sensors:
             self._last[name] = motion.time_s, reading
         return reading
 
-    def imu(self, motion: Motion, passed_s: float) -> Struct:
+    def imu(self, motion: VehicleMotion, passed_s: float) -> Struct:
         """ImuData: specific force and rates about the body's axes; the orientation is true, as AirSim's."""
         turn = motion.pose.rotation
         force = turn.inv().apply(motion.acceleration - [0.0, 0.0, GRAVITY_M_S2])
@@ -77,8 +77,8 @@ class Sensors:
             "linear_acceleration": vector_struct(force),
         }
 
-    def gps(self, motion: Motion, passed_s: float) -> Struct:
-        """GpsData, old by the latency. AirSim states an accuracy and adds no error; here the error is as stated."""
+    def gps(self, motion: VehicleMotion, passed_s: float) -> Struct:
+        """GpsData, delayed by the latency. The error has the stated accuracy; AirSim adds none."""
         on_s = motion.time_s - self._started_s
         sigma_m = GPS_END_M + (GPS_START_M - GPS_END_M) * math.exp(-on_s / GPS_TIME_S)
         error = sigma_m * self._rng.normal(size=3)
@@ -95,17 +95,17 @@ class Sensors:
             "is_valid": True,
         }
 
-    def barometer(self, motion: Motion, passed_s: float) -> Struct:
-        """BarometerData: pressure, Pa, the altitude it stands for, m, and the sea-level pressure, hPa."""
-        keep = math.exp(-passed_s / PRESSURE_DRIFT_S)
+    def barometer(self, motion: VehicleMotion, passed_s: float) -> Struct:
+        """BarometerData: pressure, Pa, its pressure altitude, m, and the sea-level pressure, hPa."""
+        decay = math.exp(-passed_s / PRESSURE_DRIFT_S)
         drift, noise = self._rng.normal(size=2)
-        self._pressure_drift = keep * self._pressure_drift + PRESSURE_DRIFT * math.sqrt(1.0 - keep**2) * drift
+        self._pressure_drift = decay * self._pressure_drift + PRESSURE_DRIFT * math.sqrt(1.0 - decay**2) * drift
         altitude_m = self._world.settings.origin[2] - motion.pose.translation[2]
         pressure = standard_air(altitude_m)[0] * (1.0 + self._pressure_drift) + PRESSURE_NOISE_PA * noise
         altitude_m = (1.0 - (pressure / SEA_LEVEL_PA) ** (1.0 / PRESSURE_EXPONENT)) * SEA_LEVEL_K / LAPSE_K_M
         return {"altitude": altitude_m, "pressure": pressure, "qnh": SEA_LEVEL_PA / 100.0}
 
-    def magnetometer(self, motion: Motion, passed_s: float) -> Struct:
+    def magnetometer(self, motion: VehicleMotion, passed_s: float) -> Struct:
         """MagnetometerData, gauss along the body's axes."""
         field = motion.pose.rotation.inv().apply(magnetic_field(self._world.settings.origin))
         noise = MAGNETIC_NOISE_GAUSS * self._rng.normal(size=3)
@@ -114,9 +114,7 @@ class Sensors:
     def distance(self, setting: DistanceSetting, true_m: float) -> Struct:
         """DistanceSensorData of a true distance, m; NaN: nothing there."""
         measured = true_m + DISTANCE_NOISE_M * float(self._rng.normal())
-        measured = (
-            setting.farthest_m if math.isnan(true_m) else min(max(measured, setting.nearest_m), setting.farthest_m)
-        )
+        measured = setting.farthest_m if math.isnan(true_m) else measured
         return {
             "distance": float(np.clip(measured, setting.nearest_m, setting.farthest_m)),
             "min_distance": setting.nearest_m,
@@ -141,7 +139,7 @@ def magnetic_field(origin: Origin) -> NDArray[np.float64]:
     return np.array([[-sin * c, -sin * s, cos], [-s, c, 0.0], -up]) @ field
 
 
-def environment_struct(motion: Motion, origin: Origin) -> Struct:
+def environment_struct(motion: VehicleMotion, origin: Origin) -> Struct:
     """EnvironmentState."""
     place = geo_struct(motion.pose.translation, origin)
     pressure, temperature, density = standard_air(place["altitude"])

@@ -39,7 +39,7 @@ DISTANCE = 5  # AirSim's SensorType; the other sensors are always there
 
 
 @dataclass(frozen=True)
-class Capture:
+class CaptureSetting:
     """A picture's size, px, and horizontal field of view, deg."""
 
     width: int
@@ -52,9 +52,9 @@ class CameraSetting:
     """A camera: body_from_mount, whose x axis is the viewing axis, and its captures by image type."""
 
     mount: RigidTransform
-    captures: Mapping[int, Capture]
+    captures: Mapping[int, CaptureSetting]
 
-    def capture(self, image_type: int) -> Capture:
+    def capture(self, image_type: int) -> CaptureSetting:
         return self.captures.get(image_type, self.captures[ALL_TYPES])
 
 
@@ -68,7 +68,7 @@ class DistanceSetting:
 
 
 @dataclass(frozen=True, eq=False)
-class Settings:
+class AirSimSettings:
     """The values of settings.json, or its defaults."""
 
     cameras: Mapping[str, CameraSetting]
@@ -99,8 +99,8 @@ class Settings:
         return own
 
 
-def read_settings(path: Path, default: Capture) -> Settings:
-    """A settings.json; `default` is for cameras that it leaves out. A ValueError says what cannot be."""
+def read_settings(path: Path, default: CaptureSetting) -> AirSimSettings:
+    """A settings.json; `default` is for cameras that it leaves out. A ValueError names the invalid value."""
     text = read_regular(path, MOST_CONFIG_BYTES).decode("utf-8-sig", errors="replace")
     try:
         values = parse_plain(json.loads, text)
@@ -112,8 +112,8 @@ def read_settings(path: Path, default: Capture) -> Settings:
         raise ValueError(f"{path}: {error}") from None
 
 
-def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}") -> Settings:
-    """Settings of the parsed file, of an empty one AirSim's five cameras; a ValueError names what cannot be."""
+def parse_settings(values: Mapping[str, Any], default: CaptureSetting, text: str = "{}") -> AirSimSettings:
+    """Settings of the parsed file, of an empty one AirSim's five cameras; a ValueError names the invalid value."""
     defaults = _mapping(values.get("CameraDefaults", {}), "CameraDefaults")
     common = _captures(defaults, {ALL_TYPES: default}, "CameraDefaults")
     vehicles = _mapping(values.get("Vehicles", {}), "Vehicles")
@@ -132,13 +132,15 @@ def parse_settings(values: Mapping[str, Any], default: Capture, text: str = "{}"
     unused += [f"Vehicles.{vehicle}.{key}" for key in own if key not in ("Cameras", "VehicleType", "Sensors", *START)]
     start = _mount(own, LEVEL, f"Vehicles.{vehicle}") if any(key in own for key in START) else None
     speed = read_number(values.get("ClockSpeed", 1.0), "ClockSpeed", 1e-3, 100.0)
-    settings = Settings(cameras, vehicle, _origin(values), start, clock_speed=speed, text=text, unused=tuple(unused))
+    settings = AirSimSettings(
+        cameras, vehicle, _origin(values), start, clock_speed=speed, text=text, unused=tuple(unused)
+    )
     if distances := _distances(_mapping(own.get("Sensors", {}), "Sensors")):
         settings = replace(settings, distances=distances)
     return _recording(settings, _mapping(values.get("Recording", {}), "Recording"))
 
 
-def _recording(settings: Settings, values: Mapping[str, Any]) -> Settings:
+def _recording(settings: AirSimSettings, values: Mapping[str, Any]) -> AirSimSettings:
     """The settings with the values of Recording; pictures and depth are recorded of the first camera it names."""
     recorded = settings.recorded
     if cameras := _objects(values, "Cameras", "Recording"):
@@ -161,12 +163,14 @@ def _distances(sensors: Mapping[str, Any]) -> Mapping[str, DistanceSetting]:
     return found
 
 
-def _captures(values: Mapping[str, Any], common: Mapping[int, Capture], place: str) -> Mapping[int, Capture]:
+def _captures(
+    values: Mapping[str, Any], common: Mapping[int, CaptureSetting], place: str
+) -> Mapping[int, CaptureSetting]:
     captures = dict(common)
     for item in _objects(values, "CaptureSettings", place):
         kind = int(read_number(item.get("ImageType", SCENE), "ImageType", ALL_TYPES, 11))
         base = captures.get(kind, captures[ALL_TYPES])
-        captures[kind] = Capture(
+        captures[kind] = CaptureSetting(
             int(read_number(item.get("Width", base.width), f"{place}.Width", 1, MAX_PX)),
             int(read_number(item.get("Height", base.height), f"{place}.Height", 1, MAX_PX)),
             read_number(item.get("FOV_Degrees", base.fov_deg), f"{place}.FOV_Degrees", 1.0, 150.0),

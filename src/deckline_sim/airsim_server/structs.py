@@ -1,4 +1,4 @@
-"""AirSim's structures as maps, as its server answers with them.
+"""AirSim's structures as maps, as its server sends them.
 
 Source: AirSim's API.
 """
@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.adapters.airsim.protocol import read_number
 from deckline.geometry import Camera
-from deckline_sim.airsim_server.motion import Collision, Motion
+from deckline_sim.airsim_server.kinematics import Collision, VehicleMotion
 
 NEAR_PLANE = 10.0  # of AirSim's projection matrix, centimetres
 EARTH_M = 6378137.0  # equatorial radius, WGS 84
@@ -54,7 +54,7 @@ def camera_struct(world_from_mount: RigidTransform, camera: Camera) -> Struct:
     return {"pose": pose_struct(world_from_mount), "fov": fov_deg, "proj_mat": {"matrix": matrix}}
 
 
-def kinematics_struct(motion: Motion) -> Struct:
+def kinematics_struct(motion: VehicleMotion) -> Struct:
     """KinematicsState."""
     vectors = {
         "linear_velocity": motion.velocity,
@@ -101,8 +101,8 @@ def read_geo(latitude: Any, longitude: Any, altitude: Any, origin: tuple[float, 
     return np.array([north, east * math.cos(math.radians(origin[0])), down])
 
 
-def multirotor_struct(motion: Motion, origin: tuple[float, float, float], time_ns: int) -> Struct:
-    """MultirotorState. Contacts are told by simGetCollisionInfo alone, which also forgets them."""
+def multirotor_struct(motion: VehicleMotion, origin: tuple[float, float, float], time_ns: int) -> Struct:
+    """MultirotorState. Only simGetCollisionInfo reports contacts, each once."""
     channels = dict.fromkeys(("pitch", "roll", "throttle", "yaw"), 0.0)
     switches = dict.fromkeys((f"switch{number}" for number in range(1, 9)), 0)
     return {

@@ -16,19 +16,19 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, camera_mount
 from deckline.types import Frame
-from deckline_sim.airsim_server.clock import Clock, SolarClock, light_at
-from deckline_sim.airsim_server.flight import Vehicle
-from deckline_sim.airsim_server.motion import Ground
-from deckline_sim.airsim_server.settings import SEGMENTATION, Settings
+from deckline_sim.airsim_server.kinematics import Ground
+from deckline_sim.airsim_server.settings import SEGMENTATION, AirSimSettings
+from deckline_sim.airsim_server.sim_clock import SimClock, SolarClock, light_at
+from deckline_sim.airsim_server.vehicle import Vehicle
 from deckline_sim.camera.lens import random_lens
 from deckline_sim.camera.measure import measure_depth
 from deckline_sim.config import SimConfig, draw_visibility
 from deckline_sim.flight.approach import approach_view
-from deckline_sim.flight.views import Viewpoint, ship_pose, steady_velocity
-from deckline_sim.scene.view import Quality, Scene
+from deckline_sim.flight.viewpoints import Viewpoint, ship_pose, steady_velocity
+from deckline_sim.scene.view import RenderQuality, RenderScene
 from deckline_sim.scene.weather import Weather, random_weather
 from deckline_sim.ship.layout import edge_distance
-from deckline_sim.simulate import FLIGHT, FRAME, Scenery, Simulator
+from deckline_sim.simulate import FLIGHT, FRAME, Scenery, ShipSimulator
 
 FOG_VISIBILITY_M = 50.0  # visibility at 2 % contrast that Fog 1 makes of clear air: dense fog
 RAIN_MM_H = 50.0  # of Rain 1: violent rain begins there (Met Office)
@@ -57,14 +57,17 @@ class WorldState:
 
 
 class World:
-    """Make it, take its pictures and close it on one thread; a RendererError where there is no OpenGL through EGL.
+    """The simulated world. One thread creates it, takes its pictures and closes it.
 
-    The vehicle starts where the first frame of a recorded approach of this config is.
+    The vehicle starts at the first frame of a recorded approach of this config.
+
+    Raises:
+        RendererError: no OpenGL through EGL.
     """
 
-    def __init__(self, config: SimConfig, settings: Settings, clock: Clock) -> None:
+    def __init__(self, config: SimConfig, settings: AirSimSettings, clock: SimClock) -> None:
         self.config, self.settings, self.clock = config, settings, clock
-        self._simulator = Simulator(config)
+        self._simulator = ShipSimulator(config)
         self._simulator.load(0)
         self._sun = self._simulator.renderer.sun
         self._time_of_day = self._simulator.weather.time_of_day
@@ -78,10 +81,10 @@ class World:
 
     def close(self) -> None:
         """Free the renderer; only on the world's own thread."""
-        self._simulator.__exit__(None, None, None)
+        self._simulator.close()
 
     def reset(self) -> None:
-        """Restore the state of the beginning; the time goes on."""
+        """Restore the first state; the time continues."""
         self._state = self._start
         self.vehicle.reset()
 
@@ -140,10 +143,10 @@ class World:
         return np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
 
     def distance(self, world_from_mount: RigidTransform, time_s: float) -> float:
-        """Way along a mount's x axis to what it meets, m; NaN: to nothing. Only on the world's own thread."""
+        """Distance along a mount's x axis to the first surface, m; NaN: none. Only on the world's own thread."""
         _, weather, _, _ = self._view(next(iter(self.settings.cameras)), SEGMENTATION, self.state, time_s)
         camera = Camera.from_fov(RAY_PX, RAY_PX, RAY_RAD)
-        scene = Scene(
+        scene = RenderScene(
             camera, world_from_mount * camera_mount(), weather, time_s, world_from_ship=self.ship_pose(time_s)
         )
         return float(self._simulator.renderer.depth(scene)[RAY_PX // 2, RAY_PX // 2])
@@ -154,7 +157,7 @@ class World:
         scenery = self._scenery(state, weather, draw_visibility(self.config.visibility_m, air_rng))
         below = self.ground(view.world_from_camera.translation, time_s)
         if below.name == "Deck" and below.height_m < LOW_M:
-            scenery = replace(scenery, quality=Quality(samples=1))
+            scenery = replace(scenery, quality=RenderQuality(samples=1))
         return self._simulator.picture(view, scenery, picture_rng, self._noise_rng(), f"{name} {image_type}")
 
     def depth(
@@ -168,7 +171,7 @@ class World:
         if view.camera.has_distortion:
             return view.camera, self.picture(name, image_type, state, time_s).depth_m
         pose, ship = view.world_from_camera, self.ship_pose(time_s)
-        true_m = self._simulator.renderer.depth(Scene(view.camera, pose, weather, time_s, world_from_ship=ship))
+        true_m = self._simulator.renderer.depth(RenderScene(view.camera, pose, weather, time_s, world_from_ship=ship))
         return view.camera, measure_depth(true_m, self.config.depth, self._noise_rng())
 
     def labels(self, name: str, image_type: int, state: WorldState, time_s: float) -> NDArray[np.uint8]:
@@ -176,7 +179,7 @@ class World:
         view, weather, _, _ = self._view(name, image_type, state, time_s)
         camera = self.camera(name, image_type, state)
         pose, ship = view.world_from_camera, self.ship_pose(time_s)
-        return self._simulator.renderer.labels(Scene(camera, pose, weather, time_s, world_from_ship=ship))
+        return self._simulator.renderer.labels(RenderScene(camera, pose, weather, time_s, world_from_ship=ship))
 
     def _view(
         self, name: str, image_type: int, state: WorldState, time_s: float
@@ -198,14 +201,14 @@ class World:
     def _scenery(self, state: WorldState, weather: Weather, clear_m: float) -> Scenery:
         imaging = self.config.imaging
         if state.weather and state.rain > 0.0:
-            imaging = replace(imaging, film=replace(imaging.film, rain_mm_h=RAIN_MM_H * state.rain))
+            imaging = replace(imaging, exposure=replace(imaging.exposure, rain_mm_h=RAIN_MM_H * state.rain))
         if state.weather and state.wet > 0.0:
             weather = replace(weather, wet=state.wet)
         fog = state.fog if state.weather else 0.0
         return Scenery(weather, foggy_visibility(clear_m, fog), imaging)
 
     def _set_light(self, state: WorldState, time_s: float) -> None:
-        """Put the sun where it stands at the time of day."""
+        """Set the sun's direction and the time of day."""
         simulator = self._simulator
         time, sun = self._time_of_day, self._sun
         if state.solar_clock is not None:

@@ -241,7 +241,7 @@ def paint_rails(layer: Layer, rng: Rng) -> None:
 
 
 def paint_specks(layer: Layer, rng: Rng) -> None:
-    """Dirt and insects on the glass, or rain: drops, bright below, and the streaks that they run along."""
+    """Dirt and insects on the window, or rain: drops, bright below, and the streaks that they run along."""
     size = np.array(layer.shape[1::-1])
     wet, lean, most = rng.random() < 0.4, rng.normal(0, 0.6), size[1] * log_uniform(0.004, 0.03, rng)
     for spot in rng.uniform(0, 1, (rng.integers(5, 30) * (1 + wet), 2)) * size:
@@ -254,7 +254,7 @@ def paint_specks(layer: Layer, rng: Rng) -> None:
 
 
 def paint_reflection(layer: Layer, rng: Rng) -> None:
-    """The panel, a shirt or a chart in the glass: light that hides next to nothing."""
+    """The panel, a shirt or a chart reflected in the window: light that hides hardly anything."""
     tall, width = layer.shape[:2]
     if rng.random() < 0.4:
         _paint_instruments(layer, (0, width), rng.uniform(0.0, 0.6) * tall, tall * rng.uniform(0.05, 0.15), rng)

@@ -8,15 +8,15 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera
 from deckline.haze import Triple, triple
-from deckline_sim.config import FilmConfig
+from deckline_sim.config import ExposureConfig
 from deckline_sim.scene.gl import fullscreen, image_texture, link, moderngl
-from deckline_sim.scene.view import View
+from deckline_sim.scene.view import Rendering
 
 BLUR_CHANCE, RAIN_CHANCE, SPRAY_CHANCE = 0.22, 0.08, 0.03  # of a frame of preset train
 EXPOSURE_S = (1 / 1000, 1 / 25)  # drawn, lowest and highest
 FALL_M_S = 9.0  # of large raindrops: Gunn and Kinzer 1949
 RAIN_MM_H = (2.0, 60.0)  # drawn: light to torrential
-SHAKE_DEG_S = 5.0  # 1-sigma of the camera's turning in flight that training wants
+SHAKE_DEG_S = 5.0  # 1-sigma of the camera's turning in flight in training
 BLUR_LIMIT = 0.02  # of the picture's width: more turning is not drawn
 DROP_ZOOM = 7.0  # radii of the picture that a drop on the lens shows in one of its own
 MOST_OPAQUE = 0.8  # of a streak
@@ -37,14 +37,23 @@ class Exposure:
     """One frame's exposure: plain numbers, recorded with it."""
 
     exposure_s: float = 0.0
-    moved_m: Triple = (0.0, 0.0, 0.0)  # of the camera while the shutter is open, in its optical frame
-    turned_rad: Triple = (0.0, 0.0, 0.0)  # rotation vector of the same
+    """Time that the shutter is open, s."""
+    moved_m: Triple = (0.0, 0.0, 0.0)
+    """(3,) of the camera while the shutter is open, in its optical frame, m."""
+    turned_rad: Triple = (0.0, 0.0, 0.0)
+    """(3,) rotation vector of the same, rad."""
     rain_mm_h: float = 0.0
-    rain_m_s: Triple = (0.0, FALL_M_S, 0.0)  # velocity of the drops, optical frame
-    streak_contrast: float = 1.0  # 1: as physics has it; more is what drawn rain looks like
+    """Rainfall, mm/h."""
+    rain_m_s: Triple = (0.0, FALL_M_S, 0.0)
+    """(3,) velocity of the falling drops, optical frame, m/s."""
+    streak_contrast: float = 1.0
+    """1: physical; more: as rain drawn by games."""
     lens_drops: int = 0
-    lens_seed: int = 0  # of the drops on the lens
-    seed: int = 0  # of the falling ones
+    """Number of drops on the lens."""
+    lens_seed: int = 0
+    """Seed of the drops on the lens."""
+    seed: int = 0
+    """Seed of the falling drops."""
 
     @property
     def still(self) -> bool:
@@ -53,7 +62,7 @@ class Exposure:
 
 
 def draw_exposure(
-    config: FilmConfig,
+    config: ExposureConfig,
     camera: Camera,
     world_from_camera: RigidTransform,
     velocity_m_s: ArrayLike,
@@ -64,7 +73,7 @@ def draw_exposure(
 ) -> Exposure:
     """Exposure of a camera that flies with a velocity (3,) relative to the ship and turns at a rate (3,), both world.
 
-    `recording` draws the shutter, the rain and where drops sit on the lens, `frame` what is new in every frame.
+    `recording` draws the shutter, the rain and the drops on the lens, `frame` the values of one frame.
     """
     kinds = recording.random(3)
     drawn_s = float(np.exp(recording.uniform(*np.log(EXPOSURE_S)))) if kinds[0] < BLUR_CHANCE else 0.0
@@ -103,14 +112,14 @@ class ExposurePass:
 
     def __init__(self, context: moderngl.Context) -> None:
         self.context = context
-        self.blur = link(context, "fullscreen.vert", "film.frag")
-        self.streak = link(context, "film_quad.vert", "film_streak.frag")
-        self.drop = link(context, "film_quad.vert", "film_drop.frag")
+        self.blur = link(context, "fullscreen.vert", "exposure.frag")
+        self.streak = link(context, "exposure_quad.vert", "rain_streak.frag")
+        self.drop = link(context, "exposure_quad.vert", "lens_drop.frag")
         self.screen = fullscreen(context, self.blur)
         self.blur["radiance"], self.blur["nearness"], self.drop["radiance"] = 0, 1, 0
         self.drop["zoom"] = DROP_ZOOM
 
-    def expose(self, view: View, camera: Camera, exposure: Exposure) -> View:
+    def expose(self, view: Rendering, camera: Camera, exposure: Exposure) -> Rendering:
         """A view of the middle of the exposure with the light of all of it; itself if nothing moves and nothing falls.
 
         Raises:
@@ -119,7 +128,7 @@ class ExposurePass:
         if exposure.still:
             return view
         if camera.has_distortion or view.depth_m.shape != (camera.height, camera.width):
-            raise ValueError(f"film needs a pinhole of the picture's size {view.depth_m.shape}, got {camera}")
+            raise ValueError(f"the exposure needs a pinhole of the picture's size {view.depth_m.shape}, got {camera}")
         textures = [self.context.texture((camera.width, camera.height), 4, dtype="f4") for _ in range(2)]
         frames = [self.context.framebuffer([texture]) for texture in textures]
         self.context.disable(moderngl.DEPTH_TEST | moderngl.BLEND)
@@ -143,9 +152,9 @@ class ExposurePass:
         for frame, texture in zip(frames, textures, strict=True):
             frame.release()
             texture.release()
-        return View(exposed, view.depth_m)
+        return Rendering(exposed, view.depth_m)
 
-    def _blur(self, target: moderngl.Framebuffer, view: View, camera: Camera, exposure: Exposure) -> None:
+    def _blur(self, target: moderngl.Framebuffer, view: Rendering, camera: Camera, exposure: Exposure) -> None:
         """Every pixel's mean along its path during the exposure."""
         light, near = image_texture(self.context, view.radiance), image_texture(self.context, view.nearness)
         light.repeat_x = light.repeat_y = False

@@ -1,28 +1,36 @@
-"""What hides a scene from its camera: cockpits, airframes, drones' legs, dirty glass, captions, drawn at random."""
+"""Random foregrounds between camera and scene: cockpits, airframes, drones' legs, dirty windows, captions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deckline.types import Frame
 from deckline_sim.camera import cockpit, screen
 from deckline_sim.camera.brushes import Layer, Rng
+from deckline_sim.camera.phone import phone_picture
+from deckline_sim.config import FLIGHTS, SimConfig
+from deckline_sim.visible_line import find_visible_line
 
-OPEN_SHARE = 0.7  # of the kept box that stays uncovered
+OPEN_SHARE = 0.7  # of the open box that stays uncovered
 MOST_PX = 800  # on the longer side; larger foregrounds are drawn at this size and enlarged
 TRIES = 3  # drawings of an element before it is left out
+FOREGROUND = 9  # random stream
+OPEN_BOX = (0.25, 0.25, 0.75, 0.75)  # of the picture, which stays open in a flight: u0, v0, u1, v1
 SETTINGS = (0.55, 0.2, 0.25)  # shares of cockpits, of airframes and drones, of plain pictures
 
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """What hides a scene, and what glows before it."""
+    """A layer over a scene that hides it and adds light."""
 
-    rgb: NDArray[np.float32]  # (H, W, 3) 0..255, weighted by the cover; reflections hardly have any
-    cover: NDArray[np.float32]  # (H, W) 0..1, share of the scene that it hides
+    rgb: NDArray[np.float32]
+    """(H, W, 3) 0..255, weighted by the cover; reflections hardly have any."""
+    cover: NDArray[np.float32]
+    """(H, W) 0..1, share of the scene that it hides."""
 
 
 class _Kind(NamedTuple):
@@ -54,6 +62,37 @@ KINDS = (  # from the scene to the viewer
 )
 
 
+def add_foreground(frame: Frame, config: SimConfig, index: int) -> Frame:
+    """The frame behind a foreground that leaves its runway open; the same foreground in all frames of a flight.
+
+    Depth and truth stay the scene's. With `keep_clear`, the scene is the clear view, also in clear air.
+    """
+    flight = config.trajectory in FLIGHTS
+    rng = np.random.default_rng([config.seed, FOREGROUND, 0 if flight else index])
+    if rng.random() >= config.foreground_share:
+        return frame
+    height, width = frame.image_rgb.shape[:2]
+    open_box = np.multiply(OPEN_BOX, [width, height] * 2) if flight else _box_lines(frame)
+    foreground = draw_foreground(width, height, rng, open_box)
+    noise = np.random.default_rng([config.seed, FOREGROUND, 1, index])
+    seen = phone_picture(lay_over(frame.image_rgb, foreground), noise)
+    truth = frame.truth
+    if truth is not None and truth.clear_rgb is None and config.keep_clear:
+        truth = replace(truth, clear_rgb=frame.image_rgb)
+    return replace(frame, image_rgb=np.clip(np.rint(seen), 0, 255).astype(np.uint8), truth=truth)
+
+
+def _box_lines(frame: Frame) -> NDArray[np.float64] | None:
+    """Box u0, v0, u1, v1 (4,) px of what the picture shows of the true lines; None: nothing."""
+    truth = frame.truth
+    segments = [] if truth is None else [line for line in (truth.left, truth.right) if line is not None]
+    lines = [find_visible_line(frame, segment, within_visibility=False) for segment in segments]
+    points = [line.points_px for line in lines if line is not None]
+    if not points:
+        return None
+    return np.concatenate([np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)])
+
+
 def lay_over(image: NDArray[Any], foreground: Foreground) -> NDArray[np.float32]:
     """The picture (H, W, 3), 0..255, behind a foreground of its size."""
     shown = image * (1 - foreground.cover[..., None])
@@ -61,19 +100,19 @@ def lay_over(image: NDArray[Any], foreground: Foreground) -> NDArray[np.float32]
     return np.minimum(shown, 255.0, out=shown).astype(np.float32, copy=False)
 
 
-def draw_foreground(width: int, height: int, rng: Rng, keep: ArrayLike | None = None) -> Foreground:
+def draw_foreground(width: int, height: int, rng: Rng, open_box: ArrayLike | None = None) -> Foreground:
     """A random foreground, now and then an empty one.
 
     Args:
         width, height: of the picture, px.
-        keep: (4,) box u0, v0, u1, v1, px, of which `OPEN_SHARE` stays uncovered: what hides more is drawn elsewhere
-            or left out.
+        open_box: (4,) box u0, v0, u1, v1, px, of which `OPEN_SHARE` stays uncovered: an element that hides more is
+            drawn again or left out.
     """
     scale = min(1.0, MOST_PX / max(width, height))
     wide, tall = max(1, round(width * scale)), max(1, round(height * scale))
     total: Layer = np.zeros((tall, wide, 4), np.uint8)
     texture = _draw_texture(wide, tall, rng)
-    box = None if keep is None else _clip_box(np.multiply(keep, scale), wide, tall)
+    box = None if open_box is None else _clip_box(np.multiply(open_box, scale), wide, tall)
     setting = int(rng.choice(len(SETTINGS), p=SETTINGS))
     for kind in KINDS:
         if rng.random() < kind.shares[setting]:

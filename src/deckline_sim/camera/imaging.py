@@ -24,9 +24,9 @@ from deckline_sim.camera.exposure import Exposure, ExposurePass, draw_exposure
 from deckline_sim.camera.lens import Lens, pinhole_for, pixel_rays
 from deckline_sim.camera.measure import measure_depth
 from deckline_sim.camera.sensor import Sensor, develop, draw_sensor, finish, meter
-from deckline_sim.config import AirConfig, ImagingConfig, Model
+from deckline_sim.config import AirConfig, AirModel, ImagingConfig
 from deckline_sim.scene.gl import moderngl
-from deckline_sim.scene.view import View
+from deckline_sim.scene.view import Rendering
 
 PHYSICAL_SHARE = 0.5  # of the frames of preset train
 WAVELENGTH_NM = np.array([610.0, 550.0, 465.0])  # middles of red, green and blue; visibility is quoted for green
@@ -38,12 +38,12 @@ TINT = 0.04  # 1-sigma of the airlight's colour, from cold to warm
 # Carbonneau's rain attenuation, ITU-R P.1814: 1.076 R^0.67 dB/km, R in mm/h.
 RAIN_DB_PER_KM, RAIN_EXPONENT = 1.076, 0.67
 DB_PER_NEPER = 10.0 / math.log(10.0)
-METER_STEP = 4  # metering looks at every fourth pixel
+METER_STEP = 4  # metering uses every fourth pixel
 BRIGHTEST = 3.0  # light that thick air lets through at all: it dims the sun before the sun's glitter is seen through it
-FAIR_STRENGTH = 0.15  # how far the sensor strays in the named presets, of what training wants
+FAIR_STRENGTH = 0.15  # spread of the sensor's settings in the named presets, relative to training
 
 
-def draw_model(config: AirConfig, rng: np.random.Generator, wide: bool) -> Model:
+def draw_model(config: AirConfig, rng: np.random.Generator, wide: bool) -> AirModel:
     """Which model a frame has."""
     physical = rng.random() < PHYSICAL_SHARE
     if config.model is not None:
@@ -140,39 +140,51 @@ def draw_airlight(horizon: NDArray[np.float64], rng: np.random.Generator, wide: 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the camera path needs to know of the scene."""
+    """The scene's values that the camera path uses."""
 
-    horizon: Triple  # linear light of the clear sky at the horizon
-    sun: Triple  # unit vector from the sun to the ground, world
-    sea_z_m: float  # world z of the water
-    visibility_m: float  # 2 % contrast at the water, without rain; infinite: no air at all, in any rain
-    velocity_m_s: Triple  # of the camera relative to the ship, world
-    turning_rad_s: Triple = (0.0, 0.0, 0.0)  # of the camera, world
+    horizon: Triple
+    """(3,) linear light of the clear sky at the horizon."""
+    sun: Triple
+    """(3,) unit vector from the sun to the ground, world."""
+    sea_z_m: float
+    """World z of the water, m."""
+    visibility_m: float
+    """2 % contrast at the water, without rain, m; infinite: no air at all, in any rain."""
+    velocity_m_s: Triple
+    """(3,) of the camera relative to the ship, world, m/s."""
+    turning_rad_s: Triple = (0.0, 0.0, 0.0)
+    """(3,) of the camera, world, rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
     """One recorded picture."""
 
-    image_rgb: NDArray[np.uint8]  # (H, W, 3)
-    # (H, W, 3) without haze, rain, blur by motion, noise and JPEG; None: not asked for
+    image_rgb: NDArray[np.uint8]
+    """(H, W, 3) the picture."""
     clear_rgb: NDArray[np.uint8] | None
-    depth_m: NDArray[np.float32]  # (H, W) as the depth camera measures it, NaN where nothing was seen
-    true_depth_m: NDArray[np.float32]  # (H, W) NaN in the sky
-    visibility_m: float  # 2 % contrast at the water, with the rain
-    airlight_rgb: Triple  # 0..255, of thick air away from the sun
-    records: dict[str, Any]  # plain numbers for scene.json: model, air, exposure, sensor
+    """(H, W, 3) without haze, rain, motion blur, noise and JPEG; None: not asked for."""
+    depth_m: NDArray[np.float32]
+    """(H, W) as the depth camera measures it, m along the axis; NaN without a measurement."""
+    true_depth_m: NDArray[np.float32]
+    """(H, W) m along the axis; NaN in the sky."""
+    visibility_m: float
+    """2 % contrast at the water, with the rain, m."""
+    airlight_rgb: Triple
+    """(3,) 0..255, of thick air away from the sun."""
+    records: dict[str, Any]
+    """Plain numbers for scene.json: model, air, exposure, sensor."""
 
 
 class Imaging:
     """The camera path; its GPU passes live on the renderer's OpenGL context."""
 
     def __init__(self, context: moderngl.Context) -> None:
-        self.lens, self.film = Lens(context), ExposurePass(context)
+        self.lens, self.exposure_pass = Lens(context), ExposurePass(context)
 
     def take(
         self,
-        view: View,
+        view: Rendering,
         camera: Camera,
         world_from_camera: RigidTransform,
         scene: Surroundings,
@@ -187,14 +199,14 @@ class Imaging:
         Args:
             view: rendered with `pinhole_for(camera)`.
             world_from_camera: in the middle of the exposure.
-            recording: draws what a recording keeps: the air and the sensor's settings.
-            frame: draws what every frame has of its own: shaking, noise.
+            recording: draws the values that a recording's frames share: the air and the sensor's settings.
+            frame: draws the values of one frame: shake, noise.
             wide: draw what the configuration leaves open, as for preset train.
             keep_clear: also give the picture without haze, rain and motion blur.
         """
         pinhole = pinhole_for(camera)
         moving = scene.velocity_m_s, scene.turning_rad_s
-        exposure = draw_exposure(config.film, pinhole, world_from_camera, *moving, recording, frame, wide)
+        exposure = draw_exposure(config.exposure, pinhole, world_from_camera, *moving, recording, frame, wide)
         model, air = self._air(scene, config.air, exposure.rain_mm_h, recording, wide)
         thick = model == "physical" and any(air.extinction_per_m)
         seen = scatter_view(view, pinhole, world_from_camera, air) if thick else view
@@ -219,7 +231,7 @@ class Imaging:
 
     def _air(
         self, scene: Surroundings, config: AirConfig, rain_mm_h: float, rng: np.random.Generator, wide: bool
-    ) -> tuple[Model, Atmosphere]:
+    ) -> tuple[AirModel, Atmosphere]:
         """The model and its air, which for the paper's is even and grey."""
         model = draw_model(config, rng, wide)
         rain = 0.0 if math.isinf(scene.visibility_m) else rain_mm_h
@@ -229,9 +241,9 @@ class Imaging:
             air = replace(air, extinction_per_m=grey, scale_height_m=math.inf, glow=0.0, waves=())
         return model, air
 
-    def _expose(self, view: View, pinhole: Camera, camera: Camera, exposure: Exposure) -> View:
+    def _expose(self, view: Rendering, pinhole: Camera, camera: Camera, exposure: Exposure) -> Rendering:
         """The view through the exposure and the lens."""
-        exposed = self.film.expose(view, pinhole, exposure)
+        exposed = self.exposure_pass.expose(view, pinhole, exposure)
         return self.lens.warp(exposed, pinhole, camera) if camera.has_distortion else exposed
 
 
@@ -247,18 +259,18 @@ def display_levels(light: Triple, sensor: Sensor) -> Triple:
     return triple(develop(np.asarray(light, np.float32).reshape(1, 1, 3), sensor)[0, 0])
 
 
-def scatter_view(view: View, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> View:
+def scatter_view(view: Rendering, camera: Camera, world_from_camera: RigidTransform, air: Atmosphere) -> Rendering:
     """A pinhole's view through air of the physical model."""
     directions, lengths = world_rays(pixel_rays(camera), world_from_camera.rotation.as_matrix())
     light = np.minimum(view.radiance, np.float32(BRIGHTEST))
     eye = world_from_camera.translation
-    return View(scatter(light, view.depth_m * lengths, directions, eye, air), view.depth_m)
+    return Rendering(scatter(light, view.depth_m * lengths, directions, eye, air), view.depth_m)
 
 
-def meter_view(view: View, air: Atmosphere, air_to_come: bool) -> float:
-    """The light that automatic exposure goes by, on every fourth pixel of a view whose even air may be yet to come.
+def meter_view(view: Rendering, air: Atmosphere, air_to_come: bool) -> float:
+    """The light that automatic exposure measures, on every fourth pixel; `air_to_come`: the view lacks its even air.
 
-    Ray lengths are taken for depths here: exposure needs no more.
+    Depths serve as ray lengths, which is accurate enough for exposure.
     """
     light = view.radiance[::METER_STEP, ::METER_STEP]
     if air_to_come and any(air.extinction_per_m):

@@ -10,7 +10,7 @@ from scipy.interpolate import RectBivariateSpline
 from deckline.geometry import Camera
 from deckline_sim.config import LensConfig
 from deckline_sim.scene.gl import fullscreen, image_texture, link, moderngl
-from deckline_sim.scene.view import View
+from deckline_sim.scene.view import Rendering
 
 GRID_CELLS = 48  # each way; rays are solved at their corners and interpolated by cubics, to better than 0.001 px
 MARGIN_PX = 2  # of the pinhole's picture around what the lens sees
@@ -106,7 +106,7 @@ class Lens:
         self.program["agree"] = AGREE
         self.maps: dict[tuple, moderngl.Texture] = {}
 
-    def warp(self, view: View, source: Camera, camera: Camera) -> View:
+    def warp(self, view: Rendering, source: Camera, camera: Camera) -> Rendering:
         """The picture that `camera` takes of what a pinhole `source` at the same place saw.
 
         Colours and 1 / depth are interpolated between four pixels, depth only where these lie on one surface.
@@ -123,7 +123,7 @@ class Lens:
             texture.use(unit)
         return self._draw((camera.width, camera.height), pictures)
 
-    def _draw(self, size: tuple[int, int], pictures: list[moderngl.Texture]) -> View:
+    def _draw(self, size: tuple[int, int], pictures: list[moderngl.Texture]) -> Rendering:
         targets = [self.context.renderbuffer(size, channels, dtype="f4") for channels in (4, 1)]
         frame = self.context.framebuffer(targets)
         frame.use()
@@ -137,7 +137,7 @@ class Lens:
             target.release()
         for picture in pictures:
             picture.release()
-        return View(rgb, np.where(depth > 0, depth, np.float32(np.nan)))
+        return Rendering(rgb, np.where(depth > 0, depth, np.float32(np.nan)))
 
     def _map(self, source: Camera, camera: Camera) -> moderngl.Texture:
         """Texture with the source's pixel of each of the camera's."""

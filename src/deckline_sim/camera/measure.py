@@ -74,12 +74,12 @@ def drift(time_s: float, constant_s: float, seed: list[int]) -> NDArray[np.float
         raise ValueError(f"time must not be negative, got {time_s} s")
     step_s = STEP_SHARE * constant_s
     last = int(time_s // step_s) + 1
-    keep = np.exp(-STEP_SHARE)
+    decay = np.exp(-STEP_SHARE)
     noise = np.random.default_rng(seed).standard_normal((last + 1, 3))
-    noise[1:] *= np.sqrt(1.0 - keep**2)
+    noise[1:] *= np.sqrt(1.0 - decay**2)
     values = noise[0]
     for fresh in noise[1:]:
-        before, values = values, keep * values + fresh
+        before, values = values, decay * values + fresh
     share = time_s / step_s - (last - 1)
     mixed = (1 - share) * before + share * values
-    return np.asarray(mixed / np.sqrt(1 - 2 * share * (1 - share) * (1 - keep)))  # mixing would lessen the variance
+    return np.asarray(mixed / np.sqrt(1 - 2 * share * (1 - share) * (1 - decay)))  # restores the variance

@@ -1,4 +1,4 @@
-"""What phones and video make of a picture: processing, colour coding, compression. Nothing moves by more than 1 px."""
+"""Picture processing of phones and video: filters, colour coding, compression. Nothing moves by more than 1 px."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -33,7 +33,7 @@ def _vignette(levels: Levels, rng: Rng) -> Levels:
 
 
 def _raise_local_contrast(levels: Levels, rng: Rng) -> Levels:
-    """The look of pictures joined from several exposures: shadows and clouds stand out from their surroundings."""
+    """Pictures joined from several exposures: high local contrast of shadows and clouds."""
     sigma = len(levels) * rng.uniform(0.01, 0.08)
     return _boost_detail(levels, sigma, rng.uniform(0.2, 1.0))
 
@@ -72,7 +72,7 @@ def _saturate(levels: Levels, rng: Rng) -> Levels:
 
 
 def _add_grain(levels: Levels, rng: Rng) -> Levels:
-    """Noise that a denoiser or a film spread over several pixels, grey or coloured."""
+    """Grain of several pixels, grey or coloured, as denoisers and photographic film have it."""
     width, height = _scaled(levels, 1 / rng.uniform(1.0, 3.0))
     noise = rng.integers(0, int(rng.integers(4, 26)), (height, width, rng.choice([1, 3])), dtype=np.uint8)
     grain = cv2.resize(noise, levels.shape[1::-1]).reshape(*levels.shape[:2], -1)
@@ -100,7 +100,7 @@ def _comb(levels: Levels, rng: Rng) -> Levels:
 
 
 def _smear(levels: Levels, rng: Rng) -> Levels:
-    """A phone's denoiser: fine texture gone, edges kept."""
+    """A phone's denoiser: removes fine texture, preserves edges."""
     return cv2.addWeighted(levels, 0.25, cv2.medianBlur(levels, 3), 0.75, 0)
 
 

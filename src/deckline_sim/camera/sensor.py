@@ -30,19 +30,32 @@ Curve = tuple[Tone, float, float, float]
 class Sensor:
     """One camera's settings in one frame: plain numbers, recorded with it."""
 
-    gain: Triple = (1.0, 1.0, 1.0)  # exposure and white balance on linear light: red, green, blue
+    gain: Triple = (1.0, 1.0, 1.0)
+    """Exposure and white balance on linear light: red, green, blue."""
     tone: Tone = "gamma"
-    gamma: float = 1.0  # exponent on the level
-    contrast: float = 0.0  # -1..1, bends levels about their middle
-    black: float = 0.0  # level 0..1 of no light at all
-    saturation: float = 1.0  # 0 grey
+    """Tone curve."""
+    gamma: float = 1.0
+    """Exponent on the level."""
+    contrast: float = 0.0
+    """-1..1, bends levels about their middle."""
+    black: float = 0.0
+    """Level 0..1 without light."""
+    saturation: float = 1.0
+    """0 grey, 1 unchanged."""
     vignetting: float = 0.0
-    blur_px: float = 0.0  # 1-sigma
-    noise: float = 0.0  # 1-sigma of the read-out, 8-bit steps
-    electrons: float = 0.0  # of a white pixel at gain 1, for shot noise; 0 none
-    pattern: float = 0.0  # 1-sigma of each row's and each column's own offset, 8-bit steps
+    """0 none; 1 falls to 56 % in the corners."""
+    blur_px: float = 0.0
+    """1-sigma of the lens' blur, px."""
+    noise: float = 0.0
+    """1-sigma of read-out noise, 8-bit levels."""
+    electrons: float = 0.0
+    """Full well at gain 1, electrons, for shot noise; 0: none."""
+    pattern: float = 0.0
+    """1-sigma of each row's and each column's fixed offset, 8-bit levels."""
     pattern_seed: int = 0
-    jpeg_quality: int = 0  # 0 none
+    """Seed of the fixed pattern."""
+    jpeg_quality: int = 0
+    """1..100; 0: no JPEG."""
 
     @property
     def curve(self) -> Curve:

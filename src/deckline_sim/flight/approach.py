@@ -1,4 +1,4 @@
-"""Flights to the ship: final approaches and the paper's profile, in wind and gusts, flown by a pilot who strays."""
+"""Flights to the ship: final approaches and the paper's profile, in wind and gusts, with a pilot's deviations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import Camera, camera_mount
 from deckline_sim.config import FlightConfig, Pointing, SimConfig
-from deckline_sim.flight.views import (
+from deckline_sim.flight.viewpoints import (
     RAMP_CLEARANCE_M,
     STILL,
     TOUCHDOWN_M,
-    Motion,
+    ShipMotion,
     Viewpoint,
     deck_rise,
     pose_towards,
@@ -35,15 +35,15 @@ CLOSED = 0.7  # part of an approach after which the pilot has closed the first o
 GUST_SCALE_M = 200.0  # Dryden length at 50 m height (202 m): MIL-F-8785C, low-altitude model
 GUST_HZ = (0.02, 0.6)  # slower gusts are wind, faster ones an aircraft does not follow
 GUST_WAVES = 24
-PILOT_RAD_S = 0.5  # how fast a pilot brings a displaced aircraft back; our choice
+PILOT_RAD_S = 0.5  # rate at which a pilot corrects a displacement; our choice
 ROLL_PER_GUST = 0.02  # rad of roll for 1 m/s of side gust; our choice
 WANDER_HZ = (0.02, 0.1)  # of a flown path about the nominal one
 SHAKE_HZ = (0.05, 0.4)  # of the attitude
 
 
 @dataclass(frozen=True)
-class Flight:
-    """One flight's numbers, all random choices made."""
+class ApproachFlight:
+    """Speed, wind, offsets and turbulence of one flight, all random choices made."""
 
     speed_m_s: float
     headwind_m_s: float
@@ -54,12 +54,12 @@ class Flight:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class ApproachPath:
     """One flight from its first to its last frame."""
 
     layout: Layout  # of the ship as it lies at time 0
-    motion: Motion
-    flight: Flight
+    motion: ShipMotion
+    flight: ApproachFlight
     pointing: Pointing
     seed: int
     start_m: float  # distance to the ramp
@@ -74,11 +74,11 @@ class Path:
         return (self.start_m - self.end_m) / self.closing_m_s
 
 
-def approach_view(config: SimConfig, layout: Layout, index: int, motion: Motion = STILL) -> Viewpoint:
+def approach_view(config: SimConfig, layout: Layout, index: int, motion: ShipMotion = STILL) -> Viewpoint:
     """Frame `index` of a final approach or of the paper's profile from 5 km, frames equally spaced in time.
 
-    The profile's flight out to 10 km and back, during which the paper's aircraft sees no deck, is left out, and
-    `start_m` of the configuration has no say in it.
+    The profile starts at 5 km whatever `start_m` is. The paper's flight out to 10 km and back, without a deck in view,
+    is left out.
 
     Args:
         layout: the ship as it lies at time 0.
@@ -101,7 +101,7 @@ def approach_view(config: SimConfig, layout: Layout, index: int, motion: Motion 
     )
 
 
-def flight_path(config: SimConfig, layout: Layout, motion: Motion) -> Path:
+def flight_path(config: SimConfig, layout: Layout, motion: ShipMotion) -> ApproachPath:
     """The flight of a recording, all random choices made; errors as for `approach_view`."""
     is_profile, slope = config.trajectory == "profile", np.tan(np.deg2rad(config.flight.glideslope_deg))
     touchdown_m = TOUCHDOWN_M if is_profile else config.flight.touchdown_m
@@ -114,7 +114,7 @@ def flight_path(config: SimConfig, layout: Layout, motion: Motion) -> Path:
     wind = -flight.headwind_m_s * along - flight.crosswind_m_s * np.array([-along[1], along[0]])
     closing = closing_speed(along, steady_velocity(layout, motion)[:2], wind, flight.speed_m_s)
     height_m = profile_height() if is_profile else lambda range_m: (range_m + touchdown_m) * slope
-    return Path(
+    return ApproachPath(
         layout, motion, flight, pointing, config.seed, start_m, config.end_m, height_m, closing, wind, touchdown_m
     )
 
@@ -127,7 +127,7 @@ def profile_height() -> Callable[[float], float]:
     return CubicHermiteSpline(points[::-1, 0], points[::-1, 1], at_points[::-1])
 
 
-def draw_flight(config: FlightConfig, train: bool, rng: np.random.Generator) -> Flight:
+def draw_flight(config: FlightConfig, train: bool, rng: np.random.Generator) -> ApproachFlight:
     """Numbers that the configuration leaves open; `train`: as preset `train` has them."""
     drawn = {
         "headwind_m_s": rng.uniform(0.0, 12.0),
@@ -138,7 +138,7 @@ def draw_flight(config: FlightConfig, train: bool, rng: np.random.Generator) -> 
     }
     chosen = {name: getattr(config, name) for name in drawn}
     open_ones = {name: float(drawn[name]) if train else 0.0 for name, value in chosen.items() if value is None}
-    return Flight(config.speed_m_s, **(chosen | open_ones))
+    return ApproachFlight(config.speed_m_s, **(chosen | open_ones))
 
 
 def closing_speed(
@@ -182,7 +182,7 @@ def gust(time_s: float, sigma_m_s: float, speed_m_s: float, rng: np.random.Gener
     """Gust along one axis, m/s, and how far it has moved the aircraft, m, the same function for the same rng state.
 
     Sines with the amplitudes of Dryden's longitudinal spectrum (MIL-F-8785C), scaled to the sigma inside the band. The
-    aircraft moves with a gust except that its pilot brings it back, so slow gusts do not add up.
+    aircraft moves with a gust and its pilot corrects the displacement, so slow gusts do not add up.
     """
     edges = 2 * np.pi * np.geomspace(*GUST_HZ, GUST_WAVES + 1)
     omega = np.sqrt(edges[:-1] * edges[1:])
@@ -200,7 +200,7 @@ def landing_direction(layout: Layout) -> NDArray[np.float64]:
     return delta / np.hypot(*delta)
 
 
-def pose_at(path: Path, time_s: float) -> tuple[RigidTransform, RigidTransform]:
+def pose_at(path: ApproachPath, time_s: float) -> tuple[RigidTransform, RigidTransform]:
     """world_from_body and body_from_camera at a time."""
     position, shake = position_at(path, time_s), shake_at(path, time_s)
     target = runway_point(steady_layout(path, time_s), path.touchdown_m)
@@ -214,7 +214,7 @@ def pose_at(path: Path, time_s: float) -> tuple[RigidTransform, RigidTransform]:
     return body, RigidTransform.from_components(np.zeros(3), body.rotation.inv() * gaze.rotation)
 
 
-def position_at(path: Path, time_s: float) -> NDArray[np.float64]:
+def position_at(path: ApproachPath, time_s: float) -> NDArray[np.float64]:
     """Position (3,) in the world at a time."""
     rng = np.random.default_rng([path.seed, 1])
     flight, left = path.flight, remaining_offset(time_s / path.duration_s)
@@ -228,26 +228,26 @@ def position_at(path: Path, time_s: float) -> NDArray[np.float64]:
     return runway_point(steady_layout(path, time_s), -range_m, lateral, max(height, lowest))
 
 
-def shake_at(path: Path, time_s: float) -> NDArray[np.float64]:
-    """Roll, pitch and yaw (3,) by which the attitude strays at a time."""
+def shake_at(path: ApproachPath, time_s: float) -> NDArray[np.float64]:
+    """Deviation (3,) of roll, pitch and yaw, rad, at a time."""
     rng = np.random.default_rng([path.seed, 6])
     (side, _), (rise, _) = gusts_at(path, time_s)
     turned = np.array([ROLL_PER_GUST * side, -rise / path.flight.speed_m_s, -side / path.flight.speed_m_s])
     return turned + SHAKE_RAD * [wander(time_s, SHAKE_HZ, rng) for _ in range(3)]
 
 
-def gusts_at(path: Path, time_s: float) -> list[tuple[float, float]]:
+def gusts_at(path: ApproachPath, time_s: float) -> list[tuple[float, float]]:
     """Gust, m/s, and displacement, m, to the right and upwards at a time."""
     rng = np.random.default_rng([path.seed, 7])
     return [gust(time_s, path.flight.turbulence_m_s, path.flight.speed_m_s, rng) for _ in range(2)]
 
 
-def steady_layout(path: Path, time_s: float) -> Layout:
+def steady_layout(path: ApproachPath, time_s: float) -> Layout:
     """The ship where it has sailed to, without its roll, pitch and heave, which an aircraft does not follow."""
     return path.layout.at_pose(steady_pose(path.layout, path.motion, time_s))
 
 
-def crab_angle(path: Path) -> float:
+def crab_angle(path: ApproachPath) -> float:
     """How far the nose points to the right of the way over the deck, rad."""
     along = landing_direction(path.layout)
     ship = steady_velocity(path.layout, path.motion)[:2]

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deckline.extras import needs_extra
 from deckline_sim.scene.view import SAMPLES
-from deckline_sim.ship.paint import layers, polygons
+from deckline_sim.ship.paint_shapes import layers, polygons
 from deckline_sim.ship.ship import Ship
 
 with needs_extra("sim"):

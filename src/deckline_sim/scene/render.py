@@ -7,7 +7,7 @@ centres; it does not pass through the depth buffer.
 
 from dataclasses import dataclass
 from functools import partial
-from types import TracebackType
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,16 @@ from deckline_sim.scene.gl import (
     paint_deck,
     tile_texture,
 )
-from deckline_sim.scene.view import CLEAR_AIR_M, SAMPLES, Label, Scene, Uniforms, View, scene_uniforms, solid_uniforms
+from deckline_sim.scene.view import (
+    CLEAR_AIR_M,
+    SAMPLES,
+    Label,
+    Rendering,
+    RenderScene,
+    Uniforms,
+    scene_uniforms,
+    solid_uniforms,
+)
 from deckline_sim.scene.waves import wave_tile
 from deckline_sim.ship.mesh import Mesh
 from deckline_sim.ship.ship import Ship
@@ -65,10 +74,14 @@ class Renderer:
         self.ship: Ship | None = None
         self.ship_objects: list[moderngl.Buffer | moderngl.Texture | moderngl.VertexArray] = []
 
-    def __enter__(self) -> "Renderer":
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the OpenGL context."""
         self.context.__enter__()
         self.context.release()
 
@@ -97,7 +110,7 @@ class Renderer:
             self.lamps = self.context.vertex_array(self.lamp, [(self._buffer(ship.lights), *LAMP)])
             self.ship_objects.append(self.lamps)
 
-    def render(self, scene: Scene) -> View:
+    def render(self, scene: RenderScene) -> Rendering:
         """Picture and depth of a scene.
 
         Raises:
@@ -105,16 +118,16 @@ class Renderer:
         """
         return self._draw(scene, *self._place(scene))
 
-    def labels(self, scene: Scene) -> NDArray[np.uint8]:
+    def labels(self, scene: RenderScene) -> NDArray[np.uint8]:
         """What each pixel's middle shows, (H, W) of `Label`; errors as for `render`."""
         return np.maximum(self._measure(scene, *self._place(scene), labels=True), 0.0).astype(np.uint8)
 
-    def depth(self, scene: Scene) -> NDArray[np.float32]:
+    def depth(self, scene: RenderScene) -> NDArray[np.float32]:
         """The depth (H, W) of `render` without its picture, which takes most of the time."""
         return _mask_sky(self._measure(scene, *self._place(scene)))
 
-    def _place(self, scene: Scene) -> tuple[Uniforms, Uniforms]:
-        """Tell all programs about a scene; returns what the ship and the rest of the world are drawn with."""
+    def _place(self, scene: RenderScene) -> tuple[Uniforms, Uniforms]:
+        """Set the uniforms of all programs; returns those of the ship and those of the rest of the world."""
         camera = scene.camera
         if camera.has_distortion:
             raise ValueError(f"the renderer draws a pinhole, got distortion {camera.distortion}")
@@ -127,14 +140,14 @@ class Renderer:
         where = self.ship.layout.world_from_ship if scene.world_from_ship is None else scene.world_from_ship
         ship = solid_uniforms(scene, where, CLEAR_AIR_M)
         moved = where.translation - self.ship.layout.world_from_ship.translation
-        company = RigidTransform.from_translation([moved[0], moved[1], 0.0])  # other ships and land keep their distance
+        company = RigidTransform.from_translation([moved[0], moved[1], 0.0])  # other ships and land follow the ship
         world = solid_uniforms(scene, company, scene.weather.fade_m)
         values = scene_uniforms(scene, self.ship, where)
         values |= ship | {"sun": self.sun, "light_from_ship": self.shadow.light_from_ship.T}
         self._bind(values, scene.quality.anisotropy)
         return ship, world | {"shadow": 0.0}
 
-    def _draw(self, scene: Scene, ship: Uniforms, world: Uniforms) -> View:
+    def _draw(self, scene: RenderScene, ship: Uniforms, world: Uniforms) -> Rendering:
         sampled, resolved, _ = self._targets(scene.camera)
         drawn = sampled if scene.quality.samples > 1 else resolved
         solids = self.solids if scene.with_ship else []
@@ -161,10 +174,12 @@ class Renderer:
         radiance = np.minimum(radiance, BRIGHTEST)  # the sun's glitter may be more
         depth = self._measure(scene, ship, world)
         rgb = radiance.reshape(*depth.shape, 4)[..., :3].astype(np.float32)
-        return View(rgb, _mask_sky(depth))
+        return Rendering(rgb, _mask_sky(depth))
 
-    def _measure(self, scene: Scene, ship: Uniforms, world: Uniforms, labels: bool = False) -> NDArray[np.float32]:
-        """Depth (H, W) along the optical axis, or what is seen; not positive in the sky."""
+    def _measure(
+        self, scene: RenderScene, ship: Uniforms, world: Uniforms, labels: bool = False
+    ) -> NDArray[np.float32]:
+        """Depth (H, W) along the optical axis, or the labels (H, W); not positive in the sky."""
         measured = self._targets(scene.camera)[-1]
         measured.use()
         measured.clear()
@@ -199,7 +214,7 @@ class Renderer:
         return self.targets[size]
 
     def _bind(self, values: Uniforms, anisotropy: float) -> None:
-        """Hand every drawing program the uniforms and textures that it has."""
+        """Set the uniforms and textures of every drawing program."""
         for program in (self.sea, self.ground, self.sea_depth, self.solid, self.deck, self.measure, self.lamp):
             _set(program, values)
         self.paint_map.anisotropy = anisotropy

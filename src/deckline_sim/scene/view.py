@@ -1,4 +1,4 @@
-"""One picture: what is asked of the renderer, what the shaders are told by the names they use, and what comes out."""
+"""One picture: the renderer's input, the shaders' uniforms by name, and the renderer's output."""
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -31,32 +31,32 @@ class Label(IntEnum):
 
 
 @dataclass(frozen=True)
-class Quality:
-    """How carefully a picture is drawn; a poor one looks like other renderers' work."""
+class RenderQuality:
+    """Anti-aliasing and texture filtering; low values resemble simpler renderers."""
 
     samples: int = SAMPLES  # per pixel, this many or 1, which leaves jagged edges
     anisotropy: float = 16.0  # of the deck's texture filter; 1 smears far markings together
 
 
-BEST = Quality()
+BEST = RenderQuality()
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """The loaded ship, or its sea alone, as a pinhole camera has it before it."""
+class RenderScene:
+    """The renderer's input: a pinhole camera's view of the loaded ship, or of its sea alone."""
 
     camera: Camera
     world_from_camera: RigidTransform
     weather: Weather
     time_s: float = 0.0
     with_ship: bool = True
-    quality: Quality = BEST
+    quality: RenderQuality = BEST
     world_from_ship: RigidTransform | None = None  # None: as the ship lies at rest
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """A rendered scene."""
+class Rendering:
+    """The renderer's output."""
 
     radiance: NDArray[np.float32]  # (H, W, 3) linear light; 1 is what a white surface in full daylight sends
     depth_m: NDArray[np.float32]  # (H, W) along the optical axis; NaN in the sky
@@ -68,13 +68,13 @@ class View:
         return np.asarray(1.0 / known, np.float32)
 
 
-def random_quality(rng: np.random.Generator) -> Quality:
+def random_quality(rng: np.random.Generator) -> RenderQuality:
     """Mostly good."""
     anisotropy = float(rng.choice([1.0, 2.0, 4.0, 16.0], p=[0.15, 0.25, 0.25, 0.35]))
-    return Quality(samples=1 if rng.random() < 0.15 else SAMPLES, anisotropy=anisotropy)
+    return RenderQuality(samples=1 if rng.random() < 0.15 else SAMPLES, anisotropy=anisotropy)
 
 
-def scene_uniforms(scene: Scene, ship: Ship, ship_pose: RigidTransform) -> Uniforms:
+def scene_uniforms(scene: RenderScene, ship: Ship, ship_pose: RigidTransform) -> Uniforms:
     """Everything that does not depend on which solid is drawn."""
     camera, weather = scene.camera, scene.weather
     layout, world_from_ship = ship.layout, ship_pose.as_matrix()
@@ -102,8 +102,8 @@ def scene_uniforms(scene: Scene, ship: Ship, ship_pose: RigidTransform) -> Unifo
     )
 
 
-def solid_uniforms(scene: Scene, pose: RigidTransform, haze_m: float) -> Uniforms:
-    """Where a solid is drawn that stands at world_from_solid, and how hazy the air before it is."""
+def solid_uniforms(scene: RenderScene, pose: RigidTransform, haze_m: float) -> Uniforms:
+    """Transforms of a solid at world_from_solid `pose`, and the distance scale of the haze before it."""
     optical_from_solid = (scene.world_from_camera.inv() * pose).as_matrix()
     return {
         "clip_from_ship": (clip_from_optical(scene.camera) @ optical_from_solid).T,

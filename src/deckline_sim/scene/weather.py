@@ -39,7 +39,7 @@ class Daylight:
     ambient_rgb: Rgb  # what a white horizontal surface sends of the sky's light
     horizon_rgb: Rgb  # radiance of the sky at the horizon, away from the sun
     zenith_rgb: Rgb
-    sky_curve: float  # small: the horizon's colour keeps to a narrow band
+    sky_curve: float  # small: the horizon's colour is a narrow band
     sun_glow: float  # around the sun
     glow_rgb: Rgb
     sun_disc: float
@@ -90,13 +90,13 @@ class Weather(Daylight):
 def random_weather(
     rng: np.random.Generator, fair: bool = False, config: WeatherConfig = OPEN, sun: NDArray[np.float64] | None = None
 ) -> Weather:
-    """From bright sun to moonlight, from glass to a sea of 5 m; `fair` keeps to days with few clouds.
+    """From bright sun to moonlight, from a calm sea to waves of 5 m; `fair`: a day with few clouds.
 
     Args:
-        rng: where everything not configured comes from.
-        fair: as the named presets have it.
-        config: what is not to be drawn.
-        sun: (3,) from the sun to the ground, world, as the ship's shadows have it; None draws one. Without a configured
+        rng: draws all that is not configured.
+        fair: weather of the named presets.
+        config: fixed values.
+        sun: (3,) from the sun to the ground, world, of the ship's shadows; None: drawn. Without a configured
             time of day a low sun makes dusk.
     """
     time = config.time_of_day

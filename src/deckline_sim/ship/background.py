@@ -17,7 +17,7 @@ from deckline_sim.ship.layout import Layout, random_layout, world_points
 from deckline_sim.ship.mesh import Array, Mesh
 from deckline_sim.ship.structure import build_mast, build_structure
 
-Kind = Literal["none", "fair", "random", "ships", "coast"]
+BackgroundKind = Literal["none", "fair", "random", "ships", "coast"]
 VESSELS = {"escort": 0.45, "merchant": 0.3, "boat": 0.2, "carrier": 0.05}  # how often each is met
 SHIP_RANGE_M = (300.0, 6000.0)  # between two ships' nearest ends
 COAST_RANGE_M = (2500.0, 12000.0)  # of the shore, from the runway's beginning
@@ -33,7 +33,7 @@ CARGO = np.array([[55, 20, 14], [18, 30, 50], [70, 70, 68], [20, 40, 30], [75, 5
 DARK = np.array([0.08, 0.09, 0.11])
 
 
-def background_mesh(layout: Layout, rng: Generator, kind: Kind = "random") -> Mesh:
+def background_mesh(layout: Layout, rng: Generator, kind: BackgroundKind = "random") -> Mesh:
     """Things on the water around a ship, or around a runway on land hills alone; none in the way of an approach.
 
     Args:
@@ -43,7 +43,7 @@ def background_mesh(layout: Layout, rng: Generator, kind: Kind = "random") -> Me
             "ships" and "coast": those, always.
 
     Returns:
-        A mesh in the world. Hills are open sheets: their normals point up and towards the sea.
+        A mesh in the world. Hills are open surfaces: their normals point up and towards the sea.
     """
     ships = kind == "ships" or rng.random() < {"random": 0.35, "fair": 0.15}.get(kind, 0.0)
     coast = kind == "coast" or rng.random() < {"random": 0.25}.get(kind, 0.0)
@@ -65,7 +65,7 @@ def approach_axis(layout: Layout) -> tuple[Array, Array, float]:
 
 
 def blocks_approach(layout: Layout, point_m: Array, radius_m: float) -> bool:
-    """Whether anything within `radius` of a world point (2,) would stand in the way of an approach."""
+    """Whether anything within `radius` of a world point (2,) would block an approach."""
     ramp, ahead, _ = approach_axis(layout)
     delta = point_m - ramp
     astern, beside = -delta @ ahead, np.abs(delta @ np.array([-ahead[1], ahead[0]]))

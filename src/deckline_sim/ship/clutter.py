@@ -1,4 +1,4 @@
-"""What stands on deck: aircraft in rows, packs and anywhere, vehicles, crates, people, blast deflectors.
+"""Clutter on deck: aircraft in rows, packs and anywhere, vehicles, crates, people, blast deflectors.
 
 Aircraft are prototypes of unit length around the origin, nose to +x, wheels on z = 0, colours as tints.
 """
@@ -25,7 +25,7 @@ COATS = np.array([[62, 64, 67], [52, 55, 58], [72, 74, 76], [35, 38, 42], [45, 5
 VEHICLES = np.array([[82, 66, 12], [85, 85, 83], [60, 15, 12], [30, 36, 27], [50, 52, 54], [20, 20, 22]]) / 100
 JERSEYS = [[90, 80, 10], [15, 50, 20], [75, 12, 12], [90, 90, 90], [15, 25, 60], [45, 20, 50], [40, 26, 15]]
 GAP_M = 0.8  # between parked things
-Pose = tuple[float, float, float]  # x, y, m, and yaw, rad, on deck
+DeckPose = tuple[float, float, float]  # x, y, m, and yaw, rad, on deck
 
 
 @cache
@@ -89,8 +89,8 @@ def build_rotor(hub: list[float], folded: bool) -> Mesh:
 
 
 @dataclass(eq=False)
-class Lot:
-    """The deck as a car park: which places are occupied so far."""
+class DeckOccupancy:
+    """Which places of a deck are occupied."""
 
     layout: Layout
     runway: bool
@@ -123,7 +123,7 @@ class Lot:
 
 def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng: Generator) -> Mesh:
     """Everything loose on deck; sometimes a full air wing, sometimes nothing."""
-    lot = Lot(layout, runway)
+    lot = DeckOccupancy(layout, runway)
     for island in islands:
         for x in np.arange(-0.5, 0.51, 0.25) * island.length_m + island.middle_m[0]:
             lot.occupied_m.append((float(x), island.middle_m[1], island.width_m * 0.5))
@@ -133,11 +133,11 @@ def build_clutter(layout: Layout, runway: bool, islands: tuple[Island, ...], rng
     return m.join(parts)
 
 
-def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> Mesh:
+def park_aircraft(lot: DeckOccupancy, islands: tuple[Island, ...], fullness: float, rng: Generator) -> Mesh:
     """Rows along the deck's edge, a pack beside the island, and some anywhere."""
     wing = rng.choice(list(load_aircraft()["kinds"]), size=3)  # a ship carries few types
     coat = COATS[rng.integers(len(COATS))]
-    spots: list[Pose] = []
+    spots: list[DeckPose] = []
     for side in (-1.0, 1.0):
         for _ in range(rng.integers(0, 1 + round(5 * fullness))):
             spots += row_spots(lot.layout, side, rng)
@@ -163,7 +163,7 @@ def park_aircraft(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: G
     return m.join([m.instances(prototype(name), t[:, :3], t[:, 3], t[:, 4:5], t[:, 5:]) for name, t in tables.items()])
 
 
-def row_spots(layout: Layout, side: float, rng: Generator) -> list[Pose]:
+def row_spots(layout: Layout, side: float, rng: Generator) -> list[DeckPose]:
     """Side by side along a deck edge, noses inwards at an angle."""
     start = rng.uniform(0.02, 0.8) * layout.length_m
     x = np.arange(start, min(start + rng.uniform(30.0, 140.0), 0.97 * layout.length_m), rng.uniform(8.0, 14.0))
@@ -173,7 +173,7 @@ def row_spots(layout: Layout, side: float, rng: Generator) -> list[Pose]:
     return [(a, b, yaw + rng.normal(0.0, 0.03)) for a, b in zip(x, y, strict=True)]
 
 
-def pack_spots(x_m: float, y_m: float, rng: Generator) -> list[Pose]:
+def pack_spots(x_m: float, y_m: float, rng: Generator) -> list[DeckPose]:
     """A tight pack around a point: rows of aircraft that all point about the same way."""
     yaw, heading = rng.uniform(-np.pi, np.pi), rng.choice([0.0, np.pi / 2, -np.pi / 2])
     pitch = rng.uniform(11.0, 18.0), rng.uniform(9.0, 13.0)
@@ -183,7 +183,7 @@ def pack_spots(x_m: float, y_m: float, rng: Generator) -> list[Pose]:
     return [(x, y, turned + rng.normal(0.0, 0.05)) for x, y in spots]
 
 
-def park_vehicles(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: Generator) -> list[Mesh]:
+def park_vehicles(lot: DeckOccupancy, islands: tuple[Island, ...], fullness: float, rng: Generator) -> list[Mesh]:
     """Tractors, fork lifts, fire engines, crates, pallets, and the big deck crane."""
     parts = []
     for _ in range(rng.integers(0, 3 + round(22 * fullness))):
@@ -204,7 +204,7 @@ def park_vehicles(lot: Lot, islands: tuple[Island, ...], fullness: float, rng: G
     return parts + park_crane(lot, rng) if rng.random() < 0.25 else parts
 
 
-def park_crane(lot: Lot, rng: Generator) -> list[Mesh]:
+def park_crane(lot: DeckOccupancy, rng: Generator) -> list[Mesh]:
     """The yellow wheeled crane for crashed aircraft, its jib lowered; none where ten tries find no room."""
     for _ in range(10):
         x, yaw = rng.uniform(0.2, 0.8) * lot.layout.length_m, rng.uniform(-np.pi, np.pi)
@@ -228,7 +228,7 @@ def park_crane(lot: Lot, rng: Generator) -> list[Mesh]:
     ]
 
 
-def place_crew(lot: Lot, rng: Generator) -> list[Mesh]:
+def place_crew(lot: DeckOccupancy, rng: Generator) -> list[Mesh]:
     """Crew in groups, jerseys by trade, and rows of them along an edge on some days."""
     layout, at = lot.layout, [np.zeros((0, 2))]
     for _ in range(rng.integers(0, 7)):
@@ -252,7 +252,7 @@ def place_crew(lot: Lot, rng: Generator) -> list[Mesh]:
     return [m.boxes(m.at_height(points, -up), size, rgb, yaw) for size, up, rgb in people]
 
 
-def build_deflectors(lot: Lot, rng: Generator) -> list[Mesh]:
+def build_deflectors(lot: DeckOccupancy, rng: Generator) -> list[Mesh]:
     """Raised jet blast deflectors: tilted plates on the foredeck."""
     parts = []
     for _ in range(rng.integers(0, 3)):

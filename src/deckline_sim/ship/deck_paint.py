@@ -11,7 +11,19 @@ from numpy.typing import ArrayLike
 
 from deckline_sim.ship.layout import Layout
 from deckline_sim.ship.mesh import Array, Rgb, place, rectangle
-from deckline_sim.ship.paint import Coat, axes, bars, blots, dashes, figures, layers, polygons, ring, streaks, stripe
+from deckline_sim.ship.paint_shapes import (
+    Coat,
+    axes,
+    bars,
+    blots,
+    dashes,
+    figures,
+    layers,
+    polygons,
+    ring,
+    streaks,
+    stripe,
+)
 from deckline_sim.ship.ship_class import Catapult, DeckSurface, EdgeStyle, LineStyle, Plan
 
 ASTERN = ((0.0, 0.0), (1.0, 0.0))  # a line along the ship's axis
@@ -121,7 +133,7 @@ def paint_runway(layout: Layout, plan: Plan, rubber: Coat, rng: Generator) -> Co
     """Everything that marks the runway, in order: the edge markings on top, tyre marks (`rubber`) under them."""
     centre, half = layout.centre_m, layout.spacing_m / 2
     coats = []
-    inner = half - plan.edge.width_m / 2 - 0.3  # bare deck beside the edge markings keeps them symmetric
+    inner = half - plan.edge.width_m / 2 - 0.3  # bare deck on both sides leaves the edge markings symmetric
     if plan.area_opacity > 0.0 and inner > 0.0:
         coats.append(bars(centre, (0.0, axes(*centre)[2]), (-inner, inner), plan.area_rgb, plan.area_opacity))
     for distance, style in plan.fouls:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from deckline_sim.ship.layout import CLEAR_M, Layout, runway_distance
 from deckline_sim.ship.mesh import Array, Mesh, at_height, boxes, disc, dome, facing, join, loft, quads, rods, strip
-from deckline_sim.ship.paint import figures
+from deckline_sim.ship.paint_shapes import figures
 from deckline_sim.ship.ship_class import Hull
 
 SLAB_M = 1.6  # depth of the deck's edge
@@ -22,13 +22,13 @@ BOOT_M = 1.2  # height of the dark stripe above the water
 STATIONS = np.array([0.0, 0.04, 0.12, 0.3, 0.5, 0.65, 0.76, 0.85, 0.92, 0.97, 1.0])  # of frames, along a level
 LIMIT_M = 0.5  # the hull's top stays this far inside the deck's edge
 BOOTS = np.array([[0.16, 0.05, 0.05], [0.08, 0.08, 0.09], [0.35, 0.1, 0.08], [0.05, 0.07, 0.1]])
-PROUD_M = 0.12  # how far painted panels stand off the hull's side
+PROUD_M = 0.12  # distance of painted panels from the hull's side
 RAIL_M = 1.1  # height of a railing
 RUST = np.array([0.42, 0.26, 0.17])
 
 
 @dataclass(frozen=True, eq=False)
-class Form:
+class HullForm:
     """The shape of a hull."""
 
     layout: Layout
@@ -73,17 +73,17 @@ def random_hull(layout: Layout, rng: Generator) -> Hull:
     return Hull(beam, bow, tuple(grey.tolist()), stern_x, *ramp, number)  # type: ignore[arg-type]
 
 
-def random_form(layout: Layout, hull: Hull, rng: Generator) -> Form:
+def random_form(layout: Layout, hull: Hull, rng: Generator) -> HullForm:
     """The part of a hull's shape that its data leave open."""
     stem, stern = layout.length_m - rng.uniform(1.0, 3.0), hull.stern_x_m
     stern_m = (stern + rng.uniform(-0.3, 3.0), stern)
     bow_m = (stem - rng.uniform(0.02, 0.09) * layout.length_m, stem)
     transom, flare, curve = rng.uniform([0.7, 1.05, 1.0], [1.0, 1.5, 2.2])
     bow_width = rng.uniform(0.5, 0.9) if hull.bow == "blunt" else rng.uniform(0.05, 0.35)
-    return Form(layout, hull.beam_m / 2, stern_m, bow_m, transom, flare, curve, bow_width)
+    return HullForm(layout, hull.beam_m / 2, stern_m, bow_m, transom, flare, curve, bow_width)
 
 
-def build_hull(hull: Hull, form: Form, rng: Generator) -> Mesh:
+def build_hull(hull: Hull, form: HullForm, rng: Generator) -> Mesh:
     """The hull with its boot stripe; its transom may open into a dark hangar or mooring deck."""
     height = form.layout.deck_height_m
     top, bottom = SLAB_M + rng.uniform(0.5, 2.5), height * rng.uniform(0.42, 0.72)
@@ -125,7 +125,7 @@ def build_transom(port_m: Array, starboard_m: Array, band: Array, opening: tuple
     return join([quads(np.array(faces), np.array(colours) * rng.uniform(0.92, 1.05)), *halls])
 
 
-def build_fittings(form: Form, number: str, paint: Array, rng: Generator) -> Mesh:
+def build_fittings(form: HullForm, number: str, paint: Array, rng: Generator) -> Mesh:
     """Everything on both sides of the hull and on its stern."""
     parts = [build_stern(form, paint, rng)]
     rails = rng.random() < 0.8
@@ -140,7 +140,7 @@ def build_fittings(form: Form, number: str, paint: Array, rng: Generator) -> Mes
     return join(parts)
 
 
-def points_on_side(form: Form, x_m: ArrayLike, z_m: ArrayLike, side: float, out_m: float = PROUD_M) -> Array:
+def points_on_side(form: HullForm, x_m: ArrayLike, z_m: ArrayLike, side: float, out_m: float = PROUD_M) -> Array:
     """Points (..., 3) of the hull's side at stations and heights, standing off by `out`."""
     x, z = np.broadcast_arrays(np.asarray(x_m, dtype=np.float64), np.asarray(z_m, dtype=np.float64))
     return np.stack([x, side * (form.half_width(x, z, side) + out_m), z], -1)
@@ -151,7 +151,7 @@ def side_ring(stations_m: Array, side: float, outer_m: Array, inner_m: Array) ->
     return np.column_stack([np.r_[stations_m, stations_m[::-1]], side * np.r_[outer_m, inner_m[::-1]]])
 
 
-def build_sponson(form: Form, side: float, paint: Array, rng: Generator, rails: bool) -> Mesh:
+def build_sponson(form: HullForm, side: float, paint: Array, rng: Generator, rails: bool) -> Mesh:
     """A gallery under an overhang, wedge-shaped below, with a railing, a dome or a launcher."""
     layout, reach = form.layout, rng.uniform(8.0, 55.0)
     x = rng.uniform(0.0, 0.8 * layout.length_m - reach / 2)
@@ -191,7 +191,7 @@ def build_railing(path_m: Array, rgb: ArrayLike, spacing_m: float = 4.0) -> Mesh
     return rods(starts, ends, 0.09, rgb)
 
 
-def build_bay(form: Form, side: float, paint: Array, rng: Generator) -> Mesh:
+def build_bay(form: HullForm, side: float, paint: Array, rng: Generator) -> Mesh:
     """An opening to the hangar or a boat deck: a dark panel with a lighter sill."""
     height = form.layout.deck_height_m
     first = rng.uniform(0.08, 0.7) * form.layout.length_m
@@ -218,7 +218,7 @@ def build_walk(layout: Layout, side: float, paint: Array, rng: Generator, rails:
     kerb = strip(outer, outer + np.array([0.0, 0.0, 0.35]))[present]
     parts = [facing(strip(inner, outer)[present], shade, (0.0, 0.0, -1.0))]
     parts.append(facing(kerb, shade * 0.8, (0.0, side, 0.0)))
-    if rails and drop >= RAIL_M:  # a lower walk's rail would stand above the deck
+    if rails and drop >= RAIL_M:  # the rail of a higher walk would rise above the deck
         starts, ends = outer[:-1][present], outer[1:][present]
         up = np.array([0.0, 0.0, RAIL_M])
         parts.append(rods(np.concatenate([starts - up, starts]), np.concatenate([ends - up, starts - up]), 0.08, shade))
@@ -231,7 +231,7 @@ def digits(text: str, height_m: float, side: float) -> tuple[Array, Array]:
     return side * (flat[:, 0] - flat[:, 0].mean()), flat[:, 1]
 
 
-def build_side_number(form: Form, side: float, number: str, rng: Generator) -> Mesh:
+def build_side_number(form: HullForm, side: float, number: str, rng: Generator) -> Mesh:
     """The hull number near the bow."""
     height = form.layout.deck_height_m
     x, z = digits(number, height * rng.uniform(0.18, 0.4), side)
@@ -240,7 +240,7 @@ def build_side_number(form: Form, side: float, number: str, rng: Generator) -> M
     return facing(corners, np.full(3, rng.uniform(0.6, 0.95)), (0.0, side, 0.0))
 
 
-def build_streaks(form: Form, side: float, rng: Generator) -> Mesh:
+def build_streaks(form: HullForm, side: float, rng: Generator) -> Mesh:
     """Rust and water marks that run down from the deck."""
     count = int(rng.integers(0, 26))
     if count == 0:
@@ -291,7 +291,7 @@ def build_landing_aid(layout: Layout, rng: Generator) -> list[Mesh]:
     return parts
 
 
-def build_stern(form: Form, paint: Array, rng: Generator) -> Mesh:
+def build_stern(form: HullForm, paint: Array, rng: Generator) -> Mesh:
     """Galleries with railings across the stern, lamps, fairleads, and the drop line below the ramp."""
     height, parts = form.layout.deck_height_m, []
     left, right = (float(form.half_width(form.stern_m[1], SLAB_M, side)) for side in (-1.0, 1.0))
@@ -322,7 +322,7 @@ def build_stern(form: Form, paint: Array, rng: Generator) -> Mesh:
     return join(parts)
 
 
-def build_drop_line(form: Form, rng: Generator) -> Mesh:
+def build_drop_line(form: HullForm, rng: Generator) -> Mesh:
     """The painted bar on the stern that continues the centre line downwards, white or with a yellow part."""
     y, shares = form.layout.centre_m[0, 1], [rng.uniform(*part) for part in ((0.15, 0.35), (0.4, 0.6), (0.6, 0.9))]
     z = SLAB_M + (form.layout.deck_height_m - SLAB_M) * np.array([0.0, *shares])

@@ -38,7 +38,7 @@ def quads(corners_m: ArrayLike, rgb: ArrayLike) -> Mesh:
 
 
 def facing(corners_m: Array, rgb: ArrayLike, direction: ArrayLike) -> Mesh:
-    """Triangles (N, 3, 3) or quads (N, 4, 3), flipped where needed so that they look along a direction (3,)."""
+    """Triangles (N, 3, 3) or quads (N, 4, 3), flipped where their normals point against a direction (3,)."""
     first, second, last = corners_m[:, 0], corners_m[:, 1], corners_m[:, -1]
     back = np.cross(second - first, last - first) @ np.asarray(direction, dtype=np.float64) < 0
     corners = np.where(back[:, None, None], corners_m[:, ::-1], corners_m)
@@ -69,13 +69,13 @@ def loft(sections_m: ArrayLike, rgb: ArrayLike, ends: tuple[bool, bool] = (True,
     corners = np.concatenate([walls, first, last])
     wall_rgb = np.broadcast_to(np.asarray(rgb, dtype=np.float64), (count - 1, around, 3))
     colours = np.concatenate([wall_rgb.reshape(-1, 3)] * 2 + [wall_rgb[0], wall_rgb[-1]])
-    keep = np.repeat([True, True, *ends], [(count - 1) * around] * 2 + [around] * 2)
+    used = np.repeat([True, True, *ends], [(count - 1) * around] * 2 + [around] * 2)
     origin = corners.reshape(-1, 3).mean(axis=0)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if np.sum((corners[:, 0] - origin) * normal) < 0:  # six times the volume
         corners = corners[:, ::-1]
-    keep &= np.einsum("ij,ij->i", normal, normal) > FLAT_M2**2
-    return triangles(corners[keep], colours[keep, None])
+    used &= np.einsum("ij,ij->i", normal, normal) > FLAT_M2**2
+    return triangles(corners[used], colours[used, None])
 
 
 def frustum(low_m: ArrayLike, z_m: float, top_m: ArrayLike, top_z_m: float, rgb: ArrayLike, lid: bool = True) -> Mesh:
@@ -128,12 +128,12 @@ def place(corners_m: ArrayLike, x_m: float, y_m: float, yaw_rad: float) -> Array
 
 @cache
 def unit_box() -> Mesh:
-    """A white cube of 1 m that stands on the origin."""
+    """A white cube of 1 m whose floor is centred at the origin."""
     return loft([at_height(rectangle(0, 0, 1, 1), z) for z in (0.0, -1.0)], WHITE)
 
 
 def boxes(at_m: ArrayLike, size_m: ArrayLike, rgb: ArrayLike, yaw_rad: ArrayLike = 0.0) -> Mesh:
-    """Closed boxes that stand on the middles of their floors.
+    """Closed boxes, placed by the middles of their floors.
 
     Args:
         at_m: (3,) or (M, 3). size_m: length, width, height, (3,) or (M, 3). rgb: (3,) or (M, 3). yaw_rad: one or (M,).

@@ -9,7 +9,7 @@ from numpy.random import Generator
 from deckline.haze import triple
 from deckline_sim.ship.layout import Layout
 from deckline_sim.ship.mesh import Rgb
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import Catapult, DeckSurface, EdgeStyle, LineStyle, Number, Panel, Plan, Spot, Stripe
 
 YELLOW, RED, ORANGE = (0.78, 0.62, 0.10), (0.6, 0.12, 0.1), (0.85, 0.35, 0.08)
@@ -111,7 +111,7 @@ def _wires(layout: Layout, rng: Generator) -> tuple[float, ...]:
 
 
 def _fouls(edge: EdgeStyle, rng: Generator) -> tuple[tuple[float, LineStyle], ...]:
-    """Lines that keep others clear of the landing area, outside its edge markings."""
+    """Safety lines of the landing area, outside its edge markings."""
     fouls = []
     styles: list[tuple[Rgb, ...]] = [(RED, edge.rgb), (YELLOW, edge.rgb), (YELLOW,), (edge.rgb,), (RED,)]
     for side in (-1.0, 1.0):

@@ -14,7 +14,7 @@ from deckline_sim.ship.clutter import load_aircraft, prototype
 from deckline_sim.ship.deck_paint import build_coat
 from deckline_sim.ship.layout import Layout, class_layout, random_layout
 from deckline_sim.ship.mesh import Array, Mesh, Rgb, at_height, boxes, disc, frustum, instances, join, loft
-from deckline_sim.ship.paint import Coat, axes
+from deckline_sim.ship.paint_shapes import Coat, axes
 from deckline_sim.ship.random_plan import random_plan, random_surface
 from deckline_sim.ship.ship_class import DeckSurface, load_class
 from deckline_sim.ship.structure import build_structure

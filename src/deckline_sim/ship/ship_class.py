@@ -13,14 +13,14 @@ from deckline_sim.ship.mesh import Rgb
 SHIP_CLASSES = ("paper", "cvn", "axial", "small", "runway")
 SHIPS = Path(__file__).parent / "classes"
 Point = tuple[float, float]
-EdgeKind = Literal["ladder", "stripe", "double", "dashed"]
+EdgePattern = Literal["ladder", "stripe", "double", "dashed"]
 
 
 @dataclass(frozen=True)
 class EdgeStyle:
     """How an edge of the runway is painted; widths and lengths in metres."""
 
-    kind: EdgeKind
+    kind: EdgePattern
     width_m: float  # outside to outside
     rail_m: float  # one stripe of a ladder or a double line
     bar_m: float
@@ -111,7 +111,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Plan:
-    """All paint of a deck but its wear; a deck without a runway shows only what stands from `stern_m` on."""
+    """All paint of a deck but its wear; a deck without a runway shows only the fields from `stern_m` on."""
 
     edge: EdgeStyle
     right_edge: EdgeStyle | None = None  # where it differs from the left one

@@ -1,4 +1,4 @@
-"""Everything of a ship that is not flat paint: its deck, hull, islands with masts, and what stands on deck."""
+"""Everything of a ship that is not flat paint: its deck, hull, islands with masts, and deck clutter."""
 
 import numpy as np
 from numpy.random import Generator
@@ -23,7 +23,7 @@ STRAIGHT = 1e-5  # change of an edge's slope that makes no corner
 GLASS = np.array([0.07, 0.08, 0.1])
 NO_ISLAND = 0.08  # part of the random ships that have none
 STOREY_M = 2.9
-OVERHANG = 0.95  # how much of its width an island may stand out over the deck's edge
+OVERHANG = 0.95  # share of an island's width that may overhang the deck's edge
 
 
 def build_structure(layout: Layout, runway: bool, rng: Generator, spec: ShipClass | None = None) -> tuple[Mesh, float]:
@@ -31,7 +31,7 @@ def build_structure(layout: Layout, runway: bool, rng: Generator, spec: ShipClas
 
     Args:
         layout: deck and runway lines of a ship.
-        runway: whether the lines are there to be kept clear.
+        runway: whether there are lines to leave clear.
         rng: of all that is random.
         spec: the ship's class, whose hull and islands are built; without one they are drawn at random.
 
@@ -90,7 +90,7 @@ def build_slab(layout: Layout, runway: bool, paint: Array, rng: Generator) -> Me
 
 
 def build_ski_jump(layout: Layout, runway: bool, hull: Hull, rgb: Array) -> Mesh:
-    """The bow's ramp: a curved wedge that keeps off the runway, on the wider side only where the runway passes."""
+    """The bow's ramp: a curved wedge clear of the runway, on the wider side only where the runway passes."""
     if hull.ramp_height_m <= 0 or hull.ramp_length_m <= 0:
         return m.join([])
     x = layout.length_m - hull.ramp_length_m * np.linspace(1.0, 0.0, 9)
@@ -130,7 +130,7 @@ def random_islands(layout: Layout, runway: bool, rng: Generator) -> tuple[Island
 
 
 def build_island(layout: Layout, island: Island, runway: bool, paint: Array, rng: Generator) -> Mesh:
-    """One superstructure with all that stands on it."""
+    """One superstructure with its masts, radars, doors and boxes."""
     x, y = island.middle_m
     tint = paint * rng.uniform(0.9, 1.2)
     bevel = rng.uniform(0.08, 0.3)
@@ -277,7 +277,7 @@ def build_wall_number(island: Island, rng: Generator) -> Mesh:
 
 
 def build_support(layout: Layout, island: Island, paint: Array) -> Mesh:
-    """A sponson under an island that stands out over the deck's edge."""
+    """A sponson under an island that overhangs the deck's edge."""
     x, y = island.middle_m
     side = np.sign(y)
     stations = x + island.length_m * np.array([-0.6, -0.5, 0.5, 0.6])

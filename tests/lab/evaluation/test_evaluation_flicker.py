@@ -30,7 +30,7 @@ from deckline_lab.evaluation.flicker import (
 )
 from deckline_sim import SimConfig, frames
 from deckline_sim.config import DepthConfig, MotionConfig
-from deckline_sim.simulate import Simulator
+from deckline_sim.simulate import ShipSimulator
 
 COUNT = 4
 CAMERA = Camera(80, 60, 80.0, 80.0, 39.5, 29.5)
@@ -335,7 +335,7 @@ def test_rendered_frames_of_a_sailing_ship_fit_each_other() -> None:
     view = {"frames": 40, "width": 320, "height": 180, "fov_deg": 35, "start_m": 150, "end_m": 60, "seed": 5}
     motion = MotionConfig(sea_state=5, ship_speed_m_s=12.0)
     config = SimConfig(**view, depth=DepthConfig(range_m=np.inf), motion=motion)
-    with Simulator(config) as simulator:
+    with ShipSimulator(config) as simulator:
         pair = [simulator.frame(index) for index in (10, 16)]
     errors = [
         pair_errors(a.image_rgb, b.image_rgb, compute_warp(a, b))[DECK]

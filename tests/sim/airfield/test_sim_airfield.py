@@ -9,11 +9,11 @@ from scipy.ndimage import map_coordinates
 
 from deckline.recording.images import encode_image
 from deckline.types import EdgeKind
-from deckline_sim.airfield.ground import TILE, Viewer, fractal_noise
+from deckline_sim.airfield.ground import TILE, GroundCamera, fractal_noise
+from deckline_sim.airfield.land_runway import BARS, random_runway
 from deckline_sim.airfield.picture import lay_coat, make_textures
-from deckline_sim.airfield.runway import BARS, random_runway
-from deckline_sim.config import DepthConfig, FilmConfig, SimConfig
-from deckline_sim.ship.paint import polygons
+from deckline_sim.config import DepthConfig, ExposureConfig, SimConfig
+from deckline_sim.ship.paint_shapes import polygons
 from deckline_sim.simulate import frames, open_simulator
 from deckline_sim.visible_line import find_visible_line, project_line
 
@@ -61,7 +61,7 @@ def test_depth_of_a_pad_is_the_range_of_its_lines():
     assert np.quantile(np.abs(np.concatenate(errors)), 0.9) < 0.05  # a pixel's width, crew and crates
 
 
-def test_the_depth_camera_ends_where_it_is_told(drawn):
+def test_the_depth_camera_has_its_range(drawn):
     near = next(frames(replace(CONFIG, depth=DepthConfig(range_m=300.0))))
     np.testing.assert_array_equal(near.depth_m, np.where(drawn[0].depth_m <= 300, drawn[0].depth_m, np.nan))
     assert not np.isinf(drawn[0].depth_m).any()
@@ -70,7 +70,7 @@ def test_the_depth_camera_ends_where_it_is_told(drawn):
 @pytest.mark.parametrize("side_m", [20.0, 5000.0])
 def test_a_polygon_that_leaves_the_picture_keeps_its_edges(side_m):
     """A strip from far behind the camera to far ahead is painted where the ground says, and nowhere else."""
-    viewer = Viewer(320, 180, 300.0, np.array([0.0, 12.0, 9.0]), LEVEL)
+    viewer = GroundCamera(320, 180, 300.0, np.array([0.0, 12.0, 9.0]), LEVEL)
     rays = viewer.rays()
     along = np.where(rays[..., 2] < 0, 9.0 / np.maximum(-rays[..., 2], 1e-6), np.inf)
     points = (viewer.position_m[:2] + rays[..., :2] * np.minimum(along, 1e5)[..., None]).astype(np.float32)
@@ -163,11 +163,11 @@ def test_a_folder_without_usable_photographs(tmp_path):
 
 
 def test_what_is_not_drawn_is_refused():
-    with pytest.raises(ValueError, match=r"airfield .*'approach'.*--trajectory random"):
+    with pytest.raises(ValueError, match=r"airfield .*'approach'"):
         SimConfig(preset="airfield", trajectory="approach")
-    given = {"film": FilmConfig(rain_mm_h=10.0), "fov_deg": 60.0, "range_m": (100.0, 200.0), "end_m": 20.0}
+    given = {"exposure": ExposureConfig(rain_mm_h=10.0), "fov_deg": 60.0, "range_m": (100.0, 200.0), "end_m": 20.0}
     for name, value in given.items():
-        with pytest.raises(ValueError, match=f"pad draws its own {name}"):
+        with pytest.raises(ValueError, match=f"pad .*{name}"):
             SimConfig(preset="pad", trajectory="random", **{name: value})
     with pytest.raises(ValueError, match=r"photographs .*'train'"):
         SimConfig(preset="train", photographs="pictures")

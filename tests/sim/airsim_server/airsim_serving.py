@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +11,9 @@ import pytest
 
 from deckline.adapters.airsim.protocol import Decoder, encode_request
 from deckline_sim import RendererError
-from deckline_sim.airsim_server.clock import Clock
-from deckline_sim.airsim_server.server import serving_in_thread
-from deckline_sim.airsim_server.settings import Capture, parse_settings
+from deckline_sim.airsim_server.rpc_server import serving_in_thread
+from deckline_sim.airsim_server.settings import CaptureSetting, parse_settings
+from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.config import DepthConfig, SensorConfig, SimConfig
 
 WIDTH, HEIGHT, FOV_DEG = 96, 54, 90.0
@@ -26,12 +27,12 @@ CONFIG = SimConfig(
     depth=DepthConfig(range_m=float("inf")),
     sensor=SensorConfig(noise=0.0, electrons=0.0),
 )
-WORLD_SETTINGS = parse_settings({}, Capture(WIDTH, HEIGHT, FOV_DEG))
+WORLD_SETTINGS = parse_settings({}, CaptureSetting(WIDTH, HEIGHT, FOV_DEG))
 
 
 @dataclass
 class Running:
-    """What a test needs of a server. Its time stands where the test puts it."""
+    """What a test needs of a server. Its time is `ticks[0]`, or runs with the wall clock."""
 
     port: int
     lines: list[str]
@@ -40,11 +41,12 @@ class Running:
 
 
 @contextmanager
-def run_server(out, config=CONFIG, **options):
-    """A server until the block ends; an error in it is raised here."""
+def run_server(out, config=CONFIG, speed=None, **options):
+    """A server until the block ends; an error in it is raised here. `speed`: of its time over the wall clock's."""
     running = Running(0, [], out, [0.0])
-    clock = Clock(lambda: running.ticks[0], epoch_ns=EPOCH_NS)
-    settings = parse_settings({}, Capture(config.width, config.height, config.fov_deg))
+    ticks = (lambda: running.ticks[0]) if speed is None else (lambda: speed * time.monotonic())
+    clock = SimClock(ticks, epoch_ns=EPOCH_NS)
+    settings = parse_settings({}, CaptureSetting(config.width, config.height, config.fov_deg))
     options |= {"port": 0, "out": out, "log": running.lines.append, "clock": clock}
     try:
         with serving_in_thread(config, settings, **options) as running.port:

@@ -4,7 +4,7 @@ import pytest
 from airsim_serving import CONFIG, WORLD_SETTINGS, open_client, run_server
 
 from deckline_sim import RendererError
-from deckline_sim.airsim_server.clock import Clock
+from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.airsim_server.world import World
 
 
@@ -27,7 +27,7 @@ def client(server):
 @pytest.fixture(scope="module")
 def world():
     try:
-        with closing(World(CONFIG, WORLD_SETTINGS, Clock(lambda: 0.0, epoch_ns=0))) as made:
+        with closing(World(CONFIG, WORLD_SETTINGS, SimClock(lambda: 0.0, epoch_ns=0))) as made:
             yield made
     except RendererError as error:
         pytest.skip(f"no OpenGL on this machine: {error}")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from deckline_sim.airsim_server.clock import Clock
-from deckline_sim.airsim_server.commands import climb, follow, hold
-from deckline_sim.airsim_server.flight import GEAR_M, MAX_ACCELERATION_M_S2, MAX_AIRSPEED_M_S, Command, Vehicle
-from deckline_sim.airsim_server.motion import GRAVITY_M_S2, KEEP, VELOCITY_S, Ground, Yaw, attitude_of
+from deckline_sim.airsim_server.flight_commands import climb, follow, hold
+from deckline_sim.airsim_server.kinematics import GRAVITY_M_S2, NO_TURN, VELOCITY_S, Ground, Yaw, attitude_of
+from deckline_sim.airsim_server.sim_clock import SimClock
+from deckline_sim.airsim_server.vehicle import GEAR_M, MAX_ACCELERATION_M_S2, MAX_AIRSPEED_M_S, Vehicle, VehicleCommand
 
 SHIP_M_S, SEA_Z_M, HEAVE_M = 5.0, 20.0, 0.5
 
@@ -29,7 +29,7 @@ class Bench:
 
     def __init__(self, place):
         self.time_s = 0.0
-        clock = Clock(lambda: self.time_s, epoch_ns=0)
+        clock = SimClock(lambda: self.time_s, epoch_ns=0)
         self.vehicle = Vehicle(RigidTransform.from_translation(place), clock, ground, ship_pose)
 
     def run(self, make, most_s=300.0, step_s=0.1):
@@ -52,13 +52,15 @@ def bench():
     return Bench([-500.0, 0.0, -30.0])
 
 
-def by_velocity(velocity, duration_s, yaw=KEEP):
+def by_velocity(velocity, duration_s, yaw=NO_TURN):
     wanted = np.array(velocity)
-    return Command(lambda body: wanted, lambda body: False, yaw, duration_s, timed=True)
+    return VehicleCommand(lambda body: wanted, lambda body: False, yaw, duration_s, timed=True)
 
 
 def down(timeout_s=60.0):
-    return Command(lambda body: np.array([0.0, 0.0, 2.0]), lambda body: body.landed, timeout_s=timeout_s, lands=True)
+    return VehicleCommand(
+        lambda body: np.array([0.0, 0.0, 2.0]), lambda body: body.landed, timeout_s=timeout_s, lands=True
+    )
 
 
 def test_velocity_follows_with_the_stated_time_constant(bench):
@@ -118,10 +120,10 @@ def test_times_out(bench):
 
 def test_yaw_turns_to_an_angle_and_by_a_rate(bench):
     place = bench.vehicle.read().pose.translation
-    bench.run(lambda body: Command(hold(body), lambda body: False, Yaw(False, 2.0), 6.0, timed=True))
+    bench.run(lambda body: VehicleCommand(hold(body), lambda body: False, Yaw(False, 2.0), 6.0, timed=True))
     assert bench.vehicle.yaw == pytest.approx(2.0, abs=0.01)
     before = bench.vehicle.yaw
-    bench.run(lambda body: Command(hold(body), lambda body: False, Yaw(True, -0.3), 5.0, timed=True))
+    bench.run(lambda body: VehicleCommand(hold(body), lambda body: False, Yaw(True, -0.3), 5.0, timed=True))
     assert bench.vehicle.yaw - before == pytest.approx(-1.5, abs=0.1)
     np.testing.assert_allclose(bench.vehicle.read().pose.translation, place, atol=1e-6)
 

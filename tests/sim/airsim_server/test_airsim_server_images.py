@@ -10,14 +10,21 @@ from scipy.spatial.transform import RigidTransform
 from deckline.geometry import Camera
 from deckline.recording import open_recording
 from deckline.types import Frame
-from deckline_sim.airsim_server import images
-from deckline_sim.airsim_server.clock import Clock
-from deckline_sim.airsim_server.images import Recorder, draw_depth, encode_depth, get_images, has_moved, read_requests
-from deckline_sim.airsim_server.settings import PERSPECTIVE, PLANAR, SCENE, Capture, parse_settings
+from deckline_sim.airsim_server import image_requests as images
+from deckline_sim.airsim_server.image_requests import (
+    Recorder,
+    draw_depth,
+    encode_depth,
+    get_images,
+    has_moved,
+    read_requests,
+)
+from deckline_sim.airsim_server.settings import PERSPECTIVE, PLANAR, SCENE, CaptureSetting, parse_settings
+from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.airsim_server.world import World
 from deckline_sim.config import LensConfig
 
-INTERVAL = replace(parse_settings({}, Capture(8, 6, 90.0)), interval_s=0.01)
+INTERVAL = replace(parse_settings({}, CaptureSetting(8, 6, 90.0)), interval_s=0.01)
 
 
 def test_pictures_of_one_call_are_drawn_once_a_camera(world, monkeypatch):
@@ -38,7 +45,7 @@ def test_pictures_of_one_call_are_drawn_once_a_camera(world, monkeypatch):
 def test_depth_goes_through_lenses_that_bend():
     asked = [{"camera_name": "0", "image_type": PERSPECTIVE, "pixels_as_float": True}]
     lens = LensConfig(distortion=(-0.05, 0.0, 0.0, 0.0, 0.0))
-    with closing(World(replace(CONFIG, lens=lens), WORLD_SETTINGS, Clock(lambda: 0.0))) as bent:
+    with closing(World(replace(CONFIG, lens=lens), WORLD_SETTINGS, SimClock(lambda: 0.0))) as bent:
         frame = bent.picture("front_center", SCENE, bent.state, 0.0)
         (answer,) = get_images(bent, read_requests(asked, WORLD_SETTINGS))
     v, u = np.argwhere(frame.depth_m < 1000.0)[100]
@@ -58,8 +65,8 @@ def test_depth_is_stored_and_shown_as_airsim_does():
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ("0", "list.*64"),
-        ([{}] * 65, "list.*64"),
+        ("0", "64"),
+        ([{}] * 65, "64"),
         ([5], "int"),
         ([{"image_type": True}], "True"),
         ([{"image_type": 0, "pixels_as_float": True}], "Scene.*pixels_as_float"),
@@ -118,7 +125,8 @@ def test_frames_are_whole_when_it_stops(tmp_path):
         loaded = source.load(index)
         assert loaded.time_s == 100.0 + index and loaded.image_rgb[0, 0, 0] == index
         np.testing.assert_allclose(loaded.world_from_body.translation, [index, 0.0, 0.0])
-    assert lines == [f"recording into {folder}", f"recorded {len(source)} frames into {folder}"]
+    begun, ended = lines
+    assert str(folder) in begun and str(folder) in ended and f" {len(source)} " in ended
 
 
 def test_only_moves_count_when_they_shall(tmp_path):
@@ -144,7 +152,7 @@ def test_a_picture_that_cannot_be_taken_ends_it_with_a_line(tmp_path):
 
     on, lines = record(tmp_path, INTERVAL, take, 5)
     (folder,) = tmp_path.iterdir()
-    assert not on and lines[-1] == f"recording into {folder} ended: the camera must be above the sea"
+    assert not on and lines[-1].endswith("the camera must be above the sea")
     assert len(open_recording(folder)) == 2
 
 
@@ -162,8 +170,10 @@ def test_turns_count_as_moves():
     assert has_moved(here, replace(here, world_from_body=turned))
 
 
-@pytest.mark.parametrize("limit", ["RECORDING_BYTES", "FREE_BYTES"])
-def test_a_recording_ends_before_the_disk_is_full(tmp_path, monkeypatch, limit):
-    monkeypatch.setattr(images, limit, 0 if limit == "RECORDING_BYTES" else 1 << 60)
+@pytest.mark.parametrize(
+    ("limit", "value", "named"), [("RECORDING_BYTES", 0, "0 GiB"), ("FREE_BYTES", 1 << 60, f"{1 << 40} MiB")]
+)
+def test_a_recording_ends_before_the_disk_is_full(tmp_path, monkeypatch, limit, value, named):
+    monkeypatch.setattr(images, limit, value)
     on, lines = record(tmp_path, INTERVAL, lambda number: frame_at(number, float(number)), 500)
-    assert not on and "ended: " in lines[-1]
+    assert not on and named in lines[-1]

@@ -1,7 +1,6 @@
 import json
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -25,17 +24,9 @@ START_M = 130.0
 RAMP_M, COURSE_RAD = np.array([7.5, 27.1, 6.08]), np.deg2rad(170.93)  # as in the script
 
 
-class Clockwork:
-    """Ticks of a server that runs with the time."""
-
-    def __getitem__(self, _index):
-        return time.monotonic()
-
-
 @pytest.fixture(scope="module")
 def running(tmp_path_factory):
-    with run_server(tmp_path_factory.mktemp("flown"), replace(CONFIG, width=320, height=180)) as server:
-        server.ticks = Clockwork()
+    with run_server(tmp_path_factory.mktemp("flown"), replace(CONFIG, width=320, height=180), speed=1.0) as server:
         yield server
 
 
@@ -64,7 +55,7 @@ def test_the_script_flies_the_profile_and_its_recording_is_read(flown):
     assert len({frame.world_from_body.translation[0] for frame in recorded}) >= 3
 
 
-def test_what_the_chain_says_of_the_recording_is_true(flown, tmp_path):
+def test_the_chain_measures_the_recording_right(flown, tmp_path):
     words = ["run", str(flown), "--deck-z-m", "6.08", "--out", str(tmp_path), "--max-frames", "3", "--dehazer", "none"]
     assert main(words) == 0
     records = [json.loads(line) for line in (tmp_path / "guidance.jsonl").read_text().splitlines()]

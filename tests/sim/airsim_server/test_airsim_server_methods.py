@@ -8,10 +8,14 @@ from airsim_serving import CONFIG, EPOCH_NS, HEIGHT, WIDTH, ask, connect
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
 from deckline_sim import frames
-from deckline_sim.simulate import Simulator
+from deckline_sim.simulate import ShipSimulator
 
 airsim = pytest.importorskip("cosysairsim")
-SCENE, PLANAR, PERSPECTIVE = airsim.ImageType.Scene, airsim.ImageType.DepthPlanar, airsim.ImageType.DepthPerspective
+SCENE, PLANAR, PERSPECTIVE = (
+    airsim.ImageType.Scene,
+    airsim.ImageType.DepthPlanar,
+    airsim.ImageType.DepthPerspective,
+)
 FAR_M = 65504.0
 TURNED = airsim.Quaternionr(0.1, 0.5, 0.1, 0.7300000000000000**0.5)  # of length 1
 
@@ -98,7 +102,7 @@ def test_poses_are_kept_where_they_are_nan_and_the_ship_is_an_object(client, fli
 
 def test_cameras_look_where_they_are_mounted(client):
     height_m = 40.0
-    with Simulator(CONFIG) as simulator:
+    with ShipSimulator(CONFIG) as simulator:
         simulator.load(0)
         sea_z_m = simulator.ship.layout.sea_z_m
     client.simSetVehiclePose(airsim.Pose(airsim.Vector3r(3000.0, 0.0, sea_z_m - height_m), airsim.Quaternionr()), True)
@@ -153,7 +157,7 @@ def test_recordings_are_read_by_deckline(client, server):
     assert {frame.world_from_body.translation[2] for frame in loaded} >= {-60.0, -50.0}
     assert all(frame.image_rgb.shape == (HEIGHT, WIDTH, 3) and frame.depth_m is not None for frame in loaded)
     assert loaded[0].truth.left is not None and loaded[0].deck_z_m is not None
-    assert any("recorded" in line for line in server.lines)
+    assert all(str(folder) in line for line in server.lines) and len(server.lines) == 2
 
 
 @pytest.mark.parametrize(
@@ -178,13 +182,13 @@ def test_wrong_calls_get_an_error_and_the_next_one_an_answer(client, call, says)
 
 def test_a_camera_under_water_is_an_error_for_its_own_client_only(client, server):
     client.simSetVehiclePose(airsim.Pose(airsim.Vector3r(0, 0, 500.0)), True)
-    with pytest.raises(Exception, match="above the sea"):
+    with pytest.raises(Exception, match=r"500\.00 m"):
         client.simGetImages([raw()])
     client.reset()
     assert len(client.simGetImages([raw()])) == 1
-    with pytest.raises(Exception, match="no method"):
+    with pytest.raises(Exception, match="simDance"):
         client.client.call("simDance")
-    assert any("no method 'simDance'" in line for line in server.lines)
+    assert any("simDance" in line for line in server.lines)
 
 
 def test_classic_clients_give_three_parameters(client, server):

@@ -10,26 +10,15 @@ from airsim_serving import CONFIG, HEIGHT, WIDTH, ask, connect, open_client, run
 
 from deckline.adapters.airsim.protocol import encode_request
 from deckline_sim.airsim_server.objects import PALETTE
-from deckline_sim.simulate import Simulator
+from deckline_sim.simulate import ShipSimulator
 
 airsim = pytest.importorskip("cosysairsim")
 RAMP_M, COURSE_RAD = [7.5, 27.1, 6.08], math.radians(170.93)  # of the paper's ship, as in the landing example
 
 
-class Haste:
-    """Ticks of a server whose time runs so many times as fast."""
-
-    def __init__(self, speed):
-        self.speed = speed
-
-    def __getitem__(self, _index):
-        return self.speed * time.monotonic()
-
-
 @pytest.fixture(scope="module")
 def hasty(tmp_path_factory):
-    with run_server(tmp_path_factory.mktemp("recordings")) as running:
-        running.ticks = Haste(20.0)
+    with run_server(tmp_path_factory.mktemp("recordings"), speed=20.0) as running:
         yield running
 
 
@@ -127,18 +116,18 @@ def test_a_paused_vehicle_waits_for_the_time(pilot):
 
 
 def test_what_may_not_fly_raises_and_join_passes_it_on_to_the_next_call(client):
-    with pytest.raises(Exception, match="takeoff: API control is off"):
+    with pytest.raises(Exception, match=r"takeoff: .*enableApiControl"):
         client.takeoffAsync().get()
     client.takeoffAsync().join()
-    with pytest.raises(Exception, match="an earlier command was refused: takeoff: API control is off"):
+    with pytest.raises(Exception, match=r"takeoff: .*enableApiControl"):
         client.getMultirotorState()
     assert client.getMultirotorState() and client.armDisarm(True) is False
     client.enableApiControl(True)
     client.hoverAsync().join()
-    with pytest.raises(Exception, match="not armed"):
+    with pytest.raises(Exception, match=r"hover: .*armDisarm"):
         client.ping()
     client.moveByMotorPWMsAsync(1, 1, 1, 1, 1).join()
-    with pytest.raises(Exception, match="no method 'moveByMotorPWMs'"):
+    with pytest.raises(Exception, match="moveByMotorPWMs"):
         client.ping()
     client.armDisarm(True)
     for call, says in (
@@ -150,14 +139,14 @@ def test_what_may_not_fly_raises_and_join_passes_it_on_to_the_next_call(client):
     ):
         with pytest.raises(Exception, match=says):
             call().get()
-        with pytest.raises(Exception, match="earlier command"):
+        with pytest.raises(Exception, match=says):
             client.ping()
 
 
 def test_objects_have_names_and_poses(client):
     assert client.simListSceneObjects() == ["Carrier", "Deck", "Ramp", "Touchdown", "Sea", "SimpleFlight"]
     assert client.simListSceneObjects("de.*|ramp") == ["Deck", "Ramp"]
-    with pytest.raises(Exception, match="regular expression"):
+    with pytest.raises(Exception, match=r"'\('"):
         client.simListSceneObjects("(")
     np.testing.assert_allclose(deck_point(client, "Ramp"), RAMP_M, atol=0.1)
     way = deck_point(client) - deck_point(client, "Ramp")
@@ -181,7 +170,7 @@ def test_segmentation_shows_ids_as_set(client):
     assert client.simSetSegmentationObjectID("de[a-z]*|sea", -1, True) is True
     assert not {tuple(PALETTE[number].tolist()) for number in (1, 42)} & colours()
     assert client.simSetSegmentationObjectID("Cube", 3) is False and client.simGetSegmentationObjectID("Cube") == -1
-    with pytest.raises(Exception, match="-1 and 255"):
+    with pytest.raises(Exception, match=r"-1 and 255.*300"):
         client.simSetSegmentationObjectID("Deck", 300)
 
 
@@ -231,7 +220,7 @@ def test_the_distance_sensor_sees_the_water_and_the_deck(client, server):
     client.simSetDistanceSensorPose(
         "Distance", airsim.Pose(airsim.Vector3r(0, 0, 0), airsim.Quaternionr(0, -math.sqrt(0.5), 0, math.sqrt(0.5)))
     )
-    with Simulator(CONFIG) as simulator:
+    with ShipSimulator(CONFIG) as simulator:
         simulator.load(0)
         sea_z_m = simulator.ship.layout.sea_z_m
     for position, expected in (([1000.0, 0.0, sea_z_m - 30.0], 30.0), (deck_point(client) - [0, 0, 5.0], 5.0)):

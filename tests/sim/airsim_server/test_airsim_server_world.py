@@ -9,8 +9,8 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.haze import beta_from_visibility
 from deckline_sim import frames
-from deckline_sim.airsim_server.clock import Clock
 from deckline_sim.airsim_server.settings import PLANAR, SCENE
+from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.airsim_server.world import RAIN_MM_H, World, foggy_visibility
 
 
@@ -45,7 +45,7 @@ def test_rain_and_wetness_count_once_weather_is_on(world):
 def test_the_ship_moves_with_the_time():
     ticks = [0.0]
     sailing = replace(CONFIG, motion=replace(CONFIG.motion, ship_speed_m_s=10.0))
-    with closing(World(sailing, WORLD_SETTINGS, Clock(lambda: ticks[0], epoch_ns=0))) as world:
+    with closing(World(sailing, WORLD_SETTINGS, SimClock(lambda: ticks[0], epoch_ns=0))) as world:
         before = world.ship_pose()
         ticks[0] = 3.0
         moved = world.ship_pose().translation - before.translation
@@ -59,5 +59,5 @@ def test_depth_is_the_same_with_and_without_its_picture(world):
 
 def test_a_camera_below_the_water_is_refused(world):
     sunk = replace(world.state, world_from_body=RigidTransform.from_translation([0.0, 0.0, 1000.0]))
-    with pytest.raises(ValueError, match="above the sea"):
+    with pytest.raises(ValueError, match=r"1000\.00 m"):
         world.picture("front_center", SCENE, sunk, 0.0)

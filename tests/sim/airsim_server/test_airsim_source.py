@@ -88,11 +88,11 @@ def test_broken_answers_name_the_broken_part(scene, depth, text):
 
 @pytest.mark.parametrize(
     ("turn", "position", "apart"),
-    [((1, 0, 0, 0), (1.33, 2, -3), "0.33 m and 0 deg"), ((HALF, 0, 0, HALF), (1, 2, -3), "0 m and 90 deg")],
+    [((1, 0, 0, 0), (1.33, 2, -3), r"0\.33 m .*\b0 deg"), ((HALF, 0, 0, HALF), (1, 2, -3), r"\b0 m .*90 deg")],
 )
 def test_picture_and_depth_of_two_instants_are_refused(turn, position, apart):
     later = {"camera_position": vector(*position), "camera_orientation": quaternion(*turn)}
-    with pytest.raises(ValueError, match=f"picture and depth were taken {apart} apart"):
+    with pytest.raises(ValueError, match=apart):
         read(response(0), response(1, **later))
 
 
@@ -120,13 +120,17 @@ def test_the_mount_of_a_vehicle_that_stands_still_is_exact_at_once():
     np.testing.assert_allclose(found.body_from_camera.rotation.apply([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0], atol=1e-9)
 
 
+def move_ahead(steps_m):
+    """Answers of a vehicle that moves so far north between two questions, its camera 1.5 m ahead of it."""
+    place = iter(np.cumsum(steps_m))
+    return {
+        "simGetVehiclePose": lambda *_params: pose((next(place), 0, 0)),
+        "simGetCameraInfo": lambda *_params: {"pose": pose((next(place) + 1.5, 0, 0)), "fov": 90.0},
+    }
+
+
 def test_of_a_moving_vehicle_the_calmest_measurement_counts_half_way():
-    steps = [0.4] * 6 + [0.1] * 3 + [0.4] * 90  # metres between two questions
-    place = iter(np.cumsum(steps))
-    found, calls = measure(
-        simGetVehiclePose=lambda *_params: pose((next(place), 0, 0)),
-        simGetCameraInfo=lambda *_params: {"pose": pose((next(place) + 1.5, 0, 0)), "fov": 90.0},
-    )
+    found, calls = measure(**move_ahead([0.4] * 6 + [0.1] * 3 + [0.4] * 90))
     assert calls == 60
     np.testing.assert_allclose(found.motion_m, 0.2)
     np.testing.assert_allclose(found.body_from_camera.translation, [1.5, 0.0, 0.0], atol=1e-9)
@@ -203,7 +207,7 @@ def test_a_broken_frame_is_passed_on_as_such_and_the_next_is_asked_for():
     assert items[2].file == "0"
 
 
-def test_live_frames_are_numbered_and_count_as_taken_when_they_are_there():
+def test_live_frames_are_numbered_and_captured_when_they_arrive():
     with StandIn(simGetImages=number_images()) as server:
         source, _ = live(server)
         start_s = time.monotonic()
@@ -213,7 +217,7 @@ def test_live_frames_are_numbered_and_count_as_taken_when_they_are_there():
     assert times_s == sorted(times_s)
 
 
-def test_a_simulator_that_goes_away_is_waited_for_and_said_once():
+def test_a_lost_simulator_is_waited_for_and_reported_once():
     with StandIn() as server:
         source, log = live(server)
         port = server.port
@@ -227,9 +231,8 @@ def test_a_simulator_that_goes_away_is_waited_for_and_said_once():
     timer.join()
     with revived[0]:
         pass
-    assert len(log) == 2
-    assert log[0].startswith(f"lost the simulator (127.0.0.1:{port}:")
-    assert log[1] == "the simulator is back"
+    lost, _ = log
+    assert f"127.0.0.1:{port}" in lost
 
 
 def test_a_stop_ends_the_wait_for_a_simulator_and_for_the_next_frame():
@@ -253,27 +256,23 @@ def test_a_stop_ends_the_wait_for_a_simulator_and_for_the_next_frame():
 def test_nobody_there_or_no_such_camera_is_one_line_at_once():
     with StandIn() as server:
         port = server.port
-    with pytest.raises(RecordingError, match=f"127.0.0.1:{port}.*Connection refused"):
+    with pytest.raises(RecordingError, match=f"127.0.0.1:{port}"):
         AirSimSource(f"airsim://127.0.0.1:{port}")
 
     def unknown(*_params):
         raise ValueError("no camera 'left'")
 
-    with StandIn(simGetCameraInfo=unknown) as server, pytest.raises(RecordingError, match="no camera 'left'"):
+    with StandIn(simGetCameraInfo=unknown) as server, pytest.raises(RecordingError, match="'left'"):
         AirSimSource(f"airsim://127.0.0.1:{server.port}", camera="left")
     with pytest.raises(RecordingError, match=r"rate.*0 and 1000.*0\.0"):
         AirSimSource("airsim://127.0.0.1:1", rate_hz=0.0)
 
 
 def test_a_moving_vehicles_mount_is_noted_with_its_bound():
-    place = iter(np.arange(0.0, 1000.0, 0.4))  # 0.4 m further at each question
-    methods = {
-        "simGetVehiclePose": lambda *_params: pose((next(place), 0, 0)),
-        "simGetCameraInfo": lambda *_params: {"pose": pose((next(place) + 1.5, 0, 0)), "fov": 90.0},
-    }
-    with StandIn(**methods) as server:
+    with StandIn(**move_ahead([0.4] * 1000)) as server:
         source, _ = live(server)
-    assert source.notes == ("the vehicle was moving: where the camera sits on it is known within 0.8 m",)
+    (note,) = source.notes
+    assert "0.8 m" in note
 
 
 def test_a_camera_that_turns_and_zooms_on_its_vehicle_is_followed():
@@ -305,7 +304,7 @@ def test_the_wanted_rate_is_kept_and_missed_frames_are_not_made_up_for():
     assert pace.next_wait(102.0) == pytest.approx(0.25)  # ... and not three at once
 
 
-def test_frames_that_come_too_slowly_are_said_once_with_the_reason():
+def test_slow_frames_are_reported_once_with_the_reason():
     pace = Pace(5.0)
     lines = [pace.count_frame(0.5 * n - 0.4, 0.5 * n) for n in range(60)]
     (line,) = [line for line in lines if line]

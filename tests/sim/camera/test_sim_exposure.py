@@ -14,8 +14,8 @@ from deckline_sim.camera.exposure import (
     streak_quads,
     streaks,
 )
-from deckline_sim.config import FilmConfig
-from deckline_sim.scene.view import View
+from deckline_sim.config import ExposureConfig
+from deckline_sim.scene.view import Rendering
 
 CAMERA = Camera.from_fov(640, 360, 1.0)
 LEVEL = camera_mount()  # looks north: optical z is world x
@@ -28,13 +28,13 @@ def drawn(config, seed=0, wide=True, turning=STEADY, frame_seed=1):
 
 
 def test_named_presets_are_still_and_dry():
-    exposure = drawn(FilmConfig(), wide=False)
+    exposure = drawn(ExposureConfig(), wide=False)
     assert exposure.still
     assert (exposure.exposure_s, exposure.rain_mm_h, exposure.lens_drops) == (0.0, 0.0, 0)
 
 
 def test_flight_becomes_motion_in_the_optical_frame():
-    exposure = drawn(FilmConfig(exposure_s=0.01), wide=False)
+    exposure = drawn(ExposureConfig(exposure_s=0.01), wide=False)
     np.testing.assert_allclose(exposure.moved_m, [0.02, 0.03, 0.6], atol=1e-12)
     assert exposure.turned_rad == (0.0, 0.0, 0.0)
     np.testing.assert_allclose(exposure.rain_m_s, [-2.0, 9.0 - 3.0, -60.0], atol=1e-9)
@@ -42,7 +42,7 @@ def test_flight_becomes_motion_in_the_optical_frame():
 
 
 def test_training_draws_some_of_each():
-    exposures = [drawn(FilmConfig(), seed) for seed in range(400)]
+    exposures = [drawn(ExposureConfig(), seed) for seed in range(400)]
     assert 0.15 < np.mean([e.exposure_s > 0 for e in exposures]) < 0.3
     assert 0.03 < np.mean([e.rain_mm_h > 0 for e in exposures]) < 0.14
     assert 0.03 < np.mean([e.lens_drops > 0 for e in exposures]) < 0.16
@@ -51,19 +51,19 @@ def test_training_draws_some_of_each():
 
 
 def test_given_shake_has_its_sigma():
-    config = FilmConfig(exposure_s=0.02, shake_deg_s=3.0)
+    config = ExposureConfig(exposure_s=0.02, shake_deg_s=3.0)
     turned = np.array([drawn(config, seed, wide=False).turned_rad for seed in range(2000)])
     np.testing.assert_allclose(np.rad2deg(turned).std(axis=0), 0.06, rtol=0.06)
 
 
 def test_flight_turns_the_camera_in_the_optical_frame():
     turning = np.array([0.1, 0.2, 0.3])  # about north, east and down: rolling, pitching up, yawing right
-    exposure = drawn(FilmConfig(exposure_s=0.01), wide=False, turning=turning)
+    exposure = drawn(ExposureConfig(exposure_s=0.01), wide=False, turning=turning)
     np.testing.assert_allclose(exposure.turned_rad, [0.002, 0.003, 0.001], atol=1e-12)
 
 
 def test_a_recording_keeps_its_shutter_and_the_drops_on_its_lens():
-    config = FilmConfig(exposure_s=0.01, rain_mm_h=20.0, lens_drops=9)
+    config = ExposureConfig(exposure_s=0.01, rain_mm_h=20.0, lens_drops=9)
     first, second = (drawn(config, frame_seed=k) for k in (2, 3))
     assert (first.lens_seed, first.streak_contrast) == (second.lens_seed, second.streak_contrast)
     assert first.seed != second.seed
@@ -75,12 +75,12 @@ FLAT = np.full((96, 160), 30.0, np.float32)
 
 
 @pytest.fixture(scope="module")
-def film(context):
+def exposure_pass(context):
     return ExposurePass(context)
 
 
-def expose(film, picture, depth, camera=None, **exposure):
-    return film.expose(View(picture, depth), camera or SMALL, Exposure(**exposure)).radiance
+def expose(exposure_pass, picture, depth, camera=None, **exposure):
+    return exposure_pass.expose(Rendering(picture, depth), camera or SMALL, Exposure(**exposure)).radiance
 
 
 def dot(u=80, v=48, light=8.0):
@@ -93,9 +93,9 @@ def texture_picture(seed=0):
     return np.random.default_rng(seed).random((96, 160, 3), np.float32)
 
 
-def test_a_moving_dot_becomes_a_streak_with_the_same_light(film):
+def test_a_moving_dot_becomes_a_streak_with_the_same_light(exposure_pass):
     # 2.5 m to the right at 30 m is 10 px to the left in the picture.
-    out = expose(film, dot(), FLAT, exposure_s=0.1, moved_m=(2.5, 0.0, 0.0))[..., 0].astype(float)
+    out = expose(exposure_pass, dot(), FLAT, exposure_s=0.1, moved_m=(2.5, 0.0, 0.0))[..., 0].astype(float)
     row = out[48]
     assert out.sum() == pytest.approx(8.0, rel=1e-4)
     assert row.sum() == pytest.approx(8.0, rel=1e-4)
@@ -105,52 +105,52 @@ def test_a_moving_dot_becomes_a_streak_with_the_same_light(film):
     assert not row[:75].any() and not row[86:].any()
 
 
-def test_near_things_blur_and_far_ones_do_not_when_the_camera_moves(film):
+def test_near_things_blur_and_far_ones_do_not_when_the_camera_moves(exposure_pass):
     depth = FLAT.copy()
     depth[:48] = np.nan
     picture = texture_picture()
-    out = expose(film, picture, depth, moved_m=(1.0, 0.0, 0.0))
+    out = expose(exposure_pass, picture, depth, moved_m=(1.0, 0.0, 0.0))
     np.testing.assert_array_equal(out[:48], picture[:48])
     assert out[49:].std() < 0.7 * picture[49:].std()
 
 
-def test_turning_blurs_the_sky_too(film):
+def test_turning_blurs_the_sky_too(exposure_pass):
     sky = np.full_like(FLAT, np.nan)
     yaw = 6.0 / SMALL.fx  # about the optical y axis: 6 px at the middle
-    row = expose(film, dot(), sky, turned_rad=(0.0, yaw, 0.0))[48, :, 0]
+    row = expose(exposure_pass, dot(), sky, turned_rad=(0.0, yaw, 0.0))[48, :, 0]
     assert np.count_nonzero(row > 0.05 * row.max()) == 7
     assert row.sum() == pytest.approx(8.0, rel=0.01)
-    roll = expose(film, dot(), sky, turned_rad=(0.0, 0.0, 0.1))
+    roll = expose(exposure_pass, dot(), sky, turned_rad=(0.0, 0.0, 0.1))
     assert roll[48, 80, 0] > 7.0  # the middle stays
 
 
-def test_nothing_moves_nothing_changes(film):
+def test_nothing_moves_nothing_changes(exposure_pass):
     picture = texture_picture()
-    assert expose(film, picture, FLAT, exposure_s=0.02) is picture
-    hardly = expose(film, picture, FLAT, turned_rad=(1e-7, 0.0, 0.0))
+    assert expose(exposure_pass, picture, FLAT, exposure_s=0.02) is picture
+    hardly = expose(exposure_pass, picture, FLAT, turned_rad=(1e-7, 0.0, 0.0))
     np.testing.assert_array_equal(hardly, picture)
 
 
-def test_rain_changes_the_picture_and_follows_its_seed(film):
+def test_rain_changes_the_picture_and_follows_its_seed(exposure_pass):
     picture, depth = texture_picture() * 0.2, FLAT.copy()
-    wet, again = (expose(film, picture, depth, rain_mm_h=40.0, streak_contrast=10.0, seed=3) for _ in range(2))
+    wet, again = (expose(exposure_pass, picture, depth, rain_mm_h=40.0, streak_contrast=10.0, seed=3) for _ in range(2))
     np.testing.assert_array_equal(wet, again)
     np.testing.assert_array_equal(depth, FLAT)
     changed = np.any(wet != picture, axis=2)
     assert 0.001 < changed.mean() < 0.9
-    other = expose(film, picture, FLAT, rain_mm_h=40.0, streak_contrast=10.0, seed=4)
+    other = expose(exposure_pass, picture, FLAT, rain_mm_h=40.0, streak_contrast=10.0, seed=4)
     assert np.any(other != wet)
 
 
-def test_a_streak_brightens_by_its_opacity(film):
-    wet = expose(film, np.full((96, 160, 3), 1.0, np.float32), FLAT, rain_mm_h=40.0, seed=3)
+def test_a_streak_brightens_by_its_opacity(exposure_pass):
+    wet = expose(exposure_pass, np.full((96, 160, 3), 1.0, np.float32), FLAT, rain_mm_h=40.0, seed=3)
     np.testing.assert_allclose(wet, 1.0, rtol=1e-5)  # drops as bright as an even picture do not show
 
 
-def test_drops_on_the_lens_turn_the_picture_upside_down_and_stay_local(film):
+def test_drops_on_the_lens_turn_the_picture_upside_down_and_stay_local(exposure_pass):
     picture = np.zeros((96, 160, 3), np.float32)
     picture[:48] = 1.0
-    out = expose(film, picture, FLAT, lens_drops=150, lens_seed=8)
+    out = expose(exposure_pass, picture, FLAT, lens_drops=150, lens_seed=8)
     changed = np.any(np.abs(out - picture) > 1e-3, axis=2)
     assert 0.02 < changed.mean() < 0.5
     assert out.min() >= 0.0 and out.max() <= 1.0 + 1e-5
@@ -163,9 +163,9 @@ def test_bright_is_the_mean_of_the_brightest_part():
     np.testing.assert_allclose(mean_bright_light(picture), [0.2, 0.4, 0.6], rtol=1e-6)
 
 
-def test_wrong_use_is_named(film):
-    with pytest.raises(ValueError, match=r"film needs a pinhole of the picture's size \(96, 160\)"):
-        expose(film, dot(), FLAT, Camera.from_fov(64, 40, 1.0), lens_drops=2)
+def test_wrong_use_is_named(exposure_pass):
+    with pytest.raises(ValueError, match=r"\(96, 160\)"):
+        expose(exposure_pass, dot(), FLAT, Camera.from_fov(64, 40, 1.0), lens_drops=2)
 
 
 def rain_streaks(rain_mm_h, velocity=(0.0, 9.0, 0.0), exposure_s=1e-3, seed=0):

@@ -21,8 +21,8 @@ from deckline_sim.camera.imaging import (
 )
 from deckline_sim.camera.lens import pinhole_for, pixel_rays, random_lens
 from deckline_sim.camera.sensor import develop
-from deckline_sim.config import AirConfig, DepthConfig, FilmConfig, ImagingConfig, LensConfig, SensorConfig
-from deckline_sim.scene.view import View
+from deckline_sim.config import AirConfig, DepthConfig, ExposureConfig, ImagingConfig, LensConfig, SensorConfig
+from deckline_sim.scene.view import Rendering
 
 CAMERA = Camera.from_fov(160, 90, 1.0)
 POSE = RigidTransform.from_components([0.0, 0.0, -40.0], attitude(0.02, -0.15, 0.3)) * camera_mount()
@@ -41,7 +41,7 @@ def sea_view(camera):
     hits = intersect_plane(POSE.translation, POSE.rotation.apply(rays), 0.0)
     depth = POSE.inv().apply(hits)[:, 2].reshape(camera.height, camera.width).astype(np.float32)
     light = np.where(np.isnan(depth), 0.7, 0.1).astype(np.float32)
-    return View(np.repeat(light[..., None], 3, axis=2), depth)
+    return Rendering(np.repeat(light[..., None], 3, axis=2), depth)
 
 
 def shot(imaging, config, scene=SCENE, camera=CAMERA, wide=False, seed=0):
@@ -81,7 +81,7 @@ def test_physical_haze_can_be_made_again_from_the_clear_picture_and_the_record(i
 
 def test_rain_changes_the_picture_but_not_its_depth(imaging):
     dry, wet = (
-        shot(imaging, ImagingConfig(sensor=EXACT, film=FilmConfig(rain_mm_h=rain, lens_drops=20)), seed=3)
+        shot(imaging, ImagingConfig(sensor=EXACT, exposure=ExposureConfig(rain_mm_h=rain, lens_drops=20)), seed=3)
         for rain in (0.0, 40.0)
     )
     np.testing.assert_array_equal(dry.true_depth_m, wet.true_depth_m)
@@ -102,7 +102,7 @@ def test_the_lens_bends_picture_and_depth_alike(imaging):
 
 
 def test_the_same_generators_give_the_same_shot(imaging):
-    config = ImagingConfig(film=FilmConfig(exposure_s=0.02, rain_mm_h=10.0))
+    config = ImagingConfig(exposure=ExposureConfig(exposure_s=0.02, rain_mm_h=10.0))
     first, again = (shot(imaging, config, wide=True, seed=9) for _ in range(2))
     np.testing.assert_array_equal(first.image_rgb, again.image_rgb)
     assert first.records == again.records
@@ -118,7 +118,7 @@ def test_haze_counts_for_the_exposure(imaging):
 
 
 def test_rain_shortens_the_visibility_and_the_clear_picture_is_kept_only_when_asked(imaging):
-    config = ImagingConfig(sensor=EXACT, film=FilmConfig(rain_mm_h=25.0), air=AirConfig(model="physical"))
+    config = ImagingConfig(sensor=EXACT, exposure=ExposureConfig(rain_mm_h=25.0), air=AirConfig(model="physical"))
     taken = shot(imaging, config)
     assert taken.visibility_m == pytest.approx(3.912023 / (3.912023 / 400.0 + 2.141e-3), rel=1e-3)
     rngs = [np.random.default_rng([0, k]) for k in range(2)]

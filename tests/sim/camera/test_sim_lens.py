@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from deckline.geometry import Camera
 from deckline_sim.camera.lens import Lens, pinhole_for, pixel_rays, random_lens
 from deckline_sim.config import LensConfig
-from deckline_sim.scene.view import View
+from deckline_sim.scene.view import Rendering
 
 BARREL = Camera(320, 200, 180.0, 184.0, 165.0, 96.0, (-0.15, 0.03, 0.002, -0.001, -0.004))
 PINCUSHION = Camera(320, 200, 180.0, 184.0, 155.5, 103.0, (0.08, 0.01, -0.001, 0.002, 0.0))
@@ -43,7 +43,7 @@ def test_a_point_is_drawn_where_the_lens_projects_it(lens, camera):
     corners = np.array([[40.0, 30.0], [280.0, 30.0], [40.0, 170.0], [280.0, 170.0], [160.0, 100.0], [60.0, 100.0]])
     points = camera.rays(corners + 0.37) * 55.0
     source = pinhole_for(camera)
-    view = View(dots(source, source.project(points)), np.full((source.height, source.width), 55.0, np.float32))
+    view = Rendering(dots(source, source.project(points)), np.full((source.height, source.width), 55.0, np.float32))
     picture = lens.warp(view, source, camera).radiance[..., 1].astype(float)
     for u, v in camera.project(points):
         box = picture[round(v) - 6 : round(v) + 7, round(u) - 6 : round(u) + 7]
@@ -57,7 +57,7 @@ def test_depth_of_a_plane_is_exact(lens, camera):
     normal, offset = Rotation.from_euler("zx", [0.1, 0.25]).apply([0.0, 1.0, 0.0]), 18.0  # a deck below, tilted
     source = pinhole_for(camera)
     depth = plane_depth(source, normal, offset)
-    got = lens.warp(View(np.zeros((*depth.shape, 3), np.float32), depth), source, camera).depth_m
+    got = lens.warp(Rendering(np.zeros((*depth.shape, 3), np.float32), depth), source, camera).depth_m
     expected = plane_depth(camera, normal, offset)
     near = expected < 300.0
     assert near.mean() > 0.2
@@ -71,7 +71,7 @@ def test_depth_is_not_mixed_across_edges(lens):
     source = pinhole_for(BARREL)
     depth = np.full((source.height, source.width), 30.0, np.float32)
     depth[:, source.width // 2 :], depth[: source.height // 2] = 90.0, np.nan
-    got = lens.warp(View(np.zeros((*depth.shape, 3), np.float32), depth), source, BARREL).depth_m
+    got = lens.warp(Rendering(np.zeros((*depth.shape, 3), np.float32), depth), source, BARREL).depth_m
     values = np.unique(np.round(got[np.isfinite(got)], 3))
     np.testing.assert_array_equal(values, [30.0, 90.0])
 
@@ -79,7 +79,7 @@ def test_depth_is_not_mixed_across_edges(lens):
 def test_without_distortion_nothing_changes(lens):
     camera = Camera.from_fov(64, 40, 1.0)
     rng = np.random.default_rng(0)
-    view = View(rng.random((40, 64, 3), np.float32) * 9, rng.uniform(5.0, 80.0, (40, 64)).astype(np.float32))
+    view = Rendering(rng.random((40, 64, 3), np.float32) * 9, rng.uniform(5.0, 80.0, (40, 64)).astype(np.float32))
     got = lens.warp(view, pinhole_for(camera), camera)
     np.testing.assert_allclose(got.radiance, view.radiance, atol=1e-4)
     np.testing.assert_allclose(got.depth_m, view.depth_m, rtol=1e-5)
@@ -134,10 +134,10 @@ def test_a_tiny_picture_may_have_a_lens():
 
 
 def test_wrong_use_is_named(lens):
-    with pytest.raises(ValueError, match="no ray reaches some of the image's border"):
+    with pytest.raises(ValueError, match=r"distortion \(-0\.5"):
         pinhole_for(Camera(320, 200, 100.0, 100.0, 160.0, 100.0, (-0.5, 0.0, 0.0, 0.0, 0.0)))
-    view = View(np.zeros((4, 5, 3), np.float32), np.zeros((4, 5), np.float32))
-    with pytest.raises(ValueError, match=r"the source is 64x40 px, its view \(4, 5\)"):
+    view = Rendering(np.zeros((4, 5, 3), np.float32), np.zeros((4, 5), np.float32))
+    with pytest.raises(ValueError, match=r"64x40 .*\(4, 5\)"):
         lens.warp(view, Camera.from_fov(64, 40, 1.0), BARREL)
-    with pytest.raises(ValueError, match=r"the source must be a pinhole, got distortion \(-0.15"):
+    with pytest.raises(ValueError, match=r"distortion \(-0\.15"):
         lens.warp(view, BARREL, BARREL)

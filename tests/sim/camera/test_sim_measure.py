@@ -118,5 +118,5 @@ def test_the_error_follows_from_time_and_seed_alone():
 
 
 def test_time_must_not_be_negative():
-    with pytest.raises(ValueError, match=r"time must not be negative, got -1.0 s"):
+    with pytest.raises(ValueError, match=r"time .*-1\.0"):
         drift(-1.0, 60.0, [0])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deck_frame import CVN, PAPER_SHIP, over_deck, positions
 
 from deckline.geometry import camera_mount
 from deckline_sim.config import FLIGHTS, FlightConfig, SimConfig
@@ -17,25 +18,13 @@ from deckline_sim.flight.approach import (
     remaining_offset,
     wander,
 )
-from deckline_sim.flight.views import Motion, runway_in_view, ship_pose
-from deckline_sim.ship.layout import class_layout
-from deckline_sim.ship.paint import axes
-from deckline_sim.ship.ship_class import load_class
+from deckline_sim.flight.viewpoints import ShipMotion, runway_in_view, ship_pose
+from deckline_sim.ship.paint_shapes import axes
 
-CVN = class_layout(load_class("cvn"))
-PAPER_SHIP = class_layout(load_class("paper"))
 PAPER = SimConfig(preset="paper", frames=50)
 PROFILE = replace(PAPER, trajectory="profile")
-UNDER_WAY = Motion(speed_m_s=12.9, roll_rad=0.03, pitch_rad=0.02, heave_m=1.6)
+UNDER_WAY = ShipMotion(speed_m_s=12.9, roll_rad=0.03, pitch_rad=0.02, heave_m=1.6)
 WINDY = FlightConfig(headwind_m_s=8.0, crosswind_m_s=6.0)
-
-
-def over_deck(layout, position_m):
-    """Distance to the ramp, to the right of the centre line, and above the deck of a world position (N, 3)."""
-    points = layout.world_from_ship.inv().apply(position_m)
-    along, right, _ = axes(*layout.centre_m)
-    across = points[:, :2] - layout.centre_m[0]
-    return -across @ along, across @ right, -points[:, 2]
 
 
 def sailed(layout, time_s, motion=UNDER_WAY):
@@ -46,13 +35,9 @@ def sailed(layout, time_s, motion=UNDER_WAY):
     return layout.at_pose(type(layout.world_from_ship).from_components(moved, layout.world_from_ship.rotation))
 
 
-def positions(views):
-    return np.array([view.world_from_body.translation for view in views])
-
-
 def test_approach_follows_the_glideslope_in_equal_times():
     views = [approach_view(PAPER, PAPER_SHIP, k) for k in range(50)]
-    ranges, lateral, height = over_deck(PAPER_SHIP, positions(views))
+    ranges, lateral, height = over_deck(PAPER_SHIP, views)
     np.testing.assert_allclose(ranges, np.linspace(800.0, 12.0, 50), atol=1e-6)
     np.testing.assert_allclose(np.diff([view.time_s for view in views]), 788.0 / 49 / 65.0)
     assert np.abs(height - (ranges + 70.0) * np.tan(np.deg2rad(3.5))).max() < 8.0
@@ -66,8 +51,8 @@ def test_an_approach_to_a_moving_ship_keeps_the_glideslope_over_its_steady_deck(
     for k in range(20):
         still = approach_view(config, CVN, k)
         view = approach_view(config, CVN, k, UNDER_WAY)
-        ranges, _, height = over_deck(sailed(CVN, view.time_s), positions([view]))
-        still_ranges, _, _ = over_deck(CVN, positions([still]))
+        ranges, _, height = over_deck(sailed(CVN, view.time_s), [view])
+        still_ranges, _, _ = over_deck(CVN, [still])
         np.testing.assert_allclose(ranges, still_ranges, atol=1e-6)
         assert abs(height[0] - (ranges[0] + 70.0) * np.tan(np.deg2rad(3.5))) < 8.0
 
@@ -83,7 +68,7 @@ def test_no_approach_meets_a_ramp_that_rises():
     assert min(close) >= 3.05 - 1e-9
 
 
-@pytest.mark.parametrize("motion", [Motion(), UNDER_WAY], ids=["still", "under way"])
+@pytest.mark.parametrize("motion", [ShipMotion(), UNDER_WAY], ids=["still", "under way"])
 def test_the_aircraft_keeps_its_speed_through_the_air(motion):
     config = SimConfig(preset="cvn", frames=400, flight=WINDY)
     path = flight_path(config, CVN, motion)
@@ -118,7 +103,7 @@ def test_offsets_are_closed_on_the_way():
     flight = FlightConfig(lateral_offset_m=60.0, vertical_offset_m=-9.0)
     configs = config, replace(config, flight=flight)
     plain, offset = ([approach_view(each, layout, k) for k in range(41)] for each in configs)
-    _, lateral, height = np.array(over_deck(layout, positions(offset))) - over_deck(layout, positions(plain))
+    _, lateral, height = np.array(over_deck(layout, offset)) - over_deck(layout, plain)
     assert (lateral[0], height[0]) == (pytest.approx(60.0), pytest.approx(-9.0))
     np.testing.assert_allclose(lateral[29:], 0.0, atol=1e-9)
     assert (np.diff(lateral) < 1e-9).all()
@@ -130,7 +115,7 @@ def test_offsets_are_closed_on_the_way():
 def test_profile_passes_the_papers_points():
     layout, config = PAPER_SHIP, replace(PROFILE, frames=160)
     views = [approach_view(config, layout, k) for k in range(160)]
-    ranges, lateral, height = over_deck(layout, positions(views))
+    ranges, lateral, height = over_deck(layout, views)
     assert ranges[0] == pytest.approx(5000.0)
     assert ranges[-1] == pytest.approx(12.0)
     assert np.abs(lateral).max() < 24.0
@@ -147,7 +132,7 @@ def test_profile_passes_the_papers_points():
 
 def test_a_flight_that_ends_before_it_begins_is_refused():
     config = SimConfig(trajectory="profile", start_m=9000.0, end_m=6000.0)
-    with pytest.raises(ValueError, match="trajectory profile begins at 5000 m, got end_m 6000"):
+    with pytest.raises(ValueError, match=r"profile .*5000 .*end_m 6000"):
         approach_view(config, PAPER_SHIP, 0)
 
 
@@ -171,7 +156,7 @@ def path_wind(layout):
     return -8.0 * along - 6.0 * np.array([-along[1], along[0]])
 
 
-def test_an_approach_looks_along_the_aircraft_unless_told_to_point():
+def test_an_approach_looks_along_the_aircraft_by_default():
     configs = [replace(PAPER, preset="cvn", flight=FlightConfig(pointing=p)) for p in (None, "runway")]
     fixed, pointed = (approach_view(config, CVN, 20) for config in configs)
     np.testing.assert_allclose(fixed.body_from_camera.as_matrix(), camera_mount().as_matrix())
@@ -196,9 +181,9 @@ def test_the_deck_is_closed_at_the_speed_that_ship_and_wind_leave(ship, wind, ex
 
 
 def test_too_much_wind_is_named():
-    with pytest.raises(ValueError, match=r"an aircraft of 20 m/s cannot approach a deck that moves at 30.0 m/s"):
+    with pytest.raises(ValueError, match=r"20 m/s .*30\.0 m/s"):
         closing_speed(ALONG, STILL_AIR, -30.0 * ALONG, 20.0)
-    with pytest.raises(ValueError, match="cannot approach"):
+    with pytest.raises(ValueError, match=r"20 m/s .*30\.0 m/s"):
         closing_speed(ALONG, STILL_AIR, 30.0 * ACROSS, 20.0)
 
 
@@ -235,11 +220,11 @@ def test_wander_is_a_smooth_function_about_one_in_size():
     assert np.std(values) == pytest.approx(1.0, abs=0.15)
 
 
-def test_named_presets_fly_in_still_air_unless_told():
+def test_named_presets_fly_in_still_air_by_default():
     rng = np.random.default_rng
     still = draw_flight(FlightConfig(), False, rng(1))
     assert (still.headwind_m_s, still.crosswind_m_s, still.lateral_offset_m, still.turbulence_m_s) == (0, 0, 0, 0)
-    told = draw_flight(FlightConfig(crosswind_m_s=-3.0), True, rng(1))
-    assert told.crosswind_m_s == -3.0
-    assert told.turbulence_m_s > 0
-    assert told.headwind_m_s == draw_flight(FlightConfig(), True, rng(1)).headwind_m_s
+    given = draw_flight(FlightConfig(crosswind_m_s=-3.0), True, rng(1))
+    assert given.crosswind_m_s == -3.0
+    assert given.turbulence_m_s > 0
+    assert given.headwind_m_s == draw_flight(FlightConfig(), True, rng(1)).headwind_m_s

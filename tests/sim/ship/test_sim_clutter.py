@@ -9,7 +9,7 @@ from deckline_sim.ship.structure import random_islands
 
 
 def test_a_lot_gives_a_place_once(cvn):
-    lot = cl.Lot(cvn, True)
+    lot = cl.DeckOccupancy(cvn, True)
     at = ((150.0, 28.0), (151.0, 28.0), (170.0, 28.0), cvn.centre_m.mean(axis=0), (150.0, 60.0))
     assert [lot.reserve(rectangle(*middle, 6.0, 3.0)) for middle in at] == [True, False, True, False, False]
 
@@ -19,7 +19,7 @@ def test_what_is_parked_stands_on_the_deck_and_off_the_runway(runway, afloat):
     built = 0
     for layout, rng in afloat(38):
         islands = random_islands(layout, runway, rng)
-        lot = cl.Lot(layout, runway)
+        lot = cl.DeckOccupancy(layout, runway)
         aircraft = cl.park_aircraft(lot, islands, 1.0, rng)
         gear = [*cl.park_vehicles(lot, islands, 1.0, rng), *cl.place_crew(lot, rng), *cl.build_deflectors(lot, rng)]
         for mesh, over in ((aircraft, 2.5), (join(gear), 0.0)):

@@ -2,11 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from coat_area import area_and_middle
 
 from deckline_sim.ship import deck_paint as dp
 from deckline_sim.ship import ship_class as sc
 from deckline_sim.ship.layout import class_layout, runway_distance
-from deckline_sim.ship.paint import axes, layers
+from deckline_sim.ship.paint_shapes import axes, layers
 from deckline_sim.ship.random_plan import random_edge
 
 DARK = sc.DeckSurface((0.1, 0.1, 0.1), grain=0.0, wear=0.0)
@@ -16,14 +17,6 @@ LAYOUT = class_layout(CVN)
 LINES = LAYOUT.left_m, LAYOUT.right_m
 WHITE = (1.0, 1.0, 1.0)
 rng = np.random.default_rng
-
-
-def area_and_middle(coat):
-    """Painted area, its middle (2,)."""
-    corners = coat[:, :2].astype(float).reshape(-1, 3, 2)
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    areas = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
-    return areas.sum(), areas @ corners.mean(axis=1) / areas.sum()
 
 
 def across(coat, line):

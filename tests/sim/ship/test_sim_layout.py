@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from deckline_sim.ship import layout as ly
 from deckline_sim.ship.mesh import boxes, join, rectangle
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import SHIP_CLASSES, load_class
 
 LINES = np.array([[2.0, -9.0], [150.0, -25.0]]), np.array([[2.0, 9.0], [150.0, -7.0]])

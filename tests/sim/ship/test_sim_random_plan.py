@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deckline_sim.ship.layout import class_layout, random_layout
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.random_plan import UNEVEN, WIDENED, random_centre, random_edge, random_plan, random_surface
 from deckline_sim.ship.ship_class import load_class
 

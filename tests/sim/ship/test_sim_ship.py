@@ -4,7 +4,7 @@ import pytest
 from deckline_sim.ship import ship as sp
 from deckline_sim.ship.layout import class_layout, random_layout, runway_distance
 from deckline_sim.ship.mesh import boxes, join
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import SHIP_CLASSES, load_class
 
 ISLAND = boxes((30.0, 5.0, 0.0), (12.0, 6.0, 15.0), (0.5, 0.5, 0.5))

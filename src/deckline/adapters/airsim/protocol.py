@@ -42,7 +42,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Response:
-    """An answer: `error` is None or says what went wrong."""
+    """An answer: `error` is None or describes the failure."""
 
     id: int
     error: Any

@@ -5,7 +5,6 @@ is of a later instant. So a frame's pose comes from the image alone: world_from_
 camera_from_body of the mount, which hardly changes.
 """
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -28,6 +27,7 @@ from deckline.adapters.airsim.client import (
     parse_address,
 )
 from deckline.adapters.airsim.protocol import read_pose
+from deckline.files import print_line
 from deckline.geometry import Camera, camera_mount
 from deckline.live.source import Captured, LiveSource, frame_name
 from deckline.recording import BadFrame, RecordingError
@@ -37,8 +37,8 @@ from deckline.types import Frame
 NS_PER_S = 10**9  # whole, so that division by it keeps all of the time stamp
 SAME_POSE_M = 0.01  # poses of picture and depth: farther apart, the depth is not the picture's
 SAME_POSE_RAD = 2e-4  # about as much at the 50 m at which the lines fill the picture; single precision leaves 1e-6
-STILL_M = 0.01  # a vehicle that moves less during a measurement of the mount stands still
-STILL_RAD = 1e-3  # a vehicle that turns less: 0.06 deg, half of which is the error
+STILL_M = 0.01  # a vehicle that moves less during a measurement of the mount is at rest
+STILL_RAD = 1e-3  # likewise turned: 0.06 deg, half of which is the error
 MEASUREMENTS = 20  # of a mount, at most
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to connect again; each wait doubles
 SLOW = 1.25  # frames that take so many times the wanted period are slow
@@ -69,7 +69,7 @@ def measure_mount(connection: Connection, camera: str, vehicle: str) -> MountMea
 
 
 def measure_still_mount(connection: Connection, camera: str, vehicle: str) -> MountMeasurement:
-    """The measurement of several during which the vehicle moved least; the first of a vehicle that stands still."""
+    """The measurement of several during which the vehicle moved least; the first of a vehicle at rest."""
     best = measure_mount(connection, camera, vehicle)
     for _ in range(MEASUREMENTS - 1):
         if best.motion_m <= STILL_M and best.rotation_rad <= STILL_RAD:
@@ -84,9 +84,9 @@ def _measure_motion(motion: RigidTransform) -> tuple[float, float]:
 
 
 def update_mount(mount: RigidTransform, measured: MountMeasurement) -> RigidTransform:
-    """The known body_from_camera, updated with the part of a new measurement that is sharp enough.
+    """body_from_camera, updated with the accurate parts of a new measurement.
 
-    So the mount follows a camera that is turned on its vehicle, and a fast vehicle does not blur its position.
+    The mount follows a camera that turns on its vehicle; the motion of a fast vehicle does not change its position.
     """
     if measured.rotation_rad > STILL_RAD:
         return mount
@@ -192,19 +192,15 @@ def _check_same_pose(scene: RigidTransform, depth: RigidTransform) -> None:
         )
 
 
-def print_to_stderr(line: str) -> None:
-    print(line, file=sys.stderr)
-
-
 class AirSimSource(LiveSource):
-    """Frames of a simulator's camera until `stop`. A simulator that goes away is waited for.
+    """Frames of a simulator's camera until `stop`. After a lost connection it waits for the simulator.
 
     Args:
         address: airsim://HOST:PORT[/VEHICLE].
         camera: AirSim's name of it.
         rate_hz: frames a second, at most.
         deck_z_m, sea_z_m: world z (down) of the deck plane and of the water.
-        log: gets a line when the simulator goes away, comes back, or is too slow.
+        log: gets a line when the simulator is lost, found again, or too slow.
 
     Raises:
         RecordingError: a wrong rate, nobody answers, or there is no such camera.
@@ -218,7 +214,7 @@ class AirSimSource(LiveSource):
         rate_hz: float = 5.0,
         deck_z_m: float | None = None,
         sea_z_m: float | None = None,
-        log: Callable[[str], None] = print_to_stderr,
+        log: Callable[[str], None] = print_line,
     ) -> None:
         if not 0.0 < rate_hz <= 1000.0:
             raise RecordingError(f"rate must lie between 0 and 1000 frames a second, got {rate_hz}")

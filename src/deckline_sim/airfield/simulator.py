@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -14,10 +13,10 @@ from deckline.haze import add_haze, beta_from_visibility
 from deckline.recording.image_folder import list_images
 from deckline.recording.images import read_image
 from deckline.types import Frame, Segment, Truth
-from deckline_sim.airfield.ground import NOISE_SLOPES, TILE, Viewer
+from deckline_sim.airfield.ground import NOISE_SLOPES, TILE, GroundCamera
 from deckline_sim.airfield.pad import draw_pad
-from deckline_sim.airfield.picture import Airfield, draw_airfield, make_textures
-from deckline_sim.camera.glass import add_foreground
+from deckline_sim.airfield.picture import AirfieldPicture, draw_airfield, make_textures
+from deckline_sim.camera.foreground import add_foreground
 from deckline_sim.camera.measure import measure_depth
 from deckline_sim.config import SimConfig, draw_visibility
 
@@ -30,8 +29,8 @@ class AirfieldSimulator:
     """Draws single frames in any order.
 
     Args:
-        config: of one of them. Size, number, seed, visibility, depth and photographs count; camera, light, ground and
-            runway are drawn anew for every frame.
+        config: of preset `airfield` or `pad`. It sets size, number, seed, visibility, depth and photographs;
+            camera, light, ground and runway are drawn for every frame.
 
     Raises:
         ValueError: a damaged photograph, or a folder without any that makes a texture.
@@ -49,11 +48,14 @@ class AirfieldSimulator:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        return
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Nothing to release; as `ShipSimulator.close`."""
 
     def frame(self, index: int) -> Frame:
-        """Frame `index`; its truth's conditions say under "edge" what the edge line is."""
+        """Frame `index`; its truth's conditions hold the kind of its edge lines as "edge"."""
         config = self.config
         rng = np.random.default_rng([config.seed, FRAME, index])
         draw = draw_pad if config.preset == "pad" else draw_airfield
@@ -97,18 +99,18 @@ def _read_photographs(folder: Path, rng: np.random.Generator) -> Iterator[NDArra
             raise ValueError(f"{folder / files[k]}: {error}") from None
 
 
-def _camera(viewer: Viewer) -> Camera:
+def _camera(viewer: GroundCamera) -> Camera:
     middle = (viewer.width - 1) / 2, (viewer.height - 1) / 2
     return Camera(viewer.width, viewer.height, viewer.focal_px, viewer.focal_px, *middle)
 
 
-def _pose(viewer: Viewer) -> RigidTransform:
+def _pose(viewer: GroundCamera) -> RigidTransform:
     """world_from_body of an aircraft whose camera looks along its body's forward axis."""
     rotation = Rotation.from_matrix((viewer.axes * UP_TO_DOWN).T)
     return RigidTransform.from_components(viewer.position_m * UP_TO_DOWN, rotation) * camera_mount().inv()
 
 
-def _true_depth(airfield: Airfield) -> NDArray[np.float32]:
+def _true_depth(airfield: AirfieldPicture) -> NDArray[np.float32]:
     """(H, W) along the optical axis, m; NaN for sky."""
     depth = airfield.range_m / _camera(airfield.viewer).ray_lengths()
     return np.where(np.isfinite(depth), depth, np.nan).astype(np.float32)

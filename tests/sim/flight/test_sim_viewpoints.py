@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deck_frame import CVN, PAPER_SHIP, over_deck
 
 from deckline.geometry import Camera
 from deckline_sim.config import MotionConfig, SimConfig
-from deckline_sim.flight.views import (
+from deckline_sim.flight.viewpoints import (
     APPARENT_WIDTH,
     STILL,
-    Motion,
+    ShipMotion,
     Viewpoint,
     away_view,
     deck_amplitudes,
@@ -29,15 +30,13 @@ from deckline_sim.flight.views import (
     steady_pose,
 )
 from deckline_sim.ship.layout import class_layout, random_layout
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import load_class
 
-CVN = class_layout(load_class("cvn"))
-PAPER_SHIP = class_layout(load_class("paper"))
 ROUGH = draw_motion(MotionConfig(sea_state=6, ship_speed_m_s=12.9), False, np.random.default_rng(3))
 LAYOUTS = [PAPER_SHIP, CVN]
-RISING = Motion(pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.0, np.pi, 0.0))
-UNDER_WAY = Motion(speed_m_s=10.0, roll_rad=0.02)
+RISING = ShipMotion(pitch_rad=0.0216, heave_m=1.63, phases_rad=(0.0, np.pi, 0.0))
+UNDER_WAY = ShipMotion(speed_m_s=10.0, roll_rad=0.02)
 TRAIN = SimConfig(preset="train", trajectory="random", width=640, height=360)
 
 
@@ -115,7 +114,7 @@ def test_smaller_seas_move_the_deck_less():
     np.testing.assert_allclose(deck_amplitudes(4.5), (np.array(deck_amplitudes(4)) + deck_amplitudes(5)) / 2)
 
 
-def test_presets_decide_what_is_not_said():
+def test_presets_decide_what_is_not_given():
     named = [draw_motion(MotionConfig(), False, np.random.default_rng(k)) for k in range(20)]
     assert all((m.roll_rad, m.pitch_rad, m.heave_m, m.speed_m_s) == (0.0, 0.0, 0.0, 0.0) for m in named)
     drawn = np.array([draw_motion(MotionConfig(), True, np.random.default_rng(k)).heave_m for k in range(300)])
@@ -143,19 +142,12 @@ def test_the_rise_is_the_difference_of_the_poses(layout):
         assert deck_rise(layout, ROUGH, time_s, point) == pytest.approx(steady - moved, abs=1e-9)
 
 
-def over_deck(layout, view):
-    """Distance to the ramp, to the right of the centre line, above the deck."""
-    point = layout.world_from_ship.inv().apply(view.world_from_body.translation)
-    along, right, _ = axes(*layout.centre_m)
-    return -(point[:2] - layout.centre_m[0]) @ along, (point[:2] - layout.centre_m[0]) @ right, -point[2]
-
-
 def test_views_of_named_ships_stay_in_range_and_mostly_show_the_runway():
     layout, config = CVN, SimConfig(preset="cvn", trajectory="random")
     shown = []
     for k in range(60):
         view = random_view(config, layout, k, np.random.default_rng(k))
-        range_m, lateral, height = over_deck(layout, view)
+        range_m, lateral, height = over_deck(layout, [view])
         assert 60.0 <= range_m <= 800.0
         assert abs(lateral) <= 0.2 * range_m + 1e-9
         assert height >= 3.05
@@ -166,7 +158,7 @@ def test_views_of_named_ships_stay_in_range_and_mostly_show_the_runway():
 
 def test_training_sees_ships_from_everywhere_but_mostly_from_the_glide_path():
     views = [random_view(TRAIN, CVN, k, np.random.default_rng(k)) for k in range(600)]
-    range_m, lateral, height = np.array([over_deck(CVN, view) for view in views]).T
+    range_m, lateral, height = over_deck(CVN, views)
     shown = np.array([runway_in_view(view, CVN) for view in views])
     over_the_deck = (range_m <= 0.0) & (range_m >= -60.0) & (np.abs(lateral) < 10.0)
     assert 0.03 < over_the_deck.mean() < 0.10
@@ -184,7 +176,7 @@ def test_views_come_down_the_glide_angle_that_is_asked_for():
     config = SimConfig(preset="axial", trajectory="random", elevation_deg=(3.0, 4.0))
     layout = class_layout(load_class("axial"))
     views = [random_view(config, layout, k, np.random.default_rng(k)) for k in range(40)]
-    range_m, _, height = np.array([over_deck(layout, view) for view in views]).T
+    range_m, _, height = over_deck(layout, views)
     elevation = np.rad2deg(np.arctan(height / (range_m + 70.0)))
     assert ((elevation > 2.99) & (elevation < 4.01)).all()
     assert np.ptp(elevation) > 0.5
@@ -256,7 +248,7 @@ def test_nose_points_at_the_target():
 
 
 def test_runway_points_are_measured_from_the_ramp():
-    for layout in (class_layout(load_class("paper")), CVN):
+    for layout in LAYOUTS:
         end = axes(*layout.centre_m)[2]
         np.testing.assert_allclose(
             runway_point(layout, end), layout.world_from_ship.apply([*layout.centre_m[1], 0.0]), atol=1e-9

@@ -1,4 +1,4 @@
-"""Simulated time, and where the sun stands at a date and time."""
+"""Simulated time, and the sun's position at a date and time."""
 
 import math
 import time
@@ -13,18 +13,18 @@ from deckline_sim.config import TimeOfDay
 from deckline_sim.scene.weather import DUSK_DEG, ELEVATION_DEG
 
 TILT_DEG = 23.45  # of the Earth's axis
-DARK_DEG = -6.0  # the sun's elevation at the end of civil twilight: below it, the moon stands opposite the sun
+DARK_DEG = -6.0  # the sun's elevation at the end of civil twilight: below it, the moon is opposite the sun
 FORMAT = "%Y-%m-%d %H:%M:%S"  # AirSim's
 
 
-class Clock:
-    """Seconds since it was made: it runs with the wall clock, stands still, or runs for so many seconds.
+class SimClock:
+    """Simulated seconds since its creation: it runs with the wall clock, is paused, or runs for a given time.
 
     Every thread may read it.
 
     Args:
         ticks: a monotonic clock, s.
-        epoch_ns: when it was made, ns since 1970; None: now.
+        epoch_ns: time of its creation, ns since 1970; None: now.
     """
 
     def __init__(self, ticks: Callable[[], float] = time.monotonic, epoch_ns: int | None = None) -> None:
@@ -46,11 +46,11 @@ class Clock:
         return self._ticks() - tick >= limit_s
 
     def pause(self, paused: bool) -> None:
-        """Stand still, or run on."""
+        """Pause or resume."""
         self.run_for(0.0 if paused else math.inf)
 
     def run_for(self, seconds: float) -> None:
-        """Run on, and stand still after so many seconds."""
+        """Run for some seconds, then pause."""
         self.run = (self.seconds(), self._ticks(), seconds)
 
 
@@ -100,7 +100,7 @@ def sun_angles(when: datetime, latitude_deg: float) -> tuple[float, float]:
 def light_at(when: datetime, latitude_deg: float) -> tuple[TimeOfDay, NDArray[np.float64]]:
     """Day, dusk or night, and the unit vector (3,) from the sun, at night the moon, to the ground, world NED.
 
-    The elevation is kept within the range that the simulator draws for that time of day.
+    The elevation is clipped to the range that the simulator draws for that time of day.
     """
     elevation, azimuth = sun_angles(when, latitude_deg)
     time_of_day: TimeOfDay = "day"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deckline.types import EdgeKind
 from deckline_sim.ship.mesh import Array, strip
-from deckline_sim.ship.paint import Coat, bars, dashes, figures, layers, polygons, stripe
+from deckline_sim.ship.paint_shapes import Coat, bars, dashes, figures, layers, polygons, stripe
 
 WIDTHS_M = (18.0, 23.0, 30.0, 45.0, 60.0)
 WIDTH_SHARES = (0.1, 0.12, 0.28, 0.4, 0.1)
@@ -25,7 +25,7 @@ WHITE, YELLOW = np.array([0.92, 0.92, 0.9]), np.array([0.85, 0.7, 0.12])
 
 
 @dataclass(frozen=True, eq=False)
-class Runway:
+class LandRunway:
     """What is drawn of a runway, and where its edge lines are."""
 
     width_m: float  # of the pavement between the shoulders
@@ -41,7 +41,7 @@ class Runway:
     lights_rgb: NDArray[np.float64]  # (N, 3), 1 is white
 
 
-def random_runway(rng: Generator) -> Runway:
+def random_runway(rng: Generator) -> LandRunway:
     """A runway with its shoulders, its ends, paint and lights."""
     width = float(rng.choice(WIDTHS_M, p=WIDTH_SHARES))
     length = float(rng.uniform(20, 34) * width + rng.uniform(200, 1800))
@@ -68,7 +68,7 @@ def random_runway(rng: Generator) -> Runway:
         paint += [stripe([[start, y], [length, y]], stripe_m, WHITE) for y in (-stripe_y, stripe_y)]
     pavement = _pavement(width, length, before, rng)
     painted = bool(centre and not plain)
-    return Runway(width, length, span, half, edge, painted, night, pavement, layers(paint), places, colours)
+    return LandRunway(width, length, span, half, edge, painted, night, pavement, layers(paint), places, colours)
 
 
 def _box(x0: float, x1: float, y0: float, y1: float, rgb: ArrayLike) -> Coat:

@@ -17,14 +17,14 @@ from deckline.recording import RecordingWriter
 from deckline.recording.images import encode_image
 from deckline.types import Frame
 from deckline_sim.airsim_server.objects import segmentation
-from deckline_sim.airsim_server.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, Settings
+from deckline_sim.airsim_server.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, AirSimSettings
 from deckline_sim.airsim_server.structs import Struct, pose_struct
 from deckline_sim.airsim_server.world import World
 
 FAR_M = 65504.0  # where nothing is seen: the largest half-precision number, AirSim's
 VIS_M = 100.0  # depth that DepthVis shows white
 MAX_IMAGES, MAX_PIXELS = 64, 17_000_000  # of one call: one of 4096x4096; as floats 85 MB on the wire
-RECORDING_BYTES = 20 << 30  # of one recording, which goes on when its client has left
+RECORDING_BYTES = 20 << 30  # of one recording, which continues after its client has left
 FREE_BYTES = 1 << 30  # that a recording leaves on the disk
 TYPES = {SCENE: "Scene", PLANAR: "DepthPlanar", PERSPECTIVE: "DepthPerspective", DEPTH_VIS: "DepthVis"} | {
     SEGMENTATION: "Segmentation"
@@ -44,14 +44,14 @@ class ImageRequest:
     annotation: str = ""
 
 
-def read_requests(values: Any, settings: Settings) -> list[ImageRequest]:
+def read_requests(values: Any, settings: AirSimSettings) -> list[ImageRequest]:
     """The list that clients send; a ValueError names an unknown camera, type or form of picture."""
     if not isinstance(values, list) or len(values) > MAX_IMAGES:
         raise ValueError(f"image requests must be a list of at most {MAX_IMAGES}")
     return [_read_request(value, settings) for value in values]
 
 
-def _read_request(value: Any, settings: Settings) -> ImageRequest:
+def _read_request(value: Any, settings: AirSimSettings) -> ImageRequest:
     if not isinstance(value, Mapping):
         raise ValueError(f"an image request must be a map, got {type(value).__name__}")
     name, image_type = str(value.get("camera_name", "0")), read_image_type(value.get("image_type", SCENE))
@@ -151,7 +151,7 @@ def draw_depth(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def record_frame(world: World) -> Frame:
-    """The recorded camera's frame of now, its time in s since 1970; only on the world's own thread."""
+    """The recorded camera's present frame, its time in s since 1970; only on the world's own thread."""
     state, time_s = world.snapshot()
     frame = world.picture(world.settings.recorded, SCENE, state, time_s)
     return replace(frame, time_s=world.clock.nanoseconds(time_s) / 1e9)
@@ -162,7 +162,7 @@ class Recorder:
 
     Args:
         out: each recording becomes a folder in it, named by date and time.
-        take: gives the frame of now.
+        take: takes the present frame.
         scene: free keys of scene.json.
         log: gets a line when a recording begins and ends.
     """
@@ -170,7 +170,7 @@ class Recorder:
     def __init__(
         self,
         out: Path,
-        settings: Settings,
+        settings: AirSimSettings,
         take: Callable[[], Awaitable[Frame]],
         scene: dict[str, object],
         log: Callable[[str], None],

@@ -1,39 +1,33 @@
 import numpy as np
 import pytest
+from coat_area import area_and_middle
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline_sim.ship.paint import bars, blots, dashes, figures, layers, ring, streaks, stripe
+from deckline_sim.ship.paint_shapes import bars, blots, dashes, figures, layers, ring, streaks, stripe
 
 WHITE = (1.0, 1.0, 1.0)
 AHEAD = ((0, 0), (10, 0))
 coordinates = st.floats(-200, 200)
 
 
-def area_and_centroid(coat):
-    """Shoelace area of a coat without overlaps, and its centroid."""
-    a, b, c = (coat[k::3, :2].astype(float) for k in range(3))
-    areas = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-    return areas.sum(), (areas[:, None] * (a + b + c) / 3).sum(axis=0) / areas.sum()
-
-
 @given(coordinates, coordinates, st.floats(-3, 3), st.floats(5, 100), st.floats(0.1, 5))
 def test_stripe_has_its_area_and_its_middle_on_the_line(x, y, angle, length, width):
     start = np.array([x, y])
     end = start + length * np.array([np.cos(angle), np.sin(angle)])
-    area, centroid = area_and_centroid(stripe((start, end), width, WHITE))
+    area, centroid = area_and_middle(stripe((start, end), width, WHITE))
     assert area == pytest.approx(length * width, rel=1e-2, abs=1e-2)
     np.testing.assert_allclose(centroid, (start + end) / 2, atol=1e-2)
 
 
 def test_offset_goes_to_the_right_of_the_line():
-    _, centroid = area_and_centroid(stripe(AHEAD, 0.5, WHITE, offset_m=3.0))
+    _, centroid = area_and_middle(stripe(AHEAD, 0.5, WHITE, offset_m=3.0))
     np.testing.assert_allclose(centroid, [5.0, 3.0], atol=1e-6)  # x ahead, y to the right
 
 
 def test_dashes_take_turns_and_stay_on_the_line():
     coat = dashes(((0, 0), (25, 0)), 1.0, [WHITE, (1.0, 1.0, 0.0)], dash_m=4.0, gap_m=6.0)
-    assert area_and_centroid(coat)[0] == pytest.approx(4 + 4 + 4)
+    assert area_and_middle(coat)[0] == pytest.approx(4 + 4 + 4)
     assert [tuple(c) for c in coat[::6, 2:5]] == [WHITE, (1.0, 1.0, 0.0), WHITE]
     assert coat[:, 0].max() <= 25.0
 
@@ -44,7 +38,7 @@ def test_bars_lie_along_and_across_their_line():
     np.testing.assert_allclose([first.min(axis=0), first.max(axis=0)], [[2.0, 4.0], [4.0, 6.0]], atol=1e-6)
     np.testing.assert_allclose([second.min(axis=0), second.max(axis=0)], [[0.0, 9.0], [3.0, 10.0]], atol=1e-6)
     np.testing.assert_allclose(coat[:, 5], np.repeat([0.5, 0.8], 6))
-    assert area_and_centroid(coat)[0] == pytest.approx(4.0 + 3.0)
+    assert area_and_middle(coat)[0] == pytest.approx(4.0 + 3.0)
 
 
 def test_streaks_fade_to_their_sides_and_ends():
@@ -67,7 +61,7 @@ def test_blots_fade_to_their_rims():
 
 
 def test_ring_has_the_area_of_its_polygons():
-    area, centroid = area_and_centroid(ring((5, -3), 6.0, 0.5, WHITE, sides=40))
+    area, centroid = area_and_middle(ring((5, -3), 6.0, 0.5, WHITE, sides=40))
     regular = 40 / 2 * np.sin(2 * np.pi / 40)  # area of a regular polygon of radius 1
     assert area == pytest.approx(regular * (6.25**2 - 5.75**2), rel=1e-4)
     np.testing.assert_allclose(centroid, [5, -3], atol=1e-4)

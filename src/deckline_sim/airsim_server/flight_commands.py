@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from deckline.adapters.airsim.protocol import quote, read_flag, read_number, read_vector
-from deckline_sim.airsim_server.flight import Command, Vehicle
-from deckline_sim.airsim_server.motion import KEEP, Vector, Yaw, braking_speed, limit, towards, wrap
+from deckline_sim.airsim_server.kinematics import NO_TURN, Vector, Yaw, braking_speed, limit, towards, wrap
 from deckline_sim.airsim_server.service import Service
 from deckline_sim.airsim_server.structs import read_geo, vector_struct
+from deckline_sim.airsim_server.vehicle import Vehicle, VehicleCommand
 from deckline_sim.airsim_server.world import World
 
-TICK_S = 0.02  # of the wall clock: how often a running command is looked at
+TICK_S = 0.02  # of the wall clock: between two checks of a running command
 LONG_S = 3e38  # AirSim's endless timeout
 ARRIVED_M, STOPPED_M_S = 0.2, 0.1
 TAKEOFF_M, TAKEOFF_M_S = 3.0, 1.0
@@ -28,7 +28,7 @@ TURNED_RAD_S = 0.01  # a slower turn has ended
 MAX_POINTS, MOST_M, MOST_M_S, MOST_DEG = 10_000, 1e6, 1e4, 1e6
 FORWARD_ONLY = 1  # of AirSim's DrivetrainType: the nose to the direction of flight
 
-Maker = Callable[[Vehicle], Command]
+Maker = Callable[[Vehicle], VehicleCommand]
 RATE_ZERO: Mapping[str, Any] = {"is_rate": True, "yaw_or_rate": 0.0}
 
 
@@ -50,13 +50,13 @@ async def take_off(service: Service, timeout: float = 20.0, vehicle: str = "") -
 
 
 async def land(service: Service, timeout: float = 60.0, vehicle: str = "") -> bool:
-    """Straight down, onto whatever is there."""
+    """Straight down."""
 
     def steer(body: Vehicle) -> Vector:
         least, most = LANDING_M_S
         return np.array([0.0, 0.0, min(max(LANDING_PER_S * body.ground.height_m, least), most)])
 
-    command = Command(steer, lambda body: body.landed, timeout_s=read_timeout(timeout), lands=True)
+    command = VehicleCommand(steer, lambda body: body.landed, timeout_s=read_timeout(timeout), lands=True)
     return await fly(service.world, lambda body: command)
 
 
@@ -66,12 +66,9 @@ async def go_home(service: Service, timeout: float = LONG_S, vehicle: str = "") 
 
 
 async def hover(service: Service, vehicle: str = "") -> bool:
-    """Brake, and hold the place."""
-
-    def make(body: Vehicle) -> Command:
-        return Command(lambda body: np.zeros(3), lambda body: float(np.linalg.norm(body.velocity)) < STOPPED_M_S)
-
-    return await fly(service.world, make)
+    """Brake, and hold the position."""
+    command = VehicleCommand(lambda body: np.zeros(3), lambda body: float(np.linalg.norm(body.velocity)) < STOPPED_M_S)
+    return await fly(service.world, lambda body: command)
 
 
 async def move_on_path(
@@ -89,13 +86,13 @@ async def move_on_path(
         raise ValueError(f"path must be a list of 1 to {MAX_POINTS} positions, got {quote(path)}")
     points = [read_vector(point, "path", MOST_M) for point in path]
     yaw = read_yaw(yaw_mode, drivetrain)
-    ahead_m, speed = read_number(lookahead, "lookahead", -1.0, MOST_M), read_speed(speed)
+    ahead_m, speed = read_number(lookahead, "lookahead", -1.0, MOST_M), read_number(speed, "velocity", 0.01, MOST_M_S)
     if ahead_m == 0.0 or (yaw.is_rate and yaw.along):
         raise ValueError("lookahead cannot be 0" if ahead_m == 0.0 else "ForwardOnly takes no yaw rate")
     return await fly(service.world, lambda body: follow(body, points, speed, read_timeout(timeout), yaw, ahead_m))
 
 
-async def move_to_position(
+async def move_to_point(
     service: Service,
     x: float,
     y: float,
@@ -107,27 +104,14 @@ async def move_to_position(
     lookahead: float = -1.0,
     adaptive: float = 1.0,
     vehicle: str = "",
+    *,
+    geographic: bool = False,
 ) -> bool:
-    return await move_on_path(
-        service, [{"x_val": x, "y_val": y, "z_val": z}], speed, timeout, drivetrain, yaw_mode, lookahead
-    )
-
-
-async def move_to_gps(
-    service: Service,
-    latitude: float,
-    longitude: float,
-    altitude: float,
-    speed: float,
-    timeout: float = LONG_S,
-    drivetrain: int = 0,
-    yaw_mode: Any = RATE_ZERO,
-    lookahead: float = -1.0,
-    adaptive: float = 1.0,
-    vehicle: str = "",
-) -> bool:
-    point = read_geo(latitude, longitude, altitude, service.world.settings.origin)
-    return await move_on_path(service, [vector_struct(point)], speed, timeout, drivetrain, yaw_mode, lookahead)
+    """`geographic`: x, y and z are latitude, deg, longitude, deg, and altitude, m."""
+    point = {"x_val": x, "y_val": y, "z_val": z}
+    if geographic:
+        point = vector_struct(read_geo(x, y, z, service.world.settings.origin))
+    return await move_on_path(service, [point], speed, timeout, drivetrain, yaw_mode, lookahead)
 
 
 async def move_to_z(
@@ -140,10 +124,9 @@ async def move_to_z(
     adaptive: float = 1.0,
     vehicle: str = "",
 ) -> bool:
-    """Over the present place."""
+    """Over the present position."""
     x, y, _ = service.world.vehicle.read().pose.translation.tolist()
-    path = [{"x_val": x, "y_val": y, "z_val": z}]
-    return await move_on_path(service, path, speed, timeout, 0, yaw_mode, lookahead)
+    return await move_to_point(service, x, y, z, speed, timeout, 0, yaw_mode, lookahead)
 
 
 async def move_by_velocity(
@@ -164,7 +147,7 @@ async def move_by_velocity(
     down = read_number(vz, "z" if at_z else "vz", *((-MOST_M, MOST_M) if at_z else (-MOST_M_S, MOST_M_S)))
     yaw, duration = read_yaw(yaw_mode, drivetrain), read_timeout(duration)
 
-    def make(body: Vehicle) -> Command:
+    def make(body: Vehicle) -> VehicleCommand:
         cos, sin = (math.cos(body.yaw), math.sin(body.yaw)) if in_body else (1.0, 0.0)
         level = [across[0] * cos - across[1] * sin, across[0] * sin + across[1] * cos]
 
@@ -172,7 +155,7 @@ async def move_by_velocity(
             vertical = towards(np.array([0.0, 0.0, down - body.position[2]]), MOST_M_S)[2] if at_z else down
             return np.array([*level, vertical])
 
-        return Command(steer, lambda body: False, yaw, duration, timed=True)
+        return VehicleCommand(steer, lambda body: False, yaw, duration, timed=True)
 
     return await fly(service.world, make)
 
@@ -187,35 +170,39 @@ async def rotate_to_yaw(
         return abs(wrap(body.yaw - angle)) <= margin and abs(body.yaw_rate) <= TURNED_RAD_S
 
     timeout = read_timeout(timeout)
-    return await fly(service.world, lambda body: Command(hold(body), is_done, Yaw(is_rate=False, value=angle), timeout))
+    return await fly(
+        service.world, lambda body: VehicleCommand(hold(body), is_done, Yaw(is_rate=False, value=angle), timeout)
+    )
 
 
 async def rotate_by_yaw_rate(service: Service, yaw_rate: float, duration: float, vehicle: str = "") -> bool:
     yaw = Yaw(value=math.radians(read_number(yaw_rate, "yaw_rate", -MOST_DEG, MOST_DEG)))
     duration = read_timeout(duration)
-    return await fly(service.world, lambda body: Command(hold(body), lambda body: False, yaw, duration, timed=True))
+    return await fly(
+        service.world, lambda body: VehicleCommand(hold(body), lambda body: False, yaw, duration, timed=True)
+    )
 
 
-def climb(body: Vehicle, timeout_s: float) -> Command:
-    """Straight up, TAKEOFF_M above where the vehicle is now; a deck under way stays behind."""
+def climb(body: Vehicle, timeout_s: float) -> VehicleCommand:
+    """Straight up by TAKEOFF_M in the world, also from a moving deck."""
     goal = body.position[2] - TAKEOFF_M
 
     def steer(body: Vehicle) -> Vector:
         return towards(np.array([0.0, 0.0, goal - body.position[2]]), TAKEOFF_M_S)
 
-    return Command(steer, lambda body: abs(body.position[2] - goal) <= ARRIVED_M, timeout_s=timeout_s)
+    return VehicleCommand(steer, lambda body: abs(body.position[2] - goal) <= ARRIVED_M, timeout_s=timeout_s)
 
 
 def hold(body: Vehicle) -> Callable[[Vehicle], Vector]:
-    """Steers to where the vehicle is now."""
+    """Steers to the present position."""
     place = body.position
     return lambda body: towards(place - body.position, MOST_M_S)
 
 
 def follow(
-    body: Vehicle, points: list[Vector], speed: float, timeout_s: float, yaw: Yaw = KEEP, lookahead_m: float = -1.0
-) -> Command:
-    """Flies from here along straight lines through points (3,), towards the path so far ahead; -1: AirSim's choice."""
+    body: Vehicle, points: list[Vector], speed: float, timeout_s: float, yaw: Yaw = NO_TURN, lookahead_m: float = -1.0
+) -> VehicleCommand:
+    """Fly along straight lines through points (3,), steering to a point `lookahead_m` ahead on them; -1: AirSim's."""
     corners = np.array([body.position, *points])
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     ends = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -233,22 +220,18 @@ def follow(
             done_m = max(done_m, min(ends[index] + (body.position - corners[index]) @ along, ends[index + 1]))
         if done_m + ahead >= ends[-1]:
             return towards(corners[-1] - body.position, speed)
-        off_m = float(np.linalg.norm(body.position - point_at(done_m)))  # looks farther ahead from beside the path
+        off_m = float(np.linalg.norm(body.position - point_at(done_m)))  # cross-track error: adds to the lookahead
         aim = limit(point_at(done_m + ahead + off_m) - body.position, 1.0)
         return aim * min(speed, braking_speed(float(ends[-1]) - done_m))
 
     def is_done(body: Vehicle) -> bool:
         return done_m + ahead >= ends[-1] and float(np.linalg.norm(corners[-1] - body.position)) <= ARRIVED_M
 
-    return Command(steer, is_done, yaw, timeout_s)
+    return VehicleCommand(steer, is_done, yaw, timeout_s)
 
 
 def read_timeout(value: Any) -> float:
     return read_number(value, "timeout or duration", -math.inf, math.inf)
-
-
-def read_speed(value: Any) -> float:
-    return read_number(value, "velocity", 0.01, MOST_M_S)
 
 
 def read_yaw(mode: Any, drivetrain: Any) -> Yaw:
@@ -265,8 +248,8 @@ FLIGHT: dict[str, Callable[..., Any]] = {
     "goHome": go_home,
     "hover": hover,
     "moveOnPath": move_on_path,
-    "moveToPosition": move_to_position,
-    "moveToGPS": move_to_gps,
+    "moveToPosition": move_to_point,
+    "moveToGPS": partial(move_to_point, geographic=True),
     "moveToZ": move_to_z,
     "moveByVelocity": move_by_velocity,
     "moveByVelocityZ": partial(move_by_velocity, at_z=True),

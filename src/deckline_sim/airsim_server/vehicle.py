@@ -1,8 +1,8 @@
 """Kinematic flight of the server's one vehicle: a point with first-order dynamics that leans as a multirotor does.
 
 The ground velocity follows the wanted one with the time constant VELOCITY_S, within the limits below; so does the yaw
-rate. There are no rotors, no battery and no ground effect. Wind is held against until the airspeed it takes is more
-than the vehicle has; body and accelerometer show it. What touches deck or water stops at once and rests there.
+rate. There are no rotors, no battery and no ground effect. The vehicle compensates wind up to its largest airspeed;
+body and accelerometer show it. A vehicle that touches deck or water stops at once and rests there.
 Vectors (3,) are in the world, North-East-Down, m, m/s, m/s^2. All values are our choice.
 """
 
@@ -14,24 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline_sim.airsim_server.clock import Clock
-from deckline_sim.airsim_server.motion import (
+from deckline_sim.airsim_server.kinematics import (
     BRAKING_M_S2,
     GRAVITY_M_S2,
-    KEEP,
     LEAN_S,
+    NO_TURN,
     VELOCITY_S,
     YAW_RATE_S,
     Collision,
     Ground,
-    Motion,
     Vector,
+    VehicleMotion,
     Yaw,
     attitude_of,
     limit,
     towards,
     wrap,
 )
+from deckline_sim.airsim_server.sim_clock import SimClock
 
 STEP_S = 0.02  # AirSim commands its vehicles as often
 MAX_AIRSPEED_M_S = 80.0
@@ -39,20 +39,20 @@ MAX_ACCELERATION_M_S2 = 5.0
 MAX_YAW_RATE_RAD_S = math.radians(90.0)
 YAW_PER_S = 1.0 / (4.0 * YAW_RATE_S)
 DRAG_PER_S = 0.02  # acceleration for each m/s of airspeed: 1.2 deg of lean for 10 m/s
-GEAR_M = 0.3  # height of the body's origin above what it stands on
+GEAR_M = 0.3  # height of the body's origin above the ground it rests on
 LIFT_OFF_M_S, SLIDE_M_S = 0.05, 0.5  # wanted speed up, or along the deck, with which a landed vehicle lifts off
-MOST_BEHIND_S = 30.0  # of flight is made up for at once; without a command the vehicle is at rest by then
+MOST_BEHIND_S = 30.0  # longest flight simulated in one update; without a command the vehicle is at rest by then
 FARTHEST_M = 1e6  # a position beyond this is a mistake, and more than the renderer's single precision can place
 RATE_STEP_S = 0.01  # half the step of a landed vehicle's velocity
 
 
 @dataclass(eq=False)
-class Command:
-    """A flight command: what velocity it wants, and when it is done."""
+class VehicleCommand:
+    """A flight command: the velocity it demands, and when it is done."""
 
     steer: Callable[["Vehicle"], Vector]
     is_done: Callable[["Vehicle"], bool]
-    yaw: Yaw = KEEP
+    yaw: Yaw = NO_TURN
     timeout_s: float = math.inf
     timed: bool = False  # lasts as long as its timeout, and has then succeeded
     lands: bool = False  # done when it touches deck or water
@@ -61,7 +61,7 @@ class Command:
 
 
 class Vehicle:
-    """The vehicle, brought up to the clock's time whenever someone looks. Every thread may call its public methods.
+    """The vehicle; each public method first simulates it up to the clock's time. Its public methods are thread-safe.
 
     Args:
         start: world_from_body.
@@ -72,7 +72,7 @@ class Vehicle:
     def __init__(
         self,
         start: RigidTransform,
-        clock: Clock,
+        clock: SimClock,
         ground: Callable[[Vector, float], Ground],
         ship_pose: Callable[[float], RigidTransform],
     ) -> None:
@@ -86,20 +86,20 @@ class Vehicle:
         """To the start, without wind or command."""
         with self._lock:
             self.wind = np.zeros(3)
-            self._command: Command | None = None
+            self._command: VehicleCommand | None = None
             self._collision: Collision | None = None
             self._place(self._start)
 
     def place(self, pose: RigidTransform) -> None:
-        """Put it somewhere, where it stays exactly as put until the next command; one that runs is cancelled."""
+        """Set world_from_body, held exactly until the next command; a running command is cancelled."""
         with self._lock:
             self._finish(False)
             self._place(pose)
             if self.ground.height_m <= 0.0:
                 self._collide(self.ground.name, np.array([0.0, 0.0, -1.0]))
 
-    def start(self, make: Callable[["Vehicle"], Command]) -> Command:
-        """Begin the command that `make` makes of the vehicle as it is now; one that runs is cancelled."""
+    def start(self, make: Callable[["Vehicle"], VehicleCommand]) -> VehicleCommand:
+        """Start the command that `make` creates from the present state; a running command is cancelled."""
         with self._lock:
             self._advance(self._clock.seconds())
             self._ride()
@@ -121,17 +121,17 @@ class Vehicle:
             self._finish(False)
 
     def set_wind(self, wind: Vector) -> None:
-        """From now on, m/s."""
+        """Set the air's velocity (3,), world, m/s."""
         with self._lock:
             self._advance(self._clock.seconds())
             self.wind = wind
 
     def update(self) -> None:
-        """Fly on until now."""
+        """Simulate up to now."""
         with self._lock:
             self._advance(self._clock.seconds())
 
-    def read(self) -> Motion:
+    def read(self) -> VehicleMotion:
         """The motion now."""
         with self._lock:
             time_s = self._clock.seconds()
@@ -139,7 +139,7 @@ class Vehicle:
             return self._motion(time_s)
 
     def take_collision(self) -> Collision | None:
-        """The last contact since this was asked before."""
+        """The last contact since the previous call."""
         with self._lock:
             self._advance(self._clock.seconds())
             last, self._collision = self._collision, None
@@ -191,7 +191,7 @@ class Vehicle:
             if command is not None:
                 self._check_command(command, down=bool(wanted[2] > LIFT_OFF_M_S))
             return
-        self._fly(wanted, KEEP if command is None else command.yaw)
+        self._fly(wanted, NO_TURN if command is None else command.yaw)
         self._touch()
         if command is not None and self._command is command:
             self._check_command(command)
@@ -218,10 +218,10 @@ class Vehicle:
         return YAW_PER_S * wrap(yaw.value + course - self.yaw)
 
     def _touch(self) -> None:
-        """Land, or run into the hull; leave no way out of the world."""
+        """Land, or run into the hull; stay inside the world."""
         before, self.ground = self._height_m, self._ground(self.position, self.time_s)
         self._height_m = self.ground.height_m
-        if self._height_m < -GEAR_M - abs(self.velocity[2]) * STEP_S:  # it came from the side
+        if self._height_m < -GEAR_M - abs(self.velocity[2]) * STEP_S:  # from the side
             self._collide("Carrier", -self.velocity / max(float(np.linalg.norm(self.velocity)), 1e-9))
             self.position = self.position - self.velocity * (2.0 * STEP_S)
         elif np.abs(self.position).max() > FARTHEST_M:
@@ -258,7 +258,7 @@ class Vehicle:
         self._rest, self._height_m = None, GEAR_M
         return True
 
-    def _check_command(self, command: Command, down: bool = False) -> None:
+    def _check_command(self, command: VehicleCommand, down: bool = False) -> None:
         if command.is_done(self):
             self._finish(True)
         elif self.time_s >= command.end_s - 1e-9:
@@ -270,7 +270,7 @@ class Vehicle:
         self._collision = Collision(name, self.time_s, self.position, normal)
 
     def _ride(self) -> None:
-        """Bring a landed vehicle along with what it stands on."""
+        """Move a landed vehicle with the deck."""
         if self._rest is not None:
             pose = self._resting(self.time_s)
             self.position = np.array(pose.translation)
@@ -288,15 +288,15 @@ class Vehicle:
         rates = (first.rotation.inv() * last.rotation).as_rotvec() / (2 * RATE_STEP_S)
         return (c - a) / (2 * RATE_STEP_S), (a - 2 * b + c) / RATE_STEP_S**2, rates
 
-    def _motion(self, time_s: float) -> Motion:
+    def _motion(self, time_s: float) -> VehicleMotion:
         still = np.zeros(3)
         if self._frozen:
             landed = self._height_m <= GEAR_M
-            return Motion(time_s, self._put, still, still, still, landed, self.ground)
+            return VehicleMotion(time_s, self._put, still, still, still, landed, self.ground)
         if self._rest is not None:
-            return Motion(time_s, self._resting(time_s), *self._resting_motion(time_s), True, self.ground)
+            return VehicleMotion(time_s, self._resting(time_s), *self._resting_motion(time_s), True, self.ground)
         attitude = attitude_of(self.yaw, self._lean)
         rates = (attitude_of(*self._before).inv() * attitude).as_rotvec() / STEP_S
         position = self.position + self.velocity * (time_s - self.time_s)
         pose = RigidTransform.from_components(position, attitude * Rotation.from_rotvec(rates * (time_s - self.time_s)))
-        return Motion(time_s, pose, self.velocity, self._acceleration, rates, False, self.ground)
+        return VehicleMotion(time_s, pose, self.velocity, self._acceleration, rates, False, self.ground)

@@ -15,7 +15,7 @@ from deckline.geometry import Camera, attitude, camera_mount
 from deckline_sim.config import MotionConfig, SimConfig
 from deckline_sim.scene.waves import STATE_HEIGHT_M
 from deckline_sim.ship.layout import Layout, world_points
-from deckline_sim.ship.paint import axes
+from deckline_sim.ship.paint_shapes import axes
 
 PERIODS_S = (22.0, 12.0, 18.0)  # roll, pitch, heave of a large carrier
 SEA_STATES = (0, 1, 2, 3, 4, 5, 6)
@@ -28,16 +28,16 @@ TRAIN_FOV_DEG = (10.0, 90.0)
 FEW, FEW_ENOUGH, ENOUGH = 0.12, 0.2, 0.65  # few views may show so little of the lines, the others no less than that
 DECK_SHARE, ODD_SHARE, AWAY_SHARE = 0.06, 0.04, 0.06  # of the training views; the others lie around the glide path
 ODD_RANGE_M = (150.0, 2000.0)  # from the ship's middle
-CLEAR_OF_SHIP_M = 80.0  # a view from any side stays so far from the ship's ends
+CLEAR_OF_SHIP_M = 80.0  # of a view from any side to the ship's ends
 DECK_HEIGHT_M = (6.0, 30.0)  # over the deck; where there is no runway, parked aircraft up to 5.6 m high may be below
 SPEED_M_S = 65.0
 RATES_RAD_S = np.deg2rad([4.0, 1.5, 1.5])  # 1-sigma of roll, pitch and yaw rate; our choice
-ELEVATION_DEG = (2.0, 8.0)  # of the camera over what it looks at, as on a glide path
+ELEVATION_DEG = (2.0, 8.0)  # of the camera over its target, as on a glide path
 NUDGE_DEG = (4.0, 3.0, 6.0)  # 1-sigma of roll, pitch and yaw about that direction
 
 
 @dataclass(frozen=True)
-class Motion:
+class ShipMotion:
     """One ship's motion, all random choices made."""
 
     speed_m_s: float = 0.0
@@ -47,7 +47,7 @@ class Motion:
     phases_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of roll, pitch, heave at time 0
 
 
-STILL = Motion()
+STILL = ShipMotion()
 
 
 def deck_amplitudes(sea_state: float) -> tuple[float, float, float]:
@@ -61,21 +61,21 @@ def deck_amplitudes(sea_state: float) -> tuple[float, float, float]:
     return float(np.deg2rad(roll)), float(np.deg2rad(pitch)), heave
 
 
-def draw_motion(config: MotionConfig, train: bool, rng: np.random.Generator) -> Motion:
+def draw_motion(config: MotionConfig, train: bool, rng: np.random.Generator) -> ShipMotion:
     """The motion of one recording, or of one unrelated view; `train`: as preset `train` has it."""
     drawn = 0.0 if rng.random() < TRAIN_STILL else float(rng.uniform(SEA_STATES[0], SEA_STATES[-1]))
     roll, pitch, heave = (float(angle) for angle in rng.uniform(0.0, 2 * np.pi, 3))
     state = config.sea_state if config.sea_state is not None else drawn if train else 0.0
-    return Motion(config.ship_speed_m_s, *deck_amplitudes(state), phases_rad=(roll, pitch, heave))
+    return ShipMotion(config.ship_speed_m_s, *deck_amplitudes(state), phases_rad=(roll, pitch, heave))
 
 
-def steady_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
+def steady_pose(layout: Layout, motion: ShipMotion, time_s: float) -> RigidTransform:
     """world_from_ship without roll, pitch and heave: what an aircraft's path is relative to."""
     travelled = RigidTransform.from_translation(time_s * steady_velocity(layout, motion))
     return travelled * layout.world_from_ship
 
 
-def ship_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
+def ship_pose(layout: Layout, motion: ShipMotion, time_s: float) -> RigidTransform:
     """world_from_ship with everything: speed, roll and pitch about the middle at the waterline, heave."""
     (roll, pitch, heave), _ = _swing(layout, motion, time_s)
     turn, middle = attitude(roll, pitch, 0.0), middle_m(layout)
@@ -84,7 +84,7 @@ def ship_pose(layout: Layout, motion: Motion, time_s: float) -> RigidTransform:
 
 
 def ship_velocity(
-    layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike = (0.0, 0.0, 0.0)
+    layout: Layout, motion: ShipMotion, time_s: float, point_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
     """Velocity (3,) in the world, m/s, of a point (3,) of the ship frame."""
     (roll, pitch, _), (roll_rate, pitch_rate, heave_rate) = _swing(layout, motion, time_s)
@@ -95,14 +95,14 @@ def ship_velocity(
     return steady_velocity(layout, motion) + swinging - [0.0, 0.0, heave_rate]
 
 
-def deck_rise(layout: Layout, motion: Motion, time_s: float, point_m: ArrayLike) -> float:
-    """How far, m, a deck point (2,) of the ship frame stands above where the steady ship has it."""
+def deck_rise(layout: Layout, motion: ShipMotion, time_s: float, point_m: ArrayLike) -> float:
+    """Height, m, of a deck point (2,) of the ship frame above its place on the steady ship."""
     (roll, pitch, heave), _ = _swing(layout, motion, time_s)
     arm = np.array([*np.asarray(point_m, dtype=np.float64), 0.0]) - middle_m(layout)
     return float(heave - (attitude(roll, pitch, 0.0).apply(arm)[2] - arm[2]))
 
 
-def steady_velocity(layout: Layout, motion: Motion) -> NDArray[np.float64]:
+def steady_velocity(layout: Layout, motion: ShipMotion) -> NDArray[np.float64]:
     """Velocity (3,) in the world, m/s, with which the ship sails along its heading."""
     speed = 0.0 if layout.on_land else motion.speed_m_s
     return speed * layout.world_from_ship.rotation.apply([1.0, 0.0, 0.0])
@@ -113,7 +113,7 @@ def middle_m(layout: Layout) -> NDArray[np.float64]:
     return np.array([layout.length_m / 2, 0.0, layout.deck_height_m])
 
 
-def _swing(layout: Layout, motion: Motion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _swing(layout: Layout, motion: ShipMotion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Roll, pitch and heave (up), and their rates."""
     size = (0.0 if layout.on_land else 1.0) * np.array([motion.roll_rad, motion.pitch_rad, motion.heave_m])
     rate = 2 * np.pi / np.array(PERIODS_S)
@@ -139,12 +139,12 @@ class Viewpoint:
 
 
 def random_view(
-    config: SimConfig, layout: Layout, index: int, rng: np.random.Generator, motion: Motion = STILL
+    config: SimConfig, layout: Layout, index: int, rng: np.random.Generator, motion: ShipMotion = STILL
 ) -> Viewpoint:
     """An unrelated view at time `index` seconds.
 
     For the named presets, and mostly for `train`: from somewhere around the glide path, showing enough of the runway.
-    Preset `train` also looks from over the deck, at the ship from any side, and past it.
+    Preset `train` also has views over the deck, of the ship from any side, and past it.
 
     Args:
         layout: the ship as it lies at time 0.

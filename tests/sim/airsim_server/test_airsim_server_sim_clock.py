@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline_sim.airsim_server.clock import Clock, SolarClock, light_at, read_time, sun_angles
+from deckline_sim.airsim_server.sim_clock import SimClock, SolarClock, light_at, read_time, sun_angles
 
 NOON = datetime(2026, 3, 21, 12)
 
@@ -13,7 +13,7 @@ NOON = datetime(2026, 3, 21, 12)
 @given(st.lists(st.tuples(st.sampled_from(["on", "off", "tick", "for"]), st.floats(0.0, 50.0)), max_size=12))
 def test_the_clock_runs_only_when_it_may(steps):
     ticks, expected, left = [0.0], 0.0, np.inf
-    clock = Clock(lambda: ticks[0], epoch_ns=5)
+    clock = SimClock(lambda: ticks[0], epoch_ns=5)
     for kind, value in steps:
         if kind == "tick":
             ticks[0] += value

@@ -12,12 +12,12 @@ from difflib import get_close_matches
 from typing import Any
 
 from deckline.adapters.airsim.protocol import read_flag, read_number, read_vector
-from deckline_sim.airsim_server.clock import SolarClock, read_time
-from deckline_sim.airsim_server.commands import FLIGHT
-from deckline_sim.airsim_server.images import get_images, read_requests
+from deckline_sim.airsim_server.flight_commands import FLIGHT
+from deckline_sim.airsim_server.image_requests import get_images, read_requests
 from deckline_sim.airsim_server.scene_methods import SCENE_METHODS
 from deckline_sim.airsim_server.service import Service, read_near_pose
 from deckline_sim.airsim_server.settings import SCENE
+from deckline_sim.airsim_server.sim_clock import SolarClock, read_time
 from deckline_sim.airsim_server.structs import (
     Struct,
     camera_struct,
@@ -38,8 +38,8 @@ WITHOUT_EFFECT = {2: "Snow", 3: "RoadSnow", 4: "MapleLeaf", 5: "RoadLeaf", 6: "D
 
 
 def enable_api_control(service: Service, enabled: bool, vehicle: str = "") -> None:
-    """Taken away, the vehicle brakes and hovers."""
-    service.change(api_control=read_flag(enabled, "is_enabled"))
+    """Without API control the vehicle brakes and hovers."""
+    service.world.change(api_control=read_flag(enabled, "is_enabled"))
     if not enabled:
         service.world.vehicle.cancel()
 
@@ -48,7 +48,7 @@ def arm(service: Service, armed: bool, vehicle: str = "") -> bool:
     """Whether it was done: API control has to be on. A vehicle that is disarmed in the air hovers, and cannot fly."""
     armed, allowed = read_flag(armed, "arm"), service.world.state.api_control
     if allowed:
-        service.change(armed=armed)
+        service.world.change(armed=armed)
         if not armed:
             service.world.vehicle.cancel()
     return allowed
@@ -60,7 +60,7 @@ def reset(service: Service) -> None:
 
 
 async def run_for(service: Service, seconds: float) -> None:
-    """Run on, and answer when the time stands again, or when another call pauses or releases it."""
+    """Run for a time; answer when it is over, or when another call pauses or resumes the time."""
     clock = service.world.clock
     clock.run_for(read_number(seconds, "seconds", 0.0, 1e6))
     run = clock.run
@@ -69,7 +69,7 @@ async def run_for(service: Service, seconds: float) -> None:
 
 
 def set_pose(service: Service, pose: Any, ignore_collision: bool = True, vehicle: str = "") -> None:
-    """Put the vehicle somewhere; NaN keeps its position, its orientation or both."""
+    """Set the vehicle's pose; a position or orientation with NaN stays as it is."""
     service.world.vehicle.place(read_near_pose(pose, service.world.state.world_from_body))
 
 
@@ -79,7 +79,7 @@ def get_multirotor(service: Service, vehicle: str = "") -> Struct:
 
 
 def get_collision(service: Service, vehicle: str = "") -> Struct:
-    """The last contact since this was asked before."""
+    """The last contact since the previous call."""
     collision, clock = service.world.vehicle.take_collision(), service.world.clock
     return collision_struct(collision, clock.nanoseconds(clock.seconds() if collision is None else collision.time_s))
 
@@ -113,16 +113,18 @@ def get_camera(service: Service, camera: Any, vehicle: str = "", external: bool 
 
 
 def set_camera_pose(service: Service, camera: Any, pose: Any, vehicle: str = "", external: bool = False) -> None:
-    """Mount a camera elsewhere on the vehicle; NaN keeps as for the vehicle."""
+    """Set a camera's mount on the vehicle; a position or orientation with NaN stays as it is."""
     world = service.world
     name = world.settings.find_camera(str(camera))
-    service.change(mounts={**world.state.mounts, name: read_near_pose(pose, world.mount(name))})
+    world.change(mounts={**world.state.mounts, name: read_near_pose(pose, world.mount(name))})
 
 
 def set_camera_fov(service: Service, camera: Any, fov_deg: float, vehicle: str = "", external: bool = False) -> None:
     """Horizontal field of view, degrees."""
     name = service.world.settings.find_camera(str(camera))
-    service.change(fovs_deg={**service.world.state.fovs_deg, name: read_number(fov_deg, "fov_degrees", 1.0, 150.0)})
+    service.world.change(
+        fovs_deg={**service.world.state.fovs_deg, name: read_number(fov_deg, "fov_degrees", 1.0, 150.0)}
+    )
 
 
 def set_weather(service: Service, parameter: int, value: float) -> None:
@@ -131,9 +133,9 @@ def set_weather(service: Service, parameter: int, value: float) -> None:
     if isinstance(parameter, bool) or not isinstance(parameter, int) or not 0 <= parameter <= ENABLED:
         raise ValueError(f"a weather parameter is a number between 0 and {ENABLED}, got {parameter!r:.40}")
     if parameter in WEATHER:
-        service.change(**{WEATHER[parameter]: value})
+        service.world.change(**{WEATHER[parameter]: value})
     elif parameter == ENABLED:
-        service.change(weather=value > 0.0)
+        service.world.change(weather=value > 0.0)
     else:
         service.log(f"simSetWeatherParameter: {WITHOUT_EFFECT[parameter]} has no effect here")
 
@@ -149,12 +151,12 @@ def set_time_of_day(
 ) -> None:
     """Sun or moon at a date and local solar time; without a date, of today's."""
     if not read_flag(enabled, "is_enabled"):
-        service.change(solar_clock=None)
+        service.world.change(solar_clock=None)
         return
     date = datetime.now() if start == "" else read_time(start)
     speed = read_number(speed, "celestial_clock_speed", 0.0, 1e6) if move_sun else 0.0
     step_s = read_number(step_s, "update_interval_secs", 1e-3, 1e6)
-    service.change(solar_clock=SolarClock(date, service.world.clock.seconds(), speed, step_s))
+    service.world.change(solar_clock=SolarClock(date, service.world.clock.seconds(), speed, step_s))
 
 
 METHODS: dict[str, Callable[..., Any]] = {
@@ -183,7 +185,7 @@ METHODS: dict[str, Callable[..., Any]] = {
     "simSetCameraFov": set_camera_fov,
     "simSetFov": set_camera_fov,
     "simGetCurrentFieldOfView": lambda service, camera, vehicle="", external=False: get_camera(service, camera)["fov"],
-    "simEnableWeather": lambda service, enabled: service.change(weather=read_flag(enabled, "enable")),
+    "simEnableWeather": lambda service, enabled: service.world.change(weather=read_flag(enabled, "enable")),
     "simSetWeatherParameter": set_weather,
     "simSetTimeOfDay": set_time_of_day,
     "startRecording": lambda service: service.recorder.start(),

@@ -1,4 +1,4 @@
-"""What is known of the vehicle's motion, and the geometry of kinematic flight.
+"""The vehicle's motion, and the geometry of kinematic flight.
 
 Vectors (3,) are in the world, North-East-Down, m, m/s, m/s^2.
 """
@@ -20,15 +20,15 @@ Vector = NDArray[np.float64]
 
 
 class Ground(NamedTuple):
-    """What lies below a point."""
+    """The surface below a point."""
 
     name: str  # Deck, or Sea or Ground beside it
     height_m: float  # of the point above it; inside the hull below zero
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """Where the vehicle is and how it moves at one time."""
+class VehicleMotion:
+    """Pose and motion of the vehicle at one time."""
 
     time_s: float
     pose: RigidTransform  # world_from_body
@@ -51,18 +51,18 @@ class Collision:
 
 @dataclass(frozen=True)
 class Yaw:
-    """A wanted heading, rad, or rate, rad/s; `along`: an angle from the direction of flight."""
+    """A demanded heading, rad, or yaw rate, rad/s; `along`: the heading is relative to the direction of flight."""
 
     is_rate: bool = True
     value: float = 0.0
     along: bool = False
 
 
-KEEP = Yaw()
+NO_TURN = Yaw()
 
 
 def towards(offset: Vector, speed_m_s: float) -> Vector:
-    """The velocity that covers an offset (3,) with at most a speed, and brakes in time."""
+    """Velocity (3,) along an offset (3,), at most `speed_m_s`, from which the vehicle stops at the offset's end."""
     distance = float(np.linalg.norm(offset))
     if distance < 1e-9:
         return np.zeros(3)
@@ -75,7 +75,7 @@ def braking_speed(distance_m: float) -> float:
 
 
 def limit(vector: Vector, most: float) -> Vector:
-    """A vector, shortened to a length."""
+    """A vector, shortened to at most a length."""
     length = float(np.linalg.norm(vector))
     return vector if length <= most else vector * (most / length)
 

@@ -19,12 +19,12 @@ from deckline.adapters.airsim import HOST, PORT
 from deckline.adapters.airsim.protocol import REQUEST_LIMIT, RESPONSE, Decoder, ProtocolError, Request, encode
 from deckline.checks import check_numbers
 from deckline.files import print_line
-from deckline_sim.airsim_server.clock import Clock
-from deckline_sim.airsim_server.images import Recorder, record_frame
-from deckline_sim.airsim_server.methods import METHODS, call_method, is_flight
-from deckline_sim.airsim_server.sensors import Sensors
+from deckline_sim.airsim_server.image_requests import Recorder, record_frame
+from deckline_sim.airsim_server.rpc_methods import METHODS, call_method, is_flight
+from deckline_sim.airsim_server.sensors import SimulatedSensors
 from deckline_sim.airsim_server.service import Service
-from deckline_sim.airsim_server.settings import Capture, Settings, parse_settings, read_settings
+from deckline_sim.airsim_server.settings import AirSimSettings, CaptureSetting, parse_settings, read_settings
+from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.airsim_server.world import World
 from deckline_sim.config import DRAWN, SimConfig
 from deckline_sim.record import frame_settings, repeatable_command
@@ -38,8 +38,8 @@ MOST_FLIGHTS = 8  # flight commands of a connection that are not answered: all b
 RECORDINGS = Path("recordings")
 
 
-def print_to_stderr(line: str) -> None:
-    """Log one line for whoever runs the server."""
+def log_line(line: str) -> None:
+    """Print one line on stderr."""
     print_line(f"deckline: {line}")
 
 
@@ -62,14 +62,14 @@ class ServeConfig:
 
 
 class Connections:
-    """Answers every client's calls; trouble with one client does not reach the others."""
+    """Answers every client's calls; an error of one client does not affect the others."""
 
     def __init__(self, service: Service, limit: int) -> None:
         self._service, self._limit = service, limit
         self._tasks: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
-        self._called_s: dict[asyncio.StreamWriter, float] = {}  # when each connection last asked something
+        self._called_s: dict[asyncio.StreamWriter, float] = {}  # time of each connection's last call
         self._flights: set[asyncio.Task[None]] = set()  # answers to flight commands; a flight outlives its client
-        self._refused: dict[asyncio.StreamWriter, str] = {}  # why a flight command was, until a call tells the client
+        self._refused: dict[asyncio.StreamWriter, str] = {}  # the reason, until a call reports it to the client
 
     def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take a connection, unless there are too many."""
@@ -102,7 +102,7 @@ class Connections:
         writer.transport.abort()
 
     def _make_room(self, size: int) -> None:
-        """Drop the connections that leave most unread until an answer of so many bytes has room among the unread."""
+        """Drop the connections with most unread bytes until an answer of `size` bytes fits below UNREAD_BYTES."""
         unread = {writer: writer.transport.get_write_buffer_size() for writer in self._called_s}
         for writer in sorted(unread, key=lambda other: unread[other], reverse=True):
             if sum(unread.values()) + size <= UNREAD_BYTES or not unread[writer]:
@@ -184,13 +184,13 @@ class Connections:
 @asynccontextmanager
 async def serving(
     config: SimConfig,
-    settings: Settings,
+    settings: AirSimSettings,
     host: str = HOST,
     port: int = PORT,
     out: Path = RECORDINGS,
     scene: Mapping[str, Any] | None = None,
-    log: Callable[[str], None] = print_to_stderr,
-    clock: Clock | None = None,
+    log: Callable[[str], None] = log_line,
+    clock: SimClock | None = None,
     message_limit: int = REQUEST_LIMIT,
 ) -> AsyncIterator[int]:
     """Serve while the context is open; gives the port.
@@ -209,12 +209,12 @@ async def serving(
     """
     loop = asyncio.get_running_loop()
     with ThreadPoolExecutor(1, thread_name_prefix="renderer") as renderer:
-        clock = clock or Clock(lambda: settings.clock_speed * time.monotonic())
+        clock = clock or SimClock(lambda: settings.clock_speed * time.monotonic())
         world = await loop.run_in_executor(renderer, World, config, settings, clock)
 
         render = partial(loop.run_in_executor, renderer)
         recorder = Recorder(out, settings, partial(render, record_frame, world), dict(scene or {}), log)
-        service = Service(world, render, recorder, Sensors(world, config.seed), log)
+        service = Service(world, render, recorder, SimulatedSensors(world, config.seed), log)
         connections = Connections(service, message_limit)
         try:
             try:
@@ -233,7 +233,7 @@ async def serving(
 
 
 @contextmanager
-def serving_in_thread(config: SimConfig, settings: Settings, **options: Any) -> Iterator[int]:
+def serving_in_thread(config: SimConfig, settings: AirSimSettings, **options: Any) -> Iterator[int]:
     """`serving` with its options on a thread of its own, for a program without an event loop; same errors."""
     ports: Queue[tuple[int, asyncio.AbstractEventLoop] | None] = Queue()
     stop = asyncio.Event()
@@ -255,24 +255,24 @@ def serving_in_thread(config: SimConfig, settings: Settings, **options: Any) -> 
         done.result()
 
 
-async def serve_forever(config: SimConfig, settings: Settings, options: ServeConfig, out: Path) -> None:
+async def serve_forever(config: SimConfig, settings: AirSimSettings, options: ServeConfig, out: Path) -> None:
     scene = {"generator": f"deckline {__version__}", "command": repeatable_command(), **frame_settings(config)}
     async with serving(config, settings, options.host, options.port, out, scene) as port:
-        print_to_stderr(f"AirSim server on {options.host}:{port}, vehicle {settings.vehicle}; Ctrl-C ends it")
+        log_line(f"AirSim server on {options.host}:{port}, vehicle {settings.vehicle}; Ctrl-C ends it")
         await asyncio.Event().wait()
 
 
 def serve_sim(config: SimConfig, options: ServeConfig, out: Path | None) -> None:
-    """Serve until interrupted; recordings become folders in `out`. What cannot be is a ValueError or OSError."""
+    """Serve until interrupted; recordings become folders in `out`. Invalid settings are a ValueError or OSError."""
     if config.preset in DRAWN:
         raise ValueError(f"the server flies in a rendered world, which preset {config.preset!r} has not")
     config = replace(config, trajectory="approach", keep_clear=False)
-    default = Capture(config.width, config.height, config.fov_deg)
+    default = CaptureSetting(config.width, config.height, config.fov_deg)
     settings = parse_settings({}, default) if options.settings is None else read_settings(options.settings, default)
     if settings.unused:
-        print_to_stderr(f"{options.settings}: without effect here: {', '.join(settings.unused)}")
+        log_line(f"{options.settings}: without effect here: {', '.join(settings.unused)}")
     if not is_loopback(options.host):
-        print_to_stderr(f"listening on {options.host}: whoever reaches this machine can steer the simulator")
+        log_line(f"listening on {options.host}: every machine that reaches this address can steer the simulator")
     asyncio.run(serve_forever(config, settings, options, out or RECORDINGS))
 
 
