@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze.dark_channel import dark_channel
+from deckline.dehaze.filters import dark_channel
 
 Image = NDArray[np.float32]
 

@@ -19,15 +19,15 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_image
 from deckline.dehaze.base import DehazeResult
+from deckline.dehaze.filters import estimate_noise
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
-    LIGHT_WATER,
     HazeFit,
     NotFitted,
     fit_haze,
     hidden_sea_certainty,
 )
-from deckline.dehaze.pixel_map import Image, Light, PixelMap, level_table, luma
+from deckline.dehaze.pixel_map import Image, PixelMap, luma
 from deckline.dehaze.sea_view import SeaView, ray_lengths, view_sea, view_water
 from deckline.dehaze.transmission import GeometryConfig, find_objects, signal_gain, transmissions
 from deckline.types import Frame, Value
@@ -37,8 +37,6 @@ USUAL_HEIGHT_M = 50.0  # of a camera above the water, where it is not known; the
 NOISE_ROWS = 30  # about so many are read for noise
 BLOCK_PX = 8  # apart: compression makes the pixels of one block alike
 NOISE_WEIGHT = 2.0  # best in [1, 3] on preset paper with noise of 3 and 8 levels added
-NOISE_PART = 0.9  # of the differences that count
-NOISE_MEAN = 0.9297  # of a normal difference of sigma sqrt(2), in size, of that smallest part
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +65,13 @@ class GeometryDehazer:
 
     Args:
         config: how objects are found and what is left of the haze.
-        name: of the method.
         analysis_px: longer side of the image that air and objects are estimated in.
     """
 
-    def __init__(
-        self, config: GeometryConfig | None = None, name: str = "geometry", analysis_px: int = ANALYSIS_PX
-    ) -> None:
-        self.name = name
+    name = "geometry"
+    water = DISPLAY_WATER  # prior of the sea's colour, in the levels of `to_levels`
+
+    def __init__(self, config: GeometryConfig | None = None, analysis_px: int = ANALYSIS_PX) -> None:
         self.config = config or GeometryConfig()
         self.analysis_px = analysis_px
 
@@ -87,6 +84,10 @@ class GeometryDehazer:
         if isinstance(solution, NotFitted):
             return DehazeResult(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
         return solution.restored(solution.remove(frame.image_rgb))
+
+    def to_levels(self, image_rgb: NDArray[np.uint8]) -> NDArray:
+        """The levels 0..255 (H, W, 3) that haze adds to: those of the display."""
+        return image_rgb
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
         """How the frame's haze is removed and what its air is like, or why that cannot be told."""
@@ -109,13 +110,11 @@ class GeometryDehazer:
         view = view_sea(small.camera, pose, sea_z_m)
         if view.height_m <= 0:
             return NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
-        light = self.config.light
-        levels = [cv2.LUT(channel, level_table(light)) for channel in cv2.split(small.image_rgb)]
-        planes = np.stack(levels).astype(np.float32, copy=False)
-        small_noise = measure_sky_noise(small.image_rgb, view, light)
-        noise = measure_sky_noise(frame.image_rgb, view, light, BLOCK_PX)
-        water = LIGHT_WATER if light == "linear" else DISPLAY_WATER
-        haze = fit_haze(small.image_rgb if light == "display" else np.moveaxis(planes, 0, 2), view, water, small_noise)
+        levels = self.to_levels(small.image_rgb)
+        planes = np.stack(cv2.split(levels)).astype(np.float32, copy=False)
+        small_noise = measure_sky_noise(self.to_levels(take_rows(small.image_rgb)), view)
+        noise = measure_sky_noise(self.to_levels(take_rows(frame.image_rgb)), view, BLOCK_PX)
+        haze = fit_haze(levels, view, self.water, small_noise)
         if isinstance(haze, NotFitted):
             return replace(haze, hidden=hidden_sea_certainty(small.image_rgb, view), down=view.down)
         deck = view_water(view.down, view.height_m + deck_z_m - sea_z_m)
@@ -153,27 +152,27 @@ def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
     return replace(small, depth_m=np.asarray(depth_m, dtype=np.float32))
 
 
-def measure_sky_noise(image_rgb: NDArray[np.uint8], view: SeaView, light: Light, apart_px: int = 1) -> float:
-    """1-sigma of a pixel's noise in the sky of an image (H, W, 3), levels; `view` may be of another resolution.
+def take_rows(image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """About NOISE_ROWS rows of an image (H, W, 3), evenly spread."""
+    return image_rgb[:: 1 + len(image_rgb) // NOISE_ROWS]
 
-    Pixels `apart_px` apart are compared: noise that is alike over less counts in full.
+
+def measure_sky_noise(rows: NDArray, view: SeaView, apart_px: int = 1) -> float:
+    """1-sigma of a pixel's noise in the sky, levels.
+
+    Args:
+        rows: (R, W, 3) levels of some of the image's rows, evenly spread.
+        view: the sea in the image, of any resolution.
+        apart_px: between the pixels that are compared; noise that is alike over less counts in full.
     """
     import cv2
 
-    rows = image_rgb[:: 1 + len(image_rgb) // NOISE_ROWS]
     size = (rows.shape[1], len(rows))
     sky = cv2.resize((~view.is_sea).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    levels, left, right = level_table(light)[rows], np.s_[:, :-apart_px], np.s_[:, apart_px:]
+    levels, left, right = np.asarray(rows, np.float32), np.s_[:, :-apart_px], np.s_[:, apart_px:]
     differences = (levels[right] - levels[left])[sky[right] & sky[left]]
     slope = np.median(differences, axis=0) if len(differences) else 0
     return estimate_noise(differences - slope)
-
-
-def estimate_noise(differences: Image) -> float:
-    """1-sigma of a pixel's noise from differences (N, 3) of two, of which the largest are clouds and edges."""
-    sizes = np.abs(differences).ravel()
-    count = int(NOISE_PART * sizes.size)
-    return float(np.partition(sizes, count)[:count].mean() / NOISE_MEAN) if count else 0.0
 
 
 def with_noise(config: GeometryConfig, noise_sigma: float) -> GeometryConfig:
@@ -190,4 +189,4 @@ def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: 
     chroma = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_chroma_sigma, config.chroma_sigma)
     offset = airlight + clear_t * usual - chroma * hazy - (gain - chroma) * luma(hazy)
     gain, chroma = (np.where(t == 1, np.float32(1), part) for part in (gain, chroma))
-    return PixelMap(gain, chroma, np.where(t == 1, np.float32(0), offset), config.light)
+    return PixelMap(gain, chroma, np.where(t == 1, np.float32(0), offset))

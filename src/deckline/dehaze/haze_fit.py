@@ -61,9 +61,8 @@ class WaterPrior:
     mirror_sigma: float
 
 
-# Tuned on both training sets of preset paper, checked on FlightGear's sea; and the same brought to sRGB's light.
+# Tuned on both training sets of preset paper, checked on FlightGear's sea.
 DISPLAY_WATER = WaterPrior(0.75, 0.07, 0.6, 0.45)
-LIGHT_WATER = WaterPrior(0.95, 0.03, 0.43, 0.45)
 
 
 @dataclass(frozen=True, eq=False)

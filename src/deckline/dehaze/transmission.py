@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deckline.checks import check_choice, check_numbers
+from deckline.checks import check_numbers
+from deckline.dehaze.filters import max_channel
 from deckline.dehaze.haze_fit import HazeFit
-from deckline.dehaze.pixel_map import Image, Light
+from deckline.dehaze.pixel_map import Image
 from deckline.dehaze.sea_view import SeaView
 from deckline.haze import transmission
 
@@ -27,7 +28,6 @@ MAX_SKY_PX = 10_000  # that the medians are taken of, evenly chosen
 class GeometryConfig:
     """Settings of the geometry dehazer. Lengths in pixels are meant for images 1280 px wide and scaled for others."""
 
-    light: Light = "display"
     sea_below_deck_m: float = 20.0  # where the frame does not know the sea's height; Nimitz class
     clear_beta_per_m: float = 1e-4  # what is left in the image: a clear day's air, visibility 39 km
     level_sigma: float = 2.0  # of a pixel's noise, levels 0..255, at least; a sky that shows more raises it
@@ -44,7 +44,6 @@ class GeometryConfig:
     min_object_t: float = 0.2  # above the horizon; fainter objects are left in the haze
 
     def __post_init__(self) -> None:
-        check_choice("light", self.light, Light)
         check_numbers(self, "", "level_sigma", "scene_sigma", "chroma_sigma", "window_px", "min_object_t", above=0)
 
 
@@ -54,7 +53,7 @@ def find_objects(
     """What is nearer than the sea: how surely (H, W), 0 to 1, and the least transmission (H, W) that it then has.
 
     Args:
-        image: (3, H, W) levels 0..255, of the display or of light, as `haze` was fitted.
+        image: (3, H, W) levels 0..255, as `haze` was fitted.
         view: the sea in this image.
         deck: the deck's plane, seen as if it were endless.
         haze: air and sea.
@@ -149,11 +148,6 @@ def sky_contrast(levels: Image, down: Image) -> Image:
     steps = (np.arange(SKY_BINS * SKY_STEPS) + 0.5) / SKY_STEPS
     usual = np.stack([np.interp(steps, filled + 0.5, channel) for channel in medians]).astype(np.float32)
     return max_channel(usual[:, np.minimum((place * SKY_STEPS).astype(np.int32), len(steps) - 1)] - levels)
-
-
-def max_channel(levels: Image) -> Image:
-    """Largest of three channels, (3, ...) -> (...)."""
-    return np.maximum(np.maximum(levels[0], levels[1]), levels[2])
 
 
 def scale_length(length_px: int, width_px: int) -> int:

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from deckline.checks import check_image, check_numbers
 from deckline.dehaze.airlight import estimate_airlight_surface
 from deckline.dehaze.base import DehazeResult, linear_step
-from deckline.dehaze.dark_channel import dark_channel, guided_coefficients, min_channel
-from deckline.dehaze.geometry import estimate_noise
+from deckline.dehaze.filters import dark_channel, estimate_noise, guided_coefficients, mean_channel, min_channel
 from deckline.types import Frame
 
 Image = NDArray[np.float32]
@@ -195,13 +194,6 @@ def own_veil(image: Image, airlight: Image) -> Image:
     darkest = min_channel(np.asarray(cv2.divide(image, airlight), np.float32))
     light = LEAST_LIGHT[0] + LEAST_LIGHT[1] * np.minimum(darkest, 1)
     return np.asarray((darkest - light) / (1 - light), dtype=np.float32)
-
-
-def mean_channel(image: Image) -> Image:
-    """(H, W, 3) -> (H, W); numpy's mean over the last axis takes ten times as long."""
-    import cv2
-
-    return np.asarray(cv2.transform(image, np.full((1, 3), 1 / 3, np.float32)), dtype=np.float32)
 
 
 def smooth_noise(contrast: Image, noise: float) -> Image:

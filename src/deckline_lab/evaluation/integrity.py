@@ -45,6 +45,7 @@ from deckline_lab.evaluation.integrity_score import (
 )
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
+from deckline_lab.rivals.catalog import flight_from_config
 
 STATES_FILE = "integrity.jsonl"
 GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames
@@ -141,7 +142,7 @@ class IntegrityConfig:
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    models = Flight.from_config(config.flights.run) if config.rendered else None
+    models = flight_from_config(config.flights.run) if config.rendered else None
     points = {"points": asdict(config.point_noise)} if models is None else settings_of(models)
     settings = {**flight_settings(config.flights), "run": to_toml_text(config.flights.run), "seen by": points}
     with Store(config.out, STATES_FILE, settings) as store:

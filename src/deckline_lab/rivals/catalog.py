@@ -1,0 +1,51 @@
+"""Dehazers and detectors that an evaluation can name: those of `deckline`, and the rivals they are compared with."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from deckline.config import CPU, RunConfig
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
+from deckline.detect import DETECTORS, Detector
+from deckline.flight import Flight
+from deckline.runtime import shipped_weights
+from deckline_lab.rivals.classical import ClassicalDetector
+from deckline_lab.rivals.dark_channel import DarkChannelDehazer
+from deckline_lab.rivals.linear_light import LinearGeometryDehazer
+
+LAB_WEIGHTS = Path(__file__).parent.parent / "weights"  # with a manifest of their own
+
+# As in `deckline`: from the `Engine` that computes a network.
+RIVAL_DEHAZERS: dict[str, Callable[..., Dehazer]] = {
+    "dark-channel": lambda engine=CPU: DarkChannelDehazer(),
+    "geometry-linear": lambda engine=CPU: LinearGeometryDehazer(),
+    "paper-scene": lambda engine=CPU: OnnxDehazer(
+        shipped_weights("paper-scene", LAB_WEIGHTS), "paper-scene", engine, network_only=True
+    ),
+}
+RIVAL_DETECTORS: dict[str, Callable[..., Detector]] = {"classical": lambda engine=CPU: ClassicalDetector()}
+ALL_DEHAZERS = DEHAZERS | RIVAL_DEHAZERS
+ALL_DETECTORS = DETECTORS | RIVAL_DETECTORS
+
+
+def flight_from_config(config: RunConfig, **parts: Any) -> Flight:
+    """`Flight.from_config` of a configuration whose models may be rivals.
+
+    Args:
+        config: everything that decides the answers.
+        parts: a dehazer, a detector or a localizer that is used instead of the configuration's.
+
+    Raises:
+        ValueError: an unknown dehazer or detector, or a model file or an engine that cannot be used.
+    """
+    builders = {"dehazer": (RIVAL_DEHAZERS, ALL_DEHAZERS), "detector": (RIVAL_DETECTORS, ALL_DETECTORS)}
+    for part, (rivals, known) in builders.items():
+        name = getattr(config.models, part)
+        if parts.get(part) is not None:
+            continue
+        if name in rivals:
+            parts[part] = rivals[name](config.engine)
+        elif name not in known and not name.endswith(".onnx"):
+            names = ", ".join(known)
+            raise ValueError(f"unknown {part} {name!r}: use one of {names}, or the path of an .onnx file")
+    return Flight.from_config(config, **parts)
