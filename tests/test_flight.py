@@ -162,7 +162,7 @@ class Detector:
 
 
 def none_dehazer():
-    return Flight.from_config(RunConfig(models=Models("none", "classical"))).dehazer
+    return Flight.from_config(RunConfig(models=Models("none", "ufld"))).dehazer
 
 
 def fly(shown, config=STILL, blind=()):

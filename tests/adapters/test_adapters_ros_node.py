@@ -104,7 +104,7 @@ def rclpy(monkeypatch, tmp_path):
         module = ModuleType(name)
         vars(module).update(values)
         monkeypatch.setitem(sys.modules, name, module)
-    (tmp_path / "deck.toml").write_text('[models]\ndehazer = "none"\ndetector = "classical"\n')
+    (tmp_path / "deck.toml").write_text('[models]\ndehazer = "none"\ndetector = "ufld"\n')
     Node.stated = {"config": str(tmp_path / "deck.toml"), "deck_z_m": -20.0, "stale_s": 20.0}
 
 

@@ -327,7 +327,7 @@ COMMANDS = {  # what lies in the folder, and the command
     "live from nothing": ({}, "live nothing"),
     "live to nowhere": (A, "live . --to tcp://127.0.0.1:1"),
     "live from a fifo": ({"film.mp4": FIFO}, "live film.mp4"),
-    "live over a foreign file": ({**A, "out/report.html": "x"}, "live . --out out --overwrite --detector classical"),
+    "live over a foreign file": ({**A, "out/report.html": "x"}, "live . --out out --overwrite --detector ufld"),
     "settings of a server in a fifo": ({"s.json": FIFO}, "sim --serve --settings s.json"),
     "deep settings of a server": ({"s.json": DEEP}, "sim --serve --settings s.json"),
     "settings of 400 digits": (

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from deckline.detect import DETECTORS, OnnxDetector
+from deckline.detect import OnnxDetector
+from deckline_lab.rivals.catalog import ALL_DETECTORS
 
 SIZES = [(720, 1280), (97, 131), (480, 640), (8, 8)]
 
 
-@pytest.fixture(scope="module", params=sorted(DETECTORS))
+@pytest.fixture(scope="module", params=sorted(ALL_DETECTORS))
 def detector(request):
-    return DETECTORS[request.param]()
+    return ALL_DETECTORS[request.param]()
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -80,7 +80,7 @@ def test_a_bag_is_guided_as_a_folder_of_the_same_pictures(tmp_path, capsys):
     camera = "".join(f"{key} = {getattr(CAMERA, key)}\n" for key in ("width", "height", "fx", "fy", "cx", "cy"))
     (folder / "camera.toml").write_text(camera)
     bag = write(tmp_path / "flight", "mcap", rows(mount=False))
-    options = ["--deck-z-m", "-20", "--dehazer", "none", "--detector", "classical"]
+    options = ["--deck-z-m", "-20", "--dehazer", "none", "--detector", "ufld"]
     columns = {}
     for name, source in (("bag", bag), ("folder", folder)):
         assert main(["run", str(source), "--out", str(tmp_path / name), *options]) == 0

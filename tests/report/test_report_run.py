@@ -16,7 +16,7 @@ from deckline.flight import Flight
 from deckline.report.run import run
 from deckline.report.run_folder import UNFINISHED
 
-CONFIG = replace(STILL, models=Models(dehazer="none", detector="classical"))
+CONFIG = replace(STILL, models=Models(dehazer="none", detector="ufld"))
 OUTPUTS = ["guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html", "run.toml"]
 
 

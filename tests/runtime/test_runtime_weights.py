@@ -81,6 +81,6 @@ def test_no_manifest(tmp_path: Path) -> None:
 
 def test_package_ships_what_its_manifest_lists() -> None:
     models = shipped_models()
-    assert set(models) == {"hybrid", "ufld", "coarse-t", "paper-scene"}
+    assert set(models) == {"hybrid", "ufld", "coarse-t"}
     for name in models:
         assert shipped_weights(name).stat().st_size > 10_000

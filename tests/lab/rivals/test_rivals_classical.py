@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from drawn_deck import BOTTOM, TOP, at, deck
 
-from deckline.detect import ClassicalDetector
 from deckline.types import Detection
+from deckline_lab.rivals.classical import ClassicalDetector
+from detect.drawn_deck import BOTTOM, TOP, at, deck
 
 LADDERS = [-0.06, 0.06, 0.94, 1.06]
 

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import minimum_filter, uniform_filter
 
-from deckline.dehaze.dark_channel import (
-    DarkChannelConfig,
-    DarkChannelDehazer,
-    dark_channel,
-    estimate_airlight,
-    guided_filter,
-)
+from deckline.dehaze.filters import dark_channel
+from deckline_lab.rivals.dark_channel import DarkChannelConfig, DarkChannelDehazer, estimate_airlight, guided_filter
 
 
 def random_image(seed: int = 0) -> np.ndarray:

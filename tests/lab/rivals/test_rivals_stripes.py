@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from drawn_deck import BOTTOM, TOP, at, deck
 
-from deckline.detect.stripes import StripeConfig, find_stripes, midline, stripe_response
+from deckline_lab.rivals.stripes import StripeConfig, find_stripes, midline, stripe_response
+from detect.drawn_deck import BOTTOM, TOP, at, deck
 
 
 def test_response_is_the_contrast_of_a_matching_stripe() -> None:
