@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.checks import check_image
 from deckline.dehaze.base import Dehazer, DehazeResult, linear_step, mix, restore
-from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, at_usual_height, downscale_frame
+from deckline.dehaze.by_pose import USUAL_HEIGHT_M, GeometryDehazer, at_usual_height, downscale_frame
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.veil import VeilDehazer

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from deckline.config import CPU
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
-from deckline.detect.network import OnnxDetector
+from deckline.detect.onnx_detector import OnnxDetector
 from deckline.detect.scheduler import SearchingDetector, SearchScheduler
 from deckline.runtime.weights import shipped_weights
 from deckline.types import Detection

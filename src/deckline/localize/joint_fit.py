@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.config import Deck, FrameNoise, Mode, RunConfig
 from deckline.geometry import wrap_angle
+from deckline.localize.line_fit import LineFit, drop_contradictions
 from deckline.localize.model import (
     CENTRE_SIGMA_M,
     CENTRE_SIGMA_RAD,
@@ -17,7 +18,6 @@ from deckline.localize.model import (
     right_vectors,
 )
 from deckline.localize.observations import Observations, initial_height, initial_line, observe
-from deckline.localize.runway import LineFit, drop_contradictions
 from deckline.localize.solver import Solution, solve
 from deckline.types import SIDES, DepthMode, Diagnostic, Diagnostics, Frame, LineErrors, LinePoints, PixelLine, Reason
 

@@ -27,7 +27,7 @@ METADATA_KEY = "deckline"  # metadata_props key under which an exported model ca
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class ModelSession:
     """A loaded model. Several threads may call it at a time."""
 
     path: Path
@@ -53,7 +53,7 @@ class Session:
             raise ValueError(f"{self.path.name} cannot run on inputs {shapes}: {get_line(error)}") from error
 
 
-def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> Session:
+def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> ModelSession:
     """Open an ONNX file for inference.
 
     Args:
@@ -74,7 +74,7 @@ def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> 
     elsewhere = engine.device == "openvino"  # ONNX Runtime then only reads names and metadata
     session = open_onnxruntime(path, CPU if elsewhere else engine, optimised=not elsewhere, spins=spins)
     output_names = tuple(value.name for value in session.get_outputs())
-    return Session(
+    return ModelSession(
         path=path,
         config=_read_config(path, session.get_modelmeta().custom_metadata_map),
         input_names=tuple(value.name for value in session.get_inputs()),

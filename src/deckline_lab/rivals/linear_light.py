@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze import GeometryDehazer
-from deckline.dehaze.geometry import GeometrySolution
+from deckline.dehaze.by_pose import GeometrySolution
 from deckline.dehaze.haze_fit import NotFitted, WaterPrior
 from deckline.dehaze.pixel_map import PixelMap, display_levels, linear_levels, luma
 from deckline.types import Frame

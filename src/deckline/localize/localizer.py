@@ -8,9 +8,7 @@ import numpy as np
 from deckline.config import FrameNoise, RunConfig
 from deckline.localize.depth import MIN_LINE_POINTS, DeckPoints, choose_mode, count_depths, locate_points
 from deckline.localize.joint_fit import fit_jointly
-from deckline.localize.model import CENTRE_SIGMA_M
-from deckline.localize.ransac import fit_pixel_line
-from deckline.localize.runway import (
+from deckline.localize.line_fit import (
     LineFit,
     average_lines,
     check_near_ends,
@@ -20,6 +18,8 @@ from deckline.localize.runway import (
     locate_ramp,
     shift_line,
 )
+from deckline.localize.model import CENTRE_SIGMA_M
+from deckline.localize.ransac import fit_pixel_line
 from deckline.types import (
     SIDES,
     DepthMode,

@@ -9,21 +9,23 @@ from hypothesis import strategies as st
 from sea_scene import CAMERA, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.config import Engine
-from deckline.dehaze import OnnxDehazer, geometry
+from deckline.dehaze import OnnxDehazer, by_pose
 from deckline.dehaze.base import mix
-from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
+from deckline.dehaze.by_pose import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
-from deckline.dehaze.network import (
+from deckline.dehaze.onnx_dehazer import (
     CHANGE_LEVELS,
     CLEAR_M,
-    MIN_SIDE_PX,
-    average_down,
     change_share,
     clear_air_certainty,
     darkest_detail,
     fit_to_angles,
-    image_to_tensor,
     limit_change,
+)
+from deckline.dehaze.tensors import (
+    MIN_SIDE_PX,
+    average_down,
+    image_to_tensor,
     pad,
     reduction_factor,
     tensor_to_image,
@@ -112,7 +114,7 @@ def test_the_change_is_limited_in_the_picture_that_comes_out_not_in_the_small_on
     monkeypatch.setattr(OnnxDehazer, "_run", lambda _, image, prior: raised[image])
     result = []
     for hidden in (0.0, 1.0):
-        monkeypatch.setattr(geometry, "hidden_sea_certainty", lambda image, view, hidden=hidden: hidden)
+        monkeypatch.setattr(by_pose, "hidden_sea_certainty", lambda image, view, hidden=hidden: hidden)
         result.append(psnr_db(dehazer.restore(frame).image_rgb, image))
     assert result[0] > 32
     assert result[1] < 28

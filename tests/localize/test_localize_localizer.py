@@ -42,7 +42,7 @@ from runway_scene import (
 )
 
 EMPTY = LinePoints.empty()
-localize = import_module("deckline.localize.localize")  # the package's own name is the function
+localize = import_module("deckline.localize.localizer")  # the package's own name is the function
 NEAR = approach(60.0, 8.0)
 MIDDLE = approach(90.0, 9.0, right=PARALLEL_RIGHT)
 FAR = approach(120.0, 10.0, right=PARALLEL_RIGHT)
