@@ -31,8 +31,10 @@ from scipy.spatial.transform import Rotation
 from approach_scene import CAMERA, chain
 from deckline.cli.main import main
 from deckline.config import Navigation
+from deckline.detect import DETECTORS
 from deckline.recording import RecordingError, open_recording
 from deckline.recording.ros_messages import decode_depth, decode_picture
+from deckline_lab.rivals.classical import ClassicalDetector
 
 KINDS = ("mcap", "db3", "bag")
 
@@ -67,7 +69,8 @@ def test_a_bag_gives_the_frames_that_were_recorded(kind, poses, tmp_path):
     assert "pictures /camera/image" in source.notes[0] and len(source.notes) == 1
 
 
-def test_a_bag_is_guided_as_a_folder_of_the_same_pictures(tmp_path, capsys):
+def test_a_bag_is_guided_as_a_folder_of_the_same_pictures(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(DETECTORS, "classical", lambda engine: ClassicalDetector())  # finds lines in drawings
     folder = tmp_path / "pictures"
     folder.mkdir()
     table = ["file,time_s,x_m,y_m,z_m,qw,qx,qy,qz"]
@@ -80,7 +83,7 @@ def test_a_bag_is_guided_as_a_folder_of_the_same_pictures(tmp_path, capsys):
     camera = "".join(f"{key} = {getattr(CAMERA, key)}\n" for key in ("width", "height", "fx", "fy", "cx", "cy"))
     (folder / "camera.toml").write_text(camera)
     bag = write(tmp_path / "flight", "mcap", rows(mount=False))
-    options = ["--deck-z-m", "-20", "--dehazer", "none", "--detector", "ufld"]
+    options = ["--deck-z-m", "-20", "--dehazer", "none", "--detector", "classical"]
     columns = {}
     for name, source in (("bag", bag), ("folder", folder)):
         assert main(["run", str(source), "--out", str(tmp_path / name), *options]) == 0

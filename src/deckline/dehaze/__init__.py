@@ -9,7 +9,7 @@ from deckline.config import CPU
 from deckline.dehaze.base import Dehazer, DehazeResult, IdentityDehazer, restore
 from deckline.dehaze.by_horizon import HorizonDehazer
 from deckline.dehaze.by_pose import GeometryDehazer, downscale_frame
-from deckline.dehaze.tensors import OnnxDehazer
+from deckline.dehaze.onnx_dehazer import OnnxDehazer
 from deckline.dehaze.veil import VeilDehazer
 from deckline.runtime import shipped_weights
 
