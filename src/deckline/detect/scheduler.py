@@ -63,7 +63,7 @@ class SearchScheduler:
     def __call__(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None, is_tracked: bool) -> Detection:
         """Lines in an image (H, W, 3). `box`: where the runway should be; `is_tracked`: the pictures before say so."""
         search, close = (self.detector.start_search(image_rgb) for _ in range(2))  # a close look is no place searched
-        look = None if box is None else cache(partial(close.look_at_prior, box))
+        look = None if box is None else cache(partial(close.search_prior, box))
         follows, self._seen_s = 0 < time_s - self._seen_s <= self.search_s, time_s
         told = look() if look is not None and is_tracked and follows else None
         if told is not None and told.probability >= close.config.agreeing_probability and not self._contradictions:
