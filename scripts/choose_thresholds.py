@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from deckline.detect import DETECTORS, OnnxDetector
-from deckline.detect.search import Search, CropView
+from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import SIDES, Detection

@@ -95,10 +95,10 @@ def test_what_cannot_be_told_is_said():
     assert reason(image, looking_down) == "the horizon is not in view"
     assert reason(image, looking_up) == "the horizon is not in view"
     assert reason(image // 10) == "too dark to see the haze"
-    assert reason(np.full_like(image, 150)) == "the sea cannot be told from the haze"
+    assert reason(np.full_like(image, 150)) == "the sea does not differ from the haze"
     mist = sea_pair(1.5e-2)[0]
     mist[VIEW.range_m < 260] = 20  # a deck hides all water that is not hidden by the mist
-    assert reason(mist) == "the sea does not tell how thick the haze is"
+    assert reason(mist) == "the sea does not show how thick the haze is"
     striped = np.repeat(np.where(np.arange(len(image)) // 9 % 2, 60, 130), image.shape[1])  # fields, say
     land = np.where(VIEW.is_sea[..., None], striped.reshape(*VIEW.is_sea.shape, 1), image).astype(np.uint8)
     assert reason(land) == "what lies below the horizon does not fade as a sea in haze does"

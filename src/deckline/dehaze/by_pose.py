@@ -1,11 +1,11 @@
-"""Dehazing without a network: the pose says how far away the sea is, the image says what the air is like.
+"""Dehazing by a pose, without a network: the pose gives the sea's range, the image the air's extinction.
 
 The haze is fitted to the sea (`haze_fit`), the transmission follows from ranges and details (`transmission`); a depth
-camera replaces it where it sees something. I = J t + A (1 - t) is then solved for the most likely J: where haze leaves
-no signal, that is the sea's own colour, so that plain sea in the result does not mean that nothing is there.
+camera replaces it where it has a depth. I = J t + A (1 - t) is then solved for the most likely J. Where haze leaves no
+signal, that is the sea's own colour: plain sea in the result does not mean that nothing is there.
 
-The picture of a sea in haze depends on extinction times the camera's height: where that is not known, the fit from a
-usual one serves, and tells the visibility in heights.
+The image of a sea in haze depends on extinction times the camera's height. Where the height is not known, a usual one
+is assumed, and the visibility comes in heights of the camera.
 
 In every pixel the solution is linear in the image (`PixelMap`). It is found in an image of at most `analysis_px`; a
 larger one only gets it applied.
@@ -41,27 +41,30 @@ NOISE_WEIGHT = 2.0  # best in [1, 3] on preset paper with noise of 3 and 8 level
 
 @dataclass(frozen=True, eq=False)
 class GeometrySolution:
-    """A frame whose air could be estimated."""
+    """How a frame's haze is removed."""
 
     haze: HazeFit
-    remove: PixelMap  # takes the haze off the frame's image, of any resolution
-    down: Image  # (h, w) sines of the angle below the horizontal
-    has_height: bool = True  # the camera's above the water is known; else it counts as USUAL_HEIGHT_M
+    """Air and sea."""
+    remove: PixelMap
+    """Removes the haze from the frame's image, at any resolution."""
+    down: Image
+    """(h, w) sines of the angle below the horizontal."""
+    has_height: bool = True
+    """Whether the camera's height above the water is known; else it is taken as USUAL_HEIGHT_M."""
 
     def restored(self, image_rgb: NDArray[np.uint8], note: str = "") -> DehazeResult:
-        """A picture of this air, with the visibility that the fit tells."""
-        told = self.haze.visibility
+        """The result with an image (H, W, 3) of this air, and the fit's visibility."""
+        visibility = self.haze.visibility
         if self.has_height:
-            return DehazeResult(image_rgb, note, visibility_m=told)
-        return DehazeResult(
-            image_rgb, note, visibility_heights=Value(told.value / USUAL_HEIGHT_M, told.sigma / USUAL_HEIGHT_M)
-        )
+            return DehazeResult(image_rgb, note, visibility_m=visibility)
+        heights = Value(visibility.value / USUAL_HEIGHT_M, visibility.sigma / USUAL_HEIGHT_M)
+        return DehazeResult(image_rgb, note, visibility_heights=heights)
 
 
 class GeometryDehazer:
-    """Dehazes frames with a pose; a note says why others come out as they are.
+    """Dehazes frames with a pose; others come out as they are, with a note of the reason.
 
-    The height of sea or deck makes ranges metres; without it the visibility is told in heights of the camera.
+    With the height of sea or deck the visibility is in metres, without it in heights of the camera.
 
     Args:
         config: how objects are found and what is left of the haze.
@@ -77,7 +80,7 @@ class GeometryDehazer:
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         check_image(image_rgb)
-        return image_rgb.copy()  # an image alone says nothing about ranges
+        return image_rgb.copy()  # an image alone has no ranges
 
     def restore(self, frame: Frame) -> DehazeResult:
         solution = self.solve(frame)
@@ -90,9 +93,7 @@ class GeometryDehazer:
         return image_rgb
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
-        """How the frame's haze is removed and what its air is like, or why that cannot be told."""
-        import cv2
-
+        """How the frame's haze is removed, or why its air cannot be estimated."""
         pose = frame.world_from_camera
         if pose is None:
             return NotFitted("the frame has no pose; give poses or choose another dehazer")
@@ -106,6 +107,14 @@ class GeometryDehazer:
             return replace(solution, has_height=False) if isinstance(solution, GeometrySolution) else solution
         if sea_z_m < deck_z_m:
             return NotFitted(f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
+        return self._solve_above(frame, pose, sea_z_m, deck_z_m)
+
+    def _solve_above(
+        self, frame: Frame, pose: RigidTransform, sea_z_m: float, deck_z_m: float
+    ) -> GeometrySolution | NotFitted:
+        """The solution of a frame above a sea and a deck of known heights; `pose` is world_from_camera."""
+        import cv2
+
         small = downscale_frame(frame, self.analysis_px)
         view = view_sea(small.camera, pose, sea_z_m)
         if view.height_m <= 0:
@@ -181,7 +190,7 @@ def with_noise(config: GeometryConfig, noise_sigma: float) -> GeometryConfig:
 
 
 def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: GeometryConfig) -> PixelMap:
-    """What thins the haze of transmission t (H, W) to a clear day's, clear_t (H, W)."""
+    """The map that thins haze of transmission t (H, W) to a clear day's air of transmission clear_t (H, W)."""
     airlight = haze.airlight.astype(np.float32)[:, None, None]
     usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight) - airlight
     level, hazy = float(airlight.mean()), airlight + t * usual

@@ -1,12 +1,15 @@
-"""The trained dehazing network as an ONNX file: image to tensor and back, inference, blending with geometry.
+"""The trained dehazing network as an ONNX file: inference, and its blend with the geometry dehazer's result.
 
-A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air
-is left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
-where they do not, the network is more often far off. With a pose but without a fit, the network's change is made in
-full only where it is certain that there is haze. With a pose the network tells a gain and offsets for every angle below
-the horizontal, as haze over a sea has them, and no more. Without a pose a change that is no larger than what the
-network does to clear images is not made; on photographs of haze that change does harm, so that the shipped networks
-leave images without a pose to another dehazer.
+The network mistakes an overcast sea for a hazy one. So the blend goes by what pose and image show:
+- Clear air by the fit: the image stays as it is, whatever the network's output.
+- Haze by the fit: geometry's result is moved towards the network's where both agree. Where they differ, the network has
+  the larger error more often.
+- A pose without a fit: the network's change is made in full only where haze is certain.
+- No pose: a change as small as the network makes in clear images is not made. On photographs of haze the network's
+  change does harm, so that the shipped networks leave images without a pose to another dehazer.
+
+With a pose, only a gain and offsets for each angle below the horizontal are taken from the network, as haze over a sea
+has them.
 """
 
 from pathlib import Path
@@ -37,10 +40,10 @@ from deckline.types import Frame
 # Chosen on nine random sets of 150 m to 20 km and clear air: docs/experiments/2026-11-dehazing-blend.md
 CLEAR_M = (7000.0, 9000.0)  # fitted visibility: from here on less is removed, and from here on nothing
 NETWORK_SHARE = 0.3  # where both agree
-AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 3 levels
+AGREE_LEVELS = 20.0  # a difference at which its share is half, so that it never moves geometry by more than 3 levels
 ANGLE_BANDS = 12  # of equally many pixels
 BAND_STEP = 3  # every so many-th pixel, along rows and columns, is read
-BAND_RIDGE = 9.0  # squared levels: a band that shows no more than that tells no gain
+BAND_RIDGE = 9.0  # squared levels: a band that shows no more than that determines no gain
 MAX_BAND_GAIN = 4.0
 CHANGE_PX = 320  # longer side of the image that the network changes
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
@@ -56,18 +59,17 @@ CHANGE_STEP = 4  # every so many-th pixel, along rows and columns, is compared f
 class OnnxDehazer:
     """Runs an exported network on images of any size.
 
-    Every network sees an image averaged down to about the size that it was trained on. A coarse network takes both
-    sizes and brings its K and B to full size itself; another network's result is upsampled along the image's edges.
-    A network with a prior starts from the geometry dehazer's result of a frame with a pose, and from the image itself
-    where there is none.
+    Every network gets an image averaged down to about the size that it was trained on. A coarse network gets both sizes
+    and upsamples its result itself; another network's result is upsampled along the image's edges. A network with a
+    prior starts from the geometry dehazer's result of a frame with a pose, and from the image itself without one.
 
     Args:
         path: file made by `deckline train dehaze`.
         name: for reports; the file's name when not given.
         engine: what computes the network.
-        network_only: give what the network gives. Otherwise the result of one with a prior is blended with geometry's,
-            and changes too small to be haze are not made.
-        without_pose: takes images alone and frames without a pose; None: the network takes them.
+        network_only: return the network's result as it is. Otherwise the result of a network with a prior is blended
+            with geometry's, and changes too small to be haze are not made.
+        without_pose: dehazes images alone and frames without a pose; None: the network does.
 
     Raises:
         ValueError: no ONNX file, one that is no dehazing network of deckline, or an engine that is not there.
@@ -86,7 +88,7 @@ class OnnxDehazer:
         config = self.session.config
         if config.get("kind") != "dehaze":
             raise ValueError(
-                f"{path} is no dehazing network: its metadata says kind {config.get('kind')!r}, expected 'dehaze'"
+                f"{path} is no dehazing network: its metadata have kind {config.get('kind')!r}, expected 'dehaze'"
             )
         self.coarse = "working" in self.session.input_names
         self.geometry = GeometryDehazer() if config["network"].get("prior") else None
@@ -98,7 +100,7 @@ class OnnxDehazer:
 
     @property
     def cost(self) -> tuple[int, int] | None:
-        """Parameters, and multiply-accumulates at 256x256; None for a file that does not say."""
+        """Parameters, and multiply-accumulates at 256x256; None for a file without them."""
         config = self.session.config
         return (config["parameters"], config["macs_256"]) if "macs_256" in config else None
 
@@ -166,12 +168,12 @@ class OnnxDehazer:
 def fit_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelMap:
     """The map nearest to the network's whose gain and offsets depend on the angle below the horizontal alone.
 
-    So does haze over a sea; a gain and an offset for every cell draw clouds, wakes and halos. No contrast is taken
-    away: a gain is at least 1.
+    Haze over a sea has such a map; a gain and an offset for every cell would draw clouds, wakes and halos. A gain is at
+    least 1, so that no contrast is lost.
 
     Args:
-        image_rgb: (H, W, 3) what the network saw.
-        network_rgb: what it made of it.
+        image_rgb: (H, W, 3) the network's input.
+        network_rgb: (H, W, 3) its result.
         down: sines of the angle below the horizontal, of any resolution.
     """
     import cv2
@@ -194,7 +196,7 @@ def fit_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelMa
 
 
 def limit_change(image_rgb: Image, held_rgb: Image) -> Tensor:
-    """What the network, held to angles, adds to geometry's image (H, W, 3), levels: a little, where they agree."""
+    """Levels (H, W, 3) that the network's fitted result adds to geometry's image; fewer where both differ."""
     import cv2
 
     change = cv2.subtract(held_rgb, image_rgb, dtype=cv2.CV_32F)
@@ -203,7 +205,7 @@ def limit_change(image_rgb: Image, held_rgb: Image) -> Tensor:
 
 
 def clear_air_certainty(visibility_m: float) -> float:
-    """How surely air of this fitted visibility is clear, 0 to 1."""
+    """Certainty, 0 to 1, that air of this fitted visibility is clear."""
     return linear_step(float(np.log(visibility_m)), *np.log(CLEAR_M))
 
 
@@ -217,10 +219,9 @@ def darkest_detail(image_rgb: Image) -> float:
 
 
 def change_share(image_rgb: Image, network_rgb: Image, certainty: float = 1.0) -> float:
-    """How much of the network's change is made, 0 to 1: little where its image hardly differs from its input.
+    """Share of the network's change that is made, 0 to 1: little where its image hardly differs from its input.
 
-    Where it is not certain, 0 to 1, that there is haze, the change has at most CHANGE_LEVELS[0] (rms): a clear image
-    keeps 32 dB.
+    At a certainty of haze below 1 the change has at most CHANGE_LEVELS[0] (rms), so that a clear image retains 32 dB.
     """
     step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
     change = float(np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step]))))

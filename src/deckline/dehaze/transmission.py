@@ -39,7 +39,7 @@ class GeometryConfig:
     object_levels: tuple[float, float] = (12.0, 30.0)  # off the hazy sea or sky: surely not an object, surely one
     nearer_ratio: tuple[float, float] = (1.1, 1.5)  # bound over the sea's transmission: surely sea, surely nearer
     window_px: int = 15  # over which one dark detail bounds its neighbours
-    object_range_m: float = 1500.0  # ships farther away count as being here; keeps clear images as they are
+    object_range_m: float = 1500.0  # ships farther away are taken to be here; clear images stay as they are
     darkest: float = 0.2  # of the airlight: what light a ship's darkest detail still sends
     min_object_t: float = 0.2  # above the horizon; fainter objects are left in the haze
 
@@ -117,9 +117,9 @@ def _object_certainty(
     certainty = np.clip((contrast - low) / (high - low), 0, 1)
     certainty *= np.where(is_sea, 1, np.clip(bound / config.min_object_t - 1, 0, 1))
     count, labels = cv2.connectedComponents((certainty > 0.5).astype(np.uint8))
-    stands = np.zeros(count, dtype=bool)
-    stands[labels[is_sea]] = True
-    certainty *= is_sea | stands[labels]
+    reaches_sea = np.zeros(count, dtype=bool)
+    reaches_sea[labels[is_sea]] = True
+    certainty *= is_sea | reaches_sea[labels]
     window = scale_length(config.window_px, image.shape[2])
     closed = cv2.morphologyEx(certainty.astype(np.float32), cv2.MORPH_CLOSE, np.ones((window, window), np.uint8))
     edge = scale_length(config.window_px // 3, image.shape[2])
@@ -129,7 +129,7 @@ def _object_certainty(
 def sky_contrast(levels: Image, down: Image) -> Image:
     """How many levels pixels of the sky (3, N) are darker than the median at their height (N,), in any channel.
 
-    Zero where there is too little sky to tell.
+    Zero where there is too little sky.
     """
     nothing = np.zeros(len(down), dtype=np.float32)
     if len(down) < MIN_SKY_BIN_PX:

@@ -4,7 +4,7 @@ Unknowns are, for every line, its offset to its right, m, and its azimuth, rad; 
 units of their own 1-sigma: attitude about world x and y, focal length, depth scale, deck slope along and across.
 
 The aircraft's heading and position are not observable in one frame: their errors move the lines with them. Only the
-error of its height shows, against the reported deck height, and the prior of that height includes it.
+error of its height is observable, against the reported deck height; the prior of that height includes it.
 """
 
 from dataclasses import dataclass, replace
