@@ -60,7 +60,7 @@ def test_lines_that_begin_far_apart_are_rejected(monkeypatch):
     found = Detection(keep(found.left, rows < np.percentile(rows, 40)), found.right)
     estimate = locate(NEAR, found)
     assert (estimate.seen, estimate.lines, reasons(estimate)) == (LineVisibility.NONE, {}, [Reason.LINE_ENDS])
-    monkeypatch.setattr(runway, "MAX_END_STEP_M", 1000.0)
+    monkeypatch.setattr(line_fit, "MAX_END_STEP_M", 1000.0)
     assert locate(NEAR, found).seen is LineVisibility.BOTH
 
 

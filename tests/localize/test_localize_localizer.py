@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.config import Localization, Sensors
 from deckline.geometry import wrap_angle
-from deckline.localize import runway
+from deckline.localize import line_fit
 from deckline.types import DepthMode, Detection, LinePoints, LineVisibility, Reason, Segment
 from deckline_lab.rivals.sgd import localize_by_descent
 from runway_scene import (
@@ -249,7 +249,7 @@ def test_a_depth_camera_that_sees_a_part_of_the_lines_confirms_the_height(range_
 
 
 def test_known_angle_gives_a_short_line_its_direction(monkeypatch):
-    monkeypatch.setattr(runway, "MAX_AZIMUTH_SIGMA_RAD", 1.0)
+    monkeypatch.setattr(line_fit, "MAX_AZIMUTH_SIGMA_RAD", 1.0)
     found = detection(MIDDLE, PARALLEL_RIGHT)
     found = Detection(nearest(found.left, 8, 2.0), found.right)
     lines = [locate(MIDDLE, found, still_deck(**angle)).lines["left"] for angle in (ANY_ANGLE, PARALLEL)]
