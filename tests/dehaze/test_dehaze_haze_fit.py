@@ -7,6 +7,7 @@ from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, ray_z, sea_pair, world_fro
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
     HazeFit,
+    NoFit,
     NotFitted,
     WaterPrior,
     explained_share,
@@ -82,29 +83,29 @@ def test_thick_haze_over_usual_water_seen_from_high_up_is_told(mirror):
     assert np.abs(found - sea[view.range_m < 1000]).mean() < 12
 
 
-def reason(image: np.ndarray, view=VIEW) -> str:
+def cause(image: np.ndarray, view=VIEW) -> NoFit:
     result = fit_haze(image, view)
     assert isinstance(result, NotFitted)
-    return result.reason
+    return result.cause
 
 
-def test_what_cannot_be_told_is_said():
+def test_what_cannot_be_fitted_has_its_cause():
     image = sea_pair(2e-3)[0]
     looking_down = view_sea(CAMERA, world_from_body(-60.0) * camera_mount(), SEA_Z_M)
     looking_up = view_sea(CAMERA, world_from_body(25.0) * camera_mount(), SEA_Z_M)
-    assert reason(image, looking_down) == "the horizon is not in view"
-    assert reason(image, looking_up) == "the horizon is not in view"
-    assert reason(image // 10) == "too dark to see the haze"
-    assert reason(np.full_like(image, 150)) == "the sea does not differ from the haze"
+    assert cause(image, looking_down) is NoFit.NO_HORIZON
+    assert cause(image, looking_up) is NoFit.NO_HORIZON
+    assert cause(image // 10) is NoFit.DARK
+    assert cause(np.full_like(image, 150)) is NoFit.NO_CONTRAST
     mist = sea_pair(1.5e-2)[0]
     mist[VIEW.range_m < 260] = 20  # a deck hides all water that is not hidden by the mist
-    assert reason(mist) == "the sea does not show how thick the haze is"
+    assert cause(mist) is NoFit.VAGUE
     striped = np.repeat(np.where(np.arange(len(image)) // 9 % 2, 60, 130), image.shape[1])  # fields, say
     land = np.where(VIEW.is_sea[..., None], striped.reshape(*VIEW.is_sea.shape, 1), image).astype(np.uint8)
-    assert reason(land) == "what lies below the horizon does not fade as a sea in haze does"
+    assert cause(land) is NoFit.NO_FADING
     sliver = view_sea(CAMERA, world_from_body(16.8, 0.0) * camera_mount(), SEA_Z_M)
     assert sliver.is_sea.any()
-    assert reason(image, sliver) == "too little sea in view"
+    assert cause(image, sliver) is NoFit.LITTLE_SEA
 
 
 def test_a_deck_just_ahead_hides_the_sea_and_its_sides_tell():

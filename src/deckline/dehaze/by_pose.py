@@ -23,6 +23,7 @@ from deckline.dehaze.filters import estimate_noise
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
     HazeFit,
+    NoFit,
     NotFitted,
     fit_haze,
     hidden_sea_certainty,
@@ -96,7 +97,7 @@ class GeometryDehazer:
         """How the frame's haze is removed, or why its air cannot be estimated."""
         pose = frame.world_from_camera
         if pose is None:
-            return NotFitted("the frame has no pose; give poses or choose another dehazer")
+            return NotFitted(NoFit.NO_POSE)
         sea_z_m, deck_z_m = frame.sea_z_m, frame.deck_z_m
         if deck_z_m is None:
             deck_z_m = sea_z_m  # raises no bound
@@ -106,7 +107,7 @@ class GeometryDehazer:
             solution = self.solve(at_usual_height(frame, pose))
             return replace(solution, has_height=False) if isinstance(solution, GeometrySolution) else solution
         if sea_z_m < deck_z_m:
-            return NotFitted(f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
+            return NotFitted(NoFit.SEA_ABOVE_DECK, f"z {sea_z_m:g} m over {deck_z_m:g} m; z points down")
         return self._solve_above(frame, pose, sea_z_m, deck_z_m)
 
     def _solve_above(
@@ -118,7 +119,7 @@ class GeometryDehazer:
         small = downscale_frame(frame, self.analysis_px)
         view = view_sea(small.camera, pose, sea_z_m)
         if view.height_m <= 0:
-            return NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
+            return NotFitted(NoFit.BELOW_SEA, f"{-view.height_m:.1f} m")
         levels = self.to_levels(small.image_rgb)
         planes = np.stack(cv2.split(levels)).astype(np.float32, copy=False)
         small_noise = measure_sky_noise(self.to_levels(take_rows(small.image_rgb)), view)

@@ -7,6 +7,7 @@ Source: Koschmieder's law; Schlick's (1 - sin)^5 for the mirroring water.
 """
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,16 +109,37 @@ class HazeFit:
         return np.clip(straight + schlick(down) * grazing, 0, 255)
 
 
+class NoFit(StrEnum):
+    """Why an image's haze cannot be fitted; the value is the message for people."""
+
+    NO_POSE = "the frame has no pose; give poses or choose another dehazer"
+    SEA_ABOVE_DECK = "the sea is above the deck"
+    BELOW_SEA = "the camera is below the sea"
+    NO_HORIZON = "the horizon is not in view"
+    DARK = "too dark to see the haze"
+    LITTLE_SEA = "too little sea in view"
+    NO_CONTRAST = "the sea does not differ from the haze"
+    VAGUE = "the sea does not show how thick the haze is"
+    NO_FADING = "what lies below the horizon does not fade as a sea in haze does"
+
+
 @dataclass(frozen=True, eq=False)
 class NotFitted:
-    """Why an image's haze could not be fitted."""
+    """An image whose haze could not be fitted."""
 
-    reason: str
-    """For people."""
+    cause: NoFit
+    """Why."""
+    detail: str = ""
+    """Numbers to it, for people."""
     hidden: float = 0.0
     """Certainty that haze hides the farthest sea nevertheless, 0 to 1."""
     down: Float32 | None = None
     """(h, w) sines of the angle below the horizontal; None without a pose."""
+
+    @property
+    def reason(self) -> str:
+        """The cause with its detail, for people."""
+        return f"{self.cause}: {self.detail}" if self.detail else str(self.cause)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,9 +170,9 @@ def fit_haze(
     """
     airlight = _band_airlight(image, view)
     if airlight is None:
-        return NotFitted("the horizon is not in view")
+        return NotFitted(NoFit.NO_HORIZON)
     if airlight.max() < MIN_AIRLIGHT:
-        return NotFitted("too dark to see the haze")
+        return NotFitted(NoFit.DARK)
     sides = np.arange(view.down.shape[1])
     sides = sides[np.abs(sides - sides.mean()) > SIDES_FROM * len(sides) / 2]
     for columns in (slice(None), sides):
@@ -158,15 +180,15 @@ def fit_haze(
         profile = measure_profile(image[:, columns], part)
         profile = replace(profile, levels=profile.levels + QUANTILES_BELOW * noise_sigma)
         if len(profile.range_m) < MIN_BINS:
-            return NotFitted("too little sea in view")
+            return NotFitted(NoFit.LITTLE_SEA)
         if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
-            return NotFitted("the sea does not differ from the haze")
+            return NotFitted(NoFit.NO_CONTRAST)
         fit = _fit_profile(profile, airlight, water)
         far_sea = (airlight + fit.sea.sum(axis=0)).min() / airlight.mean()
         if far_sea >= MIN_FAR_SEA and explained_share(fit, profile) >= MIN_EXPLAINED:
             vague = fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m
-            return NotFitted("the sea does not show how thick the haze is") if vague else fit
-    return NotFitted("what lies below the horizon does not fade as a sea in haze does")
+            return NotFitted(NoFit.VAGUE) if vague else fit
+    return NotFitted(NoFit.NO_FADING)
 
 
 def explained_share(fit: HazeFit, profile: SeaProfile) -> float:
