@@ -216,9 +216,9 @@ def test_padding_reaches_the_multiple_and_keeps_the_image(height: int, width: in
 
 
 def test_errors() -> None:
-    with pytest.raises(ValueError, match="5x4 px is no multiple of 2"):
+    with pytest.raises(ValueError, match=r"5x4.*\b2\b"):
         average_down(np.zeros((1, 3, 4, 5), dtype=np.float32), 2)
-    with pytest.raises(ValueError, match="working_long_side_px must be at least 32, got 3"):
+    with pytest.raises(ValueError, match=r"working_long_side_px.*32.*\b3\b"):
         reduction_factor(10, 10, 3)
     with pytest.raises(ValueError, match="float64"):
         image_to_tensor(np.zeros((2, 2, 3)))
