@@ -1,7 +1,7 @@
 """Transmission of every pixel of a hazy image, and the most likely scene behind the haze.
 
 Two lower bounds of the transmission are at hand: of the sea's range, and of a dark or bright detail, since no light is
-negative or beyond full scale. What stands out of the sea, as a ship does, is nearer than the sea behind it; there the
+negative or beyond full scale. What rises out of the sea, as a ship does, is nearer than the sea behind it; there the
 second bound applies, or the deck plane's transmission where it is larger.
 """
 

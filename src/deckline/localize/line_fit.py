@@ -140,7 +140,7 @@ def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], D
     best = min(azimuth_sigma, key=lambda side: azimuth_sigma[side])
     if max(azimuth_sigma.values()) < CLEARLY_BETTER * azimuth_sigma[best]:
         return {}, (Diagnostic(reason, f"{message}; neither is clearly the better one"),)
-    return {best: fits[best]}, (Diagnostic(reason, f"{message}; only the surer one, {best}, is kept"),)
+    return {best: fits[best]}, (Diagnostic(reason, f"{message}; only the surer one, {best}, is used"),)
 
 
 def drop_unsure(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Diagnostics]:

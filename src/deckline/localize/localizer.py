@@ -59,7 +59,9 @@ Placement = Callable[[Frame, Detection, dict[str, PixelLine], DepthMode, RunConf
 
 
 class Localizer(Protocol):
-    """What every estimator of the lines in the world is."""
+    """What every estimator of the lines in the world is: a function."""
+
+    __name__: str  # in reports
 
     def __call__(
         self, frame: Frame, detection: Detection, config: RunConfig, rng: np.random.Generator
@@ -183,15 +185,13 @@ def _estimate(
     elif "centre" in fits:
         fits["centre"] = shift_line(fits["centre"], 0.0, CENTRE_SIGMA_M)  # a painted line is not exactly midway
     else:
-        side = next(iter(fits))
-        width = config.frame_deck.width_m
-        if width is None:
-            diagnostics += (
-                Diagnostic(Reason.NO_CENTRE_LINE, f"no centre line: only the {side} line and no runway width"),
-            )
+        (side,) = fits
+        centre = _centre_beside(side, fits[side], config)
+        if centre is None:
+            missing = Diagnostic(Reason.NO_CENTRE_LINE, f"no centre line: only the {side} line and no runway width")
+            diagnostics += (missing,)
         else:
-            half = width / 2 if side == "left" else -width / 2
-            fits["centre"] = shift_line(fits[side], half, config.deck.width_sigma_m / 2)
+            fits["centre"] = centre
     lines = {side: fit.runway_line for side, fit in fits.items()}
     return RunwayEstimate(
         _seen(pixel_lines),
@@ -204,6 +204,14 @@ def _estimate(
         flags,
         placed.depth_confirms_height,
     )
+
+
+def _centre_beside(side: str, edge: LineFit, config: RunConfig) -> LineFit | None:
+    """The centre line beside the only edge line; None without the runway's width."""
+    width = config.frame_deck.width_m
+    if width is None:
+        return None
+    return shift_line(edge, width / 2 if side == "left" else -width / 2, config.deck.width_sigma_m / 2)
 
 
 def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) -> Diagnostics:

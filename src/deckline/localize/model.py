@@ -19,7 +19,7 @@ from deckline.localize.observations import Observations
 
 Array = NDArray[np.float64]
 NUISANCES = 6
-MIN_SIGMA_M = 1e-4  # keeps weights of what is known exactly finite
+MIN_SIGMA_M = 1e-4  # bounds the weights of what is known exactly
 MIN_SIGMA_RAD = 1e-5
 MIN_DEPTH_FRACTION = 1e-4
 MIN_HEIGHT_M = 1e-2  # of the camera over the deck; smaller heights are clamped

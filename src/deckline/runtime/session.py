@@ -31,10 +31,13 @@ class ModelSession:
     """A loaded model. Several threads may call it at a time."""
 
     path: Path
-    config: dict[str, Any]  # what made the model; {} for a file that deckline did not export
+    """Of the model's file."""
+    config: dict[str, Any]
+    """The configuration that made the model; {} for a file that deckline did not export."""
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     compute: Compute
+    """Arrays by input name -> arrays in the order of `output_names`."""
 
     def __call__(self, **inputs: NDArray[np.float32]) -> tuple[NDArray, ...]:
         """Run the model on arrays given by input name; outputs in the model's order.
@@ -59,7 +62,7 @@ def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> 
     Args:
         path: a file exported by `deckline train`, or any other ONNX model.
         engine: what computes it.
-        spins: ONNX Runtime's idle threads keep their cores busy between operators; sooner done if nothing else runs.
+        spins: ONNX Runtime's idle threads spin between operators; faster where nothing else runs.
 
     Raises:
         ValueError: no such file, a file that is no ONNX model, or an engine that this machine has not.
