@@ -111,12 +111,3 @@ def visibility_in_heights(frame: Frame, horizon: Horizon, haze: HazeFit) -> Valu
             changes.append(abs(float(np.log(moved.haze.visibility_m / haze.visibility_m))))
     heights = haze.visibility_m / USUAL_HEIGHT_M
     return Value(heights, heights * float(np.hypot(max(changes, default=1.0), haze.beta_sigma_per_m / haze.beta_per_m)))
-
-
-def measure_visibility(frame: Frame) -> Value | NoHorizon | NotFitted:
-    """A frame's visibility in heights of the camera, without its pose; or why there is none."""
-    horizon = find_horizon_of(frame)
-    if isinstance(horizon, NoHorizon):
-        return horizon
-    solution = GeometryDehazer(analysis_px=ANALYSIS_PX).solve(with_horizon_pose(frame, horizon))
-    return solution if isinstance(solution, NotFitted) else visibility_in_heights(frame, horizon, solution.haze)

@@ -1,7 +1,6 @@
 """Dehazers and detectors that an evaluation can name: those of `deckline`, and the rivals they are compared with."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from deckline.config import CPU, Engine, RunConfig
@@ -9,11 +8,10 @@ from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
 from deckline.detect import DETECTORS, Detector
 from deckline.flight import Flight
 from deckline.runtime import shipped_weights
+from deckline_lab.rivals import LAB_WEIGHTS
 from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_lab.rivals.dark_channel import DarkChannelDehazer
 from deckline_lab.rivals.linear_light import LinearGeometryDehazer
-
-LAB_WEIGHTS = Path(__file__).parent.parent / "weights"  # with a manifest of their own
 
 # As in `deckline`: from the `Engine` that computes a network.
 RIVAL_DEHAZERS: dict[str, Callable[..., Dehazer]] = {

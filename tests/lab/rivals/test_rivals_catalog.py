@@ -7,10 +7,10 @@ from deckline.dehaze import DEHAZERS
 from deckline.detect import DETECTORS
 from deckline.flight import Flight
 from deckline.runtime import shipped_models, shipped_weights
+from deckline_lab.rivals import LAB_WEIGHTS
 from deckline_lab.rivals.catalog import (
     ALL_DEHAZERS,
     ALL_DETECTORS,
-    LAB_WEIGHTS,
     RIVAL_DEHAZERS,
     RIVAL_DETECTORS,
     flight_from_config,
