@@ -47,14 +47,14 @@ def test_rendered_frames_come_much_nearer_to_the_clear_ones(rendered):
     assert np.median(gains) > 10
 
 
-def test_the_sea_comes_back():
+def test_the_sea_is_restored():
     hazy, clear = sea_pair(BETA)
     near = ray_z(world_from_body()) > 60 / 1000
     assert psnr_db(hazy, clear, near) < 17
     assert psnr_db(dehaze(hazy), clear, near) > 27
 
 
-def test_the_sea_is_where_the_frame_says():
+def test_the_sea_height_is_the_frames():
     hazy, _ = sea_pair(BETA)
     as_config = GeometryDehazer(GeometryConfig(sea_below_deck_m=12.0)).restore(frame_of(hazy)).image_rgb
     known = dehaze(hazy, sea_z_m=DECK_Z_M + 12.0)
@@ -71,7 +71,7 @@ def test_the_sky_is_left_alone():
     np.testing.assert_array_equal(dehaze(hazy)[sky], hazy[sky])
 
 
-def test_what_stands_against_the_sky_is_restored_with_its_foot_on_the_sea():
+def test_an_object_before_the_sky_is_restored_where_it_reaches_the_sea():
     hazy, _ = sea_pair(BETA)
     t, colour = np.exp(-BETA * 250), np.array([35, 36, 38])
     hazy[30:110, 150:170] = AIRLIGHT + t * (colour - AIRLIGHT)

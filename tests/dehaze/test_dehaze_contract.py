@@ -186,7 +186,7 @@ def test_night_stays_night(dehazer: Dehazer) -> None:
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
-def test_depth_that_says_nothing_changes_nothing(dehazer: Dehazer, unknown: float) -> None:
+def test_unknown_depth_changes_nothing(dehazer: Dehazer, unknown: float) -> None:
     frame = frame_of(sea_pair(BETA)[0])
     nothing = dataclasses.replace(frame, depth_m=np.full(frame.image_rgb.shape[:2], unknown, np.float32))
     np.testing.assert_array_equal(restore(dehazer, nothing).image_rgb, restore(dehazer, frame).image_rgb)
@@ -217,12 +217,12 @@ def clear_frames() -> list[Frame]:
 
 
 @pytest.mark.parametrize("name", KEEP_CLEAR)
-def test_a_picture_without_haze_is_kept(clear_frames: list[Frame], name: str) -> None:
+def test_an_image_without_haze_is_unchanged(clear_frames: list[Frame], name: str) -> None:
     for frame in clear_frames:
         assert psnr_db(restore(ALL_DEHAZERS[name](), frame).image_rgb, frame.image_rgb) >= CLEAR_DB
 
 
-def test_the_network_keeps_a_clear_picture(clear_frames: list[Frame]) -> None:
+def test_the_network_leaves_a_clear_image_nearly_unchanged(clear_frames: list[Frame]) -> None:
     """With a pose in other light as well. Not every one: docs/experiments/2026-11-dehazing-blend.md has the figures."""
     dehazer = OnnxDehazer(shipped_weights("coarse-t"))
     bare = [dataclasses.replace(frame, world_from_body=None) for frame in clear_frames[:2]]
@@ -258,7 +258,7 @@ def test_haze_is_thinned_where_it_is_known(dehazer: Dehazer) -> None:
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.25, 1.0])
-def test_strength_keeps_a_share_of_the_removal(dehazer: Dehazer, strength: float) -> None:
+def test_strength_is_the_share_of_the_removal(dehazer: Dehazer, strength: float) -> None:
     hazy, _ = sea_pair(BETA)
     full = restore(dehazer, frame_of(hazy)).image_rgb.astype(float)
     part = restore(dehazer, frame_of(hazy), strength).image_rgb

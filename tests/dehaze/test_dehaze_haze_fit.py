@@ -37,7 +37,7 @@ def test_a_known_haze_is_found(visibility_m):
     np.testing.assert_allclose(straight_below, SEA, atol=12)
 
 
-def test_air_that_thickens_with_range_is_told_from_even_air():
+def test_air_that_thickens_with_range_is_distinguished_from_even_air():
     fit = fit_haze(sea_pair(1e-3, bank_per_m=1e-3)[0], VIEW)
     assert fit.bank_per_m == pytest.approx(1e-3, rel=0.25)
     assert fit.optical_depth(np.float32(1000.0)) == pytest.approx(2.0, rel=0.2)
@@ -62,13 +62,13 @@ def test_optical_depth_is_the_law():
     assert np.exp(-depth[2]) == 0
 
 
-def test_water_that_tells_nothing_is_taken_as_usual():
+def test_water_without_information_is_taken_as_usual():
     pulls, usual = prior_equations(WaterPrior(0.7, 0.1, 0.5, 0.3), AIRLIGHT)
     np.testing.assert_allclose(np.linalg.solve(pulls, usual), [-0.7 * AIRLIGHT, 0.35 * AIRLIGHT])
 
 
 @pytest.mark.parametrize("mirror", [0.5, 0.7])
-def test_thick_haze_over_usual_water_seen_from_high_up_is_told(mirror):
+def test_thick_haze_over_usual_water_is_fitted_from_high_up(mirror):
     """The nearest water transmits a seventh; how bright the far water is cannot be seen."""
     beta, pose = 2e-3, world_from_body(-8.0, 0.0, -300.0)
     view = view_sea(CAMERA, pose * camera_mount(), SEA_Z_M)
@@ -108,7 +108,7 @@ def test_what_cannot_be_fitted_has_its_cause():
     assert cause(image, sliver) is NoFit.LITTLE_SEA
 
 
-def test_a_deck_just_ahead_hides_the_sea_and_its_sides_tell():
+def test_a_deck_just_ahead_hides_the_sea_and_the_sides_are_fitted():
     """A dark deck in the middle three fifths, all the way up to the horizon, in clear air: it does not fade."""
     beta = beta_from_visibility(1500.0)
     image = sea_pair(beta)[0]

@@ -241,9 +241,9 @@ def test_source_of_the_mode_is_believed_when_depth_and_deck_height_contradict(ra
 )
 def test_a_depth_camera_that_sees_a_part_of_the_lines_confirms_the_height(range_m, deck_off_m, asked, agrees):
     frame = with_depth(approach(60.0, 6.0, right=PARALLEL_RIGHT), range_m)
-    told = replace(frame, deck_z_m=DECK_Z_M + deck_off_m)
+    reported = replace(frame, deck_z_m=DECK_Z_M + deck_off_m)
     config = replace(STILL, localization=Localization(asked))
-    estimate = locate(told, detection(frame, PARALLEL_RIGHT), config)
+    estimate = locate(reported, detection(frame, PARALLEL_RIGHT), config)
     assert estimate.mode is DepthMode.COARSE and set(estimate.lines) == {"left", "right", "centre"}
     assert estimate.depth_confirms_height is agrees
 
@@ -256,7 +256,7 @@ def test_known_angle_gives_a_short_line_its_direction(monkeypatch):
     assert lines[1].covariance[1, 1] < 0.3**2 * lines[0].covariance[1, 1]
 
 
-def test_known_angle_between_the_lines_is_kept():
+def test_a_known_angle_between_the_lines_is_retained():
     angle = float(np.rad2deg(wrap_angle(azimuth(RIGHT) - azimuth(LEFT))))
     known = still_deck(angle_deg=angle, angle_sigma_deg=float(np.rad2deg(0.5e-4)))
     lines = locate(NEAR, detection(NEAR), known).lines

@@ -229,7 +229,7 @@ def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Diagnostic
     return Diagnostic(Reason.LINE_ENDS, f"the lines begin {ends.separation_m:.0f} m apart along the runway")
 
 
-def locate_ramp(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:
+def ramp_from_ends(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:
     """Where the centre line begins, (3,) world, and its 1-sigma along the deck."""
     variance = ends.variance.sum() / 4 + (ends.separation_m / 2) ** 2 + ends.common_m @ ends.common_m
     point = centre.point_m + ends.along_m.mean() * np.array([*centre.direction, 0.0])

@@ -16,7 +16,7 @@ from deckline.localize.line_fit import (
     check_pixel_order,
     drop_unsure,
     find_near_ends,
-    locate_ramp,
+    ramp_from_ends,
     shift_line,
 )
 from deckline.localize.model import CENTRE_SIGMA_M
@@ -180,7 +180,7 @@ def _estimate(
         elif contradiction := check_near_ends(ends, fits["left"], fits["right"]):
             return _not_seen((*diagnostics, contradiction))
         else:
-            ramp_m, ramp_sigma_m = locate_ramp(ends, fits["centre"])
+            ramp_m, ramp_sigma_m = ramp_from_ends(ends, fits["centre"])
         flags = _check_deck_sign(frame, fits, config)
     elif "centre" in fits:
         fits["centre"] = shift_line(fits["centre"], 0.0, CENTRE_SIGMA_M)  # a painted line is not exactly midway
