@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from deckline.dehaze import HorizonDehazer, VeilDehazer
-from deckline.dehaze.by_horizon import find_horizon_of, measure_visibility
+from deckline.dehaze.by_horizon import find_horizon_of
 from deckline.dehaze.horizon import Horizon
 from deckline.monitors.attitude import expect_horizon
-from deckline.types import Frame, Value
+from deckline.types import Frame
 from deckline_lab.evaluation.frames import open_recorded
 from deckline_lab.evaluation.metrics import psnr_db
 
@@ -35,7 +35,7 @@ def true_row(frame: Frame) -> float:
 
 
 def measure(frame: Frame) -> dict[str, float]:
-    """What one frame without its pose tells, and how wrong that is; NaN for what it does not tell."""
+    """Horizon, roll and visibility of one frame without its pose, and their errors; NaN for what is not found."""
     alone = replace(frame, world_from_body=None, deck_z_m=None, sea_z_m=None, depth_m=None, truth=None)
     row, scale, truth = true_row(frame), HEIGHT_PX / frame.camera.height, frame.truth
     others = ("error", "sigma", "roll", "roll_sigma", "ratio", "ratio_sigma")
@@ -46,12 +46,12 @@ def measure(frame: Frame) -> dict[str, float]:
         if (expected := expect_horizon(frame)) is not None:
             roll_deg = np.rad2deg(np.arctan(horizon.slope)) - expected.roll_deg
             values |= {"roll": abs(roll_deg), "roll_sigma": np.rad2deg(horizon.slope_sigma)}
-    told = measure_visibility(alone)
+    heights = HorizonDehazer().restore(alone).visibility_heights
     height = frame.sea_z_m - frame.world_from_camera.translation[2]
-    if isinstance(told, Value) and np.isfinite(truth.visibility_m):
+    if heights is not None and np.isfinite(truth.visibility_m):
         values |= {
-            "ratio": np.log(told.value * height / truth.visibility_m),
-            "ratio_sigma": told.sigma / told.value,
+            "ratio": np.log(heights.value * height / truth.visibility_m),
+            "ratio_sigma": heights.sigma / heights.value,
         }
     if truth.clear_rgb is not None:
         for name, dehazer in (("veil", VeilDehazer()), ("horizon", HorizonDehazer())):

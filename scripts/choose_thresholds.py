@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from deckline.detect import DETECTORS, OnnxDetector
-from deckline.detect.search import Search, View
+from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import SIDES, Detection
@@ -43,8 +43,8 @@ class ScoredView(NamedTuple):
 
     camera: Camera
     expected: ExpectedLines
-    whole: View  # of the whole image
-    candidates: list[View]
+    whole: CropView  # of the whole image
+    candidates: list[CropView]
     first: int  # how many of them were found without tiles
 
 

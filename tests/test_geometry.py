@@ -58,7 +58,7 @@ def test_airsim_field_of_view():
 
 
 @pytest.mark.parametrize("distortion", LENSES)
-def test_resizing_keeps_what_a_direction_sees(distortion):
+def test_resizing_leaves_what_a_direction_sees(distortion):
     camera = lens(distortion)
     small = camera.resized(320, 360)
     point = [[1.0, 0.5, 4.0]]
@@ -126,7 +126,7 @@ def test_attitude_turns_yaw_right_pitch_up_roll_right():
     assert np.arcsin(-nose[2]) == pytest.approx(0.2)
 
 
-def test_the_mounted_camera_looks_forward_with_right_and_down():
+def test_the_mounted_camera_points_forward_with_right_and_down():
     body_from_camera = camera_mount([1.0, 0.5, -0.2])
     np.testing.assert_allclose(body_from_camera.apply([0, 0, 2.0]), [3.0, 0.5, -0.2])
     np.testing.assert_allclose(body_from_camera.apply([2.0, 0, 0]), [1.0, 2.5, -0.2])

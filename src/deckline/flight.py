@@ -217,7 +217,10 @@ def _build(
         return builders[name](engine)
     if name.endswith(".onnx"):
         return from_file(Path(name), engine=engine)
-    raise ValueError(f"unknown {what} {name!r}: use one of {', '.join(builders)}, or the path of an .onnx file")
+    raise ValueError(
+        f"unknown {what} {name!r}: use one of {', '.join(builders)}, or the path of an .onnx file; "
+        "rivals to compare with belong to deckline eval"
+    )
 
 
 def _timed(seconds: dict[str, float], stage: str, call: Callable[[], T]) -> T:

@@ -77,7 +77,7 @@ class Camera:
 
     @classmethod
     def unknown(cls, width: int, height: int) -> "Camera":
-        """A camera of which only the image size, px, is known; its focal length stands for nothing."""
+        """A camera of which only the image size, px, is known; its focal length has no meaning."""
         return replace(cls.from_fov(width, height, np.pi / 2), known=False)
 
     @property
@@ -132,7 +132,7 @@ class Camera:
         return np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
 
     def resized(self, width: int, height: int) -> "Camera":
-        """The same lens seen through an image of another size (pixel centres kept consistent)."""
+        """The same lens seen through an image of another size (with consistent pixel centres)."""
         sx, sy = width / self.width, height / self.height
         return replace(
             self,
@@ -200,7 +200,7 @@ def attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Rotation:
 def camera_mount(translation_m: ArrayLike = (0.0, 0.0, 0.0), mount: Rotation | None = None) -> RigidTransform:
     """body_from_camera (optical) of a camera at a body position whose viewing axis is turned by `mount`.
 
-    `mount` is a body_from_mount rotation (identity: the camera looks along the body's forward axis).
+    `mount` is a body_from_mount rotation (identity: the camera points along the body's forward axis).
     """
     rotation = BODY_FROM_OPTICAL if mount is None else mount * BODY_FROM_OPTICAL
     return RigidTransform.from_components(np.asarray(translation_m, dtype=np.float64), rotation)

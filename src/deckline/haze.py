@@ -1,7 +1,7 @@
 """Atmospheric scattering: I = J t + A (1 - t), t = exp(-beta d), d the ray length in metres.
 
-`add_haze` is the paper's model, on 8-bit levels. `scatter` does it in linear light, in air that may be denser near
-the water, in patches, coloured, and brighter towards the sun.
+`add_haze` is the paper's model, on 8-bit levels. `scatter` is the same model in linear light, of air that may be denser
+near the water, patchy, coloured, and brighter towards the sun.
 Source: Koschmieder's law. Visibility is quoted at 2 % contrast: V = 3.912 / beta.
 """
 
@@ -49,6 +49,11 @@ def transmission(range_m: ArrayLike, beta_per_m: float) -> NDArray[np.float32]:
     return np.exp(-np.float32(beta_per_m) * ranges)
 
 
+def blend_airlight(scene: NDArray[Any], airlight: NDArray[Any], t: NDArray[Any] | float) -> NDArray[Any]:
+    """I = J t + A (1 - t): a scene J through air of transmission t and airlight A, of shapes that broadcast."""
+    return np.asarray(scene * t + airlight * (1 - t))
+
+
 def add_haze(
     clear_rgb: NDArray[np.uint8], range_m: ArrayLike, beta_per_m: float, airlight_rgb: ArrayLike
 ) -> NDArray[np.uint8]:
@@ -57,7 +62,7 @@ def add_haze(
     if t.shape[:2] != clear_rgb.shape[:2]:
         raise ValueError(f"image is {clear_rgb.shape[:2]} but range is {t.shape[:2]}")
     airlight = np.asarray(airlight_rgb, dtype=np.float32)
-    hazy = clear_rgb.astype(np.float32) * t + airlight * (1 - t)
+    hazy = blend_airlight(clear_rgb.astype(np.float32), airlight, t)
     return np.clip(np.rint(hazy), 0, 255).astype(np.uint8)
 
 
@@ -151,6 +156,7 @@ def scatter(
     light = np.asarray(atmosphere.airlight, dtype=np.float32)
     if atmosphere.glow > 0:
         light = light * (1.0 + np.float32(atmosphere.glow) * sun_glow(directions, atmosphere)[..., None])
+    # `blend_airlight` in another order, whose rounding the recordings of every seed have.
     return np.asarray(light + (radiance - light) * t, dtype=np.float32)
 
 

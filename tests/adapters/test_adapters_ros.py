@@ -165,7 +165,7 @@ def pictures(tmp_path):
     return str(tmp_path / "sample")
 
 
-OPTIONS = ["--dehazer", "none", "--detector", "classical", "--max-frames", "2"]
+OPTIONS = ["--dehazer", "none", "--detector", "ufld", "--max-frames", "2"]
 
 
 def test_run_writes_a_file_once(pictures, tmp_path, capsys):
@@ -179,7 +179,7 @@ def test_run_writes_a_file_once(pictures, tmp_path, capsys):
 
 
 def test_live_writes_what_it_guided(pictures, tmp_path, capsys):
-    options = ["--dehazer", "none", "--detector", "classical", "--duration", "3", "--mcap", str(tmp_path / "a.mcap")]
+    options = ["--dehazer", "none", "--detector", "ufld", "--duration", "3", "--mcap", str(tmp_path / "a.mcap")]
     assert main(["live", pictures, *options]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     guided = [line for line in lines if line["file"] is not None]

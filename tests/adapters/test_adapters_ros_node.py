@@ -15,6 +15,8 @@ from approach_scene import CAMERA, HEIGHT_M, LATERAL_M, LEFT, RIGHT, frame
 from deckline.adapters.ros.encode import Encoder
 from deckline.adapters.ros.messages import CAMERA as OPTICAL
 from deckline.adapters.ros.messages import MAP_FROM_WORLD, UPRIGHT, camera_values, header
+from deckline.detect import DETECTORS
+from deckline_lab.rivals.classical import ClassicalDetector
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -104,6 +106,7 @@ def rclpy(monkeypatch, tmp_path):
         module = ModuleType(name)
         vars(module).update(values)
         monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setitem(DETECTORS, "classical", lambda engine: ClassicalDetector())  # finds lines in drawings
     (tmp_path / "deck.toml").write_text('[models]\ndehazer = "none"\ndetector = "classical"\n')
     Node.stated = {"config": str(tmp_path / "deck.toml"), "deck_z_m": -20.0, "stale_s": 20.0}
 

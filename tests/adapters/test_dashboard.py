@@ -66,7 +66,7 @@ class Flying:
 
     def __init__(self) -> None:
         self.source, self.sent, self.switched, self.refuses = Flown(), [], [], False
-        config = replace(STILL, models=Models(dehazer="veil", detector="classical"))
+        config = replace(STILL, models=Models(dehazer="veil", detector="ufld"))
         self.board = Dashboard("127.0.0.1:0", "approach", config, True, self._record)
         outputs = Outputs(lambda record: self.sent.append(record["status"]), print, views=(self.board.view,))
         self.session = LiveSession(self.source, Seeing.from_config(config), outputs, stale_s=0.5)
@@ -234,7 +234,7 @@ def test_who_may_ask_for_what(flying, path, headers, status):
 def test_a_port_that_is_taken_and_a_wrong_address_are_one_line(flying, tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((180, 320, 3), np.uint8))
     for address in (flying.board.url.removeprefix("http://"), "nonsense", "127.0.0.1:99999"):
-        assert main(["live", str(tmp_path), "--dashboard", address, "--detector", "classical"]) == 2
+        assert main(["live", str(tmp_path), "--dashboard", address, "--detector", "ufld"]) == 2
         assert address in capsys.readouterr().err.splitlines()[-1]
 
 
@@ -243,7 +243,7 @@ def test_a_recording_stays_open_until_ctrl_c(tmp_path, browser):
         cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((180, 320, 3), 90 + index, np.uint8))
     code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     code += "from deckline.cli.main import main; sys.exit(main(sys.argv[1:]))"
-    args = ["run", str(tmp_path), "--out", str(tmp_path / "out"), "--detector", "classical", "--dehazer", "none"]
+    args = ["run", str(tmp_path), "--out", str(tmp_path / "out"), "--detector", "ufld", "--dehazer", "none"]
     command = [sys.executable, "-c", code, *args, "--dashboard", "127.0.0.1:0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
         said = []

@@ -15,7 +15,7 @@ PICTURE = cv2.imencode(".png", GREY)[1].tobytes()
 CAMERA = "width=64\nheight=36\nfx=50.0\nfy=50.0\ncx=31.5\ncy=17.5\n"
 AIRSIM = "VehicleName\tTimeStamp\tPOS_X\tPOS_Y\tPOS_Z\tQ_W\tQ_X\tQ_Y\tQ_Z\tImageFile\n"
 ROW = "D\t100\t0\t0\t-30\t1\t0\t0\t0\timg_D_0_0_1.png\n"
-FAST = ("--detector", "classical", "--dehazer", "none")
+FAST = ("--detector", "ufld", "--dehazer", "none")
 RUN = " ".join(("--out out", *FAST))
 IMPORT = "labels import . --out out --format"
 LOGGED = f"run . --poses x.%s --pose-offset-s 0 {RUN}"

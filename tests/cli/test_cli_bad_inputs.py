@@ -192,7 +192,7 @@ CONTENTS = {  # by file and command: each fault of the file's contents
         "clear image elsewhere": FRAME + '{"truth": {"clear_image": "/etc/x"}}}}',
     },
     ("scene.json", "convert . --plain --out out"): {"deep": DEEP},
-    ("x.onnx", "run . --out out --detector classical --dehazer x.onnx"): {"text": "text", "empty": b""},
+    ("x.onnx", "run . --out out --detector ufld --dehazer x.onnx"): {"text": "text", "empty": b""},
     ("x.toml", f"run . --config x.toml {RUN}"): {
         "400 digits": f"seed = {HUGE}",
         "key of 200,000 dots": "a" + 200_000 * ".a" + " = 1\n",
@@ -252,7 +252,7 @@ COMMANDS = {  # what lies in the folder, and the command
     "evaluate a damaged picture": (DAMAGED, f"eval recording . {' '.join(FAST)}"),
     "live from nothing": ({}, "live nothing"),
     "live to nowhere": (A, "live . --to tcp://127.0.0.1:1"),
-    "live over a foreign file": ({**A, "out/report.html": "x"}, "live . --out out --overwrite --detector classical"),
+    "live over a foreign file": ({**A, "out/report.html": "x"}, "live . --out out --overwrite --detector ufld"),
     "an unknown command with an escape": ({}, "\x1b[31m"),
 }
 COMMANDS |= {

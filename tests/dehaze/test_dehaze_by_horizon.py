@@ -8,13 +8,11 @@ from deckline.dehaze.base import IdentityDehazer
 from deckline.dehaze.by_horizon import (
     HorizonDehazer,
     find_horizon_of,
-    measure_visibility,
     pose_from_horizon,
 )
 from deckline.dehaze.horizon import Horizon, NoHorizon
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility
-from deckline.types import Value
 from deckline_lab.evaluation.metrics import psnr_db
 
 HEIGHT_M = 60.0
@@ -43,10 +41,9 @@ def test_pose_from_horizon_has_the_attitude_that_drew_it(pitch_deg: float, roll_
 @pytest.mark.parametrize("visibility_m", [800.0, 2000.0])
 def test_visibility_in_heights_is_within_its_sigma(visibility_m: float) -> None:
     hazy, _ = sea_pair(beta_from_visibility(visibility_m))
-    told = measure_visibility(alone(hazy))
-    assert isinstance(told, Value)
-    assert abs(told.value - visibility_m / HEIGHT_M) < 2 * told.sigma + 0.05 * told.value
-    assert told.sigma < told.value
+    heights = HorizonDehazer().restore(alone(hazy)).visibility_heights
+    assert abs(heights.value - visibility_m / HEIGHT_M) < 2 * heights.sigma + 0.05 * heights.value
+    assert heights.sigma < heights.value
 
 
 def test_brings_a_sea_without_pose_nearer_to_the_clear_one() -> None:
@@ -73,7 +70,8 @@ def test_a_camera_that_is_not_known_needs_a_surer_horizon(known, share, is_dehaz
 def test_leaves_pictures_without_a_horizon_to_the_other(level: int) -> None:
     image = np.full((90, 160, 3), level, np.uint8)
     np.testing.assert_array_equal(HorizonDehazer(IdentityDehazer())(image), image)
-    assert isinstance(measure_visibility(frame_of(np.full((180, 320, 3), level, np.uint8))), NoHorizon)
+    restored = HorizonDehazer().restore(alone(np.full((180, 320, 3), level, np.uint8)))
+    assert restored.visibility_heights is None
 
 
 def test_a_lens_that_bends_lines_has_no_straight_horizon() -> None:

@@ -11,12 +11,13 @@ from odd_pictures import draw
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.config import Engine
-from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
+from deckline.dehaze import Dehazer, OnnxDehazer, restore
 from deckline.dehaze.base import FrameDehazer
 from deckline.haze import add_haze, beta_from_visibility
 from deckline.runtime import shipped_weights
 from deckline.types import Frame
 from deckline_lab.evaluation.metrics import psnr_db
+from deckline_lab.rivals.catalog import ALL_DEHAZERS
 from deckline_sim import SimConfig, frames
 
 BETA = beta_from_visibility(1200.0)
@@ -25,9 +26,9 @@ CLEAR_DB = 32.0  # a clear image comes out at least this near to itself
 KEEP_CLEAR = ("none", "geometry", "geometry-linear")
 
 
-@pytest.fixture(scope="module", params=list(DEHAZERS))
+@pytest.fixture(scope="module", params=list(ALL_DEHAZERS))
 def dehazer(request: pytest.FixtureRequest) -> Dehazer:
-    return DEHAZERS[request.param]()
+    return ALL_DEHAZERS[request.param]()
 
 
 def sized(image: np.ndarray) -> Frame:
@@ -88,13 +89,13 @@ def test_wrong_images_are_refused(dehazer: Dehazer, image: np.ndarray, message: 
 def test_the_shipped_network_leaves_images_without_a_pose_to_the_horizon() -> None:
     hazy, _ = sea_pair(BETA)
     frame = dataclasses.replace(frame_of(hazy), world_from_body=None)
-    other, shipped = DEHAZERS["horizon"](), DEHAZERS["coarse-t"]()
+    other, shipped = ALL_DEHAZERS["horizon"](), ALL_DEHAZERS["coarse-t"]()
     np.testing.assert_array_equal(shipped(hazy), other(hazy))
     np.testing.assert_array_equal(restore(shipped, frame).image_rgb, other(hazy))
 
 
 def test_names_are_their_keys() -> None:
-    assert {key: build().name for key, build in DEHAZERS.items()} == {key: key for key in DEHAZERS}
+    assert {key: build().name for key, build in ALL_DEHAZERS.items()} == {key: key for key in ALL_DEHAZERS}
 
 
 def test_haze_over_a_known_scene_gets_less() -> None:
@@ -106,7 +107,7 @@ def test_haze_over_a_known_scene_gets_less() -> None:
     clear = clear.astype(np.uint8)
     ranges = np.broadcast_to(40 + 660 * (1 - np.arange(240)[:, None] / 239) ** 2, (240, 320))
     hazy = add_haze(clear, ranges, beta_from_visibility(900.0), (185, 192, 200))
-    methods = DEHAZERS["dark-channel"](), OnnxDehazer(shipped_weights("coarse-t"))
+    methods = ALL_DEHAZERS["dark-channel"](), OnnxDehazer(shipped_weights("coarse-t"))
     none = np.linalg.norm(hazy.astype(float) - clear)
     for dehazer in methods:
         assert np.linalg.norm(dehazer(hazy).astype(float) - clear) < 0.8 * none
@@ -115,7 +116,7 @@ def test_haze_over_a_known_scene_gets_less() -> None:
 def test_restore_gives_each_dehazer_what_it_needs() -> None:
     hazy, _ = sea_pair(BETA)
     for name, uses_frame in (("geometry", True), ("none", False)):
-        dehazer = DEHAZERS[name]()
+        dehazer = ALL_DEHAZERS[name]()
         assert isinstance(dehazer, FrameDehazer) == uses_frame
         assert (restore(dehazer, frame_of(hazy)).image_rgb != hazy).any() == uses_frame
 
@@ -135,7 +136,7 @@ def test_4k_agrees_with_a_third_of_its_width(name: str) -> None:
     hazy, _ = sea_pair(BETA)
     small = cv2.resize(hazy, (1280, 720), interpolation=cv2.INTER_LINEAR)
     large = cv2.resize(hazy, (3840, 2160), interpolation=cv2.INTER_LINEAR)
-    results = [restore(DEHAZERS[name](), sized(image)) for image in (large, small)]
+    results = [restore(ALL_DEHAZERS[name](), sized(image)) for image in (large, small)]
     assert results[0].image_rgb.shape == (2160, 3840, 3)
     assert results[0].note == results[1].note == ""
     averaged = cv2.resize(results[0].image_rgb, (1280, 720), interpolation=cv2.INTER_AREA)
@@ -185,7 +186,7 @@ def test_night_stays_night(dehazer: Dehazer) -> None:
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
-def test_depth_that_says_nothing_changes_nothing(dehazer: Dehazer, unknown: float) -> None:
+def test_unknown_depth_changes_nothing(dehazer: Dehazer, unknown: float) -> None:
     frame = frame_of(sea_pair(BETA)[0])
     nothing = dataclasses.replace(frame, depth_m=np.full(frame.image_rgb.shape[:2], unknown, np.float32))
     np.testing.assert_array_equal(restore(dehazer, nothing).image_rgb, restore(dehazer, frame).image_rgb)
@@ -216,12 +217,12 @@ def clear_frames() -> list[Frame]:
 
 
 @pytest.mark.parametrize("name", KEEP_CLEAR)
-def test_a_picture_without_haze_is_kept(clear_frames: list[Frame], name: str) -> None:
+def test_an_image_without_haze_is_unchanged(clear_frames: list[Frame], name: str) -> None:
     for frame in clear_frames:
-        assert psnr_db(restore(DEHAZERS[name](), frame).image_rgb, frame.image_rgb) >= CLEAR_DB
+        assert psnr_db(restore(ALL_DEHAZERS[name](), frame).image_rgb, frame.image_rgb) >= CLEAR_DB
 
 
-def test_the_network_keeps_a_clear_picture(clear_frames: list[Frame]) -> None:
+def test_the_network_leaves_a_clear_image_nearly_unchanged(clear_frames: list[Frame]) -> None:
     """With a pose in other light as well. Not every one: docs/experiments/2026-11-dehazing-blend.md has the figures."""
     dehazer = OnnxDehazer(shipped_weights("coarse-t"))
     bare = [dataclasses.replace(frame, world_from_body=None) for frame in clear_frames[:2]]
@@ -257,7 +258,7 @@ def test_haze_is_thinned_where_it_is_known(dehazer: Dehazer) -> None:
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.25, 1.0])
-def test_strength_keeps_a_share_of_the_removal(dehazer: Dehazer, strength: float) -> None:
+def test_strength_is_the_share_of_the_removal(dehazer: Dehazer, strength: float) -> None:
     hazy, _ = sea_pair(BETA)
     full = restore(dehazer, frame_of(hazy)).image_rgb.astype(float)
     part = restore(dehazer, frame_of(hazy), strength).image_rgb
@@ -279,7 +280,7 @@ CAST_LEVELS, CHANGE_LEVELS = 4.0, 16.0  # of the mean colour against the mean gr
 def test_pictures_that_are_no_haze_at_sea_stay_nearly_as_they_are(name: str, picture: str, with_pose: bool) -> None:
     image = ODD[picture]
     frame = sized(image) if with_pose else dataclasses.replace(sized(image), world_from_body=None)
-    restored = restore(DEHAZERS[name](), frame)
+    restored = restore(ALL_DEHAZERS[name](), frame)
     change = restored.image_rgb.astype(float) - image
     by_channel = change.mean(axis=(0, 1))
     assert np.abs(by_channel - by_channel.mean()).max() < CAST_LEVELS

@@ -7,6 +7,7 @@ from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, ray_z, sea_pair, world_fro
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
     HazeFit,
+    NoFit,
     NotFitted,
     WaterPrior,
     explained_share,
@@ -36,7 +37,7 @@ def test_a_known_haze_is_found(visibility_m):
     np.testing.assert_allclose(straight_below, SEA, atol=12)
 
 
-def test_air_that_thickens_with_range_is_told_from_even_air():
+def test_air_that_thickens_with_range_is_distinguished_from_even_air():
     fit = fit_haze(sea_pair(1e-3, bank_per_m=1e-3)[0], VIEW)
     assert fit.bank_per_m == pytest.approx(1e-3, rel=0.25)
     assert fit.optical_depth(np.float32(1000.0)) == pytest.approx(2.0, rel=0.2)
@@ -61,13 +62,13 @@ def test_optical_depth_is_the_law():
     assert np.exp(-depth[2]) == 0
 
 
-def test_water_that_tells_nothing_is_taken_as_usual():
+def test_water_without_information_is_taken_as_usual():
     pulls, usual = prior_equations(WaterPrior(0.7, 0.1, 0.5, 0.3), AIRLIGHT)
     np.testing.assert_allclose(np.linalg.solve(pulls, usual), [-0.7 * AIRLIGHT, 0.35 * AIRLIGHT])
 
 
 @pytest.mark.parametrize("mirror", [0.5, 0.7])
-def test_thick_haze_over_usual_water_seen_from_high_up_is_told(mirror):
+def test_thick_haze_over_usual_water_is_fitted_from_high_up(mirror):
     """The nearest water transmits a seventh; how bright the far water is cannot be seen."""
     beta, pose = 2e-3, world_from_body(-8.0, 0.0, -300.0)
     view = view_sea(CAMERA, pose * camera_mount(), SEA_Z_M)
@@ -82,32 +83,32 @@ def test_thick_haze_over_usual_water_seen_from_high_up_is_told(mirror):
     assert np.abs(found - sea[view.range_m < 1000]).mean() < 12
 
 
-def reason(image: np.ndarray, view=VIEW) -> str:
+def cause(image: np.ndarray, view=VIEW) -> NoFit:
     result = fit_haze(image, view)
     assert isinstance(result, NotFitted)
-    return result.reason
+    return result.cause
 
 
-def test_what_cannot_be_told_is_said():
+def test_what_cannot_be_fitted_has_its_cause():
     image = sea_pair(2e-3)[0]
     looking_down = view_sea(CAMERA, world_from_body(-60.0) * camera_mount(), SEA_Z_M)
     looking_up = view_sea(CAMERA, world_from_body(25.0) * camera_mount(), SEA_Z_M)
-    assert reason(image, looking_down) == "the horizon is not in view"
-    assert reason(image, looking_up) == "the horizon is not in view"
-    assert reason(image // 10) == "too dark to see the haze"
-    assert reason(np.full_like(image, 150)) == "the sea cannot be told from the haze"
+    assert cause(image, looking_down) is NoFit.NO_HORIZON
+    assert cause(image, looking_up) is NoFit.NO_HORIZON
+    assert cause(image // 10) is NoFit.DARK
+    assert cause(np.full_like(image, 150)) is NoFit.NO_CONTRAST
     mist = sea_pair(1.5e-2)[0]
     mist[VIEW.range_m < 260] = 20  # a deck hides all water that is not hidden by the mist
-    assert reason(mist) == "the sea does not tell how thick the haze is"
+    assert cause(mist) is NoFit.VAGUE
     striped = np.repeat(np.where(np.arange(len(image)) // 9 % 2, 60, 130), image.shape[1])  # fields, say
     land = np.where(VIEW.is_sea[..., None], striped.reshape(*VIEW.is_sea.shape, 1), image).astype(np.uint8)
-    assert reason(land) == "what lies below the horizon does not fade as a sea in haze does"
+    assert cause(land) is NoFit.NO_FADING
     sliver = view_sea(CAMERA, world_from_body(16.8, 0.0) * camera_mount(), SEA_Z_M)
     assert sliver.is_sea.any()
-    assert reason(image, sliver) == "too little sea in view"
+    assert cause(image, sliver) is NoFit.LITTLE_SEA
 
 
-def test_a_deck_just_ahead_hides_the_sea_and_its_sides_tell():
+def test_a_deck_just_ahead_hides_the_sea_and_the_sides_are_fitted():
     """A dark deck in the middle three fifths, all the way up to the horizon, in clear air: it does not fade."""
     beta = beta_from_visibility(1500.0)
     image = sea_pair(beta)[0]

@@ -65,7 +65,7 @@ def texture(seed: int) -> np.ndarray:
     ],
     ids=["black", "white", "grey", "texture", "noise", "upside down", "tiny"],
 )
-def test_says_why_there_is_none(image: np.ndarray) -> None:
+def test_a_missing_horizon_has_its_reason(image: np.ndarray) -> None:
     before = image.copy()
     found = find_horizon(image)
     assert isinstance(found, NoHorizon) and found.reason

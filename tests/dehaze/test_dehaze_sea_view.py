@@ -49,7 +49,7 @@ def test_pixels_without_a_ray_are_sky():
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (640, 360)])
-def test_a_lens_bends_the_rays_as_the_camera_says(size):
+def test_a_lens_bends_the_rays_as_the_camera_does(size):
     width, height = size
     camera = Camera(width, height, 400.0, 410.0, 0.48 * width, 0.53 * height, (-0.1, 0.02, 0.001, -0.002, 0.0))
     view = view_sea(camera, POSE, SEA_Z_M)

@@ -23,7 +23,7 @@ def test_the_bound_never_exceeds_the_true_transmission():
     assert np.median(bound) > 0.27  # with many details it comes near
 
 
-def test_the_deck_plane_lifts_only_what_stands_out():
+def test_the_deck_plane_raises_only_what_rises_out_of_the_sea():
     bound = np.array([[0.5, 0.5, 0.5, 0.9]], np.float32)
     sea_t = np.array([[0.5, 0.4, 0.2, 0.2]], np.float32)
     raised = raise_to_deck(bound, sea_t, np.full_like(bound, 0.8), GeometryConfig(nearer_ratio=(1.1, 1.5)))
@@ -44,7 +44,7 @@ def test_darker_than_the_sky_as_high():
 
 
 @pytest.mark.parametrize(("count", "darker"), [(0, 0), (1, 0), (59, 0), (100, 40)])
-def test_a_sky_of_one_height_is_no_fault_and_too_little_of_it_tells_nothing(count, darker):
+def test_a_sky_of_one_height_is_no_fault_and_a_small_sky_has_no_contrast(count, darker):
     levels = np.full((3, count), 90, np.float32)
     levels[:, :5] = 50
     found = sky_contrast(levels, np.full(count, -0.1, np.float32))

@@ -66,7 +66,7 @@ def count_lines(detection: Detection) -> int:
 
 @settings(max_examples=15, deadline=None)
 @given(st.floats(100, 1100), st.floats(60, 600), st.floats(12, 90))
-def test_points_come_back_in_full_image_pixels(u, v, width):
+def test_points_are_in_full_image_pixels(u, v, width):
     height = 0.7 * width
     left = (u, v + height, u + 0.3 * width, v)
     right = (u + width, v + height, u + 0.6 * width, v)

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from deckline.detect import DETECTORS, OnnxDetector
+from deckline.detect import OnnxDetector
+from deckline_lab.rivals.catalog import ALL_DETECTORS
 
 SIZES = [(720, 1280), (97, 131), (480, 640), (8, 8)]
 
 
-@pytest.fixture(scope="module", params=sorted(DETECTORS))
+@pytest.fixture(scope="module", params=sorted(ALL_DETECTORS))
 def detector(request):
-    return DETECTORS[request.param]()
+    return ALL_DETECTORS[request.param]()
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -44,5 +45,5 @@ def test_a_model_of_another_kind_is_refused(tmp_path):
     graph = helper.make_graph([helper.make_node("Identity", ["image"], ["clear"])], "g", [value], [out])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     onnx.save(model, str(tmp_path / "other.onnx"))
-    with pytest.raises(ValueError, match=r"no row-anchor detector \(its outputs are clear"):
+    with pytest.raises(ValueError, match=r"other\.onnx.*\bclear\b.*row_logits"):
         OnnxDetector(tmp_path / "other.onnx")

@@ -33,7 +33,7 @@ def centroid(image: np.ndarray) -> np.ndarray:
         Crop(-100.0, -60.0, 3.1),
     ],
 )
-def test_a_spot_is_seen_where_the_window_says(window):
+def test_a_spot_is_seen_where_the_window_has_it(window):
     u, v = 371.3, 236.8
     seen = sample_crop(spot(1280, 720, u, v, 6.0), window, NET)
     np.testing.assert_allclose(centroid(seen), window.to_network([[u, v]])[0], atol=0.02)

@@ -8,13 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.detect import ClassicalDetector, OnnxDetector
+from deckline.detect import OnnxDetector
 from deckline.detect.anchors import NetworkOutput
 from deckline.detect.prior import ImagePrior, RunwaySurvey, prior_from_survey, project_prior
 from deckline.detect.search import detect_lines
 from deckline.geometry import Camera, attitude
 from deckline.runtime import shipped_weights
 from deckline.types import DepthMode, Detection, Frame, LinePoints, LineVisibility, RunwayEstimate, RunwayPrior
+from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_sim import SimConfig, frames
 
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))

@@ -71,7 +71,7 @@ class DeludedDetector(OracleDetector):
     def start_search(self, image_rgb):
         search = super().start_search(image_rgb)
         true = search.infer
-        delusion = Search(draw((1280, 720), *HERE), self.oracle, DetectConfig()).look_at_prior(BOX)
+        delusion = Search(draw((1280, 720), *HERE), self.oracle, DetectConfig()).search_prior(BOX)
 
         def infer(view):
             crop = search.crops[-1]

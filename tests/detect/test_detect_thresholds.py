@@ -10,7 +10,7 @@ import pytest
 
 from deckline.detect.anchors import NetworkOutput, encode_region
 from deckline.detect.coarse_to_fine import DetectConfig
-from deckline.detect.search import Search, View
+from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera
 from deckline_lab.evaluation.detection_truth import ExpectedLines, Scene
 
@@ -35,7 +35,7 @@ def make_output(rng: np.random.Generator) -> NetworkOutput:
 def make_search(rng: np.random.Generator) -> Search:
     """With three candidates, at times the whole picture among them."""
     search = Search(IMAGE, lambda view: make_output(rng), DetectConfig(min_confidence=0.3))
-    search.candidates = [View(make_output(rng), search.whole.crop, search.config) for _ in range(3)]
+    search.candidates = [CropView(make_output(rng), search.whole.crop, search.config) for _ in range(3)]
     if rng.random() < 0.5:
         search.candidates[0] = search.whole
     return search
@@ -67,7 +67,7 @@ def test_a_trial_counts_and_measures_what_the_search_chooses(row, monkeypatch):
             assert trial.error_px[0] == pytest.approx(np.median(np.concatenate(errors)), abs=1e-6)
 
 
-def choose(search: Search, config: DetectConfig) -> View | None:
+def choose(search: Search, config: DetectConfig) -> CropView | None:
     """What the search would choose with another configuration."""
     other = Search(IMAGE, lambda view: search.whole.output, config)
     other.candidates = [

@@ -18,7 +18,7 @@ from deckline.types import Detection, Frame, LinePoints
 
 SHOWN = frame(0, 120.0)
 MOUNTED = MountedCamera(CAMERA, SHOWN.body_from_camera, deck_z_m=-20.0)
-CONFIG = replace(STILL, models=Models(dehazer="none", detector="classical"))
+CONFIG = replace(STILL, models=Models(dehazer="none", detector="ufld"))
 RATE_HZ = 30
 
 

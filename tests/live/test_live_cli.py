@@ -12,7 +12,7 @@ from loopback import free_port, picture
 
 from deckline.cli.main import main
 
-OPTIONS = ["--dehazer", "none", "--detector", "classical"]
+OPTIONS = ["--dehazer", "none", "--detector", "ufld"]
 
 
 @pytest.fixture

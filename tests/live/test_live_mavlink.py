@@ -272,7 +272,7 @@ def test_an_unknown_autopilot_and_a_taken_port_are_named():
     ],
 )
 def test_wrong_use_is_one_line(args, named, capsys):
-    assert main(["live", "udp://127.0.0.1:5600", *args, "--dehazer", "none", "--detector", "classical"]) == 2
+    assert main(["live", "udp://127.0.0.1:5600", *args, "--dehazer", "none", "--detector", "ufld"]) == 2
     error = capsys.readouterr().err
     assert named in error and len(error.splitlines()) == 1
 
@@ -282,7 +282,7 @@ def test_a_missing_extra_is_named(monkeypatch, capsys):
         if name.startswith(("pymavlink", "deckline.adapters.mavlink")):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "pymavlink", None)
-    args = ["--mavlink", "udp:127.0.0.1:1", "--autopilot", "px4", "--dehazer", "none", "--detector", "classical"]
+    args = ["--mavlink", "udp:127.0.0.1:1", "--autopilot", "px4", "--dehazer", "none", "--detector", "ufld"]
     assert main(["live", "udp://127.0.0.1:5600", *args]) != 0
     assert "deckline[mavlink]" in capsys.readouterr().err
 

@@ -73,7 +73,7 @@ def test_a_frame_of_another_camera_is_refused(tmp_path):
 
 
 def test_recording_is_switched_on_and_off_while_it_flies(tmp_path):
-    flight = Flight.from_config(replace(STILL, models=Models(dehazer="none", detector="classical")))
+    flight = Flight.from_config(replace(STILL, models=Models(dehazer="none", detector="ufld")))
     folder, other = (
         FlightRecorder(tmp_path / name, Playback(Approach(3)), flight, record=False, overwrite=False) for name in "ab"
     )

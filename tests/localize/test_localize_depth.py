@@ -86,7 +86,7 @@ def test_auto_prefers_coarse_when_most_points_have_no_depth(monkeypatch):
 
 
 @pytest.mark.parametrize("mode", [DepthMode.FINE, DepthMode.COARSE])
-def test_points_come_back_onto_the_true_line(mode):
+def test_points_are_located_on_the_true_line(mode):
     found = place(mode)
     along = (LEFT.p1_m - LEFT.p0_m) / np.linalg.norm(LEFT.p1_m - LEFT.p0_m)
     off = found.points_m - LEFT.p0_m

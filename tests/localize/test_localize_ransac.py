@@ -49,6 +49,20 @@ def test_points_of_small_sigma_have_more_weight():
     assert abs(abs(found.coefficients[2]) - 300) < 0.01
 
 
+@pytest.mark.parametrize(("sigma_px", "limit_px"), [(0.5, 4.0), (2.0, 6.0), (4.0, 12.0), (10.0, 16.0)])
+def test_an_unsure_point_is_an_inlier_up_to_three_sigma_within_bounds(sigma_px, limit_px):
+    """The limit is three 1-sigma, at least 4 px and at most 16 px, off a line that surer points determine."""
+    sure = points_on(np.array([0.0, 1.0, -300.0]), np.linspace(0, 900, 40), sigma=0.01)
+    offsets = np.array([-limit_px - 0.1, -limit_px + 0.1, limit_px - 0.1, limit_px + 0.1])
+    unsure = np.column_stack([np.linspace(300, 600, 4), 300 + offsets])
+    points = LinePoints(
+        np.concatenate([sure.points_px, unsure]), np.full(44, 0.9), np.append(sure.sigma_px, np.full(4, sigma_px))
+    )
+    found = fit_pixel_line(points, CAMERA, np.random.default_rng(0))
+    assert found.inliers[:40].all()
+    np.testing.assert_array_equal(found.inliers[40:], [False, True, True, False])
+
+
 def test_same_generator_state_gives_the_same_line():
     points = points_on(np.array([0.6, 0.8, -500.0]), np.linspace(100, 600, 30), 1.0, np.random.default_rng(5))
     first, second = (fit_pixel_line(points, CAMERA, np.random.default_rng(7)) for _ in range(2))

@@ -33,8 +33,10 @@ from scipy.spatial.transform import Rotation
 from approach_scene import CAMERA, chain
 from deckline.cli.main import main
 from deckline.config import Navigation
+from deckline.detect import DETECTORS
 from deckline.recording import RecordingError, open_recording
 from deckline.recording.ros_messages import decode_depth, decode_picture
+from deckline_lab.rivals.classical import ClassicalDetector
 
 KINDS = ("mcap", "db3", "bag")
 
@@ -69,7 +71,8 @@ def test_a_bag_gives_the_frames_that_were_recorded(kind, poses, tmp_path):
     assert "pictures /camera/image" in source.notes[0] and len(source.notes) == 1
 
 
-def test_a_bag_is_guided_as_a_folder_of_the_same_pictures(tmp_path, capsys):
+def test_a_bag_is_guided_as_a_folder_of_the_same_pictures(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(DETECTORS, "classical", lambda engine: ClassicalDetector())  # finds lines in drawings
     folder = tmp_path / "pictures"
     folder.mkdir()
     table = ["file,time_s,x_m,y_m,z_m,qw,qx,qy,qz"]

@@ -20,13 +20,13 @@ def test_a_network_is_named_by_the_one_file_that_it_runs() -> None:
 
 
 def test_a_file_is_named_as_given_and_a_method_without_weights_by_its_name() -> None:
-    given = str(Path(shipped_weights("paper-scene")))
-    settings = settings_of(Flight.from_config(RunConfig(models=Models(dehazer=given, detector="classical"))))
-    assert settings["dehazer"] == f"{given} (SHA-256 {sha256_of(Path(given))})"
-    assert settings["detector"] == "classical"
+    given = str(Path(shipped_weights("ufld")))
+    settings = settings_of(Flight.from_config(RunConfig(models=Models(dehazer="veil", detector=given))))
+    assert settings["detector"] == f"{given} (SHA-256 {sha256_of(Path(given))})"
+    assert settings["dehazer"] == "veil"
 
 
 def test_the_configuration_is_told_as_toml_that_reads_back() -> None:
-    config = RunConfig(models=Models("none", "classical"), survey=RunwaySurvey((1.0, 2.0, -20.0), heading_deg=30.0))
+    config = RunConfig(models=Models("none", "ufld"), survey=RunwaySurvey((1.0, 2.0, -20.0), heading_deg=30.0))
     text = settings_of(Flight.from_config(config))["configuration"]
     assert config_from_table(RunConfig, tomllib.loads(text)) == config

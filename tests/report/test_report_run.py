@@ -20,7 +20,7 @@ from deckline.report.run import run
 from deckline.report.run_folder import UNFINISHED
 from deckline.types import Reason
 
-CONFIG = replace(STILL, models=Models(dehazer="none", detector="classical"))
+CONFIG = replace(STILL, models=Models(dehazer="none", detector="ufld"))
 OUTPUTS = ["dehazing.jsonl", "guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html", "run.toml"]
 
 

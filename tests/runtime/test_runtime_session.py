@@ -4,6 +4,8 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -29,39 +31,52 @@ def doubling_model(path: Path, metadata: str | None = None) -> Path:
     return path
 
 
+@contextmanager
+def refused(*named: object, kind: type[Exception] = ValueError) -> Iterator[None]:
+    """An error of one line that contains what is wrong: names and values."""
+    with pytest.raises(kind) as caught:
+        yield
+    text = str(caught.value)
+    assert "\n" not in text
+    assert [each for each in map(str, named) if each not in text] == []
+
+
+@pytest.fixture
+def double(tmp_path: Path) -> Path:
+    return doubling_model(tmp_path / "double.onnx")
+
+
 def test_runs_and_reads_its_config(tmp_path: Path) -> None:
-    session = load_session(
-        doubling_model(tmp_path / "double.onnx", json.dumps({"kind": "double", "n": [1, 2]})), Engine(threads=1)
-    )
+    path = doubling_model(tmp_path / "double.onnx", json.dumps({"kind": "double", "n": [1, 2]}))
+    session = load_session(path, Engine(threads=1))
     (result,) = session(x=np.array([[1.5, -2.0]], dtype=np.float32))
     np.testing.assert_array_equal(result, [[3.0, -4.0]])
     assert session.config == {"kind": "double", "n": [1, 2]}
     assert (session.input_names, session.output_names) == (("x",), ("y",))
 
 
-def test_foreign_model_has_no_config(tmp_path: Path) -> None:
-    assert load_session(doubling_model(tmp_path / "double.onnx")).config == {}
+def test_foreign_model_has_no_config(double: Path) -> None:
+    assert load_session(double).config == {}
 
 
 @pytest.mark.parametrize("content", [b"", b"GIF89a no network at all", b"\x08\x07\x12\x04"])
 def test_no_onnx_file(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "other.onnx"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"other\.onnx") as caught:
+    with refused(path):
         load_session(path)
-    assert "\n" not in str(caught.value)
 
 
-def test_missing_file_and_bad_arguments(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="does not exist"):
+def test_missing_file(tmp_path: Path) -> None:
+    with refused(tmp_path / "none.onnx"):
         load_session(tmp_path / "none.onnx")
-    path = doubling_model(tmp_path / "double.onnx", "[1]")
-    with pytest.raises(ValueError, match=r"threads.*0"):
-        load_session(path, Engine(threads=0))
-    with pytest.raises(ValueError, match=r"deckline.*list"):
+
+
+@pytest.mark.parametrize("metadata", ["[1]", "{", "1" * 400, "[" * 1000 + "]" * 1000])
+def test_metadata_that_are_no_json_object_are_refused(tmp_path: Path, metadata: str) -> None:
+    path = doubling_model(tmp_path / "double.onnx", metadata)
+    with refused(path, METADATA_KEY):
         load_session(path)
-    with pytest.raises(ValueError, match="JSON"):
-        load_session(doubling_model(tmp_path / "double.onnx", "{"))
 
 
 def hostile_model(path: Path, kind: str) -> Path:
@@ -88,11 +103,12 @@ def hostile_model(path: Path, kind: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("kind", "text"), [("loop", "loops"), ("outside", "External data"), ("memory", "Available")])
-def test_hostile_models_are_one_line(tmp_path: Path, kind: str, text: str) -> None:
-    with pytest.raises(ValueError, match=text) as caught:
-        load_session(hostile_model(tmp_path / "m" / "m.onnx", kind))(x=np.zeros(1, np.float32))
-    assert "\n" not in str(caught.value)
+# By the word that distinguishes the cause; the last two are ONNX Runtime's.
+@pytest.mark.parametrize(("kind", "cause"), [("loop", "loops"), ("outside", "External data"), ("memory", "memory")])
+def test_hostile_models_are_one_line(tmp_path: Path, kind: str, cause: str) -> None:
+    path = hostile_model(tmp_path / "m" / "m.onnx", kind)
+    with refused(path.name, cause):
+        load_session(path)(x=np.zeros(1, np.float32))
 
 
 def big_model(path: Path, side: int, products: int) -> Path:
@@ -110,49 +126,42 @@ def big_model(path: Path, side: int, products: int) -> Path:
 def test_a_model_that_takes_forever_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     session = load_session(big_model(tmp_path / "slow.onnx", 2000, 60), Engine(threads=1))
     monkeypatch.setattr(engines, "LONGEST_S", 0.3)
-    with pytest.raises(ValueError, match=r"slow\.onnx.*longer than 0\.3 s"):
+    with refused("slow.onnx", "0.3 s"):
         session(x=np.zeros(1, np.float32))
 
 
 def test_a_model_gets_no_more_memory_than_there_may_be(tmp_path: Path) -> None:
     side = int((engines.MOST_BYTES / 4) ** 0.5) + 1000
-    with pytest.raises(ValueError, match=r"large\.onnx.*Available memory"):
+    with refused("large.onnx", "memory"):
         load_session(big_model(tmp_path / "large.onnx", side, 0))(x=np.zeros(1, np.float32))
 
 
-@pytest.mark.parametrize("metadata", ["1" * 400, "[" * 1000 + "]" * 1000])
-def test_absurd_metadata_are_refused(tmp_path: Path, metadata: str) -> None:
-    with pytest.raises(ValueError, match="deckline"):
-        load_session(doubling_model(tmp_path / "double.onnx", metadata))
-
-
-def test_wrong_inputs_are_named(tmp_path: Path) -> None:
-    session = load_session(doubling_model(tmp_path / "double.onnx"))
-    with pytest.raises(ValueError, match=r"\('x',\).*\('image',\)"):
+def test_wrong_inputs_are_named(double: Path) -> None:
+    session = load_session(double)
+    with refused(double.name, ("x",), ("image",)):
         session(image=np.zeros((1, 2), dtype=np.float32))
-    with pytest.raises(ValueError, match=r"\{'x': \(3, 2, 1\)\}"):
+    with refused(double.name, {"x": (3, 2, 1)}):
         session(x=np.zeros((3, 2, 1), dtype=np.float32))
 
 
-def test_an_engine_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = doubling_model(tmp_path / "double.onnx")
-    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CPUExecutionProvider"])
-    with pytest.raises(ValueError, match=r"CUDAExecutionProvider.*onnxruntime-gpu"):
-        load_session(path, Engine("cuda"))
-    with pytest.raises(ValueError, match=r"TensorrtExecutionProvider.*tensorrt"):
-        load_session(path, Engine("tensorrt"))
+def test_an_engine_that_is_not_there_is_refused(double: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: [engines.PROCESSOR])
+    for device, provider in engines.PROVIDERS.items():
+        with refused(device, provider, engines.PACKAGES[device]):
+            load_session(double, Engine(device))
     monkeypatch.setitem(sys.modules, "openvino", None)
     monkeypatch.setattr(engines, "_openvino_core", engines._openvino_core.__wrapped__)
-    with pytest.raises(ImportError, match=r"deckline\[openvino\]"):
-        load_session(path, Engine("openvino"))
+    with refused("deckline[openvino]", kind=ImportError):
+        load_session(double, Engine("openvino"))
     assert describe_engines()["cpu"] == "f32" and "install" in describe_engines()["openvino"]
 
 
 @pytest.mark.parametrize(
-    ("values", "named"), [(("cpu", 0), "threads.*0"), (("gpu",), "device.*gpu"), (("cpu", 1, "bf16"), "bf16.*cpu")]
+    ("values", "named"),
+    [(("cpu", 0), ("threads", 0)), (("gpu",), ("device", "gpu")), (("cpu", 1, "bf16"), ("precision", "bf16", "cpu"))],
 )
-def test_an_engine_out_of_range_is_refused(values: tuple, named: str) -> None:
-    with pytest.raises(ValueError, match=named):
+def test_an_engine_out_of_range_is_refused(values: tuple, named: tuple) -> None:
+    with refused(*named):
         Engine(*values)
 
 
@@ -165,18 +174,17 @@ def test_openvino_gives_the_same_in_f32() -> None:
         np.testing.assert_allclose(outputs, expected, atol=1e-3 * np.abs(expected).max())
 
 
-def test_openvino_says_what_is_wrong_in_one_line(tmp_path: Path) -> None:
+def test_openvino_names_wrong_inputs_in_one_line(tmp_path: Path) -> None:
     pytest.importorskip("openvino")
     session = load_session(shipped_weights("hybrid"), Engine("openvino", 1))
-    with pytest.raises(ValueError, match=r"hybrid.*\(1, 2, 8, 8\)") as caught:
+    with refused("hybrid", (1, 2, 8, 8)):
         session(image=np.zeros((1, 2, 8, 8), dtype=np.float32))
-    assert "\n" not in str(caught.value)
 
 
 def test_openvino_refuses_a_precision_that_the_processor_has_not(monkeypatch: pytest.MonkeyPatch) -> None:
     openvino = pytest.importorskip("openvino")
     monkeypatch.setattr(openvino.Core, "get_property", lambda *_: ["FP32"])
-    with pytest.raises(ValueError, match=r"precision.*bf16"):
+    with refused("engine.precision", "bf16"):
         load_session(shipped_weights("hybrid"), Engine("openvino", 1, "bf16"))
 
 
@@ -197,14 +205,14 @@ os.kill(os.getpid(), signal.SIGUSR1)
 
 
 @pytest.mark.parametrize("device", ["cpu", "openvino"])
-def test_no_engine_leaves_telemetry_in_the_home_folder(tmp_path: Path, device: str) -> None:
+def test_no_engine_leaves_telemetry_in_the_home_folder(tmp_path: Path, double: Path, device: str) -> None:
     """Both write an identifier there before they send anything."""
     pytest.importorskip("onnxruntime" if device == "cpu" else "openvino")
-    path = doubling_model(tmp_path / "double.onnx")
     home = tmp_path / "home"
     home.mkdir()
-    code = f"from deckline.config import Engine; from deckline.runtime import load_session as load\nload({str(path)!r}"
+    code = "from deckline.config import Engine; from deckline.runtime import load_session as load\n"
+    code += f"load({str(double)!r}, Engine({device!r}, 1))"
     off = ("ORT_DISABLE_TELEMETRY", "CI", "XDG_CACHE_HOME")  # what would hide it
     clean = {name: value for name, value in os.environ.items() if name not in off} | {"HOME": str(home)}
-    subprocess.run([sys.executable, "-c", f"{code}, Engine({device!r}, 1))"], env=clean, check=True)
+    subprocess.run([sys.executable, "-c", code], env=clean, check=True)
     assert not list(home.iterdir())

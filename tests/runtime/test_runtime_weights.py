@@ -46,41 +46,40 @@ def test_sha256_of_known_content(tmp_path: Path) -> None:
 
 def test_tampered_file_is_refused_in_one_line(folder: Path) -> None:
     (folder / "small.onnx").write_bytes(CONTENT + b"!")
-    with pytest.raises(ValueError, match=r"small\.onnx was changed: SHA-256 is .* it is not loaded") as caught:
+    found = sha256_of(folder / "small.onnx")
+    with pytest.raises(ValueError, match=rf"small\.onnx.*{found}.*{hashlib.sha256(CONTENT).hexdigest()}") as caught:
         shipped_weights("small", folder)
     assert "\n" not in str(caught.value)
 
 
 def test_missing_file_and_unknown_name(folder: Path) -> None:
-    with pytest.raises(ValueError, match="no shipped weights 'large': the manifest has small"):
+    with pytest.raises(ValueError, match=r"'large'.*\bsmall\b"):
         shipped_weights("large", folder)
     (folder / "small.onnx").unlink()
-    with pytest.raises(ValueError, match="are missing"):
+    with pytest.raises(ValueError, match=r"small\.onnx"):
         shipped_weights("small", folder)
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "named"),
     [
-        ("[[model]", "is not TOML"),
-        ('[[model]]\nname = "a"\n', "lacks keys .*'sha256'"),
-        (ENTRY.format(sha256="0") + "\n[[model]]\ncolour = 'red'\n", "unknown keys .'colour'"),
-        (ENTRY.format(sha256="0") * 2, "listed twice"),
+        (None, ""),
+        ("[[model]", "line 1"),
+        ('[[model]]\nname = "a"\n', "'a'.*'sha256'"),
+        (ENTRY.format(sha256="0") + "\n[[model]]\ncolour = 'red'\n", "'colour'"),
+        (ENTRY.format(sha256="0") * 2, "'small'"),
     ],
+    ids=["missing", "no TOML", "missing keys", "unknown key", "twice"],
 )
-def test_bad_manifest(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "manifest.toml").write_text(text)
-    with pytest.raises(ValueError, match=message):
-        shipped_models(tmp_path)
-
-
-def test_no_manifest(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"manifest\.toml cannot be read"):
+def test_a_bad_manifest_is_named(tmp_path: Path, text: str | None, named: str) -> None:
+    if text is not None:
+        (tmp_path / "manifest.toml").write_text(text)
+    with pytest.raises(ValueError, match=rf"manifest\.toml.*{named}"):
         shipped_models(tmp_path)
 
 
 def test_package_ships_what_its_manifest_lists() -> None:
     models = shipped_models()
-    assert set(models) == {"hybrid", "ufld", "coarse-t", "paper-scene"}
+    assert set(models) == {"hybrid", "ufld", "coarse-t"}
     for name in models:
         assert shipped_weights(name).stat().st_size > 10_000

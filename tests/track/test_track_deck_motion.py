@@ -56,7 +56,7 @@ def test_memory_does_not_grow_with_the_flight():
 
 def fly(approach, *configs):
     """Every frame of an approach with its track by each configuration; all have the first one's sensors."""
-    flights = [Flight(config, DEHAZERS["none"](), DETECTORS["classical"]()) for config in configs]
+    flights = [Flight(config, DEHAZERS["none"](), DETECTORS["ufld"]()) for config in configs]
     for index, shot in enumerate(fly_points(approach, configs[0].sensors, PointNoise())):
         rngs = [np.random.default_rng(index) for _ in flights]
         pairs = zip(flights, rngs, strict=True)

@@ -8,11 +8,9 @@ from collections.abc import Callable
 from deckline.config import CPU
 from deckline.dehaze.base import Dehazer, DehazeResult, IdentityDehazer, restore
 from deckline.dehaze.by_horizon import HorizonDehazer
-from deckline.dehaze.dark_channel import DarkChannelDehazer
+from deckline.dehaze.by_pose import GeometryDehazer, downscale_frame
 from deckline.dehaze.display import DISPLAY_PX, dehaze_for_display, dehaze_frame
-from deckline.dehaze.geometry import GeometryDehazer, downscale_frame
-from deckline.dehaze.network import OnnxDehazer
-from deckline.dehaze.transmission import GeometryConfig
+from deckline.dehaze.onnx_dehazer import OnnxDehazer
 from deckline.dehaze.veil import VeilDehazer
 from deckline.runtime import shipped_weights
 
@@ -20,7 +18,6 @@ __all__ = [
     "DEHAZERS",
     "DISPLAY_PX",
     "NOT_DEHAZED",
-    "DarkChannelDehazer",
     "DehazeResult",
     "Dehazer",
     "GeometryDehazer",
@@ -37,15 +34,10 @@ NOT_DEHAZED = IdentityDehazer.name
 
 DEHAZERS: dict[str, Callable[..., Dehazer]] = {  # from the `Engine` that computes a network
     NOT_DEHAZED: lambda engine=CPU: IdentityDehazer(),
-    "dark-channel": lambda engine=CPU: DarkChannelDehazer(),
     "veil": lambda engine=CPU: VeilDehazer(),
     "horizon": lambda engine=CPU: HorizonDehazer(),
     "geometry": lambda engine=CPU: GeometryDehazer(),
-    "geometry-linear": lambda engine=CPU: GeometryDehazer(GeometryConfig(light="linear"), name="geometry-linear"),
     "coarse-t": lambda engine=CPU: OnnxDehazer(
         shipped_weights("coarse-t"), "coarse-t", engine, without_pose=HorizonDehazer()
-    ),
-    "paper-scene": lambda engine=CPU: OnnxDehazer(
-        shipped_weights("paper-scene"), "paper-scene", engine, network_only=True
     ),
 }

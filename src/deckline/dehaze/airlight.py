@@ -1,9 +1,9 @@
 """The airlight of one image: a smooth surface through its sky, moved to the sky's own colour where that is plain.
 
-A quadratic surface carries the sky's colour on behind what stands before it. It does not follow dark corners of a lens
-or a sky that darkens along the horizon, and what lies below the airlight is drawn darker still. So each plain cell of
-the sky moves the airlight to its own colour. A dark thing in fog is plain, too; cells that are narrower than a part of
-the image and darker than their surroundings are therefore taken as bright as those.
+A quadratic surface continues the sky's colour behind objects. It does not follow dark corners of a lens or a sky that
+darkens along the horizon, and dehazing darkens what is below the airlight further. So each plain cell of the sky moves
+the airlight to its own colour. A dark object in fog is plain, too: cells that are darker than their surroundings and
+narrower than a share of the image are taken to be as bright as these.
 
 The constants were chosen by eye on 48 photographs of fog that are not part of this project; the far reach and the
 share of top rows on 40 others.
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze.dark_channel import dark_channel
+from deckline.dehaze.filters import dark_channel
 
 Image = NDArray[np.float32]
 
@@ -24,7 +24,7 @@ MIN_TOP_SHARE = 0.05  # of the top rows that a smooth region must hold to be sky
 TOP_ROWS, TOP_SHARE = 3, 0.03  # at least so many, else a share of the height: some pictures have a frame
 TOP_BAND = 0.1  # of the height, whose median grey is the sky's
 LEAST_GREY = 0.85  # of it; smooth water below a sky is darker
-MIN_SKY_SHARE = 0.03  # of the image; a smaller sky tells no surface
+MIN_SKY_SHARE = 0.03  # of the image; a smaller sky determines no surface
 SKY_SPREAD = 0.03  # of full scale; colours farther off the surface weigh less
 SKY_RIDGE = (2e-5, 0.01, 0.01, 0.1, 0.1, 0.1)  # relative to a pixel's weight, of the surface's terms
 SURFACE_SAMPLES, SURFACE_STEPS = 4000, 5  # pixels of the sky that are fitted; rounds of reweighting
@@ -35,10 +35,7 @@ CELLS = 60  # across the image
 PLAIN_SHARE = 0.8  # of a cell's pixels that are smooth
 PLAIN_STEP = 0.018  # of full scale a cell; the edge of a ship in fog is steeper
 PLAIN_GREY = 0.7  # of the surface's, in the upper half of the sky; darker cells move nothing
-LOWER_GREY = (
-    0.8,
-    0.9,
-)  # the same below, and from where on a cell moves it in full: at one limit plain seas would flicker
+LOWER_GREY = 0.8, 0.9  # the same below; from the second on a cell moves it in full: with one limit seas would flicker
 PLAIN_BELOW = 0.15  # of the height: how far below the sky's lowest row
 FILL_CELLS = 15  # side of a square; a dark place that it does not fit into is filled
 MOVE_CELLS = 2.0, 8.0  # 1-sigma of a cell's reach: near, and where none is near
@@ -50,9 +47,12 @@ MOVE_FADE = 0.01  # the weight at which half of a move is left
 class Airlight:
     """The airlight of an image (h, w, 3), of full scale."""
 
-    colour: Image  # (h, w, 3)
-    sigma: Image  # (h, w): 1-sigma of its grey
-    sky: NDArray[np.bool_]  # (h, w): where the image shows sky or the haze before it
+    colour: Image
+    """(h, w, 3)."""
+    sigma: Image
+    """(h, w) 1-sigma of its grey."""
+    sky: NDArray[np.bool_]
+    """(h, w) where the image shows sky or the haze before it."""
 
 
 def estimate_airlight_surface(image: Image) -> Airlight:
@@ -135,27 +135,27 @@ def follow_sky(airlight: Image, image: Image, smooth: NDArray[np.bool_], lowest_
     grey = colour.mean(axis=2)
     relative, (low, high) = grey / air.mean(axis=2), LOWER_GREY
     is_upper = np.arange(len(grey))[:, None] < 0.5 * lowest_row / height * len(grey)
-    part = np.where(is_upper, relative > PLAIN_GREY, np.clip((relative - low) / (high - low), 0, 1))
-    plain = (share > PLAIN_SHARE) & (_gradient(grey) < PLAIN_STEP) & (part > 0)
+    certainty = np.where(is_upper, relative > PLAIN_GREY, np.clip((relative - low) / (high - low), 0, 1))
+    plain = (share > PLAIN_SHARE) & (_gradient(grey) < PLAIN_STEP) & (certainty > 0)
     plain[round((lowest_row / height + PLAIN_BELOW) * len(plain)) :] = False
     plain = _from_the_top(plain.astype(np.uint8))
-    moves = fill_dark_places(np.where(plain[..., None], part[..., None] * (colour - air), -1).astype(np.float32))
-    weight = (moves.min(axis=2, keepdims=True) > -1).astype(np.float32)
-    near, far = (cv2.GaussianBlur(np.dstack([moves * weight, weight]), (0, 0), cells) for cells in MOVE_CELLS)
+    shift = fill_dark_places(np.where(plain[..., None], certainty[..., None] * (colour - air), -1).astype(np.float32))
+    weight = (shift.min(axis=2, keepdims=True) > -1).astype(np.float32)
+    near, far = (cv2.GaussianBlur(np.dstack([shift * weight, weight]), (0, 0), cells) for cells in MOVE_CELLS)
     blurred = near + FAR_WEIGHT * far
     faded = blurred[..., :3] / (blurred[..., 3:] + MOVE_FADE)
-    move = cv2.resize(faded, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.clip(airlight + move, LEAST_AIRLIGHT, 1).astype(np.float32)
+    correction = cv2.resize(faded, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.clip(airlight + correction, LEAST_AIRLIGHT, 1).astype(np.float32)
 
 
-def fill_dark_places(moves: Image) -> Image:
+def fill_dark_places(shift: Image) -> Image:
     """A map (h, w, 3) whose dark places, narrower than a square, are as bright as their surroundings; -1 is unknown.
 
     A place that gets ever darker towards the border or the unknown stays: a corner, a horizon.
     """
     import cv2
 
-    padded = cv2.copyMakeBorder(moves, *(FILL_CELLS,) * 4, cv2.BORDER_CONSTANT, value=(-1, -1, -1))
+    padded = cv2.copyMakeBorder(shift, *(FILL_CELLS,) * 4, cv2.BORDER_CONSTANT, value=(-1, -1, -1))
     closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, np.ones((FILL_CELLS, FILL_CELLS), np.uint8))
     return np.asarray(closed[FILL_CELLS:-FILL_CELLS, FILL_CELLS:-FILL_CELLS], dtype=np.float32)
 

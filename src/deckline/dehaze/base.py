@@ -11,36 +11,55 @@ from deckline.types import Frame, Value
 
 
 class Dehazer(Protocol):
-    """A hazy image (H, W, 3) uint8 RGB in, a clear one of the same shape and type out; its input stays untouched.
+    """What every dehazer is: a callable with a name."""
 
-    Raises:
-        ValueError: an array that is no such image.
-    """
+    name: str
+    """For people and reports."""
 
-    name: str  # for people and reports
+    def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """An image without its haze.
 
-    def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]: ...
+        Args:
+            image_rgb: (H, W, 3) uint8 RGB, of any size; it stays unchanged.
+
+        Returns:
+            (H, W, 3) uint8 RGB, no view of the input.
+
+        Raises:
+            ValueError: an array that is no such image.
+        """
+        ...
 
 
 @dataclass(frozen=True, eq=False)
 class DehazeResult:
-    """A dehazed frame."""
+    """A dehazed frame, and the visibility where the dehazer measures it."""
 
-    image_rgb: NDArray[np.uint8]  # (H, W, 3), no view of the input
-    note: str = ""  # why the frame was left as it is, for people
-    visibility_m: Value | None = None  # that picture and height tell
-    visibility_heights: Value | None = None  # in heights of the camera above the water, where that is not known
+    image_rgb: NDArray[np.uint8]
+    """(H, W, 3) uint8 RGB, no view of the input."""
+    note: str = ""
+    """Why the image is the input's, for people; empty for a dehazed one."""
+    visibility_m: Value | None = None
+    """Range at which 2 % of a contrast are left, m, with 1-sigma; None: not measured in metres."""
+    visibility_heights: Value | None = None
+    """The same in heights of the camera above the water, where that height is not known; None: not measured so."""
 
 
 @runtime_checkable
 class FrameDehazer(Dehazer, Protocol):
-    """A dehazer that uses the frame's camera, pose and depth too."""
+    """A dehazer that also uses the frame's camera, pose and depth."""
 
-    def restore(self, frame: Frame) -> DehazeResult: ...
+    def restore(self, frame: Frame) -> DehazeResult:
+        """A frame without its haze. The frame stays unchanged.
+
+        Raises:
+            ValueError: a frame whose image is none.
+        """
+        ...
 
 
 class IdentityDehazer:
-    """Returns a copy of its input: what the chain does when haze is left in."""
+    """Returns a copy of its input."""
 
     name = "none"
 
@@ -50,7 +69,13 @@ class IdentityDehazer:
 
 
 def restore(dehazer: Dehazer, frame: Frame, strength: float = 1.0) -> DehazeResult:
-    """A frame through any dehazer; `strength`, 0 to 1, is how much of the removal is kept."""
+    """A frame through any dehazer.
+
+    Args:
+        dehazer: any; a `FrameDehazer` gets the whole frame, another one its image.
+        frame: it stays unchanged.
+        strength: share of the haze's removal, 0 (the image as it is) to 1.
+    """
     if not isinstance(dehazer, FrameDehazer):
         return DehazeResult(mix(frame.image_rgb, dehazer(frame.image_rgb), strength))
     restored = dehazer.restore(frame)
@@ -60,7 +85,7 @@ def restore(dehazer: Dehazer, frame: Frame, strength: float = 1.0) -> DehazeResu
 
 
 def mix(first_rgb: NDArray[np.uint8], second_rgb: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
-    """Two images (H, W, 3); `share`, 0 to 1, of the second. No view of the first."""
+    """Weighted mean of two images (H, W, 3), no view of the first; `share` is the second one's weight, 0 to 1."""
     import cv2
 
     if share == 1:
@@ -69,5 +94,5 @@ def mix(first_rgb: NDArray[np.uint8], second_rgb: NDArray[np.uint8], share: floa
 
 
 def linear_step(value: float, low: float, high: float) -> float:
-    """0 up to `low`, 1 from `high` on."""
+    """0 up to `low`, 1 from `high` on, linear between."""
     return float(np.clip((value - low) / (high - low), 0, 1))

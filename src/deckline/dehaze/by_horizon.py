@@ -1,8 +1,8 @@
-"""Dehazing without a pose: the horizon of the picture stands for the pose.
+"""Dehazing without a pose: the horizon in the image gives pitch and roll.
 
-The picture of a sea in haze depends on extinction times the camera's height, so that the fit of `haze_fit` from any
-height gives the visibility in heights. Where no horizon is found, or the sea below it does not fade as a sea does, and
-as far as the air is clear, another dehazer takes the picture.
+The image of a sea in haze depends on extinction times the camera's height, so that the fit of `haze_fit` from any
+height gives the visibility in heights of the camera. Another dehazer takes images without a horizon, or whose lower
+part does not fade as a sea does; the clearer the air, the more of its result is used.
 """
 
 from dataclasses import replace
@@ -13,14 +13,14 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.checks import check_image
 from deckline.dehaze.base import Dehazer, DehazeResult, linear_step, mix, restore
-from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, at_usual_height, downscale_frame
+from deckline.dehaze.by_pose import USUAL_HEIGHT_M, GeometryDehazer, at_usual_height, downscale_frame
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.veil import VeilDehazer
 from deckline.geometry import Camera
 from deckline.types import Frame, Value
 
-MAX_SIGMA_UNKNOWN = 0.02  # of the image's height: a camera that is not known may show anything, and needs a surer line
+MAX_SIGMA_UNKNOWN = 0.02  # of the image's height: with an unknown camera the line must be surer
 CLEAR_HEIGHTS = (110.0, 160.0)  # visibility: from here on less is removed, and from here on nothing
 ANALYSIS_PX = 640  # longer side of the image that air and objects are estimated in
 VISIBILITY_PX = 320  # longer side of the image that the visibility is measured in
@@ -28,9 +28,9 @@ USUAL_FOV_RAD = np.radians(60)  # of a camera that is not known
 
 
 def pose_from_horizon(camera: Camera, horizon: Horizon, height_m: float) -> RigidTransform:
-    """World_from_camera (z down, the sea at 0, heading 0) of a camera that sees this horizon from this height.
+    """world_from_camera (z down, the sea at 0, heading 0) of a camera that sees this horizon from this height.
 
-    The lens' distortion is left out.
+    Lens distortion is ignored.
     """
     offset = horizon.middle_px - camera.cy + horizon.slope * (camera.cx - (horizon.width_px - 1) / 2)
     down = np.array([-horizon.slope * camera.fx, camera.fy, -offset])
@@ -50,10 +50,10 @@ def with_horizon_pose(frame: Frame, horizon: Horizon) -> Frame:
 
 
 class HorizonDehazer:
-    """Dehazes pictures without a pose by the geometry of the horizon in them; a lens with distortion is not served.
+    """Dehazes images without a pose by their horizon, of lenses without distortion.
 
     Args:
-        otherwise: takes the pictures that tell no horizon or no haze.
+        otherwise: dehazes images without a horizon, or whose haze cannot be fitted.
     """
 
     name = "horizon"
@@ -77,18 +77,20 @@ class HorizonDehazer:
         if isinstance(solution, NotFitted):
             return restore(self.otherwise, frame)
         heights = solution.haze.visibility_m / USUAL_HEIGHT_M
-        told = visibility_in_heights(frame, horizon, solution.haze)
+        visibility = visibility_in_heights(frame, horizon, solution.haze)
         clear = linear_step(float(np.log(heights)), *np.log(CLEAR_HEIGHTS))
         if clear == 0:
-            return DehazeResult(solution.remove(frame.image_rgb), visibility_heights=told)
+            return DehazeResult(solution.remove(frame.image_rgb), visibility_heights=visibility)
         other = restore(self.otherwise, frame)
         if clear == 1:
-            return replace(other, visibility_heights=told)
-        return DehazeResult(mix(solution.remove(frame.image_rgb), other.image_rgb, clear), visibility_heights=told)
+            return replace(other, visibility_heights=visibility)
+        return DehazeResult(
+            mix(solution.remove(frame.image_rgb), other.image_rgb, clear), visibility_heights=visibility
+        )
 
 
 def find_horizon_of(frame: Frame) -> Horizon | NoHorizon:
-    """The horizon of a frame whose lens keeps lines straight."""
+    """The horizon of a frame; none where the lens has distortion."""
     if frame.camera.known and frame.camera.has_distortion:
         return NoHorizon("the lens bends lines")
     return find_horizon(frame.image_rgb)
@@ -109,12 +111,3 @@ def visibility_in_heights(frame: Frame, horizon: Horizon, haze: HazeFit) -> Valu
             changes.append(abs(float(np.log(moved.haze.visibility_m / haze.visibility_m))))
     heights = haze.visibility_m / USUAL_HEIGHT_M
     return Value(heights, heights * float(np.hypot(max(changes, default=1.0), haze.beta_sigma_per_m / haze.beta_per_m)))
-
-
-def measure_visibility(frame: Frame) -> Value | NoHorizon | NotFitted:
-    """The visibility that a frame tells without its pose, in heights of the camera, or why it tells none."""
-    horizon = find_horizon_of(frame)
-    if isinstance(horizon, NoHorizon):
-        return horizon
-    solution = GeometryDehazer(analysis_px=ANALYSIS_PX).solve(with_horizon_pose(frame, horizon))
-    return solution if isinstance(solution, NotFitted) else visibility_in_heights(frame, horizon, solution.haze)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from deckline.config import Models
 from deckline.dehaze.base import Dehazer, DehazeResult, restore
-from deckline.dehaze.geometry import downscale_frame
+from deckline.dehaze.by_pose import downscale_frame
 from deckline.types import Frame, Value
 
 DISPLAY_PX = 640  # longer side of a picture for people: what the film shows

@@ -7,6 +7,7 @@ Source: Koschmieder's law; Schlick's (1 - sin)^5 for the mirroring water.
 """
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,28 +54,34 @@ CORRELATED_BINS = 4.0  # neighbouring bins err alike: one in so many is independ
 
 @dataclass(frozen=True)
 class WaterPrior:
-    """What colour a sea has without haze, as shares of the airlight A, with 1-sigma."""
+    """Prior of the colour of a sea without haze, as shares of the airlight A."""
 
-    dark: float  # how far water from straight above is below A
+    dark: float
+    """How far water seen from straight above is below A."""
     dark_sigma: float
-    mirror: float  # the part of `dark` that mirrored sky adds back at grazing angles
+    mirror: float
+    """Share of `dark` that mirrored sky adds back at grazing angles."""
     mirror_sigma: float
 
 
-# Tuned on both training sets of preset paper, checked on FlightGear's sea; and the same brought to sRGB's light.
+# Tuned on both training sets of preset paper, checked on FlightGear's sea.
 DISPLAY_WATER = WaterPrior(0.75, 0.07, 0.6, 0.45)
-LIGHT_WATER = WaterPrior(0.95, 0.03, 0.43, 0.45)
 
 
 @dataclass(frozen=True, eq=False)
 class HazeFit:
-    """What the air and the sea of one image are like, in levels 0..255."""
+    """Air and sea of one image, in levels 0..255."""
 
-    airlight: Float64  # (3,)
+    airlight: Float64
+    """(3,) A."""
     beta_per_m: float
-    beta_sigma_per_m: float  # 1-sigma of the fit; the law itself may be wrong
-    bank_per_m: float  # k beta of the fourth-power term; 0: air of one density
-    sea: Float64  # (2, 3) S - A from straight above, and what grazing angles add to it
+    """Extinction coefficient, 1/m."""
+    beta_sigma_per_m: float
+    """1-sigma of the fit, without errors of the law itself."""
+    bank_per_m: float
+    """k beta of the fourth-power term, 1/m; 0: air of one density."""
+    sea: Float64
+    """(2, 3) S - A from straight above, and what grazing angles add to it."""
 
     def optical_depth(self, range_m: Float32 | np.float32) -> Float32:
         """tau of ray lengths, m; endless ones count as ENDLESS_M."""
@@ -93,7 +100,7 @@ class HazeFit:
 
     @property
     def visibility(self) -> Value:
-        """`visibility_m` with the fit's 1-sigma; the law itself may be wrong."""
+        """`visibility_m` with the fit's 1-sigma, without errors of the law itself."""
         return Value(self.visibility_m, self.visibility_m * self.beta_sigma_per_m / self.beta_per_m)
 
     def clear_sea(self, down: Float32) -> Float32:
@@ -102,40 +109,70 @@ class HazeFit:
         return np.clip(straight + schlick(down) * grazing, 0, 255)
 
 
+class NoFit(StrEnum):
+    """Why an image's haze cannot be fitted; the value is the message for people."""
+
+    NO_POSE = "the frame has no pose; give poses or choose another dehazer"
+    SEA_ABOVE_DECK = "the sea is above the deck"
+    BELOW_SEA = "the camera is below the sea"
+    NO_HORIZON = "the horizon is not in view"
+    DARK = "too dark to see the haze"
+    LITTLE_SEA = "too little sea in view"
+    NO_CONTRAST = "the sea does not differ from the haze"
+    VAGUE = "the sea does not show how thick the haze is"
+    NO_FADING = "what lies below the horizon does not fade as a sea in haze does"
+
+
 @dataclass(frozen=True, eq=False)
 class NotFitted:
-    """Why an image does not tell its haze."""
+    """An image whose haze could not be fitted."""
 
-    reason: str
-    hidden: float = 0.0  # how surely haze hides the farthest sea all the same, 0 to 1
-    down: Float32 | None = None  # (h, w) sines of the angle below the horizontal, where the pose tells them
+    cause: NoFit
+    """Why."""
+    detail: str = ""
+    """Numbers to it, for people."""
+    hidden: float = 0.0
+    """Certainty that haze hides the farthest sea nevertheless, 0 to 1."""
+    down: Float32 | None = None
+    """(h, w) sines of the angle below the horizontal; None without a pose."""
+
+    @property
+    def reason(self) -> str:
+        """The cause with its detail, for people."""
+        return f"{self.cause}: {self.detail}" if self.detail else str(self.cause)
 
 
 @dataclass(frozen=True, eq=False)
 class SeaProfile:
     """The sea by range, near to far."""
 
-    range_m: Float64  # (N,)
-    down: Float64  # (N,) sine of the angle below the horizontal
-    levels: Float64  # (N, 3)
+    range_m: Float64
+    """(N,) ray lengths."""
+    down: Float64
+    """(N,) sines of the angle below the horizontal."""
+    levels: Float64
+    """(N, 3)."""
 
 
 def fit_haze(
     image: Image, view: SeaView, water: WaterPrior = DISPLAY_WATER, noise_sigma: float = 0.0
 ) -> HazeFit | NotFitted:
-    """Airlight, extinction and sea colour of an image (H, W, 3) of levels 0..255, or why they cannot be told.
+    """Airlight, extinction and sea colour of an image, or why they cannot be fitted.
 
     Where what lies below the horizon does not fade as a sea does, the sides of the image are tried: a deck just ahead
     hides the sea in its middle.
 
-    `water` says what colour a sea has in the same levels, `noise_sigma` how noisy a pixel is, levels: noise shifts the
-    quantile below the median.
+    Args:
+        image: (H, W, 3) levels 0..255.
+        view: the sea in it.
+        water: prior of the sea's colour in the same levels.
+        noise_sigma: 1-sigma of a pixel's noise, levels; it shifts the quantile below the median.
     """
     airlight = _band_airlight(image, view)
     if airlight is None:
-        return NotFitted("the horizon is not in view")
+        return NotFitted(NoFit.NO_HORIZON)
     if airlight.max() < MIN_AIRLIGHT:
-        return NotFitted("too dark to see the haze")
+        return NotFitted(NoFit.DARK)
     sides = np.arange(view.down.shape[1])
     sides = sides[np.abs(sides - sides.mean()) > SIDES_FROM * len(sides) / 2]
     for columns in (slice(None), sides):
@@ -143,15 +180,15 @@ def fit_haze(
         profile = measure_profile(image[:, columns], part)
         profile = replace(profile, levels=profile.levels + QUANTILES_BELOW * noise_sigma)
         if len(profile.range_m) < MIN_BINS:
-            return NotFitted("too little sea in view")
+            return NotFitted(NoFit.LITTLE_SEA)
         if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
-            return NotFitted("the sea cannot be told from the haze")
+            return NotFitted(NoFit.NO_CONTRAST)
         fit = _fit_profile(profile, airlight, water)
         far_sea = (airlight + fit.sea.sum(axis=0)).min() / airlight.mean()
         if far_sea >= MIN_FAR_SEA and explained_share(fit, profile) >= MIN_EXPLAINED:
             vague = fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m
-            return NotFitted("the sea does not tell how thick the haze is") if vague else fit
-    return NotFitted("what lies below the horizon does not fade as a sea in haze does")
+            return NotFitted(NoFit.VAGUE) if vague else fit
+    return NotFitted(NoFit.NO_FADING)
 
 
 def explained_share(fit: HazeFit, profile: SeaProfile) -> float:
@@ -203,7 +240,7 @@ def hidden_sea_certainty(image: Image, view: SeaView) -> float:
 
 
 def _mean_between_quantiles(levels: NDArray) -> Float64:
-    """Mean (3,) of levels (N, 3) between two quantiles: unlike one quantile, it moves by less than a whole level."""
+    """Mean (3,) of levels (N, 3) between two quantiles: unlike one quantile, it changes by less than a whole level."""
     low, high = (int(share * len(levels)) for share in QUANTILES)
     return np.asarray(np.sort(levels, axis=0)[low : max(high, low + 1)].mean(axis=0, dtype=np.float64))
 

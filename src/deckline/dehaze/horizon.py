@@ -5,7 +5,7 @@ where a row is d below the horizon, it is A + (S - A) exp(-k / d): A is the sky'
 mirrors more sky at grazing angles, k the haze (extinction times height, in image widths). k = 0 is an edge; (k / d)^2
 is air that thickens with range. Every horizon row and k of a grid has its best sky and water in closed form; what
 remains is the likelihood, of noise that grows with the water's visibility. Strips vote for a line by their likelihoods,
-each with a bound: a strip full of ship says nothing. Source: Koschmieder's law; Schlick's (1 - sin)^5.
+each with a bound: a strip full of ship has no vote. Source: Koschmieder's law; Schlick's (1 - sin)^5.
 """
 
 from collections.abc import Iterable
@@ -42,9 +42,9 @@ LEVEL_STEP = 1.05  # ratio of the levels that share a model; the priors are vagu
 PRIOR_NOISE = 3.0  # levels of noise that these priors are weighed against
 NOISE = 0.5  # levels: the least residual
 BRIGHTER = 0.1  # of the airlight: 1-sigma of how much brighter than the sky water is; clipped at three
-BELOW = np.array([0.05, 0.15, 0.4])  # where that is looked up, focal lengths below the horizon
+BELOW = np.array([0.05, 0.15, 0.4])  # where that is evaluated, focal lengths below the horizon
 INDEPENDENT_ROWS = 15.0  # of a profile, in each channel
-BOUND = 8.0  # nats that one strip says at most
+BOUND = 8.0  # nats, the largest vote of one strip
 ROLL_SIGMA_DEG, MAX_ROLL_DEG = 10.0, 30.0
 COMMON_ERROR = 4.0  # the strips err alike: their likelihood is flattened by it for the uncertainty; and what is left,
 SIGMA_TIMES, SIGMA_FLOOR = 2.0, 0.001  # times, and image widths: chosen on 38 views of preset paper, 200 to 3000 m
@@ -78,7 +78,7 @@ class Horizon:
 
 @dataclass(frozen=True)
 class NoHorizon:
-    """Why an image tells no horizon."""
+    """Why no horizon was found in an image."""
 
     reason: str
 
@@ -114,14 +114,14 @@ class _Scan:
 
 
 def find_horizon(image_rgb: NDArray[np.uint8], rough: bool = False) -> Horizon | NoHorizon:
-    """The horizon of an image (H, W, 3), or why there is none that can be told.
+    """The horizon of an image, or why none was found.
 
     The line is where the sea ends, or would end without haze. It needs no intrinsics; a lens whose distortion bends
     lines makes it wrong by as much as it bends them.
 
     Args:
         image_rgb: (H, W, 3).
-        rough: a vague line counts too, and one over foam or glitter, in which haze cannot be read; mind its sigma.
+        rough: accept a vague line as well, and one over foam or glitter, where haze cannot be fitted; mind its sigma.
     """
     check_image(image_rgb)
     height, width = image_rgb.shape[:2]
@@ -316,7 +316,7 @@ def _judge(
     sigma = SIGMA_TIMES * np.hypot(row_sigma, SIGMA_FLOOR / unit) * scale
     reason = _judge_parts(profiles, row + slope * x, unit, rough)
     if reason or (sigma > MAX_SIGMA * height and not rough) or not 0 < row < profiles.shape[1]:
-        return NoHorizon(reason or "where the horizon is cannot be told well enough")
+        return NoHorizon(reason or "the place of the horizon is too uncertain")
     return Horizon(width, float(row * scale - 0.5), float(sigma), slope, float(SIGMA_TIMES * slope_sigma))
 
 

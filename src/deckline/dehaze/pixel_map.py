@@ -1,27 +1,24 @@
-"""A dehazed picture as a linear map of the hazy one: found at a small resolution, applied at any.
+"""A dehazed picture as a linear map of the hazy one: found at a small resolution, applied at any."""
 
-Haze adds to light, or to a picture's levels; `Light` says to which.
-"""
-
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 Image = NDArray[np.float32]
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-Light = Literal["display", "linear"]  # what haze adds to: the image's levels, or sRGB's light
 
 
 @dataclass(frozen=True, eq=False)
 class PixelMap:
-    """J = gain Y + chroma (I - Y) + offset, in levels of `light`, where Y is a pixel's `luma`."""
+    """J = gain Y + chroma (I - Y) + offset, in levels 0..255, where Y is a pixel's `luma`."""
 
-    gain: Image  # (h, w)
-    chroma: Image  # (h, w), less than `gain` where what differs from grey is more likely noise
-    offset: Image  # (3, h, w)
-    light: Light = "display"
+    gain: Image
+    """(h, w)."""
+    chroma: Image
+    """(h, w), less than `gain` where what differs from grey is more likely noise."""
+    offset: Image
+    """(3, h, w), levels."""
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The map of an image (H, W, 3) of any resolution."""
@@ -30,44 +27,33 @@ class PixelMap:
         size = image_rgb.shape[1], image_rgb.shape[0]
         chroma, shared = (cv2.resize(part, size) for part in (self.chroma, self.gain - self.chroma))
         scene, added = np.empty_like(chroma), np.empty_like(chroma)  # used again: fresh memory costs more than the sums
-        channels = list(cv2.split(image_rgb))
-        linear = self.light == "linear"
-        seen = [cv2.LUT(channel, level_table(self.light)) for channel in channels] if linear else channels
-        grey = luma(np.stack(seen)) if linear else cv2.cvtColor(image_rgb, cv2.COLOR_RGB2GRAY)
+        grey = cv2.cvtColor(image_rgb, cv2.COLOR_RGB2GRAY)
         cv2.multiply(shared, grey, dst=shared, dtype=cv2.CV_32F)
-        for channel, level, offset in zip(channels, seen, self.offset, strict=True):
-            cv2.multiply(level, chroma, dst=scene, dtype=cv2.CV_32F)
+        channels = list(cv2.split(image_rgb))
+        for channel, offset in zip(channels, self.offset, strict=True):
+            cv2.multiply(channel, chroma, dst=scene, dtype=cv2.CV_32F)
             cv2.resize(offset, size, dst=added)
             cv2.add(scene, shared, dst=scene)
-            if linear:
-                cv2.convertScaleAbs(display_levels(scene + added), dst=channel)
-            else:
-                cv2.add(scene, added, dst=channel, dtype=cv2.CV_8U)
+            cv2.add(scene, added, dst=channel, dtype=cv2.CV_8U)
         return np.asarray(cv2.merge(channels), dtype=np.uint8)
 
     def add(self, levels: Image) -> "PixelMap":
-        """The same with `levels` (..., ..., 3) of `light` added to its result."""
+        """The same map with `levels` (..., ..., 3) added to its result."""
         import cv2
 
         added = np.moveaxis(np.asarray(cv2.resize(levels, self.gain.shape[::-1])), 2, 0)
-        return PixelMap(self.gain, self.chroma, np.ascontiguousarray(self.offset + added, np.float32), self.light)
+        return replace(self, offset=np.ascontiguousarray(self.offset + added, np.float32))
 
     def fade(self, keep: float) -> "PixelMap":
-        """The same with a share `keep`, 0 to 1, of the image as it is."""
+        """The same map with a share `keep`, 0 to 1, of the image as it is."""
         done = np.float32(1 - keep)
         gain, chroma = (np.float32(keep) + done * part for part in (self.gain, self.chroma))
-        return PixelMap(gain, chroma, done * self.offset, self.light)
+        return replace(self, gain=gain, chroma=chroma, offset=done * self.offset)
 
 
 def luma(levels: Image) -> Image:
-    """Grey (H, W) of levels (3, H, W), of the display or of light. Source of the weights: ITU-R BT.601."""
+    """Grey (H, W) of levels (3, H, W). Source of the weights: ITU-R BT.601."""
     return np.asarray(np.tensordot(LUMA, levels, axes=1), np.float32)
-
-
-def level_table(light: Light) -> Image:
-    """What display levels 0..255 are in the light that haze is counted in, (256,)."""
-    display = np.arange(256, dtype=np.float32)
-    return linear_levels(display) if light == "linear" else display
 
 
 def linear_levels(display: NDArray) -> Image:

@@ -1,4 +1,4 @@
-"""The sea as a posed camera sees it: how far down every pixel looks, and how far away the water is there."""
+"""The sea as a posed camera sees it: every pixel's angle below the horizontal, and its range to the water."""
 
 from dataclasses import astuple, dataclass
 from functools import cached_property, lru_cache
@@ -22,9 +22,12 @@ LENS_STEP = 1 / 80  # of the focal length between rays that are traced through a
 class SeaView:
     """The sea as a camera sees it."""
 
-    down: Float32  # (H, W) sine of the ray's angle below the horizontal
-    range_m: Float32  # (H, W) ray length to the water; infinite in the sky
-    height_m: float  # of the camera above the water
+    down: Float32
+    """(H, W) sine of the ray's angle below the horizontal."""
+    range_m: Float32
+    """(H, W) ray length to the water; infinite in the sky."""
+    height_m: float
+    """Of the camera above the water."""
 
     @cached_property
     def is_sea(self) -> NDArray[np.bool_]:
@@ -51,7 +54,7 @@ def view_sea(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float) 
 
 
 def view_water(down: Float32, height_m: float) -> SeaView:
-    """Water so far below a camera whose pixels look down by these sines (H, W)."""
+    """Water `height_m` below a camera whose pixels' rays point down by these sines (H, W)."""
     root = down * down - np.float32(2 * max(height_m, 0.0) / EARTH_RADIUS_M)
     seen = (down > 0) & (root > 0) & (height_m > 0)
     reach = down + np.sqrt(np.maximum(root, 0))

@@ -1,7 +1,7 @@
 """Transmission of every pixel of a hazy image, and the most likely scene behind the haze.
 
 Two lower bounds of the transmission are at hand: of the sea's range, and of a dark or bright detail, since no light is
-negative or beyond full scale. What stands out of the sea, as a ship does, is nearer than the sea behind it; there the
+negative or beyond full scale. What rises out of the sea, as a ship does, is nearer than the sea behind it; there the
 second bound applies, or the deck plane's transmission where it is larger.
 """
 
@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deckline.checks import check_choice, check_numbers
+from deckline.checks import check_numbers
+from deckline.dehaze.filters import max_channel
 from deckline.dehaze.haze_fit import HazeFit
-from deckline.dehaze.pixel_map import Image, Light
+from deckline.dehaze.pixel_map import Image
 from deckline.dehaze.sea_view import SeaView
 from deckline.haze import transmission
 
@@ -27,7 +28,6 @@ MAX_SKY_PX = 10_000  # that the medians are taken of, evenly chosen
 class GeometryConfig:
     """Settings of the geometry dehazer. Lengths in pixels are meant for images 1280 px wide and scaled for others."""
 
-    light: Light = "display"
     sea_below_deck_m: float = 20.0  # where the frame does not know the sea's height; Nimitz class
     clear_beta_per_m: float = 1e-4  # what is left in the image: a clear day's air, visibility 39 km
     level_sigma: float = 2.0  # of a pixel's noise, levels 0..255, at least; a sky that shows more raises it
@@ -39,12 +39,11 @@ class GeometryConfig:
     object_levels: tuple[float, float] = (12.0, 30.0)  # off the hazy sea or sky: surely not an object, surely one
     nearer_ratio: tuple[float, float] = (1.1, 1.5)  # bound over the sea's transmission: surely sea, surely nearer
     window_px: int = 15  # over which one dark detail bounds its neighbours
-    object_range_m: float = 1500.0  # ships farther away count as being here; keeps clear images as they are
+    object_range_m: float = 1500.0  # ships farther away are taken to be here; clear images stay as they are
     darkest: float = 0.2  # of the airlight: what light a ship's darkest detail still sends
     min_object_t: float = 0.2  # above the horizon; fainter objects are left in the haze
 
     def __post_init__(self) -> None:
-        check_choice("light", self.light, Light)
         check_numbers(self, "", "level_sigma", "scene_sigma", "chroma_sigma", "window_px", "min_object_t", above=0)
 
 
@@ -54,7 +53,7 @@ def find_objects(
     """What is nearer than the sea: how surely (H, W), 0 to 1, and the least transmission (H, W) that it then has.
 
     Args:
-        image: (3, H, W) levels 0..255, of the display or of light, as `haze` was fitted.
+        image: (3, H, W) levels 0..255, as `haze` was fitted.
         view: the sea in this image.
         deck: the deck's plane, seen as if it were endless.
         haze: air and sea.
@@ -118,9 +117,9 @@ def _object_certainty(
     certainty = np.clip((contrast - low) / (high - low), 0, 1)
     certainty *= np.where(is_sea, 1, np.clip(bound / config.min_object_t - 1, 0, 1))
     count, labels = cv2.connectedComponents((certainty > 0.5).astype(np.uint8))
-    stands = np.zeros(count, dtype=bool)
-    stands[labels[is_sea]] = True
-    certainty *= is_sea | stands[labels]
+    reaches_sea = np.zeros(count, dtype=bool)
+    reaches_sea[labels[is_sea]] = True
+    certainty *= is_sea | reaches_sea[labels]
     window = scale_length(config.window_px, image.shape[2])
     closed = cv2.morphologyEx(certainty.astype(np.float32), cv2.MORPH_CLOSE, np.ones((window, window), np.uint8))
     edge = scale_length(config.window_px // 3, image.shape[2])
@@ -130,7 +129,7 @@ def _object_certainty(
 def sky_contrast(levels: Image, down: Image) -> Image:
     """How many levels pixels of the sky (3, N) are darker than the median at their height (N,), in any channel.
 
-    Zero where there is too little sky to tell.
+    Zero where there is too little sky.
     """
     nothing = np.zeros(len(down), dtype=np.float32)
     if len(down) < MIN_SKY_BIN_PX:
@@ -149,11 +148,6 @@ def sky_contrast(levels: Image, down: Image) -> Image:
     steps = (np.arange(SKY_BINS * SKY_STEPS) + 0.5) / SKY_STEPS
     usual = np.stack([np.interp(steps, filled + 0.5, channel) for channel in medians]).astype(np.float32)
     return max_channel(usual[:, np.minimum((place * SKY_STEPS).astype(np.int32), len(steps) - 1)] - levels)
-
-
-def max_channel(levels: Image) -> Image:
-    """Largest of three channels, (3, ...) -> (...)."""
-    return np.maximum(np.maximum(levels[0], levels[1]), levels[2])
 
 
 def scale_length(length_px: int, width_px: int) -> int:

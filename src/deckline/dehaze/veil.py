@@ -4,8 +4,8 @@ I = J (1 - V) + A V. The airlight A is a smooth surface through the sky; a plain
 veil V comes from the dark channel, less what a scene's darkest details send themselves, smoothed along the image's
 edges. No pixel has more of it than leaves its darkest colour some light, and less of it comes off where no detail
 stands out: fog that gets darker towards the horizon stays fog. J is the most likely scene where noise and an uncertain
-airlight pass for little signal. A picture whose dark places are dark is hardly changed: nothing tells an overcast scene
-from a hazy one but how far up its darkest details are.
+airlight pass for little signal. A picture whose dark places are dark is hardly changed: only the level of its darkest
+details distinguishes an overcast scene from a hazy one.
 
 Sources: He, Sun and Tang 2011 (dark channel); Tarel and Hautiere, "Fast visibility restoration from a single color or
 gray level image", 2009 (atmospheric veil); He, Sun and Tang 2013 (guided filter). The airlight's surface, the strength
@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from deckline.checks import check_image, check_numbers
 from deckline.dehaze.airlight import estimate_airlight_surface
 from deckline.dehaze.base import DehazeResult, linear_step
-from deckline.dehaze.dark_channel import dark_channel, guided_coefficients, min_channel
-from deckline.dehaze.geometry import estimate_noise
+from deckline.dehaze.filters import dark_channel, estimate_noise, guided_coefficients, mean_channel, min_channel
 from deckline.types import Frame
 
 Image = NDArray[np.float32]
@@ -48,7 +47,7 @@ GREY_SIGMA, COLOUR_SIGMA = 0.006, 0.025  # of the airlight's own grey and colour
 BRIGHT, BRIGHT_SHARE = 0.1, 0.3  # what is so much brighter than the airlight gets this share: full scale is near
 SMOOTH_PX = 8  # radius in which noise is averaged; compression makes blocks of 8 and 16 px
 SMOOTH_NOISE = 1.5  # sigmas of the contrast that is taken for noise
-TONE_SHARE = 0.8  # of the brightness that was taken away is given back
+TONE_SHARE = 0.8  # of the brightness lost with the veil is restored
 MIN_GAMMA = 0.55
 LEVELS = 4096  # of the table that gives it back
 
@@ -66,18 +65,24 @@ class VeilConfig:
 
 @dataclass(frozen=True, eq=False)
 class Air:
-    """What the air of one image is like, at the analysis' resolution."""
+    """The air of one image, at the analysis' resolution."""
 
-    airlight: Image  # (h, w, 3) of full scale
-    sigma: Image  # (h, w): 1-sigma of the airlight
-    slope: Image  # (h, w): V = slope * grey + offset
-    offset: Image  # (h, w)
-    noise: float  # of a pixel, 1-sigma, of full scale
-    strength: float  # share of the dark channel's veil that is taken off
+    airlight: Image
+    """(h, w, 3) of full scale."""
+    sigma: Image
+    """(h, w) 1-sigma of the airlight."""
+    slope: Image
+    """(h, w) of the veil V = slope * grey + offset."""
+    offset: Image
+    """(h, w)."""
+    noise: float
+    """1-sigma of a pixel, of full scale."""
+    strength: float
+    """Share of the dark channel's veil that is removed."""
 
 
 class VeilDehazer:
-    """Dehazes images without pose; a note says why one comes out as it is."""
+    """Dehazes images without a pose; one that shows no haze comes out as it is, with a note."""
 
     name = "veil"
 
@@ -132,7 +137,7 @@ def estimate_air(image: Image, noise: float, config: VeilConfig) -> Air:
 
 
 def detail_certainty(grey: Image) -> Image:
-    """How surely things stand in the haze about each pixel of an image (h, w) of full scale, 0 to 1."""
+    """Certainty, 0 to 1, that objects are in the haze about each pixel of an image (h, w) of full scale."""
     import cv2
 
     reach = max(3, round(grey.shape[1] * DETAIL_REACH))
@@ -189,19 +194,12 @@ def estimate_scene(image: Image, airlight: Image, sigma: Image, slope: Image, of
 
 
 def own_veil(image: Image, airlight: Image) -> Image:
-    """The veil (H, W) that makes a pixel's darkest colour as dark as it may get; lighter pixels keep more light."""
+    """The largest veil (H, W) that leaves a pixel's darkest colour its least light; lighter pixels retain more."""
     import cv2
 
     darkest = min_channel(np.asarray(cv2.divide(image, airlight), np.float32))
     light = LEAST_LIGHT[0] + LEAST_LIGHT[1] * np.minimum(darkest, 1)
     return np.asarray((darkest - light) / (1 - light), dtype=np.float32)
-
-
-def mean_channel(image: Image) -> Image:
-    """(H, W, 3) -> (H, W); numpy's mean over the last axis takes ten times as long."""
-    import cv2
-
-    return np.asarray(cv2.transform(image, np.full((1, 3), 1 / 3, np.float32)), dtype=np.float32)
 
 
 def smooth_noise(contrast: Image, noise: float) -> Image:
@@ -219,7 +217,7 @@ def smooth_noise(contrast: Image, noise: float) -> Image:
 
 
 def find_gamma(small: Image, air: Air) -> float:
-    """The exponent that gives back a part of the brightness that the veil took along."""
+    """The exponent that restores TONE_SHARE of the brightness lost with the veil."""
     scene = estimate_scene(small, air.airlight, air.sigma, air.slope, air.offset, air.noise).clip(0, 1)
     bright, mean = float(small.mean()), float(scene.mean())
     if mean >= bright or mean < 1e-3:

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import CPU
-from deckline.detect.classical import ClassicalDetector
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import Box
-from deckline.detect.network import OnnxDetector
+from deckline.detect.onnx_detector import OnnxDetector
 from deckline.detect.scheduler import SearchingDetector, SearchScheduler
 from deckline.runtime.weights import shipped_weights
 from deckline.types import Detection
@@ -18,7 +17,6 @@ from deckline.types import Detection
 __all__ = [
     "DETECTORS",
     "Box",
-    "ClassicalDetector",
     "DetectConfig",
     "Detector",
     "OnnxDetector",
@@ -45,5 +43,4 @@ class Detector(Protocol):
 DETECTORS: dict[str, Callable[..., Detector]] = {  # from the `Engine` that computes a network
     "hybrid": lambda engine=CPU: OnnxDetector(shipped_weights("hybrid"), engine=engine),
     "ufld": lambda engine=CPU: OnnxDetector(shipped_weights("ufld"), engine=engine),
-    "classical": lambda engine=CPU: ClassicalDetector(),
 }

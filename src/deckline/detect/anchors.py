@@ -1,4 +1,4 @@
-"""Row and column anchors, line maps and the runway's box: what the networks say, encoded and decoded once.
+"""Row and column anchors, line maps and the runway's box: the networks' outputs, encoded and decoded once.
 
 A row anchor gives a line as one horizontal position per image row, a column anchor as one vertical position per image
 column (the same code on the transposed grid). The box is a softmax over the cells of a coarse grid and "no runway",
@@ -42,10 +42,14 @@ class RowGrid:
     Class `cells` of a row means "no line here".
     """
 
-    width: int = 512  # px
-    height: int = 288  # px
+    width: int = 512
+    """Of the network's image, px."""
+    height: int = 288
+    """Of the network's image, px."""
     cells: int = 128
+    """Positions on a row."""
     rows: int = 72
+    """Row anchors."""
 
     def __post_init__(self) -> None:
         for what, pixels, parts in (("cells", self.width, self.cells), ("rows", self.height, self.rows)):
@@ -97,29 +101,39 @@ class DecodeConfig:
 
 @dataclass(frozen=True, eq=False)
 class RowPoints:
-    """What the rows of one line say."""
+    """One line's position on every row anchor."""
 
-    x_px: Float64  # (rows,) in the network's image; NaN where there is no line
-    confidence: Float64  # (rows,) P(the line lies in the window that x is the mean of)
-    sigma_px: Float64  # (rows,) 1-sigma of x, in the network's image; NaN where there is no line
+    x_px: Float64
+    """(rows,) in the network's image; NaN where there is no line."""
+    confidence: Float64
+    """(rows,) probability that the line lies in the window whose mean x is."""
+    sigma_px: Float64
+    """(rows,) 1-sigma of x, in the network's image; NaN where there is no line."""
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
     """A box around the visible parts of both lines, and how sure the network is of it."""
 
-    box: Float64  # (4,) x0, y0, x1, y1 in the network's image
-    probability: float  # that there is a runway in the view
+    box: Float64
+    """(4,) x0, y0, x1, y1 in the network's image, px."""
+    probability: float
+    """That there is a runway in the view."""
 
 
 class NetworkOutput(NamedTuple):
-    """What the network says of one view."""
+    """A network's outputs for one view."""
 
-    rows: Float32  # (lines, rows, cells + 1) class logits of left, right and, where it has three, centre
-    region: Float32  # (region cells + 1,) class logits
-    box: Float32  # (4, region rows, region columns) box offsets
-    columns: Float32 | None = None  # (lines, cells, rows + 1) of column anchors, where it has them
-    edge: Float32 | None = None  # (len(EDGES),) class logits of what the edge lines are, where it says
+    rows: Float32
+    """(lines, rows, cells + 1) class logits of left, right and, with three lines, centre."""
+    region: Float32
+    """(region cells + 1,) class logits."""
+    box: Float32
+    """(4, region rows, region columns) box offsets."""
+    columns: Float32 | None = None
+    """(lines, cells, rows + 1) class logits of column anchors; None: the network has none."""
+    edge: Float32 | None = None
+    """(len(EDGES),) class logits of what the edge lines are; None: the network has none."""
 
 
 def network_output(outputs: Mapping[str, Float32], grid: RowGrid) -> NetworkOutput:
@@ -165,9 +179,9 @@ def encode(points_px: ArrayLike, seen: ArrayLike, grid: RowGrid) -> Float32:
 def decode(logits: Float32, grid: RowGrid, config: DecodeConfig | None = None) -> RowPoints:
     """Class logits (rows, cells + 1) of one line -> a position per row.
 
-    The confidence is the share of the window alone: a row that cannot tell the runway's edge from a catapult track
-    gives each a half, and neither is reliable. The training target itself has a spread: f (1 - f) cells^2 for the two
-    nearest cells (f: the line's place between them), w^2 / 12 for a stripe w cells wide. The variance excludes it.
+    The confidence is the share of the window alone: a row that does not distinguish the runway's edge from a catapult
+    track gives each a half, and neither is reliable. The training target itself has a spread: f (1 - f) cells^2 for the
+    two nearest cells (f: the line's place between them), w^2 / 12 for a stripe w cells wide. The variance excludes it.
 
     Raises:
         ValueError: logits of another shape than the grid's.

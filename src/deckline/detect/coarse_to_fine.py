@@ -1,4 +1,4 @@
-"""Coarse-to-fine inference: from what the network says of one view to the closer view, and to lines in the image.
+"""Coarse-to-fine inference: from the network's output for one view to the closer view, and to lines in the image.
 
 At 800 m the runway of a ship is a dozen pixels wide in a 1280-pixel image, at 60 m it fills it. Crops of the full image
 become smaller until the runway fills a good half of the network's view.
@@ -32,7 +32,7 @@ class DetectConfig:
     # The probability of lines is the runway's in the closest view times their mean confidence. The first two thresholds
     # are compared with its product with the runway's probability in the whole image.
     min_probability: float = 0.6  # of both lines; below it: not seen
-    min_lone_probability: float = 0.8  # of one line alone: any marking may look like one edge
+    min_lone_probability: float = 0.8  # of one line alone: any marking resembles one edge
     min_prior_probability: float = 0.25  # of both lines in a prior's box
     # The rest is chosen with 17 labelled photographs in view: docs/experiments/2026-11-search-on-photographs.md.
     min_close_probability: float = 0.85  # of both lines, however faint the runway is in the whole image
@@ -40,11 +40,11 @@ class DetectConfig:
     sure_clear_probability: float = 0.75  # the same, times the runway's probability in the whole image
     agreeing_probability: float = 0.75  # of each of two views with the same lines; with them the search ends
     min_view_probability: float = 0.5  # of a runway in a closer view; below it the place is given up
-    places: int = 2  # in the whole image that are looked at closely
+    places: int = 2  # in the whole image that are viewed closer
     min_place_probability: float = 0.02  # of such a place, in the whole image
     tiles: int = 2  # overlapping parts of the image along each side, searched where nothing else is found; 0: none
     tile_size: float = 0.6  # of the image's
-    min_tile_probability: float = 0.3  # of a runway in a tile that is looked at closely
+    min_tile_probability: float = 0.3  # of a runway in a tile whose place is viewed closer
     fill: float = 0.6  # share of a crop's limiting dimension that the runway takes
     min_width_px: float = 48.0  # image px of a crop; chosen on approaches from 800 m (the same page)
     max_passes: int = 3  # to the final view of a place, the coarse one included

@@ -89,7 +89,7 @@ def _box_through_lens(low: Array, high: Array, camera: Camera) -> Box | None:
 class ImagePrior:
     """Carries the last image's lines forward, for frames of one flight in their order that no tracker can follow.
 
-    Without a pose nothing better is known; with one a tracker says more. Constant memory.
+    Without a pose nothing better is known; with one a tracker predicts better. Constant memory.
 
     Args:
         max_age_s: an older image is forgotten; so is one from the future, when time runs backwards.

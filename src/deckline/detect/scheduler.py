@@ -80,7 +80,7 @@ class SearchScheduler:
             is_sure: the pictures before confirm the box.
         """
         search, roi_search = (self.detector.start_search(image_rgb) for _ in range(2))  # the box is no place searched
-        view_roi = None if box is None else cache(partial(roi_search.look_at_prior, box))
+        view_roi = None if box is None else cache(partial(roi_search.search_prior, box))
         follows, self._seen_s = 0 < time_s - self._seen_s <= self.search_s, time_s
         roi_view = view_roi() if view_roi is not None and is_sure and follows else None
         least = roi_search.config.agreeing_probability

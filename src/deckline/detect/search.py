@@ -1,8 +1,8 @@
-"""The search for the runway in a picture: where to look closely, when to stop, which lines to believe.
+"""The search for the runway in an image: which crops the network views, when the search ends, which lines it returns.
 
-A first look at the whole picture proposes places, looks at overlapping tiles propose more. Each place is looked at ever
-more closely until the runway fills a good half of the network's view. The closest view decides: in the whole of a
-photograph a runway is often faint.
+A view is one inference of the network on one crop. The view of the whole image proposes places; views of overlapping
+tiles propose more. At each place the views become closer until the runway fills a good half of one. The closest view
+decides: in the view of a whole photograph a runway is often faint.
 """
 
 from collections import deque
@@ -22,16 +22,17 @@ from deckline.types import Detection, LinePoints
 
 SAME_LINE_PX = 2.0  # median distance of one detection's points from another detection's line
 SAME_LINE_SHARE = 0.05  # of the runway's width near the aircraft, where that is more
-SAME_CROP_SHIFT = 0.08  # of a view's width, and
-SAME_CROP_SCALE = 1.15  # by which a crop that was looked at may differ from one that shows nothing new
+# A crop that differs by less than both from a viewed one shows nothing new.
+SAME_CROP_SHIFT = 0.08  # of a view's width
+SAME_CROP_SCALE = 1.15  # ratio of the steps
 
 Float64 = NDArray[np.float64]
-Infer = Callable[[NDArray[np.float32]], NetworkOutput]  # (3, height, width) normalised view -> what is in it
+Infer = Callable[[NDArray[np.float32]], NetworkOutput]  # (3, height, width) normalised crop -> outputs
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """What the network says of a crop."""
+class CropView:
+    """The network's output for one crop, decoded when it is read."""
 
     output: NetworkOutput
     crop: Crop
@@ -39,81 +40,94 @@ class View:
 
     @cached_property
     def region(self) -> Region:
+        """The most likely box of a runway, in the network's image, and the probability of a runway."""
         return decode_region(self.output.region, self.output.box)
 
     @cached_property
     def lines(self) -> Detection:
+        """The lines in the crop, in image px."""
         return decode_lines(self.output, self.crop, self.config)
 
     @cached_property
     def count(self) -> int:
-        """Of edge lines."""
+        """How many edge lines the crop shows, 0 to 2."""
         return sum(len(points) > 0 for points in (self.lines.left, self.lines.right))
 
     @cached_property
     def probability(self) -> float:
-        """Of the edge lines: the runway's times their mean confidence; 0 without any."""
+        """Of the edge lines: that of the runway times the lines' mean confidence; 0 without any line."""
         confidence = [line.confidence.mean() for line in (self.lines.left, self.lines.right) if len(line)]
         return self.region.probability * float(np.mean(confidence)) if confidence else 0.0
 
 
 @dataclass(eq=False)
 class Search:
-    """One picture's search: what was looked at, and the closest view of every place."""
+    """The search of one image.
 
-    image_rgb: NDArray[np.uint8]  # (H, W, 3)
+    Raises:
+        ValueError: an array that is no image.
+    """
+
+    image_rgb: NDArray[np.uint8]
+    """(H, W, 3)."""
     infer: Infer
+    """The network."""
     config: DetectConfig
+    """Crops and thresholds."""
     crops: list[Crop] = field(default_factory=list)
-    candidates: list[View] = field(default_factory=list)
+    """All that were viewed, in order."""
+    candidates: list[CropView] = field(default_factory=list)
+    """The closest view of every place."""
 
     def __post_init__(self) -> None:
         check_image(self.image_rgb)
         self.image_size = (self.image_rgb.shape[1], self.image_rgb.shape[0])
 
     @cached_property
-    def whole(self) -> View:
-        """The first look, at the whole picture."""
-        return self.look(full_crop(self.image_size, self.config.grid.size))
+    def whole(self) -> CropView:
+        """The view of the whole image, inferred once."""
+        return self.view_crop(full_crop(self.image_size, self.config.grid.size))
 
-    def look(self, crop: Crop) -> View:
+    def view_crop(self, crop: Crop) -> CropView:
+        """One inference: the network's output for a crop."""
         self.crops.append(crop)
-        return View(self.infer(normalise(sample_crop(self.image_rgb, crop, self.config.grid.size))), crop, self.config)
+        pixels = normalise(sample_crop(self.image_rgb, crop, self.config.grid.size))
+        return CropView(self.infer(pixels), crop, self.config)
 
     def search_whole(self) -> None:
-        """Look at the likeliest places of the whole picture, until the lines are beyond doubt."""
-        _exhaust(self._look_at_places())
+        """View the likeliest places of the whole image, until the lines are beyond doubt."""
+        _exhaust(self._search_places())
 
     def search_tiles(self) -> None:
-        """Look at parts of the picture, and closely at the likeliest place of each that may have a runway."""
-        _exhaust(self._look_at_tiles())
+        """View the image's tiles, and closer the likeliest place of each tile that may show a runway."""
+        _exhaust(self._search_tiles())
 
     def steps(self) -> Iterator[None]:
-        """The whole search in steps of one look each; lines beyond doubt keep no other place from being looked at."""
-        yield from self._look_at_places(all_places=True)
+        """The whole search in steps of one view each. All places are viewed, also when lines are beyond doubt."""
+        yield from self._search_places(all_places=True)
         if not any(view.count == 2 for view in self.accepted):
-            yield from self._look_at_tiles()
+            yield from self._search_tiles()
 
-    def _look_at_places(self, all_places: bool = False) -> Iterator[None]:
+    def _search_places(self, all_places: bool = False) -> Iterator[None]:
         places = decode_places(self.whole.output.region, self.whole.output.box, self.config.places)
         yield
         for place in places:
             if place.probability >= self.config.min_place_probability and (all_places or not self.is_decided):
                 yield from self._approach(self.whole, place.box)
 
-    def _look_at_tiles(self) -> Iterator[None]:
+    def _search_tiles(self) -> Iterator[None]:
         if not self.config.tiles:
             return
         for crop in tile_crops(self.image_size, self.config.grid.size, self.config.tiles, self.config.tile_size):
             if self.is_decided:
                 break
-            tile = self.look(crop)
+            tile = self.view_crop(crop)
             yield
             if tile.region.probability >= self.config.min_tile_probability:
                 yield from self._approach(tile, tile.region.box)
 
-    def _approach(self, view: View, box: Float64) -> Iterator[None]:
-        """Ever closer looks at a box of a view; its final one becomes a candidate, unless a look shows no runway."""
+    def _approach(self, view: CropView, box: Float64) -> Iterator[None]:
+        """Ever closer views of a box of a view; the last one becomes a candidate, unless a view shows no runway."""
         for _ in range(self.config.max_passes - 1):
             crop = closer_crop(box, view.crop, self.image_size, self.config)
             unsure = view is self.whole and view.probability < self.config.sure_probability
@@ -123,7 +137,7 @@ class Search:
                 if view is self.whole and _shows_the_same(crop, view.crop, self.config.grid.width):
                     break
                 return
-            view = self.look(crop)
+            view = self.view_crop(crop)
             yield
             if view.region.probability < self.config.min_view_probability:
                 return
@@ -131,16 +145,16 @@ class Search:
         if view not in self.candidates:  # by identity: two places may end at the whole, which cannot agree with itself
             self.candidates.append(view)
 
-    def look_at_prior(self, box: Box) -> View | None:
+    def search_prior(self, box: Box) -> CropView | None:
         """The closest view of a box in the image, with both lines about its middle; None where they are not seen."""
-        view = self.look(
+        view = self.view_crop(
             crop_around(box, self.image_size, self.config.grid.size, self.config.fill, self.config.min_width_px)
         )
         for _ in range(self.config.max_passes - 1):
             crop = closer_crop(view.region.box, view.crop, self.image_size, self.config)
             if view.region.probability < self.config.min_prior_probability or is_final(crop, view.crop, self.config):
                 break
-            view = self.look(crop)
+            view = self.view_crop(crop)
         seen = view.count == 2 and view.probability >= self.config.min_prior_probability
         return view if seen and _is_centred_in(view.lines, box) else None
 
@@ -150,11 +164,11 @@ class Search:
         return bool(pairs) and not any(_agrees(lines, detection) for lines in pairs)
 
     @property
-    def accepted(self) -> list[View]:
+    def accepted(self) -> list[CropView]:
         """Candidates whose lines are probable enough to count."""
         return [view for view in self.candidates if self._is_accepted(view)]
 
-    def _is_accepted(self, view: View) -> bool:
+    def _is_accepted(self, view: CropView) -> bool:
         if view.count < 2:
             return view.count == 1 and self.clear_probability(view) >= self.config.min_lone_probability
         return (
@@ -162,7 +176,7 @@ class Search:
             or self.clear_probability(view) >= self.config.min_probability
         )
 
-    def clear_probability(self, view: View) -> float:
+    def clear_probability(self, view: CropView) -> float:
         """Of a view's lines, times the runway's in the whole image."""
         return view.probability if view is self.whole else view.probability * self.whole.region.probability
 
@@ -182,7 +196,7 @@ class Search:
         pairs = combinations([view.lines for view in likely if view.count == 2], 2)
         return self.is_sure or any(_agrees(one, other) for one, other in pairs)
 
-    def choose(self) -> View | None:
+    def choose(self) -> CropView | None:
         """The candidate whose lines count: the most probable pair, else the most probable lone line."""
         return max(self.accepted, key=lambda view: (view.count, view.probability), default=None)
 
@@ -196,23 +210,27 @@ def detect_lines(
         ValueError: anything but such an image, or a box that is empty or not finite.
     """
     search = Search(image_rgb, infer, config)
-    return search_lines(search, None if prior_box is None else partial(search.look_at_prior, prior_box))
+    return search_lines(search, None if prior_box is None else partial(search.search_prior, prior_box))
 
 
-def search_lines(search: Search, look_at_prior: Callable[[], View | None] | None = None) -> Detection:
+def search_lines(search: Search, search_prior: Callable[[], CropView | None] | None = None) -> Detection:
     """Both runway lines of a search, in the image's pixels; a line that is not seen has no points.
 
-    The whole image is always searched, so that a wrong prior hides nothing that is beyond doubt. Otherwise the prior's
-    box is looked at. A pair in it must be about its middle and agree with a lone line of the search; it replaces
-    another pair that is less probable, or if it would count without a prior. Tiles are searched while both lines are
-    missing.
+    The whole image is always searched, so that a wrong prior hides no certain lines. Where no lines are certain, the
+    prior's box is viewed. A pair of lines counts there if it lies about the middle of the box and agrees with a lone
+    line of the search. It replaces a pair of the search that is less probable, or any pair if it would be accepted
+    without a prior. While a line is missing, tiles are searched.
+
+    Args:
+        search: of the image.
+        search_prior: views the prior's box; None: there is no prior.
     """
     search.search_whole()
     found = search.choose()
-    if look_at_prior is not None and not search.is_sure:
-        told = look_at_prior()
-        if told is not None and (found is None or _is_better(told, found, search.config)):
-            found = told
+    if search_prior is not None and not search.is_sure:
+        at_prior = search_prior()
+        if at_prior is not None and (found is None or _is_better(at_prior, found, search.config)):
+            found = at_prior
     if found is None or found.count < 2:
         search.search_tiles()
         found = search.choose()
@@ -223,11 +241,11 @@ def _exhaust(steps: Iterator[None]) -> None:
     deque(steps, maxlen=0)
 
 
-def _is_better(told: View, found: View, config: DetectConfig) -> bool:
+def _is_better(at_prior: CropView, found: CropView, config: DetectConfig) -> bool:
     """Whether both lines of a prior's box replace what a search found: an unsure pair, or one line of them."""
     if found.count == 2:
-        return told.probability >= min(found.probability, config.min_close_probability)
-    pairs = ((found.lines.left, told.lines.left), (found.lines.right, told.lines.right))
+        return at_prior.probability >= min(found.probability, config.min_close_probability)
+    pairs = ((found.lines.left, at_prior.lines.left), (found.lines.right, at_prior.lines.right))
     return all(_distance_px(one.points_px, other.points_px) <= SAME_LINE_PX for one, other in pairs if len(one))
 
 

@@ -1,5 +1,5 @@
 """From points in the image to lines in the world."""
 
-from deckline.localize.localize import Localizer, localize
+from deckline.localize.localizer import Localizer, localize
 
 __all__ = ["Localizer", "localize"]

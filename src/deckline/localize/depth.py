@@ -29,12 +29,18 @@ class DeckPoints:
     along x, y, z, deck height, focal length and depth scale.
     """
 
-    index: NDArray[np.int64]  # (N,) numbers of the detected points
-    points_m: Array  # (N, 3) world
-    pixel_m: Array  # (N, 3) displacement by the detector's noise
-    depth_m: Array  # (N, 3) displacement by the depth camera's noise; zero in coarse mode
-    common_m: Array  # (K, N, 3)
-    relative_m: Array  # (K, N, 3) the same less the rigid motion by the aircraft's own heading and position errors
+    index: NDArray[np.int64]
+    """(N,) numbers of the detected points."""
+    points_m: Array
+    """(N, 3) world."""
+    pixel_m: Array
+    """(N, 3) displacement by the detector's noise."""
+    depth_m: Array
+    """(N, 3) displacement by the depth camera's noise; zero in coarse mode."""
+    common_m: Array
+    """(K, N, 3) displacements by the common sources."""
+    relative_m: Array
+    """(K, N, 3) the same without the rigid motion by errors of the aircraft's own heading and position."""
 
     def __len__(self) -> int:
         return len(self.points_m)
@@ -70,15 +76,15 @@ def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
 
 def select_independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Mask (N,) of usable points whose windows share no pixel, selected from the near end of the line on."""
-    kept = np.zeros(len(points_px), dtype=bool)
+    selected = np.zeros(len(points_px), dtype=bool)
     if not usable.any():
-        return kept
+        return selected
     axis = int(np.ptp(points_px[usable], axis=0).argmax())
     last = np.full(2, np.inf)
     for i in np.argsort(-points_px[:, axis], kind="stable"):
         if usable[i] and np.abs(points_px[i] - last).max() >= WINDOW_PX:
-            kept[i], last = True, points_px[i]
-    return kept
+            selected[i], last = True, points_px[i]
+    return selected
 
 
 def count_depths(depth_m: NDArray[np.float32], lines_px: list[Array]) -> list[int]:
@@ -180,7 +186,7 @@ def _common_displacements(
         rays: (N, 3) world, any length.
         calibration: (2, N, 3) displacements by focal length, at constant depth, and depth scale.
         body: (3,) the aircraft.
-        mode: whether points lie on the reported deck (coarse) or where the depth camera says.
+        mode: whether points lie on the reported deck (coarse) or where the depth camera measures them.
         noise: 1-sigma of everything.
     """
     axes = np.eye(3)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.config import Deck, FrameNoise, Mode, RunConfig
 from deckline.geometry import wrap_angle
+from deckline.localize.line_fit import LineFit, drop_contradictions
 from deckline.localize.model import (
     CENTRE_SIGMA_M,
     CENTRE_SIGMA_RAD,
@@ -17,7 +18,6 @@ from deckline.localize.model import (
     right_vectors,
 )
 from deckline.localize.observations import Observations, initial_height, initial_line, observe
-from deckline.localize.runway import LineFit, drop_contradictions
 from deckline.localize.solver import Solution, solve
 from deckline.types import SIDES, DepthMode, Diagnostic, Diagnostics, Frame, LineErrors, LinePoints, PixelLine, Reason
 
@@ -39,7 +39,7 @@ def fit_jointly(
     """Fits of `left`, `right` and a painted `centre`, first without the prior of the lines' geometry, then with it.
 
     The first fit tests the lines against each other, and the depth camera against the reported deck height. When these
-    two contradict each other, the one that gives the frame its mode is kept.
+    two contradict each other, the one that gives the frame its mode is used.
 
     Returns:
         The fits that agree with each other, and why others are missing.
@@ -71,19 +71,19 @@ def fit_jointly(
 def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str, ...], Diagnostics]:
     """Names of the lines that agree with each other, and why others do not.
 
-    A painted centre line far from midway between two edge lines shows that one of them is another marking. Neither edge
-    line is kept then.
+    A painted centre line far from midway between two edge lines shows that one of them is another marking. Then
+    neither edge line is accepted.
     """
-    kept, contradictions = drop_contradictions(fits)
-    edges = tuple(name for name in kept if name in SIDES)
-    if "centre" not in kept or not edges:
+    accepted, contradictions = drop_contradictions(fits)
+    edges = tuple(name for name in accepted if name in SIDES)
+    if "centre" not in accepted or not edges:
         return edges, contradictions
-    if _is_between(kept, deck):
-        return tuple(kept), contradictions
+    if _is_between(accepted, deck):
+        return tuple(accepted), contradictions
     if len(edges) == len(SIDES):
-        left_m, right_m = (_lateral_offset(kept["centre"], kept[side])[0] for side in edges)
+        left_m, right_m = (_lateral_offset(accepted["centre"], accepted[side])[0] for side in edges)
         off_m, spacing_m = abs(left_m + right_m) / 2, abs(right_m - left_m)
-        turn = abs(np.rad2deg(_mean_angle(kept["centre"], [kept[side] for side in edges])))
+        turn = abs(np.rad2deg(_mean_angle(accepted["centre"], [accepted[side] for side in edges])))
         message = (
             f"the centre line is not midway: {off_m:.1f} m off where the lines are {spacing_m:.1f} m apart, turned by "
             f"{turn:.1f} degrees"

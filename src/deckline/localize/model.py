@@ -4,7 +4,7 @@ Unknowns are, for every line, its offset to its right, m, and its azimuth, rad; 
 units of their own 1-sigma: attitude about world x and y, focal length, depth scale, deck slope along and across.
 
 The aircraft's heading and position are not observable in one frame: their errors move the lines with them. Only the
-error of its height shows, against the reported deck height, and the prior of that height includes it.
+error of its height is observable, against the reported deck height; the prior of that height includes it.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from deckline.localize.observations import Observations
 
 Array = NDArray[np.float64]
 NUISANCES = 6
-MIN_SIGMA_M = 1e-4  # keeps weights of what is known exactly finite
+MIN_SIGMA_M = 1e-4  # bounds the weights of what is known exactly
 MIN_SIGMA_RAD = 1e-5
 MIN_DEPTH_FRACTION = 1e-4
 MIN_HEIGHT_M = 1e-2  # of the camera over the deck; smaller heights are clamped

@@ -22,15 +22,24 @@ class Observations:
     Rays are in the camera's optical frame with z = 1, lens distortion removed.
     """
 
-    names: tuple[str, ...]  # (L,) the lines in order
-    line: Index  # (N,) which line a point belongs to
-    rays: Array  # (N, 3)
-    steps: Array  # (N, 2) change of a ray by 1-sigma of the detector's u
-    row_step: float  # change of a ray by 1-sigma of the point's v
-    log_depth: Array  # (N,) of the depth camera, metres; NaN where there is none
-    body_m: Array  # (3,) world
-    camera_m: Array  # (3,) world
-    rotation: Array  # (3, 3) of world_from_camera
+    names: tuple[str, ...]
+    """(L,) the lines in order."""
+    line: Index
+    """(N,) which line a point belongs to."""
+    rays: Array
+    """(N, 3)."""
+    steps: Array
+    """(N, 2) change of a ray by 1-sigma of the detector's u."""
+    row_step: float
+    """Change of a ray by 1-sigma of the point's v."""
+    log_depth: Array
+    """(N,) logarithm of the depth camera's metres; NaN where there is none."""
+    body_m: Array
+    """(3,) world."""
+    camera_m: Array
+    """(3,) world."""
+    rotation: Array
+    """(3, 3) of world_from_camera."""
 
     @property
     def world_rays(self) -> Array:

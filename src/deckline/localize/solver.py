@@ -227,9 +227,10 @@ def noise_inflation(lines: list[Array], prior_correlation: float, prior_sigma: f
 
 
 def _restricted_likelihood(lines: list[Array], correlations: Array) -> tuple[Array, Array, int]:
-    """For each correlation (C,), whitened squares of all residuals without the fitted lines, and log determinants.
+    """Restricted likelihood of all residuals without the fitted lines, for each correlation (C,).
 
-    The number last is the degrees of freedom.
+    Returns:
+        (C,) sums of whitened squares; (C,) log determinants; degrees of freedom.
     """
     squares, volume, degrees = np.zeros(len(correlations)), np.zeros(len(correlations)), 0
     for residuals in lines:

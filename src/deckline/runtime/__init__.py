@@ -3,13 +3,13 @@
 import os
 
 from deckline.runtime.engines import describe_engines, describe_processor
-from deckline.runtime.session import Session, load_session
+from deckline.runtime.session import ModelSession, load_session
 from deckline.runtime.weights import ShippedModel, sha256_of, shipped_models, shipped_weights
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # ONNX Runtime decides for good when it is imported
 
 __all__ = [
-    "Session",
+    "ModelSession",
     "ShippedModel",
     "describe_engines",
     "describe_processor",

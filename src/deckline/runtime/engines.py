@@ -178,6 +178,6 @@ def compile_openvino(path: Path, engine: Engine, output_names: Sequence[str]) ->
 
 
 def get_line(error: Exception) -> str:
-    """The line of an error that says what is wrong: ONNX Runtime's first, OpenVINO's last."""
+    """The line of an error that has its cause: ONNX Runtime's first, OpenVINO's last."""
     lines = [line for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
     return lines[-1] if lines[0].startswith("Exception from") else lines[0]

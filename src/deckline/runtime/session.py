@@ -27,14 +27,17 @@ METADATA_KEY = "deckline"  # metadata_props key under which an exported model ca
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class ModelSession:
     """A loaded model. Several threads may call it at a time."""
 
     path: Path
-    config: dict[str, Any]  # what made the model; {} for a file that deckline did not export
+    """Of the model's file."""
+    config: dict[str, Any]
+    """The configuration that made the model; {} for a file that deckline did not export."""
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
     compute: Compute
+    """Arrays by input name -> arrays in the order of `output_names`."""
 
     def __call__(self, **inputs: NDArray[np.float32]) -> tuple[NDArray, ...]:
         """Run the model on arrays given by input name; outputs in the model's order.
@@ -53,13 +56,13 @@ class Session:
             raise ValueError(f"{self.path.name} cannot run on inputs {shapes}: {get_line(error)}") from error
 
 
-def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> Session:
+def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> ModelSession:
     """Open an ONNX file for inference.
 
     Args:
         path: a file exported by `deckline train`, or any other ONNX model.
         engine: what computes it.
-        spins: ONNX Runtime's idle threads keep their cores busy between operators; sooner done if nothing else runs.
+        spins: ONNX Runtime's idle threads spin between operators; faster where nothing else runs.
 
     Raises:
         ValueError: no such file, a file that is no ONNX model, or an engine that this machine has not.
@@ -74,7 +77,7 @@ def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> 
     elsewhere = engine.device == "openvino"  # ONNX Runtime then only reads names and metadata
     session = open_onnxruntime(path, CPU if elsewhere else engine, optimised=not elsewhere, spins=spins)
     output_names = tuple(value.name for value in session.get_outputs())
-    return Session(
+    return ModelSession(
         path=path,
         config=_read_config(path, session.get_modelmeta().custom_metadata_map),
         input_names=tuple(value.name for value in session.get_inputs()),

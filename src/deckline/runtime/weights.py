@@ -15,16 +15,23 @@ class ShippedModel:
     """One [[model]] of the manifest: where a file came from and what it reached."""
 
     name: str
-    file: str  # beside the manifest
+    file: str
+    """Beside the manifest."""
     sha256: str
-    kind: str  # "dehaze" or "detect"
-    command: str  # that made it
-    data: str  # command or preset and seed of the training recordings
+    """Hexadecimal, of the file."""
+    kind: str
+    """`dehaze` or `detect`."""
+    command: str
+    """That made it."""
+    data: str
+    """Command, or preset and seed, of the training recordings."""
     seed: int
     steps: int
+    """Of the training."""
     hardware: str
     date: str
-    figures: dict[str, Any] = field(default_factory=dict)  # measured after training, with what on
+    figures: dict[str, Any] = field(default_factory=dict)
+    """Measured after training, by name with the set that they were measured on."""
 
 
 def shipped_models(folder: Path = WEIGHTS) -> dict[str, ShippedModel]:
@@ -68,7 +75,7 @@ def shipped_weights(name: str, folder: Path = WEIGHTS) -> Path:
     found = sha256_of(path)
     if found != models[name].sha256:
         listed = models[name].sha256
-        raise ValueError(f"{path} was changed: SHA-256 is {found}, the manifest says {listed}; it is not loaded")
+        raise ValueError(f"{path} was changed: SHA-256 is {found}, the manifest has {listed}; it is not loaded")
     return path
 
 

@@ -17,6 +17,7 @@ from deckline.recording import open_recording, select_frames
 from deckline.runtime import describe_processor
 from deckline_lab.evaluation import benchmark as measure
 from deckline_lab.evaluation.tables import Figures, OutputFiles, publish
+from deckline_lab.rivals.catalog import flight_from_config
 
 
 def benchmark(
@@ -43,7 +44,7 @@ def benchmark(
         options: of the configuration.
     """
     config = options.run_config()
-    flight = Flight.from_config(config)
+    flight = flight_from_config(config)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         opened = unpack_sample(folder / "approach") if source is None else open_recording(source)

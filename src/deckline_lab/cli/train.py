@@ -9,6 +9,7 @@ import tyro
 from deckline.config_file import read_config
 from deckline.extras import needs_extra
 from deckline.runtime import shipped_models, shipped_weights
+from deckline_lab.rivals import LAB_WEIGHTS
 
 with needs_extra("train"):
     from deckline_lab.rivals.dehazers import DEHAZERS
@@ -137,7 +138,7 @@ def find_weights(source: str | None, network: str) -> Path | None:
         return None
     if source == SHIPPED or source in shipped_models():
         return shipped_weights(network if source == SHIPPED else source)
-    return Path(source)
+    return shipped_weights(source, LAB_WEIGHTS) if source in shipped_models(LAB_WEIGHTS) else Path(source)
 
 
 COMMANDS = {"dehaze": dehaze, "detect": detect}

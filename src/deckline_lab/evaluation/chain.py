@@ -23,6 +23,7 @@ from deckline_lab.evaluation.metrics import below_horizon, distance_px, normal_p
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, OutputFiles, Table, number, publish
 from deckline_lab.labels import Labels
+from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import VISIBILITY_M, median_and_p95
 
 FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
@@ -115,7 +116,7 @@ def recording(
 
 
 def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path | None, output: OutputFiles) -> int:
-    flight = Flight.from_config(config)
+    flight = flight_from_config(config)
     store = Store(out, "chain.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
 
     def score(sample: Sample) -> dict[str, Any]:
@@ -273,7 +274,7 @@ def labels(
         out: folder of every frame's errors; a stopped command resumes from it.
         output: files of the results.
     """
-    flight = Flight.from_config(single_frames_with(dehazer, detector))
+    flight = flight_from_config(single_frames_with(dehazer, detector))
     sets = [Recorded(folder, deck_z_m) for folder in folders]
     store = Store(out, "labels.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
 

@@ -21,11 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import deckline.dehaze
-from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer, restore
+from deckline.dehaze import Dehazer, OnnxDehazer, restore
 from deckline.dehaze.base import DehazeResult
 from deckline.runtime import sha256_of
 from deckline.types import Frame
+from deckline_lab import rivals
 from deckline_lab.evaluation.dehazing_pairs import open_pairs
+from deckline_lab.rivals.catalog import ALL_DEHAZERS
 
 USUAL_FILES = ("dehaze.onnx", "detect.onnx")  # as `deckline train` calls them: their folder says more
 NO_REDUCTION_PX = 10**9  # a working size that no image exceeds
@@ -33,7 +35,7 @@ RESET_PEAK = Path("/proc/self/clear_refs")  # proc(5): 5 sets the peak resident 
 
 
 def by_name(given: Iterable[str]) -> dict[str, str]:
-    """Name to show -> name in DEHAZERS or path, each once.
+    """Name to show -> name in ALL_DEHAZERS or path, each once.
 
     Raises:
         ValueError: neither a dehazer's name nor an .onnx file, or two files with one name.
@@ -48,11 +50,11 @@ def by_name(given: Iterable[str]) -> dict[str, str]:
 
 def shown_name(given: str) -> str:
     """What a table calls it: the name itself; a file's, or its folder's for a file called dehaze.onnx."""
-    if given in DEHAZERS:
+    if given in ALL_DEHAZERS:
         return given
     if not given.endswith(".onnx"):
         raise ValueError(
-            f"unknown dehazer {given!r}: use one of {', '.join(DEHAZERS)}, or the path of an .onnx file "
+            f"unknown dehazer {given!r}: use one of {', '.join(ALL_DEHAZERS)}, or the path of an .onnx file "
             f"(sources stand before --dehazer)"
         )
     return file_label(Path(given))
@@ -69,7 +71,7 @@ def detector_label(given: str) -> str:
 
 
 def build_dehazer(given: str, full_size: bool = False) -> Dehazer:
-    """A dehazer with its model loaded, by its name in DEHAZERS or the path of an .onnx file.
+    """A dehazer with its model loaded, by its name in ALL_DEHAZERS or the path of an .onnx file.
 
     With `full_size`, networks without a coarse grid work on the whole picture, not on one averaged down.
 
@@ -77,7 +79,7 @@ def build_dehazer(given: str, full_size: bool = False) -> Dehazer:
         ValueError: an .onnx file that is missing or no dehazer.
     """
     name = shown_name(given)
-    dehazer = DEHAZERS[given]() if given in DEHAZERS else OnnxDehazer(Path(given), name)
+    dehazer = ALL_DEHAZERS[given]() if given in ALL_DEHAZERS else OnnxDehazer(Path(given), name)
     if full_size and isinstance(dehazer, OnnxDehazer) and not dehazer.coarse:
         dehazer.working_long_side_px = NO_REDUCTION_PX
     return dehazer
@@ -92,8 +94,8 @@ def model_of(dehazer: Dehazer) -> str:
 
 
 def _code() -> str:
-    folder = Path(deckline.dehaze.__file__).parent
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
+    files = [*Path(deckline.dehaze.__file__).parent.glob("*.py"), *Path(rivals.__file__).parent.glob("*.py")]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()
 
 
 def size_of(dehazer: Dehazer) -> tuple[int, int] | None:
@@ -122,7 +124,7 @@ class SharedDehazer:
 class CostTask:
     """One run."""
 
-    dehazer: str  # name in DEHAZERS, or path of an .onnx file
+    dehazer: str  # name in ALL_DEHAZERS, or path of an .onnx file
     source: str
     key: str  # of the pair whose hazy picture is dehazed
     size_px: tuple[int, int]  # width, height that the picture is resized to

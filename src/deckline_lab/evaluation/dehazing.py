@@ -43,6 +43,7 @@ from deckline_lab.evaluation.no_reference import no_reference_figures, visible_r
 from deckline_lab.evaluation.pictures import sheet
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import TO_TERMINAL, Output, made_with, publish
+from deckline_lab.rivals.catalog import flight_from_config
 from deckline_sim.progress import progress
 
 NO_DETECTOR = "none"
@@ -185,7 +186,7 @@ def _load(config: DehazingConfig) -> Bench:
     dehazers = {name: build_dehazer(given, config.full_size) for name, given in named.items()}
     flight = None
     if config.detector != NO_DETECTOR:
-        flight = Flight.from_config(single_frames_with(NOT_DEHAZED, config.detector))
+        flight = flight_from_config(single_frames_with(NOT_DEHAZED, config.detector))
     heights = config.deck_z_m, config.sea_z_m
     sources = tuple(open_pairs(path, config.every, *heights, config.with_depth) for path in config.sources)
     if not any(source.keys for source in sources):

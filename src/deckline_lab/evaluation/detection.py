@@ -13,7 +13,6 @@ import tyro
 from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED
 from deckline.detect import Detector
-from deckline.flight import Flight
 from deckline.report.bands import share
 from deckline.report.provenance import settings_of
 from deckline.types import Detection
@@ -33,6 +32,7 @@ from deckline_lab.evaluation.frames import FrameSet, RenderOptions, Sample, name
 from deckline_lab.evaluation.pictures import write_worst
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
+from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import paired_difference
 
 SCORES_FILE = "scores.jsonl"
@@ -97,7 +97,7 @@ def detection(
     if prior_sigma_m is not None and not (math.isfinite(prior_sigma_m) and prior_sigma_m >= 0):
         raise ValueError(f"--prior-sigma-m must be a number of metres, 0 or more, got {prior_sigma_m}")
     sets = render.open_sets(sources)
-    flight = Flight.from_config(single_frames_with(dehazer, detector))
+    flight = flight_from_config(single_frames_with(dehazer, detector))
     settings = {**settings_of(flight), "prior_sigma_m": prior_sigma_m}
 
     def find(sample: Sample) -> Detection:
@@ -141,7 +141,7 @@ def detectors(
     loaded: dict[str, Detector] = {}
     for each in dict.fromkeys(detector):
         for before in dict.fromkeys(dehazer):
-            flight = Flight.from_config(single_frames_with(before, each))
+            flight = flight_from_config(single_frames_with(before, each))
             restorer = restorers.setdefault(before, SharedDehazer(flight.dehazer))
             key = (detector_label(each), detector_label(before))
             if key in methods:

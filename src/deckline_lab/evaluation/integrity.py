@@ -42,6 +42,7 @@ from deckline_lab.evaluation.integrity_score import (
 )
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
+from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import share_interval
 from deckline_sim.processes import map_ordered
 from deckline_sim.progress import progress
@@ -141,7 +142,7 @@ class IntegrityConfig:
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    models = Flight.from_config(config.flights.run) if config.rendered else None
+    models = flight_from_config(config.flights.run) if config.rendered else None
     points = {"points": asdict(config.point_noise)} if models is None else settings_of(models)
     settings = {**flight_settings(config.flights), "run": to_toml_text(config.flights.run), "seen by": points}
     with Store(config.out, STATES_FILE, settings) as store:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deckline.haze import beta_from_visibility, transmission
+from deckline.haze import beta_from_visibility, blend_airlight, transmission
 from deckline.types import Frame, Segment
 from deckline_lab.evaluation.integrity_faults import to_right
 
@@ -77,7 +77,7 @@ def see_through_haze(frame: Frame, point_m: NDArray[np.float64], level: float) -
     airlight = np.full(3, level) if truth.airlight_rgb is None else np.asarray(truth.airlight_rgb, np.float64)
     beta = beta_from_visibility(truth.visibility_m) if truth.visibility_m else 0.0
     t = float(transmission(np.linalg.norm(_to_camera(frame, point_m)), beta))
-    return np.asarray(t * level + (1 - t) * airlight)
+    return blend_airlight(np.full(3, level), airlight, t)
 
 
 def _to_camera(frame: Frame, points_m: NDArray[np.float64]) -> NDArray[np.float64]:

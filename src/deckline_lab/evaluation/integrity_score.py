@@ -9,7 +9,6 @@ import numpy as np
 
 from deckline.config import Approach
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED
-from deckline.detect import ClassicalDetector
 from deckline.flight import Flight, FrameResult
 from deckline.truth import passing_distance_m, range_to_ramp_m, true_guidance, true_line, true_segments
 from deckline.types import Frame, Status
@@ -17,6 +16,7 @@ from deckline_lab.evaluation.approaches import FlightsConfig, Sighting
 from deckline_lab.evaluation.integrity_faults import FAULTS, inject
 from deckline_lab.evaluation.integrity_frames import FRAME_FAULTS, inject_frames
 from deckline_lab.evaluation.localization_score import pilot_figures
+from deckline_lab.rivals.classical import ClassicalDetector
 
 ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
 SETTLED_S = 2.0  # after the first guidance: contradictions have had time to show

@@ -9,7 +9,7 @@ import numpy as np
 
 from deckline.config import Models, RunConfig
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED
-from deckline.detect import ClassicalDetector, Detector
+from deckline.detect import Detector
 from deckline.flight import Flight
 from deckline.localize import Localizer, localize
 from deckline.report.provenance import settings_of
@@ -17,6 +17,8 @@ from deckline.types import Detection, Frame
 from deckline_lab.evaluation.approaches import PointNoise
 from deckline_lab.evaluation.chain import single_frames
 from deckline_lab.evaluation.dehazers import SharedDehazer, detector_label
+from deckline_lab.rivals.catalog import flight_from_config
+from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_lab.rivals.sgd import localize_by_descent
 
 Sighting = tuple[Frame, Detection | None]  # a frame, and its detection where that is modelled
@@ -83,7 +85,7 @@ def load(methods: Sequence[Method]) -> Bench:
     dehazers: dict[str, SharedDehazer] = {}
     detectors: dict[str, Detector] = {}
     for method in methods:
-        flight = Flight.from_config(method.config)
+        flight = flight_from_config(method.config)
         settings[method.name] = {**settings_of(flight), "estimator": method.localizer.__name__}
         dehazers.setdefault(method.config.models.dehazer, SharedDehazer(flight.dehazer))
         detectors.setdefault(method.config.models.detector, flight.detector)

@@ -12,13 +12,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze.dark_channel import DarkChannelConfig, dark_channel
+from deckline.dehaze.filters import dark_channel
 from deckline.dehaze.pixel_map import linear_levels
 from deckline_lab.evaluation.tables import Figures, Table, number
 from deckline_sim.visible_line import VisibleLine, measure_contrast
 
 LONG_SIDE_PX = 640  # pictures are averaged down to about this: the papers' size, and less noise
 VISIBLE_CONTRAST = 0.05  # CIE: the least contrast that counts as visible
+DARK_CHANNEL_PX = 15  # side of its window, as He et al. 2011 have it
 BLOCK_PX = 4  # windows are two blocks wide and overlap by one; the paper's are 7 px wide, 4 px apart
 LEVELS = 256
 LEAST_IN_HAZE = 1.0  # grey levels of a line in the hazy picture: less is quantisation, and its enhancement no line
@@ -191,4 +192,4 @@ def _gradient(grey: Grey) -> NDArray[np.float32]:
 
 
 def _mean_dark_channel(image_rgb: NDArray[np.uint8]) -> float:
-    return float(dark_channel(image_rgb.astype(np.float32) / 255, DarkChannelConfig.patch_px).mean())
+    return float(dark_channel(image_rgb.astype(np.float32) / 255, DARK_CHANNEL_PX).mean())

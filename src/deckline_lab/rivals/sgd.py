@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
 from deckline.localize.depth import MIN_LINE_POINTS, DeckPoints
-from deckline.localize.localize import PlacedLines, localize, locate_inliers
-from deckline.localize.runway import LineFit, drop_contradictions, drop_unsure
+from deckline.localize.line_fit import LineFit, drop_contradictions, drop_unsure
+from deckline.localize.localizer import PlacedLines, localize, locate_inliers
 from deckline.localize.solver import CORRELATION, CORRELATION_SIGMA, noise_inflation
 from deckline.types import DepthMode, Detection, Diagnostic, Frame, PixelLine, Reason, RunwayEstimate
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from torch import Tensor, nn
 
-from deckline.dehaze.network import image_to_tensor, tensor_to_image
+from deckline.dehaze.tensors import image_to_tensor, tensor_to_image
 from deckline.haze import add_haze, beta_from_visibility
 from deckline_lab.evaluation.metrics import psnr_db, ssim
 from deckline_lab.train.dehaze_network import SHAPES, Attention, DehazeNetwork, DehazeNetworkConfig, Transformer

@@ -13,9 +13,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from torch import Tensor
 
 from deckline.checks import check_numbers
-from deckline.dehaze.geometry import GeometryDehazer
-from deckline.dehaze.network import image_to_tensor
+from deckline.dehaze.by_pose import GeometryDehazer
 from deckline.dehaze.pixel_map import display_levels, linear_levels
+from deckline.dehaze.tensors import image_to_tensor
 from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
 from deckline.types import Frame

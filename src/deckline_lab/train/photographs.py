@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.dehaze.airlight import find_sky, find_smooth_top
-from deckline.dehaze.dark_channel import guided_coefficients
+from deckline.dehaze.filters import guided_coefficients
 from deckline.dehaze.pixel_map import display_levels, linear_levels
 from deckline.dehaze.veil import VeilDehazer, to_full_scale
 from deckline.geometry import Camera

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.dehaze.network import average_down, image_to_tensor, reduction_factor, tensor_to_image
+from deckline.dehaze.tensors import average_down, image_to_tensor, reduction_factor, tensor_to_image
 from deckline.geometry import Camera
 from deckline.recording import FrameError, open_recording
 from deckline.recording.airsim import RECORD_FILE

@@ -15,6 +15,7 @@ from deckline.haze import (
     Wave,
     add_haze,
     beta_from_visibility,
+    blend_airlight,
     scatter,
     triple,
     visibility_from_beta,
@@ -276,7 +277,7 @@ def meter_view(view: Rendering, air: Atmosphere, air_to_come: bool) -> float:
     if air_to_come and any(air.extinction_per_m):
         depth = np.nan_to_num(view.depth_m[::METER_STEP, ::METER_STEP], nan=np.inf)
         t = np.exp(-np.float32(air.extinction_per_m[1]) * depth)[..., None]
-        light = light * t + np.asarray(air.airlight, np.float32) * (1 - t)
+        light = blend_airlight(light, np.asarray(air.airlight, np.float32), t)
     return meter(light)
 
 

@@ -12,6 +12,7 @@ from deckline.extras import needs_extra
 from deckline.runtime import shipped_weights
 from deckline_lab.cli import train as commands
 from deckline_lab.cli.train import DehazeFlags, DetectFlags, find_weights, make_recipe
+from deckline_lab.rivals import LAB_WEIGHTS
 from deckline_lab.train import loop
 from deckline_lab.train.checkpoint import read_progress
 from deckline_lab.train.dehaze import DehazeTrainConfig
@@ -62,6 +63,7 @@ def test_shipped_weights_are_those_that_fly(tmp_path, monkeypatch):
 
 def test_first_weights_have_the_names_of_shipped_models():
     assert find_weights("ufld", "hybrid") == shipped_weights("ufld")
+    assert find_weights("paper-scene", "coarse-t") == LAB_WEIGHTS / "paper-scene.onnx"
     assert find_weights("runs/first", "hybrid") == Path("runs/first")
     assert find_weights(None, "hybrid") is None
     with pytest.raises(ValueError, match="enet-sad"):

@@ -7,9 +7,9 @@ from hazy_recording import HORIZON_ROW, last_error, measured, pictures, run, wri
 from skimage.metrics import peak_signal_noise_ratio
 
 import deckline
-from deckline.dehaze import DarkChannelDehazer
 from deckline_lab.evaluation.dehazing import SCORES_FILE
 from deckline_lab.evaluation.no_reference import no_reference_figures, summarise_no_reference
+from deckline_lab.rivals.dark_channel import DarkChannelDehazer
 
 
 @pytest.fixture

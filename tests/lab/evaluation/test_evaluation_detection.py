@@ -8,7 +8,7 @@ from level_deck import deck
 
 from approach_scene import CAMERA, chain, frame
 from deckline.cli.main import main
-from deckline.detect import DETECTORS, ClassicalDetector
+from deckline.detect import DETECTORS
 from deckline.recording import RecordingWriter
 from deckline.types import Detection, LinePoints
 from deckline_lab.evaluation.dehazers import detector_label
@@ -27,6 +27,7 @@ from deckline_lab.evaluation.pictures import figures_line, write_worst
 from deckline_lab.evaluation.tables import markdown
 from deckline_lab.labels import LabelledImage, write_labels
 from deckline_lab.labels.of_frame import label_frame
+from deckline_lab.rivals.classical import ClassicalDetector
 
 
 @pytest.fixture(scope="module")

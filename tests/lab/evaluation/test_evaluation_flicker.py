@@ -115,7 +115,7 @@ def test_clear_air_is_its_own_truth(approach):
         (["--every", "0"], "--every must be at least 1, got 0"),
         (["--limit", "1"], "--limit must be at least 2, got 1"),
         (["--camera-depth-m", "-5"], "--camera-depth-m must be at least 0, got -5"),
-        (["--dehazer", "fog-lamp"], "unknown dehazer 'fog-lamp': use one of none, dark-channel"),
+        (["--dehazer", "fog-lamp"], "unknown dehazer 'fog-lamp': use one of none, veil"),
         (["--dehazer", "clear/dehaze.onnx"], "clear/dehaze.onnx would be called clear, as the truth is"),
         (["--dehazer", "a/b.onnx", "c/b.onnx"], "a/b.onnx and c/b.onnx would both be called b"),
         (["--every", "9"], "no two frames follow each other"),

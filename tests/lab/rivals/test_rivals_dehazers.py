@@ -14,7 +14,7 @@ from torch import nn
 from clear_scene import QUICK, clear_frame, clear_recording, interrupting, striped_deck
 from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
-from deckline.dehaze.network import image_to_tensor, pad
+from deckline.dehaze.tensors import image_to_tensor, pad
 from deckline_lab.rivals.dehazers import DEHAZERS, RIVALS
 from deckline_lab.train import loop
 from deckline_lab.train.checkpoint import CHECKPOINT_FILE, read_tensors

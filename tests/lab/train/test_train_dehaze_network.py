@@ -14,10 +14,10 @@ import torch
 from clear_scene import striped_deck
 from deckline.config import Engine
 from deckline.dehaze import GeometryDehazer, OnnxDehazer
-from deckline.dehaze.geometry import GeometrySolution
+from deckline.dehaze.by_pose import GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit, NotFitted
-from deckline.dehaze.network import average_down, image_to_tensor, pad
 from deckline.dehaze.pixel_map import PixelMap
+from deckline.dehaze.tensors import average_down, image_to_tensor, pad
 from deckline.geometry import Camera
 from deckline.types import Frame
 from deckline_lab.train.dehaze import export_dehaze

@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 Region = tuple[float, float, float, float]
 MIN_SPACING_M, MAX_SPACING_M = 5.0, 60.0  # of a runway's edge lines
 MAX_ANGLE_RAD = float(np.deg2rad(4.0))  # between the lines, beside twice its own 1-sigma
-MAX_AZIMUTH_SIGMA_RAD = float(np.deg2rad(2.0))  # of a line that is kept
-CLEARLY_BETTER = 3.0  # ratio of azimuth 1-sigmas from which the surer of two contradicting lines is kept
+MAX_AZIMUTH_SIGMA_RAD = float(np.deg2rad(2.0))  # of a line that is accepted
+CLEARLY_BETTER = 3.0  # ratio of azimuth 1-sigmas from which the surer of two contradicting lines is accepted
 MAX_END_STEP_M = 10.0  # between the near ends of the lines along the runway, beside three times its 1-sigma
 # Between a line's near end and the edge of the searched part: detectors lose the end of a line that runs out of view.
 MARGIN_STEPS = 2.0  # from point to point
@@ -36,35 +36,46 @@ MARGIN_SHARE = 0.15  # of the line's visible length
 class LineFit:
     """A fitted line and its sensitivity to each noise source.
 
-    Columns of the sensitivities are independent sources of 1-sigma each; fits of one frame share them, so their
-    joint covariance is known. Rows: offset across the line to its right, m; azimuth, rad; z, m.
+    Columns of the sensitivities are independent sources of 1-sigma each. Fits of one frame share them, so that their
+    joint covariance is known. Rows are the offset to the right of the line, m; azimuth, rad; z, m.
     """
 
-    point_m: Array  # (3,)
+    point_m: Array
+    """(3,) a point of the line, world."""
     azimuth_rad: float
-    own: Array  # (3, M) noise of the points, and prior knowledge of the lines' geometry
-    common: Array  # (3, K) pose, calibration and deck
-    relative: Array  # (3, K) the same as seen from the aircraft
-    errors: LineErrors | None = None  # None: not known
+    """Direction of landing, from world x (north) to y (east)."""
+    own: Array
+    """(3, M) noise of the points, and of the prior of the lines' geometry."""
+    common: Array
+    """(3, K) pose, calibration and deck, in the world."""
+    relative: Array
+    """(3, K) the same, relative to the aircraft."""
+    errors: LineErrors | None = None
+    """Sensitivity to errors that frames share; None: not known."""
 
     @property
     def runway_line(self) -> RunwayLine:
+        """The line with its covariances, as an estimate holds it."""
         return RunwayLine(self.point_m, self.azimuth_rad, self.covariance, self.relative_covariance, self.errors)
 
     @property
     def direction(self) -> Array:
+        """(2,) unit vector along the line, world x and y."""
         return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad)])
 
     @property
     def right(self) -> Array:
+        """(2,) unit vector to the right of the line, world x and y."""
         return np.array([-np.sin(self.azimuth_rad), np.cos(self.azimuth_rad)])
 
     @property
     def covariance(self) -> Array:
+        """(3, 3) of offset, azimuth and z in the world."""
         return self.own @ self.own.T + self.common @ self.common.T
 
     @property
     def relative_covariance(self) -> Array:
+        """(3, 3) of offset, azimuth and z relative to the aircraft."""
         return self.own @ self.own.T + self.relative @ self.relative.T
 
 
@@ -72,13 +83,18 @@ class LineFit:
 class NearEnds:
     """Where the left and the right line begin, along the centre line from its point."""
 
-    along_m: Array  # (2,)
-    variance: Array  # (2,) m2, of each alone
-    common_m: Array  # (K,) shift of their mean by common sources of 1-sigma
-    distance_per_height: float  # along the deck: shift of the ends per error of the height
+    along_m: Array
+    """(2,)."""
+    variance: Array
+    """(2,) m2, of each end's own error."""
+    common_m: Array
+    """(K,) shift of their mean by common sources of 1-sigma."""
+    distance_per_height: float
+    """Shift of the ends along the deck per error of the height."""
 
     @property
     def separation_m(self) -> float:
+        """Between both ends along the runway."""
         return float(abs(self.along_m[0] - self.along_m[1]))
 
 
@@ -100,8 +116,9 @@ def check_pixel_order(lines: dict[str, PixelLine]) -> Diagnostic | None:
 def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Diagnostics]:
     """The fits that do not contradict each other, and why others were dropped.
 
-    Of two lines that contradict each other in spacing or direction, the clearly surer one stays, or neither; of two
-    whose order is wrong neither stays, as their names are in doubt. The fits must be independent of each other.
+    Of two lines that contradict each other in spacing or direction, only the clearly surer one is accepted, or neither.
+    Of two lines in the wrong order neither is accepted, since their names are in doubt. The fits must be independent of
+    each other.
     """
     if not set(SIDES) <= set(fits):
         return fits, ()
@@ -123,14 +140,14 @@ def drop_contradictions(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], D
     best = min(azimuth_sigma, key=lambda side: azimuth_sigma[side])
     if max(azimuth_sigma.values()) < CLEARLY_BETTER * azimuth_sigma[best]:
         return {}, (Diagnostic(reason, f"{message}; neither is clearly the better one"),)
-    return {best: fits[best]}, (Diagnostic(reason, f"{message}; only the surer one, {best}, is kept"),)
+    return {best: fits[best]}, (Diagnostic(reason, f"{message}; only the surer one, {best}, is used"),)
 
 
 def drop_unsure(fits: dict[str, LineFit]) -> tuple[dict[str, LineFit], Diagnostics]:
     """The fits whose direction is certain enough, and which were dropped."""
-    kept = {side: fit for side, fit in fits.items() if np.sqrt(fit.covariance[1, 1]) <= MAX_AZIMUTH_SIGMA_RAD}
-    dropped = (side for side in fits if side not in kept)
-    return kept, tuple(
+    accepted = {side: fit for side, fit in fits.items() if np.sqrt(fit.covariance[1, 1]) <= MAX_AZIMUTH_SIGMA_RAD}
+    dropped = (side for side in fits if side not in accepted)
+    return accepted, tuple(
         Diagnostic(Reason.UNSURE, f"the direction of the {side} line is too uncertain") for side in dropped
     )
 
@@ -166,7 +183,7 @@ def find_near_ends(
     centre: LineFit,
     region_px: Region | None,
 ) -> NearEnds | Diagnostic:
-    """Where both lines begin, or why it is not known: both must end inside the part that the detector searched.
+    """Where both lines begin, or why it is not known. Both must end inside the region that the detector searched.
 
     Detectors give points by rows or columns of the image: the true end lies between the last point and the next row or
     column. The estimate is the middle of that gap, its 1-sigma the whole gap on the ground.
@@ -212,7 +229,7 @@ def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Diagnostic
     return Diagnostic(Reason.LINE_ENDS, f"the lines begin {ends.separation_m:.0f} m apart along the runway")
 
 
-def locate_ramp(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:
+def ramp_from_ends(ends: NearEnds, centre: LineFit) -> tuple[Array, float]:
     """Where the centre line begins, (3,) world, and its 1-sigma along the deck."""
     variance = ends.variance.sum() / 4 + (ends.separation_m / 2) ** 2 + ends.common_m @ ends.common_m
     point = centre.point_m + ends.along_m.mean() * np.array([*centre.direction, 0.0])

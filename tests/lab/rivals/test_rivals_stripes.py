@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from drawn_deck import BOTTOM, TOP, at, deck
 
-from deckline.detect.stripes import StripeConfig, find_stripes, midline, stripe_response
+from deckline_lab.rivals.stripes import StripeConfig, find_stripes, midline, stripe_response
+from detect.drawn_deck import BOTTOM, TOP, at, deck
 
 
 def test_response_is_the_contrast_of_a_matching_stripe() -> None:
@@ -35,7 +35,7 @@ def test_a_stripe_is_found_where_it_was_drawn(share: float) -> None:
     assert line.fill > 0.98 and 120 < line.contrast < 145
 
 
-def test_the_midline_two_lines_is_halfway() -> None:
+def test_the_midline_of_two_lines_is_halfway() -> None:
     left, right = sorted(find_stripes(deck([0.2, 0.5]), StripeConfig()), key=lambda line: line.at_top)
     middle = midline(left, right)
     for v in (200, 400):

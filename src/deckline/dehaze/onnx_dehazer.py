@@ -1,42 +1,49 @@
-"""The trained dehazing network as an ONNX file: image to tensor and back, inference, blending with geometry.
+"""The trained dehazing network as an ONNX file: inference, and its blend with the geometry dehazer's result.
 
-A network takes an overcast sea for a hazy one. Where pose and image tell how clear the air is, that counts: clear air
-is left as it is, whatever the network says. In haze geometry's image is moved towards the network's where both agree;
-where they do not, the network is more often far off. With a pose but without a fit, the network's change is made in
-full only where it is certain that there is haze. With a pose the network tells a gain and offsets for every angle below
-the horizontal, as haze over a sea has them, and no more. Without a pose a change that is no larger than what the
-network does to clear images is not made; on photographs of haze that change does harm, so that the shipped networks
-leave images without a pose to another dehazer.
+The network mistakes an overcast sea for a hazy one. So the blend goes by what pose and image show:
+- Clear air by the fit: the image stays as it is, whatever the network's output.
+- Haze by the fit: geometry's result is moved towards the network's where both agree. Where they differ, the network has
+  the larger error more often.
+- A pose without a fit: the network's change is made in full only where haze is certain.
+- No pose: a change as small as the network makes in clear images is not made. On photographs of haze the network's
+  change does harm, so that the shipped networks leave images without a pose to another dehazer.
+
+With a pose, only a gain and offsets for each angle below the horizontal are taken from the network, as haze over a sea
+has them.
 """
 
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deckline.checks import check_image
 from deckline.config import CPU, Engine
 from deckline.dehaze.base import Dehazer, DehazeResult, linear_step, mix, restore
-from deckline.dehaze.geometry import USUAL_HEIGHT_M, GeometryDehazer, GeometrySolution, downscale_frame
+from deckline.dehaze.by_pose import USUAL_HEIGHT_M, GeometryDehazer, GeometrySolution, downscale_frame
+from deckline.dehaze.filters import max_channel
 from deckline.dehaze.haze_fit import NotFitted
 from deckline.dehaze.pixel_map import PixelMap
-from deckline.dehaze.transmission import max_channel
+from deckline.dehaze.tensors import (
+    MIN_SIDE_PX,
+    Image,
+    Tensor,
+    average_down,
+    image_to_tensor,
+    pad,
+    reduction_factor,
+    tensor_to_image,
+    upsample_guided,
+)
 from deckline.runtime import load_session
 from deckline.types import Frame
-
-Image = NDArray[np.uint8]
-Tensor = NDArray[np.float32]
-
-GUIDE_RADIUS, GUIDE_RIDGE = 4, 1e-4  # of the guided filter: window, px of the small image; on the variance, range 0..1
-MIN_SIDE_PX = 32  # smaller images are padded first: reflection inside the network needs more pixels than it adds
 
 # Chosen on nine random sets of 150 m to 20 km and clear air: docs/experiments/2026-11-dehazing-blend.md
 CLEAR_M = (7000.0, 9000.0)  # fitted visibility: from here on less is removed, and from here on nothing
 NETWORK_SHARE = 0.3  # where both agree
-AGREE_LEVELS = 20.0  # apart: the network counts half of that, so that it never moves geometry by more than 3 levels
+AGREE_LEVELS = 20.0  # a difference at which its share is half, so that it never moves geometry by more than 3 levels
 ANGLE_BANDS = 12  # of equally many pixels
 BAND_STEP = 3  # every so many-th pixel, along rows and columns, is read
-BAND_RIDGE = 9.0  # squared levels: a band that shows no more than that tells no gain
+BAND_RIDGE = 9.0  # squared levels: a band that shows no more than that determines no gain
 MAX_BAND_GAIN = 4.0
 CHANGE_PX = 320  # longer side of the image that the network changes
 CHANGE_LEVELS = (6.0, 9.0)  # rms: so little is not done; so much is done in full. Clear views change by 7, hazy by 28
@@ -52,18 +59,17 @@ CHANGE_STEP = 4  # every so many-th pixel, along rows and columns, is compared f
 class OnnxDehazer:
     """Runs an exported network on images of any size.
 
-    Every network sees an image averaged down to about the size that it was trained on. A coarse network takes both
-    sizes and brings its K and B to full size itself; another network's result is upsampled along the image's edges.
-    A network with a prior starts from the geometry dehazer's result of a frame with a pose, and from the image itself
-    where there is none.
+    Every network gets an image averaged down to about the size that it was trained on. A coarse network gets both sizes
+    and upsamples its result itself; another network's result is upsampled along the image's edges. A network with a
+    prior starts from the geometry dehazer's result of a frame with a pose, and from the image itself without one.
 
     Args:
         path: file made by `deckline train dehaze`.
         name: for reports; the file's name when not given.
         engine: what computes the network.
-        network_only: give what the network gives. Otherwise the result of one with a prior is blended with geometry's,
-            and changes too small to be haze are not made.
-        without_pose: takes images alone and frames without a pose; None: the network takes them.
+        network_only: return the network's result as it is. Otherwise the result of a network with a prior is blended
+            with geometry's, and changes too small to be haze are not made.
+        without_pose: dehazes images alone and frames without a pose; None: the network does.
 
     Raises:
         ValueError: no ONNX file, one that is no dehazing network of deckline, or an engine that is not there.
@@ -82,7 +88,7 @@ class OnnxDehazer:
         config = self.session.config
         if config.get("kind") != "dehaze":
             raise ValueError(
-                f"{path} is no dehazing network: its metadata says kind {config.get('kind')!r}, expected 'dehaze'"
+                f"{path} is no dehazing network: its metadata have kind {config.get('kind')!r}, expected 'dehaze'"
             )
         self.coarse = "working" in self.session.input_names
         self.geometry = GeometryDehazer() if config["network"].get("prior") else None
@@ -94,7 +100,7 @@ class OnnxDehazer:
 
     @property
     def cost(self) -> tuple[int, int] | None:
-        """Parameters, and multiply-accumulates at 256x256; None for a file that does not say."""
+        """Parameters, and multiply-accumulates at 256x256; None for a file without them."""
         config = self.session.config
         return (config["parameters"], config["macs_256"]) if "macs_256" in config else None
 
@@ -159,84 +165,15 @@ class OnnxDehazer:
         return image_to_tensor(pad(image_rgb, factor * self.grid_px, factor * self.min_side_px))
 
 
-def image_to_tensor(image_rgb: Image) -> Tensor:
-    """(H, W, 3) uint8 -> (1, 3, H, W) float32 in 0..1, contiguous."""
-    check_image(image_rgb)
-    return np.ascontiguousarray(image_rgb.transpose(2, 0, 1)[None], dtype=np.float32) / np.float32(255)
-
-
-def tensor_to_image(tensor: Tensor) -> Image:
-    """(1, 3, H, W) -> (H, W, 3) uint8; values outside 0..1 are clipped, never wrapped, and NaN becomes 0."""
-    scaled = np.nan_to_num(tensor[0] * np.float32(255), nan=0.0)
-    return np.ascontiguousarray(np.clip(np.rint(scaled), 0, 255).astype(np.uint8).transpose(1, 2, 0))
-
-
-def reduction_factor(height: int, width: int, working_long_side_px: int) -> int:
-    """Whole factor by which an image is averaged down so that its long side comes near the working size."""
-    if working_long_side_px < MIN_SIDE_PX:
-        raise ValueError(f"working_long_side_px must be at least {MIN_SIDE_PX}, got {working_long_side_px}")
-    return max(1, round(max(height, width) / working_long_side_px))
-
-
-def pad(image_rgb: Image, multiple: int, min_side_px: int = MIN_SIDE_PX) -> Image:
-    """The image continued below and right by its edge pixels, to sides that are a multiple and not too short, px."""
-    height, width = image_rgb.shape[:2]
-    least = -(-min_side_px // multiple) * multiple
-    bottom, right = (max(-side % multiple, least - side) for side in (height, width))
-    return np.pad(image_rgb, ((0, bottom), (0, right), (0, 0)), mode="edge") if bottom or right else image_rgb
-
-
-def average_down(tensor: Tensor, factor: int) -> Tensor:
-    """(1, 3, H, W) -> (1, 3, H / factor, W / factor), the mean of every block.
-
-    Raises:
-        ValueError: a size that is no multiple of the factor.
-    """
-    height, width = tensor.shape[2:]
-    if height % factor or width % factor:
-        raise ValueError(f"size {width}x{height} px is no multiple of {factor}")
-    total = sum(tensor[:, :, i::factor, j::factor] for i in range(factor) for j in range(factor))
-    return np.ascontiguousarray(total / np.float32(factor * factor), dtype=np.float32)
-
-
-def upsample_guided(image: Tensor, small: Tensor, result: Tensor, factor: int) -> Tensor:
-    """A small image's result at full size, with the edges of the full image.
-
-    In every window and channel the result is taken as linear in the image; slope and offset are upsampled.
-    Source: fast guided filter (He and Sun 2015).
-
-    Args:
-        image: (1, C, H, W) in 0..1.
-        small: (1, C, H / factor, W / factor), the image averaged down.
-        result: of its shape.
-        factor: 1 gives the result as it is.
-    """
-    if factor == 1:
-        return result
-    import cv2
-
-    side = (2 * GUIDE_RADIUS + 1,) * 2
-    size = (image.shape[3], image.shape[2])
-    full = np.empty_like(image)
-    for k in range(image.shape[1]):
-        guide, wanted = small[0, k], np.ascontiguousarray(result[0, k], dtype=np.float32)
-        mean_guide, mean_wanted = cv2.blur(guide, side), cv2.blur(wanted, side)
-        variance = np.maximum(cv2.blur(guide * guide, side) - mean_guide * mean_guide, 0)
-        slope = (cv2.blur(guide * wanted, side) - mean_guide * mean_wanted) / (variance + GUIDE_RIDGE)
-        offset = cv2.blur(mean_wanted - slope * mean_guide, side)
-        full[0, k] = cv2.resize(cv2.blur(slope, side), size) * image[0, k] + cv2.resize(offset, size)
-    return full
-
-
 def fit_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelMap:
     """The map nearest to the network's whose gain and offsets depend on the angle below the horizontal alone.
 
-    So does haze over a sea; a gain and an offset for every cell draw clouds, wakes and halos. No contrast is taken
-    away: a gain is at least 1.
+    Haze over a sea has such a map; a gain and an offset for every cell would draw clouds, wakes and halos. A gain is at
+    least 1, so that no contrast is lost.
 
     Args:
-        image_rgb: (H, W, 3) what the network saw.
-        network_rgb: what it made of it.
+        image_rgb: (H, W, 3) the network's input.
+        network_rgb: (H, W, 3) its result.
         down: sines of the angle below the horizontal, of any resolution.
     """
     import cv2
@@ -259,7 +196,7 @@ def fit_to_angles(image_rgb: Image, network_rgb: Image, down: Tensor) -> PixelMa
 
 
 def limit_change(image_rgb: Image, held_rgb: Image) -> Tensor:
-    """What the network, held to angles, adds to geometry's image (H, W, 3), levels: a little, where they agree."""
+    """Levels (H, W, 3) that the network's fitted result adds to geometry's image; fewer where both differ."""
     import cv2
 
     change = cv2.subtract(held_rgb, image_rgb, dtype=cv2.CV_32F)
@@ -268,7 +205,7 @@ def limit_change(image_rgb: Image, held_rgb: Image) -> Tensor:
 
 
 def clear_air_certainty(visibility_m: float) -> float:
-    """How surely air of this fitted visibility is clear, 0 to 1."""
+    """Certainty, 0 to 1, that air of this fitted visibility is clear."""
     return linear_step(float(np.log(visibility_m)), *np.log(CLEAR_M))
 
 
@@ -282,10 +219,9 @@ def darkest_detail(image_rgb: Image) -> float:
 
 
 def change_share(image_rgb: Image, network_rgb: Image, certainty: float = 1.0) -> float:
-    """How much of the network's change is made, 0 to 1: little where its image hardly differs from its input.
+    """Share of the network's change that is made, 0 to 1: little where its image hardly differs from its input.
 
-    Where it is not certain, 0 to 1, that there is haze, the change has at most CHANGE_LEVELS[0] (rms): a clear image
-    keeps 32 dB.
+    At a certainty of haze below 1 the change has at most CHANGE_LEVELS[0] (rms), so that a clear image retains 32 dB.
     """
     step = np.s_[::CHANGE_STEP, ::CHANGE_STEP]
     change = float(np.sqrt(np.mean(np.square(network_rgb[step].astype(np.float32) - image_rgb[step]))))

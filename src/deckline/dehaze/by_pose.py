@@ -1,11 +1,11 @@
-"""Dehazing without a network: the pose says how far away the sea is, the image says what the air is like.
+"""Dehazing by a pose, without a network: the pose gives the sea's range, the image the air's extinction.
 
 The haze is fitted to the sea (`haze_fit`), the transmission follows from ranges and details (`transmission`); a depth
-camera replaces it where it sees something. I = J t + A (1 - t) is then solved for the most likely J: where haze leaves
-no signal, that is the sea's own colour, so that plain sea in the result does not mean that nothing is there.
+camera replaces it where it has a depth. I = J t + A (1 - t) is then solved for the most likely J. Where haze leaves no
+signal, that is the sea's own colour: plain sea in the result does not mean that nothing is there.
 
-The picture of a sea in haze depends on extinction times the camera's height: where that is not known, the fit from a
-usual one serves, and tells the visibility in heights.
+The image of a sea in haze depends on extinction times the camera's height. Where the height is not known, a usual one
+is assumed, and the visibility comes in heights of the camera.
 
 In every pixel the solution is linear in the image (`PixelMap`). It is found in an image of at most `analysis_px`; a
 larger one only gets it applied.
@@ -19,15 +19,16 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_image
 from deckline.dehaze.base import DehazeResult
+from deckline.dehaze.filters import estimate_noise
 from deckline.dehaze.haze_fit import (
     DISPLAY_WATER,
-    LIGHT_WATER,
     HazeFit,
+    NoFit,
     NotFitted,
     fit_haze,
     hidden_sea_certainty,
 )
-from deckline.dehaze.pixel_map import Image, Light, PixelMap, level_table, luma
+from deckline.dehaze.pixel_map import Image, PixelMap, luma
 from deckline.dehaze.sea_view import SeaView, ray_lengths, view_sea, view_water
 from deckline.dehaze.transmission import GeometryConfig, find_objects, signal_gain, transmissions
 from deckline.types import Frame, Value
@@ -37,50 +38,50 @@ USUAL_HEIGHT_M = 50.0  # of a camera above the water, where it is not known; the
 NOISE_ROWS = 30  # about so many are read for noise
 BLOCK_PX = 8  # apart: compression makes the pixels of one block alike
 NOISE_WEIGHT = 2.0  # best in [1, 3] on preset paper with noise of 3 and 8 levels added
-NOISE_PART = 0.9  # of the differences that count
-NOISE_MEAN = 0.9297  # of a normal difference of sigma sqrt(2), in size, of that smallest part
 
 
 @dataclass(frozen=True, eq=False)
 class GeometrySolution:
-    """A frame whose air could be estimated."""
+    """How a frame's haze is removed."""
 
     haze: HazeFit
-    remove: PixelMap  # takes the haze off the frame's image, of any resolution
-    down: Image  # (h, w) sines of the angle below the horizontal
-    has_height: bool = True  # the camera's above the water is known; else it counts as USUAL_HEIGHT_M
+    """Air and sea."""
+    remove: PixelMap
+    """Removes the haze from the frame's image, at any resolution."""
+    down: Image
+    """(h, w) sines of the angle below the horizontal."""
+    has_height: bool = True
+    """Whether the camera's height above the water is known; else it is taken as USUAL_HEIGHT_M."""
 
     def restored(self, image_rgb: NDArray[np.uint8], note: str = "") -> DehazeResult:
-        """A picture of this air, with the visibility that the fit tells."""
-        told = self.haze.visibility
+        """The result with an image (H, W, 3) of this air, and the fit's visibility."""
+        visibility = self.haze.visibility
         if self.has_height:
-            return DehazeResult(image_rgb, note, visibility_m=told)
-        return DehazeResult(
-            image_rgb, note, visibility_heights=Value(told.value / USUAL_HEIGHT_M, told.sigma / USUAL_HEIGHT_M)
-        )
+            return DehazeResult(image_rgb, note, visibility_m=visibility)
+        heights = Value(visibility.value / USUAL_HEIGHT_M, visibility.sigma / USUAL_HEIGHT_M)
+        return DehazeResult(image_rgb, note, visibility_heights=heights)
 
 
 class GeometryDehazer:
-    """Dehazes frames with a pose; a note says why others come out as they are.
+    """Dehazes frames with a pose; others come out as they are, with a note of the reason.
 
-    The height of sea or deck makes ranges metres; without it the visibility is told in heights of the camera.
+    With the height of sea or deck the visibility is in metres, without it in heights of the camera.
 
     Args:
         config: how objects are found and what is left of the haze.
-        name: of the method.
         analysis_px: longer side of the image that air and objects are estimated in.
     """
 
-    def __init__(
-        self, config: GeometryConfig | None = None, name: str = "geometry", analysis_px: int = ANALYSIS_PX
-    ) -> None:
-        self.name = name
+    name = "geometry"
+    water = DISPLAY_WATER  # prior of the sea's colour, in the levels of `to_levels`
+
+    def __init__(self, config: GeometryConfig | None = None, analysis_px: int = ANALYSIS_PX) -> None:
         self.config = config or GeometryConfig()
         self.analysis_px = analysis_px
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         check_image(image_rgb)
-        return image_rgb.copy()  # an image alone says nothing about ranges
+        return image_rgb.copy()  # an image alone has no ranges
 
     def restore(self, frame: Frame) -> DehazeResult:
         solution = self.solve(frame)
@@ -88,13 +89,15 @@ class GeometryDehazer:
             return DehazeResult(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
         return solution.restored(solution.remove(frame.image_rgb))
 
-    def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
-        """How the frame's haze is removed and what its air is like, or why that cannot be told."""
-        import cv2
+    def to_levels(self, image_rgb: NDArray[np.uint8]) -> NDArray:
+        """The levels 0..255 (H, W, 3) that haze adds to: those of the display."""
+        return image_rgb
 
+    def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
+        """How the frame's haze is removed, or why its air cannot be estimated."""
         pose = frame.world_from_camera
         if pose is None:
-            return NotFitted("the frame has no pose; give poses or choose another dehazer")
+            return NotFitted(NoFit.NO_POSE)
         sea_z_m, deck_z_m = frame.sea_z_m, frame.deck_z_m
         if deck_z_m is None:
             deck_z_m = sea_z_m  # raises no bound
@@ -104,18 +107,24 @@ class GeometryDehazer:
             solution = self.solve(at_usual_height(frame, pose))
             return replace(solution, has_height=False) if isinstance(solution, GeometrySolution) else solution
         if sea_z_m < deck_z_m:
-            return NotFitted(f"the sea (z {sea_z_m:g} m) is above the deck (z {deck_z_m:g} m); z points down")
+            return NotFitted(NoFit.SEA_ABOVE_DECK, f"z {sea_z_m:g} m over {deck_z_m:g} m; z points down")
+        return self._solve_above(frame, pose, sea_z_m, deck_z_m)
+
+    def _solve_above(
+        self, frame: Frame, pose: RigidTransform, sea_z_m: float, deck_z_m: float
+    ) -> GeometrySolution | NotFitted:
+        """The solution of a frame above a sea and a deck of known heights; `pose` is world_from_camera."""
+        import cv2
+
         small = downscale_frame(frame, self.analysis_px)
         view = view_sea(small.camera, pose, sea_z_m)
         if view.height_m <= 0:
-            return NotFitted(f"the camera is {-view.height_m:.1f} m below the sea")
-        light = self.config.light
-        levels = [cv2.LUT(channel, level_table(light)) for channel in cv2.split(small.image_rgb)]
-        planes = np.stack(levels).astype(np.float32, copy=False)
-        small_noise = measure_sky_noise(small.image_rgb, view, light)
-        noise = measure_sky_noise(frame.image_rgb, view, light, BLOCK_PX)
-        water = LIGHT_WATER if light == "linear" else DISPLAY_WATER
-        haze = fit_haze(small.image_rgb if light == "display" else np.moveaxis(planes, 0, 2), view, water, small_noise)
+            return NotFitted(NoFit.BELOW_SEA, f"{-view.height_m:.1f} m")
+        levels = self.to_levels(small.image_rgb)
+        planes = np.stack(cv2.split(levels)).astype(np.float32, copy=False)
+        small_noise = measure_sky_noise(self.to_levels(take_rows(small.image_rgb)), view)
+        noise = measure_sky_noise(self.to_levels(take_rows(frame.image_rgb)), view, BLOCK_PX)
+        haze = fit_haze(levels, view, self.water, small_noise)
         if isinstance(haze, NotFitted):
             return replace(haze, hidden=hidden_sea_certainty(small.image_rgb, view), down=view.down)
         deck = view_water(view.down, view.height_m + deck_z_m - sea_z_m)
@@ -153,27 +162,27 @@ def downscale_frame(frame: Frame, long_side_px: int) -> Frame:
     return replace(small, depth_m=np.asarray(depth_m, dtype=np.float32))
 
 
-def measure_sky_noise(image_rgb: NDArray[np.uint8], view: SeaView, light: Light, apart_px: int = 1) -> float:
-    """1-sigma of a pixel's noise in the sky of an image (H, W, 3), levels; `view` may be of another resolution.
+def take_rows(image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """About NOISE_ROWS rows of an image (H, W, 3), evenly spread."""
+    return image_rgb[:: 1 + len(image_rgb) // NOISE_ROWS]
 
-    Pixels `apart_px` apart are compared: noise that is alike over less counts in full.
+
+def measure_sky_noise(rows: NDArray, view: SeaView, apart_px: int = 1) -> float:
+    """1-sigma of a pixel's noise in the sky, levels.
+
+    Args:
+        rows: (R, W, 3) levels of some of the image's rows, evenly spread.
+        view: the sea in the image, of any resolution.
+        apart_px: between the pixels that are compared; noise that is alike over less counts in full.
     """
     import cv2
 
-    rows = image_rgb[:: 1 + len(image_rgb) // NOISE_ROWS]
     size = (rows.shape[1], len(rows))
     sky = cv2.resize((~view.is_sea).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    levels, left, right = level_table(light)[rows], np.s_[:, :-apart_px], np.s_[:, apart_px:]
+    levels, left, right = np.asarray(rows, np.float32), np.s_[:, :-apart_px], np.s_[:, apart_px:]
     differences = (levels[right] - levels[left])[sky[right] & sky[left]]
     slope = np.median(differences, axis=0) if len(differences) else 0
     return estimate_noise(differences - slope)
-
-
-def estimate_noise(differences: Image) -> float:
-    """1-sigma of a pixel's noise from differences (N, 3) of two, of which the largest are clouds and edges."""
-    sizes = np.abs(differences).ravel()
-    count = int(NOISE_PART * sizes.size)
-    return float(np.partition(sizes, count)[:count].mean() / NOISE_MEAN) if count else 0.0
 
 
 def with_noise(config: GeometryConfig, noise_sigma: float) -> GeometryConfig:
@@ -182,7 +191,7 @@ def with_noise(config: GeometryConfig, noise_sigma: float) -> GeometryConfig:
 
 
 def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: GeometryConfig) -> PixelMap:
-    """What thins the haze of transmission t (H, W) to a clear day's, clear_t (H, W)."""
+    """The map that thins haze of transmission t (H, W) to a clear day's air of transmission clear_t (H, W)."""
     airlight = haze.airlight.astype(np.float32)[:, None, None]
     usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight) - airlight
     level, hazy = float(airlight.mean()), airlight + t * usual
@@ -190,4 +199,4 @@ def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: 
     chroma = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_chroma_sigma, config.chroma_sigma)
     offset = airlight + clear_t * usual - chroma * hazy - (gain - chroma) * luma(hazy)
     gain, chroma = (np.where(t == 1, np.float32(1), part) for part in (gain, chroma))
-    return PixelMap(gain, chroma, np.where(t == 1, np.float32(0), offset), config.light)
+    return PixelMap(gain, chroma, np.where(t == 1, np.float32(0), offset))

@@ -1,4 +1,4 @@
-"""An exported line network through ONNX Runtime."""
+"""An exported line network on images of any size."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -53,10 +53,10 @@ class OnnxDetector(SearchingDetector):
         return detect_lines(image_rgb, self.infer, self.config, prior_box)
 
     def start_search(self, image_rgb: NDArray[np.uint8]) -> Search:
-        """A search of an image (H, W, 3) that has not looked yet."""
+        """A search of an image (H, W, 3), without an inference so far."""
         return Search(image_rgb, self.infer, self.config)
 
     def infer(self, view: NDArray[np.float32]) -> NetworkOutput:
-        """One normalised view (3, height, width) through the network."""
+        """One inference of a normalised crop (3, height, width)."""
         outputs = zip(self.session.output_names, self.session(image=view[None]), strict=True)
         return network_output({name: value[0] for name, value in outputs}, self.config.grid)

@@ -2,24 +2,25 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from deckline.config import FrameNoise, RunConfig
 from deckline.localize.depth import MIN_LINE_POINTS, DeckPoints, choose_mode, count_depths, locate_points
 from deckline.localize.joint_fit import fit_jointly
-from deckline.localize.model import CENTRE_SIGMA_M
-from deckline.localize.ransac import fit_pixel_line
-from deckline.localize.runway import (
+from deckline.localize.line_fit import (
     LineFit,
     average_lines,
     check_near_ends,
     check_pixel_order,
     drop_unsure,
     find_near_ends,
-    locate_ramp,
+    ramp_from_ends,
     shift_line,
 )
+from deckline.localize.model import CENTRE_SIGMA_M
+from deckline.localize.ransac import fit_pixel_line
 from deckline.types import (
     SIDES,
     DepthMode,
@@ -41,17 +42,42 @@ USUAL_WIDTH_M = (10.0, 35.0)  # of landing runways of ships; beyond, the sign of
 
 @dataclass(frozen=True, eq=False)
 class PlacedLines:
-    """The lines that could be placed in the world."""
+    """The lines that an estimator placed in the world."""
 
-    fits: dict[str, LineFit]  # of left and right, and of a painted centre line
-    deck_points: dict[str, DeckPoints]  # the inliers of left and right
+    fits: dict[str, LineFit]
+    """Of `left` and `right`, and of a painted `centre` line."""
+    deck_points: dict[str, DeckPoints]
+    """The inliers of `left` and `right`."""
     diagnostics: Diagnostics
-    depth_confirms_height: bool = False  # as in `RunwayEstimate`
+    """Why other lines are missing."""
+    depth_confirms_height: bool = False
+    """As in `RunwayEstimate`."""
 
 
+# Frame, points, image lines of `left` and `right`, depth mode, configuration and RANSAC's draws -> lines in the world.
 Placement = Callable[[Frame, Detection, dict[str, PixelLine], DepthMode, RunConfig, np.random.Generator], PlacedLines]
 
-Localizer = Callable[[Frame, Detection, RunConfig, np.random.Generator], RunwayEstimate]
+
+class Localizer(Protocol):
+    """What every estimator of the lines in the world is: a function."""
+
+    __name__: str  # in reports
+
+    def __call__(
+        self, frame: Frame, detection: Detection, config: RunConfig, rng: np.random.Generator
+    ) -> RunwayEstimate:
+        """The runway of one frame alone.
+
+        Args:
+            frame: camera, pose, and depth or deck height, as far as they are known.
+            detection: points of the lines in the frame's image, px.
+            config: sensors, deck and depth mode.
+            rng: RANSAC's draws.
+
+        Returns:
+            Lines in the image and in the world, or why there are none.
+        """
+        ...
 
 
 def place_jointly(
@@ -67,24 +93,24 @@ def place_jointly(
     painted = fit_pixel_line(detection.centre, frame.camera, rng)
     lines = pixel_lines if painted is None else {**pixel_lines, "centre": painted}
     fits, diagnostics = fit_jointly(frame, points, lines, mode, config)
-    kept, unsure = drop_unsure(fits)
+    accepted, unsure = drop_unsure(fits)
     # The ramp lies on the deck plane of the fit.
     inliers = {}
     for side in SIDES:
-        if side in kept:
-            height, sigma = float(kept[side].point_m[2]), float(np.sqrt(kept[side].relative_covariance[2, 2]))
+        if side in accepted:
+            height, sigma = float(accepted[side].point_m[2]), float(np.sqrt(accepted[side].relative_covariance[2, 2]))
             noise = replace(config.noise, deck_z_m=sigma)
             on_deck = replace(frame, deck_z_m=height)
             inliers[side] = locate_inliers(on_deck, points[side], pixel_lines[side], DepthMode.COARSE, noise)
             if not len(inliers[side]):
-                del kept[side]
+                del accepted[side]
                 unsure += (Diagnostic(Reason.NO_POINTS, f"no point of the {side} line lies on the plane of its fit"),)
     agrees = False
     if frame.depth_m is not None and mode is DepthMode.COARSE and config.localization.mode == "auto":
         counts = count_depths(frame.depth_m, [points[side].points_px[pixel_lines[side].inliers] for side in inliers])
         is_believed = all(diagnostic.reason is not Reason.DEPTH_HEIGHT for diagnostic in diagnostics)
         agrees = is_believed and min(counts, default=0) >= MIN_LINE_POINTS
-    return PlacedLines(kept, inliers, diagnostics + unsure, agrees)
+    return PlacedLines(accepted, inliers, diagnostics + unsure, agrees)
 
 
 def localize(
@@ -96,10 +122,10 @@ def localize(
 ) -> RunwayEstimate:
     """Runway lines in the world from the points of one frame.
 
-    Both lines are seen when they agree in order, spacing, direction and near ends. Lines that contradict each other are
-    dropped: none is better than a wrong one. Without pose, depth or deck height only the image lines are
-    given, in mode NONE, with the reason. In mode FINE at least half of each line's points have a depth, in COARSE fewer
-    have; in mode `auto` the fit uses both depth and deck height.
+    Both lines count as seen when they agree in order, spacing, direction and near ends. Lines that contradict each
+    other are dropped: no line is better than a wrong one. Without pose, depth or deck height the estimate has only the
+    image lines, in mode NONE, and the reason. In mode FINE at least half of each line's points have a depth, in COARSE
+    fewer; in mode `auto` the fit uses both depth and deck height.
 
     Args:
         frame: camera, pose, and depth or deck height.
@@ -154,20 +180,18 @@ def _estimate(
         elif contradiction := check_near_ends(ends, fits["left"], fits["right"]):
             return _not_seen((*diagnostics, contradiction))
         else:
-            ramp_m, ramp_sigma_m = locate_ramp(ends, fits["centre"])
+            ramp_m, ramp_sigma_m = ramp_from_ends(ends, fits["centre"])
         flags = _check_deck_sign(frame, fits, config)
     elif "centre" in fits:
         fits["centre"] = shift_line(fits["centre"], 0.0, CENTRE_SIGMA_M)  # a painted line is not exactly midway
     else:
-        side = next(iter(fits))
-        width = config.frame_deck.width_m
-        if width is None:
-            diagnostics += (
-                Diagnostic(Reason.NO_CENTRE_LINE, f"no centre line: only the {side} line and no runway width"),
-            )
+        (side,) = fits
+        centre = _centre_beside(side, fits[side], config)
+        if centre is None:
+            missing = Diagnostic(Reason.NO_CENTRE_LINE, f"no centre line: only the {side} line and no runway width")
+            diagnostics += (missing,)
         else:
-            half = width / 2 if side == "left" else -width / 2
-            fits["centre"] = shift_line(fits[side], half, config.deck.width_sigma_m / 2)
+            fits["centre"] = centre
     lines = {side: fit.runway_line for side, fit in fits.items()}
     return RunwayEstimate(
         _seen(pixel_lines),
@@ -180,6 +204,14 @@ def _estimate(
         flags,
         placed.depth_confirms_height,
     )
+
+
+def _centre_beside(side: str, edge: LineFit, config: RunConfig) -> LineFit | None:
+    """The centre line beside the only edge line; None without the runway's width."""
+    width = config.frame_deck.width_m
+    if width is None:
+        return None
+    return shift_line(edge, width / 2 if side == "left" else -width / 2, config.deck.width_sigma_m / 2)
 
 
 def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) -> Diagnostics:

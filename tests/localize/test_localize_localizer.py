@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.config import Localization, Sensors
 from deckline.geometry import wrap_angle
-from deckline.localize import runway
+from deckline.localize import line_fit
 from deckline.types import DepthMode, Detection, LinePoints, LineVisibility, Reason, Segment
 from deckline_lab.rivals.sgd import localize_by_descent
 from runway_scene import (
@@ -42,7 +42,7 @@ from runway_scene import (
 )
 
 EMPTY = LinePoints.empty()
-localize = import_module("deckline.localize.localize")  # the package's own name is the function
+localize = import_module("deckline.localize.localizer")  # the package's own name is the function
 NEAR = approach(60.0, 8.0)
 MIDDLE = approach(90.0, 9.0, right=PARALLEL_RIGHT)
 FAR = approach(120.0, 10.0, right=PARALLEL_RIGHT)
@@ -241,22 +241,22 @@ def test_source_of_the_mode_is_believed_when_depth_and_deck_height_contradict(ra
 )
 def test_a_depth_camera_that_sees_a_part_of_the_lines_confirms_the_height(range_m, deck_off_m, asked, agrees):
     frame = with_depth(approach(60.0, 6.0, right=PARALLEL_RIGHT), range_m)
-    told = replace(frame, deck_z_m=DECK_Z_M + deck_off_m)
+    reported = replace(frame, deck_z_m=DECK_Z_M + deck_off_m)
     config = replace(STILL, localization=Localization(asked))
-    estimate = locate(told, detection(frame, PARALLEL_RIGHT), config)
+    estimate = locate(reported, detection(frame, PARALLEL_RIGHT), config)
     assert estimate.mode is DepthMode.COARSE and set(estimate.lines) == {"left", "right", "centre"}
     assert estimate.depth_confirms_height is agrees
 
 
 def test_known_angle_gives_a_short_line_its_direction(monkeypatch):
-    monkeypatch.setattr(runway, "MAX_AZIMUTH_SIGMA_RAD", 1.0)
+    monkeypatch.setattr(line_fit, "MAX_AZIMUTH_SIGMA_RAD", 1.0)
     found = detection(MIDDLE, PARALLEL_RIGHT)
     found = Detection(nearest(found.left, 8, 2.0), found.right)
     lines = [locate(MIDDLE, found, still_deck(**angle)).lines["left"] for angle in (ANY_ANGLE, PARALLEL)]
     assert lines[1].covariance[1, 1] < 0.3**2 * lines[0].covariance[1, 1]
 
 
-def test_known_angle_between_the_lines_is_kept():
+def test_a_known_angle_between_the_lines_is_retained():
     angle = float(np.rad2deg(wrap_angle(azimuth(RIGHT) - azimuth(LEFT))))
     known = still_deck(angle_deg=angle, angle_sigma_deg=float(np.rad2deg(0.5e-4)))
     lines = locate(NEAR, detection(NEAR), known).lines

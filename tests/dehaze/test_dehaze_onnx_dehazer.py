@@ -9,21 +9,23 @@ from hypothesis import strategies as st
 from sea_scene import CAMERA, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.config import Engine
-from deckline.dehaze import OnnxDehazer, geometry
+from deckline.dehaze import OnnxDehazer, by_pose
 from deckline.dehaze.base import mix
-from deckline.dehaze.geometry import GeometryDehazer, GeometrySolution
+from deckline.dehaze.by_pose import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
-from deckline.dehaze.network import (
+from deckline.dehaze.onnx_dehazer import (
     CHANGE_LEVELS,
     CLEAR_M,
-    MIN_SIDE_PX,
-    average_down,
     change_share,
     clear_air_certainty,
     darkest_detail,
     fit_to_angles,
-    image_to_tensor,
     limit_change,
+)
+from deckline.dehaze.tensors import (
+    MIN_SIDE_PX,
+    average_down,
+    image_to_tensor,
     pad,
     reduction_factor,
     tensor_to_image,
@@ -75,7 +77,7 @@ def test_a_picture_that_shows_nothing_gets_no_texture() -> None:
     assert held.mean() == pytest.approx(pattern.mean(), abs=1)
 
 
-def test_clear_air_begins_and_ends_where_it_is_said() -> None:
+def test_clear_air_begins_and_ends_at_its_limits() -> None:
     low, high = CLEAR_M
     certain = [clear_air_certainty(visibility_m) for visibility_m in (300.0, low, float(np.sqrt(low * high)), high)]
     np.testing.assert_allclose(certain, [0, 0, 0.5, 1], atol=1e-6)
@@ -91,7 +93,7 @@ def test_a_small_change_is_not_made(change: int, done: float) -> None:
 @pytest.mark.parametrize(
     ("certainty", "done"), [(0.0, CHANGE_LEVELS[0]), (0.05, CHANGE_LEVELS[0]), (0.5, 20), (1.0, 40)]
 )
-def test_without_certainty_the_change_keeps_a_clear_image_at_32_db(certainty: float, done: float) -> None:
+def test_without_certainty_a_clear_image_retains_32_db(certainty: float, done: float) -> None:
     image = network(100)
     limited = mix(image, network(60), change_share(image, network(60), certainty))
     np.testing.assert_array_equal(limited, 100 - done)
@@ -112,13 +114,13 @@ def test_the_change_is_limited_in_the_picture_that_comes_out_not_in_the_small_on
     monkeypatch.setattr(OnnxDehazer, "_run", lambda _, image, prior: raised[image])
     result = []
     for hidden in (0.0, 1.0):
-        monkeypatch.setattr(geometry, "hidden_sea_certainty", lambda image, view, hidden=hidden: hidden)
+        monkeypatch.setattr(by_pose, "hidden_sea_certainty", lambda image, view, hidden=hidden: hidden)
         result.append(psnr_db(dehazer.restore(frame).image_rgb, image))
     assert result[0] > 32
     assert result[1] < 28
 
 
-def test_a_pose_that_cannot_be_leaves_the_picture_and_says_why() -> None:
+def test_an_impossible_pose_leaves_the_image_with_its_reason() -> None:
     dehazer = OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1))
     image = sea_pair(1e-3)[0]
     restored = dehazer.restore(frame_of(image, world_from_body=world_from_body(eye_z_m=20.0)))
@@ -160,7 +162,7 @@ def test_visibility_is_where_two_percent_are_left() -> None:
     assert np.exp(-depth) == pytest.approx(0.02, rel=1e-3)
 
 
-def test_a_clear_sea_is_kept_that_the_network_alone_takes_for_a_hazy_one() -> None:
+def test_a_clear_sea_that_the_network_alone_takes_for_a_hazy_one_is_unchanged() -> None:
     """Bright grey water under a sky like it: only the pose tells that it does not fade."""
     _, clear = sea_pair(beta_from_visibility(1200.0))
     image = np.rint(0.35 * clear + 0.65 * np.array([150.0, 165.0, 180.0])).astype(np.uint8)
@@ -203,7 +205,7 @@ def test_averaging_is_the_mean_of_blocks() -> None:
 
 
 @given(st.integers(1, 150), st.integers(1, 150), st.integers(1, 12))
-def test_padding_reaches_the_multiple_and_keeps_the_image(height: int, width: int, multiple: int) -> None:
+def test_padding_reaches_the_multiple_beside_the_image(height: int, width: int, multiple: int) -> None:
     image = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
     for least in (MIN_SIDE_PX, 70):
         out = pad(image, multiple, least)
@@ -214,9 +216,9 @@ def test_padding_reaches_the_multiple_and_keeps_the_image(height: int, width: in
 
 
 def test_errors() -> None:
-    with pytest.raises(ValueError, match="5x4 px is no multiple of 2"):
+    with pytest.raises(ValueError, match=r"5x4.*\b2\b"):
         average_down(np.zeros((1, 3, 4, 5), dtype=np.float32), 2)
-    with pytest.raises(ValueError, match="working_long_side_px must be at least 32, got 3"):
+    with pytest.raises(ValueError, match=r"working_long_side_px.*32.*\b3\b"):
         reduction_factor(10, 10, 3)
     with pytest.raises(ValueError, match="float64"):
         image_to_tensor(np.zeros((2, 2, 3)))

@@ -1,4 +1,4 @@
-"""Dark channel prior: the classical dehazer, without weights, to compare with.
+"""The dark channel prior, a dehazer without weights.
 
 Source: He, Sun and Tang, "Single image haze removal using dark channel prior", 2011, with the guided filter of
 the same authors (2013) in place of matting.
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.checks import check_image, check_numbers
+from deckline.dehaze.filters import dark_channel, guided_coefficients
 from deckline.dehaze.pixel_map import LUMA
 
 Image = NDArray[np.floating]  # float32; (H, W, 3) in 0..1 or (H, W)
@@ -53,21 +54,6 @@ class DarkChannelDehazer:
         return np.clip(np.rint(255 * clear), 0, 255).astype(np.uint8)
 
 
-def dark_channel(image: Image, patch_px: int) -> Image:
-    """Minimum over colours and a square window; (H, W, 3) -> (H, W)."""
-    import cv2
-
-    return np.asarray(cv2.erode(min_channel(image), np.ones((patch_px, patch_px), np.uint8)), dtype=np.float32)
-
-
-def min_channel(image: Image) -> Image:
-    """Minimum over colours, (H, W, 3) -> (H, W); numpy's over the last axis takes several times as long."""
-    import cv2
-
-    red, green, blue = cv2.split(image)
-    return np.asarray(cv2.min(cv2.min(red, green), blue))
-
-
 def estimate_airlight(image: Image, dark: Image, fraction: float) -> Image:
     """Airlight (3,): the brightest pixel among those with the `fraction` largest dark channel (He et al., 4.4)."""
     count = max(1, round(fraction * dark.size))
@@ -80,18 +66,3 @@ def guided_filter(guide: Image, values: Image, radius_px: int, eps: float) -> Im
     """Smooth `values` along the edges of a grey `guide`, both (H, W). Source: He, Sun and Tang 2013, equation 5-8."""
     slope, offset = guided_coefficients(guide, values, radius_px, eps)
     return slope * guide + offset
-
-
-def guided_coefficients(guide: Image, values: Image, radius_px: int, eps: float) -> tuple[Image, Image]:
-    """Slope and offset (H, W) of `values` as a function of the guide, linear in every window, mean over windows."""
-    import cv2
-
-    def box(x: Image) -> Image:
-        side = 2 * radius_px + 1
-        smooth = cv2.boxFilter(x, cv2.CV_32F, (side, side), borderType=cv2.BORDER_REPLICATE)
-        return np.asarray(smooth, dtype=np.float32)
-
-    mean_guide, mean_values = box(guide), box(values)
-    variance = np.maximum(box(guide * guide) - mean_guide * mean_guide, 0)
-    slope = (box(guide * values) - mean_guide * mean_values) / (variance + np.float32(eps))
-    return box(slope), box(mean_values - slope * mean_guide)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deckline.localize import runway
+from deckline.localize import line_fit
 from deckline.types import Detection, LinePoints, LineVisibility, Reason, Segment
 from runway_scene import (
     ANY_ANGLE,
@@ -38,7 +38,7 @@ def shift_left_line(metres, turn_rad=0.0):
 
 def test_a_line_without_a_point_on_the_deck_has_no_near_end():
     nowhere = {side: SimpleNamespace(points_m=np.empty((0, 3))) for side in ("left", "right")}
-    found = runway.find_near_ends(NEAR, {"left": EMPTY, "right": EMPTY}, nowhere, None, None)
+    found = line_fit.find_near_ends(NEAR, {"left": EMPTY, "right": EMPTY}, nowhere, None, None)
     assert found.reason is Reason.NO_RAMP
 
 
@@ -60,7 +60,7 @@ def test_lines_that_begin_far_apart_are_rejected(monkeypatch):
     found = Detection(keep(found.left, rows < np.percentile(rows, 40)), found.right)
     estimate = locate(NEAR, found)
     assert (estimate.seen, estimate.lines, reasons(estimate)) == (LineVisibility.NONE, {}, [Reason.LINE_ENDS])
-    monkeypatch.setattr(runway, "MAX_END_STEP_M", 1000.0)
+    monkeypatch.setattr(line_fit, "MAX_END_STEP_M", 1000.0)
     assert locate(NEAR, found).seen is LineVisibility.BOTH
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from deckline.checks import check_image
 from deckline.detect.crop import Box, box_around, check_box
-from deckline.detect.stripes import StripeConfig, StripeLine, find_stripes, midline
 from deckline.types import Detection, LinePoints
+from deckline_lab.rivals.stripes import StripeConfig, StripeLine, find_stripes, midline
 
 # Thresholds were set on 180 clear views of the simulator (presets paper, cvn, axial and random ships), so that most
 # pairs that come back are right; `deckline eval detection` measures them on other views.

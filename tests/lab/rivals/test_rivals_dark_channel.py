@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import minimum_filter, uniform_filter
 
-from deckline.dehaze.dark_channel import (
-    DarkChannelConfig,
-    DarkChannelDehazer,
-    dark_channel,
-    estimate_airlight,
-    guided_filter,
-)
+from deckline.dehaze.filters import dark_channel
+from deckline_lab.rivals.dark_channel import DarkChannelConfig, DarkChannelDehazer, estimate_airlight, guided_filter
 
 
 def random_image(seed: int = 0) -> np.ndarray:
@@ -43,12 +38,12 @@ def test_guided_filter_against_scipy_boxes() -> None:
     np.testing.assert_allclose(guided_filter(guide, values, 4, 1e-3), box(slope) * guide + box(offset), atol=1e-4)
 
 
-def test_guided_filter_keeps_a_line_in_the_guide() -> None:
+def test_guided_filter_preserves_a_line_in_the_guide() -> None:
     guide = random_image(3)[..., 0]
     np.testing.assert_allclose(guided_filter(guide, 3 * guide - 1, 4, 1e-6), 3 * guide - 1, atol=1e-3)
 
 
-def test_uniform_haze_is_removed_as_the_model_says() -> None:
+def test_uniform_haze_is_removed_as_the_model_has_it() -> None:
     """One depth, one airlight, a dark pixel in every window: t = 1 - omega (1 - t_true) exactly."""
     rng = np.random.default_rng(0)
     clear = rng.uniform(0, 0.5, (80, 80, 3))

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from drawn_deck import BOTTOM, TOP, at, deck
 
-from deckline.detect import ClassicalDetector
 from deckline.types import Detection
+from deckline_lab.rivals.classical import ClassicalDetector
+from detect.drawn_deck import BOTTOM, TOP, at, deck
 
 LADDERS = [-0.06, 0.06, 0.94, 1.06]
 
@@ -15,7 +15,7 @@ def seen(detection: Detection) -> tuple[bool, bool]:
 
 
 @pytest.mark.parametrize("stripes", [[0.0, 1.0], [0.0, 0.5, 1.0], LADDERS, [*LADDERS, 0.5]])
-def test_points_lie_in_the_midline_both_markings(stripes: list[float]) -> None:
+def test_points_lie_on_the_midline_of_both_markings(stripes: list[float]) -> None:
     detection = ClassicalDetector()(deck(stripes))
     for points, share in ((detection.left, 0.0), (detection.right, 1.0)):
         assert len(points) > 0.9 * (BOTTOM - TOP)

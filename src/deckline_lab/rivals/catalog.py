@@ -1,0 +1,60 @@
+"""Dehazers and detectors that an evaluation can name: those of `deckline`, and the rivals they are compared with."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from deckline.config import CPU, Engine, RunConfig
+from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
+from deckline.detect import DETECTORS, Detector
+from deckline.flight import Flight
+from deckline.runtime import shipped_weights
+from deckline_lab.rivals import LAB_WEIGHTS
+from deckline_lab.rivals.classical import ClassicalDetector
+from deckline_lab.rivals.dark_channel import DarkChannelDehazer
+from deckline_lab.rivals.linear_light import LinearGeometryDehazer
+
+# As in `deckline`: from the `Engine` that computes a network.
+RIVAL_DEHAZERS: dict[str, Callable[..., Dehazer]] = {
+    "dark-channel": lambda engine=CPU: DarkChannelDehazer(),
+    "geometry-linear": lambda engine=CPU: LinearGeometryDehazer(),
+    "paper-scene": lambda engine=CPU: OnnxDehazer(
+        shipped_weights("paper-scene", LAB_WEIGHTS), "paper-scene", engine, network_only=True
+    ),
+}
+RIVAL_DETECTORS: dict[str, Callable[..., Detector]] = {"classical": lambda engine=CPU: ClassicalDetector()}
+ALL_DEHAZERS = DEHAZERS | RIVAL_DEHAZERS
+ALL_DETECTORS = DETECTORS | RIVAL_DETECTORS
+
+
+def flight_from_config(config: RunConfig, **parts: Any) -> Flight:
+    """`Flight.from_config` of a configuration whose models may be rivals.
+
+    Args:
+        config: everything that decides the answers.
+        parts: a dehazer, a detector or a localizer that is used instead of the configuration's.
+
+    Raises:
+        ValueError: an unknown dehazer or detector, or a model file or an engine that cannot be used.
+    """
+    models = config.models
+    if parts.get("dehazer") is None:
+        parts["dehazer"] = _build_rival("dehazer", models.dehazer, RIVAL_DEHAZERS, DEHAZERS, config.engine)
+    if parts.get("detector") is None:
+        parts["detector"] = _build_rival("detector", models.detector, RIVAL_DETECTORS, DETECTORS, config.engine)
+    return Flight.from_config(config, **parts)
+
+
+def _build_rival(
+    part: str,
+    name: str,
+    rivals: Mapping[str, Callable[..., Any]],
+    shipped: Mapping[str, Callable[..., Any]],
+    engine: Engine,
+) -> Any:
+    """The rival of this name; None for what a flight builds itself."""
+    if name in rivals:
+        return rivals[name](engine)
+    if name in shipped or name.endswith(".onnx"):
+        return None
+    names = ", ".join((*shipped, *rivals))
+    raise ValueError(f"unknown {part} {name!r}: use one of {names}, or the path of an .onnx file")
