@@ -19,8 +19,12 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_numbers
 from deckline.config import GRADES, RunConfig, Sensors
+from deckline.dehaze import DEHAZERS, NOT_DEHAZED
+from deckline.detect import ClassicalDetector
 from deckline.extras import needs_extra
+from deckline.flight import Flight
 from deckline.geometry import Camera
+from deckline.localize import Localizer, localize
 from deckline.options import RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 
@@ -158,10 +162,10 @@ def flight_settings(flights: FlightsConfig) -> dict[str, Any]:
 
 
 class Sighting(NamedTuple):
-    """One frame of a flight and what the detector finds in it."""
+    """One frame of a flight, and its detected lines where the detector is modelled."""
 
     frame: Frame
-    detection: Detection
+    detection: Detection | None = None
 
 
 @dataclass(frozen=True)
@@ -188,6 +192,11 @@ class PointNoise:
     outlier_share: float = 0.02
     outlier_px: float = 20.0
     missed_share: float = 0.01
+
+
+def point_flight(config: RunConfig, localizer: Localizer = localize) -> Flight:
+    """A flight whose detections are modelled."""
+    return Flight(config, DEHAZERS[NOT_DEHAZED](), ClassicalDetector(), localizer)
 
 
 def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iterator[Sighting]:

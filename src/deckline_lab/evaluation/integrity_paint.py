@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deckline.haze import beta_from_visibility, transmission
 from deckline.types import Frame, Segment
-from deckline_lab.evaluation.integrity_faults import to_right
+from deckline_lab.evaluation.integrity_sensors import to_right
 
 PAINT_WIDTH_M, PAINT_LEVEL = 0.8, 210.0
 STEP_M, NEAR_M = 5.0, 2.0  # pieces that a line is painted in; nearer ones are left out

@@ -21,15 +21,15 @@ from deckline.progress import progress
 from deckline_lab.evaluation.approaches import (
     FlightsConfig,
     PointNoise,
+    Sighting,
     describe_flights,
     flight_settings,
     fly,
     fly_points,
 )
 from deckline_lab.evaluation.localization_methods import (
-    Bench,
+    LocalizationBench,
     Method,
-    Sighting,
     load,
     methods_of,
     point_bench,
@@ -113,7 +113,7 @@ class Work:
     """What is flown and compared."""
 
     methods: list[Method]
-    bench: Bench
+    bench: LocalizationBench
     fly: Callable[[int], Iterator[Sighting]]  # the frames of an approach
 
 
@@ -125,7 +125,7 @@ def _prepare(config: LocalizationConfig) -> Work:
         sensors, noise = flights.run.sensors, config.point_noise
         return Work(methods, bench, lambda number: fly_points(flights.approach(number), sensors, noise))
     methods = methods_of(flights.run, config.ufld, config.rival)
-    return Work(methods, load(methods), lambda number: ((frame, None) for frame in fly(flights, number)))
+    return Work(methods, load(methods), lambda number: map(Sighting, fly(flights, number)))
 
 
 def _fly_all(store: Store, config: LocalizationConfig, work: Work) -> None:

@@ -22,8 +22,9 @@ from deckline.truth import (
     true_segments,
 )
 from deckline.types import SIDES, Detection, Frame, RunwayLine, Segment
+from deckline_lab.evaluation.approaches import Sighting
 from deckline_lab.evaluation.cramer_rao import cramer_rao
-from deckline_lab.evaluation.localization_methods import Bench, Method, Sighting, point_rng
+from deckline_lab.evaluation.localization_methods import LocalizationBench, Method, point_rng
 from deckline_lab.evaluation.tables import Figures
 
 STATES = ("offset", "azimuth", "height")  # of a line; m, rad, m
@@ -46,7 +47,7 @@ class Score:
 
 
 def score_approach(
-    sightings: Iterator[Sighting], approach: int, methods: Sequence[Method], bench: Bench
+    sightings: Iterator[Sighting], approach: int, methods: Sequence[Method], bench: LocalizationBench
 ) -> Iterator[list[Score]]:
     """All methods' scores of each frame of one approach, frames in order of time.
 

@@ -4,19 +4,19 @@ import pytest
 
 from deckline.cli.main import main
 from deckline.options import RunOptions
-from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points
+from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points, point_flight
 from deckline_lab.evaluation.integrity import IntegrityConfig, flat_figures, integrity_tables
-from deckline_lab.evaluation.integrity_faults import FAULTS
-from deckline_lab.evaluation.integrity_score import NOMINAL, FrameState, Run, fly_run
+from deckline_lab.evaluation.integrity_faults import FAULTS, Runs
+from deckline_lab.evaluation.integrity_score import NOMINAL, FaultRun, FrameState, fly_run
 
 CALM = RunOptions(grade="good", sea_state=0.0)
 FLIGHTS = FlightsConfig(frames=16, range_m=(500.0, 60.0), visibility="clear", options=CALM)
 SHORT = ("--frames", "6", "--range-m", "400", "200", "--fault", "swapped lines", "--runs", "1", "--nominal", "2")
 
 
-def fly(run: Run) -> list[FrameState]:
-    sightings = fly_points(FLIGHTS.approach(run.number), FLIGHTS.run.sensors, PointNoise())
-    return fly_run(sightings, run, FLIGHTS)
+def fly(run: FaultRun) -> list[FrameState]:
+    sightings = list(fly_points(FLIGHTS.approach(run.number), FLIGHTS.run.sensors, PointNoise()))
+    return fly_run(sightings, run, FLIGHTS, point_flight(FLIGHTS.run))
 
 
 def error_of(capsys, *args) -> str:
@@ -26,7 +26,7 @@ def error_of(capsys, *args) -> str:
 
 
 def test_a_nominal_flight_is_followed_to_decimetres():
-    states = fly(Run(NOMINAL, 0))
+    states = fly(FaultRun(NOMINAL, 0))
     assert len(states) == 16
     assert not any(state.faulty for state in states)
     settled = [state for state in states if state.lateral_m is not None][3:]
@@ -36,14 +36,14 @@ def test_a_nominal_flight_is_followed_to_decimetres():
 
 
 def test_the_same_run_is_the_same_again():
-    first, again = (fly(Run("boresight 1 deg", 1)) for _ in range(2))
-    assert first == again != fly(Run(NOMINAL, 1))
+    first, again = (fly(FaultRun("boresight 1 deg", 1)) for _ in range(2))
+    assert first == again != fly(FaultRun(NOMINAL, 1))
     assert all(state.faulty for state in first)
 
 
 def test_swapped_lines_are_not_followed():
     """They are left out, so the track coasts; nothing it says is turned round."""
-    states = [m for m in fly(Run("swapped lines", 0)) if m.faulty]
+    states = [m for m in fly(FaultRun("swapped lines", 0)) if m.faulty]
     assert 5 < len(states) < 14
     assert all(state.lateral_m is None or abs(state.lateral_m) < 3.0 for state in states)
 
@@ -112,7 +112,8 @@ def test_all_faults_and_nominal_flights_are_wanted():
     config = IntegrityConfig(runs=2, nominal=3)
     wanted = config.wanted
     assert len(wanted) == 2 * len(config.faults) + 3
-    assert set(FAULTS) < set(config.faults)
+    assert config.faults == [name for name, fault in FAULTS.items() if Runs.MODELLED in fault.runs]
+    assert {fault.runs for fault in FAULTS.values()} == {Runs.MODELLED, Runs.RENDERED, Runs.BOTH}
     assert len(set(wanted)) == len(wanted)
     twice = IntegrityConfig(runs=1, nominal=1, fault=("foul line", "foul line"))
-    assert twice.wanted == [Run(NOMINAL, 0), Run("foul line", 0)]
+    assert twice.wanted == [FaultRun(NOMINAL, 0), FaultRun("foul line", 0)]

@@ -18,7 +18,7 @@ from deckline.types import Detection, LinePoints
 from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise
 from deckline_lab.evaluation.dehazers import SharedDehazer
 from deckline_lab.evaluation.localization import LocalizationConfig, localization
-from deckline_lab.evaluation.localization_methods import Bench, load, methods_of, point_bench, point_methods
+from deckline_lab.evaluation.localization_methods import LocalizationBench, load, methods_of, point_bench, point_methods
 from deckline_lab.evaluation.localization_score import score_approach
 from deckline_lab.evaluation.tables import OutputFiles
 
@@ -220,7 +220,7 @@ def test_rows_share_their_models_and_keep_their_estimator():
     flights = [bench.start(method) for method in METHODS]
     assert len({id(flight.detector) for flight in flights}) == len({id(flight.dehazer) for flight in flights}) == 1
     assert [flight.tracker is not None for flight in flights] == [method.tracked for method in METHODS]
-    assert isinstance(bench, Bench) and set(bench.settings) == {method.name for method in METHODS}
+    assert isinstance(bench, LocalizationBench) and set(bench.settings) == {method.name for method in METHODS}
     with pytest.raises(ValueError, match="nobody"):
         load(methods_of(RunConfig(), "nobody"))
 

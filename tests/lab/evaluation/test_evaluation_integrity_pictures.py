@@ -9,14 +9,16 @@ from deckline.config import Deck
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline_lab.evaluation import integrity_score
-from deckline_lab.evaluation.approaches import FlightsConfig
-from deckline_lab.evaluation.integrity_faults import offset_line
+from deckline_lab.evaluation.approaches import FlightsConfig, Sighting
+from deckline_lab.evaluation.integrity import RENDERED_AIDS
+from deckline_lab.evaluation.integrity_faults import FAULTS, Runs, inject
 from deckline_lab.evaluation.integrity_films import film
-from deckline_lab.evaluation.integrity_frames import FRAME_FAULTS, inject_frames
 from deckline_lab.evaluation.integrity_paint import PAINT_LEVEL, draw_boxes, erase, paint
-from deckline_lab.evaluation.integrity_score import Run, fly_frames, inject_run
+from deckline_lab.evaluation.integrity_score import FaultRun, fly_run, inject_run
+from deckline_lab.evaluation.integrity_sensors import offset_line
 
 ONSET_S = 0.6  # between the third and the fourth frame
+RENDERED = [name for name, fault in FAULTS.items() if Runs.RENDERED in fault.runs]
 OPTIONS = RunOptions(dehazer="none", detector="classical", sea_state=0.0)
 FLIGHTS = FlightsConfig(frames=6, range_m=(150.0, 60.0), options=OPTIONS)
 
@@ -32,16 +34,17 @@ def flight():
 
 
 def injected(name, frames=None):
-    found = list(inject_frames(frames or flight(), FRAME_FAULTS[name], ONSET_S, np.random.default_rng(3)))
-    return [at for at, _ in found], [faulty for _, faulty in found]
+    sightings = map(Sighting, frames or flight())
+    found = list(inject(sightings, FAULTS[name], ONSET_S, np.random.default_rng(3)))
+    return [at.frame for at, _ in found], [faulty for _, faulty in found]
 
 
-@pytest.mark.parametrize("name", FRAME_FAULTS)
+@pytest.mark.parametrize("name", RENDERED)
 def test_every_fault_begins_when_it_should_and_leaves_its_frames_as_they_were(name):
     whole = flight()
     before = [at.image_rgb.copy() for at in whole]
     frames, faulty = injected(name, whole)
-    onset = 3 if FRAME_FAULTS[name].sudden else 0
+    onset = 3 if FAULTS[name].sudden else 0
     assert faulty == [False] * onset + [True] * (len(frames) - onset)
     assert all(at is known for at, known in zip(frames[:onset], whole, strict=False))
     assert all(np.array_equal(at.image_rgb, image) for at, image in zip(whole, before, strict=True))
@@ -62,14 +65,14 @@ def test_pictures_and_poses_are_what_their_names_say():
     swapped = [at.world_from_body.translation[0] for at in injected("swapped poses")[0]]
     np.testing.assert_allclose(swapped, [-150, -135, -120, -90, -105])
     late = [at.world_from_body.translation[0] for at in injected("pose late by 0.2 s")[0]]
-    np.testing.assert_allclose(late[4:], [-102, -87])  # 0.2 s at 60 m/s behind -90 and -75
+    np.testing.assert_allclose(late[3:], [-117, -102, -87])  # 0.2 s at 60 m/s behind -105, -90 and -75
     assert 3 <= len(injected("dropped frames")[0]) < 6
 
 
 def test_the_deck_and_the_mount_are_told_wrong():
-    heights = {name: injected(name)[0][0].deck_z_m for name in FRAME_FAULTS if name.startswith("deck")}
+    heights = {name: injected(name)[0][0].deck_z_m for name in RENDERED if name.startswith("deck")}
     assert heights == {"deck height -10 m": -30.0, "deck height of the sea": -2.0, "deck height, wrong sign": 20.0}
-    mounts = {name: injected(name)[0][0].body_from_camera.rotation for name in FRAME_FAULTS if name.startswith("mount")}
+    mounts = {name: injected(name)[0][0].body_from_camera.rotation for name in RENDERED if name.startswith("mount")}
     turns = [(turn * frame().body_from_camera.rotation.inv()).as_rotvec(degrees=True) for turn in mounts.values()]
     np.testing.assert_allclose(np.abs(turns), [[0, 0, 5], [0, 3, 0]], atol=1e-9)
 
@@ -133,12 +136,12 @@ def test_a_flight_is_told_the_width_and_has_depth_only_with_that_aid(monkeypatch
 
     def watch(config, **loaded):
         inner = build(config, **loaded)
-        return lambda at: (flown.append((config.deck, at.depth_m is not None)), inner(at))[1]
+        return lambda at, **given: (flown.append((config.deck, at.depth_m is not None)), inner(at, **given))[1]
 
     monkeypatch.setattr(integrity_score.Flight, "from_config", watch)
-    deep = [replace(at, depth_m=np.full(at.image_rgb.shape[:2], 50.0, np.float32)) for at in flight()]
-    for aid in integrity_score.AIDS:
-        states = fly_frames(deep, Run("mirrored picture", 0, aid), FLIGHTS, models)
+    deep = [Sighting(replace(at, depth_m=np.full(at.image_rgb.shape[:2], 50.0, np.float32))) for at in flight()]
+    for aid in RENDERED_AIDS:
+        states = fly_run(deep, FaultRun("mirrored picture", 0, aid), FLIGHTS, models)
         assert len(states) == 6 and all(state.faulty for state in states)
     seen = [(deck.width_m, depth) for deck, depth in flown[::6]]
     assert seen == [(None, False), (None, True), (pytest.approx(16.0), False), (pytest.approx(16.0), True)]
@@ -162,10 +165,10 @@ def test_the_rendered_campaign_resumes_and_has_a_row_for_every_fault_and_aid(tmp
 
 
 def test_a_film_shows_what_the_run_saw(tmp_path):
-    run = Run("dropped frames", 1, "no aid")
-    folder = film(flight(), run, FLIGHTS, Flight.from_config(OPTIONS.run_config()), tmp_path)
+    run, sightings = FaultRun("dropped frames", 1, "no aid"), [Sighting(at) for at in flight()]
+    folder = film(sightings, run, FLIGHTS, Flight.from_config(OPTIONS.run_config()), tmp_path)
     assert folder == tmp_path / "dropped_frames,_no_aid_1"
     lines = (folder / "guidance.jsonl").read_text().splitlines()
-    assert len(lines) == len(list(inject_run(flight(), run, FLIGHTS))) < 6
+    assert len(lines) == len(list(inject_run(sightings, run, FLIGHTS))) < 6
     assert (folder / "overlay.mp4").stat().st_size > 0
     assert "dropped frames; no aid, approach 1" in (folder / "report.html").read_text()
