@@ -1,7 +1,7 @@
 """Scores of dehazers, and their tables."""
 
-import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,8 +22,9 @@ from deckline_lab.evaluation.dehazing_score import (
     worse_lines,
 )
 from deckline_lab.evaluation.metrics import psnr_db, ssim
-from deckline_lab.evaluation.tables import OutputFiles, publish
+from golden import check_golden
 
+GOLDEN = Path(__file__).parent / "golden"
 FILMED = {"a": "dry and sharp", "b": "rain", "c": "rain", "d": None}
 
 
@@ -194,53 +195,27 @@ def results(**changes) -> Results:
     return replace(plain, **changes)
 
 
-def rows_of(table) -> dict[str, dict[str, str]]:
-    return {row[table.columns.index("dehazer")]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
+def costs_of(net: Cost) -> dict[str, Cost]:
+    return {"none": Cost(0.05, 10 * 2.0**20), "[net]": net}
 
 
-def test_cells_of_known_numbers():
-    first, _, lines, _ = dehazing_tables(results())
-    net, none = rows_of(first)["[net]"], rows_of(first)["none"]
-    assert (net["PSNR, dB"], net["to [net], dB"], net["SSIM"]) == ("17.50", "-", "-")
-    assert none["to [net], dB"] == "-4.00 [-4.00, -4.00]"
-    assert (net["parameters"], net["MACs 256x256"], none["parameters"]) == ("1.500 M", "2.34 G", "-")
-    assert "below horizon, dB" not in first.columns
-    assert rows_of(lines)["[net]"]["difference, points"] == "-100.0 [-100.0, -100.0]"
-    assert rows_of(lines)["none"]["points, median px"] == "2.00"
-
-
-def test_rain_has_a_table_of_its_own():
+def cases() -> dict[str, Results]:
     wet = [replace(one, film="rain") for one in scores("none", 10.0, True)]
-    measured = results(film=summarise_film(wet, "[net]"))
-    first, _, film, *_ = dehazing_tables(measured)
-    assert film.columns[0] == "rain and motion blur" and "rain and motion blur" not in first.columns
-    assert [row[:4] for row in film.rows] == [("rain", "none", "8", "13.50")]
-    assert json_of(measured)["film"]["rain"]["none"]["images"] == 8
-    assert not any("rain" in table.title for table in dehazing_tables(results()))
-
-
-def test_a_higher_psnr_with_worse_lines_is_said():
-    assert "Higher PSNR, worse lines: [net] (all), [net] (300-500 m)." in dehazing_tables(results())[-2].notes
     both = [*scores("none", 10.0, True), *scores("[net]", 14.0, True)]
-    assert not any("worse" in line for line in dehazing_tables(results(summaries=summarise(both, "none")))[-2].notes)
-
-
-def test_cost_has_its_ratio_to_the_reference_and_a_failure_its_reason():
-    costs = {"none": Cost(0.05, 10 * 2.0**20), "[net]": Cost(0.2, 40 * 2.0**20)}
-    row = rows_of(dehazing_tables(results(costs=costs))[0])["none"]
-    assert (row["ms at 1280x720"], row["peak MiB"]) == ("50.0 (0.25)", "10 (0.25)")
-    compared_with_nothing = results(costs=costs, reference="none")
-    assert rows_of(dehazing_tables(compared_with_nothing)[0])["[net]"]["ms at 1280x720"] == "200.0"
-    broken = dehazing_tables(results(costs={"[net]": Cost(0.2, None)}, failed={"none": "no memory"}))[0]
-    assert rows_of(broken)["none"]["peak MiB"] == rows_of(broken)["[net]"]["peak MiB"] == "-"
-    assert "none: no cost: no memory" in broken.notes
-
-
-def test_json_of_known_numbers(tmp_path):
     single = [*scores("none", 10.0, True)[:1], *scores("[net]", 14.0, True)[:1]]
-    one = results(skipped=(("/a: 9.png", "cut short"),), summaries=summarise(single, "none"))
-    publish("one pair", dehazing_tables(one), json_of(one), OutputFiles(tmp_path / "f.json"))
-    saved = json.loads((tmp_path / "f.json").read_text())
-    assert saved["visibility"]["all"]["[net]"]["differences"]["psnr_db"]["low"] is None
-    assert saved["skipped"] == [["/a: 9.png", "cut short"]]
-    assert json_of(results())["higher_psnr_worse_lines"] == {"all": ["[net]"], "300-500 m": ["[net]"]}
+    costs = costs_of(Cost(0.2, 40 * 2.0**20))
+    return {
+        "plain": results(),  # higher PSNR, worse lines
+        "rain": results(film=summarise_film(wet, "[net]")),
+        "good_lines": results(summaries=summarise(both, "none")),
+        "cost": results(costs=costs),
+        "cost_to_nothing": results(costs=costs, reference="none"),
+        "no_cost": results(costs={"[net]": Cost(0.2, None)}, failed={"none": "no memory"}),
+        "one_pair": results(skipped=(("/a: 9.png", "cut short"),), summaries=summarise(single, "none")),
+    }
+
+
+@pytest.mark.parametrize("name", cases())
+def test_tables_and_json_of_known_scores(name):
+    measured = cases()[name]
+    check_golden(GOLDEN / f"dehazing_{name}.json", {"tables": dehazing_tables(measured), "figures": json_of(measured)})
