@@ -1,7 +1,7 @@
 """`deckline eval`."""
 
 from deckline_lab.ablation.ablation import ablation
-from deckline_lab.evaluation import chain, dehazing, detection, flicker, integrity, localization, tables
+from deckline_lab.evaluation import chain, dehazing, detection, flicker, integrity_runs, localization, tables
 
 COMMANDS = {
     "chain": chain.chain,
@@ -12,7 +12,7 @@ COMMANDS = {
     "dehazing": dehazing.dehazing,
     "detection": detection.detection,
     "detectors": detection.detectors,
-    "integrity": integrity.integrity,
+    "integrity": integrity_runs.integrity,
     "localization": localization.localization,
     "report": tables.report,
 }

@@ -17,7 +17,7 @@ from deckline.report.provenance import settings_of
 from deckline.statistics import RANGE_M, VISIBILITY_M, by_band, median_and_p95, share
 from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
 from deckline.types import SIDES, DepthMode, LineVisibility
-from deckline_lab.evaluation.frames import FrameSet, Recorded, RenderOptions, Sample, score_frames
+from deckline_lab.evaluation.frames import FrameSample, FrameSet, Recorded, RenderOptions, score_frames
 from deckline_lab.evaluation.metrics import below_horizon, distance_px, normal_pixel_error, psnr_db, ssim
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, OutputFiles, Table, number, publish
@@ -116,7 +116,7 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
     flight = Flight.from_config(config)
     store = Store(out, "chain.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
 
-    def score(sample: Sample) -> dict[str, Any]:
+    def score(sample: FrameSample) -> dict[str, Any]:
         return asdict(score_frame(flight(sample.frame), config.approach))
 
     [rows] = score_frames(sets, [(store, score)])
@@ -263,7 +263,7 @@ def labels(
     sets = [Recorded(folder, deck_z_m) for folder in folders]
     store = Store(out, "labels.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
 
-    def score(sample: Sample) -> dict[str, Any]:
+    def score(sample: FrameSample) -> dict[str, Any]:
         if sample.labels is None:
             raise ValueError(f"{sample.source}: no labels.json: nothing to compare with")
         return asdict(score_labels(flight(sample.frame), sample.labels))

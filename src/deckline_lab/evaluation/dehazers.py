@@ -27,7 +27,7 @@ from deckline.runtime import sha256_of
 from deckline.types import Frame
 from deckline_lab.evaluation.dehazing_pairs import open_pairs
 
-USUAL_FILES = ("dehaze.onnx", "detect.onnx")  # as `deckline train` calls them: their folder says more
+USUAL_FILES = ("dehaze.onnx", "detect.onnx")  # as `deckline train` calls them: their folder's name is shown
 NO_REDUCTION_PX = 10**9  # a working size that no image exceeds
 RESET_PEAK = Path("/proc/self/clear_refs")  # proc(5): 5 sets the peak resident set to what is resident now
 
@@ -53,7 +53,7 @@ def shown_name(given: str) -> str:
     if not given.endswith(".onnx"):
         raise ValueError(
             f"unknown dehazer {given!r}: use one of {', '.join(DEHAZERS)}, or the path of an .onnx file "
-            f"(sources stand before --dehazer)"
+            f"(write sources before --dehazer)"
         )
     return file_label(Path(given))
 
@@ -102,7 +102,7 @@ def size_of(dehazer: Dehazer) -> tuple[int, int] | None:
 
 
 class SharedDehazer:
-    """A dehazer that keeps the last frame's picture, for the next method that shares it."""
+    """A dehazer that caches the last frame's result for the next method that shares it."""
 
     def __init__(self, dehazer: Dehazer) -> None:
         self.name = dehazer.name
@@ -187,9 +187,9 @@ def run_once(task: CostTask) -> Cost:
 
 
 def reset_peak() -> int | None:
-    """Bytes resident now, where the peak now begins; None where the system cannot say.
+    """Bytes resident now, where the peak now begins; None where the system does not report it.
 
-    What was freed goes back to the system first: memory kept for later would hide what a dehazer takes.
+    Freed memory is returned to the system first: the allocator's reserve would hide what a dehazer takes.
     """
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of the GNU C library

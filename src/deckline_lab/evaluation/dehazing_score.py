@@ -49,7 +49,7 @@ LINES = (
 LEVELS = {"psnr_db": "PSNR, dB", "psnr_db_surface": "below horizon, dB", "visible_range_m": "lines seen to, m"}
 MIB, MS = 2.0**20, 1e3
 
-Summaries = Mapping[str, Mapping[str, "Summary"]]  # band -> dehazer
+Summaries = Mapping[str, Mapping[str, "DehazingSummary"]]  # band -> dehazer
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class ImageScore:
 
 
 @dataclass(frozen=True)
-class Summary:
+class DehazingSummary:
     """One dehazer over a group of images. What does not exist is left out of the mappings."""
 
     images: int
@@ -107,7 +107,7 @@ def score_lines(result: FrameResult, lines: Mapping[str, Distances]) -> tuple[bo
     return result.estimate.seen is LineVisibility.BOTH, np.concatenate(distances).tolist()
 
 
-def summarise(scores: Sequence[ImageScore], reference: str) -> dict[str, dict[str, Summary]]:
+def summarise(scores: Sequence[ImageScore], reference: str) -> dict[str, dict[str, DehazingSummary]]:
     """Band of visibility -> dehazer -> its summary; ALL comes first, bands without an image are left out.
 
     Args:
@@ -123,7 +123,7 @@ def summarise(scores: Sequence[ImageScore], reference: str) -> dict[str, dict[st
     return {band: _summarise_group(members, reference) for band, members in groups.items()}
 
 
-def summarise_film(scores: Sequence[ImageScore], reference: str) -> dict[str, dict[str, Summary]]:
+def summarise_film(scores: Sequence[ImageScore], reference: str) -> dict[str, dict[str, DehazingSummary]]:
     """The same by one of FILMS, rain and motion blur; {} where no image is known to have any."""
     groups = {film: [score for score in scores if score.film == film] for film in FILMS}
     if not any(groups[film] for film in FILMS[1:]):
@@ -131,7 +131,7 @@ def summarise_film(scores: Sequence[ImageScore], reference: str) -> dict[str, di
     return {film: _summarise_group(members, reference) for film, members in groups.items() if members}
 
 
-def _summarise_group(scores: Sequence[ImageScore], reference: str) -> dict[str, Summary]:
+def _summarise_group(scores: Sequence[ImageScore], reference: str) -> dict[str, DehazingSummary]:
     by_dehazer: dict[str, dict[tuple[str, str], ImageScore]] = {}
     for score in scores:
         by_dehazer.setdefault(score.dehazer, {})[score.image] = score
@@ -160,7 +160,7 @@ def _summarise_group(scores: Sequence[ImageScore], reference: str) -> dict[str, 
             lines |= median_and_p95(distances, "point_error_px")
         left_alone = sum(bool(score.note) for score in ours.values())
         no_reference = summarise_no_reference([score.figures for score in ours.values()])
-        summaries[name] = Summary(
+        summaries[name] = DehazingSummary(
             len(ours), left_alone, means, differences, len(asked), lines, line_differences, no_reference
         )
     return summaries
@@ -184,7 +184,7 @@ def _paired(
     return [mine - other for mine, other in pairs if mine is not None and other is not None]
 
 
-def worse_lines(summaries: Mapping[str, Summary]) -> list[str]:
+def worse_lines(summaries: Mapping[str, DehazingSummary]) -> list[str]:
     """Dehazers of one band whose pictures are surely closer to the clear ones while the lines are surely worse.
 
     Surely means beyond the 95 % interval: fewer lines found, or points farther off.
@@ -200,7 +200,7 @@ def worse_lines(summaries: Mapping[str, Summary]) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Results:
+class DehazingResults:
     """All that was measured."""
 
     title: str
@@ -220,7 +220,7 @@ class Results:
         return {name: heading for name, heading in LEVELS.items() if name in known}
 
 
-def dehazing_tables(results: Results) -> list[Table]:
+def dehazing_tables(results: DehazingResults) -> list[Table]:
     """Restoration with its cost, by visibility and by rain and motion blur, the lines where they were asked for, and
     the figures without a clear picture.
     """
@@ -236,7 +236,7 @@ def dehazing_tables(results: Results) -> list[Table]:
     return [*tables, no_reference_table(no_reference)]
 
 
-def _restoration(results: Results) -> Table:
+def _restoration(results: DehazingResults) -> Table:
     columns = ["dehazer", "images", *_level_columns(results), "left as is", "parameters", "MACs 256x256"]
     notes = [MEANING, INTERVALS] if results.levels else []
     notes += [SEEN] if "visible_range_m" in results.levels else []
@@ -257,7 +257,7 @@ def _restoration(results: Results) -> Table:
     return Table("Restoration", columns, rows, notes)
 
 
-def _grouped(results: Results, by: str, groups: Summaries, notes: tuple[str, ...] = ()) -> Table:
+def _grouped(results: DehazingResults, by: str, groups: Summaries, notes: tuple[str, ...] = ()) -> Table:
     rows = [
         (group, name, *_level_cells(summary, results))
         for group, members in groups.items()
@@ -267,7 +267,7 @@ def _grouped(results: Results, by: str, groups: Summaries, notes: tuple[str, ...
     return Table(f"Restoration by {by}", columns, rows, notes)
 
 
-def _lines(results: Results) -> Table:
+def _lines(results: DehazingResults) -> Table:
     columns = ("visibility", "dehazer", "asked", "PSNR, dB", "found, %", "difference, points", "points, median px")
     rows = []
     for band, members in results.summaries.items():
@@ -277,12 +277,12 @@ def _lines(results: Results) -> Table:
     return Table("Lines by visibility", (*columns, "95 % px", "difference of medians, px"), rows, notes)
 
 
-def _level_columns(results: Results) -> list[str]:
+def _level_columns(results: DehazingResults) -> list[str]:
     pairs = ((heading, f"to {results.reference}, {heading.rpartition(' ')[2]}") for heading in results.levels.values())
     return [*(word for pair in pairs for word in pair), *(["SSIM"] if results.levels else [])]
 
 
-def _level_cells(summary: Summary, results: Results) -> list[str]:
+def _level_cells(summary: DehazingSummary, results: DehazingResults) -> list[str]:
     cells = [str(summary.images)]
     for name in results.levels:
         cells += [number(summary.means.get(name), ".2f"), _difference(summary.differences.get(name), "+.2f")]
@@ -290,7 +290,7 @@ def _level_cells(summary: Summary, results: Results) -> list[str]:
     return [*cells, str(summary.left_alone)]
 
 
-def _line_cells(summary: Summary) -> list[str]:
+def _line_cells(summary: DehazingSummary) -> list[str]:
     lines, differences = summary.lines, summary.line_differences
     return [
         str(summary.asked),
@@ -303,7 +303,7 @@ def _line_cells(summary: Summary) -> list[str]:
     ]
 
 
-def _cost_cells(name: str, results: Results) -> tuple[str, str]:
+def _cost_cells(name: str, results: DehazingResults) -> tuple[str, str]:
     """Time and memory, with the ratio to the reference unless that is doing nothing."""
     cost, reference = results.costs.get(name), results.costs.get(results.reference)
     if cost is None:
@@ -320,7 +320,7 @@ def _difference(difference: Difference | None, form: str, scale: float = 1.0) ->
     return MISSING if difference is None or math.isnan(difference.value) else difference.text(form, scale)
 
 
-def json_of(results: Results) -> dict[str, Any]:
+def json_of(results: DehazingResults) -> dict[str, Any]:
     """The numbers of the tables."""
     visibility, film = (
         {group: {name: asdict(one) for name, one in members.items()} for group, members in groups.items()}

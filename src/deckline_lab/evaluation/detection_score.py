@@ -22,8 +22,8 @@ from deckline.statistics import (
     share,
 )
 from deckline.types import SIDES, Detection
-from deckline_lab.evaluation.detection_truth import Scene
-from deckline_lab.evaluation.frames import Sample
+from deckline_lab.evaluation.detection_truth import SceneKind
+from deckline_lab.evaluation.frames import FrameSample
 from deckline_lab.evaluation.metrics import distance_px
 from deckline_lab.evaluation.tables import Figures
 from deckline_lab.labels.lines import Line, interpolate_rows
@@ -32,7 +32,7 @@ RIGHT_PX = 3.0  # a point this near to its line, in an image of 1280 px, is righ
 FULL_WIDTH_PX = 1280
 LANE_ROWS = 56  # rows that a line is compared on in TuSimple's score; as many as its own files have
 UNPROJECTABLE_PX = 1e4  # error of a point that no ray of the lens reaches
-DIGITS = 5  # significant digits kept of a point's error and confidence
+DIGITS = 5  # significant digits stored of a point's error and confidence
 BINS = 10  # of confidence, evenly from 0 to 1
 TUSIMPLE_PX = 20.0  # a point is right when it is nearer than that along its row, on an upright lane in a 1280 px image
 TUSIMPLE_WIDTH = 1280
@@ -70,7 +70,7 @@ class DetectionScore:
     index: int  # of the frame in its source
     file: str
     ship: str
-    scene: str  # a Scene
+    scene: str  # a SceneKind
     range_m: float
     visibility_m: float
     width_px: int  # of the image
@@ -100,15 +100,15 @@ class DetectionScore:
     @property
     def badness(self) -> tuple[float, float]:
         """Sorts the worst frames last: lines lost or invented, then errors; of equal ones the larger deck."""
-        if self.scene == Scene.UNRATED:
+        if self.scene == SceneKind.UNRATED:
             return 0.0, 0.0
-        if self.scene == Scene.EMPTY:
+        if self.scene == SceneKind.EMPTY:
             return 100.0 * self.found, 0.0
         worst = max((float(np.percentile(errors, 95)) for errors in self.errors_px.values() if errors), default=0.0)
         return 100.0 * (2 - self.found) + min(worst / self.right_px, 99.0), self.extent_px
 
 
-def score_detection(sample: Sample, detection: Detection) -> DetectionScore:
+def score_detection(sample: FrameSample, detection: Detection) -> DetectionScore:
     """Compare one frame's detected points with what should be found in it."""
     frame, expected = sample.frame, sample.expected
     size = (frame.camera.width, frame.camera.height)
@@ -122,7 +122,7 @@ def score_detection(sample: Sample, detection: Detection) -> DetectionScore:
         if len(points) >= 2:
             predicted.append(points.points_px[np.argsort(points.points_px[:, 1], kind="stable")])
     true = [line for line in expected.lines_px.values() if line is not None]
-    deck = expected.scene is Scene.DECK
+    deck = expected.scene is SceneKind.DECK
     return DetectionScore(
         sample.source,
         sample.index,
@@ -136,7 +136,7 @@ def score_detection(sample: Sample, detection: Detection) -> DetectionScore:
         errors,
         confidence,
         _score_tusimple(predicted, true, size[0]) if deck else None,
-        None if expected.scene is Scene.UNRATED else culane(predicted, true if deck else [], size),
+        None if expected.scene is SceneKind.UNRATED else culane(predicted, true if deck else [], size),
         expected.light,
         expected.contrast,
     )
@@ -154,13 +154,13 @@ def _rounded(values: NDArray[np.float64]) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values]
 
 
-def with_scene(scores: Sequence[DetectionScore], scene: Scene) -> list[DetectionScore]:
+def with_scene(scores: Sequence[DetectionScore], scene: SceneKind) -> list[DetectionScore]:
     """Scores of frames that show this."""
     return [score for score in scores if score.scene == scene]
 
 
 def summarise(scores: Sequence[DetectionScore]) -> Figures:
-    """Flat figures; what cannot be said is left out.
+    """Flat figures; figures that do not exist are left out.
 
     Rates are shares of frames: `found_rate` points on both lines, `placed_rate` and half of each line's within 3 px of
     1280, `false_rate` any point where there is no line, `false_pair_rate` points on both. Errors are pooled over all
@@ -171,7 +171,7 @@ def summarise(scores: Sequence[DetectionScore]) -> Figures:
     """
     if not scores:
         raise ValueError("no frame could be evaluated")
-    decks, empty = with_scene(scores, Scene.DECK), with_scene(scores, Scene.EMPTY)
+    decks, empty = with_scene(scores, SceneKind.DECK), with_scene(scores, SceneKind.EMPTY)
     figures = {"frames": float(len(scores)), "decks": float(len(decks)), "empty": float(len(empty))}
     if decks:
         figures |= {
@@ -219,7 +219,7 @@ class Reliability:
 
 def reliability(scores: Sequence[DetectionScore]) -> Reliability:
     """How often points of each confidence are right, on decks and on frames without one, where none is."""
-    rated = [score for score in scores if score.scene != Scene.UNRATED]
+    rated = [score for score in scores if score.scene != SceneKind.UNRATED]
     confidence = [value for score in rated for side in SIDES for value in score.confidence[side]]
     right = [value <= score.right_px for score in rated for side in SIDES for value in score.errors_px[side]]
     return calibration(confidence, right)

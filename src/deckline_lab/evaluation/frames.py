@@ -27,7 +27,7 @@ RANDOM_SHIPS = "random ships"
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class FrameSample:
     """A frame and what is known of it."""
 
     frame: Frame
@@ -47,6 +47,9 @@ class Sample:
             raise FrameError(self.frame.file, str(error)) from None
 
 
+Task = tuple[Store, Callable[[FrameSample], dict[str, Any]]]  # where rows are stored, and what makes a row
+
+
 class FrameSet(ABC):
     """Frames that can be loaded in any order."""
 
@@ -57,7 +60,7 @@ class FrameSet(ABC):
     def __len__(self) -> int: ...
 
     @abstractmethod
-    def load(self, index: int) -> Sample | None:
+    def load(self, index: int) -> FrameSample | None:
         """Frame `index`; None where nobody labelled it.
 
         Raises:
@@ -90,13 +93,13 @@ class Recorded(FrameSet):
     def __len__(self) -> int:
         return len(self._recording)
 
-    def load(self, index: int) -> Sample | None:
+    def load(self, index: int) -> FrameSample | None:
         frame = self._recording.load(index)
         if self._labels is None:
-            return Sample(frame, self.name, index, self._ship)
+            return FrameSample(frame, self.name, index, self._ship)
         if frame.file not in self._labels:
             return None
-        return Sample(frame, self.name, index, self._ship, self._labels[frame.file])
+        return FrameSample(frame, self.name, index, self._ship, self._labels[frame.file])
 
 
 class Rendered(FrameSet):
@@ -113,7 +116,7 @@ class Rendered(FrameSet):
     def __len__(self) -> int:
         return int(self._config.frames)
 
-    def load(self, index: int) -> Sample:
+    def load(self, index: int) -> FrameSample:
         if self._simulator is None:
             from deckline_sim import open_simulator
 
@@ -121,7 +124,7 @@ class Rendered(FrameSet):
         frame = self._simulator.frame(index)
         ship = RANDOM_SHIPS if self._config.preset == "train" else self._config.preset
         ship = f"no runway: {frame.truth.conditions['deckless']}" if self._deckless else ship
-        return Sample(frame, self.name, index, ship)
+        return FrameSample(frame, self.name, index, ship)
 
     def close(self) -> None:
         if self._simulator is not None:
@@ -206,10 +209,8 @@ def name_sets(sets: Sequence[FrameSet]) -> str:
     return ", ".join(names) if len(names) <= NAMED else f"{len(names)} sources, {names[0]} to {names[-1]}"
 
 
-def score_frames(
-    sets: Sequence[FrameSet], tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]
-) -> list[list[dict[str, Any]]]:
-    """Score every frame by every task (a store, and what makes its rows) whose store lacks it; load each frame once.
+def score_frames(sets: Sequence[FrameSet], tasks: Sequence[Task]) -> list[list[dict[str, Any]]]:
+    """Score every frame by every task whose store lacks it; load each frame once.
 
     A frame that cannot be used is skipped, counted and named on stderr. Returns the rows of each task.
     """
@@ -232,7 +233,7 @@ def score_frames(
     return [[row for row in each if "skipped" not in row] for each in rows]
 
 
-def _score_frame(item: FrameSet, index: int, tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]) -> None:
+def _score_frame(item: FrameSet, index: int, tasks: Sequence[Task]) -> None:
     reason = ""  # of a frame without labels, which is left out silently
     sample = None
     try:

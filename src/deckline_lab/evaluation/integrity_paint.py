@@ -48,7 +48,7 @@ def draw_boxes(
 
     Args:
         frame: of which pose and air are known.
-        line: that they stand on.
+        line: of the deck, which carries them.
         places: (N, 2) of their middles: along the line, as a part of it, and m to the right of it.
         size_m: length, width and height.
         level: grey level from 0 to 255.

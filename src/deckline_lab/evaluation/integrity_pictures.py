@@ -1,4 +1,4 @@
-"""Faults of rendered pictures: optics, light, weather, and what is painted or stands on the deck."""
+"""Faults of rendered pictures: optics, light, weather, and paint and objects on the deck."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,12 +30,12 @@ ERASED_M, BESIDE_M = 3.6, 2.8  # width that an edge line's paint is hidden in, b
 MOVED_M = 9.0  # of a line that is painted in place of an edge line, either way
 NARROW_M = 6.0  # between the middle and either line, where both are painted anew
 SECOND_M, SECOND_RAD = (5.0, 12.0), (0.03, 0.12)  # of a second runway beside the first, either way, and turned
-AIRCRAFT_M = (14.0, 10.0, 4.0)  # length, width and height of one that stands on an edge line
+AIRCRAFT_M = (14.0, 10.0, 4.0)  # length, width and height of one on an edge line
 PEOPLE, PEOPLE_ASIDE_M = 25, 0.6  # on each edge line, so far off its middle at most
 PERSON_M, PERSON_LEVEL = (0.5, 0.6, 1.8), 50.0  # length, width and height
 RAIN_MM_H, LENS_DROPS = (10.0, 60.0), (15, 80)  # heavy to torrential; drops that sit on the lens
 GAMMA = 2.2  # of the image's levels over light
-AIRCRAFT_AT = (0.1, 0.6)  # where on the line it stands, of its length
+AIRCRAFT_AT = (0.1, 0.6)  # where on the line it is, of its length
 RUBBER_AT, RUBBER_LEVEL = (0.15, 0.5), 45.0  # part of both edge lines that tyres have blackened
 GLARE_PART = (0.01, 0.06)  # of the image's width: 1-sigma of the sun's image on the water and the lens
 
@@ -175,7 +175,7 @@ def park(rng: np.random.Generator) -> Step:
 
 
 def gather(rng: np.random.Generator) -> Step:
-    """People in dark clothes who stand on both edge lines."""
+    """People in dark clothes on both edge lines."""
     places = {side: rng.uniform([0.0, -PEOPLE_ASIDE_M], [1.0, PEOPLE_ASIDE_M], (PEOPLE, 2)) for side in SIDES}
 
     def repaint(frame: Frame, edges: Edges) -> Frame:

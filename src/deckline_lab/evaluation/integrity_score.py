@@ -99,7 +99,7 @@ class FrameState:
 
     @property
     def misleading(self) -> bool:
-        """Followed, and farther off than its protection level says."""
+        """Followed, and with an error beyond its protection level."""
         pairs = (
             (self.lateral_m, self.lateral_level_m),
             (self.height_m, self.height_level_m),

@@ -195,9 +195,9 @@ def move_points(points: LinePoints, line: Segment, other: Segment, frame: Frame)
     """Points of one true line as they would lie on another, in the same rows; those outside the image are gone."""
     v = points.points_px[:, 1]
     u = points.points_px[:, 0] + u_at(other, v, frame) - u_at(line, v, frame)
-    keep = np.isfinite(u) & (u >= 0) & (u <= frame.camera.width - 1)
-    moved = np.column_stack([u, v])[keep]
-    return LinePoints(moved, points.confidence[keep], points.sigma_px[keep])
+    inside = np.isfinite(u) & (u >= 0) & (u <= frame.camera.width - 1)
+    moved = np.column_stack([u, v])[inside]
+    return LinePoints(moved, points.confidence[inside], points.sigma_px[inside])
 
 
 def u_at(line: Segment, v_px: np.ndarray, frame: Frame) -> np.ndarray:

@@ -35,7 +35,7 @@ from deckline_lab.evaluation.localization_methods import (
     point_bench,
     point_methods,
 )
-from deckline_lab.evaluation.localization_score import Score, score_approach
+from deckline_lab.evaluation.localization_score import LocalizationScore, score_approach
 from deckline_lab.evaluation.localization_tables import NOTES, flat_figures, localization_tables
 from deckline_lab.evaluation.pictures import write_figure
 from deckline_lab.evaluation.store import Store
@@ -92,7 +92,7 @@ def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) 
     settings = {**flight_settings(config.flights), "methods": work.bench.settings}
     with Store(config.out, SCORES_FILE, settings) as store:
         _fly_all(store, config, work)
-    scores = [Score(**row) for number in range(config.approaches) for row in store.rows[number,]]
+    scores = [LocalizationScore(**row) for number in range(config.approaches) for row in store.rows[number,]]
     by_method = {method.name: [score for score in scores if score.method == method.name] for method in work.methods}
     models = config.flights.run.models
     names = f"dehazer {models.dehazer}, detector {models.detector}"
@@ -156,7 +156,7 @@ def _fly_in_process(number: int, config: LocalizationConfig) -> list[dict[str, A
     return [asdict(score) for scores in frames for score in scores]
 
 
-def _write_csv(path: Path, scores: Sequence[Score]) -> None:
+def _write_csv(path: Path, scores: Sequence[LocalizationScore]) -> None:
     """One row for each frame and method; empty cells for what does not exist."""
     keys = ("approach", "index", "method", "range_m", "visibility_m", "mode")
     text = io.StringIO()
@@ -167,7 +167,7 @@ def _write_csv(path: Path, scores: Sequence[Score]) -> None:
     print(path)
 
 
-def _write_figures(folder: Path, scores: dict[str, list[Score]]) -> None:
+def _write_figures(folder: Path, scores: dict[str, list[LocalizationScore]]) -> None:
     """A picture of every method that gave a centre line; one line on stderr without matplotlib."""
     for name, members in scores.items():
         if any("centre.lateral_m" in score.figures for score in members):

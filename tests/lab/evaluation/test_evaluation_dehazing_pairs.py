@@ -81,7 +81,7 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
         assert message in last_error(capsys)
     (folder / "labels.json").write_text(json.dumps({"frames": [*labels["frames"], hazy]}))
     assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-    assert "a_vis900.png stands there twice" in last_error(capsys)
+    assert "a_vis900.png has two entries" in last_error(capsys)
     (folder / "labels.json").write_text(json.dumps(labels))
     cv2.imwrite(str(folder / "a_clear.png"), np.zeros((360, 640, 3), np.uint8))
     assert run(folder, "--detector", "none", "--dehazer", "none") == 2

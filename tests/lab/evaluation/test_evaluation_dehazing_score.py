@@ -11,8 +11,8 @@ from deckline.types import Segment, Truth
 from deckline_lab.evaluation.dehazers import Cost
 from deckline_lab.evaluation.dehazing_pairs import film_of, labelled_lines, seen_length_px, true_lines
 from deckline_lab.evaluation.dehazing_score import (
+    DehazingResults,
     ImageScore,
-    Results,
     dehazing_tables,
     json_of,
     restoration,
@@ -188,10 +188,10 @@ def scores(name: str, psnr_db: float, found: bool) -> list[ImageScore]:
     return [ImageScore("/a", str(i), name, 400.0, {"psnr_db": psnr_db + i}, **lines) for i in range(8)]
 
 
-def results(**changes) -> Results:
+def results(**changes) -> DehazingResults:
     both = [*scores("none", 10.0, True), *scores("[net]", 14.0, False)]
     sizes = {"none": None, "[net]": (1_500_000, 2_340_000_000)}
-    plain = Results("8 pairs", "[net]", summarise(both, "[net]"), {}, sizes, {}, (1280, 720), {}, ())
+    plain = DehazingResults("8 pairs", "[net]", summarise(both, "[net]"), {}, sizes, {}, (1280, 720), {}, ())
     return replace(plain, **changes)
 
 
@@ -199,7 +199,7 @@ def costs_of(net: Cost) -> dict[str, Cost]:
     return {"none": Cost(0.05, 10 * 2.0**20), "[net]": net}
 
 
-def cases() -> dict[str, Results]:
+def cases() -> dict[str, DehazingResults]:
     wet = [replace(one, film="rain") for one in scores("none", 10.0, True)]
     both = [*scores("none", 10.0, True), *scores("[net]", 14.0, True)]
     single = [*scores("none", 10.0, True)[:1], *scores("[net]", 14.0, True)[:1]]

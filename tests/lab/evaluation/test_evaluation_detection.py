@@ -22,7 +22,7 @@ from deckline_lab.evaluation.detection import (
 )
 from deckline_lab.evaluation.detection_cost import cost_table, measure_costs
 from deckline_lab.evaluation.detection_score import DetectionScore, TuSimple
-from deckline_lab.evaluation.detection_truth import Scene
+from deckline_lab.evaluation.detection_truth import SceneKind
 from deckline_lab.evaluation.frames import Recorded, name_sets, open_recorded
 from deckline_lab.evaluation.pictures import figures_line, write_worst
 from deckline_lab.labels import LabelledImage, write_labels
@@ -132,8 +132,8 @@ def labelled_folder(folder):
 def test_labelled_images_are_a_source_and_unlabelled_ones_are_not(tmp_path):
     folder = labelled_folder(tmp_path / "mine")
     (item,) = open_recorded((folder,))
-    assert item.load(0).expected.scene is Scene.DECK
-    assert item.load(1).expected.scene is Scene.EMPTY
+    assert item.load(0).expected.scene is SceneKind.DECK
+    assert item.load(1).expected.scene is SceneKind.EMPTY
     assert item.load(2) is None
     assert item.load(0).ship == "labelled"
 
@@ -197,14 +197,14 @@ def test_many_sources_are_named_by_the_first_and_the_last(tmp_path):
     assert name_sets(sets) == f"9 sources, {paths[0]} to {paths[8]}"
 
 
-def score_of(index: int, found: int, range_m: float = 150.0, scene: Scene = Scene.DECK) -> DetectionScore:
+def score_of(index: int, found: int, range_m: float = 150.0, scene: SceneKind = SceneKind.DECK) -> DetectionScore:
     errors = {"left": [1.0] * (found > 0), "right": [2.0] * (found > 1)}
     return deck(**errors, index=index, scene=scene, range_m=range_m, tusimple=TuSimple(1.0, 0.0, 0.0))
 
 
 def test_differences_are_of_the_same_decks_and_bands_of_the_share_found():
-    first = [score_of(k, 2 if k < 10 else 0) for k in range(20)] + [score_of(20, 1, scene=Scene.EMPTY)]
-    other = [score_of(k, 2, 150.0 if k < 19 else 500.0) for k in range(20)] + [score_of(20, 0, scene=Scene.EMPTY)]
+    first = [score_of(k, 2 if k < 10 else 0) for k in range(20)] + [score_of(20, 1, scene=SceneKind.EMPTY)]
+    other = [score_of(k, 2, 150.0 if k < 19 else 500.0) for k in range(20)] + [score_of(20, 0, scene=SceneKind.EMPTY)]
     tables = comparison_tables({("one", "none"): first, ("two", "none"): other})
     check_golden(GOLDEN / "detectors.json", tables)
     value, low, high = (float(part.strip("[],")) for part in tables[0].rows[1][-1].split())

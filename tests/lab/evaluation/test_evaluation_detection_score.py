@@ -24,27 +24,27 @@ from deckline_lab.evaluation.detection_score import (
     summarise,
     tusimple,
 )
-from deckline_lab.evaluation.detection_truth import Scene
-from deckline_lab.evaluation.frames import Sample
+from deckline_lab.evaluation.detection_truth import SceneKind
+from deckline_lab.evaluation.frames import FrameSample
 from deckline_lab.labels.lines import resample
 
 ROWS = np.arange(0.0, 100.0, 10.0)
 UPRIGHT = np.full(10, 100.0)
 
 
-def sample_at(x_m: float, camera: Camera = CAMERA, **truth) -> Sample:
-    return Sample(frame_at(x_m, camera=camera, **truth), "data", 7, "paper")
+def sample_at(x_m: float, camera: Camera = CAMERA, **truth) -> FrameSample:
+    return FrameSample(frame_at(x_m, camera=camera, **truth), "data", 7, "paper")
 
 
 def sea(points: int, confidence=0.9, right=0) -> DetectionScore:
     lines = CuLane(0, (points > 0) + (right > 0), 0)
-    return deck([np.inf] * points, [np.inf] * right, confidence, scene=Scene.EMPTY, tusimple=None, culane=lines)
+    return deck([np.inf] * points, [np.inf] * right, confidence, scene=SceneKind.EMPTY, tusimple=None, culane=lines)
 
 
 def test_rates_and_errors_of_known_frames():
     missed = deck([], [4.0], tusimple=TuSimple(0.5, 0.0, 0.5), culane=CuLane(1, 0, 1))
     astray = deck([1.0, 2.0], [50.0])
-    hidden = deck([7.0], [7.0], scene=Scene.UNRATED)
+    hidden = deck([7.0], [7.0], scene=SceneKind.UNRATED)
     figures = summarise([deck(), missed, astray, hidden, sea(0), sea(2), sea(1, right=1), sea(0)])
     assert figures["frames"] == 8 and figures["decks"] == 3 and figures["empty"] == 4
     assert figures["found_rate"] == pytest.approx(2 / 3)
@@ -90,7 +90,7 @@ def test_calibration_error_is_between_the_overall_gap_and_one(pairs):
 
 
 def test_points_on_the_open_sea_count_as_wrong_and_unrated_frames_not_at_all():
-    result = reliability([deck([1.0], [9.0], 0.75), sea(2, 0.75), deck([0.0], [0.0], scene=Scene.UNRATED)])
+    result = reliability([deck([1.0], [9.0], 0.75), sea(2, 0.75), deck([0.0], [0.0], scene=SceneKind.UNRATED)])
     assert result.bins[7].points == 4
     assert result.bins[7].right == 0.25
 
@@ -120,7 +120,7 @@ def test_groups_hold_every_frame_that_has_the_value_once():
 
 def test_the_worst_frames_are_lost_and_invented_lines_then_errors_then_larger_decks():
     order = [
-        deck(scene=Scene.UNRATED, left=[900.0]),
+        deck(scene=SceneKind.UNRATED, left=[900.0]),
         sea(0),
         deck([1.0], [1.0]),
         deck([1.0], [30.0]),
@@ -141,9 +141,9 @@ def test_contrast_is_the_fainter_lines_however_many_points_say_where_it_is():
     left, right = (np.array([[u, 300.0], [u, 100.0]]) for u in (200.0, 400.0))
     nothing = Detection(points([]), points([]))
     for lines in ((left, right), (resample(left, 40), resample(right, 300))):
-        sample = Sample(frame, "data", 0, "labelled", dict(zip(("left", "right"), lines, strict=True)))
+        sample = FrameSample(frame, "data", 0, "labelled", dict(zip(("left", "right"), lines, strict=True)))
         assert score_detection(sample, nothing).contrast == pytest.approx(20.0, rel=0.2)
-    alone = Sample(frame, "data", 0, "labelled", {"left": left, "right": None})
+    alone = FrameSample(frame, "data", 0, "labelled", {"left": left, "right": None})
     assert np.isnan(score_detection(alone, nothing).contrast)
 
 

@@ -5,8 +5,8 @@ import pytest
 from deckline.cli.main import main
 from deckline.options import RunOptions
 from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points, point_flight
-from deckline_lab.evaluation.integrity import IntegrityConfig, flat_figures, integrity_tables
 from deckline_lab.evaluation.integrity_faults import FAULTS, Runs
+from deckline_lab.evaluation.integrity_runs import IntegrityConfig, flat_figures, integrity_tables
 from deckline_lab.evaluation.integrity_score import NOMINAL, FaultRun, FrameState, fly_run
 
 CALM = RunOptions(grade="good", sea_state=0.0)

@@ -10,10 +10,10 @@ from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline_lab.evaluation import integrity_score
 from deckline_lab.evaluation.approaches import FlightsConfig, Sighting
-from deckline_lab.evaluation.integrity import RENDERED_AIDS
 from deckline_lab.evaluation.integrity_faults import FAULTS, Runs, inject
 from deckline_lab.evaluation.integrity_films import film
 from deckline_lab.evaluation.integrity_paint import PAINT_LEVEL, draw_boxes, erase, paint
+from deckline_lab.evaluation.integrity_runs import RENDERED_AIDS
 from deckline_lab.evaluation.integrity_score import FaultRun, fly_run, inject_run
 from deckline_lab.evaluation.integrity_sensors import offset_line
 
@@ -150,7 +150,9 @@ def test_a_flight_is_told_the_width_and_has_depth_only_with_that_aid(monkeypatch
 
 def test_the_rendered_campaign_resumes_and_has_a_row_for_every_fault_and_aid(tmp_path, capsys, monkeypatch):
     rendered = []
-    monkeypatch.setattr("deckline_lab.evaluation.integrity.fly", lambda _, number: rendered.append(number) or flight())
+    monkeypatch.setattr(
+        "deckline_lab.evaluation.integrity_runs.fly", lambda _, number: rendered.append(number) or flight()
+    )
     words = ["eval", "integrity", "--rendered", "--frames", "6", "--range-m", "150", "60", "--dehazer", "none"]
     words += ["--detector", "classical", "--runs", "1", "--nominal", "2", "--out", str(tmp_path), "--fault"]
     assert main([*words, "stalled picture", "--aid", "no aid", "depth, width"]) == 0

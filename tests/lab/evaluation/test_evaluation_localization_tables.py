@@ -7,9 +7,9 @@ import pytest
 from deckline.config import RunConfig
 from deckline.statistics import percentile
 from deckline_lab.evaluation.localization_methods import point_methods
-from deckline_lab.evaluation.localization_score import Score
+from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.localization_tables import (
-    MARKS,
+    REQUIREMENTS,
     USABLE,
     by_range,
     by_visibility,
@@ -19,7 +19,7 @@ from deckline_lab.evaluation.localization_tables import (
     improvement,
     line_means,
     localization_tables,
-    measure_mark,
+    measure_required,
     misleads,
     run_mean,
     sizes,
@@ -34,9 +34,9 @@ GOLDEN = Path(__file__).parent / "golden"
 PRINTED = {"left": (8.5456, 1.3347), "right": (3.9949, 0.0559)}
 
 
-def score(approach=0, range_m=100.0, visibility_m=800.0, **figures) -> Score:
+def score(approach=0, range_m=100.0, visibility_m=800.0, **figures) -> LocalizationScore:
     named = {name.replace("__", "."): value for name, value in figures.items()}
-    return Score(approach, 0, "ours", range_m, visibility_m, "fine", named)
+    return LocalizationScore(approach, 0, "ours", range_m, visibility_m, "fine", named)
 
 
 def test_means_are_over_approaches_first():
@@ -63,11 +63,11 @@ def test_quantiles_are_of_sizes():
 
 
 def test_a_mark_looks_at_its_band_and_at_both_lines():
-    mark = MARKS[1]
+    required = REQUIREMENTS[1]
     near = score(range_m=149.0, direction_error_deg__left=0.1, direction_error_deg__right=0.5)
     far = score(range_m=150.0, direction_error_deg__left=9.0)
-    assert measure_mark([near, far], mark) == pytest.approx(0.48)
-    assert np.isnan(measure_mark([far], mark))
+    assert measure_required([near, far], required) == pytest.approx(0.48)
+    assert np.isnan(measure_required([far], required))
 
 
 def test_usable_frames_have_both_lines_and_none_is_left_out():
@@ -107,7 +107,7 @@ TRUE = {"true_slope.left": -0.163, "true_intercept_m.left": 35.788523, "true_hei
 TRUE |= {"true_slope.right": -0.15632, "true_intercept_m.right": 20.889669, "true_height_m.right": 6.08}
 
 
-def frame(method: str, approach: int, index: int, scale: float) -> Score:
+def frame(method: str, approach: int, index: int, scale: float) -> LocalizationScore:
     """Every error is `scale` times that of a hundredth."""
     figures = dict(TRUE)
     for side in ("left", "right"):
@@ -120,10 +120,10 @@ def frame(method: str, approach: int, index: int, scale: float) -> Score:
     centre |= {"heading_sigma_deg": 0.02, "normalised": 2.5, "ratio.offset": 0.5, "ratio.azimuth": 0.2}
     figures |= {f"centre.{name}": value for name, value in centre.items()}
     mode = "fine" if index == 0 else "coarse"
-    return Score(approach, index, method, 100.0 + 100.0 * index, 800.0, mode, figures)
+    return LocalizationScore(approach, index, method, 100.0 + 100.0 * index, 800.0, mode, figures)
 
 
-def all_scores(scales=(10.0, 1.0, 1.0)) -> dict[str, list[Score]]:
+def all_scores(scales=(10.0, 1.0, 1.0)) -> dict[str, list[LocalizationScore]]:
     named = {
         method.name: [frame(method.name, k, index, scale) for k in range(2) for index in range(3)]
         for method, scale in zip(METHODS, scales, strict=True)
@@ -134,7 +134,7 @@ def all_scores(scales=(10.0, 1.0, 1.0)) -> dict[str, list[Score]]:
     return named
 
 
-def mixed_scores() -> dict[str, list[Score]]:
+def mixed_scores() -> dict[str, list[LocalizationScore]]:
     """Frames without a line, errors of the navigation unit alone, a flag, and a frame that misleads."""
     given = all_scores()
     unit = {"unit.direction_error_deg.left": 0.004, "unit.direction_error_deg.right": 0.002}

@@ -81,7 +81,7 @@ class IntegrityConfig:
         runs: with each fault.
         nominal: runs without one.
         fault: which are put in; all when not given.
-        rendered: render the flights and let the detector look at them.
+        rendered: render the flights and run the detector on their pictures.
         aid: with --rendered, what measures the scale besides pose and deck height: any of `no aid`, `depth`, `width`,
             `depth, width`.
         flights: what is flown.
