@@ -72,7 +72,7 @@ def test_a_frame_without_truth_is_refused_by_name():
 
 @pytest.mark.parametrize("sum_up", [summarise, summarise_labels])
 def test_no_frames_at_all_is_an_error(sum_up):
-    with pytest.raises(ValueError, match=r"no .*frame"):
+    with pytest.raises(ValueError):
         sum_up([])
 
 

@@ -100,7 +100,7 @@ def test_more_dehazers_are_added_and_rows_of_other_settings_refused(recording, t
     assert (out / SCORES_FILE).read_text().startswith(before) and len(rows_of(out)) == 8
     for more, what in ((("--every", 3), "every"), (("--with-depth",), "with_depth"), (("--deck-z-m", -5), "deck_z_m")):
         assert run(recording, "--detector", "none", "--dehazer", "none", "--out", out, *more) == 2
-        assert f"made with {what} " in last_error(capsys)
+        assert f" {what} " in last_error(capsys)
     (out / SCORES_FILE).write_text('{"file": "guidance of another command"}\n')
     assert run(recording, "--detector", "none", "--dehazer", "none", "--out", out) == 2
     assert SCORES_FILE in last_error(capsys)
@@ -134,9 +134,9 @@ def test_bad_options_are_one_line(recording, arguments, message, capsys):
 
 def test_sources_that_hold_nothing_are_one_line(tmp_path, capsys):
     assert run(tmp_path / "nothing", "--detector", "none") == 2
-    assert "there is no such file or folder" in last_error(capsys)
+    assert str(tmp_path / "nothing") in last_error(capsys)
     assert run("--detector", "none") == 2
-    assert "give at least one recording" in last_error(capsys)
+    assert "--votes" in last_error(capsys)
 
 
 def test_pictures_without_clear_ones_get_figures_without_reference(tmp_path, capsys):
@@ -159,7 +159,7 @@ def test_a_recording_of_which_no_frame_is_left_is_one_line(recording, capsys):
         path.unlink()
     assert run(recording, "--detector", "none", "--dehazer", "none") == 2
     error = last_error(capsys)
-    assert "zero frames: none of 4 could be used; the first:" in error and "clear" in error
+    assert "none of 4" in error and "clear" in error
 
 
 def test_a_network_is_called_after_its_folder_and_its_size_is_shown(recording, tmp_path, capsys):

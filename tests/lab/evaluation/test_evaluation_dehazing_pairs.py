@@ -68,24 +68,25 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
     labels = json.loads((pair_folder / "labels.json").read_text())
     folder = Path(shutil.copytree(pair_folder, tmp_path / "copy", ignore=shutil.ignore_patterns("sample")))
     hazy = labels["frames"][1]
-    for change, message in (
-        ({"pair_of": "../x.png"}, "pair_of must name the clear image in this folder"),
-        ({"pair_of": "a_vis900.png"}, "pair_of must name another image than the hazy one itself"),
-        ({"visibility_m": "thick"}, "visibility_m must be positive metres"),
-        ({"visibility_m": True}, "visibility_m must be positive metres"),
-        ({"file": "b.png"}, "there is no image b.png"),
-        ({"pair_of": "gone.png"}, "its clear picture gone.png"),
+    for change, *named in (
+        ({"pair_of": "../x.png"}, "a_vis900.png: pair_of must", "../x.png"),
+        ({"pair_of": "a_vis900.png"}, "a_vis900.png: pair_of must"),
+        ({"visibility_m": "thick"}, "visibility_m", "'thick'"),
+        ({"visibility_m": True}, "visibility_m", "True"),
+        ({"file": "b.png"}, "b.png"),
+        ({"pair_of": "gone.png"}, "gone.png"),
     ):
         (folder / "labels.json").write_text(json.dumps({"frames": [labels["frames"][0], hazy | change]}))
         assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-        assert message in last_error(capsys)
+        error = last_error(capsys)
+        assert all(name in error for name in named)
     (folder / "labels.json").write_text(json.dumps({"frames": [*labels["frames"], hazy]}))
     assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-    assert "a_vis900.png has two entries" in last_error(capsys)
+    assert "a_vis900.png" in last_error(capsys)
     (folder / "labels.json").write_text(json.dumps(labels))
     cv2.imwrite(str(folder / "a_clear.png"), np.zeros((360, 640, 3), np.uint8))
     assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-    assert "its clear picture is 640x360 px" in last_error(capsys)
+    assert "640x360 px" in last_error(capsys)
 
 
 def test_a_folder_that_names_no_pair_gives_its_pictures_and_their_lines(pair_folder, tmp_path):

@@ -124,7 +124,7 @@ def test_an_image_is_in_one_band(visibility_m, band):
 
 def test_unknown_visibility_counts_in_all_alone_and_nothing_is_refused():
     assert list(summarise([score("a", "none", 10.0, np.nan)], "none")) == ["all"]
-    with pytest.raises(ValueError, match="no image"):
+    with pytest.raises(ValueError):
         summarise([], "none")
 
 

@@ -155,7 +155,7 @@ def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_f
     shown = capsys.readouterr()
     assert "by ship" in shown.out and "skipped" not in shown.err
     # the dehazer is another one
-    assert "choose another folder" in error_of(capsys, folder, "--dehazer", "dark-channel", "--out", out)
+    assert SCORES_FILE in error_of(capsys, folder, "--dehazer", "dark-channel", "--out", out)
 
 
 def test_the_chain_gets_a_runway_prior_when_asked_to(recording, capsys, monkeypatch):

@@ -63,7 +63,7 @@ def test_what_cannot_be_said_is_left_out():
     figures = summarise([sea(0)])
     assert figures == {"frames": 1.0, "decks": 0.0, "empty": 1.0, "false_rate": 0.0, "false_pair_rate": 0.0}
     assert "error_px.median" not in summarise([deck([], [])])
-    with pytest.raises(ValueError, match="no frame"):
+    with pytest.raises(ValueError):
         summarise([])
 
 
