@@ -100,45 +100,25 @@ def test_means_and_paired_differences_of_known_numbers():
     assert summary["net"].left_alone == 1 and summary["net"].images == 4
 
 
-def test_only_images_measured_both_ways_are_paired():
-    scores = [score("a", "none", 10.0), score("b", "none", 20.0), score("b", "net", 21.0), score("c", "net", 50.0)]
-    gain = summarise(scores, "none")["all"]["net"].differences["psnr_db"]
-    assert (gain.value, gain.images) == (1.0, 1)
-
-
-@pytest.mark.parametrize(
-    ("visibility_m", "band"),
-    [
-        (150.0, "150-300 m"),
-        (299.9, "150-300 m"),
-        (300.0, "300-500 m"),
-        (1000.0, "1000-3000 m"),
-        (3000.0, "3000+ m"),
-        (np.inf, "3000+ m"),
-        (90.0, "0-150 m"),
-    ],
-)
-def test_an_image_is_in_one_band(visibility_m, band):
-    assert list(summarise([score("a", "none", 10.0, visibility_m)], "none")) == ["all", band]
-
-
-def test_unknown_visibility_counts_in_all_alone_and_nothing_is_refused():
-    assert list(summarise([score("a", "none", 10.0, np.nan)], "none")) == ["all"]
+def test_summaries_by_visibility_and_film():
+    """Unpaired images, both ends of a band, unknown visibility, a dehazer without points, rain."""
+    visibilities_m = (90.0, 150.0, 299.9, 300.0, 1000.0, 3000.0, np.inf, np.nan, 800.0, 800.0)
+    films = (*FILMED.values(), *[None] * 6)
+    scores = [
+        score(str(k), "none", 10.0 + k, visibility_m, film=film, found=True, distances_px=[1.0, 1.0, 4.0])
+        for k, (visibility_m, film) in enumerate(zip(visibilities_m, films, strict=True))
+    ]
+    ours = [replace(one, dehazer="net", figures={"psnr_db": 20.0 + 2 * k}) for k, one in enumerate(scores)]
+    scores += [replace(one, found=k < 5, distances_px=[2.0, 2.0]) for k, one in enumerate(ours[:9])]
+    scores += [replace(ours[9], found=False, distances_px=[]), score("only ours", "net", 50.0)]
+    by_visibility, by_film = summarise(scores, "none"), summarise_film(scores, "none")
+    found, farther = by_visibility["all"]["net"].line_differences.values()
+    assert found.value == -0.5 and -0.9 <= found.low < found.high <= -0.1 and found.images == 10
+    assert (farther.value, farther.images) == (1.0, 9)
+    check_golden(GOLDEN / "dehazing_summaries.json", {"visibility": by_visibility, "film": by_film})
+    assert summarise_film([one for one in scores if one.film != "rain"], "none") == {}
     with pytest.raises(ValueError):
         summarise([], "none")
-
-
-def test_line_figures_pool_all_points_and_compare_medians_image_by_image():
-    scores = [score(str(i), "none", 10.0, found=True, distances_px=[1.0, 1.0, 4.0]) for i in range(10)]
-    scores += [score(str(i), "net", 12.0, found=i < 5, distances_px=[2.0, 2.0]) for i in range(9)]
-    scores += [score("9", "net", 12.0, found=False), score("10", "net", 12.0)]
-    summary = summarise(scores, "none")["all"]
-    assert summary["none"].lines == {"found_rate": 1.0, "point_error_px.median": 1.0, "point_error_px.p95": 4.0}
-    assert summary["net"].asked == 10 and summary["net"].images == 11
-    assert summary["net"].lines["found_rate"] == 0.5
-    found, farther = (summary["net"].line_differences[name] for name in ("found_rate", "point_error_px"))
-    assert found.value == -0.5 and -0.9 <= found.low < found.high <= -0.1 and found.images == 10
-    assert (farther.value, farther.images) == (1.0, 9)  # the tenth has no points
 
 
 def test_higher_psnr_with_worse_lines_is_named_and_no_other():
@@ -150,19 +130,6 @@ def test_higher_psnr_with_worse_lines_is_named_and_no_other():
         for i in range(12)
     ]
     assert worse_lines(summarise(scores, "none")["all"]) == ["worse", "farther"]
-
-
-def test_rain_and_blur_are_summed_up_apart():
-    scores = [
-        *(score(key, "none", 10.0 + index, film=film) for index, (key, film) in enumerate(FILMED.items())),
-        *(score(key, "net", 20.0 + 2 * index, film=film) for index, (key, film) in enumerate(FILMED.items())),
-    ]
-    groups = summarise_film(scores, "none")
-    assert list(groups) == ["dry and sharp", "rain"]
-    assert groups["rain"]["net"].means["psnr_db"] == pytest.approx(23.0)
-    assert groups["rain"]["net"].differences["psnr_db"].value == pytest.approx(11.5)
-    assert groups["dry and sharp"]["net"].images == 1
-    assert summarise_film([one for one in scores if one.film != "rain"], "none") == {}
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,11 @@ import numpy as np
 import pytest
 
 from deckline.config import RunConfig
-from deckline.statistics import percentile
 from deckline_lab.evaluation.localization_methods import point_methods
 from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.localization_tables import (
     REQUIREMENTS,
     USABLE,
-    by_range,
-    by_visibility,
     efficiency,
     flat_figures,
     found_share,
@@ -22,7 +19,6 @@ from deckline_lab.evaluation.localization_tables import (
     measure_required,
     misleads,
     run_mean,
-    sizes,
     unusable_improvement,
     usable_share,
 )
@@ -55,13 +51,6 @@ def test_the_improvement_of_the_paper_s_own_numbers():
     assert np.isnan(improvement([{}], [plain["left"]], name))
 
 
-def test_quantiles_are_of_sizes():
-    values = np.linspace(-1.0, 1.0, 201)
-    found = sizes([score(x=float(value)) for value in values], "x")
-    assert (percentile(found, 50.0), percentile(found, 95.0)) == (pytest.approx(0.5), pytest.approx(0.95, abs=0.01))
-    assert np.isnan(percentile(sizes([], "x"), 95.0))
-
-
 def test_a_mark_looks_at_its_band_and_at_both_lines():
     required = REQUIREMENTS[1]
     near = score(range_m=149.0, direction_error_deg__left=0.1, direction_error_deg__right=0.5)
@@ -78,19 +67,6 @@ def test_usable_frames_have_both_lines_and_none_is_left_out():
     assert usable_share(plain) == pytest.approx(1 / 4)
     assert unusable_improvement([score(**good)] * 9 + [score()], plain) == pytest.approx(1 - 0.1 / 0.75)
     assert np.isnan(unusable_improvement(plain, [score(**good)]))
-
-
-def test_the_unit_alone_has_a_row_of_its_own():
-    scores = [score(0, unit__direction_error_deg__left=0.1), score(1, unit__direction_error_deg__left=0.3), score(1)]
-    assert line_means(scores, "left", "unit.") == {"direction_error_deg": pytest.approx(0.2)}
-    assert line_means(scores, "right", "unit.") == {}
-
-
-def test_bands():
-    scores = [score(range_m=r, visibility_m=v) for r, v in ((50, 600), (149.9, 1500), (150, 1500), (900, np.inf))]
-    counts = {name: len(members) for name, members in by_range(scores).items()}
-    assert counts == {"0 to 150 m": 2, "150 to 300 m": 1, "500 to 1000 m": 1}
-    assert list(by_visibility(scores)) == ["500 to 1000 m", "1000 to 2000 m", "2000 m and more"]
 
 
 def test_efficiency_is_the_bound_over_the_mean_square():
