@@ -203,44 +203,43 @@ def on_rows(line, without=()) -> np.ndarray:
     return line
 
 
-def test_a_point_is_right_within_20_px_of_1280():
-    for offset, right in ((0.0, 1.0), (19.9, 1.0), (20.1, 0.0)):
-        expected = TuSimple(right, 1.0 - right, 1.0 - right)
-        assert tusimple([UPRIGHT + offset], [UPRIGHT], ROWS, 1280) == expected
-        assert tusimple([UPRIGHT + offset / 2], [UPRIGHT], ROWS, 640) == expected
+NINE, EIGHT = on_rows(UPRIGHT, [0]), on_rows(UPRIGHT, [0, 1])
+SLANTED = 100.0 + ROWS  # 45 degrees: 20 px normal to the lane are 28.28 px along a row
+LANES = [UPRIGHT + 100 * k for k in range(5)]
 
 
-def test_the_tolerance_grows_as_a_lane_turns_level():
-    slanted = 100.0 + ROWS  # 45 degrees: 20 px normal to the lane are 28.28 px along a row
-    assert tusimple([slanted + 28.2], [slanted], ROWS, 1280).accuracy == 1.0
-    assert tusimple([slanted + 28.4], [slanted], ROWS, 1280).accuracy == 0.0
+@pytest.mark.parametrize(
+    ("predicted", "true", "expected"),
+    [
+        # A point is right within 20 px of 1280; the tolerance grows as a lane turns level.
+        ([UPRIGHT], [UPRIGHT], (1.0, 0.0, 0.0)),
+        ([UPRIGHT + 19.9], [UPRIGHT], (1.0, 0.0, 0.0)),
+        ([UPRIGHT + 20.1], [UPRIGHT], (0.0, 1.0, 1.0)),
+        ([SLANTED + 28.2], [SLANTED], (1.0, 0.0, 0.0)),
+        ([SLANTED + 28.4], [SLANTED], (0.0, 1.0, 1.0)),
+        # A lane matches from 85 % on. Rows on which neither has a lane are right, those of one alone are wrong.
+        ([NINE], [UPRIGHT], (0.9, 0.0, 0.0)),
+        ([EIGHT], [UPRIGHT], (0.8, 1.0, 1.0)),
+        ([EIGHT], [EIGHT], (1.0, 0.0, 0.0)),
+        ([UPRIGHT], [NINE], (0.9, 0.0, 0.0)),
+        # Missed and invented lanes are shares; more than two too many score nothing.
+        (LANES[:1], LANES[:2], (0.5, 0.0, 0.5)),
+        (LANES[:3], LANES[:2], (1.0, 1 / 3, 0.0)),
+        ([], LANES[:2], (0.0, 0.0, 1.0)),
+        ([UPRIGHT] * 4, [UPRIGHT], (0.0, 0.0, 1.0)),
+        # One line that matches two close ones is not invented less than never; the worst of five lanes is forgiven.
+        ([UPRIGHT], [UPRIGHT - 5, UPRIGHT + 5], (1.0, 0.0, 0.0)),
+        (LANES[:4], LANES, (1.0, 0.0, 0.0)),
+        (LANES[:3], LANES, (0.75, 0.0, 0.25)),
+    ],
+)
+def test_tusimple_of_known_lanes(predicted, true, expected):
+    assert tusimple(predicted, true, ROWS, 1280) == pytest.approx(expected)
 
 
-def test_a_lane_matches_from_85_percent_on():
-    nine, eight = on_rows(UPRIGHT, [0]), on_rows(UPRIGHT, [0, 1])
-    assert tusimple([nine], [UPRIGHT], ROWS, 1280) == TuSimple(0.9, 0.0, 0.0)
-    assert tusimple([eight], [UPRIGHT], ROWS, 1280) == TuSimple(0.8, 1.0, 1.0)
-    # Rows on which neither has a lane are right; one on which only the prediction has one is wrong.
-    assert tusimple([eight], [eight], ROWS, 1280).accuracy == 1.0
-    assert tusimple([UPRIGHT], [nine], ROWS, 1280).accuracy == 0.9
-
-
-def test_missed_and_invented_lanes_are_shares():
-    left, right, other = UPRIGHT, UPRIGHT + 300, UPRIGHT + 600
-    assert tusimple([left], [left, right], ROWS, 1280) == TuSimple(0.5, 0.0, 0.5)
-    assert tusimple([left, right, other], [left, right], ROWS, 1280) == TuSimple(1.0, pytest.approx(1 / 3), 0.0)
-    assert tusimple([], [left, right], ROWS, 1280) == TuSimple(0.0, 0.0, 1.0)
-    assert tusimple([left] * 4, [left], ROWS, 1280) == TuSimple(0.0, 0.0, 1.0)
-
-
-def test_one_line_that_matches_two_close_ones_is_not_invented_less_than_never():
-    assert tusimple([UPRIGHT], [UPRIGHT - 5, UPRIGHT + 5], ROWS, 1280) == TuSimple(1.0, 0.0, 0.0)
-
-
-def test_the_worst_of_five_lanes_is_forgiven():
-    lanes = [UPRIGHT + 100 * k for k in range(5)]
-    assert tusimple(lanes[:4], lanes, ROWS, 1280) == TuSimple(1.0, 0.0, 0.0)
-    assert tusimple(lanes[:3], lanes, ROWS, 1280) == TuSimple(0.75, 0.0, 0.25)
+def test_the_tolerance_of_tusimple_scales_with_the_width():
+    assert tusimple([UPRIGHT + 9.9], [UPRIGHT], ROWS, 640).accuracy == 1.0
+    assert tusimple([UPRIGHT + 10.1], [UPRIGHT], ROWS, 640).accuracy == 0.0
 
 
 def upright(u, top=100.0, bottom=500.0) -> np.ndarray:
@@ -261,20 +260,23 @@ def test_half_a_line_matches_no_whole_one_and_two_thirds_do():
     assert culane([upright(300.0, 100, 370)], [upright(300.0)], (1640, 590)) == CuLane(1, 0, 0)
 
 
-def test_every_line_matches_at_most_one_other():
-    left, right = upright(300.0), upright(800.0)
-    size = (1640, 590)
-    assert culane([left, upright(302.0)], [left, right], size) == CuLane(1, 1, 1)
-    assert culane([right, left], [left, right], size) == CuLane(2, 0, 0)
-    assert culane([left], [], size) == CuLane(0, 1, 0)
-    assert culane([], [left, right], size) == CuLane(0, 0, 2)
+SIZE = (1640, 590)
 
 
-def test_pairs_are_chosen_together():
-    # The prediction between two true lines is nearer to the first, which the other prediction needs.
-    first, second = upright(300.0), upright(312.0)
-    between, before = upright(305.0), upright(297.0)
-    assert culane([between, before], [first, second], (1640, 590)) == CuLane(2, 0, 0)
+@pytest.mark.parametrize(
+    ("predicted", "true", "expected"),
+    [
+        # Every line matches at most one other one.
+        ([300.0, 302.0], [300.0, 800.0], (1, 1, 1)),
+        ([800.0, 300.0], [300.0, 800.0], (2, 0, 0)),
+        ([300.0], [], (0, 1, 0)),
+        ([], [300.0, 800.0], (0, 0, 2)),
+        # Pairs are chosen together: 305 is nearer to 300, which 297 needs.
+        ([305.0, 297.0], [300.0, 312.0], (2, 0, 0)),
+    ],
+)
+def test_culane_of_known_upright_lines(predicted, true, expected):
+    assert culane([upright(u) for u in predicted], [upright(u) for u in true], SIZE) == CuLane(*expected)
 
 
 @pytest.mark.parametrize(("counts", "expected"), [((3, 1, 2), 6 / 9), ((0, 0, 4), 0.0), ((0, 0, 0), np.nan)])
