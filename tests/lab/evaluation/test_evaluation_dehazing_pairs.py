@@ -8,7 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hazy_recording import last_error, measured, run, write_recording
+from hazy_recording import measured, write_recording
+from refused import refuse
 from skimage.metrics import peak_signal_noise_ratio
 
 import deckline
@@ -77,16 +78,13 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
         ({"pair_of": "gone.png"}, "gone.png"),
     ):
         (folder / "labels.json").write_text(json.dumps({"frames": [labels["frames"][0], hazy | change]}))
-        assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-        error = last_error(capsys)
+        error = refuse(capsys, "dehazing", folder, "--detector", "none", "--dehazer", "none")
         assert all(name in error for name in named)
     (folder / "labels.json").write_text(json.dumps({"frames": [*labels["frames"], hazy]}))
-    assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-    assert "a_vis900.png" in last_error(capsys)
+    assert "a_vis900.png" in refuse(capsys, "dehazing", folder, "--detector", "none", "--dehazer", "none")
     (folder / "labels.json").write_text(json.dumps(labels))
     cv2.imwrite(str(folder / "a_clear.png"), np.zeros((360, 640, 3), np.uint8))
-    assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-    assert "640x360 px" in last_error(capsys)
+    assert "640x360 px" in refuse(capsys, "dehazing", folder, "--detector", "none", "--dehazer", "none")
 
 
 def test_a_folder_that_names_no_pair_gives_its_pictures_and_their_lines(pair_folder, tmp_path):

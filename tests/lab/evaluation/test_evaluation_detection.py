@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from level_deck import deck
+from refused import refuse
 
 from approach_scene import CAMERA, chain, frame
 from deckline.cli.main import main
@@ -55,12 +56,6 @@ def scores_of(folder, out=None, run=half_blind, settings=None) -> list[Detection
 
 
 NONE = LinePoints.empty()
-
-
-def error_of(capsys, *args) -> str:
-    assert main(["eval", "detection", *map(str, args)]) == 2
-    *_, line = capsys.readouterr().err.strip().splitlines()
-    return line
 
 
 def test_figures_and_tables_of_a_recording(recording):
@@ -155,7 +150,7 @@ def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_f
     shown = capsys.readouterr()
     assert "by ship" in shown.out and "skipped" not in shown.err
     # the dehazer is another one
-    assert SCORES_FILE in error_of(capsys, folder, "--dehazer", "dark-channel", "--out", out)
+    assert SCORES_FILE in refuse(capsys, "detection", folder, "--dehazer", "dark-channel", "--out", out)
 
 
 def test_the_chain_gets_a_runway_prior_when_asked_to(recording, capsys, monkeypatch):
@@ -174,17 +169,13 @@ def test_the_chain_gets_a_runway_prior_when_asked_to(recording, capsys, monkeypa
     assert boxes[4][0] <= pixels[:, 0].min() and boxes[4][3] >= pixels[:, 1].max()
 
 
-def test_bad_input_is_one_line(recording, tmp_path, capsys):
-    assert "--worst" in error_of(capsys, recording, "--worst", "3")
-    assert "deckless" in error_of(capsys, recording, "--deckless", "-1")
-    assert "--prior-sigma-m" in error_of(capsys, recording, "--prior-sigma-m", "-1")
-    assert "titanic" in error_of(capsys, "--frames", "1", "--preset", "titanic")
-    assert str(recording) in error_of(capsys, recording, recording)
+def test_sources_that_cannot_be_evaluated_are_named(recording, tmp_path, capsys):
+    assert str(recording) in refuse(capsys, "detection", recording, recording)
     plain = tmp_path / "plain"
     with RecordingWriter(plain) as writer:
         writer.add(frame())
     (plain / "scene.json").unlink()
-    assert "scene.json" in error_of(capsys, plain)
+    assert "scene.json" in refuse(capsys, "detection", plain)
 
 
 def test_many_sources_are_named_by_the_first_and_the_last(tmp_path):

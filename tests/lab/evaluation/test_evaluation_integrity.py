@@ -1,6 +1,6 @@
 import json
 
-import pytest
+from refused import refuse
 
 from deckline.cli.main import main
 from deckline.options import RunOptions
@@ -17,12 +17,6 @@ SHORT = ("--frames", "6", "--range-m", "400", "200", "--fault", "swapped lines",
 def fly(run: FaultRun) -> list[FrameState]:
     sightings = list(fly_points(FLIGHTS.approach(run.number), FLIGHTS.run.sensors, PointNoise()))
     return fly_run(sightings, run, FLIGHTS, point_flight(FLIGHTS.run))
-
-
-def error_of(capsys, *args) -> str:
-    assert main(["eval", "integrity", *map(str, args)]) == 2
-    *_, line = capsys.readouterr().err.strip().splitlines()
-    return line
 
 
 def test_a_nominal_flight_is_followed_to_decimetres():
@@ -89,23 +83,7 @@ def test_a_stopped_command_resumes(tmp_path, capsys):
     assert (out / "integrity.jsonl").read_text().splitlines() == lines
     assert json.loads(figures.read_text())["nominal.frames"] == 12
     assert "| swapped lines | 1 |" in (tmp_path / "tables.md").read_text()
-    assert "seed 1000, not 7" in error_of(capsys, *SHORT, "--out", out, "--seed", "7")
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--fault", "gremlins"), "gremlins"),
-        (("--runs", "-1"), "runs"),
-        (("--nominal", "0"), "nominal"),
-        (("--films", "films"), "--rendered"),
-        (("--frames", "1"), "frames"),
-        (("--visibility", "fog"), "fog"),
-        (("--jobs", "-1", "--runs", "1", "--nominal", "1"), "jobs"),
-    ],
-)
-def test_wrong_use_gets_one_line(capsys, words, says):
-    assert says in error_of(capsys, *words)
+    assert "seed 1000, not 7" in refuse(capsys, "integrity", *SHORT, "--out", out, "--seed", "7")
 
 
 def test_all_faults_and_nominal_flights_are_wanted():

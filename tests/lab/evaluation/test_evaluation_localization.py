@@ -139,22 +139,6 @@ def test_the_number_of_processes_changes_nothing(tmp_path):
     assert one == two
 
 
-@pytest.mark.parametrize(
-    ("words", "name"),
-    [
-        (("--approaches", "0"), "approaches"),
-        (("--jobs", "-1"), "jobs"),
-        (("--detector", "nobody"), "nobody"),
-        (("--visibility", "thick", "--detector", "classical", "--ufld", "classical"), "thick"),
-        (("--points", "--noise", "no-such.toml"), "no-such.toml"),
-    ],
-)
-def test_wrong_use_gets_one_line(capsys, words, name):
-    assert main(["eval", "localization", *words]) == 2
-    *_, line = capsys.readouterr().err.strip().splitlines()
-    assert name in line
-
-
 class Counting:
     """Dehazer or detector that counts its calls."""
 
