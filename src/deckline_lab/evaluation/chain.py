@@ -17,10 +17,19 @@ from deckline.report.provenance import settings_of
 from deckline.statistics import RANGE_M, VISIBILITY_M, by_band, median_and_p95, share
 from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
 from deckline.types import SIDES, DepthMode, LineVisibility
-from deckline_lab.evaluation.frames import FrameSample, FrameSet, Recorded, RenderOptions, score_frames
+from deckline_lab.evaluation.frames import FrameSample, FrameSet, Recorded, RenderOptions, Task, score_frames
 from deckline_lab.evaluation.metrics import below_horizon, distance_px, normal_pixel_error, psnr_db, ssim
-from deckline_lab.evaluation.store import Store
-from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, OutputFiles, Table, number, publish
+from deckline_lab.evaluation.tables import (
+    MISSING,
+    TO_TERMINAL,
+    Figures,
+    Output,
+    OutputFiles,
+    Table,
+    figures_table,
+    number,
+    publish,
+)
 from deckline_lab.labels import Labels
 
 FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
@@ -114,12 +123,11 @@ def recording(
 
 def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path | None, output: OutputFiles) -> int:
     flight = Flight.from_config(config)
-    store = Store(out, "chain.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
 
     def score(sample: FrameSample) -> dict[str, Any]:
         return asdict(score_frame(flight(sample.frame), config.approach))
 
-    [rows] = score_frames(sets, [(store, score)])
+    [rows] = score_frames(sets, [Task(out, "chain.jsonl", settings_of(flight), score)])
     scores = [FrameScore(**row) for row in rows]
     figures = summarise(scores)
     models = config.models
@@ -129,7 +137,7 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
     tables = [
         _band_table("range to the ramp", by_range),
         _band_table("visibility", by_visibility),
-        Table("all figures", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
+        figures_table("all figures", figures),
     ]
     publish(title, tables, figures, output)
     return 0
@@ -261,22 +269,17 @@ def labels(
     """
     flight = Flight.from_config(single_frames_with(dehazer, detector))
     sets = [Recorded(folder, deck_z_m) for folder in folders]
-    store = Store(out, "labels.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
 
     def score(sample: FrameSample) -> dict[str, Any]:
         if sample.labels is None:
             raise ValueError(f"{sample.source}: no labels.json: nothing to compare with")
         return asdict(score_labels(flight(sample.frame), sample.labels))
 
-    [rows] = score_frames(sets, [(store, score)])
+    [rows] = score_frames(sets, [Task(out, "labels.jsonl", settings_of(flight), score)])
     scores = [LabelScore(**row) for row in rows]
     figures = summarise_labels(scores)
     title = f"{len(scores)} labelled frames; dehazer {dehazer}, detector {detector}"
-    tables = [
-        _frames_table(scores),
-        Table("all frames", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
-    ]
-    publish(title, tables, figures, output)
+    publish(title, [_frames_table(scores), figures_table("all frames", figures)], figures, output)
     return 0
 
 

@@ -30,16 +30,8 @@ from deckline_lab.evaluation.dehazers import (
     size_of,
 )
 from deckline_lab.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
-from deckline_lab.evaluation.dehazing_score import (
-    DehazingResults,
-    ImageScore,
-    dehazing_tables,
-    json_of,
-    restoration,
-    score_lines,
-    summarise,
-    summarise_film,
-)
+from deckline_lab.evaluation.dehazing_score import ImageScore, restoration, score_lines, summarise, summarise_film
+from deckline_lab.evaluation.dehazing_tables import DehazingResults, dehazing_tables, json_of
 from deckline_lab.evaluation.no_reference import no_reference_figures, visible_range_m
 from deckline_lab.evaluation.pictures import sheet
 from deckline_lab.evaluation.store import Store

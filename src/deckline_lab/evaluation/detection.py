@@ -29,9 +29,8 @@ from deckline_lab.evaluation.detection_score import (
     with_scene,
 )
 from deckline_lab.evaluation.detection_truth import SceneKind, draw_runway_prior
-from deckline_lab.evaluation.frames import FrameSample, FrameSet, RenderOptions, name_sets, score_frames
+from deckline_lab.evaluation.frames import FrameSample, FrameSet, RenderOptions, Task, name_sets, score_frames
 from deckline_lab.evaluation.pictures import write_worst
-from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 
 SCORES_FILE = "scores.jsonl"
@@ -169,15 +168,11 @@ def score_detections(
     sets: Sequence[FrameSet], methods: Sequence[tuple[Path | None, Mapping[str, Any], Find]]
 ) -> list[list[DetectionScore]]:
     """Scores of every method, given as its folder, its settings and how it finds lines."""
-    frames = [item.settings for item in sets]
 
     def score(find: Find, sample: FrameSample) -> dict[str, Any]:
         return asdict(score_detection(sample, find(sample)))
 
-    tasks = [
-        (Store(folder, SCORES_FILE, {**settings, "frames": frames}), partial(score, find))
-        for folder, settings, find in methods
-    ]
+    tasks = [Task(folder, SCORES_FILE, settings, partial(score, find)) for folder, settings, find in methods]
     return [[DetectionScore(**row) for row in rows] for rows in score_frames(sets, tasks)]
 
 

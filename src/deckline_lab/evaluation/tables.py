@@ -78,6 +78,11 @@ def number(value: float | None, form: str) -> str:
     return MISSING if value is None or not math.isfinite(value) else format(value, form)
 
 
+def figures_table(title: str, figures: Figures) -> Table:
+    """A row a figure."""
+    return Table(title, ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()])
+
+
 def made_with() -> dict[str, str]:
     """Software, machine and date of a result."""
     return {

@@ -11,8 +11,9 @@ from deckline.geometry import Camera, attitude, pose
 from deckline.guide import guidance
 from deckline.localize import localize
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
-from deckline_lab.evaluation.detection_score import CuLane, DetectionScore, TuSimple
+from deckline_lab.evaluation.detection_score import DetectionScore
 from deckline_lab.evaluation.detection_truth import SceneKind
+from deckline_lab.evaluation.lane_scores import CuLane, TuSimple
 
 LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
 RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))

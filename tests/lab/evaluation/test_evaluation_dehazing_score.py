@@ -11,16 +11,14 @@ from deckline.types import Segment, Truth
 from deckline_lab.evaluation.dehazers import Cost
 from deckline_lab.evaluation.dehazing_pairs import film_of, labelled_lines, seen_length_px, true_lines
 from deckline_lab.evaluation.dehazing_score import (
-    DehazingResults,
     ImageScore,
-    dehazing_tables,
-    json_of,
     restoration,
     score_lines,
     summarise,
     summarise_film,
     worse_lines,
 )
+from deckline_lab.evaluation.dehazing_tables import DehazingResults, dehazing_tables, json_of
 from deckline_lab.evaluation.metrics import psnr_db, ssim
 from golden import check_golden
 

@@ -22,9 +22,10 @@ from deckline_lab.evaluation.detection import (
     score_detections,
 )
 from deckline_lab.evaluation.detection_cost import cost_table, measure_costs
-from deckline_lab.evaluation.detection_score import DetectionScore, TuSimple
+from deckline_lab.evaluation.detection_score import DetectionScore
 from deckline_lab.evaluation.detection_truth import SceneKind
 from deckline_lab.evaluation.frames import Recorded, name_sets, open_recorded
+from deckline_lab.evaluation.lane_scores import TuSimple
 from deckline_lab.evaluation.pictures import figures_line, write_worst
 from deckline_lab.labels import LabelledImage, write_labels
 from deckline_lab.labels.of_frame import label_frame

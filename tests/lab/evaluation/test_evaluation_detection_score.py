@@ -12,20 +12,16 @@ from level_deck import CAMERA, deck, frame_at, points
 from deckline.geometry import Camera
 from deckline.types import Detection
 from deckline_lab.evaluation.detection_score import (
-    CuLane,
     DetectionScore,
-    TuSimple,
     calibration,
-    culane,
-    f1,
     groups,
     reliability,
     score_detection,
     summarise,
-    tusimple,
 )
 from deckline_lab.evaluation.detection_truth import SceneKind
 from deckline_lab.evaluation.frames import FrameSample
+from deckline_lab.evaluation.lane_scores import CuLane, TuSimple, culane, f1, tusimple
 from deckline_lab.labels.lines import resample
 
 ROWS = np.arange(0.0, 100.0, 10.0)
