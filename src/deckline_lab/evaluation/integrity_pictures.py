@@ -15,7 +15,7 @@ from deckline_lab.evaluation.integrity_paint import draw_boxes, erase, paint
 from deckline_lab.evaluation.integrity_sensors import (
     CATAPULT_M,
     CATAPULT_RAD,
-    Flown,
+    History,
     Step,
     draw_signed,
     each,
@@ -45,10 +45,12 @@ Repaint = Callable[[Frame, Edges], Frame]
 
 
 def mirror(rng: np.random.Generator) -> Step:
+    """Left and right of the picture are exchanged."""
     return each_frame(lambda frame: {"image_rgb": np.ascontiguousarray(frame.image_rgb[:, ::-1])})
 
 
 def roll(rng: np.random.Generator) -> Step:
+    """The picture is rotated about its principal point."""
     angle_deg = draw_signed(rng, ROLL_DEG)
 
     def change(frame: Frame) -> dict[str, Any]:
@@ -81,7 +83,7 @@ def rain(rng: np.random.Generator) -> Step:
     config = FilmConfig(rain_mm_h=float(rng.uniform(*RAIN_MM_H)), lens_drops=int(rng.integers(*LENS_DROPS)))
     seed = int(rng.integers(2**31))
 
-    def step(flight: Flown, first: int) -> list[Sighting]:
+    def step(flight: History, first: int) -> list[Sighting]:
         number, frame = len(flight) - 1 - first, flight[-1].frame
         before = flight[max(len(flight) - 2, first)].frame
         pose = frame.true_world_from_camera
@@ -124,6 +126,7 @@ def crossing_line(rng: np.random.Generator) -> Step:
 
 
 def second_runway(rng: np.random.Generator) -> Step:
+    """Both edge lines of a second runway are painted beside the first."""
     right_m, turn_rad = draw_signed(rng, SECOND_M), draw_signed(rng, SECOND_RAD)
 
     def repaint(frame: Frame, edges: Edges) -> Frame:
@@ -135,16 +138,20 @@ def second_runway(rng: np.random.Generator) -> Step:
 
 
 def lose_edge(rng: np.random.Generator) -> Step:
+    """The paint of one edge line is missing."""
     side = SIDES[rng.integers(2)]
     return _on_deck(lambda frame, edges: _without(frame, edges, side))
 
 
 def move_edge(rng: np.random.Generator) -> Step:
+    """One edge line is painted MOVED_M away from its place."""
     side, right_m = SIDES[rng.integers(2)], MOVED_M * float(rng.choice([-1.0, 1.0]))
     return _on_deck(lambda frame, edges: paint(_without(frame, edges, side), offset_line(edges[side], right_m, 0.0)))
 
 
 def narrow(rng: np.random.Generator) -> Step:
+    """Both edge lines are painted at NARROW_M from the middle, in place of the true ones."""
+
     def repaint(frame: Frame, edges: Edges) -> Frame:
         for side in SIDES:
             right_m = NARROW_M * (1 if side == "right" else -1)
@@ -159,6 +166,8 @@ def _without(frame: Frame, edges: Edges, side: str) -> Frame:
 
 
 def blacken(rng: np.random.Generator) -> Step:
+    """Tyre rubber covers a part of both edge lines."""
+
     def repaint(frame: Frame, edges: Edges) -> Frame:
         for side in SIDES:
             start, along = edges[side].p0_m, edges[side].p1_m - edges[side].p0_m
@@ -170,6 +179,7 @@ def blacken(rng: np.random.Generator) -> Step:
 
 
 def park(rng: np.random.Generator) -> Step:
+    """A parked aircraft hides a part of one edge line."""
     side, at, level = SIDES[rng.integers(2)], float(rng.uniform(*AIRCRAFT_AT)), float(rng.uniform(60, 160))
     return _on_deck(lambda frame, edges: draw_boxes(frame, edges[side], [(at, 0.0)], AIRCRAFT_M, level))
 

@@ -21,10 +21,10 @@ CATAPULT_RAD = (float(np.deg2rad(2.0)), float(np.deg2rad(9.0)))  # to the edge l
 DECK_M = (1.0, 3.0)  # of a wrong deck height, up or down
 DROPPED = 0.7  # share of the frames
 
-Flown = Sequence[Sighting]  # a flight up to now without the fault, the newest frame last
-Step = Callable[
-    [Flown, int], Iterable[Sighting]
-]  # (flight, index of the first faulty frame) -> what replaces the newest
+History = Sequence[Sighting]  # of a flight without the fault, the newest frame last
+# A step takes the history and the index of the first faulty frame; it returns what the flight gets in place of the
+# newest frame: one sighting, none for a dropped or held frame, two after a held one.
+Step = Callable[[History, int], Iterable[Sighting]]
 Begin = Callable[[np.random.Generator], Step]  # draws the size of a fault
 
 
@@ -44,14 +44,17 @@ def draw_signed(rng: np.random.Generator, span: tuple[float, float]) -> float:
 
 
 def swap_lines(rng: np.random.Generator) -> Step:
+    """The points of the left and the right line are exchanged."""
     return _each_detection(lambda frame, left, right: {"left": right, "right": left})
 
 
 def foul_line(rng: np.random.Generator) -> Step:
+    """One edge's points lie on a line parallel to it, outside the runway."""
     return _detect_other_line(SIDES[rng.integers(2)], float(rng.uniform(*FOUL_M)), 0.0)
 
 
 def catapult_track(rng: np.random.Generator) -> Step:
+    """One edge's points lie on a line outside the runway at an angle to it."""
     turn = draw_signed(rng, CATAPULT_RAD)
     return _detect_other_line(SIDES[rng.integers(2)], float(rng.uniform(*CATAPULT_M)), turn)
 
@@ -80,6 +83,7 @@ def _each_detection(change: Callable[[Frame, LinePoints, LinePoints], dict[str, 
 
 
 def turn_camera(rng: np.random.Generator) -> Step:
+    """The camera is turned by BORESIGHT_RAD about a random axis."""
     axis = rng.normal(size=3)
     turn = RigidTransform.from_rotation(Rotation.from_rotvec(BORESIGHT_RAD * axis / np.linalg.norm(axis)))
     return each_frame(lambda frame: {"body_from_camera": frame.body_from_camera * turn})
@@ -96,6 +100,7 @@ def turn_mount(axis: str, angle_deg: float) -> Begin:
 
 
 def scale_depth(rng: np.random.Generator) -> Step:
+    """All depths are wrong by DEPTH_BIAS of them, either way."""
     scale = np.float32(1.0 + DEPTH_BIAS * rng.choice([-1.0, 1.0]))
     return each_frame(lambda frame: {} if frame.depth_m is None else {"depth_m": frame.depth_m * scale})
 
@@ -108,11 +113,13 @@ def set_deck(deck_z_m: Callable[[Frame, float], float | None]) -> Begin:
 
 
 def shift_deck(rng: np.random.Generator) -> Step:
+    """The reported deck height is wrong by a constant."""
     error_m = draw_signed(rng, DECK_M)
     return set_deck(lambda frame, deck_z_m: deck_z_m + error_m)(rng)
 
 
 def shift_deck_once(rng: np.random.Generator) -> Step:
+    """The reported deck height is wrong in the first faulty frame alone."""
     shift = shift_deck(rng)
     return lambda flight, first: shift(flight, first) if len(flight) == first + 1 else flight[-1:]
 
@@ -130,7 +137,7 @@ def stall_picture(rng: np.random.Generator) -> Step:
 def stall_all(rng: np.random.Generator) -> Step:
     """Picture, depth and pose stay those of the first frame with the fault."""
 
-    def step(flight: Flown, first: int) -> list[Sighting]:
+    def step(flight: History, first: int) -> list[Sighting]:
         held, now = flight[first], _hold_picture(flight[first], flight[-1])
         frame = replace(now.frame, depth_m=held.frame.depth_m)
         return [now._replace(frame=report_pose(frame, held.frame.world_from_body))]
@@ -143,11 +150,14 @@ def _hold_picture(held: Sighting, now: Sighting) -> Sighting:
 
 
 def drop_frames(rng: np.random.Generator) -> Step:
+    """A share of DROPPED of the frames is lost."""
     return lambda flight, first: flight[-1:] if rng.random() >= DROPPED else []
 
 
 def delay_pose(rng: np.random.Generator) -> Step:
-    def step(flight: Flown, first: int) -> list[Sighting]:
+    """The reported pose is that of DELAY_S before."""
+
+    def step(flight: History, first: int) -> list[Sighting]:
         known = [(at.frame.time_s, at.frame.world_from_body) for at in flight]
         now, poses = flight[-1], [(time_s, pose) for time_s, pose in known if pose is not None]
         if now.frame.world_from_body is None:
@@ -160,7 +170,7 @@ def delay_pose(rng: np.random.Generator) -> Step:
 def swap_poses(rng: np.random.Generator) -> Step:
     """Each two frames exchange their poses; the first of them is held until the second is there."""
 
-    def step(flight: Flown, first: int) -> list[Sighting]:
+    def step(flight: History, first: int) -> list[Sighting]:
         if (len(flight) - first) % 2:
             return []
         one, other = flight[-2:]

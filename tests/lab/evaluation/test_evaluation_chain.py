@@ -76,7 +76,7 @@ def test_no_frames_at_all_is_an_error(sum_up):
         sum_up([])
 
 
-def test_a_stopped_command_says_what_it_wrote(tmp_path, capsys, monkeypatch):
+def test_a_stopped_command_reports_what_it_wrote(tmp_path, capsys, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 

@@ -54,7 +54,7 @@ def test_a_copy_takes_the_memory_of_a_picture_in_a_fresh_process(recording):
     assert 6e6 * 0.9 < costs["none"].peak_bytes < 6e6 * 1.5  # 2000 x 1000 x 3 bytes
 
 
-def test_what_cannot_be_measured_says_why(recording):
+def test_what_cannot_be_measured_has_a_reason(recording):
     task = CostTask("gone.onnx", str(recording), "0", (64, 48), False, None, None)
     costs, failed = measure_costs({"gone": task}, 2, lambda: None)
     assert costs == {} and "gone.onnx does not exist" in failed["gone"]

@@ -110,7 +110,7 @@ def test_true_lines_are_measured_where_the_recording_holds_them(pair_folder, tmp
     assert open_pairs(pair_folder).load("a_vis900.png").in_view == ()  # labelled in the image: no ranges
 
 
-def test_dehazers_never_see_truth_and_see_depth_when_told(tmp_path):
+def test_dehazers_never_see_truth_and_see_depth_where_asked_for(tmp_path):
     recording = write_recording(tmp_path / "recording")
     for with_depth in (False, True):
         frame = open_pairs(recording, with_depth=with_depth).load("0").frame
@@ -118,7 +118,7 @@ def test_dehazers_never_see_truth_and_see_depth_when_told(tmp_path):
         assert (frame.depth_m is not None) is with_depth
 
 
-def test_a_pair_says_whether_it_is_in_rain(tmp_path):
+def test_a_pair_has_its_rain(tmp_path):
     recording = write_recording(tmp_path / "recording")
     assert open_pairs(recording).load("0").film is None
     scene = json.loads((recording / "scene.json").read_text())

@@ -143,7 +143,7 @@ def test_higher_psnr_with_worse_lines_is_named_and_no_other():
         ("long", None),
     ],
 )
-def test_rain_and_blur_are_told_from_what_truth_holds(exposure, film):
+def test_rain_and_blur_are_read_from_the_truth(exposure, film):
     assert film_of({"exposure": exposure}) == film
     assert film_of({}) is None
 

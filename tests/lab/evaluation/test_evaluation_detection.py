@@ -134,7 +134,7 @@ def test_labelled_images_are_a_source_and_unlabelled_ones_are_not(tmp_path):
     assert item.load(0).ship == "labelled"
 
 
-def test_a_datasets_folder_stands_for_its_recordings(recording):
+def test_a_datasets_folder_opens_its_recordings(recording):
     (item,) = open_recorded((recording.parent,))
     assert item.name == str(recording)
     assert len(item) == 4

@@ -55,7 +55,7 @@ def test_rates_and_errors_of_known_frames():
     assert figures["false_rate"] == 0.5 and figures["false_pair_rate"] == 0.25
 
 
-def test_what_cannot_be_said_is_left_out():
+def test_figures_that_do_not_exist_are_left_out():
     figures = summarise([sea(0)])
     assert figures == {"frames": 1.0, "decks": 0.0, "empty": 1.0, "false_rate": 0.0, "false_pair_rate": 0.0}
     assert "error_px.median" not in summarise([deck([], [])])
@@ -129,7 +129,7 @@ def test_the_worst_frames_are_lost_and_invented_lines_then_errors_then_larger_de
     assert ranks == sorted(ranks)
 
 
-def test_contrast_is_the_fainter_lines_however_many_points_say_where_it_is():
+def test_contrast_is_the_fainter_lines_however_many_points_it_has():
     image = np.full((360, 640, 3), 40, np.uint8)
     image[:, 192:209] = 140  # a twelfth of the way to the other line
     image[:, 392:409] = 60

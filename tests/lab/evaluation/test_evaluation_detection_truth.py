@@ -30,7 +30,7 @@ def test_what_there_is_to_find():
     assert expected_from_truth(frame_at(-30.0, yaw_rad=np.deg2rad(53.0))).scene is SceneKind.UNRATED
 
 
-def test_labels_say_it_too():
+def test_labels_decide_what_there_is_to_find():
     line = np.array([[1.0, 2.0], [3.0, 4.0]])
     for left, right, scene in (
         (line, line, SceneKind.DECK),

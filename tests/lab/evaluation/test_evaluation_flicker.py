@@ -55,7 +55,7 @@ def first_frame(folder: Path) -> Frame:
     return open_recording(folder).load(0)
 
 
-def test_the_table_and_the_file_say_what_the_functions_do(approach, tmp_path, capsys):
+def test_the_table_and_the_file_hold_the_functions_results(approach, tmp_path, capsys):
     file = tmp_path / "figures.json"
     assert main(["eval", "flicker", str(approach), "--dehazer", "none", "dark-channel", "--json", str(file)]) == 0
     figures = json.loads(file.read_text())

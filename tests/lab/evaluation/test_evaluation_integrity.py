@@ -46,7 +46,7 @@ def run(*errors_m: float, faulty=True, flagged=False) -> list[FrameState]:
     return [FrameState(0.5 * k, faulty, flagged, error, 0.0, 1.0, 1.0) for k, error in enumerate(errors_m)]
 
 
-def test_tables_say_what_was_counted():
+def test_tables_of_known_runs():
     by_fault = {
         "foul line": [run(0.0, 0.5), run(9.0, 9.0, 9.0, 9.0)],
         NOMINAL: [

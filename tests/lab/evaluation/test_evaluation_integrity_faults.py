@@ -130,7 +130,7 @@ def test_a_catapult_track_is_no_parallel():
     assert abs(across[-1] if len(across) else 0.0) < CATAPULT_M[1] + 200 * np.tan(0.16)
 
 
-def test_moved_points_keep_their_noise_and_leave_the_image():
+def test_moved_points_have_the_same_noise_and_may_leave_the_image():
     noise = np.random.default_rng(0).normal(0, 0.5, 25)
     seen = SIGHTINGS[0].detection.right
     noisy = LinePoints(seen.points_px + np.column_stack([noise, np.zeros(25)]), seen.confidence, seen.sigma_px)

@@ -55,7 +55,7 @@ def test_every_fault_begins_when_it_should_and_leaves_its_frames_as_they_were(na
         np.testing.assert_allclose(at.true_world_from_body.translation, true.translation)
 
 
-def test_pictures_and_poses_are_what_their_names_say():
+def test_pictures_and_poses_match_their_names():
     whole = flight()
     mirrored, _ = injected("mirrored picture")
     assert np.array_equal(mirrored[0].image_rgb, whole[0].image_rgb[:, ::-1])
@@ -70,7 +70,7 @@ def test_pictures_and_poses_are_what_their_names_say():
     assert 3 <= len(injected("dropped frames")[0]) < 6
 
 
-def test_the_deck_and_the_mount_are_told_wrong():
+def test_the_deck_and_the_mount_are_reported_wrong():
     heights = {name: injected(name)[0][0].deck_z_m for name in RENDERED if name.startswith("deck")}
     assert heights == {"deck height -10 m": -30.0, "deck height of the sea": -2.0, "deck height, wrong sign": 20.0}
     mounts = {name: injected(name)[0][0].body_from_camera.rotation for name in RENDERED if name.startswith("mount")}
@@ -94,7 +94,7 @@ def test_a_painted_line_lies_where_it_projects_and_fades_in_haze():
         paint(replace(at, truth=None), LEFT)
 
 
-def test_an_erased_line_is_gone_and_what_stands_on_the_deck_hides_it():
+def test_an_erased_line_is_gone_and_a_box_on_the_deck_hides_it():
     plain = replace(frame(0, 60.0), image_rgb=np.full_like(frame(0, 60.0).image_rgb, 90))
     painted = paint(plain, RIGHT)
     bare = erase(painted, RIGHT, 2.0, -2.5)
@@ -130,16 +130,16 @@ def test_rain_falls_anew_in_every_frame_and_its_drops_on_the_lens_stay():
     assert 0 < always.sum() < 0.8 * ever.sum() and ever.mean() < 0.5
 
 
-def test_a_flight_is_told_the_width_and_has_depth_only_with_that_aid(monkeypatch):
+def test_a_flight_has_width_and_depth_only_with_that_aid(monkeypatch):
     models = Flight.from_config(OPTIONS.run_config())
     flown = []
     build = Flight.from_config
 
-    def watch(config, **loaded):
+    def record(config, **loaded):
         inner = build(config, **loaded)
         return lambda at, **given: (flown.append((config.deck, at.depth_m is not None)), inner(at, **given))[1]
 
-    monkeypatch.setattr(integrity_score.Flight, "from_config", watch)
+    monkeypatch.setattr(integrity_score.Flight, "from_config", record)
     deep = [Sighting(replace(at, depth_m=np.full(at.image_rgb.shape[:2], 50.0, np.float32))) for at in flight()]
     for aid in RENDERED_AIDS:
         states = fly_run(deep, FaultRun("mirrored picture", 0, aid), FLIGHTS, models)

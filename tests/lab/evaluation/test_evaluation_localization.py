@@ -165,22 +165,22 @@ def test_a_frame_is_dehazed_once():
     assert counting.calls == [first.file, second.file]
 
 
-def test_single_rows_of_one_configuration_share_detections_and_tracked_rows_look_for_themselves():
-    looked = {method.name: Counting() for method in METHODS}
+def test_single_rows_of_one_configuration_share_detections_and_tracked_rows_detect_on_their_own():
+    detectors = {method.name: Counting() for method in METHODS}
 
     def start(method):
         flight = BENCH.start(method)
-        flight.detector = looked[method.name]
+        flight.detector = detectors[method.name]
         return flight
 
     views = ((at, None) for at, _ in sightings())
     assert len(list(score_approach(views, 0, METHODS, replace(BENCH, start=start)))) == FRAMES
-    calls = {name: len(detector.calls) for name, detector in looked.items()}
+    calls = {name: len(detector.calls) for name, detector in detectors.items()}
     shared = {"dehazed, ours": 0}
-    assert calls == dict.fromkeys(looked, FRAMES) | shared
+    assert calls == dict.fromkeys(detectors, FRAMES) | shared
 
 
-def test_tracked_rows_fly_one_look_and_the_search_beside_it():
+def test_tracked_rows_fly_a_searching_detector():
     methods = methods_of(replace(OPTIONS, detector="hybrid").run_config(), "classical")
     bench = load(methods)
     tracked = [bench.start(method) for method in methods if method.tracked]
@@ -199,7 +199,7 @@ def test_the_first_row_is_what_improvements_refer_to():
         methods_of(RunConfig(), "clear.onnx", ("sad.onnx", "other/sad.onnx"))
 
 
-def test_rows_share_their_models_and_keep_their_estimator():
+def test_rows_share_their_models_and_have_their_own_estimator():
     bench = load(METHODS)
     flights = [bench.start(method) for method in METHODS]
     assert len({id(flight.detector) for flight in flights}) == len({id(flight.dehazer) for flight in flights}) == 1

@@ -51,7 +51,7 @@ def test_the_improvement_of_the_paper_s_own_numbers():
     assert np.isnan(improvement([{}], [plain["left"]], name))
 
 
-def test_a_mark_looks_at_its_band_and_at_both_lines():
+def test_a_requirement_counts_both_lines_in_its_band():
     required = REQUIREMENTS[1]
     near = score(range_m=149.0, direction_error_deg__left=0.1, direction_error_deg__right=0.5)
     far = score(range_m=150.0, direction_error_deg__left=9.0)

@@ -49,7 +49,7 @@ def test_entries_may_be_added_to_one_setting_and_none_may_change(tmp_path):
         open_store(tmp_path, "models", models={"b": "2"}, seed=4)
 
 
-def test_without_a_folder_rows_are_in_memory_alone_and_an_interruption_says_so(tmp_path):
+def test_without_a_folder_rows_are_in_memory_alone_and_an_interruption_reports_it(tmp_path):
     store = open_store(None)
     store.add(("a", 0), [1.0])
     assert store.rows == {("a", 0): [1.0]}
