@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 from refused import refuse
 
@@ -8,6 +9,7 @@ from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_po
 from deckline_lab.evaluation.integrity_faults import FAULTS, Runs
 from deckline_lab.evaluation.integrity_runs import IntegrityConfig, flat_figures, integrity_tables
 from deckline_lab.evaluation.integrity_score import NOMINAL, FaultRun, FrameState, fly_run
+from golden import check_golden
 
 CALM = RunOptions(grade="good", sea_state=0.0)
 FLIGHTS = FlightsConfig(frames=16, range_m=(500.0, 60.0), visibility="clear", options=CALM)
@@ -54,20 +56,8 @@ def test_tables_of_known_runs():
             run(0.1, 1.5, faulty=False),
         ],
     }
-    faults, nominal, coverage, flags = integrity_tables(by_fault, 1.0)
-    assert coverage.rows == [("all", "-", "-", "-", "-")]  # of frames that tell no sigma
-    assert list(flags.rows) == [("foul line", "-"), (NOMINAL, "height 1")]
-    cells = dict(zip(faults.columns, faults.rows[0], strict=True))
-    assert (cells["runs"], cells["harmless"], cells["misleading"]) == ("2", "1", "1")
-    assert cells["detected or harmless, %"].startswith("50.00 [")
-    assert cells["misleading frames, %"] == "66.67"
-    assert cells["flag after, s"] == "-"
-    assert "50.00 [1.26, 98.74]" in faults.title
-    counted = dict(zip(nominal.columns, nominal.rows[0], strict=True))
-    assert counted["false alarms, %"].startswith("25.00 [")
-    assert counted["misleading, %"].startswith("25.00")
-    figures = flat_figures(by_fault, 1.0)
-    assert (figures["foul line.misleading_frames"], figures["nominal.frames"]) == (4.0, 4.0)
+    results = {"tables": integrity_tables(by_fault, 1.0), "figures": flat_figures(by_fault, 1.0)}
+    check_golden(Path(__file__).parent / "golden" / "integrity.json", results)
 
 
 def test_a_stopped_command_resumes(tmp_path, capsys):
