@@ -1,12 +1,21 @@
 """`deckline eval`."""
 
 from deckline_lab.ablation.ablation import ablation
-from deckline_lab.evaluation import chain, dehazing, detection, flicker, integrity_runs, localization, tables
+from deckline_lab.evaluation import (
+    chain,
+    dehazing,
+    detection,
+    flicker,
+    integrity_runs,
+    label_errors,
+    localization,
+    tables,
+)
 
 COMMANDS = {
     "chain": chain.chain,
     "recording": chain.recording,
-    "labels": chain.labels,
+    "labels": label_errors.labels,
     "flicker": flicker.flicker,
     "ablation": ablation,
     "dehazing": dehazing.dehazing,
