@@ -155,14 +155,19 @@ def drop_frames(rng: np.random.Generator) -> Step:
 
 
 def delay_pose(rng: np.random.Generator) -> Step:
-    """The reported pose is that of DELAY_S before."""
+    """The reported pose is that of DELAY_S before.
+
+    In rendered flights no pose from before the fault is known, so that the first faulty pose is on time: the published
+    figures are of this.
+    """
 
     def step(flight: History, first: int) -> list[Sighting]:
-        known = [(at.frame.time_s, at.frame.world_from_body) for at in flight]
-        now, poses = flight[-1], [(time_s, pose) for time_s, pose in known if pose is not None]
+        now = flight[-1]
+        frames = [at.frame for at in (flight[first:] if now.detection is None else flight)]
+        known = [(frame.time_s, frame.world_from_body) for frame in frames if frame.world_from_body is not None]
         if now.frame.world_from_body is None:
             return [now]
-        return [now._replace(frame=report_pose(now.frame, pose_at(poses, now.frame.time_s - DELAY_S)))]
+        return [now._replace(frame=report_pose(now.frame, pose_at(known, now.frame.time_s - DELAY_S)))]
 
     return step
 
