@@ -1,8 +1,8 @@
-"""What an engine costs and what it changes: time of one look of a detector's network, lines and P(runway) against f32.
+"""What an engine costs and what it changes: time of one pass of a detector's network, lines and P(runway) against f32.
 
     python benchmarks/engines.py RECORDING... [--frames 15] [--repeats 30] [--detector hybrid]
 
-Views are the closest looks of the search on frames spread over each recording. Looks are interleaved, so that a busy
+Views are the closest views of the search on frames spread over each recording. Passes are interleaved, so that a busy
 machine disturbs all engines alike; medians are printed, with the processor's time beside wall time.
 """
 
@@ -61,21 +61,21 @@ def count(detection: Detection) -> int:
 
 
 def print_times(name: str, view: np.ndarray, repeats: int) -> None:
-    """Median time of one look, for one and two threads of every engine."""
-    looks = {
+    """Median time of one pass, for one and two threads of every engine."""
+    passes = {
         (key, threads): DETECTORS[name](Engine(one.device, threads, one.precision)).infer
         for threads in (1, 2)
         for key, one in ENGINES.items()
     }
-    wall, used = ({key: [] for key in looks} for _ in range(2))
+    wall, used = ({key: [] for key in passes} for _ in range(2))
     for _ in range(repeats + 3):
-        for key, look in looks.items():
+        for key, infer in passes.items():
             start, start_used = time.perf_counter(), time.process_time()
-            look(view)
+            infer(view)
             wall[key].append(time.perf_counter() - start)
             used[key].append(time.process_time() - start_used)
     print(f"\n{'engine':14} {'threads':>7} {'wall ms':>8} {'fastest':>8} {'CPU ms':>7} {'CPU ratio':>9}")
-    for key in looks:
+    for key in passes:
         times = [1e3 * value for value in (np.median(wall[key][3:]), min(wall[key]), np.median(used[key][3:]))]
         ratio = times[2] / (1e3 * np.median(used["cpu f32", 1][3:]))
         print(f"{key[0]:14} {key[1]:7} {times[0]:8.1f} {times[1]:8.1f} {times[2]:7.1f} {ratio:9.2f}")

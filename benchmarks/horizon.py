@@ -35,7 +35,7 @@ def true_row(frame: Frame) -> float:
 
 
 def measure(frame: Frame) -> dict[str, float]:
-    """Horizon, roll and visibility of one frame without its pose, and their errors; NaN for what is not found."""
+    """Estimates from one frame without its pose, and their errors; NaN for what has no estimate."""
     alone = replace(frame, world_from_body=None, deck_z_m=None, sea_z_m=None, depth_m=None, truth=None)
     row, scale, truth = true_row(frame), HEIGHT_PX / frame.camera.height, frame.truth
     others = ("error", "sigma", "roll", "roll_sigma", "ratio", "ratio_sigma")
@@ -63,13 +63,13 @@ def measure(frame: Frame) -> dict[str, float]:
 def print_row(name: str, rows: list[dict[str, float]]) -> None:
     keys = ("row", "error", "sigma", "roll", "roll_sigma", "ratio", "ratio_sigma")
     row, error, sigma, roll, roll_sigma, ratio, ratio_sigma = (np.array([item[key] for item in rows]) for key in keys)
-    seen, told, found = np.isfinite(row), np.isfinite(sigma), np.isfinite(error)
+    seen, stated, found = np.isfinite(row), np.isfinite(sigma), np.isfinite(error)
     size, known = np.abs(error[found]), np.isfinite(ratio)
     psnr = " ".join(
         f"{np.mean([item[key] for item in rows]):.1f}" for key in ("none", "veil", "horizon") if key in rows[0]
     )
     print(
-        f"| {name} | {found.sum()} of {seen.sum()} | {(told & ~seen).sum()} of {(~seen).sum()} "
+        f"| {name} | {found.sum()} of {seen.sum()} | {(stated & ~seen).sum()} of {(~seen).sum()} "
         f"| {np.median(size):.1f} / {np.percentile(size, 90):.1f} | {np.mean(size < 2 * sigma[found]):.0%} "
         f"| {np.nanmedian(roll):.2f} / {np.nanmax(roll):.2f} | {np.nanmax(roll / roll_sigma):.1f} "
         f"| {known.sum()} | {np.exp(np.median(np.abs(ratio[known]))):.2f} "
@@ -84,7 +84,7 @@ def main() -> None:
     options = parser.parse_args()
     print("| recording | found | found where none is in view | error, median / 90 %, px | within 2 sigma ", end="")
     print("| roll, median / most, deg | in its sigma, most ", end="")
-    print("| visibility told | off by a factor, median | within 2 sigma | PSNR of input, veil, horizon, dB |")
+    print("| visibility measured | off by a factor, median | within 2 sigma | PSNR of input, veil, horizon, dB |")
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     for frames in open_recorded(options.recordings):
         samples = (frames.load(index) for index in range(0, len(frames), options.every))

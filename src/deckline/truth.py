@@ -97,8 +97,8 @@ def compare_line(line: RunwayLine, truth: Segment) -> dict[str, float]:
 
     Returns:
         `direction_error_deg` (0 to 90; the paper's delta-theta of Table 6), `lateral_error_m` at the true line's ramp
-        end, left out for a line across the runway, and `height_error_m` where the estimate stands. The lateral error
-        stands in for the paper's intercept difference, which depends on the world's origin.
+        end, left out for a line across the runway, and `height_error_m` at the estimate's own point. The lateral error
+        replaces the paper's intercept difference, which depends on the world's origin.
     """
     _, turn, height = state_error(line, truth)
     errors = {"direction_error_deg": abs(float(np.rad2deg(turn))), "height_error_m": abs(float(height))}

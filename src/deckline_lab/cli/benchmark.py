@@ -15,7 +15,7 @@ from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import open_recording, select_frames
 from deckline.runtime import describe_processor
-from deckline_lab.evaluation import benchmark as measure
+from deckline_lab.evaluation import stage_timing as measure
 from deckline_lab.evaluation.tables import Figures, OutputFiles, publish
 from deckline_lab.rivals.catalog import flight_from_config
 
@@ -32,7 +32,7 @@ def benchmark(
     """Measure how long every stage takes on this machine, and how late live answers are.
 
     The recording is answered frame after frame, run as `deckline run` does with film and report, and played at its own
-    pace. Stages are compared with one look of UFLD with ResNet-18 on the same engine.
+    pace. Stages are compared with one pass of UFLD with ResNet-18 on the same engine.
 
     Args:
         source: recording, folder of images or video; the shipped approach when not given.
@@ -53,21 +53,21 @@ def benchmark(
         again = partial(Flight.from_config, config, dehazer=flight.dehazer, detector=flight.detector)
         run_rate = measure.measure_run(chosen, again(), folder / "run")
         live, progress = measure.measure_live(chosen, again())
-        looks, notes = _measure_looks(flight.detector, peer, config.engine, folder)
+        passes, notes = _measure_passes(flight.detector, peer, config.engine, folder)
     file_figures, live_figures = whole.figures(), live.figures() | asdict(progress)
     guided = whole.seconds[measure.GUIDANCE]
     rates = {"guidance": len(guided) / sum(guided), "film and report": run_rate}
     file_figures["frames_per_s"] = rates
     tables = [
-        measure.stage_table("file: one frame after the other", file_figures, looks),
-        measure.stage_table("live: the recording at its own pace", live_figures, looks),
-        *([measure.look_table(looks)] if looks else []),
+        measure.stage_table("file: one frame after the other", file_figures, passes),
+        measure.stage_table("live: the recording at its own pace", live_figures, passes),
+        *([measure.pass_table(passes)] if passes else []),
     ]
     words = [f"{value:.1f} frames/s to {name}" for name, value in rates.items()]
     notes += [f"file: {', '.join(words)}; {_describe(whole)}"]
     notes += [f"live: {progress.dropped} of {progress.frames} frames dropped; {_describe(live)}"]
     figures: dict[str, Any] = {"processor": describe_processor(), "engine": asdict(config.engine)}
-    figures |= {"file": file_figures, "live": live_figures, "looks": looks}
+    figures |= {"file": file_figures, "live": live_figures, "passes": passes}
     engine = f"{config.models.detector} on {config.engine.device} {config.engine.precision}"
     title = f"{'shipped approach' if source is None else source}: {len(chosen)} frames, {engine}, "
     title += f"{config.engine.threads or 'all'} threads\n{figures['processor']}"
@@ -75,15 +75,15 @@ def benchmark(
     return 0
 
 
-def _measure_looks(
+def _measure_passes(
     detector: Detector, peer: Path | None, engine: Engine, folder: Path
 ) -> tuple[dict[str, Figures], list[str]]:
-    """One look of the detector and of the peer; nothing and the reason where there is no peer."""
+    """One pass of the detector and of the peer; nothing and the reason where there is no peer."""
     try:
         other = OnnxDetector(peer or measure.export_peer(folder), engine=engine)
     except ImportError as error:
         return {}, [f"no ratios to {measure.PEER}: {error}"]
-    return measure.measure_looks(detector, other), []
+    return measure.measure_passes(detector, other), []
 
 
 def _describe(timing: measure.Timing) -> str:

@@ -1,18 +1,27 @@
 """`deckline eval`."""
 
 from deckline_lab.ablation.ablation import ablation
-from deckline_lab.evaluation import chain, dehazing, detection, flicker, integrity, localization, tables
+from deckline_lab.evaluation import (
+    chain,
+    dehazing,
+    detection,
+    flicker,
+    integrity_runs,
+    label_errors,
+    localization,
+    tables,
+)
 
 COMMANDS = {
     "chain": chain.chain,
     "recording": chain.recording,
-    "labels": chain.labels,
+    "labels": label_errors.labels,
     "flicker": flicker.flicker,
     "ablation": ablation,
     "dehazing": dehazing.dehazing,
     "detection": detection.detection,
     "detectors": detection.detectors,
-    "integrity": integrity.integrity,
+    "integrity": integrity_runs.integrity,
     "localization": localization.localization,
     "report": tables.report,
 }

@@ -19,10 +19,14 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_numbers
 from deckline.config import GRADES, RunConfig, Sensors
+from deckline.dehaze.base import IdentityDehazer
 from deckline.extras import needs_extra
+from deckline.flight import Flight
 from deckline.geometry import Camera
+from deckline.localize import Localizer, localize
 from deckline.options import RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
+from deckline_lab.rivals.classical import ClassicalDetector
 
 if TYPE_CHECKING:
     from deckline_sim import SimConfig
@@ -30,7 +34,7 @@ if TYPE_CHECKING:
 DEPTH_RANGE_M = 200.0  # of the depth camera; the simulator's default
 DEPTH_PATCH_PX = 2.0  # neighbouring depths err together, as those of a matching window do; our choice
 CALIBRATION, DEPTH = 21, 22  # random streams
-PATCH_PX = 2  # depth is filled in so far around every point; localization looks 1 px around it
+PATCH_PX = 2  # depth is filled in so far around every point; localization samples 1 px around it
 SAMPLES = 2000  # along a line, to find what of it is in the image
 BORDER_PX = 1.0
 POINTS, MOTION, AIR = 31, 32, 33  # random streams
@@ -158,10 +162,10 @@ def flight_settings(flights: FlightsConfig) -> dict[str, Any]:
 
 
 class Sighting(NamedTuple):
-    """One frame of a flight and what the detector finds in it."""
+    """One frame of a flight, and its detected lines where the detector is modelled."""
 
     frame: Frame
-    detection: Detection
+    detection: Detection | None = None
 
 
 @dataclass(frozen=True)
@@ -174,7 +178,7 @@ class PointNoise:
     Args:
         seen_share: how far lines are seen, of the visibility at 2 % contrast.
         rows: points on a line, evenly spaced in the image's rows; never closer than a tenth of a pixel.
-        sigma_px: 1-sigma of u, and what the detector says of itself.
+        sigma_px: 1-sigma of u, which the detector also reports.
         correlation: of the errors of neighbouring points.
         outlier_share: of the points, anywhere within outlier_px of the line.
         outlier_px: how far outliers lie off, at most.
@@ -188,6 +192,11 @@ class PointNoise:
     outlier_share: float = 0.02
     outlier_px: float = 20.0
     missed_share: float = 0.01
+
+
+def point_flight(config: RunConfig, localizer: Localizer = localize) -> Flight:
+    """A flight whose detections are modelled."""
+    return Flight(config, IdentityDehazer(), ClassicalDetector(), localizer)
 
 
 def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iterator[Sighting]:
@@ -258,8 +267,8 @@ def draw_points(
     u += noise.sigma_px * correlated_noise(len(rows), noise.correlation, rng)
     stray = rng.random(len(rows)) < noise.outlier_share
     u[stray] += rng.uniform(-noise.outlier_px, noise.outlier_px, int(stray.sum()))
-    keep = (u >= 0) & (u <= camera.width - 1)
-    points = np.column_stack([u, rows])[keep]
+    inside = (u >= 0) & (u <= camera.width - 1)
+    points = np.column_stack([u, rows])[inside]
     return LinePoints(points, np.full(len(points), 0.9), np.full(len(points), noise.sigma_px))
 
 

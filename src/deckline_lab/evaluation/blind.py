@@ -159,7 +159,7 @@ def parse_order(text: str, letters: Mapping[str, str], where: str) -> dict[str, 
 
 
 def count_votes(votes: Sequence[Vote]) -> dict[str, Any]:
-    """What the votes say.
+    """Counts of the votes.
 
     Returns:
         pairs: of every two dehazers that a vote compares, the input as second one: first, second, first_preferred,

@@ -1,4 +1,4 @@
-"""`deckline eval chain`, `recording` and `labels`: the whole chain against truth, detected points against labels."""
+"""`deckline eval chain` and `recording`: the whole chain against truth."""
 
 import time
 from collections.abc import Sequence
@@ -11,20 +11,27 @@ import tyro
 from numpy.typing import NDArray
 
 from deckline.config import Approach, Models, RunConfig, Tracking
-from deckline.dehaze import NOT_DEHAZED, dehaze_frame
+from deckline.dehaze import dehaze_frame
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
 from deckline.report.bands import RANGE_M, by_band, share
 from deckline.report.provenance import settings_of
 from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
 from deckline.types import SIDES, DepthMode, LineVisibility
-from deckline_lab.evaluation.frames import FrameSet, Recorded, RenderOptions, Sample, score_frames
-from deckline_lab.evaluation.metrics import below_horizon, distance_px, normal_pixel_error, psnr_db, ssim
-from deckline_lab.evaluation.store import Store
-from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, OutputFiles, Table, number, publish
-from deckline_lab.labels import Labels
+from deckline_lab.evaluation.frames import FrameSample, FrameSet, Recorded, RenderOptions, Task, score_frames
+from deckline_lab.evaluation.metrics import below_horizon, normal_pixel_error, psnr_db, ssim
+from deckline_lab.evaluation.tables import (
+    TO_TERMINAL,
+    Figures,
+    Output,
+    OutputFiles,
+    Table,
+    figures_table,
+    number,
+    publish,
+)
 from deckline_lab.rivals.catalog import flight_from_config
-from deckline_lab.statistics import VISIBILITY_M, median_and_p95
+from deckline_lab.statistics import VISIBILITY_M
 
 FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
 DEFAULTS = RunOptions()
@@ -117,13 +124,12 @@ def recording(
 
 def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path | None, output: OutputFiles) -> int:
     flight = flight_from_config(config)
-    store = Store(out, "chain.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
 
-    def score(sample: Sample) -> dict[str, Any]:
+    def score(sample: FrameSample) -> dict[str, Any]:
         result = flight(sample.frame)
         return asdict(score_frame(_with_dehazed(result, flight), config.approach))
 
-    [rows] = score_frames(sets, [(store, score)])
+    [rows] = score_frames(sets, [Task(out, "chain.jsonl", settings_of(flight), score)])
     scores = [FrameScore(**row) for row in rows]
     figures = summarise(scores)
     models = config.models
@@ -133,7 +139,7 @@ def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path
     tables = [
         _band_table("range to the ramp", by_range),
         _band_table("visibility", by_visibility),
-        Table("all figures", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
+        figures_table("all figures", figures),
     ]
     publish(title, tables, figures, output)
     return 0
@@ -239,97 +245,3 @@ def _band_table(by: str, groups: dict[str, list[FrameScore]]) -> Table:
         cells = (number(figures.get(name), ".3g") for name in BAND_COLUMNS.values())
         rows.append((band, str(len(members)), *cells))
     return Table(f"by {by}", (by, "frames", *BAND_COLUMNS), rows)
-
-
-@dataclass(frozen=True)
-class LabelScore:
-    """One labelled frame's errors. Plain values: a score is a line of JSON."""
-
-    file: str
-    seen: str
-    labelled: bool  # both lines are labelled
-    errors_px: dict[str, list[float]]  # by side: normal distance of every detected point; found lines only
-
-    @property
-    def found(self) -> bool:
-        """Points on both lines."""
-        return all(side in self.errors_px for side in SIDES)
-
-
-def labels(
-    folders: tyro.conf.Positional[tuple[Path, ...]],
-    deck_z_m: float | None = None,
-    dehazer: str = NOT_DEHAZED,
-    detector: str = Models.detector,
-    out: Path | None = None,
-    output: Output = TO_TERMINAL,
-) -> int:
-    """Find the lines in images that carry labels (labels.json beside them) and print the distance to them in pixels.
-
-    Args:
-        folders: image folders with camera.toml and labels.json.
-        deck_z_m: world z of the deck plane, for what localization makes of the lines.
-        dehazer: name or .onnx file, whose pictures the detector sees; none: the hazy ones, as in the chain.
-        detector: name or .onnx file.
-        out: folder of every frame's errors; a stopped command resumes from it.
-        output: files of the results.
-    """
-    flight = flight_from_config(single_frames_with(dehazer, detector))
-    sets = [Recorded(folder, deck_z_m) for folder in folders]
-    store = Store(out, "labels.jsonl", {**settings_of(flight), "frames": [item.settings for item in sets]})
-
-    def score(sample: Sample) -> dict[str, Any]:
-        if sample.labels is None:
-            raise ValueError(f"{sample.source}: no labels.json: nothing to compare with")
-        return asdict(score_labels(flight(sample.frame), sample.labels))
-
-    [rows] = score_frames(sets, [(store, score)])
-    scores = [LabelScore(**row) for row in rows]
-    figures = summarise_labels(scores)
-    title = f"{len(scores)} labelled frames; dehazer {dehazer}, detector {detector}"
-    tables = [
-        _frames_table(scores),
-        Table("all frames", ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()]),
-    ]
-    publish(title, tables, figures, output)
-    return 0
-
-
-def score_labels(result: FrameResult, labels: Labels) -> LabelScore:
-    """Compare one frame's detected points with its labels. Points where no line is labelled are infinitely wrong."""
-    errors = {}
-    for side in SIDES:
-        points, line = getattr(result.detection, side).points_px, labels[side]
-        if len(points):
-            far = np.full(len(points), np.inf)
-            errors[side] = (far if line is None else distance_px(points, line, result.frame.camera)).tolist()
-    labelled = all(labels[side] is not None for side in SIDES)
-    return LabelScore(result.frame.file, result.estimate.seen, labelled, errors)
-
-
-def summarise_labels(scores: Sequence[LabelScore]) -> Figures:
-    """Found-rate, false lines and pixel errors of one frame or more under dotted names."""
-    if not scores:
-        raise ValueError("no labelled frame could be evaluated")
-    figures = {"frames": float(len(scores))}
-    runway, empty = ([score for score in scores if score.labelled is both] for both in (True, False))
-    if runway:
-        figures["found_rate"] = share(runway, lambda score: score.found)
-        figures["ok_rate"] = share(runway, lambda score: score.seen == LineVisibility.BOTH)
-        lines = [score.errors_px[side] for score in runway for side in SIDES if side in score.errors_px]
-        if lines:
-            figures |= median_and_p95(np.concatenate(lines), "error_px")
-            figures["worst_line_median_px"] = max(float(np.median(line)) for line in lines)
-    if empty:
-        figures["false_line_rate"] = share(empty, lambda score: bool(score.errors_px))
-    return figures
-
-
-def _frames_table(scores: Sequence[LabelScore]) -> Table:
-    rows = []
-    for score in scores:
-        lines = (score.errors_px.get(side) for side in SIDES)
-        cells = ([f"{q:.2f}" for q in np.percentile(line, (50, 95))] if line else [MISSING] * 2 for line in lines)
-        rows.append((score.file, score.seen, *(text for pair in cells for text in pair)))
-    columns = ("frame", "seen", *(f"{side} {what}, px" for side in SIDES for what in ("median", "95 %")))
-    return Table("by frame", columns, rows)

@@ -48,7 +48,7 @@ class _Line(NamedTuple):
     has_depth: NDArray[np.bool_]  # (N,)
 
 
-class _Scene(NamedTuple):
+class _Linearization(NamedTuple):
     """Where to differentiate: lines through the points, a level deck, the frame's pose."""
 
     frame: Frame
@@ -70,7 +70,7 @@ def cramer_rao(
     """Bound for given points and the configured noise, with nuisances (pose, calibration, deck) under their priors.
 
     Args:
-        frame: camera, pose and deck height; its depth image says which points have a depth.
+        frame: camera, pose and deck height; its depth image decides which points have a depth.
         points_px: (N, 2) of `left` and `right`, and of `centre` where a painted centre line is used.
         sigma_px: (N,) 1-sigma of u of each.
         mode: `fine` counts the depth camera, `coarse` the reported deck height, `auto` both.
@@ -118,7 +118,7 @@ def _nuisance_sigmas(config: RunConfig, relative: bool) -> dict[str, float]:
     }
 
 
-def _build_scene(frame: Frame, points_px: dict[str, Array], mode: Mode, beside_m: Array | None) -> _Scene:
+def _build_scene(frame: Frame, points_px: dict[str, Array], mode: Mode, beside_m: Array | None) -> _Linearization:
     pose = frame.world_from_camera
     if pose is None:
         raise ValueError(f"{frame.file}: no pose: give poses.csv")
@@ -148,10 +148,10 @@ def _build_scene(frame: Frame, points_px: dict[str, Array], mode: Mode, beside_m
         along = np.array([np.cos(azimuth), np.sin(azimuth)])
         point = middle + (pivot - middle) @ along * along
         lines[side] = _Line(points_px[side], point, azimuth, (xy - point) @ along, deep[side])
-    return _Scene(frame, lines, height, pivot)
+    return _Linearization(frame, lines, height, pivot)
 
 
-def _perturb_camera(scene: _Scene, values: Values) -> tuple[Camera, RigidTransform]:
+def _perturb_camera(scene: _Linearization, values: Values) -> tuple[Camera, RigidTransform]:
     """Camera and its pose for given nuisances."""
     body, mount, camera = scene.frame.world_from_body, scene.frame.body_from_camera, scene.frame.camera
     if body is None:
@@ -163,7 +163,7 @@ def _perturb_camera(scene: _Scene, values: Values) -> tuple[Camera, RigidTransfo
     return replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom), world_from_body * mount
 
 
-def _line_points(scene: _Scene, side: str, values: Values) -> Array:
+def _line_points(scene: _Linearization, side: str, values: Values) -> Array:
     """World points (N, 3) of a line that is moved, turned, and lies on a deck that is raised and sloped."""
     line = scene.lines[side]
     angle = line.azimuth + values.get(f"{side}.azimuth", 0.0)
@@ -173,7 +173,7 @@ def _line_points(scene: _Scene, side: str, values: Values) -> Array:
     return np.column_stack([xy, scene.height_m + values.get("height", 0.0) + _slope_height(scene, xy, values)])
 
 
-def _slope_height(scene: _Scene, xy: Array, values: Values) -> Array:
+def _slope_height(scene: _Linearization, xy: Array, values: Values) -> Array:
     """Change of z (N,) at points (N, 2) by the deck's slopes along and across the lines."""
     mean = sum(np.array([np.cos(line.azimuth), np.sin(line.azimuth)]) for line in scene.lines.values())
     along = np.asarray(mean) / np.linalg.norm(mean)
@@ -181,7 +181,7 @@ def _slope_height(scene: _Scene, xy: Array, values: Values) -> Array:
     return np.asarray(distances @ [values.get("tilt_along", 0.0), values.get("tilt_across", 0.0)])
 
 
-def _predict(scene: _Scene, values: Values, across: Mapping[str, Array]) -> Array:
+def _predict(scene: _Linearization, values: Values, across: Mapping[str, Array]) -> Array:
     """The measurements: every point across its line, px, then the logarithms of depth at the points' pixels."""
     camera, pose = _perturb_camera(scene, values)
     offsets, depths = [], []
@@ -196,7 +196,9 @@ def _predict(scene: _Scene, values: Values, across: Mapping[str, Array]) -> Arra
     return np.concatenate(offsets + depths)
 
 
-def _noise_model(scene: _Scene, sigma_px: Mapping[str, Array], config: RunConfig) -> tuple[Array, dict[str, Array]]:
+def _noise_model(
+    scene: _Linearization, sigma_px: Mapping[str, Array], config: RunConfig
+) -> tuple[Array, dict[str, Array]]:
     """Inverse variances of the measurements, and the unit vector (N, 2) across the image line at every point."""
     across, variances = {}, []
     camera, pose = _perturb_camera(scene, {})
@@ -213,7 +215,7 @@ def _noise_model(scene: _Scene, sigma_px: Mapping[str, Array], config: RunConfig
     return 1 / np.concatenate(variances), across
 
 
-def _whiten(rows: Array, scene: _Scene, correlation: float) -> Array:
+def _whiten(rows: Array, scene: _Linearization, correlation: float) -> Array:
     """Rows of unit variance without what each point shares with its neighbour in its line; depths stay as they are."""
     result, first = rows.copy(), 0
     for line in scene.lines.values():
@@ -245,7 +247,7 @@ def _deck_information(names: list[str], mode: Mode, config: RunConfig, relative:
     return information
 
 
-def _bound_lines(covariance: Array, names: list[str], scene: _Scene) -> Bound:
+def _bound_lines(covariance: Array, names: list[str], scene: _Linearization) -> Bound:
     """The covariance of both lines and their middle, from that of all unknowns."""
     rows = []
     for side in SIDES:

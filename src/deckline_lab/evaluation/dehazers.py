@@ -29,7 +29,7 @@ from deckline_lab import rivals
 from deckline_lab.evaluation.dehazing_pairs import open_pairs
 from deckline_lab.rivals.catalog import ALL_DEHAZERS
 
-USUAL_FILES = ("dehaze.onnx", "detect.onnx")  # as `deckline train` calls them: their folder says more
+USUAL_FILES = ("dehaze.onnx", "detect.onnx")  # as `deckline train` calls them: their folder's name is shown
 NO_REDUCTION_PX = 10**9  # a working size that no image exceeds
 RESET_PEAK = Path("/proc/self/clear_refs")  # proc(5): 5 sets the peak resident set to what is resident now
 
@@ -55,7 +55,7 @@ def shown_name(given: str) -> str:
     if not given.endswith(".onnx"):
         raise ValueError(
             f"unknown dehazer {given!r}: use one of {', '.join(ALL_DEHAZERS)}, or the path of an .onnx file "
-            f"(sources stand before --dehazer)"
+            f"(write sources before --dehazer)"
         )
     return file_label(Path(given))
 
@@ -104,7 +104,7 @@ def size_of(dehazer: Dehazer) -> tuple[int, int] | None:
 
 
 class SharedDehazer:
-    """A dehazer that keeps the last frame's picture, for the next method that shares it."""
+    """A dehazer that caches the last frame's result for the next method that shares it."""
 
     def __init__(self, dehazer: Dehazer) -> None:
         self.name = dehazer.name
@@ -189,9 +189,9 @@ def run_once(task: CostTask) -> Cost:
 
 
 def reset_peak() -> int | None:
-    """Bytes resident now, where the peak now begins; None where the system cannot say.
+    """Bytes resident now, where the peak now begins; None where the system does not report it.
 
-    What was freed goes back to the system first: memory kept for later would hide what a dehazer takes.
+    Freed memory is returned to the system first: the allocator's reserve would hide what a dehazer takes.
     """
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of the GNU C library

@@ -29,16 +29,8 @@ from deckline_lab.evaluation.dehazers import (
     size_of,
 )
 from deckline_lab.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
-from deckline_lab.evaluation.dehazing_score import (
-    ImageScore,
-    Results,
-    dehazing_tables,
-    json_of,
-    restoration,
-    score_lines,
-    summarise,
-    summarise_film,
-)
+from deckline_lab.evaluation.dehazing_score import ImageScore, restoration, score_lines, summarise, summarise_film
+from deckline_lab.evaluation.dehazing_tables import DehazingResults, dehazing_tables, json_of
 from deckline_lab.evaluation.no_reference import no_reference_figures, visible_range_m
 from deckline_lab.evaluation.pictures import sheet
 from deckline_lab.evaluation.store import Store
@@ -55,7 +47,7 @@ class DehazingConfig:
     """Compare dehazers on pairs of a hazy and a clear picture, or on hazy pictures alone.
 
     Visible edges, gradients, saturation and dark channel against the hazy picture, and how many pictures came out worse
-    than they went in. With clear pictures every image's PSNR and SSIM, by visibility and, where the truth tells of any,
+    than they went in. With clear pictures every image's PSNR and SSIM, by visibility and, where the truth holds them,
     by rain and motion blur, with the paired difference to a reference. With true lines, how far they are seen, and
     whether the detector finds them better or worse than without dehazing; with --cost time and memory. Images count as
     independent: true for random views, not for the frames of one flight, whose intervals come out too narrow.
@@ -73,8 +65,8 @@ class DehazingConfig:
         reference: name of the dehazer that the others' PSNR and cost are compared with.
         detector: name or .onnx file; none leaves the lines out.
         every: take every so many of a source's pairs.
-        deck_z_m: world z of the deck plane; overrides what the sources say.
-        sea_z_m: world z of the water; overrides what the sources say.
+        deck_z_m: world z of the deck plane; overrides the sources' value.
+        sea_z_m: world z of the water; overrides the sources' value.
         with_depth: give the dehazers the recorded depth, which in a dataset is the truth.
         full_size: networks without a coarse grid work on the whole picture, not on one averaged down.
         cost: measure latency and peak memory as well, each run in a process of its own.
@@ -127,7 +119,7 @@ class DehazingConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class DehazingBench:
     """Everything loaded."""
 
     named: Mapping[str, str]  # name -> as given
@@ -147,7 +139,7 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
     if not scores:
         raise ValueError(f"zero frames: none of {len(skipped)} could be used; the first: {', '.join(skipped[0])}")
     costs, failed = _costs(config, bench, scores[0]) if config.cost else ({}, {})
-    results = Results(
+    results = DehazingResults(
         title=_title(config, len({score.image for score in scores})),
         reference=bench.reference,
         summaries=summarise(scores, bench.reference),
@@ -179,7 +171,7 @@ def _publish_votes(folder: Path, output: Output) -> int:
     return 0
 
 
-def _load(config: DehazingConfig) -> Bench:
+def _load(config: DehazingConfig) -> DehazingBench:
     named = by_name((NOT_DEHAZED, *config.dehazer))
     reference = config.reference if config.reference in named else shown_name(config.reference)
     named = by_name((*named.values(), named.get(reference, config.reference)))
@@ -191,10 +183,10 @@ def _load(config: DehazingConfig) -> Bench:
     sources = tuple(open_pairs(path, config.every, *heights, config.with_depth) for path in config.sources)
     if not any(source.keys for source in sources):
         raise ValueError(f"zero frames: no picture in {', '.join(map(str, config.sources))}")
-    return Bench(named, dehazers, flight, reference, sources)
+    return DehazingBench(named, dehazers, flight, reference, sources)
 
 
-def _settings(config: DehazingConfig, bench: Bench) -> dict[str, Any]:
+def _settings(config: DehazingConfig, bench: DehazingBench) -> dict[str, Any]:
     """What decides a row's numbers."""
     chain = {} if bench.flight is None else settings_of(bench.flight)
     return {
@@ -207,7 +199,7 @@ def _settings(config: DehazingConfig, bench: Bench) -> dict[str, Any]:
     }
 
 
-def _score_all(bench: Bench, store: Store) -> tuple[list[ImageScore], list[tuple[str, str]]]:
+def _score_all(bench: DehazingBench, store: Store) -> tuple[list[ImageScore], list[tuple[str, str]]]:
     """All scores, those that the store lacks measured; and the images that cannot be used with the reason."""
     pairs = [(source, key) for source in bench.sources for key in source.keys]
     skipped = []
@@ -227,7 +219,7 @@ def _score_all(bench: Bench, store: Store) -> tuple[list[ImageScore], list[tuple
     return [ImageScore(**store.rows[key]) for key in keys if key in store.rows], skipped
 
 
-def _score(bench: Bench, source: str, key: str, name: str, pair: Pair) -> ImageScore:
+def _score(bench: DehazingBench, source: str, key: str, name: str, pair: Pair) -> ImageScore:
     restored = restore(bench.dehazers[name], pair.frame)
     figures = no_reference_figures(restored.image_rgb, pair.frame.image_rgb)
     if pair.in_view:
@@ -241,7 +233,7 @@ def _score(bench: Bench, source: str, key: str, name: str, pair: Pair) -> ImageS
     return replace(score, found=found, distances_px=distances_px)
 
 
-def _costs(config: DehazingConfig, bench: Bench, score: ImageScore) -> tuple[dict[str, Cost], dict[str, str]]:
+def _costs(config: DehazingConfig, bench: DehazingBench, score: ImageScore) -> tuple[dict[str, Cost], dict[str, str]]:
     """Costs on the hazy picture of one score."""
     tasks = {}
     for name, given in bench.named.items():

@@ -27,14 +27,14 @@ from deckline_sim.visible_line import VisibleLine, find_visible_line
 
 FILMS = ("dry and sharp", "rain", "motion blur", "rain and motion blur")
 LEAST_LINE_PX = 5.0  # of both lines inside the picture, end to end: shorter ones are not in view
-LINE_SAMPLES = 400  # points along a line that say which part of it is in view
+LINE_SAMPLES = 400  # points along a line, to find its part in view
 
 Distances = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # points (N, 2), px -> (N,) off the true line, px
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A hazy picture with what it should look like, where that is known."""
+    """A hazy picture and the clear one, where that is known."""
 
     frame: Frame  # hazy, without truth: dehazers never see it
     clear_rgb: NDArray[np.uint8] | None  # (H, W, 3)
@@ -47,7 +47,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class PairSource:
-    """Where pairs come from. A pair is loaded when asked for, and nothing keeps it.
+    """A source of pairs, each loaded on demand and not cached.
 
     `load` takes one of the keys; it raises FrameError for a pair that cannot be used.
     """
@@ -69,7 +69,7 @@ def open_pairs(
     Args:
         path: of a recording, folder, picture or video. Of a folder with "pair_of" in labels.json only pairs are taken.
         every: take every so many of its pairs, from the first on.
-        deck_z_m, sea_z_m: world z (down) of the deck plane and of the water; override what files say.
+        deck_z_m, sea_z_m: world z (down) of the deck plane and of the water; override the files' values.
         with_depth: give dehazers the recorded depth. A dataset's is exact and reaches everywhere, as no camera's does.
 
     Raises:
@@ -87,7 +87,7 @@ def open_pairs(
 
 
 def _has_clear(source: Recording) -> bool:
-    """Recordings keep the clear picture of every frame or of none: the first readable frame says which."""
+    """Recordings hold the clear picture of every frame or of none: the first readable frame decides."""
     for index in range(len(source)):
         try:
             truth = source.load(index).truth
@@ -166,7 +166,7 @@ def read_pairs(path: Path) -> dict[str, tuple[str, float]]:
         if clear == entry["file"]:
             raise ValueError(f"{where}: pair_of must name another image than the hazy one itself")
         if entry["file"] in entries:
-            raise ValueError(f"{where} stands there twice: give each hazy image one entry")
+            raise ValueError(f"{where} has two entries: give each hazy image one")
         known = isinstance(visibility, int | float) and not isinstance(visibility, bool)
         if visibility is not None and not (known and visibility > 0):
             raise ValueError(f"{where}: visibility_m must be positive metres, or left out, got {visibility!r}")
@@ -213,7 +213,7 @@ def seen_length_px(samples_px: ArrayLike, camera: Camera) -> float:
 
 
 def film_of(conditions: Mapping[str, Any]) -> str | None:
-    """Which of FILMS a picture is, from what its truth says of exposure, rain and drops on the lens; None: nothing."""
+    """Which of FILMS a picture is, by its truth's exposure, rain and drops on the lens; None: unknown."""
     exposure = conditions.get("exposure")
     if not isinstance(exposure, Mapping):
         return None

@@ -27,10 +27,9 @@ from deckline_lab.evaluation.detection_score import (
     summarise,
     with_scene,
 )
-from deckline_lab.evaluation.detection_truth import Scene, draw_runway_prior
-from deckline_lab.evaluation.frames import FrameSet, RenderOptions, Sample, name_sets, score_frames
+from deckline_lab.evaluation.detection_truth import SceneKind, draw_runway_prior
+from deckline_lab.evaluation.frames import FrameSample, FrameSet, RenderOptions, Task, name_sets, score_frames
 from deckline_lab.evaluation.pictures import write_worst
-from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import paired_difference
@@ -63,7 +62,7 @@ COMPARISON_NOTES = """\
 to the first: found, percentage points against the first row on the same decks, with the 95 % interval (bootstrap over
 decks); frames of one flight resemble each other, so that their interval is too narrow."""
 Key = tuple[str, str]  # detector, dehazer
-Find = Callable[[Sample], Detection]
+Find = Callable[[FrameSample], Detection]
 
 
 def detection(
@@ -100,7 +99,7 @@ def detection(
     flight = flight_from_config(single_frames_with(dehazer, detector))
     settings = {**settings_of(flight), "prior_sigma_m": prior_sigma_m}
 
-    def find(sample: Sample) -> Detection:
+    def find(sample: FrameSample) -> Detection:
         prior = None if prior_sigma_m is None else draw_runway_prior(sample.frame, prior_sigma_m)
         return flight(sample.frame, prior=prior).detection
 
@@ -162,7 +161,7 @@ def detectors(
     return 0
 
 
-def _find_restored(restorer: SharedDehazer, detector: Callable[..., Detection], sample: Sample) -> Detection:
+def _find_restored(restorer: SharedDehazer, detector: Callable[..., Detection], sample: FrameSample) -> Detection:
     return detector(restorer.restore(sample.frame).image_rgb)
 
 
@@ -170,15 +169,11 @@ def score_detections(
     sets: Sequence[FrameSet], methods: Sequence[tuple[Path | None, Mapping[str, Any], Find]]
 ) -> list[list[DetectionScore]]:
     """Scores of every method, given as its folder, its settings and how it finds lines."""
-    frames = [item.settings for item in sets]
 
-    def score(find: Find, sample: Sample) -> dict[str, Any]:
+    def score(find: Find, sample: FrameSample) -> dict[str, Any]:
         return asdict(score_detection(sample, find(sample)))
 
-    tasks = [
-        (Store(folder, SCORES_FILE, {**settings, "frames": frames}), partial(score, find))
-        for folder, settings, find in methods
-    ]
+    tasks = [Task(folder, SCORES_FILE, settings, partial(score, find)) for folder, settings, find in methods]
     return [[DetectionScore(**row) for row in rows] for rows in score_frames(sets, tasks)]
 
 
@@ -239,7 +234,7 @@ def comparison_tables(scores: Mapping[Key, list[DetectionScore]]) -> list[Table]
         rows.append((*key, *cells, MISSING if key == first else _found_difference(found, scores[first])))
     title = f"{figures[first]['decks']:.0f} decks, {figures[first]['empty']:.0f} frames without a runway"
     tables = [Table(title, ("detector", "dehazer", *COMPARED_COLUMNS, "found, to the first"), rows)]
-    decks = {key: groups(with_scene(found, Scene.DECK)) for key, found in scores.items()}
+    decks = {key: groups(with_scene(found, SceneKind.DECK)) for key, found in scores.items()}
     for what in ("range to the ramp", "visibility", "light through the air", "contrast of the fainter line"):
         rows = [
             (*key, *(f"{100 * share(members, lambda score: score.found == 2):.1f}" for members in named[what].values()))
@@ -250,8 +245,8 @@ def comparison_tables(scores: Mapping[Key, list[DetectionScore]]) -> list[Table]
 
 
 def _found_difference(scores: Sequence[DetectionScore], first: Sequence[DetectionScore]) -> str:
-    before = {(score.source, score.index): score.found == 2 for score in with_scene(first, Scene.DECK)}
-    pairs = [(score.found == 2) - before[score.source, score.index] for score in with_scene(scores, Scene.DECK)]
+    before = {(score.source, score.index): score.found == 2 for score in with_scene(first, SceneKind.DECK)}
+    pairs = [(score.found == 2) - before[score.source, score.index] for score in with_scene(scores, SceneKind.DECK)]
     if not pairs:
         return MISSING
     return paired_difference(100.0 * np.array(pairs), np.random.default_rng(0)).text("+.1f")

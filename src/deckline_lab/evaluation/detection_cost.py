@@ -16,7 +16,7 @@ RUNS = 9  # timed of each, interleaved, after one that is not
 def measure_costs(detectors: Mapping[str, Detector], runs: int = RUNS) -> dict[str, dict[str, float]]:
     """Figures of every detector that has a network, by name: parameters, macs, pass_ms (median, on this machine).
 
-    A file that does not say how large it is has no parameters and no macs.
+    A file without stored sizes has no parameters and no macs.
     """
     networks = {name: one for name, one in detectors.items() if isinstance(one, OnnxDetector)}
     times: dict[str, list[float]] = {name: [] for name in networks}

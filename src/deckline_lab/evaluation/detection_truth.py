@@ -27,7 +27,7 @@ FALSE_BELOW_M = 50.0  # of it below the camera, where the frame knows no deck
 Array = NDArray[np.float64]
 
 
-class Scene(StrEnum):
+class SceneKind(StrEnum):
     """What there is to find in a frame."""
 
     DECK = "deck"  # both lines
@@ -39,7 +39,7 @@ class Scene(StrEnum):
 class ExpectedLines:
     """What should be found in a frame."""
 
-    scene: Scene
+    scene: SceneKind
     lines_px: Mapping[str, Line | None]  # by side; the part that can be seen
     range_m: float = float("nan")  # aircraft to the ramp; NaN when unknown
     visibility_m: float = float("nan")  # 2 % contrast; NaN when unknown
@@ -48,7 +48,7 @@ class ExpectedLines:
 
 
 def expected_from_truth(frame: Frame) -> ExpectedLines:
-    """What a recording's truth says is in a frame.
+    """The lines that a frame shows by its recording's truth.
 
     Raises:
         ValueError: a frame without truth, or with true lines and no pose.
@@ -58,7 +58,7 @@ def expected_from_truth(frame: Frame) -> ExpectedLines:
         raise ValueError("it has no truth to compare with: evaluate a recording with a scene.json")
     visibility = float("nan") if truth.visibility_m is None else truth.visibility_m
     if truth.left is None or truth.right is None:
-        return ExpectedLines(Scene.EMPTY, dict.fromkeys(SIDES), visibility_m=visibility)
+        return ExpectedLines(SceneKind.EMPTY, dict.fromkeys(SIDES), visibility_m=visibility)
     if pose is None:
         raise ValueError("no pose; true lines cannot be projected into the image")
     segments = (truth.left, truth.right)
@@ -74,17 +74,17 @@ def expected_from_truth(frame: Frame) -> ExpectedLines:
 def expected_from_labels(labels: Labels, image_rgb: NDArray[np.uint8]) -> ExpectedLines:
     """What a person labelled in an image (H, W, 3)."""
     count = sum(labels[side] is not None for side in SIDES)
-    scene = (Scene.EMPTY, Scene.UNRATED, Scene.DECK)[count]
+    scene = (SceneKind.EMPTY, SceneKind.UNRATED, SceneKind.DECK)[count]
     return ExpectedLines(scene, labels, contrast=_contrast(image_rgb, labels))
 
 
 def _scene(
     frame: Frame, segments: tuple[Segment, Segment], seen: list[VisibleLine | None], lines: Mapping[str, Line | None]
-) -> Scene:
+) -> SceneKind:
     if all(line is not None and line.share >= SEEN_SHARE and line.length_px >= SEEN_PX for line in seen):
-        return Scene.DECK if _left_is_left(lines) else Scene.UNRATED
+        return SceneKind.DECK if _left_is_left(lines) else SceneKind.UNRATED
     in_image = any(find_visible_line(frame, segment, within_visibility=False) is not None for segment in segments)
-    return Scene.UNRATED if in_image else Scene.EMPTY
+    return SceneKind.UNRATED if in_image else SceneKind.EMPTY
 
 
 def _contrast(image_rgb: NDArray[np.uint8], lines_px: Mapping[str, Line | None]) -> float:

@@ -60,7 +60,7 @@ def flicker(
     """Measure how steady dehazed pictures are along a recording with poses, depth and clear truth.
 
     Each picture is moved onto the next one by the true depth and poses, and what differs is printed: for the deck and
-    what stands as high, for the water below, and for the sky. flicker is how far patches a fortieth of the picture
+    what is as high, for the water below, and for the sky. flicker is how far patches a fortieth of the picture
     wide differ beyond the clear truth's own; jump how much more than the truth's the mean colour changes from frame to
     frame; pump the part of the jump that is no steady drift.
 
@@ -130,7 +130,9 @@ def clear_picture(frame: Frame) -> NDArray[np.uint8]:
         return frame.truth.clear_rgb
     if frame.truth is not None and frame.truth.visibility_m == np.inf:
         return frame.image_rgb
-    raise ValueError(f"{frame.file}: no picture without haze to compare with; record with deckline sim, which keeps it")
+    raise ValueError(
+        f"{frame.file}: no picture without haze to compare with; record with deckline sim, which records it"
+    )
 
 
 def _table(region: str, names: list[str], figures: Mapping[str, float]) -> Table:
@@ -268,7 +270,7 @@ def patch_means(values: NDArray[np.float32], region: NDArray[np.bool_]) -> NDArr
 def sequence_errors(steps: Iterable[tuple[Frame, Mapping[str, Image]] | None]) -> Iterator[PairErrors]:
     """Errors of each two frames that follow each other, of the pictures (H, W, 3) by name that come with each frame.
 
-    None stands for a frame that is missing, so that its neighbours are not compared.
+    None marks a missing frame: its neighbours are not compared.
     """
     last: tuple[Frame, Mapping[str, Image]] | None = None
     for step in steps:

@@ -1,12 +1,12 @@
 """The frames that evaluations measure: recordings, labelled folders, the simulator; and the loop over them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from deckline.checks import check_numbers
 from deckline.extras import needs_extra
@@ -27,7 +27,7 @@ RANDOM_SHIPS = "random ships"
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class FrameSample:
     """A frame and what is known of it."""
 
     frame: Frame
@@ -47,6 +47,15 @@ class Sample:
             raise FrameError(self.frame.file, str(error)) from None
 
 
+class Task(NamedTuple):
+    """One measurement of every frame."""
+
+    out: Path | None  # folder of the rows; None: in memory alone
+    file: str  # of the rows in that folder
+    settings: Mapping[str, Any]  # what decides the numbers, beside the frames
+    score: Callable[[FrameSample], dict[str, Any]]  # makes the row of a frame
+
+
 class FrameSet(ABC):
     """Frames that can be loaded in any order."""
 
@@ -57,7 +66,7 @@ class FrameSet(ABC):
     def __len__(self) -> int: ...
 
     @abstractmethod
-    def load(self, index: int) -> Sample | None:
+    def load(self, index: int) -> FrameSample | None:
         """Frame `index`; None where nobody labelled it.
 
         Raises:
@@ -90,13 +99,13 @@ class Recorded(FrameSet):
     def __len__(self) -> int:
         return len(self._recording)
 
-    def load(self, index: int) -> Sample | None:
+    def load(self, index: int) -> FrameSample | None:
         frame = self._recording.load(index)
         if self._labels is None:
-            return Sample(frame, self.name, index, self._ship)
+            return FrameSample(frame, self.name, index, self._ship)
         if frame.file not in self._labels:
             return None
-        return Sample(frame, self.name, index, self._ship, self._labels[frame.file])
+        return FrameSample(frame, self.name, index, self._ship, self._labels[frame.file])
 
 
 class Rendered(FrameSet):
@@ -113,7 +122,7 @@ class Rendered(FrameSet):
     def __len__(self) -> int:
         return int(self._config.frames)
 
-    def load(self, index: int) -> Sample:
+    def load(self, index: int) -> FrameSample:
         if self._simulator is None:
             from deckline_sim import open_simulator
 
@@ -121,7 +130,7 @@ class Rendered(FrameSet):
         frame = self._simulator.frame(index)
         ship = RANDOM_SHIPS if self._config.preset == "train" else self._config.preset
         ship = f"no runway: {frame.truth.conditions['deckless']}" if self._deckless else ship
-        return Sample(frame, self.name, index, ship)
+        return FrameSample(frame, self.name, index, ship)
 
     def close(self) -> None:
         if self._simulator is not None:
@@ -206,17 +215,18 @@ def name_sets(sets: Sequence[FrameSet]) -> str:
     return ", ".join(names) if len(names) <= NAMED else f"{len(names)} sources, {names[0]} to {names[-1]}"
 
 
-def score_frames(
-    sets: Sequence[FrameSet], tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]
-) -> list[list[dict[str, Any]]]:
-    """Score every frame by every task (a store, and what makes its rows) whose store lacks it; load each frame once.
+def score_frames(sets: Sequence[FrameSet], tasks: Sequence[Task]) -> list[list[dict[str, Any]]]:
+    """Score every frame by every task that has no row of it; load each frame once.
 
     A frame that cannot be used is skipped, counted and named on stderr. Returns the rows of each task.
     """
+    frames = [item.settings for item in sets]
+    stores = [Store(task.out, task.file, {**task.settings, "frames": frames}) for task in tasks]
     places = [(item, index) for item in sets for index in range(len(item))]
-    lacking = [[task for task in tasks if (item.name, index) not in task[0].rows] for item, index in places]
+    pairs = [(store, task.score) for store, task in zip(stores, tasks, strict=True)]
+    lacking = [[pair for pair in pairs if (item.name, index) not in pair[0].rows] for item, index in places]
     with ExitStack() as stack:
-        for store, _ in tasks:
+        for store in stores:
             stack.enter_context(store)
         advance = stack.enter_context(progress("evaluating", len(places), sum(not missing for missing in lacking)))
         for item in sets:
@@ -227,20 +237,22 @@ def score_frames(
                 advance()
             if index + 1 == len(item):
                 item.close()
-    rows = [[store.rows[item.name, index] for item, index in places] for store, _ in tasks]
+    rows = [[store.rows[item.name, index] for item, index in places] for store in stores]
     _report_skipped([row["skipped"] for row in rows[0] if row.get("skipped")])
     return [[row for row in each if "skipped" not in row] for each in rows]
 
 
-def _score_frame(item: FrameSet, index: int, tasks: Sequence[tuple[Store, Callable[[Sample], dict[str, Any]]]]) -> None:
+def _score_frame(
+    item: FrameSet, index: int, pairs: Sequence[tuple[Store, Callable[[FrameSample], dict[str, Any]]]]
+) -> None:
     reason = ""  # of a frame without labels, which is left out silently
     sample = None
     try:
         sample = item.load(index)
-        rows = [] if sample is None else [score(sample) for _, score in tasks]
+        rows = [] if sample is None else [score(sample) for _, score in pairs]
     except FrameError as error:
         sample, reason = None, str(error)
-    for k, (store, _) in enumerate(tasks):
+    for k, (store, _) in enumerate(pairs):
         store.add((item.name, index), {"skipped": reason} if sample is None else rows[k])
 
 

@@ -7,8 +7,8 @@ from deckline.flight import Flight
 from deckline.recording.source import Source
 from deckline.report.run import run as run_flight
 from deckline.types import Frame
-from deckline_lab.evaluation.approaches import FlightsConfig
-from deckline_lab.evaluation.integrity_score import Run, flight_with, inject_run
+from deckline_lab.evaluation.approaches import FlightsConfig, Sighting
+from deckline_lab.evaluation.integrity_score import FaultRun, flight_with, inject_run
 
 
 class Frames(Source):
@@ -30,18 +30,18 @@ class Frames(Source):
         return iter(self._frames)
 
 
-def film(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models: Flight, out: Path) -> Path:
+def film(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig, models: Flight, out: Path) -> Path:
     """Fly a run over rendered frames once more, and write all that `deckline run` writes; returns the folder.
 
     Args:
-        frames: of one approach, in order of time, with depth.
+        sightings: of one approach, in order of time, with depth.
         run: fault and aid.
         flights: what they were rendered from.
         models: a flight whose dehazer and detector are used.
         out: parent of the folder, which is named after the run.
     """
-    faulty = [frame for frame, _ in inject_run(frames, run, flights)]
-    flight = flight_with(frames, run, flights, models)
+    faulty = [sighting.frame for sighting, _ in inject_run(sightings, run, flights)]
+    flight = flight_with(sightings, run, flights, models)
     folder = out / f"{run.name} {run.number}".replace("; ", ", ").replace(" ", "_")
     run_flight(Frames(f"{run.name}, approach {run.number}", faulty), flight, folder, overwrite=True)
     return folder

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deckline.haze import beta_from_visibility, blend_airlight, transmission
 from deckline.types import Frame, Segment
-from deckline_lab.evaluation.integrity_faults import to_right
+from deckline_lab.evaluation.integrity_sensors import to_right
 
 PAINT_WIDTH_M, PAINT_LEVEL = 0.8, 210.0
 STEP_M, NEAR_M = 5.0, 2.0  # pieces that a line is painted in; nearer ones are left out
@@ -48,7 +48,7 @@ def draw_boxes(
 
     Args:
         frame: of which pose and air are known.
-        line: that they stand on.
+        line: of the deck, which carries them.
         places: (N, 2) of their middles: along the line, as a part of it, and m to the right of it.
         size_m: length, width and height.
         level: grey level from 0 to 255.

@@ -8,15 +8,12 @@ from enum import StrEnum
 import numpy as np
 
 from deckline.config import Approach
-from deckline.dehaze import DEHAZERS, NOT_DEHAZED
 from deckline.flight import Flight, FrameResult
 from deckline.truth import passing_distance_m, range_to_ramp_m, true_guidance, true_line, true_segments
-from deckline.types import Frame, Status
+from deckline.types import Status
 from deckline_lab.evaluation.approaches import FlightsConfig, Sighting
 from deckline_lab.evaluation.integrity_faults import FAULTS, inject
-from deckline_lab.evaluation.integrity_frames import FRAME_FAULTS, inject_frames
 from deckline_lab.evaluation.localization_score import pilot_figures
-from deckline_lab.rivals.classical import ClassicalDetector
 
 ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
 SETTLED_S = 2.0  # after the first guidance: contradictions have had time to show
@@ -26,12 +23,15 @@ DRAW, RANSAC = 41, 42  # random streams
 
 
 @dataclass(frozen=True)
-class Run:
+class FaultRun:
     """One flight; its number decides weather, errors and how bad the fault is."""
 
-    fault: str  # of FAULTS or FRAME_FAULTS, or NOMINAL
+    fault: str
+    """Name in FAULTS, or NOMINAL."""
     number: int
-    aid: str = ""  # of AIDS, where it is rendered
+    """Of the flight, from 0."""
+    aid: str = ""
+    """Name in AIDS; empty for modelled detections."""
 
     @property
     def name(self) -> str:
@@ -41,13 +41,16 @@ class Run:
 
 @dataclass(frozen=True)
 class Aid:
-    """What measures the scale of a flight's pictures besides its pose and deck height."""
+    """What measures the scale of a flight besides its pose and deck height."""
 
-    depth: bool  # it has the depth camera
-    width: bool  # it is told how far apart the lines are
+    depth: bool
+    """The depth camera."""
+    width: bool
+    """The configured distance between the lines."""
 
 
 AIDS = {
+    "": Aid(True, False),  # of modelled detections
     "no aid": Aid(False, False),
     "depth": Aid(True, False),
     "width": Aid(False, True),
@@ -96,7 +99,7 @@ class FrameState:
 
     @property
     def misleading(self) -> bool:
-        """Followed, and farther off than its protection level says."""
+        """Followed, and with an error beyond its protection level."""
         pairs = (
             (self.lateral_m, self.lateral_level_m),
             (self.height_m, self.height_level_m),
@@ -108,7 +111,7 @@ class FrameState:
         )
 
     @property
-    def is_told(self) -> bool:
+    def is_ok(self) -> bool:
         """A protected line in guidance that is `ok`: what an autopilot takes."""
         return self.protected and self.status == Status.OK
 
@@ -139,7 +142,7 @@ def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S, *, ok_only: boo
     for frame in run:
         if not frame.faulty:
             continue
-        if not frame.misleading or (ok_only and not frame.is_told):
+        if not frame.misleading or (ok_only and not frame.is_ok):
             since = None
             continue
         since = frame.time_s if since is None else since
@@ -150,7 +153,7 @@ def outcome(run: Sequence[FrameState], alert_s: float = ALERT_S, *, ok_only: boo
         return Outcome.MISLEADING  # it misled to the end and no flag came
     if any(frame.flagged for frame in faulty):
         return Outcome.DETECTED
-    misled = any(frame.misleading and (frame.is_told or not ok_only) for frame in faulty)
+    misled = any(frame.misleading and (frame.is_ok or not ok_only) for frame in faulty)
     return Outcome.MISLEADING if misled else Outcome.HARMLESS
 
 
@@ -193,64 +196,43 @@ def settled_frames(run: Sequence[FrameState]) -> list[FrameState]:
     return [frame for frame in protected if frame.time_s - protected[0].time_s >= SETTLED_S]
 
 
-def fly_run(sightings: Iterable[Sighting], run: Run, flights: FlightsConfig) -> list[FrameState]:
-    """A run over frames in order of time, with modelled detections."""
-    draw, onset_s = _draw_onset(run, flights)
-    flight = Flight(flights.run, DEHAZERS[NOT_DEHAZED](), ClassicalDetector())
+def fly_run(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig, models: Flight) -> list[FrameState]:
+    """Fly one run: sightings with a modelled detection fly with it, the detector searches the others.
+
+    Args:
+        sightings: of one approach without a fault, in order of time, with depth.
+        run: fault and aid.
+        flights: the approaches that the sightings belong to.
+        models: a flight whose dehazer and detector are used.
+    """
+    flight = flight_with(sightings, run, flights, models)
     states = []
-    for index, ((frame, detection), faulty) in enumerate(_with_fault(list(sightings), run.fault, onset_s, draw)):
-        rng = np.random.default_rng([flights.seed, run.number, index, RANSAC])
+    for index, ((frame, detection), faulty) in enumerate(inject_run(sightings, run, flights)):
+        rng = None if detection is None else np.random.default_rng([flights.seed, run.number, index, RANSAC])
         result = flight(frame, detection=detection, rng=rng)
         states.append(state_of(result, faulty, flights.run.approach))
     return states
 
 
-def _with_fault(
-    sightings: Sequence[Sighting], name: str, onset_s: float, draw: np.random.Generator
-) -> Iterator[tuple[Sighting, bool]]:
-    """Sightings, and whether each has the fault."""
-    if name in FRAME_FAULTS:
-        frames = inject_frames([sighting.frame for sighting in sightings], FRAME_FAULTS[name], onset_s, draw)
-        pairs = zip(sightings, frames, strict=True)
-        yield from ((sighting._replace(frame=frame), faulty) for sighting, (frame, faulty) in pairs)
-        return
-    fault = FAULTS.get(name)
-    for sighting in inject(sightings, fault, onset_s, draw):
-        yield sighting, fault is not None and fault.is_active(sighting.frame, onset_s)
-
-
-def fly_frames(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models: Flight) -> list[FrameState]:
-    """A run over rendered frames, flown as `deckline run` flies them: the flight finds the lines for itself.
-
-    Args:
-        frames: of one approach, in order of time, with depth.
-        run: fault and aid.
-        flights: what they were rendered from.
-        models: a flight whose dehazer and detector are used.
-    """
-    flight = flight_with(frames, run, flights, models)
-    injected = inject_run(frames, run, flights)
-    return [state_of(flight(frame), faulty, flights.run.approach) for frame, faulty in injected]
-
-
-def flight_with(frames: Sequence[Frame], run: Run, flights: FlightsConfig, models: Flight) -> Flight:
-    """The flight of a run, with its aid; arguments as in `fly_frames`."""
+def flight_with(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig, models: Flight) -> Flight:
+    """The flight of a run, with its aid; arguments as in `fly_run`."""
     config = flights.run
     if AIDS[run.aid].width:
-        true = true_segments(frames[0].truth)
+        true = true_segments(sightings[0].frame.truth)
         width_m, _ = passing_distance_m(true_line(true["right"]), true["left"], true["left"].p0_m)
         config = replace(config, deck=replace(config.deck, width_m=abs(width_m)))
     return Flight.from_config(config, dehazer=models.dehazer, detector=models.detector)
 
 
-def inject_run(frames: Sequence[Frame], run: Run, flights: FlightsConfig) -> Iterator[tuple[Frame, bool]]:
-    """The frames as a run has them, and whether each has its fault."""
+def inject_run(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig) -> Iterator[tuple[Sighting, bool]]:
+    """The sightings as a run has them, and whether each has its fault."""
     draw, onset_s = _draw_onset(run, flights)
-    given = frames if AIDS[run.aid].depth else [replace(frame, depth_m=None) for frame in frames]
-    return inject_frames(given, FRAME_FAULTS.get(run.fault), onset_s, draw)
+    if not AIDS[run.aid].depth:
+        sightings = [at._replace(frame=replace(at.frame, depth_m=None)) for at in sightings]
+    return inject(sightings, FAULTS.get(run.fault), onset_s, draw)
 
 
-def _draw_onset(run: Run, flights: FlightsConfig) -> tuple[np.random.Generator, float]:
+def _draw_onset(run: FaultRun, flights: FlightsConfig) -> tuple[np.random.Generator, float]:
     """A run's random stream, and when its fault comes, s."""
     draw = np.random.default_rng([flights.seed, run.number, DRAW])
     still_air_s = (flights.range_m[0] - flights.range_m[1]) / flights.approach(0).flight.speed_m_s

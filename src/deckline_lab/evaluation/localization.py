@@ -19,21 +19,21 @@ from deckline.localize import localize
 from deckline_lab.evaluation.approaches import (
     FlightsConfig,
     PointNoise,
+    Sighting,
     describe_flights,
     flight_settings,
     fly,
     fly_points,
 )
 from deckline_lab.evaluation.localization_methods import (
-    Bench,
+    LocalizationBench,
     Method,
-    Sighting,
     load,
     methods_of,
     point_bench,
     point_methods,
 )
-from deckline_lab.evaluation.localization_score import Score, score_approach
+from deckline_lab.evaluation.localization_score import LocalizationScore, score_approach
 from deckline_lab.evaluation.localization_tables import NOTES, flat_figures, localization_tables
 from deckline_lab.evaluation.pictures import write_figure
 from deckline_lab.evaluation.store import Store
@@ -92,7 +92,7 @@ def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) 
     settings = {**flight_settings(config.flights), "methods": work.bench.settings}
     with Store(config.out, SCORES_FILE, settings) as store:
         _fly_all(store, config, work)
-    scores = [Score(**row) for number in range(config.approaches) for row in store.rows[number,]]
+    scores = [LocalizationScore(**row) for number in range(config.approaches) for row in store.rows[number,]]
     by_method = {method.name: [score for score in scores if score.method == method.name] for method in work.methods}
     models = config.flights.run.models
     names = f"dehazer {models.dehazer}, detector {models.detector}"
@@ -113,7 +113,7 @@ class Work:
     """What is flown and compared."""
 
     methods: list[Method]
-    bench: Bench
+    bench: LocalizationBench
     fly: Callable[[int], Iterator[Sighting]]  # the frames of an approach
 
 
@@ -125,7 +125,7 @@ def _prepare(config: LocalizationConfig) -> Work:
         sensors, noise = flights.run.sensors, config.point_noise
         return Work(methods, bench, lambda number: fly_points(flights.approach(number), sensors, noise))
     methods = methods_of(flights.run, config.ufld, config.rival)
-    return Work(methods, load(methods), lambda number: ((frame, None) for frame in fly(flights, number)))
+    return Work(methods, load(methods), lambda number: map(Sighting, fly(flights, number)))
 
 
 def _fly_all(store: Store, config: LocalizationConfig, work: Work) -> None:
@@ -156,7 +156,7 @@ def _fly_in_process(number: int, config: LocalizationConfig) -> list[dict[str, A
     return [asdict(score) for scores in frames for score in scores]
 
 
-def _write_csv(path: Path, scores: Sequence[Score]) -> None:
+def _write_csv(path: Path, scores: Sequence[LocalizationScore]) -> None:
     """One row for each frame and method; empty cells for what does not exist."""
     keys = ("approach", "index", "method", "range_m", "visibility_m", "mode")
     text = io.StringIO()
@@ -167,7 +167,7 @@ def _write_csv(path: Path, scores: Sequence[Score]) -> None:
     print(path)
 
 
-def _write_figures(folder: Path, scores: dict[str, list[Score]]) -> None:
+def _write_figures(folder: Path, scores: dict[str, list[LocalizationScore]]) -> None:
     """A picture of every method that gave a centre line; one line on stderr without matplotlib."""
     for name, members in scores.items():
         if any("centre.lateral_m" in score.figures for score in members):

@@ -8,20 +8,16 @@ from typing import Any
 import numpy as np
 
 from deckline.config import Models, RunConfig
-from deckline.dehaze import DEHAZERS, NOT_DEHAZED
+from deckline.dehaze import NOT_DEHAZED
 from deckline.detect import Detector
 from deckline.flight import Flight
 from deckline.localize import Localizer, localize
 from deckline.report.provenance import settings_of
-from deckline.types import Detection, Frame
-from deckline_lab.evaluation.approaches import PointNoise
+from deckline_lab.evaluation.approaches import PointNoise, point_flight
 from deckline_lab.evaluation.chain import single_frames
 from deckline_lab.evaluation.dehazers import SharedDehazer, detector_label
 from deckline_lab.rivals.catalog import flight_from_config
-from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_lab.rivals.sgd import localize_by_descent
-
-Sighting = tuple[Frame, Detection | None]  # a frame, and its detection where that is modelled
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,7 @@ def methods_of(config: RunConfig, ufld: str, rivals: Sequence[str] = ()) -> list
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class LocalizationBench:
     """Every method's models, loaded once."""
 
     start: Callable[[Method], Flight]  # a new flight of a method
@@ -79,7 +75,7 @@ class Bench:
     correlation: float = 0.0  # of neighbouring points' errors, where they are drawn: what the bound counts
 
 
-def load(methods: Sequence[Method]) -> Bench:
+def load(methods: Sequence[Method]) -> LocalizationBench:
     """Load each model once; methods that share a dehazer share its work."""
     settings: dict[str, Any] = {}
     dehazers: dict[str, SharedDehazer] = {}
@@ -94,7 +90,7 @@ def load(methods: Sequence[Method]) -> Bench:
         models = method.config.models
         return Flight(method.config, dehazers[models.dehazer], detectors[models.detector], method.localizer)
 
-    return Bench(start, settings)
+    return LocalizationBench(start, settings)
 
 
 def point_methods(config: RunConfig) -> list[Method]:
@@ -107,15 +103,15 @@ def point_methods(config: RunConfig) -> list[Method]:
     ]
 
 
-def point_bench(methods: list[Method], noise: PointNoise) -> Bench:
+def point_bench(methods: list[Method], noise: PointNoise) -> LocalizationBench:
     """Flights that are given their detections."""
 
     def start(method: Method) -> Flight:
-        return Flight(method.config, DEHAZERS[NOT_DEHAZED](), ClassicalDetector(), method.localizer)
+        return point_flight(method.config, method.localizer)
 
     settings: dict[str, Any] = {"points": asdict(noise)}
     settings |= {method.name: settings_of(start(method)) for method in methods}
-    return Bench(start, settings, noise.correlation)
+    return LocalizationBench(start, settings, noise.correlation)
 
 
 def point_rng(file: str) -> np.random.Generator:

@@ -22,18 +22,19 @@ from deckline.truth import (
     true_segments,
 )
 from deckline.types import SIDES, Detection, Frame, RunwayLine, Segment
+from deckline_lab.evaluation.approaches import Sighting
 from deckline_lab.evaluation.cramer_rao import cramer_rao
-from deckline_lab.evaluation.localization_methods import Bench, Method, Sighting, point_rng
+from deckline_lab.evaluation.localization_methods import LocalizationBench, Method, point_rng
 from deckline_lab.evaluation.tables import Figures
 
 STATES = ("offset", "azimuth", "height")  # of a line; m, rad, m
-MOST_CONDITION = 1e12  # of a correlation matrix; beyond it the covariance says nothing
+MOST_CONDITION = 1e12  # of a correlation matrix; beyond it the covariance is unusable
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Score:
+class LocalizationScore:
     """What one method made of one frame of an approach. Plain values: a score is a line of JSON."""
 
     approach: int
@@ -46,11 +47,11 @@ class Score:
 
 
 def score_approach(
-    sightings: Iterator[Sighting], approach: int, methods: Sequence[Method], bench: Bench
-) -> Iterator[list[Score]]:
+    sightings: Iterator[Sighting], approach: int, methods: Sequence[Method], bench: LocalizationBench
+) -> Iterator[list[LocalizationScore]]:
     """All methods' scores of each frame of one approach, frames in order of time.
 
-    Methods without a track that share their configuration share its detections; one with a track looks for itself.
+    Methods without a track that share their configuration share its detections; one with a track detects on its own.
     """
     flights = {method.name: bench.start(method) for method in methods}
     for index, (frame, modelled) in enumerate(sightings):
@@ -68,7 +69,9 @@ def score_approach(
             visibility_m = (frame.truth and frame.truth.visibility_m) or float("nan")
             mode = str(result.estimate.mode)
             finite = {name: value for name, value in figures.items() if np.isfinite(value)}
-            scores.append(Score(approach, index, method.name, range_to_ramp_m(frame), visibility_m, mode, finite))
+            scores.append(
+                LocalizationScore(approach, index, method.name, range_to_ramp_m(frame), visibility_m, mode, finite)
+            )
         yield scores
 
 
@@ -119,8 +122,8 @@ def pilot_figures(frame: Frame, line: RunwayLine, touchdown_m: float) -> Figures
     """Errors of a centre line as seen from the aircraft: what its own position and heading are wrong by is taken out.
 
     `lateral_m` and `height_m` are at the touchdown point: how far right and how far below the true one the estimate
-    lies; `deviation_m` is the same sideways beside the aircraft, `heading_deg` of the direction. `*_sigma*` is what the
-    estimate says of itself there, `ratio.*` an error of the line's own state over its 1-sigma.
+    lies; `deviation_m` is the same sideways beside the aircraft, `heading_deg` of the direction. `*_sigma*` is the
+    estimate's own 1-sigma there, `ratio.*` an error of the line's own state over its 1-sigma.
 
     Raises:
         ValueError: the frame has no pose, no true pose or no true lines.
@@ -221,8 +224,8 @@ def bound_figures(result: FrameResult, method: Method, correlation: float) -> Fi
     inliers = {side: (getattr(result.detection, side), line.inliers) for side, line in estimate.pixel_lines.items()}
     bound = cramer_rao(
         result.frame,
-        {side: points.points_px[keep] for side, (points, keep) in inliers.items()},
-        {side: points.sigma_px[keep] for side, (points, keep) in inliers.items()},
+        {side: points.points_px[inlier] for side, (points, inlier) in inliers.items()},
+        {side: points.sigma_px[inlier] for side, (points, inlier) in inliers.items()},
         method.config.localization.mode,
         method.config,
         beside_m=touchdown(centre, method.config.approach.touchdown_m),

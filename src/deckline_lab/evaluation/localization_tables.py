@@ -10,11 +10,11 @@ from deckline.localize import localize
 from deckline.report.bands import by_band, share
 from deckline.types import SIDES
 from deckline_lab.evaluation.localization_methods import Method
-from deckline_lab.evaluation.localization_score import STATES, Score
+from deckline_lab.evaluation.localization_score import STATES, LocalizationScore
 from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
 from deckline_lab.statistics import APPROACH_RANGE_M, VISIBILITY_M, consistency, percentile
 
-Scores = Mapping[str, Sequence[Score]]  # method -> its frames
+Scores = Mapping[str, Sequence[LocalizationScore]]  # method -> its frames
 
 LINE_CELLS = {  # heading: figure, format
     "slope": ("slope", ".5f"),
@@ -46,7 +46,7 @@ error."""
 
 
 @dataclass(frozen=True)
-class Mark:
+class Requirement:
     """An accuracy asked for, of errors pooled over lines."""
 
     name: str
@@ -63,19 +63,21 @@ DIRECTION, LATERAL, HEIGHT = (
 )
 NEAR_M, FAR_M = (0.0, 150.0), (150.0, 800.0)
 OWN, CARRIER, SATELLITE, CAT_IIIB = "own mark", "carrier, 1 ft", "shipboard satellite landing", "CAT IIIb, 95 %"
-MARKS = (  # public figures
-    Mark("direction, median", DIRECTION, 50.0, 0.1, NEAR_M, "deg", OWN),
-    Mark("direction, 95 %", DIRECTION, 95.0, 0.3, NEAR_M, "deg", OWN),
-    Mark("lateral at the ramp, 95 %", LATERAL, 95.0, 0.3, NEAR_M, "m", OWN),
-    Mark("height, 95 %", HEIGHT, 95.0, 0.3, NEAR_M, "m", OWN),
-    Mark("direction, median", DIRECTION, 50.0, 0.3, FAR_M, "deg", OWN),
-    Mark("lateral at the ramp, 95 %", LATERAL, 95.0, 1.0, FAR_M, "m", OWN),
-    Mark("pilot's height, 95 %", ("centre.height_m",), 95.0, 0.3048, NEAR_M, "m", CARRIER),
-    Mark("pilot's height, 95 %", ("centre.height_m",), 95.0, 0.4, NEAR_M, "m", SATELLITE),
-    Mark("pilot's height, largest", ("centre.height_m",), 100.0, 1.1, NEAR_M, "m", f"{SATELLITE}, alert limit"),
-    Mark("pilot's height, 95 %", ("centre.height_m",), 95.0, 2.0, NEAR_M, "m", CAT_IIIB),
-    Mark("pilot's lateral, 95 %", ("centre.lateral_m",), 95.0, 6.2, NEAR_M, "m", CAT_IIIB),
-    Mark("pilot's lateral, largest", ("centre.lateral_m",), 100.0, 15.5, NEAR_M, "m", f"{CAT_IIIB}, alert limit"),
+REQUIREMENTS = (  # public figures
+    Requirement("direction, median", DIRECTION, 50.0, 0.1, NEAR_M, "deg", OWN),
+    Requirement("direction, 95 %", DIRECTION, 95.0, 0.3, NEAR_M, "deg", OWN),
+    Requirement("lateral at the ramp, 95 %", LATERAL, 95.0, 0.3, NEAR_M, "m", OWN),
+    Requirement("height, 95 %", HEIGHT, 95.0, 0.3, NEAR_M, "m", OWN),
+    Requirement("direction, median", DIRECTION, 50.0, 0.3, FAR_M, "deg", OWN),
+    Requirement("lateral at the ramp, 95 %", LATERAL, 95.0, 1.0, FAR_M, "m", OWN),
+    Requirement("pilot's height, 95 %", ("centre.height_m",), 95.0, 0.3048, NEAR_M, "m", CARRIER),
+    Requirement("pilot's height, 95 %", ("centre.height_m",), 95.0, 0.4, NEAR_M, "m", SATELLITE),
+    Requirement("pilot's height, largest", ("centre.height_m",), 100.0, 1.1, NEAR_M, "m", f"{SATELLITE}, alert limit"),
+    Requirement("pilot's height, 95 %", ("centre.height_m",), 95.0, 2.0, NEAR_M, "m", CAT_IIIB),
+    Requirement("pilot's lateral, 95 %", ("centre.lateral_m",), 95.0, 6.2, NEAR_M, "m", CAT_IIIB),
+    Requirement(
+        "pilot's lateral, largest", ("centre.lateral_m",), 100.0, 15.5, NEAR_M, "m", f"{CAT_IIIB}, alert limit"
+    ),
 )
 
 
@@ -86,21 +88,21 @@ def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table
     for name in tracked:
         for what, bands in {"range to the ramp": by_range, "visibility": by_visibility}.items():
             tables.append(_pilot_table(f"pilot, {name}, by {what}", bands(scores[name])))
-    tables += [marks_table(scores), consistency_table(scores)]
+    tables += [accuracy_table(scores), consistency_table(scores)]
     joint = [method.name for method in methods if method.localizer is localize and not method.tracked]
     tables += [efficiency_table(name, scores[name]) for name in joint[:1]]
     return tables + ([protection_table(scores, tracked)] if tracked else [])
 
 
-def by_range(scores: Sequence[Score]) -> dict[str, list[Score]]:
+def by_range(scores: Sequence[LocalizationScore]) -> dict[str, list[LocalizationScore]]:
     return by_band(scores, lambda score: score.range_m, APPROACH_RANGE_M)
 
 
-def by_visibility(scores: Sequence[Score]) -> dict[str, list[Score]]:
+def by_visibility(scores: Sequence[LocalizationScore]) -> dict[str, list[LocalizationScore]]:
     return by_band(scores, lambda score: score.visibility_m, VISIBILITY_M)
 
 
-def by_approach(scores: Iterable[Score], name: str) -> list[list[float]]:
+def by_approach(scores: Iterable[LocalizationScore], name: str) -> list[list[float]]:
     """The figure of each approach's frames, of approaches that have any."""
     runs: dict[int, list[float]] = {}
     for score in scores:
@@ -109,18 +111,18 @@ def by_approach(scores: Iterable[Score], name: str) -> list[list[float]]:
     return list(runs.values())
 
 
-def run_mean(scores: Iterable[Score], name: str) -> float:
+def run_mean(scores: Iterable[LocalizationScore], name: str) -> float:
     """Mean over approaches of each one's mean over the frames that have the figure; NaN where none has."""
     runs = by_approach(scores, name)
     return float(np.mean([np.mean(values) for values in runs])) if runs else float("nan")
 
 
-def sizes(scores: Iterable[Score], *names: str) -> NDArray[np.float64]:
+def sizes(scores: Iterable[LocalizationScore], *names: str) -> NDArray[np.float64]:
     """Absolute values (N,) of figures, pooled."""
     return np.abs([score.figures[name] for score in scores for name in names if name in score.figures])
 
 
-def line_means(scores: Sequence[Score], side: str, prefix: str = "") -> Figures:
+def line_means(scores: Sequence[LocalizationScore], side: str, prefix: str = "") -> Figures:
     """LINE_FIGURES of one line of Table 6, with prefix `unit.` of the navigation unit alone, `true_` of the true line.
 
     What no frame has is left out.
@@ -129,7 +131,7 @@ def line_means(scores: Sequence[Score], side: str, prefix: str = "") -> Figures:
     return {name: value for name, value in means.items() if np.isfinite(value)}
 
 
-def found_share(scores: Sequence[Score], side: str) -> float:
+def found_share(scores: Sequence[LocalizationScore], side: str) -> float:
     return share(scores, lambda score: f"slope.{side}" in score.figures)
 
 
@@ -173,7 +175,7 @@ def improvements(scores: Scores) -> Table:
     return Table(f"improvement over {reference}, %", ("method", *headings), rows)
 
 
-def usable_share(scores: Sequence[Score]) -> float:
+def usable_share(scores: Sequence[LocalizationScore]) -> float:
     """Share of the frames with both lines, each within USABLE of the true one.
 
     Every frame counts: one without a line, or with a wrong one, is of no use.
@@ -182,7 +184,7 @@ def usable_share(scores: Sequence[Score]) -> float:
     return share(scores, lambda score: all(score.figures.get(name, np.inf) <= most for name, most in limits.items()))
 
 
-def unusable_improvement(scores: Sequence[Score], reference: Sequence[Score]) -> float:
+def unusable_improvement(scores: Sequence[LocalizationScore], reference: Sequence[LocalizationScore]) -> float:
     """1 - share of frames that are not usable / the reference's share; NaN where all of the reference's are usable."""
     theirs = 1 - usable_share(reference)
     return 1 - (1 - usable_share(scores)) / theirs if theirs else float("nan")
@@ -200,7 +202,7 @@ def usable_table(scores: Scores) -> Table:
     return Table(title, ("method", "frames", "usable %", f"fewer not usable than {reference}, %"), rows)
 
 
-def _pilot_table(title: str, groups: Mapping[str, Sequence[Score]]) -> Table:
+def _pilot_table(title: str, groups: Mapping[str, Sequence[LocalizationScore]]) -> Table:
     rows = []
     for name, members in groups.items():
         given = share(members, lambda score: "centre.lateral_m" in score.figures)
@@ -212,21 +214,28 @@ def _pilot_table(title: str, groups: Mapping[str, Sequence[Score]]) -> Table:
     return Table(title, ("", "frames", "given %", "fine %", *headings), rows)
 
 
-def measure_mark(scores: Iterable[Score], mark: Mark) -> float:
-    """What a mark is compared with; NaN without frames in its band."""
-    low, high = mark.band_m
-    return percentile(sizes((score for score in scores if low <= score.range_m < high), *mark.figures), mark.percent)
+def measure_required(scores: Iterable[LocalizationScore], required: Requirement) -> float:
+    """The measured error that a requirement limits; NaN without frames in its band."""
+    low, high = required.band_m
+    return percentile(
+        sizes((score for score in scores if low <= score.range_m < high), *required.figures), required.percent
+    )
 
 
-def marks_table(scores: Scores) -> Table:
+def accuracy_table(scores: Scores) -> Table:
     """What is asked for, what the navigation unit alone would give and what each method does; a star where reached."""
     rows, every = [], next(iter(scores.values()))
-    for mark in MARKS:
-        low, high = mark.band_m
-        unit_mark = replace(mark, figures=tuple(f"unit.{name}" for name in mark.figures))
-        values = (measure_mark(every, unit_mark), *(measure_mark(members, mark) for members in scores.values()))
-        cells = (number(value, ".3f") + (" *" if value <= mark.limit else "") for value in values)
-        rows.append((mark.name, f"{low:g}-{high:g} m", f"{mark.limit:.3g} {mark.unit}", mark.source, *cells))
+    for required in REQUIREMENTS:
+        low, high = required.band_m
+        of_unit = replace(required, figures=tuple(f"unit.{name}" for name in required.figures))
+        values = (
+            measure_required(every, of_unit),
+            *(measure_required(members, required) for members in scores.values()),
+        )
+        cells = (number(value, ".3f") + (" *" if value <= required.limit else "") for value in values)
+        rows.append(
+            (required.name, f"{low:g}-{high:g} m", f"{required.limit:.3g} {required.unit}", required.source, *cells)
+        )
     return Table("accuracy asked for", ("error", "range", "limit", "from", UNIT, *scores), rows)
 
 
@@ -248,7 +257,7 @@ def consistency_table(scores: Scores) -> Table:
     return Table("consistency", ("method", "line", "frames", "mean, 3 is expected", "in 95 %, %"), rows)
 
 
-def efficiency(scores: Iterable[Score], error: str, bound: str) -> tuple[float, int]:
+def efficiency(scores: Iterable[LocalizationScore], error: str, bound: str) -> tuple[float, int]:
     """Cramer-Rao variance over mean squared error, and from how many frames; NaN without any."""
     pairs = np.array([(s.figures[error], s.figures[bound]) for s in scores if {error, bound} <= s.figures.keys()])
     if not len(pairs):
@@ -257,7 +266,7 @@ def efficiency(scores: Iterable[Score], error: str, bound: str) -> tuple[float, 
     return float(np.mean(pairs[:, 1] ** 2)) / squared if squared else float("inf"), len(pairs)
 
 
-def efficiency_table(method: str, scores: Sequence[Score]) -> Table:
+def efficiency_table(method: str, scores: Sequence[LocalizationScore]) -> Table:
     """Bound over mean squared error of the centre line, by range."""
     rows = []
     for band, members in by_range(scores).items():
@@ -267,7 +276,7 @@ def efficiency_table(method: str, scores: Sequence[Score]) -> Table:
 
 
 def protection_table(scores: Scores, tracked: Sequence[str]) -> Table:
-    """What the tracker promised, and whether it kept it."""
+    """Protection levels of the tracker, and the frames whose errors exceed them without a flag."""
     rows = []
     for name in tracked:
         members = scores[name]

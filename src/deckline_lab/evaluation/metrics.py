@@ -59,7 +59,7 @@ def ssim(image_rgb: NDArray[np.uint8], reference_rgb: NDArray[np.uint8]) -> floa
 
 
 def below_horizon(camera: Camera, world_from_camera: RigidTransform) -> NDArray[np.bool_]:
-    """Which pixels (H, W) look down, at sea and ship rather than at the sky, whatever stands above the horizon."""
+    """Mask (H, W) of the pixels whose rays point below the horizon: sea and ship, not sky."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
     down = rays @ world_from_camera.rotation.as_matrix()[2]

@@ -84,7 +84,7 @@ def no_reference_figures(image_rgb: NDArray[np.uint8], hazy_rgb: NDArray[np.uint
 def visible_range_m(image_rgb: NDArray[np.uint8], hazy_rgb: NDArray[np.uint8], lines: Sequence[VisibleLine]) -> float:
     """The farthest range, m, at which one of two true lines is seen in a dehazed picture (H, W, 3); 0 where none is.
 
-    A line is seen where it, or a step along it, stands out by more than 5 % of luminance, the CIE's threshold of
+    A line is visible where its contrast, or that of a step along it, is above 5 % of luminance, the CIE's threshold of
     visibility, and by a grey level of the hazy picture (H, W, 3). Distance and blur count as haze does.
     """
     ranges = [0.0]

@@ -21,9 +21,9 @@ from deckline.types import SIDES
 from deckline_lab.evaluation.dehazing_pairs import Pair, PairSource
 from deckline_lab.evaluation.dehazing_score import ImageScore, restoration
 from deckline_lab.evaluation.detection_score import DetectionScore
-from deckline_lab.evaluation.detection_truth import ExpectedLines, Scene
+from deckline_lab.evaluation.detection_truth import ExpectedLines, SceneKind
 from deckline_lab.evaluation.frames import FrameSet
-from deckline_lab.evaluation.localization_score import STATES, Score
+from deckline_lab.evaluation.localization_score import STATES, LocalizationScore
 
 TILE_PX = 360  # width
 TEXT_PX = 15
@@ -51,10 +51,10 @@ def sheet(
 ) -> Image:
     """One picture: a column for each visibility, from hazy over every dehazer down to clear; tagged with the PSNR.
 
-    The scores say which pair is nearest in visibility.
+    The pair of each column is the scored one nearest in visibility.
 
     Raises:
-        ValueError: no visibilities, or no pair that says its own.
+        ValueError: no visibilities, or no pair of known visibility.
     """
     if not visibilities_m:
         raise ValueError("a sheet needs at least one visibility")
@@ -69,7 +69,7 @@ def nearest(scores: Sequence[ImageScore], visibility_m: float) -> tuple[str, str
     """The image whose visibility is nearest by ratio, among those with both lines in view if there are any."""
     known = {score.image: score for score in scores if score.visibility_m > 0 and math.isfinite(score.visibility_m)}
     if not known:
-        raise ValueError("no pair says its visibility, so none can be chosen for the sheet")
+        raise ValueError("no pair has a known visibility, so none can be chosen for the sheet")
     candidates = [score for score in known.values() if score.found is not None] or list(known.values())
     return min(candidates, key=lambda score: abs(math.log(score.visibility_m / visibility_m))).image
 
@@ -130,7 +130,7 @@ def figures_line(score: DetectionScore) -> str:
         parts.append(f"{score.range_m:.0f} m to the ramp")
     if not np.isnan(score.visibility_m):
         parts.append("clear air" if np.isinf(score.visibility_m) else f"visibility {score.visibility_m:.0f} m")
-    if score.scene == Scene.DECK:
+    if score.scene == SceneKind.DECK:
         parts.append(f"lines {score.extent_px:.0f} px across")
     return "; ".join([*parts, *(_side(score, side) for side in SIDES)])
 
@@ -138,9 +138,9 @@ def figures_line(score: DetectionScore) -> str:
 def _side(score: DetectionScore, side: str) -> str:
     errors, confidence = score.errors_px[side], score.confidence[side]
     if not errors:
-        return f"{side}: {'not found' if score.scene == Scene.DECK else 'none'}"
+        return f"{side}: {'not found' if score.scene == SceneKind.DECK else 'none'}"
     sure = f"confidence {np.mean(confidence):.2f}"
-    if score.scene != Scene.DECK:
+    if score.scene != SceneKind.DECK:
         return f"{side}: {len(errors)} false points, {sure}"
     return f"{side}: {np.median(errors):.1f} px median, {np.percentile(errors, 95):.1f} px 95 %, {sure}"
 
@@ -153,7 +153,7 @@ def _draw_truth(picture: Image, expected: ExpectedLines, camera: Camera) -> None
             draw_dashes(picture, ends, CENTRE, 1, dash_px=5.0)
 
 
-def write_figure(path: Path, title: str, scores: Sequence[Score]) -> None:
+def write_figure(path: Path, title: str, scores: Sequence[LocalizationScore]) -> None:
     """Write a PNG: sizes of a centre line's errors against range, and a histogram of normalised errors.
 
     Raises:
@@ -180,7 +180,7 @@ def write_figure(path: Path, title: str, scores: Sequence[Score]) -> None:
     write_atomic(path, buffer.getvalue())
 
 
-def _error_panel(axis: Any, scores: Sequence[Score], what: str) -> None:
+def _error_panel(axis: Any, scores: Sequence[LocalizationScore], what: str) -> None:
     words, unit, protected = PANELS[what]
     errors = np.abs([score.figures[f"centre.{what}_{unit}"] for score in scores])
     range_m = [score.range_m for score in scores]
@@ -198,7 +198,7 @@ def _error_panel(axis: Any, scores: Sequence[Score], what: str) -> None:
     axis.legend(loc="lower right", fontsize="small", ncols=4)
 
 
-def medians_by_range(scores: Sequence[Score], name: str) -> tuple[np.ndarray, np.ndarray]:
+def medians_by_range(scores: Sequence[LocalizationScore], name: str) -> tuple[np.ndarray, np.ndarray]:
     """Middle of each stretch of range that has the figure, m, and the figure's median there."""
     known = np.array([(score.range_m // RANGE_BIN_M, score.figures[name]) for score in scores if name in score.figures])
     bins, values = known.reshape(-1, 2).T
@@ -206,7 +206,7 @@ def medians_by_range(scores: Sequence[Score], name: str) -> tuple[np.ndarray, np
     return (places + 0.5) * RANGE_BIN_M, np.array([np.median(values[bins == place]) for place in places])
 
 
-def _histogram(axis: Any, scores: Sequence[Score]) -> None:
+def _histogram(axis: Any, scores: Sequence[LocalizationScore]) -> None:
     for name in STATES:
         figure = f"centre.ratio.{name}"
         values = np.clip([s.figures[figure] for s in scores if figure in s.figures], BINS[0], BINS[-1])

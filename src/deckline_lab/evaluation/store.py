@@ -1,4 +1,4 @@
-"""Rows of an evaluation, kept in a file that a stopped command resumes from.
+"""Rows of an evaluation, stored in a file that a stopped command resumes from.
 
 The file holds JSON lines: {"settings": ...} with what decides the numbers, then {"key": [...], "row": ...} for every
 row. NaN and infinity are written as Python's json writes them.
@@ -19,10 +19,10 @@ Key = tuple[str | int, ...]
 class Store:
     """Rows by key, in memory and, when there is a folder, in its file.
 
-    As a context manager it says after Ctrl-C what is left of the work.
+    As a context manager it reports after Ctrl-C what was stored.
 
     Args:
-        out: folder, made when missing; None keeps the rows in memory alone.
+        out: folder, made when missing; None: rows in memory alone.
         name: of the file.
         settings: JSON values that decide the numbers.
         extendable: the setting, a mapping, that may have other entries in a later command; none may change.
@@ -59,7 +59,7 @@ class Store:
             self._append({"settings": merged})
 
     def add(self, key: Key, row: Any) -> None:
-        """Keep one row: JSON values."""
+        """Store one row: JSON values."""
         self.rows[key] = row
         self._append({"key": key, "row": row})
 
@@ -71,8 +71,8 @@ class Store:
     ) -> None:
         if isinstance(error, KeyboardInterrupt):
             lost = "nothing was written; commands with --out FOLDER resume where they were stopped"
-            kept = f"{self.path} holds what was measured; the same command resumes there"
-            raise KeyboardInterrupt(lost if self.path is None else kept) from None
+            stored = f"{self.path} holds what was measured; the same command resumes there"
+            raise KeyboardInterrupt(lost if self.path is None else stored) from None
 
     def _append(self, line: dict[str, Any]) -> None:
         if self.path is not None:

@@ -78,6 +78,11 @@ def number(value: float | None, form: str) -> str:
     return MISSING if value is None or not math.isfinite(value) else format(value, form)
 
 
+def figures_table(title: str, figures: Figures) -> Table:
+    """A row a figure."""
+    return Table(title, ("figure", "value"), [(name, f"{value:.4g}") for name, value in figures.items()])
+
+
 def made_with() -> dict[str, str]:
     """Software, machine and date of a result."""
     return {
@@ -141,7 +146,7 @@ def print_tables(title: str, made: Mapping[str, str], tables: Sequence[Table], n
 
 
 def markdown(table: Table, gap: str = " ") -> str:
-    """A table under its title in bold, its notes below it; `gap` stands beside every bar."""
+    """A table under its title in bold, its notes below it; `gap` is written on both sides of every bar."""
     rule = ("---", *("---:" for _ in table.columns[1:]))
     rows = "\n".join(f"|{gap}{f'{gap}|{gap}'.join(row)}{gap}|" for row in (table.columns, rule, *table.rows))
     return "\n\n".join([f"**{table.title}**", rows, *table.notes])
@@ -162,8 +167,8 @@ def _rich(table: Table) -> rich_table.Table:
 
 def _repeatable_command(args: Sequence[str]) -> str:
     """The command without the files that it wrote."""
-    kept = [arg for before, arg in zip(("", *args), args, strict=False) if not {before, arg} & {*WRITES}]
-    return shlex.join(["deckline", *kept])
+    figures_args = [arg for before, arg in zip(("", *args), args, strict=False) if not {before, arg} & {*WRITES}]
+    return shlex.join(["deckline", *figures_args])
 
 
 def _plain(value: Any) -> Any:

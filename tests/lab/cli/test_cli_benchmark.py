@@ -7,8 +7,8 @@ import pytest
 
 from deckline.cli.main import main
 from deckline.runtime import shipped_weights
-from deckline_lab.evaluation import benchmark
-from deckline_lab.evaluation.benchmark import ANSWER, FILM, GUIDANCE, PEER
+from deckline_lab.evaluation import stage_timing
+from deckline_lab.evaluation.stage_timing import ANSWER, FILM, GUIDANCE, PEER
 
 SHORT = ["benchmark", "--duration", "1.2", "--dehazer", "none", "--threads", "1"]
 
@@ -25,11 +25,11 @@ def test_every_stage_of_both_modes_is_measured_beside_the_peer(tmp_path: Path) -
     assert stages["guidance"]["p50_ms"] >= stages["detect"]["p50_ms"] > 0
     assert all(rate > 0 for rate in figures["file"]["frames_per_s"].values())
     assert figures["live"]["frames"] == 3
-    assert set(figures["looks"]) == {"hybrid", PEER}
-    file, live, looks = figures["_tables"]
-    ratio = stages["detect"]["p50_ms"] / figures["looks"][PEER]["pass_ms"]
+    assert set(figures["passes"]) == {"hybrid", PEER}
+    file, live, passes = figures["_tables"]
+    ratio = stages["detect"]["p50_ms"] / figures["passes"][PEER]["pass_ms"]
     assert next(row[-1] for row in file["rows"] if row[0] == "detect") == f"{ratio:.2f}"
-    assert [row[2] for row in looks["rows"] if row[0] == PEER] == ["1.00"]
+    assert [row[2] for row in passes["rows"] if row[0] == PEER] == ["1.00"]
     assert len(live["rows"]) == 1
 
 
@@ -37,7 +37,7 @@ def test_without_torch_there_are_no_ratios(monkeypatch: pytest.MonkeyPatch, caps
     def refuse(folder: Path) -> Path:
         raise ImportError("torch is not installed")
 
-    monkeypatch.setattr(benchmark, "export_peer", refuse)
+    monkeypatch.setattr(stage_timing, "export_peer", refuse)
     assert main([*SHORT, "--detector", "classical"]) == 0
     assert "torch is not installed" in capsys.readouterr().out
 

@@ -64,7 +64,3 @@ def run(*args: object) -> int:
 def measured(path: Path, *args: object) -> dict:
     assert run(*args, "--json", path) == 0
     return json.loads(path.read_text())
-
-
-def last_error(capsys) -> str:
-    return capsys.readouterr().err.strip().splitlines()[-1]

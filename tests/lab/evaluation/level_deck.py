@@ -11,8 +11,9 @@ from deckline.geometry import Camera, attitude, pose
 from deckline.guide import guidance
 from deckline.localize import localize
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
-from deckline_lab.evaluation.detection_score import CuLane, DetectionScore, TuSimple
-from deckline_lab.evaluation.detection_truth import Scene
+from deckline_lab.evaluation.detection_score import DetectionScore
+from deckline_lab.evaluation.detection_truth import SceneKind
+from deckline_lab.evaluation.lane_scores import CuLane, TuSimple
 
 LEFT = Segment(np.array([0.0, -10.0, 0.0]), np.array([200.0, -10.0, 0.0]))
 RIGHT = Segment(np.array([0.0, 10.0, 0.0]), np.array([200.0, 10.0, 0.0]))
@@ -54,5 +55,5 @@ def deck(left=(1.0,), right=(1.0,), confidence=0.9, **changes) -> DetectionScore
     errors = {"left": list(left), "right": list(right)}
     sure = {side: [confidence] * len(values) for side, values in errors.items()}
     lanes = TuSimple(0.9, 0.0, 0.0), CuLane(2, 0, 0)
-    where = ("data", 0, "a.png", "paper", Scene.DECK, 150.0, 800.0, 1280, 100.0)
+    where = ("data", 0, "a.png", "paper", SceneKind.DECK, 150.0, 800.0, 1280, 100.0)
     return replace(DetectionScore(*where, errors, sure, *lanes, light=np.nan, contrast=np.nan), **changes)

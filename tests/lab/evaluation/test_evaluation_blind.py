@@ -2,12 +2,14 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from hazy_recording import last_error, measured, run, write_recording
+from hazy_recording import measured, run, write_recording
+from refused import refuse
 
 from deckline.dehaze.base import IdentityDehazer
 from deckline.geometry import Camera
@@ -81,9 +83,9 @@ def test_the_seed_decides_orders_and_numbers(tmp_path: Path) -> None:
     assert first == again != other
     letters = {tuple(sheet["panels"].values()).index("none") for sheet in first.values() if "none" in str(sheet)}
     assert letters == {0, 1}
-    with pytest.raises(ValueError, match="holds sheets already"):
+    with pytest.raises(ValueError, match=re.escape(str(tmp_path / "a"))):
         write(tmp_path / "a")
-    with pytest.raises(ValueError, match="no dehazer changed a picture"):
+    with pytest.raises(ValueError, match="no sheets"):
         write_blind_sheets(tmp_path / "d", [SOURCE], {"same": IdentityDehazer()}, 2, np.random.default_rng(0))
 
 
@@ -121,27 +123,23 @@ def test_orders_are_read(text: str, ranks: dict) -> None:
 
 @pytest.mark.parametrize("text", ["C", "A>A", "A>", ">", "A B", "better"])
 def test_orders_that_are_none_are_named(text: str) -> None:
-    with pytest.raises(ValueError, match=f"here: expected an order of A, B .*{text}"):
+    with pytest.raises(ValueError, match=rf"^here:.*{re.escape(repr(text))}"):
         parse_order(text, PANELS, "here")
 
 
 def test_bad_votes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     number = next(iter(write(tmp_path / "sheets")))
     for orders, message in (
-        ({number: "Q"}, f"votes.csv: sheet {number}: expected an order of A, B"),
-        ({"7": "A"}, "there is no sheet '7'"),
-        ({number: " "}, "no votes"),
+        ({number: "Q"}, f"votes.csv: sheet {number}: "),
+        ({"7": "A"}, "'7'"),
+        ({number: " "}, str(tmp_path / "sheets")),
     ):
         vote(tmp_path / "sheets", orders)
-        assert run("--votes", tmp_path / "sheets") == 2
-        assert message in last_error(capsys)
+        assert message in refuse(capsys, "dehazing", "--votes", tmp_path / "sheets")
     (tmp_path / "sheets" / "votes.csv").write_text(f"sheet;order\n{number};A\n")
-    assert run("--votes", tmp_path / "sheets") == 2
-    assert "expected the columns sheet,order" in last_error(capsys)
-    assert run("--votes", tmp_path) == 2
-    assert "key.json: no key" in last_error(capsys)
-    assert run(tmp_path, "--votes", tmp_path) == 2
-    assert "--votes alone" in last_error(capsys)
+    assert "sheet,order" in refuse(capsys, "dehazing", "--votes", tmp_path / "sheets")
+    assert str(tmp_path / "key.json") in refuse(capsys, "dehazing", "--votes", tmp_path)
+    assert "--votes" in refuse(capsys, "dehazing", tmp_path, "--votes", tmp_path)
 
 
 def test_sheets_are_written_judged_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,8 +147,9 @@ def test_sheets_are_written_judged_and_counted(tmp_path: Path, capsys: pytest.Ca
     recording = write_recording(tmp_path / "hazy", clear_too=False)
     assert run(recording, "--detector", "none", "--dehazer", "dark-channel", "--blind", out) == 0
     assert "5 sheets to judge" in capsys.readouterr().out.replace("\n", "")
-    assert run(recording, "--detector", "none", "--dehazer", "dark-channel", "--blind", out) == 2
-    assert "holds sheets already" in last_error(capsys)
+    assert str(out) in refuse(
+        capsys, "dehazing", recording, "--detector", "none", "--dehazer", "dark-channel", "--blind", out
+    )
     key = json.loads((out / "key.json").read_text())
     best = {n: "AB"[list(sheet["panels"].values()).index("dark-channel")] for n, sheet in key.items()
             if len(set(sheet["panels"].values())) == 2}  # fmt: skip

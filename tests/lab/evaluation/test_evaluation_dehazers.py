@@ -15,7 +15,7 @@ def test_two_files_of_one_name_are_refused(tmp_path):
         (tmp_path / folder / "net").mkdir(parents=True)
     files = [str(tmp_path / folder / "net" / "dehaze.onnx") for folder in ("a", "b")]
     assert by_name(["none", files[0], files[0]]) == {"none": "none", "net": files[0]}
-    with pytest.raises(ValueError, match="would both be called net"):
+    with pytest.raises(ValueError, match=r"a/net/dehaze\.onnx.*b/net/dehaze\.onnx.* net\b"):
         by_name(files)
 
 
@@ -54,7 +54,7 @@ def test_a_copy_takes_the_memory_of_a_picture_in_a_fresh_process(recording):
     assert 6e6 * 0.9 < costs["none"].peak_bytes < 6e6 * 1.5  # 2000 x 1000 x 3 bytes
 
 
-def test_what_cannot_be_measured_says_why(recording):
+def test_what_cannot_be_measured_has_a_reason(recording):
     task = CostTask("gone.onnx", str(recording), "0", (64, 48), False, None, None)
     costs, failed = measure_costs({"gone": task}, 2, lambda: None)
     assert costs == {} and "gone.onnx does not exist" in failed["gone"]

@@ -8,7 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hazy_recording import last_error, measured, run, write_recording
+from hazy_recording import measured, write_recording
+from refused import refuse
 from skimage.metrics import peak_signal_noise_ratio
 
 import deckline
@@ -68,24 +69,22 @@ def test_bad_labels_and_pairs_are_named(pair_folder, tmp_path, capsys):
     labels = json.loads((pair_folder / "labels.json").read_text())
     folder = Path(shutil.copytree(pair_folder, tmp_path / "copy", ignore=shutil.ignore_patterns("sample")))
     hazy = labels["frames"][1]
-    for change, message in (
-        ({"pair_of": "../x.png"}, "pair_of must name the clear image in this folder"),
-        ({"pair_of": "a_vis900.png"}, "pair_of must name another image than the hazy one itself"),
-        ({"visibility_m": "thick"}, "visibility_m must be positive metres"),
-        ({"visibility_m": True}, "visibility_m must be positive metres"),
-        ({"file": "b.png"}, "there is no image b.png"),
-        ({"pair_of": "gone.png"}, "its clear picture gone.png"),
+    for change, *named in (
+        ({"pair_of": "../x.png"}, "a_vis900.png: pair_of must", "../x.png"),
+        ({"pair_of": "a_vis900.png"}, "a_vis900.png: pair_of must"),
+        ({"visibility_m": "thick"}, "visibility_m", "'thick'"),
+        ({"visibility_m": True}, "visibility_m", "True"),
+        ({"file": "b.png"}, "b.png"),
+        ({"pair_of": "gone.png"}, "gone.png"),
     ):
         (folder / "labels.json").write_text(json.dumps({"frames": [labels["frames"][0], hazy | change]}))
-        assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-        assert message in last_error(capsys)
+        error = refuse(capsys, "dehazing", folder, "--detector", "none", "--dehazer", "none")
+        assert all(name in error for name in named)
     (folder / "labels.json").write_text(json.dumps({"frames": [*labels["frames"], hazy]}))
-    assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-    assert "a_vis900.png stands there twice" in last_error(capsys)
+    assert "a_vis900.png" in refuse(capsys, "dehazing", folder, "--detector", "none", "--dehazer", "none")
     (folder / "labels.json").write_text(json.dumps(labels))
     cv2.imwrite(str(folder / "a_clear.png"), np.zeros((360, 640, 3), np.uint8))
-    assert run(folder, "--detector", "none", "--dehazer", "none") == 2
-    assert "its clear picture is 640x360 px" in last_error(capsys)
+    assert "640x360 px" in refuse(capsys, "dehazing", folder, "--detector", "none", "--dehazer", "none")
 
 
 def test_a_folder_that_names_no_pair_gives_its_pictures_and_their_lines(pair_folder, tmp_path):
@@ -111,7 +110,7 @@ def test_true_lines_are_measured_where_the_recording_holds_them(pair_folder, tmp
     assert open_pairs(pair_folder).load("a_vis900.png").in_view == ()  # labelled in the image: no ranges
 
 
-def test_dehazers_never_see_truth_and_see_depth_when_told(tmp_path):
+def test_dehazers_never_see_truth_and_see_depth_where_asked_for(tmp_path):
     recording = write_recording(tmp_path / "recording")
     for with_depth in (False, True):
         frame = open_pairs(recording, with_depth=with_depth).load("0").frame
@@ -119,7 +118,7 @@ def test_dehazers_never_see_truth_and_see_depth_when_told(tmp_path):
         assert (frame.depth_m is not None) is with_depth
 
 
-def test_a_pair_says_whether_it_is_in_rain(tmp_path):
+def test_a_pair_has_its_rain(tmp_path):
     recording = write_recording(tmp_path / "recording")
     assert open_pairs(recording).load("0").film is None
     scene = json.loads((recording / "scene.json").read_text())

@@ -1,7 +1,7 @@
 """Scores of dehazers, and their tables."""
 
-import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,18 +12,17 @@ from deckline_lab.evaluation.dehazers import Cost
 from deckline_lab.evaluation.dehazing_pairs import film_of, labelled_lines, seen_length_px, true_lines
 from deckline_lab.evaluation.dehazing_score import (
     ImageScore,
-    Results,
-    dehazing_tables,
-    json_of,
     restoration,
     score_lines,
     summarise,
     summarise_film,
     worse_lines,
 )
+from deckline_lab.evaluation.dehazing_tables import DehazingResults, dehazing_tables, json_of
 from deckline_lab.evaluation.metrics import psnr_db, ssim
-from deckline_lab.evaluation.tables import OutputFiles, publish
+from golden import check_golden
 
+GOLDEN = Path(__file__).parent / "golden"
 FILMED = {"a": "dry and sharp", "b": "rain", "c": "rain", "d": None}
 
 
@@ -99,45 +98,25 @@ def test_means_and_paired_differences_of_known_numbers():
     assert summary["net"].left_alone == 1 and summary["net"].images == 4
 
 
-def test_only_images_measured_both_ways_are_paired():
-    scores = [score("a", "none", 10.0), score("b", "none", 20.0), score("b", "net", 21.0), score("c", "net", 50.0)]
-    gain = summarise(scores, "none")["all"]["net"].differences["psnr_db"]
-    assert (gain.value, gain.images) == (1.0, 1)
-
-
-@pytest.mark.parametrize(
-    ("visibility_m", "band"),
-    [
-        (150.0, "150-300 m"),
-        (299.9, "150-300 m"),
-        (300.0, "300-500 m"),
-        (1000.0, "1000-3000 m"),
-        (3000.0, "3000+ m"),
-        (np.inf, "3000+ m"),
-        (90.0, "0-150 m"),
-    ],
-)
-def test_an_image_is_in_one_band(visibility_m, band):
-    assert list(summarise([score("a", "none", 10.0, visibility_m)], "none")) == ["all", band]
-
-
-def test_unknown_visibility_counts_in_all_alone_and_nothing_is_refused():
-    assert list(summarise([score("a", "none", 10.0, np.nan)], "none")) == ["all"]
-    with pytest.raises(ValueError, match="no image"):
-        summarise([], "none")
-
-
-def test_line_figures_pool_all_points_and_compare_medians_image_by_image():
-    scores = [score(str(i), "none", 10.0, found=True, distances_px=[1.0, 1.0, 4.0]) for i in range(10)]
-    scores += [score(str(i), "net", 12.0, found=i < 5, distances_px=[2.0, 2.0]) for i in range(9)]
-    scores += [score("9", "net", 12.0, found=False), score("10", "net", 12.0)]
-    summary = summarise(scores, "none")["all"]
-    assert summary["none"].lines == {"found_rate": 1.0, "point_error_px.median": 1.0, "point_error_px.p95": 4.0}
-    assert summary["net"].asked == 10 and summary["net"].images == 11
-    assert summary["net"].lines["found_rate"] == 0.5
-    found, farther = (summary["net"].line_differences[name] for name in ("found_rate", "point_error_px"))
+def test_summaries_by_visibility_and_film():
+    """Unpaired images, both ends of a band, unknown visibility, a dehazer without points, rain."""
+    visibilities_m = (90.0, 150.0, 299.9, 300.0, 1000.0, 3000.0, np.inf, np.nan, 800.0, 800.0)
+    films = (*FILMED.values(), *[None] * 6)
+    scores = [
+        score(str(k), "none", 10.0 + k, visibility_m, film=film, found=True, distances_px=[1.0, 1.0, 4.0])
+        for k, (visibility_m, film) in enumerate(zip(visibilities_m, films, strict=True))
+    ]
+    ours = [replace(one, dehazer="net", figures={"psnr_db": 20.0 + 2 * k}) for k, one in enumerate(scores)]
+    scores += [replace(one, found=k < 5, distances_px=[2.0, 2.0]) for k, one in enumerate(ours[:9])]
+    scores += [replace(ours[9], found=False, distances_px=[]), score("only ours", "net", 50.0)]
+    by_visibility, by_film = summarise(scores, "none"), summarise_film(scores, "none")
+    found, farther = by_visibility["all"]["net"].line_differences.values()
     assert found.value == -0.5 and -0.9 <= found.low < found.high <= -0.1 and found.images == 10
-    assert (farther.value, farther.images) == (1.0, 9)  # the tenth has no points
+    assert (farther.value, farther.images) == (1.0, 9)
+    check_golden(GOLDEN / "dehazing_summaries.json", {"visibility": by_visibility, "film": by_film})
+    assert summarise_film([one for one in scores if one.film != "rain"], "none") == {}
+    with pytest.raises(ValueError):
+        summarise([], "none")
 
 
 def test_higher_psnr_with_worse_lines_is_named_and_no_other():
@@ -149,19 +128,6 @@ def test_higher_psnr_with_worse_lines_is_named_and_no_other():
         for i in range(12)
     ]
     assert worse_lines(summarise(scores, "none")["all"]) == ["worse", "farther"]
-
-
-def test_rain_and_blur_are_summed_up_apart():
-    scores = [
-        *(score(key, "none", 10.0 + index, film=film) for index, (key, film) in enumerate(FILMED.items())),
-        *(score(key, "net", 20.0 + 2 * index, film=film) for index, (key, film) in enumerate(FILMED.items())),
-    ]
-    groups = summarise_film(scores, "none")
-    assert list(groups) == ["dry and sharp", "rain"]
-    assert groups["rain"]["net"].means["psnr_db"] == pytest.approx(23.0)
-    assert groups["rain"]["net"].differences["psnr_db"].value == pytest.approx(11.5)
-    assert groups["dry and sharp"]["net"].images == 1
-    assert summarise_film([one for one in scores if one.film != "rain"], "none") == {}
 
 
 @pytest.mark.parametrize(
@@ -177,7 +143,7 @@ def test_rain_and_blur_are_summed_up_apart():
         ("long", None),
     ],
 )
-def test_rain_and_blur_are_told_from_what_truth_holds(exposure, film):
+def test_rain_and_blur_are_read_from_the_truth(exposure, film):
     assert film_of({"exposure": exposure}) == film
     assert film_of({}) is None
 
@@ -187,60 +153,34 @@ def scores(name: str, psnr_db: float, found: bool) -> list[ImageScore]:
     return [ImageScore("/a", str(i), name, 400.0, {"psnr_db": psnr_db + i}, **lines) for i in range(8)]
 
 
-def results(**changes) -> Results:
+def results(**changes) -> DehazingResults:
     both = [*scores("none", 10.0, True), *scores("[net]", 14.0, False)]
     sizes = {"none": None, "[net]": (1_500_000, 2_340_000_000)}
-    plain = Results("8 pairs", "[net]", summarise(both, "[net]"), {}, sizes, {}, (1280, 720), {}, ())
+    plain = DehazingResults("8 pairs", "[net]", summarise(both, "[net]"), {}, sizes, {}, (1280, 720), {}, ())
     return replace(plain, **changes)
 
 
-def rows_of(table) -> dict[str, dict[str, str]]:
-    return {row[table.columns.index("dehazer")]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
+def costs_of(net: Cost) -> dict[str, Cost]:
+    return {"none": Cost(0.05, 10 * 2.0**20), "[net]": net}
 
 
-def test_cells_of_known_numbers():
-    first, _, lines, _ = dehazing_tables(results())
-    net, none = rows_of(first)["[net]"], rows_of(first)["none"]
-    assert (net["PSNR, dB"], net["to [net], dB"], net["SSIM"]) == ("17.50", "-", "-")
-    assert none["to [net], dB"] == "-4.00 [-4.00, -4.00]"
-    assert (net["parameters"], net["MACs 256x256"], none["parameters"]) == ("1.500 M", "2.34 G", "-")
-    assert "below horizon, dB" not in first.columns
-    assert rows_of(lines)["[net]"]["difference, points"] == "-100.0 [-100.0, -100.0]"
-    assert rows_of(lines)["none"]["points, median px"] == "2.00"
-
-
-def test_rain_has_a_table_of_its_own():
+def cases() -> dict[str, DehazingResults]:
     wet = [replace(one, film="rain") for one in scores("none", 10.0, True)]
-    measured = results(film=summarise_film(wet, "[net]"))
-    first, _, film, *_ = dehazing_tables(measured)
-    assert film.columns[0] == "rain and motion blur" and "rain and motion blur" not in first.columns
-    assert [row[:4] for row in film.rows] == [("rain", "none", "8", "13.50")]
-    assert json_of(measured)["film"]["rain"]["none"]["images"] == 8
-    assert not any("rain" in table.title for table in dehazing_tables(results()))
-
-
-def test_a_higher_psnr_with_worse_lines_is_said():
-    assert "Higher PSNR, worse lines: [net] (all), [net] (300-500 m)." in dehazing_tables(results())[-2].notes
     both = [*scores("none", 10.0, True), *scores("[net]", 14.0, True)]
-    assert not any("worse" in line for line in dehazing_tables(results(summaries=summarise(both, "none")))[-2].notes)
-
-
-def test_cost_has_its_ratio_to_the_reference_and_a_failure_its_reason():
-    costs = {"none": Cost(0.05, 10 * 2.0**20), "[net]": Cost(0.2, 40 * 2.0**20)}
-    row = rows_of(dehazing_tables(results(costs=costs))[0])["none"]
-    assert (row["ms at 1280x720"], row["peak MiB"]) == ("50.0 (0.25)", "10 (0.25)")
-    compared_with_nothing = results(costs=costs, reference="none")
-    assert rows_of(dehazing_tables(compared_with_nothing)[0])["[net]"]["ms at 1280x720"] == "200.0"
-    broken = dehazing_tables(results(costs={"[net]": Cost(0.2, None)}, failed={"none": "no memory"}))[0]
-    assert rows_of(broken)["none"]["peak MiB"] == rows_of(broken)["[net]"]["peak MiB"] == "-"
-    assert "none: no cost: no memory" in broken.notes
-
-
-def test_json_of_known_numbers(tmp_path):
     single = [*scores("none", 10.0, True)[:1], *scores("[net]", 14.0, True)[:1]]
-    one = results(skipped=(("/a: 9.png", "cut short"),), summaries=summarise(single, "none"))
-    publish("one pair", dehazing_tables(one), json_of(one), OutputFiles(tmp_path / "f.json"))
-    saved = json.loads((tmp_path / "f.json").read_text())
-    assert saved["visibility"]["all"]["[net]"]["differences"]["psnr_db"]["low"] is None
-    assert saved["skipped"] == [["/a: 9.png", "cut short"]]
-    assert json_of(results())["higher_psnr_worse_lines"] == {"all": ["[net]"], "300-500 m": ["[net]"]}
+    costs = costs_of(Cost(0.2, 40 * 2.0**20))
+    return {
+        "plain": results(),  # higher PSNR, worse lines
+        "rain": results(film=summarise_film(wet, "[net]")),
+        "good_lines": results(summaries=summarise(both, "none")),
+        "cost": results(costs=costs),
+        "cost_to_nothing": results(costs=costs, reference="none"),
+        "no_cost": results(costs={"[net]": Cost(0.2, None)}, failed={"none": "no memory"}),
+        "one_pair": results(skipped=(("/a: 9.png", "cut short"),), summaries=summarise(single, "none")),
+    }
+
+
+@pytest.mark.parametrize("name", cases())
+def test_tables_and_json_of_known_scores(name):
+    measured = cases()[name]
+    check_golden(GOLDEN / f"dehazing_{name}.json", {"tables": dehazing_tables(measured), "figures": json_of(measured)})

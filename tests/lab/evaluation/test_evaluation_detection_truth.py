@@ -9,7 +9,7 @@ from deckline.types import Frame
 from deckline_lab.evaluation.detection_truth import (
     AZIMUTH_SIGMA_RAD,
     FALSE_WIDTH_M,
-    Scene,
+    SceneKind,
     draw_runway_prior,
     expected_from_labels,
     expected_from_truth,
@@ -18,28 +18,32 @@ from deckline_lab.evaluation.detection_truth import (
 
 def test_what_there_is_to_find():
     both = expected_from_truth(frame_at(-100.0))
-    assert both.scene is Scene.DECK
+    assert both.scene is SceneKind.DECK
     assert both.range_m == pytest.approx(100.0)
     assert both.visibility_m == 800.0
-    assert expected_from_truth(frame_at(-100.0, left=None, right=None)).scene is Scene.EMPTY
-    assert expected_from_truth(frame_at(-100.0, yaw_rad=np.pi)).scene is Scene.EMPTY  # looking away
-    assert expected_from_truth(frame_at(-100.0, visibility_m=50.0)).scene is Scene.UNRATED  # hidden in haze
-    assert expected_from_truth(frame_at(300.0, yaw_rad=np.pi)).scene is Scene.UNRATED  # from ahead: left is right
-    assert expected_from_truth(frame_at(-9000.0, visibility_m=np.inf)).scene is Scene.UNRATED  # a pixel or two
+    assert expected_from_truth(frame_at(-100.0, left=None, right=None)).scene is SceneKind.EMPTY
+    assert expected_from_truth(frame_at(-100.0, yaw_rad=np.pi)).scene is SceneKind.EMPTY  # looking away
+    assert expected_from_truth(frame_at(-100.0, visibility_m=50.0)).scene is SceneKind.UNRATED  # hidden in haze
+    assert expected_from_truth(frame_at(300.0, yaw_rad=np.pi)).scene is SceneKind.UNRATED  # from ahead: left is right
+    assert expected_from_truth(frame_at(-9000.0, visibility_m=np.inf)).scene is SceneKind.UNRATED  # a pixel or two
     # Turned so far that the left line alone is in the image.
-    assert expected_from_truth(frame_at(-30.0, yaw_rad=np.deg2rad(53.0))).scene is Scene.UNRATED
+    assert expected_from_truth(frame_at(-30.0, yaw_rad=np.deg2rad(53.0))).scene is SceneKind.UNRATED
 
 
-def test_labels_say_it_too():
+def test_labels_decide_what_there_is_to_find():
     line = np.array([[1.0, 2.0], [3.0, 4.0]])
-    for left, right, scene in ((line, line, Scene.DECK), (line, None, Scene.UNRATED), (None, None, Scene.EMPTY)):
+    for left, right, scene in (
+        (line, line, SceneKind.DECK),
+        (line, None, SceneKind.UNRATED),
+        (None, None, SceneKind.EMPTY),
+    ):
         assert expected_from_labels({"left": left, "right": right}, frame_at(-100.0).image_rgb).scene is scene
 
 
 def test_frames_without_truth_or_pose_are_named():
-    with pytest.raises(ValueError, match="no truth"):
+    with pytest.raises(ValueError, match="truth"):
         expected_from_truth(dataclasses.replace(frame_at(-100.0), truth=None))
-    with pytest.raises(ValueError, match="no pose"):
+    with pytest.raises(ValueError, match="pose"):
         expected_from_truth(dataclasses.replace(frame_at(-100.0), world_from_body=None))
 
 

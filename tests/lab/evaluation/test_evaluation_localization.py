@@ -18,7 +18,7 @@ from deckline.types import Detection, LinePoints
 from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise
 from deckline_lab.evaluation.dehazers import SharedDehazer
 from deckline_lab.evaluation.localization import LocalizationConfig, localization
-from deckline_lab.evaluation.localization_methods import Bench, load, methods_of, point_bench, point_methods
+from deckline_lab.evaluation.localization_methods import LocalizationBench, load, methods_of, point_bench, point_methods
 from deckline_lab.evaluation.localization_score import score_approach
 from deckline_lab.evaluation.tables import OutputFiles
 
@@ -139,22 +139,6 @@ def test_the_number_of_processes_changes_nothing(tmp_path):
     assert one == two
 
 
-@pytest.mark.parametrize(
-    ("words", "name"),
-    [
-        (("--approaches", "0"), "approaches"),
-        (("--jobs", "-1"), "jobs"),
-        (("--detector", "nobody"), "nobody"),
-        (("--visibility", "thick", "--detector", "classical", "--ufld", "classical"), "thick"),
-        (("--points", "--noise", "no-such.toml"), "no-such.toml"),
-    ],
-)
-def test_wrong_use_gets_one_line(capsys, words, name):
-    assert main(["eval", "localization", *words]) == 2
-    *_, line = capsys.readouterr().err.strip().splitlines()
-    assert name in line
-
-
 class Counting:
     """Dehazer or detector that counts its calls."""
 
@@ -181,22 +165,22 @@ def test_a_frame_is_dehazed_once():
     assert counting.calls == [first.file, second.file]
 
 
-def test_single_rows_of_one_configuration_share_detections_and_tracked_rows_look_for_themselves():
-    looked = {method.name: Counting() for method in METHODS}
+def test_single_rows_of_one_configuration_share_detections_and_tracked_rows_detect_on_their_own():
+    detectors = {method.name: Counting() for method in METHODS}
 
     def start(method):
         flight = BENCH.start(method)
-        flight.detector = looked[method.name]
+        flight.detector = detectors[method.name]
         return flight
 
     views = ((at, None) for at, _ in sightings())
     assert len(list(score_approach(views, 0, METHODS, replace(BENCH, start=start)))) == FRAMES
-    calls = {name: len(detector.calls) for name, detector in looked.items()}
+    calls = {name: len(detector.calls) for name, detector in detectors.items()}
     shared = {"dehazed, ours": 0}
-    assert calls == dict.fromkeys(looked, FRAMES) | shared
+    assert calls == dict.fromkeys(detectors, FRAMES) | shared
 
 
-def test_tracked_rows_fly_one_look_and_the_search_beside_it():
+def test_tracked_rows_fly_a_searching_detector():
     methods = methods_of(replace(OPTIONS, detector="hybrid").run_config(), "classical")
     bench = load(methods)
     tracked = [bench.start(method) for method in methods if method.tracked]
@@ -215,12 +199,12 @@ def test_the_first_row_is_what_improvements_refer_to():
         methods_of(RunConfig(), "clear.onnx", ("sad.onnx", "other/sad.onnx"))
 
 
-def test_rows_share_their_models_and_keep_their_estimator():
+def test_rows_share_their_models_and_have_their_own_estimator():
     bench = load(METHODS)
     flights = [bench.start(method) for method in METHODS]
     assert len({id(flight.detector) for flight in flights}) == len({id(flight.dehazer) for flight in flights}) == 1
     assert [flight.tracker is not None for flight in flights] == [method.tracked for method in METHODS]
-    assert isinstance(bench, Bench) and set(bench.settings) == {method.name for method in METHODS}
+    assert isinstance(bench, LocalizationBench) and set(bench.settings) == {method.name for method in METHODS}
     with pytest.raises(ValueError, match="nobody"):
         load(methods_of(RunConfig(), "nobody"))
 

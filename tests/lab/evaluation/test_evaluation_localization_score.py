@@ -147,7 +147,7 @@ def test_all_figures_of_a_frame():
 
 def test_frames_that_cannot_be_compared_are_refused():
     blind = dataclasses.replace(frame(BODY), truth=None)
-    with pytest.raises(ValueError, match=r"a\.png has no true lines"):
+    with pytest.raises(ValueError, match=r"a\.png"):
         frame_figures(blind, {}, TOUCHDOWN_M)
-    with pytest.raises(ValueError, match="need the pose"):
+    with pytest.raises(ValueError, match=r"a\.png"):
         pilot_figures(dataclasses.replace(frame(BODY), world_from_body=None), line(LEFT), TOUCHDOWN_M)

@@ -37,11 +37,11 @@ def test_ssim_agrees_with_scikit_image(shape):
 def test_images_that_cannot_be_compared_are_named():
     clear, hazy = images()
     for metric in (psnr_db, ssim):
-        with pytest.raises(ValueError, match=r"one shape, got \(48, 61, 3\) and \(47, 61, 3\)"):
+        with pytest.raises(ValueError, match=r"\(48, 61, 3\).*\(47, 61, 3\)"):
             metric(clear, hazy[1:])
-        with pytest.raises(ValueError, match="uint8 images, got float64 and uint8"):
+        with pytest.raises(ValueError, match=r"uint8.*float64 and uint8"):
             metric(clear.astype(float), hazy)
-    with pytest.raises(ValueError, match="at least 11 px"):
+    with pytest.raises(ValueError, match=r"11 px.*\(8, 61\)"):
         ssim(clear[:8], hazy[:8])
 
 
@@ -60,9 +60,9 @@ def test_normal_pixel_error_is_the_distance_to_the_true_image_line(distortion):
 
 def test_a_line_through_the_lens_is_refused():
     camera = Camera(1280, 720, 640, 640, 639.5, 359.5)
-    with pytest.raises(ValueError, match="has no image line"):
+    with pytest.raises(ValueError, match=r"\[0\.0, 0\.0, 2\.0\]"):
         normal_pixel_error(np.zeros((1, 2)), np.array([[0, 0, 1.0], [0, 0, 2.0]]), camera)
-    with pytest.raises(ValueError, match=r"shape \(2, 3\), got \(3, 3\)"):
+    with pytest.raises(ValueError, match=r"\(2, 3\).*\(3, 3\)"):
         normal_pixel_error(np.zeros((1, 2)), np.eye(3), camera)
 
 
@@ -74,7 +74,7 @@ def test_psnr_counts_the_marked_pixels_alone():
     where = np.zeros((4, 6), bool)
     where[:2] = True
     assert psnr_db(image, reference, where) == pytest.approx(20 * np.log10(255 / 10))
-    with pytest.raises(ValueError, match="where must mark pixels"):
+    with pytest.raises(ValueError, match=r"\(4, 6\)"):
         psnr_db(image, reference, np.zeros((4, 6), bool))
 
 

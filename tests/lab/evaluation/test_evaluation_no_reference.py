@@ -121,14 +121,14 @@ def draw_deck(contrast_to_m: float) -> tuple[np.ndarray, list[VisibleLine]]:
 
 
 @pytest.mark.parametrize("range_m", [120.0, 160.0, 200.0])
-def test_lines_are_seen_as_far_as_they_stand_out(range_m: float) -> None:
+def test_lines_are_visible_as_far_as_they_have_contrast(range_m: float) -> None:
     """The contrast is a mean along an eighth of the line's image: the paint's end may seem as much farther."""
     image, lines = draw_deck(range_m)
     assert len(lines) == 2
     assert range_m <= visible_range_m(image, image, lines) < 1.07 * range_m
 
 
-def test_lines_that_do_not_stand_out_are_not_seen() -> None:
+def test_lines_without_contrast_are_not_visible() -> None:
     seen, lines = draw_deck(200.0)
     flat, _ = draw_deck(0.0)
     assert visible_range_m(flat, flat, lines) == 0.0

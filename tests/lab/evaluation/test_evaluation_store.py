@@ -1,5 +1,6 @@
 import json
 import math
+import re
 
 import pytest
 
@@ -34,7 +35,7 @@ def test_other_settings_and_other_files_are_refused(tmp_path):
     with pytest.raises(ValueError, match=NAME):
         open_store(tmp_path / "other")
     (tmp_path / "file").write_text("")
-    with pytest.raises(ValueError, match=r"file: cannot be written"):
+    with pytest.raises(ValueError, match=re.escape(str(tmp_path / "file"))):
         open_store(tmp_path / "file")
 
 
@@ -48,11 +49,11 @@ def test_entries_may_be_added_to_one_setting_and_none_may_change(tmp_path):
         open_store(tmp_path, "models", models={"b": "2"}, seed=4)
 
 
-def test_without_a_folder_rows_are_in_memory_alone_and_an_interruption_says_so(tmp_path):
+def test_without_a_folder_rows_are_in_memory_alone_and_an_interruption_reports_it(tmp_path):
     store = open_store(None)
     store.add(("a", 0), [1.0])
     assert store.rows == {("a", 0): [1.0]}
-    with pytest.raises(KeyboardInterrupt, match=r"nothing was written.*--out"), store:
+    with pytest.raises(KeyboardInterrupt, match="--out"), store:
         raise KeyboardInterrupt
     with pytest.raises(KeyboardInterrupt, match=NAME), open_store(tmp_path):
         raise KeyboardInterrupt
@@ -63,5 +64,5 @@ def test_without_a_folder_rows_are_in_memory_alone_and_an_interruption_says_so(t
 )
 def test_rows_of_something_else_are_refused(tmp_path, line):
     (tmp_path / "rows.jsonl").write_text(f"{line}\n")
-    with pytest.raises(ValueError, match="something else"):
+    with pytest.raises(ValueError, match=r"rows\.jsonl"):
         Store(tmp_path, "rows.jsonl", {"a": 1, "b": {}}, "b")

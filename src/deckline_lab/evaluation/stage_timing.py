@@ -31,7 +31,7 @@ FILM = ("dehaze", "film")  # and those that make the film
 GUIDANCE = "guidance"  # all stages of an answer
 PERCENTILES = (50, 95, 99)
 PEER, PEER_NETWORK = "UFLD-R18", "ufld-r18"
-LOOKS = 30  # of each network, in turns
+PASSES = 30  # of each network, in turns
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ def _measure_frame(frame: Frame, decode_s: float, flight: Flight, piece: VideoPi
     return {**result.seconds, "dehaze": dehaze_s, "decode": decode_s, "film": film_s}
 
 
-def measure_looks(detector: Detector, peer: Detector) -> dict[str, Figures]:
-    """One look of a detector's network and of the peer's, in turns; nothing for a detector without a network."""
-    return measure_costs({detector.name: detector, PEER: peer}, LOOKS) if isinstance(detector, OnnxDetector) else {}
+def measure_passes(detector: Detector, peer: Detector) -> dict[str, Figures]:
+    """One pass of a detector's network and of the peer's, in turns; nothing for a detector without a network."""
+    return measure_costs({detector.name: detector, PEER: peer}, PASSES) if isinstance(detector, OnnxDetector) else {}
 
 
 def export_peer(folder: Path) -> Path:
@@ -134,24 +134,24 @@ def export_peer(folder: Path) -> Path:
     return export_detect(DETECTORS[PEER_NETWORK](None).eval(), folder / f"{PEER_NETWORK}.onnx", {}, 0)
 
 
-def stage_table(title: str, figures: dict[str, Any], looks: dict[str, Figures]) -> Table:
-    """A row a stage; the last column is its median as a share of one look of the peer."""
+def stage_table(title: str, figures: dict[str, Any], passes: dict[str, Figures]) -> Table:
+    """A row a stage; the last column is its median as a share of one pass of the peer."""
     rows = [
-        (stage, *(number(value, ".1f") for value in each.values()), _share(each["p50_ms"], looks))
+        (stage, *(number(value, ".1f") for value in each.values()), _share(each["p50_ms"], passes))
         for stage, each in figures["stages"].items()
     ]
     return Table(title, ("ms", *(f"{share} %" for share in PERCENTILES), f"of {PEER}"), rows)
 
 
-def look_table(looks: dict[str, Figures]) -> Table:
+def pass_table(passes: dict[str, Figures]) -> Table:
     """A row a network."""
-    macs = [number(each.get("macs", np.nan) / 1e9, ".2f") for each in looks.values()]
+    macs = [number(each.get("macs", np.nan) / 1e9, ".2f") for each in passes.values()]
     rows = [
-        (name, number(each["pass_ms"], ".1f"), _share(each["pass_ms"], looks), size)
-        for (name, each), size in zip(looks.items(), macs, strict=True)
+        (name, number(each["pass_ms"], ".1f"), _share(each["pass_ms"], passes), size)
+        for (name, each), size in zip(passes.items(), macs, strict=True)
     ]
-    return Table("one look", ("network", "ms", f"of {PEER}", "MACs, G"), rows)
+    return Table("one pass", ("network", "ms", f"of {PEER}", "MACs, G"), rows)
 
 
-def _share(value_ms: float, looks: dict[str, Figures]) -> str:
-    return number(value_ms / looks[PEER]["pass_ms"] if looks else None, ".2f")
+def _share(value_ms: float, passes: dict[str, Figures]) -> str:
+    return number(value_ms / passes[PEER]["pass_ms"] if passes else None, ".2f")

@@ -17,26 +17,26 @@ from deckline.report.provenance import settings_of
 from deckline_lab.evaluation.approaches import (
     FlightsConfig,
     PointNoise,
+    Sighting,
     describe_flights,
     flight_settings,
     fly,
     fly_points,
+    point_flight,
 )
 from deckline_lab.evaluation.coverage import coverage_table
-from deckline_lab.evaluation.integrity_faults import FAULTS
+from deckline_lab.evaluation.integrity_faults import FAULTS, Runs
 from deckline_lab.evaluation.integrity_films import film
-from deckline_lab.evaluation.integrity_frames import FRAME_FAULTS
 from deckline_lab.evaluation.integrity_score import (
     AIDS,
     ALERT_S,
     NOMINAL,
     SETTLED_S,
     FaultRow,
+    FaultRun,
     FrameState,
-    Run,
     fault_row,
     flags_raised,
-    fly_frames,
     fly_run,
     settled_frames,
 )
@@ -48,13 +48,14 @@ from deckline_sim.processes import map_ordered
 from deckline_sim.progress import progress
 
 STATES_FILE = "integrity.jsonl"
+RENDERED_AIDS = tuple(name for name in AIDS if name)
 GOOD_SHARE, FALSE_ALARMS = 0.99, 0.001  # asked for: of runs, of nominal frames
 NOMINAL_COUNTS = {  # of frames, and what people call them
     "flagged": "false alarms",
     "misleading": "misleading",
     "excluded": "left out",
     "protected": "guided",
-    "is_told": "ok",
+    "is_ok": "ok",
 }
 SETTLED_OK = f"ok after {SETTLED_S:g} s, %"
 NOTES = f"""\
@@ -81,7 +82,7 @@ class IntegrityConfig:
         runs: with each fault.
         nominal: runs without one.
         fault: which are put in; all when not given.
-        rendered: render the flights and let the detector look at them.
+        rendered: render the flights and run the detector on their pictures.
         aid: with --rendered, what measures the scale besides pose and deck height: any of `no aid`, `depth`, `width`,
             `depth, width`.
         flights: what is flown.
@@ -98,7 +99,7 @@ class IntegrityConfig:
     nominal: int = 90
     fault: tuple[str, ...] = ()
     rendered: bool = False
-    aid: tuple[str, ...] = tuple(AIDS)
+    aid: tuple[str, ...] = RENDERED_AIDS
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
     noise: Path | None = None
     alert_s: float = ALERT_S
@@ -111,7 +112,7 @@ class IntegrityConfig:
         check_numbers(self, "", "runs", least=0)
         check_numbers(self, "", "nominal", least=1)
         check_numbers(self, "", "alert_s", least=0)
-        for what, names, known in (("fault", self.fault, self.faults), ("aid", self.aid, AIDS)):
+        for what, names, known in (("fault", self.fault, self.faults), ("aid", self.aid, RENDERED_AIDS)):
             unknown = [name for name in names if name not in known]
             if unknown:
                 raise ValueError(f"unknown {what} {unknown[0]!r}: use any of {', '.join(known)}")
@@ -121,9 +122,9 @@ class IntegrityConfig:
 
     @property
     def faults(self) -> list[str]:
-        """Those that can be put in."""
-        told = [name for name, fault in FRAME_FAULTS.items() if fault.told]
-        return list(FRAME_FAULTS) if self.rendered else [*FAULTS, *told]
+        """Names of the faults that these flights can have."""
+        runs = Runs.RENDERED if self.rendered else Runs.MODELLED
+        return [name for name, fault in FAULTS.items() if runs in fault.runs]
 
     @cached_property
     def point_noise(self) -> PointNoise:
@@ -131,19 +132,19 @@ class IntegrityConfig:
         return PointNoise() if self.noise is None else read_config(PointNoise, self.noise)
 
     @property
-    def wanted(self) -> list[Run]:
+    def wanted(self) -> list[FaultRun]:
         """All runs, those of one flight together."""
         names = (NOMINAL, *dict.fromkeys(self.fault or self.faults))
         aids = dict.fromkeys(self.aid if self.rendered else ("",))
         most = max(self.runs, self.nominal)
         numbered = [(name, number, aid) for number in range(most) for name in names for aid in aids]
-        return [Run(*run) for run in numbered if run[1] < (self.nominal if run[0] == NOMINAL else self.runs)]
+        return [FaultRun(*run) for run in numbered if run[1] < (self.nominal if run[0] == NOMINAL else self.runs)]
 
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    models = flight_from_config(config.flights.run) if config.rendered else None
-    points = {"points": asdict(config.point_noise)} if models is None else settings_of(models)
+    models = flight_from_config(config.flights.run) if config.rendered else point_flight(config.flights.run)
+    points = settings_of(models) if config.rendered else {"points": asdict(config.point_noise)}
     settings = {**flight_settings(config.flights), "run": to_toml_text(config.flights.run), "seen by": points}
     with Store(config.out, STATES_FILE, settings) as store:
         missing = [run for run in config.wanted if astuple(run) not in store.rows]
@@ -165,27 +166,34 @@ def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int
 
 
 def fly_runs(
-    runs: Sequence[Run], config: IntegrityConfig, models: Flight | None
-) -> Iterator[tuple[Run, list[FrameState]]]:
+    runs: Sequence[FaultRun], config: IntegrityConfig, models: Flight
+) -> Iterator[tuple[FaultRun, list[FrameState]]]:
     """Every run with its frames, as they are flown. All faults are put into one flight after the other."""
     by_flight = [list(group) for _, group in groupby(runs, key=lambda run: run.number)]
-    if models is not None:
+    if config.rendered:
         for group in by_flight:
-            frames = list(fly(config.flights, group[0].number))
-            for run in group:
-                if config.films is not None:
-                    film(frames, run, config.flights, models, config.films)
-                yield run, fly_frames(frames, run, config.flights, models)
+            yield from _fly_rendered(group, config, models)
         return
-    work = partial(_fly_together, flights=config.flights, noise=config.point_noise)
+    work = partial(_fly_modelled, flights=config.flights, noise=config.point_noise)
     with closing(map_ordered(work, by_flight, config.jobs)) as results:
         for group, states in zip(by_flight, results, strict=True):
             yield from zip(group, states, strict=True)
 
 
-def _fly_together(runs: Sequence[Run], flights: FlightsConfig, noise: PointNoise) -> list[list[FrameState]]:
+def _fly_rendered(
+    runs: Sequence[FaultRun], config: IntegrityConfig, models: Flight
+) -> Iterator[tuple[FaultRun, list[FrameState]]]:
+    sightings = [Sighting(frame) for frame in fly(config.flights, runs[0].number)]
+    for run in runs:
+        if config.films is not None:
+            film(sightings, run, config.flights, models, config.films)
+        yield run, fly_run(sightings, run, config.flights, models)
+
+
+def _fly_modelled(runs: Sequence[FaultRun], flights: FlightsConfig, noise: PointNoise) -> list[list[FrameState]]:
     sightings = list(fly_points(flights.approach(runs[0].number), flights.run.sensors, noise))
-    return [fly_run(sightings, run, flights) for run in runs]
+    models = point_flight(flights.run)
+    return [fly_run(sightings, run, flights, models) for run in runs]
 
 
 def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float) -> list[Table]:
@@ -245,7 +253,7 @@ def _count_nominal(runs: Sequence[Sequence[FrameState]]) -> dict[str, int]:
     frames = [frame for run in runs for frame in run]
     counts = {name: sum(getattr(frame, name) for frame in frames) for name in NOMINAL_COUNTS}
     settled = [frame for run in runs for frame in settled_frames(run)]
-    counts |= {"settled": len(settled), "settled_ok": sum(frame.is_told for frame in settled)}
+    counts |= {"settled": len(settled), "settled_ok": sum(frame.is_ok for frame in settled)}
     return {"runs": len(runs), "frames": len(frames), **counts}
 
 
