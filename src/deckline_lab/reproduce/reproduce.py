@@ -188,7 +188,7 @@ def shrink_pairs(recording: Path, folder: Path) -> Path:
     with needs_extra("train"):
         from deckline.report.draw import write_picture
         from deckline_lab.train.dehaze import DehazeTrainConfig
-        from deckline_lab.train.views import open_clear_views
+        from deckline_lab.train.pair_views import open_clear_views
     if not (folder / LABELS_FILE).exists():
         folder.mkdir(exist_ok=True)
         views, entries = open_clear_views([recording], DehazeTrainConfig.working_long_side_px, held_out=0.0), []

@@ -15,8 +15,10 @@ from torch import Tensor, nn
 from deckline.dehaze.network import image_to_tensor, tensor_to_image
 from deckline.haze import add_haze, beta_from_visibility
 from deckline_lab.evaluation.metrics import psnr_db, ssim
+from deckline_lab.train.airlight import random_airlight
+from deckline_lab.train.clear_views import ClearView
 from deckline_lab.train.dehaze_network import SHAPES, Attention, DehazeNetwork, DehazeNetworkConfig, Transformer
-from deckline_lab.train.dehaze_samples import HazeAugmentation, geometry_prior, make_batch, random_airlight
+from deckline_lab.train.dehaze_samples import HazeAugmentation, geometry_prior, make_batch
 from deckline_lab.train.export import count_parameters, export_onnx, network_cost
 from deckline_lab.train.loop import (
     HELD_OUT_BATCHES,
@@ -29,9 +31,10 @@ from deckline_lab.train.loop import (
     select_device,
     train,
 )
+from deckline_lab.train.pair_views import PairView, open_clear_views
 from deckline_lab.train.photographs import open_photographs
 from deckline_lab.train.start import start_with
-from deckline_lab.train.views import ClearView, PairView, Views, make_ahead, open_clear_views
+from deckline_lab.train.view_sets import Views, make_ahead
 
 Batch = tuple[Tensor, Tensor, Tensor, Tensor]  # hazy, clear, transmission, prior
 BEST_LOSS_PSNR_DB = 50.0  # better than that earns nothing, or the clear images would outweigh the hazy ones

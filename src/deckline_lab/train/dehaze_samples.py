@@ -19,14 +19,14 @@ from deckline.dehaze.pixel_map import display_levels, linear_levels
 from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
 from deckline.types import Frame
+from deckline_lab.train.airlight import random_airlight
+from deckline_lab.train.clear_views import ClearView
+from deckline_lab.train.pair_views import PairView
 from deckline_lab.train.photographs import add_camera_air, veil_prior
-from deckline_lab.train.views import ClearView, PairView, Views
+from deckline_lab.train.view_sets import Views
 from deckline_sim.camera.imaging import draw_air
 from deckline_sim.config import AirConfig
 
-GREY_LEVELS = (70.0, 245.0)  # airlight of a random colour, 0..255
-# Tints of random airlight, multiplied onto grey: bluish (fog in daylight) to warm (dust, low sun).
-BLUISH, WARM = np.array([0.86, 0.95, 1.05]), np.array([1.06, 0.97, 0.85])
 SUN_ELEVATION_DEG = (5.0, 70.0)
 GLOW_MEAN, GLOW_MOST = 0.5, 1.5  # exponential; more would want another exposure than the clear picture's
 # What a pose is wrong by when the sea's range is taken from it: a good navigation unit's attitude, and its height
@@ -62,22 +62,6 @@ class HazeAugmentation:
                 raise ValueError(f"{name} must be 0 < low <= high, got {low} and {high}")
         shares = [name for name in vars(self) if name.endswith("_share") or name.startswith("flip_")]
         check_numbers(self, "", *shares, least=0, most=1)
-
-
-def random_airlight(
-    horizon_rgb: NDArray[np.float32] | None, horizon_share: float, rng: np.random.Generator, exact_share: float = 0.0
-) -> NDArray[np.float64]:
-    """Colour of thick haze (3,), 0..255: the horizon's; near it, greyer, at times darker; or grey, bluish or warm."""
-    if horizon_rgb is not None and rng.random() < horizon_share:
-        if rng.random() < exact_share:
-            return np.clip(horizon_rgb * (1 + rng.normal(0, 0.02, 3)), 0, 255)
-        grey = horizon_rgb.mean()
-        colour = grey + (horizon_rgb - grey) * rng.uniform(0.0, 1.2)
-        colour = colour * (rng.uniform(0.55, 0.85) if rng.random() < 0.25 else rng.uniform(0.85, 1.1))
-    else:
-        tint = BLUISH if rng.random() < 0.5 else WARM
-        colour = rng.uniform(*GREY_LEVELS) * (1 + (tint - 1) * rng.uniform(0.0, 1.0))
-    return np.clip(colour * (1 + rng.normal(0, 0.03, 3)), 40, 250)
 
 
 def add_random_haze(

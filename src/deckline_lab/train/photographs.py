@@ -17,9 +17,8 @@ from deckline.dehaze.pixel_map import display_levels, linear_levels
 from deckline.dehaze.veil import VeilDehazer, to_full_scale
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility
-from deckline.recording.image_folder import list_images
-from deckline.recording.images import read_image
-from deckline_lab.train.views import ClearView, Views, horizon_colour
+from deckline_lab.train.clear_views import ClearView, horizon_colour
+from deckline_lab.train.view_sets import Views, open_pictures
 from deckline_sim.camera import phone
 
 Levels = NDArray[np.uint8]
@@ -69,19 +68,15 @@ def open_photographs(folder: Path, long_side_px: int, held_out: float, train: bo
     Raises:
         ValueError: no pictures in it.
     """
-    files = sorted(list_images(folder))
-    if not files:
-        raise ValueError(f"{folder} holds no pictures; give a folder of clear photographs")
+    count, read = open_pictures(folder, long_side_px)
 
-    def load(path: Path, index: int) -> ClearView:
-        picture = read_image(path / files[index])
-        factor = min(1.0, long_side_px / max(picture.shape[:2]))
-        clear = np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
+    def load(index: int) -> ClearView:
+        clear = read(index)
         ranges = made_up_ranges(clear, np.random.default_rng(index))
         camera = Camera.unknown(clear.shape[1], clear.shape[0])
         return ClearView(clear, ranges.astype(np.float16), horizon_colour(clear, ranges), camera)
 
-    return Views({folder: len(files)}, [folder], held_out, train, load)
+    return Views({folder: (count, load)}, [folder], held_out, train)
 
 
 def add_camera_air(

@@ -24,7 +24,7 @@ from deckline_lab.train.checkpoint import read_progress
 from deckline_lab.train.dehaze import build_ours
 from deckline_lab.train.dehaze_samples import make_batch
 from deckline_lab.train.export import network_cost
-from deckline_lab.train.views import open_clear_views
+from deckline_lab.train.pair_views import open_clear_views
 
 TINY = replace(QUICK, steps=2)
 OPTIONS = ["--steps", "2", "--crop-height", "48", "--crop-width", "64", "--threads", "1", "--device", "cpu"]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deckline_lab.train.clear_views import ClearView
 from deckline_lab.train.dehaze_samples import HazeAugmentation, make_pair
 from deckline_lab.train.photographs import add_camera_air, made_up_ranges, open_photographs
-from deckline_lab.train.views import ClearView
 
 SKY, SEA = (150, 190, 230), (40, 60, 70)
 HEIGHT, WIDTH, HORIZON = 120, 200, 50

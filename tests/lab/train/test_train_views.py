@@ -1,6 +1,7 @@
 """Views: how recordings are split and drawn from, ranges along the ray, true and labelled lines, what is refused."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,16 +14,10 @@ from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import Truth
 from deckline_lab.labels import LabelledImage, write_labels
-from deckline_lab.train.views import (
-    Views,
-    horizon_colour,
-    is_labelled_folder,
-    make_ahead,
-    make_clear_view,
-    make_line_view,
-    open_clear_views,
-    open_line_views,
-)
+from deckline_lab.train.clear_views import horizon_colour, make_clear_view
+from deckline_lab.train.line_views import make_line_view, open_line_views
+from deckline_lab.train.pair_views import open_clear_views
+from deckline_lab.train.view_sets import Views, is_labelled_folder, make_ahead
 
 A, B = Path("a"), Path("b")
 
@@ -30,14 +25,15 @@ A, B = Path("a"), Path("b")
 def letters(texts: dict[Path, str], recordings: list[Path], held_out: float, train: bool = True) -> Views[str]:
     """Views of texts, in which a dash is a damaged frame and a question mark one without depth."""
 
-    def load(path: Path, index: int) -> str:
-        if texts[path][index] == "?":
+    def load(text: str, index: int) -> str:
+        if text[index] == "?":
             raise ValueError("no depth")
-        if texts[path][index] == "-":
+        if text[index] == "-":
             raise FrameError(f"{index}.png", "damaged")
-        return texts[path][index]
+        return text[index]
 
-    return Views({path: len(text) for path, text in texts.items()}, recordings, held_out, train, load)
+    parts = {path: (len(text), partial(load, text)) for path, text in texts.items()}
+    return Views(parts, recordings, held_out, train)
 
 
 def test_the_end_of_every_recording_is_held_out():
