@@ -11,7 +11,7 @@ from functools import partial
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
@@ -25,9 +25,11 @@ from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
 from deckline.report.draw import check_picture_name, write_picture
 from deckline.types import Frame
-from deckline_sim.airfield.simulate import AirfieldSimulator
 from deckline_sim.config import FLIGHTS, LARGEST_PX, SimConfig
 from deckline_sim.simulate import Simulator, open_simulator, ship_block
+
+if TYPE_CHECKING:
+    from deckline_sim.airfield.simulate import AirfieldSimulator
 
 CHUNK = 4  # most frames that a process is given at a time; results waiting for their turn stay below 2 * CHUNK * jobs
 T = TypeVar("T")
@@ -73,7 +75,7 @@ def show_progress(what: str, results: Generator[T, None, None], total: int, done
             advance()
 
 
-_opened: dict[SimConfig, Simulator | AirfieldSimulator] = {}  # the last recording's simulator in a rendering process
+_opened: "dict[SimConfig, Simulator | AirfieldSimulator]" = {}  # the last recording's simulator in a rendering process
 
 
 def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:

@@ -3,12 +3,11 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from deckline.types import Frame, Segment, Truth
-from deckline_sim.airfield.simulate import AirfieldSimulator
 from deckline_sim.camera.glass import add_foreground
 from deckline_sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline_sim.camera.lens import pinhole_for, random_lens
@@ -34,6 +33,9 @@ from deckline_sim.ship.background import Kind, background_mesh
 from deckline_sim.ship.layout import Layout, random_layout, world_points
 from deckline_sim.ship.mesh import join
 from deckline_sim.ship.ship import NO_RUNWAY, Ship, build_ship
+
+if TYPE_CHECKING:
+    from deckline_sim.airfield.simulate import AirfieldSimulator
 
 OPEN_SEA = 0.4  # part of the views without a runway that show no ship either
 VEHICLE, CAMERA = "deckline", "front"
@@ -258,13 +260,15 @@ class DecklessSimulator(Simulator):
         return "other ships" if kind == SHIPS else "coast"
 
 
-def open_simulator(config: SimConfig) -> Simulator | AirfieldSimulator:
+def open_simulator(config: SimConfig) -> "Simulator | AirfieldSimulator":
     """What renders the frames of a recording.
 
     Raises:
         RendererError: no OpenGL through EGL on this machine, which presets `airfield` and `pad` do without.
     """
     if config.preset in DRAWN:
+        from deckline_sim.airfield.simulate import AirfieldSimulator
+
         return AirfieldSimulator(config)
     return DecklessSimulator(config) if config.trajectory == "deckless" else Simulator(config)
 

@@ -9,7 +9,6 @@ from deckline.config import RunConfig
 from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.flight import FrameResult
-from deckline.live.mailbox import BackgroundWriter
 from deckline.report.records import Record, View
 
 WAITING = 16  # live answers that wait to be sent, at most
@@ -46,6 +45,8 @@ def open_publisher(
         if not is_live:
             yield (view,)
             return
+        from deckline.live.mailbox import BackgroundWriter
+
         writer = BackgroundWriter[tuple[FrameResult | None, Record]](lambda item: view(*item), WAITING)
         with closing(writer):
             yield (lambda result, record: writer.offer((result, record)),)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +10,15 @@ from numpy.typing import NDArray
 from deckline.config import Navigation
 from deckline.files import is_there
 from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
-from deckline.recording.bag import is_bag
-from deckline.recording.bag_topics import open_bag
 from deckline.recording.camera_file import CAMERA_FILE, CAMERA_FILES, EXAMPLE, MountedCamera, read_camera_file
 from deckline.recording.image_folder import ImageFolder, list_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
-from deckline.recording.logs import FORMATS, read_log_track
-from deckline.recording.pose_track import PoseTrack, read_csv_track
 from deckline.recording.poses import POSES_FILE, TIMES_FILE, names_images, read_image_times, read_poses
 from deckline.recording.source import BadFrame, RecordingError, Source
-from deckline.recording.video import Video, read_film
+
+if TYPE_CHECKING:  # a kind of source is imported when one is opened
+    from deckline.recording.pose_track import PoseTrack
+    from deckline.recording.video import Video
 
 NAVIGATION = Navigation()
 
@@ -74,7 +74,9 @@ def open_recording(
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
         fallback = read_camera_file(path / CAMERA_FILE) if is_there(path / CAMERA_FILE) else None
         source: Source = AirSimRecording(path, options, fallback)
-    elif is_bag(path) and not (path.is_dir() and list_images(path)):
+    elif _is_bag(path):
+        from deckline.recording.bag_topics import open_bag
+
         track = None if poses_file is None else _read_track(Path(poses_file), navigation)
         source = open_bag(path, topics, camera, (deck_z_m, sea_z_m), track, navigation)
     elif topics:
@@ -85,10 +87,18 @@ def open_recording(
     return source
 
 
+def _is_bag(path: Path) -> bool:
+    from deckline.recording.bag import is_bag
+
+    return is_bag(path) and not (path.is_dir() and list_images(path))
+
+
 def _open_images(
     path: Path, poses_file: Path | str | None, options: ReadOptions, navigation: Navigation
-) -> ImageFolder | Video:
+) -> "ImageFolder | Video":
     """A folder, a single image or a video, with the camera and the poses given or found beside them."""
+    from deckline.recording.video import Video, read_film
+
     if path.is_dir() and not list_images(path):
         inside = next((child for child in sorted(path.iterdir()) if (child / RECORD_FILE).exists()), None)
         hint = f"; did you mean {inside}/?" if inside else ""
@@ -113,10 +123,10 @@ def _open_images(
     return source
 
 
-def _note_scaling(mounted: MountedCamera, source: ImageFolder | Video) -> tuple[str, ...]:
+def _note_scaling(mounted: MountedCamera, source: "ImageFolder | Video") -> tuple[str, ...]:
     """A note where intrinsics are scaled to the first picture's size; a RecordingError where its shape is another."""
     try:
-        size = source.film.size if isinstance(source, Video) else source.first_size()
+        size = source.first_size() if isinstance(source, ImageFolder) else source.film.size
         if size is None or (fitted := mounted.fit(*size)) is mounted:
             return ()
     except ValueError as error:
@@ -144,10 +154,15 @@ def _open_folder(
 
 
 def _is_log(path: Path) -> bool:
+    from deckline.recording.logs import FORMATS
+
     return path.suffix.lower() in FORMATS
 
 
-def _read_track(path: Path, navigation: Navigation, film_times_s: NDArray[np.float64] | None = None) -> PoseTrack:
+def _read_track(path: Path, navigation: Navigation, film_times_s: NDArray[np.float64] | None = None) -> "PoseTrack":
+    from deckline.recording.logs import read_log_track
+    from deckline.recording.pose_track import read_csv_track
+
     return read_log_track(path, navigation) if _is_log(path) else read_csv_track(path, navigation, film_times_s)
 
 

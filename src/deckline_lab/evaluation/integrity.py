@@ -27,7 +27,6 @@ from deckline_lab.evaluation.approaches import (
 )
 from deckline_lab.evaluation.coverage import coverage_table
 from deckline_lab.evaluation.integrity_faults import FAULTS
-from deckline_lab.evaluation.integrity_films import film
 from deckline_lab.evaluation.integrity_frames import FRAME_FAULTS
 from deckline_lab.evaluation.integrity_score import (
     AIDS,
@@ -173,6 +172,8 @@ def fly_runs(
             frames = list(fly(config.flights, group[0].number))
             for run in group:
                 if config.films is not None:
+                    from deckline_lab.evaluation.integrity_films import film
+
                     film(frames, run, config.flights, models, config.films)
                 yield run, fly_frames(frames, run, config.flights, models)
         return
