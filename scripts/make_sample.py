@@ -6,6 +6,7 @@
 as ranging cameras do, and left out where no deck is within the depth camera's reach: that keeps the archive small.
 """
 
+import argparse
 import tempfile
 import zipfile
 from dataclasses import replace
@@ -35,6 +36,7 @@ TARGET = Path(__file__).parent.parent / "src" / "deckline" / "sample" / "approac
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "approach"
         with RecordingWriter(recording, scene={"command": "python scripts/make_sample.py", "seed": CONFIG.seed}) as out:

@@ -5,7 +5,7 @@ COMMANDS = {
     "recording": "deckline_lab.evaluation.chain:recording",
     "labels": "deckline_lab.evaluation.chain:labels",
     "flicker": "deckline_lab.evaluation.flicker:flicker",
-    "ablation": "deckline_lab.ablation.ablation:ablation",
+    "ablation": "deckline_lab.ablation.table:ablation",
     "dehazing": "deckline_lab.evaluation.dehazing:dehazing",
     "detection": "deckline_lab.evaluation.detection:detection",
     "detectors": "deckline_lab.evaluation.detection:detectors",

@@ -71,7 +71,7 @@ class DetectAugmentation:
         check_numbers(self, "", *(name for name in vars(self) if name.endswith("_share")), least=0, most=1)
 
 
-class Sample(NamedTuple):
+class TrainingSample(NamedTuple):
     """One view (3, height, width), and its encoded truth: what `DetectTargets` has, of one image."""
 
     image: NDArray[np.float32]
@@ -99,7 +99,7 @@ def make_sample(
     augment: DetectAugmentation,
     rng: np.random.Generator,
     backdrops: Sequence[NDArray[np.uint8]] = (),
-) -> Sample:
+) -> TrainingSample:
     """Haze, flip, rotate, a foreground, choose a crop, degrade it, sample it. A labelled picture gets no haze.
 
     `backdrops` are photographs (H, W, 3) to take the sky's place.
@@ -122,7 +122,7 @@ def make_sample(
     image = normalise(sample_crop(part, inner, (grid.width, grid.height)))
     cell, region, offsets, weight = encode_view(scene.lines_px, scene.visible, crop, (width, height), grid)
     edge = -1 if view.edge is None or region[-1] == 1 else EDGES.index(view.edge)
-    return Sample(image, cell, scene.known, region, offsets, weight, np.int64(edge))
+    return TrainingSample(image, cell, scene.known, region, offsets, weight, np.int64(edge))
 
 
 def make_batch(

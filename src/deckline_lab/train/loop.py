@@ -81,7 +81,7 @@ class Recipe:
 
 
 @dataclass(eq=False)
-class Run:
+class TrainingRun:
     """A training under way: what a checkpoint holds."""
 
     model: nn.Module
@@ -115,11 +115,11 @@ def select_device(config: Recipe) -> torch.device:
     return torch.device("cuda" if config.device != "cpu" and torch.cuda.is_available() else "cpu")
 
 
-def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer, out: Path) -> Run:
+def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer, out: Path) -> TrainingRun:
     """A new run, or the one whose checkpoint lies in `out`, of the same recipe; the recipe is written there."""
     recipe, progress = config.identity(), read_progress(out)
     ema = {name: value.detach().clone() for name, value in model.state_dict().items()}
-    run = Run(model, optimizer, out, recipe, ema)
+    run = TrainingRun(model, optimizer, out, recipe, ema)
     if progress is not None:
         stored = progress["recipe"]
         changed = ", ".join(sorted(name for name in {*recipe, *stored} if stored.get(name) != recipe.get(name)))
@@ -135,7 +135,7 @@ def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer,
 
 def train(
     config: Recipe,
-    run: Run,
+    run: TrainingRun,
     batches: Iterator[Batch],
     loss: Callable[[Batch, float], Loss],
     console: Console,
@@ -186,7 +186,7 @@ def train(
 def _add_to_curves(
     curves: Curves,
     config: Recipe,
-    run: Run,
+    run: TrainingRun,
     before: float,
     loss: Callable[[Batch, float], Loss],
     held_out: Sequence[Batch],
@@ -206,7 +206,9 @@ def _add_to_curves(
 
 
 @torch.no_grad()
-def held_out_loss(run: Run, batches: Sequence[Batch], loss: Callable[[Batch, float], Loss], fraction: float) -> float:
+def held_out_loss(
+    run: TrainingRun, batches: Sequence[Batch], loss: Callable[[Batch, float], Loss], fraction: float
+) -> float:
     """Mean loss of the averaged weights; the run is left as it was."""
     weights = {name: value.clone() for name, value in run.model.state_dict().items()}
     with torch.random.fork_rng(enabled=True):
@@ -232,7 +234,7 @@ def print_figures(console: Console, figures: Mapping[str, float], skipped: Mappi
         console.print(f"{name} = {value:.4g}")
 
 
-def _step(config: Recipe, run: Run, loss: Loss, fraction: float) -> dict[str, float]:
+def _step(config: Recipe, run: TrainingRun, loss: Loss, fraction: float) -> dict[str, float]:
     value, parts = loss
     total = float(value.detach())
     if not math.isfinite(total):

@@ -15,8 +15,8 @@ from deckline.cli.main import main
 from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.recording import open_recording
-from deckline_lab.ablation.ablation import HAZY, measure, summarise_rows
 from deckline_lab.ablation.rows import ROWS, check_pairs, is_finished, row_recipe
+from deckline_lab.ablation.table import HAZY, measure, summarise_rows
 from deckline_lab.evaluation.metrics import psnr_db, ssim
 from deckline_lab.evaluation.store import Store
 from deckline_lab.train import loop

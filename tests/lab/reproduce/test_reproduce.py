@@ -8,8 +8,8 @@ import pytest
 
 from deckline.cli.main import main
 from deckline_lab.evaluation.tables import read_saved
-from deckline_lab.reproduce import reproduce
-from deckline_lab.reproduce.reproduce import DEHAZERS, DETECTORS, SAVED, with_paper_6
+from deckline_lab.reproduce import paper_tables
+from deckline_lab.reproduce.paper_tables import DEHAZERS, DETECTORS, SAVED, with_paper_6
 
 TABLES = ("table4", "table5", "table6")
 
@@ -27,8 +27,8 @@ def commands(monkeypatch, tmp_path):
             written.parent.mkdir(exist_ok=True)
             shutil.copy(SAVED / f"{name}.json", written)
 
-    monkeypatch.setattr(reproduce, "run", run)
-    monkeypatch.setattr(reproduce, "shrink_pairs", lambda recording, folder: folder)
+    monkeypatch.setattr(paper_tables, "run", run)
+    monkeypatch.setattr(paper_tables, "shrink_pairs", lambda recording, folder: folder)
     return called
 
 
@@ -88,5 +88,5 @@ def test_wrong_use_is_one_line(tmp_path, capsys):
 def test_a_command_that_fails_ends_with_its_code(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(SystemExit) as ended:
-        reproduce.run("info")
+        paper_tables.run("info")
     assert ended.value.code == 1

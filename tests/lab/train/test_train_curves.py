@@ -10,12 +10,12 @@ from rich.console import Console
 from clear_scene import interrupting
 from deckline_lab.train import loop
 from deckline_lab.train.curves import CSV_FILE, PICTURE_FILE, Curves, read_curves
-from deckline_lab.train.loop import Recipe, Run, held_out_loss, open_run, train
+from deckline_lab.train.loop import Recipe, TrainingRun, held_out_loss, open_run, train
 
 RECIPE = Recipe(steps=40, batch=1)
 
 
-def new_run(out: Path) -> Run:
+def new_run(out: Path) -> TrainingRun:
     torch.manual_seed(0)
     model = torch.nn.Sequential(
         torch.nn.Linear(3, 4), torch.nn.BatchNorm1d(4), torch.nn.Dropout(), torch.nn.Linear(4, 1)
@@ -27,7 +27,7 @@ def make(step: int) -> torch.Tensor:
     return torch.randn(8, 3, generator=torch.Generator().manual_seed(step))
 
 
-def run_loop(run: Run, held_out: tuple[torch.Tensor, ...] = ()) -> None:
+def run_loop(run: TrainingRun, held_out: tuple[torch.Tensor, ...] = ()) -> None:
     def loss(batch: torch.Tensor, fraction: float) -> tuple[torch.Tensor, dict[str, float]]:
         value = (run.model(batch) - batch.sum(1, keepdim=True)).square().mean()
         return value, {"half": float(value.detach()) / 2}

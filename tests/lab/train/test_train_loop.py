@@ -12,18 +12,18 @@ from clear_scene import interrupting
 from deckline.config_file import read_config
 from deckline_lab.train import loop
 from deckline_lab.train.checkpoint import read_progress
-from deckline_lab.train.loop import Recipe, Run, learning_rate, open_run, train, update_average
+from deckline_lab.train.loop import Recipe, TrainingRun, learning_rate, open_run, train, update_average
 
 RECIPE = Recipe(steps=6, batch=1)
 
 
-def new_run(out: Path, recipe: Recipe = RECIPE) -> Run:
+def new_run(out: Path, recipe: Recipe = RECIPE) -> TrainingRun:
     torch.manual_seed(0)
     model = torch.nn.Linear(3, 1)
     return open_run(recipe, model, torch.optim.AdamW(model.parameters()), out)
 
 
-def run_loop(run: Run, recipe: Recipe = RECIPE, step_s: float = 0.0) -> list[int]:
+def run_loop(run: TrainingRun, recipe: Recipe = RECIPE, step_s: float = 0.0) -> list[int]:
     """Train on batches that their step decides, on a clock that each step moves on; the steps that were saved."""
     saved, elapsed_s, save = [], [0.0], run.save
 
