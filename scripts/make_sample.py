@@ -3,7 +3,7 @@
     python scripts/make_sample.py
 
 24 frames of the paper's deck through haze, poses, truth, and depth for the near frames. Depth is rounded to 1/32 m,
-as ranging cameras do, and left out where no deck is within the depth camera's reach: that keeps the archive small.
+as ranging cameras do, and left out where no deck is within the depth camera's reach: the archive is then small.
 """
 
 import argparse

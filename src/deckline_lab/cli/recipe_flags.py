@@ -47,7 +47,7 @@ def make_flags(recipe: type[Recipe], flags: dict[str, tuple[Any, str]]) -> Any:
 
 
 def make_recipe(cls: type[R], file: Path | None, flags: Any) -> R:
-    """The recipe of a file, or the defaults, with what the flags say."""
+    """The recipe of a file, or the defaults, overridden by the flags."""
     base = cls() if file is None else read_config(cls, file)
     given = {name: value for name, value in vars(flags).items() if value is not None}
     return replace(base, **{name: value for name, value in given.items() if value or name not in SWITCHES})

@@ -67,8 +67,8 @@ def export_labels(
     Args:
         source: frames with truth, or those of a folder with labels.json.
         folder: where labels.json lies, if there is one.
-        row_step_px: rows between points, of formats that keep rows.
-        line_points: points of a line, of formats that keep points.
+        row_step_px: rows between points, of formats with rows.
+        line_points: points of a line, of formats with points.
 
     Returns:
         what was written; what is odd about it, one line each, for people.

@@ -42,7 +42,7 @@ CULANE_DECIMALS = 3  # of u, px
 
 
 def write_tusimple(path: Path, images: Sequence[LabelledImage], row_step_px: int = 1) -> None:
-    """Write labels; a line is kept where it crosses rows 0, row_step_px, ... of the image."""
+    """Write labels; a line has a point where it crosses rows 0, row_step_px, ... of the image."""
     rows = []
     for image in images:
         v = np.arange(0, image.size[1], row_step_px)

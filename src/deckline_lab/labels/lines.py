@@ -120,7 +120,7 @@ def assign_sides(lines: Sequence[Line], where: str) -> tuple[Line | None, Line |
     if not lines:
         return None, None
     if len(lines) == 1:
-        raise ValueError(f"{where}: one line alone does not say whether it is the left or the right one")
+        raise ValueError(f"{where}: one line alone has no side; expected 0 or 2 lines")
     if len(lines) > 2:
         raise ValueError(f"{where}: {len(lines)} lines; a runway has two, left and right: remove the others")
     first, second = lines

@@ -47,7 +47,7 @@ def read_yolo_pose(path: Path, names: Sequence[str] = ()) -> LabelSet:
         names: of the keypoints in their order; those with the word left or right are taken. Empty: data.yaml's.
 
     Raises:
-        ValueError: no labels, a row that is none, two runways, or no image; one line that says where.
+        ValueError: no labels, a row that is none, two runways, or no image; one line that names the place.
     """
     root = path.parent if path.is_file() or path.name == LABELS else path
     settings = path if path.is_file() else root / SETTINGS_FILE
@@ -62,7 +62,7 @@ def read_yolo_pose(path: Path, names: Sequence[str] = ()) -> LabelSet:
 
 
 def _parse_names(settings: str) -> list[str]:
-    """The words under kpt_names, whether they stand in brackets or one a line."""
+    """The words under kpt_names, in brackets or one a line."""
     block = re.search(r"^kpt_names:(.*(?:\n[ \t-].*)*)", re.sub(r"#.*", "", settings), re.MULTILINE)
     return [] if block is None else re.findall(r"[A-Za-z][\w-]*", block[1])
 

@@ -40,7 +40,7 @@ def make_clear_view(frame: Frame, long_side_px: int | None = None) -> ClearView:
     elif clear is None and visibility_m == np.inf:
         clear = frame.image_rgb
     if clear is None:
-        raise ValueError(f"{frame.file}: no clear image, and the recording does not say that it was seen in clear air")
+        raise ValueError(f"{frame.file}: no clear image, and its visibility_m is not inf")
     clear, factor = shrink(clear, long_side_px)
     height, width = factor * clear.shape[0], factor * clear.shape[1]
     # One range of every block: a mean over a ship's edge would lie where nothing is.

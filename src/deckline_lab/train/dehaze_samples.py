@@ -1,5 +1,5 @@
-"""Hazy pairs to train dehazers on: haze is drawn anew each time a clear view is used, so that no two epochs repeat.
-Pairs that come as such keep their haze.
+"""Hazy pairs to train dehazers on. Haze is drawn anew each time a clear view is used, so that no two epochs repeat;
+recorded pairs retain their haze.
 """
 
 from dataclasses import dataclass
@@ -42,10 +42,10 @@ class HazeAugmentation:
     clear_share: float = 0.06  # of the images get next to no haze, so that clear images come out untouched
     clear_visibility_m: tuple[float, float] = (20000.0, 200000.0)  # log-uniform
     physical_share: float = 0.0  # of the images: haze in linear light with height, patches and colour, where a pose is
-    recorded_share: float = 0.0  # of the images keep the haze that they were recorded in, where there is one
+    recorded_share: float = 0.0  # of the images have the haze that they were recorded in, where there is one
     prior_share: float = 0.5  # of the images come with the geometry dehazer's picture, for networks that take one
     photograph_share: float = 0.35  # of the images are photographs, where there are some
-    camera_share: float = 0.0  # of the others too get air of no known law and a camera's look; photographs always do
+    camera_share: float = 0.0  # of the others also get the camera model of photographs: air of no known law, tone, wear
     veil_share: float = 0.8  # of those come with what `veil` makes of them, for networks that take a prior
     horizon_share: float = 0.8  # of the airlights are near the sky's colour at the horizon, the others random
     exact_share: float = 0.5  # of those are the horizon's colour itself, as Koschmieder's law has it for one light

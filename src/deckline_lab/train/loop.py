@@ -1,4 +1,4 @@
-"""What all trainings share: a plain loop under a budget, a learning-rate schedule, averaged weights, checkpoints."""
+"""The training loop under a budget, its learning-rate schedule, averaged weights and checkpoints."""
 
 import json
 import math
@@ -29,7 +29,7 @@ MACHINE = (
     "bf16",
     "checkpoint_minutes",
     "tensorboard",
-)  # of a recipe, that may change when a run goes on
+)  # settings of a recipe that a resumed run may change
 BUDGET = ("steps", "minutes", "cpu_minutes")
 CURVE_ROWS, CURVE_HELD_OUT = 100, 10  # of a training: points of the losses, and measurements on held-out batches
 HELD_OUT_BATCHES = 2
@@ -40,7 +40,7 @@ Loss = tuple[Tensor, Mapping[str, float]]  # and its parts by name
 
 @dataclass(frozen=True)
 class Recipe:
-    """What every training's configuration says."""
+    """The settings that every training has."""
 
     COUNTS: ClassVar[tuple[str, ...]] = ("steps", "batch")
 
@@ -71,7 +71,7 @@ class Recipe:
                 raise ValueError(f"{name} must be positive, got {value}")
 
     def identity(self) -> dict[str, Any]:
-        """What must stay the same when a run goes on: all but budget and machine; as JSON gives it back."""
+        """Settings that a resumed run must have unchanged: all but budget and machine; JSON values."""
         return json.loads(json.dumps({k: v for k, v in asdict(self).items() if k not in (*BUDGET, *MACHINE)}))
 
     def fraction_done(self, step: int, seconds: float) -> float:
@@ -82,12 +82,12 @@ class Recipe:
 
 @dataclass(eq=False)
 class TrainingRun:
-    """A training under way: what a checkpoint holds."""
+    """The state of a training: what a checkpoint holds."""
 
     model: nn.Module
     optimizer: torch.optim.Optimizer
     out: Path
-    recipe: dict[str, Any]  # what must stay the same when it goes on; JSON values
+    recipe: dict[str, Any]  # settings that a resumed run must have unchanged; JSON values
     ema: dict[str, Tensor]  # averaged weights, by the model's names
     step: int = 0
     seconds: float = 0.0  # of training so far
@@ -264,15 +264,15 @@ def learning_rate(fraction: float, peak: float, end: float, warm_up: float) -> f
 @torch.no_grad()
 def update_average(ema: dict[str, Tensor], model: nn.Module, decay: float, step: int) -> None:
     """Move the averaged weights towards the model's, in place; early steps count more so that they start unbiased."""
-    keep = min(decay, (1 + step) / (10 + step))
+    weight = min(decay, (1 + step) / (10 + step))
     for name, value in model.state_dict().items():
         if value.dtype.is_floating_point:
-            ema[name].lerp_(value, 1 - keep)
+            ema[name].lerp_(value, 1 - weight)
         else:
             ema[name].copy_(value)
 
 
 def autocast(config: Recipe, device: torch.device) -> AbstractContextManager[Any]:
-    """Half of the arithmetic in bfloat16 where the recipe says so, or on CUDA where it says nothing."""
+    """Half of the arithmetic in bfloat16 if the recipe asks for it; without a setting on CUDA only."""
     bf16 = device.type == "cuda" if config.bf16 is None else config.bf16
     return torch.autocast(device.type, torch.bfloat16) if bf16 else nullcontext()

@@ -26,9 +26,9 @@ Part = tuple[int, Callable[[int], View]]  # of the views: a recording's number o
 
 
 class Views(Generic[View]):
-    """Views of several recordings, read when first asked for and kept in memory. Safe to share between threads.
+    """Views of several recordings, loaded on first use and cached. Safe to share between threads.
 
-    `skipped` says what was wrong with frames that could not be used, by file.
+    `skipped` holds the reason why a frame cannot be used, by file.
 
     Args:
         parts: number of frames of each recording, and what loads one by its index. That raises FrameError for a frame

@@ -1,5 +1,6 @@
 """Views: how recordings are split and drawn from, ranges along the ray, true and labelled lines, what is refused."""
 
+import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,8 +42,24 @@ def test_the_end_of_every_recording_is_held_out():
     training, held_out = letters(sources, [A, B, B], 0.5), letters(sources, [A, B, B], 0.5, False)
     assert [training[k] for k in range(len(training))] == ["a", "b", "e", "e"]
     assert [held_out[k] for k in range(len(held_out))] == ["c", "d", "f"]
-    with pytest.raises(ValueError, match=r"held-out.*a.*b"):
-        letters(sources, [A, B], 0.0, False)
+
+
+@pytest.mark.parametrize(
+    ("counts", "held_out", "train", "words"),
+    [
+        ({A: 9}, 0.05, False, ["held-out", "got 0 of 9 in a", "--held-out 0.05", "give --held-out 0.2"]),
+        ({A: 3, B: 4}, 0.0, False, ["held-out", "got 0 of 7 in a, b", "--held-out 0;", "give --held-out 0.3"]),
+        ({A: 3}, 1.0, True, ["training", "got 0 of 3 in a", "--held-out 1;", "less"]),
+        ({A: 1}, 0.2, False, ["held-out", "got 0 of 1 in a", "2 or more"]),
+        ({}, 0.2, True, ["training", "got 0 of 0"]),
+    ],
+)
+def test_a_part_without_views_is_named_with_its_remedy(counts, held_out, train, words):
+    with pytest.raises(ValueError) as caught:
+        letters({path: "x" * count for path, count in counts.items()}, list(counts), held_out, train)
+    assert [word for word in words if word not in str(caught.value)] == [], caught.value
+    if remedy := re.search(r"give --held-out ([\d.]+)", str(caught.value)):
+        assert len(letters({path: "x" * n for path, n in counts.items()}, list(counts), float(remedy[1]), False))
 
 
 def test_damaged_frames_are_noted_and_others_drawn():

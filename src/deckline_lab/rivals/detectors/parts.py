@@ -1,4 +1,4 @@
-"""What compared networks share: backbones, region branch, painted lines on anchors one pixel high."""
+"""Building blocks of the compared networks: backbones, region branch, segmentation on anchors one pixel high."""
 
 from typing import NamedTuple
 
@@ -52,7 +52,7 @@ class RegionBranch(nn.Module):
 class Merge(nn.Module):
     """Features of EfficientNet-Lite0 at strides 8, 16 and 32, each by a 1x1 convolution, added up at stride 8.
 
-    It stands for the dilated last stages of a ResNet: dilating these costs four and sixteen times as much.
+    It replaces the dilated last stages of a ResNet: dilating these costs four and sixteen times as much.
     """
 
     def __init__(self, width: int) -> None:
@@ -72,7 +72,7 @@ class ResNet(nn.Module):
     Args:
         layers: 18 or 34.
         stages: how many of the four are built.
-        dilated: the third and fourth stage keep stride 8 and dilate their kernels instead.
+        dilated: the third and fourth stage have stride 8 and dilate their kernels instead.
 
     Source: He, Zhang, Ren and Sun, "Deep Residual Learning for Image Recognition", 2016.
     """
@@ -128,7 +128,7 @@ class _Block(nn.Module):
 
 
 class MapOutput(NamedTuple):
-    """What a painting network says of a batch."""
+    """The outputs of a segmentation network for a batch."""
 
     map: Tensor  # (B, lines + 1, H, W) class logits of background and every line
     lines: Tensor  # (B, lines) logits
