@@ -164,7 +164,7 @@ def test_a_folder_without_a_manifest_of_ours_is_named(tmp_path):
     with pytest.raises(ValueError, match=f"{tmp_path}.*manifest"):
         check_dataset(tmp_path)
     (tmp_path / "manifest.json").write_text('{"format": "other"}')
-    with pytest.raises(ValueError, match="deckline-dataset.* 1"):
+    with pytest.raises(ValueError, match=r"deckline-dataset.* 1"):
         check_dataset(tmp_path)
 
 

@@ -115,10 +115,13 @@ class DepthwiseConv2d(nn.Conv2d):
         return depthwise(x, self.weight, None, padding=(self.kernel_size[0] // 2, self.kernel_size[1] // 2))
 
 
-def conv_norm(channels_in: int, channels_out: int, kernel: int) -> nn.Sequential:
-    """Convolution with an output of the input's size, then batch norm."""
-    conv = nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, bias=False)
-    return nn.Sequential(conv, nn.BatchNorm2d(channels_out))
+def conv_norm(
+    channels_in: int, channels_out: int, kernel: int, stride: int = 1, dilation: int = 1, relu: bool = False
+) -> nn.Sequential:
+    """Convolution whose output has the input's size over the stride, batch norm, and ReLU where asked for."""
+    padding = kernel // 2 * dilation
+    conv = nn.Conv2d(channels_in, channels_out, kernel, stride, padding, dilation, bias=False)
+    return nn.Sequential(conv, nn.BatchNorm2d(channels_out), *([nn.ReLU()] if relu else []))
 
 
 def separable(channels_in: int, channels_out: int, kernel: int = 3) -> nn.Sequential:

@@ -109,19 +109,11 @@ class _Block(nn.Module):
 
     def __init__(self, channels_in: int, channels_out: int, stride: int, dilation: int) -> None:
         super().__init__()
-        self.first = nn.Sequential(
-            nn.Conv2d(channels_in, channels_out, 3, stride, dilation, dilation, bias=False),
-            nn.BatchNorm2d(channels_out),
-            nn.ReLU(),
-        )
-        self.second = nn.Sequential(
-            nn.Conv2d(channels_out, channels_out, 3, 1, dilation, dilation, bias=False), nn.BatchNorm2d(channels_out)
-        )
+        self.first = conv_norm(channels_in, channels_out, 3, stride, dilation, relu=True)
+        self.second = conv_norm(channels_out, channels_out, 3, 1, dilation)
         self.shortcut: nn.Module = nn.Identity()
         if stride != 1 or channels_in != channels_out:
-            self.shortcut = nn.Sequential(
-                nn.Conv2d(channels_in, channels_out, 1, stride, bias=False), nn.BatchNorm2d(channels_out)
-            )
+            self.shortcut = conv_norm(channels_in, channels_out, 1, stride)
 
     def forward(self, x: Tensor) -> Tensor:
         return F.relu(self.second(self.first(x)) + self.shortcut(x))
@@ -151,10 +143,7 @@ class LineExistence(nn.Module):
 
     def __init__(self, channels: int, hidden: int | None, lines: int, grid_size: tuple[int, int]) -> None:
         super().__init__()
-        self.hidden: nn.Module = nn.Identity()
-        if hidden is not None:
-            conv = nn.Conv2d(channels, hidden, 3, padding=4, dilation=4, bias=False)
-            self.hidden = nn.Sequential(conv, nn.BatchNorm2d(hidden), nn.ReLU())
+        self.hidden = nn.Identity() if hidden is None else conv_norm(channels, hidden, 3, dilation=4, relu=True)
         self.classes = nn.Sequential(nn.Dropout2d(0.1), nn.Conv2d(hidden or channels, lines + 1, 1))
         flat = (lines + 1) * (grid_size[0] // 2) * (grid_size[1] // 2)
         self.fc = nn.Sequential(nn.Linear(flat, self.FC_WIDTH), nn.ReLU(), nn.Linear(self.FC_WIDTH, lines))
