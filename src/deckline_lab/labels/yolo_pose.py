@@ -96,7 +96,7 @@ def _parse_row(row: str, size: tuple[int, int], names: Sequence[str], where: str
     names = names or [side for side in SIDES for _ in range(count // 2)]
     with np.errstate(over="ignore"):  # infinite points are refused
         points_px = points[:, :2] * size - 0.5
-    return split_keypoints(points_px[labelled], np.array(names)[labelled].tolist(), where)
+    return split_keypoints(list(points_px[labelled]), np.array(names)[labelled].tolist(), where)
 
 
 def write_yolo_pose(out: Path, images: Sequence[LabelledImage], line_points: int = 9) -> None:

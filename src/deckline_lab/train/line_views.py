@@ -13,7 +13,7 @@ from deckline.recording import FrameError
 from deckline.recording.images import read_image
 from deckline.recording.source import is_inside
 from deckline.types import SIDES, EdgeKind, Frame, Segment
-from deckline_lab.labels.lines import LABELS_FILE, Labels, read_labels, resample
+from deckline_lab.labels.lines import LABELS_FILE, read_labels, resample
 from deckline_lab.train.clear_views import ClearView, make_clear_view
 from deckline_lab.train.view_sets import Part, Views, open_views
 from deckline_sim.visible_line import LINE_POINTS, project_line
@@ -50,20 +50,6 @@ def make_line_view(frame: Frame) -> LineView:
     return LineView(frame.file, clear.clear_rgb, points, clear, ranges, truth.centre_painted, edge)
 
 
-def load_labelled_view(folder: Path, file: str, labels: Labels) -> LineView:
-    """Picture `file` of a folder, with its labelled lines."""
-    try:
-        image = read_image(folder / file)
-    except ValueError as error:
-        raise FrameError(str(folder / file), str(error)) from None
-    lines = np.full((len(SIDES) + 1, LINE_POINTS, 2), np.nan)  # nobody labels the centre line
-    for k, side in enumerate(SIDES):
-        line = labels[side]
-        if line is not None:
-            lines[k] = resample(line, LINE_POINTS)
-    return LineView(file, image, None if np.isnan(lines).all() else lines)
-
-
 def open_line_views(recordings: list[Path], held_out: float, train: bool = True) -> Views[LineView]:
     """Views with lines; see `Views`. Pictures that labels.json does not name are left out."""
     return open_views(recordings, _open_labelled, make_line_view, held_out, train)
@@ -75,4 +61,18 @@ def _open_labelled(folder: Path) -> Part[LineView]:
         if not is_inside(file) or not (folder / file).is_file():
             raise ValueError(f"{folder / LABELS_FILE}: there is no image {file} in {folder}")
     files = list(labels)
-    return len(files), lambda index: load_labelled_view(folder, files[index], labels[files[index]])
+
+    def load(index: int) -> LineView:
+        file = files[index]
+        try:
+            image = read_image(folder / file)
+        except ValueError as error:
+            raise FrameError(str(folder / file), str(error)) from None
+        lines = np.full((len(SIDES) + 1, LINE_POINTS, 2), np.nan)  # nobody labels the centre line
+        for k, side in enumerate(SIDES):
+            line = labels[file][side]
+            if line is not None:
+                lines[k] = resample(line, LINE_POINTS)
+        return LineView(file, image, None if np.isnan(lines).all() else lines)
+
+    return len(files), load

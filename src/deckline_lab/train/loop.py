@@ -178,7 +178,11 @@ def train(
                 parts = ", ".join(f"{name} {value:.3f}" for name, value in run.recent.items())
                 console.print(f"step {run.step}, {run.seconds / 60:.1f} min: {parts}")
     run.save()
-    _draw_curves(curves, console)
+    if curves.rows:
+        try:
+            console.print(str(curves.draw()))
+        except ImportError as error:
+            console.print(f"no picture of the losses: {error}")
     if config.fraction_done(run.step, run.seconds) < 1:
         raise KeyboardInterrupt(f"{run.out} holds step {run.step}, the same command goes on from there")
 
@@ -216,14 +220,6 @@ def held_out_loss(
         total = sum(float(loss(batch, fraction)[0]) for batch in batches)
         run.model.load_state_dict(weights)
     return total / len(batches)
-
-
-def _draw_curves(curves: Curves, console: Console) -> None:
-    if curves.rows:
-        try:
-            console.print(str(curves.draw()))
-        except ImportError as error:
-            console.print(f"no picture of the losses: {error}")
 
 
 def print_figures(console: Console, figures: Mapping[str, float], skipped: Mapping[str, str]) -> None:
