@@ -162,10 +162,10 @@ BAD_NAMES = {"tusimple": "label_data.json", "coco": "annotations.json", "labelme
 
 
 @pytest.mark.parametrize(("form", "content", "words"), [(form, *case) for form, cases in BAD.items() for case in cases])
-def test_bad_json_is_one_line_that_names_file_and_place(lay, refuse, form, content, words):
+def test_bad_json_is_one_line_that_names_file_and_place(lay, missing_words, form, content, words):
     name = BAD_NAMES[form]
     root = lay({name: content})
-    refuse([str(root / name), *words], READERS[form], root)
+    assert missing_words([str(root / name), *words], READERS[form], root) == []
 
 
 @pytest.mark.parametrize(
@@ -199,14 +199,14 @@ def test_bad_json_is_one_line_that_names_file_and_place(lay, refuse, form, conte
         ("yolo-pose", {"labels/train/a.txt": ROW}, "", ["a.txt: no image a.* in", "images/train"]),
     ],
 )  # fmt: skip
-def test_bad_files_and_missing_ones_are_named_in_one_line(lay, refuse, form, files, source, words):
-    refuse(words, READERS[form], lay(files) / source)
+def test_bad_files_and_missing_ones_are_named_in_one_line(lay, missing_words, form, files, source, words):
+    assert missing_words(words, READERS[form], lay(files) / source) == []
 
 
 IMAGE = LabelledImage("a.png", np.array([[20.0, 40.0], [100.0, 0.0]]), None, (120, 41))
 
 
-def test_lanes_are_written_at_rows_in_the_published_form(tmp_path, refuse):
+def test_lanes_are_written_at_rows_in_the_published_form(tmp_path, missing_words):
     write_tusimple(tmp_path / "label_data.json", [IMAGE], 10)
     assert json.loads((tmp_path / "label_data.json").read_text()) == {
         "lanes": [[100.0, 80.0, 60.0, 40.0, 20.0], [-2] * 5],
@@ -217,11 +217,14 @@ def test_lanes_are_written_at_rows_in_the_published_form(tmp_path, refuse):
     assert (tmp_path / "a.lines.txt").read_text() == "20.000 40 60.000 20 100.000 0\n"
     assert (tmp_path / "list" / "train.txt").read_text() == "/a.png\n"
     assert (tmp_path / "list" / "train_gt.txt").read_text() == "/a.png /laneseg_label/a.png 1 0\n"
-    refuse(["a.png", "size"], write_tusimple, tmp_path / "x.json", [LabelledImage("a.png", None, None)])
-    refuse(["a b.png"], write_culane, tmp_path, [LabelledImage("a b.png", None, None, (9, 9))])
+    assert (
+        missing_words(["a.png", "size"], write_tusimple, tmp_path / "x.json", [LabelledImage("a.png", None, None)])
+        == []
+    )
+    assert missing_words(["a b.png"], write_culane, tmp_path, [LabelledImage("a b.png", None, None, (9, 9))]) == []
 
 
-def test_cocos_own_reader_reads_what_is_written(tmp_path, refuse):
+def test_cocos_own_reader_reads_what_is_written(tmp_path, missing_words):
     left, right = np.array([[100.0, 300.0], [200.0, 100.0]]), np.array([[500.0, 300.0], [400.0, 100.0]])
     lines = {"a.png": (left, right), "b.png": (None, None), "c.png": (None, right)}
     WRITERS["coco"](tmp_path, [LabelledImage(file, *sides, SIZE) for file, sides in lines.items()], 1, 3)
@@ -235,7 +238,7 @@ def test_cocos_own_reader_reads_what_is_written(tmp_path, refuse):
     assert (both["bbox"], both["area"]) == ([100.0, 100.0, 400.0, 200.0], 80000.0)
     assert none == []
     assert (one["num_keypoints"], one["keypoints"][:9]) == (3, [0.0, 0.0, 0] * 3)
-    refuse(["2", "1"], WRITERS["coco"], tmp_path, [], 1, 1)
+    assert missing_words(["2", "1"], WRITERS["coco"], tmp_path, [], 1, 1) == []
 
 
 def test_labelme_files_are_written_beside_their_images(tmp_path):
