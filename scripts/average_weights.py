@@ -17,8 +17,8 @@ from deckline_lab.train.checkpoint import read_progress, read_tensors
 from deckline_lab.train.detect import START_VIEWS, export_detect
 from deckline_lab.train.detect_samples import DetectAugmentation, make_batch
 from deckline_lab.train.line_networks import Hybrid
+from deckline_lab.train.line_views import open_line_views
 from deckline_lab.train.start import recalibrate_batch_norm, start_detector
-from deckline_lab.train.views import open_line_views
 
 BATCH = 16
 

@@ -1,11 +1,11 @@
-"""What the detector's thresholds cost and buy: lines found on decks against lines views where there are none.
+"""Choose the detector's thresholds: print lines found on decks against false lines where there is no runway.
 
     python scripts/choose_thresholds.py SOURCE... [--detector hybrid] [--deckless 600 --seed 901]
 
-Sources are recordings with truth and folders with labels.json, in which null for both lines says that there is no
-runway; further views without one are rendered. Every view is searched once, tiles included unless lines are beyond
-doubt; all combinations are then tried on what the network said. For every share of false lines the combination that
-finds most is printed, after the detector's own.
+Sources are recordings with truth and folders with labels.json, where null for both lines means no runway; further
+views without a runway are rendered. Every view is searched once, with tiles unless its lines are final. All
+combinations are then tried on the network's stored outputs. For every share of false lines the combination that finds
+most lines is printed, after the detector's own.
 """
 
 import argparse
@@ -39,7 +39,7 @@ NAMES = ("min_confidence", "min_probability", "min_close_probability", "min_lone
 
 
 class ScoredView(NamedTuple):
-    """What is in a view, and what the network said of it."""
+    """The expected lines of a view and the network's outputs for it."""
 
     camera: Camera
     expected: ExpectedLines
@@ -49,7 +49,7 @@ class ScoredView(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What a combination gives."""
+    """The scores of one combination of thresholds."""
 
     thresholds: Thresholds
     false_share: float  # of the views without a runway that give a line

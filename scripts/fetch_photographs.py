@@ -59,7 +59,7 @@ def fetch_package(package: dict[str, Any], out: Path) -> None:
     """Write the pictures of one package that `out` lacks.
 
     Raises:
-        ValueError: the package cannot be downloaded, or a file in it is another one than the list says.
+        ValueError: the package cannot be downloaded, or a file in it differs from the list.
     """
     missing = [picture for picture in package["pictures"] if not get_target(picture, out).exists()]
     if not missing:

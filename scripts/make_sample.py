@@ -7,6 +7,7 @@ and depth for the last frames. Depth is rounded to 1/32 m, as ranging cameras do
 camera's reach: that keeps the archive small.
 """
 
+import argparse
 import tempfile
 import zipfile
 from dataclasses import replace
@@ -37,6 +38,7 @@ TARGET = Path(__file__).parent.parent / "src" / "deckline" / "sample" / "approac
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "approach"
         scene = {"command": "python scripts/make_sample.py", "seed": CONFIG.seed}

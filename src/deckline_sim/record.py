@@ -11,7 +11,7 @@ from functools import partial
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
@@ -23,11 +23,13 @@ from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
 from deckline.report.draw import check_picture_name, write_picture
 from deckline.types import Frame
-from deckline_sim.airfield.simulator import AirfieldSimulator
 from deckline_sim.config import FLIGHTS, LARGEST_PX, SimConfig
 from deckline_sim.processes import map_ordered, process_count
 from deckline_sim.progress import progress
 from deckline_sim.simulate import ShipSimulator, open_simulator, ship_block
+
+if TYPE_CHECKING:
+    from deckline_sim.airfield.simulator import AirfieldSimulator
 
 CHUNK = 4  # most frames in one task of a process; at most 2 * CHUNK * jobs results wait for their turn
 T = TypeVar("T")
@@ -73,9 +75,7 @@ def show_progress(what: str, results: Generator[T, None, None], total: int, done
             advance()
 
 
-_opened: dict[
-    SimConfig, ShipSimulator | AirfieldSimulator
-] = {}  # the last recording's simulator in a rendering process
+_opened: "dict[SimConfig, ShipSimulator | AirfieldSimulator]" = {}  # the last recording's, in a rendering process
 
 
 def _render_chunk(task: Callable[[Frame], T], chunk: list[Item]) -> list[T]:

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from deckline.types import Frame, Segment, Truth
-from deckline_sim.airfield.simulator import AirfieldSimulator
 from deckline_sim.camera.foreground import add_foreground
 from deckline_sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline_sim.camera.lens import pinhole_for, random_lens
@@ -33,6 +32,9 @@ from deckline_sim.ship.background import BackgroundKind, background_mesh
 from deckline_sim.ship.layout import Layout, random_layout, world_points
 from deckline_sim.ship.mesh import join
 from deckline_sim.ship.ship import NO_RUNWAY, Ship, build_ship
+
+if TYPE_CHECKING:
+    from deckline_sim.airfield.simulator import AirfieldSimulator
 
 OPEN_SEA = 0.4  # part of the views without a runway that show no ship either
 VEHICLE, CAMERA = "deckline", "front"
@@ -261,13 +263,15 @@ class DecklessSimulator(ShipSimulator):
         return "other ships" if kind == SHIPS else "coast"
 
 
-def open_simulator(config: SimConfig) -> ShipSimulator | AirfieldSimulator:
+def open_simulator(config: SimConfig) -> "ShipSimulator | AirfieldSimulator":
     """The simulator of a recording.
 
     Raises:
         RendererError: no OpenGL through EGL on this machine; presets `airfield` and `pad` need none.
     """
     if config.preset in DRAWN:
+        from deckline_sim.airfield.simulator import AirfieldSimulator
+
         return AirfieldSimulator(config)
     return DecklessSimulator(config) if config.trajectory == "deckless" else ShipSimulator(config)
 

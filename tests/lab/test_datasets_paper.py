@@ -111,7 +111,7 @@ def test_a_complete_dataset_is_left_alone_and_other_settings_are_refused(dataset
     assert main(["dataset", str(dataset), *SMALL]) == 0
     assert (dataset / "manifest.json").stat().st_mtime_ns == before
     assert main(["dataset", str(dataset), *SMALL, "--seed", "1"]) == 2
-    assert "choose another folder" in capsys.readouterr().err
+    assert str(dataset) in capsys.readouterr().err
 
 
 def test_without_tiles_there_are_recordings_alone(tmp_path):
@@ -154,23 +154,22 @@ def test_what_is_wrong_is_named_in_one_line(folder, capsys):
     (folder / "test/c.txt").write_bytes(b"")
     (folder / "test/d.txt").write_bytes(b"")
     assert main(["dataset", str(folder), "--check"]) == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("deckline: error")]
-    assert lines == [
-        f"deckline: error: {folder}: train/clear/a.png is missing, test/clear/b.png has changed, "
-        "test/c.txt is not in the manifest and 1 more; make the dataset again in another folder"
-    ]
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("deckline: error")]
+    for word in (str(folder), "a.png is missing", "b.png has changed", "c.txt is not in the manifest", "1 more"):
+        assert word in line
+    assert "d.txt" not in line
 
 
 def test_a_folder_without_a_manifest_of_ours_is_named(tmp_path):
-    with pytest.raises(ValueError, match=r"holds no manifest\.json: give the command"):
+    with pytest.raises(ValueError, match=f"{tmp_path}.*manifest"):
         check_dataset(tmp_path)
     (tmp_path / "manifest.json").write_text('{"format": "other"}')
-    with pytest.raises(ValueError, match="not a deckline-dataset manifest of version 1"):
+    with pytest.raises(ValueError, match=r"deckline-dataset.* 1"):
         check_dataset(tmp_path)
 
 
 @pytest.mark.parametrize("text", ["{", '{"format": "deckline-dataset", "version": 1}', '{"\xe4": 1}'])
 def test_a_damaged_manifest_is_named(text, tmp_path):
     (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
-    with pytest.raises(ValueError, match=r"manifest\.json is damaged: .*; remove it and give the command"):
+    with pytest.raises(ValueError, match=r"manifest\.json.*damaged"):
         check_dataset(tmp_path)

@@ -3,7 +3,7 @@
 import inspect
 import sys
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -12,7 +12,10 @@ from deckline.extras import needs_extra
 
 
 class CliCommand(NamedTuple):
-    """Where a command lies: its module has COMMANDS, functions by name, and may have EXAMPLES, lines by command."""
+    """Where a command lies: its module has COMMANDS, functions by name, and may have EXAMPLES, lines by command.
+
+    A function that is imported only when its command is chosen is a text, "module:function".
+    """
 
     module: str
     summary: str
@@ -51,46 +54,64 @@ def run_command(args: list[str]) -> Any:
     """
     import tyro
 
-    summaries = {name: command.summary for name, command in TABLE.items()}
-    name, rest = _choose("deckline", DESCRIPTION, summaries, EXAMPLES, args)
+    name, rest = _choose("deckline", DESCRIPTION, TABLE, lambda name: TABLE[name].summary, EXAMPLES, args)
     command, prog = TABLE[name], f"deckline {name}"
     with needs_extra(command.extra):
         module = import_module(command.module)
-    functions: dict[str, Callable[..., int]] = module.COMMANDS
+    functions: dict[str, Callable[..., int] | str] = module.COMMANDS
     examples: dict[str, tuple[str, ...]] = getattr(module, "EXAMPLES", {})
     if command.is_group:
-        summaries = {key: " ".join(_description(f).partition("\n\n")[0].split()) for key, f in functions.items()}
-        name, rest = _choose(prog, command.summary, summaries, examples.get(prog, ()), rest)
+
+        def summarise(name: str) -> str:
+            return " ".join(_description(_load(functions[name], command.extra)).partition("\n\n")[0].split())
+
+        name, rest = _choose(prog, command.summary, functions, summarise, examples.get(prog, ()), rest)
         prog = f"{prog} {name}"
-    function = functions[name]
+    function = _load(functions[name], command.extra)
     if hasattr(module, "PARSED_BY_COMMAND"):
         return function(rest)
     description = _format_examples(examples.get(prog, ())) + _description(function)
     return tyro.cli(function, prog=prog, description=description, args=rest)
 
 
+def _load(function: Callable[..., int] | str, extra: str) -> Callable[..., int]:
+    """A command's function, imported where it is a text; its module needs the extra."""
+    if not isinstance(function, str):
+        return function
+    module, _, name = function.partition(":")
+    with needs_extra(extra):
+        return getattr(import_module(module), name)
+
+
 def _choose(
-    prog: str, description: str, summaries: Mapping[str, str], examples: tuple[str, ...], args: list[str]
+    prog: str,
+    description: str,
+    names: Collection[str],
+    summarise: Callable[[str], str],
+    examples: tuple[str, ...],
+    args: list[str],
 ) -> tuple[str, list[str]]:
-    """The command that the arguments begin with, and the arguments after it.
+    """The command that the arguments begin with, and the arguments after it; summaries are for the help alone.
 
     Raises:
         ValueError: an unknown command.
         SystemExit: help was asked for, or no command was given; the help is printed.
     """
-    if args and args[0] in summaries:
+    if args and args[0] in names:
         return args[0], args[1:]
     if args and args[0] not in HELP:
-        near = get_close_matches(args[0], summaries, n=1)
+        near = get_close_matches(args[0], names, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"{prog} has no command {args[0]!r}, only {', '.join(summaries)}{hint}")
-    width = max(map(len, summaries)) + 4
+        raise ValueError(f"{prog} has no command {args[0]!r}, only {', '.join(names)}{hint}")
+    width = max(map(len, names)) + 4
     rows = [
-        textwrap.fill(text, HELP_COLUMNS, initial_indent=f"  {key:{width - 2}}", subsequent_indent=" " * width)
-        for key, text in summaries.items()
+        textwrap.fill(
+            summarise(key), HELP_COLUMNS, initial_indent=f"  {key:{width - 2}}", subsequent_indent=" " * width
+        )
+        for key in names
     ]
     parts = (
-        f"usage: {prog} [-h] {{{','.join(summaries)}}} ...",
+        f"usage: {prog} [-h] {{{','.join(names)}}} ...",
         _format_examples(examples) + description,
         "commands:\n" + "\n".join(rows),
     )

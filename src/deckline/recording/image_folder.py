@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,12 @@ from deckline.files import is_there
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
-from deckline.recording.pose_track import PoseTrack
 from deckline.recording.poses import TIMES_FILE, Poses
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.types import Frame
+
+if TYPE_CHECKING:
+    from deckline.recording.pose_track import PoseTrack
 
 DEPTH_FOLDER = "depth"  # PFM files, metres along the optical axis
 
@@ -38,7 +41,7 @@ class ImageFolder(Recording):
         self,
         folder: Path,
         mounted: MountedCamera | None,
-        poses: Poses | PoseTrack | None,
+        poses: "Poses | PoseTrack | None",
         times_s: Mapping[str, float] | None,
         options: ReadOptions,
         files: Sequence[str] | None = None,

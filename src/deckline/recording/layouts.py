@@ -10,7 +10,6 @@ from deckline.config import Navigation
 from deckline.files import is_there
 from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
 from deckline.recording.bag import is_bag
-from deckline.recording.bag_topics import open_bag
 from deckline.recording.camera_file import (
     CAMERA_FILE,
     CAMERA_FILES,
@@ -23,12 +22,13 @@ from deckline.recording.camera_file import (
 )
 from deckline.recording.image_folder import ImageFolder, list_images, measure_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
-from deckline.recording.logs import FORMATS, read_log_track
-from deckline.recording.pose_track import PoseTrack, read_csv_track
 from deckline.recording.poses import POSES_FILE, TIMES_FILE, names_images, read_image_times, read_poses
 from deckline.recording.runway_file import RUNWAY_FILE, read_runway_file
 from deckline.recording.source import BadFrame, Recording, RecordingError
 from deckline.recording.video import Video, scan_video
+
+if TYPE_CHECKING:
+    from deckline.recording.pose_track import PoseTrack
 
 NAVIGATION = Navigation()
 
@@ -88,6 +88,8 @@ def open_recording(
         fallback = read_camera_file(path / CAMERA_FILE) if is_there(path / CAMERA_FILE) else None
         source: Recording = AirSimRecording(path, options, fallback)
     elif is_bag(path) and not (path.is_dir() and list_images(path)):
+        from deckline.recording.bag_topics import open_bag
+
         track = None if poses_file is None else _read_track(Path(poses_file), navigation)
         source = open_bag(path, topics, options, track, navigation)
     elif topics:
@@ -101,10 +103,18 @@ def open_recording(
     return source
 
 
+def _is_bag(path: Path) -> bool:
+    from deckline.recording.bag import is_bag
+
+    return is_bag(path) and not (path.is_dir() and list_images(path))
+
+
 def _open_images(
     path: Path, poses_file: Path | str | None, options: ReadOptions, navigation: Navigation
-) -> ImageFolder | Video:
+) -> "ImageFolder | Video":
     """A folder, a single image or a video, with the camera and the poses given or found beside them."""
+    from deckline.recording.video import Video
+
     if path.is_dir() and not list_images(path):
         inside = next((child for child in sorted(path.iterdir()) if (child / RECORD_FILE).exists()), None)
         hint = f"; did you mean {inside}/?" if inside else ""
@@ -181,10 +191,15 @@ def _open_folder(
 
 
 def _is_log(path: Path) -> bool:
+    from deckline.recording.logs import FORMATS
+
     return path.suffix.lower() in FORMATS
 
 
-def _read_track(path: Path, navigation: Navigation, video_times_s: NDArray[np.float64] | None = None) -> PoseTrack:
+def _read_track(path: Path, navigation: Navigation, video_times_s: NDArray[np.float64] | None = None) -> "PoseTrack":
+    from deckline.recording.logs import read_log_track
+    from deckline.recording.pose_track import read_csv_track
+
     return read_log_track(path, navigation) if _is_log(path) else read_csv_track(path, navigation, video_times_s)
 
 

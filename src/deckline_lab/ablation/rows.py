@@ -113,7 +113,7 @@ def check_pairs(recording: Path, held_out: float) -> None:
     """Raise ValueError unless there are pairs, recorded in haze and in clear air, to train on and to hold out."""
     source = open_recording(recording)
     if round(held_out * len(source)) < 1:
-        raise ValueError(f"{recording}: {len(source)} pairs are too few to keep {100 * held_out:g} % out of training")
+        raise ValueError(f"{recording}: {len(source)} pairs are too few to hold {100 * held_out:g} % of them out")
     for frame in source:
         truth = frame.truth
         visibility_m = math.inf if truth is None or truth.visibility_m is None else truth.visibility_m

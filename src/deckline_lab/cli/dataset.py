@@ -44,7 +44,7 @@ def dataset(args: Sequence[str]) -> int:
     """Parse and run `deckline dataset ARGS`."""
     flags = tyro.cli(DatasetFlags, prog="deckline dataset", description=DATASET_HELP, args=args)
     if flags.check:
-        print(f"{flags.out}: all {check_dataset(flags.out, flags.jobs)} files are as {MANIFEST} says")
+        print(f"{flags.out}: all {check_dataset(flags.out, flags.jobs)} files match {MANIFEST}")
         return 0
     values = {item.name: getattr(flags, item.name) for item in fields(DatasetConfig) if item.name != "visibility_m"}
     write_dataset(DatasetConfig(**values, visibility_m=parse_visibility(flags.visibility)), flags.out, flags.jobs)

@@ -1,29 +1,17 @@
-"""`deckline eval`."""
-
-from deckline_lab.ablation.ablation import ablation
-from deckline_lab.evaluation import (
-    chain,
-    dehazing,
-    detection,
-    flicker,
-    integrity_runs,
-    label_errors,
-    localization,
-    tables,
-)
+"""`deckline eval`: each command is imported when it is chosen, as all of them together are most of the lab."""
 
 COMMANDS = {
-    "chain": chain.chain,
-    "recording": chain.recording,
-    "labels": label_errors.labels,
-    "flicker": flicker.flicker,
-    "ablation": ablation,
-    "dehazing": dehazing.dehazing,
-    "detection": detection.detection,
-    "detectors": detection.detectors,
-    "integrity": integrity_runs.integrity,
-    "localization": localization.localization,
-    "report": tables.report,
+    "chain": "deckline_lab.evaluation.chain:chain",
+    "recording": "deckline_lab.evaluation.chain:recording",
+    "labels": "deckline_lab.evaluation.label_errors:labels",
+    "flicker": "deckline_lab.evaluation.flicker:flicker",
+    "ablation": "deckline_lab.ablation.table:ablation",
+    "dehazing": "deckline_lab.evaluation.dehazing:dehazing",
+    "detection": "deckline_lab.evaluation.detection:detection",
+    "detectors": "deckline_lab.evaluation.detection:detectors",
+    "integrity": "deckline_lab.evaluation.integrity_runs:integrity",
+    "localization": "deckline_lab.evaluation.localization:localization",
+    "report": "deckline_lab.evaluation.tables:report",
 }
 EXAMPLES = {
     "deckline eval": ("deckline eval chain --frames 50 --json figures/chain.json", "deckline eval report figures"),

@@ -60,6 +60,8 @@ def import_(
             out. By default kpt_names of data.yaml, else the first half is left and the second right.
     """
     imported = import_labels(source, format, out, images, camera, keypoints)
+    if ignored := sorted({label for image in imported for label in image.ignored}):
+        print_line(f"note: left out, as they name no side (left or right): {', '.join(ignored)}")
     print(f"{out / LABELS_FILE}: {_format_counts(imported)}")
     return 0
 

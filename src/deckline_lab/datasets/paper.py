@@ -36,7 +36,7 @@ from deckline_sim.scene.gl import open_context
 
 MANIFEST = "manifest.json"
 # A pair as its files hold it; a tile: folder and suffix with {} for the frame's number, and the file.
-Sample = tuple[EncodedFrame, list[tuple[str, bytes]]]
+EncodedPair = tuple[EncodedFrame, list[tuple[str, bytes]]]
 FORMAT, VERSION = "deckline-dataset", 1
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "moderngl")
 SPLITS = ("train", "test")
@@ -101,7 +101,7 @@ def write_dataset(config: DatasetConfig, out: Path, jobs: int = 1) -> None:
 
 def _render(config: DatasetConfig, writers: dict[str, RecordingWriter], left: list[int], jobs: int) -> None:
     items, test = dataset_items(config), set(split_frames(config)["test"])
-    samples = map_frames(partial(make_sample, config=config), [items[k] for k in left], jobs, config.frames)
+    samples = map_frames(partial(encode_pair, config=config), [items[k] for k in left], jobs, config.frames)
     with closing(samples):
         for k, (encoded, tiles) in zip(left, samples, strict=True):
             writer = writers["test" if k in test else "train"]
@@ -144,7 +144,7 @@ def split_frames(config: DatasetConfig) -> dict[str, list[int]]:
     return {"train": sorted(order[config.test :]), "test": sorted(order[: config.test])}
 
 
-def make_sample(frame: Frame, config: DatasetConfig) -> Sample:
+def encode_pair(frame: Frame, config: DatasetConfig) -> EncodedPair:
     """Encode a frame and its tiles.
 
     Raises:

@@ -26,7 +26,6 @@ from deckline_lab.evaluation.approaches import (
 )
 from deckline_lab.evaluation.coverage import coverage_table
 from deckline_lab.evaluation.integrity_faults import FAULTS, Runs
-from deckline_lab.evaluation.integrity_films import film
 from deckline_lab.evaluation.integrity_score import (
     AIDS,
     ALERT_S,
@@ -186,6 +185,8 @@ def _fly_rendered(
     sightings = [Sighting(frame) for frame in fly(config.flights, runs[0].number)]
     for run in runs:
         if config.films is not None:
+            from deckline_lab.evaluation.integrity_films import film
+
             film(sightings, run, config.flights, models, config.films)
         yield run, fly_run(sightings, run, config.flights, models)
 

@@ -14,21 +14,28 @@ from deckline.files import is_there
 from deckline.geometry import Camera
 from deckline.recording import BadFrame, Recording
 from deckline.recording.camera_file import CAMERA_FILE, format_camera, read_camera_file
-from deckline.recording.images import IMAGE_SUFFIXES, encode_image, read_bytes, read_image
+from deckline.recording.images import IMAGE_SUFFIXES, encode_image, read_bytes
 from deckline.recording.source import is_inside
 from deckline.types import Frame
-from deckline_lab.labels.formats import (
+from deckline_lab.labels.coco import read_coco, write_coco
+from deckline_lab.labels.labelme import read_labelme, write_labelme
+from deckline_lab.labels.lanes import (
     MASK_FOLDER,
     get_mask_name,
-    read_coco,
     read_culane,
     read_tusimple,
-    write_coco,
     write_culane,
     write_tusimple,
 )
-from deckline_lab.labels.labelme import read_labelme, write_labelme
-from deckline_lab.labels.lines import LABELS_FILE, LabelledImage, LabelSet, read_labels, write_labels
+from deckline_lab.labels.lines import (
+    LABELS_FILE,
+    LabelledImage,
+    LabelSet,
+    is_in_picture,
+    read_labels,
+    read_size,
+    write_labels,
+)
 from deckline_lab.labels.of_frame import label_frame
 from deckline_lab.labels.yolo_pose import read_yolo_pose, write_yolo_pose
 from deckline_sim.progress import progress
@@ -60,8 +67,8 @@ def export_labels(
     Args:
         source: frames with truth, or those of a folder with labels.json.
         folder: where labels.json lies, if there is one.
-        row_step_px: rows between points, of formats that keep rows.
-        line_points: points of a line, of formats that keep points.
+        row_step_px: rows between points, of formats with rows.
+        line_points: points of a line, of formats with points.
 
     Returns:
         what was written; what is odd about it, one line each, for people.
@@ -151,7 +158,7 @@ def import_labels(
         for image, name in zip(labelled, names, strict=True):
             if not (root / image.file).is_file():
                 raise ValueError(f"{source}: image {image.file} is not in {root}; give --images FOLDER where it is")
-            size = _read_size(root / image.file)
+            size = read_size(root / image.file)
             _check_size(image, size, None if mounted is None else mounted.camera)
             write_atomic(out / name, read_bytes(root / image.file, "image"))
             imported.append(replace(image, file=name, size_px=size))
@@ -189,14 +196,6 @@ def _check_new(out: Path, unfinished: Collection[str]) -> None:
         raise ValueError(f"{out} holds {others[0]} already: choose a new folder")
 
 
-def _read_size(path: Path) -> tuple[int, int]:
-    try:
-        height, width = read_image(path).shape[:2]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    return width, height
-
-
 def _check_size(image: LabelledImage, size: tuple[int, int], camera: Camera | None) -> None:
     if camera is not None and size != (camera.width, camera.height):
         raise ValueError(
@@ -206,5 +205,5 @@ def _check_size(image: LabelledImage, size: tuple[int, int], camera: Camera | No
     if image.size_px not in (None, size):
         raise ValueError(f"{image.file} is {size[0]}x{size[1]} px, its labels are for {image.size_px}")
     for side, line in image.lines.items():
-        if line is not None and not np.all((line >= -0.5) & (line <= np.array(size) - 0.5), axis=1).any():
+        if line is not None and not is_in_picture(line, size).any():
             raise ValueError(f"{image.file}: its {side} line lies outside of its {size[0]}x{size[1]} px")

@@ -1,10 +1,11 @@
-"""The labelled lines of one image, whatever file they stand in, and deckline's own labels.json.
+"""The labelled lines of one image, what all label formats share, and deckline's own labels.json.
 
 labels.json beside images: {"frames": [{"file": "a.png", "left_px": [[u, v], ...], "right_px": [[u, v], ...]}]}.
 At least two points a line, or null for a line that is not there; other keys are left alone.
 """
 
 import json
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deckline.atomic import write_atomic
-from deckline.recording.images import IMAGE_SUFFIXES
+from deckline.recording.images import IMAGE_SUFFIXES, read_image
 from deckline.recording.source import parse_json, read_text
 from deckline.types import SIDES
 
@@ -32,7 +33,8 @@ class LabelledImage:
     file: str  # of the image, relative to its data set's folder
     left_px: Line | None  # None: there is no such line in the image
     right_px: Line | None
-    size_px: tuple[int, int] | None = None  # width, height, where the labels' file says it
+    size_px: tuple[int, int] | None = None  # width, height, where the labels' file holds it
+    ignored: tuple[str, ...] = ()  # labels in the file that name no side; their shapes are left out
 
     def __post_init__(self) -> None:
         for side, line in self.lines.items():
@@ -57,10 +59,9 @@ LabelSet = tuple[Path, list[LabelledImage]]  # the folder that the images' names
 
 def read_labels(path: Path) -> dict[str, Labels]:
     """Labelled lines by image file; a ValueError names the file and the entry that is none."""
-    values = parse_json(read_text(path), str(path))
-    frames = values.get("frames") if isinstance(values, dict) else None
+    values = parse_object(read_text(path), str(path), "frames")
     labels = {}
-    for where, entry in iterate_objects(frames, f"{path}: frames"):
+    for where, entry in iterate_objects(values["frames"], f"{path}: frames"):
         file = get_text(entry, "file", where)
         named = {side: (entry.get(f"{side}_px"), f"{path}: {file} {side}_px (or null)") for side in SIDES}
         labels[file] = {side: None if x is None else parse_points(x, name) for side, (x, name) in named.items()}
@@ -119,7 +120,7 @@ def assign_sides(lines: Sequence[Line], where: str) -> tuple[Line | None, Line |
     if not lines:
         return None, None
     if len(lines) == 1:
-        raise ValueError(f"{where}: one line alone does not say whether it is the left or the right one")
+        raise ValueError(f"{where}: one line alone has no side; expected 0 or 2 lines")
     if len(lines) > 2:
         raise ValueError(f"{where}: {len(lines)} lines; a runway has two, left and right: remove the others")
     first, second = lines
@@ -140,6 +141,71 @@ def parse_points(values: Any, where: str) -> Line:
     if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2 or not np.all(np.abs(points) <= FARTHEST_PX):
         raise ValueError(f"{where} must be two or more [u, v] in px, at most {FARTHEST_PX:g}")
     return points
+
+
+def find_side(name: str, where: str) -> str | None:
+    """The side that a label or a keypoint's name holds: a word that begins with left or right, such as "Runway right".
+
+    Capitals, spaces, hyphens, underscores and digits part words. None: no side. Both are a ValueError
+    that begins with `where`.
+    """
+    words = [word.lower() for word in re.findall(r"[A-Z]*[a-z]+|[A-Z]+", name)]
+    found = [side for side in SIDES if any(word.startswith(side) for word in words)]
+    if len(found) > 1:
+        raise ValueError(f"{where}: {name!r} names both sides; expected {' or '.join(SIDES)}")
+    return found[0] if found else None
+
+
+def name_keypoints(line_points: int) -> list[str]:
+    """left_1, left_2, ..., right_1, ...: `line_points` along each line."""
+    return [f"{side}_{k}" for side in SIDES for k in range(1, line_points + 1)]
+
+
+def make_keypoints(lines: Sequence[Line | None], line_points: int, visible: int) -> NDArray[np.float64]:
+    """Keypoints (2, line_points, 3) u, v, px, and flag `visible`, evenly spaced along each line; zeros without one."""
+    keypoints = np.zeros((len(SIDES), line_points, 3))
+    for side, line in enumerate(lines):
+        if line is not None:
+            keypoints[side, :, :2] = resample(line, line_points)
+            keypoints[side, :, 2] = visible
+    return keypoints
+
+
+def split_keypoints(points: Sequence[Any], names: Sequence[str], where: str) -> Labels:
+    """Lines from the labelled keypoints, each with its name; names without a side are left out."""
+    sides = [find_side(name, where) for name in names]
+    lines: Labels = {}
+    for side in SIDES:
+        chosen = [point for point, named in zip(points, sides, strict=True) if named == side]
+        lines[side] = parse_points(chosen, f"{where}: {side}, labelled keypoints,") if chosen else None
+    return lines
+
+
+def is_in_picture(line: Line, size_px: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which points (N,) of a line lie in a picture (width, height)."""
+    return np.all((line >= -0.5) & (line <= np.subtract(size_px, 0.5)), axis=1)
+
+
+def read_size(path: Path) -> tuple[int, int]:
+    """Width and height of an image file, px; a ValueError names it."""
+    try:
+        height, width = read_image(path).shape[:2]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return width, height
+
+
+def read_rows(path: Path) -> list[tuple[int, str]]:
+    """The lines of a text file that are not blank, with their numbers."""
+    return [(number, text) for number, text in enumerate(read_text(path).splitlines(), 1) if text.strip()]
+
+
+def parse_object(text: str, where: str, *keys: str) -> dict[str, Any]:
+    """A JSON object that holds these keys, or a ValueError that begins with `where`."""
+    values = parse_json(text, where)
+    if not isinstance(values, dict) or any(key not in values for key in keys):
+        raise ValueError(f"{where} must be a JSON object with {', '.join(keys)}")
+    return values
 
 
 def find_image(folder: Path, stem: str) -> Path | None:

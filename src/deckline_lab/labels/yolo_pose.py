@@ -2,7 +2,7 @@
 
 Its row is "class cx cy w h x1 y1 [v1] x2 y2 [v2] ...", shares of the image's width and height counted from its outer
 corner; v 0 or a point 0 0 is not labelled. An empty file is an image without a runway. Names of the keypoints, such as
-left_1, stand in data.yaml under kpt_names; without names the first half is left, the second right, in order along each.
+left_1, are in data.yaml under kpt_names; without names the first half is left, the second right, in order along each.
 Source: Ultralytics, "Pose Estimation Datasets Overview", https://docs.ultralytics.com/datasets/pose/
 """
 
@@ -11,14 +11,26 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deckline.atomic import write_atomic
 from deckline.files import is_there
-from deckline.recording.images import read_image
 from deckline.recording.source import read_text
 from deckline.types import SIDES
-from deckline_lab.labels.lines import LabelledImage, LabelSet, Line, find_image, parse_points, resample
+from deckline_lab.labels.lines import (
+    LabelledImage,
+    Labels,
+    LabelSet,
+    Line,
+    find_image,
+    find_side,
+    is_in_picture,
+    make_keypoints,
+    name_keypoints,
+    read_rows,
+    read_size,
+    resample,
+    split_keypoints,
+)
 
 IMAGES, LABELS, SETTINGS_FILE = "images", "labels", "data.yaml"  # folders and file of a data set
 CLASSES_FILE = "classes.txt"  # that labelling tools leave among the labels
@@ -32,16 +44,16 @@ def read_yolo_pose(path: Path, names: Sequence[str] = ()) -> LabelSet:
     """Read a data set's folder, or the one of a data.yaml.
 
     Args:
-        names: of the keypoints in their order; those that begin with left or right are taken. Empty: data.yaml's.
+        names: of the keypoints in their order; those with the word left or right are taken. Empty: data.yaml's.
 
     Raises:
-        ValueError: no labels, a row that is none, two runways, or no image; one line that says where.
+        ValueError: no labels, a row that is none, two runways, or no image; one line that names the place.
     """
     root = path.parent if path.is_file() or path.name == LABELS else path
     settings = path if path.is_file() else root / SETTINGS_FILE
     names = names or (_parse_names(read_text(settings)) if is_there(settings) else ())
-    if names and not any(name.lower().startswith(SIDES) for name in names):
-        raise ValueError(f"{path}: no keypoint is named left or right, but {', '.join(names)}; give --keypoints")
+    if names and not any(find_side(name, str(path)) for name in names):
+        raise ValueError(f"{path}: expected keypoints named left or right, got {', '.join(names)}; give --keypoints")
     inside = [file for file in sorted(root.rglob("*.txt")) if LABELS in file.relative_to(root).parts]
     files = [file for file in inside or sorted(root.glob("*.txt")) if file.name != CLASSES_FILE]
     if not files:
@@ -50,7 +62,7 @@ def read_yolo_pose(path: Path, names: Sequence[str] = ()) -> LabelSet:
 
 
 def _parse_names(settings: str) -> list[str]:
-    """The words under kpt_names, whether they stand in brackets or one a line."""
+    """The words under kpt_names, in brackets or one a line."""
     block = re.search(r"^kpt_names:(.*(?:\n[ \t-].*)*)", re.sub(r"#.*", "", settings), re.MULTILINE)
     return [] if block is None else re.findall(r"[A-Za-z][\w-]*", block[1])
 
@@ -60,18 +72,15 @@ def _read_image_labels(root: Path, file: Path, names: Sequence[str]) -> Labelled
     image = find_image(root / folder, file.stem)
     if image is None:
         raise ValueError(f"{file}: no image {file.stem}.* in {root / folder}")
-    rows = [row for row in read_text(file).splitlines() if row.strip()]
+    rows = read_rows(file)
     if len(rows) > 1:
         raise ValueError(f"{file}: {len(rows)} runways; remove all but one")
-    try:
-        height, width = read_image(image).shape[:2]
-    except ValueError as error:
-        raise ValueError(f"{image}: {error}") from None
-    lines = _parse_row(rows[0], (width, height), names, str(file)) if rows else (None, None)
-    return LabelledImage((folder / image.name).as_posix(), *lines, (width, height))
+    size = read_size(image)
+    lines = _parse_row(rows[0][1], size, names, str(file)) if rows else dict.fromkeys(SIDES)
+    return LabelledImage((folder / image.name).as_posix(), lines["left"], lines["right"], size)
 
 
-def _parse_row(row: str, size: tuple[int, int], names: Sequence[str], where: str) -> tuple[Line | None, Line | None]:
+def _parse_row(row: str, size: tuple[int, int], names: Sequence[str], where: str) -> Labels:
     try:
         numbers = np.array([float(word) for word in row.split()])[BOX:]
     except ValueError:
@@ -84,14 +93,10 @@ def _parse_row(row: str, size: tuple[int, int], names: Sequence[str], where: str
         raise ValueError(f"{where}: {len(numbers)} numbers after class and box; expected {expected}, or name them")
     points = numbers.reshape(count, columns)
     labelled = points[:, :2].any(axis=1) & (points[:, :2] >= 0).all(axis=1) & (points[:, -1] > 0 if flagged else True)
-    sides = names or [side for side in SIDES for _ in range(count // 2)]
-    lines = []
-    for side in SIDES:
-        chosen = labelled & np.array([name.lower().startswith(side) for name in sides])
-        with np.errstate(over="ignore"):  # infinite points are refused
-            line = points[chosen, :2] * size - 0.5
-        lines.append(parse_points(line, f"{where}: {side}, labelled keypoints,") if len(line) else None)
-    return lines[0], lines[1]
+    names = names or [side for side in SIDES for _ in range(count // 2)]
+    with np.errstate(over="ignore"):  # infinite points are refused
+        points_px = points[:, :2] * size - 0.5
+    return split_keypoints(list(points_px[labelled]), np.array(names)[labelled].tolist(), where)
 
 
 def write_yolo_pose(out: Path, images: Sequence[LabelledImage], line_points: int = 9) -> None:
@@ -100,7 +105,7 @@ def write_yolo_pose(out: Path, images: Sequence[LabelledImage], line_points: int
         file = out / LABELS / Path(image.file).relative_to(IMAGES).with_suffix(".txt")
         file.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(file, _format_row(image, line_points).encode())
-    names = [f"{side}_{k}" for side in SIDES for k in range(1, line_points + 1)]
+    names = name_keypoints(line_points)
     flipped = [*range(line_points, 2 * line_points), *range(line_points)]
     rows = [
         f"path: .\ntrain: {IMAGES}\nval: {IMAGES}\nnames:\n  0: runway",
@@ -111,12 +116,9 @@ def write_yolo_pose(out: Path, images: Sequence[LabelledImage], line_points: int
 
 def _format_row(image: LabelledImage, line_points: int) -> str:
     """The image's row; an empty text without lines."""
-    keypoints = np.zeros((len(SIDES), line_points, 3))
-    for side, line in enumerate(image.lines.values()):
-        part = None if line is None else _cut_to_picture(line, image.size)
-        if part is not None:
-            keypoints[side, :, :2] = (resample(part, line_points) + 0.5) / image.size
-            keypoints[side, :, 2] = VISIBLE
+    parts = [None if line is None else _cut_to_picture(line, image.size) for line in image.lines.values()]
+    keypoints = make_keypoints(parts, line_points, VISIBLE)
+    keypoints[..., :2] = np.where(keypoints[..., 2:] > 0, (keypoints[..., :2] + 0.5) / image.size, 0.0)
     seen = keypoints[keypoints[:, :, 2] > 0][:, :2]
     if not len(seen):
         return ""
@@ -128,10 +130,6 @@ def _format_row(image: LabelledImage, line_points: int) -> str:
 
 def _cut_to_picture(line: Line, size: tuple[int, int]) -> Line | None:
     """The part of a line in a picture (width, height), to a thousandth of its length; None where it is outside."""
-    fine = line if _is_inside(line, size).all() else resample(line, 1001)
-    part = fine[_is_inside(fine, size)]
+    fine = line if is_in_picture(line, size).all() else resample(line, 1001)
+    part = fine[is_in_picture(fine, size)]
     return part if len(part) > 1 else None
-
-
-def _is_inside(line: Line, size: tuple[int, int]) -> NDArray[np.bool_]:
-    return np.all((line >= -0.5) & (line <= np.subtract(size, 0.5)), axis=1)

@@ -17,7 +17,7 @@ from deckline.localize.solver import CORRELATION, CORRELATION_SIGMA, noise_infla
 from deckline.types import DepthMode, Detection, Diagnostic, Frame, PixelLine, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]
-MIN_SIGMA_M = 1e-6  # keeps residuals of noiseless points finite
+MIN_SIGMA_M = 1e-6  # lower bound, for finite residuals of noiseless points
 EPOCHS = 400  # passes of the descent over the points
 LEARNING_RATE = 0.5  # eta of the first pass, per mean weight, on points scaled to unit size; falls as 1 / epoch
 
@@ -44,8 +44,8 @@ def place_alone(
     others = (side for side in pixel_lines if side not in fits)
     missing = (Diagnostic(Reason.NO_POINTS, f"the {side} line has too few points on the deck") for side in others)
     sure, unsure = drop_unsure(fits)
-    kept, contradictions = drop_contradictions(sure)
-    return PlacedLines(kept, points, (*missing, *unsure, *contradictions))
+    consistent, contradictions = drop_contradictions(sure)
+    return PlacedLines(consistent, points, (*missing, *unsure, *contradictions))
 
 
 def fit_alone(points: dict[str, DeckPoints], camera_m: Array, rng: np.random.Generator) -> dict[str, LineFit]:

@@ -106,7 +106,7 @@ def depthwise(
 
 
 class DepthwiseConv2d(nn.Conv2d):
-    """Each channel with its own kernel; the size is kept."""
+    """Convolution of each channel with its own kernel; the output has the input's size."""
 
     def __init__(self, channels: int, kernel: int) -> None:
         super().__init__(channels, channels, kernel, padding=kernel // 2, groups=channels, bias=False)
@@ -115,14 +115,17 @@ class DepthwiseConv2d(nn.Conv2d):
         return depthwise(x, self.weight, None, padding=(self.kernel_size[0] // 2, self.kernel_size[1] // 2))
 
 
-def conv_norm(channels_in: int, channels_out: int, kernel: int) -> nn.Sequential:
-    """Convolution that keeps the size, and batch norm."""
-    conv = nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, bias=False)
-    return nn.Sequential(conv, nn.BatchNorm2d(channels_out))
+def conv_norm(
+    channels_in: int, channels_out: int, kernel: int, stride: int = 1, dilation: int = 1, relu: bool = False
+) -> nn.Sequential:
+    """Convolution whose output has the input's size over the stride, batch norm, and ReLU where asked for."""
+    padding = kernel // 2 * dilation
+    conv = nn.Conv2d(channels_in, channels_out, kernel, stride, padding, dilation, bias=False)
+    return nn.Sequential(conv, nn.BatchNorm2d(channels_out), *([nn.ReLU()] if relu else []))
 
 
 def separable(channels_in: int, channels_out: int, kernel: int = 3) -> nn.Sequential:
-    """Depthwise convolution that keeps the size, then one over channels, each with batch norm and ReLU."""
+    """Depthwise convolution, then one over channels, each with batch norm and ReLU; the size does not change."""
     return nn.Sequential(
         nn.Sequential(DepthwiseConv2d(channels_in, kernel), nn.BatchNorm2d(channels_in)),
         nn.ReLU(),

@@ -15,8 +15,10 @@ from torch import Tensor, nn
 from deckline.dehaze.tensors import image_to_tensor, tensor_to_image
 from deckline.haze import add_haze, beta_from_visibility
 from deckline_lab.evaluation.metrics import psnr_db, ssim
+from deckline_lab.train.airlight import random_airlight
+from deckline_lab.train.clear_views import ClearView
 from deckline_lab.train.dehaze_network import SHAPES, Attention, DehazeNetwork, DehazeNetworkConfig, Transformer
-from deckline_lab.train.dehaze_samples import HazeAugmentation, geometry_prior, make_batch, random_airlight
+from deckline_lab.train.dehaze_samples import HazeAugmentation, geometry_prior, make_batch
 from deckline_lab.train.export import count_parameters, export_onnx, network_cost
 from deckline_lab.train.loop import (
     HELD_OUT_BATCHES,
@@ -29,16 +31,17 @@ from deckline_lab.train.loop import (
     select_device,
     train,
 )
+from deckline_lab.train.pair_views import PairView, open_clear_views
 from deckline_lab.train.photographs import open_photographs
 from deckline_lab.train.start import start_with
-from deckline_lab.train.views import ClearView, PairView, Views, make_ahead, open_clear_views
+from deckline_lab.train.view_sets import Views, make_ahead
 
 Batch = tuple[Tensor, Tensor, Tensor, Tensor]  # hazy, clear, transmission, prior
 BEST_LOSS_PSNR_DB = 50.0  # better than that earns nothing, or the clear images would outweigh the hazy ones
 VALIDATION_VISIBILITY_M = (500.0, 3000.0)  # uniform; the range that the project's mark is set for
 VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
 HORIZON_SHARE = 1.0  # of the airlights: haze by day has the colour of the sky at the horizon
-BEST_PSNR_DB = 60.0  # stands in means for the infinite PSNR of a view that comes out untouched
+BEST_PSNR_DB = 60.0  # replaces the infinite PSNR of an unchanged view in means
 
 
 @dataclass(frozen=True)
@@ -168,8 +171,8 @@ def train_dehaze(
 @torch.no_grad()
 def validate(model: nn.Module, views: Views[ClearView | PairView], seed: int, prior: bool = False) -> dict[str, float]:
     """PSNR (dB) and SSIM on whole held-out views, hazy as they come and dehazed; PSNR without the sky; PSNR on
-    haze-free views. A network that takes a prior is measured without one; its PSNR also with one. Pairs keep their
-    haze, and nobody knows where their sky is.
+    haze-free views. A network that takes a prior is measured without one; its PSNR also with one. Pairs retain
+    their haze, and their sky is not known.
 
     Haze depends on `seed` and the view alone, so that runs can be compared.
     """
@@ -228,7 +231,7 @@ def export_dehaze(
         model: takes an image (1, 3, H, W), and a working image where `network` has an `unshuffle` above 1, of six
             channels where it has a `prior`.
         path: of the file.
-        network: what the model was built from; its `unshuffle` is 1 for every network at full resolution. It may say
+        network: what the model was built from; its `unshuffle` is 1 for every network at full resolution. It may hold
             the shortest side of a working image, `min_side_px`.
         working_long_side_px: the size of images that it was trained on.
         recipe, step: of the training.

@@ -79,7 +79,7 @@ class MixAttention(nn.Module):
 
 
 class DepthwiseSeparable(nn.Module):
-    """Two depthwise-separable convolutions, then a feed-forward part; both residual. Stands in for MixAttention.
+    """Two depthwise-separable convolutions, then a feed-forward part; both residual. In place of MixAttention.
 
     Its feed-forward part is wider by one, which makes up for the 1x1 maps that MixAttention has and this has not.
     """
@@ -171,7 +171,7 @@ class MobileViTv3(nn.Module):
 class PooledSelfAttention(nn.Module):
     """Multi-head softmax attention of every pixel to the means of `pool` x `pool` px; 1 is full self-attention.
 
-    Sides must be multiples of `pool`. Positions are not encoded: the convolutions before tell them (CvT).
+    Sides must be multiples of `pool`. Positions are not encoded: the convolutions before encode them (CvT).
 
     Source: Vaswani et al. 2017; pooled keys: Wang et al. 2022 (PVT v2); positions: Wu et al. 2021 (CvT).
     """
@@ -196,7 +196,7 @@ class PooledSelfAttention(nn.Module):
 
 
 def plain_transformer(channels: int, heads: int, pool: int, expansion: int) -> TransformerLayer:
-    """A layer of conventional self-attention. Layers of it stand in for MobileViTv3.
+    """A layer of conventional self-attention; the ablation uses it in place of MobileViTv3.
 
     Its feed-forward part is wider by one, which makes up for MobileViTv3's local and fusing convolutions.
     """

@@ -1,5 +1,5 @@
-"""Hazy pairs to train dehazers on: haze is drawn anew each time a clear view is used, so that no two epochs repeat.
-Pairs that come as such keep their haze.
+"""Hazy pairs to train dehazers on. Haze is drawn anew each time a clear view is used, so that no two epochs repeat;
+recorded pairs retain their haze.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ from deckline.dehaze.tensors import image_to_tensor
 from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
 from deckline.types import Frame
+from deckline_lab.train.airlight import random_airlight
+from deckline_lab.train.clear_views import ClearView
+from deckline_lab.train.pair_views import PairView
 from deckline_lab.train.photographs import add_camera_air, veil_prior
-from deckline_lab.train.views import ClearView, PairView, Views
+from deckline_lab.train.view_sets import Views
 from deckline_sim.camera.imaging import draw_air
 from deckline_sim.config import AirConfig
 
-GREY_LEVELS = (70.0, 245.0)  # airlight of a random colour, 0..255
-# Tints of random airlight, multiplied onto grey: bluish (fog in daylight) to warm (dust, low sun).
-BLUISH, WARM = np.array([0.86, 0.95, 1.05]), np.array([1.06, 0.97, 0.85])
 SUN_ELEVATION_DEG = (5.0, 70.0)
 GLOW_MEAN, GLOW_MOST = 0.5, 1.5  # exponential; more would want another exposure than the clear picture's
 # What a pose is wrong by when the sea's range is taken from it: a good navigation unit's attitude, and its height
@@ -42,10 +42,10 @@ class HazeAugmentation:
     clear_share: float = 0.06  # of the images get next to no haze, so that clear images come out untouched
     clear_visibility_m: tuple[float, float] = (20000.0, 200000.0)  # log-uniform
     physical_share: float = 0.0  # of the images: haze in linear light with height, patches and colour, where a pose is
-    recorded_share: float = 0.0  # of the images keep the haze that they were recorded in, where there is one
+    recorded_share: float = 0.0  # of the images have the haze that they were recorded in, where there is one
     prior_share: float = 0.5  # of the images come with the geometry dehazer's picture, for networks that take one
     photograph_share: float = 0.35  # of the images are photographs, where there are some
-    camera_share: float = 0.0  # of the others too get air of no known law and a camera's look; photographs always do
+    camera_share: float = 0.0  # of the others also get the camera model of photographs: air of no known law, tone, wear
     veil_share: float = 0.8  # of those come with what `veil` makes of them, for networks that take a prior
     horizon_share: float = 0.8  # of the airlights are near the sky's colour at the horizon, the others random
     exact_share: float = 0.5  # of those are the horizon's colour itself, as Koschmieder's law has it for one light
@@ -62,22 +62,6 @@ class HazeAugmentation:
                 raise ValueError(f"{name} must be 0 < low <= high, got {low} and {high}")
         shares = [name for name in vars(self) if name.endswith("_share") or name.startswith("flip_")]
         check_numbers(self, "", *shares, least=0, most=1)
-
-
-def random_airlight(
-    horizon_rgb: NDArray[np.float32] | None, horizon_share: float, rng: np.random.Generator, exact_share: float = 0.0
-) -> NDArray[np.float64]:
-    """Colour of thick haze (3,), 0..255: the horizon's; near it, greyer, at times darker; or grey, bluish or warm."""
-    if horizon_rgb is not None and rng.random() < horizon_share:
-        if rng.random() < exact_share:
-            return np.clip(horizon_rgb * (1 + rng.normal(0, 0.02, 3)), 0, 255)
-        grey = horizon_rgb.mean()
-        colour = grey + (horizon_rgb - grey) * rng.uniform(0.0, 1.2)
-        colour = colour * (rng.uniform(0.55, 0.85) if rng.random() < 0.25 else rng.uniform(0.85, 1.1))
-    else:
-        tint = BLUISH if rng.random() < 0.5 else WARM
-        colour = rng.uniform(*GREY_LEVELS) * (1 + (tint - 1) * rng.uniform(0.0, 1.0))
-    return np.clip(colour * (1 + rng.normal(0, 0.03, 3)), 40, 250)
 
 
 def add_random_haze(

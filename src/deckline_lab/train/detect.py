@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -16,18 +15,17 @@ from deckline.detect.anchors import DecodeConfig, network_output
 from deckline.detect.coarse_to_fine import DetectConfig, NetworkOutput
 from deckline.detect.search import detect_lines
 from deckline.haze import add_haze
-from deckline.recording.image_folder import list_images
-from deckline.recording.images import read_image
 from deckline.types import SIDES, Detection, LinePoints
 from deckline_lab.train import loop
-from deckline_lab.train.dehaze_samples import random_airlight
+from deckline_lab.train.airlight import random_airlight
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights
 from deckline_lab.train.detect_samples import DetectAugmentation, make_batch
 from deckline_lab.train.export import count_parameters, export_onnx, network_cost
 from deckline_lab.train.line_networks import Hybrid, LineNetwork, PyramidConfig, Ufld
+from deckline_lab.train.line_views import LineView, open_line_views
 from deckline_lab.train.loop import Recipe
 from deckline_lab.train.start import recalibrate_batch_norm, start_detector
-from deckline_lab.train.views import LineView, Views, make_ahead, open_line_views
+from deckline_lab.train.view_sets import Views, make_ahead, open_pictures
 
 START_VIEWS = 24  # whose statistics the batch norms of another training's weights are given
 VALIDATION_VIEWS = 120  # at most, spread over the held-out ones
@@ -85,7 +83,7 @@ def train_detect(
     model: LineNetwork = loop.build_network(networks, config)
     views, held_out = (open_line_views(recordings, config.held_out, part) for part in (True, False))
     grid = model.kind.target_grid
-    backdrops = [] if photographs is None else read_backdrops(photographs)
+    backdrops = [] if photographs is None else load_backdrops(photographs)
     if start_from is not None:
         start_detector(model, start_from)
         recalibrate_batch_norm(model, make_batch(views, START_VIEWS, grid, config.augment, [config.seed])[0])
@@ -116,17 +114,10 @@ def train_detect(
     return figures
 
 
-def read_backdrops(folder: Path) -> list[NDArray[np.uint8]]:
+def load_backdrops(folder: Path) -> list[NDArray[np.uint8]]:
     """The pictures (H, W, 3) of a folder, long sides at most `BACKDROP_PX`."""
-    pictures = []
-    for name in sorted(list_images(folder)):  # what is drawn must not depend on the file system
-        picture = read_image(folder / name)
-        factor = min(1.0, BACKDROP_PX / max(picture.shape[:2]))
-        shown = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-        pictures.append(np.asarray(shown, dtype=np.uint8))
-    if not pictures:
-        raise ValueError(f"{folder} holds no pictures; give a folder of photographs without a runway")
-    return pictures
+    count, load = open_pictures(folder, BACKDROP_PX)
+    return [load(index) for index in range(count)]
 
 
 def _optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Optimizer:

@@ -18,7 +18,7 @@ Losses = tuple[Tensor, dict[str, float]]  # weighted sum, and its parts by name
 
 
 class UfldOutput(NamedTuple):
-    """What a row-anchor network says of a batch."""
+    """The outputs of a row-anchor network for a batch."""
 
     rows: Tensor  # (B, 2, rows, cells + 1) class logits
     region: Tensor  # (B, region cells + 1) class logits
@@ -27,7 +27,7 @@ class UfldOutput(NamedTuple):
 
 
 class HybridOutput(NamedTuple):
-    """What the network says of a batch; the last class of an anchor is "the line does not cross here"."""
+    """The outputs of the hybrid network for a batch; the last class of an anchor is "the line does not cross here"."""
 
     rows: Tensor  # (B, 3, rows, cells + 1) class logits of left, right and centre
     columns: Tensor  # (B, 3, cells, rows + 1) class logits
@@ -193,7 +193,7 @@ def row_loss(logits: Tensor, cell: Tensor, gamma: float) -> Tensor:
     """Focal cross-entropy; for a one-hot target the published one. Rows with and without a line weigh the same.
 
     The focus (1 - overlap)^gamma takes the overlap of predicted and target shares in place of the true class' share:
-    with two-cell targets a perfect row would otherwise keep a loss.
+    with two-cell targets a perfect row would otherwise have a loss.
     """
     shares = row_targets(cell, logits.shape[-1] - 1)
     log_p = logits.log_softmax(-1)

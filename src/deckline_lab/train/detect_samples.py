@@ -14,9 +14,10 @@ from deckline.checks import check_numbers
 from deckline.detect.anchors import EDGES, STRIDE, RowGrid, encode, encode_region
 from deckline.detect.crop import Crop, full_crop, normalise, sample_crop
 from deckline.types import EdgeKind
-from deckline_lab.train.dehaze_samples import random_airlight
+from deckline_lab.train.airlight import random_airlight
 from deckline_lab.train.detect_losses import DetectTargets
-from deckline_lab.train.views import LineView, Views
+from deckline_lab.train.line_views import LineView
+from deckline_lab.train.view_sets import Views
 from deckline_sim.camera.foreground import draw_foreground, lay_over
 from deckline_sim.camera.phone import phone_picture
 
@@ -27,7 +28,7 @@ HIDDEN = 0.5  # of a foreground's cover
 VISIBLE_SHARE = 0.15  # of both lines' points; with less there is no runway in the view
 CLOSE_MIN_PX = 4.0  # a box narrower than that in the frame gets no close crop
 MIRRORED = [1, 0, 2]  # the left line is then the right one
-MARGIN_PX = 12  # kept around a crop for blur and resampling
+MARGIN_PX = 12  # around a crop, for blur and resampling
 OBJECT_M = 5000.0  # ranges are cut off here, so that the horizon is no object
 OBJECT_STEP = 0.1  # of a range's logarithm from one column to the next; the sea has no such step
 BACKDROP_M = (2e3, 3e4)  # to a photograph behind a view, log-uniform
@@ -70,7 +71,7 @@ class DetectAugmentation:
         check_numbers(self, "", *(name for name in vars(self) if name.endswith("_share")), least=0, most=1)
 
 
-class Sample(NamedTuple):
+class TrainingSample(NamedTuple):
     """One view (3, height, width), and its encoded truth: what `DetectTargets` has, of one image."""
 
     image: NDArray[np.float32]
@@ -98,7 +99,7 @@ def make_sample(
     augment: DetectAugmentation,
     rng: np.random.Generator,
     backdrops: Sequence[NDArray[np.uint8]] = (),
-) -> Sample:
+) -> TrainingSample:
     """Haze, flip, rotate, a foreground, choose a crop, degrade it, sample it. A labelled picture gets no haze.
 
     `backdrops` are photographs (H, W, 3) to take the sky's place.
@@ -121,7 +122,7 @@ def make_sample(
     image = normalise(sample_crop(part, inner, (grid.width, grid.height)))
     cell, region, offsets, weight = encode_view(scene.lines_px, scene.visible, crop, (width, height), grid)
     edge = -1 if view.edge is None or region[-1] == 1 else EDGES.index(view.edge)
-    return Sample(image, cell, scene.known, region, offsets, weight, np.int64(edge))
+    return TrainingSample(image, cell, scene.known, region, offsets, weight, np.int64(edge))
 
 
 def make_batch(
@@ -142,7 +143,7 @@ def make_batch(
 def encode_view(
     lines_px: NDArray[np.float64], visible: NDArray[np.bool_], crop: Crop, image_size: tuple[int, int], grid: RowGrid
 ) -> tuple[NDArray[np.float32], ...]:
-    """Targets of a crop: cell (3, rows), region classes, box offsets, box weights; the edges say where the runway is.
+    """Targets of a crop: cell (3, rows), region classes, box offsets, box weights; the edges define the runway.
 
     Args:
         lines_px: (3, N, 2) left, right and centre, image px.
@@ -223,8 +224,8 @@ def _replace_sky(view: LineView, photograph: NDArray[np.uint8], rng: np.random.G
 def _lay_foreground(scene: _Scene, rng: np.random.Generator) -> _Scene:
     """What hides the scene from its camera; the lines behind it cannot be seen."""
     height, width = scene.image.shape[:2]
-    keep = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
-    foreground = draw_foreground(width, height, rng, keep)
+    runway = visible_box(scene.lines_px[:2], scene.visible[:2], (0, 0, width - 1, height - 1))
+    foreground = draw_foreground(width, height, rng, runway)
     at = np.nan_to_num(scene.lines_px, nan=-1.0).round()
     u, v = np.clip(at, 0, [width - 1, height - 1]).astype(int).transpose(2, 0, 1)
     visible = scene.visible & (foreground.cover[v, u] < HIDDEN)
@@ -234,7 +235,7 @@ def _lay_foreground(scene: _Scene, rng: np.random.Generator) -> _Scene:
 def _find_object(ranges_m: NDArray[np.float32], rng: np.random.Generator) -> tuple[NDArray[np.float64], float]:
     """A pixel (1, 2) at which the range (H, W) jumps from one column to the next, and how far the nearer side is, m.
 
-    Where nothing stands out: no pixel (0, 2), and the median range.
+    Without such a jump: no pixel (0, 2), and the median range.
     """
     near = np.minimum(ranges_m, OBJECT_M)
     depth = np.log(np.maximum(near, 1.0))
@@ -295,7 +296,7 @@ def choose_crop(
     else:
         step = whole.step * rng.uniform(*augment.wide_scale)
         middle = (size - 1) / 2 + rng.uniform(-0.5, 0.5, 2) * np.abs(size - net * step)
-        if box is not None and rng.random() < 0.85:  # keep the runway's middle in view
+        if box is not None and rng.random() < 0.85:  # the runway's middle stays in the crop
             reach = net * step * 0.47
             centre = (box[:2] + box[2:]) / 2
             middle = np.clip(middle, centre - reach, centre + reach)

@@ -40,7 +40,7 @@ def export_onnx(
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".part")
     with torch.no_grad(), warnings.catch_warnings():
-        # The tracing exporter says that it is the older one, and that Python numbers were traced; parity is tested.
+        # The tracing exporter warns that it is the older one and that it traces numbers; a test compares outputs.
         warnings.simplefilter("ignore")
         torch.onnx.export(
             model,

@@ -1,6 +1,6 @@
-"""Our line networks: `hybrid`, which flies, and `ufld`, the row anchors that came before it.
+"""Our line networks: `hybrid`, which flies, and the earlier `ufld` with row anchors alone.
 
-Both read anchors from a feature pyramid on EfficientNet-Lite0 and say where the runway is. Anchors that are read from
+Both read anchors from a feature pyramid on EfficientNet-Lite0 and locate the runway. Anchors that are read from
 the pyramid are shift equivariant and have a fortieth of the parameters of the published fully connected heads, so that
 they learn from thousands of images instead of a hundred thousand.
 

@@ -1,4 +1,4 @@
-"""What all trainings share: a plain loop under a budget, a learning-rate schedule, averaged weights, checkpoints."""
+"""The training loop under a budget, its learning-rate schedule, averaged weights and checkpoints."""
 
 import json
 import math
@@ -29,7 +29,7 @@ MACHINE = (
     "bf16",
     "checkpoint_minutes",
     "tensorboard",
-)  # of a recipe, that may change when a run goes on
+)  # settings of a recipe that a resumed run may change
 BUDGET = ("steps", "minutes", "cpu_minutes")
 CURVE_ROWS, CURVE_HELD_OUT = 100, 10  # of a training: points of the losses, and measurements on held-out batches
 HELD_OUT_BATCHES = 2
@@ -40,7 +40,7 @@ Loss = tuple[Tensor, Mapping[str, float]]  # and its parts by name
 
 @dataclass(frozen=True)
 class Recipe:
-    """What every training's configuration says."""
+    """The settings that every training has."""
 
     COUNTS: ClassVar[tuple[str, ...]] = ("steps", "batch")
 
@@ -71,7 +71,7 @@ class Recipe:
                 raise ValueError(f"{name} must be positive, got {value}")
 
     def identity(self) -> dict[str, Any]:
-        """What must stay the same when a run goes on: all but budget and machine; as JSON gives it back."""
+        """Settings that a resumed run must have unchanged: all but budget and machine; JSON values."""
         return json.loads(json.dumps({k: v for k, v in asdict(self).items() if k not in (*BUDGET, *MACHINE)}))
 
     def fraction_done(self, step: int, seconds: float) -> float:
@@ -81,13 +81,13 @@ class Recipe:
 
 
 @dataclass(eq=False)
-class Run:
-    """A training under way: what a checkpoint holds."""
+class TrainingRun:
+    """The state of a training: what a checkpoint holds."""
 
     model: nn.Module
     optimizer: torch.optim.Optimizer
     out: Path
-    recipe: dict[str, Any]  # what must stay the same when it goes on; JSON values
+    recipe: dict[str, Any]  # settings that a resumed run must have unchanged; JSON values
     ema: dict[str, Tensor]  # averaged weights, by the model's names
     step: int = 0
     seconds: float = 0.0  # of training so far
@@ -115,11 +115,11 @@ def select_device(config: Recipe) -> torch.device:
     return torch.device("cuda" if config.device != "cpu" and torch.cuda.is_available() else "cpu")
 
 
-def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer, out: Path) -> Run:
+def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer, out: Path) -> TrainingRun:
     """A new run, or the one whose checkpoint lies in `out`, of the same recipe; the recipe is written there."""
     recipe, progress = config.identity(), read_progress(out)
     ema = {name: value.detach().clone() for name, value in model.state_dict().items()}
-    run = Run(model, optimizer, out, recipe, ema)
+    run = TrainingRun(model, optimizer, out, recipe, ema)
     if progress is not None:
         stored = progress["recipe"]
         changed = ", ".join(sorted(name for name in {*recipe, *stored} if stored.get(name) != recipe.get(name)))
@@ -135,7 +135,7 @@ def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer,
 
 def train(
     config: Recipe,
-    run: Run,
+    run: TrainingRun,
     batches: Iterator[Batch],
     loss: Callable[[Batch, float], Loss],
     console: Console,
@@ -178,7 +178,11 @@ def train(
                 parts = ", ".join(f"{name} {value:.3f}" for name, value in run.recent.items())
                 console.print(f"step {run.step}, {run.seconds / 60:.1f} min: {parts}")
     run.save()
-    _draw_curves(curves, console)
+    if curves.rows:
+        try:
+            console.print(str(curves.draw()))
+        except ImportError as error:
+            console.print(f"no picture of the losses: {error}")
     if config.fraction_done(run.step, run.seconds) < 1:
         raise KeyboardInterrupt(f"{run.out} holds step {run.step}, the same command goes on from there")
 
@@ -186,7 +190,7 @@ def train(
 def _add_to_curves(
     curves: Curves,
     config: Recipe,
-    run: Run,
+    run: TrainingRun,
     before: float,
     loss: Callable[[Batch, float], Loss],
     held_out: Sequence[Batch],
@@ -206,7 +210,9 @@ def _add_to_curves(
 
 
 @torch.no_grad()
-def held_out_loss(run: Run, batches: Sequence[Batch], loss: Callable[[Batch, float], Loss], fraction: float) -> float:
+def held_out_loss(
+    run: TrainingRun, batches: Sequence[Batch], loss: Callable[[Batch, float], Loss], fraction: float
+) -> float:
     """Mean loss of the averaged weights; the run is left as it was."""
     weights = {name: value.clone() for name, value in run.model.state_dict().items()}
     with torch.random.fork_rng(enabled=True):
@@ -214,14 +220,6 @@ def held_out_loss(run: Run, batches: Sequence[Batch], loss: Callable[[Batch, flo
         total = sum(float(loss(batch, fraction)[0]) for batch in batches)
         run.model.load_state_dict(weights)
     return total / len(batches)
-
-
-def _draw_curves(curves: Curves, console: Console) -> None:
-    if curves.rows:
-        try:
-            console.print(str(curves.draw()))
-        except ImportError as error:
-            console.print(f"no picture of the losses: {error}")
 
 
 def print_figures(console: Console, figures: Mapping[str, float], skipped: Mapping[str, str]) -> None:
@@ -232,7 +230,7 @@ def print_figures(console: Console, figures: Mapping[str, float], skipped: Mappi
         console.print(f"{name} = {value:.4g}")
 
 
-def _step(config: Recipe, run: Run, loss: Loss, fraction: float) -> dict[str, float]:
+def _step(config: Recipe, run: TrainingRun, loss: Loss, fraction: float) -> dict[str, float]:
     value, parts = loss
     total = float(value.detach())
     if not math.isfinite(total):
@@ -262,15 +260,15 @@ def learning_rate(fraction: float, peak: float, end: float, warm_up: float) -> f
 @torch.no_grad()
 def update_average(ema: dict[str, Tensor], model: nn.Module, decay: float, step: int) -> None:
     """Move the averaged weights towards the model's, in place; early steps count more so that they start unbiased."""
-    keep = min(decay, (1 + step) / (10 + step))
+    weight = min(decay, (1 + step) / (10 + step))
     for name, value in model.state_dict().items():
         if value.dtype.is_floating_point:
-            ema[name].lerp_(value, 1 - keep)
+            ema[name].lerp_(value, 1 - weight)
         else:
             ema[name].copy_(value)
 
 
 def autocast(config: Recipe, device: torch.device) -> AbstractContextManager[Any]:
-    """Half of the arithmetic in bfloat16 where the recipe says so, or on CUDA where it says nothing."""
+    """Half of the arithmetic in bfloat16 if the recipe asks for it; without a setting on CUDA only."""
     bf16 = device.type == "cuda" if config.bf16 is None else config.bf16
     return torch.autocast(device.type, torch.bfloat16) if bf16 else nullcontext()

@@ -1,8 +1,8 @@
-"""Haze in photographs: pictures of no known depth, air of no known pose, and what cameras make of both.
+"""Synthetic haze in photographs, whose depth and pose are unknown, and the camera's effects on it.
 
-A photograph's depth is made up: a plane that rises to the horizon, along the picture's edges, and sky where the picture
-is smooth from the top down. It is wrong in every single place and right in what matters: haze thickens upwards, keeps
-to the outlines of things, and has no end in the sky.
+A photograph's depth is synthetic: a plane that rises to the horizon, filtered along the picture's edges, and sky where
+the picture is smooth from the top down. No single range is right, but the haze is plausible: it thickens upwards,
+follows the outlines of objects and is opaque in the sky.
 """
 
 from pathlib import Path
@@ -17,9 +17,8 @@ from deckline.dehaze.pixel_map import display_levels, linear_levels
 from deckline.dehaze.veil import VeilDehazer, to_full_scale
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility
-from deckline.recording.image_folder import list_images
-from deckline.recording.images import read_image
-from deckline_lab.train.views import ClearView, Views, horizon_colour
+from deckline_lab.train.clear_views import ClearView, horizon_colour
+from deckline_lab.train.view_sets import Views, open_pictures
 from deckline_sim.camera import phone
 
 Levels = NDArray[np.uint8]
@@ -27,17 +26,17 @@ Map = NDArray[np.float32]
 
 MEDIAN_RANGE_M = 300.0  # of a photograph's surface
 FARTHEST = 30.0  # times that
-NO_SKY_HORIZON = (-0.4, 0.3)  # row of the horizon where no sky tells it, of the height
+NO_SKY_HORIZON = (-0.4, 0.3)  # row of the horizon where there is no sky, as a share of the height
 RANGE_WINDOW, RANGE_EPS = 1 / 12, 1e-3  # of the width, and on the variance: outlines in the made-up depth
 PATCH_CELLS, PATCH_SIGMA = (2, 5), 0.15  # cells across of the air's patches; 1-sigma of ln(extinction)
 GRADIENT = 0.2  # of the airlight from the middle to a border, at most
 GLOW_SHARE, GLOW = 0.3, 0.3  # of the pictures, with a patch of sky that is so much brighter at most
 TONE_SHARE = 0.6  # of the pictures get a camera's tone and colour
-LEFT = 0.15  # transmission at which half of the contrast is to come back; what is hidden stays so
+LEFT = 0.15  # transmission at which half of the contrast is to be restored; what is hidden stays hidden
 
 
 def made_up_ranges(clear_rgb: Levels, rng: np.random.Generator) -> Map:
-    """How far everything in a photograph (H, W, 3) may be (H, W), m; infinite for sky."""
+    """A plausible range (H, W), m, of every pixel of a photograph (H, W, 3); infinite for sky."""
     image = to_full_scale(clear_rgb)
     height, width = image.shape[:2]
     sky = _without_islands(find_sky(image, find_smooth_top(image)))
@@ -69,19 +68,15 @@ def open_photographs(folder: Path, long_side_px: int, held_out: float, train: bo
     Raises:
         ValueError: no pictures in it.
     """
-    files = sorted(list_images(folder))
-    if not files:
-        raise ValueError(f"{folder} holds no pictures; give a folder of clear photographs")
+    count, read = open_pictures(folder, long_side_px)
 
-    def load(path: Path, index: int) -> ClearView:
-        picture = read_image(path / files[index])
-        factor = min(1.0, long_side_px / max(picture.shape[:2]))
-        clear = np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
+    def load(index: int) -> ClearView:
+        clear = read(index)
         ranges = made_up_ranges(clear, np.random.default_rng(index))
         camera = Camera.unknown(clear.shape[1], clear.shape[0])
         return ClearView(clear, ranges.astype(np.float16), horizon_colour(clear, ranges), camera)
 
-    return Views({folder: len(files)}, [folder], held_out, train, load)
+    return Views({folder: (count, load)}, [folder], held_out, train)
 
 
 def add_camera_air(
@@ -96,8 +91,8 @@ def add_camera_air(
         rng: of air and camera.
 
     Returns:
-        Hazy picture and the one wanted of it, (H, W, 3), and the transmission (H, W). Wanted is the same camera's
-        picture in thin air: what haze hides wholly stays hidden.
+        Hazy picture and its target, (H, W, 3), and the transmission (H, W). The target is the same camera's picture in
+        thin air: what haze hides wholly stays hidden.
     """
     shape = view.clear_rgb.shape[:2]
     patches = np.exp(PATCH_SIGMA * _smooth_noise(shape, int(rng.integers(*PATCH_CELLS)), rng))
@@ -116,7 +111,7 @@ def add_camera_air(
 
 
 def veil_prior(hazy_rgb: Levels) -> Levels:
-    """What flight gives a network to start from where there is no pose (H, W, 3)."""
+    """The picture (H, W, 3) that a network with a prior starts from in flight where there is no pose."""
     return VeilDehazer()(hazy_rgb)
 
 

@@ -27,7 +27,7 @@ def start_with(model: nn.Module, source: Path) -> None:
     """Give a model an earlier one's averaged weights.
 
     A convolution that takes more channels than it did starts with zeros for the new ones, so that the model does at
-    first what the earlier one did. A file keeps equal tensors once, so it must be that of a trained model.
+    first what the earlier one did. A file holds equal tensors once, so it must be that of a trained model.
 
     Args:
         model: changed in place.
@@ -80,8 +80,9 @@ def start_detector(model: LineNetwork, source: Path) -> None:
 
 
 def start_with_file(model: PyramidNetwork, path: Path) -> None:
-    """Give a detector the weights of an exported one; its training-only branch keeps its own, and so does the
-    kind of edge where the file does not tell it.
+    """Give a detector the weights of an exported one.
+
+    Parts that the file lacks retain their own weights: the training-only branch, in earlier files the kind of edge.
 
     A folded convolution's weights become the convolution's, its bias that of a batch norm which does nothing else: the
     model then computes what the file does, which is checked.
@@ -95,9 +96,11 @@ def start_with_file(model: PyramidNetwork, path: Path) -> None:
             raise ValueError(f"{path} holds another network: {node.name} has no weights of its own")
         found |= _unfold_norm(prefix, weight, bias, model)
     found |= {name.removeprefix("model."): value for name, value in stored.items() if name.startswith("model.")}
-    kept = {name for name in own if name.startswith(("segmentation.", "edge.")) or name.endswith("num_batches_tracked")}
+    retained = {
+        name for name in own if name.startswith(("segmentation.", "edge.")) or name.endswith("num_batches_tracked")
+    }
     wrong = [name for name, value in found.items() if name not in own or own[name].shape != value.shape]
-    wrong += [name for name in own if name not in found.keys() | kept]
+    wrong += [name for name in own if name not in found.keys() | retained]
     if wrong:
         raise ValueError(f"{path} holds another network: {wrong[0]} does not fit")
     model.load_state_dict({**own, **found})
@@ -141,7 +144,7 @@ def _settle(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
 
 
 def _start_hybrid(model: Hybrid, path: Path) -> None:
-    """Backbone, pyramid, region and row cells of network `ufld`; what it has not keeps its own weights."""
+    """Backbone, pyramid, region and row cells of network `ufld`; other parts retain their own weights."""
     earlier = Ufld(PyramidConfig(pretrained=False))
     start_with_file(earlier, path)
     renamed = {name.replace("rows.blocks.", "anchors."): value for name, value in earlier.state_dict().items()}

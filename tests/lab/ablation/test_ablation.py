@@ -15,8 +15,8 @@ from deckline.cli.main import main
 from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.recording import open_recording
-from deckline_lab.ablation.ablation import HAZY, measure, summarise_rows
 from deckline_lab.ablation.rows import ROWS, check_pairs, is_finished, row_recipe
+from deckline_lab.ablation.table import HAZY, measure, summarise_rows
 from deckline_lab.evaluation.metrics import psnr_db, ssim
 from deckline_lab.evaluation.store import Store
 from deckline_lab.train import loop
@@ -24,7 +24,7 @@ from deckline_lab.train.checkpoint import read_progress
 from deckline_lab.train.dehaze import build_ours
 from deckline_lab.train.dehaze_samples import make_batch
 from deckline_lab.train.export import network_cost
-from deckline_lab.train.views import open_clear_views
+from deckline_lab.train.pair_views import open_clear_views
 
 TINY = replace(QUICK, steps=2)
 OPTIONS = ["--steps", "2", "--crop-height", "48", "--crop-width", "64", "--threads", "1", "--device", "cpu"]

@@ -10,8 +10,10 @@ from deckline.config import Models
 from deckline.detect import DETECTORS, OnnxDetector
 from deckline.extras import needs_extra
 from deckline.runtime import shipped_weights
-from deckline_lab.cli import train as commands
-from deckline_lab.cli.train import DehazeFlags, DetectFlags, find_weights, make_recipe
+from deckline_lab.cli import train_detect
+from deckline_lab.cli.recipe_flags import find_weights, make_recipe
+from deckline_lab.cli.train_dehaze import DehazeFlags
+from deckline_lab.cli.train_detect import DetectFlags
 from deckline_lab.rivals import LAB_WEIGHTS
 from deckline_lab.train import loop
 from deckline_lab.train.checkpoint import read_progress
@@ -53,7 +55,7 @@ def test_flags_override_the_recipe_which_overrides_the_defaults(tmp_path):
 def test_shipped_weights_are_those_that_fly(tmp_path, monkeypatch):
     """`train detect --start-from shipped` goes on from the network that `run` uses by default."""
     given = []
-    monkeypatch.setattr(commands.train_detect, "train_detect", lambda *args: given.extend(args))
+    monkeypatch.setattr(train_detect, "train_detect", lambda *args: given.extend(args))
     assert main(["train", "detect", str(tmp_path), "--out", str(tmp_path), "--start-from", "shipped"]) == 0
     flying = DETECTORS[Models.detector]()
     assert isinstance(flying, OnnxDetector)

@@ -14,6 +14,8 @@ from deckline.dehaze.pixel_map import linear_levels
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.haze import beta_from_visibility, transmission
 from deckline_lab.evaluation.metrics import psnr_db
+from deckline_lab.train.airlight import random_airlight
+from deckline_lab.train.clear_views import ClearView, lowest_z, make_clear_view
 from deckline_lab.train.dehaze_samples import (
     HazeAugmentation,
     add_physical_haze,
@@ -21,10 +23,9 @@ from deckline_lab.train.dehaze_samples import (
     geometry_prior,
     make_batch,
     make_pair,
-    random_airlight,
     random_window,
 )
-from deckline_lab.train.views import ClearView, PairView, lowest_z, make_clear_view, open_clear_views
+from deckline_lab.train.pair_views import PairView, open_clear_views
 
 CAMERA = Camera.from_fov(320, 180, np.radians(60))
 EYE_M, DECK_Z_M, SEA_Z_M = 60.0, -8.0, 12.0

@@ -55,6 +55,15 @@ def test_row_loss_is_the_focal_loss_of_one_hot_targets():
     assert row_loss(logits, cell, 2.0).item() == pytest.approx(expected.item(), rel=1e-5)
 
 
+def test_row_loss_weighs_rows_with_and_without_a_line_the_same():
+    """Three rows with a line and one without: the loss is the sum of both means, not the mean of all four."""
+    cell = torch.tensor([[[5.0, 9.0, 30.0, torch.nan]]])
+    logits = torch.randn(1, 1, 4, CELLS + 1, generator=torch.Generator().manual_seed(2))
+    p = logits.softmax(-1)[0, 0, range(4), [5, 9, 30, CELLS]]
+    focal = (1 - p) ** 2 * -p.log()
+    assert row_loss(logits, cell, 2.0).item() == pytest.approx((focal[:3].mean() + focal[3]).item(), rel=1e-5)
+
+
 def test_shifted_rows_lose_position_by_their_shift(cell):
     assert position_loss(perfect(cell + 1), cell).item() == pytest.approx(1 - 0.25, abs=0.02)
 

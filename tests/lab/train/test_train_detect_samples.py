@@ -9,8 +9,9 @@ from line_scene import LINES_PX, two_lines
 from deckline.detect.anchors import EDGES, RowGrid, decode_region
 from deckline.geometry import Camera
 from deckline.types import EdgeKind
+from deckline_lab.train.clear_views import ClearView
 from deckline_lab.train.detect_samples import DetectAugmentation, blur, compress, make_sample, rotate, visible_box
-from deckline_lab.train.views import ClearView, LineView
+from deckline_lab.train.line_views import LineView
 from deckline_sim.camera.foreground import Foreground
 from deckline_sim.camera.sensor import jpeg
 

@@ -1,6 +1,6 @@
-"""The training loop: its budget, its schedule, and what is saved when."""
+"""The training loop: its budget, its schedule, what is saved when, and its curves."""
 
-from collections.abc import Iterator
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,31 +12,38 @@ from clear_scene import interrupting
 from deckline.config_file import read_config
 from deckline_lab.train import loop
 from deckline_lab.train.checkpoint import read_progress
-from deckline_lab.train.loop import Recipe, Run, learning_rate, open_run, train, update_average
+from deckline_lab.train.curves import CSV_FILE, PICTURE_FILE, Curves, read_curves
+from deckline_lab.train.loop import Recipe, TrainingRun, held_out_loss, learning_rate, open_run, train, update_average
 
 RECIPE = Recipe(steps=6, batch=1)
+LONG = Recipe(steps=40, batch=1)  # each step is a hundredth of the budget or more: a row of the curves
 
 
-def new_run(out: Path, recipe: Recipe = RECIPE) -> Run:
+def new_run(out: Path, recipe: Recipe = RECIPE) -> TrainingRun:
     torch.manual_seed(0)
-    model = torch.nn.Linear(3, 1)
+    layers = (torch.nn.Linear(3, 4), torch.nn.BatchNorm1d(4), torch.nn.Dropout(), torch.nn.Linear(4, 1))
+    model = torch.nn.Sequential(*layers) if recipe is LONG else torch.nn.Linear(3, 1)
     return open_run(recipe, model, torch.optim.AdamW(model.parameters()), out)
 
 
-def run_loop(run: Run, recipe: Recipe = RECIPE, step_s: float = 0.0) -> list[int]:
+def make(step: int) -> torch.Tensor:
+    return torch.randn(8, 3, generator=torch.Generator().manual_seed(step))
+
+
+def run_loop(
+    run: TrainingRun, recipe: Recipe = RECIPE, step_s: float = 0.0, held_out: tuple[torch.Tensor, ...] = ()
+) -> list[int]:
     """Train on batches that their step decides, on a clock that each step moves on; the steps that were saved."""
     saved, elapsed_s, save = [], [0.0], run.save
 
-    def batches() -> Iterator[torch.Tensor]:
-        for step in range(run.step, recipe.steps + 1):
-            yield torch.randn(4, 3, generator=torch.Generator().manual_seed(step))
-
     def loss(batch: torch.Tensor, fraction: float) -> tuple[torch.Tensor, dict[str, float]]:
         elapsed_s[0] += step_s
-        return (run.model(batch) - batch.sum(1, keepdim=True)).square().mean(), {}
+        value = (run.model(batch) - batch.sum(1, keepdim=True)).square().mean()
+        return value, {"half": float(value.detach()) / 2}
 
     run.save = lambda: (saved.append(run.step), save())  # type: ignore[method-assign]
-    train(recipe, run, batches(), loss, Console(quiet=True), now=lambda: elapsed_s[0])
+    batches = map(make, range(run.step, recipe.steps + 1))
+    train(recipe, run, batches, loss, Console(quiet=True), held_out, now=lambda: elapsed_s[0])
     return saved
 
 
@@ -100,3 +107,62 @@ def test_averaged_weights_start_unbiased_and_then_lag() -> None:
     assert ema["weight"].item() == pytest.approx(0.9)
     update_average(ema, model, 0.5, step=10_000)
     assert ema["weight"].item() == pytest.approx(0.95)
+
+
+def test_rows_are_the_smoothed_losses_and_now_and_then_the_held_out_one(tmp_path: Path) -> None:
+    run = new_run(tmp_path, LONG)
+    run_loop(run, LONG, held_out=(make(1000), make(1001)))
+    rows = list(read_curves(tmp_path))
+    assert [row["step"] for row in rows] == list(range(1, 41))
+    assert rows[-1]["total"] == pytest.approx(run.recent["total"], rel=1e-5)
+    assert all(row["half"] == pytest.approx(row["total"] / 2, rel=1e-4) for row in rows)
+    measured = {row["step"]: row["held_out"] for row in rows if "held_out" in row}
+    assert list(measured) == list(range(4, 41, 4))
+    assert (tmp_path / CSV_FILE).read_text().splitlines()[0] == "step,minutes,lr,total,half,held_out"
+    assert (tmp_path / PICTURE_FILE).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_held_out_loss_is_that_of_the_averaged_weights_and_changes_nothing(tmp_path: Path) -> None:
+    run = new_run(tmp_path, LONG)
+    run.ema = {name: torch.zeros_like(value) for name, value in run.model.state_dict().items()}
+    before = {name: value.clone() for name, value in run.model.state_dict().items()}
+    rng = torch.random.get_rng_state()
+    batch = make(7)
+    found = held_out_loss(run, [batch], lambda b, _: ((run.model(b) - b.sum(1, keepdim=True)).square().mean(), {}), 0.5)
+    assert found == pytest.approx(float(batch.sum(1).square().mean()))
+    torch.testing.assert_close(run.model.state_dict(), before, rtol=0, atol=0)
+    assert torch.equal(torch.random.get_rng_state(), rng)
+
+
+def test_measuring_on_held_out_batches_changes_no_training(tmp_path: Path) -> None:
+    with_held_out, without = (new_run(tmp_path / name, LONG) for name in ("with", "without"))
+    torch.manual_seed(1)
+    run_loop(with_held_out, LONG, held_out=(make(1000),))
+    torch.manual_seed(1)
+    run_loop(without, LONG)
+    torch.testing.assert_close(with_held_out.ema, without.ema, rtol=0, atol=0)
+
+
+def test_a_resumed_run_keeps_the_rows_up_to_its_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(loop, "_step", interrupting(loop._step, at=10))
+        with pytest.raises(KeyboardInterrupt):
+            run_loop(new_run(tmp_path, LONG), LONG)
+    with (tmp_path / CSV_FILE).open("a") as file:
+        file.write("12,0.1,0.001,9,4.5,\n")  # of a run that was killed after its checkpoint
+    run_loop(new_run(tmp_path, LONG), LONG)
+    rows = list(read_curves(tmp_path))
+    assert [row["step"] for row in rows] == list(range(1, 41))
+    assert all(row["total"] != 9 for row in rows)
+
+
+def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "tensorboard", None)
+    monkeypatch.delitem(sys.modules, "torch.utils.tensorboard", raising=False)
+    with pytest.raises(ImportError, match=r'tensorboard is not installed; run: pip install "deckline\[tensorboard\]"'):
+        Curves(tmp_path, 0, tensorboard=True)
+    curves = Curves(tmp_path, 0)
+    curves.add({"step": 1.0, "minutes": 0.1, "lr": 1e-3, "total": 2.0})
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ImportError, match=r"deckline\[viz\]"):
+        curves.draw()

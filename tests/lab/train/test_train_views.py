@@ -1,6 +1,8 @@
 """Views: how recordings are split and drawn from, ranges along the ray, true and labelled lines, what is refused."""
 
+import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,16 +15,10 @@ from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import Truth
 from deckline_lab.labels import LabelledImage, write_labels
-from deckline_lab.train.views import (
-    Views,
-    horizon_colour,
-    is_labelled_folder,
-    make_ahead,
-    make_clear_view,
-    make_line_view,
-    open_clear_views,
-    open_line_views,
-)
+from deckline_lab.train.clear_views import horizon_colour, make_clear_view
+from deckline_lab.train.line_views import make_line_view, open_line_views
+from deckline_lab.train.pair_views import open_clear_views
+from deckline_lab.train.view_sets import Views, is_labelled_folder, make_ahead
 
 A, B = Path("a"), Path("b")
 
@@ -30,14 +26,15 @@ A, B = Path("a"), Path("b")
 def letters(texts: dict[Path, str], recordings: list[Path], held_out: float, train: bool = True) -> Views[str]:
     """Views of texts, in which a dash is a damaged frame and a question mark one without depth."""
 
-    def load(path: Path, index: int) -> str:
-        if texts[path][index] == "?":
+    def load(text: str, index: int) -> str:
+        if text[index] == "?":
             raise ValueError("no depth")
-        if texts[path][index] == "-":
+        if text[index] == "-":
             raise FrameError(f"{index}.png", "damaged")
-        return texts[path][index]
+        return text[index]
 
-    return Views({path: len(text) for path, text in texts.items()}, recordings, held_out, train, load)
+    parts = {path: (len(text), partial(load, text)) for path, text in texts.items()}
+    return Views(parts, recordings, held_out, train)
 
 
 def test_the_end_of_every_recording_is_held_out():
@@ -45,8 +42,24 @@ def test_the_end_of_every_recording_is_held_out():
     training, held_out = letters(sources, [A, B, B], 0.5), letters(sources, [A, B, B], 0.5, False)
     assert [training[k] for k in range(len(training))] == ["a", "b", "e", "e"]
     assert [held_out[k] for k in range(len(held_out))] == ["c", "d", "f"]
-    with pytest.raises(ValueError, match=r"held-out.*a.*b"):
-        letters(sources, [A, B], 0.0, False)
+
+
+@pytest.mark.parametrize(
+    ("counts", "held_out", "train", "words"),
+    [
+        ({A: 9}, 0.05, False, ["held-out", "got 0 of 9 in a", "--held-out 0.05", "give --held-out 0.2"]),
+        ({A: 3, B: 4}, 0.0, False, ["held-out", "got 0 of 7 in a, b", "--held-out 0;", "give --held-out 0.3"]),
+        ({A: 3}, 1.0, True, ["training", "got 0 of 3 in a", "--held-out 1;", "less"]),
+        ({A: 1}, 0.2, False, ["held-out", "got 0 of 1 in a", "2 or more"]),
+        ({}, 0.2, True, ["training", "got 0 of 0"]),
+    ],
+)
+def test_a_part_without_views_is_named_with_its_remedy(counts, held_out, train, words):
+    with pytest.raises(ValueError) as caught:
+        letters({path: "x" * count for path, count in counts.items()}, list(counts), held_out, train)
+    assert [word for word in words if word not in str(caught.value)] == [], caught.value
+    if remedy := re.search(r"give --held-out ([\d.]+)", str(caught.value)):
+        assert len(letters({path: "x" * n for path, n in counts.items()}, list(counts), float(remedy[1]), False))
 
 
 def test_damaged_frames_are_noted_and_others_drawn():

@@ -18,7 +18,7 @@ def pad_to_multiple(image: Tensor, multiple: int) -> Tensor:
 
 
 def reflect_conv(channels_in: int, channels_out: int, kernel: int, groups: int = 1) -> nn.Conv2d:
-    """Convolution that keeps the size; the border is continued by reflection."""
+    """Convolution with an output of the input's size; the border is continued by reflection."""
     return nn.Conv2d(channels_in, channels_out, kernel, padding=kernel // 2, groups=groups, padding_mode="reflect")
 
 

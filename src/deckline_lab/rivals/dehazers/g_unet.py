@@ -67,12 +67,12 @@ class GUNet(nn.Module):
     def estimate(self, image: Tensor) -> Tensor:
         """What the last convolution gives, (N, outputs, H, W)."""
         x = self.intro(2 * pad_to_multiple(image, self.multiple) - 1)
-        kept = []
+        skipped = []
         for encoder, to_half, skip in zip(self.encoders, self.downs, self.skips, strict=True):
             x = encoder(x)
-            kept.append(skip(x))
+            skipped.append(skip(x))
             x = to_half(x)
         x = self.bottom(x)
-        for to_double, fusion, decoder, skip in zip(self.ups, self.fusions, self.decoders, kept[::-1], strict=True):
+        for to_double, fusion, decoder, skip in zip(self.ups, self.fusions, self.decoders, skipped[::-1], strict=True):
             x = decoder(fusion(to_double(x), skip))
         return self.outro(x)[:, :, : image.shape[2], : image.shape[3]]

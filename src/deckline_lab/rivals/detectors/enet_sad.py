@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from deckline_lab.rivals.detectors import parts
 from deckline_lab.rivals.detectors.parts import MAP_KIND, MapOutput
 from deckline_lab.rivals.detectors.sad import SadNetwork
+from deckline_lab.train.backbone import conv_norm
 from deckline_lab.train.line_networks import LINES
 
 CONTEXT: tuple[tuple[str, int], ...] = (  # kernels and dilations of the second and of the third stage; published
@@ -97,8 +98,7 @@ class _Bottleneck(nn.Module):
             *main,
             nn.BatchNorm2d(inner),
             _activation(act, inner),
-            nn.Conv2d(inner, channels_out, 1, bias=False),
-            nn.BatchNorm2d(channels_out),
+            *conv_norm(inner, channels_out, 1),
             nn.Dropout2d(dropout),
         )
         self.act = _activation(act, channels_out)
@@ -116,16 +116,13 @@ class _Up(nn.Module):
     def __init__(self, channels_in: int, channels_out: int) -> None:
         super().__init__()
         inner = channels_out // 4
-        self.straight = nn.Sequential(nn.Conv2d(channels_in, channels_out, 1, bias=False), nn.BatchNorm2d(channels_out))
+        self.straight = conv_norm(channels_in, channels_out, 1)
         self.branch = nn.Sequential(
-            nn.Conv2d(channels_in, inner, 1, bias=False),
-            nn.BatchNorm2d(inner),
-            nn.ReLU(),
+            *conv_norm(channels_in, inner, 1, relu=True),
             nn.ConvTranspose2d(inner, inner, 3, 2, 1, output_padding=1, bias=False),
             nn.BatchNorm2d(inner),
             nn.ReLU(),
-            nn.Conv2d(inner, channels_out, 1, bias=False),
-            nn.BatchNorm2d(channels_out),
+            *conv_norm(inner, channels_out, 1),
             nn.Dropout2d(0.1),
         )
 

@@ -1,4 +1,4 @@
-"""What compared networks share: backbones, region branch, painted lines on anchors one pixel high."""
+"""Building blocks of the compared networks: backbones, region branch, segmentation on anchors one pixel high."""
 
 from typing import NamedTuple
 
@@ -52,7 +52,7 @@ class RegionBranch(nn.Module):
 class Merge(nn.Module):
     """Features of EfficientNet-Lite0 at strides 8, 16 and 32, each by a 1x1 convolution, added up at stride 8.
 
-    It stands for the dilated last stages of a ResNet: dilating these costs four and sixteen times as much.
+    It replaces the dilated last stages of a ResNet: dilating these costs four and sixteen times as much.
     """
 
     def __init__(self, width: int) -> None:
@@ -72,7 +72,7 @@ class ResNet(nn.Module):
     Args:
         layers: 18 or 34.
         stages: how many of the four are built.
-        dilated: the third and fourth stage keep stride 8 and dilate their kernels instead.
+        dilated: the third and fourth stage have stride 8 and dilate their kernels instead.
 
     Source: He, Zhang, Ren and Sun, "Deep Residual Learning for Image Recognition", 2016.
     """
@@ -109,26 +109,18 @@ class _Block(nn.Module):
 
     def __init__(self, channels_in: int, channels_out: int, stride: int, dilation: int) -> None:
         super().__init__()
-        self.first = nn.Sequential(
-            nn.Conv2d(channels_in, channels_out, 3, stride, dilation, dilation, bias=False),
-            nn.BatchNorm2d(channels_out),
-            nn.ReLU(),
-        )
-        self.second = nn.Sequential(
-            nn.Conv2d(channels_out, channels_out, 3, 1, dilation, dilation, bias=False), nn.BatchNorm2d(channels_out)
-        )
+        self.first = conv_norm(channels_in, channels_out, 3, stride, dilation, relu=True)
+        self.second = conv_norm(channels_out, channels_out, 3, 1, dilation)
         self.shortcut: nn.Module = nn.Identity()
         if stride != 1 or channels_in != channels_out:
-            self.shortcut = nn.Sequential(
-                nn.Conv2d(channels_in, channels_out, 1, stride, bias=False), nn.BatchNorm2d(channels_out)
-            )
+            self.shortcut = conv_norm(channels_in, channels_out, 1, stride)
 
     def forward(self, x: Tensor) -> Tensor:
         return F.relu(self.second(self.first(x)) + self.shortcut(x))
 
 
 class MapOutput(NamedTuple):
-    """What a painting network says of a batch."""
+    """The outputs of a segmentation network for a batch."""
 
     map: Tensor  # (B, lines + 1, H, W) class logits of background and every line
     lines: Tensor  # (B, lines) logits
@@ -151,10 +143,7 @@ class LineExistence(nn.Module):
 
     def __init__(self, channels: int, hidden: int | None, lines: int, grid_size: tuple[int, int]) -> None:
         super().__init__()
-        self.hidden: nn.Module = nn.Identity()
-        if hidden is not None:
-            conv = nn.Conv2d(channels, hidden, 3, padding=4, dilation=4, bias=False)
-            self.hidden = nn.Sequential(conv, nn.BatchNorm2d(hidden), nn.ReLU())
+        self.hidden = nn.Identity() if hidden is None else conv_norm(channels, hidden, 3, dilation=4, relu=True)
         self.classes = nn.Sequential(nn.Dropout2d(0.1), nn.Conv2d(hidden or channels, lines + 1, 1))
         flat = (lines + 1) * (grid_size[0] // 2) * (grid_size[1] // 2)
         self.fc = nn.Sequential(nn.Linear(flat, self.FC_WIDTH), nn.ReLU(), nn.Linear(self.FC_WIDTH, lines))

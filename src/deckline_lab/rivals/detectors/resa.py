@@ -21,7 +21,7 @@ from deckline_lab.rivals.detectors.parts import (
     ResNet,
     map_loss,
 )
-from deckline_lab.train.backbone import Lite0Backbone
+from deckline_lab.train.backbone import Lite0Backbone, conv_norm
 from deckline_lab.train.detect_losses import DetectTargets, Losses, LossWeights
 from deckline_lab.train.line_networks import LINES, LineNetwork
 
@@ -101,7 +101,7 @@ class _Up(nn.Module):
 
     def __init__(self, channels_in: int, channels_out: int) -> None:
         super().__init__()
-        self.coarse = nn.Sequential(nn.Conv2d(channels_in, channels_out, 1, bias=False), nn.BatchNorm2d(channels_out))
+        self.coarse = conv_norm(channels_in, channels_out, 1)
         self.fine = nn.Sequential(
             nn.ConvTranspose2d(channels_in, channels_out, 3, 2, 1, output_padding=1, bias=True),
             nn.BatchNorm2d(channels_out),

@@ -66,7 +66,7 @@ class Sad(SadNetwork):
 
 
 def attention(features: Tensor, size: Sequence[int]) -> Tensor:
-    """Where a block looks, (B, h * w), sum 1: squares summed over channels, resized, softmax over places.
+    """A block's attention map (B, h * w), sum 1: squares summed over channels, resized, softmax over places.
 
     The squares are relative to their mean over places: the softmax of plain sums puts all on one place, so that the
     loss stays near its largest value (3.7 of 4 measured on EfficientNet-Lite0) and has no gradient.
@@ -78,7 +78,7 @@ def attention(features: Tensor, size: Sequence[int]) -> Tensor:
 
 
 def distillation_loss(blocks: tuple[Tensor, ...]) -> Tensor:
-    """Squared distance of every block's attention from that of the next deeper one, which is only looked at."""
+    """Squared distance of every block's attention from that of the next deeper one, which gets no gradient."""
     losses = [
         ((attention(shallow, shallow.shape[2:]) - attention(deep, shallow.shape[2:]).detach()) ** 2).sum(1).mean()
         for shallow, deep in pairwise(blocks)

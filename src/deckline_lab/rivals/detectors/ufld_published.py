@@ -5,6 +5,7 @@ the view of 512x288 px, and the backbone: EfficientNet-Lite0 from ImageNet weigh
 random ones.
 """
 
+from functools import partial
 from typing import Any
 
 import torch
@@ -13,7 +14,7 @@ from torch import Tensor, nn
 
 from deckline.detect.anchors import RowGrid
 from deckline_lab.rivals.detectors.parts import WIDTHS, RegionBranch, ResNet
-from deckline_lab.train.backbone import CHANNELS, Lite0Backbone
+from deckline_lab.train.backbone import CHANNELS, Lite0Backbone, conv_norm
 from deckline_lab.train.detect_losses import DetectTargets, Losses, LossWeights, UfldOutput, ufld_loss
 from deckline_lab.train.line_networks import LINES, LineNetwork, NetworkKind
 
@@ -68,13 +69,13 @@ class _Auxiliary(nn.Module):
 
     def __init__(self, channels: tuple[int, ...], classes: int) -> None:
         super().__init__()
+        conv = partial(conv_norm, kernel=3, relu=True)
         self.stages = nn.ModuleList(
-            nn.Sequential(_conv(width, self.WIDTH), *(_conv(self.WIDTH, self.WIDTH) for _ in range(count)))
+            nn.Sequential(*(conv(width if k == 0 else self.WIDTH, self.WIDTH) for k in range(count + 1)))
             for width, count in zip(channels, (1, 2, 3), strict=True)
         )
-        self.together = nn.Sequential(
-            _conv(3 * self.WIDTH, 256, 2), _conv(256, 128, 2), _conv(128, 128, 2), _conv(128, 128, 4)
-        )
+        together = ((3 * self.WIDTH, 256, 2), (256, 128, 2), (128, 128, 2), (128, 128, 4))
+        self.together = nn.Sequential(*(conv(before, after, dilation=by) for before, after, by in together))
         self.classes = nn.Conv2d(128, classes, 1)
 
     def forward(self, taps: list[Tensor]) -> Tensor:
@@ -82,8 +83,3 @@ class _Auxiliary(nn.Module):
         maps = [stage(tap) for stage, tap in zip(self.stages, taps, strict=True)]
         maps = [F.interpolate(x, size=size, mode="bilinear", align_corners=False) for x in maps]
         return self.classes(self.together(torch.cat(maps, dim=1)))
-
-
-def _conv(channels_in: int, channels_out: int, dilation: int = 1) -> nn.Sequential:
-    conv = nn.Conv2d(channels_in, channels_out, 3, padding=dilation, dilation=dilation, bias=False)
-    return nn.Sequential(conv, nn.BatchNorm2d(channels_out), nn.ReLU())

@@ -1,4 +1,4 @@
-"""Label files of other tools: TuSimple, CULane, COCO keypoints.
+"""Label files of lane data sets: TuSimple and CULane.
 
 TuSimple and CULane do not name their lanes: of two lines in the image the one further left is the left one.
 
@@ -8,8 +8,6 @@ entries of which one is all -2 are left and right in this order.
 CULane: beside every image a .lines.txt, one line a row as "u v u v ..."; list files name the images. A row of a list
 file is the image, optionally its mask, optionally flags of the lines that exist, here left and right:
 "/images/a.png /laneseg_label/images/a.png 1 0".
-
-COCO: one "runway" an image, its keypoints named left_1, left_2, ..., right_1, ... along each line.
 """
 
 import json
@@ -21,20 +19,16 @@ import numpy as np
 
 from deckline.atomic import write_atomic
 from deckline.files import is_there
-from deckline.recording.source import parse_json, read_text
-from deckline.types import SIDES
 from deckline_lab.labels.lines import (
-    DECIMALS,
     LabelledImage,
-    Labels,
     LabelSet,
     Line,
     assign_sides,
     find_image,
     get_text,
-    iterate_objects,
+    parse_object,
     parse_points,
-    resample,
+    read_rows,
     sample_rows,
 )
 
@@ -45,13 +39,10 @@ LINES_SUFFIX = ".lines.txt"
 LIST_FOLDER, NAMES_FILE, FLAGS_FILE = "list", "train.txt", "train_gt.txt"
 MASK_FOLDER = "laneseg_label"
 CULANE_DECIMALS = 3  # of u, px
-CATEGORY = "runway"
-VISIBLE = 2  # COCO's flag of a keypoint that is labelled and seen; 0 is not labelled
-USUAL_NAMES = ("annotations.json", "annotations/*.json", "*.json")  # in a data set's folder
 
 
 def write_tusimple(path: Path, images: Sequence[LabelledImage], row_step_px: int = 1) -> None:
-    """Write labels; a line is kept where it crosses rows 0, row_step_px, ... of the image."""
+    """Write labels; a line has a point where it crosses rows 0, row_step_px, ... of the image."""
     rows = []
     for image in images:
         v = np.arange(0, image.size[1], row_step_px)
@@ -70,17 +61,15 @@ def read_tusimple(path: Path) -> LabelSet:
         raise ValueError(f"{path}: no {TUSIMPLE_NAMES} in this folder; name the label file itself")
     images = []
     for file in files:
-        images += [_parse_tusimple_image(text, f"{file}: line {number}") for number, text in _read_lines(file)]
+        images += [_parse_tusimple_image(text, f"{file}: line {number}") for number, text in read_rows(file)]
     if not images:
         raise ValueError(f"{files[0]}: no labels in it; expected one JSON object a line")
     return files[0].parent, images
 
 
 def _parse_tusimple_image(text: str, where: str) -> LabelledImage:
-    values = parse_json(text, where)
-    if not isinstance(values, dict):
-        raise ValueError(f"{where} must be an object with raw_file, h_samples and lanes")
-    file, rows, lanes = get_text(values, "raw_file", where), values.get("h_samples"), values.get("lanes")
+    values = parse_object(text, where, "raw_file", "h_samples", "lanes")
+    file, rows, lanes = get_text(values, "raw_file", where), values["h_samples"], values["lanes"]
     if not isinstance(lanes, list) or not isinstance(rows, list):
         raise ValueError(f"{where}: h_samples and lanes must be lists")
     lines = [_parse_tusimple_line(lane, rows, f"{where}: lanes[{index}]") for index, lane in enumerate(lanes)]
@@ -140,7 +129,7 @@ def read_culane(path: Path) -> LabelSet:
         root = path
     else:
         root = path.parent.parent if path.parent.name == LIST_FOLDER else path.parent
-        images = [_read_culane_listed(root, text, f"{path}: line {number}") for number, text in _read_lines(path)]
+        images = [_read_culane_listed(root, text, f"{path}: line {number}") for number, text in read_rows(path)]
     if not images:
         raise ValueError(f"{path}: no labels: neither a list of images nor a folder with {LINES_SUFFIX} files")
     return root, images
@@ -172,128 +161,8 @@ def _read_culane_listed(root: Path, text: str, where: str) -> LabelledImage:
 
 def _read_culane_lines(path: Path) -> list[Line]:
     lines = []
-    for number, text in _read_lines(path):
+    for number, text in read_rows(path):
         words = text.split()
         pairs = [words[k : k + 2] for k in range(0, len(words), 2)]
         lines.append(parse_points(pairs, f"{path}: line {number}"))
     return lines
-
-
-def _read_lines(path: Path) -> list[tuple[int, str]]:
-    """The lines of a text that are not blank, with their numbers."""
-    return [(number, text) for number, text in enumerate(read_text(path).splitlines(), 1) if text.strip()]
-
-
-def write_coco(path: Path, images: Sequence[LabelledImage], line_points: int = 9) -> None:
-    """Write labels, `line_points` keypoints (at least 2) evenly spaced along each line, its ends among them."""
-    if line_points < 2:
-        raise ValueError(f"a line needs at least 2 keypoints, got {line_points}")
-    names = [f"{side}_{k}" for side in SIDES for k in range(1, line_points + 1)]
-    chains = [[s + k, s + k + 1] for s in (1, 1 + line_points) for k in range(line_points - 1)]
-    numbered = list(enumerate(images, 1))
-    sizes = {number: dict(zip(("width", "height"), image.size, strict=True)) for number, image in numbered}
-    values = {
-        "info": {"description": "runway lines, left and right in the direction of landing"},
-        "images": [{"id": number, "file_name": image.file, **sizes[number]} for number, image in numbered],
-        "annotations": [
-            _make_annotation(number, image, line_points)
-            for number, image in numbered
-            if any(line is not None for line in image.lines.values())
-        ],
-        "categories": [{"id": 1, "name": CATEGORY, "supercategory": "", "keypoints": names, "skeleton": chains}],
-    }
-    write_atomic(path, (json.dumps(values, allow_nan=False) + "\n").encode())
-
-
-def _make_annotation(number: int, image: LabelledImage, line_points: int) -> dict[str, Any]:
-    keypoints = np.zeros((len(SIDES), line_points, 3))
-    for side, line in enumerate(image.lines.values()):
-        if line is not None:
-            keypoints[side, :, :2] = np.round(resample(line, line_points), DECIMALS)
-            keypoints[side, :, 2] = VISIBLE
-    labelled = keypoints[keypoints[:, :, 2] > 0][:, :2]
-    low, size = labelled.min(axis=0), np.ptp(labelled, axis=0)
-    return {
-        "id": number,
-        "image_id": number,
-        "category_id": 1,
-        "iscrowd": 0,
-        "bbox": [*low.tolist(), *size.tolist()],
-        "area": float(size.prod()),
-        "num_keypoints": len(labelled),
-        "keypoints": [value for u, v, seen in keypoints.reshape(-1, 3).tolist() for value in (u, v, int(seen))],
-    }
-
-
-def read_coco(path: Path) -> LabelSet:
-    """Read a keypoint file, or the one of a folder: annotations.json, annotations/*.json or *.json.
-
-    Keypoints that are named left... and right... are taken, in the order of the category's list.
-
-    Raises:
-        ValueError: no labels, or an entry that is none; one line that names file, entry and what is wrong.
-    """
-    file = _find_file(path)
-    values = parse_json(read_text(file), str(file))
-    if not isinstance(values, dict):
-        raise ValueError(f"{file}: no COCO file: it must hold the lists images, annotations, categories")
-    names: dict[int | str, list[str]] = {}  # of keypoints, by category
-    for where, entry in iterate_objects(values.get("categories"), f"{file}: categories"):
-        keypoints = entry.get("keypoints", [])
-        if not isinstance(keypoints, list) or not all(isinstance(name, str) for name in keypoints):
-            raise ValueError(f"{where}: keypoints must be a list of names")
-        if any(name.lower().startswith(SIDES) for name in keypoints):
-            names[_get_id(entry, "id", where)] = keypoints
-    if not names:
-        raise ValueError(f"{file}: no category has keypoints named left_1, left_2, ..., right_1, ...")
-    found: dict[int | str, Labels] = {}
-    for where, entry in iterate_objects(values.get("annotations"), f"{file}: annotations"):
-        category = _get_id(entry, "category_id", where)
-        if category in names:
-            image = _get_id(entry, "image_id", where)
-            if image in found:
-                raise ValueError(f"{where}: a second runway in image {image}; remove one")
-            found[image] = _parse_lines(entry.get("keypoints"), names[category], where)
-    entries = iterate_objects(values.get("images"), f"{file}: images")
-    images = [_parse_image(entry, found, where) for where, entry in entries]
-    if not images:
-        raise ValueError(f"{file}: it names no images")
-    return file.parent, images
-
-
-def _find_file(path: Path) -> Path:
-    if not path.is_dir():
-        return path
-    for pattern in USUAL_NAMES:
-        files = sorted(path.glob(pattern))
-        if len(files) == 1:
-            return files[0]
-        if files:
-            raise ValueError(f"{path}: {len(files)} files {pattern}; name the one to read")
-    raise ValueError(f"{path}: no {USUAL_NAMES[0]} in this folder; name the label file itself")
-
-
-def _get_id(entry: dict[str, Any], name: str, where: str) -> int | str:
-    value = entry.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | str):
-        raise ValueError(f"{where}: {name} must be a number or a name")
-    return value
-
-
-def _parse_lines(keypoints: Any, names: list[str], where: str) -> Labels:
-    if not isinstance(keypoints, list) or len(keypoints) != 3 * len(names):
-        raise ValueError(f"{where}: keypoints must be 3 numbers for each of the {len(names)} names")
-    triples = [keypoints[k : k + 3] for k in range(0, len(keypoints), 3)]
-    lines: Labels = {}
-    for side in SIDES:
-        labelled = zip(names, triples, strict=True)
-        pairs = [triple[:2] for name, triple in labelled if name.lower().startswith(side) and triple[2]]
-        lines[side] = parse_points(pairs, f"{where}: {side}") if pairs else None
-    return lines
-
-
-def _parse_image(entry: dict[str, Any], found: dict[int | str, Labels], where: str) -> LabelledImage:
-    file, width, height = get_text(entry, "file_name", where), entry.get("width"), entry.get("height")
-    size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
-    lines = found.get(_get_id(entry, "id", where), dict.fromkeys(SIDES))
-    return LabelledImage(file, lines["left"], lines["right"], size)

@@ -54,7 +54,7 @@ class AblationConfig:
     crop_height: int = 288  # px
     crop_width: int = 512  # px
     lr: float = 5e-4
-    recorded_share: float = 0.0  # of the augmented row's crops keep the haze they were recorded in; others get new haze
+    recorded_share: float = 0.0  # of the augmented row's crops have their recorded haze; others get new haze
     flip_vertical: float = 0.0  # probability, in the augmented row; the paper's is 0.5
     seed: int = 0  # of the first weights and of what is drawn
     threads: int = 0  # of torch and ONNX Runtime; 0 leaves their own choice

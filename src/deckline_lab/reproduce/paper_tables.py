@@ -98,7 +98,7 @@ def reproduce(
     path = (runs or SAVED) / f"{table}.json"
     if minutes is not None:
         if runs is None or minutes <= 0:
-            raise ValueError(f"--minutes {minutes:g} trains anew: it must be positive, and --runs says where")
+            raise ValueError(f"--minutes {minutes:g} trains anew: expected a positive number and a folder --runs")
         {"table4": make_table4, "table5": make_table5, "table6": make_table6}[table](runs, path, minutes, threads)
     if not path.is_file():
         raise ValueError(f"{path} is not there: add --minutes to make it, or leave --runs out for saved figures")
@@ -188,7 +188,7 @@ def shrink_pairs(recording: Path, folder: Path) -> Path:
     with needs_extra("train"):
         from deckline.report.draw import write_picture
         from deckline_lab.train.dehaze import DehazeTrainConfig
-        from deckline_lab.train.views import open_clear_views
+        from deckline_lab.train.pair_views import open_clear_views
     if not (folder / LABELS_FILE).exists():
         folder.mkdir(exist_ok=True)
         views, entries = open_clear_views([recording], DehazeTrainConfig.working_long_side_px, held_out=0.0), []
@@ -207,7 +207,7 @@ def run(*words: object, quiet: bool = False) -> None:
     """Print and run a deckline command; `quiet` drops its tables.
 
     Raises:
-        SystemExit: its exit code, where it fails; it has said why.
+        SystemExit: its exit code, where it fails; it has printed the reason.
     """
     command = ["deckline", *map(str, words)]
     print(shlex.join(command), flush=True)
