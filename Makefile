@@ -30,7 +30,7 @@ lint: $(DEV)/.dev ## ruff, mypy, import contracts
 
 docs: $(DEV)/.docs ## build the site: open site/index.html
 	NO_MKDOCS_2_WARNING=1 $(DEV)/bin/mkdocs build --strict
-	@! grep -rlE -- '--8 ?(<|&lt;)' site --include=*.html || { echo 'a snippet marker is not rendered on these pages' >&2; exit 1; }
+	@! grep -rlE --include='*.html' -e '--8 ?(<|&lt;)' site || { echo 'a snippet marker is not rendered on these pages' >&2; exit 1; }
 	@echo "open site/index.html"
 
 # The core's demo and a smoke test on every other interpreter that is there; their packages are the newest, not the locked ones.
