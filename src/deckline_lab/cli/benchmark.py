@@ -43,12 +43,12 @@ def benchmark(
         peer: .onnx file of UFLD with ResNet-18; without it one is made with torch, if that is installed.
         options: of the configuration.
     """
-    config = options.run_config()
-    flight = flight_from_config(config)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         opened = unpack_sample(folder / "approach") if source is None else open_recording(source)
         chosen = select_frames(opened, every, start, duration)
+        config = options.run_config(opened.base_config)
+        flight = flight_from_config(config)
         whole = measure.measure_file(chosen, flight, folder / "film.mp4")
         again = partial(Flight.from_config, config, dehazer=flight.dehazer, detector=flight.detector)
         run_rate = measure.measure_run(chosen, again(), folder / "run")

@@ -14,6 +14,7 @@ from deckline.config import Approach, Models, RunConfig, Tracking
 from deckline.dehaze import dehaze_frame
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
+from deckline.recording import open_recording
 from deckline.report.bands import RANGE_M, by_band, share
 from deckline.report.provenance import settings_of
 from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
@@ -119,7 +120,8 @@ def recording(
         options: of the configuration that flies.
         output: files of the results.
     """
-    return _evaluate([Recorded(source)], str(source), options.run_config(), None, output)
+    config = options.run_config(open_recording(source).base_config)
+    return _evaluate([Recorded(source)], str(source), config, None, output)
 
 
 def _evaluate(sets: Sequence[FrameSet], title: str, config: RunConfig, out: Path | None, output: OutputFiles) -> int:
