@@ -245,9 +245,9 @@ def test_labelme_files_are_written_beside_their_images(tmp_path):
     (tmp_path / "images").mkdir()
     write_labelme(tmp_path, [LabelledImage("images/a.png", np.array(LINES[0]), None, (100, 50))], 2)
     values = json.loads((tmp_path / "images" / "a.json").read_text())
-    (shape,) = values["shapes"]
-    assert (shape["label"], shape["shape_type"], shape["points"]) == ("left", "linestrip", LEFT["points"])
-    assert (values["imagePath"], values["imageWidth"], values["imageHeight"]) == ("a.png", 100, 50)
+    shape = {"label": "left", "points": LEFT["points"], "group_id": None, "shape_type": "linestrip", "flags": {}}
+    expected = {"shapes": [shape], "imagePath": "a.png", "imageWidth": 100, "imageHeight": 50}
+    assert {key: values[key] for key in expected} == expected
 
 
 def test_yolo_rows_are_shares_of_the_picture_and_end_at_its_edge(tmp_path):

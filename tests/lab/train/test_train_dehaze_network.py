@@ -22,7 +22,6 @@ from deckline.geometry import Camera
 from deckline.types import Frame
 from deckline_lab.train.dehaze import export_dehaze
 from deckline_lab.train.dehaze_blocks import (
-    DepthwiseSeparable,
     PooledSelfAttention,
     SeparableSelfAttention,
     SKFusion,
@@ -53,13 +52,10 @@ def network(config: DehazeNetworkConfig, seed: int = 0) -> DehazeNetwork:
     return model
 
 
-@pytest.mark.parametrize("name", list(SHAPES))
-def test_parameters_stay_under_the_papers(name: str) -> None:
-    limit = PAPER_LIMITS[name[-1]]
-    assert 0.8 * limit < count_parameters(DehazeNetwork(SHAPES[name])) <= limit
-
-
-def test_coarse_grid_costs_a_sixteenth() -> None:
+def test_costs_stay_under_the_papers_and_the_coarse_grid_costs_a_sixteenth() -> None:
+    for name, shape in SHAPES.items():
+        limit = PAPER_LIMITS[name[-1]]
+        assert 0.8 * limit < count_parameters(DehazeNetwork(shape)) <= limit
     full, coarse = (network_cost(DehazeNetwork(SHAPES[name])).macs for name in ("full-t", "coarse-t"))
     assert full < DEHAZE_FORMER_MACS
     assert coarse < full / 12
@@ -88,17 +84,6 @@ def test_ablated_networks_take_any_size_and_learn_in_every_weight(attention, tra
         out.square().mean().backward()
         unreached -= {name for name, p in model.named_parameters() if p.grad is not None and p.grad.abs().max() > 0}
     assert unreached == ({"log_guide_eps"} if unshuffle == 1 else set())  # no guided filter at full resolution
-
-
-def test_plain_transformer_works_on_a_720p_frame() -> None:
-    """14,400 pixels of the coarse grid attend to 920 keys: an image averaged down to 640 px wide, padded to 384."""
-    config = replace(SHAPES["coarse-t"], transformer="plain")
-    assert (config.key_pool, config.multiple) == (1, 32)
-    assert replace(config, unshuffle=1).key_pool == 4
-    with torch.no_grad():
-        out = network(config)(torch.rand(1, 3, 720, 1280), torch.rand(1, 3, 360, 640))
-    assert out.shape == (1, 3, 720, 1280)
-    assert torch.isfinite(out).all()
 
 
 @pytest.mark.parametrize("unshuffle", [1, 4])
@@ -147,19 +132,6 @@ def test_pooled_attention_is_its_formula(pool: int) -> None:
             heads.append(share @ value[:, part])
         expected = torch.cat(heads, 1) @ layer.out.weight[:, :, 0, 0].T + layer.out.bias
         torch.testing.assert_close(layer(x)[0].flatten(1).T, expected)
-
-
-def test_depthwise_separable_block_sees_its_neighbourhood_alone() -> None:
-    """3x3 and then 5x5 px: a pixel reaches 3 px far in every direction, and MixAttention's pooling is gone."""
-    torch.manual_seed(1)
-    layer, x = DepthwiseSeparable(4, kernel=5, expansion=2).eval(), torch.randn(1, 4, 15, 15)
-    moved = x.clone()
-    moved[:, 0, 7, 7] += 1
-    with torch.no_grad():
-        changed = (layer(moved) - layer(x)).abs().amax((0, 1)) > 0
-    rows, columns = torch.nonzero(changed, as_tuple=True)
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (4, 10, 4, 10)
-    assert changed.sum() == 49
 
 
 def test_selective_kernel_fusion_weighs_two_branches() -> None:

@@ -10,7 +10,7 @@ from deckline.detect.anchors import EDGES, RowGrid, decode_region
 from deckline.geometry import Camera
 from deckline.types import EdgeKind
 from deckline_lab.train.clear_views import ClearView
-from deckline_lab.train.detect_samples import DetectAugmentation, blur, compress, make_sample, rotate, visible_box
+from deckline_lab.train.detect_samples import DetectAugmentation, blur, compress, make_sample
 from deckline_lab.train.line_views import LineView
 from deckline_sim.camera.foreground import Foreground
 from deckline_sim.camera.sensor import jpeg
@@ -74,15 +74,6 @@ def test_targets_lie_on_the_drawn_lines(kind, shares, request):
     assert np.quantile(np.abs(errors), 0.9) < 0.6
 
 
-def test_left_stays_left_of_right_after_flips(view):
-    augment = DetectAugmentation()
-    for seed in range(20):
-        cell = make_sample(view, GRID, augment, rng(seed)).cell
-        both = np.isfinite(cell).all(axis=0)
-        assert (cell[1, both] > cell[2, both]).all()
-        assert (cell[2, both] > cell[0, both]).all()
-
-
 @pytest.mark.parametrize(("painted", "known", "seen"), [(True, True, True), (False, True, False), (None, False, False)])
 def test_a_centre_line_is_taught_where_it_is_painted_and_left_open_where_nobody_knows(view, painted, known, seen):
     sample = make_sample(replace(view, centre_painted=painted), GRID, certain(), rng(2))
@@ -109,25 +100,9 @@ def test_thick_haze_leaves_no_runway(view):
     assert all(np.isnan(s.cell).all() and s.box_weight.sum() == 0 for s in hidden)
 
 
-def test_no_runway_no_targets(view):
-    empty = LineView("sea", view.image_rgb, None, view.clear)
-    sample = make_sample(empty, GRID, DetectAugmentation(), rng(3))
-    assert np.isnan(sample.cell).all()
-    assert sample.region[-1] == 1.0
-
-
 def test_same_seed_same_sample(view):
     for one, other in zip(*(make_sample(view, GRID, DetectAugmentation(), rng(5)) for _ in range(2)), strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_rotated_moves_points_with_the_image():
-    v, u = np.mgrid[0:120, 0:200]
-    image = np.exp(-((u - 140.3) ** 2 + (v - 40.6) ** 2) / 18)[..., None].astype(np.float32)
-    turned, matrix, offset = rotate(image, 0.3)
-    grey = turned[..., 0]
-    found = np.array([(grey * u).sum(), (grey * v).sum()]) / grey.sum()
-    np.testing.assert_allclose(found, matrix @ [140.3, 40.6] + offset, atol=0.02)
 
 
 def test_no_haze_is_added_to_labelled_pictures_and_the_contrast_is_left(labelled):
@@ -145,14 +120,6 @@ def test_one_labelled_line_is_taught_alone_and_none_as_no_runway(labelled):
     assert decode_region(np.log(one.region + 1e-12), one.box).probability > 0.9
     none = make_sample(replace(labelled, lines_px=None), GRID, augment, rng(0))
     assert np.isnan(none.cell).all() and none.region[-1] == 1.0
-
-
-def test_visible_box_and_its_absence():
-    lines = np.linspace(LINES_PX[:, 0], LINES_PX[:, 1], 257, axis=1)
-    seen = np.ones((2, 257), dtype=bool)
-    np.testing.assert_allclose(visible_box(lines, seen, (0, 0, 639, 359)), [250, 180, 420, 305])
-    assert visible_box(lines, ~seen, (0, 0, 639, 359)) is None
-    assert visible_box(lines, seen, (0, 0, 100, 100)) is None
 
 
 @pytest.mark.parametrize(("quality", "scale"), [(25, 2.0), (50, 1.0), (90, 0.2)])
