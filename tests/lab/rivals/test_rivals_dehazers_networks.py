@@ -1,17 +1,18 @@
 """The compared dehazers one by one: their blocks against formulas, what they start from, what they add."""
 
 import math
+from collections.abc import Callable
 
 import pytest
 import torch
 import torch.nn.functional as F
-from torch import nn
+from torch import Tensor, nn
 
 from deckline_lab.rivals.dehazers import dehaze_former, grid_dehaze_net
 from deckline_lab.rivals.dehazers.aod_net import AodNet
 from deckline_lab.rivals.dehazers.common import pad_to_multiple, residual_gain, set_first_weights
 from deckline_lab.rivals.dehazers.g_unet import GatedBlock, GUNet
-from deckline_lab.rivals.dehazers.gca_net import GcaNet, SharedSmoothing, edges
+from deckline_lab.rivals.dehazers.gca_net import SharedSmoothing, edges
 
 
 @pytest.mark.parametrize(
@@ -35,21 +36,6 @@ def test_first_weights_have_the_papers_spread() -> None:
     spread = (8 * 16) ** -0.25 * math.sqrt(2 / (64 * 9 + 64 * 9))
     assert layer[0].weight.std().item() == pytest.approx(spread, rel=0.02)
     assert layer[0].bias.abs().max() == 0
-
-
-def test_aod_net_with_constant_k_is_the_papers_equation() -> None:
-    """Untrained: the input. With K held by the last bias: J = K I - K + 1, K never negative."""
-    model, image = AodNet(), torch.rand(2, 3, 20, 30)
-    k = torch.tensor([1.5, 0.5, 0.0]).reshape(1, 3, 1, 1)
-    with torch.no_grad():
-        torch.testing.assert_close(model(image), image)
-        model.fifth.bias.data = torch.tensor([1.5, 0.5, -2.0])
-        torch.testing.assert_close(model(image), k * (image - 1) + 1)
-
-
-SMALL = dehaze_former.DehazeFormerConfig(
-    channels=(4, 8, 16, 8, 4), depths=(1, 1, 1, 1, 1), attentive=(0, 1, 1, 0, 0), heads=(1, 2, 2, 1, 1), window=4
-)
 
 
 def test_norm_takes_scale_and_offset_out_and_hands_them_back() -> None:
@@ -106,17 +92,6 @@ def test_second_blocks_shift_and_last_ones_attend() -> None:
     assert attentive == [[False] * 4, [False, False, True, True], [True] * 4, [False] * 2, [False] * 2]
 
 
-def test_dehaze_former_reconstructs_on_minus_one_to_one() -> None:
-    """With K and B held by the last bias: on -1..1 the output is K I - B + I."""
-    model = dehaze_former.DehazeFormer(SMALL)
-    model.outro.weight.data.zero_()
-    model.outro.bias.data = torch.tensor([0.5, 0.1, 0.2, 0.3])
-    image = torch.rand(1, 3, 37, 45)
-    with torch.no_grad():
-        expected = 1.5 * (2 * image - 1) - torch.tensor([0.1, 0.2, 0.3]).reshape(1, 3, 1, 1)
-        torch.testing.assert_close(2 * model(image) - 1, expected, atol=1e-5, rtol=0)
-
-
 def test_gated_block_is_its_formula() -> None:
     torch.manual_seed(0)
     block, x = GatedBlock(4, 3, 7).eval(), torch.rand(1, 4, 8, 9)
@@ -126,15 +101,6 @@ def test_gated_block_is_its_formula() -> None:
         normed = (x - 0.5) / 2
         gate = 1 / (1 + torch.exp(-block.gate(normed)))
         torch.testing.assert_close(block(x), x + block.mix(block.value(normed) * gate), atol=1e-4, rtol=1e-4)
-
-
-def test_g_unet_adds_to_the_image() -> None:
-    model = GUNet(4, (1, 1, 1)).eval()
-    model.outro.weight.data.zero_()
-    model.outro.bias.data = torch.tensor([0.2, -0.4, 0.0])
-    image = torch.rand(1, 3, 35, 33)
-    with torch.no_grad():
-        torch.testing.assert_close(model(image), image + torch.tensor([0.1, -0.2, 0.0]).reshape(1, 3, 1, 1))
 
 
 def test_edges_are_a_quarter_of_the_neighbours_differences() -> None:
@@ -156,22 +122,6 @@ def test_smoothing_starts_as_the_identity_and_is_shared() -> None:
         torch.testing.assert_close(layer(x), F.avg_pool2d(x, 3, 1, 1))  # zeros outside count, too
 
 
-def test_gate_weighs_three_depths() -> None:
-    """With the gate held by its bias at (0, 0, 0) only the decoder's constant is added, the same everywhere."""
-    torch.manual_seed(0)
-    model = GcaNet(8)
-    model.gate.weight.data.zero_()
-    image = torch.rand(1, 3, 32, 40)
-    added = []
-    for weights in ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):
-        model.gate.bias.data = torch.tensor(weights)
-        with torch.no_grad():
-            added.append(model(image) - image)
-    assert added[0][:, :, 4:-4, 4:-4].std((2, 3)).max() < 1e-5
-    assert added[1].std() > 1e-2
-    assert (added[1] - added[2]).abs().max() > 1e-2
-
-
 @pytest.mark.parametrize("downwards", [True, False])
 def test_column_joins_rows_with_its_weights(downwards: bool) -> None:
     torch.manual_seed(0)
@@ -187,3 +137,37 @@ def test_column_joins_rows_with_its_weights(downwards: bool) -> None:
             along, across = column.dense[k](nodes[order[k]]), column.links[k - 1](after[order[k - 1]])
             joint = column.joints[k - 1]
             torch.testing.assert_close(after[order[k]], joint[0] * along + joint[1] * across)
+
+
+def constant_k(image: Tensor) -> Tensor:
+    """J = K I - K + 1 of K 0.5, 0.1 and 0."""
+    k = torch.tensor([0.5, 0.1, 0.0]).reshape(1, 3, 1, 1)
+    return k * (image - 1) + 1
+
+
+def constant_k_and_b(image: Tensor) -> Tensor:
+    """K I - B + I of K 0.5 on a range of -1 to 1."""
+    signed = 1.5 * (2 * image - 1) - torch.tensor([0.1, -0.2, 0.3]).reshape(1, 3, 1, 1)
+    return (signed + 1) / 2
+
+
+def constant_addition(image: Tensor) -> Tensor:
+    return image + torch.tensor([0.25, 0.05, -0.1]).reshape(1, 3, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("model", "bias", "expected"),
+    [
+        (AodNet(), [0.5, 0.1, -0.2], constant_k),
+        (dehaze_former.DehazeFormer(), [0.5, 0.1, -0.2, 0.3], constant_k_and_b),
+        (GUNet(4, (1, 1, 1)).eval(), [0.5, 0.1, -0.2], constant_addition),
+    ],
+)
+def test_the_published_formula_makes_the_picture(model: nn.Module, bias: list[float], expected: Callable) -> None:
+    """With what the last convolution gives held constant by its bias."""
+    last = [layer for layer in model.modules() if isinstance(layer, nn.Conv2d)][-1]
+    image = torch.rand(1, 3, 37, 45)
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.copy_(torch.tensor(bias))
+        torch.testing.assert_close(model(image), expected(image), atol=1e-5, rtol=0)

@@ -20,8 +20,8 @@ LONG = Recipe(steps=40, batch=1)  # each step is a hundredth of the budget or mo
 
 def new_run(out: Path, recipe: Recipe = RECIPE) -> TrainingRun:
     torch.manual_seed(0)
-    layers = (torch.nn.Linear(3, 4), torch.nn.BatchNorm1d(4), torch.nn.Dropout(), torch.nn.Linear(4, 1))
-    model = torch.nn.Sequential(*layers) if recipe is LONG else torch.nn.Linear(3, 1)
+    hidden = [torch.nn.BatchNorm1d(4), *([torch.nn.Dropout()] if recipe is LONG else [])]
+    model = torch.nn.Sequential(torch.nn.Linear(3, 4), *hidden, torch.nn.Linear(4, 1))
     return open_run(recipe, model, torch.optim.AdamW(model.parameters()), out)
 
 
