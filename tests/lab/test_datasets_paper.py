@@ -9,9 +9,9 @@ import pytest
 from deckline.cli.main import main
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
-from deckline_lab.datasets.check import check_dataset
 from deckline_lab.datasets.paper import (
     DatasetConfig,
+    check_dataset,
     dataset_items,
     split_frames,
     tile_corners,

@@ -86,15 +86,14 @@ def test_windows_see_themselves_alone(shift: int) -> None:
 
 
 def test_second_blocks_shift_and_last_ones_attend() -> None:
-    config = dehaze_former.DehazeFormerConfig()
-    assert [block.aggregation.shift for block in dehaze_former.stage(config, 1)] == [0, 4, 0, 4]
-    attentive = [[block.norm is not None for block in dehaze_former.stage(config, index)] for index in range(5)]
+    assert [block.aggregation.shift for block in dehaze_former.stage(1)] == [0, 4, 0, 4]
+    attentive = [[block.norm is not None for block in dehaze_former.stage(index)] for index in range(5)]
     assert attentive == [[False] * 4, [False, False, True, True], [True] * 4, [False] * 2, [False] * 2]
 
 
 def test_gated_block_is_its_formula() -> None:
     torch.manual_seed(0)
-    block, x = GatedBlock(4, 3, 7).eval(), torch.rand(1, 4, 8, 9)
+    block, x = GatedBlock(4).eval(), torch.rand(1, 4, 8, 9)
     block.norm.running_mean.fill_(0.5)
     block.norm.running_var.fill_(4.0)
     with torch.no_grad():
@@ -160,7 +159,7 @@ def constant_addition(image: Tensor) -> Tensor:
     [
         (AodNet(), [0.5, 0.1, -0.2], constant_k),
         (dehaze_former.DehazeFormer(), [0.5, 0.1, -0.2, 0.3], constant_k_and_b),
-        (GUNet(4, (1, 1, 1)).eval(), [0.5, 0.1, -0.2], constant_addition),
+        (GUNet().eval(), [0.5, 0.1, -0.2], constant_addition),
     ],
 )
 def test_the_published_formula_makes_the_picture(model: nn.Module, bias: list[float], expected: Callable) -> None:
