@@ -371,7 +371,9 @@ ALL: dict[str, Callable[[], Reader]] = {
     "config": lambda: Reader(
         in_file("x.toml", lambda path: to_toml_text(read_config(RunConfig, path))), [to_toml_text(RunConfig()).encode()]
     ),
-    "sim": lambda: Reader(in_file("x.toml", lambda path: read_config(SimConfig, path)), sim_seeds()),
+    "sim": lambda: Reader(
+        in_file("x.toml", lambda path: read_config(SimConfig, path)), [to_toml_text(SimConfig()).encode()]
+    ),
     "settings": lambda: Reader(
         in_file("s.json", lambda path: read_settings(path, CaptureSetting(8, 6, 90.0))), [SETTINGS]
     ),
@@ -396,10 +398,6 @@ ALL: dict[str, Callable[[], Reader]] = {
 def image_seeds() -> list[bytes]:
     seeds = [cv2.imencode(suffix, IMAGE)[1].tobytes() for suffix in (".png", ".jpg", ".bmp", ".ppm", ".tif", ".webp")]
     return [*seeds, cv2.imencode(".png", IMAGE.astype(np.uint16) * 255)[1].tobytes()]
-
-
-def sim_seeds() -> list[bytes]:
-    return [to_toml_text(SimConfig()).encode()]
 
 
 def fuzz(name: str, corpus: Path, seconds: float, again: Path | None) -> None:

@@ -10,23 +10,9 @@ from torch import Tensor, nn
 
 from deckline_lab.rivals.dehazers import dehaze_former, grid_dehaze_net
 from deckline_lab.rivals.dehazers.aod_net import AodNet
-from deckline_lab.rivals.dehazers.common import pad_to_multiple, residual_gain, set_first_weights
+from deckline_lab.rivals.dehazers.common import residual_gain, set_first_weights
 from deckline_lab.rivals.dehazers.g_unet import GatedBlock, GUNet
 from deckline_lab.rivals.dehazers.gca_net import SharedSmoothing, edges
-
-
-@pytest.mark.parametrize(
-    ("size", "multiple", "expected"),
-    [((64, 48), 8, (64, 48)), ((65, 47), 8, (72, 48)), ((1, 50), 4, (32, 52)), ((7, 33), 5, (35, 35))],
-)
-def test_sides_become_multiples_and_not_too_short(
-    size: tuple[int, int], multiple: int, expected: tuple[int, int]
-) -> None:
-    image = torch.rand(2, 3, *size)
-    whole = pad_to_multiple(image, multiple)
-    assert whole.shape == (2, 3, *expected)
-    torch.testing.assert_close(whole[:, :, : size[0], : size[1]], image)
-    torch.testing.assert_close(whole[:, :, -1, -1], image[:, :, -1, -1])
 
 
 def test_first_weights_have_the_papers_spread() -> None:

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from deckline.detect.anchors import decode, encode_region, rows_from_map
 from deckline_lab.rivals.detectors import parts
 from deckline_lab.rivals.detectors.enet_sad import EnetSad, unpool
-from deckline_lab.rivals.detectors.parts import MAP_KIND, STRIPE_PX, MapOutput
+from deckline_lab.rivals.detectors.parts import MAP_KIND, MapOutput
 from deckline_lab.rivals.detectors.resa import GAIN, ROUNDS, FeatureShift
 from deckline_lab.rivals.detectors.sad import DISTIL_FROM, attention, distillation_loss
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights
@@ -72,16 +72,6 @@ def test_distillation_comes_in_late() -> None:
     early, late = (model.loss(output, targets, LossWeights(), share) for share in (DISTIL_FROM - 0.01, DISTIL_FROM))
     assert "distil" not in early[1]
     assert (late[0] - early[0]).item() == pytest.approx(0.1 * late[1]["distil"], rel=1e-3)
-
-
-def test_the_stripe_has_its_width_on_every_row() -> None:
-    cell = torch.full((1, 2, 5), float("nan"))
-    cell[0, 0, 1:4] = torch.tensor([20.0, 20.5, 21.0])
-    cell[0, 1, 2] = 40.0
-    label = parts.paint_stripes(cell, 64)
-    assert (label[0] == 1).sum(1).tolist() == [0, STRIPE_PX + 1, STRIPE_PX, STRIPE_PX + 1, 0]
-    assert (label[0, 2] == 2).nonzero().flatten().tolist() == list(range(34, 47))
-    assert label[0, 0].max() == label[0, 4].max() == 0
 
 
 def test_overlap_is_one_minus_intersection_over_union() -> None:

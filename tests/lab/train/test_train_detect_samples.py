@@ -181,14 +181,6 @@ def test_a_photograph_takes_the_skys_place_alone(below_sky):
     assert bare.image[0, :124].std() < 0.01 < 1.0 < shown.image[0, :124].std()
 
 
-def test_haze_dims_a_photograph_and_leaves_some_of_it(below_sky):
-    augment = certain("backdrop", "haze", optical_depth_max=0.1, **WHOLE)
-    contrast = [make_sample(below_sky, GRID, augment, rng(k), [STRIPES]).image[0, :124].std() for k in range(12)]
-    clear = make_sample(below_sky, GRID, certain("backdrop", **WHOLE), rng(0), [STRIPES]).image[0, :124].std()
-    assert max(contrast) < clear
-    assert np.median(contrast) > 0.1 * clear
-
-
 def test_a_picture_upside_down_has_no_runway(view):
     seen = replace(view, edge=EdgeKind.PAINT)
     one, turned = (make_sample(seen, GRID, certain(*name, **WHOLE), rng(0)) for name in ((), ("upside_down",)))

@@ -81,18 +81,6 @@ def test_a_detector_goes_on_from_its_shipped_file(name: str, build: type[Pyramid
     assert all(torch.all(n.running_var + n.eps == 1.0) for n in model.modules() if isinstance(n, torch.nn.BatchNorm2d))
 
 
-def test_the_hybrid_takes_what_both_networks_have():
-    path = shipped_weights("ufld")
-    earlier, model = Ufld(PyramidConfig(pretrained=False)).eval(), Hybrid(PyramidConfig(pretrained=False)).eval()
-    start_detector(earlier, path)
-    start_detector(model, path)
-    with torch.no_grad():
-        one, other = earlier(VIEW), model(VIEW)
-    torch.testing.assert_close(one.region, other.region, atol=1e-4, rtol=1e-4)
-    rows = [logits[:, :2, :, :-1].log_softmax(-1) for logits in (one.rows, other.rows)]
-    torch.testing.assert_close(*rows, atol=1e-3, rtol=1e-3)
-
-
 def test_settled_norms_change_nothing_but_how_training_begins():
     model = Ufld(SMALL)
     images = torch.from_numpy(np.random.default_rng(2).standard_normal((2, 3, 288, 512), dtype=np.float32))
