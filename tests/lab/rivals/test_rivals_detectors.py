@@ -1,4 +1,4 @@
-"""Every network beside our first: its published size, what it says, learning, and torch against ONNX."""
+"""Every line network: its published size, learning, and torch against ONNX."""
 
 from pathlib import Path
 
@@ -132,5 +132,5 @@ def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     assert (ours.columns is None) == (theirs.columns is None) == (name != "hybrid")
     for one, other in zip(ours, theirs, strict=True):
         if one is not None and other is not None:
-            assert np.abs(one).max() > 1e-3, "the network must say something for the comparison to mean anything"
+            assert np.abs(one).max() > 1e-3, "the network must give more than zeros"
             np.testing.assert_allclose(one, other, atol=2e-3 * max(1.0, np.abs(one).max()))

@@ -95,7 +95,7 @@ def test_a_perfect_answer_costs_nothing_and_a_wrong_one_does() -> None:
 
 
 def test_what_is_taught_is_what_is_decoded() -> None:
-    """A network that paints exactly as taught gives the line back to a tenth of a pixel, and says how sure it is."""
+    """A network that paints exactly as taught gives the line to a tenth of a pixel, with high confidence."""
     grid = MAP_KIND.grid
     y = np.arange(grid.height)
     x = np.stack([100.3 + 0.21 * y, 400.8 - 0.37 * y])
@@ -108,7 +108,7 @@ def test_what_is_taught_is_what_is_decoded() -> None:
     assert np.abs(found.x_px - expected).mean() < 0.1
     assert found.confidence.min() > 0.99
     assert found.sigma_px.max() < 2.0
-    assert np.isnan(decode(rows[1], grid, MAP_KIND.decode).x_px).all()  # painted, but said not to be there
+    assert np.isnan(decode(rows[1], grid, MAP_KIND.decode).x_px).all()  # painted, but absent by the existence branch
 
 
 def painted_batch(width: int, height: int) -> tuple[torch.Tensor, DetectTargets]:

@@ -45,7 +45,7 @@ variants = pytest.mark.parametrize(
 
 
 def network(config: DehazeNetworkConfig, seed: int = 0) -> DehazeNetwork:
-    """A network whose head says something: freshly built ones return their input."""
+    """A network with a random head: a freshly built one returns its input."""
     torch.manual_seed(seed)
     model = DehazeNetwork(config).eval()
     torch.nn.init.normal_(model.head[1].weight, std=0.05)
@@ -192,8 +192,9 @@ def test_torch_and_onnx_agree(config: DehazeNetworkConfig, tmp_path: Path) -> No
     model, coarse = network(config), config.unshuffle > 1
     working_px = 128 if coarse else 1024  # full resolution: nothing here is averaged down first
     path = export_dehaze(model, tmp_path / "net.onnx", asdict(config), working_px, {"lr": 1.0}, 7)
-    dehazer = OnnxDehazer(path, engine=Engine(threads=1), network_only=True)
-    dehazer.geometry = Halved()
+    dehazer = OnnxDehazer(path, engine=Engine(threads=1), network_only=config.prior)
+    if config.prior:
+        dehazer.geometry = Halved()
     stored = dehazer.session.config
     assert (stored["network"], stored["step"]) == (json.loads(json.dumps(asdict(config))), 7)
     assert (dehazer.coarse, stored["recipe"]) == (coarse, {"lr": 1.0})

@@ -1,4 +1,4 @@
-"""Haze that training lays over clear views: as the laws say, and a prior that geometry alone can give."""
+"""Haze that training adds to clear views follows the scattering laws; the prior is what geometry alone can give."""
 
 from dataclasses import replace
 from pathlib import Path

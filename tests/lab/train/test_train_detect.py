@@ -1,4 +1,4 @@
-"""The recipe on a few tiny frames: it runs, resumes, exports, and the export says what torch says."""
+"""The recipe on a few tiny frames: it runs, resumes and exports."""
 
 from dataclasses import replace
 from pathlib import Path

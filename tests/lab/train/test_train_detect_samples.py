@@ -1,4 +1,4 @@
-"""Samples: what the network is shown must agree with what it is told, to the sub-pixel, after every augmentation."""
+"""Samples: picture and targets agree to the sub-pixel after every augmentation."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""First weights from an earlier training, whatever it was kept in."""
+"""First weights from an earlier training's folder or file."""
 
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -24,7 +24,7 @@ TINY = DehazeNetworkConfig(channels=8, depths=(1, 1, 1, 1, 1), vit_layers=(1, 1,
 def trained() -> DehazeNetwork:
     torch.manual_seed(1)
     model = DehazeNetwork(TINY)
-    for value in model.parameters():  # equal ones, as fresh biases are, would be kept once in the file
+    for value in model.parameters():  # equal ones, as fresh biases are, would be stored once
         torch.nn.init.normal_(value, std=0.05)
     return model.eval()
 

@@ -150,7 +150,7 @@ def test_true_lines_are_projected_onto_the_paint():
     left, right, centre = view.lines_px
     assert left[:, 0].mean() < right[:, 0].mean()
     np.testing.assert_allclose(centre[0, 0], (left[0, 0] + right[0, 0]) / 2, atol=1.0)  # seen from straight behind
-    assert view.centre_painted is None  # this recording does not say
+    assert view.centre_painted is None  # not recorded
     assert make_line_view(line_frame(3, runway=False)).lines_px is None
 
 
