@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from scipy.spatial.transform import RigidTransform
 
 from clear_scene import clear_frame, clear_recording
 from deckline.dehaze.pixel_map import linear_levels
-from deckline.geometry import Camera, attitude, camera_mount
+from deckline.geometry import Camera, camera_mount
 from deckline.haze import beta_from_visibility, transmission
 from deckline_lab.evaluation.metrics import psnr_db
 from deckline_lab.train.airlight import random_airlight
@@ -26,29 +25,21 @@ from deckline_lab.train.dehaze_samples import (
     random_window,
 )
 from deckline_lab.train.pair_views import PairView, open_clear_views
+from dehaze.sea_scene import AIRLIGHT, CAMERA, ray_z, sea_pair, world_from_body
 
-CAMERA = Camera.from_fov(320, 180, np.radians(60))
 EYE_M, DECK_Z_M, SEA_Z_M = 60.0, -8.0, 12.0
-POSE = (
-    RigidTransform.from_components([0.0, 0.0, SEA_Z_M - EYE_M], attitude(0.0, np.radians(-8.0), 1.0)) * camera_mount()
-)
+BODY = world_from_body(eye_z_m=SEA_Z_M - EYE_M)
+POSE = BODY * camera_mount()
 PLAIN = HazeAugmentation(clear_share=0, noise_share=0)
 
 
 @pytest.fixture(scope="module")
 def view() -> ClearView:
     """A dark textured sea under a bright sky, seen from above."""
-    v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
-    rays = CAMERA.rays(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
-    down = (rays @ POSE.rotation.as_matrix()[2] / np.linalg.norm(rays, axis=1)).reshape(u.shape)
-    ranges = np.where(down > 0, EYE_M / np.maximum(down, 1e-9), np.inf)
-    image = np.random.default_rng(0).normal((30, 50, 62), 3, (*u.shape, 3))
-    image[down <= 0] = (150, 165, 180)
+    down = ray_z(BODY)
     with np.errstate(over="ignore"):
-        half = ranges.astype(np.float16)
-    horizon = np.array([150, 165, 180], np.float32)
-    clear = np.rint(image).clip(0, 255).astype(np.uint8)
-    return ClearView(clear, half, horizon, CAMERA, POSE, DECK_Z_M, SEA_Z_M)
+        ranges = np.where(down > 0, EYE_M / np.maximum(down, 1e-9), np.inf).astype(np.float16)
+    return ClearView(sea_pair(0.0)[1], ranges, AIRLIGHT.astype(np.float32), CAMERA, POSE, DECK_Z_M, SEA_Z_M)
 
 
 def test_the_sea_is_the_lowest_thing_in_view(view: ClearView) -> None:
