@@ -77,7 +77,7 @@ WORDS = (
 )
 LIMITS = ("-timeout=10", "-rss_limit_mb=2048", "-max_len=16384", "-len_control=0")
 IMAGE = np.random.default_rng(0).integers(0, 255, (6, 8, 3), np.uint8)
-PICTURE, JPEG = (cv2.imencode(suffix, IMAGE)[1].tobytes() for suffix in (".png", ".jpg"))
+PICTURE = cv2.imencode(".png", IMAGE)[1].tobytes()
 SAMPLE = zipfile.ZipFile(ROOT / "src/deckline/sample/approach.zip")
 ROWS = b"\n".join(SAMPLE.read("airsim_rec.txt").splitlines()[:3])
 SHOWN = {"images/" + line.split()[-1].decode(): PICTURE for line in ROWS.splitlines()[1:]}
@@ -92,7 +92,7 @@ POSES = b"file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\na.png,0,0,0,-30,1,0,0,0\nb.png,1,
 POSE = b'{"time_s": 1.0, "x_m": 0, "y_m": 0, "z_m": -3, "qw": 1, "qx": 0, "qy": 0, "qz": 0}'
 TURNS = [(t, 1.0, 2.0, 3.0) for t in (1.0, 1.2, 1.4)]
 PLACES = [(t, 46.0, 7.0, 100.0) for t in (1.0, 1.2, 1.4)]
-GLOBE, ZERO = Navigation(offset_s=0.0), (0.0, 0.0, 0.0)
+GLOBE = Navigation(offset_s=0.0)
 COCO = (
     b'{"images": [{"id": 1, "file_name": "a.png", "width": 8, "height": 6}], "annotations": [{"image_id": 1, '
     b'"category_id": 1, "keypoints": [1, 1, 2, 2, 5, 2, 4, 1, 2, 5, 5, 2]}], "categories": [{"id": 1, "keypoints": '
@@ -371,7 +371,9 @@ ALL: dict[str, Callable[[], Reader]] = {
     "config": lambda: Reader(
         in_file("x.toml", lambda path: to_toml_text(read_config(RunConfig, path))), [to_toml_text(RunConfig()).encode()]
     ),
-    "sim": lambda: Reader(in_file("x.toml", lambda path: read_config(SimConfig, path)), sim_seeds()),
+    "sim": lambda: Reader(
+        in_file("x.toml", lambda path: read_config(SimConfig, path)), [to_toml_text(SimConfig()).encode()]
+    ),
     "settings": lambda: Reader(
         in_file("s.json", lambda path: read_settings(path, CaptureSetting(8, 6, 90.0))), [SETTINGS]
     ),
@@ -396,10 +398,6 @@ ALL: dict[str, Callable[[], Reader]] = {
 def image_seeds() -> list[bytes]:
     seeds = [cv2.imencode(suffix, IMAGE)[1].tobytes() for suffix in (".png", ".jpg", ".bmp", ".ppm", ".tif", ".webp")]
     return [*seeds, cv2.imencode(".png", IMAGE.astype(np.uint16) * 255)[1].tobytes()]
-
-
-def sim_seeds() -> list[bytes]:
-    return [to_toml_text(SimConfig()).encode()]
 
 
 def fuzz(name: str, corpus: Path, seconds: float, again: Path | None) -> None:

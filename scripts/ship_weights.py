@@ -7,13 +7,12 @@
 import argparse
 import datetime
 import json
+import shutil
 from pathlib import Path
-
-import onnx
 
 from deckline.runtime import load_session
 from deckline.runtime.weights import MANIFEST, WEIGHTS, shipped_models
-from deckline_lab.train.export import drop_empty_inputs, manifest_entry
+from deckline_lab.train.export import manifest_entry
 
 TABLE = "[[model]]"
 TEXTS = ("name", "command", "data", "hardware")  # of an entry, as they are given
@@ -33,9 +32,7 @@ def ship(arguments: argparse.Namespace, folder: Path) -> None:
     config = load_session(arguments.model).config
     figures = {name: round(value, 4) for name, value in json.loads(arguments.figures.read_text()).items()}
     target = folder / f"{arguments.name}.onnx"
-    proto = onnx.load(str(arguments.model))
-    drop_empty_inputs(proto)  # of an older export
-    onnx.save(proto, str(target))
+    shutil.copyfile(arguments.model, target)
     keys = {name: getattr(arguments, name) for name in TEXTS} | {"kind": config["kind"], "steps": config["step"]}
     keys |= {"seed": config["recipe"]["seed"], "date": str(datetime.date.today()), "figures": figures}
     manifest = folder / MANIFEST

@@ -9,12 +9,10 @@ import pytest
 from deckline.cli.main import main
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
-from deckline_lab.datasets.check import check_dataset
 from deckline_lab.datasets.paper import (
     DatasetConfig,
-    count_files,
+    check_dataset,
     dataset_items,
-    file_hashes,
     split_frames,
     tile_corners,
     write_manifest,
@@ -36,13 +34,6 @@ def test_the_papers_counts_are_the_defaults():
     assert (len(members["train"]), len(members["test"])) == (421, 179)
     assert sorted(members["train"] + members["test"]) == list(range(600))
     assert split_frames(config) == members != split_frames(DatasetConfig(seed=1))
-    corners = tile_corners(config.width, config.height, config.tile_px)
-    assert (421 * len(corners), 179 * len(corners)) == (3368, 1432)
-
-
-def test_one_scene_has_one_weather_for_every_flight_and_view():
-    assert {item[0].weather.seed for item in dataset_items(DatasetConfig(seed=3, one_scene=True))} == {3}
-    assert {item[0].weather.seed for item in dataset_items(DatasetConfig(seed=3))} == {None}
 
 
 def test_tiles_overlap_and_cover_the_image():
@@ -58,7 +49,8 @@ def test_tiles_overlap_and_cover_the_image():
 
 def test_frames_are_half_random_views_and_half_flights_of_their_own_seed():
     items = dataset_items(DatasetConfig(seed=3))
-    assert len(items) == 600
+    assert len(items) == 600 and {config.weather.seed for config, _ in items} == {None}
+    assert {item[0].weather.seed for item in dataset_items(DatasetConfig(seed=3, one_scene=True))} == {3}
     recordings = list({id(config): config for config, _ in items}.values())
     assert (recordings[0].trajectory, recordings[0].frames, recordings[0].seed) == ("random", 300, 300)
     assert [config.seed for config in recordings] == list(range(300, 313))
@@ -72,7 +64,10 @@ def test_frames_are_half_random_views_and_half_flights_of_their_own_seed():
 def test_what_is_written_is_as_the_manifest_counts(dataset):
     manifest = json.loads((dataset / "manifest.json").read_text())
     assert manifest["counts"] == {"train": {"frames": 8, "tiles": 64}, "test": {"frames": 4, "tiles": 32}}
-    assert manifest["dataset"]["depth_range_m"] == "inf"
+    assert (manifest["dataset"]["depth_range_m"], manifest["dataset"]["seed"]) == ("inf", 0)
+    assert {"python", "numpy", "moderngl", "opengl"} <= set(manifest["versions"])
+    name, digest = next(iter(manifest["files"].items()))
+    assert digest == hashlib.sha256((dataset / name).read_bytes()).hexdigest()
     for split, count in (("train", 8), ("test", 4)):
         for kind, suffix in (("hazy", "png"), ("clear", "png"), ("depth", "npy")):
             assert len(list((dataset / split / "tiles" / kind).glob(f"*.{suffix}"))) == 8 * count
@@ -121,55 +116,26 @@ def test_without_tiles_there_are_recordings_alone(tmp_path):
     assert main(["dataset", str(out), "--check"]) == 0
 
 
-NAMES = ["test/clear/b.png", "train/clear/a.png", "train/tiles/hazy/00000_0.png", "train/tiles/hazy/00000_1.png"]
-
-
-@pytest.fixture
-def folder(tmp_path):
-    for name in NAMES:
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(name.encode())
-    write_manifest(tmp_path, {"seed": 4})
-    return tmp_path
-
-
-def test_the_manifest_holds_sha256_by_relative_path_and_counts(folder):
-    hashes = file_hashes(folder, jobs=2)
-    assert list(hashes) == NAMES
-    assert hashes == {name: hashlib.sha256(name.encode()).hexdigest() for name in NAMES}
-    assert count_files(hashes) == {"train": {"frames": 1, "tiles": 2}, "test": {"frames": 1, "tiles": 0}}
-
-
-def test_a_whole_dataset_passes(folder):
-    assert check_dataset(folder) == 4
-    manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["seed"] == 4
-    assert {"python", "numpy", "moderngl", "opengl"} <= set(manifest["versions"])
-
-
-def test_what_is_wrong_is_named_in_one_line(folder, capsys):
-    (folder / "train/clear/a.png").unlink()
-    (folder / "test/clear/b.png").write_bytes(b"other")
-    (folder / "test/c.txt").write_bytes(b"")
-    (folder / "test/d.txt").write_bytes(b"")
-    assert main(["dataset", str(folder), "--check"]) == 2
+def test_what_is_wrong_is_named_in_one_line(tmp_path, capsys):
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(b"1")
+    write_manifest(tmp_path, {})
+    assert check_dataset(tmp_path) == 2
+    (tmp_path / "a.png").unlink()
+    for name in ("b.png", "c.txt", "d.txt"):
+        (tmp_path / name).write_bytes(b"2")
+    assert main(["dataset", str(tmp_path), "--check"]) == 2
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("deckline: error")]
-    for word in (str(folder), "a.png is missing", "b.png has changed", "c.txt is not in the manifest", "1 more"):
+    for word in (str(tmp_path), "a.png is missing", "b.png has changed", "c.txt is not in the manifest", "1 more"):
         assert word in line
     assert "d.txt" not in line
 
 
-def test_a_folder_without_a_manifest_of_ours_is_named(tmp_path):
+@pytest.mark.parametrize(
+    "text", [None, "{", '{"format": "other"}', '{"format": "deckline-dataset", "version": 1}', '{"\xe4": 1}']
+)
+def test_a_manifest_that_is_missing_damaged_or_not_ours_is_named(text, tmp_path):
+    if text is not None:
+        (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(ValueError, match=f"{tmp_path}.*manifest"):
-        check_dataset(tmp_path)
-    (tmp_path / "manifest.json").write_text('{"format": "other"}')
-    with pytest.raises(ValueError, match=r"deckline-dataset.* 1"):
-        check_dataset(tmp_path)
-
-
-@pytest.mark.parametrize("text", ["{", '{"format": "deckline-dataset", "version": 1}', '{"\xe4": 1}'])
-def test_a_damaged_manifest_is_named(text, tmp_path):
-    (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
-    with pytest.raises(ValueError, match=r"manifest\.json.*damaged"):
         check_dataset(tmp_path)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import tyro
 
-from deckline_lab.datasets.check import check_dataset
-from deckline_lab.datasets.paper import MANIFEST, DatasetConfig, write_dataset
+from deckline_lab.datasets.paper import MANIFEST, DatasetConfig, check_dataset, write_dataset
 from deckline_sim.record import parse_visibility, visibility_text
 
 DATASET_HELP = """\

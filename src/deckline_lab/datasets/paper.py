@@ -38,6 +38,8 @@ MANIFEST = "manifest.json"
 # A pair as its files hold it; a tile: folder and suffix with {} for the frame's number, and the file.
 EncodedPair = tuple[EncodedFrame, list[tuple[str, bytes]]]
 FORMAT, VERSION = "deckline-dataset", 1
+NAMED = 3  # damaged files that an error names
+MEND = "remove it and give the command that made it again"
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "moderngl")
 SPLITS = ("train", "test")
 COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper
@@ -227,3 +229,29 @@ def versions() -> dict[str, str]:
     renderer = str(context.info["GL_RENDERER"])
     context.release()
     return {"python": platform.python_version(), "opengl": renderer} | {name: version(name) for name in PACKAGES}
+
+
+def check_dataset(out: Path, jobs: int = 1) -> int:
+    """Compare every file with the manifest; returns their number.
+
+    Raises:
+        ValueError: no manifest or a damaged one, or files that are missing, changed or not in it; names the first few.
+    """
+    try:
+        manifest = json.loads((out / MANIFEST).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(f"{out} holds no {MANIFEST}: give the command that made it again to finish it") from None
+    except ValueError as error:  # neither JSON nor text
+        raise ValueError(f"{out / MANIFEST} is damaged: {error}; {MEND}") from None
+    if not isinstance(manifest, dict) or (manifest.get("format"), manifest.get("version")) != (FORMAT, VERSION):
+        raise ValueError(f"{out / MANIFEST}: not a {FORMAT} manifest of version {VERSION}")
+    if not isinstance(manifest.get("files"), dict):
+        raise ValueError(f"{out / MANIFEST} is damaged: it lists no files; {MEND}")
+    expected, found = manifest["files"], file_hashes(out, jobs)
+    wrong = [f"{name} is missing" for name in expected if name not in found]
+    wrong += [f"{name} has changed" for name, digest in found.items() if expected.get(name, digest) != digest]
+    wrong += [f"{name} is not in the manifest" for name in found if name not in expected]
+    if wrong:
+        more = f" and {len(wrong) - NAMED} more" if len(wrong) > NAMED else ""
+        raise ValueError(f"{out}: {', '.join(wrong[:NAMED])}{more}; make the dataset again in another folder")
+    return len(expected)

@@ -1,9 +1,9 @@
 """Dehazers and detectors that an evaluation can name: those of `deckline`, and the rivals they are compared with."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
-from deckline.config import CPU, Engine, RunConfig
+from deckline.config import CPU, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
 from deckline.detect import DETECTORS, Detector
 from deckline.flight import Flight
@@ -36,25 +36,14 @@ def flight_from_config(config: RunConfig, **parts: Any) -> Flight:
     Raises:
         ValueError: an unknown dehazer or detector, or a model file or an engine that cannot be used.
     """
-    models = config.models
-    if parts.get("dehazer") is None:
-        parts["dehazer"] = _build_rival("dehazer", models.dehazer, RIVAL_DEHAZERS, DEHAZERS, config.engine)
-    if parts.get("detector") is None:
-        parts["detector"] = _build_rival("detector", models.detector, RIVAL_DETECTORS, DETECTORS, config.engine)
+    for part, rivals, known in (
+        ("dehazer", RIVAL_DEHAZERS, ALL_DEHAZERS),
+        ("detector", RIVAL_DETECTORS, ALL_DETECTORS),
+    ):
+        name = getattr(config.models, part)
+        if parts.get(part) is None and name in rivals:
+            parts[part] = rivals[name](config.engine)
+        elif parts.get(part) is None and name not in known and not name.endswith(".onnx"):
+            names = ", ".join(known)
+            raise ValueError(f"unknown {part} {name!r}: use one of {names}, or the path of an .onnx file")
     return Flight.from_config(config, **parts)
-
-
-def _build_rival(
-    part: str,
-    name: str,
-    rivals: Mapping[str, Callable[..., Any]],
-    shipped: Mapping[str, Callable[..., Any]],
-    engine: Engine,
-) -> Any:
-    """The rival of this name; None for what a flight builds itself."""
-    if name in rivals:
-        return rivals[name](engine)
-    if name in shipped or name.endswith(".onnx"):
-        return None
-    names = ", ".join((*shipped, *rivals))
-    raise ValueError(f"unknown {part} {name!r}: use one of {names}, or the path of an .onnx file")

@@ -1,9 +1,9 @@
 """A line finder without weights: bright stripes, straight lines through them, and the pair that could be a runway.
 
 A runway's edges are two bright stripes, or ladders of two stripes each, on something darker and even. They are
-straight, side by side, converge with distance, and have similar contrast. Where no pair stands out the runway is not
-seen. A prior's box is then magnified and searched alone: less competes with the runway there, and a far one has more
-rows.
+straight, side by side, converge with distance, and have similar contrast. Without a distinct best pair no
+runway is reported. A prior's box is then magnified and searched alone: fewer stripes compete with the runway there, and
+a far one has more rows.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from deckline.types import Detection, LinePoints
 from deckline_lab.rivals.stripes import StripeConfig, StripeLine, find_stripes, midline
 
 # Thresholds were set on 180 clear views of the simulator (presets paper, cvn, axial and random ships), so that most
-# pairs that come back are right; `deckline eval detection` measures them on other views.
+# returned pairs are right; `deckline eval detection` measures them on other views.
 MIN_POINTS = 3  # of a line that is returned
 # Two pairs closer than this, side by side, are one: the stripes of a ladder; lone stripes.
 SAME_LADDER, SAME_STRIPE = 0.2, 0.03  # of a pair's width, from side to side
@@ -47,7 +47,7 @@ class ClassicalConfig:
 
 
 class ClassicalDetector:
-    """Stripes, straight lines and the one pair that stands out; deterministic."""
+    """Stripes, straight lines and the one distinct best pair; deterministic."""
 
     name = "classical"
 
@@ -144,7 +144,7 @@ def _best_pair(markings: list[_Marking], level: NDArray[np.uint8], config: Class
 def _score_pair(
     left: _Marking, right: _Marking, markings: list[_Marking], level: NDArray[np.uint8], config: ClassicalConfig
 ) -> _Pair | None:
-    """A pair with its score: how much it looks like a runway's edges. None where it cannot be."""
+    """A pair with the score of its likeness to a runway's edges; None where it cannot be one."""
     a, b = left.line, right.line
     top, bottom = _common_rows(a, b)
     ladders = left.spacing_px > 0

@@ -18,7 +18,7 @@ Image = NDArray[np.floating]  # float32; (H, W, 3) in 0..1 or (H, W)
 
 @dataclass(frozen=True)
 class DarkChannelConfig:
-    """Values of the papers, for images of about 600x400 px; they are kept in pixels as published."""
+    """Values of the papers, in pixels, as published for images of about 600x400 px."""
 
     patch_px: int = 15  # side of the dark channel's window
     omega: float = 0.95  # how much of the haze is removed

@@ -19,7 +19,7 @@ from deckline.types import DepthMode, Detection, Diagnostic, Frame, PixelLine, R
 Array = NDArray[np.float64]
 MIN_SIGMA_M = 1e-6  # lower bound, for finite residuals of noiseless points
 EPOCHS = 400  # passes of the descent over the points
-LEARNING_RATE = 0.5  # eta of the first pass, per mean weight, on points scaled to unit size; falls as 1 / epoch
+LEARNING_RATE = 0.5  # eta of the first pass, on points scaled to unit size; falls as 1 / epoch
 
 
 def localize_by_descent(
@@ -65,7 +65,7 @@ def fit_alone(points: dict[str, DeckPoints], camera_m: Array, rng: np.random.Gen
     return fits
 
 
-def fit_sgd(points_m: Array, rng: np.random.Generator, weights: Array | None = None) -> Array:
+def fit_sgd(points_m: Array, rng: np.random.Generator) -> Array:
     """The paper's fit: w <- w - eta dL/dw on the squared distance, one point at a time; (w0, w1, w2, w3).
 
     Every step ends with w1^2 + w2^2 = 1. Points are centred and scaled first. Eta falls as 1 / epoch, else the steps
@@ -74,7 +74,6 @@ def fit_sgd(points_m: Array, rng: np.random.Generator, weights: Array | None = N
     Args:
         points_m: (N, 3) world points, metres.
         rng: order of the points.
-        weights: (N,) weight of each squared distance; all equal by default.
 
     Raises:
         ValueError: fewer than two points.
@@ -82,7 +81,6 @@ def fit_sgd(points_m: Array, rng: np.random.Generator, weights: Array | None = N
     """
     if len(points_m) < 2:
         raise ValueError(f"a line needs at least 2 points, got {len(points_m)}")
-    w = np.ones(len(points_m)) if weights is None else weights / weights.mean()
     centre = points_m[:, :2].mean(axis=0)
     offsets = points_m[:, :2] - centre
     scale = float(np.abs(offsets).max())
@@ -90,18 +88,18 @@ def fit_sgd(points_m: Array, rng: np.random.Generator, weights: Array | None = N
     along = scaled[-1] - scaled[0]
     length = math.hypot(*along)
     constant, across, down = 0.0, -float(along[1]) / length, float(along[0]) / length
-    points, shares = scaled.tolist(), (w / w.max()).tolist()  # plain numbers: a tenth of the time of arrays of three
+    points = scaled.tolist()  # plain numbers: a tenth of the time of arrays of three
     for epoch in range(EPOCHS):
         rate = LEARNING_RATE / (1.0 + epoch)
         for i in rng.permutation(len(points)).tolist():
             x, y = points[i]
-            step = rate * shares[i] * (constant + across * x + down * y)
+            step = rate * (constant + across * x + down * y)
             constant, across, down = constant - step, across - step * x, down - step * y
             length = math.hypot(across, down)
             across, down = across / length, down / length
     line = np.array([constant, across, down])
     w0 = line[0] * scale - line[1:] @ centre
-    return np.array([w0, line[1], line[2], points_m[:, 2] @ w / w.sum()])
+    return np.array([w0, line[1], line[2], points_m[:, 2] @ np.ones(len(points_m)) / len(points_m)])
 
 
 def _fit(line: DeckPoints, start: int, total: int, camera_m: Array, rng: np.random.Generator) -> LineFit:

@@ -17,11 +17,11 @@ Row = Mapping[str, float]
 
 
 class Curves:
-    """The losses of a training, a row now and then.
+    """The losses of a training, in rows.
 
     Args:
         out: folder of the training.
-        step: that it goes on from; rows of later ones, which a kill left, are forgotten.
+        step: that it goes on from; rows of later steps, which a killed run left, are dropped.
         tensorboard: write events as well.
 
     Raises:
@@ -38,7 +38,7 @@ class Curves:
             self._events = SummaryWriter(str(out / EVENTS_FOLDER), purge_step=step)
 
     def add(self, row: Row) -> None:
-        """Keep a row: step, minutes, lr, the losses, and held_out where it was measured."""
+        """Add a row: step, minutes, lr, the losses, and held_out where it was measured."""
         self.rows.append(row)
         text = io.StringIO()
         columns = dict.fromkeys(name for each in self.rows for name in each)

@@ -16,13 +16,14 @@ from deckline.checks import check_numbers
 from deckline.dehaze.by_pose import GeometryDehazer
 from deckline.dehaze.pixel_map import display_levels, linear_levels
 from deckline.dehaze.tensors import image_to_tensor
+from deckline.dehaze.veil import VeilDehazer
 from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
 from deckline.types import Frame
 from deckline_lab.train.airlight import random_airlight
 from deckline_lab.train.clear_views import ClearView
 from deckline_lab.train.pair_views import PairView
-from deckline_lab.train.photographs import add_camera_air, veil_prior
+from deckline_lab.train.photographs import add_camera_air
 from deckline_lab.train.view_sets import Views
 from deckline_sim.camera.imaging import draw_air
 from deckline_sim.config import AirConfig
@@ -168,7 +169,7 @@ def make_pair(
     if isinstance(view, ClearView) and (is_photograph or (haze.camera_share and rng.random() < haze.camera_share)):
         visibility_m, airlight = random_visibility(haze, rng), random_airlight(view.horizon_rgb, 0.5, rng, 0.5)
         hazy, clear, t = add_camera_air(view, visibility_m, airlight, rng)
-        prior_rgb = veil_prior(hazy) if prior and rng.random() < haze.veil_share else hazy
+        prior_rgb = VeilDehazer()(hazy) if prior and rng.random() < haze.veil_share else hazy
     else:
         hazy, t = add_random_haze(view, haze, rng)
         prior_rgb = geometry_prior(view, hazy, rng) if prior and rng.random() < haze.prior_share else hazy

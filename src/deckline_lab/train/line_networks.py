@@ -104,7 +104,7 @@ class Ufld(PyramidNetwork):
         super().__init__(config)
         self.kind = NetworkKind(self.config.grid, self.config.grid)
         width = self.config.channels
-        self.rows = _RowConv(width)
+        self.rows = RowHead(width)
         self.region = RegionHead(width)
         self.segmentation = nn.Conv2d(width, LINES + 1, 1)
 
@@ -133,8 +133,8 @@ class Hybrid(PyramidNetwork):
         self.anchors = nn.Sequential(separable(width, width, 5), separable(width, width, 5))
         self.row_cells = nn.Conv2d(width, ALL_LINES, 1)
         self.column_cells = nn.Conv2d(width, ALL_LINES, 1)
-        self.row_crossed = _Crossed(width)
-        self.column_crossed = _Crossed(width)
+        self.row_crossed = CrossingHead(width)
+        self.column_crossed = CrossingHead(width)
         self.region = RegionHead(width)
         self.edge = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), nn.Linear(width, len(EDGES)))
         self.segmentation = nn.Conv2d(width, ALL_LINES + 1, 1)
@@ -153,7 +153,7 @@ class Hybrid(PyramidNetwork):
         return detect_losses.hybrid_loss(output, targets, anchors, weights)
 
 
-class _RowConv(nn.Module):
+class RowHead(nn.Module):
     """Cells of every row from the pyramid's stride-4 map; "no line" from the whole row."""
 
     def __init__(self, width: int) -> None:
@@ -177,7 +177,7 @@ def pool(features: Tensor, axis: int | tuple[int, int]) -> Tensor:
     return torch.cat([features.mean(axis), features.amax(axis)], dim=1)
 
 
-class _Crossed(nn.Module):
+class CrossingHead(nn.Module):
     """Whether the lines cross each row (or column): from the mean and maximum along it."""
 
     def __init__(self, width: int) -> None:

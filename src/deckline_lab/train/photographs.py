@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from deckline.dehaze.airlight import find_sky, find_smooth_top
 from deckline.dehaze.filters import guided_coefficients
 from deckline.dehaze.pixel_map import display_levels, linear_levels
-from deckline.dehaze.veil import VeilDehazer, to_full_scale
+from deckline.dehaze.veil import to_full_scale
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility
 from deckline_lab.train.clear_views import ClearView, horizon_colour
@@ -108,11 +108,6 @@ def add_camera_air(
             phone.apply_effects(picture, phone.TONE, np.random.default_rng(seed)) for picture in (hazy, wanted)
         )
     return phone.apply_effects(hazy, phone.WEAR, rng), wanted, t
-
-
-def veil_prior(hazy_rgb: Levels) -> Levels:
-    """The picture (H, W, 3) that a network with a prior starts from in flight where there is no pose."""
-    return VeilDehazer()(hazy_rgb)
 
 
 def _scatter(clear_rgb: Levels, light: Map, t: Map) -> Map:

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from deckline.config import Engine
 from deckline.runtime import load_session
 from deckline_lab.train.checkpoint import read_tensors
-from deckline_lab.train.line_networks import Hybrid, LineNetwork, PyramidConfig, PyramidNetwork, Ufld
+from deckline_lab.train.line_networks import LineNetwork, PyramidNetwork
 
 BACKBONE = "/model/backbone/"
 NORM_OF = {"_expand_conv": "_bn0", "_depthwise_conv": "_bn1", "_project_conv": "_bn2", "0": "1"}  # by last name
@@ -64,13 +64,10 @@ def start_detector(model: LineNetwork, source: Path) -> None:
 
     Args:
         model: changed in place.
-        source: folder with a checkpoint, or an .onnx file of the same network; from one of `ufld`, `hybrid` takes what
-            both have.
+        source: folder with a checkpoint, or an .onnx file of the same network.
     """
     if not source.is_file():
         start_with(model, source)
-    elif isinstance(model, Hybrid) and "column_logits" not in load_session(source, Engine(threads=1)).output_names:
-        _start_hybrid(model, source)
     elif isinstance(model, PyramidNetwork):
         start_with_file(model, source)
     else:
@@ -141,19 +138,6 @@ def _settle(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
     norm.weight.copy_(scale * torch.sqrt(variance + norm.eps))
     norm.running_mean.copy_(mean)
     norm.running_var.copy_(variance)
-
-
-def _start_hybrid(model: Hybrid, path: Path) -> None:
-    """Backbone, pyramid, region and row cells of network `ufld`; other parts retain their own weights."""
-    earlier = Ufld(PyramidConfig(pretrained=False))
-    start_with_file(earlier, path)
-    renamed = {name.replace("rows.blocks.", "anchors."): value for name, value in earlier.state_dict().items()}
-    own = model.state_dict()
-    shared = {name: value for name, value in renamed.items() if name in own and own[name].shape == value.shape}
-    for part in ("weight", "bias"):
-        both = renamed[f"rows.cells.{part}"]
-        shared[f"row_cells.{part}"] = torch.cat([both, both.mean(0, keepdim=True)])  # the centre line lies between
-    model.load_state_dict({**own, **shared})
 
 
 def _convolutions(graph: Any, model: PyramidNetwork) -> list[tuple[Any, str]]:

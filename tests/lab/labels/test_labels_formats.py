@@ -61,7 +61,6 @@ def culane(listed: str, lines=CULANE) -> dict:
          {"clips/a.jpg": (None, TUSIMPLE_LINES[1])}),
         ("culane", CULANE_FILES, "", {"driver/a.jpg": CULANE_LINES}),
         ("culane", culane("/driver/a.jpg\n"), "list/val.txt", {"driver/a.jpg": CULANE_LINES}),
-        ("culane", culane("/driver/a.jpg 1 1\n"), "list/val.txt", {"driver/a.jpg": CULANE_LINES}),
         ("culane", culane("/driver/a.jpg /laneseg_label_w16/driver/a.png 1 1\n\n"), "list/val.txt",
          {"driver/a.jpg": CULANE_LINES}),
         ("culane", culane("/driver/a.jpg 1 0\n", "1 2 3 4\n"), "list/val.txt",
@@ -127,7 +126,6 @@ BAD = {
         (TUSIMPLE | {"lanes": None}, ["line 1:", "lanes"]),
         (TUSIMPLE | {"lanes": [[1, 2, 3]]}, ["line 1: lanes[0]", "4 h_samples"]),
         (TUSIMPLE | {"lanes": [["a", 2, 3, 4]]}, ["line 1: lanes[0]"]),
-        (TUSIMPLE | {"lanes": [[1e999, 2, 3, 4]]}, ["line 1: lanes[0]"]),
         (TUSIMPLE | {"lanes": [[-2, -2, -2, 4], [1, 2, 3, 4]]}, ["line 1: lanes[0]", "-2"]),
         (TUSIMPLE | {"lanes": [[1, 2, 3, 4]]}, ["line 1: one line"]),
         (TUSIMPLE | {"lanes": [[1, 2, 3, 4]] * 3}, ["line 1: 3 lines"]),
@@ -173,7 +171,6 @@ def test_bad_json_is_one_line_that_names_file_and_place(lay, missing_words, form
     [
         ("culane", CULANE_FILES | {"driver/a.lines.txt": "1 2 3\n"}, "", ["a.lines.txt: line 1", "[u, v]"]),
         ("culane", CULANE_FILES | {"driver/a.lines.txt": "1 2 3 4\nu v w x\n"}, "", ["a.lines.txt: line 2"]),
-        ("culane", CULANE_FILES | {"driver/a.lines.txt": "1 2\n"}, "", ["a.lines.txt: line 1"]),
         ("culane", CULANE_FILES | {"driver/a.lines.txt": "1 2 3 4\n"}, "", ["a.lines.txt: one line"]),
         ("culane", CULANE_FILES | {"driver/a.lines.txt": "1 2 3 4\n" * 4}, "", ["a.lines.txt: 4 lines"]),
         ("culane", culane("/driver/a.jpg 0 1 1 0\n"), "list/val.txt", ["val.txt: line 1: 4 flags"]),
@@ -190,7 +187,6 @@ def test_bad_json_is_one_line_that_names_file_and_place(lay, missing_words, form
         ("yolo-pose", yolo(f"{ROW} x"), "", ["a.txt:", f"'{ROW} x'"]),
         ("yolo-pose", yolo(BOX), "", ["a.txt: 0 numbers"]),
         ("yolo-pose", yolo(f"{ROW} .1"), "", ["a.txt: 9 numbers"]),
-        ("yolo-pose", yolo(f"{BOX} .1 .2 .3 .4 .5 .6"), "", ["a.txt: 6 numbers"]),
         ("yolo-pose", yolo(ROW, "kpt_names: {0: [left, right]}"), "", ["a.txt: 8 numbers", "2", "(left, right)"]),
         ("yolo-pose", yolo(ROW, "kpt_names: [a, b, c, d]"), "", ["a, b, c, d", "--keypoints"]),
         ("yolo-pose", yolo(f"{BOX} .2 .8 .4 .2 .8 .8 0 0"), "", ["a.txt: right"]),
@@ -217,10 +213,8 @@ def test_lanes_are_written_at_rows_in_the_published_form(tmp_path, missing_words
     assert (tmp_path / "a.lines.txt").read_text() == "20.000 40 60.000 20 100.000 0\n"
     assert (tmp_path / "list" / "train.txt").read_text() == "/a.png\n"
     assert (tmp_path / "list" / "train_gt.txt").read_text() == "/a.png /laneseg_label/a.png 1 0\n"
-    assert (
-        missing_words(["a.png", "size"], write_tusimple, tmp_path / "x.json", [LabelledImage("a.png", None, None)])
-        == []
-    )
+    unknown = [LabelledImage("a.png", None, None)]
+    assert missing_words(["a.png", "size"], write_tusimple, tmp_path / "x.json", unknown) == []
     assert missing_words(["a b.png"], write_culane, tmp_path, [LabelledImage("a b.png", None, None, (9, 9))]) == []
 
 
@@ -245,9 +239,9 @@ def test_labelme_files_are_written_beside_their_images(tmp_path):
     (tmp_path / "images").mkdir()
     write_labelme(tmp_path, [LabelledImage("images/a.png", np.array(LINES[0]), None, (100, 50))], 2)
     values = json.loads((tmp_path / "images" / "a.json").read_text())
-    (shape,) = values["shapes"]
-    assert (shape["label"], shape["shape_type"], shape["points"]) == ("left", "linestrip", LEFT["points"])
-    assert (values["imagePath"], values["imageWidth"], values["imageHeight"]) == ("a.png", 100, 50)
+    shape = {"label": "left", "points": LEFT["points"], "group_id": None, "shape_type": "linestrip", "flags": {}}
+    expected = {"shapes": [shape], "imagePath": "a.png", "imageWidth": 100, "imageHeight": 50}
+    assert {key: values[key] for key in expected} == expected
 
 
 def test_yolo_rows_are_shares_of_the_picture_and_end_at_its_edge(tmp_path):

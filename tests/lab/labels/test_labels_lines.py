@@ -81,14 +81,6 @@ def test_no_text_and_bottomless_json(read, content):
     assert is_one_line(refusal_of(read, "a.json", content))
 
 
-def test_own_labels_are_read(tmp_path):
-    path, left = tmp_path / "labels.json", [[100.0, 300.0], [250.0, 150.0], [300.0, 100.0]]
-    path.write_text(json.dumps({"frames": [{"file": "a.png", "left_px": left, "right_px": None, "x": 1}]}))
-    read = read_labels(path)
-    np.testing.assert_array_equal(read["a.png"]["left"], left)
-    assert read["a.png"]["right"] is None
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

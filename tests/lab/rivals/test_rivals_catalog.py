@@ -4,7 +4,6 @@ import pytest
 
 from deckline.config import Models, RunConfig
 from deckline.dehaze import DEHAZERS
-from deckline.detect import DETECTORS
 from deckline.flight import Flight
 from deckline.runtime import shipped_models, shipped_weights
 from deckline_lab.rivals import LAB_WEIGHTS
@@ -12,7 +11,6 @@ from deckline_lab.rivals.catalog import (
     ALL_DEHAZERS,
     ALL_DETECTORS,
     RIVAL_DEHAZERS,
-    RIVAL_DETECTORS,
     flight_from_config,
 )
 from deckline_lab.rivals.classical import ClassicalDetector
@@ -47,11 +45,6 @@ def test_a_run_knows_no_rival(models: Models) -> None:
     with pytest.raises(ValueError, match=models.dehazer) as caught:
         Flight.from_config(RunConfig(models=models))
     assert all(name in str(caught.value) for name in DEHAZERS)
-
-
-def test_rivals_are_none_of_what_flies() -> None:
-    assert not RIVAL_DEHAZERS.keys() & DEHAZERS.keys()
-    assert not RIVAL_DETECTORS.keys() & DETECTORS.keys()
 
 
 def test_the_lab_ships_what_its_manifest_lists() -> None:

@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from safetensors.torch import load_file
 from torch import nn
 
-from clear_scene import QUICK, clear_frame, clear_recording, interrupting, striped_deck
+from clear_scene import QUICK, clear_frame, clear_recording, striped_deck
 from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.dehaze.tensors import image_to_tensor, pad
 from deckline_lab.rivals.dehazers import DEHAZERS, RIVALS
-from deckline_lab.train import loop
-from deckline_lab.train.checkpoint import CHECKPOINT_FILE, read_tensors
+from deckline_lab.train.checkpoint import read_tensors
 from deckline_lab.train.dehaze import NETWORKS, DehazeTrainConfig, dehaze_loss, export_dehaze, train_dehaze
 from deckline_lab.train.export import network_cost
 
@@ -130,15 +128,6 @@ def test_a_coarse_grid_holds_k_and_b(name: str) -> None:
             torch.testing.assert_close(model(image, working), expected, atol=1e-4, rtol=0)
 
 
-def test_coarse_layers_see_all_pixels_of_a_cell() -> None:
-    """One pixel moved within its cell: the mean stays, the estimate does not."""
-    model, image = perturb("g-unet-t-coarse"), torch.zeros(1, 3, 64, 64)
-    image[..., 32, 32] = 1.0
-    with torch.no_grad():
-        estimates = [model.network.estimate(F.pixel_unshuffle(x, 4)) for x in (image, image.roll(3, 3))]
-    assert (estimates[0] - estimates[1]).abs().max() > 1e-3
-
-
 AOD = replace(QUICK, network="aod-net", steps=6)
 train_rival = partial(train_dehaze, networks=NETWORKS | DEHAZERS)
 
@@ -158,26 +147,3 @@ def test_a_trained_network_is_exported_with_its_averaged_weights(recording: Path
         expected = 255 * model(torch.from_numpy(image_to_tensor(image)))[0].permute(1, 2, 0).numpy()
     assert np.abs(expected.clip(0, 255) - image).max() > 20, "training must have changed what it does"
     assert np.abs(OnnxDehazer(tmp_path / "dehaze.onnx")(image) - expected.clip(0, 255)).max() <= 1.0
-
-
-def test_statistics_of_batch_norm_survive_an_interruption(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    config = replace(QUICK, network="g-unet-t", steps=4)
-    train_rival(config, [recording], tmp_path / "whole")
-    monkeypatch.setattr(loop, "_step", interrupting(loop._step, at=2))
-    with pytest.raises(KeyboardInterrupt):
-        train_rival(config, [recording], tmp_path / "parts")
-    monkeypatch.undo()
-    train_rival(config, [recording], tmp_path / "parts")
-    whole, parts = (load_file(tmp_path / name / CHECKPOINT_FILE) for name in ("whole", "parts"))
-    assert "ema.bottom.0.norm.running_var" in whole
-    torch.testing.assert_close(parts, whole, rtol=0, atol=0)
-
-
-def test_another_network_does_not_go_on(recording: Path, tmp_path: Path) -> None:
-    train_rival(replace(AOD, steps=1), [recording], tmp_path)
-    with pytest.raises(ValueError, match=r"\(network"):
-        train_rival(QUICK, [recording], tmp_path)
-    with pytest.raises(ValueError, match=str(tmp_path)):
-        train_rival(QUICK, [recording], tmp_path / "next", start_from=tmp_path)

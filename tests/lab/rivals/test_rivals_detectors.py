@@ -1,6 +1,5 @@
-"""Every network beside our first: its published size, what it says, learning, and torch against ONNX."""
+"""Every line network: its published size, learning, and torch against ONNX."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from deckline_lab.train.detect import NETWORKS, DetectTrainConfig, export_detect
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights
 from deckline_lab.train.export import count_parameters, network_cost
 from deckline_lab.train.line_networks import Hybrid, LineNetwork, PyramidConfig, Ufld
-from deckline_lab.train.loop import build_network
 
 CULANE = (800, 288)  # width and height at which the costs were published
 CULANE_LINES = 4
@@ -95,25 +93,6 @@ def test_resa_has_the_published_cost() -> None:
 
 
 @pytest.mark.parametrize("name", list(BUILDERS))
-def test_outputs_have_the_shapes_of_the_grid(name: str) -> None:
-    model = BUILDERS[name](CONFIG).eval().to("meta")
-    grid = model.kind.grid
-    outputs = model(torch.empty(2, 3, grid.height, grid.width, device="meta"))
-    shapes = {
-        "row_logits": (2, model.kind.lines, grid.rows, grid.cells + 1),
-        "column_logits": (2, model.kind.lines, grid.cells, grid.rows + 1),
-        "map_logits": (2, 3, grid.height, grid.width),
-        "line_logits": (2, 2),
-        "region_logits": (2, 577),
-        "region_box": (2, 4, 18, 32),
-        "edge_logits": (2, 3),
-    }
-    for wanted, value in zip(model.kind.output_names, outputs, strict=False):
-        assert tuple(value.shape) == shapes[wanted], wanted
-    assert not any(isinstance(value, torch.Tensor) for value in outputs[len(model.kind.output_names) :])
-
-
-@pytest.mark.parametrize("name", list(BUILDERS))
 def test_a_few_steps_lower_the_loss_and_every_weight_learns(name: str) -> None:
     model = small(name).train()
     image, targets = batch(model, name)
@@ -153,13 +132,5 @@ def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     assert (ours.columns is None) == (theirs.columns is None) == (name != "hybrid")
     for one, other in zip(ours, theirs, strict=True):
         if one is not None and other is not None:
-            assert np.abs(one).max() > 1e-3, "the network must say something for the comparison to mean anything"
+            assert np.abs(one).max() > 1e-3, "the network must give more than zeros"
             np.testing.assert_allclose(one, other, atol=2e-3 * max(1.0, np.abs(one).max()))
-
-
-def test_a_network_that_nobody_knows_is_refused() -> None:
-    with pytest.raises(
-        ValueError,
-        match=r"network.*hybrid, ufld, ufld-lite0, sad-lite0, resa-lite0, ufld-r18, enet-sad, resa-r18.*'lanenet'",
-    ):
-        build_network(BUILDERS, replace(CONFIG, network="lanenet"))

@@ -65,11 +65,10 @@ def test_lines_with_too_few_points_are_left_out():
         sgd.fit_sgd(ON_LEFT[:1], np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("weights", [None, np.linspace(1, 4, 50)])
-def test_descent_agrees_with_the_closed_form(weights):
+def test_descent_agrees_with_the_closed_form():
     points = ON_LEFT + np.random.default_rng(0).normal(0, [0, 0.3, 0], (50, 3))
-    w0, w1, w2, w3 = sgd.fit_sgd(points, np.random.default_rng(1), weights)
-    a, b, c = least_squares_line(points[:, :2], weights)
+    w0, w1, w2, w3 = sgd.fit_sgd(points, np.random.default_rng(1))
+    a, b, c = least_squares_line(points[:, :2], None)
     assert np.hypot(w1, w2) == pytest.approx(1.0)
     assert np.arctan(-w1 / w2) == pytest.approx(np.arctan(-a / b), abs=np.deg2rad(0.01))
     assert -w0 / w2 == pytest.approx(-c / b, abs=0.02)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deckline_lab.rivals.stripes import StripeConfig, find_stripes, midline, stripe_response
+from deckline_lab.rivals.stripes import StripeConfig, find_stripes, stripe_response
 from detect.drawn_deck import BOTTOM, TOP, at, deck
 
 
@@ -33,14 +33,6 @@ def test_a_stripe_is_found_where_it_was_drawn(share: float) -> None:
         assert line.x_at(v) == pytest.approx(at(v, share), abs=0.3)
     assert np.abs(line.points_px[:, 0] - at(line.points_px[:, 1], share)).mean() < 0.3
     assert line.fill > 0.98 and 120 < line.contrast < 145
-
-
-def test_the_midline_of_two_lines_is_halfway() -> None:
-    left, right = sorted(find_stripes(deck([0.2, 0.5]), StripeConfig()), key=lambda line: line.at_top)
-    middle = midline(left, right)
-    for v in (200, 400):
-        assert middle.x_at(v) == pytest.approx(at(v, 0.35), abs=0.3)
-    assert np.abs(middle.points_px[:, 0] - at(middle.points_px[:, 1], 0.35)).mean() < 0.3
 
 
 def test_short_broken_and_flat_things_are_no_lines() -> None:

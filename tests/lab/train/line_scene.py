@@ -1,4 +1,4 @@
-"""Two lines to train on: drawn in a picture, and painted on a plane that frames with truth look at."""
+"""Two lines to train on: drawn in a picture, and painted on a plane that frames with truth show."""
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform

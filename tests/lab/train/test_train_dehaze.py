@@ -39,16 +39,6 @@ def test_loss_is_minus_psnr() -> None:
     torch.testing.assert_close(dehaze_loss(a, b, visible, 0.2), 0.8 * whole + 0.2 * part)
 
 
-def test_training_learns_exports_and_reports(recording: Path, tmp_path: Path) -> None:
-    config = replace(QUICK, steps=40)
-    figures = train_dehaze(config, [recording], tmp_path)
-    assert figures["psnr_db_surface.mean"] > figures["psnr_db_surface_hazy.mean"] + 1  # a few steps do not learn skies
-    dehazer = OnnxDehazer(tmp_path / "dehaze.onnx", engine=Engine(threads=1))
-    assert dehazer.session.config["step"] == 40
-    assert dehazer.session.config["recipe"]["batch"] == 2
-    assert dehazer(clear_frame(0).image_rgb).shape == (64, 96, 3)
-
-
 def test_the_loss_falls_on_two_pairs_without_depth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     losses: list[float] = []
 
@@ -68,25 +58,20 @@ def test_the_loss_falls_on_two_pairs_without_depth(tmp_path: Path, monkeypatch: 
 
 
 def test_a_network_with_a_prior_trains_and_runs_with_and_without_a_pose(recording: Path, tmp_path: Path) -> None:
-    haze = HazeAugmentation(prior_share=1, physical_share=0.5)
-    figures = train_dehaze(replace(QUICK, steps=3, prior=True, haze=haze), [recording], tmp_path)
+    (tmp_path / "real").mkdir()
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (80, 120, 3), np.uint8)).save(tmp_path / "real" / "a.png")
+    haze = HazeAugmentation(prior_share=1, physical_share=0.5, photograph_share=0.5)
+    config = replace(QUICK, steps=3, prior=True, haze=haze)
+    figures = train_dehaze(config, [recording], tmp_path, photographs=tmp_path / "real")
     assert np.isfinite(figures["psnr_db_with_prior.mean"])
     dehazer = OnnxDehazer(tmp_path / "dehaze.onnx", engine=Engine(threads=1))
     frame = clear_frame(0)
     restored = dehazer.restore(replace(frame, deck_z_m=-5.0))
     assert restored.image_rgb.shape == (64, 96, 3)
+    assert (dehazer.session.config["step"], dehazer.session.config["recipe"]["batch"]) == (3, 2)
     blind = dehazer.restore(replace(frame, world_from_body=None))
     np.testing.assert_array_equal(blind.image_rgb, dehazer(frame.image_rgb))
     assert dehazer.cost is not None and dehazer.cost[0] == pytest.approx(478_468)
-
-
-def test_photographs_join_the_recordings(recording: Path, tmp_path: Path) -> None:
-    noise = np.random.default_rng(0).integers(0, 255, (80, 120, 3), np.uint8)
-    (tmp_path / "real").mkdir()
-    Image.fromarray(noise).save(tmp_path / "real" / "town.png")
-    haze = HazeAugmentation(photograph_share=1.0)
-    train_dehaze(replace(QUICK, steps=2, haze=haze), [recording], tmp_path / "out", photographs=tmp_path / "real")
-    assert (tmp_path / "out" / "dehaze.onnx").is_file()
 
 
 def test_training_starts_from_an_earlier_ones_averaged_weights(recording: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Haze that training lays over clear views: as the laws say, and a prior that geometry alone can give."""
+"""Haze that training adds to clear views follows the scattering laws; the prior is what geometry alone can give."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from scipy.spatial.transform import RigidTransform
 
 from clear_scene import clear_frame, clear_recording
 from deckline.dehaze.pixel_map import linear_levels
-from deckline.geometry import Camera, attitude, camera_mount
+from deckline.geometry import Camera, camera_mount
 from deckline.haze import beta_from_visibility, transmission
 from deckline_lab.evaluation.metrics import psnr_db
 from deckline_lab.train.airlight import random_airlight
@@ -26,29 +25,21 @@ from deckline_lab.train.dehaze_samples import (
     random_window,
 )
 from deckline_lab.train.pair_views import PairView, open_clear_views
+from dehaze.sea_scene import AIRLIGHT, CAMERA, ray_z, sea_pair, world_from_body
 
-CAMERA = Camera.from_fov(320, 180, np.radians(60))
 EYE_M, DECK_Z_M, SEA_Z_M = 60.0, -8.0, 12.0
-POSE = (
-    RigidTransform.from_components([0.0, 0.0, SEA_Z_M - EYE_M], attitude(0.0, np.radians(-8.0), 1.0)) * camera_mount()
-)
+BODY = world_from_body(eye_z_m=SEA_Z_M - EYE_M)
+POSE = BODY * camera_mount()
 PLAIN = HazeAugmentation(clear_share=0, noise_share=0)
 
 
 @pytest.fixture(scope="module")
 def view() -> ClearView:
     """A dark textured sea under a bright sky, seen from above."""
-    v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
-    rays = CAMERA.rays(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
-    down = (rays @ POSE.rotation.as_matrix()[2] / np.linalg.norm(rays, axis=1)).reshape(u.shape)
-    ranges = np.where(down > 0, EYE_M / np.maximum(down, 1e-9), np.inf)
-    image = np.random.default_rng(0).normal((30, 50, 62), 3, (*u.shape, 3))
-    image[down <= 0] = (150, 165, 180)
+    down = ray_z(BODY)
     with np.errstate(over="ignore"):
-        half = ranges.astype(np.float16)
-    horizon = np.array([150, 165, 180], np.float32)
-    clear = np.rint(image).clip(0, 255).astype(np.uint8)
-    return ClearView(clear, half, horizon, CAMERA, POSE, DECK_Z_M, SEA_Z_M)
+        ranges = np.where(down > 0, EYE_M / np.maximum(down, 1e-9), np.inf).astype(np.float16)
+    return ClearView(sea_pair(0.0)[1], ranges, AIRLIGHT.astype(np.float32), CAMERA, POSE, DECK_Z_M, SEA_Z_M)
 
 
 def test_the_sea_is_the_lowest_thing_in_view(view: ClearView) -> None:
@@ -88,24 +79,16 @@ def test_physical_haze_hides_the_sky_and_spares_what_is_near(view: ClearView) ->
         add_physical_haze(replace(view, world_from_camera=None), 400.0, np.ones(3), rng(0))
 
 
-def test_views_without_a_pose_get_the_papers_haze(view: ClearView) -> None:
-    lost = replace(view, world_from_camera=None)
-    even = replace(PLAIN, visibility_m=(500, 500), physical_share=1)
-    _, t = add_random_haze(lost, even, rng(1))
-    np.testing.assert_allclose(t, transmission(view.range_m, 3.912 / 500), atol=1e-5)
-
-
 def rng(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
 def test_make_pair_follows_the_scattering_model() -> None:
-    """At one visibility, airlight and range: I = J t + A (1 - t), the same t everywhere."""
+    """At one visibility, airlight and range: I = J t + A (1 - t), the same t everywhere, also without a pose."""
     clear = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
     view = ClearView(clear, np.full((30, 40), 400, dtype=np.float16), None, Camera.from_fov(40, 30, 1.2))
-    haze = HazeAugmentation(visibility_m=(800.0, 800.0), clear_share=0, noise_share=0, flip_horizontal=0)
-    window = (slice(0, 30), slice(0, 40))
-    hazy, kept, t, prior = make_pair(view, window, haze, np.random.default_rng(1))
+    haze = replace(PLAIN, visibility_m=(800.0, 800.0), physical_share=1, flip_horizontal=0)
+    hazy, kept, t, prior = make_pair(view, (slice(0, 30), slice(0, 40)), haze, rng(1))
     np.testing.assert_array_equal(kept, clear)
     np.testing.assert_array_equal(prior, hazy)
     np.testing.assert_allclose(t, transmission(400.0, beta_from_visibility(800.0)), rtol=1e-6)
@@ -117,24 +100,19 @@ def test_make_pair_follows_the_scattering_model() -> None:
 def test_flips_move_image_and_transmission_together() -> None:
     view = make_clear_view(clear_frame(3), 640)
     window = (slice(0, 64), slice(0, 96))
-    keys = {"clear_share": 0.0, "noise_share": 0.0, "visibility_m": (500.0, 500.0)}
-    plain, flipped = (
-        make_pair(view, window, HazeAugmentation(flip_horizontal=flip, flip_vertical=flip, **keys), rng(5))
-        for flip in (0, 1)
-    )
+    hazes = (replace(PLAIN, visibility_m=(500, 500), flip_horizontal=flip, flip_vertical=flip) for flip in (0, 1))
+    plain, flipped = (make_pair(view, window, haze, rng(5)) for haze in hazes)
     for a, b in zip(plain, flipped, strict=True):
         np.testing.assert_array_equal(a, b[::-1, ::-1])
 
 
-def test_a_pair_keeps_its_haze_and_gets_flips_and_noise() -> None:
-    clear, hazy = (np.random.default_rng(k).integers(20, 230, (30, 40, 3), dtype=np.uint8) for k in (0, 1))
+def test_a_pair_retains_its_haze_and_gets_noise() -> None:
+    clear, hazy = (rng(k).integers(20, 230, (30, 40, 3), dtype=np.uint8) for k in (0, 1))
     window = (slice(2, 30), slice(0, 24))
-    keys = {"noise_share": 0.0, "prior_share": 1.0}
-    flipped = HazeAugmentation(flip_horizontal=1, **keys)
-    mine, kept, t, prior = make_pair(PairView(clear, hazy), window, flipped, rng(0), prior=True)
-    np.testing.assert_array_equal(mine, hazy[window][:, ::-1])
-    np.testing.assert_array_equal(kept, clear[window][:, ::-1])
-    np.testing.assert_array_equal(prior, mine)
+    haze = replace(PLAIN, prior_share=1, flip_horizontal=0)
+    mine, kept, t, prior = make_pair(PairView(clear, hazy), window, haze, rng(0), prior=True)
+    for got, expected in ((mine, hazy), (kept, clear), (prior, hazy)):
+        np.testing.assert_array_equal(got, expected[window])
     assert t.shape == (28, 24) and (t == 1).all()
     noisy, _ = add_random_haze(PairView(clear, hazy), HazeAugmentation(noise_share=1, noise_max=9), rng(1))
     sigma = (noisy.astype(float) - hazy).std()
@@ -149,25 +127,19 @@ def test_clear_share_leaves_images_alone() -> None:
     assert np.abs(hazy.astype(int) - clear).max() <= 13  # 5.7 % of the way to the airlight at 1.5 km
 
 
-def test_airlight_is_a_possible_colour() -> None:
-    rng = np.random.default_rng(0)
-    drawn = np.array([random_airlight(np.array([200, 100, 50], np.float32), 0.5, rng) for _ in range(300)])
-    assert drawn.min() >= 40 and drawn.max() <= 250
-    assert drawn.std(axis=0).min() > 20
-
-
-def test_exact_airlight_is_the_horizons() -> None:
+def test_airlight_is_a_possible_colour_or_exactly_the_horizons() -> None:
     horizon = np.array([200, 100, 50], np.float32)
-    drawn = np.array([random_airlight(horizon, 1.0, np.random.default_rng(k), exact_share=1.0) for k in range(200)])
-    np.testing.assert_allclose(drawn.mean(axis=0), horizon, rtol=0.01)
-    np.testing.assert_allclose(drawn.std(axis=0), 0.02 * horizon, rtol=0.25)
+    drawn = np.array([random_airlight(horizon, 0.5, rng(k)) for k in range(300)])
+    assert drawn.min() >= 40 and drawn.max() <= 250 and drawn.std(axis=0).min() > 20
+    exact = np.array([random_airlight(horizon, 1.0, rng(k), exact_share=1.0) for k in range(200)])
+    np.testing.assert_allclose(exact.mean(axis=0), horizon, rtol=0.01)
+    np.testing.assert_allclose(exact.std(axis=0), 0.02 * horizon, rtol=0.25)
 
 
 def test_windows_fit() -> None:
-    rng = np.random.default_rng(0)
     for size in [(64, 96), (30, 200), (48, 64)]:
-        for _ in range(50):
-            rows, columns = random_window(size, (48, 64), (0.5, 2.0), rng)
+        for seed in range(50):
+            rows, columns = random_window(size, (48, 64), (0.5, 2.0), rng(seed))
             assert 0 <= rows.start < rows.stop <= size[0]
             assert 0 <= columns.start < columns.stop <= size[1]
 

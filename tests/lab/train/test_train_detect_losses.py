@@ -47,14 +47,6 @@ def test_perfect_rows_lose_nothing(cell):
     assert losses.shape_loss(logits, cell).item() == pytest.approx(0.0, abs=1e-4)
 
 
-def test_row_loss_is_the_focal_loss_of_one_hot_targets():
-    cell = torch.tensor([[[5.0, 9.0]]])
-    logits = torch.randn(1, 1, 2, CELLS + 1, generator=torch.Generator().manual_seed(1))
-    p = logits.softmax(-1)[0, 0, [0, 1], [5, 9]]
-    expected = ((1 - p) ** 2 * -p.log()).mean()
-    assert row_loss(logits, cell, 2.0).item() == pytest.approx(expected.item(), rel=1e-5)
-
-
 def test_row_loss_weighs_rows_with_and_without_a_line_the_same():
     """Three rows with a line and one without: the loss is the sum of both means, not the mean of all four."""
     cell = torch.tensor([[[5.0, 9.0, 30.0, torch.nan]]])
@@ -122,30 +114,39 @@ def pixel_rows(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
     return np.where((y >= min(y0, y1)) & (y <= max(y0, y1)), x, np.nan)
 
 
-def test_a_steep_line_crosses_rows_only() -> None:
-    rows, columns, unknown = line_anchors(pixel_rows(100, 280, 140, 80), GRID)
-    assert np.isnan(columns).all() and not unknown.any()
-    crossed = (GRID.row_y >= 80) & (GRID.row_y <= 280)
-    np.testing.assert_array_equal(np.isfinite(rows), crossed)
-    expected = 100 + (GRID.row_y[crossed] - 280) * 40 / -200
-    np.testing.assert_allclose(GRID.x_from_cell(rows[crossed]), expected, atol=1e-3)
+lines = pytest.mark.parametrize(
+    ("ends", "kinds"),
+    [
+        ((100.0, 280.0, 140.0, 80.0), "rows"),
+        ((50.0, 100.0, 450.0, 110.0), "columns"),
+        ((100.0, 250.0, 300.0, 50.0), "rows columns"),
+    ],
+)
 
 
-def test_a_flat_line_crosses_columns_only_and_its_ends_are_left_open() -> None:
-    rows, columns, unknown = line_anchors(pixel_rows(50.0, 100.0, 450.0, 110.0), GRID)
-    assert np.isnan(rows).all()
-    crossed = np.isfinite(columns)
-    x = GRID.transposed.row_y
-    np.testing.assert_array_equal(crossed, (x >= 50) & (x <= 450))
-    np.testing.assert_allclose(GRID.transposed.x_from_cell(columns[crossed]), 100 + (x[crossed] - 50) / 40, atol=1e-3)
-    np.testing.assert_array_equal(unknown, ~crossed & (x > 10) & (x < 490))
+@lines
+def test_a_steep_line_crosses_rows_a_flat_one_columns_and_its_ends_are_left_open(ends, kinds) -> None:
+    x0, y0, x1, y1 = ends
+    rows, columns, unknown = line_anchors(pixel_rows(*ends), GRID)
+    y, x, slope = GRID.row_y, GRID.transposed.row_y, (x1 - x0) / (y1 - y0)
+    on_rows, on_columns = (y >= min(y0, y1)) & (y <= max(y0, y1)), (x >= x0) & (x <= x1)
+    expected = np.where(on_rows & ("rows" in kinds), x0 + (y - y0) * slope, np.nan)
+    np.testing.assert_allclose(GRID.x_from_cell(rows), expected, atol=1e-3)
+    expected = np.where(on_columns & ("columns" in kinds), y0 + (x - x0) / slope, np.nan)
+    np.testing.assert_allclose(GRID.transposed.x_from_cell(columns), expected, atol=1e-3)
+    near = (x > x0 - abs(slope)) & (x < x1 + abs(slope))
+    np.testing.assert_array_equal(unknown, ~on_columns & near & ("columns" in kinds))
 
 
-def test_a_line_between_crosses_both_and_none_crosses_nothing() -> None:
-    rows, columns, _ = line_anchors(pixel_rows(100, 250, 300, 50), GRID)
-    assert np.isfinite(rows).sum() == np.isfinite(columns).sum() == 50
-    for part in line_anchors(np.full(GRID.height, np.nan), GRID)[:2]:
-        assert np.isnan(part).all()
+@lines
+def test_what_is_taught_is_what_is_decoded(ends: tuple[float, float, float, float], kinds: str) -> None:
+    """Shares as the targets have them give the same points, sure and sharp."""
+    rows, columns, _ = line_anchors(pixel_rows(*ends), GRID)
+    for position, grid in ((rows, GRID), (columns, GRID.transposed)):
+        shares = row_targets(torch.from_numpy(position), grid.cells).numpy()
+        found = decode(np.log(shares + 1e-9), grid, DECODE)
+        np.testing.assert_allclose(found.x_px, grid.x_from_cell(position), atol=0.02)
+        assert (found.confidence[np.isfinite(position)] > 0.999).all()
 
 
 def test_a_batch_is_its_lines() -> None:
@@ -178,32 +179,3 @@ def test_loss_is_the_two_cross_entropies() -> None:
     log_p = cells.log_softmax(-1)
     soft = -(0.75 * log_p[0, 0, 0, 2] + 0.25 * log_p[0, 0, 0, 3] + log_p[0, 0, 2, 7]) / 2
     assert loss.item() == pytest.approx((binary + soft).item(), rel=1e-5)
-
-
-def test_an_unknown_anchor_teaches_nothing() -> None:
-    torch.manual_seed(0)
-    logits = torch.randn(1, 2, 3, 9, requires_grad=True)
-    ignored = torch.tensor([[[False, True, False], [False, False, False]]])
-    loss, position = anchor_loss(logits, torch.full((1, 2, 3), float("nan")), ignored)
-    (loss + position).backward()
-    gradient = logits.grad
-    assert gradient is not None
-    assert gradient[0, 0, 1].abs().max() == 0 and gradient[0, 0, 0].abs().max() > 0
-
-
-@pytest.mark.parametrize(
-    "ends", [(100.0, 280.0, 140.0, 80.0), (50.0, 100.0, 450.0, 110.0), (100.0, 250.0, 300.0, 50.0)]
-)
-def test_what_is_taught_is_what_is_decoded(ends: tuple[float, float, float, float]) -> None:
-    """Shares as the targets have them come back as the same points, sure and sharp."""
-    rows, columns, _ = line_anchors(pixel_rows(*ends), GRID)
-    for position, grid in ((rows, GRID), (columns, GRID.transposed)):
-        shares = np.full((grid.rows, grid.cells + 1), 1e-9)
-        for anchor, value in enumerate(position):
-            low = int(np.floor(value)) if np.isfinite(value) else grid.cells
-            shares[anchor, low] = 1.0 if low == grid.cells else max(1 - (value - low), 1e-9)
-            if low < grid.cells - 1:
-                shares[anchor, low + 1] = max(value - low, 1e-9)
-        found = decode(np.log(shares).astype(np.float32), grid, DECODE)
-        np.testing.assert_allclose(found.x_px, grid.x_from_cell(position), atol=0.02)
-        assert (found.confidence[np.isfinite(position)] > 0.999).all()

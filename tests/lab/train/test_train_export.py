@@ -13,39 +13,15 @@ import torch
 from torch import nn
 
 from deckline.config import Engine
-from deckline.runtime import load_session, sha256_of, shipped_models, shipped_weights
-from deckline_lab.train.export import NetworkCost, count_parameters, export_onnx, manifest_entry, network_cost
+from deckline.runtime import load_session, shipped_models, shipped_weights
+from deckline_lab.train.export import NetworkCost, count_parameters, export_onnx, network_cost
 
 
-@pytest.fixture
-def exported(tmp_path: Path) -> tuple[torch.nn.Module, Path]:
-    torch.manual_seed(0)
-    model = torch.nn.Sequential(torch.nn.Conv2d(3, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.ReLU())
-    dynamic = {"x": {2: "height", 3: "width"}, "y": {2: "height", 3: "width"}}
-    args = (torch.rand(1, 3, 8, 10),)
-    return model, export_onnx(
-        model, args, tmp_path / "new" / "net.onnx", ["x"], ["y"], dynamic, {"kind": "test", "n": 3}
-    )
-
-
-def test_export_agrees_at_another_size_and_carries_its_config(exported: tuple[torch.nn.Module, Path]) -> None:
-    model, path = exported
-    session = load_session(path, Engine(threads=1))
-    assert session.config == {"kind": "test", "n": 3}
-    x = torch.rand(1, 3, 13, 7)
-    with torch.no_grad():
-        expected = model.eval()(x).numpy()
-    np.testing.assert_allclose(session(x=x.numpy())[0], expected, atol=1e-5)
-
-
-def test_export_leaves_the_model_training_and_no_part_file(exported: tuple[torch.nn.Module, Path]) -> None:
-    model, path = exported
+def test_export_fixes_the_size_and_leaves_the_model_training_and_no_part_file(tmp_path: Path) -> None:
+    model = torch.nn.ReLU()
+    path = export_onnx(model, (torch.rand(1, 4),), tmp_path / "new" / "relu.onnx", ["x"], ["y"], None, {})
     assert model.training
-    assert [item.name for item in path.parent.iterdir()] == ["net.onnx"]
-
-
-def test_fixed_size_stays_fixed(tmp_path: Path) -> None:
-    path = export_onnx(torch.nn.ReLU(), (torch.rand(1, 4),), tmp_path / "relu.onnx", ["x"], ["y"], None, {})
+    assert [item.name for item in path.parent.iterdir()] == ["relu.onnx"]
     with pytest.raises(ValueError, match=r"relu\.onnx.*5"):
         load_session(path, Engine(threads=1))(x=np.zeros((1, 5), dtype=np.float32))
 
@@ -63,28 +39,6 @@ def test_no_node_ends_with_an_empty_input(tmp_path: Path) -> None:
     assert all(node.input[-1] for node in nodes if node.input)
 
 
-def test_manifest_block_is_what_the_runtime_reads(exported: tuple[torch.nn.Module, Path]) -> None:
-    path = exported[1]
-    block = manifest_entry(
-        path,
-        name="test",
-        kind="dehaze",
-        command='deckline train dehaze "a b" --out c',
-        data="preset train, seed 1",
-        seed=0,
-        steps=12,
-        hardware="2 CPU cores",
-        date="2024-01-01",
-        figures={"psnr_db.mean": 21.25},
-    )
-    (path.parent / "manifest.toml").write_text(block)
-    assert shipped_weights("test", path.parent) == path
-    entry = tomllib.loads(block)["model"][0]
-    assert entry["sha256"] == sha256_of(path)
-    assert entry["command"] == 'deckline train dehaze "a b" --out c'
-    assert entry["figures"] == {"psnr_db.mean": 21.25}
-
-
 def test_shipping_replaces_one_entry_and_keeps_the_others(tmp_path: Path) -> None:
     ship = runpy.run_path(str(Path(__file__).parents[3] / "scripts" / "ship_weights.py"))["ship"]
     weights = tmp_path / "weights"
@@ -95,11 +49,13 @@ def test_shipping_replaces_one_entry_and_keeps_the_others(tmp_path: Path) -> Non
         figures.write_text(json.dumps({"psnr_db.mean": 20.123456 + step}))
         metadata = {"kind": "test", "recipe": {"seed": 7}, "step": step}
         model = export_onnx(torch.nn.ReLU(), (torch.rand(1, 4),), tmp_path / "m.onnx", ["x"], ["y"], None, metadata)
-        keys = {"name": name, "command": "c", "data": "d", "hardware": "h"}
+        keys = {"name": name, "command": 'deckline train "a b"', "data": "d", "hardware": "h"}
         ship(argparse.Namespace(model=model, figures=figures, **keys), weights)
     models = shipped_models(weights)
     assert {name: (model.steps, model.seed) for name, model in models.items()} == {"b": (2, 7), "a": (3, 7)}
     assert models["a"].figures == {"psnr_db.mean": 23.1235}
+    entries = tomllib.loads((weights / "manifest.toml").read_text())["model"]
+    assert {entry["command"] for entry in entries} == {'deckline train "a b"'}
     assert shipped_weights("a", weights) == weights / "a.onnx"
     assert (weights / "manifest.toml").read_text().startswith("# head\n")
 
@@ -123,15 +79,7 @@ class Gram(nn.Module):
 )
 def test_costs_are_counted_by_hand(model: nn.Module, parameters: int, macs: int) -> None:
     assert network_cost(model, (10, 12)) == NetworkCost(parameters, macs)
-
-
-def test_model_stays_where_and_how_it_was() -> None:
-    model = nn.Sequential(nn.Conv2d(3, 4, 1), nn.BatchNorm2d(4))
-    before = [value.clone() for value in model.state_dict().values()]
-    network_cost(model)
-    assert model.training
-    for old, new in zip(before, model.state_dict().values(), strict=True):
-        torch.testing.assert_close(old, new, rtol=0, atol=0)
+    assert model.training and all(value.device.type == "cpu" for value in model.parameters())
 
 
 def test_tied_weights_count_once() -> None:

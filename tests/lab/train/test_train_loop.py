@@ -11,7 +11,6 @@ from rich.console import Console
 from clear_scene import interrupting
 from deckline.config_file import read_config
 from deckline_lab.train import loop
-from deckline_lab.train.checkpoint import read_progress
 from deckline_lab.train.curves import CSV_FILE, PICTURE_FILE, Curves, read_curves
 from deckline_lab.train.loop import Recipe, TrainingRun, held_out_loss, learning_rate, open_run, train, update_average
 
@@ -21,8 +20,8 @@ LONG = Recipe(steps=40, batch=1)  # each step is a hundredth of the budget or mo
 
 def new_run(out: Path, recipe: Recipe = RECIPE) -> TrainingRun:
     torch.manual_seed(0)
-    layers = (torch.nn.Linear(3, 4), torch.nn.BatchNorm1d(4), torch.nn.Dropout(), torch.nn.Linear(4, 1))
-    model = torch.nn.Sequential(*layers) if recipe is LONG else torch.nn.Linear(3, 1)
+    hidden = [torch.nn.BatchNorm1d(4), *([torch.nn.Dropout()] if recipe is LONG else [])]
+    model = torch.nn.Sequential(torch.nn.Linear(3, 4), *hidden, torch.nn.Linear(4, 1))
     return open_run(recipe, model, torch.optim.AdamW(model.parameters()), out)
 
 
@@ -52,20 +51,12 @@ def test_checkpoints_are_written_every_three_minutes(step_s: float, saved: list[
     assert run_loop(new_run(tmp_path), step_s=step_s) == saved
 
 
-def test_ctrl_c_saves_the_step_and_ends_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(loop, "_step", interrupting(loop._step, at=4))
-    with pytest.raises(KeyboardInterrupt, match=f"{tmp_path}.*4"):
-        run_loop(new_run(tmp_path))
-    progress = read_progress(tmp_path)
-    assert progress is not None and progress["step"] == 4
-
-
 def test_a_resumed_run_ends_with_the_same_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = new_run(tmp_path / "whole")
     run_loop(whole)
     with monkeypatch.context() as patch:
         patch.setattr(loop, "_step", interrupting(loop._step, at=2))
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(KeyboardInterrupt, match=f"{tmp_path}.*2"):
             run_loop(new_run(tmp_path / "parts"))
     parts = new_run(tmp_path / "parts", replace(RECIPE, threads=1, checkpoint_minutes=1.0))  # the machine may differ
     assert parts.step == 2
@@ -132,15 +123,6 @@ def test_the_held_out_loss_is_that_of_the_averaged_weights_and_changes_nothing(t
     assert found == pytest.approx(float(batch.sum(1).square().mean()))
     torch.testing.assert_close(run.model.state_dict(), before, rtol=0, atol=0)
     assert torch.equal(torch.random.get_rng_state(), rng)
-
-
-def test_measuring_on_held_out_batches_changes_no_training(tmp_path: Path) -> None:
-    with_held_out, without = (new_run(tmp_path / name, LONG) for name in ("with", "without"))
-    torch.manual_seed(1)
-    run_loop(with_held_out, LONG, held_out=(make(1000),))
-    torch.manual_seed(1)
-    run_loop(without, LONG)
-    torch.testing.assert_close(with_held_out.ema, without.ema, rtol=0, atol=0)
 
 
 def test_a_resumed_run_keeps_the_rows_up_to_its_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

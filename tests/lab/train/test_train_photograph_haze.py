@@ -63,8 +63,3 @@ def test_pairs_of_photographs_start_from_what_flight_has(view: ClearView) -> Non
     assert not np.array_equal(hazy, prior)
     hazy, _, _, prior = make_pair(view, whole, HazeAugmentation(veil_share=0.0), rng, prior=True)
     np.testing.assert_array_equal(hazy, prior)
-
-
-def test_a_folder_without_pictures_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=str(tmp_path)):
-        open_photographs(tmp_path, WIDTH, 0.0)

@@ -4,8 +4,6 @@ Source: Song, He, Qian and Du, "Vision Transformers for Single Image Dehazing", 
 its authors published. Published: 0.686 M parameters, 6.7 GMACs at 256x256. Counted here: 0.687 M and 6.64 G.
 """
 
-from dataclasses import dataclass
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -18,17 +16,13 @@ POSITION_HIDDEN = 256  # width of the network that gives attention its bias by p
 NORM_EPS = 1e-5
 
 
-@dataclass(frozen=True)
-class DehazeFormerConfig:
-    """Shape of the network; stages are full, half and quarter size, then half and full again. The default is T."""
-
-    channels: tuple[int, int, int, int, int] = (24, 48, 96, 48, 24)
-    depths: tuple[int, int, int, int, int] = (4, 4, 4, 2, 2)  # blocks a stage
-    attentive: tuple[int, int, int, int, int] = (0, 2, 4, 0, 0)  # of them, at the stage's end, that have attention
-    heads: tuple[int, int, int, int, int] = (2, 4, 6, 1, 1)
-    expansion: tuple[int, int, int, int, int] = (2, 4, 4, 2, 2)  # of the feed-forward parts
-    window: int = 8  # px
-    kernel: int = 5  # depthwise, px
+# The T shape; stages are full, half and quarter size, then half and full again.
+CHANNELS = (24, 48, 96, 48, 24)
+DEPTHS = (4, 4, 4, 2, 2)  # blocks a stage
+ATTENTIVE = (0, 2, 4, 0, 0)  # of them, at the stage's end, that have attention
+HEADS = (2, 4, 6, 1, 1)
+EXPANSION = (2, 4, 4, 2, 2)  # of the feed-forward parts
+WINDOW, KERNEL = 8, 5  # of attention and of the depthwise convolution, px
 
 
 class RescaleNorm(nn.Module):
@@ -116,14 +110,14 @@ class Aggregation(nn.Module):
 class Block(nn.Module):
     """Aggregation, normalised and rescaled where it has attention, then a feed-forward part; both residual."""
 
-    def __init__(self, channels: int, aggregation: Aggregation, expansion: int, blocks: int) -> None:
+    def __init__(self, channels: int, aggregation: Aggregation, expansion: int) -> None:
         super().__init__()
         self.norm = RescaleNorm(channels) if aggregation.attention is not None else None
         self.aggregation = aggregation
         hidden = channels * expansion
         self.feed_forward = nn.Sequential(nn.Conv2d(channels, hidden, 1), nn.ReLU(), nn.Conv2d(hidden, channels, 1))
-        set_first_weights(self.aggregation, residual_gain(blocks))
-        set_first_weights(self.feed_forward, residual_gain(blocks))
+        for part in (self.aggregation, self.feed_forward):
+            set_first_weights(part, residual_gain(sum(DEPTHS)))
         if aggregation.query_key is not None:  # attention does not grow with depth: the published start
             set_first_weights(aggregation.query_key, 1.0)
 
@@ -136,28 +130,25 @@ class Block(nn.Module):
         return x + self.feed_forward(x)
 
 
-def stage(config: DehazeFormerConfig, index: int) -> nn.Sequential:
+def stage(index: int) -> nn.Sequential:
     """The blocks of one stage; every second one shifts its windows by half."""
-    channels, depth = config.channels[index], config.depths[index]
     blocks = []
-    for k in range(depth):
-        heads = config.heads[index] if k >= depth - config.attentive[index] else None
-        shift = config.window // 2 if k % 2 else 0
-        aggregation = Aggregation(channels, config.kernel, heads, config.window, shift)
-        blocks.append(Block(channels, aggregation, config.expansion[index], sum(config.depths)))
+    for k in range(DEPTHS[index]):
+        heads = HEADS[index] if k >= DEPTHS[index] - ATTENTIVE[index] else None
+        aggregation = Aggregation(CHANNELS[index], KERNEL, heads, WINDOW, WINDOW // 2 if k % 2 else 0)
+        blocks.append(Block(CHANNELS[index], aggregation, EXPANSION[index]))
     return nn.Sequential(*blocks)
 
 
 class DehazeFormer(nn.Module):
     """U-net that estimates K and B of the soft reconstruction K I - B + I."""
 
-    def __init__(self, config: DehazeFormerConfig | None = None, inputs: int = 3, outputs: int = 4) -> None:
+    def __init__(self, inputs: int = 3, outputs: int = 4) -> None:
         super().__init__()
-        self.config = config = config or DehazeFormerConfig()
-        full, half, quarter = config.channels[:3]
+        full, half, quarter = CHANNELS[:3]
         self.intro = reflect_conv(inputs, full, 3)
         self.encoder_full, self.encoder_half, self.bottom, self.decoder_half, self.decoder_full = (
-            stage(config, index) for index in range(5)
+            stage(index) for index in range(5)
         )
         self.down_half, self.down_quarter = down(full), down(half)
         self.skip_full, self.skip_half = nn.Conv2d(full, full, 1), nn.Conv2d(half, half, 1)

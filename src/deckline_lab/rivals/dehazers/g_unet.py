@@ -13,22 +13,25 @@ from torch import Tensor, nn
 from deckline_lab.rivals.dehazers.common import pad_to_multiple, reflect_conv, residual_gain, set_first_weights
 from deckline_lab.train.dehaze_blocks import SKFusion, down, up
 
+CHANNELS = 24  # at full size; doubled at every halving
 DEPTHS = (2, 2, 2, 4, 2, 2, 2)  # blocks a stage: down, bottom, up; the paper's T
+HALVINGS = len(DEPTHS) // 2
+MULTIPLE = 2**HALVINGS  # images are padded to a multiple of this, px
 KERNEL = 5  # depthwise, px; published
 
 
 class GatedBlock(nn.Module):
     """BatchNorm, then a depthwise convolution gated by a sigmoid and mixed by a 1x1 convolution; residual."""
 
-    def __init__(self, channels: int, kernel: int, blocks: int) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
         self.norm = nn.BatchNorm2d(channels)
         self.value = nn.Sequential(
-            nn.Conv2d(channels, channels, 1), reflect_conv(channels, channels, kernel, groups=channels)
+            nn.Conv2d(channels, channels, 1), reflect_conv(channels, channels, KERNEL, groups=channels)
         )
         self.gate = nn.Conv2d(channels, channels, 1)
         self.mix = nn.Conv2d(channels, channels, 1)
-        set_first_weights(self, residual_gain(blocks))
+        set_first_weights(self, residual_gain(sum(DEPTHS)))
 
     def forward(self, x: Tensor) -> Tensor:
         normed = self.norm(x)
@@ -36,29 +39,25 @@ class GatedBlock(nn.Module):
 
 
 class GUNet(nn.Module):
-    """U-net whose skips are fused by selective kernels; what comes out is added to the image.
+    """U-net whose skips are fused by selective kernels; what comes out is added to the image."""
 
-    `channels` at full size are doubled at every halving; `depths` are blocks of every stage.
-    """
-
-    def __init__(self, channels: int = 24, depths: tuple[int, ...] = DEPTHS, inputs: int = 3, outputs: int = 3) -> None:
+    def __init__(self, inputs: int = 3, outputs: int = 3) -> None:
         super().__init__()
-        halvings = len(depths) // 2
-        self.multiple = 2**halvings  # images are padded to a multiple of this, px
-        widths = [channels * 2 ** min(k, 2 * halvings - k) for k in range(len(depths))]
+        widths = [CHANNELS * 2 ** min(k, 2 * HALVINGS - k) for k in range(len(DEPTHS))]
+        falling, rising = widths[:HALVINGS], widths[HALVINGS + 1 :]
         stages = [
-            nn.Sequential(*(GatedBlock(width, KERNEL, sum(depths)) for _ in range(depth)))
-            for width, depth in zip(widths, depths, strict=True)
+            nn.Sequential(*(GatedBlock(width) for _ in range(depth)))
+            for width, depth in zip(widths, DEPTHS, strict=True)
         ]
-        self.intro = reflect_conv(inputs, channels, 3)
-        self.encoders = nn.ModuleList(stages[:halvings])
-        self.downs = nn.ModuleList(down(width) for width in widths[:halvings])
-        self.skips = nn.ModuleList(nn.Conv2d(width, width, 1) for width in widths[:halvings])
-        self.bottom = stages[halvings]
-        self.ups = nn.ModuleList(up(2 * width) for width in widths[halvings + 1 :])
-        self.fusions = nn.ModuleList(SKFusion(width, 8, bias=False) for width in widths[halvings + 1 :])
-        self.decoders = nn.ModuleList(stages[halvings + 1 :])
-        self.outro = reflect_conv(channels, outputs, 3)
+        self.intro = reflect_conv(inputs, CHANNELS, 3)
+        self.encoders = nn.ModuleList(stages[:HALVINGS])
+        self.downs = nn.ModuleList(down(width) for width in falling)
+        self.skips = nn.ModuleList(nn.Conv2d(width, width, 1) for width in falling)
+        self.bottom = stages[HALVINGS]
+        self.ups = nn.ModuleList(up(2 * width) for width in rising)
+        self.fusions = nn.ModuleList(SKFusion(width, 8, bias=False) for width in rising)
+        self.decoders = nn.ModuleList(stages[HALVINGS + 1 :])
+        self.outro = reflect_conv(CHANNELS, outputs, 3)
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""
@@ -66,7 +65,7 @@ class GUNet(nn.Module):
 
     def estimate(self, image: Tensor) -> Tensor:
         """What the last convolution gives, (N, outputs, H, W)."""
-        x = self.intro(2 * pad_to_multiple(image, self.multiple) - 1)
+        x = self.intro(2 * pad_to_multiple(image, MULTIPLE) - 1)
         skipped = []
         for encoder, to_half, skip in zip(self.encoders, self.downs, self.skips, strict=True):
             x = encoder(x)

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from deckline_lab.rivals.dehazers.common import pad_to_multiple
 
 MULTIPLE = 2  # one halving
+CHANNELS = 64  # published
 DILATIONS = (2, 2, 2, 4, 4, 4, 1)  # of the residual blocks at half size, px; published
 MIDDLE = 4  # blocks after which the gate reads the features, besides before the first and after the last; published
 
@@ -64,9 +65,9 @@ def edges(image: Tensor) -> Tensor:
 class GcaNet(nn.Module):
     """Encoder to half size, residual blocks, gated sum, decoder to what is added to the image."""
 
-    def __init__(self, channels: int = 64, inputs: int = 3, outputs: int = 3) -> None:
+    def __init__(self, inputs: int = 3, outputs: int = 3) -> None:
         super().__init__()
-        c = channels
+        c = CHANNELS
 
         def normed(conv: nn.Module) -> nn.Sequential:
             return nn.Sequential(conv, nn.InstanceNorm2d(c, affine=True), nn.ReLU())

@@ -14,16 +14,17 @@ from deckline_lab.rivals.dehazers.common import pad_to_multiple
 
 ROWS = 3  # sizes; each row down has half the size and twice the channels; published
 COLUMNS = 6  # features flow down through the first half of them and up through the other; published
+CHANNELS = 16  # of the first row; published
 LAYERS, GROWTH = 4, 16  # of a dense block, and channels that each adds; published
 
 
 class ResidualDenseBlock(nn.Module):
     """3x3 convolutions that each see all before them, a 1x1 convolution back to the channels, plus the input."""
 
-    def __init__(self, channels: int, layers: int = LAYERS, growth: int = GROWTH) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.layers = nn.ModuleList(nn.Conv2d(channels + k * growth, growth, 3, padding=1) for k in range(layers))
-        self.fuse = nn.Conv2d(channels + layers * growth, channels, 1)
+        self.layers = nn.ModuleList(nn.Conv2d(channels + k * GROWTH, GROWTH, 3, padding=1) for k in range(LAYERS))
+        self.fuse = nn.Conv2d(channels + LAYERS * GROWTH, channels, 1)
 
     def forward(self, x: Tensor) -> Tensor:
         seen = x
@@ -71,12 +72,12 @@ class GridColumn(nn.Module):
 class GridDehazeNet(nn.Module):
     """The paper's network; its last rectifier is left out, whoever makes an image of the output clips it."""
 
-    def __init__(self, channels: int = 16, inputs: int = 3, outputs: int = 3) -> None:
+    def __init__(self, inputs: int = 3, outputs: int = 3) -> None:
         super().__init__()
-        self.intro = nn.Sequential(nn.Conv2d(inputs, channels, 3, padding=1), ResidualDenseBlock(channels))
-        self.first_column = nn.ModuleList(grid_down(channels * 2**row) for row in range(ROWS - 1))
-        self.columns = nn.ModuleList(GridColumn(channels, column < COLUMNS // 2) for column in range(1, COLUMNS))
-        self.outro = nn.Sequential(ResidualDenseBlock(channels), nn.Conv2d(channels, outputs, 3, padding=1))
+        self.intro = nn.Sequential(nn.Conv2d(inputs, CHANNELS, 3, padding=1), ResidualDenseBlock(CHANNELS))
+        self.first_column = nn.ModuleList(grid_down(CHANNELS * 2**row) for row in range(ROWS - 1))
+        self.columns = nn.ModuleList(GridColumn(CHANNELS, column < COLUMNS // 2) for column in range(1, COLUMNS))
+        self.outro = nn.Sequential(ResidualDenseBlock(CHANNELS), nn.Conv2d(CHANNELS, outputs, 3, padding=1))
 
     def forward(self, image: Tensor) -> Tensor:
         """(N, 3, H, W) RGB in 0..1 to the same shape, not clipped."""

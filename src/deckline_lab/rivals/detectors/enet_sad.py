@@ -29,17 +29,17 @@ class EnetSad(SadNetwork):
     def __init__(self, lines: int = LINES, size_px: tuple[int, int] = MAP_KIND.grid.size) -> None:
         super().__init__()
         self.kind = MAP_KIND
-        self.initial = _Initial()
-        self.down1 = _Bottleneck(16, 64, "down", dropout=0.01)
-        self.stage1 = nn.Sequential(*(_Bottleneck(64, 64, "square", dropout=0.01) for _ in range(4)))
-        self.down2 = _Bottleneck(64, 128, "down")
+        self.initial = InitialBlock()
+        self.down1 = Bottleneck(16, 64, "down", dropout=0.01)
+        self.stage1 = nn.Sequential(*(Bottleneck(64, 64, "square", dropout=0.01) for _ in range(4)))
+        self.down2 = Bottleneck(64, 128, "down")
         self.stage2, self.stage3 = (
-            nn.Sequential(*(_Bottleneck(128, 128, shape, dilation) for shape, dilation in CONTEXT)) for _ in range(2)
+            nn.Sequential(*(Bottleneck(128, 128, shape, dilation) for shape, dilation in CONTEXT)) for _ in range(2)
         )
-        self.up4 = _Up(128, 64)
-        self.stage4 = nn.Sequential(*(_Bottleneck(64, 64, "square", act=nn.ReLU) for _ in range(2)))
-        self.up5 = _Up(64, 16)
-        self.stage5 = _Bottleneck(16, 16, "square", act=nn.ReLU)
+        self.up4 = Unpooling(128, 64)
+        self.stage4 = nn.Sequential(*(Bottleneck(64, 64, "square", act=nn.ReLU) for _ in range(2)))
+        self.up5 = Unpooling(64, 16)
+        self.stage5 = Bottleneck(16, 16, "square", act=nn.ReLU)
         self.map = nn.ConvTranspose2d(16, lines + 1, 3, 2, 1, output_padding=1, bias=False)
         self.existence = parts.LineExistence(128, 32, lines, (size_px[0] // 8, size_px[1] // 8))
         self.region = parts.RegionBranch(128)
@@ -56,7 +56,7 @@ class EnetSad(SadNetwork):
         return MapOutput(self.map(x), self.existence(deepest), region, box, encoded)
 
 
-class _Initial(nn.Module):
+class InitialBlock(nn.Module):
     """Stride 2: thirteen convolved channels beside the three pooled ones."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class _Initial(nn.Module):
         return self.norm(torch.cat([self.conv(image), F.max_pool2d(image, 2)], dim=1))
 
 
-class _Bottleneck(nn.Module):
+class Bottleneck(nn.Module):
     """A quarter of the channels, one larger convolution, back; added to the input, or to it pooled and padded.
 
     The decoder's activations (`act`) are ReLU, the encoder's PReLU.
@@ -110,7 +110,7 @@ class _Bottleneck(nn.Module):
         return self.act(straight + self.branch(x))
 
 
-class _Up(nn.Module):
+class Unpooling(nn.Module):
     """Twice the size: values go back to where the encoder pooled its maxima from; a transposed convolution is added."""
 
     def __init__(self, channels_in: int, channels_out: int) -> None:

@@ -71,13 +71,12 @@ class ResNet(nn.Module):
 
     Args:
         layers: 18 or 34.
-        stages: how many of the four are built.
-        dilated: the third and fourth stage have stride 8 and dilate their kernels instead.
+        stages: how many of the four are built; the third of three has stride 8 and dilates its kernels instead.
 
     Source: He, Zhang, Ren and Sun, "Deep Residual Learning for Image Recognition", 2016.
     """
 
-    def __init__(self, layers: int = 18, stages: int = 4, dilated: bool = False) -> None:
+    def __init__(self, layers: int, stages: int = 4) -> None:
         super().__init__()
         self.stem = nn.Sequential(
             nn.Conv2d(3, 64, 7, 2, 3, bias=False), nn.BatchNorm2d(64), nn.ReLU(), nn.MaxPool2d(3, 2, 1)
@@ -85,10 +84,12 @@ class ResNet(nn.Module):
         self.stages = nn.ModuleList()
         channels = WIDTHS[0]
         for index in range(stages):
-            stride = 1 if index == 0 or (dilated and index >= 2) else 2
-            dilation = 2 ** (index - 1) if dilated and index >= 2 else 1
-            blocks = [_Block(channels, WIDTHS[index], stride, dilation)]
-            blocks += [_Block(WIDTHS[index], WIDTHS[index], 1, dilation) for _ in range(BLOCKS[layers][index] - 1)]
+            dilation = 2 if (index, stages) == (2, 3) else 1
+            stride = 1 if index == 0 or dilation == 2 else 2
+            blocks = [ResidualBlock(channels, WIDTHS[index], stride, dilation)]
+            blocks += [
+                ResidualBlock(WIDTHS[index], WIDTHS[index], 1, dilation) for _ in range(BLOCKS[layers][index] - 1)
+            ]
             self.stages.append(nn.Sequential(*blocks))
             channels = WIDTHS[index]
         for layer in self.modules():
@@ -104,7 +105,7 @@ class ResNet(nn.Module):
         return taps
 
 
-class _Block(nn.Module):
+class ResidualBlock(nn.Module):
     """Two 3x3 convolutions added to their input, which a 1x1 convolution brings to the same shape where it differs."""
 
     def __init__(self, channels_in: int, channels_out: int, stride: int, dilation: int) -> None:

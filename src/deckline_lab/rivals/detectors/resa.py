@@ -50,11 +50,16 @@ class Resa(LineNetwork):
         if layers is None:
             self.backbone, self.merge = Lite0Backbone(pretrained), Merge(WIDTH)
         else:
-            self.body = ResNet(layers, stages=3, dilated=True)
+            self.body = ResNet(layers, stages=3)
             self.reduce = nn.Conv2d(WIDTHS[2], WIDTH, 1, bias=False)
         self.layers = layers
         self.shifts = FeatureShift(WIDTH)
-        self.decoder = nn.Sequential(_Up(WIDTH, 64), _Up(64, 32), _Up(32, 16), nn.Conv2d(16, lines + 1, 1))
+        self.decoder = nn.Sequential(
+            BilateralUpsampling(WIDTH, 64),
+            BilateralUpsampling(64, 32),
+            BilateralUpsampling(32, 16),
+            nn.Conv2d(16, lines + 1, 1),
+        )
         self.existence = LineExistence(WIDTH, None, lines, (size_px[0] // 8, size_px[1] // 8))
         self.region = RegionBranch(WIDTH)
 
@@ -96,7 +101,7 @@ class FeatureShift(nn.Module):
         return x
 
 
-class _Up(nn.Module):
+class BilateralUpsampling(nn.Module):
     """Bilateral up-sampling: a coarse branch that interpolates and a fine one that is learned, added."""
 
     def __init__(self, channels_in: int, channels_out: int) -> None:
@@ -106,8 +111,8 @@ class _Up(nn.Module):
             nn.ConvTranspose2d(channels_in, channels_out, 3, 2, 1, output_padding=1, bias=True),
             nn.BatchNorm2d(channels_out),
             nn.ReLU(),
-            _Factored(channels_out),
-            _Factored(channels_out),
+            FactoredConvolutions(channels_out),
+            FactoredConvolutions(channels_out),
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -115,7 +120,7 @@ class _Up(nn.Module):
         return F.relu(coarse) + self.fine(x)
 
 
-class _Factored(nn.Module):
+class FactoredConvolutions(nn.Module):
     """Two 3x3 convolutions, each as 3x1 and 1x3, added to their input."""
 
     def __init__(self, channels: int) -> None:

@@ -50,7 +50,7 @@ class PublishedUfld(LineNetwork):
             if isinstance(layer, nn.Linear):
                 nn.init.normal_(layer.weight, std=0.01)
         self.region = RegionBranch(channels[0], channels[1])
-        self.segmentation = _Auxiliary(channels, lines + 1)
+        self.segmentation = AuxiliaryBranch(channels, lines + 1)
 
     def forward(self, image: Tensor) -> UfldOutput:
         taps = self.body(image) if self.resnet else self.backbone(image)[1:]
@@ -62,7 +62,7 @@ class PublishedUfld(LineNetwork):
         return ufld_loss(output, targets, weights)
 
 
-class _Auxiliary(nn.Module):
+class AuxiliaryBranch(nn.Module):
     """The training-only branch: features of three stages, brought to stride 8 and together."""
 
     WIDTH = 128  # published
