@@ -146,16 +146,6 @@ def test_who_leaves_most_unread_goes_first(tmp_path, monkeypatch):
         assert server.lines
 
 
-def test_half_open_connections_hold_up_nobody(client, server):
-    peers = [connect(server.port) for _ in range(20)]
-    for peer in peers:
-        peer.sendall(encode_request(1, "simGetImages", (["x" * 100],))[:-50])
-    assert client.ping() is True
-    assert client.simGetImage("0", 0)
-    for peer in peers:
-        peer.close()
-
-
 @pytest.fixture(scope="module")
 def fuzzed(tmp_path_factory):
     """A server of its own: odd calls leave its clock anywhere, and reset leaves the clock alone."""
@@ -244,11 +234,6 @@ def served(monkeypatch):
     return calls
 
 
-def test_loopback_is_known():
-    assert all(is_loopback(host) for host in ("127.0.0.1", "::1", "localhost"))
-    assert not any(is_loopback(host) for host in ("0.0.0.0", "192.168.1.4", "ship"))
-
-
 def test_it_serves_this_machine_alone_in_clear_air_by_default(served, capsys):
     assert main(SERVE) == 0
     ((config, settings, server, _),) = served
@@ -268,6 +253,8 @@ def test_options_reach_the_server(served, tmp_path, capsys):
     assert config.preset == "cvn" and config.visibility_m == (700.0, 700.0) and settings.vehicle == "Drone1"
     said = capsys.readouterr().err
     assert "ViewMode" in said and "0.0.0.0" in said
+    hosts = ("127.0.0.1", "::1", "localhost", "0.0.0.0", "192.168.1.4", "ship")
+    assert [is_loopback(host) for host in hosts] == 3 * [True] + 3 * [False]
 
 
 @pytest.mark.parametrize(

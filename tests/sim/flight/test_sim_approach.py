@@ -167,19 +167,6 @@ ALONG, ACROSS = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
 STILL_AIR = np.zeros(2)
 
 
-@pytest.mark.parametrize(
-    ("ship", "wind", "expected"),
-    [
-        (STILL_AIR, STILL_AIR, 65.0),
-        (12.0 * ALONG, STILL_AIR, 53.0),
-        (12.0 * ALONG, -8.0 * ALONG, 45.0),
-        (STILL_AIR, 25.0 * ACROSS, 60.0),  # Pythagoras
-    ],
-)
-def test_the_deck_is_closed_at_the_speed_that_ship_and_wind_leave(ship, wind, expected):
-    assert closing_speed(ALONG, ship, wind, 65.0) == pytest.approx(expected)
-
-
 def test_too_much_wind_is_named():
     with pytest.raises(ValueError, match=r"20 m/s .*30\.0 m/s"):
         closing_speed(ALONG, STILL_AIR, -30.0 * ALONG, 20.0)
