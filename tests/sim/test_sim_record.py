@@ -19,14 +19,13 @@ from deckline.geometry import Camera, camera_mount, pose
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
 from deckline.types import Frame, Segment, Truth
-from deckline_sim import SimConfig, frames
+from deckline_sim import SimConfig
 from deckline_sim.cli import RECORDING, SHEET
 from deckline_sim.config import DepthConfig, WeatherConfig
 from deckline_sim.record import (
     frame_settings,
     json_values,
     make_tile,
-    map_frames,
     parse_visibility,
     repeatable_command,
     visibility_text,
@@ -190,23 +189,8 @@ def test_frames_without_truth_or_pose_stay_as_they_are():
         np.testing.assert_array_equal(make_tile(item, 64, True), item.image_rgb)
 
 
-SMALL = SimConfig(preset="train", trajectory="random", frames=7, width=96, height=54, frames_per_ship=3)
-FLIGHT = SimConfig(preset="cvn", frames=6, width=96, height=54)
 COMMAND = ["sim", "--preset", "train", "--trajectory", "random", "--visibility", "300..900", "--seed", "5"]
 COMMAND += ["--width", "160", "--height", "90", "--frames", "40"]
-
-
-def picture(frame: Frame) -> np.ndarray:
-    return frame.image_rgb
-
-
-@pytest.mark.parametrize("jobs", [1, 3])
-def test_frames_come_in_their_order_whoever_renders_them(jobs):
-    items = [(SMALL, index) for index in (0, 1, 2, 5, 6)] + [(FLIGHT, index) for index in range(6)]
-    expected = [frame.image_rgb for frame in frames(SMALL)]
-    expected = [expected[index] for index in (0, 1, 2, 5, 6)] + [frame.image_rgb for frame in frames(FLIGHT)]
-    for got, wanted in zip(map_frames(picture, items, jobs), expected, strict=True):
-        np.testing.assert_array_equal(got, wanted)
 
 
 def sim_words(out: Path, jobs: int) -> list[str]:

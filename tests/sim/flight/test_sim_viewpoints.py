@@ -199,14 +199,6 @@ def test_training_draws_fields_of_view_that_show_something():
     np.testing.assert_allclose([view.camera.fx for view in views], 320.0 / np.tan(np.deg2rad(16.5)))
 
 
-def test_nose_points_at_the_target():
-    position, target = np.array([10.0, -5.0, -60.0]), np.array([-200.0, 40.0, 6.0])
-    body = pose_towards(position, target, np.zeros(3))
-    nose = body.rotation.apply([1.0, 0.0, 0.0])
-    np.testing.assert_allclose(nose, (target - position) / np.linalg.norm(target - position), atol=1e-12)
-    assert abs(body.rotation.apply([0.0, 1.0, 0.0])[2]) < 1e-12  # wings level
-
-
 def test_part_of_the_runway_in_view():
     camera = Camera.from_fov(640, 360, np.deg2rad(60.0))
 

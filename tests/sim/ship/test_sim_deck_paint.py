@@ -97,17 +97,6 @@ def test_numbers_stand_upright_seen_from_astern():
     assert np.ptp(coat[coat[:, 0] > 209.0, 1]) == pytest.approx(6.0, abs=1e-4)  # the seven's bar is ahead
 
 
-@pytest.mark.parametrize("kind", ["ladder", "stripe", "double", "dashed"])
-def test_every_kind_of_edge_has_its_opacity_and_its_middle_on_the_line(kind):
-    coat = dp.paint_edge(LAYOUT.left_m, replace(EDGE, kind=kind, opacity=0.3))
-    np.testing.assert_allclose(coat[:, 5], 0.3)
-    aside, reach = across(coat, LAYOUT.left_m)
-    half, length = EDGE.width_m / 2, axes(*LAYOUT.left_m)[2]
-    assert [aside.min(), aside.max()] == pytest.approx([-half, half], abs=1e-3)
-    assert reach.min() == pytest.approx(0.0, abs=1e-3)
-    assert length - EDGE.pitch_m <= reach.max() <= length + 1e-3
-
-
 @pytest.mark.parametrize(("line", "inward"), [(LAYOUT.left_m, 1.0), (LAYOUT.right_m, -1.0)])
 def test_smeared_paint_keeps_its_outer_edge(line, inward):
     style = replace(EDGE, smear=0.5, smear_m=4.0)
@@ -130,8 +119,14 @@ def test_every_marking_is_symmetric_about_its_line(style):
         area, middle = area_and_middle(coat)
         assert area * style.opacity > 0.2 * style.rail_m * 200.0
         assert abs((middle - line[0]) @ axes(*line)[1]) < 1e-4
-        aside = np.unique(np.round((coat[:, :2] - line[0]) @ axes(*line)[1], 3))
+        np.testing.assert_allclose(coat[:, 5], style.opacity)
+        aside, reach = across(coat, line)
+        aside = np.unique(np.round(aside, 3))
         np.testing.assert_allclose(aside, -aside[::-1], atol=2e-3)
+        assert aside[-1] == pytest.approx(style.width_m / 2, abs=1e-3)
+        length = axes(*line)[2]
+        assert reach.min() == pytest.approx(0.0, abs=1e-3)
+        assert length - style.pitch_m <= reach.max() <= length + 1e-3
 
 
 def paint_runway(**changes):
