@@ -31,13 +31,6 @@ def test_what_is_parked_stands_on_the_deck_and_off_the_runway(runway, afloat):
     assert built > 40
 
 
-def test_rows_follow_the_edge(cvn):
-    spots = np.array(cl.row_spots(cvn, 1.0, np.random.default_rng(0)))
-    inside = edge_distance(cvn, spots[:, :2])
-    assert np.all((inside > 0.0) & (inside < 10.0)) or spots[:, 0].max() > cvn.length_m - 10.0
-    assert np.all(np.sin(spots[:, 2]) < 0.5)  # noses not over the starboard edge
-
-
 @pytest.mark.parametrize("kind", cl.load_aircraft()["kinds"])
 def test_prototypes_stand_on_their_wheels_and_are_about_one_long(kind):
     mesh = cl.prototype(kind)

@@ -71,11 +71,3 @@ def test_walks_hang_below_the_deck_outside_its_edge(form):
     x, y, z = hl.build_walk(form.layout, 1.0, GREY, np.random.default_rng(1), True)[:, :3].T.astype(float)
     assert np.all(y > form.layout.edges_at(x)[1] - 6.0)
     assert z.min() >= -0.05
-
-
-def test_both_sides_and_the_stern_stay_below_the_deck_but_for_gear(form):
-    for seed in range(10):
-        z = hl.build_fittings(form, "68", GREY, np.random.default_rng(seed))[:, 2]
-        assert z.max() <= form.layout.deck_height_m + 1.0
-        assert np.mean(z > 0.0) > 0.9
-        assert np.mean(z > hl.SLAB_M) > 0.3
