@@ -64,6 +64,7 @@ def down(timeout_s=60.0):
 
 
 def test_velocity_follows_with_the_stated_time_constant(bench):
+    assert bench.vehicle.start(lambda body: by_velocity([3.0, 0.0, 0.0], 0.0)).result is True
     bench.vehicle.start(lambda body: by_velocity([1.0, 0.0, 0.0], 10.0))
     for seconds in (VELOCITY_S, 2 * VELOCITY_S):
         moved = bench.fly(seconds - bench.time_s, step_s=0.02)
