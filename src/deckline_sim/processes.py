@@ -70,7 +70,7 @@ def _submit(pool: ProcessPoolExecutor, task: Callable[[X], Y], item: X) -> "Futu
 
 
 def _start_worker(started: "Synchronized[int]", count: int) -> None:
-    """Keep a new process to its share of the cores, as renderer and networks start a thread for each core."""
+    """Restrict a new process to its share of the cores: renderer and networks start a thread for each core."""
     with started.get_lock():
         number = started.value % count
         started.value += 1

@@ -1,4 +1,4 @@
-"""A bar on the screen that says how far a long command is."""
+"""A progress bar on the screen."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

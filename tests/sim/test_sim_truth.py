@@ -119,20 +119,6 @@ def test_the_middle_of_the_paint_is_the_true_line(renderer, name, moving, distor
     assert places > 300
 
 
-@pytest.mark.parametrize("name", SHIP_CLASSES)
-def test_fully_painted_decks_have_their_edge_markings_on_the_true_lines(renderer, name):
-    ship = built(name)
-    renderer.load(bare(ship), SUN)
-    half_width = load_class(name).plan.edge.width_m / 2
-    for range_m, fov_deg in zip(RANGES_M, FOVS_DEG, strict=True):
-        shot = shoot(renderer, ship, range_m, fov_deg, True, True)
-        for line in (ship.layout.left_m, ship.layout.right_m):
-            offsets = middle_offsets(shot, line, half_width)
-            assert len(offsets) > 60
-            assert abs(np.median(offsets)) < 0.15
-            assert np.percentile(np.abs(offsets), 80) < 0.5
-
-
 def test_a_line_half_a_metre_off_is_noticed(renderer):
     style, ship = edge_style("cvn"), built("cvn")
     layout = replace(ship.layout, left_m=ship.layout.left_m + np.array([0.0, 0.5]))

@@ -1,6 +1,6 @@
 """The ground around an airfield and the sky above it, as seen by a pinhole camera above a plane.
 
-Ground frame: x along the landing direction, y to its right, metres; see `runway`.
+Ground frame: x along the landing direction, y to its right, metres; see `land_runway`.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """A picture of an airfield with its truth, for training: fast, plane ground, any camera.
 
-The renderer (`sim.scene`) draws ships and one kind of runway exactly; this draws land runways in the breadth that
-photographs have, at some 20 a second on one core.
+The renderer (`deckline_sim.scene`) draws ships and one kind of runway exactly; this module draws land runways in the
+breadth that photographs have, at some 20 a second on one core.
 """
 
 from collections.abc import Iterable, Sequence
@@ -140,7 +140,7 @@ def look_at(width: int, height: int, position_m: Float64, target_m: Float64, rng
 
 
 def _axes(yaw: float, pitch: float, roll: float) -> Float64:
-    """Right, down and forward (rows) of a camera that looks `yaw` to the right of x and `pitch` up; y is right."""
+    """Right, down and forward (rows) of a camera turned by `yaw` to the right of x and `pitch` up; y is right."""
     forward = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
     right = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     down = np.array([np.sin(pitch) * np.cos(yaw), np.sin(pitch) * np.sin(yaw), -np.cos(pitch)])

@@ -105,7 +105,7 @@ def _camera(viewer: GroundCamera) -> Camera:
 
 
 def _pose(viewer: GroundCamera) -> RigidTransform:
-    """world_from_body of an aircraft whose camera looks along its body's forward axis."""
+    """world_from_body of an aircraft whose optical axis is its body's forward axis."""
     rotation = Rotation.from_matrix((viewer.axes * UP_TO_DOWN).T)
     return RigidTransform.from_components(viewer.position_m * UP_TO_DOWN, rotation) * camera_mount().inv()
 

@@ -7,7 +7,7 @@ import socket
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -64,8 +64,8 @@ class ServeConfig:
 class Connections:
     """Answers every client's calls; an error of one client does not affect the others."""
 
-    def __init__(self, service: Service, limit: int) -> None:
-        self._service, self._limit = service, limit
+    def __init__(self, service: Service) -> None:
+        self._service = service
         self._tasks: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
         self._called_s: dict[asyncio.StreamWriter, float] = {}  # time of each connection's last call
         self._flights: set[asyncio.Task[None]] = set()  # answers to flight commands; a flight outlives its client
@@ -73,12 +73,11 @@ class Connections:
 
     def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take a connection, unless there are too many."""
-        peer = "{}:{}".format(*writer.get_extra_info("peername", ("?", "?"))[:2])
-        now_s = asyncio.get_running_loop().time()
+        peer, now_s = _peer_of(writer), asyncio.get_running_loop().time()
         if len(self._called_s) >= MAX_CONNECTIONS:
             idlest = min(self._called_s, key=lambda other: self._called_s[other])
             if now_s - self._called_s[idlest] > IDLE_S:
-                self._drop(idlest, f"asked nothing for {IDLE_S:g} s, and its place is needed")
+                self._drop(idlest, f"idle for {IDLE_S:g} s while a new connection waits")
         if len(self._called_s) >= MAX_CONNECTIONS:
             self._service.log(f"{peer}: refused, {MAX_CONNECTIONS} connections are open")
             writer.close()
@@ -96,8 +95,7 @@ class Connections:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _drop(self, writer: asyncio.StreamWriter, why: str) -> None:
-        peer = "{}:{}".format(*writer.get_extra_info("peername", ("?", "?"))[:2])
-        self._service.log(f"{peer}: {why}; connection closed")
+        self._service.log(f"{_peer_of(writer)}: {why}; connection closed")
         self._called_s.pop(writer, None)
         writer.transport.abort()
 
@@ -111,13 +109,13 @@ class Connections:
             del unread[writer]
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, peer: str) -> None:
-        decoder = Decoder(self._limit)
+        decoder = Decoder(REQUEST_LIMIT)
         flights: set[asyncio.Task[None]] = set()
         try:
             while data := await reader.read(READ_BYTES):
                 for message in decoder.feed(data):
                     if not isinstance(message, Request):
-                        raise ProtocolError("an answer, though nothing was asked")
+                        raise ProtocolError("a response arrived, but the server sends no requests")
                     self._called_s[writer] = asyncio.get_running_loop().time()
                     if not is_flight(message.method):
                         await self._handle(message, writer, peer)
@@ -181,6 +179,10 @@ class Connections:
             return f"{request.method}: failed in the server", None
 
 
+def _peer_of(writer: asyncio.StreamWriter) -> str:
+    return "{}:{}".format(*writer.get_extra_info("peername", ("?", "?"))[:2])
+
+
 @asynccontextmanager
 async def serving(
     config: SimConfig,
@@ -191,7 +193,6 @@ async def serving(
     scene: Mapping[str, Any] | None = None,
     log: Callable[[str], None] = log_line,
     clock: SimClock | None = None,
-    message_limit: int = REQUEST_LIMIT,
 ) -> AsyncIterator[int]:
     """Serve while the context is open; gives the port.
 
@@ -201,7 +202,6 @@ async def serving(
         scene: free keys of a recording's scene.json.
         log: gets a line for everything unusual.
         clock: the simulated time; None: it begins now.
-        message_limit: bytes of a request; a longer one ends its connection.
 
     Raises:
         RendererError: no OpenGL through EGL on this machine.
@@ -215,17 +215,15 @@ async def serving(
         render = partial(loop.run_in_executor, renderer)
         recorder = Recorder(out, settings, partial(render, record_frame, world), dict(scene or {}), log)
         service = Service(world, render, recorder, SimulatedSensors(world, config.seed), log)
-        connections = Connections(service, message_limit)
+        connections = Connections(service)
         try:
             try:
                 listening = await asyncio.start_server(connections.accept, host, port)
             except OSError as error:
                 reason = error.strerror or str(error)
                 raise ValueError(f"cannot listen on {host}:{port} ({reason}): choose --host or --port") from None
-            try:
+            with closing(listening):
                 yield int(listening.sockets[0].getsockname()[1])
-            finally:
-                listening.close()
         finally:
             await connections.close()
             await recorder.stop()

@@ -33,7 +33,7 @@ class Foreground:
     """(H, W) 0..1, share of the scene that it hides."""
 
 
-class _Kind(NamedTuple):
+class ForegroundKind(NamedTuple):
     paint: Callable[[Layer, Rng], None]
     shares: tuple[float, float, float]  # in each of SETTINGS
     blur: tuple[float, float]  # 1-sigma, of the picture's height
@@ -42,23 +42,23 @@ class _Kind(NamedTuple):
 
 
 KINDS = (  # from the scene to the viewer
-    _Kind(cockpit.paint_nose, (0.4, 0.25, 0.0), (0.0, 0.01)),
-    _Kind(cockpit.paint_propeller, (0.1, 0.2, 0.0), (0.002, 0.015), (0.05, 0.6)),
-    _Kind(cockpit.paint_strut, (0.3, 0.4, 0.05), (0.0, 0.01)),
-    _Kind(cockpit.paint_legs, (0.0, 0.45, 0.0), (0.002, 0.02)),
-    _Kind(cockpit.paint_specks, (0.5, 0.3, 0.15), (0.0, 0.01), (0.15, 0.9), solid=False),
-    _Kind(cockpit.paint_reflection, (0.35, 0.0, 0.15), (0.005, 0.05), (0.03, 0.25), solid=False),
-    _Kind(screen.paint_hud, (0.08, 0.12, 0.08), (0.0, 0.002), (0.5, 1.0), solid=False),
-    _Kind(cockpit.paint_overhead, (0.25, 0.0, 0.0), (0.001, 0.015), (0.6, 1.0)),
-    _Kind(cockpit.paint_windows, (0.3, 0.0, 0.06), (0.001, 0.015)),
-    _Kind(cockpit.paint_pillars, (0.45, 0.0, 0.06), (0.001, 0.015)),
-    _Kind(cockpit.paint_panel, (0.65, 0.0, 0.05), (0.0, 0.008)),
-    _Kind(cockpit.paint_pilot, (0.25, 0.0, 0.0), (0.002, 0.015)),
-    _Kind(cockpit.paint_rails, (0.15, 0.1, 0.1), (0.0, 0.01), (0.5, 1.0)),
-    _Kind(cockpit.paint_flare, (0.2, 0.2, 0.2), (0.005, 0.03), (0.2, 1.0), solid=False),
-    _Kind(screen.paint_inset, (0.06, 0.06, 0.1), (0.0, 0.001), solid=False),
-    _Kind(screen.paint_captions, (0.25, 0.25, 0.55), (0.0, 0.002), (0.4, 1.0), solid=False),
-    _Kind(screen.paint_bars, (0.08, 0.08, 0.2), (0.0, 0.0), solid=False),
+    ForegroundKind(cockpit.paint_nose, (0.4, 0.25, 0.0), (0.0, 0.01)),
+    ForegroundKind(cockpit.paint_propeller, (0.1, 0.2, 0.0), (0.002, 0.015), (0.05, 0.6)),
+    ForegroundKind(cockpit.paint_strut, (0.3, 0.4, 0.05), (0.0, 0.01)),
+    ForegroundKind(cockpit.paint_legs, (0.0, 0.45, 0.0), (0.002, 0.02)),
+    ForegroundKind(cockpit.paint_specks, (0.5, 0.3, 0.15), (0.0, 0.01), (0.15, 0.9), solid=False),
+    ForegroundKind(cockpit.paint_reflection, (0.35, 0.0, 0.15), (0.005, 0.05), (0.03, 0.25), solid=False),
+    ForegroundKind(screen.paint_hud, (0.08, 0.12, 0.08), (0.0, 0.002), (0.5, 1.0), solid=False),
+    ForegroundKind(cockpit.paint_overhead, (0.25, 0.0, 0.0), (0.001, 0.015), (0.6, 1.0)),
+    ForegroundKind(cockpit.paint_windows, (0.3, 0.0, 0.06), (0.001, 0.015)),
+    ForegroundKind(cockpit.paint_pillars, (0.45, 0.0, 0.06), (0.001, 0.015)),
+    ForegroundKind(cockpit.paint_panel, (0.65, 0.0, 0.05), (0.0, 0.008)),
+    ForegroundKind(cockpit.paint_pilot, (0.25, 0.0, 0.0), (0.002, 0.015)),
+    ForegroundKind(cockpit.paint_rails, (0.15, 0.1, 0.1), (0.0, 0.01), (0.5, 1.0)),
+    ForegroundKind(cockpit.paint_flare, (0.2, 0.2, 0.2), (0.005, 0.03), (0.2, 1.0), solid=False),
+    ForegroundKind(screen.paint_inset, (0.06, 0.06, 0.1), (0.0, 0.001), solid=False),
+    ForegroundKind(screen.paint_captions, (0.25, 0.25, 0.55), (0.0, 0.002), (0.4, 1.0), solid=False),
+    ForegroundKind(screen.paint_bars, (0.08, 0.08, 0.2), (0.0, 0.0), solid=False),
 )
 
 
@@ -132,7 +132,7 @@ def _clip_box(box: ArrayLike, width: int, height: int) -> tuple[slice, slice]:
 
 
 def _add_layer(
-    total: Layer, layer: Layer, texture: Layer, kind: _Kind, box: tuple[slice, slice] | None, rng: Rng
+    total: Layer, layer: Layer, texture: Layer, kind: ForegroundKind, box: tuple[slice, slice] | None, rng: Rng
 ) -> bool:
     """Put a layer over those drawn, in place; False, and nothing put, where it would cover too much of the box."""
     sigma, opacity = len(layer) * rng.uniform(*kind.blur), rng.uniform(*kind.opacity)

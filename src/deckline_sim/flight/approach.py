@@ -37,6 +37,7 @@ GUST_HZ = (0.02, 0.6)  # slower gusts are wind, faster ones an aircraft does not
 GUST_WAVES = 24
 PILOT_RAD_S = 0.5  # rate at which a pilot corrects a displacement; our choice
 ROLL_PER_GUST = 0.02  # rad of roll for 1 m/s of side gust; our choice
+WANDER_WAVES = 4
 WANDER_HZ = (0.02, 0.1)  # of a flown path about the nominal one
 SHAKE_HZ = (0.05, 0.4)  # of the attitude
 
@@ -172,10 +173,11 @@ def remaining_offset(phase: float) -> float:
     return 1.0 - x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
-def wander(time_s: float, band_hz: tuple[float, float], rng: np.random.Generator, waves: int = 4) -> float:
+def wander(time_s: float, band_hz: tuple[float, float], rng: np.random.Generator) -> float:
     """A sum of sines about 1 in size at a time, the same function for the same rng state."""
-    amplitude, frequency, start = rng.normal(size=waves), rng.uniform(*band_hz, waves), rng.uniform(0, 2 * np.pi, waves)
-    return float(np.sum(amplitude * np.sin(2 * np.pi * frequency * time_s + start)) / np.sqrt(waves / 2))
+    size = WANDER_WAVES
+    amplitude, frequency, start = rng.normal(size=size), rng.uniform(*band_hz, size), rng.uniform(0, 2 * np.pi, size)
+    return float(np.sum(amplitude * np.sin(2 * np.pi * frequency * time_s + start)) / np.sqrt(size / 2))
 
 
 def gust(time_s: float, sigma_m_s: float, speed_m_s: float, rng: np.random.Generator) -> tuple[float, float]:

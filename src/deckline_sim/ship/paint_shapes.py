@@ -1,7 +1,7 @@
 """Paint on the deck, as triangles in deck metres.
 
 A coat is float32 (N, 7): x, y (ship frame, metres), red, green, blue (0..1), opacity (0..1) and wear (0: even,
-1: as worn as the deck's wear says) of three vertices per triangle. Later coats cover earlier ones.
+1: worn as much as the deck is) of three vertices per triangle. Later coats cover earlier ones.
 """
 
 from collections.abc import Sequence

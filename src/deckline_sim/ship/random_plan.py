@@ -125,7 +125,7 @@ def _fouls(edge: EdgeStyle, rng: Generator) -> tuple[tuple[float, LineStyle], ..
 def _stripes(layout: Layout, rgb: Rgb, runway: bool, rng: Generator) -> list[Stripe]:
     """Single lines anywhere: take-off runs, safety lines, lines that cross the runway or run beside it.
 
-    Without a runway only the first is long: two long ones would look like one.
+    Without a runway only the first is long: two long ones would resemble one.
     """
     stripes: list[Stripe] = []
     styles: list[tuple[Rgb, ...]] = [(rgb,), (YELLOW,), (rgb, YELLOW), (RED, rgb), (RED,), (ORANGE,)]

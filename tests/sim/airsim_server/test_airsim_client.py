@@ -49,13 +49,6 @@ def test_a_wrong_address_is_named(address):
         parse_address(address)
 
 
-def test_a_call_goes_out_as_msgpack_rpc_and_its_result_comes_back(connect):
-    connection, server = connect(add=lambda a, b: a + b)
-    assert connection.call("add", 2, 3) == 5
-    assert connection.call("add", "x", "y") == "xy"
-    assert server.calls == [("add", [2, 3]), ("add", ["x", "y"])]
-
-
 def test_an_error_of_the_server_is_one_line_and_leaves_the_connection_open(connect):
     def refuse(*_params):
         raise ValueError("no such\ncamera")

@@ -1,11 +1,9 @@
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from airsim_serving import CONFIG, EPOCH_NS, HEIGHT, WIDTH, ask, connect
 
-from deckline.recording import open_recording
 from deckline.recording.images import read_image
 from deckline_sim import frames
 from deckline_sim.simulate import ShipSimulator
@@ -138,26 +136,6 @@ def test_fog_and_night_are_those_of_the_simulator(client):
     client.simSetTimeOfDay(False)
     (day,) = client.simGetImages([raw()])
     np.testing.assert_array_equal(bytes_of(day), bytes_of(clear))
-
-
-def test_recordings_are_read_by_deckline(client, server):
-    assert client.isRecording() is False
-    client.startRecording()
-    for z in (-60.0, -50.0):
-        client.simSetVehiclePose(airsim.Pose(airsim.Vector3r(300.0, 0.0, z), airsim.Quaternionr(0, 0, 1, 0)), True)
-        time.sleep(0.3)
-    assert client.isRecording() is True
-    client.stopRecording()
-    assert client.isRecording() is False
-    (folder,) = server.out.iterdir()
-    rows = (folder / "airsim_rec.txt").read_text().splitlines()
-    assert rows[0].split("\t")[:2] == ["VehicleName", "TimeStamp"] and rows[1].startswith("SimpleFlight\t")
-    source = open_recording(folder)
-    loaded = [source.load(index) for index in range(len(source))]
-    assert {frame.world_from_body.translation[2] for frame in loaded} >= {-60.0, -50.0}
-    assert all(frame.image_rgb.shape == (HEIGHT, WIDTH, 3) and frame.depth_m is not None for frame in loaded)
-    assert loaded[0].truth.left is not None and loaded[0].deck_z_m is not None
-    assert all(str(folder) in line for line in server.lines) and len(server.lines) == 2
 
 
 @pytest.mark.parametrize(

@@ -95,17 +95,6 @@ def test_broken_connections_are_named_and_closed(client, server, data, says):
     assert len(server.lines) == 1 and server.lines[0].startswith("127.0.0.1:") and says in server.lines[0]
 
 
-def test_what_is_too_large_is_refused_as_it_comes(tmp_path, server):
-    with run_server(tmp_path, message_limit=100_000) as small, connect(small.port) as peer:
-        with pytest.raises(OSError):
-            for _ in range(400):
-                peer.sendall(encode_request(1, "ping", ())[:2] + b"\xc5\xff\xff" + b"x" * 65535)
-                time.sleep(0.001)
-        with connect(small.port) as other:
-            assert ask(other, "ping") == (None, True)
-        assert "100000" in small.lines[0]
-
-
 def test_a_peer_that_takes_no_answer_is_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(airsim_server, "PATIENCE_S", 0.2)
     images = [picture(1, as_float=True)] * 64
@@ -144,16 +133,6 @@ def test_who_leaves_most_unread_goes_first(tmp_path, monkeypatch):
             if server.lines:
                 break
         assert server.lines
-
-
-def test_half_open_connections_hold_up_nobody(client, server):
-    peers = [connect(server.port) for _ in range(20)]
-    for peer in peers:
-        peer.sendall(encode_request(1, "simGetImages", (["x" * 100],))[:-50])
-    assert client.ping() is True
-    assert client.simGetImage("0", 0)
-    for peer in peers:
-        peer.close()
 
 
 @pytest.fixture(scope="module")
@@ -244,11 +223,6 @@ def served(monkeypatch):
     return calls
 
 
-def test_loopback_is_known():
-    assert all(is_loopback(host) for host in ("127.0.0.1", "::1", "localhost"))
-    assert not any(is_loopback(host) for host in ("0.0.0.0", "192.168.1.4", "ship"))
-
-
 def test_it_serves_this_machine_alone_in_clear_air_by_default(served, capsys):
     assert main(SERVE) == 0
     ((config, settings, server, _),) = served
@@ -268,6 +242,8 @@ def test_options_reach_the_server(served, tmp_path, capsys):
     assert config.preset == "cvn" and config.visibility_m == (700.0, 700.0) and settings.vehicle == "Drone1"
     said = capsys.readouterr().err
     assert "ViewMode" in said and "0.0.0.0" in said
+    hosts = ("127.0.0.1", "::1", "localhost", "0.0.0.0", "192.168.1.4", "ship")
+    assert [is_loopback(host) for host in hosts] == 3 * [True] + 3 * [False]
 
 
 @pytest.mark.parametrize(

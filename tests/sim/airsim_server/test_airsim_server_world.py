@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from airsim_serving import CONFIG, WORLD_SETTINGS
-from scipy.spatial.transform import RigidTransform
 
 from deckline.haze import beta_from_visibility
-from deckline_sim import frames
 from deckline_sim.airsim_server.settings import PLANAR, SCENE
 from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.airsim_server.world import RAIN_MM_H, World, foggy_visibility
@@ -20,15 +18,6 @@ def test_fog_adds_to_the_air_that_is_there():
     assert foggy_visibility(math.inf, 1.0) == pytest.approx(50.0)
     both = beta_from_visibility(foggy_visibility(800.0, 0.1))
     assert both == pytest.approx(beta_from_visibility(800.0) + beta_from_visibility(500.0))
-
-
-def test_it_begins_where_a_recording_does(world):
-    first = next(frames(CONFIG))
-    np.testing.assert_allclose(world.state.world_from_body.as_matrix(), first.world_from_body.as_matrix())
-    seen = world.picture("front_center", SCENE, world.state, 0.0)
-    np.testing.assert_array_equal(seen.image_rgb, first.image_rgb)
-    np.testing.assert_array_equal(seen.depth_m, first.depth_m)
-    assert seen.truth.left.p0_m == pytest.approx(first.truth.left.p0_m)
 
 
 def test_rain_and_wetness_count_once_weather_is_on(world):
@@ -55,9 +44,3 @@ def test_the_ship_moves_with_the_time():
 def test_depth_is_the_same_with_and_without_its_picture(world):
     whole = world.picture("front_left", PLANAR, world.state, 0.0).depth_m
     np.testing.assert_array_equal(world.depth("front_left", PLANAR, world.state, 0.0)[1], whole)
-
-
-def test_a_camera_below_the_water_is_refused(world):
-    sunk = replace(world.state, world_from_body=RigidTransform.from_translation([0.0, 0.0, 1000.0]))
-    with pytest.raises(ValueError, match=r"1000\.00 m"):
-        world.picture("front_center", SCENE, sunk, 0.0)

@@ -8,15 +8,12 @@ from itertools import islice
 import numpy as np
 import pytest
 from airsim_stand_in import BGR, DEPTH, HALF, StandIn, pose, quaternion, response, vector
-from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.adapters.airsim.client import Connection
-from deckline.adapters.airsim.protocol import read_pose
 from deckline.adapters.airsim.source import (
     AirSimSource,
     MountMeasurement,
     Pace,
-    interpolate_middle,
     measure_still_mount,
     read_frame,
     update_mount,
@@ -146,16 +143,6 @@ def test_only_a_sharp_enough_part_of_a_new_measurement_is_taken():
     assert (fast.rotation.inv() * after.rotation).magnitude() < 1e-12
     turning = update_mount(before, MountMeasurement(after, 1.0, 0.3, 0.01))
     np.testing.assert_allclose(turning.as_matrix(), before.as_matrix())
-
-
-def test_half_way_between_two_poses():
-    first = read_pose(pose((0, 0, 0)), "")
-    half = interpolate_middle(first, read_pose(pose((2, 4, 6), (HALF, 0, 0, HALF)), ""))
-    assert half.translation.tolist() == [1.0, 2.0, 3.0]
-    np.testing.assert_allclose(half.rotation.as_euler("ZYX", degrees=True), [45.0, 0.0, 0.0], atol=1e-9)
-    negated = RigidTransform.from_rotation(Rotation.from_quat(-half.rotation.as_quat()))  # the same rotation
-    same = interpolate_middle(RigidTransform.from_rotation(half.rotation), negated)
-    assert (same.rotation.inv() * half.rotation).magnitude() < 1e-9
 
 
 def live(server, vehicle="", **options):

@@ -58,15 +58,6 @@ def test_clear_air_leaves_the_developed_picture(imaging):
         np.testing.assert_array_equal(taken.image_rgb, taken.clear_rgb)
 
 
-def test_the_papers_haze_is_its_formula_on_levels(imaging):
-    taken = shot(imaging, ImagingConfig(sensor=EXACT))
-    assert taken.records["model"] == "paper"
-    distance = taken.true_depth_m * CAMERA.ray_lengths()
-    t = np.where(np.isnan(distance), 0.0, np.exp(-3.912023 / 400.0 * np.nan_to_num(distance)))[..., None]
-    expected = taken.clear_rgb * t + np.array(taken.airlight_rgb) * (1 - t)
-    assert np.abs(taken.image_rgb - expected).max() <= 0.51
-
-
 def test_physical_haze_can_be_made_again_from_the_clear_picture_and_the_record(imaging):
     config = ImagingConfig(sensor=EXACT, air=AirConfig(model="physical", scale_height_m=150.0, patchiness=0.5))
     taken = shot(imaging, config)
@@ -77,15 +68,6 @@ def test_physical_haze_can_be_made_again_from_the_clear_picture_and_the_record(i
     again = develop(scatter(light, taken.true_depth_m * lengths, directions, POSE.translation, air), sensor)
     assert np.abs(again.astype(int) - taken.image_rgb).max() <= 2
     assert np.abs(taken.image_rgb.astype(int) - taken.clear_rgb).max() > 20
-
-
-def test_rain_changes_the_picture_but_not_its_depth(imaging):
-    dry, wet = (
-        shot(imaging, ImagingConfig(sensor=EXACT, exposure=ExposureConfig(rain_mm_h=rain, lens_drops=20)), seed=3)
-        for rain in (0.0, 40.0)
-    )
-    np.testing.assert_array_equal(dry.true_depth_m, wet.true_depth_m)
-    assert np.mean(dry.image_rgb != wet.image_rgb) > 0.1
 
 
 def test_the_lens_bends_picture_and_depth_alike(imaging):
@@ -161,16 +143,6 @@ def test_small_drops_dim_blue_most():
     red, green, blue = drawn(AirConfig(angstrom=1.0), 0, wide=False).extinction_per_m
     assert green == pytest.approx(-np.log(0.02) / 500.0)
     assert (red / green, blue / green) == (pytest.approx(550 / 610), pytest.approx(550 / 465))
-
-
-def test_training_draws_widely():
-    airs = [drawn(AirConfig(), seed, 2000.0) for seed in range(80)]
-    heights = np.array([air.scale_height_m for air in airs])
-    assert 0.2 < np.mean(np.isinf(heights)) < 0.6
-    assert heights.min() < 100.0 < 1000.0 < heights[np.isfinite(heights)].max()
-    assert 0.3 < np.mean([len(air.waves) > 0 for air in airs]) < 0.7
-    assert len({air.airlight for air in airs}) == 80
-    assert {drawn(AirConfig(), seed, 300.0).extinction_per_m for seed in range(5)} == {(-np.log(0.02) / 300.0,) * 3}
 
 
 def test_given_settings_are_kept():

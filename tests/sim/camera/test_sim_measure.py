@@ -58,12 +58,6 @@ def test_half_precision_rounds_and_overflows_to_nothing():
     np.testing.assert_array_equal(got, [[np.float32(np.float16(100.03)), 2001.0, np.nan, np.nan]])
 
 
-def test_the_same_generator_gives_the_same_depth():
-    settings = {"noise_per_m": 1e-3, "dropout": 0.2, "edge_dropout": 0.3}
-    np.testing.assert_array_equal(measured(FLAT, 4, **settings), measured(FLAT, 4, **settings))
-    assert np.any(measured(FLAT, 4, **settings) != measured(FLAT, 5, **settings))
-
-
 TRUE = RigidTransform.from_components([100.0, -20.0, -30.0], attitude(0.1, -0.05, 2.0))
 
 

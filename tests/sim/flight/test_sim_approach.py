@@ -16,7 +16,6 @@ from deckline_sim.flight.approach import (
     gust,
     profile_height,
     remaining_offset,
-    wander,
 )
 from deckline_sim.flight.viewpoints import ShipMotion, runway_in_view, ship_pose
 from deckline_sim.ship.paint_shapes import axes
@@ -167,19 +166,6 @@ ALONG, ACROSS = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
 STILL_AIR = np.zeros(2)
 
 
-@pytest.mark.parametrize(
-    ("ship", "wind", "expected"),
-    [
-        (STILL_AIR, STILL_AIR, 65.0),
-        (12.0 * ALONG, STILL_AIR, 53.0),
-        (12.0 * ALONG, -8.0 * ALONG, 45.0),
-        (STILL_AIR, 25.0 * ACROSS, 60.0),  # Pythagoras
-    ],
-)
-def test_the_deck_is_closed_at_the_speed_that_ship_and_wind_leave(ship, wind, expected):
-    assert closing_speed(ALONG, ship, wind, 65.0) == pytest.approx(expected)
-
-
 def test_too_much_wind_is_named():
     with pytest.raises(ValueError, match=r"20 m/s .*30\.0 m/s"):
         closing_speed(ALONG, STILL_AIR, -30.0 * ALONG, 20.0)
@@ -212,12 +198,6 @@ def test_gusts_follow_drydens_spectrum():
     edges = np.geomspace(0.02, 0.6, 25)
     low, high = edges[12], edges[24]
     assert share(low, high) / share(0.01, 0.7) == pytest.approx(dryden(low, high) / dryden(0.02, 0.6), rel=0.05)
-
-
-def test_wander_is_a_smooth_function_about_one_in_size():
-    values = [[wander(t, (0.02, 0.1), np.random.default_rng(seed)) for t in np.arange(0, 200, 5.0)]
-              for seed in range(60)]  # fmt: skip
-    assert np.std(values) == pytest.approx(1.0, abs=0.15)
 
 
 def test_named_presets_fly_in_still_air_by_default():

@@ -12,9 +12,9 @@ from deckline.geometry import Camera, camera_mount, intersect_plane
 from deckline_sim.camera.sensor import DISPLAY_GAMMA
 from deckline_sim.flight.viewpoints import pose_towards
 from deckline_sim.scene import gl
-from deckline_sim.scene.gl import RendererError, light_from_ship, noise_field, texture_size
+from deckline_sim.scene.gl import RendererError, light_from_ship, noise_field
 from deckline_sim.scene.render import KEPT_TARGETS, Renderer
-from deckline_sim.scene.view import Label, RenderQuality, RenderScene, clip_from_optical, sea_uniforms
+from deckline_sim.scene.view import Label, RenderQuality, RenderScene, sea_uniforms
 from deckline_sim.scene.weather import random_weather, sun_direction
 from deckline_sim.ship.deck_paint import paint_edge
 from deckline_sim.ship.layout import class_layout, random_layout, world_points
@@ -52,17 +52,6 @@ def camera_pose(layout, range_m, height_m, lateral_m, nudge=(0.0, 0.0, 0.0), loo
     spots = layout.centre_m[0] + lateral_m * right + np.array([[-range_m], [look_m]]) * along
     position, target = world_points(layout, spots[:1], height_m)[0], world_points(layout, spots[1:])[0]
     return pose_towards(position, target, np.array(nudge)) * camera_mount()
-
-
-def test_nearer_solids_hide_the_deck(renderer):
-    middle = LAYOUT.centre_m[0] + 30.0 * axes(*LAYOUT.centre_m)[0]
-    wall = boxes((middle[0], middle[1], 0.0), (2.0, 2.0, 6.0), (1.0, 0.0, 0.0))
-    renderer.load(clean_ship(LAYOUT, CVN_EDGE, wall), SUN)
-    pose = camera_pose(LAYOUT, 20.0, 8.0, 0.0)
-    view = renderer.render(RenderScene(CAMERA, pose, CALM))
-    u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(LAYOUT, middle[None], 3.0))))[0].astype(int)
-    assert view.radiance[v, u, 0] > 4 * view.radiance[v, u, 1]
-    assert 45.0 < view.depth_m[v, u] < 50.0
 
 
 def test_the_water_closes_over_what_reaches_below_it(renderer):
@@ -141,26 +130,15 @@ def test_the_deck_is_all_of_its_outline_and_faces_up():
         assert len(corners) < 2 * len(layout.stations_m) - 2
 
 
-def test_a_white_deck_in_full_daylight_is_one(renderer):
-    white = replace(clean_ship(LAYOUT, CVN_EDGE), surface=DeckSurface((1.0, 1.0, 1.0), 0.0, 0.0, (0.0, 0.0)))
-    renderer.load(white, SUN)
+@pytest.mark.parametrize("level", [0.2, 0.6, 1.0])
+def test_a_deck_in_daylight_reflects_its_display_colour_in_linear_light(renderer, level):
+    surface = DeckSurface((level,) * 3, 0.0, 0.0, (0.0, 0.0))
+    renderer.load(replace(clean_ship(LAYOUT, CVN_EDGE), surface=surface), SUN)
     pose = camera_pose(LAYOUT, 30.0, 40.0, 0.0, look_m=80.0)
     seen = renderer.render(RenderScene(CAMERA, pose, CALM)).radiance[120:240, 280:360].reshape(-1, 3)
-    expected = np.array(CALM.ambient_rgb) + 0.8 * np.array(CALM.sun_rgb) + CALM.flood_rgb
-    np.testing.assert_allclose(np.median(seen, axis=0), expected, rtol=2e-3)
-
-
-def test_reflectance_is_a_display_colour_in_linear_light(renderer):
-    spot = LAYOUT.centre_m[0] + 40.0 * axes(*LAYOUT.centre_m)[0]
-    pose = camera_pose(LAYOUT, 30.0, 40.0, 0.0)
-    seen = []
-    for level in (0.2, 0.6):
-        ship = replace(clean_ship(LAYOUT, CVN_EDGE), surface=DeckSurface((level,) * 3, 0.0, 0.0, (0.0, 0.0)))
-        renderer.load(ship, SUN)
-        u, v = np.rint(CAMERA.project(pose.inv().apply(world_points(LAYOUT, spot[None]))))[0].astype(int)
-        seen.append(renderer.render(RenderScene(CAMERA, pose, CALM)).radiance[v, u].mean())
-    srgb = [((level + 0.055) / 1.055) ** 2.4 for level in (51 / 255, 153 / 255)]
-    assert seen[1] / seen[0] == pytest.approx(srgb[1] / srgb[0], rel=0.01)
+    light = np.array(CALM.ambient_rgb) + 0.8 * np.array(CALM.sun_rgb) + CALM.flood_rgb
+    srgb = ((level + 0.055) / 1.055) ** 2.4
+    np.testing.assert_allclose(np.median(seen, axis=0), srgb * light, rtol=1e-2)
 
 
 @pytest.mark.parametrize("elevation_deg", [25.0, 45.0])
@@ -287,21 +265,6 @@ def test_noise_is_tileable_and_centred():
     np.testing.assert_allclose(noise.mean(axis=(0, 1)), 127.5, atol=2.0)
     inner = np.abs(np.diff(noise, axis=0)).mean()
     assert np.abs(noise[0] - noise[-1]).mean() < 1.5 * inner
-
-
-def test_deck_textures_halve_evenly():
-    for extent in ((333.0, 77.0), (150.0, 31.0), (201.0, 64.5)):
-        size = texture_size(np.array(extent), 8.0)
-        assert all(n & (n - 1) == 0 for n in size)
-        assert size[1] / extent[1] >= 8.0
-        assert 5.6 < size[0] / extent[0] < 11.4
-
-
-def test_projection_agrees_with_the_camera():
-    points = np.array([[3.0, -2.0, 40.0], [-30.0, 10.0, 90.0], [0.0, 0.0, 5.0]])
-    clip = np.column_stack([points, np.ones(3)]) @ clip_from_optical(CAMERA).T
-    pixels = (clip[:, :2] / clip[:, 3:] + 1) / 2 * [640, 360] - 0.5
-    np.testing.assert_allclose(pixels, CAMERA.project(points), atol=1e-9)
 
 
 def test_long_waves_run_faster():

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from deckline_sim.ship import background as bg
-from deckline_sim.ship.hull import DRAUGHT_M
 from deckline_sim.ship.layout import class_layout, random_layout, world_points
 from deckline_sim.ship.mesh import join
 from deckline_sim.ship.ship_class import SHIP_CLASSES, load_class
@@ -16,7 +15,7 @@ def surroundings():
         drawn = [(random_layout(rng), rng) for rng in map(np.random.default_rng, range(count))]
         return [(layout, bg.background_mesh(layout, rng, kind)) for layout, rng in drawn]
 
-    return {"ships": draw("ships", 40), "coast": draw("coast", 40), "random": draw("random", 200)}
+    return {kind: draw(kind, 40) for kind in ("ships", "coast", "random")}
 
 
 def polar(layout, mesh):
@@ -31,7 +30,7 @@ def polar(layout, mesh):
 
 @pytest.mark.parametrize("kind", ["ships", "coast", "random"])
 def test_the_approach_stays_clear(kind, surroundings):
-    for layout, mesh in surroundings[kind][:40]:
+    for layout, mesh in surroundings[kind]:
         distance, off_axis, beside = polar(layout, mesh)
         in_the_way = (off_axis < np.deg2rad(20.0)) | ((off_axis < np.pi / 2) & (beside < 150.0))
         assert not np.any(in_the_way & (distance < 6000.0))
@@ -61,34 +60,14 @@ def test_the_shore_lies_two_to_sixteen_kilometres_off_and_hills_look_up(surround
     assert np.mean(join([mesh for _, mesh in surroundings["coast"]])[:, 5] < 0) > 0.6
 
 
-def test_most_training_ships_sail_alone(surroundings):
-    assert 0.35 < np.mean([len(mesh) == 0 for _, mesh in surroundings["random"]]) < 0.65
-
-
 @pytest.mark.parametrize("name", SHIP_CLASSES)
 def test_none_is_none_and_land_has_no_ships(name):
     layout = class_layout(load_class(name))
-    none, ships = (bg.background_mesh(layout, np.random.default_rng(0), kind) for kind in ("none", "ships"))
-    assert len(none) == 0
+    none, ships, coast = (
+        bg.background_mesh(layout, np.random.default_rng(0), kind) for kind in ("none", "ships", "coast")
+    )
+    assert len(none) == 0 and len(coast) > 0
     assert (len(ships) == 0) == layout.on_land
-
-
-@pytest.mark.parametrize(
-    ("distance_m", "angle_deg", "radius_m", "blocked"),
-    [
-        (3000.0, 19.0, 1.0, True),
-        (3000.0, 21.0, 1.0, False),
-        (3000.0, 21.0, 100.0, True),
-        (-1000.0, 0.0, 1.0, True),
-        (-4000.0, 0.0, 1.0, False),
-        (100.0, 60.0, 100.0, True),
-    ],
-)
-def test_the_sector_and_the_corridor_block_an_approach(cvn, distance_m, angle_deg, radius_m, blocked):
-    ramp, ahead, _ = bg.approach_axis(cvn)
-    angle, right = np.deg2rad(angle_deg), np.array([-ahead[1], ahead[0]])
-    point = ramp - distance_m * (np.cos(angle) * ahead + np.sin(angle) * right)
-    assert bg.blocks_approach(cvn, point, radius_m) == blocked
 
 
 @pytest.mark.parametrize("kind", bg.VESSELS)
@@ -101,12 +80,6 @@ def test_vessels_float_on_their_waterline_and_have_their_length(kind):
         assert mesh[:, 6:].min() >= 0.0 and mesh[:, 6:].max() <= 1.0
         assert len(mesh) < 3 * 30_000
         np.testing.assert_allclose(np.linalg.norm(mesh[:, 3:6], axis=1), 1.0, atol=1e-4)
-
-
-def test_a_hull_is_closed_and_displaces_less_than_its_box(volume):
-    mesh = bg.build_body(100.0, 12.0, 6.0, (0.5, 0.5, 0.5), (0.1, 0.1, 0.1), 0.0)
-    box = 100 * 12 * (6 + DRAUGHT_M)
-    assert 0.5 * box < volume(mesh) < box
 
 
 def test_foam_lies_on_the_water_astern_and_looks_up():

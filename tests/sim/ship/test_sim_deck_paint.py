@@ -97,23 +97,6 @@ def test_numbers_stand_upright_seen_from_astern():
     assert np.ptp(coat[coat[:, 0] > 209.0, 1]) == pytest.approx(6.0, abs=1e-4)  # the seven's bar is ahead
 
 
-@pytest.mark.parametrize("kind", ["ladder", "stripe", "double", "dashed"])
-def test_every_kind_of_edge_has_its_opacity_and_its_middle_on_the_line(kind):
-    coat = dp.paint_edge(LAYOUT.left_m, replace(EDGE, kind=kind, opacity=0.3))
-    np.testing.assert_allclose(coat[:, 5], 0.3)
-    aside, reach = across(coat, LAYOUT.left_m)
-    half, length = EDGE.width_m / 2, axes(*LAYOUT.left_m)[2]
-    assert [aside.min(), aside.max()] == pytest.approx([-half, half], abs=1e-3)
-    assert reach.min() == pytest.approx(0.0, abs=1e-3)
-    assert length - EDGE.pitch_m <= reach.max() <= length + 1e-3
-
-
-def test_a_ladder_has_two_rails_and_its_rungs():
-    style = replace(EDGE, width_m=3.0, rail_m=0.5, bar_m=0.4, pitch_m=2.0)
-    area = area_and_middle(dp.paint_edge(np.array([[0.0, 0.0], [100.0, 0.0]]), style))[0]
-    assert area == pytest.approx(2 * 0.5 * 100 + len(np.arange(0.0, 99.6, 2.0)) * 0.4 * 2.0, rel=1e-5)
-
-
 @pytest.mark.parametrize(("line", "inward"), [(LAYOUT.left_m, 1.0), (LAYOUT.right_m, -1.0)])
 def test_smeared_paint_keeps_its_outer_edge(line, inward):
     style = replace(EDGE, smear=0.5, smear_m=4.0)
@@ -136,8 +119,14 @@ def test_every_marking_is_symmetric_about_its_line(style):
         area, middle = area_and_middle(coat)
         assert area * style.opacity > 0.2 * style.rail_m * 200.0
         assert abs((middle - line[0]) @ axes(*line)[1]) < 1e-4
-        aside = np.unique(np.round((coat[:, :2] - line[0]) @ axes(*line)[1], 3))
+        np.testing.assert_allclose(coat[:, 5], style.opacity)
+        aside, reach = across(coat, line)
+        aside = np.unique(np.round(aside, 3))
         np.testing.assert_allclose(aside, -aside[::-1], atol=2e-3)
+        assert aside[-1] == pytest.approx(style.width_m / 2, abs=1e-3)
+        length = axes(*line)[2]
+        assert reach.min() == pytest.approx(0.0, abs=1e-3)
+        assert length - style.pitch_m <= reach.max() <= length + 1e-3
 
 
 def paint_runway(**changes):
@@ -169,13 +158,6 @@ def test_foul_lines_lie_outside_on_their_side():
     coat = paint_runway(area_opacity=0.0, fouls=((5.0, style), (-3.0, style)))
     right, left = across(coat[:6], LAYOUT.right_m)[0], across(coat[6:12], LAYOUT.left_m)[0]
     assert [right.mean(), left.mean()] == pytest.approx([5.0, -3.0], abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("rgbs", "gap_m", "bars"), [((WHITE,), 0.0, 1), ((WHITE, (1, 1, 0)), 0.0, 5), ((WHITE,), 15.0, 2)]
-)
-def test_a_line_of_one_colour_without_gaps_is_one_stripe(rgbs, gap_m, bars):
-    assert len(dp.paint_line(((0.0, 0.0), (50.0, 0.0)), sc.LineStyle(0.5, tuple(rgbs), 10.0, gap_m))) == bars * 6
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -67,25 +67,7 @@ def test_a_number_is_read_from_outside(form, side):
     assert (np.sum(x < middle) > np.sum(x > middle)) == (side > 0)
 
 
-def test_points_on_side_stand_off_by_what_is_asked(form):
-    near, far = (hl.points_on_side(form, [100.0], [8.0], 1.0, out)[0, 1] for out in (0.0, 0.5))
-    assert far - near == pytest.approx(0.5)
-
-
 def test_walks_hang_below_the_deck_outside_its_edge(form):
     x, y, z = hl.build_walk(form.layout, 1.0, GREY, np.random.default_rng(1), True)[:, :3].T.astype(float)
     assert np.all(y > form.layout.edges_at(x)[1] - 6.0)
     assert z.min() >= -0.05
-
-
-def test_railings_are_a_bit_over_a_metre_high():
-    mesh = hl.build_railing(np.array([[0.0, 0, 3], [10, 0, 3]]), (1, 1, 1))
-    assert 3.0 - mesh[:, 2].min() == pytest.approx(1.1, abs=0.06)
-
-
-def test_both_sides_and_the_stern_stay_below_the_deck_but_for_gear(form):
-    for seed in range(10):
-        z = hl.build_fittings(form, "68", GREY, np.random.default_rng(seed))[:, 2]
-        assert z.max() <= form.layout.deck_height_m + 1.0
-        assert np.mean(z > 0.0) > 0.9
-        assert np.mean(z > hl.SLAB_M) > 0.3

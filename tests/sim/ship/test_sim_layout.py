@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deckline_sim.ship import layout as ly
-from deckline_sim.ship.mesh import boxes, join, rectangle
+from deckline_sim.ship.mesh import boxes, join
 from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import SHIP_CLASSES, load_class
 
@@ -109,31 +109,10 @@ def test_a_ship_without_a_strip_has_no_variants():
         ly.class_variant(load_class("paper"), np.random.default_rng(0))
 
 
-def test_a_few_runways_lie_on_land():
-    on_land = [ly.random_layout(np.random.default_rng(seed)).on_land for seed in range(1000)]
-    assert np.mean(on_land) == pytest.approx(ly.DECKS["land"], abs=3 * np.sqrt(0.04 * 0.96 / 1000))
-
-
 def test_deck_edges_go_through_their_corners_and_make_room_for_the_lines():
     stations, port, starboard = ly.deck_edges(200.0, ([(0, -15), (200, -15)], [(0, 15), (100, 25), (200, 15)]), LINES)
     assert np.interp(100.0, stations, starboard) == pytest.approx(25.0)
     assert np.interp([198.0, 150.0], stations, port) == pytest.approx([-15.0, -25.0 - ly.WIDE_MARGIN_M])
-
-
-@pytest.mark.parametrize("shape", ly.EDGE_SHAPES)
-def test_shapes_run_from_stern_to_bow_on_their_side(shape):
-    for seed in range(50):
-        x, y = np.transpose(sorted(ly.random_corners(shape, 240.0, 16.0, np.random.default_rng(seed))))
-        assert (x[0], x[-1]) == (0.0, 240.0)
-        assert y.min() > 2.0 and y.max() < 2.0 * 16.0
-
-
-def test_random_edges_are_decks():
-    for seed in range(100):
-        stations, port, starboard = ly.random_edges(200.0, LINES, np.random.default_rng(seed))
-        assert np.all(starboard - port > 3.0)
-        inside = stations <= 150.0
-        assert np.all(port[inside] <= np.interp(stations[inside], *LINES[0].T) - ly.EDGE_MARGIN_M)
 
 
 def test_runway_distance_is_the_distance_to_the_nearer_line(cvn):
@@ -147,13 +126,6 @@ def test_edge_distance_changes_sign_at_the_edge(cvn):
     port, starboard = cvn.edges_at(120.0)
     points = np.array([[120.0, port + 2.0], [120.0, starboard + 1.0], [3.0, 0.0]])
     np.testing.assert_allclose(ly.edge_distance(cvn, points), [2.0, -1.0, 3.0])
-
-
-def test_has_room_refuses_the_runway_and_the_water(cvn):
-    on_runway, beside = rectangle(*cvn.centre_m.mean(axis=0), 5.0, 5.0), rectangle(150.0, 28.0, 5.0, 5.0)
-    assert [ly.has_room(cvn, runway, on_runway) for runway in (True, False)] == [False, True]
-    assert ly.has_room(cvn, True, beside)
-    assert not ly.has_room(cvn, True, beside + np.array([0.0, 20.0]))
 
 
 def test_before_end_follows_the_runway(cvn):

@@ -49,12 +49,6 @@ def test_instances_stretch_turn_move_and_tint(volume):
     np.testing.assert_allclose(mesh[::3, 3:6], normal / np.linalg.norm(normal, axis=1, keepdims=True), atol=1e-5)
 
 
-def test_many_boxes_equal_one_after_another():
-    at, size, yaw = [[0, 0, 0], [5, 1, -2]], [[1, 2, 3], [2, 2, 1]], [0.3, -1.0]
-    one = m.join([m.boxes(at[k], size[k], WHITE, yaw[k]) for k in range(2)])
-    np.testing.assert_array_equal(m.boxes(at, size, WHITE, yaw), one)
-
-
 def test_rods_reach_from_end_to_end_with_outward_normals():
     starts, ends = np.array([[0.0, 0, 0], [1, 1, 0]]), np.array([[0.0, 0, -6], [4, 5, 0]])
     for own, start, end in zip(np.split(m.rods(starts, ends, 0.2, WHITE), 2), starts, ends, strict=True):
@@ -73,12 +67,6 @@ def test_dome_approaches_a_ball(volume):
     assert 0.6 * 4 / 3 * np.pi * 8 < volume(mesh) < 4 / 3 * np.pi * 8
 
 
-def test_quads_keep_a_colour_each():
-    square = m.rectangle(0, 0, 1, 1)
-    mesh = m.quads([m.at_height(square, 0.0), m.at_height(square, 5.0)], [[1, 0, 0], [0, 1, 0]])
-    np.testing.assert_array_equal(mesh[mesh[:, 2] == 5, 6:], np.tile([0, 1, 0], (6, 1)))
-
-
 @pytest.mark.parametrize("corners", [3, 4])
 @pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
 def test_facing_turns_faces_to_a_direction(corners, direction):
@@ -86,9 +74,3 @@ def test_facing_turns_faces_to_a_direction(corners, direction):
     for either in (face, face[:, ::-1]):
         normals = m.facing(either, WHITE, direction)[:, 3:6]
         np.testing.assert_allclose(normals, np.tile(direction, (len(normals), 1)), atol=1e-7)
-
-
-def test_flat_shapes_have_their_sizes():
-    np.testing.assert_allclose(np.ptp(m.rectangle(0, 0, 10, 2, np.pi / 2), axis=0), [2, 10], atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(m.disc(1.0, 2.0, 3.0) - [1.0, 2.0], axis=1), 3.0)
-    assert m.join([]).shape == (0, 9)

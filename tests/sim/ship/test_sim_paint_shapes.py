@@ -4,10 +4,9 @@ from coat_area import area_and_middle
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deckline_sim.ship.paint_shapes import bars, blots, dashes, figures, layers, ring, streaks, stripe
+from deckline_sim.ship.paint_shapes import bars, blots, dashes, streaks, stripe
 
 WHITE = (1.0, 1.0, 1.0)
-AHEAD = ((0, 0), (10, 0))
 coordinates = st.floats(-200, 200)
 
 
@@ -18,11 +17,6 @@ def test_stripe_has_its_area_and_its_middle_on_the_line(x, y, angle, length, wid
     area, centroid = area_and_middle(stripe((start, end), width, WHITE))
     assert area == pytest.approx(length * width, rel=1e-2, abs=1e-2)
     np.testing.assert_allclose(centroid, (start + end) / 2, atol=1e-2)
-
-
-def test_offset_goes_to_the_right_of_the_line():
-    _, centroid = area_and_middle(stripe(AHEAD, 0.5, WHITE, offset_m=3.0))
-    np.testing.assert_allclose(centroid, [5.0, 3.0], atol=1e-6)  # x ahead, y to the right
 
 
 def test_dashes_take_turns_and_stay_on_the_line():
@@ -58,23 +52,6 @@ def test_blots_fade_to_their_rims():
         distance = np.hypot(*(blot[:, :2] - middle).T)
         assert distance.max() == pytest.approx(radius, rel=1e-5)
         np.testing.assert_allclose(blot[:, 5], np.where(distance < 1e-6, strong, 0.0), atol=1e-6)
-
-
-def test_ring_has_the_area_of_its_polygons():
-    area, centroid = area_and_middle(ring((5, -3), 6.0, 0.5, WHITE, sides=40))
-    regular = 40 / 2 * np.sin(2 * np.pi / 40)  # area of a regular polygon of radius 1
-    assert area == pytest.approx(regular * (6.25**2 - 5.75**2), rel=1e-4)
-    np.testing.assert_allclose(centroid, [5, -3], atol=1e-4)
-
-
-def test_nothing_painted_is_an_empty_coat():
-    none = np.zeros((0, 3))
-    assert layers([]).shape == streaks([], [], [], none, []).shape == blots([], [], none, []).shape == (0, 7)
-
-
-@pytest.mark.parametrize(("text", "segments"), [("8", 7), ("17", 2 + 3), ("6", 6)])
-def test_figures_have_their_segments(text, segments):
-    assert len(figures(text, ((0, 0), (0, 1)), 6.0, WHITE)) == segments * 6
 
 
 def test_a_line_without_length_is_named():

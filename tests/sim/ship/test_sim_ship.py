@@ -34,18 +34,6 @@ def test_building_leaves_the_generator_where_it_was():
     assert rng.random() == np.random.default_rng(3).random()
 
 
-def test_one_random_ship_in_eight_has_no_runway_but_never_a_land_runway():
-    ships = [sp.build_ship("train", np.random.default_rng(seed)) for seed in range(150)]
-    bare = [ship for ship in ships if not ship.runway]
-    assert len(bare) / 150 == pytest.approx(sp.NO_RUNWAY, abs=3 * np.sqrt(sp.NO_RUNWAY / 150))
-    assert not any(ship.layout.on_land for ship in bare)
-
-
-def test_an_unknown_preset_is_named():
-    with pytest.raises(ValueError, match=r"'paper', .*'raft'"):
-        sp.build_ship("raft", np.random.default_rng(0))
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_lamps_are_on_the_ship(seed):
     layout = random_layout(np.random.default_rng(seed))
@@ -85,10 +73,6 @@ def test_a_deck_without_runway_marks_none_with_lamps(cvn):
     assert not any(len(lamps_on(bare, line, sp.EDGE_STRENGTH)) for line in (cvn.left_m, cvn.right_m))
 
 
-def test_lamps_on_land_have_no_stern(runway):
-    assert sp.build_lights(runway, True, ISLAND, np.random.default_rng(0))[:, 2].max() <= 0.0
-
-
 def test_flood_lamps_hang_on_the_islands_near_sides(cvn):
     counts = []
     for seed in range(20):
@@ -112,14 +96,3 @@ def test_everything_beside_a_land_runway_stands_on_the_ground_away_from_the_stri
             assert mesh[:, 6:].min() >= 0.0 and mesh[:, 6:].max() <= 1.0
     assert max(sizes) < 3 * 30_000
     assert np.mean(np.array(sizes) > 0) > 0.8
-
-
-def test_a_shed_is_a_closed_hall_under_an_arch(volume):
-    hall = sp.shed(np.zeros(3), np.array([30.0, 20.0, 10.0]), 0.0, np.full(3, 0.5))
-    assert 0.7 * 30 * 20 * 10 < volume(hall[: -3 * 24]) < 30 * 20 * 10  # without the doors
-
-
-def test_trees_have_unit_height():
-    for mesh in (sp.tree(True), sp.tree(False)):
-        assert -mesh[:, 2].min() == pytest.approx(1.0)
-        assert np.abs(mesh[:, :2]).max() <= 0.5 + 1e-6

@@ -34,7 +34,7 @@ from deckline.recording import BadFrame, RecordingError
 from deckline.recording.images import check_depth_size, convert_to_axial_depth
 from deckline.types import Frame
 
-NS_PER_S = 10**9  # whole, so that division by it keeps all of the time stamp
+NS_PER_S = 10**9  # whole, so that division by it preserves the time stamp
 SAME_POSE_M = 0.01  # poses of picture and depth: farther apart, the depth is not the picture's
 SAME_POSE_RAD = 2e-4  # about as much at the 50 m at which the lines fill the picture; single precision leaves 1e-6
 STILL_M = 0.01  # a vehicle that moves less during a measurement of the mount is at rest
@@ -178,7 +178,7 @@ def read_image_pose(answer: Mapping[str, Any], name: str) -> RigidTransform:
 def _read_size(answer: Mapping[str, Any], name: str) -> tuple[int, int]:
     size = answer.get("height"), answer.get("width")
     if not all(isinstance(value, int) and value > 0 for value in size):
-        message = answer.get("message") or "the simulator says nothing about it"
+        message = answer.get("message") or "no reason given"
         raise ValueError(f"{name} came empty ({message}); is the camera set up for this image type?")
     return int(size[0] or 0), int(size[1] or 0)
 
