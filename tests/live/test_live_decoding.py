@@ -173,7 +173,7 @@ def captured(address):
     camera, items = open_camera(address, None, WallClock(), log=lambda line: None), []
 
     def collect():
-        for item in camera.items():
+        for item in camera.captures():
             items.append(item)
 
     thread = threading.Thread(target=collect)
