@@ -21,11 +21,6 @@ def error_line(capsys) -> str:
     return lines[0]
 
 
-def test_a_source_that_does_not_exist_is_one_line_and_exit_code_2(tmp_path, capsys):
-    assert main(["run", str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 2
-    assert "nothing" in error_line(capsys)
-
-
 def test_an_output_that_nobody_reads_ends_without_a_word():
     code = "from deckline.cli.main import main; raise SystemExit(main(['info']))"
     reader, writer = os.pipe()
@@ -59,13 +54,6 @@ def test_a_model_that_cannot_be_used_is_one_line_with_its_name(images, tmp_path,
     for option, name in (("--detector", str(tmp_path / "model.onnx")), ("--dehazer", "magic")):
         assert main(["run", images, "--out", str(tmp_path / "out"), option, name]) == 2
         assert name in error_line(capsys)
-
-
-def test_a_grey_image_without_poses_is_run_and_nothing_is_seen_in_it(images, tmp_path, capsys):
-    assert main(["run", images, "--out", str(tmp_path / "out")]) == 0
-    record = json.loads((tmp_path / "out" / "guidance.jsonl").read_text())
-    assert record["status"] == "not seen"
-    assert str(tmp_path / "out" / "report.html") in capsys.readouterr().out
 
 
 def test_odd_pictures_without_a_camera_are_not_seen_or_named_in_one_line(tmp_path, capsys):

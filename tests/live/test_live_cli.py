@@ -13,6 +13,7 @@ from loopback import free_port, picture
 from deckline.cli.main import main
 
 OPTIONS = ["--dehazer", "none", "--detector", "ufld"]
+AUTOPILOT = ["--mavlink", "udp:127.0.0.1:1", "--autopilot", "px4"]
 
 
 @pytest.fixture
@@ -84,6 +85,12 @@ def test_a_duration_ends_it(capsys):
         (["camera:0", "--poses", "udp://127.0.0.1:5601"], "--camera"),
         (["airsim://127.0.0.1:1", "--poses", "udp://127.0.0.1:5601"], "leave"),
         (["nothing.mp4"], "nothing.mp4"),
+        (["camera:0", "--mavlink", "udp:127.0.0.1:1"], "--autopilot"),
+        (["camera:0", "--autopilot", "px4"], "--mavlink"),
+        (["camera:0", "--poses", "mavlink"], "--mavlink"),
+        (["camera:0", "--mavlink", "udp:nowhere", "--autopilot", "px4"], "udp:nowhere"),
+        (["camera:0", "--mavlink", "udp:127.0.0.1:1", "--autopilot", "betaflight"], "betaflight"),
+        (["camera:0", *AUTOPILOT, "--poses", "mavlink", "--origin", "1", "2", "3"], "--origin"),
     ],
 )
 def test_wrong_use_is_one_line(args, named, capsys):

@@ -175,12 +175,6 @@ def test_a_live_source_is_run_as_any_other(out, monkeypatch):
         run(Playback(Approach(3)), chain, out.path, resume=True)
 
 
-def test_lines_can_be_read_while_the_run_goes_on(out):
-    counts = []
-    out.run(4, Changed(lambda frame: counts.append(len(out.files())) or frame))
-    assert counts == [0, 1, 2, 3]
-
-
 def test_a_killed_run_leaves_the_earlier_one_whole_and_can_be_resumed(out):
     out.run(3)
     before = out.contents
