@@ -54,13 +54,13 @@ def test_an_airsim_recording_has_one_and_takes_it_along(tmp_path):
 
 def test_the_file_and_the_options_override_the_recording(folder, tmp_path, capsys):
     (tmp_path / "mine.toml").write_text("[approach]\ntouchdown_m = 90.0\nglideslope_deg = 4.0\n")
-    command = ["run", str(folder), "--detector", "classical", "--dehazer", "none", "--out"]
+    command = ["run", str(folder), "--detector", "ufld", "--dehazer", "none", "--out"]
     assert main([*command, str(tmp_path / "stated")]) == 0
     assert "runway.toml: deck.width_m = 20" in capsys.readouterr().err
     options = ["--config", str(tmp_path / "mine.toml"), "--glideslope-deg", "5"]
     assert main([*command, str(tmp_path / "overridden"), *options]) == 0
     stated, overridden = (read_config(RunConfig, tmp_path / name / "run.toml") for name in ("stated", "overridden"))
-    base = RunOptions(detector="classical", dehazer="none").run_config()
+    base = RunOptions(detector="ufld", dehazer="none").run_config()
     assert stated == replace(base, deck=Deck(width_m=20.0), approach=Approach(touchdown_m=80.0))
     assert overridden == replace(stated, approach=Approach(5.0, 90.0))
 

@@ -224,7 +224,7 @@ def test_folder_that_cannot_be_written(tmp_path):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"image_format": "jpg"}, "image_format.*jpg"),
+        ({"image_format": "gif"}, "image_format.*gif"),
         ({"scene": {"frames": {}}}, "frames"),
         ({"scene": {"gust": math.nan}}, "JSON"),
     ],

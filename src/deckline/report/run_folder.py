@@ -16,7 +16,7 @@ from pathlib import Path
 
 from deckline.atomic import write_atomic
 from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
-from deckline.report.draw import encode_picture
+from deckline.recording.images import encode_image
 from deckline.report.overlay import Panels
 from deckline.report.provenance import Settings
 from deckline.report.records import keep_whole_lines, kind_of, read_records
@@ -210,7 +210,7 @@ class PictureSample:
         if index % self._every:
             return
         for path, image in zip(self._files(index), (panels.hazy, panels.marked), strict=True):
-            path.write_bytes(encode_picture(image, ".jpg", JPEG_QUALITY))
+            path.write_bytes(encode_image(image, "jpg", JPEG_QUALITY))
         self._indices.add(index)
         while len(self._indices) > self._most:
             self._every *= 2

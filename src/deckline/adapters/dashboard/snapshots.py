@@ -13,9 +13,10 @@ import numpy as np
 from deckline.config import Models
 from deckline.dehaze import Dehazer, dehaze_for_display, downscale_frame
 from deckline.flight import FrameResult
+from deckline.recording.images import encode_image
 from deckline.report.advice import advise
 from deckline.report.annotators import Window, crop_around, find_window, match_contrast, project_centre_line, resize
-from deckline.report.draw import Image, encode_picture
+from deckline.report.draw import Image
 from deckline.report.records import Record, lookup
 from deckline.types import SIDES, Frame
 
@@ -165,7 +166,7 @@ def find_marks(result: FrameResult) -> Record:
 
 
 def _to_jpeg(image: Image) -> bytes:
-    return encode_picture(image, ".jpg", QUALITY)
+    return encode_image(image, "jpg", QUALITY)
 
 
 def _from_jpeg(data: bytes) -> Image:
