@@ -4,7 +4,7 @@ import re
 import numpy as np
 import pytest
 from bag_files import rows, write
-from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
+from recording_bytes import CAMERA, PIXELS, images, pfm, png, recording, row
 from scipy.spatial.transform import Rotation
 
 from deckline.config import Navigation
@@ -14,16 +14,6 @@ from deckline.types import NO_CAMERA, Frame
 
 IMAGE = "img_Drone_0_0_1000000.png"
 POSES = "file,time_s,x_m,y_m,z_m,qw,qx,qy,qz\n"
-
-
-def images(tmp_path, names, camera=CAMERA, **texts):
-    for name in names:
-        (tmp_path / name).write_bytes(png(PIXELS))
-    if camera:
-        (tmp_path / "camera.toml").write_text(camera)
-    for stem, text in texts.items():
-        (tmp_path / f"{stem}.csv").write_text(text)
-    return tmp_path
 
 
 def test_the_record_file_itself_opens_its_folder(tmp_path):
@@ -129,7 +119,7 @@ def test_images_may_have_latitude_and_longitude(tmp_path, names):
 
 
 def test_a_field_of_view_stands_for_a_camera_file(tmp_path):
-    source = open_recording(images(tmp_path, ["a.png"], camera=None), fov_deg=60.0, deck_z_m=-17.0)
+    source = open_recording(images(tmp_path, ["a.png"], camera=""), fov_deg=60.0, deck_z_m=-17.0)
     frame = source.load(0)
     assert vars(frame.camera) == vars(Camera.from_fov(3, 2, np.pi / 3))
     assert (frame.deck_z_m, frame.camera.known) == (-17.0, True)
@@ -226,7 +216,7 @@ def test_a_poses_file_that_cannot_be_used_is_named(tmp_path):
 
 def test_images_without_a_camera_file_may_have_any_size_and_have_no_pose(tmp_path):
     poses = POSES + "a.png,7,0,0,0,1,0,0,0\nb.png,8,0,0,0,1,0,0,0\n"
-    source = open_recording(images(tmp_path, ["a.png"], camera=None, poses=poses), deck_z_m=-17.0)
+    source = open_recording(images(tmp_path, ["a.png"], camera="", poses=poses), deck_z_m=-17.0)
     (tmp_path / "b.png").write_bytes(png(PIXELS[:1]))
     frames = list(source)
     assert [(frame.camera.width, frame.camera.height, frame.time_s) for frame in frames] == [(3, 2, 7.0), (3, 1, 8.0)]

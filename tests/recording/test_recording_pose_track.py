@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from recording_bytes import CAMERA, PIXELS, png
+from recording_bytes import images
 from scipy.spatial.transform import Rotation
 
 from deckline.config import Navigation
@@ -73,13 +73,8 @@ def test_tracks_that_cannot_be_used(times, text):
 
 
 def folder(tmp_path, poses, times=None):
-    for name in ("a.png", "b.png", "c.png"):
-        (tmp_path / name).write_bytes(png(PIXELS))
-    (tmp_path / "camera.toml").write_text(CAMERA)
-    (tmp_path / "poses.csv").write_text("time_s,x_m,y_m,z_m,qw,qx,qy,qz\n" + poses)
-    if times is not None:
-        (tmp_path / "times.csv").write_text("file,time_s\n" + times)
-    return tmp_path
+    tables = {} if times is None else {"times": "file,time_s\n" + times}
+    return images(tmp_path, ["a.png", "b.png", "c.png"], poses="time_s,x_m,y_m,z_m,qw,qx,qy,qz\n" + poses, **tables)
 
 
 def test_images_with_times_get_poses_by_time(tmp_path):
@@ -106,6 +101,5 @@ def test_one_bad_time_costs_one_image(tmp_path):
 
 
 def test_times_serve_images_without_poses(tmp_path):
-    folder(tmp_path, "", "a.png,5\nb.png,6\nc.png,8\n")
-    (tmp_path / "poses.csv").unlink()
-    assert [frame.time_s for frame in open_recording(tmp_path)] == [5.0, 6.0, 8.0]
+    source = open_recording(images(tmp_path, ["a.png", "b.png"], times="file,time_s\na.png,5\nb.png,8\n"))
+    assert [frame.time_s for frame in source] == [5.0, 8.0]
