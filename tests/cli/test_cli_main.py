@@ -128,10 +128,10 @@ def test_info_lists_the_checked_weights_and_version_the_version(capsys):
     assert capsys.readouterr().out == f"deckline {__version__}\n"
 
 
-@pytest.mark.parametrize(("said", "line"), [("", "deckline: stopped"), ("3 rows", "deckline: stopped: 3 rows")])
-def test_ctrl_c_ends_with_130_and_what_the_command_says(said, line, monkeypatch, capsys):
+@pytest.mark.parametrize(("text", "line"), [("", "deckline: stopped"), ("3 rows", "deckline: stopped: 3 rows")])
+def test_ctrl_c_ends_with_130_and_the_text_of_the_command(text, line, monkeypatch, capsys):
     def interrupt(*_args: object) -> None:
-        raise KeyboardInterrupt(*filter(None, [said]))
+        raise KeyboardInterrupt(*filter(None, [text]))
 
     monkeypatch.setattr("deckline.cli.main._run_command", interrupt)
     assert main(["info"]) == 130

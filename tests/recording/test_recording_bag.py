@@ -159,7 +159,7 @@ def test_without_camera_info_lines_are_in_pixels(tmp_path):
     assert frame.camera.fx == 250.0 and frame.world_from_body is not None
 
 
-def test_without_a_mount_the_camera_looks_forward(tmp_path):
+def test_without_a_mount_the_camera_points_forward(tmp_path):
     source = open_recording(write(tmp_path / "a", "mcap", rows(mount=False)))
     assert any("no transform from base_link" in note for note in source.notes)
     np.testing.assert_array_equal(source.load(0).body_from_camera.as_matrix(), camera_mount().as_matrix())

@@ -39,7 +39,7 @@ GUIDANCE = {  # what is written of the guidance, and what people call it
 }
 KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith("_m_s"))  # one frame's truth has no rates
 UNITS = ("_m_s", "_deg", "_m")
-FORMULA = ("=", "+", "-", "@")  # how texts begin that spreadsheets compute; an apostrophe keeps them texts
+FORMULA = ("=", "+", "-", "@")  # how texts begin that spreadsheets compute; an apostrophe makes them texts
 LINES = (*SIDES, "centre")
 LINE_ERRORS = {  # of each line, and what people call it
     "direction_error_deg": "direction",
