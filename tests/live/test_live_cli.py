@@ -70,11 +70,6 @@ def test_a_signal_ends_a_wait_for_a_stream(number, capsys):
     assert messages[0]["status"] == "stale" and "messages:" in capsys.readouterr().err
 
 
-def test_a_duration_ends_it(capsys):
-    assert main(["live", f"udp://127.0.0.1:{free_port()}", "--duration", "0.3", *OPTIONS]) == 0
-    assert "messages:" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     "args, named",
     [

@@ -254,9 +254,3 @@ def test_a_missing_extra_is_named(monkeypatch, capsys):
     args = ["--mavlink", "udp:127.0.0.1:1", "--autopilot", "px4", "--dehazer", "none", "--detector", "ufld"]
     assert main(["live", "udp://127.0.0.1:5600", *args]) != 0
     assert "deckline[mavlink]" in capsys.readouterr().err
-
-
-def test_a_thread_per_link_and_none_left():
-    before = threading.active_count()
-    Link(f"udp:127.0.0.1:{free_port()}", "px4", Navigation(), WALL, print, False).close()
-    assert threading.active_count() == before

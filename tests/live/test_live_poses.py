@@ -120,9 +120,3 @@ def test_only_the_first_of_two_senders_is_heard_and_a_pose_to_come_is_waited_for
 def test_bad_lines_are_no_pose(name):
     with pytest.raises(ValueError, match=r"\w"):
         parse_pose_line(LINES[name])
-
-
-def test_a_pose_line_round_trips():
-    time_s, found = parse_pose_line(line(T, 3.0, 0.3))
-    assert (time_s, found.translation[0]) == (T, 3.0)
-    assert found.rotation.as_euler("ZYX")[0] == pytest.approx(0.3)

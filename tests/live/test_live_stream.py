@@ -127,14 +127,6 @@ def test_pictures_of_another_size_are_scaled_or_refused(size, scaled):
             assert not answers(messages)
 
 
-def test_a_stream_without_a_camera_file_gives_lines_in_pixels():
-    port = free_port()
-    with Sender(port), flying(port, mounted=None) as (messages, _):
-        wait_until(lambda: answers(messages))
-    message = answers(messages)[0]
-    assert message["reasons"] == ["no camera"] and message["lines"]["left"]["pixel_line"]
-
-
 def test_a_flight_that_fails_ends_the_session_with_its_error(tmp_path):
     def broken(*_):
         raise RuntimeError("a bug")

@@ -170,14 +170,6 @@ def test_depth_lies_beside_by_stem(tmp_path):
     np.testing.assert_array_equal(frame.depth_m, [[1, 2, np.nan], [3, 4, 5]])
 
 
-def test_deck_height_comes_from_the_caller_or_the_camera_file(tmp_path):
-    images(tmp_path, ["a.png"], camera=CAMERA + "deck_z_m = -20\nsea_z_m = 0.5\n")
-    as_written, given = open_recording(tmp_path).load(0), open_recording(tmp_path, deck_z_m=-17.0).load(0)
-    assert (as_written.deck_z_m, as_written.sea_z_m) == (-20.0, 0.5)
-    assert (given.deck_z_m, given.sea_z_m) == (-17.0, 0.5)
-    assert open_recording(tmp_path, sea_z_m=1.0).load(0).sea_z_m == 1.0
-
-
 @pytest.mark.parametrize(
     ("poses", "file", "text"),
     [
