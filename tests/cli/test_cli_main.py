@@ -78,16 +78,6 @@ def test_odd_pictures_without_a_camera_are_not_seen_or_named_in_one_line(tmp_pat
     assert all(errors.count(f"skipped {name}: ") == 1 for name in skipped)
 
 
-def test_options_of_the_configuration_arrive_in_the_flight(images, tmp_path, monkeypatch):
-    flights = []
-    monkeypatch.setattr("deckline.cli.run._run", lambda source, flight, *rest, **more: flights.append(flight) or 0)
-    options = ["--dehazer", "none", "--sea-state", "5", "--position-sigma-m", "2", "--touchdown-m", "120"]
-    assert main(["run", images, "--out", str(tmp_path / "out"), *options]) == 0
-    config = flights[0].config
-    assert (config.deck.sea_state, config.sensors.position_m, config.approach.touchdown_m) == (5.0, 2.0, 120.0)
-    assert config.models.dehazer == "none"
-
-
 @pytest.mark.parametrize("group", [[], ["eval"], ["train"]])
 def test_a_group_without_its_command_names_those_there_are(group, capsys):
     with pytest.raises(SystemExit) as end:

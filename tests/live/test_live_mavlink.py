@@ -29,18 +29,6 @@ from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodet
 WIDE = replace(CONFIG, deck=replace(CONFIG.deck, width_m=16.0))  # a stated width: guidance becomes `ok`
 PROGRESS, WALL = FrameCounts(), WallClock()
 TARGET_M = np.array([70.0, 0.0, -20.0])  # of a runway along world x from 0
-BEAT = bytes.fromhex("fd0900000001010000000000000002030400")  # a HEARTBEAT without its checksum
-MESSAGES = {
-    "nothing": b"",
-    "a mark of MAVLink 2": b"\xfd",
-    "a head of 255 bytes and none there": b"\xfd\xff" + BEAT[2:10],
-    "a wrong checksum": BEAT + b"\0\0\0",
-    "a flag of a later version": BEAT[:2] + b"\xff" + BEAT[3:] + bytes(3),
-    "a signature that is not there": BEAT[:2] + b"\x01" + BEAT[3:] + bytes(3),
-    "a payload of nothing": b"\xfd\0" + BEAT[2:10] + bytes(2),
-    "marks of both versions": 150 * b"\xfd\xfe",
-    "65,000 bytes": 65_000 * b"\xfe",
-}
 
 
 def answers(count=8, step_s=0.1):
@@ -79,15 +67,6 @@ def send_for(link, make, seconds=0.5, rate_hz=30):
         time.sleep(1 / rate_hz)
 
 
-def test_the_touchdown_point_is_carried_forward_in_world_and_body():
-    found = ok_record()["live"]["touchdown"]
-    np.testing.assert_allclose(found["world_m"], TARGET_M, atol=2.0)
-    body = SHOWN.world_from_body.inv().apply(found["world_m"])
-    np.testing.assert_allclose(found["body_m"], body, atol=0.5)
-    np.testing.assert_allclose(found["velocity_m_s"], 0.0, atol=0.5)
-    assert found["azimuth_deg"] == pytest.approx(0.0, abs=0.5)
-
-
 @pytest.mark.parametrize("firmware", FIRMWARES)
 def test_each_firmware_takes_the_target_as_it_is_sent(firmware):
     with linked(firmware) as (link, autopilot, lines):
@@ -121,17 +100,6 @@ def test_a_stream_flown_by_the_autopilots_poses_gives_it_targets_until_the_wire_
             thread.join()
         np.testing.assert_allclose(autopilot.receiver.targets[-1][0], TARGET_M, atol=10.0)
         assert link.sent <= session.counts["ok"]
-
-
-def test_other_statuses_are_texts_and_no_targets():
-    with linked() as (link, autopilot, lines):
-        wait_until(lambda: lines)
-        send_for(link, ok_record, 0.2)
-        sent = link.sent
-        send_for(link, lost_record, 0.8)
-        wait_until(lambda: len(autopilot.texts) == 2)
-        assert link.sent == sent > 0 and len(autopilot.receiver.targets) <= sent
-        assert autopilot.texts[1].startswith("deckline stale") and autopilot.texts[1].endswith(" s")
 
 
 def test_only_ok_has_a_target_and_every_text_fits():
@@ -196,13 +164,10 @@ def test_another_system_another_firmware_and_garbage_change_nothing():
         assert link._thread.is_alive() and [line.count("not served") for line in lines] == [0, 1, 1]
 
 
-@pytest.mark.parametrize("name", MESSAGES)
-def test_bad_datagrams_hold_no_message(name):
-    assert parse_datagram(MESSAGES[name]) == []
-
-
 def test_messages_survive_garbage_beside_them_in_a_datagram():
     rng, packed = np.random.default_rng(1), mavlink.MAVLink_statustext_message(6, b"here").pack(mavlink.MAVLink(None))
+    for data in (b"", packed[:10], b"\xfd\xff" + packed[2:10], 300 * b"\xfd", 65_000 * b"\xfe"):
+        assert parse_datagram(data) == []
     for _ in range(500):
         parse_datagram(rng.bytes(100))
         spoiled = bytearray(packed)
