@@ -20,7 +20,7 @@ from deckline.cli.main import main
 from deckline.config import Navigation
 from deckline.flight import Flight
 from deckline.live.clock import WallClock
-from deckline.live.messages import Answer, FrameCounts, answer_record, stale_record
+from deckline.live.messages import Answer, FrameCounts, answer_record
 from deckline.live.opening import open_camera
 from deckline.live.pipeline import LiveSession, Outputs
 from deckline.recording import RecordingError
@@ -46,10 +46,6 @@ def ok_record():
     """The last answer as if its picture were of now."""
     now_s = time.monotonic()
     return answer_record(replace(LAST, at_s=now_s), PROGRESS, now_s, WALL.at(0.0), 0.2, WIDE.approach)
-
-
-def lost_record(answer=LAST):
-    return stale_record(answer, PROGRESS, time.monotonic(), WALL.at(0.0), "no frame", WIDE.approach)
 
 
 @contextmanager

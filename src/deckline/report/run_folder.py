@@ -191,15 +191,11 @@ class PictureSample:
 
     Args:
         folder: where the pictures lie; those of an interrupted run are taken over.
-        most: pictures, at least 2.
     """
 
-    def __init__(self, folder: Path, most: int = MOST_PICTURES) -> None:
-        if most < 2:
-            raise ValueError(f"most pictures must be at least 2, got {most}")
+    def __init__(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
         self._folder = folder
-        self._most = most
         self._every = 1
         self._indices = {int(path.stem) for path in folder.glob("*.marked") if path.stem.isdigit()}
         while len(self._indices) > 1 and all(index % (2 * self._every) == 0 for index in self._indices):
@@ -212,7 +208,7 @@ class PictureSample:
         for path, image in zip(self._files(index), (panels.hazy, panels.marked), strict=True):
             path.write_bytes(encode_image(image, "jpg", JPEG_QUALITY))
         self._indices.add(index)
-        while len(self._indices) > self._most:
+        while len(self._indices) > MOST_PICTURES:
             self._every *= 2
             for dropped in [index for index in self._indices if index % self._every]:
                 self._indices.remove(dropped)
