@@ -117,7 +117,7 @@ def test_without_scene_json_times_keep_their_microseconds(tmp_path):
 numbers = st.floats(-1e7, 1e7)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.tuples(numbers, numbers, numbers), st.tuples(*[st.floats(-1, 1)] * 4), st.floats(0, 2e9))
 def test_pose_and_time_round_trip(tmp_path_factory, position, quaternion, time_s):
     if np.linalg.norm(quaternion) < 1e-3:

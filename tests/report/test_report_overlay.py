@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
@@ -102,7 +102,6 @@ def test_a_status_has_its_colours_of_every_view(status):
     assert has(tag, STATUS_COLOURS[status].fill, 3)
 
 
-@settings(deadline=None)
 @given(lateral=st.floats(-1e4, 1e4), height=st.floats(-50, 1e3), distance=st.floats(-500, 1e5))
 def test_any_guidance_can_be_drawn(lateral, height, distance):
     band = instrument.draw_instrument(guide(lateral, height, distance))

@@ -171,7 +171,7 @@ def open_reader(path: Path) -> tuple[Any, list[str]]:
         files = sorted(path.glob("*.mcap"))
     with refuse(lambda reason: RecordingError(f"{path}: not a ROS bag, or damaged: {reason}")):
         repaired: list[Any] = [_TruncatedFile(file, end) if (end := _intact_bytes(file)) else file for file in files]
-        reader = AnyReader(repaired, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader: Any = AnyReader(repaired, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
     weakref.finalize(reader, reader.stack.close)
     truncated = (file for file in repaired if isinstance(file, _TruncatedFile))
