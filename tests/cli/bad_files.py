@@ -10,6 +10,8 @@ import av
 import cv2
 import numpy as np
 
+from deckline.cli.main import main
+
 GREY = np.full((36, 64, 3), 90, np.uint8)
 PICTURE = cv2.imencode(".png", GREY)[1].tobytes()
 CAMERA = "width=64\nheight=36\nfx=50.0\nfy=50.0\ncx=31.5\ncy=17.5\n"
@@ -78,11 +80,13 @@ def listen(path: Path) -> None:
     os.chdir(here)
 
 
-def lines_of(capsys) -> list[str]:
-    return [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("note: ", *BARS))]
-
-
-def check_line(code: int, lines: list[str]) -> None:
+def check_refused(folder: Path, files: dict, command: str, monkeypatch, capsys) -> None:
+    """Run a command in a folder of these files: it ends in time with one line, or names the frames that it skips."""
+    lay(folder, files)
+    monkeypatch.chdir(folder)
+    with bounded():
+        code = main(command.split())
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("note: ", *BARS))]
     assert code in (1, 2)
     assert lines and not any(sign in line for line in lines for sign in ("Traceback", "\x1b"))
     if code == 2:

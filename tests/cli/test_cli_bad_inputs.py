@@ -22,11 +22,9 @@ from bad_files import (
     RUN,
     TIMES,
     A,
-    bounded,
-    check_line,
+    check_refused,
     film,
     lay,
-    lines_of,
     link_to,
     write_log,
 )
@@ -207,12 +205,7 @@ COMMANDS |= {
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_no_bad_input_ends_in_a_traceback(name, tmp_path, monkeypatch, capsys):
-    files, command = COMMANDS[name]
-    lay(tmp_path, files)
-    monkeypatch.chdir(tmp_path)
-    with bounded():
-        code = main(command.split())
-    check_line(code, lines_of(capsys))
+    check_refused(tmp_path, *COMMANDS[name], monkeypatch, capsys)
 
 
 NAMES = {b"\xff.png": r"\xff.png", b"\x1b[31m.png": r"\x1b[31m.png", b"[b].png": "[b].png", b"=1+1.png": "=1+1.png"}
